@@ -1,0 +1,9 @@
+//! The thin client.
+//!
+//! * [`replica`]: what this client knows of the others; no socket, no clock.
+//! * [`render`]: the building drawn on the CPU from its octree; no window, no clock.
+//! * [`net`]: the connection, and the world's download and cache.
+
+pub mod net;
+pub mod render;
+pub mod replica;

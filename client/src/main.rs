@@ -1,0 +1,2 @@
+//! `sightline-client`: walk, shot, swarm.
+fn main() {}

@@ -1,0 +1,6 @@
+//! From a model to a world.
+
+pub mod bsp;
+pub mod demo_building;
+pub mod glb;
+pub mod model;

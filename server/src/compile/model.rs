@@ -1,0 +1,52 @@
+//! A building as it comes in: the one form that every importer makes and the compiler takes.
+
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+use sightline_shared::{motion::Body, world::Spawn};
+
+/// Triangles to draw, surfaces that block sight, and places to stand. In metres, y up.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// What it is called.
+    pub title: String,
+    /// What is drawn and bumped into.
+    pub surfaces: Vec<Surface>,
+    /// What blocks sight: opaque triangles, in no order. Every one is kept for the oracle; which
+    /// of them make cells is the compiler's choice.
+    pub opaque: Vec<[Vec3; 3]>,
+    /// Where avatars can begin; the compiler finds a place when there is none.
+    pub spawns: Vec<Spawn>,
+    /// The shape of every body.
+    pub body: Body,
+    /// No avatar moves faster, in metres a second.
+    pub speed_max: f32,
+    /// What was skipped, a line each.
+    pub warnings: Vec<String>,
+}
+
+/// Triangles that share a material.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Vertices, in metres.
+    pub positions: Vec<Vec3>,
+    /// Texture coordinates, one for each vertex; empty when there is no texture.
+    pub uvs: Vec<Vec2>,
+    /// sRGB colour for each vertex, multiplied with the material's; empty when there is none.
+    pub colours: Vec<[u8; 3]>,
+    /// Three indices for each triangle; all are within `positions`.
+    pub triangles: Vec<[u32; 3]>,
+    /// How it looks.
+    pub material: Material,
+}
+
+/// How a surface looks.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// sRGB.
+    pub colour: [u8; 3],
+    /// sRGB, multiplied with the colour; coordinates repeat.
+    pub texture: Option<Arc<image::RgbImage>>,
+    /// Lets sight through: drawn as glass.
+    pub glass: bool,
+}

@@ -1,0 +1,11 @@
+//! The server: what compiles buildings, decides interest and speaks QUIC.
+//!
+//! * [`compile`]: a model in, a [`World`](sightline_shared::world::World) out.
+//! * [`engine`]: who is told what, who is asked when; no socket, no clock.
+//! * [`net`]: the only place that knows QUIC.
+//! * [`sight`]: rays against the original triangles, the oracle that all else is checked against.
+
+pub mod compile;
+pub mod engine;
+pub mod net;
+pub mod sight;

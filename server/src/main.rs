@@ -1,0 +1,2 @@
+//! `sightline-server`: compile, inspect, serve, replay.
+fn main() {}

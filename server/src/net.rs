@@ -1,0 +1,1 @@
+//! The QUIC endpoint, sessions and admission.

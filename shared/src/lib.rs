@@ -1,0 +1,15 @@
+//! What Sightline's server and client must agree on. No I/O, no async, no clock.
+//!
+//! * [`geometry`]: boxes and rectangles.
+//! * [`octree`]: the static voxels that clients draw and walk on.
+//! * [`world`]: the compiled world and its file: octree, cells, portals, PVS, mesh, spawns.
+//! * [`motion`]: poses, bodies, speed limits and temporal bounding volumes.
+//! * [`protocol`]: wire types, quantisation and limits.
+//!
+//! Units are metres, seconds and radians; axes are right-handed with y up, as in glTF.
+
+pub mod geometry;
+pub mod motion;
+pub mod octree;
+pub mod protocol;
+pub mod world;

@@ -1,0 +1,117 @@
+//! Where a body is, what it can do in a given time, and the regions sure to contain it.
+
+use std::time::Duration;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Aabb;
+
+/// One participant, as seen by the others and as seeing.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default,
+)]
+pub struct AvatarId(pub u32);
+
+/// Where an avatar's eye is and how it looks and moves.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Pose {
+    /// The eye, in metres.
+    pub eye: Vec3,
+    /// Turn about the vertical, in radians: 0 looks along -z, positive turns left.
+    pub yaw: f32,
+    /// Look up (positive) or down, in radians.
+    pub pitch: f32,
+    /// Metres a second.
+    pub velocity: Vec3,
+}
+
+impl Pose {
+    /// The unit vector along which the avatar looks.
+    pub fn forward(&self) -> Vec3 {
+        let (sin_yaw, cos_yaw) = self.yaw.sin_cos();
+        let (sin_pitch, cos_pitch) = self.pitch.sin_cos();
+        Vec3::new(-sin_yaw * cos_pitch, sin_pitch, -cos_yaw * cos_pitch)
+    }
+
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.eye.is_finite()
+            && self.yaw.is_finite()
+            && self.pitch.is_finite()
+            && self.velocity.is_finite()
+    }
+}
+
+/// The shape of every body in a world: a box about the eye.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Body {
+    /// From the eye to each side, in metres.
+    pub half_width: f32,
+    /// From the eye to the top, in metres.
+    pub above_eye: f32,
+    /// From the eye to the soles, in metres.
+    pub below_eye: f32,
+}
+
+impl Body {
+    /// A person: 0.4 m wide, 1.7 m high, the eye at 1.6 m.
+    pub const PERSON: Self = Self {
+        half_width: 0.2,
+        above_eye: 0.1,
+        below_eye: 1.6,
+    };
+    /// A Quake III player: 0.76 m wide, 1.42 m high.
+    pub const QUAKE: Self = Self {
+        half_width: 0.38,
+        above_eye: 0.15,
+        below_eye: 1.27,
+    };
+
+    /// The box that the body fills when its eye is at a point.
+    pub fn around(&self, eye: Vec3) -> Aabb {
+        self.around_box(&Aabb::new(eye, eye))
+    }
+
+    /// The box that the body cannot leave while its eye stays in a box.
+    pub fn around_box(&self, eyes: &Aabb) -> Aabb {
+        Aabb {
+            min: eyes.min - Vec3::new(self.half_width, self.below_eye, self.half_width),
+            max: eyes.max + Vec3::new(self.half_width, self.above_eye, self.half_width),
+        }
+    }
+}
+
+/// A region sure to contain an avatar's eye until it expires: a sphere of
+/// maximum speed × validity about the last reported place.
+/// (Sudarsky and Gotsman, *Output-Sensitive Visibility Algorithms for Dynamic Scenes*, section 3.)
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tbv {
+    /// Where the eye was when the TBV was made, in metres.
+    pub centre: Vec3,
+    /// How far the eye can get by the expiry, in metres.
+    pub radius: f32,
+    /// The end of the validity, on the server's clock.
+    pub expiry: Duration,
+}
+
+impl Tbv {
+    /// The TBV of an avatar whose eye is at `centre` at `now`.
+    pub fn sphere(centre: Vec3, speed_max: f32, now: Duration, validity: Duration) -> Self {
+        Self {
+            centre,
+            radius: speed_max * validity.as_secs_f32(),
+            expiry: now + validity,
+        }
+    }
+
+    /// Whether an eye at this place is inside.
+    pub fn contains(&self, eye: Vec3) -> bool {
+        (eye - self.centre).length() <= self.radius
+    }
+
+    /// The smallest box around every place the eye can be.
+    pub fn eyes(&self) -> Aabb {
+        Aabb::around(self.centre, self.radius)
+    }
+}

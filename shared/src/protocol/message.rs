@@ -1,0 +1,1 @@
+//! Control messages: what joins, appears, vanishes, is asked, and is said.

@@ -1,0 +1,6 @@
+//! What travels between server and client.
+//!
+//! [`message`]: control messages, on streams. [`pose_stream`]: poses, in datagrams.
+
+pub mod message;
+pub mod pose_stream;

@@ -1,0 +1,54 @@
+//! The compiled world: what a building is to server and client.
+
+mod cells;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+pub use cells::{Cell, CellId, Cells, KdNode, Portal, Pvs};
+
+use crate::{geometry::Aabb, motion::Body, octree::Octree};
+
+/// A building, compiled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct World {
+    /// What the author calls it; the model's file name unless the model says otherwise.
+    pub title: String,
+    /// All that is drawn.
+    pub octree: Octree,
+    /// Cells, portals and the PVS.
+    pub cells: Cells,
+    /// The opaque triangles: exactly what blocks sight.
+    pub mesh: Mesh,
+    /// Where avatars can begin. Never empty.
+    pub spawns: Vec<Spawn>,
+    /// The shape of every body.
+    pub body: Body,
+    /// No avatar's eye moves faster, in metres a second.
+    pub speed_max: f32,
+}
+
+impl World {
+    /// The region in which an eye can be. All the building is inside.
+    pub fn bounds(&self) -> Aabb {
+        self.cells.bounds
+    }
+}
+
+/// Where an avatar can begin.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spawn {
+    /// The eye, in metres.
+    pub eye: Vec3,
+    /// As in [`crate::motion::Pose::yaw`].
+    pub yaw: f32,
+}
+
+/// Triangles, in metres.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Mesh {
+    /// Vertices.
+    pub positions: Vec<Vec3>,
+    /// Three indices of `positions` for each triangle.
+    pub triangles: Vec<[u32; 3]>,
+}
