@@ -30,11 +30,7 @@ impl Sight {
         let triangles: Vec<Triangle> = mesh
             .triangles
             .iter()
-            .map(|&[a, b, c]| Triangle {
-                v0: corner(a),
-                v1: corner(b),
-                v2: corner(c),
-            })
+            .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
             .collect();
         let bvh = build_bvh2_from_tris(
             &triangles,
@@ -54,9 +50,7 @@ impl Sight {
             return false;
         }
         let (u, v) = along.normalize().any_orthonormal_pair();
-        [u, -u, v, -v]
-            .into_iter()
-            .all(|beside| !self.blocked(from + beside * BESIDE, along))
+        [u, -u, v, -v].into_iter().all(|beside| !self.blocked(from + beside * BESIDE, along))
     }
 
     /// Whether some sampled point of a box is in sight of an eye: `samples` points a side on its
@@ -76,9 +70,7 @@ impl Sight {
 
     fn blocked(&self, from: Vec3, along: Vec3) -> bool {
         let ray = Ray::new(from.into(), along.into(), 0.0, 1.0);
-        !self
-            .bvh
-            .ray_traverse_miss(ray, |ray, id| self.triangle(id).intersect(ray))
+        !self.bvh.ray_traverse_miss(ray, |ray, id| self.triangle(id).intersect(ray))
     }
 
     fn triangle(&self, id: usize) -> &Triangle {

@@ -14,10 +14,8 @@ pub struct Aabb {
 
 impl Aabb {
     /// The box that contains nothing; the identity of [`Aabb::union`].
-    pub const EMPTY: Self = Self {
-        min: Vec3::splat(f32::INFINITY),
-        max: Vec3::splat(f32::NEG_INFINITY),
-    };
+    pub const EMPTY: Self =
+        Self { min: Vec3::splat(f32::INFINITY), max: Vec3::splat(f32::NEG_INFINITY) };
 
     /// The box between two opposite corners, of which `min` is the lesser on each axis.
     pub const fn new(min: Vec3, max: Vec3) -> Self {
@@ -26,18 +24,12 @@ impl Aabb {
 
     /// The smallest box around some points; [`Aabb::EMPTY`] when there are none.
     pub fn from_points(points: impl IntoIterator<Item = Vec3>) -> Self {
-        points.into_iter().fold(Self::EMPTY, |b, p| Self {
-            min: b.min.min(p),
-            max: b.max.max(p),
-        })
+        points.into_iter().fold(Self::EMPTY, |b, p| Self { min: b.min.min(p), max: b.max.max(p) })
     }
 
     /// The cube of half-width `radius` around a point.
     pub fn around(centre: Vec3, radius: f32) -> Self {
-        Self {
-            min: centre - radius,
-            max: centre + radius,
-        }
+        Self { min: centre - radius, max: centre + radius }
     }
 
     /// Whether no point is inside.
@@ -47,18 +39,12 @@ impl Aabb {
 
     /// The smallest box around both.
     pub fn union(&self, other: &Self) -> Self {
-        Self {
-            min: self.min.min(other.min),
-            max: self.max.max(other.max),
-        }
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     /// What both boxes share; empty when they are apart.
     pub fn intersection(&self, other: &Self) -> Self {
-        Self {
-            min: self.min.max(other.min),
-            max: self.max.min(other.max),
-        }
+        Self { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
 
     /// Whether the boxes share a point; touching counts.
@@ -78,10 +64,7 @@ impl Aabb {
 
     /// The box grown by `margin` metres on every side.
     pub fn grown(&self, margin: f32) -> Self {
-        Self {
-            min: self.min - margin,
-            max: self.max + margin,
-        }
+        Self { min: self.min - margin, max: self.max + margin }
     }
 
     /// Width along each axis.

@@ -56,17 +56,9 @@ pub struct Body {
 
 impl Body {
     /// A person: 0.4 m wide, 1.7 m high, the eye at 1.6 m.
-    pub const PERSON: Self = Self {
-        half_width: 0.2,
-        above_eye: 0.1,
-        below_eye: 1.6,
-    };
+    pub const PERSON: Self = Self { half_width: 0.2, above_eye: 0.1, below_eye: 1.6 };
     /// A Quake III player: 0.76 m wide, 1.42 m high.
-    pub const QUAKE: Self = Self {
-        half_width: 0.38,
-        above_eye: 0.15,
-        below_eye: 1.27,
-    };
+    pub const QUAKE: Self = Self { half_width: 0.38, above_eye: 0.15, below_eye: 1.27 };
 
     /// The box that the body fills when its eye is at a point.
     pub fn around(&self, eye: Vec3) -> Aabb {
@@ -98,11 +90,7 @@ pub struct Tbv {
 impl Tbv {
     /// The TBV of an avatar whose eye is at `centre` at `now`.
     pub fn sphere(centre: Vec3, speed_max: f32, now: Duration, validity: Duration) -> Self {
-        Self {
-            centre,
-            radius: speed_max * validity.as_secs_f32(),
-            expiry: now + validity,
-        }
+        Self { centre, radius: speed_max * validity.as_secs_f32(), expiry: now + validity }
     }
 
     /// Whether an eye at this place is inside.

@@ -7,8 +7,5 @@ pub mod walk;
 
 /// An error and its causes on one line, whatever characters a file or a peer put into it.
 pub fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}")
-        .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .collect()
+    format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

@@ -8,8 +8,5 @@ pub mod serve;
 
 /// An error and its causes on one line, whatever characters a file or a peer put into it.
 pub fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}")
-        .chars()
-        .map(|c| if c.is_control() { ' ' } else { c })
-        .collect()
+    format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

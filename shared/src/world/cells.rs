@@ -114,8 +114,6 @@ impl Cells {
     pub fn visible_from(&self, region: &Aabb) -> RoaringBitmap {
         let mut cells = Vec::new();
         self.overlapping(region, &mut cells);
-        cells.iter().fold(RoaringBitmap::new(), |all, cell| {
-            all | &self.pvs[cell.0 as usize]
-        })
+        cells.iter().fold(RoaringBitmap::new(), |all, cell| all | &self.pvs[cell.0 as usize])
     }
 }
