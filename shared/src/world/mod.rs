@@ -1,11 +1,13 @@
 //! The compiled world: what a building is to server and client.
 
 mod cells;
+mod file;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 pub use cells::{Cell, CellId, Cells, KdNode, Portal, Pvs};
+pub use file::{ContentId, ReadError, content_id, write_whole};
 
 use crate::{geometry::Aabb, motion::Body, octree::Octree};
 

@@ -1,0 +1,629 @@
+//! The world file (`.slw`): a header, then one zstd frame of sections.
+//!
+//! | bytes | what |
+//! | --- | --- |
+//! | 0..4 | magic, `SLW` and a line feed, so that a text-mode transfer shows |
+//! | 4..8 | version, little-endian, as is all else |
+//! | 8..40 | content id: BLAKE3 of all that follows |
+//! | 40..48 | length of the sections, unpacked |
+//! | 48.. | zstd frame |
+//!
+//! A section is a tag of four letters, a length, and that many bytes. The reader survives any
+//! bytes: the content id is checked before anything is unpacked, and since whoever made a hostile
+//! file can also hash it, every count is checked against what is left before memory is taken, and
+//! every index before it is stored.
+
+use std::{fs, io, io::Read, path::Path};
+
+use glam::Vec3;
+use roaring::RoaringBitmap;
+use serde::{Deserialize, Serialize};
+
+use super::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World};
+use crate::{
+    geometry::Aabb,
+    motion::Body,
+    octree::{Node, Octree},
+};
+
+const MAGIC: [u8; 4] = *b"SLW\n";
+const VERSION: u32 = 1;
+const HEADER_BYTES: usize = 48;
+/// Unpacked, no world is larger: 2 GiB.
+const UNPACKED_BYTES_MAX: u64 = 1 << 31;
+/// The k-d tree is walked by recursion, so its depth has a limit.
+const TREE_DEPTH_MAX: u16 = 512;
+const TITLE_CHARS_MAX: usize = 200;
+const ZSTD_LEVEL: i32 = 6;
+
+/// Names a world by what is in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ContentId(pub [u8; 32]);
+
+impl std::fmt::Display for ContentId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", blake3::Hash::from_bytes(self.0).to_hex())
+    }
+}
+
+/// Why some bytes are not a world.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReadError {
+    /// The file cannot be read.
+    #[error("cannot read {path}: {source}")]
+    Io {
+        /// Which.
+        path: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// It begins with something else.
+    #[error("this is not a Sightline world (.slw)")]
+    NotAWorld,
+    /// Another version of Sightline made it.
+    #[error("world file version {found}, but this program reads version {VERSION}; compile again")]
+    Version {
+        /// What the file says.
+        found: u32,
+    },
+    /// Bytes were lost or changed since it was written.
+    #[error("the world file is damaged: its content does not match its content id")]
+    Damaged,
+    /// It was made to harm, or by a faulty program.
+    #[error("the world file is malformed: {0}")]
+    Malformed(&'static str),
+}
+
+impl World {
+    /// The bytes of the world file. Equal worlds give equal bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut sections = Vec::new();
+        section(&mut sections, b"META", &meta_bytes(self));
+        section(&mut sections, b"OCTR", &octree_bytes(&self.octree));
+        section(&mut sections, b"CELL", &cells_bytes(&self.cells));
+        section(&mut sections, b"PVSS", &pvs_bytes(&self.cells));
+        section(&mut sections, b"MESH", &mesh_bytes(&self.mesh));
+        let packed = zstd::bulk::compress(&sections, ZSTD_LEVEL)
+            .expect("zstd into memory fails only when memory runs out");
+        let mut hashed = (sections.len() as u64).to_le_bytes().to_vec();
+        hashed.extend_from_slice(&packed);
+        let mut file = Vec::with_capacity(HEADER_BYTES + packed.len());
+        file.extend_from_slice(&MAGIC);
+        file.extend_from_slice(&VERSION.to_le_bytes());
+        file.extend_from_slice(blake3::hash(&hashed).as_bytes());
+        file.extend_from_slice(&hashed);
+        file
+    }
+
+    /// Reads the bytes of a world file.
+    ///
+    /// # Errors
+    /// When they are not a whole, valid world.
+    pub fn from_bytes(file: &[u8]) -> Result<Self, ReadError> {
+        content_id(file)?;
+        let (length, packed) = file[HEADER_BYTES - 8..].split_at(8);
+        let length = u64::from_le_bytes(length.try_into().expect("split at eight"));
+        let sections = unpack(packed, length)?;
+        let mut input = Input(&sections);
+        let world = read_sections(&mut input)?;
+        if !input.0.is_empty() {
+            return Err(ReadError::Malformed("bytes after the last section"));
+        }
+        Ok(world)
+    }
+
+    /// Reads a world file.
+    ///
+    /// # Errors
+    /// When it cannot be read or is not a whole, valid world.
+    pub fn read(path: &Path) -> Result<Self, ReadError> {
+        let io = |source| ReadError::Io { path: path.display().to_string(), source };
+        Self::from_bytes(&fs::read(path).map_err(io)?)
+    }
+
+    /// Writes a world file: whole, or not at all.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub fn write(&self, path: &Path) -> io::Result<()> {
+        write_whole(path, &self.to_bytes())
+    }
+}
+
+/// Writes a file under another name first, so that a crash leaves the old one or the new one.
+///
+/// # Errors
+/// When the file system refuses.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(format!(".{}.partial", std::process::id()));
+    let partial = Path::new(&partial);
+    fs::write(partial, bytes).and_then(|()| fs::rename(partial, path)).inspect_err(|_| {
+        // The first error is the one to tell.
+        let _ = fs::remove_file(partial);
+    })
+}
+
+/// The content id of a world file, once header and content agree.
+///
+/// # Errors
+/// When it is no world file, of another version, or damaged.
+pub fn content_id(file: &[u8]) -> Result<ContentId, ReadError> {
+    if file.len() < 4 || file[..4] != MAGIC {
+        return Err(ReadError::NotAWorld);
+    }
+    if file.len() < HEADER_BYTES {
+        return Err(ReadError::Damaged);
+    }
+    let found = u32::from_le_bytes(file[4..8].try_into().expect("four bytes"));
+    if found != VERSION {
+        return Err(ReadError::Version { found });
+    }
+    let id: [u8; 32] = file[8..40].try_into().expect("thirty-two bytes");
+    if blake3::hash(&file[40..]) != blake3::Hash::from_bytes(id) {
+        return Err(ReadError::Damaged);
+    }
+    Ok(ContentId(id))
+}
+
+fn unpack(packed: &[u8], length: u64) -> Result<Vec<u8>, ReadError> {
+    if length > UNPACKED_BYTES_MAX {
+        return Err(ReadError::Malformed("larger than any world may be"));
+    }
+    let bad = |_| ReadError::Malformed("the zstd frame");
+    let mut sections = Vec::new();
+    zstd::stream::Decoder::with_buffer(packed)
+        .map_err(bad)?
+        .take(length + 1)
+        .read_to_end(&mut sections)
+        .map_err(bad)?;
+    if sections.len() as u64 != length {
+        return Err(ReadError::Malformed("the unpacked length"));
+    }
+    Ok(sections)
+}
+
+fn read_sections(input: &mut Input) -> Result<World, ReadError> {
+    let meta = read_meta(&mut input.section(b"META")?)?;
+    let octree = read_octree(&mut input.section(b"OCTR")?)?;
+    let mut cells = read_cells(&mut input.section(b"CELL")?)?;
+    cells.pvs = read_pvs(&mut input.section(b"PVSS")?, cells.cells.len())?;
+    let mesh = read_mesh(&mut input.section(b"MESH")?)?;
+    let Meta { title, body, speed_max, spawns } = meta;
+    Ok(World { title, octree, cells, mesh, spawns, body, speed_max })
+}
+
+#[derive(Serialize, Deserialize)]
+struct Meta {
+    title: String,
+    body: Body,
+    speed_max: f32,
+    spawns: Vec<Spawn>,
+}
+
+fn meta_bytes(world: &World) -> Vec<u8> {
+    let meta = Meta {
+        title: world.title.chars().take(TITLE_CHARS_MAX).collect(),
+        body: world.body,
+        speed_max: world.speed_max,
+        spawns: world.spawns.clone(),
+    };
+    postcard::to_stdvec(&meta).expect("plain data always encodes")
+}
+
+fn read_meta(input: &mut Input) -> Result<Meta, ReadError> {
+    let (meta, rest): (Meta, _) =
+        postcard::take_from_bytes(input.0).map_err(|_| ReadError::Malformed("the title page"))?;
+    let Body { half_width, above_eye, below_eye } = meta.body;
+    let body_sane = [half_width, above_eye, below_eye].iter().all(|m| (0.0..=100.0).contains(m));
+    let speed_sane = meta.speed_max > 0.0 && meta.speed_max <= 1_000.0;
+    let title_sane = meta.title.chars().count() <= TITLE_CHARS_MAX;
+    if !(rest.is_empty() && body_sane && speed_sane && title_sane) {
+        return Err(ReadError::Malformed("the title page"));
+    }
+    if meta.spawns.is_empty() {
+        return Err(ReadError::Malformed("no spawn point"));
+    }
+    if !meta.spawns.iter().all(|s| s.eye.is_finite() && s.yaw.is_finite()) {
+        return Err(ReadError::Malformed("a spawn point"));
+    }
+    Ok(meta)
+}
+
+fn octree_bytes(octree: &Octree) -> Vec<u8> {
+    let mut out = Vec::with_capacity(21 + octree.nodes.len() * 12);
+    put_vec3(&mut out, octree.origin);
+    put_f32(&mut out, octree.edge);
+    out.push(octree.depth);
+    put_u32(&mut out, octree.nodes.len() as u32);
+    for node in &octree.nodes {
+        put_u32(&mut out, node.first_child);
+        out.push(node.child_mask);
+        out.extend_from_slice(&node.colour);
+        out.extend_from_slice(&node.normal.map(|n| n as u8));
+        out.push(node.flags);
+    }
+    out
+}
+
+fn read_octree(input: &mut Input) -> Result<Octree, ReadError> {
+    let origin = input.vec3()?;
+    let edge = input.f32()?;
+    let depth = input.u8()?;
+    if edge <= 0.0 || depth > 16 {
+        return Err(ReadError::Malformed("the octree's size"));
+    }
+    let count = input.count(12)?;
+    let mut nodes = Vec::with_capacity(count);
+    for _ in 0..count {
+        let first_child = input.u32()?;
+        let [child_mask, r, g, b, nx, ny, nz, flags] = input.array()?;
+        let normal = [nx, ny, nz].map(|n| n as i8);
+        nodes.push(Node { first_child, child_mask, colour: [r, g, b], normal, flags });
+    }
+    check_octree(&nodes, depth)?;
+    Ok(Octree { origin, edge, depth, nodes })
+}
+
+/// Children come after their parents, which excludes cycles, and none is too deep.
+fn check_octree(nodes: &[Node], depth_max: u8) -> Result<(), ReadError> {
+    let mut depths = vec![0u8; nodes.len()];
+    for (index, node) in nodes.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
+        let first = node.first_child as usize;
+        let last = first + node.child_mask.count_ones() as usize;
+        if first <= index || last > nodes.len() || depths[index] >= depth_max {
+            return Err(ReadError::Malformed("the octree"));
+        }
+        let below = depths[index] + 1;
+        depths[first..last].iter_mut().for_each(|depth| *depth = below.max(*depth));
+    }
+    Ok(())
+}
+
+fn cells_bytes(cells: &Cells) -> Vec<u8> {
+    let mut out = Vec::new();
+    put_aabb(&mut out, &cells.bounds);
+    put_u32(&mut out, cells.cells.len() as u32);
+    for cell in &cells.cells {
+        put_aabb(&mut out, &cell.bounds);
+    }
+    put_u32(&mut out, cells.tree.len() as u32);
+    for node in &cells.tree {
+        // Thirteen bytes each, leaves padded, so that a count can be checked at once.
+        let (tag, at, [a, b]) = match *node {
+            KdNode::Split { axis, at, sides } => (axis, at, sides),
+            KdNode::Leaf(cell) => (3, 0.0, [cell.0, 0]),
+        };
+        out.push(tag);
+        put_f32(&mut out, at);
+        put_u32(&mut out, a);
+        put_u32(&mut out, b);
+    }
+    put_u32(&mut out, cells.portals.len() as u32);
+    for portal in &cells.portals {
+        out.push(portal.axis);
+        portal.cells.iter().for_each(|cell| put_u32(&mut out, cell.0));
+        put_aabb(&mut out, &portal.bounds);
+    }
+    out
+}
+
+fn read_cells(input: &mut Input) -> Result<Cells, ReadError> {
+    let bounds = input.aabb()?;
+    let count = input.count(24)?;
+    let mut cells = (0..count)
+        .map(|_| Ok(Cell { bounds: input.aabb()?, portals: Vec::new() }))
+        .collect::<Result<Vec<_>, ReadError>>()?;
+    let tree = read_tree(input, cells.len())?;
+    let count = input.count(33)?;
+    let mut portals = Vec::with_capacity(count);
+    for index in 0..count {
+        let portal = read_portal(input, cells.len())?;
+        for cell in portal.cells {
+            cells[cell.0 as usize].portals.push(index as u32);
+        }
+        portals.push(portal);
+    }
+    Ok(Cells { bounds, tree, cells, portals, pvs: Vec::new() })
+}
+
+fn read_portal(input: &mut Input, cells: usize) -> Result<Portal, ReadError> {
+    let axis = input.u8()?;
+    let ids = [CellId(input.u32()?), CellId(input.u32()?)];
+    let bounds = input.aabb()?;
+    if axis > 2 || ids[0] == ids[1] || ids.iter().any(|cell| cell.0 as usize >= cells) {
+        return Err(ReadError::Malformed("a portal"));
+    }
+    Ok(Portal { cells: ids, axis, bounds })
+}
+
+/// Every node but the root is somebody's child exactly once, and every cell is a leaf exactly
+/// once, so that a walk down ends and visits nothing twice.
+fn read_tree(input: &mut Input, cells: usize) -> Result<Vec<KdNode>, ReadError> {
+    let bad = ReadError::Malformed("the k-d tree");
+    let count = input.count(13)?;
+    if count != 2 * cells - 1.min(2 * cells) {
+        return Err(bad);
+    }
+    let mut tree = Vec::with_capacity(count);
+    let mut depths: Vec<Option<u16>> = vec![None; count];
+    let mut leaf_seen = vec![false; cells];
+    if let Some(root) = depths.first_mut() {
+        *root = Some(0);
+    }
+    for index in 0..count {
+        let (tag, at, [a, b]) = (input.u8()?, input.f32()?, [input.u32()?, input.u32()?]);
+        let Some(depth) = depths[index].filter(|&depth| depth < TREE_DEPTH_MAX) else {
+            return Err(bad);
+        };
+        if tag == 3 {
+            match leaf_seen.get_mut(a as usize) {
+                Some(seen) if !*seen => *seen = true,
+                _ => return Err(bad),
+            }
+            tree.push(KdNode::Leaf(CellId(a)));
+            continue;
+        }
+        for side in [a as usize, b as usize] {
+            match depths.get_mut(side) {
+                Some(below) if side > index && below.is_none() => *below = Some(depth + 1),
+                _ => return Err(bad),
+            }
+        }
+        if tag > 2 {
+            return Err(bad);
+        }
+        tree.push(KdNode::Split { axis: tag, at, sides: [a, b] });
+    }
+    if tree.is_empty() { Err(bad) } else { Ok(tree) }
+}
+
+fn pvs_bytes(cells: &Cells) -> Vec<u8> {
+    let mut out = Vec::new();
+    for row in &cells.pvs {
+        row.serialize_into(&mut out).expect("writing to memory does not fail");
+    }
+    out
+}
+
+fn read_pvs(input: &mut Input, cells: usize) -> Result<Vec<RoaringBitmap>, ReadError> {
+    let bad = ReadError::Malformed("the PVS");
+    let mut pvs = Vec::with_capacity(cells);
+    for cell in 0..cells as u32 {
+        let Ok(row) = RoaringBitmap::deserialize_from(&mut input.0) else { return Err(bad) };
+        if row.max().is_none_or(|last| last as usize >= cells) || !row.contains(cell) {
+            return Err(bad);
+        }
+        pvs.push(row);
+    }
+    if input.0.is_empty() { Ok(pvs) } else { Err(bad) }
+}
+
+fn mesh_bytes(mesh: &Mesh) -> Vec<u8> {
+    let mut out = Vec::new();
+    put_u32(&mut out, mesh.positions.len() as u32);
+    mesh.positions.iter().for_each(|&p| put_vec3(&mut out, p));
+    put_u32(&mut out, mesh.triangles.len() as u32);
+    mesh.triangles.iter().flatten().for_each(|&i| put_u32(&mut out, i));
+    out
+}
+
+fn read_mesh(input: &mut Input) -> Result<Mesh, ReadError> {
+    let count = input.count(12)?;
+    let positions = (0..count).map(|_| input.vec3()).collect::<Result<Vec<_>, _>>()?;
+    let count = input.count(12)?;
+    let mut triangles = Vec::with_capacity(count);
+    for _ in 0..count {
+        let triangle = [input.u32()?, input.u32()?, input.u32()?];
+        if triangle.iter().any(|&i| i as usize >= positions.len()) {
+            return Err(ReadError::Malformed("a triangle"));
+        }
+        triangles.push(triangle);
+    }
+    Ok(Mesh { positions, triangles })
+}
+
+fn section(out: &mut Vec<u8>, tag: &[u8; 4], bytes: &[u8]) {
+    out.extend_from_slice(tag);
+    out.extend_from_slice(&(bytes.len() as u64).to_le_bytes());
+    out.extend_from_slice(bytes);
+}
+
+fn put_u32(out: &mut Vec<u8>, value: u32) {
+    out.extend_from_slice(&value.to_le_bytes());
+}
+
+fn put_f32(out: &mut Vec<u8>, value: f32) {
+    out.extend_from_slice(&value.to_le_bytes());
+}
+
+fn put_vec3(out: &mut Vec<u8>, value: Vec3) {
+    value.to_array().into_iter().for_each(|c| put_f32(out, c));
+}
+
+fn put_aabb(out: &mut Vec<u8>, value: &Aabb) {
+    put_vec3(out, value.min);
+    put_vec3(out, value.max);
+}
+
+/// What is left to read.
+struct Input<'a>(&'a [u8]);
+
+impl<'a> Input<'a> {
+    fn take(&mut self, length: usize) -> Result<&'a [u8], ReadError> {
+        let (head, rest) =
+            self.0.split_at_checked(length).ok_or(ReadError::Malformed("it ends too soon"))?;
+        self.0 = rest;
+        Ok(head)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], ReadError> {
+        Ok(self.take(N)?.try_into().expect("as many as taken"))
+    }
+
+    fn section(&mut self, tag: &[u8; 4]) -> Result<Self, ReadError> {
+        if &self.array::<4>()? != tag {
+            return Err(ReadError::Malformed("a section is missing"));
+        }
+        let length = u64::from_le_bytes(self.array()?);
+        let length = usize::try_from(length).map_err(|_| ReadError::Malformed("a length"))?;
+        self.take(length).map(Self)
+    }
+
+    /// A number of records, each of which takes `record_bytes` of what is left.
+    fn count(&mut self, record_bytes: usize) -> Result<usize, ReadError> {
+        let count = self.u32()? as usize;
+        if count > self.0.len() / record_bytes {
+            return Err(ReadError::Malformed("a count"));
+        }
+        Ok(count)
+    }
+
+    fn u8(&mut self) -> Result<u8, ReadError> {
+        Ok(self.array::<1>()?[0])
+    }
+
+    fn u32(&mut self) -> Result<u32, ReadError> {
+        Ok(u32::from_le_bytes(self.array()?))
+    }
+
+    fn f32(&mut self) -> Result<f32, ReadError> {
+        let value = f32::from_le_bytes(self.array()?);
+        // A hundred thousand kilometres is farther than any building, and safe to square.
+        if value.abs() <= 1e8 { Ok(value) } else { Err(ReadError::Malformed("a number")) }
+    }
+
+    fn vec3(&mut self) -> Result<Vec3, ReadError> {
+        Ok(Vec3::new(self.f32()?, self.f32()?, self.f32()?))
+    }
+
+    fn aabb(&mut self) -> Result<Aabb, ReadError> {
+        let value = Aabb::new(self.vec3()?, self.vec3()?);
+        if value.is_empty() { Err(ReadError::Malformed("a box")) } else { Ok(value) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two rooms with a portal between them, and a handful of voxels.
+    fn small_world() -> World {
+        let bounds = Aabb::new(Vec3::ZERO, Vec3::new(8.0, 4.0, 4.0));
+        let (left, right) = (Vec3::new(4.0, 4.0, 4.0), Vec3::new(4.0, 0.0, 0.0));
+        let all = RoaringBitmap::from_iter([0, 1]);
+        let leaf = Node { colour: [200, 100, 50], normal: [0, 127, 0], ..Node::default() };
+        World {
+            title: "two rooms".into(),
+            octree: Octree {
+                origin: Vec3::ZERO,
+                edge: 8.0,
+                depth: 2,
+                nodes: vec![
+                    Node { first_child: 1, child_mask: 0b101, ..leaf },
+                    Node { flags: Node::GLASS, ..leaf },
+                    Node { first_child: 3, child_mask: 1, ..leaf },
+                    leaf,
+                ],
+            },
+            cells: Cells {
+                bounds,
+                tree: vec![
+                    KdNode::Split { axis: 0, at: 4.0, sides: [1, 2] },
+                    KdNode::Leaf(CellId(0)),
+                    KdNode::Leaf(CellId(1)),
+                ],
+                cells: vec![
+                    Cell { bounds: Aabb::new(bounds.min, left), portals: vec![0] },
+                    Cell { bounds: Aabb::new(right, bounds.max), portals: vec![0] },
+                ],
+                portals: vec![Portal {
+                    cells: [CellId(0), CellId(1)],
+                    axis: 0,
+                    bounds: Aabb::new(Vec3::new(4.0, 0.0, 1.0), Vec3::new(4.0, 2.0, 2.0)),
+                }],
+                pvs: vec![all.clone(), all],
+            },
+            mesh: Mesh {
+                positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+                triangles: vec![[0, 1, 2]],
+            },
+            spawns: vec![Spawn { eye: Vec3::new(1.0, 1.6, 1.0), yaw: 0.5 }],
+            body: Body::PERSON,
+            speed_max: 5.0,
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let world = small_world();
+        assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
+        let folder = std::env::temp_dir().join(format!("slw-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("w.slw");
+        world.write(&path).unwrap();
+        assert_eq!(World::read(&path).unwrap(), world);
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "no partial file stays");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn every_flipped_bit_and_every_cut_is_noticed() {
+        let file = small_world().to_bytes();
+        for i in 0..file.len() {
+            for bit in 0..8 {
+                let mut flipped = file.clone();
+                flipped[i] ^= 1 << bit;
+                assert!(World::from_bytes(&flipped).is_err(), "bit {bit} of byte {i}");
+            }
+            assert!(World::from_bytes(&file[..i]).is_err(), "cut at {i}");
+        }
+    }
+
+    /// The content id is no help against whoever can compute it: the sections are checked too.
+    #[test]
+    fn hostile_sections_are_refused_or_give_a_valid_world() {
+        let world = small_world();
+        let file = world.to_bytes();
+        let length = u64::from_le_bytes(file[40..48].try_into().unwrap());
+        let sections = unpack(&file[48..], length).unwrap();
+        let mut refused = 0;
+        for i in 0..sections.len() {
+            for value in [0, 1, 0x7f, 0x80, 0xff, sections[i] ^ 4] {
+                let mut changed = sections.clone();
+                changed[i] = value;
+                let mut input = Input(&changed);
+                match read_sections(&mut input) {
+                    Err(_) => refused += 1,
+                    // Whatever is accepted can be used and written again.
+                    Ok(world) => {
+                        world.cells.at(Vec3::ONE);
+                        world.cells.visible_from(&world.bounds());
+                        assert!(World::from_bytes(&world.to_bytes()).is_ok(), "byte {i}");
+                    }
+                }
+            }
+        }
+        assert!(refused > sections.len(), "only {refused} refused");
+    }
+
+    #[test]
+    fn a_file_that_unpacks_to_more_than_it_says_is_refused() {
+        let bomb = zstd::bulk::compress(&vec![0u8; 1 << 24], 3).unwrap();
+        assert!(unpack(&bomb, 1 << 10).is_err());
+        assert!(unpack(&bomb, u64::MAX).is_err());
+    }
+
+    #[test]
+    fn errors_say_what_to_do() {
+        let check = |bytes: &[u8], expected: &str| {
+            assert_eq!(World::from_bytes(bytes).unwrap_err().to_string(), expected);
+        };
+        check(b"", "this is not a Sightline world (.slw)");
+        check(b"glTF and more", "this is not a Sightline world (.slw)");
+        let mut file = small_world().to_bytes();
+        file[4] = 9;
+        check(&file, "world file version 9, but this program reads version 1; compile again");
+    }
+}
