@@ -26,10 +26,10 @@ pub fn morton(voxel: UVec3) -> u64 {
 /// Puts two zeros between the lowest 16 bits.
 fn spread(bits: u32) -> u64 {
     let b = u64::from(bits & 0xffff);
-    let b = (b | b << 16) & 0x0000_00ff_0000_ff;
+    let b = (b | b << 16) & 0xff00_00ff;
     let b = (b | b << 8) & 0x00f0_0f00_f00f;
-    let b = (b | b << 4) & 0xc30c_30c3_0c30c3;
-    (b | b << 2) & 0x2492_4924_9249_249
+    let b = (b | b << 4) & 0x0c30_c30c_30c3;
+    (b | b << 2) & 0x2492_4924_9249
 }
 
 impl Octree {

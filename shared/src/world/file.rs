@@ -23,7 +23,7 @@ use super::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World};
 use crate::{
     geometry::Aabb,
     motion::Body,
-    octree::{Node, Octree},
+    octree::{Octree, OctreeError},
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
@@ -73,6 +73,9 @@ pub enum ReadError {
     /// It was made to harm, or by a faulty program.
     #[error("the world file is malformed: {0}")]
     Malformed(&'static str),
+    /// Likewise, in the voxels.
+    #[error("the world file is malformed: {0}")]
+    Octree(#[from] OctreeError),
 }
 
 impl World {
@@ -80,7 +83,7 @@ impl World {
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut sections = Vec::new();
         section(&mut sections, b"META", &meta_bytes(self));
-        section(&mut sections, b"OCTR", &octree_bytes(&self.octree));
+        section(&mut sections, b"OCTR", &self.octree.to_bytes());
         section(&mut sections, b"CELL", &cells_bytes(&self.cells));
         section(&mut sections, b"PVSS", &pvs_bytes(&self.cells));
         section(&mut sections, b"MESH", &mesh_bytes(&self.mesh));
@@ -186,7 +189,7 @@ fn unpack(packed: &[u8], length: u64) -> Result<Vec<u8>, ReadError> {
 
 fn read_sections(input: &mut Input) -> Result<World, ReadError> {
     let meta = read_meta(&mut input.section(b"META")?)?;
-    let octree = read_octree(&mut input.section(b"OCTR")?)?;
+    let octree = Octree::from_bytes(input.section(b"OCTR")?.0)?;
     let mut cells = read_cells(&mut input.section(b"CELL")?)?;
     cells.pvs = read_pvs(&mut input.section(b"PVSS")?, cells.cells.len())?;
     let mesh = read_mesh(&mut input.section(b"MESH")?)?;
@@ -229,56 +232,6 @@ fn read_meta(input: &mut Input) -> Result<Meta, ReadError> {
         return Err(ReadError::Malformed("a spawn point"));
     }
     Ok(meta)
-}
-
-fn octree_bytes(octree: &Octree) -> Vec<u8> {
-    let mut out = Vec::with_capacity(21 + octree.nodes.len() * 12);
-    put_vec3(&mut out, octree.origin);
-    put_f32(&mut out, octree.edge);
-    out.push(octree.depth);
-    put_u32(&mut out, octree.nodes.len() as u32);
-    for node in &octree.nodes {
-        put_u32(&mut out, node.first_child);
-        out.push(node.child_mask);
-        out.extend_from_slice(&node.colour);
-        out.extend_from_slice(&node.normal.map(|n| n as u8));
-        out.push(node.flags);
-    }
-    out
-}
-
-fn read_octree(input: &mut Input) -> Result<Octree, ReadError> {
-    let origin = input.vec3()?;
-    let edge = input.f32()?;
-    let depth = input.u8()?;
-    if edge <= 0.0 || depth > 16 {
-        return Err(ReadError::Malformed("the octree's size"));
-    }
-    let count = input.count(12)?;
-    let mut nodes = Vec::with_capacity(count);
-    for _ in 0..count {
-        let first_child = input.u32()?;
-        let [child_mask, r, g, b, nx, ny, nz, flags] = input.array()?;
-        let normal = [nx, ny, nz].map(|n| n as i8);
-        nodes.push(Node { first_child, child_mask, colour: [r, g, b], normal, flags });
-    }
-    check_octree(&nodes, depth)?;
-    Ok(Octree { origin, edge, depth, nodes })
-}
-
-/// Children come after their parents, which excludes cycles, and none is too deep.
-fn check_octree(nodes: &[Node], depth_max: u8) -> Result<(), ReadError> {
-    let mut depths = vec![0u8; nodes.len()];
-    for (index, node) in nodes.iter().enumerate().filter(|(_, node)| !node.is_leaf()) {
-        let first = node.first_child as usize;
-        let last = first + node.child_mask.count_ones() as usize;
-        if first <= index || last > nodes.len() || depths[index] >= depth_max {
-            return Err(ReadError::Malformed("the octree"));
-        }
-        let below = depths[index] + 1;
-        depths[first..last].iter_mut().for_each(|depth| *depth = below.max(*depth));
-    }
-    Ok(())
 }
 
 fn cells_bytes(cells: &Cells) -> Vec<u8> {
@@ -507,6 +460,7 @@ impl<'a> Input<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::octree::Node;
 
     /// Two rooms with a portal between them, and a handful of voxels.
     fn small_world() -> World {
