@@ -4,3 +4,6 @@ pub mod bsp;
 pub mod demo_building;
 pub mod glb;
 pub mod model;
+pub mod occluders;
+pub mod pvs;
+pub mod subdivide;

@@ -110,6 +110,12 @@ impl Cells {
         self.pvs[from.0 as usize].contains(to.0)
     }
 
+    /// The part of all pairs of cells that the PVS holds, from 0 to 1.
+    pub fn density(&self) -> f64 {
+        let pairs: u64 = self.pvs.iter().map(RoaringBitmap::len).sum();
+        pairs as f64 / (self.cells.len() as f64).powi(2)
+    }
+
     /// The cells that may be visible from somewhere in a box.
     pub fn visible_from(&self, region: &Aabb) -> RoaringBitmap {
         let mut cells = Vec::new();
