@@ -7,3 +7,4 @@ pub mod model;
 pub mod occluders;
 pub mod pvs;
 pub mod subdivide;
+pub mod voxelise;

@@ -40,6 +40,19 @@ pub struct Surface {
     pub material: Material,
 }
 
+impl Surface {
+    /// The corners of each triangle, in metres.
+    pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> {
+        (0..self.triangles.len()).filter_map(|triangle| self.corners_of(triangle))
+    }
+
+    /// The corners of one triangle, in metres; `None` when there is none or an index is wrong.
+    pub fn corners_of(&self, triangle: usize) -> Option<[Vec3; 3]> {
+        let [a, b, c] = self.triangles.get(triangle)?.map(|i| self.positions.get(i as usize));
+        Some([*a?, *b?, *c?])
+    }
+}
+
 /// How a surface looks.
 #[derive(Clone, Debug)]
 pub struct Material {

@@ -1,0 +1,152 @@
+//! Whether a triangle touches a cube: its box, its plane, and its outline seen along each axis.
+//! (Schwarz and Seidel, *Fast Parallel Surface and Solid Voxelization on GPUs*, section 3.)
+
+use glam::Vec3;
+
+/// What rounding may add up to, in voxels: rather a voxel too many than a hole.
+const SLACK: f32 = 1.0e-3;
+
+/// A triangle prepared for many tests; lengths are in voxels.
+pub(super) struct Overlap {
+    corners: [Vec3; 3],
+    min: Vec3,
+    max: Vec3,
+    normal: Vec3,
+    offset: f32,
+    /// For each axis, the three lines of the outline seen along it.
+    outlines: [[Line; 3]; 3],
+}
+
+/// A line in a plane, with the inside where `across · point + offset` is positive.
+#[derive(Clone, Copy)]
+struct Line {
+    across: [f32; 2],
+    offset: f32,
+    reach: f32,
+}
+
+impl Overlap {
+    /// `None` for a triangle without area, or with corners that are not finite.
+    pub(super) fn new(corners: [Vec3; 3]) -> Option<Self> {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let outline = |axis: usize| {
+            let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+            let turn = if normal[axis] < 0.0 { -1.0 } else { 1.0 };
+            [(a, b), (b, c), (c, a)].map(|(from, to)| {
+                let along = to - from;
+                Line::new([-along[j] * turn, along[i] * turn], [from[i], from[j]])
+            })
+        };
+        let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+        let outlines = [outline(0), outline(1), outline(2)];
+        Some(Self { corners, min, max, normal, offset: normal.dot(a), outlines })
+    }
+
+    /// Whether the triangle and a cube share a point.
+    pub(super) fn touches(&self, centre: Vec3, half: f32) -> bool {
+        let reach = half + SLACK;
+        let apart = (self.max - centre).cmplt(Vec3::splat(-reach))
+            | (self.min - centre).cmpgt(Vec3::splat(reach));
+        let off_plane = (self.normal.dot(centre) - self.offset).abs();
+        !apart.any()
+            && off_plane <= self.normal.abs().element_sum() * half + SLACK
+            && self.outlines.iter().enumerate().all(|(axis, outline)| {
+                let point = [centre[(axis + 1) % 3], centre[(axis + 2) % 3]];
+                outline.iter().all(|line| line.at(point) + line.reach * half >= -SLACK)
+            })
+    }
+
+    /// The unit normal; which side it is on follows from the order of the corners.
+    pub(super) fn normal(&self) -> Vec3 {
+        self.normal
+    }
+
+    /// The corners' shares in the point of the triangle nearest to this one, or close to that.
+    pub(super) fn weights(&self, point: Vec3) -> [f32; 3] {
+        let [a, b, c] = self.corners;
+        let share =
+            |from: Vec3, to: Vec3| (to - from).cross(point - from).dot(self.normal).max(0.0);
+        let shares = [share(b, c), share(c, a), share(a, b)];
+        let sum = shares.iter().sum::<f32>();
+        if sum > 0.0 { shares.map(|share| share / sum) } else { [1.0 / 3.0; 3] }
+    }
+
+    /// The area of the part inside the unit cube around a point, and a little more.
+    pub(super) fn area_in(&self, centre: Vec3) -> f32 {
+        let mut polygon = self.corners.map(|corner| corner - centre).to_vec();
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                polygon = clipped(&polygon, axis, side);
+            }
+        }
+        let fan = polygon.windows(2).skip(1).map(|edge| {
+            let first = polygon[0];
+            (edge[0] - first).cross(edge[1] - first)
+        });
+        fan.sum::<Vec3>().length() * 0.5 + SLACK
+    }
+}
+
+impl Line {
+    fn new(across: [f32; 2], through: [f32; 2]) -> Self {
+        let length = across[0].hypot(across[1]);
+        let across = if length > 0.0 { across.map(|part| part / length) } else { [0.0; 2] };
+        let offset = -(across[0] * through[0] + across[1] * through[1]);
+        Self { across, offset, reach: across[0].abs() + across[1].abs() }
+    }
+
+    fn at(&self, point: [f32; 2]) -> f32 {
+        self.across[0] * point[0] + self.across[1] * point[1] + self.offset
+    }
+}
+
+/// The part of a polygon where `side` × the coordinate is at most a half.
+fn clipped(polygon: &[Vec3], axis: usize, side: f32) -> Vec<Vec3> {
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    for (i, &to) in polygon.iter().enumerate() {
+        let from = polygon[(i + polygon.len() - 1) % polygon.len()];
+        let (inside_from, inside_to) = (0.5 - side * from[axis], 0.5 - side * to[axis]);
+        if (inside_from < 0.0) != (inside_to < 0.0) {
+            kept.push(from.lerp(to, inside_from / (inside_from - inside_to)));
+        }
+        if inside_to >= 0.0 {
+            kept.push(to);
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_area_is_that_of_the_part_inside() {
+        let check = |corners: [[f32; 3]; 3], expected: f32| {
+            let overlap = Overlap::new(corners.map(Vec3::from)).expect("has an area");
+            let area = overlap.area_in(Vec3::splat(0.5)) - SLACK;
+            assert!((area - expected).abs() < 1.0e-5, "{area} instead of {expected}");
+        };
+        check([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [0.0, 1.0, 0.5]], 0.5);
+        check([[-9.0, -9.0, 0.5], [99.0, -9.0, 0.5], [-9.0, 99.0, 0.5]], 1.0);
+        check([[-9.0, -9.0, 1.5], [99.0, -9.0, 1.5], [-9.0, 99.0, 1.5]], 0.0);
+        check([[0.5, 0.0, 0.0], [2.5, 0.0, 0.0], [0.5, 0.0, 2.0]], 0.5);
+    }
+
+    #[test]
+    fn weights_are_those_of_the_corners() {
+        let overlap =
+            Overlap::new([Vec3::ZERO, Vec3::X * 2.0, Vec3::Z * 2.0]).expect("has an area");
+        let [a, b, c] = overlap.weights(Vec3::new(0.5, 7.0, 1.0));
+        assert!((a - 0.25).abs() < 1.0e-6 && (b - 0.25).abs() < 1.0e-6 && (c - 0.5).abs() < 1.0e-6);
+        assert_eq!(overlap.weights(Vec3::new(-5.0, 0.0, -3.0)), [1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn what_is_no_triangle_is_none() {
+        assert!(Overlap::new([Vec3::ZERO, Vec3::X, Vec3::X * 2.0]).is_none());
+        assert!(Overlap::new([Vec3::ZERO, Vec3::X, Vec3::NAN]).is_none());
+        assert!(Overlap::new([Vec3::ZERO, Vec3::X, Vec3::INFINITY]).is_none());
+    }
+}
