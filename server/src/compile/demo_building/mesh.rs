@@ -1,0 +1,255 @@
+//! Triangles by space and colour, and the GLB that they are written to.
+
+use std::{borrow::Cow, collections::BTreeMap};
+
+use glam::Vec3;
+use gltf::binary::{Glb, Header};
+use serde_json::{Value, json};
+
+use super::{UNITS_PER_METRE, plan::Plan};
+
+/// sRGB and opacity; less than 255 is glass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Paint(pub [u8; 3], pub u8);
+
+impl Paint {
+    pub const GLASS: Self = Self([150, 200, 215], 60);
+
+    pub const fn opaque(colour: [u8; 3]) -> Self {
+        Self(colour, 255)
+    }
+}
+
+/// What the building consists of, by node.
+pub(super) struct Scene {
+    names: Vec<String>,
+    soups: BTreeMap<(usize, Paint), Soup>,
+    spawns: Vec<(Vec3, f32)>,
+}
+
+#[derive(Default)]
+struct Soup {
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Scene {
+    /// An empty scene with a node for each space, and one for all that belongs to none.
+    pub fn new(plan: &Plan) -> Self {
+        let names = plan.spaces.iter().map(|space| space.name.clone());
+        let names = names.chain(["shell".to_owned()]).collect();
+        Self { names, soups: BTreeMap::new(), spawns: Vec::new() }
+    }
+
+    /// The node of what belongs to no space.
+    pub fn shell(&self) -> usize {
+        self.names.len() - 1
+    }
+
+    /// Adds a convex polygon, counter-clockwise seen from its front, in metres.
+    pub fn polygon(&mut self, node: usize, paint: Paint, corners: &[Vec3]) {
+        let soup = self.soups.entry((node, paint)).or_default();
+        let first = soup.positions.len() as u32;
+        soup.positions.extend_from_slice(corners);
+        let fan = 1..corners.len().saturating_sub(1) as u32;
+        soup.triangles.extend(fan.map(|i| [first, first + i, first + i + 1]));
+    }
+
+    /// Adds a rectangle at `at` on `axis`, between lattice points of the other two axes in cyclic
+    /// order (x, y, z, x ...), facing along the axis or against it.
+    pub fn face(&mut self, node: usize, paint: Paint, face: Face) {
+        let Face { axis, at, min, max, positive } = face;
+        let corner = |u: i32, v: i32| {
+            let mut point = Vec3::ZERO;
+            point[axis] = metres(at);
+            point[(axis + 1) % 3] = metres(u);
+            point[(axis + 2) % 3] = metres(v);
+            point
+        };
+        let mut corners = [
+            corner(min[0], min[1]),
+            corner(max[0], min[1]),
+            corner(max[0], max[1]),
+            corner(min[0], max[1]),
+        ];
+        if !positive {
+            corners.reverse();
+        }
+        self.polygon(node, paint, &corners);
+    }
+
+    /// Adds the six faces of a box between two lattice points.
+    pub fn block(&mut self, node: usize, paint: Paint, min: [i32; 3], max: [i32; 3]) {
+        for axis in 0..3 {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            for positive in [false, true] {
+                let at = if positive { max[axis] } else { min[axis] };
+                let (min, max) = ([min[u], min[v]], [max[u], max[v]]);
+                self.face(node, paint, Face { axis, at, min, max, positive });
+            }
+        }
+    }
+
+    /// Adds a place to begin: where the feet stand, in metres, and the yaw.
+    pub fn spawn(&mut self, feet: Vec3, yaw: f32) {
+        self.spawns.push((feet, yaw));
+    }
+
+    pub fn spawn_count(&self) -> usize {
+        self.spawns.len()
+    }
+
+    pub fn triangle_count(&self) -> usize {
+        self.soups.values().map(|soup| soup.triangles.len()).sum()
+    }
+
+    /// The GLB 2.0 file.
+    pub fn to_glb(&self) -> Vec<u8> {
+        let mut writer = Writer::default();
+        for (&(node, paint), soup) in &self.soups {
+            writer.primitive(node, paint, soup);
+        }
+        let nodes = self.nodes(&writer.primitives);
+        let bytes = writer.bytes.len();
+        let root = json!({
+            "asset": { "version": "2.0", "generator": "sightline-server demo-building" },
+            "extensionsUsed": ["OMI_spawn_point"],
+            "scene": 0,
+            "scenes": [{ "name": "Demo building", "nodes": (0..nodes.len()).collect::<Vec<_>>() }],
+            "meshes": writer.primitives.values().map(|p| json!({ "primitives": p })).collect::<Vec<_>>(),
+            "nodes": nodes,
+            "materials": writer.materials,
+            "accessors": writer.accessors,
+            "bufferViews": writer.views,
+            "buffers": [{ "byteLength": bytes }],
+        });
+        let glb = Glb {
+            header: Header { magic: *b"glTF", version: 2, length: 0 },
+            json: Cow::Owned(root.to_string().into_bytes()),
+            bin: Some(Cow::Owned(writer.bytes)),
+        };
+        // Only a file beyond 4 GiB is refused; the largest building is a tenth of that.
+        glb.to_vec().unwrap_or_default()
+    }
+
+    fn nodes(&self, primitives: &BTreeMap<usize, Vec<Value>>) -> Vec<Value> {
+        let spaces = primitives
+            .keys()
+            .enumerate()
+            .map(|(mesh, &node)| json!({ "name": self.names[node], "mesh": mesh }));
+        let spawns = self.spawns.iter().map(|(feet, yaw)| {
+            json!({
+                "name": "spawn",
+                "translation": feet.to_array(),
+                "rotation": glam::Quat::from_rotation_y(*yaw).to_array(),
+                "extensions": { "OMI_spawn_point": {} },
+            })
+        });
+        spaces.chain(spawns).collect()
+    }
+}
+
+/// An axial rectangle; see [`Scene::face`].
+pub(super) struct Face {
+    pub axis: usize,
+    pub at: i32,
+    pub min: [i32; 2],
+    pub max: [i32; 2],
+    pub positive: bool,
+}
+
+/// From lattice units to metres; exact.
+pub(super) fn metres(units: i32) -> f32 {
+    units as f32 / UNITS_PER_METRE as f32
+}
+
+#[derive(Default)]
+struct Writer {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    materials: Vec<Value>,
+    material_of: BTreeMap<Paint, usize>,
+    /// By node.
+    primitives: BTreeMap<usize, Vec<Value>>,
+}
+
+impl Writer {
+    fn primitive(&mut self, node: usize, paint: Paint, soup: &Soup) {
+        let material = self.material(paint);
+        let positions = self.positions(&soup.positions);
+        let indices = self.indices(&soup.triangles, soup.positions.len());
+        self.primitives.entry(node).or_default().push(json!({
+            "attributes": { "POSITION": positions },
+            "indices": indices,
+            "material": material,
+        }));
+    }
+
+    fn material(&mut self, paint: Paint) -> usize {
+        let materials = &mut self.materials;
+        *self.material_of.entry(paint).or_insert_with(|| {
+            let Paint(colour, alpha) = paint;
+            let [r, g, b] = colour.map(linear);
+            let mut material = json!({
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [r, g, b, f32::from(alpha) / 255.0],
+                    "metallicFactor": 0.0,
+                },
+                "doubleSided": true,
+            });
+            if alpha < 255 {
+                material["alphaMode"] = json!("BLEND");
+            }
+            materials.push(material);
+            materials.len() - 1
+        })
+    }
+
+    fn positions(&mut self, positions: &[Vec3]) -> usize {
+        let min = positions.iter().copied().reduce(Vec3::min).unwrap_or_default();
+        let max = positions.iter().copied().reduce(Vec3::max).unwrap_or_default();
+        let bytes = positions.iter().flat_map(|p| p.to_array()).flat_map(f32::to_le_bytes);
+        let view = self.view(bytes, 34_962);
+        self.accessor(json!({
+            "bufferView": view, "componentType": 5126, "type": "VEC3", "count": positions.len(),
+            "min": min.to_array(), "max": max.to_array(),
+        }))
+    }
+
+    fn indices(&mut self, triangles: &[[u32; 3]], vertices: usize) -> usize {
+        let indices = triangles.iter().flatten();
+        // 65535 itself is reserved for a restart.
+        let (view, component) = if vertices < 65_535 {
+            (self.view(indices.flat_map(|&i| (i as u16).to_le_bytes()), 34_963), 5123)
+        } else {
+            (self.view(indices.flat_map(|&i| i.to_le_bytes()), 34_963), 5125)
+        };
+        let count = triangles.len() * 3;
+        self.accessor(json!({
+            "bufferView": view, "componentType": component, "type": "SCALAR", "count": count,
+        }))
+    }
+
+    fn view(&mut self, bytes: impl Iterator<Item = u8>, target: u32) -> usize {
+        let offset = self.bytes.len();
+        self.bytes.extend(bytes);
+        let length = self.bytes.len() - offset;
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.views.push(json!({
+            "buffer": 0, "byteOffset": offset, "byteLength": length, "target": target,
+        }));
+        self.views.len() - 1
+    }
+
+    fn accessor(&mut self, accessor: Value) -> usize {
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+}
+
+/// From an sRGB byte to a linear factor.
+fn linear(byte: u8) -> f32 {
+    let value = f32::from(byte) / 255.0;
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
