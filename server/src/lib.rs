@@ -3,9 +3,13 @@
 //! * [`compile`]: a model in, a [`World`](sightline_shared::world::World) out.
 //! * [`engine`]: who is told what, who is asked when; no socket, no clock.
 //! * [`net`]: the only place that knows QUIC.
+//! * [`plan`]: pictures of a world from above.
+//! * [`progress`]: how long tasks show that they go on.
 //! * [`sight`]: rays against the original triangles, the oracle that all else is checked against.
 
 pub mod compile;
 pub mod engine;
 pub mod net;
+pub mod plan;
+pub mod progress;
 pub mod sight;

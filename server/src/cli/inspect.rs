@@ -1,10 +1,93 @@
 //! `sightline-server inspect`.
 
-/// Tells what is in a world.
+use std::path::PathBuf;
+
+use anyhow::Context;
+use glam::Vec3;
+use serde::Serialize;
+use sightline_server::plan::{self, Mark, Overlay};
+use sightline_shared::world::{World, content_id};
+
+/// Tells what is in a world, and draws its plan.
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// The world.
+    world: PathBuf,
+    /// Draw the storeys from above, with the portals.
+    #[arg(long, value_name = "OUT.png")]
+    map: Option<PathBuf>,
+    /// On the map, keep bright only what may be visible from this point.
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "map",
+          allow_hyphen_values = true)]
+    pvs_from: Option<Vec3>,
+    /// Write the figures to this file too.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Figures {
+    title: String,
+    content_id: String,
+    bytes: usize,
+    size_m: [f32; 3],
+    cells: usize,
+    portals: usize,
+    pvs_density: f64,
+    opaque_triangles: usize,
+    voxels: usize,
+    voxel_m: f32,
+    spawns: usize,
+    speed_max_m_s: f32,
+}
 
 /// Runs the command.
-pub fn run(_args: &Args) -> anyhow::Result<()> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let named = || args.world.display().to_string();
+    let bytes = std::fs::read(&args.world).with_context(|| format!("cannot read {}", named()))?;
+    let world = World::from_bytes(&bytes).with_context(named)?;
+    let figures = Figures {
+        title: world.title.clone(),
+        content_id: content_id(&bytes)?.to_string(),
+        bytes: bytes.len(),
+        size_m: world.bounds().size().to_array(),
+        cells: world.cells.cells.len(),
+        portals: world.cells.portals.len(),
+        pvs_density: world.cells.density(),
+        opaque_triangles: world.mesh.triangles.len(),
+        voxels: world.octree.nodes.iter().filter(|node| node.is_leaf()).count(),
+        voxel_m: world.octree.voxel(),
+        spawns: world.spawns.len(),
+        speed_max_m_s: world.speed_max,
+    };
+    print_table(&figures);
+    if let Some(path) = &args.map {
+        let picture = plan::draw(&world, &overlay(&world, args.pvs_from));
+        picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    super::write_json(args.json.as_deref(), &figures)
+}
+
+fn overlay(world: &World, pvs_from: Option<Vec3>) -> Overlay {
+    let mark = |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled };
+    let mut marks: Vec<_> = world.spawns.iter().map(|spawn| mark(spawn.eye, false)).collect();
+    marks.extend(pvs_from.map(|eye| mark(eye, true)));
+    let visible = pvs_from.map(|eye| world.cells.pvs[world.cells.at(eye).0 as usize].clone());
+    Overlay { marks, visible, portals: true }
+}
+
+fn print_table(figures: &Figures) {
+    let row = |name: &str, value: String| println!("{name:<18} {value}");
+    let [x, y, z] = figures.size_m;
+    row("title", figures.title.chars().filter(|c| !c.is_control()).collect());
+    row("content id", figures.content_id.clone());
+    row("bytes", figures.bytes.to_string());
+    row("size", format!("{x:.1} x {y:.1} x {z:.1} m"));
+    row("cells", figures.cells.to_string());
+    row("portals", figures.portals.to_string());
+    row("PVS density", format!("{:.1} %", figures.pvs_density * 100.0));
+    row("opaque triangles", figures.opaque_triangles.to_string());
+    row("voxels", format!("{} of {:.1} mm", figures.voxels, figures.voxel_m * 1000.0));
+    row("spawn points", figures.spawns.to_string());
+    row("speed limit", format!("{} m/s", figures.speed_max_m_s));
 }

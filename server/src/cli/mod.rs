@@ -6,6 +6,29 @@ pub mod inspect;
 pub mod replay;
 pub mod serve;
 
+use std::path::Path;
+
+use anyhow::Context;
+use serde::Serialize;
+
+/// Writes the figures of a table for machines, where a file is given.
+pub fn write_json(path: Option<&Path>, figures: &impl Serialize) -> anyhow::Result<()> {
+    let Some(path) = path else { return Ok(()) };
+    let text = serde_json::to_string_pretty(figures)?;
+    std::fs::write(path, text + "\n").with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Three numbers with commas between them, in metres.
+pub fn point(text: &str) -> Result<glam::Vec3, String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) if x.is_finite() && y.is_finite() && z.is_finite() => {
+            Ok(glam::Vec3::new(x, y, z))
+        }
+        _ => Err("three numbers with commas between them, such as 1.5,1.6,-3".into()),
+    }
+}
+
 /// An error and its causes on one line, whatever characters a file or a peer put into it.
 pub fn one_line(error: &anyhow::Error) -> String {
     format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()

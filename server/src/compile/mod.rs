@@ -1,4 +1,23 @@
-//! From a model to a world.
+//! From a model to a world: occluders → cells and portals → PVS, and all surfaces → voxels.
+//!
+//! * [`model`]: what an importer makes; [`glb`], [`bsp`] and [`demo_building`] make one.
+//! * [`occluders`]: which surfaces make cells. [`subdivide`]: cells and portals. [`pvs`]: who sees
+//!   whom. [`voxelise`]: what clients draw.
+
+use std::{
+    collections::HashMap,
+    time::{Duration, Instant},
+};
+
+use glam::Vec3;
+use model::Model;
+use serde::Serialize;
+use sightline_shared::{
+    geometry::Aabb,
+    world::{Cells, Mesh, Spawn, World},
+};
+
+use crate::sight::Sight;
 
 pub mod bsp;
 pub mod demo_building;
@@ -8,3 +27,243 @@ pub mod occluders;
 pub mod pvs;
 pub mod subdivide;
 pub mod voxelise;
+
+/// Around the building there is this much space in which an eye can be, in metres.
+const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
+
+/// What the compiler is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Stage {
+    /// Splitting along the occluders, and finding portals.
+    Cells,
+    /// Propagating sight lines.
+    Pvs,
+    /// Turning surfaces into voxels.
+    Voxels,
+}
+
+/// What the author chooses.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// The edge of a voxel, in metres; chosen by the building's size when absent.
+    pub voxel: Option<f32>,
+}
+
+/// Why a model makes no world.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CompileError {
+    /// Nothing to draw and nothing that blocks sight.
+    #[error("the model has no triangles")]
+    Empty,
+    /// See the cause.
+    #[error(transparent)]
+    Voxels(#[from] voxelise::VoxeliseError),
+}
+
+/// What a compilation did.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// All that are drawn.
+    pub triangles: usize,
+    /// Opaque triangles, all of which the oracle traces.
+    pub opaque: usize,
+    /// Opaque triangles on axial planes, along which cells are split.
+    pub occluders: usize,
+    /// Cells.
+    pub cells: usize,
+    /// Portals.
+    pub portals: usize,
+    /// The part of all pairs of cells that the PVS holds, from 0 to 1.
+    pub pvs_density: f64,
+    /// Leaves of the octree.
+    pub voxels: usize,
+    /// The edge of a leaf, in metres.
+    pub voxel_m: f32,
+    /// Wall-clock time for each stage.
+    pub seconds: Vec<(Stage, f64)>,
+}
+
+/// Compiles a model. `progress` is told the stage and its share done, from 0 to 1.
+///
+/// # Errors
+/// When the model is empty or needs more voxels than fit.
+pub fn compile(
+    model: &Model,
+    options: &Options,
+    progress: &(dyn Fn(Stage, f32) + Sync),
+) -> Result<(World, Report), CompileError> {
+    let bounds = model.bounds().ok_or(CompileError::Empty)?;
+    let mut watch = Watch { seconds: Vec::new() };
+
+    let space = Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN);
+    progress(Stage::Cells, 0.0);
+    let planes = occluders::axial_planes(&model.opaque);
+    let mut cells = watch.time(Stage::Cells, || subdivide::subdivide(&space, &planes));
+    cells.pvs = watch.time(Stage::Pvs, || {
+        pvs::potentially_visible(&cells, &|share| progress(Stage::Pvs, share))
+    });
+    let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
+    let octree = watch.time(Stage::Voxels, || {
+        voxelise::voxelise(&model.surfaces, &bounds, voxel, &|share| {
+            progress(Stage::Voxels, share);
+        })
+    })?;
+
+    let report = Report {
+        triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
+        opaque: model.opaque.len(),
+        occluders: planes.iter().map(|p| p.triangles.len()).sum(),
+        cells: cells.cells.len(),
+        portals: cells.portals.len(),
+        pvs_density: cells.density(),
+        voxels: octree.nodes.iter().filter(|node| node.is_leaf()).count(),
+        voxel_m: octree.voxel(),
+        seconds: watch.seconds.iter().map(|(stage, t)| (*stage, t.as_secs_f64())).collect(),
+    };
+    let mesh = mesh(&model.opaque);
+    let spawns = if model.spawns.is_empty() {
+        vec![find_spawn(model, &cells, &mesh)]
+    } else {
+        model.spawns.clone()
+    };
+    let world = World {
+        title: model.title.clone(),
+        octree,
+        cells,
+        mesh,
+        spawns,
+        body: model.body,
+        speed_max: model.speed_max,
+    };
+    Ok((world, report))
+}
+
+/// Times stages.
+struct Watch {
+    seconds: Vec<(Stage, Duration)>,
+}
+
+impl Watch {
+    fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
+        let start = Instant::now();
+        let done = work();
+        self.seconds.push((stage, start.elapsed()));
+        done
+    }
+}
+
+/// The triangles with equal corners stored once.
+fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {
+    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut mesh = Mesh::default();
+    for corners in opaque {
+        mesh.triangles.push(corners.map(|corner| {
+            *known.entry(corner.to_array().map(f32::to_bits)).or_insert_with(|| {
+                mesh.positions.push(corner);
+                mesh.positions.len() as u32 - 1
+            })
+        }));
+    }
+    mesh
+}
+
+/// A place to stand in a model that names none: under a roof if possible, on a floor, in a cell as
+/// large as can be.
+fn find_spawn(model: &Model, cells: &Cells, mesh: &Mesh) -> Spawn {
+    let sight = Sight::new(mesh);
+    let stand = |at: Vec3| {
+        let floor = sight.distance(at, Vec3::NEG_Y)?;
+        let roofed = sight.distance(at, Vec3::Y).is_some();
+        Some((roofed, at - Vec3::Y * (floor - model.body.below_eye - 0.05)))
+    };
+    let mut by_size: Vec<_> = cells.cells.iter().map(|cell| cell.bounds).collect();
+    by_size.sort_by(|a, b| b.size().element_product().total_cmp(&a.size().element_product()));
+    // A little off the centre, where the diagonals of floors and roofs tend to meet.
+    let places: Vec<_> = by_size
+        .iter()
+        .filter_map(|b| stand(b.centre() + b.size() * Vec3::new(0.037, 0.0, 0.023)))
+        .collect();
+    let eye = places
+        .iter()
+        .find(|(roofed, _)| *roofed)
+        .or(places.first())
+        .map_or(cells.bounds.centre(), |(_, eye)| *eye);
+    Spawn { eye, yaw: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model::{Material, Surface};
+    use sightline_shared::motion::Body;
+
+    /// A hollow box with a table in it.
+    fn house() -> Model {
+        let mut positions = Vec::new();
+        let mut triangles = Vec::new();
+        for (min, max) in [
+            (Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)),
+            (Vec3::new(2.0, 0.0, 2.0), Vec3::new(3.0, 0.8, 3.0)),
+        ] {
+            let first = positions.len() as u32;
+            positions.extend((0..8).map(|i| {
+                Vec3::new(
+                    if i & 1 == 0 { min.x } else { max.x },
+                    if i & 2 == 0 { min.y } else { max.y },
+                    if i & 4 == 0 { min.z } else { max.z },
+                )
+            }));
+            for [a, b, c, d] in
+                [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]]
+            {
+                triangles.push([a, b, c].map(|i: u32| i + first));
+                triangles.push([a, c, d].map(|i: u32| i + first));
+            }
+        }
+        let opaque = triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
+        let material = Material { colour: [180, 90, 60], texture: None, glass: false };
+        let surface =
+            Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
+        Model {
+            title: "house".into(),
+            surfaces: vec![surface],
+            opaque,
+            spawns: Vec::new(),
+            body: Body::PERSON,
+            speed_max: 5.0,
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_house_compiles_and_what_is_outside_does_not_see_inside() {
+        let options = Options { voxel: Some(0.25) };
+        let (world, report) = compile(&house(), &options, &|_, _| ()).unwrap();
+        let (inside, outside) = (Vec3::new(1.0, 1.5, 1.0), Vec3::new(-1.0, 1.5, 1.0));
+        assert!(!world.cells.sees(world.cells.at(inside), world.cells.at(outside)));
+        assert_eq!(world.mesh.positions.len(), 16);
+        assert_eq!(report.triangles, 24);
+        assert!(report.voxels > 1_000, "{}", report.voxels);
+        assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
+    }
+
+    #[test]
+    fn a_place_to_stand_is_found_inside() {
+        let (world, _) = compile(&house(), &Options { voxel: Some(0.25) }, &|_, _| ()).unwrap();
+        let eye = world.spawns[0].eye;
+        assert!(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)).contains(eye), "{eye}");
+        assert!((1.6..1.7).contains(&eye.y) || (2.4..2.5).contains(&eye.y), "{eye}");
+    }
+
+    #[test]
+    fn an_empty_model_is_refused() {
+        let mut model = house();
+        model.surfaces.clear();
+        model.opaque.clear();
+        assert!(matches!(
+            compile(&model, &Options::default(), &|_, _| ()),
+            Err(CompileError::Empty)
+        ));
+    }
+}

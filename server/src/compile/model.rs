@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
-use sightline_shared::{motion::Body, world::Spawn};
+use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
 
 /// Triangles to draw, surfaces that block sight, and places to stand. In metres, y up.
 #[derive(Clone, Debug)]
@@ -23,6 +23,17 @@ pub struct Model {
     pub speed_max: f32,
     /// What was skipped, a line each.
     pub warnings: Vec<String>,
+}
+
+impl Model {
+    /// The smallest box around all that is drawn or blocks sight; none when there is nothing.
+    pub fn bounds(&self) -> Option<Aabb> {
+        let drawn = self.surfaces.iter().flat_map(|surface| {
+            surface.triangles.iter().flatten().map(|&i| surface.positions[i as usize])
+        });
+        let bounds = Aabb::from_points(drawn.chain(self.opaque.as_flattened().iter().copied()));
+        (!bounds.is_empty()).then_some(bounds)
+    }
 }
 
 /// Triangles that share a material.
