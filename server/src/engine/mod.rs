@@ -1,131 +1,226 @@
 //! The visibility engine: a pure state machine. Inputs and a clock in, outputs out.
+//!
+//! [`Engine::handle`] takes in what clients say, [`Engine::tick`], called at a fixed rate, gives what
+//! they are to be told. The engine opens no socket, reads no clock and draws no random numbers: the
+//! same calls give the same outputs, bit for bit. Time is what has passed since the server's start.
+//!
+//! An avatar is *live* while somebody may see it or it may see somebody; otherwise it is *quiet*
+//! in a TBV, and *asked* when that expires or is revealed. A client begins live. Why nothing is
+//! missed and what bounds that is in [`horizon`](self#how-far-ahead).
+//!
+//! # How far ahead
+//!
+//! Interest is decided for regions, not for points: where each eye and each body can be until the
+//! word of the next tick stands at the viewer. The proof that this misses nothing, and the exact
+//! times, are at the head of `horizon.rs`.
+//!
+//! ```
+//! # use std::{sync::Arc, time::Duration};
+//! # use sightline_server::engine::{Config, Engine, Input};
+//! # use sightline_shared::{motion::AvatarId, world::World};
+//! fn one_visitor(world: Arc<World>) {
+//!     let mut engine = Engine::new(world, Config::default());
+//!     let (avatar, name) = (AvatarId(1), "Ada".to_owned());
+//!     engine.handle(Duration::ZERO, Input::Join { avatar, name, colour: [255, 0, 0], place: None });
+//!     let mut outputs = Vec::new();
+//!     engine.tick(Duration::ZERO, &mut outputs);
+//!     assert_eq!(outputs.len(), 2); // Entered; and Quiet, for nobody else is there.
+//! }
+//! ```
 
-use std::time::Duration;
+mod authority;
+mod config;
+mod expiry;
+mod horizon;
+mod interest;
+mod messages;
+mod population;
+mod presence;
+mod silence;
+#[cfg(test)]
+mod tests;
+mod zones;
 
-use glam::Vec3;
-use sightline_shared::motion::{AvatarId, Pose, Tbv};
+use std::{sync::Arc, time::Duration};
 
-/// What happens to the engine. Times are on the server's clock.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Input {
-    /// A participant comes in, at a place of its choice if it may stand there.
-    Join {
-        /// Who; the caller never uses an id twice.
-        avatar: AvatarId,
-        /// How it is called.
-        name: String,
-        /// sRGB.
-        colour: [u8; 3],
-        /// Where it wants its eye; a spawn point when `None`.
-        place: Option<Vec3>,
-    },
-    /// A participant is gone.
-    Leave {
-        /// Who.
-        avatar: AvatarId,
-    },
-    /// A client says where it is.
-    Report {
-        /// Who.
-        avatar: AvatarId,
-        /// Grows with each report of the same client; an older one is ignored.
-        sequence: u32,
-        /// Where.
-        pose: Pose,
-    },
-    /// A client's measured round trip.
-    RoundTrip {
-        /// Who.
-        avatar: AvatarId,
-        /// From the ask to the answer.
-        round_trip: Duration,
-    },
-    /// A participant says something to those it sees.
-    Chat {
-        /// Who.
-        avatar: AvatarId,
-        /// What.
-        text: String,
-    },
+use sightline_shared::{
+    motion::{AvatarId, Pose, Tbv},
+    world::World,
+};
+
+pub use config::{Config, Policy, PolicyError};
+pub use messages::{Input, Output};
+pub use population::ClientState;
+
+use authority::Limits;
+use expiry::ExpiryQueue;
+use horizon::Horizons;
+use population::{Population, Slot};
+use zones::{CellIndex, ZoneIndex};
+
+/// Decides who is told what and who is asked when.
+#[derive(Clone, Debug)]
+pub struct Engine {
+    world: Arc<World>,
+    config: Config,
+    limits: Limits,
+    horizons: Horizons,
+    population: Population,
+    /// Where the bodies of live avatars can be until the next tick's word stands.
+    near: CellIndex,
+    /// Where live avatars can be until a hidden one that they reveal can be told of.
+    live_zones: ZoneIndex,
+    /// The TBVs of quiet and asked avatars.
+    hidden_zones: ZoneIndex,
+    /// When each quiet avatar must be asked.
+    expiries: ExpiryQueue,
+    /// When each other avatar's silence must be looked into.
+    patience: ExpiryQueue,
+    /// What came of inputs since the last tick.
+    pending: Vec<Output>,
+    ticks: u32,
+    joined: usize,
+    stats: Stats,
 }
 
-/// What the engine wants told to a client.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Output {
-    /// You are in.
-    Entered {
-        /// To whom; also in the other outputs.
-        to: AvatarId,
-        /// Where.
-        pose: Pose,
-    },
-    /// An avatar may come into view.
-    Appear {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// Who.
-        avatar: AvatarId,
-        /// How it is called.
-        name: String,
-        /// sRGB.
-        colour: [u8; 3],
-        /// Where it was last.
-        pose: Pose,
-    },
-    /// An avatar cannot be seen any more, or has left.
-    Vanish {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// Who.
-        avatar: AvatarId,
-    },
-    /// The avatars that this client may see and that have news, as they were at this tick.
-    Poses {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// Counts ticks.
-        tick: u32,
-        /// In ascending order of id.
-        poses: Vec<(AvatarId, Pose)>,
-    },
-    /// Report at every tick, from now on.
-    Live {
-        #[allow(missing_docs)]
-        to: AvatarId,
-    },
-    /// Nobody can see you: be silent unless asked, or about to leave this region.
-    Quiet {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// The region.
-        tbv: Tbv,
-    },
-    /// Report once, now.
-    Ask {
-        #[allow(missing_docs)]
-        to: AvatarId,
-    },
-    /// Your claim was refused: you are here.
-    Correct {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// Where.
-        pose: Pose,
-    },
-    /// Somebody you can see, or you yourself, said something.
-    Chat {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// Who.
-        from: AvatarId,
-        /// What.
-        text: String,
-    },
-    /// You persist in false claims: out.
-    Drop {
-        #[allow(missing_docs)]
-        to: AvatarId,
-        /// Why, for people.
-        reason: String,
-    },
+/// How often what happened, since the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Stats {
+    /// TBVs that ended.
+    pub expiries: u64,
+    /// TBVs that came into view.
+    pub reveals: u64,
+    /// Asks that were repeated for want of an answer, and live clients asked for their silence.
+    pub repeats: u64,
+    /// Reports accepted.
+    pub reports: u64,
+    /// Reports refused.
+    pub refusals: u64,
+    /// Clients dropped.
+    pub drops: u64,
+}
+
+/// How many clients are in which state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Reporting at every tick.
+    pub live: usize,
+    /// Silent.
+    pub quiet: usize,
+    /// About to answer.
+    pub asked: usize,
+}
+
+impl Engine {
+    /// An engine for a world, with nobody in it.
+    pub fn new(world: Arc<World>, config: Config) -> Self {
+        let speed_max = config.speed_max.unwrap_or(world.speed_max);
+        let cells = world.cells.cells.len();
+        Self {
+            limits: Limits {
+                bounds: world.bounds(),
+                speed_max,
+                refusals_max: config.refusals_max,
+                refusal_window: config.refusal_window,
+            },
+            horizons: Horizons::new(&config, speed_max),
+            population: Population::default(),
+            near: CellIndex::new(cells),
+            live_zones: ZoneIndex::new(cells),
+            hidden_zones: ZoneIndex::new(cells),
+            expiries: ExpiryQueue::new(config.tick),
+            patience: ExpiryQueue::new(config.tick),
+            pending: Vec::new(),
+            ticks: 0,
+            joined: 0,
+            stats: Stats::default(),
+            world,
+            config,
+        }
+    }
+
+    /// Takes in what happened at a moment, which is not before that of any earlier call. What
+    /// comes of it is told at the next tick.
+    pub fn handle(&mut self, now: Duration, input: Input) {
+        match input {
+            Input::Join { avatar, name, colour, place } => {
+                self.join(now, (avatar, name, colour), place);
+            }
+            Input::Leave { avatar } => self.remove(avatar),
+            Input::Report { avatar, sequence, pose } => self.report(now, avatar, sequence, pose),
+            Input::Relocate { avatar, pose } => self.relocate(now, avatar, pose),
+            Input::RoundTrip { avatar, round_trip } => self.set_round_trip(avatar, round_trip),
+            Input::Chat { avatar, text } => self.chat(avatar, &text),
+        }
+    }
+
+    /// Decides for a moment, which is not before that of any earlier call, and appends what every
+    /// client is to be told: orders and corrections first, then what each viewer sees, by id.
+    pub fn tick(&mut self, now: Duration, outputs: &mut Vec<Output>) {
+        self.ticks = self.ticks.wrapping_add(1);
+        outputs.append(&mut self.pending);
+        self.expire(now, outputs);
+        outputs.append(&mut self.pending);
+        let live: Vec<Slot> = self.population.live().collect();
+        if self.config.policy == Policy::Tbv {
+            live.iter().for_each(|slot| self.reveal(now, *slot, outputs));
+        }
+        if self.config.policy.uses_cells() {
+            live.iter().for_each(|slot| self.place_near(now, *slot));
+        }
+        live.iter().for_each(|slot| self.tell(now, *slot, outputs));
+        live.iter().for_each(|slot| self.settle(now, *slot, outputs));
+    }
+
+    /// Those that a viewer's client has been told of, by id.
+    pub fn held_by(&self, viewer: AvatarId) -> impl Iterator<Item = AvatarId> + '_ {
+        self.population.find(viewer).into_iter().flat_map(|v| v.held.iter().map(|h| h.id))
+    }
+
+    /// What an avatar's client does; `None` when there is no such avatar.
+    pub fn state(&self, avatar: AvatarId) -> Option<ClientState> {
+        self.population.find(avatar).map(|a| a.state)
+    }
+
+    /// Where a quiet or asked avatar is sure to be.
+    pub fn tbv(&self, avatar: AvatarId) -> Option<Tbv> {
+        self.population.find(avatar).and_then(|a| a.state.tbv().copied())
+    }
+
+    /// The last accepted pose of an avatar.
+    pub fn pose(&self, avatar: AvatarId) -> Option<Pose> {
+        self.population.find(avatar).map(|a| a.pose)
+    }
+
+    /// Everyone present, ascending.
+    pub fn avatars(&self) -> impl Iterator<Item = AvatarId> + '_ {
+        self.population.all().map(|(id, _)| id)
+    }
+
+    /// How many are in which state.
+    pub fn counts(&self) -> Counts {
+        let live = self.population.live_len();
+        let quiet = self.expiries.len();
+        Counts { live, quiet, asked: self.population.len() - live - quiet }
+    }
+
+    /// How often what happened.
+    pub fn stats(&self) -> Stats {
+        self.stats
+    }
+
+    /// What it was made with.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The world that it decides for.
+    pub fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// No avatar is believed to move faster, in metres a second.
+    pub fn speed_max(&self) -> f32 {
+        self.limits.speed_max
+    }
 }

@@ -1,0 +1,165 @@
+//! What the engine can be told about how to work.
+
+use std::{fmt, str::FromStr, time::Duration};
+
+/// How the engine works. The default suits people in a building, over the internet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Who is told what.
+    pub policy: Policy,
+    /// How often [`Engine::tick`](super::Engine::tick) is called, and how often a live client
+    /// reports.
+    pub tick: Duration,
+    /// How long a TBV is sure to contain its avatar.
+    pub validity: Duration,
+    /// What a message may take longer than half of its client's measured round trip.
+    pub margin: Duration,
+    /// A client that takes longer than this for a round trip, or falls silent for longer while
+    /// live, is treated as if it took just this: it may then be told late, and be seen late.
+    pub horizon_max: Duration,
+    /// The round trip of a client until it is measured.
+    pub round_trip_initial: Duration,
+    /// Faster than this no avatar moves, in metres a second; the world's own limit when `None`.
+    pub speed_max: Option<f32>,
+    /// How long after a TBV was found to be in view the next one is tried.
+    pub silence_retry: Duration,
+    /// A live client that is silent for so long is asked.
+    pub stall: Duration,
+    /// An ask that is not answered for so long beyond the round trip is sent again.
+    pub ask_timeout: Duration,
+    /// A client that leaves so many asks in a row unanswered is dropped.
+    pub asks_max: u32,
+    /// A client with so many claims refused in a row is dropped ...
+    pub refusals_max: u32,
+    /// ... when less than this lies between each two of them.
+    pub refusal_window: Duration,
+    /// TBVs that end in one tick, before they are spread over earlier ones. The engine allows
+    /// itself more when the population needs more.
+    pub expiries_max: usize,
+    /// More participants than this are refused. Each costs about 4 KiB and what it sees.
+    pub avatars_max: usize,
+    /// Names are cut to so many characters.
+    pub name_chars_max: usize,
+    /// Chat is cut to so many characters.
+    pub chat_chars_max: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            policy: Policy::Tbv,
+            tick: Duration::from_millis(50),
+            validity: Duration::from_millis(1_000),
+            margin: Duration::from_millis(25),
+            horizon_max: Duration::from_millis(400),
+            round_trip_initial: Duration::from_millis(100),
+            speed_max: None,
+            silence_retry: Duration::from_millis(200),
+            stall: Duration::from_secs(1),
+            ask_timeout: Duration::from_secs(1),
+            asks_max: 10,
+            refusals_max: 20,
+            refusal_window: Duration::from_secs(5),
+            expiries_max: 64,
+            avatars_max: 16_384,
+            name_chars_max: 32,
+            chat_chars_max: 256,
+        }
+    }
+}
+
+/// Who is told what about whom. All but [`Policy::Tbv`] exist to compare with it: under them every
+/// client is live for ever.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Policy {
+    /// Everyone is told about everyone.
+    Broadcast,
+    /// Everyone within so many metres, eye to eye.
+    Radius(f32),
+    /// Everyone in the same cube of a grid of so many metres, or in one of the 26 around it.
+    Grid(f32),
+    /// Everyone whose region meets a cell that is visible from the viewer's region.
+    Pvs,
+    /// The same; and those whom nobody can see are silent.
+    Tbv,
+}
+
+impl Policy {
+    /// Whether cells and the PVS decide.
+    pub fn uses_cells(self) -> bool {
+        matches!(self, Self::Pvs | Self::Tbv)
+    }
+}
+
+impl fmt::Display for Policy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Broadcast => f.write_str("broadcast"),
+            Self::Radius(metres) => write!(f, "radius:{metres}"),
+            Self::Grid(metres) => write!(f, "grid:{metres}"),
+            Self::Pvs => f.write_str("pvs"),
+            Self::Tbv => f.write_str("tbv"),
+        }
+    }
+}
+
+/// Why a policy's name was not understood.
+#[derive(Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PolicyError {
+    /// There is no such policy.
+    #[error("no such policy: use broadcast, radius:METRES, grid:METRES, pvs or tbv")]
+    Unknown,
+    /// A length is missing or is none.
+    #[error("the policy needs a length above 0 in metres, as in radius:20")]
+    Length,
+}
+
+impl FromStr for Policy {
+    type Err = PolicyError;
+
+    fn from_str(text: &str) -> Result<Self, PolicyError> {
+        let (name, length) = match text.split_once(':') {
+            Some((name, length)) => (name, Some(length)),
+            None => (text, None),
+        };
+        let metres = || {
+            length
+                .and_then(|l| l.parse::<f32>().ok())
+                .filter(|l| l.is_finite() && *l > 0.0)
+                .ok_or(PolicyError::Length)
+        };
+        match (name, length) {
+            ("broadcast", None) => Ok(Self::Broadcast),
+            ("pvs", None) => Ok(Self::Pvs),
+            ("tbv", None) => Ok(Self::Tbv),
+            ("radius", _) => metres().map(Self::Radius),
+            ("grid", _) => metres().map(Self::Grid),
+            _ => Err(PolicyError::Unknown),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn policies_are_read_as_they_are_written() {
+        for text in ["broadcast", "radius:20", "radius:2.5", "grid:16", "pvs", "tbv"] {
+            assert_eq!(text.parse::<Policy>().unwrap().to_string(), text);
+        }
+        for (text, error) in [
+            ("radius", PolicyError::Length),
+            ("radius:", PolicyError::Length),
+            ("radius:-1", PolicyError::Length),
+            ("grid:NaN", PolicyError::Length),
+            ("grid:inf", PolicyError::Length),
+            ("tbv:1", PolicyError::Unknown),
+            ("", PolicyError::Unknown),
+            ("Broadcast", PolicyError::Unknown),
+        ] {
+            assert_eq!(text.parse::<Policy>(), Err(error), "{text}");
+        }
+    }
+}

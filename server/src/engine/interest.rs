@@ -1,0 +1,183 @@
+//! Whom a viewer is told of, under each policy.
+
+use std::time::Duration;
+
+use glam::{IVec3, Vec3};
+use sightline_shared::{geometry::Aabb, motion::AvatarId};
+
+use super::{
+    Engine, Output, Policy,
+    population::{Avatar, Held, Slot},
+    zones::{overlapping, touches},
+};
+
+/// Viewers whose delay is so much less than the slowest's have each avatar tested for themselves.
+const DELAYS_APART: Duration = Duration::from_millis(5);
+
+impl Engine {
+    /// Tells a live viewer what has changed for it.
+    pub(super) fn tell(&mut self, now: Duration, viewer: Slot, outputs: &mut Vec<Output>) {
+        let wanted = self.interest(now, viewer);
+        let to = self.population.at(viewer).id;
+        let old = std::mem::take(&mut self.population.at_mut(viewer).held);
+        let mut held = Vec::with_capacity(wanted.len());
+        let mut poses = Vec::new();
+        changes(&old, &wanted, |change| match change {
+            Change::Gone(was) => {
+                self.population.at_mut(was.slot).watchers -= 1;
+                outputs.push(Output::Vanish { to, avatar: was.id });
+            }
+            Change::Kept(mut still) => {
+                let avatar = self.population.at(still.slot);
+                if avatar.version != still.version {
+                    still.version = avatar.version;
+                    poses.push((still.id, avatar.pose));
+                }
+                held.push(still);
+            }
+            Change::New(id, slot) => {
+                let avatar = self.population.at_mut(slot);
+                avatar.watchers += 1;
+                held.push(Held { id, slot, version: avatar.version });
+                outputs.push(appear(to, avatar));
+            }
+        });
+        self.population.at_mut(viewer).held = held;
+        if !poses.is_empty() {
+            outputs.push(Output::Poses { to, tick: self.ticks, poses });
+        }
+    }
+
+    /// Brings the small balls of a live avatar up to date.
+    pub(super) fn place_near(&mut self, now: Duration, slot: Slot) {
+        let avatar = self.population.at(slot);
+        let cells = &self.world.cells;
+        let eyes = self.ball(avatar, now, self.horizons.one_way(avatar.round_trip));
+        let widest = self.ball(avatar, now, self.horizons.one_way_max());
+        let eyes = overlapping(cells, &eyes);
+        let bodies = overlapping(cells, &self.world.body.around_box(&widest));
+        let near = &mut self.population.at_mut(slot).near;
+        if near.eyes != eyes {
+            near.visible.clear();
+            eyes.iter().for_each(|cell| near.visible |= &cells.pvs[cell.0 as usize]);
+            near.eyes = eyes;
+        }
+        if near.bodies != bodies {
+            self.near.remove(slot, &near.bodies);
+            self.near.insert(slot, &bodies);
+            near.bodies = bodies;
+        }
+    }
+
+    /// Takes an avatar out of what is near.
+    pub(super) fn forget_near(&mut self, slot: Slot) {
+        let near = std::mem::take(&mut self.population.at_mut(slot).near);
+        self.near.remove(slot, &near.bodies);
+    }
+
+    /// Those that a live viewer is to be told of, by id.
+    fn interest(&self, now: Duration, viewer: Slot) -> Vec<(AvatarId, Slot)> {
+        let policy = self.config.policy;
+        if policy.uses_cells() {
+            return self.interest_by_cells(now, viewer);
+        }
+        let from = self.population.at(viewer).pose.eye;
+        self.population
+            .all()
+            .filter(|(_, slot)| {
+                *slot != viewer && within(policy, from, self.population.at(*slot).pose.eye)
+            })
+            .collect()
+    }
+
+    fn interest_by_cells(&self, now: Duration, viewer: Slot) -> Vec<(AvatarId, Slot)> {
+        let avatar = self.population.at(viewer);
+        let mut found = Vec::new();
+        for cell in &avatar.near.visible & self.near.occupied() {
+            found.extend(self.near.of(cell));
+        }
+        found.sort_unstable();
+        found.dedup();
+        found.retain(|slot| *slot != viewer && self.near_enough(now, avatar, *slot));
+        let mut found: Vec<_> = found.iter().map(|s| (self.population.at(*s).id, *s)).collect();
+        found.sort_unstable();
+        found
+    }
+
+    /// Whether an avatar that the slowest viewer would have to be told of concerns this one.
+    fn near_enough(&self, now: Duration, viewer: &Avatar, slot: Slot) -> bool {
+        let one_way = self.horizons.one_way(viewer.round_trip);
+        if one_way + DELAYS_APART >= self.horizons.one_way_max() {
+            return true;
+        }
+        let eyes = self.ball(self.population.at(slot), now, one_way);
+        touches(&self.world.cells, &self.world.body.around_box(&eyes), &viewer.near.visible)
+    }
+
+    /// Where an avatar's eye can be until the next tick's word stands at a viewer.
+    fn ball(&self, avatar: &Avatar, now: Duration, one_way: Duration) -> Aabb {
+        let age = now.saturating_sub(avatar.heard);
+        self.eyes(avatar.pose.eye, self.horizons.near_m(age, avatar.round_trip, one_way))
+    }
+
+    /// Where an eye can be that has come no further than `way_m`.
+    pub(super) fn eyes(&self, from: Vec3, way_m: f32) -> Aabb {
+        Aabb::around(from, way_m).intersection(&self.world.bounds())
+    }
+}
+
+/// Whether a policy that knows no walls tells a viewer of an avatar.
+fn within(policy: Policy, viewer: Vec3, avatar: Vec3) -> bool {
+    match policy {
+        Policy::Radius(metres) => viewer.distance(avatar) <= metres,
+        Policy::Grid(metres) => {
+            let cube = |eye: Vec3| (eye / metres).floor().as_ivec3();
+            let apart = cube(viewer).saturating_sub(cube(avatar));
+            (apart.cmpge(IVec3::NEG_ONE) & apart.cmple(IVec3::ONE)).all()
+        }
+        Policy::Broadcast | Policy::Pvs | Policy::Tbv => true,
+    }
+}
+
+/// What changed between what a client holds and whom it is to be told of; both are by id.
+enum Change {
+    /// It holds the avatar no more.
+    Gone(Held),
+    /// It still holds the avatar.
+    Kept(Held),
+    /// It does not hold the avatar yet.
+    New(AvatarId, Slot),
+}
+
+/// Goes through both lists at once.
+fn changes(held: &[Held], wanted: &[(AvatarId, Slot)], mut each: impl FnMut(Change)) {
+    let (mut held, mut wanted) = (held.iter().peekable(), wanted.iter().peekable());
+    loop {
+        match (held.peek(), wanted.peek()) {
+            (Some(old), Some((id, _))) if old.id == *id => {
+                each(Change::Kept(**old));
+                held.next();
+                wanted.next();
+            }
+            (Some(old), new) if new.is_none_or(|(id, _)| old.id < *id) => {
+                each(Change::Gone(**old));
+                held.next();
+            }
+            (_, Some((id, slot))) => {
+                each(Change::New(*id, *slot));
+                wanted.next();
+            }
+            (_, None) => return,
+        }
+    }
+}
+
+fn appear(to: AvatarId, avatar: &Avatar) -> Output {
+    Output::Appear {
+        to,
+        avatar: avatar.id,
+        name: avatar.name.clone(),
+        colour: avatar.colour,
+        pose: avatar.pose,
+    }
+}

@@ -1,0 +1,178 @@
+//! Who comes, claims, speaks and goes.
+
+use std::time::Duration;
+
+use glam::Vec3;
+use sightline_shared::motion::{AvatarId, Pose};
+
+use super::{
+    ClientState, Engine, Output,
+    authority::{Ledger, Verdict},
+    population::{Avatar, Near, Slot},
+    zones::Zone,
+};
+
+impl Engine {
+    pub(super) fn join(
+        &mut self,
+        now: Duration,
+        who: (AvatarId, String, [u8; 3]),
+        place: Option<Vec3>,
+    ) {
+        let (id, name, colour) = who;
+        if self.population.slot(id).is_some() {
+            return;
+        }
+        if self.population.len() >= self.config.avatars_max {
+            self.pending.push(Output::Drop { to: id, reason: "the building is full".to_owned() });
+            return;
+        }
+        let pose = self.first_pose(place);
+        let round_trip = self.config.round_trip_initial;
+        self.horizons.add(round_trip);
+        self.population.insert(Avatar {
+            id,
+            name: name.chars().take(self.config.name_chars_max).collect(),
+            colour,
+            pose,
+            version: 0,
+            heard: now,
+            round_trip,
+            ledger: Ledger::new(now),
+            state: ClientState::Live,
+            unanswered: 0,
+            told_quiet: false,
+            silence_from: now,
+            zone: Zone::default(),
+            near: Near::default(),
+            held: Vec::new(),
+            watchers: 0,
+        });
+        self.wait(now, id, self.config.stall);
+        self.pending.push(Output::Entered { to: id, pose });
+    }
+
+    /// The place asked for, if an eye may be there, else the next spawn point in turn.
+    pub(super) fn first_pose(&mut self, place: Option<Vec3>) -> Pose {
+        let bounds = self.world.bounds();
+        if let Some(eye) = place.filter(|p| p.is_finite() && bounds.contains(*p)) {
+            return Pose { eye, ..Pose::default() };
+        }
+        let spawns = &self.world.spawns;
+        let turn = self.joined;
+        self.joined = self.joined.wrapping_add(1);
+        match spawns.get(turn % spawns.len().max(1)) {
+            Some(spawn) => Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() },
+            None => Pose { eye: bounds.centre(), ..Pose::default() },
+        }
+    }
+
+    /// Takes an avatar out; those who held it are told at the next tick.
+    pub(super) fn remove(&mut self, id: AvatarId) {
+        let Some(slot) = self.population.slot(id) else { return };
+        self.forget_near(slot);
+        self.expiries.cancel(id);
+        self.patience.cancel(id);
+        let Some((slot, gone)) = self.population.remove(id) else { return };
+        self.horizons.remove(gone.round_trip);
+        match gone.state {
+            ClientState::Live => self.live_zones.remove(slot, &gone.zone),
+            _ => self.hidden_zones.remove(slot, &gone.zone),
+        }
+        for held in &gone.held {
+            self.population.at_mut(held.slot).watchers -= 1;
+        }
+        if gone.watchers == 0 {
+            return;
+        }
+        for viewer in self.population.live().collect::<Vec<_>>() {
+            let viewer = self.population.at_mut(viewer);
+            if let Ok(place) = viewer.held.binary_search_by_key(&id, |h| h.id) {
+                viewer.held.remove(place);
+                self.pending.push(Output::Vanish { to: viewer.id, avatar: id });
+            }
+        }
+    }
+
+    pub(super) fn report(&mut self, now: Duration, id: AvatarId, sequence: u32, pose: Pose) {
+        let Some(slot) = self.population.slot(id) else { return };
+        let avatar = self.population.at_mut(slot);
+        let believed = (avatar.pose.eye, avatar.state.tbv());
+        let trip = avatar.round_trip;
+        match avatar.ledger.judge(now, (sequence, &pose), believed, trip, &self.limits) {
+            Verdict::Old => {}
+            Verdict::Accepted => {
+                self.stats.reports += 1;
+                self.accept(now, slot, pose);
+            }
+            Verdict::Refused { correct } => {
+                self.stats.refusals += 1;
+                let pose = avatar.pose;
+                if correct {
+                    self.pending.push(Output::Correct { to: id, pose });
+                }
+            }
+            Verdict::Expelled => {
+                self.stats.refusals += 1;
+                self.expel(id, "its movements could not be believed");
+            }
+        }
+    }
+
+    /// Moves an avatar to a place that it is sure to be at.
+    pub(super) fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
+        let speed_max = self.limits.speed_max;
+        let avatar = self.population.at_mut(slot);
+        avatar.pose = Pose { velocity: pose.velocity.clamp_length_max(speed_max), ..pose };
+        avatar.version = avatar.version.wrapping_add(1);
+        avatar.heard = now;
+        avatar.unanswered = 0;
+        match avatar.state {
+            ClientState::Live => {}
+            ClientState::Asked(_) => self.wake(now, slot),
+            ClientState::Quiet(tbv) => self.refresh(now, slot, &tbv),
+        }
+    }
+
+    pub(super) fn relocate(&mut self, now: Duration, id: AvatarId, pose: Pose) {
+        let Some(slot) = self.population.slot(id) else { return };
+        if !pose.is_finite() || !self.limits.bounds.contains(pose.eye) {
+            return;
+        }
+        let avatar = self.population.at_mut(slot);
+        avatar.ledger.relocate(now);
+        if avatar.state != ClientState::Live {
+            self.wake(now, slot);
+        }
+        self.accept(now, slot, pose);
+    }
+
+    pub(super) fn set_round_trip(&mut self, id: AvatarId, round_trip: Duration) {
+        let Some(slot) = self.population.slot(id) else { return };
+        let avatar = self.population.at_mut(slot);
+        self.horizons.remove(avatar.round_trip);
+        avatar.round_trip = round_trip;
+        self.horizons.add(round_trip);
+    }
+
+    pub(super) fn chat(&mut self, from: AvatarId, text: &str) {
+        if self.population.slot(from).is_none() {
+            return;
+        }
+        let text: String = text.chars().take(self.config.chat_chars_max).collect();
+        let hears =
+            |a: &Avatar| a.id == from || a.held.binary_search_by_key(&from, |held| held.id).is_ok();
+        for (to, slot) in self.population.all() {
+            if hears(self.population.at(slot)) {
+                self.pending.push(Output::Chat { to, from, text: text.clone() });
+            }
+        }
+    }
+
+    /// Puts a client out for good.
+    pub(super) fn expel(&mut self, id: AvatarId, reason: &str) {
+        self.stats.drops += 1;
+        self.pending.push(Output::Drop { to: id, reason: reason.to_owned() });
+        self.remove(id);
+    }
+}

@@ -1,0 +1,187 @@
+//! Who is silent: TBVs are made, expire and are revealed here.
+
+use std::time::Duration;
+
+use sightline_shared::motion::{AvatarId, Tbv};
+
+use super::{
+    ClientState, Engine, Output, Policy,
+    population::{Avatar, Slot},
+    zones::Zone,
+};
+
+impl Engine {
+    /// Asks those whose TBV would expire unwatched, and looks into other silences.
+    pub(super) fn expire(&mut self, now: Duration, outputs: &mut Vec<Output>) {
+        for id in self.expiries.due(now) {
+            if let Some(slot) = self.population.slot(id) {
+                self.stats.expiries += 1;
+                self.ask(now, slot);
+                outputs.push(Output::Ask { to: id });
+            }
+        }
+        for id in self.patience.due(now) {
+            if let Some(slot) = self.population.slot(id) {
+                self.look_into(now, slot, outputs);
+            }
+        }
+    }
+
+    /// Deals with a client that should have been heard of. A live one that has reported since the
+    /// deadline was set gets another.
+    fn look_into(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
+        let avatar = self.population.at_mut(slot);
+        let (id, live) = (avatar.id, avatar.state == ClientState::Live);
+        let silence = now.saturating_sub(avatar.heard);
+        if live && silence + self.config.tick < self.config.stall {
+            self.wait(now, id, self.config.stall - silence);
+            return;
+        }
+        if avatar.unanswered >= self.config.asks_max {
+            self.expel(id, "it does not answer");
+            return;
+        }
+        avatar.unanswered += 1;
+        let trip = avatar.round_trip;
+        self.stats.repeats += 1;
+        outputs.push(Output::Ask { to: id });
+        self.wait(now, id, trip + self.config.ask_timeout);
+    }
+
+    /// Sets when a client's silence will be looked into.
+    pub(super) fn wait(&mut self, now: Duration, id: AvatarId, patience: Duration) {
+        self.patience.set(id, now, now + patience, usize::MAX);
+    }
+
+    /// From quiet to asked. The order itself is the caller's to send.
+    fn ask(&mut self, now: Duration, slot: Slot) {
+        let avatar = self.population.at_mut(slot);
+        let ClientState::Quiet(tbv) = avatar.state else { return };
+        avatar.unanswered = 1;
+        let (id, trip) = (avatar.id, avatar.round_trip);
+        self.expiries.cancel(id);
+        self.wait(now, id, trip + self.config.ask_timeout);
+        self.population.set_state(slot, ClientState::Asked(tbv));
+    }
+
+    /// From hidden to live: there is fresh word of the avatar. The next tick decides whether it
+    /// stays so.
+    pub(super) fn wake(&mut self, now: Duration, slot: Slot) {
+        let avatar = self.population.at_mut(slot);
+        avatar.silence_from = now;
+        let (id, zone) = (avatar.id, std::mem::take(&mut avatar.zone));
+        self.hidden_zones.remove(slot, &zone);
+        self.expiries.cancel(id);
+        self.wait(now, id, self.config.stall);
+        self.population.set_state(slot, ClientState::Live);
+    }
+
+    /// A quiet client reported unasked: when it would be asked at the next tick, that is the
+    /// answer; otherwise nothing changes.
+    pub(super) fn refresh(&mut self, now: Duration, slot: Slot, tbv: &Tbv) {
+        let lead = self.horizons.lead(self.population.at(slot).round_trip);
+        if now + lead + self.config.tick >= tbv.expiry {
+            self.wake(now, slot);
+        }
+    }
+
+    /// Brings a live avatar's zone up to date and, where it has changed, asks every quiet avatar
+    /// that it can see or be seen by before long. Quiet avatars whose own TBV is new were tested
+    /// when it was made, so an unchanged zone reveals nothing.
+    pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
+        let avatar = self.population.at(slot);
+        let age = now.saturating_sub(avatar.heard);
+        let eyes = self.eyes(avatar.pose.eye, self.horizons.far_m(age, avatar.round_trip));
+        let zone = Zone::around(&self.world.cells, &self.world.body, &eyes);
+        if zone == avatar.zone {
+            return;
+        }
+        let mut found = Vec::new();
+        self.hidden_zones.meeting(&self.world.cells, &zone, &mut found);
+        self.live_zones.remove(slot, &avatar.zone);
+        self.live_zones.insert(slot, &zone);
+        self.population.at_mut(slot).zone = zone;
+        self.ask_to_stay(now, found, outputs);
+    }
+
+    /// Orders hidden clients to report from now on.
+    fn ask_to_stay(&mut self, now: Duration, found: Vec<Slot>, outputs: &mut Vec<Output>) {
+        let mut found: Vec<_> =
+            found.into_iter().map(|slot| (self.population.at(slot).id, slot)).collect();
+        found.sort_unstable();
+        found.dedup();
+        for (to, slot) in found {
+            if matches!(self.population.at(slot).state, ClientState::Quiet(_)) {
+                self.stats.reveals += 1;
+                self.ask(now, slot);
+            }
+            let avatar = self.population.at_mut(slot);
+            if std::mem::take(&mut avatar.told_quiet) {
+                outputs.push(Output::Live { to });
+            }
+        }
+    }
+
+    /// Silences a live client if nobody can see it and it can see nobody; otherwise sees to it
+    /// that it knows that it is live.
+    pub(super) fn settle(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
+        let avatar = self.population.at(slot);
+        if self.may_fall_silent(now, avatar) {
+            let made = self.horizons.made_at(avatar.heard, avatar.round_trip);
+            let (eye, validity) = (avatar.pose.eye, self.config.validity);
+            let tbv = Tbv::sphere(eye, self.limits.speed_max, made, validity);
+            if self.hide(now, slot, &tbv) {
+                outputs.push(Output::Quiet { to: self.population.at(slot).id, tbv });
+                return;
+            }
+            self.population.at_mut(slot).silence_from = now + self.config.silence_retry;
+        }
+        let avatar = self.population.at_mut(slot);
+        if std::mem::take(&mut avatar.told_quiet) {
+            outputs.push(Output::Live { to: avatar.id });
+        }
+    }
+
+    fn may_fall_silent(&self, now: Duration, avatar: &Avatar) -> bool {
+        let fresh = now.saturating_sub(avatar.heard) <= 2 * self.config.tick;
+        self.config.policy == Policy::Tbv
+            && fresh
+            && now >= avatar.silence_from
+            && avatar.watchers == 0
+            && avatar.held.is_empty()
+            && self.horizons.may_be_silent(avatar.round_trip)
+    }
+
+    /// From live to quiet, if nothing that may move in the meantime can see the TBV or be seen
+    /// from it: neither where live avatars can soon be nor the TBVs of hidden ones.
+    fn hide(&mut self, now: Duration, slot: Slot, tbv: &Tbv) -> bool {
+        let cells = &self.world.cells;
+        let eyes = tbv.eyes().intersection(&self.world.bounds());
+        let zone = Zone::around(cells, &self.world.body, &eyes);
+        let own = std::mem::take(&mut self.population.at_mut(slot).zone);
+        self.live_zones.remove(slot, &own);
+        if self.live_zones.meets(cells, &zone) || self.hidden_zones.meets(cells, &zone) {
+            self.live_zones.insert(slot, &own);
+            self.population.at_mut(slot).zone = own;
+            return false;
+        }
+        self.hidden_zones.insert(slot, &zone);
+        self.forget_near(slot);
+        self.population.set_state(slot, ClientState::Quiet(*tbv));
+        let avatar = self.population.at_mut(slot);
+        avatar.zone = zone;
+        avatar.told_quiet = true;
+        let (id, trip) = (avatar.id, avatar.round_trip);
+        self.patience.cancel(id);
+        let deadline = tbv.expiry.saturating_sub(self.horizons.lead(trip));
+        self.expiries.set(id, now, deadline, self.expiries_max());
+        true
+    }
+
+    /// Expiries in one tick that leave room for the whole population within a validity.
+    fn expiries_max(&self) -> usize {
+        let ticks = self.config.validity.as_nanos() / self.config.tick.as_nanos().max(1);
+        let needed = 2 * self.population.len() / usize::try_from(ticks).unwrap_or(1).max(1);
+        self.config.expiries_max.max(needed)
+    }
+}

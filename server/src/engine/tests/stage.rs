@@ -1,0 +1,195 @@
+//! Hand-made worlds, and clients without a network: an ask is answered before the next tick.
+
+use std::{collections::BTreeMap, sync::Arc, time::Duration};
+
+use glam::Vec3;
+use roaring::RoaringBitmap;
+use sightline_shared::{
+    geometry::Aabb,
+    motion::{AvatarId, Body, Pose, Tbv},
+    octree::Octree,
+    world::{Cell, CellId, Cells, KdNode, Mesh, Spawn, World},
+};
+
+use crate::engine::{Config, Engine, Input, Output};
+
+pub const TICK: Duration = Duration::from_millis(50);
+
+/// A world of these cells, in which a pair of cells sees each other if `sees` says so.
+pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool) -> World {
+    let count = bounds.len() as u32;
+    let met = |a: u32, b: u32| a == b || sees(a, b) || sees(b, a);
+    let all = bounds.iter().fold(Aabb::EMPTY, |all, b| all.union(b));
+    World {
+        title: "hand-made".to_owned(),
+        octree: Octree { origin: all.min, edge: 1.0, depth: 0, nodes: Vec::new() },
+        cells: Cells {
+            bounds: all,
+            tree,
+            cells: bounds.into_iter().map(|bounds| Cell { bounds, portals: Vec::new() }).collect(),
+            portals: Vec::new(),
+            pvs: (0..count)
+                .map(|a| (0..count).filter(|b| met(a, *b)).collect::<RoaringBitmap>())
+                .collect(),
+        },
+        mesh: Mesh::default(),
+        spawns: vec![
+            Spawn { eye: all.centre(), yaw: 1.0 },
+            Spawn { eye: all.centre() + Vec3::X, yaw: 2.0 },
+        ],
+        body: Body::PERSON,
+        speed_max: 2.0,
+    }
+}
+
+/// Cells of 10 m in a row along x, 3 m high; each sees itself and its neighbours.
+pub fn row(count: u32) -> World {
+    let cell = |i: u32| {
+        let x = i as f32 * 10.0;
+        Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 10.0, 3.0, 10.0))
+    };
+    let mut tree = Vec::new();
+    for i in 0..count - 1 {
+        let next = tree.len() as u32;
+        let at = (i + 1) as f32 * 10.0;
+        tree.push(KdNode::Split { axis: 0, at, sides: [next + 1, next + 2] });
+        tree.push(KdNode::Leaf(CellId(i)));
+    }
+    tree.push(KdNode::Leaf(CellId(count - 1)));
+    world(tree, (0..count).map(cell).collect(), |a, b| a.abs_diff(b) <= 1)
+}
+
+/// What one client was told.
+#[derive(Clone, Debug, Default)]
+pub struct Client {
+    pub eye: Vec3,
+    pub sequence: u32,
+    pub quiet: Option<Tbv>,
+    pub asked: bool,
+    pub sees: BTreeMap<AvatarId, Pose>,
+    pub heard: Vec<String>,
+    pub corrections: usize,
+    pub dropped: Option<String>,
+}
+
+/// An engine and its clients.
+pub struct Stage {
+    pub engine: Engine,
+    pub now: Duration,
+    pub clients: BTreeMap<AvatarId, Client>,
+    /// Everything that came out, for comparing runs.
+    pub log: Vec<Output>,
+    pub reports: usize,
+}
+
+impl Stage {
+    pub fn new(world: World, config: Config) -> Self {
+        Self {
+            engine: Engine::new(Arc::new(world), config),
+            now: Duration::ZERO,
+            clients: BTreeMap::new(),
+            log: Vec::new(),
+            reports: 0,
+        }
+    }
+
+    /// Without delays, so that the figures in a test are plain.
+    pub fn prompt(world: World) -> Self {
+        let config = Config {
+            margin: Duration::ZERO,
+            round_trip_initial: Duration::ZERO,
+            ..Config::default()
+        };
+        Self::new(world, config)
+    }
+
+    pub fn join(&mut self, id: u32, x: f32) -> AvatarId {
+        self.join_at(id, Vec3::new(x, 1.6, 5.0))
+    }
+
+    pub fn join_at(&mut self, id: u32, eye: Vec3) -> AvatarId {
+        let avatar = AvatarId(id);
+        let name = format!("visitor {id}");
+        let join = Input::Join { avatar, name, colour: [id as u8, 0, 0], place: Some(eye) };
+        self.engine.handle(self.now, join);
+        self.clients.insert(avatar, Client { eye, ..Client::default() });
+        avatar
+    }
+
+    pub fn leave(&mut self, avatar: AvatarId) {
+        self.engine.handle(self.now, Input::Leave { avatar });
+        self.clients.remove(&avatar);
+    }
+
+    pub fn client(&self, avatar: AvatarId) -> &Client {
+        &self.clients[&avatar]
+    }
+
+    /// The live report, the asked report once; then the engine decides.
+    pub fn tick(&mut self) {
+        for (id, client) in &mut self.clients {
+            if client.quiet.is_none() || std::mem::take(&mut client.asked) {
+                client.sequence += 1;
+                self.reports += 1;
+                let pose = Pose { eye: client.eye, ..Pose::default() };
+                let report = Input::Report { avatar: *id, sequence: client.sequence, pose };
+                self.engine.handle(self.now, report);
+            }
+        }
+        let mut outputs = Vec::new();
+        self.engine.tick(self.now, &mut outputs);
+        outputs.iter().for_each(|output| self.deliver(output));
+        self.log.append(&mut outputs);
+        self.now += TICK;
+    }
+
+    pub fn ticks(&mut self, count: usize) {
+        (0..count).for_each(|_| self.tick());
+    }
+
+    /// Walks along x at 1.9 m/s until there.
+    pub fn walk(&mut self, avatar: AvatarId, to_x: f32) {
+        while (self.client(avatar).eye.x - to_x).abs() > 1e-3 {
+            let eye = &mut self.clients.get_mut(&avatar).unwrap().eye;
+            eye.x += (to_x - eye.x).clamp(-0.095, 0.095);
+            self.tick();
+        }
+    }
+
+    fn deliver(&mut self, output: &Output) {
+        let to = match output {
+            Output::Entered { to, .. }
+            | Output::Appear { to, .. }
+            | Output::Vanish { to, .. }
+            | Output::Poses { to, .. }
+            | Output::Live { to }
+            | Output::Quiet { to, .. }
+            | Output::Ask { to }
+            | Output::Correct { to, .. }
+            | Output::Chat { to, .. }
+            | Output::Drop { to, .. } => to,
+        };
+        let Some(client) = self.clients.get_mut(to) else { return };
+        match output {
+            Output::Entered { pose, .. } => client.eye = pose.eye,
+            Output::Appear { avatar, pose, .. } => {
+                assert_eq!(client.sees.insert(*avatar, *pose), None, "appears once");
+            }
+            Output::Vanish { avatar, .. } => {
+                client.sees.remove(avatar).expect("only what appeared vanishes");
+            }
+            Output::Poses { poses, .. } => {
+                assert!(poses.is_sorted_by_key(|(id, _)| *id));
+                for (avatar, pose) in poses {
+                    *client.sees.get_mut(avatar).expect("a pose of what appeared") = *pose;
+                }
+            }
+            Output::Live { .. } => client.quiet = None,
+            Output::Quiet { tbv, .. } => client.quiet = Some(*tbv),
+            Output::Ask { .. } => client.asked = true,
+            Output::Correct { .. } => client.corrections += 1,
+            Output::Chat { text, .. } => client.heard.push(text.clone()),
+            Output::Drop { reason, .. } => client.dropped = Some(reason.clone()),
+        }
+    }
+}

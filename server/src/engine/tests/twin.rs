@@ -1,0 +1,252 @@
+//! Random walkers in random worlds, against a twin that looks at all pairs and all cells.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use glam::Vec3;
+use proptest::prelude::*;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::AvatarId,
+    world::{CellId, KdNode, World},
+};
+
+use super::stage::{Client, Stage, TICK, world};
+use crate::engine::{ClientState, Config, Input};
+
+/// A box cut at random, in which cells that touch see each other and a few others do too.
+fn random_world(rng: &mut SmallRng) -> World {
+    let all = Aabb::new(Vec3::ZERO, Vec3::new(120.0, 6.0, 120.0));
+    let (mut tree, mut bounds) = (Vec::new(), Vec::new());
+    let depth = rng.random_range(5..9);
+    cut(rng, &mut tree, &mut bounds, all, depth);
+    let far = rng.random_range(0.0..0.003);
+    let draws: Vec<f32> = (0..bounds.len().pow(2)).map(|_| rng.random()).collect();
+    let copy = bounds.clone();
+    let mut made = world(tree, bounds, |a, b| {
+        let (a, b) = (a as usize, b as usize);
+        copy[a].intersects(&copy[b]) && draws[a * copy.len() + b] < 0.3
+            || draws[a * copy.len() + b] < far
+    });
+    made.speed_max = rng.random_range(1.0..5.0);
+    made
+}
+
+fn cut(
+    rng: &mut SmallRng,
+    tree: &mut Vec<KdNode>,
+    cells: &mut Vec<Aabb>,
+    region: Aabb,
+    depth: u32,
+) {
+    let node = tree.len();
+    if depth == 0 {
+        tree.push(KdNode::Leaf(CellId(cells.len() as u32)));
+        cells.push(region);
+        return;
+    }
+    let axis = if rng.random_bool(0.2) { 1 } else { 2 * rng.random_range(0..2_usize) };
+    let at = region.min[axis] + region.size()[axis] * rng.random_range(0.2..0.8_f32);
+    tree.push(KdNode::Leaf(CellId(0)));
+    let (mut lesser, mut greater) = (region, region);
+    lesser.max[axis] = at;
+    greater.min[axis] = at;
+    let first = tree.len() as u32;
+    cut(rng, tree, cells, lesser, depth - 1);
+    let second = tree.len() as u32;
+    cut(rng, tree, cells, greater, depth - 1);
+    tree[node] = KdNode::Split { axis: axis as u8, at, sides: [first, second] };
+}
+
+/// Walkers who turn now and then, come and go, and have different round trips.
+struct Crowd {
+    stage: Stage,
+    rng: SmallRng,
+    ways: BTreeMap<AvatarId, Vec3>,
+    round_trips: BTreeMap<AvatarId, Duration>,
+    last_report: BTreeMap<AvatarId, (Duration, Vec3)>,
+    next: u32,
+}
+
+impl Crowd {
+    fn new(seed: u64) -> Self {
+        let mut rng = SmallRng::seed_from_u64(seed);
+        let world = random_world(&mut rng);
+        let stage = Stage::new(world, Config::default());
+        let mut crowd = Self {
+            stage,
+            rng,
+            ways: BTreeMap::new(),
+            round_trips: BTreeMap::new(),
+            last_report: BTreeMap::new(),
+            next: 0,
+        };
+        (0..5).for_each(|_| crowd.join());
+        crowd
+    }
+
+    fn join(&mut self) {
+        let bounds = self.stage.engine.world().bounds();
+        let part = Vec3::new(self.rng.random(), self.rng.random(), self.rng.random());
+        let id = self.stage.join_at(self.next, bounds.min + bounds.size() * part);
+        self.next += 1;
+        let trip = Duration::from_millis(
+            *[0, 40, 100, 100, 230, 600].get(self.rng.random_range(0..6_usize)).unwrap(),
+        );
+        self.stage.engine.handle(self.stage.now, Input::RoundTrip { avatar: id, round_trip: trip });
+        self.ways.insert(id, Vec3::ZERO);
+        self.round_trips.insert(id, trip);
+        self.last_report.insert(id, (self.stage.now, self.stage.client(id).eye));
+    }
+
+    fn leave(&mut self) {
+        let present: Vec<AvatarId> = self.ways.keys().copied().collect();
+        let id = present[self.rng.random_range(0..present.len())];
+        self.stage.leave(id);
+        self.ways.remove(&id);
+        self.round_trips.remove(&id);
+        self.last_report.remove(&id);
+    }
+
+    fn step(&mut self) {
+        if self.rng.random_bool(0.02) {
+            self.join();
+        }
+        if self.rng.random_bool(0.02) && self.ways.len() > 2 {
+            self.leave();
+        }
+        let bounds = self.stage.engine.world().bounds();
+        let step_m = self.stage.engine.speed_max() * TICK.as_secs_f32();
+        for (id, way) in &mut self.ways {
+            let client: &mut Client = self.stage.clients.get_mut(id).unwrap();
+            if client.sequence > 0 && self.rng.random_bool(0.05) {
+                let mut part = || self.rng.random_range(-1.0..1.0_f32);
+                *way = Vec3::new(part(), 0.2 * part(), part()).normalize_or_zero()
+                    * if part() < 0.0 { 0.0 } else { step_m * 0.99 };
+            }
+            client.eye = (client.eye + *way).clamp(bounds.min, bounds.max);
+            if client.quiet.is_none() || client.asked {
+                self.last_report.insert(*id, (self.stage.now, client.eye));
+            }
+        }
+        self.stage.tick();
+        self.check();
+    }
+
+    /// The tick before `now`: who must be held by whom, and who may be silent.
+    fn check(&self) {
+        let at = self.stage.now - TICK;
+        let engine = &self.stage.engine;
+        for viewer in self.ways.keys() {
+            let held: Vec<AvatarId> = engine.held_by(*viewer).collect();
+            let told: Vec<AvatarId> = self.stage.client(*viewer).sees.keys().copied().collect();
+            assert_eq!(held, told);
+            assert_eq!(held, self.wanted(at, *viewer), "{viewer:?} at {at:?}");
+            if matches!(engine.state(*viewer), Some(ClientState::Quiet(_))) {
+                self.check_hidden(at, *viewer);
+            }
+        }
+        let counts = engine.counts();
+        assert_eq!(counts.live + counts.quiet + counts.asked, self.ways.len());
+    }
+
+    fn live(&self, avatar: AvatarId) -> bool {
+        self.stage.engine.state(avatar) == Some(ClientState::Live)
+    }
+
+    fn wanted(&self, at: Duration, viewer: AvatarId) -> Vec<AvatarId> {
+        if !self.live(viewer) {
+            return Vec::new();
+        }
+        let to_viewer = self.trip(viewer) / 2;
+        // The engine looks more closely only where delays differ by more than 5 ms.
+        let slowest = self.round_trips.keys().map(|id| self.trip(*id) / 2).max().unwrap();
+        let body_delay =
+            if to_viewer + Duration::from_millis(5) >= slowest { slowest } else { to_viewer };
+        let eyes = self.ball(at, viewer, TICK + to_viewer);
+        let others = self.ways.keys().filter(|id| **id != viewer && self.live(**id));
+        others
+            .filter(|id| self.visible(&eyes, &self.ball(at, **id, TICK + body_delay)))
+            .copied()
+            .collect()
+    }
+
+    /// No other may see into a silent one's TBV, or be seen from it.
+    fn check_hidden(&self, at: Duration, hidden: AvatarId) {
+        let engine = &self.stage.engine;
+        let tbv = engine.tbv(hidden).unwrap();
+        assert!(tbv.expiry > at + self.trip(hidden), "it was asked in time");
+        let own = tbv.eyes().intersection(&engine.world().bounds());
+        assert!(own.contains(self.stage.client(hidden).eye), "it is where it was said to stay");
+        let slowest = self.round_trips.keys().map(|id| self.trip(*id) / 2).max().unwrap();
+        for other in self.ways.keys().filter(|id| **id != hidden) {
+            let zone = match engine.tbv(*other) {
+                Some(tbv) => tbv.eyes().intersection(&engine.world().bounds()),
+                None => self.ball(at, *other, 2 * TICK + self.trip(hidden) + slowest),
+            };
+            assert!(!self.visible(&own, &zone), "{hidden:?} may see {other:?}");
+            assert!(!self.visible(&zone, &own), "{other:?} may see {hidden:?}");
+        }
+    }
+
+    fn trip(&self, id: AvatarId) -> Duration {
+        self.round_trips[&id].min(Config::default().horizon_max)
+    }
+
+    /// Where an eye can be some time after the tick at `at`.
+    fn ball(&self, at: Duration, id: AvatarId, ahead: Duration) -> Aabb {
+        let (heard, eye) = self.last_report[&id];
+        let config = Config::default();
+        let unheard = (at - heard + self.trip(id) / 2 + config.margin).min(config.horizon_max);
+        let engine = &self.stage.engine;
+        let way_m = engine.speed_max() * (unheard + ahead).as_secs_f32() + 0.01;
+        Aabb::around(eye, way_m).intersection(&engine.world().bounds())
+    }
+
+    fn visible(&self, eyes: &Aabb, seen: &Aabb) -> bool {
+        let world = self.stage.engine.world();
+        let cells = &world.cells.cells;
+        let body = world.body.around_box(seen);
+        cells.iter().enumerate().filter(|(_, c)| c.bounds.intersects(eyes)).any(|(from, _)| {
+            let to = world.cells.pvs[from].iter();
+            to.into_iter().any(|to| cells[to as usize].bounds.intersects(&body))
+        })
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn interest_and_silence_are_those_of_the_twin(seed in any::<u64>()) {
+        let mut crowd = Crowd::new(seed);
+        (0..300).for_each(|_| crowd.step());
+    }
+
+    #[test]
+    fn the_same_inputs_give_the_same_outputs(seed in any::<u64>()) {
+        let run = || {
+            let mut crowd = Crowd::new(seed);
+            (0..60).for_each(|_| crowd.step());
+            format!("{:?}", crowd.stage.log)
+        };
+        prop_assert_eq!(run(), run());
+    }
+}
+
+/// The walks above are worth something only if people do fall silent, meet and part in them.
+#[test]
+fn the_walks_are_varied() {
+    let (mut quiet, mut held, mut reveals) = (0, 0, 0);
+    for seed in 0..20 {
+        let mut crowd = Crowd::new(seed);
+        for _ in 0..300 {
+            crowd.step();
+            quiet += crowd.stage.engine.counts().quiet;
+            held +=
+                crowd.ways.keys().map(|v| crowd.stage.engine.held_by(*v).count()).sum::<usize>();
+        }
+        reveals += crowd.stage.engine.stats().reveals;
+    }
+    assert!(quiet > 500 && held > 2_000 && reveals > 20, "{quiet} {held} {reveals}");
+}

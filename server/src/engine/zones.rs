@@ -1,0 +1,133 @@
+//! Which avatars can be in which cells, and which of them can be visible from where.
+
+use roaring::RoaringBitmap;
+use sightline_shared::{
+    geometry::Aabb,
+    motion::Body,
+    world::{CellId, Cells},
+};
+
+use super::population::Slot;
+
+/// The cells that an avatar can be in during some time.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub(super) struct Zone {
+    /// With its eye, ascending.
+    pub(super) eyes: Vec<CellId>,
+    /// With any part of its body, ascending.
+    pub(super) bodies: Vec<CellId>,
+}
+
+impl Zone {
+    /// The zone of an avatar whose eye stays in a box.
+    pub(super) fn around(cells: &Cells, body: &Body, eyes: &Aabb) -> Self {
+        Self { eyes: overlapping(cells, eyes), bodies: overlapping(cells, &body.around_box(eyes)) }
+    }
+}
+
+/// The cells that share a point with a box, ascending.
+pub(super) fn overlapping(cells: &Cells, region: &Aabb) -> Vec<CellId> {
+    let mut found = Vec::new();
+    cells.overlapping(region, &mut found);
+    found
+}
+
+/// For each cell, who can be in it.
+#[derive(Clone, Debug)]
+pub(super) struct CellIndex {
+    slots: Vec<Vec<Slot>>,
+    occupied: RoaringBitmap,
+}
+
+impl CellIndex {
+    pub(super) fn new(cells: usize) -> Self {
+        Self { slots: vec![Vec::new(); cells], occupied: RoaringBitmap::new() }
+    }
+
+    /// The cells that have anybody.
+    pub(super) fn occupied(&self) -> &RoaringBitmap {
+        &self.occupied
+    }
+
+    /// Who can be in a cell.
+    pub(super) fn of(&self, cell: u32) -> &[Slot] {
+        &self.slots[cell as usize]
+    }
+
+    pub(super) fn insert(&mut self, slot: Slot, cells: &[CellId]) {
+        for cell in cells {
+            let slots = &mut self.slots[cell.0 as usize];
+            if slots.is_empty() {
+                self.occupied.insert(cell.0);
+            }
+            slots.push(slot);
+        }
+    }
+
+    pub(super) fn remove(&mut self, slot: Slot, cells: &[CellId]) {
+        for cell in cells {
+            let slots = &mut self.slots[cell.0 as usize];
+            if let Some(place) = slots.iter().position(|s| *s == slot) {
+                slots.swap_remove(place);
+            }
+            if slots.is_empty() {
+                self.occupied.remove(cell.0);
+            }
+        }
+    }
+}
+
+/// The zones of many avatars.
+#[derive(Clone, Debug)]
+pub(super) struct ZoneIndex {
+    eyes: CellIndex,
+    bodies: CellIndex,
+}
+
+impl ZoneIndex {
+    pub(super) fn new(cells: usize) -> Self {
+        Self { eyes: CellIndex::new(cells), bodies: CellIndex::new(cells) }
+    }
+
+    pub(super) fn insert(&mut self, slot: Slot, zone: &Zone) {
+        self.eyes.insert(slot, &zone.eyes);
+        self.bodies.insert(slot, &zone.bodies);
+    }
+
+    pub(super) fn remove(&mut self, slot: Slot, zone: &Zone) {
+        self.eyes.remove(slot, &zone.eyes);
+        self.bodies.remove(slot, &zone.bodies);
+    }
+
+    /// Whether somebody here can be seen from a zone, or can see into it.
+    pub(super) fn meets(&self, cells: &Cells, zone: &Zone) -> bool {
+        self.sides(zone).any(|(from, index)| {
+            from.iter().any(|cell| !cells.pvs[cell.0 as usize].is_disjoint(&index.occupied))
+        })
+    }
+
+    /// Everybody here who can be seen from a zone, or can see into it; in no order, some twice.
+    pub(super) fn meeting(&self, cells: &Cells, zone: &Zone, found: &mut Vec<Slot>) {
+        for (from, index) in self.sides(zone) {
+            for cell in from {
+                let visible = &cells.pvs[cell.0 as usize];
+                if visible.is_disjoint(&index.occupied) {
+                    continue;
+                }
+                for seen in visible & &index.occupied {
+                    found.extend_from_slice(index.of(seen));
+                }
+            }
+        }
+    }
+
+    /// An eye there sees a body here; an eye here sees a body there. The PVS is symmetric.
+    fn sides<'a>(&'a self, zone: &'a Zone) -> impl Iterator<Item = (&'a [CellId], &'a CellIndex)> {
+        [(&zone.eyes[..], &self.bodies), (&zone.bodies[..], &self.eyes)].into_iter()
+    }
+}
+
+/// Whether a box shares a point with one of some cells.
+pub(super) fn touches(cells: &Cells, region: &Aabb, some: &RoaringBitmap) -> bool {
+    overlapping(cells, region).iter().any(|cell| some.contains(cell.0))
+}
