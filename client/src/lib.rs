@@ -2,8 +2,10 @@
 //!
 //! * [`replica`]: what this client knows of the others; no socket, no clock.
 //! * [`render`]: the building drawn on the CPU from its octree; no window, no clock.
+//! * [`walker`]: one's own body: walks, climbs, collides; no keyboard, no clock.
 //! * [`net`]: the connection, and the world's download and cache.
 
 pub mod net;
 pub mod render;
 pub mod replica;
+pub mod walker;
