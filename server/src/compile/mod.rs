@@ -229,6 +229,7 @@ mod tests {
             title: "house".into(),
             surfaces: vec![surface],
             opaque,
+            solids: Vec::new(),
             spawns: Vec::new(),
             body: Body::PERSON,
             speed_max: 5.0,

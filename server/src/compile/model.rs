@@ -1,9 +1,24 @@
 //! A building as it comes in: the one form that every importer makes and the compiler takes.
 
-use std::sync::Arc;
+mod limits;
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use glam::{Vec2, Vec3};
 use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
+
+pub(super) use limits::{
+    EXTENT_MAX, SPAWNS_MAX, decode_image, has_area, is_sane, read_file, srgb_byte, tidy_title,
+    title_of,
+};
+
+use super::{
+    bsp::{self, BspError},
+    glb::{self, GlbError},
+};
 
 /// Triangles to draw, surfaces that block sight, and places to stand. In metres, y up.
 #[derive(Clone, Debug)]
@@ -15,6 +30,9 @@ pub struct Model {
     /// What blocks sight: opaque triangles, in no order. Every one is kept for the oracle; which
     /// of them make cells is the compiler's choice.
     pub opaque: Vec<[Vec3; 3]>,
+    /// Boxes that are opaque all through, their faces among `opaque`; empty when the source knows
+    /// of surfaces only.
+    pub solids: Vec<Aabb>,
     /// Where avatars can begin; the compiler finds a place when there is none.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.
@@ -74,3 +92,62 @@ pub struct Material {
     /// Lets sight through: drawn as glass.
     pub glass: bool,
 }
+
+/// Why a building cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReadError {
+    /// The file itself cannot be had.
+    #[error("cannot read {path}")]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// There is nothing in it.
+    #[error("{0} is empty")]
+    Empty(PathBuf),
+    /// It is none of the formats that can be read.
+    #[error("{0} is neither GLB, glTF nor a Quake III BSP")]
+    Format(PathBuf),
+    /// A faulty GLB or glTF file.
+    #[error("{path}: {source}")]
+    Glb {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong.
+        source: GlbError,
+    },
+    /// A faulty BSP file.
+    #[error("{path}: {source}")]
+    Bsp {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong.
+        source: BspError,
+    },
+}
+
+/// Reads a building: a .glb, a .gltf with what lies beside it, or a Quake III .bsp with textures
+/// from the archives in which the game keeps them.
+pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, ReadError> {
+    let io = |source| ReadError::Io { path: path.to_owned(), source };
+    let bytes = read_file(path).map_err(io)?;
+    let title = title_of(path);
+    let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
+    if bytes.is_empty() {
+        Err(ReadError::Empty(path.to_owned()))
+    } else if bytes.starts_with(b"IBSP") {
+        bsp::read_slice(&bytes, pk3s, &title)
+            .map_err(|source| ReadError::Bsp { path: path.to_owned(), source })
+    } else if bytes.starts_with(b"glTF") || is_gltf {
+        glb::read_slice(&bytes, path.parent(), &title)
+            .map_err(|source| ReadError::Glb { path: path.to_owned(), source })
+    } else {
+        Err(ReadError::Format(path.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests;
