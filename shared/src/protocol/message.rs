@@ -154,9 +154,6 @@ pub enum Refusal {
     /// No more clients are taken.
     #[error("the server is full")]
     Full,
-    /// Its address has as many connections as one may have.
-    #[error("too many connections from this address")]
-    Address,
     /// The server is about to end.
     #[error("the server is closing")]
     Closing,
@@ -211,7 +208,6 @@ mod tests {
             },
             ServerMessage::Refused { reason: Refusal::Version { server: u32::MAX } },
             ServerMessage::Refused { reason: Refusal::Full },
-            ServerMessage::Refused { reason: Refusal::Address },
             ServerMessage::Refused { reason: Refusal::Closing },
             ServerMessage::Entered { pose: pose() },
             ServerMessage::Appear {

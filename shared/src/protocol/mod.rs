@@ -2,6 +2,7 @@
 //!
 //! * [`message`]: control messages, on the one stream of a connection, in [`frame`]s.
 //! * [`pose_stream`]: poses, in datagrams, delta-coded against what the client acknowledged.
+//! * [`fingerprint`]: how a client knows a server.
 //! * [`quantise`]: the one place where domain types become wire types and back.
 //! * [`text`]: names and lines that are fit to be shown.
 //!
@@ -9,6 +10,7 @@
 //! stream, which the server opens to send the world when it is asked to. No float travels, so no
 //! NaN can; no length, index or character is trusted, so a value that decodes is a valid one.
 
+pub mod fingerprint;
 pub mod frame;
 pub mod message;
 pub mod pose_stream;

@@ -42,6 +42,11 @@ impl Name {
         fit(text, NAME_CHARS_MAX).map(Self)
     }
 
+    /// As much of a text as fits, without what cannot be shown; for words of our own.
+    pub fn clipped(text: &str) -> Self {
+        Self(clip(text, NAME_CHARS_MAX))
+    }
+
     /// The text.
     pub fn as_str(&self) -> &str {
         &self.0
@@ -56,8 +61,7 @@ impl Line {
 
     /// As much of a text as fits, without what cannot be shown; for words of our own.
     pub fn clipped(text: &str) -> Self {
-        let shown: String = text.chars().filter(|&c| is_shown(c)).take(LINE_CHARS_MAX).collect();
-        Self::new(&shown).unwrap_or_else(|_| Self("-".to_owned()))
+        Self(clip(text, LINE_CHARS_MAX))
     }
 
     /// The text.
@@ -120,6 +124,12 @@ fn fit(text: &str, chars_max: usize) -> Result<String, TextError> {
     Ok(text.to_owned())
 }
 
+/// A dash when nothing can be shown.
+fn clip(text: &str, chars_max: usize) -> String {
+    let shown: String = text.trim().chars().filter(|&c| is_shown(c)).take(chars_max).collect();
+    fit(&shown, chars_max).unwrap_or_else(|_| "-".to_owned())
+}
+
 /// Not a control character, nor one of the marks that reorder, hide or break the text around them.
 fn is_shown(c: char) -> bool {
     !c.is_control()
@@ -154,6 +164,7 @@ mod tests {
     fn our_own_words_are_cut_to_fit() {
         assert_eq!(Line::clipped("full\n").as_str(), "full");
         assert_eq!(Line::clipped("\n").as_str(), "-");
+        assert_eq!(Name::clipped(" a\u{7}b ").as_str(), "ab");
         assert_eq!(Line::clipped(&"é".repeat(999)).as_str().chars().count(), LINE_CHARS_MAX);
     }
 }

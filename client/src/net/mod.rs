@@ -1,0 +1,13 @@
+//! The connection to a server, the world's download and its cache.
+//!
+//! A [`Dialer`] makes [`Session`]s, in a tokio runtime. [`connect_blocking`] makes one for a thread
+//! that has none. A session runs by itself; its methods never wait for the network.
+
+mod cache;
+mod dialer;
+mod session;
+mod trust;
+
+pub use dialer::{ConnectError, Dialer, Options, Progress, connect_blocking};
+pub use session::{Session, SessionStats};
+pub use trust::{Trust, TrustError};

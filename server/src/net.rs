@@ -1,1 +1,0 @@
-//! The QUIC endpoint, sessions and admission.

@@ -1,0 +1,136 @@
+//! How to serve: limits, intervals and places.
+
+use std::{
+    net::{Ipv6Addr, SocketAddr},
+    path::PathBuf,
+    time::Duration,
+};
+
+use serde::Deserialize;
+
+use crate::engine;
+
+/// How to serve. In a TOML file each field may be left out; an unknown one is an error.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServeConfig {
+    /// Where clients come in; port 0 picks a free one.
+    pub listen: SocketAddr,
+    /// Ticks a second: 1 to 128.
+    pub tick_hz: u32,
+    /// More clients are refused: 1 to 16,384. Each may hold 640 KiB at the worst.
+    pub clients_max: usize,
+    /// More connections from one address are refused, but for the own machine's.
+    pub clients_per_address_max: usize,
+    /// How long a TBV is sure to contain its avatar, in seconds: 0.1 to 60.
+    pub validity_s: f64,
+    /// How long a client may take for its first message, in seconds.
+    pub hello_s: f64,
+    /// How long a client that is in may be silent altogether, in seconds.
+    pub silence_s: f64,
+    /// Where the certificate is kept; the user's data folder when absent.
+    pub data: Option<PathBuf>,
+    /// The world file to serve.
+    pub world: Option<PathBuf>,
+}
+
+/// Why a configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// It is no TOML, or a field is unknown or of the wrong kind.
+    #[error("{0}")]
+    Toml(String),
+    /// A number makes no sense.
+    #[error("{field} must be {range}")]
+    Range {
+        /// Which field.
+        field: &'static str,
+        /// What would make sense.
+        range: &'static str,
+    },
+}
+
+impl Default for ServeConfig {
+    fn default() -> Self {
+        Self {
+            listen: (Ipv6Addr::UNSPECIFIED, 4777).into(),
+            tick_hz: 20,
+            clients_max: 256,
+            clients_per_address_max: 8,
+            validity_s: 1.0,
+            hello_s: 10.0,
+            silence_s: 30.0,
+            data: None,
+            world: None,
+        }
+    }
+}
+
+impl ServeConfig {
+    /// Reads a TOML file's text.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let config: Self =
+            toml::from_str(text).map_err(|error| ConfigError::Toml(error.message().to_owned()))?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Whether all numbers make sense.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let seconds = |s: f64, max: f64| (0.1..=max).contains(&s);
+        let per_address = (1..=16_384).contains(&self.clients_per_address_max);
+        for (holds, field, range) in [
+            ((1..=128).contains(&self.tick_hz), "tick_hz", "1 to 128"),
+            ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
+            (per_address, "clients_per_address_max", "1 to 16384"),
+            (seconds(self.validity_s, 60.0), "validity_s", "0.1 to 60"),
+            (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
+            (seconds(self.silence_s, 3_600.0), "silence_s", "0.1 to 3600"),
+        ] {
+            if !holds {
+                return Err(ConfigError::Range { field, range });
+            }
+        }
+        Ok(())
+    }
+
+    /// From tick to tick.
+    pub fn tick_interval(&self) -> Duration {
+        Duration::from_secs(1) / self.tick_hz.max(1)
+    }
+
+    /// What the engine is told.
+    pub fn engine(&self) -> engine::Config {
+        engine::Config {
+            tick: self.tick_interval(),
+            validity: Duration::from_secs_f64(self.validity_s),
+            avatars_max: self.clients_max,
+            ..engine::Config::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_may_say_little_but_nothing_unknown_or_absurd() {
+        let config = ServeConfig::from_toml("tick_hz = 30\nlisten = '127.0.0.1:0'").unwrap();
+        assert_eq!((config.tick_hz, config.listen.port()), (30, 0));
+        assert_eq!(config.clients_max, ServeConfig::default().clients_max);
+        for (text, expected) in [
+            ("ticks = 3", "unknown field `ticks`"),
+            ("tick_hz = 0", "tick_hz must be 1 to 128"),
+            ("validity_s = nan", "validity_s must be 0.1 to 60"),
+            ("validity_s = 1e300", "validity_s must be 0.1 to 60"),
+            ("clients_max = -1", "invalid"),
+            ("listen = 'nowhere'", "invalid"),
+            ("tick_hz = ", ""),
+        ] {
+            let error = ServeConfig::from_toml(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! A server's certificate, short enough to be read out.
+
+use std::{fmt, str::FromStr};
+
+/// The BLAKE3 hash of a certificate in DER. Clients pin it: it is how they know a server.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Fingerprint(pub [u8; 32]);
+
+/// A text is not 64 hexadecimal digits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a fingerprint has 64 hexadecimal digits")]
+pub struct NotAFingerprint;
+
+impl Fingerprint {
+    /// Of a certificate in DER.
+    pub fn of(certificate_der: &[u8]) -> Self {
+        Self(*blake3::hash(certificate_der).as_bytes())
+    }
+}
+
+impl fmt::Display for Fingerprint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", blake3::Hash::from_bytes(self.0).to_hex())
+    }
+}
+
+impl FromStr for Fingerprint {
+    type Err = NotAFingerprint;
+
+    fn from_str(text: &str) -> Result<Self, NotAFingerprint> {
+        let hash = blake3::Hash::from_hex(text.trim()).map_err(|_| NotAFingerprint)?;
+        Ok(Self(*hash.as_bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_written_and_read() {
+        let fingerprint = Fingerprint::of(b"a certificate");
+        let text = fingerprint.to_string();
+        assert_eq!(text.len(), 64);
+        assert_eq!(text.parse(), Ok(fingerprint));
+        assert_eq!(text[1..].parse::<Fingerprint>(), Err(NotAFingerprint));
+        assert_eq!("é".repeat(32).parse::<Fingerprint>(), Err(NotAFingerprint));
+    }
+}
