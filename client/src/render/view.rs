@@ -1,7 +1,10 @@
 //! The camera as numbers: how points become pixels, and pixels lines of sight.
 
 use glam::{Vec3, Vec3A, Vec4};
-use sightline_shared::octree::{DEPTH_MAX, Octree};
+use sightline_shared::{
+    geometry::Aabb,
+    octree::{DEPTH_MAX, Octree},
+};
 
 use super::Camera;
 
@@ -50,6 +53,41 @@ impl View {
         let across = (x - self.centre[0]) / self.focal;
         let down = (y - self.centre[1]) / self.focal;
         self.forward + self.right * across - self.up * down
+    }
+
+    /// Where a point is in the picture and how far in the camera's direction: pixels, pixels and
+    /// metres. Only of use when the distance is positive.
+    pub(super) fn project(&self, point: Vec3) -> Vec3 {
+        let point = point - self.eye;
+        let z = self.forward.dot(point);
+        let scale = self.focal / z;
+        let x = self.centre[0] + self.right.dot(point) * scale;
+        Vec3::new(x, self.centre[1] - self.up.dot(point) * scale, z)
+    }
+
+    /// Pixels that a length of a metre spans at a distance of a metre.
+    pub(super) fn focal(&self) -> f32 {
+        self.focal
+    }
+
+    /// The columns and rows, in pixels, that a box spans: all of them when it is partly behind the
+    /// eye, none when wholly. Infinite ends are fine.
+    pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
+        let corner = |i: u8| {
+            let sign = |bit: u8| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            self.project(centre + radii * Vec3::new(sign(0), sign(1), sign(2)))
+        };
+        let (nearest, farthest) = (0..8)
+            .map(|i| corner(i).z)
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), z| (a.min(z), b.max(z)));
+        if farthest < NEAR {
+            return ([0.0, -1.0], [0.0, -1.0]);
+        }
+        if nearest < NEAR {
+            return ([f32::NEG_INFINITY, f32::INFINITY], [f32::NEG_INFINITY, f32::INFINITY]);
+        }
+        let bounds = Aabb::from_points((0..8).map(corner));
+        ([bounds.min.x, bounds.max.x], [bounds.min.y, bounds.max.y])
     }
 
     /// The same view, seen from a tile's corner.

@@ -1,0 +1,205 @@
+//! The others, as simple figures: a body, a head with a face, and a name above.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use sightline_shared::motion::{Body, Pose};
+
+use super::{Camera, Frame, shade, text, tile::TILE, view::View};
+
+/// One avatar as it is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figure<'a> {
+    /// Where, and where it looks.
+    pub pose: Pose,
+    /// Its shape: what is drawn stays inside.
+    pub body: Body,
+    /// sRGB.
+    pub colour: [u8; 3],
+    /// Written above the head.
+    pub name: &'a str,
+}
+
+/// Farther away, in metres, names cannot be read and are left out.
+const NAME_WITHIN_M: f32 = 40.0;
+
+/// No more letters of a name are shown.
+const NAME_LETTERS_MAX: usize = 24;
+
+const FACE: Vec3 = Vec3::new(250.0, 240.0, 228.0);
+
+/// Draws figures into a frame that shows the building from the same camera, where nothing in the
+/// frame is nearer, and their names.
+pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) {
+    let (width, height) = (frame.width(), frame.height());
+    if width == 0 || height == 0 {
+        return;
+    }
+    let view = View::new(camera, width, height);
+    let parts: Vec<Part> = figures
+        .iter()
+        .filter(|figure| figure.pose.is_finite())
+        .flat_map(|figure| parts(figure, &view))
+        .filter(|part| part.is_in(width, height))
+        .collect();
+    let bands = frame.colour.par_chunks_mut(TILE * width);
+    let bands = bands.zip(frame.depth.par_chunks_mut(TILE * width)).enumerate();
+    bands.for_each(|(band, (colour, depth))| {
+        let rows = colour.chunks_mut(width).zip(depth.chunks_mut(width));
+        for (y, (colour, depth)) in rows.enumerate().map(|(y, row)| (band * TILE + y, row)) {
+            parts.iter().for_each(|part| part.draw_row(&view, y, colour, depth));
+        }
+    });
+    for figure in figures.iter().filter(|figure| figure.pose.is_finite()) {
+        name(frame, &view, figure);
+    }
+}
+
+/// An ellipsoid with upright axes.
+struct Part {
+    /// Relative to the eye.
+    centre: Vec3,
+    radii: Vec3,
+    colour: Vec3,
+    /// Where the face is, for a head.
+    face: Option<Vec3>,
+    /// Least and greatest column and row, in pixels.
+    columns: [f32; 2],
+    rows: [f32; 2],
+}
+
+fn parts(figure: &Figure, view: &View) -> [Part; 2] {
+    let body = &figure.body;
+    let height = body.above_eye + body.below_eye;
+    let colour = Vec3::from(figure.colour.map(f32::from));
+    let top = figure.pose.eye + Vec3::Y * body.above_eye;
+    let head = Vec3::new(body.half_width * 0.56, height * 0.085, body.half_width * 0.56);
+    let trunk = Vec3::new(body.half_width, height * 0.5 - head.y * 0.9, body.half_width);
+    let soles = figure.pose.eye - Vec3::Y * body.below_eye;
+    [
+        Part::new(view, soles + Vec3::Y * trunk.y, trunk, colour, None),
+        Part::new(view, top - Vec3::Y * head.y, head, colour * 0.8, Some(figure.pose.forward())),
+    ]
+}
+
+impl Part {
+    fn new(view: &View, centre: Vec3, radii: Vec3, colour: Vec3, face: Option<Vec3>) -> Self {
+        let (columns, rows) = view.bounds(centre, radii);
+        Self { centre: centre - view.eye, radii, colour, face, columns, rows }
+    }
+
+    fn is_in(&self, width: usize, height: usize) -> bool {
+        let meets = |[min, max]: [f32; 2], side: usize| min < side as f32 && max >= 0.0;
+        meets(self.columns, width) && meets(self.rows, height)
+    }
+
+    fn draw_row(&self, view: &View, y: usize, colour: &mut [u32], depth: &mut [f32]) {
+        if !(self.rows[0]..=self.rows[1]).contains(&(y as f32)) {
+            return;
+        }
+        let first = self.columns[0].max(0.0).ceil() as usize;
+        let last = self.columns[1].min(colour.len() as f32 - 1.0);
+        for x in first..(last + 1.0).max(0.0) as usize {
+            let ray = view.ray(x as f32, y as f32);
+            if let Some(t) = self.entry(ray).filter(|&t| t < depth[x]) {
+                depth[x] = t;
+                colour[x] = self.look(ray * t);
+            }
+        }
+    }
+
+    /// Where a ray from the eye enters, in its own lengths.
+    fn entry(&self, ray: Vec3) -> Option<f32> {
+        // In units of the radii it is a sphere.
+        let (along, centre) = (ray / self.radii, self.centre / self.radii);
+        let (a, b) = (along.length_squared(), along.dot(centre));
+        let root = b * b - a * (centre.length_squared() - 1.0);
+        let t = (b - root.max(0.0).sqrt()) / a;
+        (root >= 0.0 && t > 0.0).then_some(t)
+    }
+
+    fn look(&self, hit: Vec3) -> u32 {
+        let outward = (hit - self.centre) / self.radii;
+        let normal = (outward / self.radii).normalize_or_zero();
+        let is_face = self.face.is_some_and(|face| face.dot(outward) > 0.55);
+        let colour = if is_face { FACE } else { self.colour };
+        shade::pack((colour * shade::light(normal, hit)).min(Vec3::splat(255.0)))
+    }
+}
+
+/// Writes the name above the head.
+fn name(frame: &mut Frame, view: &View, figure: &Figure) {
+    let above = figure.pose.eye + Vec3::Y * (figure.body.above_eye + 0.08);
+    let at = view.project(above);
+    if !(at.z > 0.3 && at.z < NAME_WITHIN_M && at.abs().max_element() < 1.0e6) {
+        return;
+    }
+    let shown: String = figure.name.chars().take(NAME_LETTERS_MAX).collect();
+    let scale = ((view.focal() * 0.012 / at.z).round() as usize).clamp(1, 3);
+    let (width, height) = (text::width(&shown, scale), text::LETTER * scale);
+    let corner = [at.x as i32 - width as i32 / 2, at.y as i32 - height as i32];
+    let shade = corner.map(|place| place + scale as i32);
+    text::draw_at_depth(frame, shade, scale, 0x0010_1418, &shown, at.z);
+    text::draw_at_depth(frame, corner, scale, 0x00ff_ffff, &shown, at.z);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Camera =
+        Camera { eye: Vec3::new(1.0, 1.6, 5.0), yaw: 0.0, pitch: 0.0, fov_y: 1.0 };
+
+    fn figure(eye: Vec3, colour: [u8; 3]) -> Figure<'static> {
+        let pose = Pose { eye, yaw: 0.5, ..Pose::default() };
+        Figure { pose, body: Body::PERSON, colour, name: "Ada" }
+    }
+
+    fn drawn(figures: &[Figure], wall: f32) -> Frame {
+        let mut frame = Frame::new(200, 160);
+        frame.depth.fill(wall);
+        draw(&mut frame, &CAMERA, figures);
+        frame
+    }
+
+    fn pixels(frame: &Frame) -> usize {
+        frame.colour.iter().filter(|&&pixel| pixel != 0).count()
+    }
+
+    #[test]
+    fn a_figure_stays_inside_its_body() {
+        let figure = figure(Vec3::new(1.3, 1.7, 1.0), [200, 30, 30]);
+        let frame = drawn(&[Figure { name: "", ..figure }], f32::INFINITY);
+        let view = View::new(&CAMERA, 200, 160);
+        let body = figure.body.around(figure.pose.eye).grown(1.0e-3);
+        let mut seen = 0;
+        for (i, &depth) in frame.depth.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
+            let hit = CAMERA.eye + view.ray((i % 200) as f32, (i / 200) as f32) * depth;
+            assert!(body.contains(hit), "{hit}");
+            seen += 1;
+        }
+        assert!(seen > 500 && seen == pixels(&frame), "{seen}");
+    }
+
+    #[test]
+    fn walls_hide_figures_and_their_names() {
+        let figure = figure(Vec3::new(1.3, 1.7, 1.0), [200, 30, 30]);
+        assert_eq!(pixels(&drawn(&[figure], 2.0)), 0);
+        assert!(pixels(&drawn(&[figure], 9.0)) > 500);
+    }
+
+    #[test]
+    fn the_nearer_figure_is_in_front_whatever_the_order() {
+        let near = Figure { name: "", ..figure(Vec3::new(1.0, 1.6, 2.0), [255, 0, 0]) };
+        let far = Figure { name: "", ..figure(Vec3::new(1.1, 1.6, 0.0), [0, 255, 0]) };
+        let frame = drawn(&[near, far], f32::INFINITY);
+        assert_eq!(frame, drawn(&[far, near], f32::INFINITY));
+    }
+
+    #[test]
+    fn odd_figures_are_survived() {
+        let beside = [Vec3::NAN, Vec3::splat(1.0e30), CAMERA.eye, CAMERA.eye + Vec3::Z * 0.1];
+        let figures: Vec<Figure> = beside.map(|eye| figure(eye, [9; 3])).to_vec();
+        drawn(&figures, f32::INFINITY);
+        draw(&mut Frame::new(0, 0), &CAMERA, &figures);
+    }
+}
