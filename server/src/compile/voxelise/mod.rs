@@ -29,8 +29,14 @@ use super::model::Surface;
 /// No world has more voxels: the octree of so many takes about 640 MiB.
 pub const VOXELS_MAX: usize = 40 << 20;
 
-/// What [`default_voxel`] aims to stay below, so that a world is downloaded in seconds.
-const VOXELS_DEFAULT: f64 = 12.0e6;
+/// What [`default_voxel`] aims to stay below: an octree of about 320 MiB.
+const VOXELS_DEFAULT: f64 = 20.0e6;
+
+/// The least edge that makes sense, in metres.
+const EDGE_MIN: f32 = 0.001;
+
+/// The greatest edge that makes sense, in metres.
+const EDGE_MAX: f32 = 100.0;
 
 /// A block is 2^6 voxels wide.
 const BLOCK_LEVELS: u8 = 6;
@@ -56,28 +62,33 @@ pub enum VoxeliseError {
         enough: f32,
     },
     /// No such edge.
-    #[error("--voxel must be between 0.001 and 100 metres, not {0}")]
+    #[error("--voxel must be between {EDGE_MIN} and {EDGE_MAX} metres, not {0}")]
     Edge(f32),
     /// The octree cannot be made.
     #[error(transparent)]
     Octree(#[from] OctreeError),
 }
 
-/// An edge that suits a model, in metres: a power of two, 1/32 when the model is a building.
+/// An edge that suits a model, in metres: 1/32, or as many times 4/3 and 3/2 in turn as a large
+/// building needs. Every second one is a power of two.
 pub fn default_voxel(surfaces: &[Surface], bounds: &Aabb) -> f32 {
-    voxel_for(surfaces, bounds, 1.0 / 32.0, VOXELS_DEFAULT)
+    let powers = std::iter::successors(Some(1.0 / 32.0), |power| Some(power * 2.0));
+    let mut edges = powers.flat_map(|power| [power, power * 4.0 / 3.0]);
+    edges.find(|&edge| fits(surfaces, bounds, edge, VOXELS_DEFAULT)).unwrap_or(EDGE_MAX)
 }
 
-/// The least edge of at least `least` × a power of two with which the model has about so many
-/// voxels.
-fn voxel_for(surfaces: &[Surface], bounds: &Aabb, least: f32, voxels: f64) -> f32 {
-    let mut voxel = least;
-    while voxel < 64.0
-        && (voxels_about(surfaces, voxel) > voxels || depth_for(bounds, voxel) > DEPTH_MAX)
-    {
-        voxel *= 2.0;
-    }
-    voxel
+/// The least double, fourfold and so on of an edge that does.
+fn enough(surfaces: &[Surface], bounds: &Aabb, voxel: f32) -> f32 {
+    let mut edges = std::iter::successors(Some(voxel * 2.0), |edge| Some(edge * 2.0));
+    let edge = edges.find(|&edge| fits(surfaces, bounds, edge, 0.8 * VOXELS_MAX as f64));
+    edge.unwrap_or(EDGE_MAX)
+}
+
+/// Whether about so many voxels are enough, or the edge cannot be larger anyway.
+fn fits(surfaces: &[Surface], bounds: &Aabb, edge: f32, voxels: f64) -> bool {
+    let can_be_larger = edge < EDGE_MAX * 0.5;
+    let is_small = voxels_about(surfaces, edge) <= voxels && depth_for(bounds, edge) <= DEPTH_MAX;
+    is_small || !can_be_larger
 }
 
 /// A slanted plane fills more voxels than its area, and overlapping ones fill fewer.
@@ -109,13 +120,10 @@ pub fn voxelise(
     voxel: f32,
     progress: &(dyn Fn(f32) + Sync),
 ) -> Result<Octree, VoxeliseError> {
-    if !(0.001..=100.0).contains(&voxel) {
+    if !(EDGE_MIN..=EDGE_MAX).contains(&voxel) {
         return Err(VoxeliseError::Edge(voxel));
     }
-    let too_many = || VoxeliseError::TooMany {
-        voxel,
-        enough: voxel_for(surfaces, bounds, voxel * 2.0, 0.8 * VOXELS_MAX as f64),
-    };
+    let too_many = || VoxeliseError::TooMany { voxel, enough: enough(surfaces, bounds, voxel) };
     let depth = depth_for(bounds, voxel);
     // Far too many need not be tried.
     if depth > DEPTH_MAX || voxels_about(surfaces, voxel) > 4.0 * VOXELS_MAX as f64 {

@@ -152,7 +152,7 @@ fn too_many_voxels_say_what_would_do() {
     let bounds = Aabb::new(Vec3::ZERO, wide);
     let error = voxelise(&floor, &bounds, 1.0 / 64.0, &|_| ()).expect_err("655 million");
     assert_eq!(error, VoxeliseError::TooMany { voxel: 0.015625, enough: 0.125 });
-    assert_eq!(default_voxel(&floor, &bounds), 0.25);
+    assert_eq!(default_voxel(&floor, &bounds), 1.0 / 8.0);
     assert_eq!(
         voxelise(&floor, &bounds, f32::NAN, &|_| ())
             .map(|_| ())
