@@ -5,6 +5,7 @@
 //! * [`net`]: the only place that knows QUIC.
 //! * [`plan`]: pictures of a world from above.
 //! * [`progress`]: how long tasks show that they go on.
+//! * [`replay`]: the engine over a recorded [`trace`], without sockets.
 //! * [`sight`]: rays against the original triangles, the oracle that all else is checked against.
 
 pub mod compile;
@@ -12,4 +13,6 @@ pub mod engine;
 pub mod net;
 pub mod plan;
 pub mod progress;
+pub mod replay;
 pub mod sight;
+pub mod trace;

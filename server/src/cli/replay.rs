@@ -1,10 +1,108 @@
 //! `sightline-server replay`.
 
+use std::{
+    fs::File,
+    io::{self, Write},
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use anyhow::Context;
+use sightline_server::{
+    engine::Policy,
+    progress::Progress,
+    replay::{self, Options, OracleStride},
+    trace::Trace,
+};
+use sightline_shared::world::World;
+
 /// Runs the engine over a recorded trace, without sockets.
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// The world (.slw).
+    world: PathBuf,
+    /// Where everyone was (.csv or .csv.gz).
+    trace: PathBuf,
+    /// Who is told what: broadcast, radius:METRES, grid:METRES, pvs or tbv.
+    #[arg(long, default_value = "tbv")]
+    policy: Policy,
+    /// Every client's round trip, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
+    rtt: u32,
+    /// Faster than this nobody moves without announcing a jump, in metres a second; at least the
+    /// world's own limit.
+    #[arg(long, value_name = "METRES")]
+    speed_max: Option<f32>,
+    /// How long a TBV lasts, in milliseconds.
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..=60_000))]
+    validity: Option<u32>,
+    /// Only so many seconds of the trace.
+    #[arg(long, value_name = "S")]
+    seconds: Option<u32>,
+    /// How often rays check what is held: off, auto, or every so many milliseconds.
+    #[arg(long, default_value = "auto", value_parser = stride)]
+    oracle: OracleStride,
+    /// Writes every event as CSV: t_ms,viewer,avatar,what.
+    #[arg(long, value_name = "EVENTS.csv")]
+    dump: Option<PathBuf>,
+    /// Writes the figures of the closing table as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
 
 /// Runs the command.
-pub fn run(_args: &Args) -> anyhow::Result<()> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let world = World::read(&args.world).with_context(|| args.world.display().to_string())?;
+    let trace = Trace::open(&args.trace).with_context(|| args.trace.display().to_string())?;
+    let options = options(args, &world)?;
+    let mut dump = args.dump.as_deref().map(create).transpose()?;
+    let progress = Progress::new();
+    let report = replay::run(
+        &Arc::new(world),
+        &trace,
+        &options,
+        dump.as_mut().map(|file| file as &mut dyn Write),
+        &mut |share| progress.show("replay", share),
+    );
+    progress.finish();
+    let report = report.context("cannot write the dump")?;
+    if let Some(path) = &args.json {
+        let mut file = create(path)?;
+        serde_json::to_writer_pretty(&mut file, &report)?;
+        file.write_all(b"\n").with_context(|| path.display().to_string())?;
+    }
+    write!(io::stdout(), "{report}").context("cannot write the table")
+}
+
+fn options(args: &Args, world: &World) -> anyhow::Result<Options> {
+    let mut options = Options::new(args.policy, Duration::from_millis(args.rtt.into()));
+    if let Some(speed_max) = args.speed_max {
+        anyhow::ensure!(
+            speed_max.is_finite() && speed_max > 0.0 && speed_max <= 1_000.0,
+            "--speed-max must be above 0 and at most 1000 metres a second"
+        );
+        options.config.speed_max = Some(speed_max.max(world.speed_max));
+    }
+    if let Some(validity) = args.validity {
+        options.config.validity = Duration::from_millis(validity.into());
+    }
+    options.length = args.seconds.map(|seconds| Duration::from_secs(seconds.into()));
+    options.oracle = args.oracle;
+    Ok(options)
+}
+
+fn create(path: &Path) -> anyhow::Result<File> {
+    File::create(path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn stride(text: &str) -> Result<OracleStride, String> {
+    match text {
+        "off" => Ok(OracleStride::Off),
+        "auto" => Ok(OracleStride::Auto),
+        ms => match ms.parse() {
+            Ok(ms @ 1..=3_600_000) => Ok(OracleStride::Every(Duration::from_millis(ms))),
+            _ => Err("use off, auto, or milliseconds above 0".to_owned()),
+        },
+    }
 }

@@ -204,6 +204,11 @@ impl Engine {
         Counts { live, quiet, asked: self.population.len() - live - quiet }
     }
 
+    /// The number of the last tick; the first is 1.
+    pub fn ticks(&self) -> u32 {
+        self.ticks
+    }
+
     /// How often what happened.
     pub fn stats(&self) -> Stats {
         self.stats

@@ -1,0 +1,284 @@
+//! Simulated clients: each does as the trace says, and reports as a real one does.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use glam::Vec3;
+use sightline_shared::{
+    geometry::Aabb,
+    motion::{AvatarId, Pose, Tbv},
+    protocol::{
+        VERSION, frame,
+        message::ClientMessage,
+        pose_stream::{Ack, ClientDatagram},
+        quantise::WirePose,
+        text::Name,
+    },
+};
+
+use crate::{engine::Engine, trace::Trace};
+
+/// A body may move so much faster than the limit and still not jump; as the engine allows.
+const TOLERANCE: f32 = 1.01;
+/// Places are rounded on the wire, in metres.
+const ROUNDING_M: f32 = 0.005;
+
+/// A message to the server.
+#[derive(Clone, Debug)]
+pub(super) struct Uplink {
+    pub(super) avatar: AvatarId,
+    /// When it was made.
+    pub(super) sampled: Duration,
+    /// The newest datagram received.
+    pub(super) ack: u32,
+    pub(super) request: Request,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Request {
+    Join { name: String, eye: Vec3 },
+    Leave,
+    Report { sequence: u32, pose: Pose, on_stream: bool },
+    Relocate { pose: Pose },
+}
+
+impl Uplink {
+    /// How long each of its messages is on the wire, in bytes.
+    pub(super) fn lengths(&self) -> Vec<usize> {
+        let framed = |message: &ClientMessage| frame::encode(message).len();
+        match &self.request {
+            Request::Join { name, eye } => {
+                let hello = Name::new(name).map(|name| {
+                    framed(&ClientMessage::Hello { version: VERSION, name, colour: [128; 3] })
+                });
+                let enter = framed(&ClientMessage::Enter { place: Some((*eye).into()) });
+                hello.into_iter().chain([enter]).collect()
+            }
+            Request::Leave => vec![framed(&ClientMessage::Goodbye)],
+            Request::Report { sequence, pose, on_stream: true } => {
+                vec![framed(&ClientMessage::Report { sequence: *sequence, pose: pose.into() })]
+            }
+            Request::Report { sequence, pose, on_stream: false } => {
+                let earlier = !u32::MAX.checked_shl(self.ack.saturating_sub(1)).unwrap_or(0);
+                let ack = Ack { newest: self.ack, earlier };
+                let report = Some((*sequence, pose.into()));
+                vec![ClientDatagram { ack, report }.encode().len()]
+            }
+            Request::Relocate { pose } => {
+                vec![framed(&ClientMessage::Report { sequence: 0, pose: pose.into() })]
+            }
+        }
+    }
+}
+
+/// A message to a client.
+#[derive(Clone, Debug)]
+pub(super) enum Order {
+    Entered,
+    /// With the time at which the pose was sampled.
+    Appear(AvatarId, Duration),
+    Vanish(AvatarId),
+    Poses {
+        newest: u32,
+        /// With the time at which each was sampled.
+        poses: Vec<(AvatarId, Duration)>,
+    },
+    Live,
+    Quiet(Tbv),
+    Ask,
+    Correct,
+    Drop,
+}
+
+/// One client of one walker, from its coming to its going.
+#[derive(Clone, Debug)]
+pub(super) struct Client {
+    pub(super) avatar: AvatarId,
+    /// Where the walker truly is.
+    pub(super) eye: Vec3,
+    /// When `eye` was looked up.
+    at: Duration,
+    /// When it came, or jumped last.
+    pub(super) settled: Duration,
+    /// Whom it knows of, and when what it knows was sampled.
+    pub(super) replica: BTreeMap<AvatarId, Duration>,
+    entered: bool,
+    /// Where it must stay to be silent; `None` when live.
+    tbv: Option<Tbv>,
+    /// It moved as no body can, and has not said so yet.
+    jumped: bool,
+    sequence: u32,
+    newest: u32,
+}
+
+/// All clients, and who they are.
+pub(super) struct Clients<'a> {
+    trace: &'a Trace,
+    speed_max: f32,
+    bounds: Aabb,
+    tick: Duration,
+    /// By the trace's ids.
+    present: BTreeMap<u32, Client>,
+    /// The trace's id of every avatar there was.
+    walkers: Vec<u32>,
+    jumps: u64,
+    outside: u64,
+}
+
+impl<'a> Clients<'a> {
+    pub(super) fn new(trace: &'a Trace, engine: &Engine) -> Self {
+        Self {
+            trace,
+            speed_max: engine.speed_max(),
+            bounds: engine.world().bounds(),
+            tick: engine.config().tick,
+            present: BTreeMap::new(),
+            walkers: Vec::new(),
+            jumps: 0,
+            outside: 0,
+        }
+    }
+
+    /// The trace's id of an avatar.
+    pub(super) fn walker(&self, avatar: AvatarId) -> u32 {
+        self.walkers[avatar.0 as usize]
+    }
+
+    /// Those who are present, by the trace's ids.
+    pub(super) fn present(&self) -> impl Iterator<Item = &Client> {
+        self.present.values()
+    }
+
+    /// How often somebody moved as no body can.
+    pub(super) fn jumps(&self) -> u64 {
+        self.jumps
+    }
+
+    /// How many samples were outside the world, and taken to its edge.
+    pub(super) fn outside(&self) -> u64 {
+        self.outside
+    }
+
+    /// What the clients do at a tick of theirs.
+    pub(super) fn step(&mut self, now: Duration) -> Vec<Uplink> {
+        let mut sent = Vec::new();
+        for walker in self.trace.ids() {
+            let pose = self.look_up(walker, now);
+            match (pose, self.present.contains_key(&walker)) {
+                (Some(pose), false) => sent.push(self.join(walker, now, &pose)),
+                (Some(pose), true) => sent.extend(self.act(walker, now, &pose, false)),
+                (None, true) => sent.extend(self.leave(walker, now)),
+                (None, false) => {}
+            }
+        }
+        sent
+    }
+
+    /// What a client does with a message: an ask is answered at once.
+    pub(super) fn obey(&mut self, at: Duration, to: AvatarId, order: Order) -> Option<Uplink> {
+        let walker = self.walker(to);
+        let client = self.present.get_mut(&walker).filter(|client| client.avatar == to)?;
+        match order {
+            Order::Entered => client.entered = true,
+            Order::Appear(avatar, sampled) => {
+                client.replica.insert(avatar, sampled);
+            }
+            Order::Vanish(avatar) => {
+                client.replica.remove(&avatar);
+            }
+            Order::Poses { newest, poses } => {
+                client.newest = newest;
+                for (avatar, sampled) in poses {
+                    if let Some(known) = client.replica.get_mut(&avatar) {
+                        *known = sampled;
+                    }
+                }
+            }
+            Order::Quiet(tbv) => client.tbv = Some(tbv),
+            Order::Correct => client.jumped = true,
+            Order::Drop => {
+                self.present.remove(&walker);
+            }
+            Order::Live => {
+                client.tbv = None;
+                let pose = self.look_up(walker, at)?;
+                return self.act(walker, at, &pose, false);
+            }
+            Order::Ask => {
+                let pose = self.look_up(walker, at)?;
+                return self.act(walker, at, &pose, true);
+            }
+        }
+        None
+    }
+
+    /// Where the trace has a walker, as it is told on the wire, within the world.
+    fn look_up(&mut self, walker: u32, at: Duration) -> Option<Pose> {
+        let pose = self.trace.pose_at(walker, at, self.speed_max)?;
+        let eye = pose.eye.clamp(self.bounds.min, self.bounds.max);
+        self.outside += u64::from(eye != pose.eye);
+        Some(Pose { eye, ..pose })
+    }
+
+    fn join(&mut self, walker: u32, now: Duration, pose: &Pose) -> Uplink {
+        let avatar = AvatarId(self.walkers.len() as u32);
+        self.walkers.push(walker);
+        let client = Client {
+            avatar,
+            eye: pose.eye,
+            at: now,
+            settled: now,
+            replica: BTreeMap::new(),
+            entered: false,
+            tbv: None,
+            jumped: false,
+            sequence: 0,
+            newest: 0,
+        };
+        self.present.insert(walker, client);
+        let eye = self.on_wire(pose).eye;
+        let request = Request::Join { name: format!("walker {walker}"), eye };
+        Uplink { avatar, sampled: now, ack: 0, request }
+    }
+
+    fn leave(&mut self, walker: u32, now: Duration) -> Option<Uplink> {
+        let client = self.present.remove(&walker)?;
+        let (avatar, ack) = (client.avatar, client.newest);
+        Some(Uplink { avatar, sampled: now, ack, request: Request::Leave })
+    }
+
+    /// Moves a client to a place, and says so where it must.
+    fn act(&mut self, walker: u32, now: Duration, pose: &Pose, asked: bool) -> Option<Uplink> {
+        let told = self.on_wire(pose);
+        let (speed_max, tick) = (self.speed_max, self.tick);
+        let client = self.present.get_mut(&walker)?;
+        let way_m = client.eye.distance(pose.eye);
+        let elapsed = now.saturating_sub(client.at).as_secs_f32();
+        if way_m > speed_max * TOLERANCE * elapsed + ROUNDING_M {
+            client.jumped = true;
+            client.settled = now;
+            self.jumps += 1;
+        }
+        (client.eye, client.at) = (pose.eye, now);
+        if !client.entered {
+            return None;
+        }
+        let request = if std::mem::take(&mut client.jumped) {
+            Request::Relocate { pose: told }
+        } else {
+            let step_m = speed_max * tick.as_secs_f32();
+            let leaves = |tbv: &Tbv| pose.eye.distance(tbv.centre) + step_m > tbv.radius;
+            let live = client.tbv.is_none();
+            if !live && !asked && !client.tbv.as_ref().is_some_and(leaves) {
+                return None;
+            }
+            client.sequence += 1;
+            Request::Report { sequence: client.sequence, pose: told, on_stream: !live }
+        };
+        Some(Uplink { avatar: client.avatar, sampled: now, ack: client.newest, request })
+    }
+
+    fn on_wire(&self, pose: &Pose) -> Pose {
+        let rounded = Pose::from(WirePose::from(pose));
+        Pose { eye: rounded.eye.clamp(self.bounds.min, self.bounds.max), ..rounded }
+    }
+}

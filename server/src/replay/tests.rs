@@ -1,0 +1,269 @@
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::PathBuf};
+
+use glam::Vec3;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
+
+use super::*;
+use crate::compile::{
+    self,
+    model::{Material, Model, Surface},
+};
+
+/// A building of rooms in a square, compiled for real: inner walls with a door each, thick outer
+/// ones, a floor and a ceiling.
+struct House {
+    world: Arc<World>,
+    rooms: usize,
+}
+
+const ROOM_M: f32 = 6.0;
+const DOOR_M: f32 = 1.2;
+
+impl House {
+    fn new(rng: &mut SmallRng, rooms: usize) -> Self {
+        let side = rooms as f32 * ROOM_M;
+        let slab = |low: f32, high: f32| {
+            let out = Vec3::new(0.3, 0.0, 0.3);
+            Aabb::new(Vec3::Y * low - out, Vec3::new(side, high, side) + out)
+        };
+        let mut boxes = vec![slab(-0.3, 0.0), slab(2.6, 2.9)];
+        for line in 0..=rooms {
+            let at = line as f32 * ROOM_M;
+            for room in 0..rooms {
+                let (from, to) = (room as f32 * ROOM_M, (room + 1) as f32 * ROOM_M);
+                let inner = line > 0 && line < rooms;
+                for axis in [0, 2] {
+                    let door = from + rng.random_range(0.5..ROOM_M - 0.5 - DOOR_M);
+                    let gaps = if inner && rng.random_bool(0.7) {
+                        vec![(from, door), (door + DOOR_M, to)]
+                    } else {
+                        vec![(from, to)]
+                    };
+                    boxes.extend(gaps.into_iter().map(|(a, b)| wall(axis, at, a, b)));
+                }
+            }
+        }
+        let opaque: Vec<[Vec3; 3]> = boxes.iter().flat_map(faces).collect();
+        let model = Model {
+            title: "house".to_owned(),
+            surfaces: vec![surface(&opaque)],
+            opaque,
+            solids: Vec::new(),
+            spawns: vec![Spawn { eye: Vec3::new(3.0, 1.6, 3.0), yaw: 0.0 }],
+            body: Body::PERSON,
+            speed_max: 2.0,
+            warnings: Vec::new(),
+        };
+        let options = compile::Options { voxel: Some(0.5) };
+        let (world, _) = compile::compile(&model, &options, &|_, _| {}).unwrap();
+        Self { world: Arc::new(world), rooms }
+    }
+
+    /// A trace of people who walk about and turn where they would bump into something.
+    fn trace(&self, rng: &mut SmallRng, people: u32, seconds: u32) -> Trace {
+        let sight = crate::sight::Sight::new(&self.world.mesh);
+        let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
+        let mut walkers: BTreeMap<u32, (Vec3, Vec3)> = (0..people)
+            .map(|id| {
+                let mut room = || (rng.random_range(0..self.rooms) as f32 + 0.5) * ROOM_M;
+                (id, (Vec3::new(room(), 1.6, room()), Vec3::ZERO))
+            })
+            .collect();
+        for k in 0..seconds * 10 {
+            for (id, (eye, velocity)) in &mut walkers {
+                let _ = writeln!(rows, "{},{id},{},{},{},0,0,0,0,0", k * 100, eye.x, eye.y, eye.z);
+                let ahead = *velocity * 0.1;
+                let room = *velocity * 0.3;
+                if rng.random_bool(0.05) || !sight.between(*eye, *eye + ahead + room) {
+                    let angle = rng.random_range(0.0..std::f32::consts::TAU);
+                    let speed = if rng.random_bool(0.3) { 0.0 } else { 1.9 };
+                    *velocity = Vec3::new(angle.cos(), 0.0, angle.sin()) * speed;
+                } else {
+                    *eye += ahead;
+                }
+            }
+        }
+        Trace::read(rows.as_bytes()).unwrap()
+    }
+}
+
+/// A wall 0.2 m thick across an axis at a place, from one place to another along the other axis.
+fn wall(axis: usize, at: f32, from: f32, to: f32) -> Aabb {
+    let (mut min, mut max) = (Vec3::ZERO, Vec3::Y * 2.6);
+    (min[axis], max[axis]) = (at - 0.1, at + 0.1);
+    (min[2 - axis], max[2 - axis]) = (from, to);
+    Aabb::new(min, max)
+}
+
+/// The twelve triangles of a box.
+fn faces(of: &Aabb) -> Vec<[Vec3; 3]> {
+    let size = of.size();
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        let (mut u, mut v) = (Vec3::ZERO, Vec3::ZERO);
+        u[(axis + 1) % 3] = size[(axis + 1) % 3];
+        v[(axis + 2) % 3] = size[(axis + 2) % 3];
+        let mut across = Vec3::ZERO;
+        across[axis] = size[axis];
+        for corner in [of.min, of.min + across] {
+            triangles.push([corner, corner + u, corner + u + v]);
+            triangles.push([corner, corner + u + v, corner + v]);
+        }
+    }
+    triangles
+}
+
+fn surface(triangles: &[[Vec3; 3]]) -> Surface {
+    Surface {
+        positions: triangles.iter().flatten().copied().collect(),
+        uvs: Vec::new(),
+        colours: Vec::new(),
+        triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        material: Material { colour: [200; 3], texture: None, glass: false },
+    }
+}
+
+fn options(policy: Policy, round_trip_ms: u64) -> Options {
+    let mut options = Options::new(policy, Duration::from_millis(round_trip_ms));
+    options.oracle = OracleStride::Every(Duration::from_millis(250));
+    options
+}
+
+fn replay(world: &Arc<World>, trace: &Trace, options: &Options) -> (Report, String) {
+    let mut dump = Vec::new();
+    let report = run(world, trace, options, Some(&mut dump), &mut |_| {}).unwrap();
+    (report, String::from_utf8(dump).unwrap())
+}
+
+/// No miss, whatever the building, the walks and the round trip; and nothing is corrected.
+#[test]
+fn nothing_visible_is_missed_in_random_houses() {
+    let mut quiet = 0.0;
+    for seed in 0..12 {
+        let mut rng = SmallRng::seed_from_u64(seed);
+        let house = House::new(&mut rng, 3 + seed as usize % 3);
+        let trace = house.trace(&mut rng, 8, 20);
+        for (policy, round_trip_ms) in
+            [(Policy::Tbv, 0), (Policy::Tbv, 70), (Policy::Tbv, 250), (Policy::Pvs, 100)]
+        {
+            let (report, _) = replay(&house.world, &trace, &options(policy, round_trip_ms));
+            let oracle = report.oracle.as_ref().unwrap();
+            let case = format!("seed {seed}, {policy} at {round_trip_ms} ms: {oracle:?}");
+            assert_eq!(oracle.misses, 0, "{case}");
+            assert!(
+                oracle.pairs_visible > 0 && oracle.pairs_held >= oracle.pairs_visible,
+                "{case}"
+            );
+            assert!(oracle.age_worst_ms <= oracle.age_bound_ms, "{case}");
+            assert_eq!((report.corrections, report.jumps, report.outside), (0, 0, 0), "{case}");
+            quiet += report.quiet_share;
+        }
+    }
+    assert!(quiet >= 0.0, "people are silent: {quiet}");
+}
+
+#[test]
+fn the_dump_is_the_same_twice_and_adds_up() {
+    let mut rng = SmallRng::seed_from_u64(7);
+    let house = House::new(&mut rng, 5);
+    let trace = house.trace(&mut rng, 10, 20);
+    let (report, dump) = replay(&house.world, &trace, &options(Policy::Tbv, 100));
+    let (_, again) = replay(&house.world, &trace, &options(Policy::Tbv, 100));
+    assert!(dump == again);
+
+    let mut held = std::collections::BTreeSet::new();
+    let mut counts = BTreeMap::new();
+    let mut last = 0;
+    for line in dump.lines().skip(1) {
+        let fields: Vec<&str> = line.split(',').collect();
+        let [t, viewer, avatar, what] = fields[..] else { panic!("{line}") };
+        let t: u64 = t.parse().unwrap();
+        assert!(t >= last, "{line}");
+        last = t;
+        *counts.entry(what).or_insert(0_u64) += 1;
+        match what {
+            "enter" => assert!(held.insert((viewer, avatar)), "{line}"),
+            "leave" => assert!(held.remove(&(viewer, avatar)), "{line}"),
+            "update" => assert!(held.contains(&(viewer, avatar)), "{line}"),
+            _ => assert!(viewer.is_empty(), "{line}"),
+        }
+    }
+    assert_eq!(
+        (counts["report"], counts.get("ask").copied().unwrap_or_default()),
+        (report.reports, report.asks)
+    );
+    assert!(counts["enter"] > 0 && counts["leave"] > 0);
+}
+
+#[test]
+fn whoever_is_absent_or_jumps_is_followed() {
+    let mut rng = SmallRng::seed_from_u64(1);
+    let house = House::new(&mut rng, 3);
+    let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
+    for k in 0..60 {
+        let _ = writeln!(rows, "{},1,3,1.6,3,0,0,0,0,0", k * 100);
+        // Away for a second, then back elsewhere; a jump later on.
+        let x = if k < 20 {
+            4.0
+        } else if k < 45 {
+            15.0
+        } else {
+            4.5
+        };
+        if !(20..30).contains(&k) {
+            let _ = writeln!(rows, "{},2,{x},1.6,3,0,0,0,0,0", k * 100);
+        }
+    }
+    let trace = Trace::read(rows.as_bytes()).unwrap();
+    let (report, dump) = replay(&house.world, &trace, &options(Policy::Tbv, 100));
+    assert_eq!((report.jumps, report.corrections), (1, 0));
+    let oracle = report.oracle.unwrap();
+    assert_eq!(oracle.misses, 0);
+    let held_at = |ms: u64| {
+        let mut held = false;
+        for line in dump.lines().skip(1) {
+            let fields: Vec<&str> = line.split(',').collect();
+            if fields[0].parse::<u64>().unwrap() > ms {
+                break;
+            }
+            held = match (fields[1], fields[2], fields[3]) {
+                ("1", "2", "enter") => true,
+                ("1", "2", "leave") => false,
+                _ => held,
+            };
+        }
+        held
+    };
+    assert!(held_at(1_000) && !held_at(2_500) && held_at(5_500));
+}
+
+/// The folder of test data beside a checkout, if it is there.
+fn shared() -> Option<PathBuf> {
+    let named = std::env::var_os("SIGHTLINE_SHARED").map(PathBuf::from);
+    let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
+    let found = [named, Some(beside)].into_iter().flatten().find(|path| path.is_dir());
+    if found.is_none() {
+        println!("skipped: ../shared is absent");
+    }
+    found
+}
+
+#[test]
+fn pedestrians_in_four_hundred_rooms_are_not_missed() {
+    let Some(shared) = shared() else { return };
+    let bytes = fs::read(shared.join("traces/rooms400.glb")).unwrap();
+    let model = compile::glb::read_slice(&bytes, None, "rooms400").unwrap();
+    let options_world = compile::Options { voxel: Some(1.0) };
+    let (world, _) = compile::compile(&model, &options_world, &|_, _| {}).unwrap();
+    let trace = Trace::open(&shared.join("traces/rooms400-60.csv.gz")).unwrap();
+    for round_trip_ms in [0, 100] {
+        let mut options = options(Policy::Tbv, round_trip_ms);
+        options.length = Some(Duration::from_secs(6));
+        options.oracle = OracleStride::Every(Duration::from_secs(1));
+        let (report, _) = replay(&Arc::new(world.clone()), &trace, &options);
+        let oracle = report.oracle.unwrap();
+        assert_eq!((oracle.misses, report.corrections), (0, 0));
+        assert!(oracle.age_worst_ms <= oracle.age_bound_ms, "{oracle:?}");
+    }
+}
