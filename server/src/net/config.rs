@@ -105,7 +105,8 @@ impl ServeConfig {
         engine::Config {
             tick: self.tick_interval(),
             validity: Duration::from_secs_f64(self.validity_s),
-            avatars_max: self.clients_max,
+            // Some that left may not be out yet when others come in.
+            avatars_max: self.clients_max + 64,
             ..engine::Config::default()
         }
     }

@@ -214,6 +214,7 @@ impl Server {
         }
         self.endpoint.close(VarInt::from_u32(0), b"the server is closing");
         self.hub.abort();
+        let _ = self.hub.await;
         let _ = timeout(Duration::from_millis(500), self.endpoint.wait_idle()).await;
     }
 }

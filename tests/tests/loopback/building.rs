@@ -1,0 +1,87 @@
+//! Two rooms, 16 m by 10 m, with two narrow lobbies between them whose doors are so placed that no
+//! line of sight leads from one room into the other.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::Vec3;
+use sightline_server::{
+    compile::{
+        self,
+        model::{Material, Model, Surface},
+    },
+    net::ServedWorld,
+};
+use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
+
+/// No avatar moves faster, in metres a second.
+pub const SPEED_MAX: f32 = 12.0;
+/// Far inside the one room and the other.
+pub const WEST: Vec3 = Vec3::new(3.0, 1.6, 8.0);
+pub const EAST: Vec3 = Vec3::new(33.0, 1.6, 8.0);
+/// From `WEST` to `EAST`, through the three doors.
+pub const WAY: [Vec3; 5] =
+    [WEST, Vec3::new(16.0, 1.6, 0.6), Vec3::new(18.0, 1.6, 9.4), Vec3::new(20.0, 1.6, 0.6), EAST];
+
+/// The building, compiled once for all tests.
+pub fn world() -> ServedWorld {
+    static WORLD: OnceLock<ServedWorld> = OnceLock::new();
+    let make = || {
+        let options = compile::Options { voxel: Some(0.1) };
+        let (world, _) = compile::compile(&model(), &options, &|_, _| {}).unwrap();
+        ServedWorld::from_world(Arc::new(world))
+    };
+    WORLD.get_or_init(make).clone()
+}
+
+fn model() -> Model {
+    let wall = |min: [f32; 3], max: [f32; 3]| Aabb::new(min.into(), max.into());
+    let baffle = |x: f32, z: [f32; 2]| wall([x - 0.1, 0.0, z[0]], [x + 0.1, 3.0, z[1]]);
+    // So thick that no TBV reaches the outside, from where all of the outside is in view; and in
+    // three parts, so that two TBVs that reach into the same wall are not taken to meet there.
+    let t = 12.0;
+    let parts = [[-t, 15.9], [15.9, 20.1], [20.1, 36.0 + t]];
+    let shell = parts.into_iter().flat_map(|[from, to]| {
+        [
+            wall([from, -t, -t], [to, 0.0, 10.0 + t]),
+            wall([from, 3.0, -t], [to, 3.0 + t, 10.0 + t]),
+            wall([from, 0.0, -t], [to, 3.0, 0.0]),
+            wall([from, 0.0, 10.0], [to, 3.0, 10.0 + t]),
+        ]
+    });
+    let inner = [
+        wall([-t, 0.0, 0.0], [0.0, 3.0, 10.0]),
+        wall([36.0, 0.0, 0.0], [36.0 + t, 3.0, 10.0]),
+        baffle(16.0, [1.2, 10.0]),
+        baffle(18.0, [0.0, 8.8]),
+        baffle(20.0, [1.2, 10.0]),
+    ];
+    let boxes: Vec<Aabb> = shell.chain(inner).collect();
+    let opaque: Vec<[Vec3; 3]> = boxes.iter().flat_map(triangles).collect();
+    let positions: Vec<Vec3> = opaque.iter().flatten().copied().collect();
+    let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    let material = Material { colour: [200, 180, 160], texture: None, glass: false };
+    let triangles = triangles.collect();
+    let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
+    Model {
+        title: "two rooms".to_owned(),
+        surfaces: vec![surface],
+        opaque,
+        solids: boxes,
+        spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],
+        body: Body::PERSON,
+        speed_max: SPEED_MAX,
+        warnings: Vec::new(),
+    }
+}
+
+/// The twelve triangles of a box.
+fn triangles(solid: &Aabb) -> Vec<[Vec3; 3]> {
+    let corner = |bits: usize| {
+        let pick = |axis: usize| if bits >> axis & 1 == 1 { solid.max } else { solid.min }[axis];
+        Vec3::new(pick(0), pick(1), pick(2))
+    };
+    let faces =
+        [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+    let halves = |f: [usize; 4]| [[f[0], f[1], f[2]], [f[0], f[2], f[3]]];
+    faces.into_iter().flat_map(halves).map(|half| half.map(corner)).collect()
+}

@@ -1,0 +1,294 @@
+//! The whole system over loopback QUIC: server, engine, protocol, client.
+
+mod building;
+mod stranger;
+
+use std::{net::SocketAddr, time::Duration};
+
+use building::{EAST, SPEED_MAX, WAY, WEST};
+use glam::Vec3;
+use sightline_client::{
+    net::{ConnectError, Dialer, Options, Session, Trust, TrustError},
+    replica::{Event, Standing},
+};
+use sightline_server::net::{Identity, ServeConfig, Server};
+use sightline_shared::{
+    motion::{AvatarId, Pose},
+    protocol::{
+        VERSION,
+        fingerprint::Fingerprint,
+        message::{Refusal, ServerMessage},
+        text::Name,
+    },
+};
+use stranger::{Stranger, hello, hello_and_enter};
+
+fn config() -> ServeConfig {
+    ServeConfig {
+        listen: "127.0.0.1:0".parse().unwrap(),
+        tick_hz: 50,
+        validity_s: 0.3,
+        ..ServeConfig::default()
+    }
+}
+
+/// A server of the two rooms, and where it is.
+fn serve(config: ServeConfig) -> (Server, SocketAddr) {
+    let server = Server::bind(building::world(), config, &Identity::generate().unwrap()).unwrap();
+    let address = server.local_addr().unwrap();
+    (server, address)
+}
+
+fn options(server: &Server, name: &str, place: Vec3) -> Options {
+    Options {
+        name: Name::new(name).unwrap(),
+        colour: [10, 20, 30],
+        place: Some(place),
+        trust: Trust::Pinned(server.fingerprint()),
+        progress: None,
+    }
+}
+
+async fn join(server: &Server, name: &str, place: Vec3) -> Session {
+    let address = server.local_addr().unwrap();
+    Dialer::new(None).connect(address, &options(server, name, place)).await.unwrap()
+}
+
+/// Waits for what must come, however slow the machine.
+async fn until(what: &str, mut holds: impl FnMut() -> bool) {
+    for _ in 0..4_000 {
+        if holds() {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+    panic!("it never came to pass that {what}");
+}
+
+fn holds(viewer: &Session, avatar: AvatarId) -> bool {
+    viewer.held().iter().any(|held| held.id == avatar)
+}
+
+/// Walks in a straight line, a little slower than is allowed.
+async fn walk(session: &Session, to: Vec3) {
+    let mut clock = tokio::time::Instant::now();
+    loop {
+        tokio::time::sleep(Duration::from_millis(5)).await;
+        let passed = clock.elapsed().as_secs_f32();
+        clock = tokio::time::Instant::now();
+        let from = session.pose().eye;
+        let (way, step) = (to - from, SPEED_MAX * 0.9 * passed.min(0.1));
+        if way.length() <= step {
+            session.set_pose(Pose { eye: to, ..Pose::default() });
+            return;
+        }
+        let velocity = way.normalize() * SPEED_MAX * 0.9;
+        session.set_pose(Pose { eye: from + way.normalize() * step, velocity, ..Pose::default() });
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_meet_part_fall_silent_are_asked_meet_again_and_leave() {
+    let (server, _) = serve(config());
+    let ada = join(&server, "Ada", WEST).await;
+    let bo = join(&server, "Bo", EAST).await;
+    assert!(ada.pose().eye.distance(WEST) < 0.01, "a place of one's choice");
+
+    // Apart: neither knows of the other, and both fall silent but for the answers to asks.
+    let quiet = |session: &Session| session.stats().standing == Standing::Quiet;
+    until("both are quiet", || quiet(&ada) && quiet(&bo)).await;
+    assert!(ada.held().is_empty() && bo.held().is_empty());
+    let before = bo.stats();
+    until("several asks came", || bo.stats().messages_in >= before.messages_in + 8).await;
+    let after = bo.stats();
+    let (heard, said) =
+        (after.messages_in - before.messages_in, after.messages_out - before.messages_out);
+    assert!(said <= heard, "{said} messages while quiet, though only {heard} came");
+
+    // They meet in the lobby.
+    for place in &WAY[1..3] {
+        walk(&ada, *place).await;
+    }
+    walk(&bo, WAY[3]).await;
+    until("they see each other", || holds(&ada, bo.avatar()) && holds(&bo, ada.avatar())).await;
+    until("both are live", || {
+        ada.stats().standing == Standing::Live && bo.stats().standing == Standing::Live
+    })
+    .await;
+    until("Bo knows just where Ada is", || {
+        bo.visible().iter().any(|ada| ada.pose.eye.distance(WAY[2]) < 0.01)
+    })
+    .await;
+    assert!(bo.visible().iter().any(|ada| ada.name == "Ada" && ada.colour == [10, 20, 30]));
+    ada.chat("hello").unwrap();
+    let mut said = Vec::new();
+    until("Bo hears Ada", || {
+        said.extend(bo.events());
+        said.iter().any(
+            |e| matches!(e, Event::Chat { name, text, .. } if name == "Ada" && text == "hello"),
+        )
+    })
+    .await;
+
+    // They part: the wall comes between them.
+    walk(&ada, WAY[1]).await;
+    walk(&ada, WEST).await;
+    walk(&bo, EAST).await;
+    until("neither holds the other", || ada.held().is_empty() && bo.held().is_empty()).await;
+    until("both are quiet again", || quiet(&ada) && quiet(&bo)).await;
+
+    // They meet again; then Ada leaves before Bo's eyes, and comes back as somebody new.
+    for place in &WAY[1..3] {
+        walk(&ada, *place).await;
+    }
+    walk(&bo, WAY[3]).await;
+    until("they see each other again", || holds(&bo, ada.avatar())).await;
+    let gone = ada.avatar();
+    ada.leave().await;
+    until("Ada vanishes", || !holds(&bo, gone)).await;
+    let ada = join(&server, "Ada", WAY[2]).await;
+    assert_ne!(ada.avatar(), gone);
+    until("Ada is back", || holds(&bo, ada.avatar()) && !holds(&bo, gone)).await;
+    assert_eq!((ada.end(), bo.end()), (None, None));
+
+    server.shutdown().await;
+    until("both are told", || {
+        let told = |session: &Session| session.end() == Some("the server is closing".to_owned());
+        told(&ada) && told(&bo)
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_jump_is_refused_and_the_client_corrected() {
+    let (server, _) = serve(config());
+    let ada = join(&server, "Ada", WEST).await;
+    ada.set_pose(Pose { eye: EAST, ..Pose::default() });
+    let mut events = Vec::new();
+    until("Ada is corrected", || {
+        events.extend(ada.events());
+        events.iter().any(|e| matches!(e, Event::Corrected(pose) if pose.eye.distance(WEST) < 0.01))
+    })
+    .await;
+    until("Ada stays", || ada.pose().eye.distance(WEST) < 0.01).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_server_than_the_pinned_one_gets_no_word() {
+    let (server, address) = serve(config());
+    let mut options = options(&server, "Ada", WEST);
+    options.trust = Trust::Pinned(Fingerprint([7; 32]));
+    let error = Dialer::new(None).connect(address, &options).await.err().unwrap();
+    assert!(matches!(error, ConnectError::Trust(TrustError::Pinned { found, .. })
+        if found == server.fingerprint()));
+    assert!(server.stats().clients.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_known_server_that_changed_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let known = folder.path().join("known-servers");
+    let (server, address) = serve(config());
+    let mut options = options(&server, "Ada", WEST);
+    options.trust = Trust::FirstUse(known);
+    for _ in 0..2 {
+        Dialer::new(None).connect(address, &options).await.unwrap().leave().await;
+    }
+    server.shutdown().await;
+    // The socket is free a little after the server is gone.
+    let mut other = None;
+    until("the address is free", || {
+        let config = ServeConfig { listen: address, ..config() };
+        other = Server::bind(building::world(), config, &Identity::generate().unwrap()).ok();
+        other.is_some()
+    })
+    .await;
+    let error = Dialer::new(None).connect(address, &options).await.err().unwrap();
+    assert!(matches!(error, ConnectError::Trust(TrustError::Changed { .. })), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_full_server_says_so() {
+    let (server, address) = serve(ServeConfig { clients_max: 1, ..config() });
+    let ada = join(&server, "Ada", WEST).await;
+    let refused = Dialer::new(None).connect(address, &options(&server, "Bo", EAST)).await;
+    assert!(matches!(refused.err().unwrap(), ConnectError::Refused(Refusal::Full)));
+    ada.leave().await;
+    until("there is room", || server.stats().clients.is_empty()).await;
+    join(&server, "Bo", EAST).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_version_is_told_the_servers() {
+    let (_server, address) = serve(config());
+    let stranger = Stranger::connect(address).await;
+    let said = stranger.converse(&hello(VERSION + 1)).await;
+    let reason = Refusal::Version { server: VERSION };
+    assert_eq!(said, [ServerMessage::Refused { reason }]);
+    stranger.is_closed().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_sends_junk_is_out_and_nobody_else_is() {
+    let (server, address) = serve(config());
+    let ada = join(&server, "Ada", WEST).await;
+    let enter_twice = [hello_and_enter(), hello_and_enter()].concat();
+    let flood = [hello_and_enter(), vec![1, 0, 5].repeat(5_000)].concat();
+    let junk: [&[u8]; 6] = [
+        b"GET / HTTP/1.1\r\n\r\n",
+        &[0xff; 64],
+        &[0, 0],
+        &[4, 0, 9, 9, 9, 9],
+        &enter_twice,
+        &flood,
+    ];
+    for bytes in junk {
+        let stranger = Stranger::connect(address).await;
+        let _stream = stranger.send(bytes).await;
+        stranger.is_closed().await;
+    }
+    let stranger = Stranger::connect(address).await;
+    let _stream = stranger.send(&hello_and_enter()).await;
+    until("the stranger is in", || server.stats().clients.len() == 2).await;
+    stranger.connection.send_datagram(vec![0xff; 1_000].into()).unwrap();
+    stranger.is_closed().await;
+    until("only Ada is left", || server.stats().clients.len() == 1).await;
+    ada.chat("still here").unwrap();
+    let mut events = Vec::new();
+    until("Ada hears herself", || {
+        events.extend(ada.events());
+        events.iter().any(|e| matches!(e, Event::Chat { text, .. } if text == "still here"))
+    })
+    .await;
+    assert_eq!(ada.end(), None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_stalls_is_out() {
+    let (server, address) = serve(ServeConfig { hello_s: 0.2, silence_s: 0.5, ..config() });
+    let silent = Stranger::connect(address).await;
+    let half = Stranger::connect(address).await;
+    let _half = half.send(&hello(VERSION)[..5]).await;
+    let mute = Stranger::connect(address).await;
+    let _mute = mute.send(&hello_and_enter()).await;
+    for stranger in [silent, half, mute] {
+        stranger.is_closed().await;
+    }
+    until("nobody is left", || server.stats().clients.is_empty()).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_world_is_fetched_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let (server, address) = serve(config());
+    let fetched = async || {
+        let dialer = Dialer::new(Some(folder.path().to_owned()));
+        let session = dialer.connect(address, &options(&server, "Ada", WEST)).await.unwrap();
+        assert_eq!(session.world(), building::world().world());
+        let client = server.stats().clients[&session.avatar().0];
+        session.leave().await;
+        client.traffic.world_bytes_out
+    };
+    assert!(fetched().await > 0);
+    assert_eq!(fetched().await, 0);
+}

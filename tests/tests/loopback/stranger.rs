@@ -1,0 +1,119 @@
+//! A connection that is nobody's client: it sends what it likes.
+
+use std::{net::SocketAddr, sync::Arc, time::Duration};
+
+use quinn::{Connection, Endpoint, SendStream, crypto::rustls::QuicClientConfig};
+use rustls::{
+    DigitallySignedStruct, SignatureScheme,
+    client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier},
+    pki_types::{CertificateDer, ServerName, UnixTime},
+};
+use sightline_shared::protocol::{
+    ALPN, VERSION,
+    frame::{self, FrameBuffer},
+    message::{ClientMessage, ServerMessage},
+    text::Name,
+};
+
+/// A raw connection.
+pub struct Stranger {
+    pub connection: Connection,
+    _endpoint: Endpoint,
+}
+
+impl Stranger {
+    pub async fn connect(address: SocketAddr) -> Self {
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let mut tls = rustls::ClientConfig::builder_with_provider(provider)
+            .with_protocol_versions(&[&rustls::version::TLS13])
+            .unwrap()
+            .dangerous()
+            .with_custom_certificate_verifier(Arc::new(Anyone))
+            .with_no_client_auth();
+        tls.alpn_protocols = vec![ALPN.to_vec()];
+        let crypto = QuicClientConfig::try_from(tls).unwrap();
+        let mut endpoint = Endpoint::client("127.0.0.1:0".parse().unwrap()).unwrap();
+        endpoint.set_default_client_config(quinn::ClientConfig::new(Arc::new(crypto)));
+        let connection = endpoint.connect(address, "sightline").unwrap().await.unwrap();
+        Self { connection, _endpoint: endpoint }
+    }
+
+    /// Sends bytes on a stream of its own and leaves it open.
+    pub async fn send(&self, bytes: &[u8]) -> SendStream {
+        let (mut send, receive) = self.connection.open_bi().await.unwrap();
+        send.write_all(bytes).await.unwrap();
+        // Dropping it would tell the server to stop.
+        std::mem::forget(receive);
+        send
+    }
+
+    /// Sends bytes and hears all that the server says until it ends the stream.
+    pub async fn converse(&self, bytes: &[u8]) -> Vec<ServerMessage> {
+        let (mut send, mut receive) = self.connection.open_bi().await.unwrap();
+        send.write_all(bytes).await.unwrap();
+        let mut buffer = FrameBuffer::default();
+        let all = receive.read_to_end(1 << 20);
+        buffer.push(&tokio::time::timeout(Duration::from_secs(20), all).await.unwrap().unwrap());
+        let mut messages = Vec::new();
+        while let Some(frame) = buffer.next_frame().unwrap() {
+            messages.push(ServerMessage::decode(frame).unwrap());
+        }
+        messages
+    }
+
+    /// Waits until the server has closed the connection.
+    pub async fn is_closed(&self) {
+        let closed = tokio::time::timeout(Duration::from_secs(20), self.connection.closed()).await;
+        closed.expect("the server must close the connection");
+    }
+}
+
+/// A hello as any client says it.
+pub fn hello(version: u32) -> Vec<u8> {
+    let name = Name::new("Stranger").unwrap();
+    frame::encode(&ClientMessage::Hello { version, name, colour: [9; 3] })
+}
+
+/// A hello, and a wish to come in.
+pub fn hello_and_enter() -> Vec<u8> {
+    let enter = frame::encode(&ClientMessage::Enter { place: None });
+    [hello(VERSION), enter].concat()
+}
+
+#[derive(Debug)]
+struct Anyone;
+
+impl ServerCertVerifier for Anyone {
+    fn verify_server_cert(
+        &self,
+        _: &CertificateDer<'_>,
+        _: &[CertificateDer<'_>],
+        _: &ServerName<'_>,
+        _: &[u8],
+        _: UnixTime,
+    ) -> Result<ServerCertVerified, rustls::Error> {
+        Ok(ServerCertVerified::assertion())
+    }
+
+    fn verify_tls12_signature(
+        &self,
+        _: &[u8],
+        _: &CertificateDer<'_>,
+        _: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, rustls::Error> {
+        Ok(HandshakeSignatureValid::assertion())
+    }
+
+    fn verify_tls13_signature(
+        &self,
+        _: &[u8],
+        _: &CertificateDer<'_>,
+        _: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, rustls::Error> {
+        Ok(HandshakeSignatureValid::assertion())
+    }
+
+    fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+        vec![SignatureScheme::ECDSA_NISTP256_SHA256, SignatureScheme::ED25519]
+    }
+}
