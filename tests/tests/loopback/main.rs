@@ -233,7 +233,7 @@ async fn who_sends_junk_is_out_and_nobody_else_is() {
     let (server, address) = serve(config());
     let ada = join(&server, "Ada", WEST).await;
     let enter_twice = [hello_and_enter(), hello_and_enter()].concat();
-    let flood = [hello_and_enter(), vec![1, 0, 5].repeat(5_000)].concat();
+    let flood = [hello_and_enter(), [1, 0, 5].repeat(5_000)].concat();
     let junk: [&[u8]; 6] = [
         b"GET / HTTP/1.1\r\n\r\n",
         &[0xff; 64],
