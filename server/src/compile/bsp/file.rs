@@ -1,0 +1,314 @@
+//! The lumps of a BSP file, every range and index checked.
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::BspError;
+
+const VERSION: i32 = 46;
+const LUMPS: usize = 17;
+/// Edge of a lightmap, in pixels.
+pub(super) const LIGHTMAP_EDGE: usize = 128;
+const LIGHTMAP_BYTES: usize = LIGHTMAP_EDGE * LIGHTMAP_EDGE * 3;
+
+/// The most records of each kind, four times what the game itself takes or more.
+const SHADERS_MAX: usize = 1 << 14;
+const PLANES_MAX: usize = 1 << 20;
+const MODELS_MAX: usize = 1 << 13;
+const BRUSHES_MAX: usize = 1 << 17;
+const SIDES_MAX: usize = 1 << 21;
+const VERTICES_MAX: usize = 1 << 21;
+const MESH_VERTICES_MAX: usize = 1 << 23;
+const FACES_MAX: usize = 1 << 19;
+const LIGHTMAPS_MAX: usize = 1 << 12;
+const ENTITY_BYTES_MAX: usize = 8 << 20;
+
+/// A surface or content: its name and what it does.
+pub(super) struct Shader {
+    pub name: String,
+    pub surface_flags: i32,
+    pub contents: i32,
+}
+
+/// The half-space `normal · p <= distance`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Plane {
+    pub normal: DVec3,
+    pub distance: f64,
+}
+
+/// A convex solid: the half-spaces of its sides.
+pub(super) struct Brush {
+    pub planes: Vec<Plane>,
+    pub shader: usize,
+}
+
+#[derive(Clone, Copy, Default)]
+pub(super) struct Vertex {
+    /// In Quake units and axes.
+    pub position: Vec3,
+    pub texture: Vec2,
+    pub lightmap: Vec2,
+    pub colour: [u8; 3],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum FaceKind {
+    /// Planar faces and meshes: triangles by mesh vertices.
+    Triangles,
+    /// A grid of control points, so many wide.
+    Patch {
+        width: usize,
+        height: usize,
+    },
+    Billboard,
+}
+
+pub(super) struct Face {
+    pub kind: FaceKind,
+    pub shader: usize,
+    pub vertices: std::ops::Range<usize>,
+    pub mesh_vertices: std::ops::Range<usize>,
+    pub lightmap: Option<usize>,
+}
+
+/// What is read of a map. The brushes and the first faces are those of the world model.
+pub(super) struct Map<'a> {
+    pub entities: String,
+    pub shaders: Vec<Shader>,
+    pub world_brushes: Vec<Brush>,
+    pub vertices: Vec<Vertex>,
+    pub mesh_vertices: Vec<u32>,
+    pub faces: Vec<Face>,
+    /// Which of the faces belong to the world model.
+    pub world_faces: std::ops::Range<usize>,
+    /// RGB, [`LIGHTMAP_EDGE`] squared pixels each.
+    pub lightmaps: &'a [[u8; LIGHTMAP_BYTES]],
+}
+
+impl<'a> Map<'a> {
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, BspError> {
+        let lumps = Lumps::parse(bytes)?;
+        let shaders: Vec<Shader> =
+            lumps.records(1, "shaders", SHADERS_MAX)?.iter().map(shader).collect();
+        let vertices: Vec<Vertex> =
+            lumps.records(10, "vertices", VERTICES_MAX)?.iter().map(vertex).collect();
+        let mesh_vertices: Vec<u32> = lumps
+            .records(11, "mesh vertices", MESH_VERTICES_MAX)?
+            .iter()
+            .map(|&bytes| u32::from_le_bytes(bytes))
+            .collect();
+        let lightmaps = lumps.records::<LIGHTMAP_BYTES>(14, "lightmaps", LIGHTMAPS_MAX)?;
+        let limits = Counts {
+            shaders: shaders.len(),
+            vertices: vertices.len(),
+            mesh_vertices: mesh_vertices.len(),
+            lightmaps: lightmaps.len(),
+        };
+        let faces = lumps.records(13, "faces", FACES_MAX)?;
+        let faces: Vec<Face> =
+            faces.iter().map(|bytes| face(bytes, &limits)).collect::<Result<_, _>>()?;
+        let world = lumps.world(faces.len())?;
+        let entities = lumps.bytes(0)?;
+        if entities.len() > ENTITY_BYTES_MAX {
+            return Err(BspError::TooMany("bytes of entities"));
+        }
+        Ok(Self {
+            entities: String::from_utf8_lossy(entities).into_owned(),
+            world_brushes: lumps.brushes(world.brushes, shaders.len())?,
+            shaders,
+            vertices,
+            mesh_vertices,
+            faces,
+            world_faces: world.faces,
+            lightmaps,
+        })
+    }
+}
+
+/// The table of contents, and what it leads to.
+struct Lumps<'a> {
+    bytes: &'a [u8],
+    directory: [(i32, i32); LUMPS],
+}
+
+struct WorldModel {
+    faces: std::ops::Range<usize>,
+    brushes: std::ops::Range<usize>,
+}
+
+struct Counts {
+    shaders: usize,
+    vertices: usize,
+    mesh_vertices: usize,
+    lightmaps: usize,
+}
+
+impl<'a> Lumps<'a> {
+    fn parse(bytes: &'a [u8]) -> Result<Self, BspError> {
+        let header = bytes.get(..8 + LUMPS * 8).ok_or(BspError::Truncated)?;
+        let mut fields = Fields(header);
+        if fields.take() != *b"IBSP" {
+            return Err(BspError::Magic);
+        }
+        let version = fields.int();
+        if version != VERSION {
+            return Err(BspError::Version(version));
+        }
+        let directory = std::array::from_fn(|_| (fields.int(), fields.int()));
+        Ok(Self { bytes, directory })
+    }
+
+    fn bytes(&self, lump: usize) -> Result<&'a [u8], BspError> {
+        let (offset, length) = self.directory[lump];
+        let range = range(offset, length, self.bytes.len()).ok_or(BspError::Lump { lump })?;
+        Ok(&self.bytes[range])
+    }
+
+    fn records<const N: usize>(
+        &self,
+        lump: usize,
+        what: &'static str,
+        max: usize,
+    ) -> Result<&'a [[u8; N]], BspError> {
+        let (records, rest) = self.bytes(lump)?.as_chunks::<N>();
+        match (rest.is_empty(), records.len() <= max) {
+            (false, _) => Err(BspError::Lump { lump }),
+            (_, false) => Err(BspError::TooMany(what)),
+            _ => Ok(records),
+        }
+    }
+
+    /// What belongs to the first model: the world without doors and lifts.
+    fn world(&self, faces: usize) -> Result<WorldModel, BspError> {
+        let models = self.records::<40>(7, "models", MODELS_MAX)?;
+        let brushes = self.records::<12>(8, "brushes", BRUSHES_MAX)?.len();
+        let mut fields = Fields(models.first().ok_or(BspError::NoWorld)?);
+        fields.skip(24);
+        let fault = BspError::Index { what: "model" };
+        let (face, face_count) = (fields.int(), fields.int());
+        let Some(faces) = range(face, face_count, faces) else { return Err(fault) };
+        let (brush, brush_count) = (fields.int(), fields.int());
+        let Some(brushes) = range(brush, brush_count, brushes) else { return Err(fault) };
+        Ok(WorldModel { faces, brushes })
+    }
+
+    fn brushes(
+        &self,
+        which: std::ops::Range<usize>,
+        shaders: usize,
+    ) -> Result<Vec<Brush>, BspError> {
+        let planes: Vec<Plane> = self.records(2, "planes", PLANES_MAX)?.iter().map(plane).collect();
+        let sides = self.records::<8>(9, "brush sides", SIDES_MAX)?;
+        let fault = || BspError::Index { what: "brush" };
+        let mut brushes = Vec::with_capacity(which.len());
+        for bytes in &self.records::<12>(8, "brushes", BRUSHES_MAX)?[which] {
+            let mut fields = Fields(bytes);
+            let sides = range(fields.int(), fields.int(), sides.len())
+                .map(|range| &sides[range])
+                .ok_or_else(fault)?;
+            if sides.len() > super::brush::SIDES_MAX {
+                return Err(BspError::TooMany("sides of a brush"));
+            }
+            let shader = index(fields.int(), shaders).ok_or_else(fault)?;
+            let plane = |side: &[u8; 8]| Some(planes[index(Fields(side).int(), planes.len())?]);
+            let planes = sides.iter().map(plane).collect::<Option<_>>().ok_or_else(fault)?;
+            brushes.push(Brush { planes, shader });
+        }
+        Ok(brushes)
+    }
+}
+
+/// Reads little-endian fields one after the other; beyond the end there are zeros.
+struct Fields<'a>(&'a [u8]);
+
+impl Fields<'_> {
+    fn take<const N: usize>(&mut self) -> [u8; N] {
+        match self.0.split_first_chunk() {
+            Some((field, rest)) => {
+                self.0 = rest;
+                *field
+            }
+            None => [0; N],
+        }
+    }
+
+    fn skip(&mut self, bytes: usize) {
+        self.0 = self.0.get(bytes..).unwrap_or_default();
+    }
+
+    fn int(&mut self) -> i32 {
+        i32::from_le_bytes(self.take())
+    }
+
+    fn float(&mut self) -> f32 {
+        f32::from_le_bytes(self.take())
+    }
+
+    fn vec2(&mut self) -> Vec2 {
+        Vec2::new(self.float(), self.float())
+    }
+
+    fn vec3(&mut self) -> Vec3 {
+        Vec3::new(self.float(), self.float(), self.float())
+    }
+}
+
+/// A range within so many elements.
+fn range(first: i32, count: i32, within: usize) -> Option<std::ops::Range<usize>> {
+    let (first, count) = (usize::try_from(first).ok()?, usize::try_from(count).ok()?);
+    let end = first.checked_add(count)?;
+    (end <= within).then_some(first..end)
+}
+
+fn index(value: i32, within: usize) -> Option<usize> {
+    usize::try_from(value).ok().filter(|&index| index < within)
+}
+
+fn shader(bytes: &[u8; 72]) -> Shader {
+    let mut fields = Fields(bytes);
+    let name: [u8; 64] = fields.take();
+    let end = name.iter().position(|&b| b == 0).unwrap_or(name.len());
+    Shader {
+        name: String::from_utf8_lossy(&name[..end]).to_ascii_lowercase(),
+        surface_flags: fields.int(),
+        contents: fields.int(),
+    }
+}
+
+fn plane(bytes: &[u8; 16]) -> Plane {
+    let mut fields = Fields(bytes);
+    Plane { normal: fields.vec3().as_dvec3(), distance: f64::from(fields.float()) }
+}
+
+fn vertex(bytes: &[u8; 44]) -> Vertex {
+    let mut fields = Fields(bytes);
+    let (position, texture, lightmap) = (fields.vec3(), fields.vec2(), fields.vec2());
+    fields.skip(12);
+    Vertex { position, texture, lightmap, colour: fields.take() }
+}
+
+fn face(bytes: &[u8; 104], counts: &Counts) -> Result<Face, BspError> {
+    let fault = || BspError::Index { what: "face" };
+    let mut fields = Fields(bytes);
+    let shader = index(fields.int(), counts.shaders).ok_or_else(fault)?;
+    fields.skip(4);
+    let kind = fields.int();
+    let vertices = range(fields.int(), fields.int(), counts.vertices).ok_or_else(fault)?;
+    let mesh_vertices =
+        range(fields.int(), fields.int(), counts.mesh_vertices).ok_or_else(fault)?;
+    let lightmap = index(fields.int(), counts.lightmaps);
+    fields.skip(64);
+    let kind = match kind {
+        1 | 3 => FaceKind::Triangles,
+        2 => patch(fields.int(), fields.int(), vertices.len()).ok_or_else(fault)?,
+        _ => FaceKind::Billboard,
+    };
+    Ok(Face { kind, shader, vertices, mesh_vertices, lightmap })
+}
+
+/// A grid of control points has an odd number of them each way, three at least.
+fn patch(width: i32, height: i32, vertices: usize) -> Option<FaceKind> {
+    let (width, height) = (usize::try_from(width).ok()?, usize::try_from(height).ok()?);
+    let is_odd = width >= 3 && height >= 3 && width % 2 == 1 && height % 2 == 1;
+    (is_odd && width.checked_mul(height)? == vertices).then_some(FaceKind::Patch { width, height })
+}

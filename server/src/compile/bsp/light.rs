@@ -1,0 +1,82 @@
+//! Baked light: what a map's lightmaps say at a point.
+
+use glam::{Vec2, Vec3};
+
+use super::file::{LIGHTMAP_EDGE, Map};
+
+/// Lightmaps hold half of what is meant, so that highlights fit in.
+const OVERBRIGHT: f32 = 2.0;
+/// No place is darker than this share of full light: one should still know the walls.
+const AMBIENT: f32 = 0.16;
+
+/// The light of one face.
+#[derive(Clone, Copy)]
+pub(super) enum Light<'a> {
+    /// An image that coordinates from 0 to 1 span.
+    Lightmap(&'a [u8]),
+    /// What the vertices say.
+    Vertices,
+}
+
+impl<'a> Light<'a> {
+    pub fn of(map: &Map<'a>, lightmap: Option<usize>) -> Self {
+        lightmap
+            .and_then(|index| map.lightmaps.get(index))
+            .map_or(Self::Vertices, |pixels| Self::Lightmap(pixels))
+    }
+
+    /// The light at a point, as an sRGB colour to multiply with.
+    pub fn at(&self, lightmap: Vec2, vertex: Vec3) -> [u8; 3] {
+        let light = match self {
+            Self::Lightmap(pixels) => bilinear(pixels, lightmap) * OVERBRIGHT,
+            Self::Vertices => vertex * OVERBRIGHT,
+        };
+        // Too bright a light keeps its hue.
+        let light = light / light.max_element().max(255.0) * 255.0;
+        let lifted = light * (1.0 - AMBIENT) + 255.0 * AMBIENT;
+        lifted.to_array().map(|value| value as u8)
+    }
+}
+
+/// An image's colour between its pixels' centres; the image ends at its outermost ones.
+fn bilinear(pixels: &[u8], at: Vec2) -> Vec3 {
+    let edge = (LIGHTMAP_EDGE - 1) as f32;
+    // A coordinate that is no number is taken for 0.
+    let at = (at * LIGHTMAP_EDGE as f32 - 0.5).max(Vec2::ZERO).min(Vec2::splat(edge));
+    let low = at.floor();
+    let share = at - low;
+    let pixel = |x: f32, y: f32| {
+        let (x, y) = (x.min(edge) as usize, y.min(edge) as usize);
+        let start = 3 * (y * LIGHTMAP_EDGE + x);
+        match pixels.get(start..start + 3) {
+            Some(&[r, g, b]) => Vec3::new(r.into(), g.into(), b.into()),
+            _ => Vec3::ZERO,
+        }
+    };
+    let row = |y: f32| pixel(low.x, y).lerp(pixel(low.x + 1.0, y), share.x);
+    row(low.y).lerp(row(low.y + 1.0), share.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_between_pixels_is_between_theirs() {
+        let mut pixels = vec![0; LIGHTMAP_EDGE * LIGHTMAP_EDGE * 3];
+        pixels[0..6].copy_from_slice(&[100, 0, 0, 0, 50, 0]);
+        let centre = |x: f32| Vec2::new(x + 0.5, 0.5) / LIGHTMAP_EDGE as f32;
+        assert_eq!(bilinear(&pixels, centre(0.0)), Vec3::new(100.0, 0.0, 0.0));
+        assert_eq!(bilinear(&pixels, centre(0.5)), Vec3::new(50.0, 25.0, 0.0));
+        for odd in [f32::NAN, f32::INFINITY, -5.0, 7.0] {
+            assert!(bilinear(&pixels, Vec2::splat(odd)).is_finite());
+        }
+    }
+
+    #[test]
+    fn too_much_light_keeps_its_hue() {
+        let [r, g, b] = Light::Vertices.at(Vec2::ZERO, Vec3::new(255.0, 127.5, 0.0));
+        assert_eq!(r, 255);
+        assert!((140..=150).contains(&g) && (36..=44).contains(&b), "{r} {g} {b}");
+    }
+}
