@@ -4,8 +4,11 @@
 //! * [`render`]: the building drawn on the CPU from its octree; no window, no clock.
 //! * [`walker`]: one's own body: walks, climbs, collides; no keyboard, no clock.
 //! * [`net`]: the connection, and the world's download and cache.
+//! * [`navigation`]: where a body can walk. [`swarm`]: visitors who walk there by themselves.
 
+pub mod navigation;
 pub mod net;
 pub mod render;
 pub mod replica;
+pub mod swarm;
 pub mod walker;

@@ -263,4 +263,4 @@ fn share(wish: f32) -> f32 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -11,3 +11,12 @@ mod trust;
 pub use dialer::{ConnectError, Dialer, Options, Progress, connect_blocking};
 pub use session::{Session, SessionStats};
 pub use trust::{Trust, TrustError};
+
+/// Where the user's programs keep worlds; `None` when there is no home folder.
+pub fn world_folder_of_user() -> Option<std::path::PathBuf> {
+    user_folders().map(|folders| folders.cache_dir().join("worlds"))
+}
+
+fn user_folders() -> Option<directories::ProjectDirs> {
+    directories::ProjectDirs::from("", "", "sightline")
+}

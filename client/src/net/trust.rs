@@ -68,6 +68,12 @@ pub enum TrustError {
 }
 
 impl Trust {
+    /// The servers that the user's programs have met; `None` when there is no home folder.
+    pub fn of_user() -> Option<Self> {
+        let folders = super::user_folders()?;
+        Some(Self::FirstUse(folders.config_dir().join("known-servers")))
+    }
+
     /// Whether the server at the other end is the right one. To be asked before anything is sent.
     pub fn check(&self, connection: &Connection, address: SocketAddr) -> Result<(), TrustError> {
         let found = fingerprint(connection).ok_or(TrustError::NoCertificate)?;

@@ -11,7 +11,7 @@ use super::*;
 const VOXEL: f32 = 0.125;
 
 /// A world of 8 m, of which the bottom voxel layer is floor, with boxes (in voxels) on it.
-fn world(boxes: &[([u32; 3], [u32; 3], u8)]) -> World {
+pub(crate) fn world(boxes: &[([u32; 3], [u32; 3], u8)]) -> World {
     let mut voxels = Vec::new();
     let mut add = |min: [u32; 3], max: [u32; 3], flags: u8| {
         for x in min[0]..max[0] {
