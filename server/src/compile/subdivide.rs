@@ -9,10 +9,22 @@ use sightline_shared::{
 
 use super::occluders::{OccluderPlane, Rect, Triangle2, in_plane, other_axes, uncovered};
 
-/// A plane splits a cell when what is opaque on it covers at least this much, in square metres …
-const OPAQUE_AREA_MIN: f64 = 2.0;
-/// … or this part of the cell's cross-section.
-const OPAQUE_SHARE_MIN: f64 = 0.1;
+/// A plane splits a cell when one of its triangles covers at least this much, in square metres, and
+/// what is opaque on it at least this part of the cross-section. What is smaller is furniture: it
+/// hides little, and splitting along it would make many cells.
+const TRIANGLE_AREA_MIN: f64 = 1.25;
+/// See [`TRIANGLE_AREA_MIN`].
+const SHARE_MIN: f64 = 0.1;
+/// Inside walls and slabs, which are no thicker than this, in metres …
+const WALL_MAX: f32 = 0.6;
+/// … a plane splits when this part of the cross-section is opaque: the jambs, sills and lintels of
+/// doors and windows, without which one would see sideways through the wall …
+const WALL_SHARE_MIN: f64 = 0.35;
+/// … and at least this much, in square metres: not the frames of panes.
+const WALL_AREA_MIN: f64 = 0.15;
+/// Of two opaque planes that are no farther apart than this, in metres, one is enough: what is
+/// between them is the inside of a thin wall, or the frame of a pane.
+const THIN_MAX: f32 = 0.1;
 /// No deeper: the world file's reader allows twice as much.
 const DEPTH_MAX: u16 = 256;
 
@@ -79,22 +91,55 @@ impl Builder<'_> {
     fn best_plane(&self, region: &Aabb, inside: &[OccluderRef]) -> Option<usize> {
         inside
             .chunk_by(|a, b| a.0 == b.0)
-            .filter_map(|on_plane| {
-                let index = on_plane[0].0 as usize;
-                let OccluderPlane { axis, at, ref triangles, .. } = self.planes[index];
-                let section = section(region, axis);
-                let area: f64 = on_plane
-                    .iter()
-                    .map(|&(_, t)| clipped_area(&triangles[t as usize], &section))
-                    .sum();
-                // Overlapping triangles count twice; a share is never more than all.
-                let share = (area / section.area()).min(1.0);
-                let off_middle = ((at - region.min[axis]) / region.size()[axis] - 0.5).abs() * 2.0;
-                (area >= OPAQUE_AREA_MIN || share >= OPAQUE_SHARE_MIN)
-                    .then_some((index, share - 0.1 * f64::from(off_middle)))
-            })
+            .filter_map(|on_plane| Some((on_plane[0].0 as usize, self.worth(region, on_plane)?)))
             .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))
             .map(|(index, _)| index)
+    }
+
+    /// How good it is to split a region along a plane; none when the region is better left whole.
+    fn worth(&self, region: &Aabb, on_plane: &[OccluderRef]) -> Option<f64> {
+        let OccluderPlane { axis, at, ref triangles, .. } = self.planes[on_plane[0].0 as usize];
+        let section = section(region, axis);
+        let (mut area, mut largest) = (0.0, 0.0f64);
+        for &(_, triangle) in on_plane {
+            let part = clipped_area(&triangles[triangle as usize], &section);
+            area += part;
+            largest = largest.max(part);
+        }
+        // Overlapping triangles count twice; a share is never more than all.
+        let share = (area / section.area()).min(1.0);
+        let in_wall = region.size().min_element() <= WALL_MAX;
+        let enough = (largest >= TRIANGLE_AREA_MIN && share >= SHARE_MIN)
+            || (in_wall && share >= WALL_SHARE_MIN && area >= WALL_AREA_MIN);
+        if !enough || self.repeats_boundary(region, axis, at, area) {
+            return None;
+        }
+        let off_middle = ((at - region.min[axis]) / region.size()[axis] - 0.5).abs() * 2.0;
+        Some(share - 0.1 * f64::from(off_middle))
+    }
+
+    /// Whether a plane lies so close to a side of the region that hides as much.
+    fn repeats_boundary(&self, region: &Aabb, axis: usize, at: f32, area: f64) -> bool {
+        let near = |side: f32| (side - at).abs() <= THIN_MAX;
+        [region.min[axis], region.max[axis]]
+            .into_iter()
+            .filter(|&side| near(side))
+            .filter_map(|side| self.plane_at(axis, side))
+            .any(|plane| {
+                let section = section(region, axis);
+                let opaque: f64 = plane
+                    .overlapping(&section)
+                    .iter()
+                    .map(|triangle| clipped_area(triangle, &section))
+                    .sum();
+                opaque >= 0.95 * area
+            })
+    }
+
+    fn plane_at(&self, axis: usize, at: f32) -> Option<&OccluderPlane> {
+        // The planes come by axis, then ascending.
+        let index = self.planes.partition_point(|p| (p.axis, p.at) < (axis, at));
+        self.planes.get(index).filter(|p| (p.axis, p.at) == (axis, at))
     }
 
     /// Adds the portals between the leaves on both sides of each split of a subtree.
@@ -134,9 +179,7 @@ impl Builder<'_> {
     }
 
     fn add_portals(&mut self, cells: [CellId; 2], axis: usize, at: f32, rect: &Rect) {
-        // The planes come by axis, then ascending.
-        let index = self.planes.partition_point(|p| (p.axis, p.at) < (axis, at));
-        let plane = &self.planes[index];
+        let plane = self.plane_at(axis, at).expect("every split lies on an occluder plane");
         for free in uncovered(rect, &plane.overlapping(rect)) {
             let bounds = Aabb::new(on_plane(free.min, axis, at), on_plane(free.max, axis, at));
             self.portals.push(Portal { cells, axis: axis as u8, bounds });

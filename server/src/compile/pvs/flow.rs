@@ -36,8 +36,8 @@ pub fn flood(gates: &Gates, gate: usize) -> Bits {
 
 /// Whether some line could go through both gates, the right way, as far as their planes tell.
 fn might_pass(source: &Gate, target: &Gate) -> bool {
-    target.winding.corners.iter().any(|&c| source.plane.height(c) > ON_PLANE)
-        && source.winding.corners.iter().any(|&c| target.plane.height(c) < -ON_PLANE)
+    target.winding.corners().iter().any(|&c| source.plane.height(c) > ON_PLANE)
+        && source.winding.corners().iter().any(|&c| target.plane.height(c) < -ON_PLANE)
 }
 
 /// The gates that can be seen through a gate. `known` bounds what each gate sees.
@@ -48,13 +48,11 @@ pub fn visible_through(gates: &Gates, known: &[Bits], gate: usize) -> Bits {
         source: &gates.gates[gate],
         seen: Bits::none(gates.gates.len()),
         levels: Vec::new(),
-        heights: Vec::new(),
         steps: 0,
     };
     search.level(0);
     search.levels[0].might.clone_from(&known[gate]);
-    search.levels[0].source = search.source.winding.clone();
-    search.levels[0].pass = Winding::default();
+    search.levels[0].source = search.source.winding;
     search.follow(0, search.source.to, &search.source.plane.clone());
     if search.steps > STEPS_MAX { known[gate].clone() } else { search.seen }
 }
@@ -65,7 +63,6 @@ struct Search<'a> {
     source: &'a Gate,
     seen: Bits,
     levels: Vec<Level>,
-    heights: Vec<f64>,
     steps: u32,
 }
 
@@ -85,8 +82,8 @@ impl Search<'_> {
         while self.levels.len() <= depth {
             self.levels.push(Level {
                 might: Bits::none(self.gates.gates.len()),
-                source: Winding::default(),
-                pass: Winding::default(),
+                source: Winding::EMPTY,
+                pass: Winding::EMPTY,
             });
         }
     }
@@ -120,18 +117,18 @@ impl Search<'_> {
         }
         // A convex cell cannot be left through the plane by which it was entered.
         if gate.plane.normal.dot(entered.normal).abs() > 0.5
-            && gate.winding.corners.iter().all(|&c| entered.height(c).abs() <= ON_PLANE)
+            && gate.winding.corners().iter().all(|&c| entered.height(c).abs() <= ON_PLANE)
         {
             return;
         }
-        above.pass.clone_from(&gate.winding);
-        above.pass.keep_front(&self.source.plane, &mut self.heights);
-        above.source.clone_from(&here.source);
-        above.source.keep_front(&gate.plane.flipped(), &mut self.heights);
+        above.pass.copy_from(&gate.winding);
+        above.pass.keep_front(&self.source.plane);
+        above.source.copy_from(&here.source);
+        above.source.keep_front(&gate.plane.flipped());
         if above.pass.is_empty() || above.source.is_empty() {
             return;
         }
-        if !here.pass.is_empty() && !cut_by_separators(here, above, &mut self.heights) {
+        if !here.pass.is_empty() && !cut_by_separators(here, above) {
             return;
         }
         self.seen.set(next);
@@ -141,28 +138,28 @@ impl Search<'_> {
 
 /// Cuts the next gate to what the source sees through the last one, and the source to what the
 /// next gate sees; false when nothing is left.
-fn cut_by_separators(here: &Level, above: &mut Level, heights: &mut Vec<f64>) -> bool {
+fn cut_by_separators(here: &Level, above: &mut Level) -> bool {
     let Level { source, pass, .. } = above;
     // Lines go from the source through the last gate: beyond it they stay in front of each plane
     // that has the source behind and the last gate in front, and likewise, with the roles changed,
     // behind each that has the last gate behind and the source in front.
     separators(source, &here.pass, |plane| {
-        pass.keep_front(plane, heights);
+        pass.keep_front(plane);
         !pass.is_empty()
     });
     separators(&here.pass, source, |plane| {
-        pass.keep_front(&plane.flipped(), heights);
+        pass.keep_front(&plane.flipped());
         !pass.is_empty()
     });
     if pass.is_empty() {
         return false;
     }
     separators(pass, &here.pass, |plane| {
-        source.keep_front(plane, heights);
+        source.keep_front(plane);
         !source.is_empty()
     });
     separators(&here.pass, pass, |plane| {
-        source.keep_front(&plane.flipped(), heights);
+        source.keep_front(&plane.flipped());
         !source.is_empty()
     });
     !source.is_empty()

@@ -79,15 +79,13 @@ fn widened(portal: &Portal) -> Winding {
         bound
     };
     let (min, max) = (wide(portal.bounds.min, -WIDENING), wide(portal.bounds.max, WIDENING));
-    let corners = [(min[u], min[v]), (max[u], min[v]), (max[u], max[v]), (min[u], max[v])]
-        .map(|(at_u, at_v)| {
-            let mut corner = min;
-            corner[u] = at_u;
-            corner[v] = at_v;
-            corner
-        })
-        .to_vec();
-    Winding { corners }
+    let corners = [(min[u], min[v]), (max[u], min[v]), (max[u], max[v]), (min[u], max[v])];
+    Winding::quad(corners.map(|(at_u, at_v)| {
+        let mut corner = min;
+        corner[u] = at_u;
+        corner[v] = at_v;
+        corner
+    }))
 }
 
 /// Finds the PVS of a subdivision. `progress` is told the share done, from 0 to 1.
