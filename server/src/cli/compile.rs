@@ -1,10 +1,76 @@
 //! `sightline-server compile`.
 
+use std::path::PathBuf;
+
+use anyhow::Context;
+use sightline_server::{
+    compile::{self, Report, Stage, model},
+    progress::Progress,
+};
+
 /// Makes a world (.slw) of a building (.glb, .gltf or a Quake III .bsp).
 #[derive(clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// The building.
+    input: PathBuf,
+    /// The world to write.
+    #[arg(short, long, value_name = "OUT.slw")]
+    output: PathBuf,
+    /// The edge of a voxel, in metres; by default chosen by the building's size.
+    #[arg(long, value_name = "METRES", value_parser = voxel_size)]
+    voxel: Option<f32>,
+    /// An archive with the textures of a Quake III map; may be given several times.
+    #[arg(long, value_name = "FILE.pk3")]
+    pk3: Vec<PathBuf>,
+    /// Write the figures of the closing table to this file too.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn voxel_size(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(metres) if (0.001..=10.0).contains(&metres) => Ok(metres),
+        _ => Err("a length from 0.001 to 10 metres, such as 0.03".into()),
+    }
+}
 
 /// Runs the command.
-pub fn run(_args: &Args) -> anyhow::Result<()> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let model = model::read(&args.input, &args.pk3)?;
+    for warning in &model.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let options = compile::Options { voxel: args.voxel };
+    let progress = Progress::new();
+    let (world, report) = compile::compile(&model, &options, &|stage, share| {
+        progress.show(stage_name(stage), share);
+    })
+    .with_context(|| args.input.display().to_string())?;
+    progress.finish();
+    world.write(&args.output).with_context(|| format!("cannot write {}", args.output.display()))?;
+    print_table(&report);
+    super::write_json(args.json.as_deref(), &report)
+}
+
+fn stage_name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Cells => "cells and portals",
+        Stage::Pvs => "sight lines",
+        Stage::Voxels => "voxels",
+    }
+}
+
+fn print_table(report: &Report) {
+    let row = |name: &str, value: String| println!("{name:<20} {value:>12}");
+    row("triangles", report.triangles.to_string());
+    row("opaque triangles", report.opaque.to_string());
+    row("occluders", report.occluders.to_string());
+    row("cells", report.cells.to_string());
+    row("portals", report.portals.to_string());
+    row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));
+    row("voxels", report.voxels.to_string());
+    row("voxel", format!("{:.1} mm", report.voxel_m * 1000.0));
+    for &(stage, seconds) in &report.seconds {
+        row(stage_name(stage), format!("{seconds:.2} s"));
+    }
 }
