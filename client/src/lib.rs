@@ -3,9 +3,12 @@
 //! * [`replica`]: what this client knows of the others; no socket, no clock.
 //! * [`render`]: the building drawn on the CPU from its octree; no window, no clock.
 //! * [`walker`]: one's own body: walks, climbs, collides; no keyboard, no clock.
+//! * `desktop`: the window, when the feature of that name is on.
 //! * [`net`]: the connection, and the world's download and cache.
 //! * [`navigation`]: where a body can walk. [`swarm`]: visitors who walk there by themselves.
 
+#[cfg(feature = "desktop")]
+pub mod desktop;
 pub mod navigation;
 pub mod net;
 pub mod render;

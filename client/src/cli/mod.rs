@@ -5,7 +5,42 @@ pub mod swarm;
 #[cfg(feature = "desktop")]
 pub mod walk;
 
+use std::{
+    io,
+    net::{SocketAddr, ToSocketAddrs},
+};
+
+use anyhow::Context;
+use tracing_subscriber::EnvFilter;
+
+/// The address of a server, as host:port; of several the first, those of IPv4 before others.
+pub fn resolve(address: &str) -> anyhow::Result<SocketAddr> {
+    let mut found: Vec<SocketAddr> =
+        address.to_socket_addrs().with_context(|| format!("no such address: {address}"))?.collect();
+    found.sort_by_key(SocketAddr::is_ipv6);
+    found.first().copied().with_context(|| format!("no such address: {address}"))
+}
+
 /// An error and its causes on one line, whatever characters a file or a peer put into it.
 pub fn one_line(error: &anyhow::Error) -> String {
     format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+/// Shows warnings, or what the variable `RUST_LOG` asks for, on stderr.
+pub fn show_log() {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_resolved() {
+        assert_eq!(resolve("127.0.0.1:4777").ok(), Some(([127, 0, 0, 1], 4777).into()));
+        for wrong in ["", "127.0.0.1", "a b:c"] {
+            assert!(resolve(wrong).is_err(), "{wrong}");
+        }
+    }
 }

@@ -2,7 +2,6 @@
 
 use std::{
     io::{self, IsTerminal},
-    net::{SocketAddr, ToSocketAddrs},
     path::PathBuf,
     time::Duration,
 };
@@ -14,7 +13,6 @@ use sightline_client::{
     swarm::{self, Options, Report, Trace},
 };
 use sightline_shared::protocol::fingerprint::Fingerprint;
-use tracing_subscriber::EnvFilter;
 
 /// Sends simulated visitors to a server, and reports what they received.
 #[derive(clap::Args)]
@@ -45,13 +43,12 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
+    super::show_log();
     ensure!(
         args.seconds.is_finite() && (0.1..=86_400.0).contains(&args.seconds),
         "--seconds must be between 0.1 and 86400"
     );
-    let address = resolve(&args.address)?;
+    let address = super::resolve(&args.address)?;
     let trust = match args.fingerprint {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
@@ -87,13 +84,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 /// The first address of a host; IPv4 before IPv6, since servers on one machine listen on both.
-fn resolve(address: &str) -> anyhow::Result<SocketAddr> {
-    let mut found: Vec<SocketAddr> =
-        address.to_socket_addrs().with_context(|| format!("no such address: {address}"))?.collect();
-    found.sort_by_key(SocketAddr::is_ipv6);
-    found.first().copied().with_context(|| format!("no such address: {address}"))
-}
-
 /// A bar on a terminal, a line every ten seconds elsewhere.
 struct Progress {
     bar: ProgressBar,

@@ -1,0 +1,234 @@
+//! One frame after another: the walker's step, the building, the others, and what is written.
+
+use std::time::{Duration, Instant};
+
+use sightline_shared::world::{Spawn, World};
+
+use super::{Visit, controls::Controls, overlay, overlay::Log, pace::Pace};
+use crate::{
+    render::{
+        Camera, Frame, Renderer,
+        avatars::{self, Figure},
+    },
+    replica::{Event, Standing, VisibleAvatar},
+    walker::Walker,
+};
+
+/// All that a window shows, without the window.
+pub(super) struct Scene<'a> {
+    visit: Visit<'a>,
+    walker: Walker,
+    renderer: Renderer,
+    drawn: Frame,
+    shown: Frame,
+    log: Log,
+    pace: Pace,
+    rate: Rate,
+    before: Option<Instant>,
+    draw_time: Duration,
+}
+
+const HELP: &str =
+    "WASD walk, click and mouse look, Shift run, Space jump, F fly, Enter chat, Esc leave";
+
+impl<'a> Scene<'a> {
+    pub(super) fn new(visit: Visit<'a>) -> Self {
+        let spawn = match visit {
+            Visit::Alone(_, spawn) => spawn,
+            Visit::Shared(session) => {
+                let pose = session.pose();
+                Spawn { eye: pose.eye, yaw: pose.yaw }
+            }
+        };
+        let mut log = Log::default();
+        log.add(Instant::now(), HELP.into());
+        Self {
+            visit,
+            walker: Walker::new(visit.world(), spawn),
+            renderer: Renderer::default(),
+            drawn: Frame::default(),
+            shown: Frame::default(),
+            log,
+            pace: Pace::default(),
+            rate: Rate::default(),
+            before: None,
+            draw_time: Duration::ZERO,
+        }
+    }
+
+    pub(super) fn walker(&self) -> &Walker {
+        &self.walker
+    }
+
+    /// How long all frames took to draw.
+    pub(super) fn draw_time(&self) -> Duration {
+        self.draw_time
+    }
+
+    /// Why the session ended; `None` while it runs.
+    pub(super) fn ended(&self) -> Option<String> {
+        match self.visit {
+            Visit::Shared(session) => session.end(),
+            Visit::Alone(..) => None,
+        }
+    }
+
+    /// Says something to the others.
+    pub(super) fn say(&mut self, now: Instant, line: &str) {
+        let refused = match self.visit {
+            Visit::Shared(session) => session.chat(line).err().map(|error| error.to_string()),
+            Visit::Alone(..) => Some("nobody else is here".into()),
+        };
+        if let Some(reason) = refused {
+            self.log.add(now, format!("not said: {reason}"));
+        }
+    }
+
+    /// Goes on to `now` and draws a picture of this size.
+    pub(super) fn frame(
+        &mut self,
+        controls: &mut Controls,
+        (width, height): (usize, usize),
+        now: Instant,
+    ) -> &Frame {
+        self.hear(now);
+        let dt_s = self.before.map_or(0.0, |before| (now - before).as_secs_f32());
+        self.before = Some(now);
+        self.rate.count(now);
+        let pose = self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s);
+        let mut others = Vec::new();
+        if let Visit::Shared(session) = self.visit {
+            session.set_pose(pose);
+            others = session.visible();
+        }
+        let divisor = self.pace.divisor();
+        self.drawn.resize(width.div_ceil(divisor), height.div_ceil(divisor));
+        let start = Instant::now();
+        self.draw(&Camera::at(&pose), &others);
+        self.draw_time += start.elapsed();
+        self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
+        let status = self.status(&others);
+        let shown = if divisor == 1 {
+            &mut self.drawn
+        } else {
+            self.shown.resize(width, height);
+            enlarge(&self.drawn, &mut self.shown, divisor);
+            &mut self.shown
+        };
+        overlay::status(shown, &status);
+        self.log.draw(shown, now, controls.line());
+        shown
+    }
+
+    /// Takes in what the server said.
+    fn hear(&mut self, now: Instant) {
+        let Visit::Shared(session) = self.visit else { return };
+        for event in session.events() {
+            match event {
+                Event::Entered(pose) | Event::Corrected(pose) => self.walker.place(pose),
+                Event::Chat { name, text, .. } => self.log.add(now, format!("{name}: {text}")),
+                Event::Goodbye(reason) => self.log.add(now, format!("goodbye: {reason}")),
+                Event::Appeared(_) | Event::Vanished(_) => (),
+            }
+        }
+    }
+
+    fn draw(&mut self, camera: &Camera, others: &[VisibleAvatar]) {
+        let world = self.visit.world();
+        self.renderer.draw(&world.octree, camera, &mut self.drawn);
+        let figures: Vec<Figure> = others
+            .iter()
+            .map(|VisibleAvatar { name, colour, pose, .. }| Figure {
+                pose: *pose,
+                body: world.body,
+                colour: *colour,
+                name,
+            })
+            .collect();
+        avatars::draw(&mut self.drawn, camera, &figures);
+    }
+
+    fn status(&self, others: &[VisibleAvatar]) -> String {
+        let title = &self.visit.world().title;
+        let fps = self.rate.per_s;
+        let Visit::Shared(session) = self.visit else {
+            return format!("{title} | {fps:.0} fps | alone");
+        };
+        let stats = session.stats();
+        let standing = match stats.standing {
+            Standing::Outside => "outside",
+            Standing::Live => "live",
+            Standing::Quiet => "quiet",
+            Standing::Asked => "asked",
+        };
+        let [rate_in, rate_out] = [stats.udp_rate_in, stats.udp_rate_out].map(|rate| rate / 1.0e3);
+        let names: Vec<&str> = others.iter().map(|other| other.name.as_str()).collect();
+        format!(
+            "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s | {} in view: {}",
+            others.len(),
+            names.join(", ")
+        )
+    }
+}
+
+impl<'a> Visit<'a> {
+    fn world(self) -> &'a World {
+        match self {
+            Self::Shared(session) => session.world(),
+            Self::Alone(world, _) => world,
+        }
+    }
+}
+
+/// Frames a second, taken each half second.
+#[derive(Default)]
+struct Rate {
+    since: Option<Instant>,
+    frames: u32,
+    per_s: f32,
+}
+
+impl Rate {
+    fn count(&mut self, now: Instant) {
+        self.frames += 1;
+        let since = *self.since.get_or_insert(now);
+        let elapsed_s = (now - since).as_secs_f32();
+        if elapsed_s >= 0.5 {
+            *self = Self { since: Some(now), frames: 0, per_s: self.frames as f32 / elapsed_s };
+        }
+    }
+}
+
+/// Makes `divisor` × `divisor` pixels of each.
+fn enlarge(small: &Frame, large: &mut Frame, divisor: usize) {
+    let width = large.width();
+    for (y, row) in large.colour.chunks_mut(width.max(1)).enumerate() {
+        let start = y / divisor * small.width();
+        let source = &small.colour[start..start + small.width()];
+        for (pixels, &colour) in row.chunks_mut(divisor).zip(source) {
+            pixels.fill(colour);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn enlarged_pictures_fill_odd_windows() {
+        let mut small = Frame::new(3, 2);
+        small.colour.copy_from_slice(&[1, 2, 3, 4, 5, 6]);
+        let mut large = Frame::new(5, 3);
+        enlarge(&small, &mut large, 2);
+        assert_eq!(large.colour, [1, 1, 2, 2, 3, 1, 1, 2, 2, 3, 4, 4, 5, 5, 6]);
+    }
+
+    #[test]
+    fn the_rate_is_that_of_the_last_half_second() {
+        let start = Instant::now();
+        let mut rate = Rate::default();
+        (0..=40).for_each(|i| rate.count(start + Duration::from_millis(25 * i)));
+        assert!((rate.per_s - 40.0).abs() < 3.0, "{}", rate.per_s);
+    }
+}
