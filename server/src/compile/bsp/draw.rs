@@ -15,13 +15,13 @@ use crate::compile::model::{self, Material, Model, Surface};
 
 /// The most triangles of a model.
 pub(super) const TRIANGLES_MAX: usize = 4 << 20;
-/// Triangles are divided until their edges are no longer, in Quake units: a pixel of a lightmap is
-/// 16 units wide, and light is kept by vertex.
-const EDGE_MAX: f32 = 24.0;
+/// Triangles are divided until their edges are no longer, in Quake units, since light is kept by
+/// vertex: a pixel of a lightmap is 16 units wide.
+const EDGE_MIN: f32 = 24.0;
+/// In large maps edges stay longer, so that there are about as many triangles.
+const DIVIDED_TRIANGLES: f32 = 300_000.0;
 /// One triangle becomes at most two to this power.
 const DIVISIONS_MAX: u32 = 12;
-/// Division stops when a model has so many triangles.
-const DIVIDED_TRIANGLES_MAX: usize = 1 << 20;
 /// A patch deviates no further from its true curve, in Quake units.
 const CURVE_TOLERANCE: f32 = 1.0;
 const SEGMENTS_MAX: usize = 16;
@@ -32,13 +32,12 @@ pub(super) fn surfaces(
     archives: &mut Archives,
     model: &mut Model,
 ) -> Result<(), BspError> {
-    let mut pieces: BTreeMap<usize, Pieces> = BTreeMap::new();
+    let mut drawn: Vec<(&Face, Vec<[Vertex; 3]>)> = Vec::new();
     let mut total = 0;
     for (index, face) in map.faces.iter().enumerate() {
         let shader = &map.shaders[face.shader];
-        let blocks = map.world_faces.contains(&index)
-            && matches!(face.kind, FaceKind::Patch { .. })
-            && shader.is_opaque();
+        let is_patch = matches!(face.kind, FaceKind::Patch { .. });
+        let blocks = is_patch && shader.is_opaque() && map.world_faces.contains(&index);
         if !shader.is_drawn() && !blocks {
             continue;
         }
@@ -52,16 +51,36 @@ pub(super) fn surfaces(
             model.opaque.extend(corners.filter(|&corners| model::has_area(corners)));
         }
         if shader.is_drawn() {
-            let light = Light::of(map, face.lightmap);
-            let pieces = pieces.entry(face.shader).or_default();
-            for triangle in triangles {
-                let divisions = if total < DIVIDED_TRIANGLES_MAX { DIVISIONS_MAX } else { 0 };
-                total += pieces.add(triangle, light, divisions);
-            }
+            drawn.push((face, triangles));
+        }
+    }
+    draw(map, &drawn, archives, model);
+    Ok(())
+}
+
+/// Adds surfaces, one for each shader.
+fn draw(
+    map: &Map<'_>,
+    drawn: &[(&Face, Vec<[Vertex; 3]>)],
+    archives: &mut Archives,
+    model: &mut Model,
+) {
+    let area: f32 = drawn.iter().flat_map(|(_, triangles)| triangles).map(area).sum();
+    // Halving leaves triangles with legs of about the longest edge.
+    let edge_max = (2.0 * area / DIVIDED_TRIANGLES).sqrt().max(EDGE_MIN);
+    let mut by_shader: BTreeMap<usize, Pieces> = BTreeMap::new();
+    let mut left = TRIANGLES_MAX;
+    for (face, triangles) in drawn {
+        let light = Light::of(map, face.lightmap);
+        let pieces = by_shader.entry(face.shader).or_default();
+        for &triangle in triangles {
+            let has_detail = matches!(light, Light::Lightmap(_)) && left > TRIANGLES_MAX / 2;
+            let divisions = if has_detail { DIVISIONS_MAX } else { 0 };
+            left = left.saturating_sub(pieces.add(triangle, light, edge_max, divisions));
         }
     }
     let mut without_image = 0;
-    for (shader, pieces) in pieces {
+    for (shader, pieces) in by_shader {
         let material = material(&map.shaders[shader], archives);
         without_image += usize::from(material.texture.is_none());
         model.surfaces.push(pieces.into_surface(material));
@@ -69,7 +88,12 @@ pub(super) fn surfaces(
     if without_image > 0 && !archives.is_empty() {
         model.warnings.push(format!("no image found for {without_image} shaders"));
     }
-    Ok(())
+}
+
+/// In square units.
+fn area(triangle: &[Vertex; 3]) -> f32 {
+    let [a, b, c] = triangle.map(|vertex| vertex.position);
+    (b - a).cross(c - a).length() / 2.0
 }
 
 /// Triangles of one shader.
@@ -82,15 +106,21 @@ struct Pieces {
 
 impl Pieces {
     /// Adds a triangle, divided so that its light is kept; gives how many it has become.
-    fn add(&mut self, triangle: [Vertex; 3], light: Light<'_>, divisions: u32) -> usize {
-        let lengths = [0, 1, 2]
-            .map(|i| triangle[i].position.distance_squared(triangle[(i + 1) % 3].position));
+    fn add(
+        &mut self,
+        triangle: [Vertex; 3],
+        light: Light<'_>,
+        edge_max: f32,
+        divisions: u32,
+    ) -> usize {
+        let next = |i: usize| triangle[(i + 1) % 3].position;
+        let lengths = [0, 1, 2].map(|i| triangle[i].position.distance(next(i)));
         let longest = (0..3).max_by(|&a, &b| lengths[a].total_cmp(&lengths[b])).unwrap_or(0);
-        if divisions > 0 && lengths[longest] > EDGE_MAX * EDGE_MAX {
+        if divisions > 0 && lengths[longest] > edge_max {
             let [a, b, c] = [0, 1, 2].map(|i| triangle[(longest + i) % 3]);
             let middle = between(&a, &b, 0.5);
-            return self.add([a, middle, c], light, divisions - 1)
-                + self.add([middle, b, c], light, divisions - 1);
+            return self.add([a, middle, c], light, edge_max, divisions - 1)
+                + self.add([middle, b, c], light, edge_max, divisions - 1);
         }
         let corners = triangle.map(|vertex| placed(vertex.position.as_dvec3()));
         if !model::has_area(corners) {

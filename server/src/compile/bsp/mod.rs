@@ -152,4 +152,4 @@ fn placed(point: DVec3) -> Vec3 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

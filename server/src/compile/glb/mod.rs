@@ -10,6 +10,11 @@ mod scene;
 
 use std::path::{Path, PathBuf};
 
+use gltf::{
+    Document, Semantic,
+    json::{Index, Root, validation::Checked},
+};
+
 use super::model::{self, Model};
 use resources::Resources;
 
@@ -97,7 +102,9 @@ pub fn read(path: &Path) -> Result<Model, GlbError> {
 /// Reads the bytes of a .glb or .gltf. Files that it names are looked for in `folder` only.
 pub fn read_slice(bytes: &[u8], folder: Option<&Path>, title: &str) -> Result<Model, GlbError> {
     check_length(bytes)?;
-    let gltf::Gltf { document, blob } = gltf::Gltf::from_slice(bytes)?;
+    let gltf::Gltf { document, blob } = gltf::Gltf::from_slice_without_validation(bytes)?;
+    check_positions(document.as_json())?;
+    let document = Document::from_json(document.into_json())?;
     let resources = Resources::load(&document, blob, folder)?;
     scene::Reader::new(&document, resources, title).read()
 }
@@ -118,5 +125,17 @@ fn check_length(bytes: &[u8]) -> Result<(), GlbError> {
     Ok(())
 }
 
+/// Validation by the `gltf` crate looks into the accessors of positions without checking that they
+/// are there.
+fn check_positions(root: &Root) -> Result<(), GlbError> {
+    let positions = Checked::Valid(Semantic::Positions);
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let mut indices = primitives.filter_map(|p| p.attributes.get(&positions)).map(Index::value);
+    match indices.find(|&index| index >= root.accessors.len()) {
+        Some(index) => Err(GlbError::Accessor { index, reason: "is not there" }),
+        None => Ok(()),
+    }
+}
+
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -64,14 +64,14 @@ impl Resources {
     /// An image, decoded once. One that cannot be had becomes `None`, with a warning.
     pub fn image(
         &mut self,
-        image: &gltf::Image<'_>,
+        document: &Document,
+        index: usize,
         warnings: &mut Vec<String>,
     ) -> Option<Arc<RgbImage>> {
-        let index = image.index();
         if let Some(Some(known)) = self.images.get(index) {
             return known.clone();
         }
-        let loaded = self.load_image(image).map(Arc::new);
+        let loaded = self.load_image(document, index).map(Arc::new);
         if let Err(reason) = &loaded {
             warnings.push(format!("image {index} left out: {reason}"));
         }
@@ -82,12 +82,16 @@ impl Resources {
         loaded
     }
 
-    fn load_image(&mut self, image: &gltf::Image<'_>) -> Result<RgbImage, String> {
-        let bytes = match image.source() {
-            gltf::image::Source::View { view, .. } => {
+    fn load_image(&mut self, document: &Document, index: usize) -> Result<RgbImage, String> {
+        // The crate's own view of an image takes for granted that it has a source.
+        let source = document.as_json().images.get(index).ok_or("it is not there")?;
+        let view = source.buffer_view.and_then(|view| document.views().nth(view.value()));
+        let bytes = match (&source.uri, view) {
+            (Some(uri), _) => Cow::Owned(fetch(uri, self.folder.as_deref())?),
+            (None, Some(view)) => {
                 Cow::Borrowed(self.view(&view).ok_or("it reaches beyond its buffer")?)
             }
-            gltf::image::Source::Uri { uri, .. } => Cow::Owned(fetch(uri, self.folder.as_deref())?),
+            (None, None) => return Err("it has no source".into()),
         };
         let picture = model::decode_image(&bytes, None, self.texture_bytes_left)?;
         self.texture_bytes_left -= picture.as_raw().len().min(self.texture_bytes_left);

@@ -183,8 +183,9 @@ impl<'a> Reader<'a> {
         let Some(accessor) = primitive.get(&Semantic::TexCoords(mapping.set)) else {
             return Ok((material, Vec::new()));
         };
-        let image = mapping.texture.source();
-        material.texture = self.resources.image(&image, &mut self.model.warnings);
+        let image = mapping.texture.source().index();
+        let warnings = &mut self.model.warnings;
+        material.texture = self.resources.image(self.document, image, warnings);
         if material.texture.is_none() {
             return Ok((material, Vec::new()));
         }
