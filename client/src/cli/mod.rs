@@ -6,7 +6,7 @@ pub mod swarm;
 pub mod walk;
 
 use std::{
-    io,
+    io::{self, IsTerminal},
     net::{SocketAddr, ToSocketAddrs},
 };
 
@@ -29,7 +29,11 @@ pub fn one_line(error: &anyhow::Error) -> String {
 /// Shows warnings, or what the variable `RUST_LOG` asks for, on stderr.
 pub fn show_log() {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(io::stderr().is_terminal())
+        .with_writer(io::stderr)
+        .init();
 }
 
 #[cfg(test)]

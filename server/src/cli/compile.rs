@@ -52,7 +52,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     super::write_json(args.json.as_deref(), &report)
 }
 
-fn stage_name(stage: Stage) -> &'static str {
+/// What a stage is called.
+pub fn stage_name(stage: Stage) -> &'static str {
     match stage {
         Stage::Cells => "cells and portals",
         Stage::Pvs => "sight lines",

@@ -1,6 +1,7 @@
 //! `sightline-server serve`.
 
 use std::{
+    io::IsTerminal,
     net::SocketAddr,
     path::{Path, PathBuf},
     time::Duration,
@@ -9,7 +10,8 @@ use std::{
 use anyhow::Context;
 use sightline_server::{
     compile::{self, demo_building, glb},
-    net::{Expectation, Identity, ServeConfig, ServedWorld, Server},
+    net::{Identity, ServeConfig, ServedWorld, Server},
+    progress::Progress,
 };
 use sightline_shared::world::{self, World};
 use tracing_subscriber::EnvFilter;
@@ -38,7 +40,11 @@ const STATUS_INTERVAL: Duration = Duration::from_secs(60);
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr)
+        .init();
     let config = config(args)?;
     let data = match &config.data {
         Some(folder) => folder.clone(),
@@ -95,7 +101,11 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     }
     eprintln!("compiling the demo building, once, into {}", path.display());
     let model = glb::read_slice(&model, None, "demo building")?;
-    let (world, _) = compile::compile(&model, &compile::Options::default(), &|_, _| {})?;
+    let progress = Progress::new();
+    let (world, _) = compile::compile(&model, &compile::Options::default(), &|stage, share| {
+        progress.show(super::compile::stage_name(stage), share);
+    })?;
+    progress.finish();
     let bytes = World::to_bytes(&world);
     world::write_whole(&path, &bytes)
         .with_context(|| format!("cannot write {}", path.display()))?;
@@ -125,13 +135,10 @@ async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> 
 
 fn say_how_it_is(server: &Server) {
     let stats = server.stats();
-    let count = |expectation| {
-        stats.clients.values().filter(|client| client.expectation == expectation).count()
-    };
     tracing::info!(
-        live = count(Expectation::Live),
-        quiet = count(Expectation::Quiet),
-        asked = count(Expectation::Asked),
+        live = stats.counts.live,
+        quiet = stats.counts.quiet,
+        asked = stats.counts.asked,
         tick_median_us = stats.ticks.median_us,
         tick_p99_us = stats.ticks.p99_us,
         "serving"

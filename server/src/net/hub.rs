@@ -10,7 +10,7 @@ use glam::Vec3;
 use sightline_shared::motion::AvatarId;
 use tokio::{sync::mpsc, time::MissedTickBehavior};
 
-use super::{Client, stats::TickTimes};
+use super::{Client, stats::Pulse};
 use crate::engine::{Engine, Input, Output};
 
 /// Inputs that may wait for the engine. A client whose input finds no place waits itself, so that
@@ -45,16 +45,16 @@ pub struct Hub {
     started: Instant,
     tick: u32,
     round_trips_at: Duration,
-    times: Arc<TickTimes>,
+    pulse: Arc<Pulse>,
     /// Kept from tick to tick for its memory only.
     outputs: Vec<Output>,
 }
 
 impl Hub {
     /// A hub whose clock starts at `started`.
-    pub fn new(engine: Engine, started: Instant, times: Arc<TickTimes>) -> Self {
+    pub fn new(engine: Engine, started: Instant, pulse: Arc<Pulse>) -> Self {
         let (clients, round_trips_at) = (BTreeMap::new(), Duration::ZERO);
-        Self { engine, clients, started, tick: 0, round_trips_at, times, outputs: Vec::new() }
+        Self { engine, clients, started, tick: 0, round_trips_at, pulse, outputs: Vec::new() }
     }
 
     /// Runs until nobody can tell it anything any more.
@@ -111,7 +111,7 @@ impl Hub {
             client.outbox.flush(self.tick);
         }
         self.outputs = outputs;
-        self.times.record(begin.elapsed());
+        self.pulse.record(begin.elapsed(), self.engine.counts(), self.engine.stats());
     }
 
     fn tell_round_trips(&mut self, now: Duration) {

@@ -48,12 +48,12 @@ use tokio::{
     time::timeout,
 };
 
-use crate::engine::Engine;
+use crate::engine::{self, Engine};
 use admission::{AddressCounts, Bucket};
 use hub::{Hub, ToHub};
 use outbox::Outbox;
 use session::{End, Hello};
-use stats::{Counters, TickTimes};
+use stats::{Counters, Pulse};
 
 pub use config::{ConfigError, ServeConfig};
 pub use identity::{Identity, IdentityError};
@@ -138,6 +138,12 @@ pub struct Stats {
     pub clients: BTreeMap<u32, ClientStats>,
     /// How long ticks took.
     pub ticks: TickSummary,
+    /// How many clients are in which state.
+    #[serde(skip)]
+    pub counts: engine::Counts,
+    /// What the engine counted.
+    #[serde(skip)]
+    pub engine: engine::Stats,
 }
 
 /// What is counted of a client.
@@ -165,8 +171,8 @@ impl Server {
         let started = Instant::now();
         let (hub_inputs, inputs) = mpsc::channel(hub::INPUTS_MAX);
         let (close, closing) = watch::channel(false);
-        let ticks = Arc::new(TickTimes::default());
-        let hub = Hub::new(engine, started, ticks.clone()).run(inputs, config.tick_interval());
+        let pulse = Arc::new(Pulse::default());
+        let hub = Hub::new(engine, started, pulse.clone()).run(inputs, config.tick_interval());
         let context = Arc::new(Context {
             config,
             world,
@@ -176,7 +182,7 @@ impl Server {
             avatars: AtomicU32::new(0),
             handshakes: AtomicUsize::new(0),
             closing,
-            ticks,
+            pulse,
         });
         let hub = tokio::spawn(hub);
         let accepting = tokio::spawn(accept(endpoint.clone(), context.clone()));
@@ -198,7 +204,8 @@ impl Server {
     pub fn stats(&self) -> Stats {
         let clients: Vec<_> = self.context.registry().clients.values().cloned().collect();
         let clients = clients.iter().map(|client| (client.avatar.0, client.stats())).collect();
-        Stats { clients, ticks: self.context.ticks.summary() }
+        let (counts, engine) = self.context.pulse.engine();
+        Stats { clients, ticks: self.context.pulse.ticks(), counts, engine }
     }
 
     /// Waits until the server ends by itself, which only a fault of the engine makes it do.
@@ -230,7 +237,7 @@ struct Context {
     avatars: AtomicU32,
     handshakes: AtomicUsize,
     closing: watch::Receiver<bool>,
-    ticks: Arc<TickTimes>,
+    pulse: Arc<Pulse>,
 }
 
 #[derive(Default)]

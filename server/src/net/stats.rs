@@ -2,13 +2,15 @@
 
 use std::{
     sync::{
-        Mutex, PoisonError,
+        Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering::Relaxed},
     },
     time::Duration,
 };
 
 use serde::Serialize;
+
+use crate::engine;
 
 /// Ticks whose durations are remembered.
 const TICKS_MAX: usize = 2_048;
@@ -96,17 +98,20 @@ impl Counters {
     }
 }
 
-/// How long the last ticks took.
+/// How the engine does, as of its last tick.
 #[derive(Debug, Default)]
-pub struct TickTimes(Mutex<Ring>);
+pub struct Pulse(Mutex<Beat>);
 
 #[derive(Debug, Default)]
-struct Ring {
+struct Beat {
     ticks: u64,
+    /// How long the last ticks took, in a ring.
     times: Vec<Duration>,
+    counts: engine::Counts,
+    stats: engine::Stats,
 }
 
-/// What [`TickTimes`] come to.
+/// How long ticks took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct TickSummary {
     /// Ticks since the start.
@@ -119,23 +124,30 @@ pub struct TickSummary {
     pub max_us: u64,
 }
 
-impl TickTimes {
-    /// A tick took so long.
-    pub fn record(&self, time: Duration) {
-        let mut ring = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let place = ring.ticks as usize % TICKS_MAX;
-        ring.ticks += 1;
-        match ring.times.get_mut(place) {
+impl Pulse {
+    /// A tick took so long, and this is how the engine is now.
+    pub fn record(&self, time: Duration, counts: engine::Counts, stats: engine::Stats) {
+        let mut beat = self.beat();
+        let place = beat.ticks as usize % TICKS_MAX;
+        beat.ticks += 1;
+        (beat.counts, beat.stats) = (counts, stats);
+        match beat.times.get_mut(place) {
             Some(slot) => *slot = time,
-            None => ring.times.push(time),
+            None => beat.times.push(time),
         }
     }
 
+    /// How many clients are in which state, and what the engine counted.
+    pub fn engine(&self) -> (engine::Counts, engine::Stats) {
+        let beat = self.beat();
+        (beat.counts, beat.stats)
+    }
+
     /// What the last ticks come to.
-    pub fn summary(&self) -> TickSummary {
+    pub fn ticks(&self) -> TickSummary {
         let (ticks, mut times) = {
-            let ring = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            (ring.ticks, ring.times.clone())
+            let beat = self.beat();
+            (beat.ticks, beat.times.clone())
         };
         times.sort_unstable();
         let at = |hundredths: usize| {
@@ -143,6 +155,10 @@ impl TickTimes {
             times.get(place).map_or(0, |time| time.as_micros() as u64)
         };
         TickSummary { ticks, median_us: at(50), p99_us: at(99), max_us: at(100) }
+    }
+
+    fn beat(&self) -> MutexGuard<'_, Beat> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -152,15 +168,19 @@ mod tests {
 
     #[test]
     fn only_the_last_ticks_count() {
-        let times = TickTimes::default();
-        assert_eq!(times.summary(), TickSummary::default());
-        times.record(Duration::from_secs(9));
+        let pulse = Pulse::default();
+        assert_eq!(pulse.ticks(), TickSummary::default());
+        let record = |time| {
+            let counts = engine::Counts { live: 3, ..engine::Counts::default() };
+            pulse.record(time, counts, engine::Stats::default());
+        };
+        record(Duration::from_secs(9));
         for us in 0..TICKS_MAX as u64 {
-            times.record(Duration::from_micros(us));
+            record(Duration::from_micros(us));
         }
-        let summary = times.summary();
-        assert_eq!(summary.ticks, TICKS_MAX as u64 + 1);
-        assert_eq!((summary.median_us, summary.max_us), (1_024, 2_047));
-        assert_eq!(summary.p99_us, 2_027);
+        let ticks = pulse.ticks();
+        assert_eq!(ticks.ticks, TICKS_MAX as u64 + 1);
+        assert_eq!((ticks.median_us, ticks.p99_us, ticks.max_us), (1_024, 2_027, 2_047));
+        assert_eq!(pulse.engine().0.live, 3);
     }
 }

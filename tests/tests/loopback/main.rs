@@ -1,6 +1,7 @@
 //! The whole system over loopback QUIC: server, engine, protocol, client.
 
 mod building;
+mod crowd;
 mod stranger;
 
 use std::{net::SocketAddr, time::Duration};
