@@ -30,8 +30,8 @@ pub struct Args {
     /// Every client's round trip, in milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
     rtt: u32,
-    /// Faster than this nobody moves without announcing a jump, in metres a second; at least the
-    /// world's own limit.
+    /// Faster than this nobody moves without announcing a jump, in metres a second, in place of the
+    /// limit that the world has.
     #[arg(long, value_name = "METRES")]
     speed_max: Option<f32>,
     /// How long a TBV lasts, in milliseconds.
@@ -55,7 +55,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let world = World::read(&args.world).with_context(|| args.world.display().to_string())?;
     let trace = Trace::open(&args.trace).with_context(|| args.trace.display().to_string())?;
-    let options = options(args, &world)?;
+    let options = options(args)?;
     let mut dump = args.dump.as_deref().map(create).transpose()?;
     let progress = Progress::new();
     let report = replay::run(
@@ -75,14 +75,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     write!(io::stdout(), "{report}").context("cannot write the table")
 }
 
-fn options(args: &Args, world: &World) -> anyhow::Result<Options> {
+fn options(args: &Args) -> anyhow::Result<Options> {
     let mut options = Options::new(args.policy, Duration::from_millis(args.rtt.into()));
     if let Some(speed_max) = args.speed_max {
         anyhow::ensure!(
             speed_max.is_finite() && speed_max > 0.0 && speed_max <= 1_000.0,
             "--speed-max must be above 0 and at most 1000 metres a second"
         );
-        options.config.speed_max = Some(speed_max.max(world.speed_max));
+        options.config.speed_max = Some(speed_max);
     }
     if let Some(validity) = args.validity {
         options.config.validity = Duration::from_millis(validity.into());

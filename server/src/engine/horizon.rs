@@ -2,7 +2,8 @@
 //!
 //! Words: `T` is the time between two ticks, `u` and `d` a client's one-way delay to and from the
 //! server (half of its round trip), `age` the time since its last report came in, and a *ball* is
-//! where an eye can be in some time at maximum speed. What is sent at the tick at `t` stands at
+//! where an eye can be in some time at maximum speed: what portals lead to of a sphere about the
+//! last reported place, since no eye passes through walls ([`Reach`](super::reach::Reach)). What is sent at the tick at `t` stands at
 //! viewer `V` from `t + d(V)` until what is sent at the next tick stands there, at `t + T + d(V)`.
 //!
 //! **A live avatar seen by a live viewer.** At `t` the last report of either was made at

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use glam::{IVec3, Vec3};
-use sightline_shared::{geometry::Aabb, motion::AvatarId};
+use sightline_shared::motion::AvatarId;
 
 use super::{
     Engine, Output, Policy,
     population::{Avatar, Held, Slot},
-    zones::{overlapping, touches},
+    reach::Reach,
 };
 
 /// Viewers whose delay is so much less than the slowest's have each avatar tested for themselves.
@@ -52,10 +52,12 @@ impl Engine {
     pub(super) fn place_near(&mut self, now: Duration, slot: Slot) {
         let avatar = self.population.at(slot);
         let cells = &self.world.cells;
-        let eyes = self.ball(avatar, now, self.horizons.one_way(avatar.round_trip));
-        let widest = self.ball(avatar, now, self.horizons.one_way_max());
-        let eyes = overlapping(cells, &eyes);
-        let bodies = overlapping(cells, &self.world.body.around_box(&widest));
+        let (one_way, widest) =
+            (self.horizons.one_way(avatar.round_trip), self.horizons.one_way_max());
+        let eyes = self.near_reach(avatar, now, one_way);
+        let wide = (one_way < widest).then(|| self.near_reach(avatar, now, widest));
+        let bodies = wide.as_ref().unwrap_or(&eyes).bodies(cells, &self.world.body);
+        let eyes = eyes.eyes();
         let near = &mut self.population.at_mut(slot).near;
         if near.eyes != eyes {
             near.visible.clear();
@@ -110,19 +112,15 @@ impl Engine {
         if one_way + DELAYS_APART >= self.horizons.one_way_max() {
             return true;
         }
-        let eyes = self.ball(self.population.at(slot), now, one_way);
-        touches(&self.world.cells, &self.world.body.around_box(&eyes), &viewer.near.visible)
+        let reach = self.near_reach(self.population.at(slot), now, one_way);
+        reach.body_meets(&self.world.cells, &self.world.body, &viewer.near.visible)
     }
 
     /// Where an avatar's eye can be until the next tick's word stands at a viewer.
-    fn ball(&self, avatar: &Avatar, now: Duration, one_way: Duration) -> Aabb {
+    fn near_reach(&self, avatar: &Avatar, now: Duration, one_way: Duration) -> Reach {
         let age = now.saturating_sub(avatar.heard);
-        self.eyes(avatar.pose.eye, self.horizons.near_m(age, avatar.round_trip, one_way))
-    }
-
-    /// Where an eye can be that has come no further than `way_m`.
-    pub(super) fn eyes(&self, from: Vec3, way_m: f32) -> Aabb {
-        Aabb::around(from, way_m).intersection(&self.world.bounds())
+        let way_m = self.horizons.near_m(age, avatar.round_trip, one_way);
+        Reach::new(&self.world.cells, avatar.pose.eye, way_m)
     }
 }
 

@@ -36,6 +36,7 @@ mod interest;
 mod messages;
 mod population;
 mod presence;
+mod reach;
 mod silence;
 #[cfg(test)]
 mod tests;

@@ -7,6 +7,7 @@ use sightline_shared::motion::{AvatarId, Tbv};
 use super::{
     ClientState, Engine, Output, Policy,
     population::{Avatar, Slot},
+    reach::Reach,
     zones::Zone,
 };
 
@@ -91,8 +92,9 @@ impl Engine {
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
-        let eyes = self.eyes(avatar.pose.eye, self.horizons.far_m(age, avatar.round_trip));
-        let zone = Zone::around(&self.world.cells, &self.world.body, &eyes);
+        let way_m = self.horizons.far_m(age, avatar.round_trip);
+        let reach = Reach::new(&self.world.cells, avatar.pose.eye, way_m);
+        let zone = Zone::of(&reach, &self.world);
         if zone == avatar.zone {
             return;
         }
@@ -156,8 +158,7 @@ impl Engine {
     /// from it: neither where live avatars can soon be nor the TBVs of hidden ones.
     fn hide(&mut self, now: Duration, slot: Slot, tbv: &Tbv) -> bool {
         let cells = &self.world.cells;
-        let eyes = tbv.eyes().intersection(&self.world.bounds());
-        let zone = Zone::around(cells, &self.world.body, &eyes);
+        let zone = Zone::of(&Reach::new(cells, tbv.centre, tbv.radius), &self.world);
         let own = std::mem::take(&mut self.population.at_mut(slot).zone);
         self.live_zones.remove(slot, &own);
         if self.live_zones.meets(cells, &zone) || self.hidden_zones.meets(cells, &zone) {

@@ -1,5 +1,5 @@
 //! The engine on hand-made worlds, and against a naive twin on random ones.
 
-mod stage;
+pub(super) mod stage;
 mod story;
 mod twin;

@@ -1,13 +1,9 @@
 //! Which avatars can be in which cells, and which of them can be visible from where.
 
 use roaring::RoaringBitmap;
-use sightline_shared::{
-    geometry::Aabb,
-    motion::Body,
-    world::{CellId, Cells},
-};
+use sightline_shared::world::{CellId, Cells, World};
 
-use super::population::Slot;
+use super::{population::Slot, reach::Reach};
 
 /// The cells that an avatar can be in during some time.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -19,17 +15,10 @@ pub(super) struct Zone {
 }
 
 impl Zone {
-    /// The zone of an avatar whose eye stays in a box.
-    pub(super) fn around(cells: &Cells, body: &Body, eyes: &Aabb) -> Self {
-        Self { eyes: overlapping(cells, eyes), bodies: overlapping(cells, &body.around_box(eyes)) }
+    /// The zone of an avatar that stays within reach.
+    pub(super) fn of(reach: &Reach, world: &World) -> Self {
+        Self { eyes: reach.eyes(), bodies: reach.bodies(&world.cells, &world.body) }
     }
-}
-
-/// The cells that share a point with a box, ascending.
-pub(super) fn overlapping(cells: &Cells, region: &Aabb) -> Vec<CellId> {
-    let mut found = Vec::new();
-    cells.overlapping(region, &mut found);
-    found
 }
 
 /// For each cell, who can be in it.
@@ -125,9 +114,4 @@ impl ZoneIndex {
     fn sides<'a>(&'a self, zone: &'a Zone) -> impl Iterator<Item = (&'a [CellId], &'a CellIndex)> {
         [(&zone.eyes[..], &self.bodies), (&zone.bodies[..], &self.eyes)].into_iter()
     }
-}
-
-/// Whether a box shares a point with one of some cells.
-pub(super) fn touches(cells: &Cells, region: &Aabb, some: &RoaringBitmap) -> bool {
-    overlapping(cells, region).iter().any(|cell| some.contains(cell.0))
 }

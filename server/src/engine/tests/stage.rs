@@ -8,7 +8,7 @@ use sightline_shared::{
     geometry::Aabb,
     motion::{AvatarId, Body, Pose, Tbv},
     octree::Octree,
-    world::{Cell, CellId, Cells, KdNode, Mesh, Spawn, World},
+    world::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World},
 };
 
 use crate::engine::{Config, Engine, Input, Output};
@@ -19,6 +19,7 @@ pub const TICK: Duration = Duration::from_millis(50);
 pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool) -> World {
     let count = bounds.len() as u32;
     let met = |a: u32, b: u32| a == b || sees(a, b) || sees(b, a);
+    let portals = portals(&bounds, met);
     let all = bounds.iter().fold(Aabb::EMPTY, |all, b| all.union(b));
     World {
         title: "hand-made".to_owned(),
@@ -26,8 +27,8 @@ pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bo
         cells: Cells {
             bounds: all,
             tree,
-            cells: bounds.into_iter().map(|bounds| Cell { bounds, portals: Vec::new() }).collect(),
-            portals: Vec::new(),
+            cells: cells(bounds, &portals),
+            portals,
             pvs: (0..count)
                 .map(|a| (0..count).filter(|b| met(a, *b)).collect::<RoaringBitmap>())
                 .collect(),
@@ -40,6 +41,37 @@ pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bo
         body: Body::PERSON,
         speed_max: 2.0,
     }
+}
+
+/// Wherever two cells that see each other share a rectangle, all of it is open.
+fn portals(bounds: &[Aabb], met: impl Fn(u32, u32) -> bool) -> Vec<Portal> {
+    let mut found = Vec::new();
+    for (a, lesser) in bounds.iter().enumerate() {
+        for (b, greater) in bounds.iter().enumerate() {
+            let shared = lesser.intersection(greater);
+            let size = shared.size();
+            let flat = (0..3).filter(|axis| size[*axis] == 0.0).collect::<Vec<_>>();
+            let (lesser, greater) = (lesser.centre(), greater.centre());
+            if let [axis] = flat[..]
+                && size.min_element() == 0.0
+                && lesser[axis] < greater[axis]
+                && met(a as u32, b as u32)
+            {
+                let cells = [CellId(a as u32), CellId(b as u32)];
+                found.push(Portal { cells, axis: axis as u8, bounds: shared });
+            }
+        }
+    }
+    found
+}
+
+fn cells(bounds: Vec<Aabb>, portals: &[Portal]) -> Vec<Cell> {
+    let of = |cell: CellId| {
+        let mine = portals.iter().enumerate().filter(move |(_, p)| p.cells.contains(&cell));
+        mine.map(|(i, _)| i as u32).collect()
+    };
+    let numbered = bounds.into_iter().zip(0..);
+    numbered.map(|(bounds, i)| Cell { bounds, portals: of(CellId(i)) }).collect()
 }
 
 /// Cells of 10 m in a row along x, 3 m high; each sees itself and its neighbours.

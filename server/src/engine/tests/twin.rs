@@ -124,7 +124,11 @@ impl Crowd {
                 *way = Vec3::new(part(), 0.2 * part(), part()).normalize_or_zero()
                     * if part() < 0.0 { 0.0 } else { step_m * 0.99 };
             }
-            client.eye = (client.eye + *way).clamp(bounds.min, bounds.max);
+            let there = (client.eye + *way).clamp(bounds.min, bounds.max);
+            let step = reach(self.stage.engine.world(), client.eye, step_m, 0.0);
+            if step.iter().any(|(_, piece)| piece.contains(there)) {
+                client.eye = there;
+            }
             if client.quiet.is_none() || client.asked {
                 self.last_report.insert(*id, (self.stage.now, client.eye));
             }
@@ -176,12 +180,14 @@ impl Crowd {
         let engine = &self.stage.engine;
         let tbv = engine.tbv(hidden).unwrap();
         assert!(tbv.expiry > at + self.trip(hidden), "it was asked in time");
-        let own = tbv.eyes().intersection(&engine.world().bounds());
-        assert!(own.contains(self.stage.client(hidden).eye), "it is where it was said to stay");
+        let own = reach(engine.world(), tbv.centre, tbv.radius, 0.004);
+        let eye = self.stage.client(hidden).eye;
+        let stays = own.iter().any(|(_, piece)| piece.contains(eye));
+        assert!(stays && tbv.contains(eye), "it is where it was said to stay");
         let slowest = self.round_trips.keys().map(|id| self.trip(*id) / 2).max().unwrap();
         for other in self.ways.keys().filter(|id| **id != hidden) {
             let zone = match engine.tbv(*other) {
-                Some(tbv) => tbv.eyes().intersection(&engine.world().bounds()),
+                Some(tbv) => reach(engine.world(), tbv.centre, tbv.radius, 0.004),
                 None => self.ball(at, *other, 2 * TICK + self.trip(hidden) + slowest),
             };
             assert!(!self.visible(&own, &zone), "{hidden:?} may see {other:?}");
@@ -194,24 +200,51 @@ impl Crowd {
     }
 
     /// Where an eye can be some time after the tick at `at`.
-    fn ball(&self, at: Duration, id: AvatarId, ahead: Duration) -> Aabb {
+    fn ball(&self, at: Duration, id: AvatarId, ahead: Duration) -> Pieces {
         let (heard, eye) = self.last_report[&id];
         let config = Config::default();
         let unheard = (at - heard + self.trip(id) / 2 + config.margin).min(config.horizon_max);
         let engine = &self.stage.engine;
         let way_m = engine.speed_max() * (unheard + ahead).as_secs_f32() + 0.01;
-        Aabb::around(eye, way_m).intersection(&engine.world().bounds())
+        reach(engine.world(), eye, way_m, 0.004)
     }
 
-    fn visible(&self, eyes: &Aabb, seen: &Aabb) -> bool {
+    fn visible(&self, eyes: &Pieces, seen: &Pieces) -> bool {
         let world = self.stage.engine.world();
-        let cells = &world.cells.cells;
-        let body = world.body.around_box(seen);
-        cells.iter().enumerate().filter(|(_, c)| c.bounds.intersects(eyes)).any(|(from, _)| {
-            let to = world.cells.pvs[from].iter();
-            to.into_iter().any(|to| cells[to as usize].bounds.intersects(&body))
+        let bodies: Vec<Aabb> = seen.iter().map(|(_, p)| world.body.around_box(p)).collect();
+        eyes.iter().any(|(from, _)| {
+            world.cells.pvs[*from].iter().any(|to| {
+                let to = &world.cells.cells[to as usize].bounds;
+                bodies.iter().any(|body| body.intersects(to))
+            })
         })
     }
+}
+
+/// The parts of cells that an eye can be in.
+type Pieces = Vec<(usize, Aabb)>;
+
+/// Where an eye can get to from a place through portals in a ball: goes over all portals until
+/// nothing is added.
+fn reach(world: &World, from: Vec3, way_m: f32, rounding_m: f32) -> Pieces {
+    let cells = &world.cells;
+    let near = |b: &Aabb| (from.clamp(b.min, b.max) - from).length() <= way_m;
+    let start = Aabb::around(from, rounding_m);
+    let mut in_reach: Vec<bool> = cells.cells.iter().map(|c| c.bounds.intersects(&start)).collect();
+    loop {
+        let before = in_reach.clone();
+        for portal in cells.portals.iter().filter(|portal| near(&portal.bounds)) {
+            let [a, b] = portal.cells.map(|cell| cell.0 as usize);
+            let either = in_reach[a] || in_reach[b];
+            (in_reach[a], in_reach[b]) = (either, either);
+        }
+        if in_reach == before {
+            break;
+        }
+    }
+    let ball = Aabb::around(from, way_m);
+    let all = cells.cells.iter().enumerate().filter(|(i, _)| in_reach[*i]);
+    all.map(|(i, cell)| (i, cell.bounds.intersection(&ball))).collect()
 }
 
 proptest! {

@@ -1,0 +1,122 @@
+//! Where a body can get to: a ball, less what lies behind walls.
+
+use std::collections::BTreeMap;
+
+use glam::Vec3;
+use roaring::RoaringBitmap;
+use sightline_shared::{
+    geometry::Aabb,
+    motion::Body,
+    world::{CellId, Cells},
+};
+
+/// A reported eye can be so far on the other side of a boundary by rounding, in metres.
+const ROUNDING_M: f32 = 0.004;
+
+/// The parts of cells that an eye can get to: those it comes to through portals within a ball.
+///
+/// What makes cells is opaque and solid, so whoever gets from one cell into another without
+/// leaving the ball goes through portals that the ball meets. Bodies may stick out of the cells
+/// that their eyes can get to, through walls even: boxes do, where people do not.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Reach {
+    /// By cell.
+    pieces: BTreeMap<CellId, Aabb>,
+}
+
+impl Reach {
+    /// Where an eye that was at a place can be when it has come no further than `way_m`.
+    pub(super) fn new(cells: &Cells, from: Vec3, way_m: f32) -> Self {
+        let ball = Aabb::around(from, way_m).intersection(&cells.bounds);
+        let piece = |cell: CellId| cells.cells[cell.0 as usize].bounds.intersection(&ball);
+        let mut open = Vec::new();
+        cells.overlapping(&Aabb::around(from, ROUNDING_M.min(way_m)), &mut open);
+        let mut pieces: BTreeMap<_, _> = open.iter().map(|cell| (*cell, piece(*cell))).collect();
+        while let Some(cell) = open.pop() {
+            for portal in &cells.cells[cell.0 as usize].portals {
+                let portal = &cells.portals[*portal as usize];
+                let [lesser, greater] = portal.cells;
+                let beyond = if lesser == cell { greater } else { lesser };
+                if !pieces.contains_key(&beyond) && is_within(&portal.bounds, from, way_m) {
+                    pieces.insert(beyond, piece(beyond));
+                    open.push(beyond);
+                }
+            }
+        }
+        Self { pieces }
+    }
+
+    /// The cells that the eye can be in, ascending.
+    pub(super) fn eyes(&self) -> Vec<CellId> {
+        self.pieces.keys().copied().collect()
+    }
+
+    /// The cells that some part of the body can be in, ascending.
+    pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> Vec<CellId> {
+        let mut found = Vec::new();
+        for piece in self.pieces.values() {
+            cells.overlapping(&body.around_box(piece), &mut found);
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// Whether some part of the body can be in one of some cells.
+    pub(super) fn body_meets(&self, cells: &Cells, body: &Body, some: &RoaringBitmap) -> bool {
+        let mut found = Vec::new();
+        self.pieces.values().any(|piece| {
+            found.clear();
+            cells.overlapping(&body.around_box(piece), &mut found);
+            found.iter().any(|cell| some.contains(cell.0))
+        })
+    }
+}
+
+/// Whether some point of a box is within a distance of a place.
+fn is_within(region: &Aabb, from: Vec3, way_m: f32) -> bool {
+    let nearest = from.clamp(region.min, region.max);
+    nearest.distance_squared(from) <= way_m * way_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::tests::stage, *};
+
+    fn ids(cells: &[CellId]) -> Vec<u32> {
+        cells.iter().map(|cell| cell.0).collect()
+    }
+
+    #[test]
+    fn eyes_go_through_portals_and_bodies_stick_out() {
+        let mut world = stage::row(5);
+        let from = Vec3::new(18.0, 1.6, 5.0);
+        let check = |world: &sightline_shared::world::World, way_m: f32| {
+            let reach = Reach::new(&world.cells, from, way_m);
+            let bodies = reach.bodies(&world.cells, &world.body);
+            for cell in 0..5 {
+                let some = RoaringBitmap::from_iter([cell]);
+                let meets = reach.body_meets(&world.cells, &world.body, &some);
+                assert_eq!(meets, bodies.contains(&CellId(cell)));
+            }
+            (ids(&reach.eyes()), ids(&bodies))
+        };
+        assert_eq!(check(&world, 1.0), (vec![1], vec![1]));
+        assert_eq!(check(&world, 1.9), (vec![1], vec![1, 2]));
+        assert_eq!(check(&world, 2.0), (vec![1, 2], vec![1, 2]));
+        assert_eq!(check(&world, 12.1), (vec![0, 1, 2, 3], vec![0, 1, 2, 3]));
+        // A wall between the rooms 1 and 2: no way, but elbows stick into it.
+        world.cells.portals[1].bounds.max.z = 1.0;
+        assert_eq!(check(&world, 2.0), (vec![1], vec![1, 2]));
+        assert_eq!(check(&world, 9.0), (vec![0, 1, 2], vec![0, 1, 2]));
+    }
+
+    #[test]
+    fn an_eye_on_a_boundary_is_on_both_sides() {
+        let world = stage::row(3);
+        let reach = |x: f32| ids(&Reach::new(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eyes());
+        assert_eq!((reach(10.0), reach(9.9), reach(10.1)), (vec![0, 1], vec![0], vec![1]));
+        let near = Reach::new(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01);
+        assert_eq!(ids(&near.eyes()), [0, 1]);
+    }
+}
