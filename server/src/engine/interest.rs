@@ -9,6 +9,7 @@ use super::{
     Engine, Output, Policy,
     population::{Avatar, Held, Slot},
     reach::Reach,
+    zones::Member,
 };
 
 /// Viewers whose delay is so much less than the slowest's have each avatar tested for themselves.
@@ -58,27 +59,29 @@ impl Engine {
         let wide = (one_way < widest).then(|| self.near_reach(avatar, now, widest));
         let bodies = wide.as_ref().unwrap_or(&eyes).bodies(cells, &self.world.body);
         let eyes = eyes.eyes();
-        let near = &mut self.population.at_mut(slot).near;
+        let avatar = self.population.at_mut(slot);
+        let (id, near) = (avatar.id, &mut avatar.near);
         if near.eyes != eyes {
             near.visible.clear();
             eyes.iter().for_each(|cell| near.visible |= &cells.pvs[cell.0 as usize]);
             near.eyes = eyes;
         }
         if near.bodies != bodies {
-            self.near.remove(slot, &near.bodies);
-            self.near.insert(slot, &bodies);
+            self.near.remove((id, slot), &near.bodies);
+            self.near.insert((id, slot), &bodies);
             near.bodies = bodies;
         }
     }
 
     /// Takes an avatar out of what is near.
     pub(super) fn forget_near(&mut self, slot: Slot) {
-        let near = std::mem::take(&mut self.population.at_mut(slot).near);
-        self.near.remove(slot, &near.bodies);
+        let avatar = self.population.at_mut(slot);
+        let near = std::mem::take(&mut avatar.near);
+        self.near.remove((avatar.id, slot), &near.bodies);
     }
 
     /// Those that a live viewer is to be told of, by id.
-    fn interest(&self, now: Duration, viewer: Slot) -> Vec<(AvatarId, Slot)> {
+    fn interest(&self, now: Duration, viewer: Slot) -> Vec<Member> {
         let policy = self.config.policy;
         if policy.uses_cells() {
             return self.interest_by_cells(now, viewer);
@@ -92,7 +95,7 @@ impl Engine {
             .collect()
     }
 
-    fn interest_by_cells(&self, now: Duration, viewer: Slot) -> Vec<(AvatarId, Slot)> {
+    fn interest_by_cells(&self, now: Duration, viewer: Slot) -> Vec<Member> {
         let avatar = self.population.at(viewer);
         let mut found = Vec::new();
         for cell in &avatar.near.visible & self.near.occupied() {
@@ -100,9 +103,7 @@ impl Engine {
         }
         found.sort_unstable();
         found.dedup();
-        found.retain(|slot| *slot != viewer && self.near_enough(now, avatar, *slot));
-        let mut found: Vec<_> = found.iter().map(|s| (self.population.at(*s).id, *s)).collect();
-        found.sort_unstable();
+        found.retain(|(_, slot)| *slot != viewer && self.near_enough(now, avatar, *slot));
         found
     }
 
@@ -148,7 +149,7 @@ enum Change {
 }
 
 /// Goes through both lists at once.
-fn changes(held: &[Held], wanted: &[(AvatarId, Slot)], mut each: impl FnMut(Change)) {
+fn changes(held: &[Held], wanted: &[Member], mut each: impl FnMut(Change)) {
     let (mut held, mut wanted) = (held.iter().peekable(), wanted.iter().peekable());
     loop {
         match (held.peek(), wanted.peek()) {

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
+use glam::Vec3;
 use roaring::RoaringBitmap;
 use sightline_shared::{
     motion::{AvatarId, Pose, Tbv},
@@ -58,6 +59,8 @@ pub(super) struct Avatar {
     pub(super) silence_from: Duration,
     /// Where it can be, as the index of live or of hidden zones has it.
     pub(super) zone: Zone,
+    /// The place and the radius of the ball that `zone` was made for; `None` while hidden.
+    pub(super) zone_ball: Option<(Vec3, f32)>,
     /// Where it can be until the next tick's word stands; empty while hidden.
     pub(super) near: Near,
     /// Whom its client has been told of, by id.

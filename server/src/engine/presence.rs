@@ -44,6 +44,7 @@ impl Engine {
             told_quiet: false,
             silence_from: now,
             zone: Zone::default(),
+            zone_ball: None,
             near: Near::default(),
             held: Vec::new(),
             watchers: 0,
@@ -76,8 +77,8 @@ impl Engine {
         let Some((slot, gone)) = self.population.remove(id) else { return };
         self.horizons.remove(gone.round_trip);
         match gone.state {
-            ClientState::Live => self.live_zones.remove(slot, &gone.zone),
-            _ => self.hidden_zones.remove(slot, &gone.zone),
+            ClientState::Live => self.live_zones.remove((id, slot), &gone.zone),
+            _ => self.hidden_zones.remove((id, slot), &gone.zone),
         }
         for held in &gone.held {
             self.population.at_mut(held.slot).watchers -= 1;

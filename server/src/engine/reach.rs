@@ -1,7 +1,5 @@
 //! Where a body can get to: a ball, less what lies behind walls.
 
-use std::collections::BTreeMap;
-
 use glam::Vec3;
 use roaring::RoaringBitmap;
 use sightline_shared::{
@@ -20,8 +18,8 @@ const ROUNDING_M: f32 = 0.004;
 /// that their eyes can get to, through walls even: boxes do, where people do not.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Reach {
-    /// By cell.
-    pieces: BTreeMap<CellId, Aabb>,
+    /// By cell, ascending.
+    pieces: Vec<(CellId, Aabb)>,
 }
 
 impl Reach {
@@ -31,14 +29,16 @@ impl Reach {
         let piece = |cell: CellId| cells.cells[cell.0 as usize].bounds.intersection(&ball);
         let mut open = Vec::new();
         cells.overlapping(&Aabb::around(from, ROUNDING_M.min(way_m)), &mut open);
-        let mut pieces: BTreeMap<_, _> = open.iter().map(|cell| (*cell, piece(*cell))).collect();
+        let mut pieces: Vec<_> = open.iter().map(|cell| (*cell, piece(*cell))).collect();
         while let Some(cell) = open.pop() {
             for portal in &cells.cells[cell.0 as usize].portals {
                 let portal = &cells.portals[*portal as usize];
                 let [lesser, greater] = portal.cells;
                 let beyond = if lesser == cell { greater } else { lesser };
-                if !pieces.contains_key(&beyond) && is_within(&portal.bounds, from, way_m) {
-                    pieces.insert(beyond, piece(beyond));
+                if let Err(place) = pieces.binary_search_by_key(&beyond, |(cell, _)| *cell)
+                    && is_within(&portal.bounds, from, way_m)
+                {
+                    pieces.insert(place, (beyond, piece(beyond)));
                     open.push(beyond);
                 }
             }
@@ -48,13 +48,13 @@ impl Reach {
 
     /// The cells that the eye can be in, ascending.
     pub(super) fn eyes(&self) -> Vec<CellId> {
-        self.pieces.keys().copied().collect()
+        self.pieces.iter().map(|(cell, _)| *cell).collect()
     }
 
     /// The cells that some part of the body can be in, ascending.
     pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> Vec<CellId> {
         let mut found = Vec::new();
-        for piece in self.pieces.values() {
+        for (_, piece) in &self.pieces {
             cells.overlapping(&body.around_box(piece), &mut found);
         }
         found.sort_unstable();
@@ -65,7 +65,7 @@ impl Reach {
     /// Whether some part of the body can be in one of some cells.
     pub(super) fn body_meets(&self, cells: &Cells, body: &Body, some: &RoaringBitmap) -> bool {
         let mut found = Vec::new();
-        self.pieces.values().any(|piece| {
+        self.pieces.iter().any(|(_, piece)| {
             found.clear();
             cells.overlapping(&body.around_box(piece), &mut found);
             found.iter().any(|cell| some.contains(cell.0))

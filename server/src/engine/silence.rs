@@ -8,8 +8,11 @@ use super::{
     ClientState, Engine, Output, Policy,
     population::{Avatar, Slot},
     reach::Reach,
-    zones::Zone,
+    zones::{Member, Zone},
 };
+
+/// How much larger than it must be the zone of a live avatar is made, in metres.
+const ZONE_SPARE_M: f32 = 0.25;
 
 impl Engine {
     /// Asks those whose TBV would expire unwatched, and looks into other silences.
@@ -71,7 +74,7 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         avatar.silence_from = now;
         let (id, zone) = (avatar.id, std::mem::take(&mut avatar.zone));
-        self.hidden_zones.remove(slot, &zone);
+        self.hidden_zones.remove((id, slot), &zone);
         self.expiries.cancel(id);
         self.wait(now, id, self.config.stall);
         self.population.set_state(slot, ClientState::Live);
@@ -88,28 +91,34 @@ impl Engine {
 
     /// Brings a live avatar's zone up to date and, where it has changed, asks every quiet avatar
     /// that it can see or be seen by before long. Quiet avatars whose own TBV is new were tested
-    /// when it was made, so an unchanged zone reveals nothing.
+    /// when it was made, so an unchanged zone reveals nothing. The zone is made a little larger
+    /// than it must be, so that it lasts for several ticks.
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
-        let way_m = self.horizons.far_m(age, avatar.round_trip);
-        let reach = Reach::new(&self.world.cells, avatar.pose.eye, way_m);
-        let zone = Zone::of(&reach, &self.world);
-        if zone == avatar.zone {
+        let id = avatar.id;
+        let (eye, way_m) = (avatar.pose.eye, self.horizons.far_m(age, avatar.round_trip));
+        if avatar.zone_ball.is_some_and(|(at, radius)| eye.distance(at) + way_m <= radius) {
+            return;
+        }
+        let radius = way_m + ZONE_SPARE_M;
+        let zone = Zone::of(&Reach::new(&self.world.cells, eye, radius), &self.world);
+        self.population.at_mut(slot).zone_ball = Some((eye, radius));
+        let old = std::mem::take(&mut self.population.at_mut(slot).zone);
+        if zone == old {
+            self.population.at_mut(slot).zone = old;
             return;
         }
         let mut found = Vec::new();
         self.hidden_zones.meeting(&self.world.cells, &zone, &mut found);
-        self.live_zones.remove(slot, &avatar.zone);
-        self.live_zones.insert(slot, &zone);
+        self.live_zones.remove((id, slot), &old);
+        self.live_zones.insert((id, slot), &zone);
         self.population.at_mut(slot).zone = zone;
         self.ask_to_stay(now, found, outputs);
     }
 
     /// Orders hidden clients to report from now on.
-    fn ask_to_stay(&mut self, now: Duration, found: Vec<Slot>, outputs: &mut Vec<Output>) {
-        let mut found: Vec<_> =
-            found.into_iter().map(|slot| (self.population.at(slot).id, slot)).collect();
+    fn ask_to_stay(&mut self, now: Duration, mut found: Vec<Member>, outputs: &mut Vec<Output>) {
         found.sort_unstable();
         found.dedup();
         for (to, slot) in found {
@@ -160,17 +169,19 @@ impl Engine {
         let cells = &self.world.cells;
         let zone = Zone::of(&Reach::new(cells, tbv.centre, tbv.radius), &self.world);
         let own = std::mem::take(&mut self.population.at_mut(slot).zone);
-        self.live_zones.remove(slot, &own);
+        let member = (self.population.at(slot).id, slot);
+        self.live_zones.remove(member, &own);
         if self.live_zones.meets(cells, &zone) || self.hidden_zones.meets(cells, &zone) {
-            self.live_zones.insert(slot, &own);
+            self.live_zones.insert(member, &own);
             self.population.at_mut(slot).zone = own;
             return false;
         }
-        self.hidden_zones.insert(slot, &zone);
+        self.hidden_zones.insert(member, &zone);
         self.forget_near(slot);
         self.population.set_state(slot, ClientState::Quiet(*tbv));
         let avatar = self.population.at_mut(slot);
         avatar.zone = zone;
+        avatar.zone_ball = None;
         avatar.told_quiet = true;
         let (id, trip) = (avatar.id, avatar.round_trip);
         self.patience.cancel(id);

@@ -1,7 +1,10 @@
 //! Which avatars can be in which cells, and which of them can be visible from where.
 
 use roaring::RoaringBitmap;
-use sightline_shared::world::{CellId, Cells, World};
+use sightline_shared::{
+    motion::AvatarId,
+    world::{CellId, Cells, World},
+};
 
 use super::{population::Slot, reach::Reach};
 
@@ -21,16 +24,19 @@ impl Zone {
     }
 }
 
+/// An avatar, and where it is kept. Ordered by id.
+pub(super) type Member = (AvatarId, Slot);
+
 /// For each cell, who can be in it.
 #[derive(Clone, Debug)]
 pub(super) struct CellIndex {
-    slots: Vec<Vec<Slot>>,
+    members: Vec<Vec<Member>>,
     occupied: RoaringBitmap,
 }
 
 impl CellIndex {
     pub(super) fn new(cells: usize) -> Self {
-        Self { slots: vec![Vec::new(); cells], occupied: RoaringBitmap::new() }
+        Self { members: vec![Vec::new(); cells], occupied: RoaringBitmap::new() }
     }
 
     /// The cells that have anybody.
@@ -39,27 +45,27 @@ impl CellIndex {
     }
 
     /// Who can be in a cell.
-    pub(super) fn of(&self, cell: u32) -> &[Slot] {
-        &self.slots[cell as usize]
+    pub(super) fn of(&self, cell: u32) -> &[Member] {
+        &self.members[cell as usize]
     }
 
-    pub(super) fn insert(&mut self, slot: Slot, cells: &[CellId]) {
+    pub(super) fn insert(&mut self, member: Member, cells: &[CellId]) {
         for cell in cells {
-            let slots = &mut self.slots[cell.0 as usize];
-            if slots.is_empty() {
+            let members = &mut self.members[cell.0 as usize];
+            if members.is_empty() {
                 self.occupied.insert(cell.0);
             }
-            slots.push(slot);
+            members.push(member);
         }
     }
 
-    pub(super) fn remove(&mut self, slot: Slot, cells: &[CellId]) {
+    pub(super) fn remove(&mut self, member: Member, cells: &[CellId]) {
         for cell in cells {
-            let slots = &mut self.slots[cell.0 as usize];
-            if let Some(place) = slots.iter().position(|s| *s == slot) {
-                slots.swap_remove(place);
+            let members = &mut self.members[cell.0 as usize];
+            if let Some(place) = members.iter().position(|m| *m == member) {
+                members.swap_remove(place);
             }
-            if slots.is_empty() {
+            if members.is_empty() {
                 self.occupied.remove(cell.0);
             }
         }
@@ -78,14 +84,14 @@ impl ZoneIndex {
         Self { eyes: CellIndex::new(cells), bodies: CellIndex::new(cells) }
     }
 
-    pub(super) fn insert(&mut self, slot: Slot, zone: &Zone) {
-        self.eyes.insert(slot, &zone.eyes);
-        self.bodies.insert(slot, &zone.bodies);
+    pub(super) fn insert(&mut self, member: Member, zone: &Zone) {
+        self.eyes.insert(member, &zone.eyes);
+        self.bodies.insert(member, &zone.bodies);
     }
 
-    pub(super) fn remove(&mut self, slot: Slot, zone: &Zone) {
-        self.eyes.remove(slot, &zone.eyes);
-        self.bodies.remove(slot, &zone.bodies);
+    pub(super) fn remove(&mut self, member: Member, zone: &Zone) {
+        self.eyes.remove(member, &zone.eyes);
+        self.bodies.remove(member, &zone.bodies);
     }
 
     /// Whether somebody here can be seen from a zone, or can see into it.
@@ -96,7 +102,7 @@ impl ZoneIndex {
     }
 
     /// Everybody here who can be seen from a zone, or can see into it; in no order, some twice.
-    pub(super) fn meeting(&self, cells: &Cells, zone: &Zone, found: &mut Vec<Slot>) {
+    pub(super) fn meeting(&self, cells: &Cells, zone: &Zone, found: &mut Vec<Member>) {
         for (from, index) in self.sides(zone) {
             for cell in from {
                 let visible = &cells.pvs[cell.0 as usize];
