@@ -1,3 +1,5 @@
+mod flood;
+
 use std::collections::HashMap;
 
 use super::{plan::WALL, *};
