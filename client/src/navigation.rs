@@ -23,7 +23,8 @@ const PLACES_MAX: usize = 200_000;
 const SEARCH_MAX: usize = 60_000;
 
 /// The places where a body can stand and from which it can come back, and the ways between them.
-#[derive(Clone, Debug)]
+/// The default has none.
+#[derive(Clone, Debug, Default)]
 pub struct Navigation {
     /// The distance between neighbouring places, in metres.
     pitch: f32,

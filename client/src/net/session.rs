@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use quinn::{Connection, RecvStream, SendStream, VarInt};
+use quinn::{Connection, RecvStream, SendDatagramError, SendStream, VarInt};
 use sightline_shared::{
     motion::{AvatarId, Pose},
     protocol::{
@@ -373,8 +373,11 @@ impl Driver {
             Some(Outgoing::Message(message)) => self.send(&message).await,
             Some(Outgoing::Datagram(bytes)) => {
                 self.shared.went(bytes.len());
-                let sent = self.shared.connection.send_datagram(bytes.into());
-                sent.map_err(|error| ConnectError::Lost(error.to_string()))
+                match self.shared.connection.send_datagram(bytes.into()) {
+                    // The path became narrower this very moment: as good as lost.
+                    Ok(()) | Err(SendDatagramError::TooLarge) => Ok(()),
+                    Err(error) => Err(ConnectError::Lost(error.to_string())),
+                }
             }
         }
     }

@@ -5,7 +5,7 @@ mod report;
 mod trace;
 mod visitor;
 
-use std::{net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
+use std::{collections::VecDeque, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_shared::{
@@ -214,43 +214,18 @@ async fn gather(
     {
         return Err(SwarmError::TraceTooSmall { tracks: tracks.len(), clients: options.clients });
     }
+    let start = |i: usize| tracks.and_then(|tracks| Some(tracks.get(i)?.at(0.0).eye));
     let dialer = Arc::new(Dialer::new(options.world_folder.clone()));
-    let mut random = SmallRng::seed_from_u64(options.seed);
     // The first stands at a spawn point, since nothing is known of the building before.
-    let place = tracks.and_then(|tracks| Some(tracks.first()?.at(0.0).eye));
-    let first = dialer.connect(address, &hello(options, 0, place)).await?;
+    let first = dialer.connect(address, &hello(options, 0, start(0))).await?;
     let world = first.world().clone();
-    let ways = ways(&world, tracks.is_some()).await?;
-    let mut waiting: Vec<(usize, ConnectOptions)> = (1..options.clients)
-        .map(|i| {
-            let place = match tracks {
-                Some(tracks) => tracks.get(i).map(|track| track.at(0.0).eye),
-                None => ways.random(&mut random),
-            };
-            (i, hello(options, i, place))
-        })
+    let ways = if tracks.is_some() { Arc::default() } else { find_ways(&world).await? };
+    let mut random = SmallRng::seed_from_u64(options.seed);
+    let hellos = (1..options.clients)
+        .map(|i| (i, hello(options, i, start(i).or_else(|| ways.random(&mut random)))))
         .collect();
-    waiting.reverse();
-    let (mut sessions, mut refused) = (vec![(0, first)], 0);
-    let mut connecting = JoinSet::new();
-    loop {
-        while connecting.len() < CONNECTING_MAX
-            && let Some((i, hello)) = waiting.pop()
-        {
-            let dialer = dialer.clone();
-            connecting.spawn(async move { (i, dialer.connect(address, &hello).await) });
-        }
-        match connecting.join_next().await {
-            Some(Ok((i, Ok(session)))) => sessions.push((i, session)),
-            Some(Ok((i, Err(error)))) => {
-                tracing::warn!(visitor = i, %error, "a visitor could not come in");
-                refused += 1;
-            }
-            Some(Err(_)) => refused += 1,
-            None => break,
-        }
-    }
-    sessions.sort_by_key(|(i, _)| *i);
+    let (mut sessions, refused) = connect_all(&dialer, address, hellos).await;
+    sessions.insert(0, (0, first));
     let members = sessions.into_iter().map(|(i, session)| {
         let pose = session.pose();
         let visitor = match tracks.and_then(|tracks| tracks.get(i)) {
@@ -265,14 +240,42 @@ async fn gather(
     Ok((members.collect(), ways, refused))
 }
 
-/// Where one can walk. Those who walk as recorded need not know.
-async fn ways(world: &Arc<World>, is_recorded: bool) -> Result<Arc<Navigation>, SwarmError> {
-    let for_ways = world.clone();
-    let found = tokio::task::spawn_blocking(move || Navigation::new(&for_ways)).await;
-    match found {
-        Ok(ways) if is_recorded || !ways.is_empty() => Ok(Arc::new(ways)),
+async fn find_ways(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmError> {
+    let world = world.clone();
+    match tokio::task::spawn_blocking(move || Navigation::new(&world)).await {
+        Ok(ways) if !ways.is_empty() => Ok(Arc::new(ways)),
         _ => Err(SwarmError::NoFloor),
     }
+}
+
+/// Connects with each of many hellos, a few at a time. Those that came in, in order, and how many
+/// did not.
+async fn connect_all(
+    dialer: &Arc<Dialer>,
+    address: SocketAddr,
+    mut hellos: VecDeque<(usize, ConnectOptions)>,
+) -> (Vec<(usize, Session)>, usize) {
+    let (mut sessions, mut refused) = (Vec::new(), 0);
+    let mut connecting = JoinSet::new();
+    loop {
+        while connecting.len() < CONNECTING_MAX
+            && let Some((i, hello)) = hellos.pop_front()
+        {
+            let dialer = dialer.clone();
+            connecting.spawn(async move { (i, dialer.connect(address, &hello).await) });
+        }
+        match connecting.join_next().await {
+            Some(Ok((i, Ok(session)))) => sessions.push((i, session)),
+            Some(Ok((i, Err(error)))) => {
+                tracing::warn!(visitor = i + 1, %error, "a visitor could not come in");
+                refused += 1;
+            }
+            Some(Err(_)) => refused += 1,
+            None => break,
+        }
+    }
+    sessions.sort_by_key(|(i, _)| *i);
+    (sessions, refused)
 }
 
 fn hello(options: &Options, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {

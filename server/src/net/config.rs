@@ -26,7 +26,7 @@ pub struct ServeConfig {
     pub validity_s: f64,
     /// How long a client may take for its first message, in seconds.
     pub hello_s: f64,
-    /// How long a client that is in may be silent altogether, in seconds.
+    /// How long a client that is in may be silent beyond the validity, in seconds.
     pub silence_s: f64,
     /// Where the certificate is kept; the user's data folder when absent.
     pub data: Option<PathBuf>,

@@ -214,15 +214,26 @@ impl Server {
     }
 
     /// Says goodbye to everybody, for 5 seconds at the most, and ends.
-    pub async fn shutdown(self) {
+    pub async fn shutdown(mut self) {
         self.close.send_replace(true);
-        if timeout(CLOSING_DEADLINE, self.accepting).await.is_err() {
+        if timeout(CLOSING_DEADLINE, &mut self.accepting).await.is_err() {
             tracing::warn!("some clients did not take their goodbye in time");
         }
-        self.endpoint.close(VarInt::from_u32(0), b"the server is closing");
-        self.hub.abort();
-        let _ = self.hub.await;
+        self.stop();
+        let _ = (&mut self.hub).await;
         let _ = timeout(Duration::from_millis(500), self.endpoint.wait_idle()).await;
+    }
+
+    fn stop(&self) {
+        self.endpoint.close(VarInt::from_u32(0), b"the server is closing");
+        self.accepting.abort();
+        self.hub.abort();
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop();
     }
 }
 

@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use quinn::{Connection, ReadError, RecvStream, SendStream};
+use quinn::{Connection, ReadError, RecvStream, SendDatagramError, SendStream};
 use sightline_shared::{
     motion::Pose,
     protocol::{
@@ -284,7 +284,9 @@ impl<'a> Session<'a> {
     }
 
     fn heard(&self) {
-        let silence = Duration::from_secs_f64(self.context.config.silence_s);
+        let config = &self.context.config;
+        // A quiet client may well say nothing for as long as its TBV holds.
+        let silence = Duration::from_secs_f64(config.silence_s + config.validity_s);
         self.limits().deadline = Instant::now() + silence;
     }
 
@@ -382,9 +384,11 @@ impl Writer {
         self.unsent.extend_from_slice(&batch.control);
         for datagram in batch.datagrams {
             client.counters.datagram_out(datagram.len());
-            connection
-                .send_datagram(datagram.into())
-                .map_err(|error| End::Lost(error.to_string()))?;
+            match connection.send_datagram(datagram.into()) {
+                // The path became narrower this very moment: as good as lost.
+                Ok(()) | Err(SendDatagramError::TooLarge) => {}
+                Err(error) => return Err(End::Lost(error.to_string())),
+            }
         }
         self.drain().await
     }

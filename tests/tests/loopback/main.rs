@@ -10,7 +10,7 @@ use building::{EAST, SPEED_MAX, WAY, WEST};
 use glam::Vec3;
 use sightline_client::{
     net::{ConnectError, Dialer, Options, Session, Trust, TrustError},
-    replica::{Event, Standing},
+    replica::{Event, Standing, VisibleAvatar},
 };
 use sightline_server::net::{Identity, ServeConfig, Server};
 use sightline_shared::{
@@ -88,76 +88,87 @@ async fn walk(session: &Session, to: Vec3) {
     }
 }
 
+fn is_quiet(session: &Session) -> bool {
+    session.stats().standing == Standing::Quiet
+}
+
+/// Waits until one hears the other say something.
+async fn hears(listener: &Session, speaker: &str, line: &str) {
+    until(&format!("{line:?} is heard"), || {
+        let is_it = |event: &Event| match event {
+            Event::Chat { name, text, .. } => name == speaker && text == line,
+            _ => false,
+        };
+        listener.events().iter().any(is_it)
+    })
+    .await;
+}
+
+/// Both go from their rooms to the lobby, where they see each other.
+async fn meet(west: &Session, east: &Session) {
+    walk(west, WAY[1]).await;
+    walk(west, WAY[2]).await;
+    walk(east, WAY[3]).await;
+    let each_other = || holds(west, east.avatar()) && holds(east, west.avatar());
+    until("they see each other", each_other).await;
+}
+
+/// Both go back to their rooms, where neither knows of the other and both are silent.
+async fn part(west: &Session, east: &Session) {
+    walk(west, WAY[1]).await;
+    walk(west, WEST).await;
+    walk(east, EAST).await;
+    let alone = || west.held().is_empty() && east.held().is_empty();
+    until("neither holds the other", alone).await;
+    until("both are quiet", || is_quiet(west) && is_quiet(east)).await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
-async fn two_meet_part_fall_silent_are_asked_meet_again_and_leave() {
+async fn two_fall_silent_are_asked_meet_part_meet_again_and_leave() {
     let (server, _) = serve(config());
     let ada = join(&server, "Ada", WEST).await;
     let bo = join(&server, "Bo", EAST).await;
     assert!(ada.pose().eye.distance(WEST) < 0.01, "a place of one's choice");
-
-    // Apart: neither knows of the other, and both fall silent but for the answers to asks.
-    let quiet = |session: &Session| session.stats().standing == Standing::Quiet;
-    until("both are quiet", || quiet(&ada) && quiet(&bo)).await;
     assert!(ada.held().is_empty() && bo.held().is_empty());
+
+    // Apart, they say nothing but the answers to asks.
+    until("both are quiet", || is_quiet(&ada) && is_quiet(&bo)).await;
     let before = bo.stats();
     until("several asks came", || bo.stats().messages_in >= before.messages_in + 8).await;
     let after = bo.stats();
-    let (heard, said) =
-        (after.messages_in - before.messages_in, after.messages_out - before.messages_out);
+    let heard = after.messages_in - before.messages_in;
+    let said = after.messages_out - before.messages_out;
     assert!(said <= heard, "{said} messages while quiet, though only {heard} came");
 
-    // They meet in the lobby.
-    for place in &WAY[1..3] {
-        walk(&ada, *place).await;
-    }
-    walk(&bo, WAY[3]).await;
-    until("they see each other", || holds(&ada, bo.avatar()) && holds(&bo, ada.avatar())).await;
-    until("both are live", || {
-        ada.stats().standing == Standing::Live && bo.stats().standing == Standing::Live
-    })
-    .await;
-    until("Bo knows just where Ada is", || {
-        bo.visible().iter().any(|ada| ada.pose.eye.distance(WAY[2]) < 0.01)
-    })
-    .await;
+    meet(&ada, &bo).await;
+    let is_live = |session: &Session| session.stats().standing == Standing::Live;
+    until("both are live", || is_live(&ada) && is_live(&bo)).await;
+    let is_ada = |shown: &VisibleAvatar| shown.pose.eye.distance(WAY[2]) < 0.01;
+    until("Bo knows just where Ada is", || bo.visible().iter().any(is_ada)).await;
     assert!(bo.visible().iter().any(|ada| ada.name == "Ada" && ada.colour == [10, 20, 30]));
     ada.chat("hello").unwrap();
-    let mut said = Vec::new();
-    until("Bo hears Ada", || {
-        said.extend(bo.events());
-        said.iter().any(
-            |e| matches!(e, Event::Chat { name, text, .. } if name == "Ada" && text == "hello"),
-        )
-    })
-    .await;
+    hears(&bo, "Ada", "hello").await;
 
-    // They part: the wall comes between them.
-    walk(&ada, WAY[1]).await;
-    walk(&ada, WEST).await;
-    walk(&bo, EAST).await;
-    until("neither holds the other", || ada.held().is_empty() && bo.held().is_empty()).await;
-    until("both are quiet again", || quiet(&ada) && quiet(&bo)).await;
-
-    // They meet again; then Ada leaves before Bo's eyes, and comes back as somebody new.
-    for place in &WAY[1..3] {
-        walk(&ada, *place).await;
-    }
-    walk(&bo, WAY[3]).await;
-    until("they see each other again", || holds(&bo, ada.avatar())).await;
+    part(&ada, &bo).await;
+    meet(&ada, &bo).await;
     let gone = ada.avatar();
     ada.leave().await;
     until("Ada vanishes", || !holds(&bo, gone)).await;
     let ada = join(&server, "Ada", WAY[2]).await;
     assert_ne!(ada.avatar(), gone);
-    until("Ada is back", || holds(&bo, ada.avatar()) && !holds(&bo, gone)).await;
+    until("Ada is back", || holds(&bo, ada.avatar())).await;
+    assert!(!holds(&bo, gone));
     assert_eq!((ada.end(), bo.end()), (None, None));
+}
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_closes_says_goodbye() {
+    let (server, _) = serve(config());
+    let ada = join(&server, "Ada", WEST).await;
     server.shutdown().await;
-    until("both are told", || {
-        let told = |session: &Session| session.end() == Some("the server is closing".to_owned());
-        told(&ada) && told(&bo)
-    })
-    .await;
+    until("Ada is told", || ada.end() == Some("the server is closing".to_owned())).await;
+    let goodbye = Event::Goodbye("the server is closing".to_owned());
+    assert!(ada.events().contains(&goodbye));
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -255,12 +266,7 @@ async fn who_sends_junk_is_out_and_nobody_else_is() {
     stranger.is_closed().await;
     until("only Ada is left", || server.stats().clients.len() == 1).await;
     ada.chat("still here").unwrap();
-    let mut events = Vec::new();
-    until("Ada hears herself", || {
-        events.extend(ada.events());
-        events.iter().any(|e| matches!(e, Event::Chat { text, .. } if text == "still here"))
-    })
-    .await;
+    hears(&ada, "Ada", "still here").await;
     assert_eq!(ada.end(), None);
 }
 
