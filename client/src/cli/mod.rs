@@ -26,9 +26,10 @@ pub fn one_line(error: &anyhow::Error) -> String {
     format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Shows warnings, or what the variable `RUST_LOG` asks for, on stderr.
+/// Shows warnings (the window's own are of no use to anybody), or what the variable `RUST_LOG` asks for, on stderr.
 pub fn show_log() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
+    let filter =
+        EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,winit=error"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_ansi(io::stderr().is_terminal())

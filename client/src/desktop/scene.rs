@@ -104,10 +104,10 @@ impl<'a> Scene<'a> {
         let divisor = self.pace.divisor();
         self.drawn.resize(width.div_ceil(divisor), height.div_ceil(divisor));
         let start = Instant::now();
-        self.draw(&Camera::at(&pose), &others);
+        let seen = self.draw(&Camera::at(&pose), &others);
         self.draw_time += start.elapsed();
         self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
-        let status = self.status(&others);
+        let status = self.status(&others, &seen);
         let shown = if divisor == 1 {
             &mut self.drawn
         } else {
@@ -133,7 +133,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    fn draw(&mut self, camera: &Camera, others: &[VisibleAvatar]) {
+    /// Draws the building and the others, and tells which of them can be seen.
+    fn draw(&mut self, camera: &Camera, others: &[VisibleAvatar]) -> Vec<bool> {
         let world = self.visit.world();
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
         let figures: Vec<Figure> = others
@@ -145,10 +146,10 @@ impl<'a> Scene<'a> {
                 name,
             })
             .collect();
-        avatars::draw(&mut self.drawn, camera, &figures);
+        avatars::draw(&mut self.drawn, camera, &figures)
     }
 
-    fn status(&self, others: &[VisibleAvatar]) -> String {
+    fn status(&self, others: &[VisibleAvatar], seen: &[bool]) -> String {
         let title = &self.visit.world().title;
         let fps = self.rate.per_s;
         let Visit::Shared(session) = self.visit else {
@@ -162,10 +163,13 @@ impl<'a> Scene<'a> {
             Standing::Asked => "asked",
         };
         let [rate_in, rate_out] = [stats.udp_rate_in, stats.udp_rate_out].map(|rate| rate / 1.0e3);
-        let names: Vec<&str> = others.iter().map(|other| other.name.as_str()).collect();
+        let seen = others.iter().zip(seen).filter(|&(_, &seen)| seen).map(|(other, _)| other);
+        let names: Vec<&str> = seen.map(|other| other.name.as_str()).collect();
+        let told_of = others.len();
         format!(
-            "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s | {} in view: {}",
-            others.len(),
+            "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s \
+             | told of {told_of}, see {}: {}",
+            names.len(),
             names.join(", ")
         )
     }

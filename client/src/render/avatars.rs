@@ -1,5 +1,7 @@
 //! The others, as simple figures: a body, a head with a face, and a name above.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use glam::Vec3;
 use rayon::prelude::*;
 use sightline_shared::motion::{Body, Pose};
@@ -28,17 +30,20 @@ const NAME_LETTERS_MAX: usize = 24;
 const FACE: Vec3 = Vec3::new(250.0, 240.0, 228.0);
 
 /// Draws figures into a frame that shows the building from the same camera, where nothing in the
-/// frame is nearer, and their names.
-pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) {
+/// frame is nearer, and their names. Tells which of them can be seen: for each figure, whether at
+/// least one pixel shows it.
+pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool> {
+    let seen: Vec<AtomicBool> = figures.iter().map(|_| AtomicBool::new(false)).collect();
     let (width, height) = (frame.width(), frame.height());
     if width == 0 || height == 0 {
-        return;
+        return vec![false; figures.len()];
     }
     let view = View::new(camera, width, height);
     let parts: Vec<Part> = figures
         .iter()
-        .filter(|figure| figure.pose.is_finite())
-        .flat_map(|figure| parts(figure, &view))
+        .zip(&seen)
+        .filter(|(figure, _)| figure.pose.is_finite())
+        .flat_map(|(figure, seen)| parts(figure, &view, seen))
         .filter(|part| part.is_in(width, height))
         .collect();
     let bands = frame.colour.par_chunks_mut(TILE * width);
@@ -52,10 +57,13 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) {
     for figure in figures.iter().filter(|figure| figure.pose.is_finite()) {
         name(frame, &view, figure);
     }
+    seen.into_iter().map(AtomicBool::into_inner).collect()
 }
 
 /// An ellipsoid with upright axes.
-struct Part {
+struct Part<'a> {
+    /// Set when a pixel shows it.
+    seen: &'a AtomicBool,
     /// Relative to the eye.
     centre: Vec3,
     radii: Vec3,
@@ -67,7 +75,7 @@ struct Part {
     rows: [f32; 2],
 }
 
-fn parts(figure: &Figure, view: &View) -> [Part; 2] {
+fn parts<'a>(figure: &Figure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2] {
     let body = &figure.body;
     let height = body.above_eye + body.below_eye;
     let colour = Vec3::from(figure.colour.map(f32::from));
@@ -76,15 +84,18 @@ fn parts(figure: &Figure, view: &View) -> [Part; 2] {
     let trunk = Vec3::new(body.half_width, height * 0.5 - head.y * 0.9, body.half_width);
     let soles = figure.pose.eye - Vec3::Y * body.below_eye;
     [
-        Part::new(view, soles + Vec3::Y * trunk.y, trunk, colour, None),
-        Part::new(view, top - Vec3::Y * head.y, head, colour * 0.8, Some(figure.pose.forward())),
+        Part::new(view, soles + Vec3::Y * trunk.y, trunk, colour, seen),
+        Part {
+            face: Some(figure.pose.forward()),
+            ..Part::new(view, top - Vec3::Y * head.y, head, colour * 0.8, seen)
+        },
     ]
 }
 
-impl Part {
-    fn new(view: &View, centre: Vec3, radii: Vec3, colour: Vec3, face: Option<Vec3>) -> Self {
+impl<'a> Part<'a> {
+    fn new(view: &View, centre: Vec3, radii: Vec3, colour: Vec3, seen: &'a AtomicBool) -> Self {
         let (columns, rows) = view.bounds(centre, radii);
-        Self { centre: centre - view.eye, radii, colour, face, columns, rows }
+        Self { seen, centre: centre - view.eye, radii, colour, face: None, columns, rows }
     }
 
     fn is_in(&self, width: usize, height: usize) -> bool {
@@ -103,6 +114,7 @@ impl Part {
             if let Some(t) = self.entry(ray).filter(|&t| t < depth[x]) {
                 depth[x] = t;
                 colour[x] = self.look(ray * t);
+                self.seen.store(true, Ordering::Relaxed);
             }
         }
     }
@@ -157,7 +169,8 @@ mod tests {
     fn drawn(figures: &[Figure], wall: f32) -> Frame {
         let mut frame = Frame::new(200, 160);
         frame.depth.fill(wall);
-        draw(&mut frame, &CAMERA, figures);
+        let seen = draw(&mut frame, &CAMERA, figures);
+        assert_eq!(seen.contains(&true), frame.depth.iter().any(|&depth| depth != wall));
         frame
     }
 
