@@ -168,8 +168,9 @@ impl<'a> Scene<'a> {
         let told_of = others.len();
         format!(
             "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s \
-             | told of {told_of}, see {}: {}",
+             | told of {told_of}, see {}{}{}",
             names.len(),
+            if names.is_empty() { "" } else { ": " },
             names.join(", ")
         )
     }
