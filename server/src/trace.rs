@@ -45,7 +45,7 @@ struct Sample {
 #[non_exhaustive]
 pub enum TraceError {
     /// The file cannot be read.
-    #[error("cannot read the trace: {0}")]
+    #[error("cannot read the trace")]
     Io(#[from] io::Error),
     /// The first line is another one.
     #[error("not a trace: its first line must be t_ms,id,x,y,z,yaw,pitch,vx,vy,vz")]
@@ -210,6 +210,7 @@ fn csv_error(error: csv::Error, line: u64) -> TraceError {
         csv::ErrorKind::Io(error) => {
             let long = error.get_ref().and_then(|inner| inner.downcast_ref::<LongLine>());
             match long {
+                Some(LongLine(1)) => TraceError::Header,
                 Some(LongLine(line)) => {
                     TraceError::Line { line: *line, what: "the line is too long" }
                 }

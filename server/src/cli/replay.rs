@@ -53,7 +53,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let world = World::read(&args.world).with_context(|| args.world.display().to_string())?;
+    let world = World::read(&args.world)?;
     let trace = Trace::open(&args.trace).with_context(|| args.trace.display().to_string())?;
     let options = options(args)?;
     let mut dump = args.dump.as_deref().map(create).transpose()?;
