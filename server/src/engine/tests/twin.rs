@@ -125,8 +125,7 @@ impl Crowd {
                     * if part() < 0.0 { 0.0 } else { step_m * 0.99 };
             }
             let there = (client.eye + *way).clamp(bounds.min, bounds.max);
-            let step = reach(self.stage.engine.world(), client.eye, step_m, 0.0);
-            if step.iter().any(|(_, piece)| piece.contains(there)) {
+            if can_step(self.stage.engine.world(), client.eye, there, step_m) {
                 client.eye = there;
             }
             if client.quiet.is_none() || client.asked {
@@ -219,6 +218,14 @@ impl Crowd {
             })
         })
     }
+}
+
+/// Whether a body that keeps its eye a little off the walls gets from one place to another.
+fn can_step(world: &World, from: Vec3, to: Vec3, step_m: f32) -> bool {
+    let step = reach(world, from, step_m + 0.02, 0.0);
+    let about = Aabb::around(to, 0.01);
+    let touched = world.cells.cells.iter().enumerate().filter(|(_, c)| c.bounds.intersects(&about));
+    touched.map(|(i, _)| i).all(|i| step.iter().any(|(cell, _)| *cell == i))
 }
 
 /// The parts of cells that an eye can be in.
