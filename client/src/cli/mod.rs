@@ -23,7 +23,16 @@ pub fn resolve(address: &str) -> anyhow::Result<SocketAddr> {
 
 /// An error and its causes on one line, whatever characters a file or a peer put into it.
 pub fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // Many errors name their cause already.
+        if line.is_empty() {
+            line = cause;
+        } else if !line.ends_with(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 /// Shows warnings (the window's own are of no use to anybody), or what the variable `RUST_LOG` asks for, on stderr.
@@ -47,5 +56,14 @@ mod tests {
         for wrong in ["", "127.0.0.1", "a b:c"] {
             assert!(resolve(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn causes_are_told_once() {
+        let cause = io::Error::other("no\nsuch file");
+        let named = anyhow::Error::new(cause).context("cannot read w.slw: no\nsuch file");
+        assert_eq!(one_line(&named), "cannot read w.slw: no such file");
+        let unnamed = anyhow::anyhow!("no such file").context("cannot read w.slw");
+        assert_eq!(one_line(&unnamed), "cannot read w.slw: no such file");
     }
 }

@@ -72,8 +72,8 @@ pub const FRAMES_PER_S_MAX: u32 = 60;
 #[non_exhaustive]
 pub enum DesktopError {
     /// Nothing to open it on.
-    #[error("cannot open a window: {0}")]
-    Display(String),
+    #[error("cannot open a window: the display does not answer")]
+    Display,
     /// It cannot be drawn on.
     #[error("cannot draw in the window: {0}")]
     Surface(String),
@@ -95,12 +95,18 @@ pub fn has_display() -> bool {
 ///
 /// When there is no display, or no drawing on it.
 pub fn run(visit: Visit, options: Options) -> Result<WalkSummary, DesktopError> {
-    let events = EventLoop::new().map_err(|error| DesktopError::Display(error.to_string()))?;
+    let events = EventLoop::new().map_err(display_error)?;
     let display = events.owned_display_handle();
     let context = softbuffer::Context::new(display)
         .map_err(|error| DesktopError::Surface(error.to_string()))?;
     let start = Instant::now();
     let mut shell = Shell::new(Scene::new(visit), options, context, start);
-    events.run_app(&mut shell).map_err(|error| DesktopError::Display(error.to_string()))?;
+    events.run_app(&mut shell).map_err(display_error)?;
     shell.finish()
+}
+
+/// What winit says names lines of its own source, which is of no use to a person.
+fn display_error(error: impl std::fmt::Display) -> DesktopError {
+    tracing::debug!(%error, "no window");
+    DesktopError::Display
 }

@@ -31,5 +31,28 @@ pub fn point(text: &str) -> Result<glam::Vec3, String> {
 
 /// An error and its causes on one line, whatever characters a file or a peer put into it.
 pub fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}").chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        // Many errors name their cause already.
+        if line.is_empty() {
+            line = cause;
+        } else if !line.ends_with(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn causes_are_told_once() {
+        let cause = std::io::Error::other("no\nsuch file");
+        let named = anyhow::Error::new(cause).context("cannot read w.slw: no\nsuch file");
+        assert_eq!(one_line(&named), "cannot read w.slw: no such file");
+        let unnamed = anyhow::anyhow!("no such file").context("cannot read w.slw");
+        assert_eq!(one_line(&unnamed), "cannot read w.slw: no such file");
+    }
 }
