@@ -9,10 +9,10 @@ use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
 use sightline_shared::{geometry::Aabb, world::World};
 
-/// A step that a walking body climbs, in metres.
-const STEP_UP: f32 = 0.33;
+/// Steps are taken to be so much higher than they are, in metres, so that none is a near miss.
+const STEP_SLACK: f32 = 0.02;
 /// A fall that it takes, in metres.
-const DROP: f32 = 2.5;
+const DROP: f32 = 4.0;
 /// Floors at one place are at least so far apart, in metres: closer ones are the same.
 const STOREY: f32 = 1.0;
 /// Beside the body there is so much space, in metres, so that it does not scrape along walls.
@@ -52,7 +52,7 @@ impl Navigation {
     /// large building.
     pub fn new(world: &World) -> Self {
         let mut navigation = Self {
-            pitch: (world.body.half_width * 1.25).clamp(0.2, 0.5),
+            pitch: (world.body.half_width * 1.25).clamp(0.2, 0.3),
             eye_height: world.body.below_eye,
             places: Vec::new(),
             columns: HashMap::new(),
@@ -309,13 +309,15 @@ struct Probe<'a> {
     world: &'a World,
     half_width: f32,
     height: f32,
+    step_up: f32,
 }
 
 impl<'a> Probe<'a> {
     fn new(world: &'a World) -> Self {
         let body = world.body;
         let half_width = body.half_width + CLEARANCE;
-        Self { world, half_width, height: body.below_eye + body.above_eye }
+        let step_up = body.step_height() - STEP_SLACK;
+        Self { world, half_width, height: body.below_eye + body.above_eye, step_up }
     }
 
     /// Whether the body's box between two heights above a point is inside the building and free.
@@ -335,15 +337,15 @@ impl<'a> Probe<'a> {
     fn land(&self, sole: Vec3) -> Option<f32> {
         if !self.is_free(sole, 0.0, self.height) {
             // The place may be a little too low.
-            return (self.is_free(sole, STEP_UP, STEP_UP + self.height))
-                .then(|| self.fall(sole + Vec3::Y * STEP_UP))?;
+            return (self.is_free(sole, self.step_up, self.step_up + self.height))
+                .then(|| self.fall(sole + Vec3::Y * self.step_up))?;
         }
         self.fall(sole)
     }
 
     fn fall(&self, sole: Vec3) -> Option<f32> {
         let is_solid = |depth: f32| self.world.octree.solid_in(&self.region(sole, -depth, 0.0));
-        let deepest = DROP + STEP_UP;
+        let deepest = DROP + self.step_up;
         if !is_solid(deepest) {
             return None;
         }
@@ -362,7 +364,7 @@ impl<'a> Probe<'a> {
         if self.is_free(to, lift, lift + self.height) {
             return self.fall(to + Vec3::Y * lift);
         }
-        let (up, over) = (from + Vec3::Y * STEP_UP, to + Vec3::Y * STEP_UP);
+        let (up, over) = (from + Vec3::Y * self.step_up, to + Vec3::Y * self.step_up);
         (self.is_free(up, 0.0, self.height) && self.is_free(over, 0.0, self.height))
             .then(|| self.fall(over))?
     }

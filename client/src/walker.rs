@@ -46,9 +46,6 @@ pub struct Walker {
     climb_left: f32,
 }
 
-/// Steps up to this high are climbed, in metres.
-const STEP_HEIGHT: f32 = 0.35;
-
 /// Metres a second, each second.
 const GRAVITY: f32 = 9.81;
 
@@ -157,7 +154,7 @@ impl Walker {
             self.rise = 0.0;
         }
         if self.grounded {
-            self.climb_left = STEP_HEIGHT;
+            self.climb_left = self.body.step_height();
         }
     }
 
