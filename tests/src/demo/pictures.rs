@@ -1,0 +1,177 @@
+//! What a person without a display gets to see: a view through their own client's eyes, and a plan
+//! with who is where and what they may see.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::Context;
+use image::RgbImage;
+use sightline_client::{
+    net::Session,
+    render::{
+        Camera, Frame, Renderer,
+        avatars::{self, Figure},
+    },
+    replica::VisibleAvatar,
+};
+use sightline_server::{
+    plan::{self, Mark, Overlay},
+    progress::Progress,
+};
+use sightline_shared::{motion::Pose, world::World};
+
+use super::{Crowd, Frames, Options, lock};
+
+const SIZE: (usize, usize) = (960, 540);
+/// Frames drawn to see how fast it goes.
+const TIMED_FRAMES: usize = 60;
+
+/// Stays until the visitors are done, and keeps the moment at which most of them could be seen.
+pub(super) fn take(
+    you: &Session,
+    crowd: &Crowd,
+    world: &World,
+    options: &Options,
+) -> anyhow::Result<Frames> {
+    let progress = Progress::new();
+    let start = Instant::now();
+    let pose = best_view(you, world);
+    let mut best: Option<Moment> = None;
+    while !crowd.has_ended() {
+        thread::sleep(Duration::from_millis(200));
+        let share = start.elapsed().as_secs_f32() / options.duration.as_secs_f32();
+        progress.show("walking", share);
+        let moment = Moment::now(you, crowd, pose);
+        // The first seconds, when all stand where they came in, are not worth a picture.
+        let is_settled = share > 0.3 || best.is_none();
+        if is_settled && best.as_ref().is_none_or(|b| moment.in_front() >= b.in_front()) {
+            best = Some(moment);
+        }
+    }
+    progress.finish();
+    let frames = time_frames(world, &pose);
+    if let Some(moment) = best {
+        fs::create_dir_all(&options.pictures)
+            .with_context(|| format!("cannot make {}", options.pictures.display()))?;
+        save(&moment.view(world), &options.pictures, "view.png")?;
+        save(&moment.plan(world), &options.pictures, "plan.png")?;
+    }
+    Ok(frames)
+}
+
+fn save(picture: &RgbImage, folder: &Path, name: &str) -> anyhow::Result<()> {
+    let path: PathBuf = folder.join(name);
+    picture.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
+    println!("picture: {}", path.display());
+    Ok(())
+}
+
+/// Your place, looking where most of the building is in view: the direction with the farthest
+/// mean distance.
+fn best_view(you: &Session, world: &World) -> Pose {
+    let mut renderer = Renderer::default();
+    let mut frame = Frame::new(96, 54);
+    let openness = |pose: &Pose, renderer: &mut Renderer, frame: &mut Frame| {
+        renderer.draw(&world.octree, &Camera::at(pose), frame);
+        frame.depth.iter().map(|&depth| f64::from(depth.min(30.0))).sum::<f64>()
+    };
+    let here = you.pose();
+    (0..16)
+        .map(|step| Pose { yaw: step as f32 * std::f32::consts::TAU / 16.0, ..here })
+        .map(|pose| (openness(&pose, &mut renderer, &mut frame), pose))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(here, |(_, pose)| pose)
+}
+
+/// Draws a turn on the spot.
+fn time_frames(world: &World, pose: &Pose) -> Frames {
+    let mut renderer = Renderer::default();
+    let mut frame = Frame::new(SIZE.0, SIZE.1);
+    let start = Instant::now();
+    for step in 0..TIMED_FRAMES {
+        let turn = step as f32 * std::f32::consts::TAU / TIMED_FRAMES as f32;
+        let camera = Camera::at(&Pose { yaw: pose.yaw + turn, ..*pose });
+        renderer.draw(&world.octree, &camera, &mut frame);
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    Frames {
+        per_s: TIMED_FRAMES as f64 / seconds,
+        draw_ms: seconds * 1e3 / TIMED_FRAMES as f64,
+        size: SIZE,
+        note: "without a window, in a turn on the spot",
+    }
+}
+
+/// What you saw at one moment, and where everybody truly was.
+struct Moment {
+    pose: Pose,
+    visible: Vec<VisibleAvatar>,
+    everybody: Vec<(u32, Pose)>,
+}
+
+impl Moment {
+    fn now(you: &Session, crowd: &Crowd, pose: Pose) -> Self {
+        let snapshots = lock(&crowd.snapshots);
+        let visitors = snapshots.last().map_or(&[][..], |snapshot| &snapshot.visitors);
+        let everybody = visitors.iter().map(|v| (v.avatar.0, v.pose)).collect();
+        Self { pose, visible: you.visible(), everybody }
+    }
+
+    /// How many stand in the picture, as far as directions tell, and near enough to be made out.
+    fn in_front(&self) -> usize {
+        let is_near = |to: glam::Vec3| {
+            let along = to.dot(self.pose.forward());
+            along > 1.5 && along < 20.0 && along > 0.75 * to.length()
+        };
+        self.visible.iter().filter(|avatar| is_near(avatar.pose.eye - self.pose.eye)).count()
+    }
+
+    fn view(&self, world: &World) -> RgbImage {
+        let camera = Camera::at(&self.pose);
+        let mut frame = Frame::new(SIZE.0, SIZE.1);
+        Renderer::default().draw(&world.octree, &camera, &mut frame);
+        let figures: Vec<Figure> = self
+            .visible
+            .iter()
+            .map(|avatar| Figure {
+                pose: avatar.pose,
+                body: world.body,
+                colour: avatar.colour,
+                name: &avatar.name,
+            })
+            .collect();
+        avatars::draw(&mut frame, &camera, &figures);
+        RgbImage::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
+            let [_, r, g, b] = frame.colour[y as usize * SIZE.0 + x as usize].to_be_bytes();
+            image::Rgb([r, g, b])
+        })
+    }
+
+    /// Those you were told of are filled, all others are rings; what you may see is bright.
+    fn plan(&self, world: &World) -> RgbImage {
+        let told = |id: u32| self.visible.iter().find(|avatar| avatar.id.0 == id);
+        let mut marks: Vec<Mark> = self
+            .everybody
+            .iter()
+            .map(|&(id, pose)| Mark {
+                eye: pose.eye,
+                forward: None,
+                colour: told(id).map_or([110, 110, 110], |avatar| avatar.colour),
+                filled: told(id).is_some(),
+            })
+            .collect();
+        marks.push(Mark {
+            eye: self.pose.eye,
+            forward: Some(self.pose.forward()),
+            colour: [230, 30, 30],
+            filled: true,
+        });
+        let cell = world.cells.at(self.pose.eye);
+        let visible = Some(world.cells.pvs[cell.0 as usize].clone());
+        plan::draw(world, &Overlay { marks, visible, portals: false })
+    }
+}
