@@ -18,6 +18,7 @@ use sightline_shared::{
 };
 
 use crate::sight::Sight;
+use subdivide::Grain;
 
 pub mod bsp;
 pub mod demo_building;
@@ -99,9 +100,12 @@ pub fn compile(
     let space = Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN);
     progress(Stage::Cells, 0.0);
     let planes = occluders::axial_planes(&model.opaque);
-    let mut cells = watch.time(Stage::Cells, || subdivide::subdivide(&space, &planes));
+    let (spaces, mut cells) = watch.time(Stage::Cells, || {
+        let split = |grain| subdivide::subdivide(&space, &planes, grain);
+        (split(Grain::Occluders), split(Grain::Places))
+    });
     cells.pvs = watch.time(Stage::Pvs, || {
-        pvs::potentially_visible(&cells, &|share| progress(Stage::Pvs, share))
+        pvs::potentially_visible(&spaces, &cells, &|share| progress(Stage::Pvs, share))
     });
     let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
     let octree = watch.time(Stage::Voxels, || {

@@ -25,12 +25,26 @@ const WALL_AREA_MIN: f64 = 0.15;
 /// Of two opaque planes that are no farther apart than this, in metres, one is enough: what is
 /// between them is the inside of a thin wall, or the frame of a pane.
 const THIN_MAX: f32 = 0.1;
+/// Cells of [`Grain::Places`] are no wider than this, in metres.
+const PLACE_MAX: f32 = 3.0;
 /// No deeper: the world file's reader allows twice as much.
 const DEPTH_MAX: u16 = 256;
 
+/// How finely to split.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Grain {
+    /// Along occluders alone: few portals, of which each hides something. Sight lines go through
+    /// these.
+    Occluders,
+    /// The same, and what is open and wide is split further: much less can be seen from a part of
+    /// a hall than from somewhere in it. Each cell lies in one cell of [`Grain::Occluders`].
+    Places,
+}
+
 /// Splits a region into cells and finds their portals. The PVS is left empty.
-pub fn subdivide(bounds: &Aabb, planes: &[OccluderPlane]) -> Cells {
-    let mut builder = Builder { planes, tree: Vec::new(), cells: Vec::new(), portals: Vec::new() };
+pub fn subdivide(bounds: &Aabb, planes: &[OccluderPlane], grain: Grain) -> Cells {
+    let mut builder =
+        Builder { planes, grain, tree: Vec::new(), cells: Vec::new(), portals: Vec::new() };
     let all = planes
         .iter()
         .enumerate()
@@ -49,6 +63,7 @@ pub fn subdivide(bounds: &Aabb, planes: &[OccluderPlane]) -> Cells {
 
 struct Builder<'a> {
     planes: &'a [OccluderPlane],
+    grain: Grain,
     tree: Vec<KdNode>,
     cells: Vec<Cell>,
     portals: Vec<Portal>,
@@ -58,19 +73,14 @@ struct Builder<'a> {
 type OccluderRef = (u32, u32);
 
 impl Builder<'_> {
-    /// Adds the subtree of a region, of which `inside` are the occluders that cross its interior.
+    /// Adds the subtree of a region, split along occluders, of which `inside` are the occluders that cross its interior.
     fn split(&mut self, region: Aabb, inside: Vec<OccluderRef>, depth: u16) -> u32 {
         let index = self.tree.len() as u32;
         let chosen = (depth < DEPTH_MAX).then(|| self.best_plane(&region, &inside)).flatten();
-        let Some(plane) = chosen else {
-            self.tree.push(KdNode::Leaf(CellId(self.cells.len() as u32)));
-            self.cells.push(Cell { bounds: region, portals: Vec::new() });
-            return index;
-        };
+        let Some(plane) = chosen else { return self.split_open(region) };
         let OccluderPlane { axis, at, .. } = self.planes[plane];
-        let halves = halves(&region, axis, at);
         self.tree.push(KdNode::Split { axis: axis as u8, at, sides: [0; 2] });
-        let sides = halves.map(|half| {
+        let sides = halves(&region, axis, at).map(|half| {
             let kept = inside.iter().copied().filter(|&o| self.crosses(o, &half)).collect();
             self.split(half, kept, depth + 1)
         });
@@ -84,6 +94,24 @@ impl Builder<'_> {
         region.min[axis] < at
             && at < region.max[axis]
             && clipped_area(&triangles[triangle as usize], &section(region, axis)) > 0.0
+    }
+
+    /// Adds the subtree of a region without occluders to split along.
+    fn split_open(&mut self, region: Aabb) -> u32 {
+        let index = self.tree.len() as u32;
+        let size = region.size();
+        let axis = if size.x >= size.z { 0 } else { 2 };
+        let is_wide = size[axis] > PLACE_MAX && size.min_element() > WALL_MAX;
+        if self.grain == Grain::Occluders || !is_wide {
+            self.tree.push(KdNode::Leaf(CellId(self.cells.len() as u32)));
+            self.cells.push(Cell { bounds: region, portals: Vec::new() });
+            return index;
+        }
+        let at = region.centre()[axis];
+        self.tree.push(KdNode::Split { axis: axis as u8, at, sides: [0; 2] });
+        let sides = halves(&region, axis, at).map(|half| self.split_open(half));
+        self.tree[index as usize] = KdNode::Split { axis: axis as u8, at, sides };
+        index
     }
 
     /// The plane of which the greatest share of the cross-section is opaque; among those alike,
@@ -179,8 +207,8 @@ impl Builder<'_> {
     }
 
     fn add_portals(&mut self, cells: [CellId; 2], axis: usize, at: f32, rect: &Rect) {
-        let plane = self.plane_at(axis, at).expect("every split lies on an occluder plane");
-        for free in uncovered(rect, &plane.overlapping(rect)) {
+        let opaque = self.plane_at(axis, at).map_or(Vec::new(), |plane| plane.overlapping(rect));
+        for free in uncovered(rect, &opaque) {
             let bounds = Aabb::new(on_plane(free.min, axis, at), on_plane(free.max, axis, at));
             self.portals.push(Portal { cells, axis: axis as u8, bounds });
         }
@@ -265,7 +293,7 @@ mod tests {
 
     #[test]
     fn an_empty_region_is_one_cell() {
-        let cells = subdivide(&bounds(), &[]);
+        let cells = subdivide(&bounds(), &[], Grain::Occluders);
         assert_eq!((cells.cells.len(), cells.portals.len()), (1, 0));
         assert_eq!(cells.at(Vec3::ONE), CellId(0));
     }
@@ -277,7 +305,7 @@ mod tests {
             rect(0, 5.0, [0.0, 2.5], [3.0, 4.0]),
             rect(0, 5.0, [2.0, 1.5], [3.0, 2.5]),
         ];
-        let cells = subdivide(&bounds(), &axial_planes(wall.as_flattened()));
+        let cells = subdivide(&bounds(), &axial_planes(wall.as_flattened()), Grain::Occluders);
         assert_eq!(cells.cells.len(), 2);
         let door = Aabb::new(Vec3::new(5.0, 0.0, 1.5), Vec3::new(5.0, 2.0, 2.5));
         assert_eq!(cells.portals.iter().map(|p| p.bounds).collect::<Vec<_>>(), vec![door]);
@@ -290,6 +318,22 @@ mod tests {
     #[test]
     fn something_small_makes_no_cell() {
         let shelf = rect(1, 1.0, [1.0, 1.0], [2.0, 1.5]);
-        assert_eq!(subdivide(&bounds(), &axial_planes(&shelf)).cells.len(), 1);
+        assert_eq!(subdivide(&bounds(), &axial_planes(&shelf), Grain::Occluders).cells.len(), 1);
+    }
+
+    #[test]
+    fn places_lie_in_one_cell_each_and_are_not_wide() {
+        let wall = [rect(0, 5.0, [0.0, 0.0], [3.0, 1.5]), rect(0, 5.0, [0.0, 2.5], [3.0, 4.0])];
+        let planes = axial_planes(wall.as_flattened());
+        let large = subdivide(&bounds(), &planes, Grain::Occluders);
+        let small = subdivide(&bounds(), &planes, Grain::Places);
+        assert_eq!((large.cells.len(), small.cells.len()), (2, 8));
+        for place in &small.cells {
+            let around = &large.cells[large.at(place.bounds.centre()).0 as usize];
+            assert!(around.bounds.contains_box(&place.bounds));
+            assert!(place.bounds.size().x <= PLACE_MAX && place.bounds.size().z <= PLACE_MAX);
+        }
+        // Four inside each room, and the door cut in two.
+        assert_eq!(small.portals.len(), 4 + 4 + 2);
     }
 }

@@ -13,8 +13,7 @@ const STEPS_MAX: u32 = 400_000;
 
 /// The gates that might be seen through a gate: reached from it by gates that are not wholly behind
 /// it, and that it is not wholly beyond.
-pub fn flood(gates: &Gates, gate: usize) -> Bits {
-    let source = &gates.gates[gate];
+pub fn flood(gates: &Gates, source: &Gate) -> Bits {
     let mut found = Bits::none(gates.gates.len());
     let mut waiting = vec![source.to];
     let mut entered = vec![false; gates.out_of.len()];
@@ -40,21 +39,22 @@ fn might_pass(source: &Gate, target: &Gate) -> bool {
         && source.winding.corners().iter().any(|&c| target.plane.height(c) < -ON_PLANE)
 }
 
-/// The gates that can be seen through a gate. `known` bounds what each gate sees.
-pub fn visible_through(gates: &Gates, known: &[Bits], gate: usize) -> Bits {
+/// The gates that can be seen through a gate, out of those that `might` be. `known` bounds what each
+/// gate sees.
+pub fn visible_through(gates: &Gates, known: &[Bits], source: &Gate, might: &Bits) -> Bits {
     let mut search = Search {
         gates,
         known,
-        source: &gates.gates[gate],
+        source,
         seen: Bits::none(gates.gates.len()),
         levels: Vec::new(),
         steps: 0,
     };
     search.level(0);
-    search.levels[0].might.clone_from(&known[gate]);
-    search.levels[0].source = search.source.winding;
-    search.follow(0, search.source.to, &search.source.plane.clone());
-    if search.steps > STEPS_MAX { known[gate].clone() } else { search.seen }
+    search.levels[0].might.clone_from(might);
+    search.levels[0].source = source.winding;
+    search.follow(0, source.to, &source.plane);
+    if search.steps > STEPS_MAX { might.clone() } else { search.seen }
 }
 
 struct Search<'a> {

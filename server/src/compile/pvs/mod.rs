@@ -10,10 +10,12 @@ mod bits;
 mod flow;
 mod winding;
 
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use roaring::RoaringBitmap;
-use sightline_shared::world::{Cells, Portal, Pvs};
+use sightline_shared::world::{CellId, Cells, Portal, Pvs};
 
 use bits::Bits;
 use winding::{Plane, Winding};
@@ -36,22 +38,23 @@ struct Gate {
 
 /// A building's portals, ready for the search.
 struct Gates {
-    /// Two for each portal: gate `2i` leads through portal `i` to its greater side, gate `2i + 1` to its
-    /// lesser side.
+    /// Two for each portal: gate `2i` leads through portal `i` to its greater side, gate `2i + 1` to
+    /// its lesser side.
     gates: Vec<Gate>,
     /// For each cell, the gates that lead out of it.
     out_of: Vec<Vec<u32>>,
 }
 
 impl Gates {
-    fn new(cells: &Cells) -> Self {
+    /// The gates of a subdivision. What they lead to is named by `to`.
+    fn new(cells: &Cells, to: impl Fn(CellId) -> u32) -> Self {
         let mut out_of = vec![Vec::new(); cells.cells.len()];
         let mut gates = Vec::with_capacity(cells.portals.len() * 2);
         for portal in &cells.portals {
-            let [low, high] = portal.cells.map(|cell| cell.0);
-            for (from, to, towards) in [(low, high, 1.0), (high, low, -1.0)] {
-                out_of[from as usize].push(gates.len() as u32);
-                gates.push(Gate::new(portal, to, towards));
+            let [low, high] = portal.cells;
+            for (from, towards, sign) in [(low, high, 1.0), (high, low, -1.0)] {
+                out_of[from.0 as usize].push(gates.len() as u32);
+                gates.push(Gate::new(portal, to(towards), sign));
             }
         }
         Self { gates, out_of }
@@ -88,13 +91,66 @@ fn widened(portal: &Portal) -> Winding {
     }))
 }
 
-/// Finds the PVS of a subdivision. `progress` is told the share done, from 0 to 1.
-pub fn potentially_visible(cells: &Cells, progress: &(dyn Fn(f32) + Sync)) -> Pvs {
-    let gates = Gates::new(cells);
+/// Finds the PVS of a subdivision into places. Sight lines go from each of its portals through the
+/// portals of `spaces`, the coarser subdivision in which it lies ([`super::subdivide::Grain`]):
+/// those are far fewer, and all that occludes lies between them. `progress` is told the share
+/// done, from 0 to 1.
+pub fn potentially_visible(spaces: &Cells, places: &Cells, progress: &(dyn Fn(f32) + Sync)) -> Pvs {
+    let gates = Gates::new(spaces, |cell| cell.0);
     let might: Vec<Bits> =
-        (0..gates.gates.len()).into_par_iter().map(|gate| flow::flood(&gates, gate)).collect();
-    let seen = search(&gates, &might, progress);
-    symmetric(&cell_rows(&gates, cells.cells.len(), &seen))
+        gates.gates.par_iter().map(|source| flow::flood(&gates, source)).collect();
+    let known = search(&gates, &might, &|share| progress(share * 0.5));
+    let space_of: Vec<u32> =
+        places.cells.iter().map(|place| spaces.at(place.bounds.centre()).0).collect();
+    let seen = spaces_seen(&gates, &known, places, &space_of, &|share| progress(0.5 + share * 0.5));
+    mutual(&seen, &space_of, spaces.cells.len())
+}
+
+/// For each place, the spaces that can be seen from it: its own, and what its gates show.
+fn spaces_seen(
+    gates: &Gates,
+    known: &[Bits],
+    places: &Cells,
+    space_of: &[u32],
+    progress: &(dyn Fn(f32) + Sync),
+) -> Vec<RoaringBitmap> {
+    let sources = Gates::new(places, |place| space_of[place.0 as usize]);
+    let done = AtomicUsize::new(0);
+    let through: Vec<RoaringBitmap> = sources
+        .gates
+        .par_iter()
+        .map(|source| {
+            let might = flow::flood(gates, source);
+            let seen = flow::visible_through(gates, known, source, &might);
+            let count = done.fetch_add(1, Relaxed);
+            if count % BATCH == 0 {
+                progress(count as f32 / sources.gates.len() as f32);
+            }
+            seen.ones().map(|gate| gates.gates[gate].to).chain([source.to]).collect()
+        })
+        .collect();
+    progress(1.0);
+    let seen_from = |(place, &own): (usize, &u32)| {
+        let out = &sources.out_of[place];
+        let all = RoaringBitmap::from_iter([own]);
+        out.iter().fold(all, |all, &gate| all | &through[gate as usize])
+    };
+    space_of.par_iter().enumerate().map(seen_from).collect()
+}
+
+/// Sight goes both ways: two places see each other when each can see the space of the other.
+fn mutual(seen: &[RoaringBitmap], space_of: &[u32], spaces: usize) -> Pvs {
+    let mut places_in = vec![Vec::new(); spaces];
+    for (place, &space) in (0u32..).zip(space_of) {
+        places_in[space as usize].push(place);
+    }
+    seen.par_iter()
+        .zip(space_of)
+        .map(|(row, &own)| {
+            let places = row.iter().flat_map(|space| &places_in[space as usize]);
+            places.copied().filter(|&place| seen[place as usize].contains(own)).collect()
+        })
+        .collect()
 }
 
 /// For each gate, the gates that can be seen through it. The least-visible go first, since what
@@ -104,42 +160,16 @@ fn search(gates: &Gates, might: &[Bits], progress: &(dyn Fn(f32) + Sync)) -> Vec
     order.sort_by_key(|&gate| (might[gate].count(), gate));
     let mut known = might.to_vec();
     for (i, batch) in order.chunks(BATCH).enumerate() {
-        let found: Vec<Bits> =
-            batch.par_iter().map(|&gate| flow::visible_through(gates, &known, gate)).collect();
+        let found: Vec<Bits> = batch
+            .par_iter()
+            .map(|&gate| flow::visible_through(gates, &known, &gates.gates[gate], &known[gate]))
+            .collect();
         for (&gate, seen) in batch.iter().zip(found) {
             known[gate] = seen;
         }
         progress(((i + 1) * BATCH) as f32 / order.len() as f32);
     }
     known
-}
-
-/// A cell sees itself, its neighbours, and what can be seen through its gates.
-fn cell_rows(gates: &Gates, cells: usize, seen: &[Bits]) -> Vec<RoaringBitmap> {
-    (0..cells as u32)
-        .into_par_iter()
-        .map(|cell| {
-            let mut row = RoaringBitmap::from_iter([cell]);
-            for &gate in &gates.out_of[cell as usize] {
-                row.insert(gates.gates[gate as usize].to);
-                row.extend(seen[gate as usize].ones().map(|g| gates.gates[g].to));
-            }
-            row
-        })
-        .collect()
-}
-
-/// Sight goes both ways, so a pair that either side rejects is rejected.
-fn symmetric(rows: &[RoaringBitmap]) -> Pvs {
-    (0..rows.len() as u32)
-        .into_par_iter()
-        .map(|cell| {
-            rows[cell as usize]
-                .iter()
-                .filter(|&other| rows[other as usize].contains(cell))
-                .collect()
-        })
-        .collect()
 }
 
 #[cfg(test)]
@@ -149,7 +179,10 @@ mod tests {
 
     use super::*;
     use crate::{
-        compile::{occluders::axial_planes, subdivide::subdivide},
+        compile::{
+            occluders::axial_planes,
+            subdivide::{Grain, subdivide},
+        },
         sight::Sight,
     };
 
@@ -209,6 +242,18 @@ mod tests {
         }
     }
 
+    /// The spaces and the places, which have no PVS yet.
+    fn both(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> (Cells, Cells) {
+        let planes = axial_planes(opaque);
+        (subdivide(bounds, &planes, Grain::Occluders), subdivide(bounds, &planes, Grain::Places))
+    }
+
+    fn compiled(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> Cells {
+        let (spaces, mut places) = both(bounds, opaque);
+        places.pvs = potentially_visible(&spaces, &places, &|_| ());
+        places
+    }
+
     fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {
         Mesh {
             positions: opaque.as_flattened().to_vec(),
@@ -242,8 +287,7 @@ mod tests {
         for seed in 0..60 {
             let mut rng = SmallRng::seed_from_u64(seed);
             let (bounds, opaque) = random_building(&mut rng);
-            let mut cells = subdivide(&bounds, &axial_planes(&opaque));
-            cells.pvs = potentially_visible(&cells, &|_| ());
+            let cells = compiled(&bounds, &opaque);
             let sight = Sight::new(&mesh(&opaque));
             let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
             assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
@@ -261,15 +305,15 @@ mod tests {
         for seed in 0..20 {
             let mut rng = SmallRng::seed_from_u64(seed);
             let (bounds, opaque) = random_building(&mut rng);
-            let mut cells = subdivide(&bounds, &axial_planes(&opaque));
+            let (mut spaces, mut cells) = both(&bounds, &opaque);
             let area = |p: &Portal| {
                 let size = p.bounds.size();
                 (size.x * size.y).max(size.y * size.z).max(size.z * size.x)
             };
             let largest = |a: &&Portal, b: &&Portal| area(a).total_cmp(&area(b));
-            let lost = *cells.portals.iter().max_by(largest).unwrap();
-            cells.portals.retain(|portal| *portal != lost);
-            cells.pvs = potentially_visible(&cells, &|_| ());
+            let lost = *spaces.portals.iter().max_by(largest).unwrap();
+            spaces.portals.retain(|portal| *portal != lost);
+            cells.pvs = potentially_visible(&spaces, &cells, &|_| ());
             let sight = Sight::new(&mesh(&opaque));
             noticed += usize::from(misses(&mut rng, &cells, &sight, 20_000).1 > 0);
         }
@@ -280,14 +324,14 @@ mod tests {
     fn the_pvs_is_symmetric_reflexive_and_the_same_on_any_number_of_threads() {
         let mut rng = SmallRng::seed_from_u64(7);
         let (bounds, opaque) = random_building(&mut rng);
-        let cells = subdivide(&bounds, &axial_planes(&opaque));
-        let pvs = potentially_visible(&cells, &|_| ());
+        let (spaces, places) = both(&bounds, &opaque);
+        let pvs = potentially_visible(&spaces, &places, &|_| ());
         for (cell, row) in (0u32..).zip(&pvs) {
             assert!(row.contains(cell));
             assert!(row.iter().all(|other| pvs[other as usize].contains(cell)));
         }
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        assert_eq!(alone.install(|| potentially_visible(&cells, &|_| ())), pvs);
+        assert_eq!(alone.install(|| potentially_visible(&spaces, &places, &|_| ())), pvs);
     }
 
     /// Four rooms in a row with three doors: the first and the last see each other only when one
@@ -304,8 +348,7 @@ mod tests {
                 }
             }
             let bounds = Aabb::new(Vec3::ZERO, Vec3::new(16.0, 3.0, 30.0));
-            let mut cells = subdivide(&bounds, &axial_planes(&opaque));
-            cells.pvs = potentially_visible(&cells, &|_| ());
+            let cells = compiled(&bounds, &opaque);
             let room = |i: i32| cells.at(Vec3::new(i as f32 * 4.0 + 2.0, 1.0, 10.0));
             assert!((0..3).all(|i| cells.sees(room(i), room(i + 1))));
             assert!(cells.sees(room(0), room(2)) && cells.sees(room(1), room(3)));
