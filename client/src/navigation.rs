@@ -17,6 +17,8 @@ const DROP: f32 = 4.0;
 const STOREY: f32 = 1.0;
 /// Beside the body there is so much space, in metres, so that it does not scrape along walls.
 const CLEARANCE: f32 = 0.04;
+/// Half the width of the space in which a roof is looked for, in metres.
+const ROOF_PROBE: f32 = 0.05;
 /// No grid has more places; each costs about 100 bytes.
 const PLACES_MAX: usize = 200_000;
 /// A search for a way looks at no more places.
@@ -34,6 +36,8 @@ pub struct Navigation {
     columns: HashMap<[i32; 2], Vec<u32>>,
     /// Those that can all be reached from each other, ascending.
     home: Vec<u32>,
+    /// Those of home that are worth going to.
+    goals: Vec<u32>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +61,7 @@ impl Navigation {
             places: Vec::new(),
             columns: HashMap::new(),
             home: Vec::new(),
+            goals: Vec::new(),
         };
         let probe = Probe::new(world);
         let mut open = VecDeque::new();
@@ -84,6 +89,7 @@ impl Navigation {
             }
         }
         navigation.home = navigation.largest_component();
+        navigation.goals = navigation.indoors(world);
         navigation
     }
 
@@ -97,13 +103,26 @@ impl Navigation {
         self.home.is_empty()
     }
 
-    /// Some place, as an eye; `None` when there is none.
+    /// Some place to go to, as an eye; `None` when there is none. It has a roof, where much of the
+    /// floor has one: visitors come for the building, not for the lawn.
     pub fn random(&self, random: &mut SmallRng) -> Option<Vec3> {
-        if self.home.is_empty() {
+        if self.goals.is_empty() {
             return None;
         }
-        let place = self.home[random.random_range(0..self.home.len())];
+        let place = self.goals[random.random_range(0..self.goals.len())];
         Some(self.eye(place))
+    }
+
+    /// The places of home that have a roof; all of them when few have.
+    fn indoors(&self, world: &World) -> Vec<u32> {
+        let top = world.bounds().max.y;
+        let has_roof = |&place: &u32| {
+            let eye = self.eye(place);
+            let above = Vec3::new(eye.x, top, eye.z);
+            world.octree.solid_in(&Aabb::new(eye, above).grown(ROOF_PROBE))
+        };
+        let roofed: Vec<u32> = self.home.iter().copied().filter(has_roof).collect();
+        if roofed.len() * 4 < self.home.len() { self.home.clone() } else { roofed }
     }
 
     /// A short way from one eye to another, as eyes to walk to one after the other in straight

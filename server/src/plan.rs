@@ -1,5 +1,7 @@
 //! Plan pictures: a world from above, storey by storey, with who is where and what may be seen.
 
+use std::ops::Range;
+
 use font8x8::UnicodeFonts;
 use glam::{Vec2, Vec3};
 use image::{Rgb, RgbImage};
@@ -18,6 +20,8 @@ const FLOOR_DEPTH: f32 = 1.0;
 const STOREY_APART: f32 = 2.0;
 /// Longest side of one storey's picture, in pixels.
 const SIDE_PX_MAX: f32 = 1100.0;
+/// Feet stand this far below a storey, by rounding, in metres.
+const SOLE_TOLERANCE: f32 = 0.1;
 const GAP_PX: u32 = 12;
 const CAPTION_PX: u32 = 20;
 
@@ -50,15 +54,17 @@ pub struct Overlay {
     pub portals: bool,
 }
 
-/// Draws all storeys on which somebody stands or may begin, lowest first, one below the other.
+/// Draws all storeys on which somebody may begin, lowest first, one below the other. Who is between
+/// two storeys is drawn on the lower one.
 pub fn draw(world: &World, overlay: &Overlay) -> RgbImage {
-    let storeys = storeys(world, &overlay.marks);
+    let storeys = storeys(world);
     let panels: Vec<RgbImage> = storeys
         .iter()
         .enumerate()
         .map(|(i, &feet)| {
             let above = storeys.get(i + 1).copied().unwrap_or(f32::INFINITY);
-            Storey::new(world, feet, above).draw(overlay)
+            let below = if i == 0 { f32::NEG_INFINITY } else { feet };
+            Storey::new(world, feet, below..above).draw(overlay)
         })
         .collect();
     let width = panels.iter().map(RgbImage::width).max().unwrap_or(1);
@@ -72,10 +78,10 @@ pub fn draw(world: &World, overlay: &Overlay) -> RgbImage {
     picture
 }
 
-/// The heights of the soles, one for each storey, ascending.
-fn storeys(world: &World, marks: &[Mark]) -> Vec<f32> {
-    let eyes = world.spawns.iter().map(|spawn| spawn.eye).chain(marks.iter().map(|m| m.eye));
-    let mut feet: Vec<f32> = eyes.map(|eye| eye.y - world.body.below_eye).collect();
+/// The heights of the soles of those who begin there, one for each storey, ascending.
+fn storeys(world: &World) -> Vec<f32> {
+    let feet = world.spawns.iter().map(|spawn| spawn.eye.y - world.body.below_eye);
+    let mut feet: Vec<f32> = feet.collect();
     feet.sort_unstable_by(f32::total_cmp);
     feet.dedup_by(|a, b| *a - *b < STOREY_APART);
     feet
@@ -85,18 +91,19 @@ fn storeys(world: &World, marks: &[Mark]) -> Vec<f32> {
 struct Storey<'a> {
     world: &'a World,
     feet: f32,
-    above: f32,
+    /// Whose soles are at these heights is drawn here.
+    holds: Range<f32>,
     area: Aabb,
     px_per_m: f32,
 }
 
 impl<'a> Storey<'a> {
-    fn new(world: &'a World, feet: f32, above: f32) -> Self {
+    fn new(world: &'a World, feet: f32, holds: Range<f32>) -> Self {
         let octree = world.octree.bounds();
         let area = world.bounds().intersection(&octree.grown(1.0));
         let size = area.size();
         let px_per_m = (SIDE_PX_MAX / size.x.max(size.z)).min(24.0);
-        Self { world, feet, above, area, px_per_m }
+        Self { world, feet, holds, area, px_per_m }
     }
 
     fn draw(&self, overlay: &Overlay) -> RgbImage {
@@ -129,7 +136,7 @@ impl<'a> Storey<'a> {
 
     fn holds(&self, eye: Vec3) -> bool {
         let feet = eye.y - self.world.body.below_eye;
-        feet >= self.feet - 0.01 && feet < self.above - 0.01
+        self.holds.contains(&(feet + SOLE_TOLERANCE))
     }
 
     /// The colour of a place: cut walls dark, else the floor below the cut.

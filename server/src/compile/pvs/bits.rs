@@ -34,6 +34,13 @@ impl Bits {
         }
     }
 
+    /// Takes out what is not in another set.
+    pub fn keep_only(&mut self, other: &Self) {
+        for (to, from) in self.0.iter_mut().zip(&other.0) {
+            *to &= from;
+        }
+    }
+
     /// Whether all of this is in another.
     pub fn is_within(&self, other: &Self) -> bool {
         self.0.iter().zip(&other.0).all(|(a, b)| a & !b == 0)

@@ -8,8 +8,6 @@ use super::{
 
 /// Longer sequences are not followed; what the flood allows beyond them is kept.
 const DEPTH_MAX: usize = 512;
-/// After this many steps the flood's answer stands for the gate.
-const STEPS_MAX: u32 = 400_000;
 
 /// The gates that might be seen through a gate: reached from it by gates that are not wholly behind
 /// it, and that it is not wholly beyond.
@@ -39,10 +37,17 @@ fn might_pass(source: &Gate, target: &Gate) -> bool {
         && source.winding.corners().iter().any(|&c| target.plane.height(c) < -ON_PLANE)
 }
 
-/// The gates that can be seen through a gate, out of those that `might` be. `known` bounds what each
-/// gate sees.
-pub fn visible_through(gates: &Gates, known: &[Bits], source: &Gate, might: &Bits) -> Bits {
+/// The gates that can be seen through a gate, out of those that `might` be; all of these when that
+/// takes more than `steps_max` steps. `known` bounds what each gate sees.
+pub fn visible_through(
+    gates: &Gates,
+    known: &[Bits],
+    source: &Gate,
+    might: &Bits,
+    steps_max: u32,
+) -> Bits {
     let mut search = Search {
+        steps_max,
         gates,
         known,
         source,
@@ -54,7 +59,7 @@ pub fn visible_through(gates: &Gates, known: &[Bits], source: &Gate, might: &Bit
     search.levels[0].might.clone_from(might);
     search.levels[0].source = source.winding;
     search.follow(0, source.to, &source.plane);
-    if search.steps > STEPS_MAX { might.clone() } else { search.seen }
+    if search.steps > steps_max { might.clone() } else { search.seen }
 }
 
 struct Search<'a> {
@@ -64,6 +69,7 @@ struct Search<'a> {
     seen: Bits,
     levels: Vec<Level>,
     steps: u32,
+    steps_max: u32,
 }
 
 /// One step of a portal sequence.
@@ -96,7 +102,7 @@ impl Search<'_> {
         }
         self.level(depth + 1);
         for &next in &self.gates.out_of[cell as usize] {
-            if self.steps > STEPS_MAX {
+            if self.steps > self.steps_max {
                 return;
             }
             if self.levels[depth].might.has(next as usize) {

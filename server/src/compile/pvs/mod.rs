@@ -27,6 +27,11 @@ const WIDENING: f64 = 5e-4;
 /// search of the next batch, so that the result does not depend on the number of threads.
 const BATCH: usize = 64;
 
+/// A search through the spaces gives up after so many steps, and keeps what the flood allows.
+const STEPS_MAX: u32 = 100_000;
+/// The search from a place gives up sooner, since it only refines what its space sees.
+const STEPS_PLACE_MAX: u32 = 1_500;
+
 /// One way through a portal.
 struct Gate {
     /// The cell it leads to.
@@ -115,13 +120,15 @@ fn spaces_seen(
     progress: &(dyn Fn(f32) + Sync),
 ) -> Vec<RoaringBitmap> {
     let sources = Gates::new(places, |place| space_of[place.0 as usize]);
+    let known_from: Vec<Bits> = gates.out_of.par_iter().map(|out| seen_from(out, known)).collect();
     let done = AtomicUsize::new(0);
     let through: Vec<RoaringBitmap> = sources
         .gates
         .par_iter()
         .map(|source| {
-            let might = flow::flood(gates, source);
-            let seen = flow::visible_through(gates, known, source, &might);
+            let mut might = flow::flood(gates, source);
+            might.keep_only(&known_from[source.to as usize]);
+            let seen = flow::visible_through(gates, known, source, &might, STEPS_PLACE_MAX);
             let count = done.fetch_add(1, Relaxed);
             if count % BATCH == 0 {
                 progress(count as f32 / sources.gates.len() as f32);
@@ -130,12 +137,22 @@ fn spaces_seen(
         })
         .collect();
     progress(1.0);
-    let seen_from = |(place, &own): (usize, &u32)| {
+    let all_from = |(place, &own): (usize, &u32)| {
         let out = &sources.out_of[place];
         let all = RoaringBitmap::from_iter([own]);
         out.iter().fold(all, |all, &gate| all | &through[gate as usize])
     };
-    space_of.par_iter().enumerate().map(seen_from).collect()
+    space_of.par_iter().enumerate().map(all_from).collect()
+}
+
+/// The gates out of a space, and what can be seen through them.
+fn seen_from(out: &[u32], known: &[Bits]) -> Bits {
+    let mut seen = Bits::none(known.len());
+    for &gate in out {
+        seen.set(gate as usize);
+        seen.add_all(&known[gate as usize]);
+    }
+    seen
 }
 
 /// Sight goes both ways: two places see each other when each can see the space of the other.
@@ -162,7 +179,10 @@ fn search(gates: &Gates, might: &[Bits], progress: &(dyn Fn(f32) + Sync)) -> Vec
     for (i, batch) in order.chunks(BATCH).enumerate() {
         let found: Vec<Bits> = batch
             .par_iter()
-            .map(|&gate| flow::visible_through(gates, &known, &gates.gates[gate], &known[gate]))
+            .map(|&gate| {
+                let source = &gates.gates[gate];
+                flow::visible_through(gates, &known, source, &known[gate], STEPS_MAX)
+            })
             .collect();
         for (&gate, seen) in batch.iter().zip(found) {
             known[gate] = seen;
