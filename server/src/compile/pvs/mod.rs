@@ -130,7 +130,7 @@ fn spaces_seen(
             might.keep_only(&known_from[source.to as usize]);
             let seen = flow::visible_through(gates, known, source, &might, STEPS_PLACE_MAX);
             let count = done.fetch_add(1, Relaxed);
-            if count % BATCH == 0 {
+            if count.is_multiple_of(BATCH) {
                 progress(count as f32 / sources.gates.len() as f32);
             }
             seen.ones().map(|gate| gates.gates[gate].to).chain([source.to]).collect()
@@ -369,10 +369,21 @@ mod tests {
             }
             let bounds = Aabb::new(Vec3::ZERO, Vec3::new(16.0, 3.0, 30.0));
             let cells = compiled(&bounds, &opaque);
-            let room = |i: i32| cells.at(Vec3::new(i as f32 * 4.0 + 2.0, 1.0, 10.0));
-            assert!((0..3).all(|i| cells.sees(room(i), room(i + 1))));
-            assert!(cells.sees(room(0), room(2)) && cells.sees(room(1), room(3)));
-            assert_eq!(cells.sees(room(0), room(3)), expected, "doors at {doors:?}");
+            let rooms: Vec<Vec<u32>> = (0..4)
+                .map(|i| {
+                    let is_in = |place: &u32| {
+                        let x = cells.cells[*place as usize].bounds.centre().x;
+                        (x / 4.0) as usize == i
+                    };
+                    (0..cells.cells.len() as u32).filter(is_in).collect()
+                })
+                .collect();
+            let sees = |from: usize, to: usize| {
+                let pairs = rooms[from].iter().flat_map(|a| rooms[to].iter().map(move |b| (a, b)));
+                pairs.into_iter().any(|(&a, &b)| cells.sees(CellId(a), CellId(b)))
+            };
+            assert!((0..3).all(|i| sees(i, i + 1)) && sees(0, 2) && sees(1, 3));
+            assert_eq!(sees(0, 3), expected, "doors at {doors:?}");
         };
         check([1.0, 1.0, 1.0], true);
         check([1.0, 12.0, 23.0], true);
