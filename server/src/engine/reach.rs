@@ -11,11 +11,16 @@ use sightline_shared::{
 /// A reported eye can be so far on the other side of a boundary by rounding, in metres.
 const ROUNDING_M: f32 = 0.004;
 
+/// A body may poke so far into what is solid, in metres: collisions are against voxels, and what
+/// comes from elsewhere is rounded. Walls are thicker, so that what is inside them is not in sight.
+const POKE_M: f32 = 0.06;
+
 /// The parts of cells that an eye can get to: those it comes to through portals within a ball.
 ///
 /// What makes cells is opaque and solid, so whoever gets from one cell into another without
-/// leaving the ball goes through portals that the ball meets. Bodies may stick out of the cells
-/// that their eyes can get to, through walls even: boxes do, where people do not.
+/// leaving the ball goes through portals that the ball meets. Bodies stick out of the cells that
+/// their eyes can get to, where there are portals; elsewhere they stop at the wall, but for
+/// [`POKE_M`].
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Reach {
     /// By cell, ascending.
@@ -54,8 +59,8 @@ impl Reach {
     /// The cells that some part of the body can be in, ascending.
     pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> Vec<CellId> {
         let mut found = Vec::new();
-        for (_, piece) in &self.pieces {
-            cells.overlapping(&body.around_box(piece), &mut found);
+        for (cell, piece) in &self.pieces {
+            cells.overlapping(&filled(cells, *cell, &body.around_box(piece)), &mut found);
         }
         found.sort_unstable();
         found.dedup();
@@ -65,12 +70,37 @@ impl Reach {
     /// Whether some part of the body can be in one of some cells.
     pub(super) fn body_meets(&self, cells: &Cells, body: &Body, some: &RoaringBitmap) -> bool {
         let mut found = Vec::new();
-        self.pieces.iter().any(|(_, piece)| {
+        self.pieces.iter().any(|(cell, piece)| {
             found.clear();
-            cells.overlapping(&body.around_box(piece), &mut found);
+            cells.overlapping(&filled(cells, *cell, &body.around_box(piece)), &mut found);
             found.iter().any(|cell| some.contains(cell.0))
         })
     }
+}
+
+/// What bodies can fill of a box about eyes in a cell: where the box meets no portal on a side of
+/// the cell, it ends there.
+fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
+    let cell = &cells.cells[cell.0 as usize];
+    let (mut low_open, mut high_open) = ([false; 3], [false; 3]);
+    for portal in &cell.portals {
+        let portal = &cells.portals[*portal as usize];
+        if portal.bounds.intersects(bodies) {
+            let axis = usize::from(portal.axis);
+            let is_low = portal.bounds.min[axis] <= cell.bounds.min[axis];
+            if is_low { low_open[axis] = true } else { high_open[axis] = true }
+        }
+    }
+    let mut filled = *bodies;
+    for axis in 0..3 {
+        if !low_open[axis] {
+            filled.min[axis] = filled.min[axis].max(cell.bounds.min[axis] - POKE_M);
+        }
+        if !high_open[axis] {
+            filled.max[axis] = filled.max[axis].min(cell.bounds.max[axis] + POKE_M);
+        }
+    }
+    filled
 }
 
 /// Whether some point of a box is within a distance of a place.

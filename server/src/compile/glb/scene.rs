@@ -13,7 +13,7 @@ use super::{
 };
 use crate::compile::model::{self, Material, Model, SPAWNS_MAX, Surface};
 
-const SPEED_MAX: f32 = 6.0;
+const SPEED_MAX: f32 = 4.0;
 /// A spawn point is where feet stand.
 const EYE_HEIGHT: f64 = Body::PERSON.below_eye as f64;
 

@@ -210,7 +210,7 @@ impl Crowd {
 
     fn visible(&self, eyes: &Pieces, seen: &Pieces) -> bool {
         let world = self.stage.engine.world();
-        let bodies: Vec<Aabb> = seen.iter().map(|(_, p)| world.body.around_box(p)).collect();
+        let bodies: Vec<Aabb> = seen.iter().map(|(cell, eyes)| body(world, *cell, eyes)).collect();
         eyes.iter().any(|(from, _)| {
             world.cells.pvs[*from].iter().any(|to| {
                 let to = &world.cells.cells[to as usize].bounds;
@@ -226,6 +226,30 @@ fn can_step(world: &World, from: Vec3, to: Vec3, step_m: f32) -> bool {
     let about = Aabb::around(to, 0.01);
     let touched = world.cells.cells.iter().enumerate().filter(|(_, c)| c.bounds.intersects(&about));
     touched.map(|(i, _)| i).all(|i| step.iter().any(|(cell, _)| *cell == i))
+}
+
+/// What a body can fill whose eye is in a part of a cell: six centimetres into a side of the cell
+/// on which it meets no portal, and all of its size elsewhere.
+fn body(world: &World, cell: usize, eyes: &Aabb) -> Aabb {
+    let mut body = world.body.around_box(eyes);
+    let (whole, room) = (body, &world.cells.cells[cell].bounds);
+    for axis in 0..3 {
+        let opens = |at: f32| {
+            world.cells.portals.iter().any(|portal| {
+                portal.cells.iter().any(|c| c.0 as usize == cell)
+                    && usize::from(portal.axis) == axis
+                    && portal.bounds.min[axis] == at
+                    && portal.bounds.intersects(&whole)
+            })
+        };
+        if !opens(room.min[axis]) {
+            body.min[axis] = body.min[axis].max(room.min[axis] - 0.06);
+        }
+        if !opens(room.max[axis]) {
+            body.max[axis] = body.max[axis].min(room.max[axis] + 0.06);
+        }
+    }
+    body
 }
 
 /// The parts of cells that an eye can be in.
