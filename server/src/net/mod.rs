@@ -1,7 +1,7 @@
 //! The QUIC endpoint, sessions and admission: the only place that knows QUIC.
 //!
 //! [`Server::bind`] starts everything: one task owns the engine (`hub`), one accepts connections,
-//! and each connection has its own (`session`), with an [`outbox`] that the engine's task fills
+//! and each connection has its own (`session`), with an `outbox` that the engine's task fills
 //! without ever waiting. A session that panics or misbehaves ends alone.
 //!
 //! What one client can hold of the server's memory: a receive window of 256 KiB, 128 KiB of

@@ -29,7 +29,7 @@ pub struct Counters {
     world_bytes_out: AtomicU64,
 }
 
-/// A copy of [`Counters`] at one time.
+/// A copy of `Counters` at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Traffic {
     /// Control messages received.

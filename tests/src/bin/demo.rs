@@ -6,7 +6,7 @@ use std::{path::PathBuf, process::ExitCode, time::Duration};
 use clap::Parser;
 use sightline_tests::demo::{self, Options};
 
-/// Fills the demo building with simulated visitors, puts your window among them where there is a
+/// Fills a building with simulated visitors, puts your window among them where there is a
 /// display, or writes pictures, and ends with a table of what each client was told.
 #[derive(Parser)]
 #[command(name = "cargo demo", version)]
@@ -23,6 +23,9 @@ struct Args {
     /// The same seed gives the same building and the same goals.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Another building: a world made by `sightline-server compile`.
+    #[arg(long, value_name = "WORLD.slw", conflicts_with = "rooms")]
+    world: Option<PathBuf>,
     /// Where the pictures go.
     #[arg(long, value_name = "DIR", default_value = "target/demo")]
     pictures: PathBuf,
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
         duration: Duration::from_secs(args.seconds),
         rooms: args.rooms as usize,
         seed: args.seed,
+        world: args.world,
         pictures: args.pictures,
         window: !args.no_window,
     };

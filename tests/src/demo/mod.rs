@@ -41,6 +41,8 @@ pub struct Options {
     pub rooms: usize,
     /// Of the building and of the visitors' goals.
     pub seed: u64,
+    /// Another building than the demo's.
+    pub world: Option<PathBuf>,
     /// Where the pictures go, when there is no window.
     pub pictures: PathBuf,
     /// Whether to open a window where there is a display.
@@ -52,7 +54,10 @@ pub struct Options {
 /// # Errors
 /// When a part of it cannot start.
 pub fn run(options: &Options) -> anyhow::Result<()> {
-    let world = build(options)?;
+    let world = match &options.world {
+        Some(path) => Arc::new(World::read(path)?),
+        None => build(options)?,
+    };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let server = serve(&runtime, &world)?;
     let address = server.local_addr()?;
