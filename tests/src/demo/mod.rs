@@ -24,7 +24,10 @@ use sightline_server::{
     net::{Identity, ServeConfig, ServedWorld, Server},
     progress::Progress,
 };
-use sightline_shared::{protocol::text::Name, world::World};
+use sightline_shared::{
+    protocol::text::Name,
+    world::{Spawn, World},
+};
 use tokio::runtime::Runtime;
 
 /// How often the truth and what everybody knows of it is written down.
@@ -62,7 +65,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let server = serve(&runtime, &world)?;
     let address = server.local_addr()?;
     let trust = Trust::Pinned(server.fingerprint());
-    let you = join(&runtime, address, trust.clone())?;
+    let you = join(&runtime, address, trust.clone(), &world)?;
 
     println!("{} visitors walk for {} s", options.visitors, options.duration.as_secs());
     let crowd = Crowd::send(&runtime, address, trust, options)?;
@@ -113,12 +116,22 @@ fn serve(runtime: &Runtime, world: &Arc<World>) -> anyhow::Result<Server> {
     Ok(Server::bind(served, config, &Identity::generate()?)?)
 }
 
-/// Your own client.
-fn join(runtime: &Runtime, address: std::net::SocketAddr, trust: Trust) -> anyhow::Result<Session> {
+/// Your own client, at the spawn point from which most others are in view.
+fn join(
+    runtime: &Runtime,
+    address: std::net::SocketAddr,
+    trust: Trust,
+    world: &World,
+) -> anyhow::Result<Session> {
+    let cell = |spawn: &Spawn| world.cells.at(spawn.eye);
+    let in_view = |spawn: &&Spawn| {
+        world.spawns.iter().filter(|other| world.cells.sees(cell(spawn), cell(other))).count()
+    };
+    let place = world.spawns.iter().max_by_key(in_view).map(|spawn| spawn.eye);
     let options = net::Options {
         name: Name::new("you")?,
         colour: [255, 255, 255],
-        place: None,
+        place,
         trust,
         progress: None,
     };

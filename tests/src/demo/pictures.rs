@@ -70,14 +70,15 @@ fn save(picture: &RgbImage, folder: &Path, name: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Your place, looking where most of the building is in view: the direction with the farthest
-/// mean distance.
+/// Your place, looking where most of the building is in view: the direction with the greatest mean
+/// distance, in which sky counts as nothing.
 fn best_view(you: &Session, world: &World) -> Pose {
     let mut renderer = Renderer::default();
     let mut frame = Frame::new(96, 54);
     let openness = |pose: &Pose, renderer: &mut Renderer, frame: &mut Frame| {
         renderer.draw(&world.octree, &Camera::at(pose), frame);
-        frame.depth.iter().map(|&depth| f64::from(depth.min(30.0))).sum::<f64>()
+        let far = |&depth: &f32| if depth.is_finite() { f64::from(depth.min(30.0)) } else { 0.0 };
+        frame.depth.iter().map(far).sum::<f64>()
     };
     let here = you.pose();
     (0..16)
