@@ -69,7 +69,7 @@ pub enum Output {
     },
     /// An avatar may come into view.
     Appear {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// Who.
         avatar: AvatarId,
@@ -82,14 +82,14 @@ pub enum Output {
     },
     /// An avatar cannot be seen any more, or has left.
     Vanish {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// Who.
         avatar: AvatarId,
     },
     /// The avatars that this client may see and that have news, as they were at this tick.
     Poses {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// Counts ticks.
         tick: u32,
@@ -98,31 +98,31 @@ pub enum Output {
     },
     /// Report now and at every tick from now on. To a quiet client it is an ask as well.
     Live {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
     },
     /// Nobody can see you: be silent unless asked, or about to leave this region.
     Quiet {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// The region.
         tbv: Tbv,
     },
     /// Report once, now.
     Ask {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
     },
     /// Your claim was refused: you are here.
     Correct {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// Where.
         pose: Pose,
     },
     /// Somebody you can see, or you yourself, said something.
     Chat {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// Who.
         from: AvatarId,
@@ -132,7 +132,7 @@ pub enum Output {
     /// You persist in false claims, do not answer, or find no room: out. The engine has forgotten
     /// the avatar; a leave need not follow.
     Drop {
-        #[allow(missing_docs)]
+        /// To whom.
         to: AvatarId,
         /// Why, for people.
         reason: String,
