@@ -7,7 +7,7 @@ use std::{
     path::Path,
 };
 
-use flate2::bufread::GzDecoder;
+use flate2::bufread::MultiGzDecoder;
 use glam::Vec3;
 use serde::Deserialize;
 use sightline_shared::motion::Pose;
@@ -72,7 +72,7 @@ impl Trace {
         let mut file = BufReader::new(File::open(path)?);
         let is_gzip = io::BufRead::fill_buf(&mut file)?.starts_with(&[0x1f, 0x8b]);
         let reader: Box<dyn Read> =
-            if is_gzip { Box::new(GzDecoder::new(file)) } else { Box::new(file) };
+            if is_gzip { Box::new(MultiGzDecoder::new(file)) } else { Box::new(file) };
         Self::parse(reader)
     }
 

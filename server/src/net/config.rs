@@ -28,6 +28,9 @@ pub struct ServeConfig {
     pub hello_s: f64,
     /// How long a client that is in may be silent beyond the validity, in seconds.
     pub silence_s: f64,
+    /// Whether clients may come in anywhere, as recorded walks do. Otherwise at spawn points only:
+    /// who may choose freely could look into every room by coming again and again.
+    pub free_entry: bool,
     /// Where the certificate is kept; the user's data folder when absent.
     pub data: Option<PathBuf>,
     /// The world file to serve.
@@ -61,6 +64,7 @@ impl Default for ServeConfig {
             validity_s: 1.0,
             hello_s: 10.0,
             silence_s: 30.0,
+            free_entry: false,
             data: None,
             world: None,
         }

@@ -83,8 +83,11 @@ impl Hub {
         match input {
             ToHub::Join { client, name, colour, place } => {
                 let avatar = client.avatar;
+                // The handshake has measured it already.
+                let round_trip = client.connection.rtt();
                 self.clients.insert(avatar, client);
                 self.engine.handle(now, Input::Join { avatar, name, colour, place });
+                self.engine.handle(now, Input::RoundTrip { avatar, round_trip });
             }
             ToHub::Input(input) => self.engine.handle(now, input),
             ToHub::Leave(avatar) => {

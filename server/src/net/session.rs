@@ -66,10 +66,20 @@ pub enum End {
     Breach(&'static str),
 }
 
+/// A place asked for is a spawn point when it is so near, in metres: it was rounded on the wire.
+const SPAWN_TOLERANCE_M: f32 = 0.01;
+
 /// Serves a connection until it ends. The caller cleans up.
 pub async fn run(context: &Context, connection: Connection, client: Arc<Client>) -> End {
     let deadline = Instant::now() + Duration::from_secs_f64(context.config.hello_s);
-    let greeted = timeout_at(deadline, greet(&connection)).await;
+    let mut closing = context.closing.clone();
+    let greeted = tokio::select! {
+        greeted = timeout_at(deadline, greet(&connection)) => greeted,
+        _ = closing.wait_for(|is_closing| *is_closing) => {
+            connection.close(0u32.into(), b"the server is closing");
+            return End::Breach("the server is closing");
+        }
+    };
     let Ok(greeted) = greeted else {
         connection.close(1u32.into(), b"no hello in time");
         return End::Breach("no hello in time");
@@ -260,6 +270,13 @@ impl<'a> Session<'a> {
         }
     }
 
+    /// Whether a place that a client asks for is one of those that everybody can have.
+    fn may_enter_at(&self, place: glam::Vec3) -> bool {
+        let spawns = &self.context.world.world().spawns;
+        self.context.config.free_entry
+            || spawns.iter().any(|spawn| spawn.eye.distance(place) <= SPAWN_TOLERANCE_M)
+    }
+
     async fn enter(&self, place: Option<glam::Vec3>) -> Result<(), End> {
         if self.has_entered.swap(true, Relaxed) {
             return Err(End::Breach("entered twice"));
@@ -267,6 +284,7 @@ impl<'a> Session<'a> {
         self.heard();
         let (name, colour) = (self.hello.name.clone().into(), self.hello.colour);
         let client = self.client.clone();
+        let place = place.filter(|place| self.may_enter_at(*place));
         self.send_to_hub(ToHub::Join { client, name, colour, place }).await
     }
 

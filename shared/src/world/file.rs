@@ -134,11 +134,16 @@ impl World {
     }
 }
 
-/// Writes a file under another name first, so that a crash leaves the old one or the new one.
+/// Writes a file under another name first, so that a crash leaves the old one or the new one. A link
+/// is followed; what is there and no file, such as a device, is left alone.
 ///
 /// # Errors
 /// When the file system refuses.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        return Err(io::Error::other("it is there, and it is no file"));
+    }
     let mut partial = path.as_os_str().to_owned();
     partial.push(format!(".{}.partial", std::process::id()));
     let partial = Path::new(&partial);
@@ -518,6 +523,7 @@ mod tests {
         let path = folder.join("w.slw");
         world.write(&path).unwrap();
         assert_eq!(World::read(&path).unwrap(), world);
+        assert!(write_whole(&folder, b"").is_err(), "a folder is no file");
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "no partial file stays");
         fs::remove_dir_all(&folder).unwrap();
     }

@@ -26,6 +26,7 @@ use stranger::{Stranger, hello, hello_and_enter};
 
 fn config() -> ServeConfig {
     ServeConfig {
+        free_entry: true,
         listen: "127.0.0.1:0".parse().unwrap(),
         tick_hz: 50,
         validity_s: 0.3,
@@ -298,4 +299,19 @@ async fn the_world_is_fetched_once() {
     };
     assert!(fetched().await > 0);
     assert_eq!(fetched().await, 0);
+}
+
+/// Who could come in anywhere could look into every room.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_comes_in_at_a_spawn_point() {
+    let spawn = building::world().world().spawns[0].eye;
+    let elsewhere = WAY[1];
+    for (free_entry, asked, expected) in
+        [(false, elsewhere, spawn), (false, spawn, spawn), (true, elsewhere, elsewhere)]
+    {
+        let (server, _) = serve(ServeConfig { free_entry, ..config() });
+        let session = join(&server, "Ada", asked).await;
+        assert!(session.pose().eye.distance(expected) < 0.01, "{asked} with {free_entry}");
+        server.shutdown().await;
+    }
 }
