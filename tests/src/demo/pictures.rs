@@ -161,7 +161,7 @@ impl Moment {
             .map(|&(id, pose)| Mark {
                 eye: pose.eye,
                 forward: None,
-                colour: told(id).map_or([110, 110, 110], |avatar| avatar.colour),
+                colour: told(id).map_or([245, 245, 245], |avatar| avatar.colour),
                 filled: told(id).is_some(),
             })
             .collect();
