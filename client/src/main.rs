@@ -2,7 +2,7 @@
 
 mod cli;
 
-use std::process::ExitCode;
+use std::{io::Write, process::ExitCode};
 
 use clap::{Parser, Subcommand};
 
@@ -32,7 +32,8 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sightline-client: {}", cli::one_line(&error));
+            // Where nobody reads it, there is nobody to tell that either.
+            let _ = writeln!(std::io::stderr(), "sightline-client: {}", cli::one_line(&error));
             ExitCode::FAILURE
         }
     }

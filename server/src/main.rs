@@ -34,7 +34,10 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("sightline-server: {}", cli::one_line(&error));
+            cli::note(&format!("sightline-server: {}", cli::one_line(&error)));
+            if error.is::<cli::interrupt::Interrupted>() {
+                return ExitCode::from(cli::interrupt::EXIT_CODE);
+            }
             ExitCode::FAILURE
         }
     }

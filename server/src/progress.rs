@@ -1,7 +1,7 @@
 //! How long tasks show that they go on: a bar on a terminal, plain lines elsewhere.
 
 use std::{
-    io::{IsTerminal, stderr},
+    io::{IsTerminal, Write, stderr},
     sync::Mutex,
 };
 
@@ -41,7 +41,8 @@ impl Progress {
             let tenth = (share * 10.0) as u32;
             if told.0 != stage || tenth > told.1 {
                 *told = (stage.to_owned(), tenth);
-                eprintln!("{stage}: {} %", tenth * 10);
+                // A reader that has gone must not end the work.
+                let _ = writeln!(stderr(), "{stage}: {} %", tenth * 10);
             }
             return;
         }

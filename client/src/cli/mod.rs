@@ -6,7 +6,7 @@ pub mod swarm;
 pub mod walk;
 
 use std::{
-    io::{self, IsTerminal},
+    io::{self, IsTerminal, Write},
     net::{SocketAddr, ToSocketAddrs},
 };
 
@@ -19,6 +19,20 @@ pub fn resolve(address: &str) -> anyhow::Result<SocketAddr> {
         address.to_socket_addrs().with_context(|| format!("no such address: {address}"))?.collect();
     found.sort_by_key(SocketAddr::is_ipv6);
     found.first().copied().with_context(|| format!("no such address: {address}"))
+}
+
+/// Writes to stdout. When nobody reads it any more, that is no fault: the work is done.
+///
+/// # Errors
+/// When stdout is there and refuses, such as a full disk.
+pub fn print(text: &str) -> anyhow::Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(error).context("cannot write to stdout")
+        }
+        _ => Ok(()),
+    }
 }
 
 /// An error and its causes on one line, whatever characters a file or a peer put into it.

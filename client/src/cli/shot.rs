@@ -46,8 +46,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let image = image::RgbImage::from_raw(width as u32, height as u32, bytes.collect())
         .context("the picture has no size")?;
     image.save(&args.output).with_context(|| format!("cannot write {}", args.output.display()))?;
-    println!("{}: {width} × {height}, drawn in {milliseconds:.1} ms", args.output.display());
-    Ok(())
+    let output = args.output.display();
+    super::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
 }
 
 fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {

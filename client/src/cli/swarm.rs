@@ -1,7 +1,7 @@
 //! `sightline-client swarm`.
 
 use std::{
-    io::{self, IsTerminal},
+    io::{self, IsTerminal, Write},
     path::PathBuf,
     time::Duration,
 };
@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     })?;
     progress.bar.finish_and_clear();
-    print!("{}", table(&report));
+    super::print(&table(&report))?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&report)? + "\n";
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
@@ -111,7 +111,8 @@ impl Progress {
         self.bar.set_message(format!("{visitors} visitors"));
         if !self.is_terminal && seconds >= self.told.get() + 10 {
             self.told.set(seconds);
-            eprintln!("{seconds} s, {visitors} visitors");
+            // A reader that has gone must not end the walk.
+            let _ = writeln!(io::stderr(), "{seconds} s, {visitors} visitors");
         }
     }
 }

@@ -51,8 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         None => visit(args, end)?,
     };
-    tell(&summary);
-    Ok(())
+    tell(&summary)
 }
 
 fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
@@ -104,18 +103,19 @@ fn colour_of(name: &str) -> [u8; 3] {
     [0.0, 4.0, 2.0].map(|shift| (60.0 + 180.0 * ramp(shift).clamp(0.0, 1.0)) as u8)
 }
 
-fn tell(summary: &WalkSummary) {
+fn tell(summary: &WalkSummary) -> anyhow::Result<()> {
     let (width, height) = summary.size;
-    println!(
-        "{} frames in {:.1} s ({:.1} a second, {:.1} ms each to draw) at {width} × {height}",
+    super::print(&format!(
+        "{} frames in {:.1} s ({:.1} a second, {:.1} ms each to draw) at {width} × {height}\n",
         summary.frames,
         summary.seconds,
         summary.frames_per_s(),
         summary.draw_ms,
-    );
+    ))?;
     if let Some(reason) = &summary.ended {
-        println!("the session ended: {reason}");
+        super::print(&format!("the session ended: {reason}\n"))?;
     }
+    Ok(())
 }
 
 #[cfg(test)]

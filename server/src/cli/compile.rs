@@ -1,12 +1,15 @@
 //! `sightline-server compile`.
 
-use std::path::PathBuf;
+use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
 use sightline_server::{
-    compile::{self, Report, Stage, model},
+    compile::{self, CompileError, Report, model},
     progress::Progress,
 };
+use sightline_shared::world::write_whole;
+
+use super::interrupt::{Interrupt, Interrupted};
 
 /// Makes a world (.slw) of a building (.glb, .gltf or a Quake III .bsp).
 #[derive(clap::Args)]
@@ -36,33 +39,39 @@ fn voxel_size(text: &str) -> Result<f32, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    let interrupt = Interrupt::listen()?;
     let model = model::read(&args.input, &args.pk3)?;
     for warning in &model.warnings {
-        eprintln!("warning: {warning}");
+        super::note(&format!("warning: {warning}"));
     }
     let options = compile::Options { voxel: args.voxel };
     let progress = Progress::new();
-    let (world, report) = compile::compile(&model, &options, &|stage, share| {
-        progress.show(stage_name(stage), share);
-    })
-    .with_context(|| args.input.display().to_string())?;
+    let outcome = compile::compile(&model, &options, &|stage, share| {
+        progress.show(stage.name(), share);
+        interrupt.flow()
+    });
     progress.finish();
-    world.write(&args.output).with_context(|| format!("cannot write {}", args.output.display()))?;
-    print_table(&report);
+    let (world, report) = match outcome {
+        Err(CompileError::Cancelled) => return Err(Interrupted.into()),
+        other => other.with_context(|| args.input.display().to_string())?,
+    };
+    let bytes = world.to_bytes();
+    let writing = interrupt.hold_off();
+    if interrupt.flow().is_break() {
+        return Err(Interrupted.into());
+    }
+    write_whole(&args.output, &bytes)
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    drop(writing);
+    super::print(&table(&report))?;
     super::write_json(args.json.as_deref(), &report)
 }
 
-/// What a stage is called.
-pub fn stage_name(stage: Stage) -> &'static str {
-    match stage {
-        Stage::Cells => "cells and portals",
-        Stage::Pvs => "sight lines",
-        Stage::Voxels => "voxels",
-    }
-}
-
-fn print_table(report: &Report) {
-    let row = |name: &str, value: String| println!("{name:<20} {value:>12}");
+fn table(report: &Report) -> String {
+    let mut table = String::new();
+    let mut row = |name: &str, value: String| {
+        let _ = writeln!(table, "{name:<20} {value:>12}");
+    };
     row("triangles", report.triangles.to_string());
     row("opaque triangles", report.opaque.to_string());
     row("occluders", report.occluders.to_string());
@@ -72,6 +81,7 @@ fn print_table(report: &Report) {
     row("voxels", report.voxels.to_string());
     row("voxel", format!("{:.1} mm", report.voxel_m * 1000.0));
     for &(stage, seconds) in &report.seconds {
-        row(stage_name(stage), format!("{seconds:.2} s"));
+        row(stage.name(), format!("{seconds:.2} s"));
     }
+    table
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use sightline_server::compile::demo_building::{self, ROOMS_MAX};
+use sightline_shared::world::write_whole;
 
 /// Writes the demo building, of any size, as a GLB.
 #[derive(clap::Args)]
@@ -22,15 +23,14 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let building = demo_building::build(args.rooms as usize, args.seed);
-    std::fs::write(&args.output, &building.glb)
+    write_whole(&args.output, &building.glb)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
-    println!(
-        "{}: {} rooms on {} storeys, {} triangles, {} bytes",
+    super::print(&format!(
+        "{}: {} rooms on {} storeys, {} triangles, {} bytes\n",
         args.output.display(),
         building.plan.room_count(),
         building.plan.storeys,
         building.triangles,
         building.glb.len()
-    );
-    Ok(())
+    ))
 }

@@ -1,6 +1,6 @@
 //! `sightline-server inspect`.
 
-use std::path::PathBuf;
+use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
 use glam::Vec3;
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         spawns: world.spawns.len(),
         speed_max_m_s: world.speed_max,
     };
-    print_table(&figures);
+    super::print(&table(&figures))?;
     if let Some(path) = &args.map {
         let picture = plan::draw(&world, &overlay(&world, args.pvs_from));
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
@@ -76,8 +76,11 @@ fn overlay(world: &World, pvs_from: Option<Vec3>) -> Overlay {
     Overlay { marks, visible, portals: true }
 }
 
-fn print_table(figures: &Figures) {
-    let row = |name: &str, value: String| println!("{name:<18} {value}");
+fn table(figures: &Figures) -> String {
+    let mut table = String::new();
+    let mut row = |name: &str, value: String| {
+        let _ = writeln!(table, "{name:<18} {value}");
+    };
     let [x, y, z] = figures.size_m;
     row("title", figures.title.chars().filter(|c| !c.is_control()).collect());
     row("content id", figures.content_id.clone());
@@ -90,4 +93,5 @@ fn print_table(figures: &Figures) {
     row("voxels", format!("{} of {:.1} mm", figures.voxels, figures.voxel_m * 1000.0));
     row("spawn points", figures.spawns.to_string());
     row("speed limit", format!("{} m/s", figures.speed_max_m_s));
+    table
 }

@@ -3,13 +3,36 @@
 pub mod compile;
 pub mod demo_building;
 pub mod inspect;
+pub mod interrupt;
 pub mod replay;
 pub mod serve;
 
-use std::path::Path;
+use std::{
+    io::{self, Write},
+    path::Path,
+};
 
 use anyhow::Context;
 use serde::Serialize;
+
+/// Writes to stdout. When nobody reads it any more, that is no fault: the work is done.
+///
+/// # Errors
+/// When stdout is there and refuses, such as a full disk.
+pub fn print(text: &str) -> anyhow::Result<()> {
+    let mut stdout = io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(error).context("cannot write to stdout")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes a line to stderr, whether or not somebody reads it.
+pub fn note(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
 
 /// Writes the figures of a table for machines, where a file is given.
 pub fn write_json(path: Option<&Path>, figures: &impl Serialize) -> anyhow::Result<()> {
@@ -49,7 +72,7 @@ mod tests {
 
     #[test]
     fn causes_are_told_once() {
-        let cause = std::io::Error::other("no\nsuch file");
+        let cause = io::Error::other("no\nsuch file");
         let named = anyhow::Error::new(cause).context("cannot read w.slw: no\nsuch file");
         assert_eq!(one_line(&named), "cannot read w.slw: no such file");
         let unnamed = anyhow::anyhow!("no such file").context("cannot read w.slw");

@@ -2,7 +2,7 @@
 
 use std::{
     fs::File,
-    io::{self, Write},
+    io::Write,
     path::{Path, PathBuf},
     sync::Arc,
     time::Duration,
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         serde_json::to_writer_pretty(&mut file, &report)?;
         file.write_all(b"\n").with_context(|| path.display().to_string())?;
     }
-    write!(io::stdout(), "{report}").context("cannot write the table")
+    super::print(&report.to_string())
 }
 
 fn options(args: &Args) -> anyhow::Result<Options> {

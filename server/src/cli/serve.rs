@@ -3,6 +3,7 @@
 use std::{
     io::IsTerminal,
     net::SocketAddr,
+    ops::ControlFlow,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -99,11 +100,12 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     {
         return Ok(world);
     }
-    eprintln!("compiling the demo building, once, into {}", path.display());
+    super::note(&format!("compiling the demo building, once, into {}", path.display()));
     let model = glb::read_slice(&model, None, "demo building")?;
     let progress = Progress::new();
     let (world, _) = compile::compile(&model, &compile::Options::default(), &|stage, share| {
-        progress.show(super::compile::stage_name(stage), share);
+        progress.show(stage.name(), share);
+        ControlFlow::Continue(())
     })?;
     progress.finish();
     let bytes = World::to_bytes(&world);
@@ -115,13 +117,16 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
 async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> anyhow::Result<()> {
     let title = world.world().title.clone();
     let mut server = Server::bind(world, config, identity)?;
-    println!("serving {title:?} on {}", server.local_addr()?);
-    println!("fingerprint {}", server.fingerprint());
+    super::print(&format!(
+        "serving {title:?} on {}\nfingerprint {}\n",
+        server.local_addr()?,
+        server.fingerprint()
+    ))?;
     let mut status = tokio::time::interval(STATUS_INTERVAL);
     status.tick().await;
     loop {
         tokio::select! {
-            signal = ended() => {
+            signal = super::interrupt::ended() => {
                 signal?;
                 tracing::info!("closing");
                 server.shutdown().await;
@@ -143,19 +148,4 @@ fn say_how_it_is(server: &Server) {
         tick_p99_us = stats.ticks.p99_us,
         "serving"
     );
-}
-
-/// Waits for Ctrl-C, or for the system to end the program.
-async fn ended() -> std::io::Result<()> {
-    #[cfg(unix)]
-    {
-        use tokio::signal::unix::{SignalKind, signal};
-        let mut terminate = signal(SignalKind::terminate())?;
-        tokio::select! {
-            interrupted = tokio::signal::ctrl_c() => interrupted,
-            _ = terminate.recv() => Ok(()),
-        }
-    }
-    #[cfg(not(unix))]
-    tokio::signal::ctrl_c().await
 }

@@ -6,6 +6,8 @@
 
 use std::{
     collections::HashMap,
+    ops::ControlFlow,
+    sync::atomic::{AtomicBool, Ordering::Relaxed},
     time::{Duration, Instant},
 };
 
@@ -43,6 +45,17 @@ pub enum Stage {
     Voxels,
 }
 
+impl Stage {
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cells => "cells and portals",
+            Self::Pvs => "sight lines",
+            Self::Voxels => "voxels",
+        }
+    }
+}
+
 /// What the author chooses.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
@@ -57,9 +70,21 @@ pub enum CompileError {
     /// Nothing to draw and nothing that blocks sight.
     #[error("the model has no triangles")]
     Empty,
+    /// The progress callback said so.
+    #[error("cancelled")]
+    Cancelled,
     /// See the cause.
     #[error(transparent)]
-    Voxels(#[from] voxelise::VoxeliseError),
+    Voxels(voxelise::VoxeliseError),
+}
+
+impl From<voxelise::VoxeliseError> for CompileError {
+    fn from(error: voxelise::VoxeliseError) -> Self {
+        match error {
+            voxelise::VoxeliseError::Cancelled => Self::Cancelled,
+            other => Self::Voxels(other),
+        }
+    }
 }
 
 /// What a compilation did.
@@ -85,32 +110,38 @@ pub struct Report {
     pub seconds: Vec<(Stage, f64)>,
 }
 
-/// Compiles a model. `progress` is told the stage and its share done, from 0 to 1.
+/// Compiles a model. `progress` is told the stage and its share done, from 0 to 1, from any thread;
+/// when it breaks, the compilation ends soon.
 ///
 /// # Errors
-/// When the model is empty or needs more voxels than fit.
+/// When the model is empty or needs more voxels than fit, and when `progress` breaks.
 pub fn compile(
     model: &Model,
     options: &Options,
-    progress: &(dyn Fn(Stage, f32) + Sync),
+    progress: &(dyn Fn(Stage, f32) -> ControlFlow<()> + Sync),
 ) -> Result<(World, Report), CompileError> {
+    let listener = Listener { progress, cancelled: AtomicBool::new(false) };
     let bounds = model.bounds().ok_or(CompileError::Empty)?;
     let mut watch = Watch { seconds: Vec::new() };
 
     let space = Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN);
-    progress(Stage::Cells, 0.0);
+    listener.tell(Stage::Cells, 0.0)?;
     let planes = occluders::axial_planes(&model.opaque);
     let (spaces, mut cells) = watch.time(Stage::Cells, || {
         let split = |grain| subdivide::subdivide(&space, &planes, grain);
         (split(Grain::Occluders), split(Grain::Places))
     });
     cells.pvs = watch.time(Stage::Pvs, || {
-        pvs::potentially_visible(&spaces, &cells, &|share| progress(Stage::Pvs, share))
+        pvs::potentially_visible(&spaces, &cells, &|share| {
+            // A break is acted upon once this stage is over.
+            let _ = listener.hear(Stage::Pvs, share);
+        })
     });
+    listener.tell(Stage::Voxels, 0.0)?;
     let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
     let octree = watch.time(Stage::Voxels, || {
         voxelise::voxelise(&model.surfaces, &bounds, voxel, &|share| {
-            progress(Stage::Voxels, share);
+            listener.hear(Stage::Voxels, share)
         })
     })?;
 
@@ -141,6 +172,30 @@ pub fn compile(
         speed_max: model.speed_max,
     };
     Ok((world, report))
+}
+
+/// Passes progress on, and remembers a break.
+struct Listener<'a> {
+    progress: &'a (dyn Fn(Stage, f32) -> ControlFlow<()> + Sync),
+    cancelled: AtomicBool,
+}
+
+impl Listener<'_> {
+    /// What stages call, from any thread. Once broken, always broken.
+    fn hear(&self, stage: Stage, share: f32) -> ControlFlow<()> {
+        if self.cancelled.load(Relaxed) {
+            return ControlFlow::Break(());
+        }
+        (self.progress)(stage, share).map_break(|()| self.cancelled.store(true, Relaxed))
+    }
+
+    /// The same between stages, as an error.
+    fn tell(&self, stage: Stage, share: f32) -> Result<(), CompileError> {
+        match self.hear(stage, share) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(CompileError::Cancelled),
+        }
+    }
 }
 
 /// Times stages.
@@ -244,7 +299,8 @@ mod tests {
     #[test]
     fn a_house_compiles_and_what_is_outside_does_not_see_inside() {
         let options = Options { voxel: Some(0.25) };
-        let (world, report) = compile(&house(), &options, &|_, _| ()).unwrap();
+        let (world, report) =
+            compile(&house(), &options, &|_, _| ControlFlow::Continue(())).unwrap();
         let (inside, outside) = (Vec3::new(1.0, 1.5, 1.0), Vec3::new(-1.0, 1.5, 1.0));
         assert!(!world.cells.sees(world.cells.at(inside), world.cells.at(outside)));
         assert_eq!(world.mesh.positions.len(), 16);
@@ -255,10 +311,33 @@ mod tests {
 
     #[test]
     fn a_place_to_stand_is_found_inside() {
-        let (world, _) = compile(&house(), &Options { voxel: Some(0.25) }, &|_, _| ()).unwrap();
+        let (world, _) =
+            compile(&house(), &Options { voxel: Some(0.25) }, &|_, _| ControlFlow::Continue(()))
+                .unwrap();
         let eye = world.spawns[0].eye;
         assert!(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)).contains(eye), "{eye}");
         assert!((1.6..1.7).contains(&eye.y) || (2.4..2.5).contains(&eye.y), "{eye}");
+    }
+
+    #[test]
+    fn a_break_at_any_stage_ends_the_compilation() {
+        let options = Options { voxel: Some(0.25) };
+        for broken in [Stage::Cells, Stage::Pvs, Stage::Voxels] {
+            // At once, and in the middle of the work.
+            for from in [0.0, 0.3] {
+                let progress = |stage, share| match stage == broken && share >= from {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                };
+                let outcome = compile(&house(), &options, &progress);
+                let may_end = broken == Stage::Cells && from > 0.0;
+                match outcome {
+                    Err(CompileError::Cancelled) => {}
+                    Ok(_) if may_end => {}
+                    other => panic!("{broken:?} from {from}: {other:?}"),
+                }
+            }
+        }
     }
 
     #[test]
@@ -267,7 +346,7 @@ mod tests {
         model.surfaces.clear();
         model.opaque.clear();
         assert!(matches!(
-            compile(&model, &Options::default(), &|_, _| ()),
+            compile(&model, &Options::default(), &|_, _| ControlFlow::Continue(())),
             Err(CompileError::Empty)
         ));
     }

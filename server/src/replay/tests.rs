@@ -56,7 +56,9 @@ impl House {
             warnings: Vec::new(),
         };
         let options = compile::Options { voxel: Some(0.5) };
-        let (world, _) = compile::compile(&model, &options, &|_, _| {}).unwrap();
+        let (world, _) =
+            compile::compile(&model, &options, &|_, _| std::ops::ControlFlow::Continue(()))
+                .unwrap();
         Self { world: Arc::new(world), rooms }
     }
 
@@ -255,7 +257,9 @@ fn pedestrians_in_four_hundred_rooms_are_not_missed() {
     let bytes = fs::read(shared.join("traces/rooms400.glb")).unwrap();
     let model = compile::glb::read_slice(&bytes, None, "rooms400").unwrap();
     let options_world = compile::Options { voxel: Some(1.0) };
-    let (world, _) = compile::compile(&model, &options_world, &|_, _| {}).unwrap();
+    let (world, _) =
+        compile::compile(&model, &options_world, &|_, _| std::ops::ControlFlow::Continue(()))
+            .unwrap();
     let trace = Trace::open(&shared.join("traces/rooms400-60.csv.gz")).unwrap();
     for round_trip_ms in [0, 100] {
         let mut options = options(Policy::Tbv, round_trip_ms);

@@ -20,7 +20,7 @@ use sightline_client::{
     swarm::{self, Snapshot},
 };
 use sightline_server::{
-    compile::{self, Stage, demo_building, glb},
+    compile::{self, demo_building, glb},
     net::{Identity, ServeConfig, ServedWorld, Server},
     progress::Progress,
 };
@@ -88,14 +88,8 @@ fn build(options: &Options) -> anyhow::Result<Arc<World>> {
     let progress = Progress::new();
     let (world, report) =
         compile::compile(&model, &compile::Options::default(), &|stage, share| {
-            progress.show(
-                match stage {
-                    Stage::Cells => "cells and portals",
-                    Stage::Pvs => "sight lines",
-                    Stage::Voxels => "voxels",
-                },
-                share,
-            );
+            progress.show(stage.name(), share);
+            std::ops::ControlFlow::Continue(())
         })?;
     progress.finish();
     println!(

@@ -27,7 +27,9 @@ pub fn world() -> ServedWorld {
     static WORLD: OnceLock<ServedWorld> = OnceLock::new();
     let make = || {
         let options = compile::Options { voxel: Some(0.1) };
-        let (world, _) = compile::compile(&model(), &options, &|_, _| {}).unwrap();
+        let (world, _) =
+            compile::compile(&model(), &options, &|_, _| std::ops::ControlFlow::Continue(()))
+                .unwrap();
         ServedWorld::from_world(Arc::new(world))
     };
     WORLD.get_or_init(make).clone()

@@ -9,7 +9,8 @@ mod paint;
 
 use std::{
     collections::BTreeMap,
-    sync::atomic::{AtomicUsize, Ordering},
+    ops::ControlFlow,
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
 };
 
 use glam::{UVec3, Vec3};
@@ -64,6 +65,9 @@ pub enum VoxeliseError {
     /// No such edge.
     #[error("--voxel must be between {EDGE_MIN} and {EDGE_MAX} metres, not {0}")]
     Edge(f32),
+    /// The progress callback said so.
+    #[error("cancelled")]
+    Cancelled,
     /// The octree cannot be made.
     #[error(transparent)]
     Octree(#[from] OctreeError),
@@ -109,16 +113,16 @@ fn depth_for(bounds: &Aabb, voxel: f32) -> u8 {
 }
 
 /// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches.
-/// `progress` is told the part done, from 0 to 1, from any thread.
+/// `progress` is told the part done, from 0 to 1, from any thread; when it breaks, no more work is begun.
 ///
 /// # Errors
 ///
-/// When there would be too many voxels, or the edge makes no sense.
+/// When there would be too many voxels, the edge makes no sense, or `progress` breaks.
 pub fn voxelise(
     surfaces: &[Surface],
     bounds: &Aabb,
     voxel: f32,
-    progress: &(dyn Fn(f32) + Sync),
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Result<Octree, VoxeliseError> {
     if !(EDGE_MIN..=EDGE_MAX).contains(&voxel) {
         return Err(VoxeliseError::Edge(voxel));
@@ -133,19 +137,28 @@ pub fn voxelise(
     let grid = Grid { surfaces, palette: Palette::new(surfaces), origin, voxel, depth };
     let blocks = grid.scatter().ok_or_else(too_many)?;
     let (filled, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let cancelled = AtomicBool::new(false);
     let parts: Vec<Vec<Voxel>> = blocks
         .par_iter()
         .map(|(&key, triangles)| {
             let mut voxels = Vec::new();
             // Once there are too many, the rest need not be made: all is thrown away.
-            if filled.load(Ordering::Relaxed) <= VOXELS_MAX {
-                grid.fill(key, triangles, &mut voxels);
-                filled.fetch_add(voxels.len(), Ordering::Relaxed);
+            let given_up = filled.load(Ordering::Relaxed) > VOXELS_MAX;
+            if given_up || cancelled.load(Ordering::Relaxed) {
+                return voxels;
             }
-            progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / blocks.len() as f32);
+            grid.fill(key, triangles, &mut voxels);
+            filled.fetch_add(voxels.len(), Ordering::Relaxed);
+            let share = (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / blocks.len() as f32;
+            if progress(share).is_break() {
+                cancelled.store(true, Ordering::Relaxed);
+            }
             voxels
         })
         .collect();
+    if cancelled.into_inner() {
+        return Err(VoxeliseError::Cancelled);
+    }
     if filled.into_inner() > VOXELS_MAX {
         return Err(too_many());
     }

@@ -64,7 +64,7 @@ proptest! {
         let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(3.0));
         let voxel = 0.25;
         let surfaces = [surface(&triangles, [9; 3], false)];
-        let octree = voxelise(&surfaces, &bounds, voxel, &|_| ()).expect("small");
+        let octree = voxelise(&surfaces, &bounds, voxel, &|_| ControlFlow::Continue(())).expect("small");
         let found = leaves(&octree);
         for i in 0..1u32 << (3 * octree.depth) {
             let at = unmorton(u64::from(i));
@@ -98,7 +98,9 @@ fn threads_do_not_matter() {
     let (surfaces, bounds) = scene();
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| voxelise(&surfaces, &bounds, 1.0 / 64.0, &|_| ()).expect("small"))
+        pool.install(|| {
+            voxelise(&surfaces, &bounds, 1.0 / 64.0, &|_| ControlFlow::Continue(())).expect("small")
+        })
     };
     let one = with(1);
     assert!(one.nodes.len() > 80_000);
@@ -108,7 +110,8 @@ fn threads_do_not_matter() {
 #[test]
 fn looks_come_from_what_is_there() {
     let (surfaces, bounds) = scene();
-    let octree = voxelise(&surfaces, &bounds, 1.0 / 32.0, &|_| ()).expect("small");
+    let octree =
+        voxelise(&surfaces, &bounds, 1.0 / 32.0, &|_| ControlFlow::Continue(())).expect("small");
     let at = |x, y, z| *octree.leaf_at(Vec3::new(x, y, z)).expect("filled");
     let floor = at(2.5, 0.0, 3.5);
     assert_eq!((floor.colour, floor.normal, floor.flags), ([140, 100, 200], [0, 127, 0], 0));
@@ -124,7 +127,8 @@ fn a_wall_on_a_round_place_is_one_voxel_thick() {
     let wall = [[Vec3::X, Vec3::new(1.0, 2.0, 0.0), Vec3::new(1.0, 0.0, 2.0)]];
     let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(2.0));
     let surfaces = [surface(&wall, [9; 3], false)];
-    let octree = voxelise(&surfaces, &bounds, 0.125, &|_| ()).expect("small");
+    let octree =
+        voxelise(&surfaces, &bounds, 0.125, &|_| ControlFlow::Continue(())).expect("small");
     let columns: BTreeSet<u32> = leaves(&octree).iter().map(|at| at[0]).collect();
     assert_eq!(columns.len(), 1);
 }
@@ -137,7 +141,7 @@ fn a_texture_gives_its_mean_to_what_is_coarser() {
     floor.uvs = vec![Vec2::ZERO, Vec2::Y * 4.0, Vec2::X * 4.0];
     floor.material.texture = Some(std::sync::Arc::new(fine));
     let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(2.0));
-    let octree = voxelise(&[floor], &bounds, 0.125, &|_| ()).expect("small");
+    let octree = voxelise(&[floor], &bounds, 0.125, &|_| ControlFlow::Continue(())).expect("small");
     assert!(octree.nodes.iter().all(|node| node.colour == [100; 3]));
 }
 
@@ -150,11 +154,12 @@ fn too_many_voxels_say_what_would_do() {
         false,
     )];
     let bounds = Aabb::new(Vec3::ZERO, wide);
-    let error = voxelise(&floor, &bounds, 1.0 / 64.0, &|_| ()).expect_err("655 million");
+    let error = voxelise(&floor, &bounds, 1.0 / 64.0, &|_| ControlFlow::Continue(()))
+        .expect_err("655 million");
     assert_eq!(error, VoxeliseError::TooMany { voxel: 0.015625, enough: 0.125 });
     assert_eq!(default_voxel(&floor, &bounds), 1.0 / 8.0);
     assert_eq!(
-        voxelise(&floor, &bounds, f32::NAN, &|_| ())
+        voxelise(&floor, &bounds, f32::NAN, &|_| ControlFlow::Continue(()))
             .map(|_| ())
             .map_err(|e| e.to_string())
             .unwrap_err(),

@@ -1,0 +1,71 @@
+//! The program as a shell runs it: a reader that goes away, and Ctrl-C.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Stdio},
+};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline-server");
+
+fn building(folder: &Path, rooms: u32) {
+    let rooms = rooms.to_string();
+    let made = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(["demo-building", "-o", "b.glb", "--rooms", &rooms])
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(made.success());
+}
+
+/// Runs a command nobody listens to; its exit code.
+fn unheard(folder: &Path, arguments: &[&str]) -> Option<i32> {
+    let mut child = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop((child.stdout.take(), child.stderr.take()));
+    child.wait().unwrap().code()
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let check =
+        |arguments: &[&str]| assert_eq!(unheard(folder, arguments), Some(0), "{arguments:?}");
+    check(&["demo-building", "-o", "b.glb", "--rooms", "2"]);
+    check(&["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]);
+    check(&["inspect", "b.slw"]);
+    assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 30);
+    let mut child = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(["compile", "b.glb", "-o", "b.slw"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    // The first sign of progress: now it is at work.
+    lines.next().unwrap().unwrap();
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let last = lines.map(Result::unwrap).last().unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{last}");
+    assert_eq!(last, "sightline-server: interrupted; nothing was written");
+    let left: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["b.glb"]);
+}
