@@ -41,6 +41,7 @@ pub(crate) fn world(boxes: &[([u32; 3], [u32; 3], u8)]) -> World {
         spawns: vec![SPAWN],
         body: Body::PERSON,
         speed_max: 4.0,
+        origin: None,
     }
 }
 

@@ -170,6 +170,7 @@ pub fn compile(
         spawns,
         body: model.body,
         speed_max: model.speed_max,
+        origin: model.origin.clone(),
     };
     Ok((world, report))
 }
@@ -292,6 +293,7 @@ mod tests {
             spawns: Vec::new(),
             body: Body::PERSON,
             speed_max: 5.0,
+            origin: None,
             warnings: Vec::new(),
         }
     }

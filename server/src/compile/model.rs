@@ -8,7 +8,11 @@ use std::{
 };
 
 use glam::{Vec2, Vec3};
-use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::Body,
+    world::{Origin, Spawn},
+};
 
 pub(super) use limits::{
     EXTENT_MAX, SPAWNS_MAX, decode_image, has_area, is_sane, read_file, srgb_byte, tidy_title,
@@ -39,6 +43,8 @@ pub struct Model {
     pub body: Body,
     /// No avatar moves faster, in metres a second.
     pub speed_max: f32,
+    /// What the source says of itself, to verify the compiled world against.
+    pub origin: Option<Origin>,
     /// What was skipped, a line each.
     pub warnings: Vec<String>,
 }

@@ -53,6 +53,7 @@ impl House {
             spawns: vec![Spawn { eye: Vec3::new(3.0, 1.6, 3.0), yaw: 0.0 }],
             body: Body::PERSON,
             speed_max: 2.0,
+            origin: None,
             warnings: Vec::new(),
         };
         let options = compile::Options { voxel: Some(0.5) };

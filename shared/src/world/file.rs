@@ -19,7 +19,7 @@ use glam::Vec3;
 use roaring::RoaringBitmap;
 use serde::{Deserialize, Serialize};
 
-use super::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World};
+use super::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World, origin};
 use crate::{
     geometry::Aabb,
     motion::Body,
@@ -27,7 +27,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER_BYTES: usize = 48;
 /// Unpacked, no world is larger: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
@@ -87,6 +87,7 @@ impl World {
         section(&mut sections, b"CELL", &cells_bytes(&self.cells));
         section(&mut sections, b"PVSS", &pvs_bytes(&self.cells));
         section(&mut sections, b"MESH", &mesh_bytes(&self.mesh));
+        section(&mut sections, b"ORIG", &origin::to_bytes(self.origin.as_ref()));
         let packed = zstd::bulk::compress(&sections, ZSTD_LEVEL)
             .expect("zstd into memory fails only when memory runs out");
         let mut hashed = (sections.len() as u64).to_le_bytes().to_vec();
@@ -198,8 +199,9 @@ fn read_sections(input: &mut Input) -> Result<World, ReadError> {
     let mut cells = read_cells(&mut input.section(b"CELL")?)?;
     cells.pvs = read_pvs(&mut input.section(b"PVSS")?, cells.cells.len())?;
     let mesh = read_mesh(&mut input.section(b"MESH")?)?;
+    let origin = origin::read(&mut input.section(b"ORIG")?)?;
     let Meta { title, body, speed_max, spawns } = meta;
-    Ok(World { title, octree, cells, mesh, spawns, body, speed_max })
+    Ok(World { title, octree, cells, mesh, spawns, body, speed_max, origin })
 }
 
 #[derive(Serialize, Deserialize)]
@@ -388,7 +390,7 @@ fn section(out: &mut Vec<u8>, tag: &[u8; 4], bytes: &[u8]) {
     out.extend_from_slice(bytes);
 }
 
-fn put_u32(out: &mut Vec<u8>, value: u32) {
+pub(super) fn put_u32(out: &mut Vec<u8>, value: u32) {
     out.extend_from_slice(&value.to_le_bytes());
 }
 
@@ -396,20 +398,20 @@ fn put_f32(out: &mut Vec<u8>, value: f32) {
     out.extend_from_slice(&value.to_le_bytes());
 }
 
-fn put_vec3(out: &mut Vec<u8>, value: Vec3) {
+pub(super) fn put_vec3(out: &mut Vec<u8>, value: Vec3) {
     value.to_array().into_iter().for_each(|c| put_f32(out, c));
 }
 
-fn put_aabb(out: &mut Vec<u8>, value: &Aabb) {
+pub(super) fn put_aabb(out: &mut Vec<u8>, value: &Aabb) {
     put_vec3(out, value.min);
     put_vec3(out, value.max);
 }
 
 /// What is left to read.
-struct Input<'a>(&'a [u8]);
+pub(super) struct Input<'a>(&'a [u8]);
 
 impl<'a> Input<'a> {
-    fn take(&mut self, length: usize) -> Result<&'a [u8], ReadError> {
+    pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], ReadError> {
         let (head, rest) =
             self.0.split_at_checked(length).ok_or(ReadError::Malformed("it ends too soon"))?;
         self.0 = rest;
@@ -430,7 +432,7 @@ impl<'a> Input<'a> {
     }
 
     /// A number of records, each of which takes `record_bytes` of what is left.
-    fn count(&mut self, record_bytes: usize) -> Result<usize, ReadError> {
+    pub(super) fn count(&mut self, record_bytes: usize) -> Result<usize, ReadError> {
         let count = self.u32()? as usize;
         if count > self.0.len() / record_bytes {
             return Err(ReadError::Malformed("a count"));
@@ -438,12 +440,26 @@ impl<'a> Input<'a> {
         Ok(count)
     }
 
-    fn u8(&mut self) -> Result<u8, ReadError> {
+    pub(super) fn u8(&mut self) -> Result<u8, ReadError> {
         Ok(self.array::<1>()?[0])
     }
 
-    fn u32(&mut self) -> Result<u32, ReadError> {
+    pub(super) fn u32(&mut self) -> Result<u32, ReadError> {
         Ok(u32::from_le_bytes(self.array()?))
+    }
+
+    pub(super) fn f64(&mut self) -> Result<f64, ReadError> {
+        let value = f64::from_le_bytes(self.array()?);
+        if value.abs() <= 1e8 { Ok(value) } else { Err(ReadError::Malformed("a number")) }
+    }
+
+    /// How many bytes are left.
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
     }
 
     fn f32(&mut self) -> Result<f32, ReadError> {
@@ -452,11 +468,11 @@ impl<'a> Input<'a> {
         if value.abs() <= 1e8 { Ok(value) } else { Err(ReadError::Malformed("a number")) }
     }
 
-    fn vec3(&mut self) -> Result<Vec3, ReadError> {
+    pub(super) fn vec3(&mut self) -> Result<Vec3, ReadError> {
         Ok(Vec3::new(self.f32()?, self.f32()?, self.f32()?))
     }
 
-    fn aabb(&mut self) -> Result<Aabb, ReadError> {
+    pub(super) fn aabb(&mut self) -> Result<Aabb, ReadError> {
         let value = Aabb::new(self.vec3()?, self.vec3()?);
         if value.is_empty() { Err(ReadError::Malformed("a box")) } else { Ok(value) }
     }
@@ -465,7 +481,10 @@ impl<'a> Input<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::octree::Node;
+    use crate::{
+        octree::Node,
+        world::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid},
+    };
 
     /// Two rooms with a portal between them, and a handful of voxels.
     fn small_world() -> World {
@@ -511,13 +530,53 @@ mod tests {
             spawns: vec![Spawn { eye: Vec3::new(1.0, 1.6, 1.0), yaw: 0.5 }],
             body: Body::PERSON,
             speed_max: 5.0,
+            origin: Some(original()),
         }
+    }
+
+    /// A brush between two clusters, of which one sees the other.
+    fn original() -> Origin {
+        let plane = |normal, distance| OriginPlane { normal, distance };
+        let leaf = |min, max, cluster| OriginLeaf {
+            bounds: Aabb::new(Vec3::splat(min), Vec3::splat(max)),
+            cluster,
+        };
+        Origin {
+            planes: vec![plane(Vec3::X, 5.0), plane(Vec3::NEG_X, -4.0)],
+            solids: vec![Solid {
+                bounds: Aabb::new(Vec3::X * 4.0, Vec3::new(5.0, 4.0, 4.0)),
+                sides: vec![0, 1],
+            }],
+            tree: Some(OriginTree {
+                nodes: vec![
+                    OriginNode { plane: 0, sides: [OriginSide::Leaf(0), OriginSide::Node(1)] },
+                    OriginNode { plane: 1, sides: [OriginSide::Leaf(2), OriginSide::Leaf(1)] },
+                ],
+                leafs: vec![leaf(5.0, 8.0, Some(1)), leaf(4.0, 5.0, None), leaf(0.0, 4.0, Some(0))],
+                clusters: 2,
+                visible: vec![0b11, 0b10],
+            }),
+        }
+    }
+
+    #[test]
+    fn the_original_tells_where_a_point_is_and_what_it_sees() {
+        let origin = original();
+        let cluster = |x: f64| {
+            let tree = origin.tree.as_ref().unwrap();
+            tree.leafs[origin.leaf_at(glam::DVec3::X * x).unwrap() as usize].cluster
+        };
+        assert_eq!([1.0, 4.5, 6.0].map(cluster), [Some(0), None, Some(1)]);
+        let sees = |a, b| origin.tree.as_ref().unwrap().sees(a, b);
+        assert_eq!([sees(0, 0), sees(0, 1), sees(1, 0), sees(1, 1)], [true, true, false, true]);
     }
 
     #[test]
     fn what_is_written_is_read() {
         let world = small_world();
         assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
+        let without = World { origin: None, ..small_world() };
+        assert_eq!(World::from_bytes(&without.to_bytes()).unwrap(), without);
         let folder = std::env::temp_dir().join(format!("slw-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let path = folder.join("w.slw");
@@ -560,6 +619,9 @@ mod tests {
                     Ok(world) => {
                         world.cells.at(Vec3::ONE);
                         world.cells.visible_from(&world.bounds());
+                        if let Some(origin) = &world.origin {
+                            origin.leaf_at(glam::DVec3::ONE);
+                        }
                         assert!(World::from_bytes(&world.to_bytes()).is_ok(), "byte {i}");
                     }
                 }
@@ -584,6 +646,6 @@ mod tests {
         check(b"glTF and more", "this is not a Sightline world (.slw)");
         let mut file = small_world().to_bytes();
         file[4] = 9;
-        check(&file, "world file version 9, but this program reads version 1; compile again");
+        check(&file, "world file version 9, but this program reads version 2; compile again");
     }
 }

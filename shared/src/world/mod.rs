@@ -2,12 +2,14 @@
 
 mod cells;
 mod file;
+mod origin;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 pub use cells::{Cell, CellId, Cells, KdNode, Portal, Pvs};
 pub use file::{ContentId, ReadError, content_id, write_whole};
+pub use origin::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid};
 
 use crate::{geometry::Aabb, motion::Body, octree::Octree};
 
@@ -28,6 +30,8 @@ pub struct World {
     pub body: Body,
     /// No avatar's eye moves faster, in metres a second.
     pub speed_max: f32,
+    /// What a Quake map says of itself, to verify the rest against; none for other models.
+    pub origin: Option<Origin>,
 }
 
 impl World {

@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn six_axial_sides_make_a_box_with_exact_corners() {
-        let faces = faces(&Brush { planes: box_planes(), shader: 0 }).unwrap();
+        let faces = faces(&Brush { planes: box_planes(), sides: Vec::new(), shader: 0 }).unwrap();
         let [min, max] = [DVec3::new(-8.0, -16.0, 50.0), DVec3::new(8.3, 16.0, 100.0)];
         assert_eq!(faces.solid_box, Some([min, max]));
         assert_eq!(faces.windings.len(), 6);
@@ -195,7 +195,7 @@ mod tests {
         let diagonal = 0.5f64.sqrt();
         planes.push(plane([diagonal, diagonal, 0.0], (8.3 + 16.0) * diagonal));
         planes.push(planes[0]);
-        let faces = faces(&Brush { planes, shader: 0 }).unwrap();
+        let faces = faces(&Brush { planes, sides: Vec::new(), shader: 0 }).unwrap();
         assert_eq!(faces.windings.len(), 6);
         assert!(faces.solid_box.is_some());
     }
@@ -205,7 +205,7 @@ mod tests {
         let mut planes = box_planes();
         let diagonal = 0.5f64.sqrt();
         planes.push(plane([diagonal, diagonal, 0.0], 20.3 * diagonal));
-        let faces = faces(&Brush { planes, shader: 0 }).unwrap();
+        let faces = faces(&Brush { planes, sides: Vec::new(), shader: 0 }).unwrap();
         assert_eq!(faces.windings.len(), 7);
         assert_eq!(faces.solid_box, None);
         // The cut takes 4 × 4 off two of the sides: its own area is 50 × √32.
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn what_is_unbounded_empty_or_no_number_has_no_faces() {
-        let brush = |planes| Brush { planes, shader: 0 };
+        let brush = |planes| Brush { planes, sides: Vec::new(), shader: 0 };
         assert!(faces(&brush(box_planes()[..5].to_vec())).is_none());
         assert!(faces(&brush(vec![plane([f64::NAN; 3], 1.0)])).is_none());
         assert!(faces(&brush(vec![plane([0.0; 3], 1.0)])).is_none());

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::BspError;
+use super::{BspError, tree::Tree};
 
 const VERSION: i32 = 46;
 const LUMPS: usize = 17;
@@ -39,6 +39,8 @@ pub(super) struct Plane {
 /// A convex solid: the half-spaces of its sides.
 pub(super) struct Brush {
     pub planes: Vec<Plane>,
+    /// The same planes, as indices of those of the map.
+    pub sides: Vec<usize>,
     pub shader: usize,
 }
 
@@ -75,7 +77,9 @@ pub(super) struct Face {
 pub(super) struct Map<'a> {
     pub entities: String,
     pub shaders: Vec<Shader>,
+    pub planes: Vec<Plane>,
     pub world_brushes: Vec<Brush>,
+    pub tree: Tree<'a>,
     pub vertices: Vec<Vertex>,
     pub mesh_vertices: Vec<u32>,
     pub faces: Vec<Face>,
@@ -108,13 +112,17 @@ impl<'a> Map<'a> {
         let faces: Vec<Face> =
             faces.iter().map(|bytes| face(bytes, &limits)).collect::<Result<_, _>>()?;
         let world = lumps.world(faces.len())?;
+        let planes: Vec<Plane> =
+            lumps.records(2, "planes", PLANES_MAX)?.iter().map(plane).collect();
         let entities = lumps.bytes(0)?;
         if entities.len() > ENTITY_BYTES_MAX {
             return Err(BspError::TooMany("bytes of entities"));
         }
         Ok(Self {
             entities: String::from_utf8_lossy(entities).into_owned(),
-            world_brushes: lumps.brushes(world.brushes, shaders.len())?,
+            world_brushes: lumps.brushes(world.brushes, shaders.len(), &planes)?,
+            tree: Tree::parse(&lumps, planes.len())?,
+            planes,
             shaders,
             vertices,
             mesh_vertices,
@@ -126,7 +134,7 @@ impl<'a> Map<'a> {
 }
 
 /// The table of contents, and what it leads to.
-struct Lumps<'a> {
+pub(super) struct Lumps<'a> {
     bytes: &'a [u8],
     directory: [(i32, i32); LUMPS],
 }
@@ -158,13 +166,13 @@ impl<'a> Lumps<'a> {
         Ok(Self { bytes, directory })
     }
 
-    fn bytes(&self, lump: usize) -> Result<&'a [u8], BspError> {
+    pub(super) fn bytes(&self, lump: usize) -> Result<&'a [u8], BspError> {
         let (offset, length) = self.directory[lump];
         let range = range(offset, length, self.bytes.len()).ok_or(BspError::Lump { lump })?;
         Ok(&self.bytes[range])
     }
 
-    fn records<const N: usize>(
+    pub(super) fn records<const N: usize>(
         &self,
         lump: usize,
         what: &'static str,
@@ -196,8 +204,8 @@ impl<'a> Lumps<'a> {
         &self,
         which: std::ops::Range<usize>,
         shaders: usize,
+        planes: &[Plane],
     ) -> Result<Vec<Brush>, BspError> {
-        let planes: Vec<Plane> = self.records(2, "planes", PLANES_MAX)?.iter().map(plane).collect();
         let sides = self.records::<8>(9, "brush sides", SIDES_MAX)?;
         let fault = || BspError::Index { what: "brush" };
         let mut brushes = Vec::with_capacity(which.len());
@@ -210,16 +218,18 @@ impl<'a> Lumps<'a> {
                 return Err(BspError::TooMany("sides of a brush"));
             }
             let shader = index(fields.int(), shaders).ok_or_else(fault)?;
-            let plane = |side: &[u8; 8]| Some(planes[index(Fields(side).int(), planes.len())?]);
-            let planes = sides.iter().map(plane).collect::<Option<_>>().ok_or_else(fault)?;
-            brushes.push(Brush { planes, shader });
+            let side = |side: &[u8; 8]| index(Fields(side).int(), planes.len());
+            let sides: Vec<usize> =
+                sides.iter().map(side).collect::<Option<_>>().ok_or_else(fault)?;
+            let planes = sides.iter().map(|&side| planes[side]).collect();
+            brushes.push(Brush { planes, sides, shader });
         }
         Ok(brushes)
     }
 }
 
 /// Reads little-endian fields one after the other; beyond the end there are zeros.
-struct Fields<'a>(&'a [u8]);
+pub(super) struct Fields<'a>(pub &'a [u8]);
 
 impl Fields<'_> {
     fn take<const N: usize>(&mut self) -> [u8; N] {
@@ -232,11 +242,11 @@ impl Fields<'_> {
         }
     }
 
-    fn skip(&mut self, bytes: usize) {
+    pub fn skip(&mut self, bytes: usize) {
         self.0 = self.0.get(bytes..).unwrap_or_default();
     }
 
-    fn int(&mut self) -> i32 {
+    pub fn int(&mut self) -> i32 {
         i32::from_le_bytes(self.take())
     }
 
@@ -260,7 +270,8 @@ fn range(first: i32, count: i32, within: usize) -> Option<std::ops::Range<usize>
     (end <= within).then_some(first..end)
 }
 
-fn index(value: i32, within: usize) -> Option<usize> {
+/// An index of so many elements.
+pub(super) fn index(value: i32, within: usize) -> Option<usize> {
     usize::try_from(value).ok().filter(|&index| index < within)
 }
 

@@ -10,12 +10,18 @@ mod draw;
 mod entities;
 mod file;
 mod light;
+mod origin;
 mod shader_script;
+mod tree;
 
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
-use sightline_shared::{geometry::Aabb, motion::Body};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::Body,
+    world::{Origin, Solid},
+};
 
 use super::model::{self, Model};
 use archive::Archives;
@@ -102,10 +108,13 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
         body: Body::QUAKE,
         speed_max: SPEED_MAX,
         warnings: Vec::new(),
+        origin: None,
     };
     let mut archives = Archives::open(pk3s)?;
     draw::surfaces(&map, &mut archives, &mut model)?;
-    brushes(&map, &mut model)?;
+    let mut origin = origin::origin(&map)?;
+    brushes(&map, &mut model, &mut origin)?;
+    model.origin = Some(origin);
     Ok(model)
 }
 
@@ -119,14 +128,20 @@ impl Shader {
     }
 }
 
-/// Adds the faces of the brushes that block sight.
-fn brushes(map: &Map<'_>, model: &mut Model) -> Result<(), BspError> {
+/// Adds the faces of the brushes that block sight, and the brushes themselves.
+fn brushes(map: &Map<'_>, model: &mut Model, origin: &mut Origin) -> Result<(), BspError> {
     let mut left_out = 0;
     for brush in map.world_brushes.iter().filter(|b| map.shaders[b.shader].is_opaque()) {
         let Some(faces) = brush::faces(brush) else {
             left_out += 1;
             continue;
         };
+        if !faces.windings.is_empty() {
+            origin.solids.push(Solid {
+                bounds: origin::bounds(faces.windings.iter().flatten().copied()),
+                sides: brush.sides.iter().map(|&side| side as u32).collect(),
+            });
+        }
         for winding in &faces.windings {
             let corners: Vec<Vec3> = winding.iter().map(|&p| placed(p)).collect();
             let fan = (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]);

@@ -35,6 +35,7 @@ impl Draft {
         let glass = draft.shader("textures/glass", 0, SOLID | CONTENTS_TRANSLUCENT);
         draft.brush(stone, [0.0, 0.0, -16.0], [64.0, 64.0, 0.0]);
         draft.brush(glass, [64.0, 0.0, 0.0], [66.0, 64.0, 64.0]);
+        draft.tree();
         draft.lumps[14] = vec![100; 128 * 128 * 3];
         let corners = [[0.0, 0.0], [64.0, 0.0], [64.0, 64.0], [0.0, 64.0]];
         let floor: Vec<[f32; 3]> = corners.iter().map(|&[x, y]| [x, y, 0.0]).collect();
@@ -74,6 +75,23 @@ impl Draft {
         }
         self.lumps[8].extend(ints(&[first, 6, shader]));
         self.world_brushes += 1;
+    }
+
+    /// Above the floor's top, plane 4, is cluster 1, which sees none but itself; below the floor's
+    /// bottom, plane 5, is cluster 0, which sees both; between them it is solid.
+    fn tree(&mut self) {
+        for (plane, sides) in [(4, [-1, 1]), (5, [-3, -2])] {
+            self.lumps[3].extend(ints(&[plane, sides[0], sides[1]]));
+            self.lumps[3].extend(vec![0; 24]);
+        }
+        for (cluster, min, max) in [(1, 0, 64), (-1, -16, 0), (0, -64, -16)] {
+            self.lumps[4].extend(ints(&[cluster, 0, 0, 0, min, 64, 64, max]));
+            self.lumps[4].extend(vec![0; 16]);
+        }
+        self.lumps[16].extend(ints(&[2, 8]));
+        for row in [0b11u8, 0b10] {
+            self.lumps[16].extend([row, 0, 0, 0, 0, 0, 0, 0]);
+        }
     }
 
     fn face(&mut self, kind: i32, shader: i32, points: &[[f32; 3]], mesh: &[i32], size: [i32; 2]) {
@@ -147,6 +165,27 @@ fn a_room_has_its_box_its_patch_its_title_and_its_spawn() {
 }
 
 #[test]
+fn a_map_tells_its_own_brushes_clusters_and_pvs() {
+    let origin = Draft::room().model().origin.unwrap();
+    // The glass blocks nothing.
+    assert_eq!(origin.solids.len(), 1);
+    let inside = |z: f64| {
+        let point = metres([32.0, 32.0, z]).as_dvec3();
+        origin.sides(&origin.solids[0]).all(|side| side.height(point) < 0.0)
+    };
+    assert_eq!([-20.0, -8.0, 4.0].map(inside), [false, true, false]);
+    let tree = origin.tree.as_ref().unwrap();
+    let cluster = |z: f64| {
+        let leaf = origin.leaf_at(metres([32.0, 32.0, z]).as_dvec3()).unwrap();
+        tree.leafs[leaf as usize].cluster
+    };
+    assert_eq!([-20.0, -8.0, 4.0].map(cluster), [Some(0), None, Some(1)]);
+    assert_eq!(tree.visible, [0b11, 0b10]);
+    let bounds = tree.leafs[0].bounds;
+    assert_eq!(bounds, Aabb::new(metres([0.0, 64.0, 0.0]), metres([64.0, 0.0, 64.0])));
+}
+
+#[test]
 fn glass_water_and_the_parts_of_doors_do_not_block_sight() {
     for (contents, blocks) in [(SOLID, true), (SOLID | CONTENTS_TRANSLUCENT, false), (0x20, false)]
     {
@@ -214,6 +253,16 @@ fn faulty_records_are_refused_with_a_reason() {
     check(&set(13, 16, i32::MAX), "a face refers");
     check(&set(13, 104 + 96, 1_000_003), "a face refers");
     check(&set(11, 0, 4), "a mesh vertex refers");
+    check(&set(3, 0, 99), "a node refers");
+    check(&set(3, 4, 2), "a node refers");
+    check(&set(3, 4, -4), "a node refers");
+    // A node that leads to itself, and two that lead to one.
+    check(&set(3, 36 + 4, 1), "a node refers");
+    check(&set(3, 4, 1), "a node refers");
+    check(&set(4, 0, 2), "a leaf refers");
+    check(&set(16, 0, 3), "lump 16");
+    check(&set(16, 4, i32::MAX), "lump 16");
+    check(&set(16, 4, 0), "lump 16");
     check(&set(10, 0, f32::NAN.to_bits() as i32), "not finite");
     check(&set(10, 4, f32::INFINITY.to_bits() as i32), "not finite");
     check(&|draft| draft.world_faces = 99, "a model refers");

@@ -36,6 +36,7 @@ impl<'a> Reader<'a> {
             spawns: Vec::new(),
             body: Body::PERSON,
             speed_max: SPEED_MAX,
+            origin: None,
             warnings: Vec::new(),
         };
         Self { document, resources, model, vertices: 0, triangles: 0 }

@@ -40,6 +40,7 @@ pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bo
         ],
         body: Body::PERSON,
         speed_max: 2.0,
+        origin: None,
     }
 }
 
