@@ -75,6 +75,17 @@ fn table(report: &Report) -> String {
     row("triangles", report.triangles.to_string());
     row("opaque triangles", report.opaque.to_string());
     row("occluders", report.occluders.to_string());
+    row("turned by", format!("{:.2} degrees", report.turn.to_degrees()));
+    let carving = &report.carving;
+    row("polygons", carving.polygons.to_string());
+    row("  axial", carving.axial.to_string());
+    row("  semi-axial", carving.semi_axial.to_string());
+    row("  non-axial", carving.non_axial.to_string());
+    row("elements", carving.elements.to_string());
+    row("clusters", carving.clusters.to_string());
+    row("cuttings", carving.cuttings.to_string());
+    row("polygons removed", carving.removed.to_string());
+    row("polygons added", format!("{} ({} sealed)", carving.added, carving.sealed));
     row("cells", report.cells.to_string());
     row("portals", report.portals.to_string());
     row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));

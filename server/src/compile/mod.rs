@@ -1,6 +1,8 @@
-//! From a model to a world: occluders → cells and portals → PVS, and all surfaces → voxels.
+//! From a model to a world: carving → occluders → cells and portals → PVS, and all surfaces →
+//! voxels.
 //!
 //! * [`model`]: what an importer makes; [`glb`], [`bsp`] and [`demo_building`] make one.
+//! * [`carve`]: polygons, and the model without those that are not axial.
 //! * [`occluders`]: which surfaces make cells. [`subdivide`]: cells and portals. [`pvs`]: who sees
 //!   whom. [`voxelise`]: what clients draw.
 
@@ -23,6 +25,7 @@ use crate::sight::Sight;
 use subdivide::Grain;
 
 pub mod bsp;
+pub mod carve;
 pub mod demo_building;
 pub mod glb;
 pub mod model;
@@ -37,6 +40,8 @@ const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
 /// What the compiler is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Stage {
+    /// Merging polygons, and carving out what is not axial.
+    Carving,
     /// Splitting along the occluders, and finding portals.
     Cells,
     /// Propagating sight lines.
@@ -49,6 +54,7 @@ impl Stage {
     /// What it is called.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Carving => "carving",
             Self::Cells => "cells and portals",
             Self::Pvs => "sight lines",
             Self::Voxels => "voxels",
@@ -96,6 +102,10 @@ pub struct Report {
     pub opaque: usize,
     /// Opaque triangles on axial planes, along which cells are split.
     pub occluders: usize,
+    /// The angle about the vertical by which most walls are turned, in radians.
+    pub turn: f64,
+    /// What carving did, in axes turned by that angle.
+    pub carving: carve::CarveReport,
     /// Cells.
     pub cells: usize,
     /// Portals.
@@ -125,6 +135,13 @@ pub fn compile(
     let mut watch = Watch { seconds: Vec::new() };
 
     let space = Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN);
+    listener.tell(Stage::Carving, 0.0)?;
+    let turn = carve::dominant_turn(&model.opaque);
+    let carving = watch.time(Stage::Carving, || {
+        let own = |corner: Vec3| carve::to_own_axes(corner.as_dvec3(), turn);
+        let triangles: Vec<_> = model.opaque.iter().map(|corners| corners.map(own)).collect();
+        carve::carve(&triangles, &[], &carve::Options::default()).report
+    });
     listener.tell(Stage::Cells, 0.0)?;
     let planes = occluders::axial_planes(&model.opaque);
     let (spaces, mut cells) = watch.time(Stage::Cells, || {
@@ -149,6 +166,8 @@ pub fn compile(
         triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
         opaque: model.opaque.len(),
         occluders: planes.iter().map(|p| p.triangles.len()).sum(),
+        turn,
+        carving,
         cells: cells.cells.len(),
         portals: cells.portals.len(),
         pvs_density: cells.density(),

@@ -1,0 +1,283 @@
+//! Which corners are one point, and which edges are shared: the ground that merging stands on.
+
+use std::{
+    collections::HashMap,
+    hash::{BuildHasherDefault, Hasher},
+};
+
+use glam::{DVec3, I64Vec3};
+use rayon::prelude::*;
+
+/// Corners no farther apart than this are one point, in metres: a few units in the last place of
+/// single precision at a hundred metres.
+const WELD_M: f64 = 2e-5;
+
+/// How far apart things are the same, for a model of some size. All in metres.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tolerance {
+    /// Corners this near are one point, and a point this near an edge lies on it.
+    pub weld: f64,
+    /// Points this near a plane lie in it.
+    pub plane: f64,
+}
+
+impl Tolerance {
+    /// Farther from the origin single precision is coarser.
+    pub fn of(triangles: &[[DVec3; 3]]) -> Self {
+        let farthest =
+            triangles.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+        let weld = WELD_M.max(farthest * 0.5f64.powi(22));
+        Self { weld, plane: 4.0 * weld }
+    }
+}
+
+/// Triangles over welded points, and the edges between them, split where another corner lies on
+/// them, so that edges that overlap are shared whatever T-junctions there are.
+pub(super) struct Topology {
+    pub points: Vec<DVec3>,
+    /// Sorted by [`Half::key`]; triangles without area have none.
+    pub halves: Vec<Half>,
+    /// Whether a triangle is no wider than the tolerance.
+    pub degenerate: Vec<bool>,
+}
+
+/// One side of an edge.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Half {
+    low: u32,
+    high: u32,
+    /// Whose it is.
+    pub triangle: u32,
+    /// Whether it runs from the lower point to the higher.
+    pub forward: bool,
+}
+
+impl Half {
+    fn new([from, to]: [u32; 2], triangle: u32) -> Self {
+        Self { low: from.min(to), high: from.max(to), triangle, forward: from < to }
+    }
+
+    /// The same for both sides of an edge.
+    pub fn key(&self) -> u64 {
+        edge_key(self.low, self.high)
+    }
+
+    /// The points that it joins, lower first.
+    pub fn ends(&self) -> [u32; 2] {
+        [self.low, self.high]
+    }
+}
+
+fn edge_key(low: u32, high: u32) -> u64 {
+    u64::from(low) << 32 | u64::from(high)
+}
+
+impl Topology {
+    /// Welds corners and splits edges. Takes time and memory about in proportion to the triangles.
+    pub fn new(triangles: &[[DVec3; 3]], tolerance: Tolerance) -> Self {
+        let (points, corners) = weld(triangles.as_flattened(), tolerance.weld);
+        let corners: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
+        let degenerate: Vec<bool> = corners
+            .par_iter()
+            .map(|c| is_degenerate(c.map(|i| points[i as usize]), tolerance))
+            .collect();
+        let splits = splits(&points, &corners, tolerance.weld);
+        let mut halves = Vec::with_capacity(corners.len() * 3);
+        for (triangle, &[a, b, c]) in (0..).zip(&corners) {
+            if degenerate[triangle as usize] {
+                continue;
+            }
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                match splits.get(&edge_key(from.min(to), from.max(to))) {
+                    None => halves.push(Half::new([from, to], triangle)),
+                    Some(between) => push_split(&mut halves, [from, to], between, triangle),
+                }
+            }
+        }
+        halves.par_sort_unstable_by_key(|half| (half.key(), half.triangle, half.forward));
+        Self { points, halves, degenerate }
+    }
+}
+
+/// The parts of an edge; `between` runs from the lower end to the higher.
+fn push_split(halves: &mut Vec<Half>, [from, to]: [u32; 2], between: &[u32], triangle: u32) {
+    let mut last = from;
+    let mut push = |next: u32| {
+        halves.push(Half::new([last, next], triangle));
+        last = next;
+    };
+    if from < to {
+        between.iter().for_each(|&point| push(point));
+    } else {
+        between.iter().rev().for_each(|&point| push(point));
+    }
+    push(to);
+}
+
+fn is_degenerate([a, b, c]: [DVec3; 3], tolerance: Tolerance) -> bool {
+    let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+    (b - a).cross(c - a).length() <= longest * tolerance.weld
+}
+
+/// One point for all corners that are near each other, and which one each corner is.
+fn weld(corners: &[DVec3], near: f64) -> (Vec<DVec3>, Vec<u32>) {
+    // Few corners are so near the side of a cell that the next cell must be searched too. The
+    // offset keeps coordinates that are round numbers off the sides.
+    let (cell, offset) = (near * 64.0, near * 23.7);
+    let mut first_of: FastMap<I64Vec3, u32> = FastMap::default();
+    let (mut points, mut next): (Vec<DVec3>, Vec<u32>) = (Vec::new(), Vec::new());
+    let welded = corners.iter().map(|&corner| {
+        let at = |by: f64| ((corner + by + offset) / cell).floor().as_i64vec3();
+        for key in cells_between(at(-near), at(near)) {
+            let mut index = first_of.get(&key).copied();
+            while let Some(i) = index {
+                if points[i as usize].distance_squared(corner) <= near * near {
+                    return i;
+                }
+                index = (next[i as usize] != u32::MAX).then_some(next[i as usize]);
+            }
+        }
+        let index = points.len() as u32;
+        points.push(corner);
+        next.push(first_of.insert(at(0.0), index).unwrap_or(u32::MAX));
+        index
+    });
+    let welded = welded.collect();
+    (points, welded)
+}
+
+fn cells_between(low: I64Vec3, high: I64Vec3) -> impl Iterator<Item = I64Vec3> {
+    (low.x..=high.x).flat_map(move |x| {
+        (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| I64Vec3::new(x, y, z)))
+    })
+}
+
+/// For each edge on which other points lie: these points, from its lower end to its higher.
+fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec<u32>> {
+    let ends = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]];
+    let keys = corners.par_iter().flat_map_iter(|c| ends(c).into_iter().filter(|[a, b]| a != b));
+    let mut keys: Vec<u64> = keys.map(|[a, b]| edge_key(a.min(b), a.max(b))).collect();
+    keys.par_sort_unstable();
+    keys.dedup();
+    let segment = |key: u64| [(key >> 32) as u32, key as u32].map(|i| points[i as usize]);
+    let length = |key: &u64| -> f64 {
+        let [a, b] = segment(*key);
+        a.distance(b)
+    };
+    // With cells as wide as an edge is long on average, edges run through few of them.
+    let mean = keys.iter().map(length).sum::<f64>() / keys.len().max(1) as f64;
+    let grid = Grid::new(points, mean.max(near * 64.0), near);
+    keys.par_iter()
+        .filter_map(|&key| {
+            let [from, to] = segment(key);
+            let on_it = grid.on_segment(points, from, to, near);
+            (!on_it.is_empty()).then_some((key, on_it))
+        })
+        .collect::<Vec<_>>()
+        .into_iter()
+        .collect()
+}
+
+/// Points by cell; one near a side is in both cells.
+struct Grid {
+    cell: f64,
+    first: FastMap<I64Vec3, u32>,
+    /// Points in one cell follow each other.
+    entries: Vec<(I64Vec3, u32)>,
+}
+
+impl Grid {
+    fn new(points: &[DVec3], cell: f64, near: f64) -> Self {
+        let margin = near * 4.0;
+        let mut entries: Vec<(I64Vec3, u32)> = points
+            .par_iter()
+            .enumerate()
+            .flat_map_iter(|(i, &point)| {
+                let at = |by: f64| ((point + by) / cell).floor().as_i64vec3();
+                cells_between(at(-margin), at(margin)).map(move |key| (key, i as u32))
+            })
+            .collect();
+        entries.par_sort_unstable_by_key(|(key, i)| (key.x, key.y, key.z, *i));
+        let mut first = FastMap::default();
+        for (i, pair) in entries.iter().enumerate() {
+            first.entry(pair.0).or_insert(i as u32);
+        }
+        Self { cell, first, entries }
+    }
+
+    /// The points on a segment between its ends, in the order in which they lie.
+    fn on_segment(&self, points: &[DVec3], from: DVec3, to: DVec3, near: f64) -> Vec<u32> {
+        let along = to - from;
+        let length = along.length();
+        let direction = along / length;
+        let mut found: Vec<(f64, u32)> = Vec::new();
+        walk(from / self.cell, to / self.cell, |cell| {
+            let Some(&first) = self.first.get(&cell) else { return };
+            for &(_, i) in self.entries[first as usize..].iter().take_while(|(c, _)| *c == cell) {
+                let offset = points[i as usize] - from;
+                let t = direction.dot(offset);
+                let aside = offset - direction * t;
+                if t > near && t < length - near && aside.length_squared() <= near * near {
+                    found.push((t, i));
+                }
+            }
+        });
+        found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found.dedup();
+        found.into_iter().map(|(_, i)| i).collect()
+    }
+}
+
+/// Calls `visit` for every unit cell on the way between two points.
+fn walk(from: DVec3, to: DVec3, mut visit: impl FnMut(I64Vec3)) {
+    let (mut cell, last) = (from.floor().as_i64vec3(), to.floor().as_i64vec3());
+    let along = to - from;
+    let steps = (last - cell).abs().element_sum();
+    visit(cell);
+    for _ in 0..steps {
+        // Through which side the segment leaves the cell first; never past the last cell.
+        let leaving = |axis: usize| {
+            if cell[axis] == last[axis] {
+                return f64::INFINITY;
+            }
+            let side = cell[axis] as f64 + if along[axis] > 0.0 { 1.0 } else { 0.0 };
+            (side - from[axis]) / along[axis]
+        };
+        let axis = (0..3).min_by(|a, b| leaving(*a).total_cmp(&leaving(*b))).unwrap_or(0);
+        cell[axis] += if along[axis] > 0.0 { 1 } else { -1 };
+        visit(cell);
+    }
+}
+
+/// A map for keys that no adversary chooses at run time.
+pub(super) type FastMap<K, V> = HashMap<K, V, BuildHasherDefault<FastHasher>>;
+
+/// Multiplies and folds: several times as fast as the standard hasher, for a few integers.
+#[derive(Default)]
+pub(super) struct FastHasher(u64);
+
+impl Hasher for FastHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(byte.into());
+        }
+    }
+
+    fn write_u32(&mut self, value: u32) {
+        self.write_u64(value.into());
+    }
+
+    fn write_i64(&mut self, value: i64) {
+        self.write_u64(value as u64);
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        let product = u128::from(self.0 ^ value ^ 0x9e37_79b9_7f4a_7c15)
+            * u128::from(0xd6e8_feb8_6659_fd93_u64);
+        self.0 = (product >> 64) as u64 ^ product as u64;
+    }
+}
