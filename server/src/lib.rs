@@ -4,6 +4,7 @@
 //! * [`engine`]: who is told what, who is asked when; no socket, no clock.
 //! * [`net`]: the only place that knows QUIC.
 //! * [`plan`]: pictures of a world from above.
+//! * [`portrait`]: pictures of a carved model.
 //! * [`progress`]: how long tasks show that they go on.
 //! * [`replay`]: the engine over a recorded [`trace`], without sockets.
 //! * [`sight`]: rays against the original triangles, the oracle that all else is checked against.
@@ -12,6 +13,7 @@ pub mod compile;
 pub mod engine;
 pub mod net;
 pub mod plan;
+pub mod portrait;
 pub mod progress;
 pub mod replay;
 pub mod sight;

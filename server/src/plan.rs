@@ -232,7 +232,8 @@ fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
     }
 }
 
-fn write(picture: &mut RgbImage, left: i32, top: i32, text: &str, colour: [u8; 3]) {
+/// Writes a line of text with its upper left corner at a pixel.
+pub(crate) fn write(picture: &mut RgbImage, left: i32, top: i32, text: &str, colour: [u8; 3]) {
     for (i, character) in (0..).zip(text.chars()) {
         let Some(glyph) = font8x8::BASIC_FONTS.get(character) else { continue };
         for (y, row) in (0..).zip(glyph) {

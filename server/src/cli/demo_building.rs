@@ -18,19 +18,23 @@ pub struct Args {
     /// The same seed gives the same building.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Write a floor with eight arched windows instead, on which carving can be seen.
+    #[arg(long, conflicts_with_all = ["rooms", "seed"])]
+    arched_floor: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let building = demo_building::build(args.rooms as usize, args.seed);
-    write_whole(&args.output, &building.glb)
+    let (glb, told) = if args.arched_floor {
+        let floor = demo_building::arched_floor();
+        (floor.glb, format!("{} polygons, {} triangles", floor.polygons, floor.triangles))
+    } else {
+        let building = demo_building::build(args.rooms as usize, args.seed);
+        let (rooms, storeys) = (building.plan.room_count(), building.plan.storeys);
+        let told = format!("{rooms} rooms on {storeys} storeys, {} triangles", building.triangles);
+        (building.glb, told)
+    };
+    write_whole(&args.output, &glb)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
-    super::print(&format!(
-        "{}: {} rooms on {} storeys, {} triangles, {} bytes\n",
-        args.output.display(),
-        building.plan.room_count(),
-        building.plan.storeys,
-        building.triangles,
-        building.glb.len()
-    ))
+    super::print(&format!("{}: {told}, {} bytes\n", args.output.display(), glb.len()))
 }

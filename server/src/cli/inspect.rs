@@ -5,7 +5,10 @@ use std::{fmt::Write, path::PathBuf};
 use anyhow::Context;
 use glam::Vec3;
 use serde::Serialize;
-use sightline_server::plan::{self, Mark, Overlay};
+use sightline_server::{
+    plan::{self, Mark, Overlay},
+    portrait::{self, View},
+};
 use sightline_shared::world::{World, content_id};
 
 /// Tells what is in a world, and draws its plan.
@@ -20,6 +23,17 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "map",
           allow_hyphen_values = true)]
     pvs_from: Option<Vec3>,
+    /// Draw the carved model: with its cuttings, and without them.
+    #[arg(long, value_name = "OUT.png")]
+    carved: Option<PathBuf>,
+    /// Where the eye is for that picture; at the first spawn point when absent.
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
+          allow_hyphen_values = true)]
+    eye: Option<Vec3>,
+    /// What that picture looks at; straight ahead when absent.
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
+          allow_hyphen_values = true)]
+    look: Option<Vec3>,
     /// Write the figures to this file too.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -65,7 +79,21 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let picture = plan::draw(&world, &overlay(&world, args.pvs_from));
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
+    if let Some(path) = &args.carved {
+        let (picture, carved) = portrait::draw(&world.mesh, &view(&world, args)?);
+        let figures = serde_json::to_string(&carved.report)?;
+        super::print(&format!("carving            {figures}\n"))?;
+        picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     super::write_json(args.json.as_deref(), &figures)
+}
+
+fn view(world: &World, args: &Args) -> anyhow::Result<View> {
+    let spawn = world.spawns.first().context("the world has no place to begin")?;
+    let eye = args.eye.unwrap_or(spawn.eye);
+    let (sin, cos) = spawn.yaw.sin_cos();
+    let look = args.look.unwrap_or(eye + Vec3::new(-sin, 0.0, -cos));
+    Ok(View { eye, look })
 }
 
 fn overlay(world: &World, pvs_from: Option<Vec3>) -> Overlay {

@@ -37,7 +37,11 @@ impl Scene {
     /// An empty scene with a node for each space, and one for all that belongs to none.
     pub fn new(plan: &Plan) -> Self {
         let names = plan.spaces.iter().map(|space| space.name.clone());
-        let names = names.chain(["shell".to_owned()]).collect();
+        Self::with_nodes(names.chain(["shell".to_owned()]).collect())
+    }
+
+    /// An empty scene with nodes of these names.
+    pub fn with_nodes(names: Vec<String>) -> Self {
         Self { names, soups: BTreeMap::new(), spawns: Vec::new() }
     }
 
@@ -150,6 +154,7 @@ impl Scene {
 }
 
 /// An axial rectangle; see [`Scene::face`].
+#[derive(Clone, Copy)]
 pub(super) struct Face {
     pub axis: usize,
     pub at: i32,

@@ -4,6 +4,7 @@
 //! (walls, slabs) follows from it exactly, so that its faces meet without cracks; what is not a box
 //! (arches, columns, plants) and furniture are added as detail.
 
+mod arched_floor;
 mod fittings;
 mod furniture;
 mod layout;
@@ -12,6 +13,7 @@ mod plan;
 mod rect;
 mod shell;
 
+pub use arched_floor::{ArchedFloor, arched_floor};
 pub use plan::{Door, Plan, Space, SpaceKind, Stair};
 pub use rect::Rect;
 
