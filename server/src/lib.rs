@@ -8,6 +8,7 @@
 //! * [`progress`]: how long tasks show that they go on.
 //! * [`replay`]: the engine over a recorded [`trace`], without sockets.
 //! * [`sight`]: rays against the original triangles, the oracle that all else is checked against.
+//! * [`verify`]: a compiled world against that oracle.
 
 pub mod compile;
 pub mod engine;
@@ -18,3 +19,4 @@ pub mod progress;
 pub mod replay;
 pub mod sight;
 pub mod trace;
+pub mod verify;

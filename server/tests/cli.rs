@@ -7,6 +7,8 @@ use std::{
     process::{Command, Stdio},
 };
 
+use sightline_shared::world::World;
+
 const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline-server");
 
 fn building(folder: &Path, rooms: u32) {
@@ -43,6 +45,46 @@ fn a_reader_that_has_gone_is_no_fault() {
     check(&["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]);
     check(&["inspect", "b.slw"]);
     assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
+}
+
+#[test]
+fn a_world_that_misses_somebody_fails_its_verification() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 2);
+    assert_eq!(unheard(folder, &["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]), Some(0));
+    let verify = || {
+        let arguments = ["inspect", "b.slw", "--verify", "2000", "--entries", "5", "--lines", "99"];
+        Command::new(PROGRAM)
+            .current_dir(folder)
+            .args(arguments)
+            .args(["--json", "f.json"])
+            .output()
+            .unwrap()
+    };
+    let misses = || {
+        let text = fs::read_to_string(folder.join("f.json")).unwrap();
+        let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert!(figures["over_send"].is_f64() && figures["own_misses"].is_null(), "{text}");
+        figures["misses"].as_u64().unwrap()
+    };
+    let output = verify();
+    assert_eq!((output.status.code(), misses()), (Some(0), 0));
+
+    let path = folder.join("b.slw");
+    let mut world = World::read(&path).unwrap();
+    for (cell, row) in (0..).zip(&mut world.cells.pvs) {
+        row.clear();
+        row.insert(cell);
+    }
+    world.write(&path).unwrap();
+    let output = verify();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(misses() > 0);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let expected = format!("sightline-server: b.slw: the PVS denies {} of", misses());
+    assert!(errors.lines().last().unwrap().starts_with(&expected), "{errors}");
+    assert!(String::from_utf8(output.stdout).unwrap().contains("missed, by cell: "));
 }
 
 #[cfg(unix)]

@@ -8,8 +8,11 @@ use serde::Serialize;
 use sightline_server::{
     plan::{self, Mark, Overlay},
     portrait::{self, View},
+    verify,
 };
 use sightline_shared::world::{World, content_id};
+
+use super::verification;
 
 /// Tells what is in a world, and draws its plan.
 #[derive(clap::Args)]
@@ -34,6 +37,21 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
           allow_hyphen_values = true)]
     look: Option<Vec3>,
+    /// Compare the PVS with rays: so many random pairs of points by volume, and as many by cell.
+    /// Fails when a pair in sight is missing from it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    verify: Option<u64>,
+    /// The same seed verifies the same pairs.
+    #[arg(long, default_value_t = 1, requires = "verify")]
+    seed: u64,
+    /// How many entries of the PVS to test for looseness.
+    #[arg(long, value_name = "N", default_value_t = 2_000, requires = "verify",
+          value_parser = clap::value_parser!(u32).range(..=10_000_000))]
+    entries: u32,
+    /// An entry is loose when so many random lines find nothing.
+    #[arg(long, value_name = "N", default_value_t = 100_000, requires = "verify",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    lines: u32,
     /// Write the figures to this file too.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -53,6 +71,8 @@ struct Figures {
     voxel_m: f32,
     spawns: usize,
     speed_max_m_s: f32,
+    #[serde(flatten)]
+    verified: Option<verification::Figures>,
 }
 
 /// Runs the command.
@@ -60,7 +80,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let named = || args.world.display().to_string();
     let bytes = std::fs::read(&args.world).with_context(|| format!("cannot read {}", named()))?;
     let world = World::from_bytes(&bytes).with_context(named)?;
-    let figures = Figures {
+    let mut figures = Figures {
         title: world.title.clone(),
         content_id: content_id(&bytes)?.to_string(),
         bytes: bytes.len(),
@@ -73,6 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         voxel_m: world.octree.voxel(),
         spawns: world.spawns.len(),
         speed_max_m_s: world.speed_max,
+        verified: None,
     };
     super::print(&table(&figures))?;
     if let Some(path) = &args.map {
@@ -85,7 +106,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         super::print(&format!("carving            {figures}\n"))?;
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    super::write_json(args.json.as_deref(), &figures)
+    if let Some(pairs) = args.verify {
+        let Args { entries, lines, seed, .. } = *args;
+        let options = verify::Options { pairs, entries, lines, seed };
+        let found = verification::Figures::find(&world, &options).with_context(named)?;
+        super::print(&found.table())?;
+        figures.verified = Some(found);
+    }
+    super::write_json(args.json.as_deref(), &figures)?;
+    figures.verified.as_ref().map_or(Ok(()), verification::Figures::verdict).with_context(named)
 }
 
 fn view(world: &World, args: &Args) -> anyhow::Result<View> {

@@ -6,6 +6,7 @@ pub mod inspect;
 pub mod interrupt;
 pub mod replay;
 pub mod serve;
+pub mod verification;
 
 use std::{
     io::{self, Write},
