@@ -13,12 +13,23 @@ use glam::{DVec2, DVec3};
 
 use super::{
     Plane,
-    topology::{Half, Tolerance, Topology},
+    topology::{Tolerance, Topology},
     volume::{Triangle, Volume},
 };
 
-/// A ray from the very middle would meet the edges of what is symmetrical.
-const OFF_CENTRE: DVec2 = DVec2::new(0.5137, 0.4929);
+/// From where rays are shot, as shares of a side; the first that meets anything decides. The paper
+/// shoots one, from the very middle, which would meet the edges of what is symmetrical, or nothing.
+const SHOTS: [DVec2; 9] = [
+    DVec2::new(0.5137, 0.4929),
+    DVec2::new(0.3863, 0.6271),
+    DVec2::new(0.6419, 0.6143),
+    DVec2::new(0.3761, 0.3671),
+    DVec2::new(0.6337, 0.3583),
+    DVec2::new(0.1163, 0.1071),
+    DVec2::new(0.8851, 0.0937),
+    DVec2::new(0.1239, 0.9113),
+    DVec2::new(0.9047, 0.8793),
+];
 
 /// The parts of a volume's six sides that lie inside of the solid whose surface in the volume is
 /// the cutting; with the plane of each, facing into the volume.
@@ -54,14 +65,13 @@ struct External {
     normal: DVec3,
 }
 
+/// Where two polygons share an edge it is not external, whichever way they face.
 fn external_edges(cutting: &[Triangle], tolerance: Tolerance) -> Vec<External> {
     let topology = Topology::new(cutting, tolerance);
-    let sense = |half: &Half| if half.forward { 1 } else { -1 };
     let edges = topology.halves.chunk_by(|a, b| a.key() == b.key());
     edges
         .filter_map(|halves| {
-            let net: i32 = halves.iter().map(sense).sum();
-            let half = halves.iter().find(|half| sense(half) == net.signum())?;
+            let [half] = halves else { return None };
             let [low, high] = half.ends().map(|i| topology.points[i as usize]);
             let (from, to) = if half.forward { (low, high) } else { (high, low) };
             let [a, b, c] = cutting[half.triangle as usize];
@@ -198,12 +208,15 @@ impl Side {
             }
         }
         let (low, high) = (DVec2::new(strip[0], self.min.y), DVec2::new(strip[1], self.max.y));
-        self.is_ray_inside(low + (high - low) * OFF_CENTRE, cutting)
+        SHOTS
+            .iter()
+            .find_map(|shot| self.shoot(low + (high - low) * shot, cutting))
+            .unwrap_or(false)
     }
 
     /// Whether a ray into the volume meets the cutting from behind first: then it began inside of
     /// the solid. A polygon on this side itself is met at once.
-    fn is_ray_inside(&self, from: DVec2, cutting: &[Triangle]) -> bool {
+    fn shoot(&self, from: DVec2, cutting: &[Triangle]) -> Option<bool> {
         let mut first: Option<(f64, bool)> = None;
         for triangle in cutting {
             let [a, b, c] = triangle.map(|p| flatten(p, self.axis));
@@ -222,7 +235,7 @@ impl Side {
                 first = Some((distance, is_from_behind));
             }
         }
-        first.is_some_and(|(_, is_from_behind)| is_from_behind)
+        first.map(|(_, is_from_behind)| is_from_behind)
     }
 
     fn trapezoid(
@@ -261,5 +274,67 @@ fn flatten(point: DVec3, axis: usize) -> DVec2 {
         0 => DVec2::new(point.y, point.z),
         1 => DVec2::new(point.x, point.z),
         _ => DVec2::new(point.x, point.y),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compile::carve::volume::area;
+
+    /// A square tube into a unit volume, open at its side z = 1, from 0.25 to 0.75; its walls face
+    /// outwards: it is a bar; or inwards: it is a hole.
+    fn tube(is_bar: bool) -> Vec<Triangle> {
+        let ring = [(0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75)];
+        let at = |(x, y): (f64, f64), z: f64| DVec3::new(x, y, z);
+        let mut quads = vec![ring.map(|p| at(p, 0.5))];
+        quads[0].reverse();
+        for i in 0..4 {
+            let (p, q) = (ring[i], ring[(i + 1) % 4]);
+            quads.push([at(p, 0.5), at(q, 0.5), at(q, 1.0), at(p, 1.0)]);
+        }
+        if !is_bar {
+            quads.iter_mut().for_each(|quad| quad.reverse());
+        }
+        quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect()
+    }
+
+    fn check(cutting: &[Triangle], expected: &[(DVec3, f64)]) {
+        let volume = Volume { min: DVec3::ZERO, max: DVec3::ONE, near: 8e-5 };
+        let added = compute_bin_a(&volume, cutting, Tolerance { weld: 2e-5, plane: 8e-5 });
+        let found: Vec<(DVec3, f64)> =
+            added.iter().map(|(plane, parts)| (plane.normal, area(parts))).collect();
+        assert_eq!(found.len(), expected.len(), "{found:?}");
+        for ((normal, size), (expected_normal, expected_size)) in found.iter().zip(expected) {
+            assert_eq!(normal, expected_normal);
+            assert!((size - expected_size).abs() < 1e-9, "{found:?}");
+        }
+        for (plane, parts) in &added {
+            for [a, b, c] in parts {
+                assert!(plane.height(*a).abs() < 1e-9);
+                assert!((b - a).cross(c - a).dot(plane.normal) > 0.0);
+            }
+        }
+    }
+
+    /// The polygon of the chain, or all but that polygon, by the way the chain runs.
+    #[test]
+    fn a_chain_bounds_what_is_added_or_what_is_not() {
+        check(&tube(true), &[(DVec3::NEG_Z, 0.25)]);
+        let five = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z].map(|n| (n, 1.0));
+        check(&tube(false), &[&five[..], &[(DVec3::NEG_Z, 0.75)]].concat());
+    }
+
+    /// Without an edge in the interior of a side, a ray decides.
+    #[test]
+    fn a_side_without_a_chain_is_added_whole_or_not_at_all() {
+        check(&[], &[]);
+        // A ramp, solid below, from the lower edge at x = 0 to the upper one at x = 1.
+        let at = |x: f64, z: f64| DVec3::new(x, x, z);
+        let ramp = [[at(0., 0.), at(0., 1.), at(1., 1.)], [at(0., 0.), at(1., 1.), at(1., 0.)]];
+        let ends = [(DVec3::Z, 0.5), (DVec3::NEG_Z, 0.5)];
+        check(&ramp, &[&[(DVec3::NEG_X, 1.0), (DVec3::Y, 1.0)][..], &ends].concat());
+        let turned = ramp.map(|[a, b, c]| [a, c, b]);
+        check(&turned, &[&[(DVec3::X, 1.0), (DVec3::NEG_Y, 1.0)][..], &ends].concat());
     }
 }

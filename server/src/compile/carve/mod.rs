@@ -30,11 +30,12 @@
 //!
 //! [`Carved::added`] only where [`Added::sealed`]. These polygons close the hole that a box leaves
 //! in a solid, and lie inside of what was solid. In a model whose surfaces do not close, inside and
-//! outside are a guess, and the polygon may stand in the open. Where the surface that was cut is a
-//! closed 2-manifold with its front outside, and the polygon lies within it, a line of sight
-//! between two points outside of the solid that crosses the polygon enters the solid first: it
-//! crosses the original surface and was blocked before. (Points inside of a solid wall are
-//! different: who counts them as places to be must not use what was added.)
+//! outside are a guess, and the polygon may stand in the open. It is sealed where the surface that
+//! was cut is a closed 2-manifold, and all of the polygon is inside of the model's closed surfaces,
+//! counting cavities: then a line of sight between two points outside of all solids that crosses the
+//! polygon enters the solid first, so it crosses the original surface and was blocked before.
+//! (Points inside of a solid wall are different: who counts them as places to be must not use what
+//! was added.)
 //!
 //! # What bounds the loss
 //!
@@ -46,6 +47,7 @@
 mod bin_a;
 mod classify;
 mod polygons;
+mod sealing;
 mod topology;
 mod turn;
 mod volume;
@@ -56,7 +58,7 @@ use serde::Serialize;
 pub use classify::Class;
 pub use turn::{dominant_turn, from_own_axes, to_own_axes};
 
-use classify::{Groups, Union, classes};
+use classify::{Groups, classes};
 use polygons::Polygons;
 use volume::Carver;
 
@@ -115,8 +117,7 @@ pub struct Added {
     pub triangles: Vec<[DVec3; 3]>,
     /// Which carving unit's hole it closes.
     pub unit: u32,
-    /// Whether it certainly lies inside of a solid: the surface that it closes was a closed
-    /// 2-manifold with its front outside.
+    /// Whether it certainly lies inside of a solid, and so may be an occluder.
     pub sealed: bool,
 }
 
@@ -251,38 +252,6 @@ pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &Options) -> C
         after: worst(&mut carving.kept.iter().map(|polygon| polygon.class)),
     };
     Carved { polygons: carving.kept, added: carving.added, cuttings: carving.cuttings, report }
-}
-
-/// For each polygon, whether the surface that it is of is a closed 2-manifold whose front is
-/// outside: every edge is run through once each way, and the volume is positive.
-fn sealed(polygons: &Polygons, triangles: &[[DVec3; 3]]) -> Vec<bool> {
-    let count = polygons.len();
-    let mut surfaces = Union::new(count);
-    for edge in polygons.edges() {
-        edge.windows(2).for_each(|pair| surfaces.join(pair[0].polygon, pair[1].polygon));
-    }
-    let mut is_closed = vec![true; count];
-    for edge in polygons.edges() {
-        let closes =
-            edge.len() == 2 && edge[0].sense + edge[1].sense == 0 && edge[0].sense.abs() == 1;
-        if !closes {
-            is_closed[surfaces.root(edge[0].polygon) as usize] = false;
-        }
-    }
-    let mut volume = vec![0.0; count];
-    for polygon in 0..count as u32 {
-        let root = surfaces.root(polygon);
-        for &triangle in &polygons.triangles[polygon as usize] {
-            // Far from the origin the products would cancel badly: from a point of the surface.
-            let origin = triangles[polygons.triangles[root as usize][0] as usize][0];
-            let [a, b, c] = triangles[triangle as usize].map(|p| p - origin);
-            volume[root as usize] += a.dot(b.cross(c));
-        }
-    }
-    (0..count as u32)
-        .map(|polygon| surfaces.root(polygon) as usize)
-        .map(|root| is_closed[root] && volume[root] > 0.0)
-        .collect()
 }
 
 #[cfg(test)]

@@ -240,6 +240,25 @@ fn nothing_is_sealed_in_an_open_surface() {
     assert_eq!(carve(&turned, &[], &Options::default()).report.sealed, 0);
 }
 
+/// A cavity in the block that reaches through one of the sides that are added.
+#[test]
+fn nothing_is_sealed_across_a_cavity() {
+    let mut model = passage(false);
+    let hole = cuboid(DVec3::new(1.05, 2.85, 0.5), DVec3::new(1.2, 3.2, 1.0));
+    model.extend(hole.iter().map(|&[a, b, c]| [a, c, b]));
+    let carved = carve(&model, &[], &Options::default());
+    check_sound(&model, &carved);
+    let open: Vec<DVec3> =
+        carved.added.iter().filter(|a| !a.sealed).map(|a| a.plane.normal).collect();
+    assert_eq!(open, [DVec3::NEG_Y]);
+    assert_eq!(carved.report.sealed, 3);
+    // Nor where all of it is inside of a room that was hewn from something larger.
+    let mut hewn = passage(false);
+    let room = cuboid(DVec3::splat(-5.0), DVec3::splat(9.0));
+    hewn.extend(room.iter().map(|&[a, b, c]| [a, c, b]));
+    assert_eq!(carve(&hewn, &[], &Options::default()).report.sealed, 0);
+}
+
 /// A corridor with chamfered edges: the box of all chamfers is the corridor, and carving it would
 /// leave nothing.
 #[test]

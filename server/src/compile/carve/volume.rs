@@ -1,6 +1,6 @@
 //! The carving volume, and what of the model is in it: ComputeAoutB (carving, section 4.2.1).
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use super::{
     bin_a::compute_bin_a,
     classify::{Facing, is_irregular},
     polygons::{Border, Polygons},
-    sealed,
+    sealing::Sealing,
     topology::FastMap,
 };
 
@@ -56,7 +56,12 @@ impl Volume {
     }
 
     /// A triangle's parts outside, and its part inside or on the boundary; all convex.
-    fn split(&self, triangle: &Triangle, outside: &mut Vec<Triangle>, inside: &mut Vec<Triangle>) {
+    pub fn split(
+        &self,
+        triangle: &Triangle,
+        outside: &mut Vec<Triangle>,
+        inside: &mut Vec<Triangle>,
+    ) {
         let mut left = triangle.to_vec();
         for axis in 0..3 {
             for (at, sign) in [(self.min[axis], 1.0), (self.max[axis], -1.0)] {
@@ -113,7 +118,7 @@ pub(super) struct Carver<'a> {
     triangles: &'a [Triangle],
     polygons: &'a Polygons,
     classes: &'a [Class],
-    sealed: Vec<bool>,
+    sealing: Sealing<'a>,
     /// What is left of polygons that were cut.
     left: FastMap<u32, Vec<Triangle>>,
     /// When each polygon was last looked at, by number of the attempt.
@@ -145,7 +150,7 @@ impl<'a> Carver<'a> {
             triangles,
             polygons,
             classes,
-            sealed: sealed(polygons, triangles),
+            sealing: Sealing::new(triangles, polygons),
             left: FastMap::default(),
             seen: vec![0; polygons.len()],
             attempts: 0,
@@ -160,13 +165,12 @@ impl<'a> Carver<'a> {
         let cutting: Vec<Triangle> =
             splits.iter().flat_map(|split| split.inside.iter().copied()).collect();
         let number = self.carving.units as u32;
-        let sealed = splits.iter().all(|split| self.sealed[split.polygon as usize]);
         let added = compute_bin_a(&volume, &cutting, self.polygons.tolerance);
-        self.carving.added.extend(added.into_iter().map(|(plane, triangles)| Added {
-            plane,
-            triangles,
-            unit: number,
-            sealed,
+        let cut: HashSet<u32> = splits.iter().map(|split| split.polygon).collect();
+        let is_closed = cut.iter().all(|&polygon| self.sealing.is_closed(polygon));
+        self.carving.added.extend(added.into_iter().map(|(plane, triangles)| {
+            let sealed = is_closed && self.sealing.holds(&triangles, plane.normal, &cut);
+            Added { plane, triangles, unit: number, sealed }
         }));
         self.take(splits);
         true
