@@ -39,10 +39,12 @@
 //!
 //! # What bounds the loss
 //!
-//! The box of a large cluster, say a terrain, would take all axial walls that are joined to it.
-//! Where a unit would take more than [`LOSS_MAX`] times its own area of others, its elements are
-//! the units; where one of these would, nothing but the unit's own polygons is cut. That leaves
-//! the model with a hole more than the paper's carving would, which is as safe.
+//! The box of a large cluster, say a terrain, would take all axial walls that are joined to it. A
+//! unit takes at most [`LOSS_MAX`] times its own area of polygons that are not its own, and more
+//! than [`FREE_LOSS_M2`] only where what closes the hole, and is sealed, makes up for it: so carving
+//! does not cost more occluders than it gives. Where a cluster would take more, its elements are the
+//! units; where one of these would, nothing but the unit's own polygons is cut, and nothing added.
+//! What is left is axial all the same.
 
 mod bin_a;
 mod classify;
@@ -64,6 +66,8 @@ use volume::Carver;
 
 /// A carving unit takes at most this times its own area of polygons that are not its own.
 pub const LOSS_MAX: f64 = 2.0;
+/// A carving unit may take this much of others whatever is added, in square metres.
+pub const FREE_LOSS_M2: f64 = 1.0;
 
 /// What the author chooses.
 #[derive(Clone, Copy, Debug, Default)]

@@ -135,6 +135,15 @@ fn is_closed(triangles: &[Triangle]) -> bool {
     polygons.edges().all(|edge| edge.iter().map(|border| border.sense).sum::<i32>() == 0)
 }
 
+/// Whether a point lies in a triangle, to a hundredth of a millimetre.
+fn contains(&[a, b, c]: &Triangle, point: DVec3) -> bool {
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    normal.dot(point - a).abs() < 1e-5
+        && [(a, b), (b, c), (c, a)]
+            .iter()
+            .all(|&(p, q)| normal.cross((q - p).normalize_or_zero()).dot(point - p) > -1e-5)
+}
+
 /// What must hold of every carving.
 fn check_sound(model: &[Triangle], carved: &Carved) {
     let (before, after) = (area(model), covered(&carved.polygons) + covered(&carved.cuttings));
@@ -145,6 +154,10 @@ fn check_sound(model: &[Triangle], carved: &Carved) {
         for triangle in polygon.triangles.iter().filter(|t| area(&[**t]) > 1e-6) {
             assert!(normals(triangle).dot(polygon.plane.normal) > 0.999);
         }
+    }
+    for triangle in carved.polygons.iter().flat_map(|p| &p.triangles) {
+        let centre = triangle.iter().sum::<DVec3>() / 3.0;
+        assert!(model.iter().any(|original| contains(original, centre)), "{centre} is not of it");
     }
     for added in &carved.added {
         assert!(added.triangles.iter().all(|t| normals(t).dot(added.plane.normal) > 0.999));
@@ -282,6 +295,65 @@ fn a_cluster_does_not_take_all_that_is_joined_to_it() {
         "{}",
         covered(&carved.polygons) / area(&model)
     );
+}
+
+/// A terrain of squares a metre wide, with a house on a level place in its middle whose walls rise
+/// from edges of the terrain, lower than the hills.
+fn house_on_terrain() -> (Vec<Triangle>, Vec<Triangle>) {
+    let height = |x: i32, z: i32| {
+        let away = f64::from((x - 10).abs().max((z - 10).abs()) - 3).max(0.0);
+        away * 0.8 + 0.1 * away * f64::from((x * 7 + z * 5) % 3)
+    };
+    let at = |x: i32, z: i32| DVec3::new(x.into(), height(x, z), z.into());
+    let mut terrain = Vec::new();
+    for (x, z) in (0..20).flat_map(|x| (0..20).map(move |z| (x, z))) {
+        let is_house = (8..12).contains(&x) && (8..12).contains(&z);
+        let [a, b, c, d] = [at(x, z), at(x, z + 1), at(x + 1, z + 1), at(x + 1, z)];
+        if !is_house {
+            terrain.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let house = cuboid(DVec3::new(8.0, 0.0, 8.0), DVec3::new(12.0, 3.0, 12.0));
+    let is_floor = |t: &Triangle| t.iter().all(|p| p.y == 0.0);
+    (terrain, house.into_iter().filter(|t| !is_floor(t)).collect())
+}
+
+/// The box of the terrain holds the house, and its walls hang together with the terrain.
+#[test]
+fn a_terrain_does_not_take_the_house_that_stands_on_it() {
+    let (terrain, house) = house_on_terrain();
+    let model = [&terrain[..], &house].concat();
+    let carved = carve(&model, &[], &Options::default());
+    check_sound(&model, &carved);
+    let is_wall = |p: &&Polygon| p.plane.normal.y.abs() < 0.5;
+    let left: f64 = carved.polygons.iter().filter(is_wall).map(|p| area(&p.triangles)).sum();
+    assert!((left - 48.0).abs() < 1e-9, "{left}");
+    assert!(carved.report.clusters >= 1 && carved.report.cuttings > 100);
+}
+
+/// Turned by any angle, in single precision, a building is in its own axes what it was.
+#[test]
+fn a_turned_building_is_carved_like_one_that_is_not() {
+    let glb = crate::compile::demo_building::glb(6, 3);
+    let model = crate::compile::glb::read_slice(&glb, None, "demo").unwrap();
+    let carved_at = |degrees: f64| {
+        let turned = |p: &glam::Vec3| from_own_axes(p.as_dvec3(), degrees.to_radians()).as_vec3();
+        let opaque: Vec<[glam::Vec3; 3]> =
+            model.opaque.iter().map(|corners| corners.each_ref().map(turned)).collect();
+        let turn = dominant_turn(&opaque);
+        assert!((turn - degrees.to_radians()).abs() < 1e-6, "{degrees} {turn}");
+        let own = |p: glam::Vec3| to_own_axes(p.as_dvec3(), turn);
+        let triangles: Vec<Triangle> = opaque.iter().map(|corners| corners.map(own)).collect();
+        let carved = carve(&triangles, &[], &Options::default());
+        (carved.report.clone(), covered(&carved.polygons))
+    };
+    let (straight, left) = carved_at(0.0);
+    assert!(straight.clusters > 5 && straight.axial > 1000, "{straight:?}");
+    for degrees in [30.0, 17.3, 44.9, 89.2] {
+        let (report, still_left) = carved_at(degrees);
+        assert_eq!(format!("{report:?}"), format!("{straight:?}"), "{degrees}");
+        assert!((left - still_left).abs() < 1e-3 * left, "{left} {still_left}");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::collections::{HashSet, VecDeque};
 use glam::DVec3;
 
 use super::{
-    Added, Class, LOSS_MAX, Polygon,
+    Added, Class, FREE_LOSS_M2, LOSS_MAX, Plane, Polygon,
     bin_a::compute_bin_a,
     classify::{Facing, is_irregular},
     polygons::{Border, Polygons},
@@ -161,19 +161,29 @@ impl<'a> Carver<'a> {
     /// Carves a unit; does nothing and returns false when that would cost others too much.
     pub fn carve(&mut self, unit: &[u32]) -> bool {
         let volume = Volume::of(self.polygons, unit);
-        let Some(splits) = self.splits(unit, &volume) else { return false };
-        let cutting: Vec<Triangle> =
-            splits.iter().flat_map(|split| split.inside.iter().copied()).collect();
-        let number = self.carving.units as u32;
-        let added = compute_bin_a(&volume, &cutting, self.polygons.tolerance);
-        let cut: HashSet<u32> = splits.iter().map(|split| split.polygon).collect();
-        let is_closed = cut.iter().all(|&polygon| self.sealing.is_closed(polygon));
-        self.carving.added.extend(added.into_iter().map(|(plane, triangles)| {
-            let sealed = is_closed && self.sealing.holds(&triangles, plane.normal, &cut);
-            Added { plane, triangles, unit: number, sealed }
-        }));
+        let Some((splits, lost)) = self.splits(unit, &volume) else { return false };
+        let added = self.added(&volume, &splits);
+        let gained: f64 = added.iter().filter(|a| a.sealed).map(|a| area(&a.triangles)).sum();
+        if lost > FREE_LOSS_M2.max(gained) {
+            return false;
+        }
+        self.carving.added.extend(added);
         self.take(splits);
         true
+    }
+
+    fn added(&self, volume: &Volume, splits: &[Split]) -> Vec<Added> {
+        let unit = self.carving.units as u32;
+        let cutting: Vec<Triangle> =
+            splits.iter().flat_map(|split| split.inside.iter().copied()).collect();
+        let cut: HashSet<u32> = splits.iter().map(|split| split.polygon).collect();
+        let is_closed = cut.iter().all(|&polygon| self.sealing.is_closed(polygon));
+        let added = compute_bin_a(volume, &cutting, self.polygons.tolerance).into_iter();
+        let seal = |(plane, triangles): (Plane, Vec<Triangle>)| {
+            let sealed = is_closed && self.sealing.holds(&triangles, plane.normal, &cut);
+            Added { plane, triangles, unit, sealed }
+        };
+        added.map(seal).collect()
     }
 
     /// Cuts off what is in the unit's volume of its own polygons, and nothing else.
@@ -185,8 +195,8 @@ impl<'a> Carver<'a> {
     }
 
     /// What the volume contains of the polygons that hang together with the unit inside of it
-    /// (Fig. 8); none when too much of it is not the unit's.
-    fn splits(&mut self, unit: &[u32], volume: &Volume) -> Option<Vec<Split>> {
+    /// (Fig. 8), and how much of it is not the unit's, in square metres; none when that is too much.
+    fn splits(&mut self, unit: &[u32], volume: &Volume) -> Option<(Vec<Split>, f64)> {
         self.attempts += 1;
         let mut pool: VecDeque<u32> = unit.iter().copied().collect();
         for &polygon in unit {
@@ -219,7 +229,7 @@ impl<'a> Carver<'a> {
             }
             splits.push(split);
         }
-        Some(splits)
+        Some((splits, lost))
     }
 
     fn pool_neighbours(&mut self, border: &Border, pool: &mut VecDeque<u32>) {
