@@ -4,7 +4,11 @@ use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
 use sightline_server::{
-    compile::{self, CompileError, Report, model},
+    compile::{
+        self, CompileError, Report,
+        carve::{self, Units},
+        model,
+    },
     progress::Progress,
 };
 use sightline_shared::world::write_whole;
@@ -22,6 +26,9 @@ pub struct Args {
     /// The edge of a voxel, in metres; by default chosen by the building's size.
     #[arg(long, value_name = "METRES", value_parser = voxel_size)]
     voxel: Option<f32>,
+    /// What is carved at a time: clusters of non-axial polygons, or elements, which are smaller.
+    #[arg(long, value_name = "UNITS", default_value = "clusters", value_parser = carving_units)]
+    carving_units: Units,
     /// An archive with the textures of a Quake III map; may be given several times.
     #[arg(long, value_name = "FILE.pk3")]
     pk3: Vec<PathBuf>,
@@ -37,6 +44,14 @@ fn voxel_size(text: &str) -> Result<f32, String> {
     }
 }
 
+fn carving_units(text: &str) -> Result<Units, String> {
+    match text {
+        "clusters" => Ok(Units::Clusters),
+        "elements" => Ok(Units::Elements),
+        _ => Err("clusters or elements".into()),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
@@ -44,7 +59,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     for warning in &model.warnings {
         super::note(&format!("warning: {warning}"));
     }
-    let options = compile::Options { voxel: args.voxel };
+    let options = compile::Options {
+        voxel: args.voxel,
+        carving: carve::Options { units: args.carving_units },
+    };
     let progress = Progress::new();
     let outcome = compile::compile(&model, &options, &|stage, share| {
         progress.show(stage.name(), share);
@@ -76,16 +94,9 @@ fn table(report: &Report) -> String {
     row("opaque triangles", report.opaque.to_string());
     row("occluders", report.occluders.to_string());
     row("turned by", format!("{:.2} degrees", report.turn.to_degrees()));
-    let carving = &report.carving;
-    row("polygons", carving.polygons.to_string());
-    row("  axial", carving.axial.to_string());
-    row("  semi-axial", carving.semi_axial.to_string());
-    row("  non-axial", carving.non_axial.to_string());
-    row("elements", carving.elements.to_string());
-    row("clusters", carving.clusters.to_string());
-    row("cuttings", carving.cuttings.to_string());
-    row("polygons removed", carving.removed.to_string());
-    row("polygons added", format!("{} ({} sealed)", carving.added, carving.sealed));
+    for (name, value) in super::carving_rows(&report.carving) {
+        row(name, value);
+    }
     row("cells", report.cells.to_string());
     row("portals", report.portals.to_string());
     row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));

@@ -102,8 +102,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.carved {
         let (picture, carved) = portrait::draw(&world.mesh, &view(&world, args)?);
-        let figures = serde_json::to_string(&carved.report)?;
-        super::print(&format!("carving            {figures}\n"))?;
+        let rows = super::carving_rows(&carved.report);
+        let rows = rows.map(|(name, value)| format!("{name:<18} {value}\n"));
+        super::print(&rows.concat())?;
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(pairs) = args.verify {

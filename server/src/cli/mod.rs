@@ -15,6 +15,7 @@ use std::{
 
 use anyhow::Context;
 use serde::Serialize;
+use sightline_server::compile::carve::CarveReport;
 
 /// Writes to stdout. When nobody reads it any more, that is no fault: the work is done.
 ///
@@ -40,6 +41,23 @@ pub fn write_json(path: Option<&Path>, figures: &impl Serialize) -> anyhow::Resu
     let Some(path) = path else { return Ok(()) };
     let text = serde_json::to_string_pretty(figures)?;
     std::fs::write(path, text + "\n").with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// What carving did, for a table.
+pub fn carving_rows(report: &CarveReport) -> [(&'static str, String); 9] {
+    let sealed =
+        if report.added > 0 { format!(" ({} sealed)", report.sealed) } else { String::new() };
+    [
+        ("polygons", report.polygons.to_string()),
+        ("  axial", report.axial.to_string()),
+        ("  semi-axial", report.semi_axial.to_string()),
+        ("  non-axial", report.non_axial.to_string()),
+        ("elements", report.elements.to_string()),
+        ("clusters", report.clusters.to_string()),
+        ("cuttings", report.cuttings.to_string()),
+        ("polygons removed", report.removed.to_string()),
+        ("polygons added", format!("{}{sealed}", report.added)),
+    ]
 }
 
 /// Three numbers with commas between them, in metres.

@@ -67,6 +67,8 @@ impl Stage {
 pub struct Options {
     /// The edge of a voxel, in metres; chosen by the building's size when absent.
     pub voxel: Option<f32>,
+    /// How models are carved.
+    pub carving: carve::Options,
 }
 
 /// Why a model makes no world.
@@ -140,7 +142,7 @@ pub fn compile(
     let carving = watch.time(Stage::Carving, || {
         let own = |corner: Vec3| carve::to_own_axes(corner.as_dvec3(), turn);
         let triangles: Vec<_> = model.opaque.iter().map(|corners| corners.map(own)).collect();
-        carve::carve(&triangles, &[], &carve::Options::default()).report
+        carve::carve(&triangles, &[], &options.carving).report
     });
     listener.tell(Stage::Cells, 0.0)?;
     let planes = occluders::axial_planes(&model.opaque);
@@ -319,7 +321,7 @@ mod tests {
 
     #[test]
     fn a_house_compiles_and_what_is_outside_does_not_see_inside() {
-        let options = Options { voxel: Some(0.25) };
+        let options = Options { voxel: Some(0.25), ..Options::default() };
         let (world, report) =
             compile(&house(), &options, &|_, _| ControlFlow::Continue(())).unwrap();
         let (inside, outside) = (Vec3::new(1.0, 1.5, 1.0), Vec3::new(-1.0, 1.5, 1.0));
@@ -333,8 +335,10 @@ mod tests {
     #[test]
     fn a_place_to_stand_is_found_inside() {
         let (world, _) =
-            compile(&house(), &Options { voxel: Some(0.25) }, &|_, _| ControlFlow::Continue(()))
-                .unwrap();
+            compile(&house(), &Options { voxel: Some(0.25), ..Options::default() }, &|_, _| {
+                ControlFlow::Continue(())
+            })
+            .unwrap();
         let eye = world.spawns[0].eye;
         assert!(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)).contains(eye), "{eye}");
         assert!((1.6..1.7).contains(&eye.y) || (2.4..2.5).contains(&eye.y), "{eye}");
@@ -342,7 +346,7 @@ mod tests {
 
     #[test]
     fn a_break_at_any_stage_ends_the_compilation() {
-        let options = Options { voxel: Some(0.25) };
+        let options = Options { voxel: Some(0.25), ..Options::default() };
         for broken in [Stage::Cells, Stage::Pvs, Stage::Voxels] {
             // At once, and in the middle of the work.
             for from in [0.0, 0.3] {

@@ -164,13 +164,26 @@ fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec
         let [a, b] = segment(*key);
         a.distance(b)
     };
+    let axis_of = |key: u64| {
+        let along = {
+            let [from, to] = segment(key);
+            (to - from).abs()
+        };
+        (0..3).find(|&axis| (0..3).all(|other| other == axis || along[other] <= near))
+    };
     // With cells as wide as an edge is long on average, edges run through few of them.
-    let mean = keys.iter().map(length).sum::<f64>() / keys.len().max(1) as f64;
+    let slanted = || keys.iter().filter(|key| axis_of(**key).is_none());
+    let mean = slanted().map(length).sum::<f64>() / slanted().count().max(1) as f64;
     let grid = Grid::new(points, mean.max(near * 64.0), near);
+    let lines = [0, 1, 2].map(|axis| Lines::new(points, axis, near));
     keys.par_iter()
         .filter_map(|&key| {
             let [from, to] = segment(key);
-            let on_it = grid.on_segment(points, from, to, near);
+            let candidates = match axis_of(key) {
+                Some(axis) => lines[axis].beside(from, to),
+                None => grid.beside(from, to),
+            };
+            let on_it = on_segment(points, candidates, from, to, near);
             (!on_it.is_empty()).then_some((key, on_it))
         })
         .collect::<Vec<_>>()
@@ -205,27 +218,85 @@ impl Grid {
         Self { cell, first, entries }
     }
 
-    /// The points on a segment between its ends, in the order in which they lie.
-    fn on_segment(&self, points: &[DVec3], from: DVec3, to: DVec3, near: f64) -> Vec<u32> {
-        let along = to - from;
-        let length = along.length();
-        let direction = along / length;
-        let mut found: Vec<(f64, u32)> = Vec::new();
+    /// The points in the cells that a segment runs through.
+    fn beside(&self, from: DVec3, to: DVec3) -> Vec<u32> {
+        let mut found = Vec::new();
         walk(from / self.cell, to / self.cell, |cell| {
             let Some(&first) = self.first.get(&cell) else { return };
-            for &(_, i) in self.entries[first as usize..].iter().take_while(|(c, _)| *c == cell) {
-                let offset = points[i as usize] - from;
-                let t = direction.dot(offset);
-                let aside = offset - direction * t;
-                if t > near && t < length - near && aside.length_squared() <= near * near {
-                    found.push((t, i));
-                }
-            }
+            let here = self.entries[first as usize..].iter().take_while(|(c, _)| *c == cell);
+            found.extend(here.map(|(_, i)| i));
         });
-        found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        found.dedup();
-        found.into_iter().map(|(_, i)| i).collect()
+        found
     }
+}
+
+/// Points by the line along an axis that they are on, and in order along it. Most edges of a
+/// building are axial, and many are long: this finds what is on them without what is near them.
+struct Lines {
+    axis: usize,
+    cell: f64,
+    /// The two other coordinates in cells, the coordinate along the axis, and the point.
+    entries: Vec<([i64; 2], f64, u32)>,
+}
+
+impl Lines {
+    fn new(points: &[DVec3], axis: usize, near: f64) -> Self {
+        let mut lines = Self { axis, cell: near * 64.0, entries: Vec::new() };
+        let margin = near * 4.0;
+        lines.entries = points
+            .par_iter()
+            .enumerate()
+            .flat_map_iter(|(i, &point)| {
+                let ([u, v], [p, q]) =
+                    (lines.cell_of(point - margin), lines.cell_of(point + margin));
+                let cells = (u..=p).flat_map(move |u| (v..=q).map(move |v| [u, v]));
+                cells.map(move |cell| (cell, point[axis], i as u32))
+            })
+            .collect();
+        lines.entries.par_sort_unstable_by(|a, b| {
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2))
+        });
+        lines
+    }
+
+    /// The offset keeps coordinates that are round numbers off the sides of cells.
+    fn cell_of(&self, point: DVec3) -> [i64; 2] {
+        let (u, v) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
+        [point[u], point[v]].map(|at| (at / self.cell + 0.37).floor() as i64)
+    }
+
+    /// The points between the ends of an axial segment that are nearly on it.
+    fn beside(&self, from: DVec3, to: DVec3) -> Vec<u32> {
+        let cell = self.cell_of((from + to) * 0.5);
+        let (low, high) = (from[self.axis].min(to[self.axis]), from[self.axis].max(to[self.axis]));
+        let first = self.entries.partition_point(|(c, at, _)| (*c, *at) < (cell, low));
+        let on_it = self.entries[first..].iter();
+        on_it.take_while(|(c, at, _)| *c == cell && *at <= high).map(|(.., i)| *i).collect()
+    }
+}
+
+/// Which of some points are on a segment between its ends, in the order in which they lie.
+fn on_segment(
+    points: &[DVec3],
+    candidates: Vec<u32>,
+    from: DVec3,
+    to: DVec3,
+    near: f64,
+) -> Vec<u32> {
+    let length = from.distance(to);
+    let direction = (to - from) / length;
+    let place = |i: u32| {
+        let offset = points[i as usize] - from;
+        let along = direction.dot(offset);
+        let aside = offset - direction * along;
+        let is_on_it =
+            along > near && along < length - near && aside.length_squared() <= near * near;
+        is_on_it.then_some((along, i))
+    };
+    let mut found: Vec<(f64, u32)> = candidates.into_iter().filter_map(place).collect();
+    found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    found.dedup();
+    found.into_iter().map(|(_, i)| i).collect()
 }
 
 /// Calls `visit` for every unit cell on the way between two points.
@@ -279,5 +350,48 @@ impl Hasher for FastHasher {
         let product = u128::from(self.0 ^ value ^ 0x9e37_79b9_7f4a_7c15)
             * u128::from(0xd6e8_feb8_6659_fd93_u64);
         self.0 = (product >> 64) as u64 ^ product as u64;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        /// The points on every edge are those that a search through all points finds, edges being
+        /// axial or slanted, coordinates a little off, and cells of any size.
+        #[test]
+        fn edges_are_split_where_a_point_is_on_them(
+            corners in prop::collection::vec((-3..4i8, -3..4i8, -3..4i8, 0u8..8), 3..40),
+            scale in 0.01..40.0f64,
+        ) {
+            let near = WELD_M;
+            let triangles: Vec<[DVec3; 3]> = corners
+                .iter()
+                .map(|&(x, y, z, off)| {
+                    let stray = |bit: u8| if off & bit == 0 { 0.0 } else { near * 0.4 };
+                    let at = DVec3::new(x.into(), y.into(), z.into()) * scale;
+                    at + DVec3::new(stray(1), stray(2), stray(4))
+                })
+                .collect::<Vec<_>>()
+                .as_chunks()
+                .0
+                .to_vec();
+            let (points, corners) = weld(triangles.as_flattened(), near);
+            let corners: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
+            let found = splits(&points, &corners, near);
+            let all: Vec<u32> = (0..points.len() as u32).collect();
+            for [a, b, c] in corners {
+                for (a, b) in [(a, b), (b, c), (c, a)].into_iter().filter(|(a, b)| a != b) {
+                    let (low, high) = (a.min(b), a.max(b));
+                    let [from, to] = [low, high].map(|i| points[i as usize]);
+                    let expected = on_segment(&points, all.clone(), from, to, near);
+                    let found = found.get(&edge_key(low, high)).cloned().unwrap_or_default();
+                    prop_assert_eq!(found, expected);
+                }
+            }
+        }
     }
 }
