@@ -152,6 +152,9 @@ fn cells_between(low: I64Vec3, high: I64Vec3) -> impl Iterator<Item = I64Vec3> {
     })
 }
 
+/// Axial edges that run through more cells than this are searched for along their line.
+const LONG: f64 = 4.0;
+
 /// For each edge on which other points lie: these points, from its lower end to its higher.
 fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec<u32>> {
     let ends = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]];
@@ -160,28 +163,24 @@ fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec
     keys.par_sort_unstable();
     keys.dedup();
     let segment = |key: u64| [(key >> 32) as u32, key as u32].map(|i| points[i as usize]);
-    let length = |key: &u64| -> f64 {
-        let [a, b] = segment(*key);
-        a.distance(b)
-    };
     let axis_of = |key: u64| {
-        let along = {
-            let [from, to] = segment(key);
-            (to - from).abs()
-        };
+        let [from, to] = segment(key);
+        let along = (to - from).abs();
         (0..3).find(|&axis| (0..3).all(|other| other == axis || along[other] <= near))
     };
-    // With cells as wide as an edge is long on average, edges run through few of them.
-    let slanted = || keys.iter().filter(|key| axis_of(**key).is_none());
-    let mean = slanted().map(length).sum::<f64>() / slanted().count().max(1) as f64;
-    let grid = Grid::new(points, mean.max(near * 64.0), near);
+    let edge = |&key: &u64| {
+        let [from, to] = segment(key);
+        (from.distance(to), axis_of(key).is_some())
+    };
+    let cell = cell_for(keys.par_iter().map(edge).collect(), near);
+    let grid = Grid::new(points, cell, near);
     let lines = [0, 1, 2].map(|axis| Lines::new(points, axis, near));
     keys.par_iter()
         .filter_map(|&key| {
             let [from, to] = segment(key);
             let candidates = match axis_of(key) {
-                Some(axis) => lines[axis].beside(from, to),
-                None => grid.beside(from, to),
+                Some(axis) if from.distance(to) > cell * LONG => lines[axis].beside(from, to),
+                _ => grid.beside(from, to),
             };
             let on_it = on_segment(points, candidates, from, to, near);
             (!on_it.is_empty()).then_some((key, on_it))
@@ -189,6 +188,20 @@ fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec
         .collect::<Vec<_>>()
         .into_iter()
         .collect()
+}
+
+/// As wide as most edges are long, so that these run through few cells; and so wide that slanted
+/// edges, which must go through the cells however long they are, run through few on average. Edges
+/// come with their length and whether they are axial.
+fn cell_for(mut edges: Vec<(f64, bool)>, near: f64) -> f64 {
+    let slanted = || edges.iter().filter(|(_, is_axial)| !is_axial).map(|(length, _)| length);
+    let slanted_mean = slanted().sum::<f64>() / slanted().count().max(1) as f64;
+    let middle = edges.len() / 2;
+    let median = match edges.get(middle) {
+        Some(_) => edges.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0)).1.0,
+        None => 0.0,
+    };
+    median.max(slanted_mean / 8.0).max(near * 64.0)
 }
 
 /// Points by cell; one near a side is in both cells.
