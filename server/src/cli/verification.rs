@@ -93,6 +93,9 @@ fn put_pairs(table: &mut String, how: &str, pairs: &Pairs) {
     };
     let alone = |what: String| [what, String::new()];
     put(table, how, alone(format!("{} pairs", pairs.pairs)));
+    if pairs.closed > 0 {
+        put(table, "  and closed off", alone(pairs.closed.to_string()));
+    }
     put(table, "  P(sight)", alone(share(pairs.sight)));
     put(table, "  P(PVS)", both(&|tally| share(tally.pvs)));
     let over_send = |tally: &Tally| match pairs.over_send(tally) {

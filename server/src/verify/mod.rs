@@ -8,7 +8,9 @@
 //! measured on the same points, beside ours.
 //!
 //! What is empty, and what is in sight, is decided by the original alone ([`original`]), never by
-//! the cells: a point that lies in no cell sees nothing, and so makes misses.
+//! the cells. A point may lie in no cell: inside a wall, or where nobody who began at a spawn point
+//! can look. Two such points see each other and nobody minds; but when somebody in a cell sees one,
+//! it is not closed off, and that is a miss.
 
 mod brushes;
 mod entries;

@@ -23,6 +23,8 @@ const MISSES_SHOWN: usize = 5;
 pub struct Pairs {
     /// How many.
     pub pairs: u64,
+    /// Further pairs that do not count, since a point of them is in no cell and they are not in sight.
+    pub closed: u64,
     /// Pairs in sight.
     pub sight: u64,
     /// Pairs that rays took to be in sight and a PVS denied, but that are blocked without rounding.
@@ -53,6 +55,7 @@ impl Pairs {
     /// Sums; of `later` only those misses are kept that there is room for.
     fn and(mut self, later: Self) -> Self {
         self.pairs += later.pairs;
+        self.closed += later.closed;
         self.sight += later.sight;
         self.grazing += later.grazing;
         self.ours = self.ours.and(later.ours);
@@ -118,6 +121,11 @@ impl Survey<'_> {
 
     fn pair(&self, from: &Spot, to: &Spot, found: &mut Pairs) {
         let ours = Verdict::of(self.ours, from, to);
+        let outside = ours.places.iter().filter(|place| place.is_none()).count();
+        if outside == 2 {
+            found.closed += 1;
+            return;
+        }
         let own = self.own.map(|own| Verdict::of(own, from, to));
         let (from, to) = (from.point, to.point);
         let mut sight = self.original.in_sight(from, to);
@@ -125,6 +133,10 @@ impl Survey<'_> {
         if sight && is_denied && !self.original.confirms(from, to) {
             found.grazing += 1;
             sight = false;
+        }
+        if outside == 1 && !sight {
+            found.closed += 1;
+            return;
         }
         found.pairs += 1;
         found.sight += u64::from(sight);
