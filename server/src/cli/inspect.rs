@@ -4,6 +4,7 @@ use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
 use glam::Vec3;
+use roaring::RoaringBitmap;
 use serde::Serialize;
 use sightline_server::{
     plan::{self, Mark, Overlay},
@@ -19,9 +20,12 @@ use super::verification;
 pub struct Args {
     /// The world.
     world: PathBuf,
-    /// Draw the storeys from above, with the portals.
+    /// Draw the storeys from above, with cells, portals and spawn points.
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
+    /// On the map, draw beside each storey how much of the building each cell may see.
+    #[arg(long, requires = "map")]
+    density: bool,
     /// On the map, keep bright only what may be visible from this point.
     #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "map",
           allow_hyphen_values = true)]
@@ -97,7 +101,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     super::print(&table(&figures))?;
     if let Some(path) = &args.map {
-        let picture = plan::draw(&world, &overlay(&world, args.pvs_from));
+        let picture = plan::draw(&world, &overlay(&world, args));
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(path) = &args.carved {
@@ -126,12 +130,25 @@ fn view(world: &World, args: &Args) -> anyhow::Result<View> {
     Ok(View { eye, look })
 }
 
-fn overlay(world: &World, pvs_from: Option<Vec3>) -> Overlay {
+fn overlay(world: &World, args: &Args) -> Overlay {
     let mark = |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled };
     let mut marks: Vec<_> = world.spawns.iter().map(|spawn| mark(spawn.eye, false)).collect();
-    marks.extend(pvs_from.map(|eye| mark(eye, true)));
-    let visible = pvs_from.map(|eye| world.cells.pvs[world.cells.at(eye).0 as usize].clone());
-    Overlay { marks, visible, portals: true }
+    let mut legend = vec![("spawn point", mark(Vec3::ZERO, false))];
+    if let Some(eye) = args.pvs_from {
+        marks.push(mark(eye, true));
+        legend.push(("eye; what it cannot see is grey", mark(eye, true)));
+    }
+    Overlay {
+        marks,
+        visible: args.pvs_from.map(|eye| visible_from(world, eye)),
+        cells: true,
+        density: args.density,
+        legend: Some(legend),
+    }
+}
+
+fn visible_from(world: &World, eye: Vec3) -> RoaringBitmap {
+    world.cells.pvs[world.cells.at(eye).0 as usize].clone()
 }
 
 fn table(figures: &Figures) -> String {

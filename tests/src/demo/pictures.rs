@@ -173,6 +173,6 @@ impl Moment {
         });
         let cell = world.cells.at(self.pose.eye);
         let visible = Some(world.cells.pvs[cell.0 as usize].clone());
-        plan::draw(world, &Overlay { marks, visible, portals: false })
+        plan::draw(world, &Overlay { marks, visible, ..Overlay::default() })
     }
 }

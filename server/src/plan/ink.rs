@@ -1,0 +1,92 @@
+//! Marks on a picture: points, lines, letters.
+
+use font8x8::UnicodeFonts;
+use glam::Vec2;
+use image::{Rgb, RgbImage};
+
+/// What is drawn on, and with.
+pub(crate) const PAPER: [u8; 3] = [250, 250, 247];
+pub(crate) const INK: [u8; 3] = [40, 42, 48];
+
+/// Colours a pixel, if it is in the picture.
+pub(super) fn put(picture: &mut RgbImage, x: i32, y: i32, colour: [u8; 3]) {
+    let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
+    if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
+        *pixel = Rgb(colour);
+    }
+}
+
+pub(super) fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
+    let steps = (to - from).abs().max_element().ceil().max(1.0) as i32;
+    for step in 0..=steps {
+        let at = from.lerp(to, step as f32 / steps as f32);
+        put(picture, at.x as i32, at.y as i32, colour);
+    }
+}
+
+/// A ring, filled with a colour or not.
+pub(super) fn ring(
+    picture: &mut RgbImage,
+    centre: Vec2,
+    radius: f32,
+    colour: [u8; 3],
+    fill: Option<[u8; 3]>,
+) {
+    let reach = radius.ceil() as i32 + 1;
+    for dy in -reach..=reach {
+        for dx in -reach..=reach {
+            let away = Vec2::new(dx as f32, dy as f32).length();
+            let colour = if away <= radius - 1.5 { fill } else { Some(colour) };
+            if let Some(colour) = colour.filter(|_| away <= radius) {
+                put(picture, centre.x as i32 + dx, centre.y as i32 + dy, colour);
+            }
+        }
+    }
+}
+
+/// Writes a line of letters eight pixels high.
+pub(crate) fn write(picture: &mut RgbImage, left: i32, top: i32, text: &str, colour: [u8; 3]) {
+    write_sized(picture, [left, top], 1, text, colour);
+}
+
+/// Writes a line of letters eight times `scale` pixels high.
+pub(super) fn write_sized(
+    picture: &mut RgbImage,
+    [left, top]: [i32; 2],
+    scale: i32,
+    text: &str,
+    colour: [u8; 3],
+) {
+    for (i, character) in (0..).zip(text.chars()) {
+        let Some(glyph) = font8x8::BASIC_FONTS.get(character) else { continue };
+        for (y, row) in (0..8 * scale).map(|y| (y, glyph[(y / scale) as usize])) {
+            for x in (0..8 * scale).filter(|x| row & (1 << (x / scale)) != 0) {
+                put(picture, left + i * 8 * scale + x, top + y, colour);
+            }
+        }
+    }
+}
+
+/// A colour between two: the first at 0, the second at 1.
+pub(super) fn mixed(first: [u8; 3], second: [u8; 3], share: f32) -> [u8; 3] {
+    std::array::from_fn(|i| {
+        let (a, b) = (f32::from(first[i]), f32::from(second[i]));
+        (a + (b - a) * share.clamp(0.0, 1.0)).round() as u8
+    })
+}
+
+/// From pale yellow over green to dark blue, as a share goes from 0 to 1; darker all the way, so
+/// that it can be read without colours too.
+pub(super) fn heat(share: f32) -> [u8; 3] {
+    const STOPS: [[u8; 3]; 6] = [
+        [247, 247, 178],
+        [199, 233, 180],
+        [127, 205, 187],
+        [65, 182, 196],
+        [34, 94, 168],
+        [20, 42, 110],
+    ];
+    let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
+    let below = (at as usize).min(STOPS.len() - 2);
+    mixed(STOPS[below], STOPS[below + 1], at - below as f32)
+}
