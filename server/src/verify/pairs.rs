@@ -167,3 +167,82 @@ impl Verdict {
         Self { places, sees }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use sightline_shared::{
+        geometry::Aabb,
+        motion::Body,
+        octree::Octree,
+        world::{Cells, Mesh, World},
+    };
+
+    use super::*;
+
+    /// One place to the right of the origin, and none to the left.
+    struct Right;
+
+    impl Subject for Right {
+        fn places(&self) -> u32 {
+            1
+        }
+
+        fn place(&self, spot: &Spot) -> Option<u32> {
+            (spot.point.x > 0.0).then_some(0)
+        }
+
+        fn sees(&self, _: u32, _: u32) -> bool {
+            true
+        }
+
+        fn draw(&self, _: u32, _: &mut SmallRng) -> Option<Vec3> {
+            None
+        }
+
+        fn entry(&self, _: &mut SmallRng) -> Option<[u32; 2]> {
+            None
+        }
+    }
+
+    /// A world with a wall at the origin, or without.
+    fn world(has_wall: bool) -> World {
+        let bounds = Aabb::around(Vec3::ZERO, 4.0);
+        let corners = [(-9.0, -9.0), (9.0, -9.0), (0.0, 20.0)];
+        let triangles = if has_wall { vec![[0, 1, 2]] } else { Vec::new() };
+        World {
+            title: String::new(),
+            octree: Octree { origin: Vec3::ZERO, edge: 1.0, depth: 1, nodes: Vec::new() },
+            cells: Cells {
+                bounds,
+                tree: Vec::new(),
+                cells: Vec::new(),
+                portals: Vec::new(),
+                pvs: Vec::new(),
+            },
+            mesh: Mesh { positions: corners.map(|(y, z)| Vec3::new(0.0, y, z)).into(), triangles },
+            spawns: Vec::new(),
+            body: Body::PERSON,
+            speed_max: 1.0,
+            origin: None,
+        }
+    }
+
+    /// What is in no cell may see its like, as the inside of a wall does, but nobody may see it.
+    #[test]
+    fn points_without_a_cell_do_not_count_unless_they_are_seen() {
+        let check = |has_wall: bool, misses: bool| {
+            let world = world(has_wall);
+            let original = Original::new(&world);
+            let options = Options { seed: 1, ..Options::new(1_000) };
+            let survey = Survey { original: &original, ours: &Right, own: None, options: &options };
+            let found = survey.run(0, &|rng| original.draw(rng), &|_| ());
+            assert_eq!(found.pairs + found.closed, 1_000);
+            assert_eq!(found.ours.misses > 0, misses, "{found:?}");
+            assert_eq!(found.pairs - found.ours.misses, found.ours.pvs, "{found:?}");
+            assert!(found.closed > 100, "{found:?}");
+        };
+        check(true, false);
+        check(false, true);
+    }
+}
