@@ -72,6 +72,14 @@ impl Aabb {
         self.max - self.min
     }
 
+    /// The eight corners.
+    pub fn corners(&self) -> [Vec3; 8] {
+        std::array::from_fn(|i| {
+            let pick = |axis: usize| [self.min[axis], self.max[axis]][i >> axis & 1];
+            Vec3::new(pick(0), pick(1), pick(2))
+        })
+    }
+
     /// The middle.
     pub fn centre(&self) -> Vec3 {
         (self.min + self.max) * 0.5

@@ -104,7 +104,7 @@ mod tests {
         geometry::Aabb,
         motion::Body,
         octree::Octree,
-        world::{Cell as WorldCell, CellId, Cells, KdNode, Mesh, Spawn},
+        world::{Cells, Mesh, Spawn},
     };
 
     use super::*;
@@ -115,13 +115,7 @@ mod tests {
         World {
             title: "one cell".to_owned(),
             octree: Octree { origin: Vec3::ZERO, edge: 4.0, depth: 4, nodes: Vec::new() },
-            cells: Cells {
-                bounds,
-                tree: vec![KdNode::Leaf(CellId(0))],
-                cells: vec![WorldCell { bounds, portals: Vec::new() }],
-                portals: Vec::new(),
-                pvs: vec![[0].into_iter().collect()],
-            },
+            cells: Cells::whole(bounds),
             mesh: Mesh::default(),
             spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],
             body: Body::PERSON,

@@ -1,9 +1,8 @@
 use glam::UVec3;
 use proptest::prelude::*;
-use roaring::RoaringBitmap;
 use sightline_shared::{
     octree::{Node, Voxel, morton},
-    world::{Cell, CellId, Cells, KdNode, Mesh},
+    world::{Cells, Mesh},
 };
 
 use super::*;
@@ -30,13 +29,7 @@ pub(crate) fn world(boxes: &[([u32; 3], [u32; 3], u8)]) -> World {
     World {
         title: String::new(),
         octree,
-        cells: Cells {
-            bounds,
-            tree: vec![KdNode::Leaf(CellId(0))],
-            cells: vec![Cell { bounds, portals: Vec::new() }],
-            portals: Vec::new(),
-            pvs: vec![RoaringBitmap::from_iter([0])],
-        },
+        cells: Cells::whole(bounds),
         mesh: Mesh::default(),
         spawns: vec![SPAWN],
         body: Body::PERSON,

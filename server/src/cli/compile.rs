@@ -92,11 +92,12 @@ fn table(report: &Report) -> String {
     };
     row("triangles", report.triangles.to_string());
     row("opaque triangles", report.opaque.to_string());
-    row("occluders", report.occluders.to_string());
     row("turned by", format!("{:.2} degrees", report.turn.to_degrees()));
     for (name, value) in super::carving_rows(&report.carving) {
         row(name, value);
     }
+    row("spaces", report.spaces.to_string());
+    row("gates", report.gates.to_string());
     row("cells", report.cells.to_string());
     row("portals", report.portals.to_string());
     row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));

@@ -4,7 +4,6 @@ use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
 use glam::Vec3;
-use roaring::RoaringBitmap;
 use serde::Serialize;
 use sightline_server::{
     plan::{self, Mark, Overlay},
@@ -140,15 +139,11 @@ fn overlay(world: &World, args: &Args) -> Overlay {
     }
     Overlay {
         marks,
-        visible: args.pvs_from.map(|eye| visible_from(world, eye)),
+        visible: args.pvs_from.map(|eye| world.cells.visible_from_point(eye)),
         cells: true,
         density: args.density,
         legend: Some(legend),
     }
-}
-
-fn visible_from(world: &World, eye: Vec3) -> RoaringBitmap {
-    world.cells.pvs[world.cells.at(eye).0 as usize].clone()
 }
 
 fn table(figures: &Figures) -> String {

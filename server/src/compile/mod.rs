@@ -18,11 +18,11 @@ use model::Model;
 use serde::Serialize;
 use sightline_shared::{
     geometry::Aabb,
-    world::{Cells, Mesh, Spawn, World},
+    world::{Axes, Cell, Cells, Mesh, Spawn, World},
 };
 
 use crate::sight::Sight;
-use subdivide::Grain;
+use subdivide::{Grain, Occluders};
 
 pub mod bsp;
 pub mod carve;
@@ -102,12 +102,14 @@ pub struct Report {
     pub triangles: usize,
     /// Opaque triangles, all of which the oracle traces.
     pub opaque: usize,
-    /// Opaque triangles on axial planes, along which cells are split.
-    pub occluders: usize,
     /// The angle about the vertical by which most walls are turned, in radians.
     pub turn: f64,
     /// What carving did, in axes turned by that angle.
     pub carving: carve::CarveReport,
+    /// Convex parts of the building between occluders.
+    pub spaces: usize,
+    /// Where they join.
+    pub gates: usize,
     /// Cells.
     pub cells: usize,
     /// Portals.
@@ -138,24 +140,28 @@ pub fn compile(
 
     let space = Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN);
     listener.tell(Stage::Carving, 0.0)?;
-    let turn = carve::dominant_turn(&model.opaque);
-    let carving = watch.time(Stage::Carving, || {
-        let own = |corner: Vec3| carve::to_own_axes(corner.as_dvec3(), turn);
-        let triangles: Vec<_> = model.opaque.iter().map(|corners| corners.map(own)).collect();
-        carve::carve(&triangles, &[], &options.carving).report
+    let has_solids = !model.solids.is_empty();
+    // Solids are split along as they are, in the axes in which they were built.
+    let turn = if has_solids { 0.0 } else { carve::dominant_turn(&model.opaque) };
+    let axes = Axes::turned(turn);
+    let carved = watch.time(Stage::Carving, || {
+        let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
+        let surfaces = if has_solids { &[] } else { model.opaque.as_slice() };
+        let triangles: Vec<_> = surfaces.iter().map(|corners| corners.map(own)).collect();
+        carve::carve(&triangles, &[], &options.carving)
     });
     listener.tell(Stage::Cells, 0.0)?;
-    let planes = occluders::axial_planes(&model.opaque);
-    let (spaces, mut cells) = watch.time(Stage::Cells, || {
-        let split = |grain| subdivide::subdivide(&space, &planes, grain);
-        (split(Grain::Occluders), split(Grain::Places))
+    let eyes: Vec<Vec3> = model.spawns.iter().map(|spawn| axes.own(spawn.eye)).collect();
+    let mut cells = watch.time(Stage::Cells, || {
+        let planes = occluders::planes(&opaque(&carved));
+        let occluders = Occluders { planes: &planes, solids: &model.solids, eyes: &eyes };
+        subdivide::subdivide(&axes.own_box(&space), axes, &occluders, &Grain::default())
     });
-    cells.pvs = watch.time(Stage::Pvs, || {
-        pvs::potentially_visible(&spaces, &cells, &|share| {
-            // A break is acted upon once this stage is over.
-            let _ = listener.hear(Stage::Pvs, share);
+    cells.pvs = watch
+        .time(Stage::Pvs, || {
+            pvs::potentially_visible(&cells, &|share| listener.hear(Stage::Pvs, share))
         })
-    });
+        .ok_or(CompileError::Cancelled)?;
     listener.tell(Stage::Voxels, 0.0)?;
     let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
     let octree = watch.time(Stage::Voxels, || {
@@ -167,9 +173,10 @@ pub fn compile(
     let report = Report {
         triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
         opaque: model.opaque.len(),
-        occluders: planes.iter().map(|p| p.triangles.len()).sum(),
         turn,
-        carving,
+        carving: carved.report,
+        spaces: cells.spaces.len(),
+        gates: cells.gates.len(),
         cells: cells.cells.len(),
         portals: cells.portals.len(),
         pvs_density: cells.density(),
@@ -194,6 +201,22 @@ pub fn compile(
         origin: model.origin.clone(),
     };
     Ok((world, report))
+}
+
+/// What carving left that hides, and whether it is to be split along last: level surfaces that are
+/// turned leave no portals when everything upright is split along before them.
+pub fn opaque(carved: &carve::Carved) -> Vec<occluders::Opaque> {
+    let kept = carved.polygons.iter().flat_map(|polygon| {
+        let is_last = polygon.class == carve::Class::SemiAxial && polygon.plane.axis() == Some(1);
+        polygon.triangles.iter().map(move |&corners| occluders::Opaque { corners, is_last })
+    });
+    let sealed = carved.added.iter().filter(|added| added.sealed);
+    let added = sealed.flat_map(|added| &added.triangles);
+    // Parts of the model that lie in axial planes hide where they are, whatever their edges are.
+    let flat = carved.cuttings.iter().filter(|cutting| cutting.plane.axis().is_some());
+    let flat = flat.flat_map(|cutting| &cutting.triangles);
+    let opaque = |&corners| occluders::Opaque { corners, is_last: false };
+    kept.chain(added.chain(flat).map(opaque)).collect()
 }
 
 /// Passes progress on, and remembers a break.
@@ -258,7 +281,8 @@ fn find_spawn(model: &Model, cells: &Cells, mesh: &Mesh) -> Spawn {
         let roofed = sight.distance(at, Vec3::Y).is_some();
         Some((roofed, at - Vec3::Y * (floor - model.body.below_eye - 0.05)))
     };
-    let mut by_size: Vec<_> = cells.cells.iter().map(|cell| cell.bounds).collect();
+    let world = |cell: &Cell| cells.axes.world_box(&cell.bounds);
+    let mut by_size: Vec<_> = cells.cells.iter().map(world).collect();
     by_size.sort_by(|a, b| b.size().element_product().total_cmp(&a.size().element_product()));
     // A little off the centre, where the diagonals of floors and roofs tend to meet.
     let places: Vec<_> = by_size
@@ -269,7 +293,7 @@ fn find_spawn(model: &Model, cells: &Cells, mesh: &Mesh) -> Spawn {
         .iter()
         .find(|(roofed, _)| *roofed)
         .or(places.first())
-        .map_or(cells.bounds.centre(), |(_, eye)| *eye);
+        .map_or(cells.axes.world(cells.bounds.centre()), |(_, eye)| *eye);
     Spawn { eye, yaw: 0.0 }
 }
 
@@ -325,7 +349,8 @@ mod tests {
         let (world, report) =
             compile(&house(), &options, &|_, _| ControlFlow::Continue(())).unwrap();
         let (inside, outside) = (Vec3::new(1.0, 1.5, 1.0), Vec3::new(-1.0, 1.5, 1.0));
-        assert!(!world.cells.sees(world.cells.at(inside), world.cells.at(outside)));
+        let [inside, outside] = [inside, outside].map(|eye| world.cells.at(eye).unwrap());
+        assert!(!world.cells.sees(inside, outside));
         assert_eq!(world.mesh.positions.len(), 16);
         assert_eq!(report.triangles, 24);
         assert!(report.voxels > 1_000, "{}", report.voxels);

@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use sightline_shared::{
     geometry::Aabb,
     motion::Body,
@@ -34,9 +34,9 @@ pub struct Model {
     /// What blocks sight: opaque triangles, in no order. Every one is kept for the oracle; which
     /// of them make cells is the compiler's choice.
     pub opaque: Vec<[Vec3; 3]>,
-    /// Boxes that are opaque all through, their faces among `opaque`; empty when the source knows
-    /// of surfaces only.
-    pub solids: Vec<Aabb>,
+    /// What is opaque all through, its faces among `opaque`; empty when the source knows of
+    /// surfaces only.
+    pub solids: Vec<Convex>,
     /// Where avatars can begin; the compiler finds a place when there is none.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.
@@ -58,6 +58,36 @@ impl Model {
         let bounds = Aabb::from_points(drawn.chain(self.opaque.as_flattened().iter().copied()));
         (!bounds.is_empty()).then_some(bounds)
     }
+}
+
+/// A convex solid: what lies behind all of its faces.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Convex {
+    /// In no order.
+    pub faces: Vec<ConvexFace>,
+}
+
+impl Convex {
+    /// The smallest box around it.
+    pub fn bounds(&self) -> Aabb {
+        Aabb::from_points(self.faces.iter().flat_map(|face| face.corners.iter().copied()))
+    }
+
+    /// Whether a point is inside, or outside by no more than `tolerance`, in metres.
+    pub fn contains(&self, point: DVec3, tolerance: f64) -> bool {
+        self.faces.iter().all(|face| face.normal.dot(point) <= face.distance + tolerance)
+    }
+}
+
+/// A side of a convex solid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConvexFace {
+    /// Outwards, of unit length.
+    pub normal: DVec3,
+    /// From the origin to its plane along the normal, in metres.
+    pub distance: f64,
+    /// A convex polygon, in metres.
+    pub corners: Vec<Vec3>,
 }
 
 /// Triangles that share a material.

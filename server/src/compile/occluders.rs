@@ -5,15 +5,26 @@
 
 use std::collections::HashMap;
 
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3};
+
+use super::subdivide::region::Cut;
 
 /// Corners that differ by no more than this along an axis, in metres, lie in one axial plane, and
 /// so do planes that are no farther apart. It takes up what a node's rotation by a quarter turn
 /// leaves in single precision.
-pub const PLANE_TOLERANCE: f32 = 1e-4;
+pub const PLANE_TOLERANCE: f64 = 3e-5;
 
 /// Buckets of the index over a plane are this wide, in metres.
 const BUCKET: f64 = 4.0;
+
+/// An opaque triangle, in a building's own axes.
+#[derive(Clone, Copy, Debug)]
+pub struct Opaque {
+    /// In metres.
+    pub corners: [DVec3; 3],
+    /// Whether to split along it only when nothing else is left to split along.
+    pub is_last: bool,
+}
 
 /// A triangle in the coordinates of its plane: those of the two other axes, in ascending order.
 pub type Triangle2 = [DVec2; 3];
@@ -56,27 +67,28 @@ impl Rect {
     }
 }
 
-/// The opaque part of one axial plane.
+/// The opaque part of one plane: axial, or vertical at any angle.
 #[derive(Debug)]
 pub struct OccluderPlane {
-    /// Which axis it is perpendicular to: 0, 1 or 2.
-    pub axis: usize,
-    /// Where, in metres.
-    pub at: f32,
+    /// Where it is.
+    pub cut: Cut,
     /// What is opaque, overlaps included. Corners run anticlockwise.
     pub triangles: Vec<Triangle2>,
+    /// For each triangle, [`Opaque::is_last`].
+    pub is_last: Vec<bool>,
     buckets: HashMap<(i64, i64), Vec<u32>>,
 }
 
 impl OccluderPlane {
-    fn new(axis: usize, at: f32, triangles: Vec<Triangle2>) -> Self {
+    fn new(cut: Cut, opaque: impl Iterator<Item = (Triangle2, bool)>) -> Self {
+        let (triangles, is_last): (Vec<_>, _) = opaque.unzip();
         let mut buckets: HashMap<_, Vec<u32>> = HashMap::new();
         for (index, triangle) in triangles.iter().enumerate() {
             for bucket in buckets_of(&Rect::around(triangle)) {
                 buckets.entry(bucket).or_default().push(index as u32);
             }
         }
-        Self { axis, at, triangles, buckets }
+        Self { cut, triangles, is_last, buckets }
     }
 
     /// The triangles whose surroundings overlap a rectangle, each once, in order.
@@ -102,21 +114,51 @@ fn buckets_of(rect: &Rect) -> impl Iterator<Item = (i64, i64)> + use<> {
     (low.x..=high.x).flat_map(move |x| (low.y..=high.y).map(move |y| (x, y)))
 }
 
-/// Every axial plane with something opaque on it; by axis, then ascending.
-pub fn axial_planes(opaque: &[[Vec3; 3]]) -> Vec<OccluderPlane> {
-    (0..3).flat_map(|axis| planes_along(axis, opaque)).collect()
+/// Every plane with something opaque on it, out of triangles in a building's own axes: the axial
+/// ones by axis, then ascending; then those that are vertical at other angles.
+///
+/// Corners that lie next to an axial plane are moved onto it first, by [`PLANE_TOLERANCE`] at
+/// most, so that walls that meet in the model but for rounding leave no gap.
+pub fn planes(opaque: &[Opaque]) -> Vec<OccluderPlane> {
+    let levels = [0, 1, 2].map(|axis| {
+        let planes = planes_along(axis, opaque);
+        planes.iter().map(|plane| -plane.cut.height(DVec3::ZERO)).collect::<Vec<f64>>()
+    });
+    let snapped = |mut corner: DVec3| {
+        for (axis, levels) in levels.iter().enumerate() {
+            let above = levels.partition_point(|&level| level < corner[axis]);
+            let near = levels[above.saturating_sub(1)..].iter().take(2);
+            let away = |level: &&f64| (**level - corner[axis]).abs();
+            if let Some(&level) = near.min_by(|a, b| away(a).total_cmp(&away(b)))
+                && (level - corner[axis]).abs() <= PLANE_TOLERANCE
+            {
+                corner[axis] = level;
+            }
+        }
+        corner
+    };
+    let snapped =
+        |&Opaque { corners, is_last }: &Opaque| Opaque { corners: corners.map(snapped), is_last };
+    let opaque: Vec<Opaque> = opaque.iter().map(snapped).collect();
+    let opaque = &opaque;
+    let mut planes: Vec<_> = (0..3).flat_map(|axis| planes_along(axis, opaque)).collect();
+    planes.extend(slanted(opaque));
+    planes
 }
 
-fn planes_along(axis: usize, opaque: &[[Vec3; 3]]) -> Vec<OccluderPlane> {
-    let mut axial: Vec<(f32, Triangle2)> = opaque
+/// Whether three coordinates are the same but for rounding.
+fn agree(along: [f64; 3]) -> bool {
+    let low = along.into_iter().fold(f64::INFINITY, f64::min);
+    along.into_iter().all(|c| c - low <= PLANE_TOLERANCE)
+}
+
+fn planes_along(axis: usize, opaque: &[Opaque]) -> Vec<OccluderPlane> {
+    let mut axial: Vec<(f64, (Triangle2, bool))> = opaque
         .iter()
-        .filter_map(|corners| {
-            let along = corners.map(|c| c[axis]);
-            let (low, high) = along
-                .iter()
-                .fold((along[0], along[0]), |(low, high), &c| (low.min(c), high.max(c)));
-            let triangle = anticlockwise(corners.map(|c| in_plane(c, axis)))?;
-            (high - low <= PLANE_TOLERANCE).then_some((low, triangle))
+        .filter(|opaque| agree(opaque.corners.map(|c| c[axis])))
+        .filter_map(|Opaque { corners, is_last }| {
+            let low = corners.iter().fold(f64::INFINITY, |low, c| low.min(c[axis]));
+            Some((low, (anticlockwise(corners.map(|c| in_plane(c, axis)))?, *is_last)))
         })
         .collect();
     // A stable sort: the order of equal planes stays that of the model.
@@ -125,14 +167,62 @@ fn planes_along(axis: usize, opaque: &[[Vec3; 3]]) -> Vec<OccluderPlane> {
         .chunk_by(|a, b| b.0 - a.0 <= PLANE_TOLERANCE)
         .flat_map(|near| split_wide(near))
         .map(|near| {
-            let triangles = near.iter().map(|&(_, triangle)| triangle).collect();
-            OccluderPlane::new(axis, near[0].0, triangles)
+            let triangles = near.iter().map(|&(_, triangle)| triangle);
+            OccluderPlane::new(Cut::Axial { axis, at: near[0].0 as f32 }, triangles)
         })
         .collect()
 }
 
+/// The vertical planes that are not axial, in the order of the model.
+fn slanted(opaque: &[Opaque]) -> Vec<OccluderPlane> {
+    /// Planes are sought among those alike in steps of a metre and of a hundredth of a radian.
+    const STEP: [f64; 2] = [1.0, 0.01];
+    let mut found: Vec<(Cut, Vec<(Triangle2, bool)>)> = Vec::new();
+    let mut alike: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
+    for Opaque { corners, is_last } in opaque {
+        let Some(cut) = vertical(corners) else { continue };
+        let normal = cut.normal();
+        let key = [-cut.height(DVec3::ZERO), normal.x.atan2(normal.z)];
+        let key = [0, 1].map(|i| (key[i] / STEP[i]).floor() as i64);
+        let near = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [key[0] + i, key[1] + j]));
+        let fits = |&&index: &&usize| {
+            let (other, _): &(Cut, _) = &found[index];
+            corners.iter().all(|&corner| other.height(corner).abs() <= PLANE_TOLERANCE)
+        };
+        let known = near.filter_map(|key| alike.get(&key)).flatten().find(fits).copied();
+        let index = known.unwrap_or_else(|| {
+            alike.entry(key).or_default().push(found.len());
+            found.push((cut, Vec::new()));
+            found.len() - 1
+        });
+        let (cut, triangles) = &mut found[index];
+        let triangle = anticlockwise(corners.map(|corner| cut.flat(corner)));
+        triangles.extend(triangle.map(|triangle| (triangle, *is_last)));
+    }
+    found
+        .into_iter()
+        .map(|(cut, triangles)| OccluderPlane::new(cut, triangles.into_iter()))
+        .collect()
+}
+
+/// The vertical plane of a triangle; none when that is axial, or the triangle has no area.
+fn vertical(corners: &[DVec3; 3]) -> Option<Cut> {
+    let [a, b, c] = *corners;
+    if (0..3).any(|axis| agree(corners.map(|corner| corner[axis]))) {
+        return None;
+    }
+    // The longest edge gives the direction with the least error.
+    let edges = [b - a, c - b, a - c].map(|edge| DVec2::new(edge.x, edge.z));
+    let along = edges.into_iter().max_by(|a, b| a.length().total_cmp(&b.length()))?;
+    let across = DVec3::new(-along.y, 0.0, along.x).try_normalize()?;
+    let across = if across.x < 0.0 { -across } else { across };
+    let distance = across.dot((a + b + c) / 3.0);
+    let cut = Cut::Plane { normal: across, distance };
+    corners.iter().all(|&corner| cut.height(corner).abs() <= PLANE_TOLERANCE).then_some(cut)
+}
+
 /// A chain of planes, each within the tolerance of the next, may be wider than the tolerance.
-fn split_wide(mut near: &[(f32, Triangle2)]) -> Vec<&[(f32, Triangle2)]> {
+fn split_wide<T>(mut near: &[(f64, T)]) -> Vec<&[(f64, T)]> {
     let mut parts = Vec::new();
     while let Some(first) = near.first() {
         let end = near.partition_point(|(at, _)| at - first.0 <= PLANE_TOLERANCE);
@@ -144,9 +234,37 @@ fn split_wide(mut near: &[(f32, Triangle2)]) -> Vec<&[(f32, Triangle2)]> {
 }
 
 /// The two other coordinates of a point, in ascending order of axis.
-pub fn in_plane(point: Vec3, axis: usize) -> DVec2 {
+pub fn in_plane(point: DVec3, axis: usize) -> DVec2 {
     let (u, v) = other_axes(axis);
-    DVec2::new(f64::from(point[u]), f64::from(point[v]))
+    DVec2::new(point[u], point[v])
+}
+
+impl Cut {
+    /// A point of an axial or vertical plane in the plane's coordinates: the two other axes, or
+    /// along the horizontal and up.
+    pub fn flat(&self, point: DVec3) -> DVec2 {
+        match *self {
+            Self::Axial { axis, .. } => in_plane(point, axis),
+            Self::Plane { normal, .. } => {
+                DVec2::new(normal.z * point.x - normal.x * point.z, point.y)
+            }
+        }
+    }
+
+    /// The other way round.
+    pub fn upright(&self, point: DVec2) -> DVec3 {
+        match *self {
+            Self::Axial { axis, at } => {
+                let (u, v) = other_axes(axis);
+                let mut place = DVec3::splat(f64::from(at));
+                (place[u], place[v]) = (point.x, point.y);
+                place
+            }
+            Self::Plane { normal: n, distance } => {
+                DVec3::new(n.z * point.x, point.y, -n.x * point.x) + n * distance
+            }
+        }
+    }
 }
 
 /// The axes that span the planes perpendicular to one, in ascending order.
@@ -393,13 +511,16 @@ mod tests {
 
     #[test]
     fn planes_within_the_tolerance_are_one_and_others_are_not() {
-        let flat = |y: f32, tilt: f32| {
-            [Vec3::new(0.0, y, 0.0), Vec3::new(1.0, y + tilt, 0.0), Vec3::new(0.0, y, 1.0)]
+        let flat = |y: f64, tilt: f64| {
+            let corners =
+                [DVec3::new(0.0, y, 0.0), DVec3::new(1.0, y + tilt, 0.0), DVec3::new(0.0, y, 1.0)];
+            Opaque { corners, is_last: false }
         };
-        let planes = axial_planes(&[flat(1.0, 0.0), flat(1.00005, 0.0), flat(1.0, 0.00005)]);
-        assert_eq!(planes.len(), 1);
-        assert_eq!((planes[0].axis, planes[0].at, planes[0].triangles.len()), (1, 1.0, 3));
-        assert_eq!(axial_planes(&[flat(1.0, 0.0), flat(1.001, 0.0), flat(1.0, 0.001)]).len(), 2);
+        let near = planes(&[flat(1.0, 0.0), flat(1.00002, 0.0), flat(1.0, 0.00002)]);
+        assert_eq!(near.len(), 1);
+        assert_eq!(near[0].cut, Cut::Axial { axis: 1, at: 1.0 });
+        assert_eq!(near[0].triangles.len(), 3);
+        assert_eq!(planes(&[flat(1.0, 0.0), flat(1.001, 0.0), flat(1.0, 0.001)]).len(), 2);
     }
 
     proptest! {

@@ -5,7 +5,7 @@ use roaring::RoaringBitmap;
 use sightline_shared::{
     geometry::Aabb,
     motion::Body,
-    world::{CellId, Cells},
+    world::{CellId, Cells, Polygon},
 };
 
 /// A reported eye can be so far on the other side of a boundary by rounding, in metres.
@@ -15,7 +15,8 @@ const ROUNDING_M: f32 = 0.004;
 /// comes from elsewhere is rounded. Walls are thicker, so that what is inside them is not in sight.
 const POKE_M: f32 = 0.06;
 
-/// The parts of cells that an eye can get to: those it comes to through portals within a ball.
+/// The parts of cells, in own axes, that an eye can get to: those it comes to through portals within
+/// a ball.
 ///
 /// What makes cells is opaque and solid, so whoever gets from one cell into another without
 /// leaving the ball goes through portals that the ball meets. Bodies stick out of the cells that
@@ -30,10 +31,14 @@ pub(super) struct Reach {
 impl Reach {
     /// Where an eye that was at a place can be when it has come no further than `way_m`.
     pub(super) fn new(cells: &Cells, from: Vec3, way_m: f32) -> Self {
+        let from = cells.axes.own(from);
         let ball = Aabb::around(from, way_m).intersection(&cells.bounds);
         let piece = |cell: CellId| cells.cells[cell.0 as usize].bounds.intersection(&ball);
         let mut open = Vec::new();
         cells.overlapping(&Aabb::around(from, ROUNDING_M.min(way_m)), &mut open);
+        if open.is_empty() {
+            open.extend(cells.near_own(from));
+        }
         let mut pieces: Vec<_> = open.iter().map(|cell| (*cell, piece(*cell))).collect();
         while let Some(cell) = open.pop() {
             for portal in &cells.cells[cell.0 as usize].portals {
@@ -41,7 +46,7 @@ impl Reach {
                 let [lesser, greater] = portal.cells;
                 let beyond = if lesser == cell { greater } else { lesser };
                 if let Err(place) = pieces.binary_search_by_key(&beyond, |(cell, _)| *cell)
-                    && is_within(&portal.bounds, from, way_m)
+                    && is_within(&portal.polygon.bounds(), from, way_m)
                 {
                     pieces.insert(place, (beyond, piece(beyond)));
                     open.push(beyond);
@@ -58,6 +63,7 @@ impl Reach {
 
     /// The cells that some part of the body can be in, ascending.
     pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> Vec<CellId> {
+        let body = &cells.axes.own_body(body);
         let mut found = Vec::new();
         for (cell, piece) in &self.pieces {
             cells.overlapping(&filled(cells, *cell, &body.around_box(piece)), &mut found);
@@ -69,6 +75,7 @@ impl Reach {
 
     /// Whether some part of the body can be in one of some cells.
     pub(super) fn body_meets(&self, cells: &Cells, body: &Body, some: &RoaringBitmap) -> bool {
+        let body = &cells.axes.own_body(body);
         let mut found = Vec::new();
         self.pieces.iter().any(|(cell, piece)| {
             found.clear();
@@ -84,11 +91,19 @@ fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
     let cell = &cells.cells[cell.0 as usize];
     let (mut low_open, mut high_open) = ([false; 3], [false; 3]);
     for portal in &cell.portals {
-        let portal = &cells.portals[*portal as usize];
-        if portal.bounds.intersects(bodies) {
-            let axis = usize::from(portal.axis);
-            let is_low = portal.bounds.min[axis] <= cell.bounds.min[axis];
-            if is_low { low_open[axis] = true } else { high_open[axis] = true }
+        let polygon = &cells.portals[*portal as usize].polygon;
+        let bounds = polygon.bounds();
+        if !bounds.intersects(bodies) {
+            continue;
+        }
+        match *polygon {
+            Polygon::Rectangle { axis, .. } => {
+                let axis = usize::from(axis);
+                let is_low = bounds.min[axis] <= cell.bounds.min[axis];
+                if is_low { low_open[axis] = true } else { high_open[axis] = true }
+            }
+            // It may be part of any side.
+            Polygon::Other { .. } => (low_open, high_open) = ([true; 3], [true; 3]),
         }
     }
     let mut filled = *bodies;
@@ -136,7 +151,10 @@ mod tests {
         assert_eq!(check(&world, 2.0), (vec![1, 2], vec![1, 2]));
         assert_eq!(check(&world, 12.1), (vec![0, 1, 2, 3], vec![0, 1, 2, 3]));
         // A wall between the rooms 1 and 2: no way, but elbows stick into it.
-        world.cells.portals[1].bounds.max.z = 1.0;
+        let Polygon::Rectangle { bounds, .. } = &mut world.cells.portals[1].polygon else {
+            unreachable!("rooms in a row join in rectangles")
+        };
+        bounds.max.z = 1.0;
         assert_eq!(check(&world, 2.0), (vec![1], vec![1, 2]));
         assert_eq!(check(&world, 9.0), (vec![0, 1, 2], vec![0, 1, 2]));
     }

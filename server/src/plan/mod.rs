@@ -132,14 +132,13 @@ fn cell_at(world: &World, point: Vec3) -> Option<CellId> {
         origin.tree.as_ref()?.leafs.get(leaf as usize)
     });
     let is_void = leaf.is_some_and(|leaf| leaf.cluster.is_none());
-    if is_void { None } else { Some(world.cells.at(point)) }
+    if is_void { None } else { world.cells.at(point) }
 }
 
 /// The line in which a level cut meets a portal.
-fn across(_world: &World, portal: &Portal, height: f32) -> Option<[Vec3; 2]> {
-    let b = portal.bounds;
-    let is_cut = portal.axis != 1 && b.min.y <= height && height <= b.max.y;
-    is_cut.then_some([b.min, b.max])
+fn across(world: &World, portal: &Portal, height: f32) -> Option<[Vec3; 2]> {
+    let ends = portal.polygon.across(height)?;
+    Some(ends.map(|end| world.cells.axes.world(end)))
 }
 
 /// What all storeys share.

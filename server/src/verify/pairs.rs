@@ -213,13 +213,7 @@ mod tests {
         World {
             title: String::new(),
             octree: Octree { origin: Vec3::ZERO, edge: 1.0, depth: 1, nodes: Vec::new() },
-            cells: Cells {
-                bounds,
-                tree: Vec::new(),
-                cells: Vec::new(),
-                portals: Vec::new(),
-                pvs: Vec::new(),
-            },
+            cells: Cells::whole(bounds),
             mesh: Mesh { positions: corners.map(|(y, z)| Vec3::new(0.0, y, z)).into(), triangles },
             spawns: Vec::new(),
             body: Body::PERSON,

@@ -62,7 +62,7 @@ impl<'a> Ours<'a> {
     }
 
     fn cell_at(&self, point: Vec3) -> Option<u32> {
-        Some(self.cells.at(point).0)
+        self.cells.at(point).map(|cell| cell.0)
     }
 }
 
@@ -85,6 +85,7 @@ impl Subject for Ours<'_> {
 
     fn draw(&self, place: u32, rng: &mut SmallRng) -> Option<Vec3> {
         let point = point_in(&self.cells.cells[place as usize].bounds, rng);
+        let point = self.cells.axes.world(point);
         (self.cell_at(point) == Some(place)).then_some(point)
     }
 

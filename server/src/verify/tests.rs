@@ -6,7 +6,7 @@ use sightline_shared::{
     geometry::Aabb,
     motion::Body,
     octree::Octree,
-    world::{Cell, CellId, Cells, KdNode, Mesh, Spawn},
+    world::{Cell, CellId, Cells, Mesh, Node, Spawn},
 };
 
 use super::*;
@@ -43,13 +43,13 @@ fn cells(bounds: Aabb, row: &[Aabb]) -> Cells {
     for (i, room) in row.iter().enumerate() {
         let next = tree.len() as u32;
         if i + 1 < row.len() {
-            tree.push(KdNode::Split { axis: 0, at: room.max.x, sides: [next + 1, next + 2] });
+            tree.push(Node::Axial { axis: 0, at: room.max.x, sides: [next + 1, next + 2] });
         }
-        tree.push(KdNode::Leaf(CellId(i as u32)));
+        tree.push(Node::Leaf(CellId(i as u32)));
     }
-    let cell = |&bounds: &Aabb| Cell { bounds, portals: Vec::new() };
+    let cell = |&bounds: &Aabb| Cell { bounds, space: 0, portals: Vec::new() };
     let cells = row.iter().map(cell).collect();
-    Cells { bounds, tree, cells, portals: Vec::new(), pvs: Vec::new() }
+    Cells { tree, cells, ..Cells::whole(bounds) }
 }
 
 fn with_pvs(mut world: World, rows: &[&[u32]]) -> World {

@@ -15,11 +15,13 @@
 
 use std::{fs, io, io::Read, path::Path};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use roaring::RoaringBitmap;
 use serde::{Deserialize, Serialize};
 
-use super::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World, origin};
+use super::{
+    Axes, Cell, CellId, Cells, Gate, Mesh, Node, Polygon, Portal, Space, Spawn, World, origin,
+};
 use crate::{
     geometry::Aabb,
     motion::Body,
@@ -31,7 +33,7 @@ const VERSION: u32 = 2;
 const HEADER_BYTES: usize = 48;
 /// Unpacked, no world is larger: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
-/// The k-d tree is walked by recursion, so its depth has a limit.
+/// The tree is walked by recursion, so its depth has a limit.
 const TREE_DEPTH_MAX: u16 = 512;
 const TITLE_CHARS_MAX: usize = 200;
 const ZSTD_LEVEL: i32 = 6;
@@ -243,69 +245,169 @@ fn read_meta(input: &mut Input) -> Result<Meta, ReadError> {
 
 fn cells_bytes(cells: &Cells) -> Vec<u8> {
     let mut out = Vec::new();
+    put_f64(&mut out, cells.axes.turn());
     put_aabb(&mut out, &cells.bounds);
+    put_u32(&mut out, cells.spaces.len() as u32);
+    for space in &cells.spaces {
+        put_u32(&mut out, space.cells.len() as u32);
+        put_aabb(&mut out, &space.bounds);
+    }
     put_u32(&mut out, cells.cells.len() as u32);
     for cell in &cells.cells {
         put_aabb(&mut out, &cell.bounds);
     }
-    put_u32(&mut out, cells.tree.len() as u32);
-    for node in &cells.tree {
-        // Thirteen bytes each, leaves padded, so that a count can be checked at once.
-        let (tag, at, [a, b]) = match *node {
-            KdNode::Split { axis, at, sides } => (axis, at, sides),
-            KdNode::Leaf(cell) => (3, 0.0, [cell.0, 0]),
-        };
-        out.push(tag);
-        put_f32(&mut out, at);
-        put_u32(&mut out, a);
-        put_u32(&mut out, b);
-    }
+    put_tree(&mut out, &cells.tree);
     put_u32(&mut out, cells.portals.len() as u32);
     for portal in &cells.portals {
-        out.push(portal.axis);
         portal.cells.iter().for_each(|cell| put_u32(&mut out, cell.0));
-        put_aabb(&mut out, &portal.bounds);
+        put_polygon(&mut out, &portal.polygon);
+    }
+    put_u32(&mut out, cells.gates.len() as u32);
+    for gate in &cells.gates {
+        gate.spaces.iter().for_each(|&space| put_u32(&mut out, space));
+        put_polygon(&mut out, &gate.polygon);
     }
     out
 }
 
-fn read_cells(input: &mut Input) -> Result<Cells, ReadError> {
-    let bounds = input.aabb()?;
-    let count = input.count(24)?;
-    let mut cells = (0..count)
-        .map(|_| Ok(Cell { bounds: input.aabb()?, portals: Vec::new() }))
-        .collect::<Result<Vec<_>, ReadError>>()?;
-    let tree = read_tree(input, cells.len())?;
-    let count = input.count(33)?;
-    let mut portals = Vec::with_capacity(count);
-    for index in 0..count {
-        let portal = read_portal(input, cells.len())?;
-        for cell in portal.cells {
-            cells[cell.0 as usize].portals.push(index as u32);
-        }
-        portals.push(portal);
+/// Thirteen bytes for each node, padded, so that a count can be checked at once; then the planes
+/// that are not axial, in the order of their nodes.
+fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
+    put_u32(out, tree.len() as u32);
+    let mut planes = Vec::new();
+    for node in tree {
+        let (tag, at, [a, b]) = match *node {
+            Node::Axial { axis, at, sides } => (axis, at, sides),
+            Node::Leaf(cell) => (NODE_LEAF, 0.0, [cell.0, 0]),
+            Node::Solid => (NODE_SOLID, 0.0, [0, 0]),
+            Node::Plane { normal, distance, sides } => {
+                normal.to_array().into_iter().for_each(|c| put_f64(&mut planes, c));
+                put_f64(&mut planes, distance);
+                (NODE_PLANE, 0.0, sides)
+            }
+        };
+        out.push(tag);
+        put_f32(out, at);
+        put_u32(out, a);
+        put_u32(out, b);
     }
-    Ok(Cells { bounds, tree, cells, portals, pvs: Vec::new() })
+    out.append(&mut planes);
 }
 
-fn read_portal(input: &mut Input, cells: usize) -> Result<Portal, ReadError> {
-    let axis = input.u8()?;
-    let ids = [CellId(input.u32()?), CellId(input.u32()?)];
-    let bounds = input.aabb()?;
-    if axis > 2 || ids[0] == ids[1] || ids.iter().any(|cell| cell.0 as usize >= cells) {
-        return Err(ReadError::Malformed("a portal"));
+/// Tags of nodes; those below are axes.
+const NODE_LEAF: u8 = 3;
+const NODE_SOLID: u8 = 4;
+const NODE_PLANE: u8 = 5;
+/// Tag of a polygon that is no axial rectangle.
+const POLYGON_OTHER: u8 = 3;
+
+fn put_polygon(out: &mut Vec<u8>, polygon: &Polygon) {
+    match polygon {
+        Polygon::Rectangle { axis, bounds } => {
+            out.push(*axis);
+            put_aabb(out, bounds);
+        }
+        Polygon::Other { normal, corners } => {
+            out.push(POLYGON_OTHER);
+            normal.to_array().into_iter().for_each(|c| put_f64(out, c));
+            put_u32(out, corners.len() as u32);
+            corners.iter().for_each(|&corner| put_vec3(out, corner));
+        }
     }
-    Ok(Portal { cells: ids, axis, bounds })
 }
+
+fn read_cells(input: &mut Input) -> Result<Cells, ReadError> {
+    let turn = input.f64()?;
+    if turn.abs() > std::f64::consts::TAU {
+        return Err(ReadError::Malformed("the axes"));
+    }
+    let bounds = input.aabb()?;
+    let (mut spaces, mut cells) = read_spaces_and_cells(input)?;
+    let tree = read_tree(input, cells.len())?;
+    let portals = read_joins(input, cells.len(), |portal, [a, b]| {
+        cells[a as usize].portals.push(portal);
+        cells[b as usize].portals.push(portal);
+    })?;
+    let gates = read_joins(input, spaces.len(), |gate, [a, b]| {
+        spaces[a as usize].gates.push(gate);
+        spaces[b as usize].gates.push(gate);
+    })?;
+    let portals = portals
+        .into_iter()
+        .map(|(cells, polygon)| Portal { cells: cells.map(CellId), polygon })
+        .collect();
+    let gates = gates.into_iter().map(|(spaces, polygon)| Gate { spaces, polygon }).collect();
+    let axes = Axes::turned(turn);
+    Ok(Cells { axes, bounds, tree, cells, portals, spaces, gates, pvs: Vec::new() })
+}
+
+fn read_spaces_and_cells(input: &mut Input) -> Result<(Vec<Space>, Vec<Cell>), ReadError> {
+    let bad = || ReadError::Malformed("the spaces");
+    let count = input.count(28)?;
+    let mut spaces = Vec::with_capacity(count);
+    let mut end = 0u32;
+    for _ in 0..count {
+        let (start, length) = (end, input.u32()?);
+        end = start.checked_add(length).filter(|_| length > 0).ok_or_else(bad)?;
+        spaces.push(Space { bounds: input.aabb()?, cells: start..end, gates: Vec::new() });
+        if end as usize > input.0.len() / 24 {
+            return Err(bad());
+        }
+    }
+    if input.count(24)? != end as usize {
+        return Err(bad());
+    }
+    let mut cells = Vec::with_capacity(end as usize);
+    for (index, space) in (0..).zip(&spaces) {
+        for _ in space.cells.clone() {
+            cells.push(Cell { bounds: input.aabb()?, space: index, portals: Vec::new() });
+        }
+    }
+    Ok((spaces, cells))
+}
+
+/// Reads what joins two of `count` things, and tells `found` of each.
+fn read_joins(
+    input: &mut Input,
+    count: usize,
+    mut found: impl FnMut(u32, [u32; 2]),
+) -> Result<Vec<([u32; 2], Polygon)>, ReadError> {
+    let joins = input.count(33)?;
+    let mut read = Vec::with_capacity(joins);
+    for index in 0..joins as u32 {
+        let ids = [input.u32()?, input.u32()?];
+        let polygon = read_polygon(input)?;
+        if ids[0] == ids[1] || ids.iter().any(|&id| id as usize >= count) {
+            return Err(ReadError::Malformed("a portal"));
+        }
+        found(index, ids);
+        read.push((ids, polygon));
+    }
+    Ok(read)
+}
+
+fn read_polygon(input: &mut Input) -> Result<Polygon, ReadError> {
+    let axis = input.u8()?;
+    if axis < POLYGON_OTHER {
+        return Ok(Polygon::Rectangle { axis, bounds: input.aabb()? });
+    }
+    let normal = input.direction()?;
+    let count = input.count(12)?;
+    if axis > POLYGON_OTHER || !(3..=CORNERS_MAX).contains(&count) {
+        return Err(ReadError::Malformed("a polygon"));
+    }
+    let corners = (0..count).map(|_| input.vec3()).collect::<Result<_, _>>()?;
+    Ok(Polygon::Other { normal, corners })
+}
+
+/// The most corners of a polygon.
+const CORNERS_MAX: usize = 64;
 
 /// Every node but the root is somebody's child exactly once, and every cell is a leaf exactly
 /// once, so that a walk down ends and visits nothing twice.
-fn read_tree(input: &mut Input, cells: usize) -> Result<Vec<KdNode>, ReadError> {
-    let bad = ReadError::Malformed("the k-d tree");
+fn read_tree(input: &mut Input, cells: usize) -> Result<Vec<Node>, ReadError> {
+    let bad = ReadError::Malformed("the tree");
     let count = input.count(13)?;
-    if count != 2 * cells - 1.min(2 * cells) {
-        return Err(bad);
-    }
     let mut tree = Vec::with_capacity(count);
     let mut depths: Vec<Option<u16>> = vec![None; count];
     let mut leaf_seen = vec![false; cells];
@@ -317,26 +419,40 @@ fn read_tree(input: &mut Input, cells: usize) -> Result<Vec<KdNode>, ReadError> 
         let Some(depth) = depths[index].filter(|&depth| depth < TREE_DEPTH_MAX) else {
             return Err(bad);
         };
-        if tag == 3 {
-            match leaf_seen.get_mut(a as usize) {
+        let sides = [a, b];
+        match tag {
+            NODE_LEAF => match leaf_seen.get_mut(a as usize) {
                 Some(seen) if !*seen => *seen = true,
                 _ => return Err(bad),
+            },
+            NODE_SOLID => {}
+            0..NODE_LEAF | NODE_PLANE => {
+                for side in sides.map(|side| side as usize) {
+                    match depths.get_mut(side) {
+                        Some(below) if side > index && below.is_none() => *below = Some(depth + 1),
+                        _ => return Err(bad),
+                    }
+                }
             }
-            tree.push(KdNode::Leaf(CellId(a)));
-            continue;
+            _ => return Err(bad),
         }
-        for side in [a as usize, b as usize] {
-            match depths.get_mut(side) {
-                Some(below) if side > index && below.is_none() => *below = Some(depth + 1),
-                _ => return Err(bad),
-            }
-        }
-        if tag > 2 {
-            return Err(bad);
-        }
-        tree.push(KdNode::Split { axis: tag, at, sides: [a, b] });
+        tree.push(match tag {
+            NODE_LEAF => Node::Leaf(CellId(a)),
+            NODE_SOLID => Node::Solid,
+            NODE_PLANE => Node::Plane { normal: DVec3::ZERO, distance: 0.0, sides },
+            axis => Node::Axial { axis, at, sides },
+        });
     }
-    if tree.is_empty() { Err(bad) } else { Ok(tree) }
+    if tree.is_empty() || !leaf_seen.iter().all(|&seen| seen) {
+        return Err(bad);
+    }
+    for node in &mut tree {
+        if let Node::Plane { normal, distance, .. } = node {
+            *normal = input.direction()?;
+            *distance = input.f64()?;
+        }
+    }
+    Ok(tree)
 }
 
 fn pvs_bytes(cells: &Cells) -> Vec<u8> {
@@ -395,6 +511,10 @@ pub(super) fn put_u32(out: &mut Vec<u8>, value: u32) {
 }
 
 fn put_f32(out: &mut Vec<u8>, value: f32) {
+    out.extend_from_slice(&value.to_le_bytes());
+}
+
+fn put_f64(out: &mut Vec<u8>, value: f64) {
     out.extend_from_slice(&value.to_le_bytes());
 }
 
@@ -468,6 +588,13 @@ impl<'a> Input<'a> {
         if value.abs() <= 1e8 { Ok(value) } else { Err(ReadError::Malformed("a number")) }
     }
 
+    /// A vector of unit length.
+    fn direction(&mut self) -> Result<DVec3, ReadError> {
+        let value = DVec3::new(self.f64()?, self.f64()?, self.f64()?);
+        let is_unit = (value.length_squared() - 1.0).abs() < 1e-6;
+        if is_unit { Ok(value) } else { Err(ReadError::Malformed("a direction")) }
+    }
+
     pub(super) fn vec3(&mut self) -> Result<Vec3, ReadError> {
         Ok(Vec3::new(self.f32()?, self.f32()?, self.f32()?))
     }
@@ -482,7 +609,7 @@ impl<'a> Input<'a> {
 mod tests {
     use super::*;
     use crate::{
-        octree::Node,
+        octree::Node as Voxels,
         world::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid},
     };
 
@@ -491,7 +618,10 @@ mod tests {
         let bounds = Aabb::new(Vec3::ZERO, Vec3::new(8.0, 4.0, 4.0));
         let (left, right) = (Vec3::new(4.0, 4.0, 4.0), Vec3::new(4.0, 0.0, 0.0));
         let all = RoaringBitmap::from_iter([0, 1]);
-        let leaf = Node { colour: [200, 100, 50], normal: [0, 127, 0], ..Node::default() };
+        let corner = |y: f32, z: f32| Vec3::new(4.0, y, z);
+        let corners = [corner(0.0, 1.0), corner(2.0, 1.0), corner(0.0, 2.0)];
+        let door = Polygon::Other { normal: DVec3::X, corners: corners.into() };
+        let leaf = Voxels { colour: [200, 100, 50], normal: [0, 127, 0], ..Voxels::default() };
         World {
             title: "two rooms".into(),
             octree: Octree {
@@ -499,28 +629,32 @@ mod tests {
                 edge: 8.0,
                 depth: 2,
                 nodes: vec![
-                    Node { first_child: 1, child_mask: 0b101, ..leaf },
-                    Node { flags: Node::GLASS, ..leaf },
-                    Node { first_child: 3, child_mask: 1, ..leaf },
+                    Voxels { first_child: 1, child_mask: 0b101, ..leaf },
+                    Voxels { flags: Voxels::GLASS, ..leaf },
+                    Voxels { first_child: 3, child_mask: 1, ..leaf },
                     leaf,
                 ],
             },
             cells: Cells {
                 bounds,
+                axes: Axes::turned(0.5),
                 tree: vec![
-                    KdNode::Split { axis: 0, at: 4.0, sides: [1, 2] },
-                    KdNode::Leaf(CellId(0)),
-                    KdNode::Leaf(CellId(1)),
+                    Node::Axial { axis: 0, at: 4.0, sides: [1, 2] },
+                    Node::Leaf(CellId(0)),
+                    Node::Plane { normal: DVec3::X, distance: 8.0, sides: [3, 4] },
+                    Node::Leaf(CellId(1)),
+                    Node::Solid,
                 ],
                 cells: vec![
-                    Cell { bounds: Aabb::new(bounds.min, left), portals: vec![0] },
-                    Cell { bounds: Aabb::new(right, bounds.max), portals: vec![0] },
+                    Cell { bounds: Aabb::new(bounds.min, left), space: 0, portals: vec![0] },
+                    Cell { bounds: Aabb::new(right, bounds.max), space: 1, portals: vec![0] },
                 ],
-                portals: vec![Portal {
-                    cells: [CellId(0), CellId(1)],
-                    axis: 0,
-                    bounds: Aabb::new(Vec3::new(4.0, 0.0, 1.0), Vec3::new(4.0, 2.0, 2.0)),
-                }],
+                portals: vec![Portal { cells: [CellId(0), CellId(1)], polygon: door.clone() }],
+                spaces: vec![
+                    Space { bounds: Aabb::new(bounds.min, left), cells: 0..1, gates: vec![0] },
+                    Space { bounds: Aabb::new(right, bounds.max), cells: 1..2, gates: vec![0] },
+                ],
+                gates: vec![Gate { spaces: [0, 1], polygon: door }],
                 pvs: vec![all.clone(), all],
             },
             mesh: Mesh {
@@ -564,7 +698,7 @@ mod tests {
         let origin = original();
         let cluster = |x: f64| {
             let tree = origin.tree.as_ref().unwrap();
-            tree.leafs[origin.leaf_at(glam::DVec3::X * x).unwrap() as usize].cluster
+            tree.leafs[origin.leaf_at(DVec3::X * x).unwrap() as usize].cluster
         };
         assert_eq!([1.0, 4.5, 6.0].map(cluster), [Some(0), None, Some(1)]);
         let sees = |a, b| origin.tree.as_ref().unwrap().sees(a, b);
@@ -620,7 +754,7 @@ mod tests {
                         world.cells.at(Vec3::ONE);
                         world.cells.visible_from(&world.bounds());
                         if let Some(origin) = &world.origin {
-                            origin.leaf_at(glam::DVec3::ONE);
+                            origin.leaf_at(DVec3::ONE);
                         }
                         assert!(World::from_bytes(&world.to_bytes()).is_ok(), "byte {i}");
                     }

@@ -3,11 +3,12 @@
 mod cells;
 mod file;
 mod origin;
+pub mod stab;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-pub use cells::{Cell, CellId, Cells, KdNode, Portal, Pvs};
+pub use cells::{Axes, Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space};
 pub use file::{ContentId, ReadError, content_id, write_whole};
 pub use origin::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid};
 
@@ -37,7 +38,7 @@ pub struct World {
 impl World {
     /// The region in which an eye can be. All the building is inside.
     pub fn bounds(&self) -> Aabb {
-        self.cells.bounds
+        self.cells.axes.world_box(&self.cells.bounds)
     }
 }
 

@@ -119,7 +119,12 @@ fn join(
 ) -> anyhow::Result<Session> {
     let cell = |spawn: &Spawn| world.cells.at(spawn.eye);
     let in_view = |spawn: &&Spawn| {
-        world.spawns.iter().filter(|other| world.cells.sees(cell(spawn), cell(other))).count()
+        let visible = world.cells.visible_from_point(spawn.eye);
+        world
+            .spawns
+            .iter()
+            .filter(|other| cell(other).is_some_and(|c| visible.contains(c.0)))
+            .count()
     };
     let place = world.spawns.iter().max_by_key(in_view).map(|spawn| spawn.eye);
     let options = net::Options {

@@ -171,8 +171,7 @@ impl Moment {
             colour: [230, 30, 30],
             filled: true,
         });
-        let cell = world.cells.at(self.pose.eye);
-        let visible = Some(world.cells.pvs[cell.0 as usize].clone());
+        let visible = Some(world.cells.visible_from_point(self.pose.eye));
         plan::draw(world, &Overlay { marks, visible, ..Overlay::default() })
     }
 }

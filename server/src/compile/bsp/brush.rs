@@ -16,19 +16,11 @@ const AREA_MIN: f64 = 1.0 / 128.0;
 const LATTICE: f64 = 64.0;
 const LATTICE_TOLERANCE: f64 = 1.0 / 256.0;
 
-/// The faces of a brush, in Quake units.
-pub(super) struct Faces {
-    /// Convex polygons.
-    pub windings: Vec<Vec<DVec3>>,
-    /// The two corners, when the brush is an axial box.
-    pub solid_box: Option<[DVec3; 2]>,
-}
-
-/// The faces of a brush; `None` when it is unbounded or not a number.
-pub(super) fn faces(brush: &Brush) -> Option<Faces> {
+/// The faces of a brush in Quake units, convex polygons each on its plane; `None` when it is
+/// unbounded or not a number.
+pub(super) fn faces(brush: &Brush) -> Option<Vec<(Plane, Vec<DVec3>)>> {
     let planes = distinct(&brush.planes);
-    let mut windings = Vec::with_capacity(planes.len());
-    let mut corners: Option<[DVec3; 2]> = Some([DVec3::NAN; 2]);
+    let mut faces = Vec::with_capacity(planes.len());
     for (i, plane) in planes.iter().enumerate() {
         let others = planes.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, other)| other);
         let mut winding = others.fold(whole(plane)?, |winding, other| clipped(&winding, other));
@@ -44,11 +36,9 @@ pub(super) fn faces(brush: &Brush) -> Option<Faces> {
         if !winding.iter().all(|p| p.abs().max_element() < REACH) {
             return None;
         }
-        corners = corners.zip(axial(plane)).map(|(corners, face)| with_face(corners, face));
-        windings.push(winding);
+        faces.push((*plane, winding));
     }
-    let solid_box = corners.filter(|[min, max]| min.cmplt(*max).all() && windings.len() == 6);
-    Some(Faces { windings, solid_box })
+    Some(faces)
 }
 
 /// Each plane once.
@@ -72,11 +62,6 @@ fn axial(plane: &Plane) -> Option<(usize, f64, bool)> {
         plane.distance * plane.normal[axis],
         positive,
     ))
-}
-
-fn with_face(mut corners: [DVec3; 2], (axis, at, positive): (usize, f64, bool)) -> [DVec3; 2] {
-    corners[usize::from(positive)][axis] = at;
-    corners
 }
 
 /// A square on a plane, larger than any map; `None` when the plane is none.
@@ -182,9 +167,8 @@ mod tests {
     fn six_axial_sides_make_a_box_with_exact_corners() {
         let faces = faces(&Brush { planes: box_planes(), sides: Vec::new(), shader: 0 }).unwrap();
         let [min, max] = [DVec3::new(-8.0, -16.0, 50.0), DVec3::new(8.3, 16.0, 100.0)];
-        assert_eq!(faces.solid_box, Some([min, max]));
-        assert_eq!(faces.windings.len(), 6);
-        for point in faces.windings.iter().flatten() {
+        assert_eq!(faces.len(), 6);
+        for point in faces.iter().flat_map(|(_, winding)| winding) {
             assert!((0..3).all(|a| point[a] == min[a] || point[a] == max[a]), "{point}");
         }
     }
@@ -196,22 +180,20 @@ mod tests {
         planes.push(plane([diagonal, diagonal, 0.0], (8.3 + 16.0) * diagonal));
         planes.push(planes[0]);
         let faces = faces(&Brush { planes, sides: Vec::new(), shader: 0 }).unwrap();
-        assert_eq!(faces.windings.len(), 6);
-        assert!(faces.solid_box.is_some());
+        assert_eq!(faces.len(), 6);
     }
 
     #[test]
-    fn a_cut_corner_makes_a_seventh_face_and_no_box() {
+    fn a_cut_corner_makes_a_seventh_face() {
         let mut planes = box_planes();
         let diagonal = 0.5f64.sqrt();
         planes.push(plane([diagonal, diagonal, 0.0], 20.3 * diagonal));
         let faces = faces(&Brush { planes, sides: Vec::new(), shader: 0 }).unwrap();
-        assert_eq!(faces.windings.len(), 7);
-        assert_eq!(faces.solid_box, None);
+        assert_eq!(faces.len(), 7);
         // The cut takes 4 × 4 off two of the sides: its own area is 50 × √32.
         let expected =
             2.0 * (16.3 * 32.0 - 8.0) + 50.0 * (16.3 + 32.0 + 12.3 + 28.0 + 32f64.sqrt());
-        let total: f64 = faces.windings.iter().map(|w| area(w)).sum();
+        let total: f64 = faces.iter().map(|(_, w)| area(w)).sum();
         assert!((total - expected).abs() < 0.1, "{total} {expected}");
     }
 
@@ -223,6 +205,6 @@ mod tests {
         assert!(faces(&brush(vec![plane([0.0; 3], 1.0)])).is_none());
         let mut apart = box_planes();
         apart[0].distance = -9.0;
-        assert!(faces(&brush(apart)).unwrap().windings.is_empty());
+        assert!(faces(&brush(apart)).unwrap().is_empty());
     }
 }

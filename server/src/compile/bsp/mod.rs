@@ -18,12 +18,11 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 use sightline_shared::{
-    geometry::Aabb,
     motion::Body,
     world::{Origin, Solid},
 };
 
-use super::model::{self, Model};
+use super::model::{self, Convex, ConvexFace, Model};
 use archive::Archives;
 use file::{Map, Shader};
 
@@ -136,19 +135,23 @@ fn brushes(map: &Map<'_>, model: &mut Model, origin: &mut Origin) -> Result<(), 
             left_out += 1;
             continue;
         };
-        if !faces.windings.is_empty() {
+        if !faces.is_empty() {
             origin.solids.push(Solid {
-                bounds: origin::bounds(faces.windings.iter().flatten().copied()),
+                bounds: origin::bounds(faces.iter().flat_map(|(_, winding)| winding).copied()),
                 sides: brush.sides.iter().map(|&side| side as u32).collect(),
             });
         }
-        for winding in &faces.windings {
+        let mut solid = Convex { faces: Vec::with_capacity(faces.len()) };
+        for (plane, winding) in &faces {
             let corners: Vec<Vec3> = winding.iter().map(|&p| placed(p)).collect();
             let fan = (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]);
             model.opaque.extend(fan.filter(|&triangle| model::has_area(triangle)));
+            let DVec3 { x, y, z } = plane.normal;
+            let (normal, distance) = (DVec3::new(x, z, -y), plane.distance * UNIT);
+            solid.faces.push(ConvexFace { normal, distance, corners });
         }
-        if let Some([min, max]) = faces.solid_box {
-            model.solids.push(Aabb::from_points([placed(min), placed(max)]));
+        if !solid.faces.is_empty() {
+            model.solids.push(solid);
         }
         if model.opaque.len() > draw::TRIANGLES_MAX {
             return Err(BspError::TooMany("triangles"));

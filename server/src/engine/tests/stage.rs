@@ -8,7 +8,7 @@ use sightline_shared::{
     geometry::Aabb,
     motion::{AvatarId, Body, Pose, Tbv},
     octree::Octree,
-    world::{Cell, CellId, Cells, KdNode, Mesh, Portal, Spawn, World},
+    world::{Axes, Cell, CellId, Cells, Gate, Mesh, Node, Polygon, Portal, Space, Spawn, World},
 };
 
 use crate::engine::{Config, Engine, Input, Output};
@@ -16,7 +16,7 @@ use crate::engine::{Config, Engine, Input, Output};
 pub const TICK: Duration = Duration::from_millis(50);
 
 /// A world of these cells, in which a pair of cells sees each other if `sees` says so.
-pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool) -> World {
+pub fn world(tree: Vec<Node>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool) -> World {
     let count = bounds.len() as u32;
     let met = |a: u32, b: u32| a == b || sees(a, b) || sees(b, a);
     let portals = portals(&bounds, met);
@@ -25,8 +25,11 @@ pub fn world(tree: Vec<KdNode>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bo
         title: "hand-made".to_owned(),
         octree: Octree { origin: all.min, edge: 1.0, depth: 0, nodes: Vec::new() },
         cells: Cells {
+            axes: Axes::WORLD,
             bounds: all,
             tree,
+            spaces: spaces(&bounds, &portals),
+            gates: portals.iter().map(gate).collect(),
             cells: cells(bounds, &portals),
             portals,
             pvs: (0..count)
@@ -59,20 +62,33 @@ fn portals(bounds: &[Aabb], met: impl Fn(u32, u32) -> bool) -> Vec<Portal> {
                 && met(a as u32, b as u32)
             {
                 let cells = [CellId(a as u32), CellId(b as u32)];
-                found.push(Portal { cells, axis: axis as u8, bounds: shared });
+                let polygon = Polygon::Rectangle { axis: axis as u8, bounds: shared };
+                found.push(Portal { cells, polygon });
             }
         }
     }
     found
 }
 
+fn of_cell(portals: &[Portal], cell: u32) -> Vec<u32> {
+    (0..).zip(portals).filter(|(_, p)| p.cells.contains(&CellId(cell))).map(|(i, _)| i).collect()
+}
+
 fn cells(bounds: Vec<Aabb>, portals: &[Portal]) -> Vec<Cell> {
-    let of = |cell: CellId| {
-        let mine = portals.iter().enumerate().filter(move |(_, p)| p.cells.contains(&cell));
-        mine.map(|(i, _)| i as u32).collect()
-    };
     let numbered = bounds.into_iter().zip(0..);
-    numbered.map(|(bounds, i)| Cell { bounds, portals: of(CellId(i)) }).collect()
+    numbered.map(|(bounds, i)| Cell { bounds, space: i, portals: of_cell(portals, i) }).collect()
+}
+
+/// Every cell is a space.
+fn spaces(bounds: &[Aabb], portals: &[Portal]) -> Vec<Space> {
+    let numbered = bounds.iter().zip(0..);
+    numbered
+        .map(|(&bounds, i)| Space { bounds, cells: i..i + 1, gates: of_cell(portals, i) })
+        .collect()
+}
+
+fn gate(portal: &Portal) -> Gate {
+    Gate { spaces: portal.cells.map(|cell| cell.0), polygon: portal.polygon.clone() }
 }
 
 /// Cells of 10 m in a row along x, 3 m high; each sees itself and its neighbours.
@@ -85,10 +101,10 @@ pub fn row(count: u32) -> World {
     for i in 0..count - 1 {
         let next = tree.len() as u32;
         let at = (i + 1) as f32 * 10.0;
-        tree.push(KdNode::Split { axis: 0, at, sides: [next + 1, next + 2] });
-        tree.push(KdNode::Leaf(CellId(i)));
+        tree.push(Node::Axial { axis: 0, at, sides: [next + 1, next + 2] });
+        tree.push(Node::Leaf(CellId(i)));
     }
-    tree.push(KdNode::Leaf(CellId(count - 1)));
+    tree.push(Node::Leaf(CellId(count - 1)));
     world(tree, (0..count).map(cell).collect(), |a, b| a.abs_diff(b) <= 1)
 }
 

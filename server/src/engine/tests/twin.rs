@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_shared::{
     geometry::Aabb,
     motion::AvatarId,
-    world::{CellId, KdNode, World},
+    world::{CellId, Node, Polygon, World},
 };
 
 use super::stage::{Client, Stage, TICK, world};
@@ -32,22 +32,16 @@ fn random_world(rng: &mut SmallRng) -> World {
     made
 }
 
-fn cut(
-    rng: &mut SmallRng,
-    tree: &mut Vec<KdNode>,
-    cells: &mut Vec<Aabb>,
-    region: Aabb,
-    depth: u32,
-) {
+fn cut(rng: &mut SmallRng, tree: &mut Vec<Node>, cells: &mut Vec<Aabb>, region: Aabb, depth: u32) {
     let node = tree.len();
     if depth == 0 {
-        tree.push(KdNode::Leaf(CellId(cells.len() as u32)));
+        tree.push(Node::Leaf(CellId(cells.len() as u32)));
         cells.push(region);
         return;
     }
     let axis = if rng.random_bool(0.2) { 1 } else { 2 * rng.random_range(0..2_usize) };
     let at = region.min[axis] + region.size()[axis] * rng.random_range(0.2..0.8_f32);
-    tree.push(KdNode::Leaf(CellId(0)));
+    tree.push(Node::Leaf(CellId(0)));
     let (mut lesser, mut greater) = (region, region);
     lesser.max[axis] = at;
     greater.min[axis] = at;
@@ -55,7 +49,7 @@ fn cut(
     cut(rng, tree, cells, lesser, depth - 1);
     let second = tree.len() as u32;
     cut(rng, tree, cells, greater, depth - 1);
-    tree[node] = KdNode::Split { axis: axis as u8, at, sides: [first, second] };
+    tree[node] = Node::Axial { axis: axis as u8, at, sides: [first, second] };
 }
 
 /// Walkers who turn now and then, come and go, and have different round trips.
@@ -237,9 +231,10 @@ fn body(world: &World, cell: usize, eyes: &Aabb) -> Aabb {
         let opens = |at: f32| {
             world.cells.portals.iter().any(|portal| {
                 portal.cells.iter().any(|c| c.0 as usize == cell)
-                    && usize::from(portal.axis) == axis
-                    && portal.bounds.min[axis] == at
-                    && portal.bounds.intersects(&whole)
+                    && matches!(portal.polygon, Polygon::Rectangle { axis: a, bounds }
+                        if usize::from(a) == axis
+                            && bounds.min[axis] == at
+                            && bounds.intersects(&whole))
             })
         };
         if !opens(room.min[axis]) {
@@ -264,7 +259,7 @@ fn reach(world: &World, from: Vec3, way_m: f32, rounding_m: f32) -> Pieces {
     let mut in_reach: Vec<bool> = cells.cells.iter().map(|c| c.bounds.intersects(&start)).collect();
     loop {
         let before = in_reach.clone();
-        for portal in cells.portals.iter().filter(|portal| near(&portal.bounds)) {
+        for portal in cells.portals.iter().filter(|portal| near(&portal.polygon.bounds())) {
             let [a, b] = portal.cells.map(|cell| cell.0 as usize);
             let either = in_reach[a] || in_reach[b];
             (in_reach[a], in_reach[b]) = (either, either);

@@ -1,0 +1,142 @@
+//! A tree of planes in the making, and the polygons where its leaves join.
+
+use glam::DVec3;
+
+use super::region::{Cut, ON_PLANE, Region, part};
+
+/// A node of the draft.
+#[derive(Clone, Debug)]
+pub enum DraftNode {
+    /// A plane, and the nodes on its lesser and greater side.
+    Split {
+        /// The plane.
+        cut: Cut,
+        /// Index of the occluder plane of which it is made, where one lies in it.
+        plane: Option<u32>,
+        /// Both greater than the node's own index.
+        sides: [u32; 2],
+    },
+    /// A leaf, as an index into the leaves.
+    Leaf(u32),
+    /// A leaf in which nobody can be.
+    Solid,
+}
+
+/// A tree of planes whose leaves are regions.
+#[derive(Clone, Debug, Default)]
+pub struct Draft {
+    /// The root comes first.
+    pub nodes: Vec<DraftNode>,
+    /// The regions of the leaves, in the order of the tree.
+    pub leaves: Vec<Region>,
+}
+
+/// A convex polygon where two leaves join, the one on the lesser side of its plane first.
+pub struct Join {
+    pub leaves: [u32; 2],
+    pub cut: Cut,
+    pub plane: Option<u32>,
+    pub polygon: Vec<DVec3>,
+}
+
+impl Draft {
+    /// A node to be set later; its children come after it.
+    pub fn reserve(&mut self) -> u32 {
+        self.nodes.push(DraftNode::Solid);
+        self.nodes.len() as u32 - 1
+    }
+
+    /// Makes a reserved node a split.
+    pub fn set_split(&mut self, index: u32, cut: Cut, plane: Option<u32>, sides: [u32; 2]) {
+        self.nodes[index as usize] = DraftNode::Split { cut, plane, sides };
+    }
+
+    /// Adds a solid leaf.
+    pub fn solid(&mut self) -> u32 {
+        self.reserve()
+    }
+
+    /// Adds a leaf.
+    pub fn space(&mut self, region: Region) -> u32 {
+        self.nodes.push(DraftNode::Leaf(self.leaves.len() as u32));
+        self.leaves.push(region);
+        self.nodes.len() as u32 - 1
+    }
+
+    /// The leaf that contains a point; none when it is solid there.
+    pub fn leaf_at(&self, point: DVec3) -> Option<u32> {
+        let mut node = 0;
+        loop {
+            match self.nodes[node] {
+                DraftNode::Leaf(leaf) => return Some(leaf),
+                DraftNode::Solid => return None,
+                DraftNode::Split { cut, sides, .. } => {
+                    node = sides[usize::from(cut.height(point) >= 0.0)] as usize;
+                }
+            }
+        }
+    }
+
+    /// The polygons where leaves of a subtree join.
+    pub fn joins(&self, root: u32, region: &Region) -> Vec<Join> {
+        let mut found = Vec::new();
+        self.join_below(root, region, &mut found);
+        found
+    }
+
+    fn join_below(&self, node: u32, region: &Region, found: &mut Vec<Join>) {
+        if let DraftNode::Split { cut, plane, sides } = &self.nodes[node as usize] {
+            let [low, high] = region.halves(cut).map(Region::tightened);
+            self.join_across(*sides, cut, *plane, region.section(cut), found);
+            self.join_below(sides[0], &low, found);
+            self.join_below(sides[1], &high, found);
+        }
+    }
+
+    /// Adds the joins of a subtree below a plane with one above it, within a polygon on it.
+    pub fn join_across(
+        &self,
+        nodes: [u32; 2],
+        cut: &Cut,
+        plane: Option<u32>,
+        polygon: Vec<DVec3>,
+        found: &mut Vec<Join>,
+    ) {
+        if polygon.len() < 3 {
+            return;
+        }
+        for below in 0..2 {
+            let DraftNode::Split { cut: other, sides, .. } = &self.nodes[nodes[below] as usize]
+            else {
+                continue;
+            };
+            let replaced = |side| if below == 0 { [side, nodes[1]] } else { [nodes[0], side] };
+            let heights = polygon.iter().map(|&corner| other.height(corner));
+            let (lowest, highest) =
+                heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
+            if lowest > -ON_PLANE && highest < ON_PLANE {
+                // The same plane, or as good as: only the side that touches it can join.
+                let agree = other.normal().dot(cut.normal()) > 0.0;
+                let side = sides[usize::from((below == 1) != agree)];
+                self.join_across(replaced(side), cut, plane, polygon, found);
+            } else if highest <= 0.0 {
+                self.join_across(replaced(sides[0]), cut, plane, polygon, found);
+            } else if lowest >= 0.0 {
+                self.join_across(replaced(sides[1]), cut, plane, polygon, found);
+            } else {
+                for (is_greater, side) in [false, true].into_iter().zip(sides) {
+                    let half = part(&polygon, other, is_greater);
+                    self.join_across(replaced(*side), cut, plane, half, found);
+                }
+            }
+            return;
+        }
+        let leaf = |node: u32| match self.nodes[node as usize] {
+            DraftNode::Leaf(leaf) => Some(leaf),
+            _ => None,
+        };
+        if let [Some(low), Some(high)] = nodes.map(leaf) {
+            found.push(Join { leaves: [low, high], cut: *cut, plane, polygon });
+        }
+    }
+}

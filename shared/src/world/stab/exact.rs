@@ -1,0 +1,241 @@
+//! Whether one line meets all of some axial boxes: the exact test.
+//!
+//! A line meets a box when its three projections along the axes meet the projected rectangles. Take
+//! a line that rises along all three axes (other signs are reflections) with direction `d` and
+//! moment `m = point × d`. Its projection along x meets the rectangle [y₀, y₁] × [z₀, z₁] when
+//!
+//! ```text
+//! y₀·d.z − z₁·d.y ≤ m.x ≤ y₁·d.z − z₀·d.y
+//! ```
+//!
+//! and so on around. Only moments with `d · m = 0` belong to lines. With `w = (1/d.x, 1/d.y, 1/d.z)`,
+//! and each moment divided by the two other components of `d`, all of this is linear:
+//!
+//! ```text
+//! y₀·w.y − z₁·w.z ≤ X ≤ y₁·w.y − z₀·w.z      (and around)      X + Y + Z = 0
+//! ```
+//!
+//! So for given `w` the lower bounds of X, Y and Z must not exceed the upper ones, nor their sum 0,
+//! and the upper bounds must not sum to less than 0. Each of these, with whichever boxes give the
+//! bounds, is a half-plane in the triangle of all directions, `w ≥ 0`, `w.x + w.y + w.z = 1`. The test
+//! tries a direction; when a condition fails there, its half-plane cuts the directions that remain,
+//! and the middle of these is tried next. Each cut through the middle takes off a good part, so that
+//! a few decide; what is undecided after [`TRIES_MAX`] counts as met.
+//!
+//! All level directions share one corner of the triangle, and so do those along each other pair of
+//! axes. When only a corner remains, the test is made among those, where it is one about rectangles
+//! and lines in a plane ([`is_stabbed_flat`]).
+//!
+//! This is the linear-time relative of Hohmeyer and Teller's test for stabbing isothetic boxes.
+
+use glam::DVec3;
+
+use super::Extent;
+
+/// After so many directions what is left is too thin to matter, and counts as met.
+const TRIES_MAX: usize = 24;
+/// More corners than cuts can make.
+const CORNERS_MAX: usize = TRIES_MAX + 4;
+/// What a condition may fail by, as moments over squared slopes: rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// For each axis, whether a line goes towards greater coordinates; none when it may do either.
+pub type Signs = [Option<bool>; 3];
+
+/// Whether some line with the given signs meets all boxes. Boxes touch when they share a boundary.
+/// `towards` is a likely direction. `room` is used for reflected boxes.
+pub fn is_stabbed(boxes: &[Extent], signs: Signs, towards: DVec3, room: &mut Vec<Extent>) -> bool {
+    let choices = |axis: usize| match signs[axis] {
+        Some(rises) => [Some(rises), None],
+        // The likely one first.
+        None => [Some(towards[axis] >= 0.0), Some(towards[axis] < 0.0)],
+    };
+    choices(0).into_iter().flatten().any(|x| {
+        choices(1).into_iter().flatten().any(|y| {
+            choices(2).into_iter().flatten().any(|z| {
+                let flip = [x, y, z].map(|rises| if rises { 1.0 } else { -1.0 });
+                let flip = DVec3::from(flip);
+                room.clear();
+                room.extend(boxes.iter().map(|b| reflected(b, flip)));
+                is_stabbed_rising(room, towards * flip)
+            })
+        })
+    })
+}
+
+fn reflected(extent: &Extent, flip: DVec3) -> Extent {
+    let (a, b) = (extent.min * flip, extent.max * flip);
+    Extent { min: a.min(b), max: a.max(b) }
+}
+
+/// Likewise, of lines that rise along all axes.
+fn is_stabbed_rising(boxes: &[Extent], towards: DVec3) -> bool {
+    let shortest = towards.abs().max_element().max(1e-9) * 1e-3;
+    let weights = towards.max(DVec3::splat(shortest)).recip();
+    let mut at = weights / weights.element_sum();
+    let mut left = Directions::all();
+    for _ in 0..TRIES_MAX {
+        let Some(failed) = failure(boxes, at) else { return true };
+        match left.cut(failed) {
+            Left::Middle(middle) => at = middle,
+            Left::Nothing => return false,
+            Left::Corner(axis) => return is_stabbed_flat(boxes, axis),
+            Left::TooLittle => return true,
+        }
+    }
+    true
+}
+
+/// Whether a line that does not rise along one axis, but along the two others, meets all boxes.
+fn is_stabbed_flat(boxes: &[Extent], axis: usize) -> bool {
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let lowest = boxes.iter().map(|b| b.min[axis]).fold(f64::NEG_INFINITY, f64::max);
+    let highest = boxes.iter().map(|b| b.max[axis]).fold(f64::INFINITY, f64::min);
+    if lowest > highest + ROUNDING {
+        return false;
+    }
+    // The directions that remain are those with weights t and 1 - t.
+    let (mut from, mut to) = (0.0, 1.0);
+    for _ in 0..TRIES_MAX {
+        let t = (from + to) * 0.5;
+        let mut low = (f64::NEG_INFINITY, 0.0, 0.0);
+        let mut high = (f64::INFINITY, 0.0, 0.0);
+        for Extent { min, max } in boxes {
+            let below = min[u] * t - max[v] * (1.0 - t);
+            let above = max[u] * t - min[v] * (1.0 - t);
+            if below > low.0 {
+                low = (below, min[u], -max[v]);
+            }
+            if above < high.0 {
+                high = (above, max[u], -min[v]);
+            }
+        }
+        if low.0 <= high.0 + ROUNDING {
+            return true;
+        }
+        // What fails is a · t + b · (1 - t) > 0.
+        let (a, b) = (low.1 - high.1, low.2 - high.2);
+        if a >= 0.0 && b >= 0.0 {
+            return false;
+        }
+        let zero = b / (b - a);
+        if a > b {
+            to = to.min(zero)
+        } else {
+            from = from.max(zero)
+        }
+        if from > to {
+            return false;
+        }
+    }
+    true
+}
+
+/// The condition that fails most at a direction, as coefficients of `w`: it wants their product
+/// with `w` not to be positive.
+fn failure(boxes: &[Extent], w: DVec3) -> Option<DVec3> {
+    let mut low = DVec3::NEG_INFINITY;
+    let mut high = DVec3::INFINITY;
+    let (mut lowest, mut highest) = ([0usize; 3], [0usize; 3]);
+    for (i, Extent { min, max }) in boxes.iter().enumerate() {
+        let (a, b) = (*min * w, *max * w);
+        // By axis: X from y and z, Y from z and x, Z from x and y.
+        let from = DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y);
+        let to = DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y);
+        for axis in 0..3 {
+            if from[axis] > low[axis] {
+                (low[axis], lowest[axis]) = (from[axis], i);
+            }
+            if to[axis] < high[axis] {
+                (high[axis], highest[axis]) = (to[axis], i);
+            }
+        }
+    }
+    // Coefficients of w in a lower and in an upper bound.
+    let from = |axis: usize| {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut row = DVec3::ZERO;
+        row[u] = boxes[lowest[axis]].min[u];
+        row[v] = -boxes[lowest[axis]].max[v];
+        row
+    };
+    let to = |axis: usize| {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut row = DVec3::ZERO;
+        row[u] = boxes[highest[axis]].max[u];
+        row[v] = -boxes[highest[axis]].min[v];
+        row
+    };
+    let mut worst = (ROUNDING, None);
+    for axis in 0..3 {
+        let by = low[axis] - high[axis];
+        if by > worst.0 {
+            worst = (by, Some(from(axis) - to(axis)));
+        }
+    }
+    if low.element_sum() > worst.0 {
+        worst = (low.element_sum(), Some(from(0) + from(1) + from(2)));
+    }
+    if -high.element_sum() > worst.0 {
+        worst = (-high.element_sum(), Some(-to(0) - to(1) - to(2)));
+    }
+    worst.1
+}
+
+/// A convex polygon of directions that remain.
+struct Directions {
+    corners: [DVec3; CORNERS_MAX],
+    count: usize,
+}
+
+enum Left {
+    Middle(DVec3),
+    Corner(usize),
+    TooLittle,
+    Nothing,
+}
+
+impl Directions {
+    fn all() -> Self {
+        let mut corners = [DVec3::ZERO; CORNERS_MAX];
+        corners[..3].copy_from_slice(&DVec3::AXES);
+        Self { corners, count: 3 }
+    }
+
+    /// Keeps the directions at which a condition does not fail.
+    fn cut(&mut self, condition: DVec3) -> Left {
+        let old = self.corners;
+        let old = &old[..self.count];
+        self.count = 0;
+        let (mut min, mut max, mut sum) = (DVec3::INFINITY, DVec3::NEG_INFINITY, DVec3::ZERO);
+        let mut keep = |corner: DVec3, into: &mut Self| {
+            if into.count < CORNERS_MAX {
+                into.corners[into.count] = corner;
+            }
+            into.count += 1;
+            (min, max, sum) = (min.min(corner), max.max(corner), sum + corner);
+        };
+        let mut next = condition.dot(old[0]) - ROUNDING;
+        for (i, &here) in old.iter().enumerate() {
+            let there = old[if i + 1 == old.len() { 0 } else { i + 1 }];
+            let height = next;
+            next = condition.dot(there) - ROUNDING;
+            if height <= 0.0 {
+                keep(here, self);
+            }
+            if (height < 0.0 && next > 0.0) || (height > 0.0 && next < 0.0) {
+                keep(here.lerp(there, height / (height - next)), self);
+            }
+        }
+        if self.count == 0 {
+            Left::Nothing
+        } else if self.count > CORNERS_MAX {
+            Left::TooLittle
+        } else if (max - min).max_element() < 1e-7 {
+            let corner = (0..3).find(|&axis| max[axis] > 1.0 - 1e-6);
+            corner.map_or(Left::TooLittle, Left::Corner)
+        } else {
+            Left::Middle(sum / self.count as f64)
+        }
+    }
+}
