@@ -13,15 +13,14 @@
 //! file can also hash it, every count is checked against what is left before memory is taken, and
 //! every index before it is stored.
 
+mod cells;
+
 use std::{fs, io, io::Read, path::Path};
 
 use glam::{DVec3, Vec3};
-use roaring::RoaringBitmap;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    Axes, Cell, CellId, Cells, Gate, Mesh, Node, Polygon, Portal, Space, Spawn, World, origin,
-};
+use super::{Mesh, Spawn, World, origin};
 use crate::{
     geometry::Aabb,
     motion::Body,
@@ -29,12 +28,10 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEADER_BYTES: usize = 48;
 /// Unpacked, no world is larger: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
-/// The tree is walked by recursion, so its depth has a limit.
-const TREE_DEPTH_MAX: u16 = 512;
 const TITLE_CHARS_MAX: usize = 200;
 const ZSTD_LEVEL: i32 = 6;
 
@@ -86,8 +83,8 @@ impl World {
         let mut sections = Vec::new();
         section(&mut sections, b"META", &meta_bytes(self));
         section(&mut sections, b"OCTR", &self.octree.to_bytes());
-        section(&mut sections, b"CELL", &cells_bytes(&self.cells));
-        section(&mut sections, b"PVSS", &pvs_bytes(&self.cells));
+        section(&mut sections, b"CELL", &cells::cells_bytes(&self.cells));
+        section(&mut sections, b"PVSS", &cells::pvs_bytes(&self.cells));
         section(&mut sections, b"MESH", &mesh_bytes(&self.mesh));
         section(&mut sections, b"ORIG", &origin::to_bytes(self.origin.as_ref()));
         let packed = zstd::bulk::compress(&sections, ZSTD_LEVEL)
@@ -198,8 +195,8 @@ fn unpack(packed: &[u8], length: u64) -> Result<Vec<u8>, ReadError> {
 fn read_sections(input: &mut Input) -> Result<World, ReadError> {
     let meta = read_meta(&mut input.section(b"META")?)?;
     let octree = Octree::from_bytes(input.section(b"OCTR")?.0)?;
-    let mut cells = read_cells(&mut input.section(b"CELL")?)?;
-    cells.pvs = read_pvs(&mut input.section(b"PVSS")?, cells.cells.len())?;
+    let mut cells = cells::read_cells(&mut input.section(b"CELL")?)?;
+    cells.pvs = cells::read_pvs(&mut input.section(b"PVSS")?, cells.cells.len())?;
     let mesh = read_mesh(&mut input.section(b"MESH")?)?;
     let origin = origin::read(&mut input.section(b"ORIG")?)?;
     let Meta { title, body, speed_max, spawns } = meta;
@@ -243,239 +240,6 @@ fn read_meta(input: &mut Input) -> Result<Meta, ReadError> {
     Ok(meta)
 }
 
-fn cells_bytes(cells: &Cells) -> Vec<u8> {
-    let mut out = Vec::new();
-    put_f64(&mut out, cells.axes.turn());
-    put_aabb(&mut out, &cells.bounds);
-    put_u32(&mut out, cells.spaces.len() as u32);
-    for space in &cells.spaces {
-        put_u32(&mut out, space.cells.len() as u32);
-        put_aabb(&mut out, &space.bounds);
-    }
-    put_u32(&mut out, cells.cells.len() as u32);
-    for cell in &cells.cells {
-        put_aabb(&mut out, &cell.bounds);
-    }
-    put_tree(&mut out, &cells.tree);
-    put_u32(&mut out, cells.portals.len() as u32);
-    for portal in &cells.portals {
-        portal.cells.iter().for_each(|cell| put_u32(&mut out, cell.0));
-        put_polygon(&mut out, &portal.polygon);
-    }
-    put_u32(&mut out, cells.gates.len() as u32);
-    for gate in &cells.gates {
-        gate.spaces.iter().for_each(|&space| put_u32(&mut out, space));
-        put_polygon(&mut out, &gate.polygon);
-    }
-    out
-}
-
-/// Thirteen bytes for each node, padded, so that a count can be checked at once; then the planes
-/// that are not axial, in the order of their nodes.
-fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
-    put_u32(out, tree.len() as u32);
-    let mut planes = Vec::new();
-    for node in tree {
-        let (tag, at, [a, b]) = match *node {
-            Node::Axial { axis, at, sides } => (axis, at, sides),
-            Node::Leaf(cell) => (NODE_LEAF, 0.0, [cell.0, 0]),
-            Node::Solid => (NODE_SOLID, 0.0, [0, 0]),
-            Node::Plane { normal, distance, sides } => {
-                normal.to_array().into_iter().for_each(|c| put_f64(&mut planes, c));
-                put_f64(&mut planes, distance);
-                (NODE_PLANE, 0.0, sides)
-            }
-        };
-        out.push(tag);
-        put_f32(out, at);
-        put_u32(out, a);
-        put_u32(out, b);
-    }
-    out.append(&mut planes);
-}
-
-/// Tags of nodes; those below are axes.
-const NODE_LEAF: u8 = 3;
-const NODE_SOLID: u8 = 4;
-const NODE_PLANE: u8 = 5;
-/// Tag of a polygon that is no axial rectangle.
-const POLYGON_OTHER: u8 = 3;
-
-fn put_polygon(out: &mut Vec<u8>, polygon: &Polygon) {
-    match polygon {
-        Polygon::Rectangle { axis, bounds } => {
-            out.push(*axis);
-            put_aabb(out, bounds);
-        }
-        Polygon::Other { normal, corners } => {
-            out.push(POLYGON_OTHER);
-            normal.to_array().into_iter().for_each(|c| put_f64(out, c));
-            put_u32(out, corners.len() as u32);
-            corners.iter().for_each(|&corner| put_vec3(out, corner));
-        }
-    }
-}
-
-fn read_cells(input: &mut Input) -> Result<Cells, ReadError> {
-    let turn = input.f64()?;
-    if turn.abs() > std::f64::consts::TAU {
-        return Err(ReadError::Malformed("the axes"));
-    }
-    let bounds = input.aabb()?;
-    let (mut spaces, mut cells) = read_spaces_and_cells(input)?;
-    let tree = read_tree(input, cells.len())?;
-    let portals = read_joins(input, cells.len(), |portal, [a, b]| {
-        cells[a as usize].portals.push(portal);
-        cells[b as usize].portals.push(portal);
-    })?;
-    let gates = read_joins(input, spaces.len(), |gate, [a, b]| {
-        spaces[a as usize].gates.push(gate);
-        spaces[b as usize].gates.push(gate);
-    })?;
-    let portals = portals
-        .into_iter()
-        .map(|(cells, polygon)| Portal { cells: cells.map(CellId), polygon })
-        .collect();
-    let gates = gates.into_iter().map(|(spaces, polygon)| Gate { spaces, polygon }).collect();
-    let axes = Axes::turned(turn);
-    Ok(Cells { axes, bounds, tree, cells, portals, spaces, gates, pvs: Vec::new() })
-}
-
-fn read_spaces_and_cells(input: &mut Input) -> Result<(Vec<Space>, Vec<Cell>), ReadError> {
-    let bad = || ReadError::Malformed("the spaces");
-    let count = input.count(28)?;
-    let mut spaces = Vec::with_capacity(count);
-    let mut end = 0u32;
-    for _ in 0..count {
-        let (start, length) = (end, input.u32()?);
-        end = start.checked_add(length).filter(|_| length > 0).ok_or_else(bad)?;
-        spaces.push(Space { bounds: input.aabb()?, cells: start..end, gates: Vec::new() });
-        if end as usize > input.0.len() / 24 {
-            return Err(bad());
-        }
-    }
-    if input.count(24)? != end as usize {
-        return Err(bad());
-    }
-    let mut cells = Vec::with_capacity(end as usize);
-    for (index, space) in (0..).zip(&spaces) {
-        for _ in space.cells.clone() {
-            cells.push(Cell { bounds: input.aabb()?, space: index, portals: Vec::new() });
-        }
-    }
-    Ok((spaces, cells))
-}
-
-/// Reads what joins two of `count` things, and tells `found` of each.
-fn read_joins(
-    input: &mut Input,
-    count: usize,
-    mut found: impl FnMut(u32, [u32; 2]),
-) -> Result<Vec<([u32; 2], Polygon)>, ReadError> {
-    let joins = input.count(33)?;
-    let mut read = Vec::with_capacity(joins);
-    for index in 0..joins as u32 {
-        let ids = [input.u32()?, input.u32()?];
-        let polygon = read_polygon(input)?;
-        if ids[0] == ids[1] || ids.iter().any(|&id| id as usize >= count) {
-            return Err(ReadError::Malformed("a portal"));
-        }
-        found(index, ids);
-        read.push((ids, polygon));
-    }
-    Ok(read)
-}
-
-fn read_polygon(input: &mut Input) -> Result<Polygon, ReadError> {
-    let axis = input.u8()?;
-    if axis < POLYGON_OTHER {
-        return Ok(Polygon::Rectangle { axis, bounds: input.aabb()? });
-    }
-    let normal = input.direction()?;
-    let count = input.count(12)?;
-    if axis > POLYGON_OTHER || !(3..=CORNERS_MAX).contains(&count) {
-        return Err(ReadError::Malformed("a polygon"));
-    }
-    let corners = (0..count).map(|_| input.vec3()).collect::<Result<_, _>>()?;
-    Ok(Polygon::Other { normal, corners })
-}
-
-/// The most corners of a polygon.
-const CORNERS_MAX: usize = 64;
-
-/// Every node but the root is somebody's child exactly once, and every cell is a leaf exactly
-/// once, so that a walk down ends and visits nothing twice.
-fn read_tree(input: &mut Input, cells: usize) -> Result<Vec<Node>, ReadError> {
-    let bad = ReadError::Malformed("the tree");
-    let count = input.count(13)?;
-    let mut tree = Vec::with_capacity(count);
-    let mut depths: Vec<Option<u16>> = vec![None; count];
-    let mut leaf_seen = vec![false; cells];
-    if let Some(root) = depths.first_mut() {
-        *root = Some(0);
-    }
-    for index in 0..count {
-        let (tag, at, [a, b]) = (input.u8()?, input.f32()?, [input.u32()?, input.u32()?]);
-        let Some(depth) = depths[index].filter(|&depth| depth < TREE_DEPTH_MAX) else {
-            return Err(bad);
-        };
-        let sides = [a, b];
-        match tag {
-            NODE_LEAF => match leaf_seen.get_mut(a as usize) {
-                Some(seen) if !*seen => *seen = true,
-                _ => return Err(bad),
-            },
-            NODE_SOLID => {}
-            0..NODE_LEAF | NODE_PLANE => {
-                for side in sides.map(|side| side as usize) {
-                    match depths.get_mut(side) {
-                        Some(below) if side > index && below.is_none() => *below = Some(depth + 1),
-                        _ => return Err(bad),
-                    }
-                }
-            }
-            _ => return Err(bad),
-        }
-        tree.push(match tag {
-            NODE_LEAF => Node::Leaf(CellId(a)),
-            NODE_SOLID => Node::Solid,
-            NODE_PLANE => Node::Plane { normal: DVec3::ZERO, distance: 0.0, sides },
-            axis => Node::Axial { axis, at, sides },
-        });
-    }
-    if tree.is_empty() || !leaf_seen.iter().all(|&seen| seen) {
-        return Err(bad);
-    }
-    for node in &mut tree {
-        if let Node::Plane { normal, distance, .. } = node {
-            *normal = input.direction()?;
-            *distance = input.f64()?;
-        }
-    }
-    Ok(tree)
-}
-
-fn pvs_bytes(cells: &Cells) -> Vec<u8> {
-    let mut out = Vec::new();
-    for row in &cells.pvs {
-        row.serialize_into(&mut out).expect("writing to memory does not fail");
-    }
-    out
-}
-
-fn read_pvs(input: &mut Input, cells: usize) -> Result<Vec<RoaringBitmap>, ReadError> {
-    let bad = ReadError::Malformed("the PVS");
-    let mut pvs = Vec::with_capacity(cells);
-    for cell in 0..cells as u32 {
-        let Ok(row) = RoaringBitmap::deserialize_from(&mut input.0) else { return Err(bad) };
-        if row.max().is_none_or(|last| last as usize >= cells) || !row.contains(cell) {
-            return Err(bad);
-        }
-        pvs.push(row);
-    }
-    if input.0.is_empty() { Ok(pvs) } else { Err(bad) }
-}
-
 fn mesh_bytes(mesh: &Mesh) -> Vec<u8> {
     let mut out = Vec::new();
     put_u32(&mut out, mesh.positions.len() as u32);
@@ -506,7 +270,7 @@ fn section(out: &mut Vec<u8>, tag: &[u8; 4], bytes: &[u8]) {
     out.extend_from_slice(bytes);
 }
 
-pub(super) fn put_u32(out: &mut Vec<u8>, value: u32) {
+pub(in crate::world) fn put_u32(out: &mut Vec<u8>, value: u32) {
     out.extend_from_slice(&value.to_le_bytes());
 }
 
@@ -518,11 +282,11 @@ fn put_f64(out: &mut Vec<u8>, value: f64) {
     out.extend_from_slice(&value.to_le_bytes());
 }
 
-pub(super) fn put_vec3(out: &mut Vec<u8>, value: Vec3) {
+pub(in crate::world) fn put_vec3(out: &mut Vec<u8>, value: Vec3) {
     value.to_array().into_iter().for_each(|c| put_f32(out, c));
 }
 
-pub(super) fn put_aabb(out: &mut Vec<u8>, value: &Aabb) {
+pub(in crate::world) fn put_aabb(out: &mut Vec<u8>, value: &Aabb) {
     put_vec3(out, value.min);
     put_vec3(out, value.max);
 }
@@ -607,10 +371,15 @@ impl<'a> Input<'a> {
 
 #[cfg(test)]
 mod tests {
+    use roaring::RoaringBitmap;
+
     use super::*;
     use crate::{
         octree::Node as Voxels,
-        world::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid},
+        world::{
+            Axes, Cell, CellId, Cells, Gate, Node, Origin, OriginLeaf, OriginNode, OriginPlane,
+            OriginSide, OriginTree, Polygon, Portal, Solid, Space,
+        },
     };
 
     /// Two rooms with a portal between them, and a handful of voxels.
@@ -780,6 +549,6 @@ mod tests {
         check(b"glTF and more", "this is not a Sightline world (.slw)");
         let mut file = small_world().to_bytes();
         file[4] = 9;
-        check(&file, "world file version 9, but this program reads version 2; compile again");
+        check(&file, "world file version 9, but this program reads version 3; compile again");
     }
 }
