@@ -36,6 +36,10 @@ use super::Extent;
 const TRIES_MAX: usize = 24;
 /// More corners than cuts can make.
 const CORNERS_MAX: usize = TRIES_MAX + 4;
+/// Directions this near a corner of the triangle are told apart no further: there conditions fail by
+/// little only, soon by no more than rounding, and the test among level lines is the sharper one.
+/// Over 100 m such a line may rise by a millimetre.
+const LITTLE: f64 = 1e-5;
 /// What a condition may fail by, as moments over squared slopes: rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -79,19 +83,26 @@ fn is_stabbed_rising(boxes: &[Extent], towards: DVec3) -> bool {
         match left.cut(failed) {
             Left::Middle(middle) => at = middle,
             Left::Nothing => return false,
-            Left::Corner(axis) => return is_stabbed_flat(boxes, axis),
-            Left::TooLittle => return true,
+            Left::Corner { axis, rises } => return is_stabbed_flat(boxes, axis, rises),
+            Left::TooMany => return true,
         }
     }
     true
 }
 
-/// Whether a line that does not rise along one axis, but along the two others, meets all boxes.
-fn is_stabbed_flat(boxes: &[Extent], axis: usize) -> bool {
+/// Whether a line that hardly rises along one axis, but along the two others, meets all boxes: for
+/// each metre along these, by no more than `rises`.
+fn is_stabbed_flat(boxes: &[Extent], axis: usize, rises: [f64; 2]) -> bool {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-    let lowest = boxes.iter().map(|b| b.min[axis]).fold(f64::NEG_INFINITY, f64::max);
-    let highest = boxes.iter().map(|b| b.max[axis]).fold(f64::INFINITY, f64::min);
-    if lowest > highest + ROUNDING {
+    let (mut lowest, mut highest) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for extent in boxes {
+        (lowest, highest) = (lowest.max(extent.min), highest.min(extent.max));
+        (min, max) = (min.min(extent.min), max.max(extent.max));
+    }
+    let way = max - min;
+    let rise = (rises[0] * way[u]).min(rises[1] * way[v]);
+    if lowest[axis] > highest[axis] + rise + ROUNDING {
         return false;
     }
     // The directions that remain are those with weights t and 1 - t.
@@ -113,16 +124,16 @@ fn is_stabbed_flat(boxes: &[Extent], axis: usize) -> bool {
         if low.0 <= high.0 + ROUNDING {
             return true;
         }
-        // What fails is a · t + b · (1 - t) > 0.
+        // What fails is a · t + b · (1 - t) ≤ 0.
         let (a, b) = (low.1 - high.1, low.2 - high.2);
-        if a >= 0.0 && b >= 0.0 {
+        if a == b {
             return false;
         }
-        let zero = b / (b - a);
+        let zero = (ROUNDING - b) / (a - b);
         if a > b {
-            to = to.min(zero)
+            to = to.min(zero);
         } else {
-            from = from.max(zero)
+            from = from.max(zero);
         }
         if from > to {
             return false;
@@ -190,8 +201,13 @@ struct Directions {
 
 enum Left {
     Middle(DVec3),
-    Corner(usize),
-    TooLittle,
+    /// All are nearly level along an axis: for each metre along the two others they rise by so much.
+    Corner {
+        axis: usize,
+        rises: [f64; 2],
+    },
+    /// More corners than there is room for: only by rounding.
+    TooMany,
     Nothing,
 }
 
@@ -230,12 +246,16 @@ impl Directions {
         if self.count == 0 {
             Left::Nothing
         } else if self.count > CORNERS_MAX {
-            Left::TooLittle
-        } else if (max - min).max_element() < 1e-7 {
-            let corner = (0..3).find(|&axis| max[axis] > 1.0 - 1e-6);
-            corner.map_or(Left::TooLittle, Left::Corner)
+            Left::TooMany
         } else {
-            Left::Middle(sum / self.count as f64)
+            let is_little = (max - min).max_element() < LITTLE;
+            match (0..3).find(|&axis| is_little && max[axis] > 1.0 - LITTLE) {
+                Some(axis) => {
+                    let rises = [1, 2].map(|on| max[(axis + on) % 3] / min[axis]);
+                    Left::Corner { axis, rises }
+                }
+                None => Left::Middle(sum / self.count as f64),
+            }
         }
     }
 }

@@ -17,6 +17,8 @@
 //! That is larger than either, so nothing is missed, and it bounds the work by the number of gates.
 
 mod exact;
+#[cfg(test)]
+mod tests;
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
@@ -288,22 +290,38 @@ fn edge_separators(source: &Extent, door: &Door, normal: DVec3, found: &mut Half
     }
     let corners = source.corners();
     for &(point, out) in &door.edges {
-        // The plane through the edge that leans outwards by `lean` for each metre beyond the gate;
-        // as little as lets it touch the source.
-        let mut lean = f64::INFINITY;
-        for corner in corners {
-            let (a, b) = ((corner - point).dot(out), (corner - point).dot(normal));
-            if b < -APART_MIN {
-                lean = lean.min(a / -b);
-            } else if a < ON_PLANE {
-                lean = f64::NEG_INFINITY;
-            }
-        }
+        let heights = corners.map(|c| ((c - point).dot(out), (c - point).dot(normal)));
+        let lean = least_lean(&heights);
         if lean.is_finite() {
             let normal = (out + normal * lean).normalize();
             found.push(HalfSpace { normal, limit: normal.dot(point) });
         }
     }
+}
+
+/// The plane through an edge that leans outwards by this for each metre beyond the gate touches a
+/// box: as little as can be. Given are the heights of the box's corners over the edge, outwards and
+/// beyond the gate. Not finite when there is none.
+fn least_lean(heights: &[(f64, f64); 8]) -> f64 {
+    let mut lean = f64::INFINITY;
+    for (corner, &(out, beyond)) in heights.iter().enumerate() {
+        if beyond < -APART_MIN {
+            lean = lean.min(out / -beyond);
+        } else if out < ON_PLANE {
+            return f64::NEG_INFINITY;
+        } else {
+            // The box may come to the gate within the edge all the same.
+            for bit in [1, 2, 4] {
+                let (other_out, other) = heights[corner ^ bit];
+                if other < -APART_MIN
+                    && out - (out - other_out) * beyond / (beyond - other) < ON_PLANE
+                {
+                    return f64::NEG_INFINITY;
+                }
+            }
+        }
+    }
+    lean
 }
 
 /// A step of a search: a line from `source` came through `pass`, a part of a gate.

@@ -1,0 +1,334 @@
+//! Naive twins: lines that are known, and a slow search for lines.
+
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+
+use super::*;
+
+fn vector(rng: &mut SmallRng, mut of: impl FnMut(&mut SmallRng) -> f64) -> DVec3 {
+    DVec3::new(of(rng), of(rng), of(rng))
+}
+
+/// Multiples of 1/64: their products and sums are exact.
+fn coarse(rng: &mut SmallRng, within: f64) -> f64 {
+    (rng.random_range(-within..within) * 64.0).round() / 64.0
+}
+
+/// Whether a line meets a box that is larger by a little.
+fn meets(from: DVec3, along: DVec3, extent: &Extent, margin: f64) -> bool {
+    let (mut first, mut last) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let (low, high) = (extent.min[axis] - margin, extent.max[axis] + margin);
+        if along[axis] == 0.0 {
+            if from[axis] < low || from[axis] > high {
+                return false;
+            }
+        } else {
+            let (a, b) = ((low - from[axis]) / along[axis], (high - from[axis]) / along[axis]);
+            (first, last) = (first.max(a.min(b)), last.min(a.max(b)));
+        }
+    }
+    first <= last
+}
+
+/// A box that a point is in or on: often flat, and often with the point on its boundary.
+fn around(rng: &mut SmallRng, point: DVec3, size: f64) -> Extent {
+    let below = vector(rng, |rng| if rng.random_bool(0.4) { 0.0 } else { coarse(rng, size).abs() });
+    let above = vector(rng, |rng| if rng.random_bool(0.4) { 0.0 } else { coarse(rng, size).abs() });
+    Extent { min: point - below, max: point + above }
+}
+
+/// The signs of a direction, some of which are left open; where it is level either will do.
+fn signs(rng: &mut SmallRng, along: DVec3) -> exact::Signs {
+    std::array::from_fn(|axis| match rng.random_range(0..3) {
+        0 => None,
+        _ if along[axis] == 0.0 => Some(rng.random_bool(0.5)),
+        _ => Some(along[axis] > 0.0),
+    })
+}
+
+/// All kinds of lines, and boxes that each is known to meet.
+#[test]
+fn a_line_that_is_there_is_found() {
+    let mut rng = SmallRng::seed_from_u64(1);
+    let mut room = Vec::new();
+    for case in 0..200_000 {
+        let rng = &mut rng;
+        let offset = [0.0, 0.0, 1_000.0, -1_000.0][rng.random_range(0..4)];
+        let from = vector(rng, |rng| coarse(rng, 8.0) + offset);
+        // Level along no axis, one or two, or nearly so.
+        let kinds = [1.0, 1.0, 0.0, 1.0 / 4_096.0, 1.0 / 1_048_576.0];
+        let mut along = vector(rng, |rng| coarse(rng, 1.0) * kinds[rng.random_range(0..5)]);
+        if along == DVec3::ZERO {
+            along = DVec3::AXES[rng.random_range(0..3)];
+        }
+        let reach = [4.0, 100.0, 1_000.0][rng.random_range(0..3)];
+        let size = [0.1, 1.0, 10.0][rng.random_range(0..3)];
+        let boxes: Vec<_> = (0..rng.random_range(1..9))
+            .map(|_| {
+                let point = from + along * coarse(rng, reach);
+                around(rng, point, size)
+            })
+            .collect();
+        let signs = signs(rng, along);
+        // A poor guess must do no harm.
+        let towards =
+            if rng.random_bool(0.5) { along } else { vector(rng, |rng| coarse(rng, 2.0)) };
+        assert!(
+            exact::is_stabbed(&boxes, signs, towards, &mut room),
+            "case {case}: {from} + t {along}, {signs:?}, towards {towards}: {boxes:?}"
+        );
+    }
+}
+
+/// Two slits that are hardly apart across, and far apart along: the line between them is nearly
+/// level. Source and target are wide.
+#[test]
+fn nearly_level_lines_through_thin_gaps_are_found() {
+    let mut room = Vec::new();
+    for gap in [1e-5, 2e-4, 1e-3, 0.01] {
+        for length in [1.0, 10.0, 100.0, 400.0, 1_000.0, 4_000.0] {
+            for at in [0.0, 1_000.0, -1_000.0] {
+                for level in 0..3 {
+                    let (u, v) = ((level + 1) % 3, (level + 2) % 3);
+                    let slit = |height: f64, along: f64| {
+                        let mut extent = Extent { min: DVec3::splat(at), max: DVec3::splat(at) };
+                        extent.min[level] += height;
+                        extent.max[level] += height;
+                        extent.min[u] += along;
+                        extent.max[u] += along + 0.5;
+                        extent.min[v] += along * 0.5;
+                        extent.max[v] += along * 0.5 + 0.5;
+                        extent
+                    };
+                    let boxes = [slit(0.0, 0.0), slit(gap, length)];
+                    for signs in [[Some(true); 3], [None; 3]] {
+                        assert!(
+                            exact::is_stabbed(&boxes, signs, DVec3::ONE, &mut room),
+                            "{gap} in {length}, axis {level}, at {at}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// By how much the best direction, of those that rise, fails: nothing or less when a line meets all
+/// boxes. What fails is the greatest of functions linear in the inverse direction, and so is convex:
+/// two nested searches by thirds find the least.
+fn best_rising(boxes: &[Extent]) -> (f64, DVec3) {
+    let fails = |w: DVec3| {
+        let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+        for Extent { min, max } in boxes {
+            for axis in 0..3 {
+                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+                low[axis] = low[axis].max(min[u] * w[u] - max[v] * w[v]);
+                high[axis] = high[axis].min(max[u] * w[u] - min[v] * w[v]);
+            }
+        }
+        (low - high).max_element().max(low.element_sum()).max(-high.element_sum())
+    };
+    let by_thirds = |of: &dyn Fn(f64) -> f64| {
+        let (mut from, mut to) = (0.0, 1.0);
+        for _ in 0..70 {
+            let (a, b) = (from + (to - from) / 3.0, to - (to - from) / 3.0);
+            if of(a) <= of(b) { to = b } else { from = a }
+        }
+        (from + to) * 0.5
+    };
+    let weights = |s: f64, t: f64| DVec3::new(s, (1.0 - s) * t, (1.0 - s) * (1.0 - t));
+    let best_t = |s: f64| by_thirds(&|t| fails(weights(s, t)));
+    let s = by_thirds(&|s| fails(weights(s, best_t(s))));
+    let w = weights(s, best_t(s));
+    (fails(w), w)
+}
+
+/// The line with an inverse direction that meets all boxes, if `w` is well inside.
+fn line(boxes: &[Extent], w: DVec3) -> (DVec3, DVec3) {
+    let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+    for Extent { min, max } in boxes {
+        for axis in 0..3 {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            low[axis] = low[axis].max(min[u] * w[u] - max[v] * w[v]);
+            high[axis] = high[axis].min(max[u] * w[u] - min[v] * w[v]);
+        }
+    }
+    // Between the bounds, such that the sum is nothing.
+    let share = -low.element_sum() / (high.element_sum() - low.element_sum()).max(1e-300);
+    let m = low + (high - low) * share;
+    let d = w.recip();
+    let moment = DVec3::new(m.x * d.y * d.z, m.y * d.z * d.x, m.z * d.x * d.y);
+    (d.cross(moment) / d.length_squared(), d / d.length())
+}
+
+#[test]
+fn the_exact_test_agrees_with_a_slow_search() {
+    let mut rng = SmallRng::seed_from_u64(2);
+    let mut room = Vec::new();
+    let (mut stabbed, mut not, mut vain) = (0, 0, 0);
+    for case in 0..3_000 {
+        let rng = &mut rng;
+        let count = rng.random_range(2..9);
+        let flip = vector(rng, |rng| [1.0, -1.0][rng.random_range(0..2)]);
+        // Boxes and rectangles near a diagonal: about half are on no line.
+        let rising: Vec<_> =
+            (0..count)
+                .map(|i| {
+                    let place = vector(rng, |rng| coarse(rng, 2.0)) + f64::from(i) * 2.0;
+                    let size = vector(rng, |rng| {
+                        if rng.random_bool(0.3) { 0.0 } else { coarse(rng, 3.0).abs() }
+                    });
+                    Extent { min: place, max: place + size }
+                })
+                .collect();
+        let boxes: Vec<_> = rising
+            .iter()
+            .map(|b| {
+                let (a, b) = (b.min * flip, b.max * flip);
+                Extent { min: a.min(b), max: a.max(b) }
+            })
+            .collect();
+        let (fails, w) = best_rising(&rising);
+        let signs = [0, 1, 2].map(|axis| Some(flip[axis] > 0.0));
+        let towards = if rng.random_bool(0.5) { flip } else { vector(rng, |rng| coarse(rng, 2.0)) };
+        let found = exact::is_stabbed(&boxes, signs, towards, &mut room);
+        if fails < -1e-6 && w.min_element() > 1e-4 {
+            let (from, along) = line(&rising, w);
+            assert!(rising.iter().all(|b| meets(from, along, b, 1e-6)), "the twin, in case {case}");
+        }
+        if fails <= 0.0 {
+            stabbed += 1;
+            assert!(found, "case {case}: {boxes:?}, {signs:?}: fails by {fails} at {w}");
+        } else if fails > 1e-6 {
+            not += 1;
+            vain += usize::from(found);
+        }
+    }
+    assert!(stabbed > 500 && not > 500, "{stabbed} are stabbed, {not} are not");
+    assert!(vain * 200 < not, "{vain} of {not} are said to be stabbed");
+    println!("{stabbed} are stabbed; of {not} that are not, {vain} are said to be");
+}
+
+/// A point of a box, often on its boundary.
+fn point_in(rng: &mut SmallRng, extent: &Extent) -> DVec3 {
+    let mut place = vector(rng, |rng| rng.random_range(-0.3..1.3f64).clamp(0.0, 1.0));
+    place = extent.min + (extent.max - extent.min) * place;
+    place
+}
+
+fn random_box(rng: &mut SmallRng, offset: f64) -> Extent {
+    let min = vector(rng, |rng| rng.random_range(-5.0..5.0) + offset);
+    let size =
+        vector(rng, |rng| if rng.random_bool(0.3) { 0.0 } else { rng.random_range(0.0..4.0) });
+    Extent { min, max: min + size }
+}
+
+#[test]
+fn lines_stay_between_the_separating_planes() {
+    let mut rng = SmallRng::seed_from_u64(3);
+    let mut halves = HalfSpaces::none();
+    let mut planes = 0;
+    for case in 0..4_000 {
+        let rng = &mut rng;
+        let offset = [0.0, 1_000.0, -1_000.0][case % 3];
+        let (source, pass) = (random_box(rng, offset), random_box(rng, offset));
+        separators(&source, &pass, &mut halves);
+        planes += halves.count;
+        for half in halves.as_slice() {
+            assert!((half.normal.length() - 1.0).abs() < 1e-9);
+            // It touches both, from the two sides: it cannot be moved or turned inwards.
+            let heights =
+                |extent: &Extent| extent.corners().map(|c| half.normal.dot(c) - half.limit);
+            let nearest = heights(&source).into_iter().fold(f64::INFINITY, f64::min);
+            let farthest = heights(&pass).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            assert!(nearest.abs() < 1e-8 && farthest.abs() < 1e-8, "case {case}: {half:?}");
+        }
+        for _ in 0..50 {
+            let (from, through) = (point_in(rng, &source), point_in(rng, &pass));
+            let beyond = through + (through - from) * rng.random_range(0.0..10.0f64);
+            let around = Extent { min: beyond, max: beyond };
+            assert!(halves.meet(&around), "case {case}: from {from} through {through}");
+            assert!(halves.cut(&mut around.clone()), "case {case}");
+        }
+    }
+    assert!(planes > 8_000, "{planes}");
+}
+
+/// A point beyond that is outside of a separating plane is on no line from box through box.
+#[test]
+fn what_is_outside_of_a_separating_plane_is_on_no_line() {
+    let mut rng = SmallRng::seed_from_u64(4);
+    let mut halves = HalfSpaces::none();
+    let (mut room, mut inside, mut kept) = (Vec::new(), 0, 0);
+    for _ in 0..4_000 {
+        let rng = &mut rng;
+        let wide = |rng: &mut SmallRng| {
+            let extent = random_box(rng, 0.0);
+            Extent { max: extent.max + 0.1, ..extent }
+        };
+        let (source, mut pass) = (wide(rng), wide(rng));
+        // Ahead along one axis, as the next gate always is.
+        let axis = rng.random_range(0..3);
+        let shift = source.max[axis] - pass.min[axis] + rng.random_range(0.01..4.0);
+        (pass.min[axis], pass.max[axis]) = (pass.min[axis] + shift, pass.min[axis] + shift);
+        separators(&source, &pass, &mut halves);
+        for _ in 0..20 {
+            let mut point = vector(rng, |rng| rng.random_range(-20.0..20.0));
+            point[axis] = pass.max[axis] + rng.random_range(0.01..10.0);
+            let target = Extent { min: point, max: point };
+            let stabbed = exact::is_stabbed(
+                &[source, pass, target],
+                [None; 3],
+                point - source.min,
+                &mut room,
+            );
+            let meets = halves.meet(&target);
+            let outside = |half: &HalfSpace| half.normal.dot(point) > half.limit + 1e-3;
+            let is_outside = halves.as_slice().iter().any(outside);
+            assert!(!is_outside || !stabbed, "{source:?}, {pass:?}, {point}");
+            kept += usize::from(meets);
+            inside += usize::from(stabbed);
+        }
+    }
+    // The planes are tangents of projections, so they keep a little more than there is.
+    assert!(inside > 1_000 && kept * 10 < inside * 11, "{kept} kept, {inside} seen");
+    println!("of {kept} points kept, {inside} are on a line");
+}
+
+/// Sources that stick out through the gate's plane too: boxes around cells with slanted sides do.
+#[test]
+fn lines_stay_between_the_planes_through_slanted_edges() {
+    let mut rng = SmallRng::seed_from_u64(5);
+    let mut planes = 0;
+    for case in 0..4_000 {
+        let rng = &mut rng;
+        let normal = vector(rng, |rng| rng.random_range(-1.0..1.0)).normalize();
+        let (u, v) = normal.any_orthonormal_pair();
+        let corners: Vec<glam::Vec3> = (0..rng.random_range(3..7))
+            .scan(0.0, |angle, _| {
+                *angle += rng.random_range(0.4..1.0f64);
+                let (sine, cosine) = angle.sin_cos();
+                Some(((u * cosine + v * sine) * 2.0).as_vec3())
+            })
+            .collect();
+        let door = Door::slanted(normal, &corners, 0);
+        let source = random_box(rng, 0.0);
+        let mut halves = HalfSpaces::none();
+        edge_separators(&source, &door, normal, &mut halves);
+        planes += halves.count;
+        for _ in 0..50 {
+            let from = point_in(rng, &source);
+            let weights: Vec<f64> = corners.iter().map(|_| rng.random_range(0.0..1.0)).collect();
+            let sum: f64 = weights.iter().sum();
+            let through: DVec3 =
+                corners.iter().zip(&weights).map(|(c, w)| c.as_dvec3() * (w / sum)).sum();
+            if normal.dot(from) > door.distance - 1e-3 {
+                continue;
+            }
+            let beyond = through + (through - from) * rng.random_range(0.0..10.0f64);
+            let around = Extent { min: beyond, max: beyond };
+            assert!(halves.meet(&around), "case {case}: from {from} through {through}: {source:?}");
+        }
+    }
+    assert!(planes > 4_000, "{planes}");
+}
