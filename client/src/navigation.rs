@@ -342,7 +342,7 @@ impl<'a> Probe<'a> {
     /// Whether the body's box between two heights above a point is inside the building and free.
     fn is_free(&self, point: Vec3, from: f32, to: f32) -> bool {
         let region = self.region(point, from, to);
-        self.world.bounds().contains_box(&region) && !self.world.octree.solid_in(&region)
+        self.world.confines().contains_box(&region) && !self.world.octree.solid_in(&region)
     }
 
     fn region(&self, point: Vec3, from: f32, to: f32) -> Aabb {

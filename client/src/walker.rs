@@ -6,10 +6,9 @@
 
 use glam::Vec3;
 use sightline_shared::{
-    geometry::Aabb,
     motion::{Body, Pose},
     octree::Octree,
-    world::{Spawn, World},
+    world::{Confines, Spawn, World},
 };
 
 /// What the person at the keyboard, or a simulated visitor, wants.
@@ -36,7 +35,7 @@ pub struct Wish {
 pub struct Walker {
     body: Body,
     /// Where the eye may be.
-    bounds: Aabb,
+    confines: Confines,
     speed_max: f32,
     pose: Pose,
     /// Metres a second, upward.
@@ -67,11 +66,9 @@ const FREE_WITHIN: f32 = 3.0;
 impl Walker {
     /// A body at a spawn point, or at the nearest place where it fits.
     pub fn new(world: &World, spawn: Spawn) -> Self {
-        let bounds = world.bounds();
-        let inside = Aabb::new(bounds.min.min(bounds.centre()), bounds.max.max(bounds.centre()));
         let mut walker = Self {
             body: world.body,
-            bounds: inside.grown(-0.001f32.min(inside.size().min_element() * 0.25)),
+            confines: world.confines().grown(-0.001),
             speed_max: world.speed_max,
             pose: Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() },
             rise: 0.0,
@@ -189,7 +186,7 @@ impl Walker {
             eye[axis] += distance;
             eye
         };
-        let is_free = |eye: Vec3| self.bounds.contains(eye) && !self.is_solid_at(octree, eye);
+        let is_free = |eye: Vec3| self.confines.contains(eye) && !self.is_solid_at(octree, eye);
         if is_free(at(distance)) {
             self.pose.eye = at(distance);
             return true;
@@ -209,7 +206,7 @@ impl Walker {
 
     /// Whether the body fits on a step ahead, and above where it is while it climbs.
     fn can_climb(&self, octree: &Octree, ahead: Vec3) -> bool {
-        let fits = |eye: Vec3| self.bounds.contains(eye) && !self.is_solid_at(octree, eye);
+        let fits = |eye: Vec3| self.confines.contains(eye) && !self.is_solid_at(octree, eye);
         let voxel = octree.voxel().max(0.01);
         let tries = (self.climb_left / voxel).ceil().clamp(0.0, 64.0) as u32;
         (1..=tries)
@@ -223,13 +220,13 @@ impl Walker {
     }
 
     fn within(&self, eye: Vec3) -> Vec3 {
-        let eye = if eye.is_finite() { eye } else { self.bounds.centre() };
-        eye.clamp(self.bounds.min, self.bounds.max)
+        let eye = if eye.is_finite() { eye } else { self.confines.centre() };
+        self.confines.clamp(eye)
     }
 
     /// The nearest place where the body fits, of a few hundred around it.
     fn free_place(&self, octree: &Octree) -> Option<Vec3> {
-        let is_free = |eye: &Vec3| self.bounds.contains(*eye) && !self.is_solid_at(octree, *eye);
+        let is_free = |eye: &Vec3| self.confines.contains(*eye) && !self.is_solid_at(octree, *eye);
         let eye = self.pose.eye;
         if is_free(&eye) {
             return Some(eye);

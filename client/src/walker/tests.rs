@@ -5,6 +5,8 @@ use sightline_shared::{
     world::{Cells, Mesh},
 };
 
+use sightline_shared::geometry::Aabb;
+
 use super::*;
 
 const VOXEL: f32 = 0.125;

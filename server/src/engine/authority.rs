@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use glam::Vec3;
 use sightline_shared::{
-    geometry::Aabb,
     motion::{Pose, Tbv},
+    world::Confines,
 };
 
 /// A claim may exceed the speed limit by so much.
@@ -22,7 +22,7 @@ const SILENCE_MAX: Duration = Duration::from_secs(5);
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// No eye leaves it.
-    pub bounds: Aabb,
+    pub confines: Confines,
     /// In metres a second.
     pub speed_max: f32,
     /// As in [`Config`](super::Config).
@@ -94,7 +94,7 @@ impl Ledger {
         let allowed_m = self.allowed_m(now, limits);
         let way_m = claim.eye.as_dvec3().distance(at.as_dvec3());
         let believable = claim.is_finite()
-            && limits.bounds.contains(claim.eye)
+            && limits.confines.contains(claim.eye)
             && way_m <= allowed_m
             && tbv.is_none_or(|tbv| within(tbv, claim.eye, now, limits));
         if !believable {
@@ -143,10 +143,15 @@ fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &Limits) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use sightline_shared::{geometry::Aabb, world::Axes};
+
     use super::*;
 
     const LIMITS: Limits = Limits {
-        bounds: Aabb::new(Vec3::splat(-1_000.0), Vec3::splat(1_000.0)),
+        confines: Confines {
+            axes: Axes::WORLD,
+            bounds: Aabb::new(Vec3::splat(-1_000.0), Vec3::splat(1_000.0)),
+        },
         speed_max: 2.0,
         refusals_max: 20,
         refusal_window: Duration::from_secs(5),

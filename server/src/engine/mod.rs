@@ -119,7 +119,7 @@ impl Engine {
         let cells = world.cells.cells.len();
         Self {
             limits: Limits {
-                bounds: world.bounds(),
+                confines: world.confines(),
                 speed_max,
                 refusals_max: config.refusals_max,
                 refusal_window: config.refusal_window,

@@ -55,8 +55,8 @@ impl Engine {
 
     /// The place asked for, if an eye may be there, else the next spawn point in turn.
     pub(super) fn first_pose(&mut self, place: Option<Vec3>) -> Pose {
-        let bounds = self.world.bounds();
-        if let Some(eye) = place.filter(|p| p.is_finite() && bounds.contains(*p)) {
+        let confines = self.world.confines();
+        if let Some(eye) = place.filter(|p| p.is_finite() && confines.contains(*p)) {
             return Pose { eye, ..Pose::default() };
         }
         let spawns = &self.world.spawns;
@@ -64,7 +64,7 @@ impl Engine {
         self.joined = self.joined.wrapping_add(1);
         match spawns.get(turn % spawns.len().max(1)) {
             Some(spawn) => Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() },
-            None => Pose { eye: bounds.centre(), ..Pose::default() },
+            None => Pose { eye: confines.centre(), ..Pose::default() },
         }
     }
 
@@ -137,7 +137,7 @@ impl Engine {
 
     pub(super) fn relocate(&mut self, now: Duration, id: AvatarId, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
-        if !pose.is_finite() || !self.limits.bounds.contains(pose.eye) {
+        if !pose.is_finite() || !self.limits.confines.contains(pose.eye) {
             return;
         }
         let avatar = self.population.at_mut(slot);

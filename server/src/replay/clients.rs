@@ -4,7 +4,6 @@ use std::{collections::BTreeMap, time::Duration};
 
 use glam::Vec3;
 use sightline_shared::{
-    geometry::Aabb,
     motion::{AvatarId, Pose, Tbv},
     protocol::{
         VERSION, frame,
@@ -13,6 +12,7 @@ use sightline_shared::{
         quantise::WirePose,
         text::Name,
     },
+    world::Confines,
 };
 
 use crate::{engine::Engine, trace::Trace};
@@ -114,7 +114,7 @@ pub(super) struct Client {
 pub(super) struct Clients<'a> {
     trace: &'a Trace,
     speed_max: f32,
-    bounds: Aabb,
+    confines: Confines,
     tick: Duration,
     /// By the trace's ids.
     present: BTreeMap<u32, Client>,
@@ -129,7 +129,7 @@ impl<'a> Clients<'a> {
         Self {
             trace,
             speed_max: engine.speed_max(),
-            bounds: engine.world().bounds(),
+            confines: engine.world().confines(),
             tick: engine.config().tick,
             present: BTreeMap::new(),
             walkers: Vec::new(),
@@ -214,7 +214,7 @@ impl<'a> Clients<'a> {
     /// Where the trace has a walker, as it is told on the wire, within the world.
     fn look_up(&mut self, walker: u32, at: Duration) -> Option<Pose> {
         let pose = self.trace.pose_at(walker, at, self.speed_max)?;
-        let eye = pose.eye.clamp(self.bounds.min, self.bounds.max);
+        let eye = self.confines.clamp(pose.eye);
         self.outside += u64::from(eye != pose.eye);
         Some(Pose { eye, ..pose })
     }
@@ -279,6 +279,6 @@ impl<'a> Clients<'a> {
 
     fn on_wire(&self, pose: &Pose) -> Pose {
         let rounded = Pose::from(WirePose::from(pose));
-        Pose { eye: rounded.eye.clamp(self.bounds.min, self.bounds.max), ..rounded }
+        Pose { eye: self.confines.clamp(rounded.eye), ..rounded }
     }
 }

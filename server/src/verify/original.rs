@@ -80,6 +80,10 @@ impl<'a> Original<'a> {
     }
 
     fn spot_in(&self, point: Vec3, leaf: Option<u32>) -> Option<Spot> {
+        // Of a turned world, the box in which points are drawn has corners where no eye can be.
+        if !self.world.confines().contains(point) {
+            return None;
+        }
         let cluster = match (&self.tree, leaf) {
             (Some(tree), Some(leaf)) if tree.inside[leaf as usize] => {
                 tree.tree.leafs[leaf as usize].cluster

@@ -1,6 +1,7 @@
 //! The compiled world: what a building is to server and client.
 
 mod cells;
+mod confines;
 mod file;
 mod origin;
 pub mod stab;
@@ -9,6 +10,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 pub use cells::{Axes, Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space};
+pub use confines::Confines;
 pub use file::{ContentId, ReadError, content_id, write_whole};
 pub use origin::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid};
 
@@ -36,9 +38,14 @@ pub struct World {
 }
 
 impl World {
-    /// The region in which an eye can be. All the building is inside.
+    /// The smallest box of the world's axes around [`World::confines`].
     pub fn bounds(&self) -> Aabb {
         self.cells.axes.world_box(&self.cells.bounds)
+    }
+
+    /// The region in which an eye can be. All the building is inside.
+    pub fn confines(&self) -> Confines {
+        Confines { axes: self.cells.axes, bounds: self.cells.bounds }
     }
 }
 
