@@ -104,7 +104,9 @@ fn table(report: &Report) -> String {
     row("voxels", report.voxels.to_string());
     row("voxel", format!("{:.1} mm", report.voxel_m * 1000.0));
     for &(stage, seconds) in &report.seconds {
-        row(stage.name(), format!("{seconds:.2} s"));
+        let cpu = report.cpu_seconds.iter().find(|(known, _)| *known == stage);
+        let cpu = cpu.map(|(_, seconds)| format!(" ({seconds:.2} s CPU)")).unwrap_or_default();
+        row(stage.name(), format!("{seconds:.2} s{cpu}"));
     }
     table
 }

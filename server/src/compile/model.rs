@@ -52,11 +52,16 @@ pub struct Model {
 impl Model {
     /// The smallest box around all that is drawn or blocks sight; none when there is nothing.
     pub fn bounds(&self) -> Option<Aabb> {
+        let bounds = Aabb::from_points(self.points());
+        (!bounds.is_empty()).then_some(bounds)
+    }
+
+    /// All corners of what is drawn or blocks sight, in metres.
+    pub fn points(&self) -> impl Iterator<Item = Vec3> {
         let drawn = self.surfaces.iter().flat_map(|surface| {
             surface.triangles.iter().flatten().map(|&i| surface.positions[i as usize])
         });
-        let bounds = Aabb::from_points(drawn.chain(self.opaque.as_flattened().iter().copied()));
-        (!bounds.is_empty()).then_some(bounds)
+        drawn.chain(self.opaque.as_flattened().iter().copied())
     }
 }
 

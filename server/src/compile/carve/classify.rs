@@ -118,6 +118,15 @@ pub(super) struct Groups {
 }
 
 impl Groups {
+    /// For each of so many polygons, its element; `u32::MAX` of one that is in none.
+    pub fn element_of(&self, polygons: usize) -> Vec<u32> {
+        let mut element_of = vec![u32::MAX; polygons];
+        for (index, element) in (0..).zip(&self.elements) {
+            element.iter().for_each(|&polygon| element_of[polygon as usize] = index);
+        }
+        element_of
+    }
+
     pub fn of(polygons: &Polygons, classes: &[Class]) -> Self {
         let is_non_axial = |polygon: u32| classes[polygon as usize] == Class::NonAxial;
         let (mut elements, mut clusters) = (Union::new(polygons.len()), Union::new(polygons.len()));

@@ -54,6 +54,8 @@ mod topology;
 mod turn;
 mod volume;
 
+use std::ops::ControlFlow;
+
 use glam::DVec3;
 use serde::Serialize;
 
@@ -62,12 +64,16 @@ pub use turn::{dominant_turn, from_own_axes, to_own_axes};
 
 use classify::{Groups, classes};
 use polygons::Polygons;
-use volume::Carver;
+use volume::{Carver, Carving};
 
 /// A carving unit takes at most this times its own area of polygons that are not its own.
 pub const LOSS_MAX: f64 = 2.0;
 /// A carving unit may take this much of others whatever is added, in square metres.
 pub const FREE_LOSS_M2: f64 = 1.0;
+/// The share of the work that is done when triangles are merged to polygons, roughly.
+const MERGED: f32 = 0.5;
+/// The share that is done when carving units are known.
+const GROUPED: f32 = 0.7;
 
 /// What the author chooses.
 #[derive(Clone, Copy, Debug, Default)]
@@ -209,7 +215,20 @@ pub struct CarveReport {
 ///
 /// Corners closer than 0.02 mm count as one. The time is nearly linear in the triangles.
 pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &Options) -> Carved {
+    carve_heard(triangles, surfaces, options, &mut |_| ControlFlow::Continue(()))
+        .expect("nobody breaks it")
+}
+
+/// The same, with `progress` told the share done, from 0 to 1. None when it breaks.
+pub fn carve_heard(
+    triangles: &[[DVec3; 3]],
+    surfaces: &[u32],
+    options: &Options,
+    progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
+) -> Option<Carved> {
+    let mut goes_on = |share| progress(share).is_continue().then_some(());
     let polygons = Polygons::merge(triangles, surfaces);
+    goes_on(MERGED)?;
     let classes = classes(&polygons);
     let groups = Groups::of(&polygons, &classes);
     let mut carver = Carver::new(triangles, &polygons, &classes);
@@ -217,28 +236,45 @@ pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &Options) -> C
         Units::Clusters => &groups.clusters,
         Units::Elements => &groups.elements,
     };
-    let mut element_of = vec![u32::MAX; polygons.len()];
-    for (index, element) in (0..).zip(&groups.elements) {
-        element.iter().for_each(|&polygon| element_of[polygon as usize] = index);
-    }
-    for unit in units {
-        if carver.carve(unit) {
-            continue;
+    let element_of = groups.element_of(polygons.len());
+    goes_on(GROUPED)?;
+    for (index, unit) in units.iter().enumerate() {
+        if index % 16 == 0 {
+            goes_on(GROUPED + (1.0 - GROUPED) * index as f32 / units.len() as f32)?;
         }
-        let mut elements: Vec<u32> = unit.iter().map(|&p| element_of[p as usize]).collect();
-        elements.sort_unstable();
-        elements.dedup();
-        for element in elements {
-            let element = &groups.elements[element as usize];
-            if !carver.carve(element) {
-                carver.carve_confined(element);
-            }
-        }
+        carve_unit(&mut carver, unit, &groups, &element_of);
     }
-    let count = |class| classes.iter().filter(|&&c| c == class).count();
     let carving = carver.finish();
+    let report = report(&polygons, &classes, &groups, &carving);
+    let Carving { kept, cuttings, added, .. } = carving;
+    Some(Carved { polygons: kept, added, cuttings, report })
+}
+
+/// Carves a unit as a whole if that does not cost others too much, else element by element.
+fn carve_unit(carver: &mut Carver<'_>, unit: &[u32], groups: &Groups, element_of: &[u32]) {
+    if carver.carve(unit) {
+        return;
+    }
+    let mut elements: Vec<u32> = unit.iter().map(|&p| element_of[p as usize]).collect();
+    elements.sort_unstable();
+    elements.dedup();
+    for element in elements {
+        let element = &groups.elements[element as usize];
+        if !carver.carve(element) {
+            carver.carve_confined(element);
+        }
+    }
+}
+
+fn report(
+    polygons: &Polygons,
+    classes: &[Class],
+    groups: &Groups,
+    carving: &Carving,
+) -> CarveReport {
+    let count = |class| classes.iter().filter(|&&c| c == class).count();
     let worst = |classes: &mut dyn Iterator<Item = Class>| classes.max().unwrap_or(Class::Axial);
-    let report = CarveReport {
+    CarveReport {
         polygons: polygons.len(),
         axial: count(Class::Axial),
         semi_axial: count(Class::SemiAxial),
@@ -254,8 +290,7 @@ pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &Options) -> C
         degenerate: polygons.degenerate.len(),
         before: worst(&mut classes.iter().copied()),
         after: worst(&mut carving.kept.iter().map(|polygon| polygon.class)),
-    };
-    Carved { polygons: carving.kept, added: carving.added, cuttings: carving.cuttings, report }
+    }
 }
 
 #[cfg(test)]
