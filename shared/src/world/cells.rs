@@ -230,7 +230,7 @@ pub struct Cells {
 
 /// A point in a solid leaf belongs to a cell that is no further away, in metres: eyes are rounded,
 /// and bodies are pressed against walls.
-const ASTRAY_M: f32 = 0.25;
+pub(super) const ASTRAY_M: f32 = 0.25;
 
 impl Cells {
     /// A subdivision of one cell.

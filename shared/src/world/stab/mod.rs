@@ -17,6 +17,7 @@
 //! That is larger than either, so nothing is missed, and it bounds the work by the number of gates.
 
 mod exact;
+mod eye;
 #[cfg(test)]
 mod tests;
 
@@ -415,6 +416,7 @@ pub struct Scratch {
     search: u32,
     chains: Chains,
     room: Vec<Extent>,
+    room_of_eye: eye::Room,
 }
 
 /// What a line has to meet along a sequence of steps, and which way it goes.
