@@ -177,10 +177,12 @@ impl Row {
         let (world, report) = compile::compile(&model, &options, &|_, _| ControlFlow::Continue(()))
             .with_context(|| name.clone())?;
         let seconds = start.elapsed().as_secs_f64();
-        eprintln!("{name}: verifying");
-        let verified = verified(&world, args)?;
         let cpu_seconds = SIGHT_STAGES.map(|stage| of_stage(&report.cpu_seconds, stage));
         let cpu_ms = cpu_seconds.iter().sum::<f64>() * 1e3;
+        // Whoever stops this early has at least that.
+        let (cells, cpu_s) = (report.cells, cpu_ms / 1e3);
+        eprintln!("{name}: {cells} cells in {cpu_s:.2} s CPU, {seconds:.1} s in all; verifying");
+        let verified = verified(&world, args)?;
         let entries: u64 = world.cells.pvs.iter().map(|row| row.len()).sum();
         let by_volume = &verified.by_volume;
         let over_send = |tally: &Tally| by_volume.over_send(tally);
