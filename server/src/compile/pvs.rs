@@ -34,24 +34,30 @@ pub fn potentially_visible(
         lines.spaces(scratch, &query)
     };
     let told = |share: f32| progress(share * FIRST_ROUND);
-    let spaces = mutual(each(cells.spaces.len(), from_spaces, &told)?);
-    let from_cells = |scratch: &mut Scratch, cell: usize| {
-        let cell = &cells.cells[cell];
-        let source = Extent::around(&cell.bounds, WIDENING);
-        let allowed = Some(spaces[cell.space as usize].as_slice());
-        lines.cells(scratch, &Query { space: cell.space, source, spaces: allowed, frustum: &[] })
+    let spaces = mutual(sorted(each(cells.spaces.len(), from_spaces, &told)?));
+    let blocks = lines.blocks();
+    let from_blocks = |scratch: &mut Scratch, block: usize| {
+        let block = &blocks[block];
+        lines.rows(scratch, block, &spaces[block.space as usize])
     };
     let told = |share: f32| progress(FIRST_ROUND + share * (1.0 - FIRST_ROUND));
-    let rows = mutual(each(cells.cells.len(), from_cells, &told)?);
+    // Blocks come in the order of their cells.
+    let rows = each(blocks.len(), from_blocks, &told)?.into_iter().flatten().collect();
+    let rows = mutual(sorted(rows));
     Some(rows.into_par_iter().map(compressed).collect())
 }
 
-/// What each of some things sees, ascending; on all cores.
-fn each(
+fn sorted(mut rows: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
+    rows.par_iter_mut().for_each(|row| row.sort_unstable());
+    rows
+}
+
+/// What is found for each of some things, on all cores.
+fn each<T: Default + Send>(
     count: usize,
-    seen_from: impl Fn(&mut Scratch, usize) -> Vec<u32> + Sync,
+    seen_from: impl Fn(&mut Scratch, usize) -> T + Sync,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
-) -> Option<Vec<Vec<u32>>> {
+) -> Option<Vec<T>> {
     let done = AtomicUsize::new(0);
     let cancelled = AtomicBool::new(false);
     let found = (0..count)
@@ -62,11 +68,9 @@ fn each(
                 cancelled.store(true, Relaxed);
             }
             if cancelled.load(Relaxed) {
-                return Vec::new();
+                return T::default();
             }
-            let mut seen = seen_from(scratch, index);
-            seen.sort_unstable();
-            seen
+            seen_from(scratch, index)
         })
         .collect();
     (!cancelled.load(Relaxed)).then_some(found)

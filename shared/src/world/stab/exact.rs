@@ -145,52 +145,70 @@ fn is_stabbed_flat(boxes: &[Extent], axis: usize, rises: [f64; 2]) -> bool {
 /// The condition that fails most at a direction, as coefficients of `w`: it wants their product
 /// with `w` not to be positive.
 fn failure(boxes: &[Extent], w: DVec3) -> Option<DVec3> {
-    let mut low = DVec3::NEG_INFINITY;
-    let mut high = DVec3::INFINITY;
-    let (mut lowest, mut highest) = ([0usize; 3], [0usize; 3]);
-    for (i, Extent { min, max }) in boxes.iter().enumerate() {
-        let (a, b) = (*min * w, *max * w);
-        // By axis: X from y and z, Y from z and x, Z from x and y.
-        let from = DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y);
-        let to = DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y);
-        for axis in 0..3 {
-            if from[axis] > low[axis] {
-                (low[axis], lowest[axis]) = (from[axis], i);
-            }
-            if to[axis] < high[axis] {
-                (high[axis], highest[axis]) = (to[axis], i);
-            }
-        }
+    let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+    for extent in boxes {
+        let (from, to) = moments(extent, w);
+        low = low.max(from);
+        high = high.min(to);
     }
-    // Coefficients of w in a lower and in an upper bound.
-    let from = |axis: usize| {
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut row = DVec3::ZERO;
-        row[u] = boxes[lowest[axis]].min[u];
-        row[v] = -boxes[lowest[axis]].max[v];
-        row
-    };
-    let to = |axis: usize| {
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut row = DVec3::ZERO;
-        row[u] = boxes[highest[axis]].max[u];
-        row[v] = -boxes[highest[axis]].min[v];
-        row
-    };
     let mut worst = (ROUNDING, None);
     for axis in 0..3 {
         let by = low[axis] - high[axis];
         if by > worst.0 {
-            worst = (by, Some(from(axis) - to(axis)));
+            worst = (by, Some(Condition::Order(axis)));
         }
     }
     if low.element_sum() > worst.0 {
-        worst = (low.element_sum(), Some(from(0) + from(1) + from(2)));
+        worst = (low.element_sum(), Some(Condition::Low));
     }
     if -high.element_sum() > worst.0 {
-        worst = (-high.element_sum(), Some(-to(0) - to(1) - to(2)));
+        worst = (-high.element_sum(), Some(Condition::High));
     }
-    worst.1
+    // Which boxes gave the bounds matters only now: most directions do not fail.
+    let from = |axis: usize| {
+        let gives = |extent: &&Extent| moments(extent, w).0[axis] >= low[axis];
+        let Extent { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
+        row(axis, min, max)
+    };
+    let to = |axis: usize| {
+        let gives = |extent: &&Extent| moments(extent, w).1[axis] <= high[axis];
+        let Extent { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
+        row(axis, max, min)
+    };
+    Some(match worst.1? {
+        Condition::Order(axis) => from(axis) - to(axis),
+        Condition::Low => from(0) + from(1) + from(2),
+        Condition::High => -to(0) - to(1) - to(2),
+    })
+}
+
+/// What can fail.
+enum Condition {
+    /// The lower bound of a moment exceeds the upper one.
+    Order(usize),
+    /// The lower bounds sum to more than 0.
+    Low,
+    /// The upper bounds sum to less than 0.
+    High,
+}
+
+/// The bounds that a box puts on the moments.
+#[inline]
+fn moments(extent: &Extent, w: DVec3) -> (DVec3, DVec3) {
+    let (a, b) = (extent.min * w, extent.max * w);
+    (
+        DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y),
+        DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y),
+    )
+}
+
+/// The coefficients of `w` in a bound of the moment about an axis.
+fn row(axis: usize, plus: &DVec3, minus: &DVec3) -> DVec3 {
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let mut row = DVec3::ZERO;
+    row[u] = plus[u];
+    row[v] = -minus[v];
+    row
 }
 
 /// A convex polygon of directions that remain.

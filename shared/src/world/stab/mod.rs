@@ -21,11 +21,11 @@ mod eye;
 #[cfg(test)]
 mod tests;
 
-use std::{cmp::Ordering, collections::BinaryHeap};
+use std::{cmp::Ordering, collections::BinaryHeap, ops::Range};
 
 use glam::DVec3;
 
-use super::{Cells, Polygon};
+use super::{CellId, Cells, Node, Polygon};
 use crate::geometry::Aabb;
 
 /// Gates and sources are widened by this much on each side, in metres: more than what importers
@@ -330,6 +330,8 @@ fn least_lean(heights: &[(f64, f64); 8]) -> f64 {
 struct Step {
     /// A later step at the same door shows all that this one does.
     is_covered: bool,
+    /// It goes through a gate of the source's own space.
+    is_first: bool,
     /// The steps before: none when it is the first, or stands for too many sequences.
     parents: Parents,
     door: u32,
@@ -410,9 +412,11 @@ pub struct Scratch {
     /// For each door, its steps and how often they were joined; those with `touched` hold some.
     at_door: Vec<AtDoor>,
     touched: Vec<u32>,
-    /// For each cell or space, the last search that found it.
+    /// For each part of the source and each cell, or for each space, the last search that found it.
     seen: Vec<u32>,
     allowed: Vec<u32>,
+    /// For each block, the last search that found all of it from all parts of the source.
+    full: Vec<u32>,
     search: u32,
     chains: Chains,
     room: Vec<Extent>,
@@ -424,6 +428,9 @@ pub struct Scratch {
 struct Chain {
     met: Vec<Extent>,
     signs: exact::Signs,
+    /// All of the gates on the way; axial rectangles when `is_whole`, from the source on.
+    gates: Vec<Extent>,
+    is_whole: bool,
     /// The step to go on with.
     next: Option<u32>,
 }
@@ -449,6 +456,8 @@ impl Chains {
         let (head, tail) = self.all.split_at_mut(self.count);
         let (from, to) = (&head[index], &mut tail[0]);
         to.met.clone_from(&from.met);
+        to.gates.clone_from(&from.gates);
+        to.is_whole = from.is_whole;
         to.signs = from.signs;
         to.next = Some(next);
         self.count += 1;
@@ -474,12 +483,97 @@ pub struct Query<'a> {
     pub frustum: &'a [HalfSpace],
 }
 
+impl Query<'_> {
+    fn holds(&self, target: &Extent) -> bool {
+        self.frustum.iter().all(|half| target.meets(half))
+    }
+}
+
+/// A search with several sources, and what it has found.
+struct Look<'a, 'b> {
+    query: &'a Query<'b>,
+    sources: &'a [Extent],
+    found: &'a mut [Vec<u32>],
+    scratch: &'a mut Scratch,
+    halves: HalfSpaces,
+}
+
+impl Look<'_, '_> {
+    fn index(&self, source: usize, cell: u32) -> u32 {
+        cell * self.sources.len() as u32 + source as u32
+    }
+
+    fn has_seen(&self, source: usize, cell: u32) -> bool {
+        self.scratch.has_seen(self.index(source, cell))
+    }
+
+    fn see(&mut self, source: usize, cell: u32) {
+        let index = self.index(source, cell);
+        if self.scratch.see(index) {
+            self.found[source].push(cell);
+        }
+    }
+}
+
+/// Cells of one space that lie close together.
+#[derive(Clone, Debug)]
+pub struct Block {
+    /// The smallest box around them, widened.
+    pub bounds: Extent,
+    /// Indices into [`Cells::cells`].
+    pub cells: Range<u32>,
+    /// Index into [`Cells::spaces`].
+    pub space: u32,
+}
+
+/// No block is wider than this along any axis, in metres, but for those of a single cell.
+const BLOCK_MAX: f64 = 3.0;
+
+/// The blocks that the subtrees of the tree make.
+fn blocks(cells: &Cells, targets: &[Extent]) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    if let Some(all) = block(cells, targets, 0, &mut blocks) {
+        blocks.push(all);
+    }
+    blocks.sort_unstable_by_key(|block| block.cells.start);
+    blocks
+}
+
+/// The cells of a subtree as one block, if they make one; else adds those blocks that they make.
+fn block(cells: &Cells, targets: &[Extent], node: u32, found: &mut Vec<Block>) -> Option<Block> {
+    let sides = match cells.tree[node as usize] {
+        Node::Solid => return None,
+        Node::Leaf(CellId(cell)) => {
+            let space = cells.cells[cell as usize].space;
+            let bounds = targets[cell as usize];
+            return Some(Block { bounds, cells: cell..cell + 1, space });
+        }
+        Node::Axial { sides, .. } | Node::Plane { sides, .. } => sides,
+    };
+    let [lesser, greater] = sides.map(|side| block(cells, targets, side, found));
+    if let (Some(lesser), Some(greater)) = (&lesser, &greater) {
+        let bounds = lesser.bounds.union(&greater.bounds);
+        if lesser.space == greater.space
+            && lesser.cells.end == greater.cells.start
+            && (bounds.max - bounds.min).max_element() <= BLOCK_MAX + 2.0 * WIDENING + 1e-3
+        {
+            let cells = lesser.cells.start..greater.cells.end;
+            return Some(Block { bounds, cells, space: lesser.space });
+        }
+    }
+    found.extend(lesser.into_iter().chain(greater));
+    None
+}
+
 /// A building's gates, ready for searches.
 pub struct Sightlines<'a> {
     cells: &'a Cells,
     /// Two for each gate: `2i` leads to its greater side, `2i + 1` to its lesser side.
     doors: Vec<Door>,
     targets: Vec<Extent>,
+    blocks: Vec<Block>,
+    /// For each space, its blocks.
+    blocks_of: Vec<Range<u32>>,
 }
 
 impl<'a> Sightlines<'a> {
@@ -493,9 +587,16 @@ impl<'a> Sightlines<'a> {
                 [Door::new(&gate.polygon, greater, 1.0), Door::new(&gate.polygon, lesser, -1.0)]
             })
             .collect();
-        let targets =
+        let targets: Vec<Extent> =
             cells.cells.iter().map(|cell| Extent::around(&cell.bounds, WIDENING)).collect();
-        Self { cells, doors, targets }
+        let blocks = blocks(cells, &targets);
+        let starting = |cell: u32| blocks.partition_point(|block| block.cells.start < cell) as u32;
+        let blocks_of = cells
+            .spaces
+            .iter()
+            .map(|space| starting(space.cells.start)..starting(space.cells.end))
+            .collect();
+        Self { cells, doors, targets, blocks, blocks_of }
     }
 
     /// The doors out of a space.
@@ -508,7 +609,7 @@ impl<'a> Sightlines<'a> {
 
     /// The spaces of which some point may be visible from some point of the source: its own first.
     pub fn spaces(&self, scratch: &mut Scratch, query: &Query<'_>) -> Vec<u32> {
-        scratch.begin(self.doors.len(), self.cells.spaces.len(), self.cells.spaces.len(), query);
+        scratch.begin(self, 1, query);
         let mut found = vec![query.space];
         scratch.see(query.space);
         self.search(scratch, query);
@@ -523,39 +624,122 @@ impl<'a> Sightlines<'a> {
 
     /// The cells of which some point may be visible from some point of the source.
     pub fn cells(&self, scratch: &mut Scratch, query: &Query<'_>) -> Vec<u32> {
-        let cells = self.cells.cells.len();
-        scratch.begin(self.doors.len(), self.cells.spaces.len(), cells, query);
-        let within = |target: &Extent| query.frustum.iter().all(|half| target.meets(half));
-        let own = self.cells.spaces[query.space as usize].cells.clone();
-        let mut found: Vec<u32> =
-            own.filter(|&cell| scratch.see(cell) && within(&self.targets[cell as usize])).collect();
-        self.search(scratch, query);
+        let mut found = [Vec::new()];
+        self.look(scratch, query, &[query.source], &mut found);
+        let [found] = found;
+        found
+    }
+
+    /// For each cell of a block, the cells of which some point may be visible from some point of it.
+    /// Only the given spaces are looked into.
+    pub fn rows(&self, scratch: &mut Scratch, block: &Block, spaces: &[u32]) -> Vec<Vec<u32>> {
+        let Block { bounds, ref cells, space } = *block;
+        let query = Query { space, source: bounds, spaces: Some(spaces), frustum: &[] };
+        let sources: Vec<Extent> = cells.clone().map(|cell| self.targets[cell as usize]).collect();
+        let mut found = vec![Vec::new(); sources.len()];
+        self.look(scratch, &query, &sources, &mut found);
+        found
+    }
+
+    /// The cells, in blocks that lie close together and see much the same.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// Finds, for each of some parts of a query's source, the cells that it may see.
+    fn look(
+        &self,
+        scratch: &mut Scratch,
+        query: &Query<'_>,
+        sources: &[Extent],
+        found: &mut [Vec<u32>],
+    ) {
+        scratch.begin(self, sources.len(), query);
+        let mut look = Look { query, sources, found, scratch, halves: HalfSpaces::none() };
+        for cell in self.cells.spaces[query.space as usize].cells.clone() {
+            if query.holds(&self.targets[cell as usize]) {
+                (0..sources.len()).for_each(|source| look.see(source, cell));
+            }
+        }
+        self.search(look.scratch, query);
         let (mut halves, mut back) = (HalfSpaces::none(), HalfSpaces::none());
-        for index in 0..scratch.steps.len() {
-            let step = scratch.steps[index];
-            let gate = &self.doors[step.door as usize];
-            let targets = self.cells.spaces[gate.to as usize].cells.clone();
-            if step.is_covered || targets.clone().all(|cell| scratch.has_seen(cell)) {
+        for index in 0..look.scratch.steps.len() {
+            let step = look.scratch.steps[index];
+            if step.is_covered {
                 continue;
             }
+            let gate = &self.doors[step.door as usize];
             separators(&step.source, &step.pass, &mut halves);
             edge_separators(&step.source, gate, gate.normal, &mut halves);
-            self.gather(scratch, &step);
-            for cell in targets {
-                let target = &self.targets[cell as usize];
-                if scratch.has_seen(cell) || !halves.meet(target) || !within(target) {
+            let mut is_gathered = false;
+            for number in self.blocks_of[gate.to as usize].clone() {
+                let block = &self.blocks[number as usize];
+                if look.scratch.full[number as usize] == look.scratch.search
+                    || !halves.meet(&block.bounds)
+                    || !query.holds(&block.bounds)
+                {
                     continue;
                 }
-                // And the other way round: from the cell through the gate to the source.
-                separators(target, &step.pass, &mut back);
+                // And the other way round: from the block through the gate to the source.
+                separators(&block.bounds, &step.pass, &mut back);
                 let mut source = step.source;
-                if back.cut(&mut source) && scratch.is_stabbed(&source, target) {
-                    scratch.see(cell);
-                    found.push(cell);
+                if !back.cut(&mut source) {
+                    continue;
+                }
+                if !std::mem::replace(&mut is_gathered, true) {
+                    self.gather(look.scratch, &step);
+                }
+                if look.scratch.is_stabbed(&source, &block.bounds) {
+                    self.look_at(&mut look, &step, &source, number);
                 }
             }
         }
-        found
+    }
+
+    /// Finds which parts of the source may see which cells of a block by a step that shows some of
+    /// the block to some of the source.
+    fn look_at(&self, look: &mut Look<'_, '_>, step: &Step, source: &Extent, number: u32) {
+        let block = &self.blocks[number as usize];
+        if look.sources.len() == 1 && block.cells.len() == 1 {
+            look.see(0, block.cells.start);
+            return;
+        }
+        let gate = &self.doors[step.door as usize];
+        let is_open = look.query.frustum.is_empty()
+            && look.scratch.is_open(&look.query.source, &block.bounds);
+        let mut all = true;
+        for index in 0..look.sources.len() {
+            if is_open {
+                block.cells.clone().for_each(|cell| look.see(index, cell));
+                continue;
+            }
+            let mut part = look.sources[index];
+            part.min = part.min.max(source.min);
+            part.max = part.max.min(source.max);
+            if !part.min.cmple(part.max).all() {
+                all = false;
+                continue;
+            }
+            separators(&part, &step.pass, &mut look.halves);
+            edge_separators(&part, gate, gate.normal, &mut look.halves);
+            for cell in block.cells.clone() {
+                if look.has_seen(index, cell) {
+                    continue;
+                }
+                let target = &self.targets[cell as usize];
+                if look.halves.meet(target)
+                    && look.query.holds(target)
+                    && look.scratch.is_stabbed(&part, target)
+                {
+                    look.see(index, cell);
+                } else {
+                    all = false;
+                }
+            }
+        }
+        if all {
+            look.scratch.full[number as usize] = look.scratch.search;
+        }
     }
 
     /// Finds all steps.
@@ -567,6 +751,7 @@ impl<'a> Sightlines<'a> {
             if gate.is_before(&source) && source.keep(&gate.before()) {
                 let step = Step {
                     is_covered: false,
+                    is_first: true,
                     parents: Parents::NONE,
                     door,
                     source,
@@ -599,6 +784,8 @@ impl<'a> Sightlines<'a> {
         let Scratch { steps, chains, .. } = scratch;
         let begin = |chain: &mut Chain| {
             chain.met.clear();
+            chain.gates.clear();
+            chain.is_whole = true;
             chain.signs = [None; 3];
             chain.next = None;
             self.put(chain, last);
@@ -621,8 +808,10 @@ impl<'a> Sightlines<'a> {
                     {
                         (first, others)
                     }
-                    _ => {
-                        chains.all[index].met.push(step.source);
+                    none => {
+                        let chain = &mut chains.all[index];
+                        chain.met.push(step.source);
+                        chain.is_whole &= none.is_empty() && step.is_first;
                         break;
                     }
                 };
@@ -638,7 +827,10 @@ impl<'a> Sightlines<'a> {
 
     fn put(&self, chain: &mut Chain, step: &Step) {
         chain.met.push(step.pass);
-        let normal = self.doors[step.door as usize].normal;
+        let door = &self.doors[step.door as usize];
+        chain.gates.push(door.bounds);
+        chain.is_whole &= door.edges.is_empty();
+        let normal = door.normal;
         for axis in 0..3 {
             if normal[axis].abs() == 1.0 {
                 chain.signs[axis] = Some(normal[axis] > 0.0);
@@ -666,7 +858,14 @@ impl<'a> Sightlines<'a> {
         back.push(gate.before());
         back.push(before.before());
         let parents = Parents::one(index);
-        back.cut(&mut source).then_some(Step { is_covered: false, parents, door, source, pass })
+        back.cut(&mut source).then_some(Step {
+            is_covered: false,
+            is_first: false,
+            parents,
+            door,
+            source,
+            pass,
+        })
     }
 
     /// Adds a step, unless it shows nothing new.
@@ -707,6 +906,31 @@ impl<'a> Sightlines<'a> {
     }
 }
 
+/// Whether every line from a box to another goes through a gate, an axial rectangle between them.
+fn is_between(source: &Extent, gate: &Extent, target: &Extent) -> bool {
+    let Some(axis) = (0..3).find(|&axis| gate.min[axis] == gate.max[axis]) else { return false };
+    let at = gate.min[axis];
+    let is_ahead = target.min[axis] + target.max[axis] > source.min[axis] + source.max[axis];
+    // The near and the far side of each, as distances from the gate.
+    let (source_far, source_near, target_near, target_far) = if is_ahead {
+        (at - source.min[axis], at - source.max[axis], target.min[axis] - at, target.max[axis] - at)
+    } else {
+        (source.max[axis] - at, source.min[axis] - at, at - target.max[axis], at - target.min[axis])
+    };
+    if source_near < -2.0 * WIDENING || target_near < -2.0 * WIDENING {
+        return false;
+    }
+    let ways = [source_near.max(0.0), source_far].into_iter().flat_map(|before| {
+        [target_near.max(0.0), target_far].map(|beyond| before / (before + beyond).max(1e-9))
+    });
+    ways.into_iter().all(|share| {
+        let low = source.min.lerp(target.min, share);
+        let high = source.max.lerp(target.max, share);
+        let within = low.cmpge(gate.min) & high.cmple(gate.max);
+        (0..3).all(|other| other == axis || within.test(other))
+    })
+}
+
 /// Cuts a box about a polygon to what holds the polygon's part within some half-spaces; false when
 /// there is none.
 fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut Extent) -> bool {
@@ -738,7 +962,9 @@ fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut Extent) -> b
 
 impl Scratch {
     /// Makes ready for a search.
-    fn begin(&mut self, doors: usize, spaces: usize, seen: usize, query: &Query<'_>) {
+    fn begin(&mut self, lines: &Sightlines<'_>, sources: usize, query: &Query<'_>) {
+        let (doors, spaces) = (lines.doors.len(), lines.cells.spaces.len());
+        let seen = (sources * lines.cells.cells.len()).max(spaces);
         for door in self.touched.drain(..) {
             let at = &mut self.at_door[door as usize];
             at.steps.clear();
@@ -747,12 +973,14 @@ impl Scratch {
         self.at_door.resize(doors.max(self.at_door.len()), AtDoor::default());
         self.seen.resize(seen.max(self.seen.len()), 0);
         self.allowed.resize(spaces.max(self.allowed.len()), 0);
+        self.full.resize(lines.blocks.len().max(self.full.len()), 0);
         self.steps.clear();
         self.waiting.clear();
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
             self.seen.fill(0);
             self.allowed.fill(0);
+            self.full.fill(0);
             self.search = 1;
         }
         for &space in query.spaces.unwrap_or_default() {
@@ -788,10 +1016,17 @@ impl Scratch {
         let Self { chains, room, .. } = self;
         chains.all[..chains.count].iter_mut().any(|chain| {
             let signs = [0, 1, 2].map(|axis| chain.signs[axis].or(certain[axis]));
-            chain.met.push(*target);
+            chain.met.extend([*source, *target]);
             let is_stabbed = exact::is_stabbed(&chain.met, signs, towards, room);
-            chain.met.pop();
+            chain.met.truncate(chain.met.len() - 2);
             is_stabbed
+        })
+    }
+
+    /// Whether every line from a source to a target goes along one of the sequences gathered.
+    fn is_open(&self, source: &Extent, target: &Extent) -> bool {
+        self.chains.all[..self.chains.count].iter().any(|chain| {
+            chain.is_whole && chain.gates.iter().all(|gate| is_between(source, gate, target))
         })
     }
 
