@@ -91,6 +91,11 @@ proptest! {
     fn turned_walls_are_semi_axial(wall in wall()) {
         prop_assume!(wall.count() > 0 && wall.turn > 0.01);
         let triangles = wall.triangles(wall.turn);
+        // A diagonal that happens to run along an axis looks like a side.
+        let is_along_axis = |edge: DVec3| edge.x.abs().min(edge.z.abs()) < edge.length() * 1e-3;
+        let edges = |t: &Triangle| [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
+        let level = triangles.iter().flat_map(edges).filter(|edge| edge.y.abs() < 1e-6);
+        prop_assume!(!level.into_iter().any(is_along_axis));
         let carved = carve(&triangles, &[], &Options::default());
         prop_assert_eq!(carved.report.before, Class::SemiAxial);
         prop_assert_eq!(carved.report.clusters, 0);
