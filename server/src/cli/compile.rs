@@ -23,6 +23,10 @@ pub struct Args {
     /// The world to write.
     #[arg(short, long, value_name = "OUT.slw")]
     output: PathBuf,
+    /// The width of the widest cell, in metres; by default chosen by how much there is to see.
+    /// Narrower cells tell more exactly who sees whom, and take longer.
+    #[arg(long, value_name = "METRES", value_parser = cell_size)]
+    cell: Option<f32>,
     /// The edge of a voxel, in metres; by default chosen by the building's size.
     #[arg(long, value_name = "METRES", value_parser = voxel_size)]
     voxel: Option<f32>,
@@ -35,6 +39,13 @@ pub struct Args {
     /// Write the figures of the closing table to this file too.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+}
+
+fn cell_size(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(edge) if (0.25..=1_000.0).contains(&edge) => Ok(edge),
+        _ => Err("a cell is between 0.25 and 1000 metres wide".into()),
+    }
 }
 
 fn voxel_size(text: &str) -> Result<f32, String> {
@@ -61,6 +72,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let options = compile::Options {
         voxel: args.voxel,
+        cell: args.cell,
         carving: carve::Options { units: args.carving_units },
     };
     let progress = Progress::new();

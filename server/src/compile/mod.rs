@@ -23,7 +23,7 @@ use sightline_shared::{
 };
 
 use crate::sight::Sight;
-use subdivide::{Grain, Occluders};
+use subdivide::{Grain, Occluders, Spaces};
 
 pub mod bsp;
 pub mod carve;
@@ -68,9 +68,15 @@ impl Stage {
 pub struct Options {
     /// The edge of a voxel, in metres; chosen by the building's size when absent.
     pub voxel: Option<f32>,
+    /// The width of the widest cell, in metres; chosen by how much there is to see when absent.
+    pub cell: Option<f32>,
     /// How models are carved.
     pub carving: carve::Options,
 }
+
+/// Cells are as fine as lets about so many pairs of them see each other. These take some ten
+/// seconds to find on two cores, and some twenty megabytes to keep.
+const PAIRS_ABOUT: f64 = 2.5e7;
 
 /// Why a model makes no world.
 #[derive(Debug, thiserror::Error)]
@@ -159,16 +165,12 @@ pub fn compile(
         .ok_or(CompileError::Cancelled)?;
     listener.tell(Stage::Cells, 0.0)?;
     let eyes: Vec<Vec3> = model.spawns.iter().map(|spawn| axes.own(spawn.eye)).collect();
-    let mut cells = watch.time(Stage::Cells, || {
+    let spaces = watch.time(Stage::Cells, || {
         let planes = occluders::planes(&opaque(&carved));
         let occluders = Occluders { planes: &planes, solids: &model.solids, eyes: &eyes };
-        subdivide::subdivide(&space, axes, &occluders, &Grain::default())
+        Spaces::new(&space, axes, &occluders)
     });
-    cells.pvs = watch
-        .time(Stage::Pvs, || {
-            pvs::potentially_visible(&cells, &|share| listener.hear(Stage::Pvs, share))
-        })
-        .ok_or(CompileError::Cancelled)?;
+    let cells = watch.time(Stage::Pvs, || sight_lines(&spaces, options.cell, &listener))?;
     listener.tell(Stage::Voxels, 0.0)?;
     let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
     let octree = watch.time(Stage::Voxels, || {
@@ -209,6 +211,26 @@ pub fn compile(
         origin: model.origin.clone(),
     };
     Ok((world, report))
+}
+
+/// The cells and their PVS.
+fn sight_lines(
+    spaces: &Spaces,
+    width: Option<f32>,
+    listener: &Listener<'_>,
+) -> Result<Cells, CompileError> {
+    let hear = |share: f32| listener.hear(Stage::Pvs, share);
+    let whole = spaces.cells(&Grain::WHOLE);
+    let seen = pvs::spaces_seen(&whole, &|share| hear(share * 0.1));
+    let seen = seen.ok_or(CompileError::Cancelled)?;
+    let grain = match width {
+        Some(width) => Grain::of_width(width),
+        None => pvs::grain_for(PAIRS_ABOUT, &whole.spaces, &seen),
+    };
+    let mut cells = spaces.cells(&grain);
+    let pvs = pvs::potentially_visible(&cells, &seen, &|share| hear(0.1 + share * 0.9));
+    cells.pvs = pvs.ok_or(CompileError::Cancelled)?;
+    Ok(cells)
 }
 
 /// What carving left that hides, and whether it is to be split along last: level surfaces that are

@@ -14,35 +14,64 @@ use std::{
 use rayon::prelude::*;
 use roaring::RoaringBitmap;
 use sightline_shared::world::{
-    Cells, Pvs,
+    Cells, Pvs, Space,
     stab::{Extent, Query, Scratch, Sightlines, WIDENING},
 };
 
-/// The share of the work that the first round takes, roughly.
-const FIRST_ROUND: f32 = 0.2;
+use super::subdivide::Grain;
 
-/// Finds the PVS of a subdivision. `progress` is told the share done, from 0 to 1, from any thread.
-/// None when it breaks.
-pub fn potentially_visible(
+/// For each space, the spaces that may be visible from it, ascending.
+pub type SpacesSeen = Vec<Vec<u32>>;
+
+/// The first round. `progress` is told the share done, from 0 to 1, from any thread; none when it
+/// breaks.
+pub fn spaces_seen(
     cells: &Cells,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
-) -> Option<Pvs> {
+) -> Option<SpacesSeen> {
     let lines = Sightlines::new(cells);
     let from_spaces = |scratch: &mut Scratch, space: usize| {
         let source = Extent::around(&cells.spaces[space].bounds, WIDENING);
         let query = Query { space: space as u32, source, spaces: None, frustum: &[] };
         lines.spaces(scratch, &query)
     };
-    let told = |share: f32| progress(share * FIRST_ROUND);
-    let spaces = mutual(sorted(each(cells.spaces.len(), from_spaces, &told)?));
+    Some(mutual(sorted(each(cells.spaces.len(), from_spaces, progress)?)))
+}
+
+/// How finely to split so that about so many pairs of cells see each other; but no finer than
+/// [`WIDTH_MIN`].
+pub fn grain_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> Grain {
+    let pairs_at = |grain: &Grain| {
+        let count: Vec<f64> =
+            spaces.iter().map(|space| grain.cells_in(space.bounds.size())).collect();
+        let visible = |row: &Vec<u32>| row.iter().map(|&to| count[to as usize]).sum::<f64>();
+        count.iter().zip(seen).map(|(from, row)| from * visible(row)).sum::<f64>()
+    };
+    let widths = std::iter::successors(Some(WIDTH_MIN), |width| Some(width * 1.1));
+    let mut grains = widths.take_while(|&width| width < WIDTH_MAX).map(Grain::of_width);
+    grains.find(|grain| pairs_at(grain) <= pairs).unwrap_or(Grain::of_width(WIDTH_MAX))
+}
+
+/// Bodies are about as wide as this, in metres: what is finer tells little more.
+const WIDTH_MIN: f32 = 1.0;
+/// Nor need cells be wider than this, in metres.
+const WIDTH_MAX: f32 = 12.0;
+
+/// The second round: finds the PVS of a subdivision whose spaces see each other so. `progress` is
+/// told the share done, from 0 to 1, from any thread; none when it breaks.
+pub fn potentially_visible(
+    cells: &Cells,
+    seen: &SpacesSeen,
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Option<Pvs> {
+    let lines = Sightlines::new(cells);
     let blocks = lines.blocks();
     let from_blocks = |scratch: &mut Scratch, block: usize| {
         let block = &blocks[block];
-        lines.rows(scratch, block, &spaces[block.space as usize])
+        lines.rows(scratch, block, &seen[block.space as usize])
     };
-    let told = |share: f32| progress(FIRST_ROUND + share * (1.0 - FIRST_ROUND));
     // Blocks come in the order of their cells.
-    let rows = each(blocks.len(), from_blocks, &told)?.into_iter().flatten().collect();
+    let rows = each(blocks.len(), from_blocks, progress)?.into_iter().flatten().collect();
     let rows = mutual(sorted(rows));
     Some(rows.into_par_iter().map(compressed).collect())
 }
@@ -104,7 +133,7 @@ mod tests {
     use crate::{
         compile::{
             occluders::{Opaque, planes},
-            subdivide::{Grain, Occluders, subdivide},
+            subdivide::{Occluders, Spaces},
         },
         sight::Sight,
     };
@@ -171,7 +200,7 @@ mod tests {
         let opaque = |t: &[Vec3; 3]| Opaque { corners: t.map(own), is_last: false };
         let planes = planes(&all.iter().map(opaque).collect::<Vec<_>>());
         let occluders = Occluders { planes: &planes, solids: &[], eyes: &[] };
-        subdivide(&axes.own_box(bounds), axes, &occluders, &Grain::default())
+        Spaces::new(&axes.own_box(bounds), axes, &occluders).cells(&Grain::of_width(2.0))
     }
 
     fn compiled(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> Cells {
@@ -181,7 +210,8 @@ mod tests {
     }
 
     fn seen(cells: &Cells) -> Pvs {
-        potentially_visible(cells, &|_| ControlFlow::Continue(())).unwrap()
+        let go_on = |_| ControlFlow::Continue(());
+        potentially_visible(cells, &spaces_seen(cells, &go_on).unwrap(), &go_on).unwrap()
     }
 
     fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {

@@ -8,6 +8,7 @@
 use std::ops::Range;
 
 use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
 use sightline_shared::{
     geometry::Aabb,
     world::{Axes, Cell, CellId, Cells, Gate, Node, Polygon, Portal, Space},
@@ -53,37 +54,62 @@ pub struct Grain {
     pub height_max: f32,
 }
 
-impl Default for Grain {
-    fn default() -> Self {
-        Self { width_max: 3.0, height_max: 4.0 }
+impl Grain {
+    /// Every space is one cell.
+    pub const WHOLE: Self = Self { width_max: f32::INFINITY, height_max: f32::INFINITY };
+
+    /// Cells of this width, in metres. They are higher than wide, since eyes move on floors.
+    pub fn of_width(width_max: f32) -> Self {
+        Self { width_max, height_max: width_max * 1.5 }
+    }
+
+    /// Into how many cells a box of this size is split, roughly.
+    pub fn cells_in(&self, size: Vec3) -> f64 {
+        let cell = Vec3::new(self.width_max, self.height_max, self.width_max);
+        (size / cell).ceil().max(Vec3::ONE).as_dvec3().element_product()
     }
 }
 
-/// Splits a region into cells and finds their portals. The PVS is left empty.
-pub fn subdivide(bounds: &Aabb, axes: Axes, occluders: &Occluders<'_>, grain: &Grain) -> Cells {
-    let draft = if occluders.solids.is_empty() {
-        surfaces::split(bounds, occluders.planes)
-    } else {
-        solids::split(bounds, occluders.solids)
-    };
-    let region = Region::new(*bounds);
-    let gates: Vec<(Join, Polygon)> = draft
-        .joins(0, &region)
-        .into_iter()
-        .flat_map(|join| open_parts(join, occluders.planes))
-        .collect();
-    let kept = kept(&draft, &gates, occluders);
-    let mut builder = Builder {
-        draft: &draft,
-        kept: &kept,
-        grain: *grain,
-        fine: Draft::default(),
-        spaces: Vec::new(),
-        space_of: vec![u32::MAX; draft.leaves.len()],
-        roots: Vec::new(),
-    };
-    builder.refine(0);
-    builder.finish(bounds, axes, gates)
+/// A building split along its occluders.
+pub struct Spaces {
+    bounds: Aabb,
+    axes: Axes,
+    draft: Draft,
+    /// Which leaves of the draft are spaces.
+    kept: Vec<bool>,
+    gates: Vec<(Join, Polygon)>,
+}
+
+impl Spaces {
+    /// Splits a region, given in own axes.
+    pub fn new(bounds: &Aabb, axes: Axes, occluders: &Occluders<'_>) -> Self {
+        let draft = if occluders.solids.is_empty() {
+            surfaces::split(bounds, occluders.planes)
+        } else {
+            solids::split(bounds, occluders.solids)
+        };
+        let joins = draft.joins(0, &Region::new(*bounds));
+        let gates: Vec<(Join, Polygon)> = joins
+            .into_par_iter()
+            .flat_map_iter(|join| open_parts(join, occluders.planes))
+            .collect();
+        let kept = kept(&draft, &gates, occluders);
+        Self { bounds: *bounds, axes, draft, kept, gates }
+    }
+
+    /// Splits the spaces into cells, and finds the portals between these. The PVS is left empty.
+    pub fn cells(&self, grain: &Grain) -> Cells {
+        let mut builder = Builder {
+            spaces_in: self,
+            grain: *grain,
+            fine: Draft::default(),
+            spaces: Vec::new(),
+            space_of: vec![u32::MAX; self.draft.leaves.len()],
+            roots: Vec::new(),
+        };
+        builder.refine(0);
+        builder.finish()
+    }
 }
 
 /// The open parts of where two spaces join.
@@ -191,8 +217,7 @@ fn kept(draft: &Draft, gates: &[(Join, Polygon)], occluders: &Occluders<'_>) -> 
 }
 
 struct Builder<'a> {
-    draft: &'a Draft,
-    kept: &'a [bool],
+    spaces_in: &'a Spaces,
     grain: Grain,
     /// The final tree. Its leaves are the cells.
     fine: Draft,
@@ -206,15 +231,15 @@ struct Builder<'a> {
 impl Builder<'_> {
     /// Adds a subtree of the draft, its spaces split into cells.
     fn refine(&mut self, node: u32) -> u32 {
-        match &self.draft.nodes[node as usize] {
+        match &self.spaces_in.draft.nodes[node as usize] {
             DraftNode::Split { cut, plane, sides } => {
                 let index = self.fine.reserve();
                 let sides = sides.map(|side| self.refine(side));
                 self.fine.set_split(index, *cut, *plane, sides);
                 index
             }
-            DraftNode::Leaf(leaf) if self.kept[*leaf as usize] => {
-                let region = &self.draft.leaves[*leaf as usize];
+            DraftNode::Leaf(leaf) if self.spaces_in.kept[*leaf as usize] => {
+                let region = &self.spaces_in.draft.leaves[*leaf as usize];
                 let start = self.fine.leaves.len() as u32;
                 self.space_of[*leaf as usize] = self.spaces.len() as u32;
                 let root = self.split_open(region.clone());
@@ -243,7 +268,8 @@ impl Builder<'_> {
         index
     }
 
-    fn finish(self, bounds: &Aabb, axes: Axes, gates: Vec<(Join, Polygon)>) -> Cells {
+    fn finish(self) -> Cells {
+        let Spaces { bounds, axes, gates, .. } = self.spaces_in;
         let mut spaces: Vec<Space> = self
             .spaces
             .iter()
@@ -266,9 +292,9 @@ impl Builder<'_> {
             for space in ids {
                 spaces[space as usize].gates.push(world_gates.len() as u32);
             }
-            world_gates.push(Gate { spaces: ids, polygon });
+            world_gates.push(Gate { spaces: ids, polygon: polygon.clone() });
             let roots = ids.map(|space| self.roots[space as usize]);
-            self.fine.join_across(roots, &join.cut, None, join.polygon, &mut found);
+            self.fine.join_across(roots, &join.cut, None, join.polygon.clone(), &mut found);
         }
         let mut cells: Vec<Cell> = Vec::with_capacity(self.fine.leaves.len());
         for (space, (range, _)) in (0..).zip(&self.spaces) {
@@ -287,7 +313,7 @@ impl Builder<'_> {
         }
         let tree = self.fine.nodes.iter().map(world_node).collect();
         let gates = world_gates;
-        Cells { axes, bounds: *bounds, tree, cells, portals, spaces, gates, pvs: Vec::new() }
+        Cells { axes: *axes, bounds: *bounds, tree, cells, portals, spaces, gates, pvs: Vec::new() }
     }
 }
 
@@ -324,14 +350,12 @@ mod tests {
         let opaque = opaque.iter().map(|&corners| Opaque { corners, is_last: false });
         let planes = planes(&opaque.collect::<Vec<_>>());
         let occluders = Occluders { planes: &planes, solids: &[], eyes: &[] };
-        subdivide(&bounds(), Axes::WORLD, &occluders, grain)
+        Spaces::new(&bounds(), Axes::WORLD, &occluders).cells(grain)
     }
-
-    const WHOLE: Grain = Grain { width_max: 100.0, height_max: 100.0 };
 
     #[test]
     fn an_empty_region_is_one_cell() {
-        let cells = split(&[], &WHOLE);
+        let cells = split(&[], &Grain::WHOLE);
         assert_eq!((cells.cells.len(), cells.portals.len()), (1, 0));
         assert_eq!(cells.at(Vec3::ONE), Some(CellId(0)));
     }
@@ -343,7 +367,7 @@ mod tests {
             rect(0, 5.0, [0.0, 2.5], [3.0, 4.0]),
             rect(0, 5.0, [2.0, 1.5], [3.0, 2.5]),
         ];
-        let cells = split(wall.as_flattened(), &WHOLE);
+        let cells = split(wall.as_flattened(), &Grain::WHOLE);
         assert_eq!(cells.cells.len(), 2);
         let door = Aabb::new(Vec3::new(5.0, 0.0, 1.5), Vec3::new(5.0, 2.0, 2.5));
         assert_eq!(
@@ -359,13 +383,13 @@ mod tests {
     #[test]
     fn something_small_makes_no_cell() {
         let shelf = rect(1, 1.0, [1.0, 1.0], [2.0, 1.5]);
-        assert_eq!(split(&shelf, &WHOLE).cells.len(), 1);
+        assert_eq!(split(&shelf, &Grain::WHOLE).cells.len(), 1);
     }
 
     #[test]
     fn cells_lie_in_one_space_each_and_are_not_wide() {
         let wall = [rect(0, 5.0, [0.0, 0.0], [3.0, 1.5]), rect(0, 5.0, [0.0, 2.5], [3.0, 4.0])];
-        let large = split(wall.as_flattened(), &WHOLE);
+        let large = split(wall.as_flattened(), &Grain::WHOLE);
         let small = split(wall.as_flattened(), &Grain { width_max: 3.0, height_max: 4.0 });
         assert_eq!((large.cells.len(), small.cells.len()), (2, 8));
         assert_eq!((large.spaces.len(), small.spaces.len()), (2, 2));

@@ -196,10 +196,7 @@ enum Condition {
 #[inline]
 fn moments(extent: &Extent, w: DVec3) -> (DVec3, DVec3) {
     let (a, b) = (extent.min * w, extent.max * w);
-    (
-        DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y),
-        DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y),
-    )
+    (DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y), DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y))
 }
 
 /// The coefficients of `w` in a bound of the moment about an axis.

@@ -38,7 +38,7 @@ const APART_MIN: f64 = 1e-7;
 /// Steps kept apart at one gate.
 const STEPS_AT_GATE_MAX: usize = 6;
 /// So many sequences to one step are told apart.
-const CHAINS_MAX: usize = 12;
+const CHAINS_MAX: usize = 6;
 /// Longer sequences are looked at from their end.
 const CHAIN_MAX: usize = 48;
 /// A gate at which joined steps have grown so often takes the whole source and the whole gate.
@@ -526,8 +526,8 @@ pub struct Block {
     pub space: u32,
 }
 
-/// No block is wider than this along any axis, in metres, but for those of a single cell.
-const BLOCK_MAX: f64 = 3.0;
+/// The most cells in a block.
+const BLOCK_CELLS_MAX: u32 = 8;
 
 /// The blocks that the subtrees of the tree make.
 fn blocks(cells: &Cells, targets: &[Extent]) -> Vec<Block> {
@@ -555,7 +555,7 @@ fn block(cells: &Cells, targets: &[Extent], node: u32, found: &mut Vec<Block>) -
         let bounds = lesser.bounds.union(&greater.bounds);
         if lesser.space == greater.space
             && lesser.cells.end == greater.cells.start
-            && (bounds.max - bounds.min).max_element() <= BLOCK_MAX + 2.0 * WIDENING + 1e-3
+            && greater.cells.end - lesser.cells.start <= BLOCK_CELLS_MAX
         {
             let cells = lesser.cells.start..greater.cells.end;
             return Some(Block { bounds, cells, space: lesser.space });
