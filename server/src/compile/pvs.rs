@@ -264,6 +264,7 @@ mod tests {
     /// A building turned about the vertical, its cells in its own axes.
     #[test]
     fn no_sight_line_is_missed_in_turned_buildings() {
+        let mut dense = 0.0;
         for seed in 0..20 {
             let mut rng = SmallRng::seed_from_u64(seed);
             let (bounds, opaque) = random_building(&mut rng);
@@ -274,8 +275,9 @@ mod tests {
             let sight = Sight::new(&mesh(&turned));
             let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
             assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
-            assert!(cells.density() < 0.9, "walls hide: {}", cells.density());
+            dense += cells.density() / 20.0;
         }
+        assert!(dense < 0.7, "walls hide: {dense}");
     }
 
     /// The proof that the tests above can fail.
