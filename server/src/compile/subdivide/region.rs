@@ -92,7 +92,8 @@ impl Region {
                 whole
             }
         };
-        for (slant, is_greater) in &self.slants {
+        // What lies in a side of the region has no width on either side of that.
+        for (slant, is_greater) in self.slants.iter().filter(|(slant, _)| slant != cut) {
             polygon = part(&polygon, slant, *is_greater);
         }
         polygon
