@@ -75,8 +75,10 @@ pub struct Options {
 }
 
 /// Cells are as fine as lets about so many pairs of them see each other. These take some ten
-/// seconds to find on two cores, and some twenty megabytes to keep.
+/// seconds to find on two cores, and some ten megabytes to keep …
 const PAIRS_ABOUT: f64 = 2.5e7;
+/// … and so many more for each space, so that large buildings are not coarser than small ones.
+const PAIRS_A_SPACE: f64 = 2_000.0;
 
 /// Why a model makes no world.
 #[derive(Debug, thiserror::Error)]
@@ -225,7 +227,10 @@ fn sight_lines(
     let seen = seen.ok_or(CompileError::Cancelled)?;
     let grain = match width {
         Some(width) => Grain::of_width(width),
-        None => pvs::grain_for(PAIRS_ABOUT, &whole.spaces, &seen),
+        None => {
+            let pairs = PAIRS_ABOUT + PAIRS_A_SPACE * whole.spaces.len() as f64;
+            pvs::grain_for(pairs, &whole.spaces, &seen)
+        }
     };
     let mut cells = spaces.cells(&grain);
     let pvs = pvs::potentially_visible(&cells, &seen, &|share| hear(0.1 + share * 0.9));
