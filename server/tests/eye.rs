@@ -163,7 +163,7 @@ fn a_building_from_boxes_of_eyes() {
     assert!(check(&world, 1, 400) > 4_000);
     let [(around, around_us), (ahead, ahead_us)] = figures(&world, 300);
     println!("{around:.2} of a row in {around_us:.0} µs, ahead {ahead:.2} in {ahead_us:.0} µs");
-    assert!(around < 0.9 && ahead < 0.35, "{around}, {ahead}");
+    assert!(around < 0.95 && ahead < 0.35, "{around}, {ahead}");
     let whole = part_seen_by_whole_cells(&world, 200);
     println!("whole cells see {whole:.3} of their rows");
     assert!(whole > 0.9, "{whole}");
@@ -187,7 +187,7 @@ fn a_map_from_boxes_of_eyes() {
     assert!(check(&world, 3, 300) > 3_000);
     let [(around, around_us), (ahead, ahead_us)] = figures(&world, 300);
     println!("{around:.2} of a row in {around_us:.0} µs, ahead {ahead:.2} in {ahead_us:.0} µs");
-    assert!(around < 0.9 && ahead < 0.35, "{around}, {ahead}");
+    assert!(around < 0.95 && ahead < 0.35, "{around}, {ahead}");
 }
 
 /// Eyes in something solid are taken for eyes beside it; nowhere, and nothing, sees nothing.
