@@ -22,7 +22,7 @@ use sightline_shared::{
 };
 
 fn compiled(model: &Model) -> World {
-    let options = Options { voxel: Some(0.5), ..Options::default() };
+    let options = Options { voxel: Some(0.5), cell: Some(3.0), ..Options::default() };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
 }
 

@@ -90,7 +90,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
 }
 
 fn compiled(model: &Model) -> (World, compile::Report) {
-    let options = compile::Options { voxel: Some(2.0), ..Default::default() };
+    let options = compile::Options { voxel: Some(2.0), cell: Some(3.0), ..Default::default() };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap()
 }
 

@@ -13,7 +13,8 @@ fn building() -> World {
 
 fn compiled() -> World {
     let model = glb::read_slice(&demo_building::glb(12, 1), None, "demo").unwrap();
-    let options = compile::Options { voxel: Some(0.125), ..compile::Options::default() };
+    let options =
+        compile::Options { voxel: Some(0.125), cell: Some(3.0), ..compile::Options::default() };
     let go_on = |_, _| std::ops::ControlFlow::Continue(());
     compile::compile(&model, &options, &go_on).unwrap().0
 }

@@ -56,7 +56,7 @@ impl House {
             origin: None,
             warnings: Vec::new(),
         };
-        let options = compile::Options { voxel: Some(0.5), ..Default::default() };
+        let options = compile::Options { voxel: Some(0.5), cell: Some(3.0), ..Default::default() };
         let (world, _) =
             compile::compile(&model, &options, &|_, _| std::ops::ControlFlow::Continue(()))
                 .unwrap();
@@ -257,7 +257,8 @@ fn pedestrians_in_four_hundred_rooms_are_not_missed() {
     let Some(shared) = shared() else { return };
     let bytes = fs::read(shared.join("traces/rooms400.glb")).unwrap();
     let model = compile::glb::read_slice(&bytes, None, "rooms400").unwrap();
-    let options_world = compile::Options { voxel: Some(1.0), ..Default::default() };
+    let options_world =
+        compile::Options { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
     let (world, _) =
         compile::compile(&model, &options_world, &|_, _| std::ops::ControlFlow::Continue(()))
             .unwrap();

@@ -26,7 +26,7 @@ pub const WAY: [Vec3; 5] =
 pub fn world() -> ServedWorld {
     static WORLD: OnceLock<ServedWorld> = OnceLock::new();
     let make = || {
-        let options = compile::Options { voxel: Some(0.1), ..Default::default() };
+        let options = compile::Options { voxel: Some(0.1), cell: Some(3.0), ..Default::default() };
         let (world, _) =
             compile::compile(&model(), &options, &|_, _| std::ops::ControlFlow::Continue(()))
                 .unwrap();
