@@ -39,7 +39,7 @@ pub fn spaces_seen(
 }
 
 /// How finely to split so that about so many pairs of cells see each other; but no finer than
-/// [`WIDTH_MIN`].
+/// `WIDTH_MIN`.
 pub fn grain_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> Grain {
     let pairs_at = |grain: &Grain| {
         let count: Vec<f64> =

@@ -7,7 +7,7 @@
 //! out of many random ones is free is *loose*. For a world from a Quake map, its own vis lump is
 //! measured on the same points, beside ours.
 //!
-//! What is empty, and what is in sight, is decided by the original alone ([`original`]), never by
+//! What is empty, and what is in sight, is decided by the original alone (`original`), never by
 //! the cells. A point may lie in no cell: inside a wall, or where nobody who began at a spawn point
 //! can look. Two such points see each other and nobody minds; but when somebody in a cell sees one,
 //! it is not closed off, and that is a miss.

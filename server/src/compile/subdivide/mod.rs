@@ -1,7 +1,7 @@
 //! Cells and portals: space split along what occludes, and the open part of each boundary.
 //!
-//! It happens in two steps. First *spaces*: between solids where the model has them ([`solids`]),
-//! along surfaces where it does not ([`surfaces`]). Between two spaces there are *gates*. Then each
+//! It happens in two steps. First *spaces*: between solids where the model has them (`solids`),
+//! along surfaces where it does not (`surfaces`). Between two spaces there are *gates*. Then each
 //! space is split further into *cells*, since much less can be seen from a part of a hall than from
 //! somewhere in it; between cells there are *portals*.
 

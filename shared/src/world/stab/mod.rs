@@ -3,7 +3,7 @@
 //! A search starts in a space and goes from gate to gate. Each step keeps two boxes: the part of
 //! the *source* from which the gate can be seen through those before it, and the part of the gate
 //! that can be seen from there, its *pass*. Every line that goes from the source through the pass
-//! stays within the half-spaces that separate the two ([`separators`]); these cut the next gate, and
+//! stays within the half-spaces that separate the two (`separators`); these cut the next gate, and
 //! with the roles changed the source. What is left of the next gate is the next step; when nothing
 //! is left, no line goes through that sequence. The steps form a *stab tree*.
 //!
@@ -13,7 +13,7 @@
 //!
 //! Open places let a gate be reached by very many sequences. A step whose source and pass lie
 //! within those of an earlier step at the same gate shows nothing new, and is dropped; and where a
-//! gate has [`STEPS_AT_GATE_MAX`] steps, further ones are joined: the box around both stands for both.
+//! gate has `STEPS_AT_GATE_MAX` steps, further ones are joined: the box around both stands for both.
 //! That is larger than either, so nothing is missed, and it bounds the work by the number of gates.
 
 mod exact;
