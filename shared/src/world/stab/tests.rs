@@ -1,5 +1,6 @@
 //! Naive twins: lines that are known, and a slow search for lines.
 
+use glam::DVec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 
 use super::*;
@@ -113,19 +114,25 @@ fn nearly_level_lines_through_thin_gaps_are_found() {
     }
 }
 
+/// The bounds that boxes put on the moments of lines with an inverse direction.
+fn moments(boxes: &[Extent], w: DVec3) -> (DVec3, DVec3) {
+    let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+    for Extent { min, max } in boxes {
+        for axis in 0..3 {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            low[axis] = low[axis].max(min[u] * w[u] - max[v] * w[v]);
+            high[axis] = high[axis].min(max[u] * w[u] - min[v] * w[v]);
+        }
+    }
+    (low, high)
+}
+
 /// By how much the best direction, of those that rise, fails: nothing or less when a line meets all
 /// boxes. What fails is the greatest of functions linear in the inverse direction, and so is convex:
 /// two nested searches by thirds find the least.
 fn best_rising(boxes: &[Extent]) -> (f64, DVec3) {
     let fails = |w: DVec3| {
-        let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
-        for Extent { min, max } in boxes {
-            for axis in 0..3 {
-                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-                low[axis] = low[axis].max(min[u] * w[u] - max[v] * w[v]);
-                high[axis] = high[axis].min(max[u] * w[u] - min[v] * w[v]);
-            }
-        }
+        let (low, high) = moments(boxes, w);
         (low - high).max_element().max(low.element_sum()).max(-high.element_sum())
     };
     let by_thirds = |of: &dyn Fn(f64) -> f64| {
@@ -145,14 +152,7 @@ fn best_rising(boxes: &[Extent]) -> (f64, DVec3) {
 
 /// The line with an inverse direction that meets all boxes, if `w` is well inside.
 fn line(boxes: &[Extent], w: DVec3) -> (DVec3, DVec3) {
-    let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
-    for Extent { min, max } in boxes {
-        for axis in 0..3 {
-            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            low[axis] = low[axis].max(min[u] * w[u] - max[v] * w[v]);
-            high[axis] = high[axis].min(max[u] * w[u] - min[v] * w[v]);
-        }
-    }
+    let (low, high) = moments(boxes, w);
     // Between the bounds, such that the sum is nothing.
     let share = -low.element_sum() / (high.element_sum() - low.element_sum()).max(1e-300);
     let m = low + (high - low) * share;
