@@ -11,11 +11,11 @@ use obvhs::{
     triangle::Triangle,
 };
 use rayon::prelude::*;
-use sightline_shared::world::Mesh;
+use sightline_shared::world::{Axes, Mesh};
 
 use crate::{
     compile::carve::{self, Carved, Class},
-    plan,
+    plan::{self, INK, PAPER},
 };
 
 /// One panel, in pixels.
@@ -29,8 +29,6 @@ const HALF_VIEW: f32 = 0.7;
 /// seen from both.
 const RAYS: u32 = 3;
 
-const PAPER: [u8; 3] = [250, 250, 247];
-const INK: [u8; 3] = [40, 42, 48];
 const SKY: [f32; 3] = [196.0, 214.0, 232.0];
 const AXIAL: [f32; 3] = [216.0, 213.0, 206.0];
 const SEMI_AXIAL: [f32; 3] = [188.0, 202.0, 214.0];
@@ -62,7 +60,8 @@ pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, Carved) {
     let corner = |i: u32| mesh.positions[i as usize];
     let opaque: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
     let turn = carve::dominant_turn(&opaque);
-    let own = |p: Vec3| carve::to_own_axes(p.as_dvec3(), turn);
+    let axes = Axes::turned(turn);
+    let own = |p: Vec3| axes.own_exact(p.as_dvec3());
     let triangles: Vec<[DVec3; 3]> = opaque.iter().map(|t| t.map(own)).collect();
     let carved = carve::carve(&triangles, &[], &carve::Options::default());
     let eye = View { eye: own(view.eye).as_vec3(), look: own(view.look).as_vec3() };

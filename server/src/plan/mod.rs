@@ -16,8 +16,8 @@ use sightline_shared::{
     world::{CellId, Portal, World},
 };
 
-pub(crate) use ink::{INK, write};
-use ink::{PAPER, heat, line, mixed, ring, write_sized};
+pub(crate) use ink::{INK, PAPER, write};
+use ink::{heat, line, mixed, ring, write_sized};
 
 /// Storeys are cut this far above their floor, in metres: above tables, below lintels.
 const CUT_HEIGHT: f32 = 1.3;

@@ -60,7 +60,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 pub use classify::Class;
-pub use turn::{dominant_turn, from_own_axes, to_own_axes};
+pub use turn::dominant_turn;
 
 use classify::{Groups, classes};
 use polygons::Polygons;

@@ -1,6 +1,8 @@
 mod rays;
 mod walls;
 
+use sightline_shared::world::Axes;
+
 use super::*;
 use volume::area;
 
@@ -337,12 +339,14 @@ fn a_turned_building_is_carved_like_one_that_is_not() {
     let glb = crate::compile::demo_building::glb(6, 3);
     let model = crate::compile::glb::read_slice(&glb, None, "demo").unwrap();
     let carved_at = |degrees: f64| {
-        let turned = |p: &glam::Vec3| from_own_axes(p.as_dvec3(), degrees.to_radians()).as_vec3();
+        let axes = Axes::turned(degrees.to_radians());
+        let turned = |p: &glam::Vec3| axes.world(*p);
         let opaque: Vec<[glam::Vec3; 3]> =
             model.opaque.iter().map(|corners| corners.each_ref().map(turned)).collect();
         let turn = dominant_turn(&opaque);
         assert!((turn - degrees.to_radians()).abs() < 1e-6, "{degrees} {turn}");
-        let own = |p: glam::Vec3| to_own_axes(p.as_dvec3(), turn);
+        let axes = Axes::turned(turn);
+        let own = |p: glam::Vec3| axes.own_exact(p.as_dvec3());
         let triangles: Vec<Triangle> = opaque.iter().map(|corners| corners.map(own)).collect();
         let carved = carve(&triangles, &[], &Options::default());
         (carved.report.clone(), covered(&carved.polygons))

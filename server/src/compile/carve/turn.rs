@@ -12,7 +12,7 @@ const UPRIGHT: f64 = 1e-3;
 const STRAY_M: f64 = 2e-5;
 
 /// The angle about the vertical, from 0 to a quarter turn, in radians, by which the walls with the
-/// most area are turned: [`to_own_axes`] makes them axial. Exactly 0 when they are axial already.
+/// most area are turned: in [`Axes::turned`](sightline_shared::world::Axes::turned) by it they are axial. Exactly 0 when they are axial already.
 ///
 /// The direction with the most wall area wins, to half a degree, quarter turns being the same. The
 /// angle is then the mean of the walls near it, where a wall counts with its area times the square
@@ -37,20 +37,6 @@ pub fn dominant_turn(opaque: &[[Vec3; 3]]) -> f64 {
     let reach = opaque.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let stray = turn.min(FRAC_PI_2 - turn) * f64::from(reach);
     if stray < STRAY_M { 0.0 } else { turn }
-}
-
-/// A point in axes turned by an angle about the vertical; see [`dominant_turn`].
-pub fn to_own_axes(point: DVec3, turn: f64) -> DVec3 {
-    if turn == 0.0 {
-        return point;
-    }
-    let (sin, cos) = turn.sin_cos();
-    DVec3::new(point.x * cos + point.z * sin, point.y, point.z * cos - point.x * sin)
-}
-
-/// A point given in turned axes, in the world's.
-pub fn from_own_axes(point: DVec3, turn: f64) -> DVec3 {
-    to_own_axes(point, -turn)
 }
 
 struct Wall {
@@ -89,6 +75,7 @@ fn mean_offset(walls: &[Wall], around: f64, window: f64) -> f64 {
 mod tests {
     use glam::{Quat, Vec3};
     use proptest::prelude::*;
+    use sightline_shared::world::Axes;
 
     use super::*;
 
@@ -130,13 +117,14 @@ mod tests {
             let apart = (f64::from(degrees - other) + 45.0).rem_euclid(90.0) - 45.0;
             prop_assume!(apart.abs() > 0.6 || apart == 0.0);
             for triangle in house {
-                let own = triangle.map(|p| to_own_axes(p.as_dvec3(), found));
+                let axes = Axes::turned(found);
+                let own = triangle.map(|p| axes.own_exact(p.as_dvec3()));
                 let spread = |axis: usize| {
                     let along = own.map(|p| p[axis]);
                     along.into_iter().fold(f64::MIN, f64::max) - along.into_iter().fold(f64::MAX, f64::min)
                 };
                 prop_assert!(spread(0).min(spread(2)) < 3e-5, "{} {}", spread(0), spread(2));
-                let back = own.map(|p| from_own_axes(p, found).as_vec3());
+                let back = own.map(|p| axes.world(p.as_vec3()));
                 prop_assert!(back.iter().zip(&triangle).all(|(a, b)| a.distance(*b) < 1e-5));
             }
         }

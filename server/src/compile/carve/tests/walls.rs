@@ -29,7 +29,7 @@ impl Wall {
                 1 => DVec3::new(v, 3.1, u),
                 _ => DVec3::new(u, v, 3.1),
             };
-            from_own_axes(at, turn).as_vec3().as_dvec3()
+            Axes::turned(-turn).own_exact(at).as_vec3().as_dvec3()
         };
         let mut triangles = Vec::new();
         for (v, row) in self.squares.iter().enumerate() {
@@ -100,7 +100,7 @@ proptest! {
         prop_assert_eq!(carved.report.before, Class::SemiAxial);
         prop_assert_eq!(carved.report.clusters, 0);
         let own: Vec<Triangle> =
-            triangles.iter().map(|t| t.map(|p| to_own_axes(p, wall.turn))).collect();
+            triangles.iter().map(|t| t.map(|p| Axes::turned(wall.turn).own_exact(p))).collect();
         prop_assert_eq!(carve(&own, &[], &Options::default()).report.before, Class::Axial);
     }
 
