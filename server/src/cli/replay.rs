@@ -24,7 +24,8 @@ pub struct Args {
     world: PathBuf,
     /// Where everyone was (.csv or .csv.gz).
     trace: PathBuf,
-    /// Who is told what: broadcast, radius:METRES, grid:METRES, pvs or tbv.
+    /// Who is told what: broadcast, radius:METRES, grid:METRES, region:METRES[:MARGIN] (squares with
+    /// a margin), room[:DOORS] (rooms, and those so many doors away), pvs or tbv.
     #[arg(long, default_value = "tbv")]
     policy: Policy,
     /// Every client's round trip, in milliseconds.

@@ -78,6 +78,23 @@ pub enum Policy {
     Radius(f32),
     /// Everyone in the same cube of a grid of so many metres, or in one of the 26 around it.
     Grid(f32),
+    /// Squares as in voxel games: everyone in the viewer's square of a horizontal grid or in one of
+    /// the eight around it, whatever the height. An avatar is in the square that it was in until it
+    /// is more than the margin outside of it.
+    Region {
+        /// Of a square, in metres.
+        edge: f32,
+        /// In metres.
+        margin: f32,
+    },
+    /// Everyone in the viewer's room, as where each room is a channel of its own; or in a room that
+    /// so many doors or fewer lead to. Rooms are found from the world's spaces: those are in one room
+    /// where a gate between them is longer than 1.6 m both ways, or at least half of the side that it is
+    /// on of both; less than 2 m² of floor is no room but part of the one that its widest gate leads to.
+    Room {
+        /// 0 is the same room alone.
+        doors: u32,
+    },
     /// Everyone whose region meets a cell that is visible from the viewer's region.
     Pvs,
     /// The same; and those whom nobody can see are silent.
@@ -97,22 +114,34 @@ impl fmt::Display for Policy {
             Self::Broadcast => f.write_str("broadcast"),
             Self::Radius(metres) => write!(f, "radius:{metres}"),
             Self::Grid(metres) => write!(f, "grid:{metres}"),
+            Self::Region { edge, margin } => write!(f, "region:{edge}:{margin}"),
+            Self::Room { doors: 0 } => f.write_str("room"),
+            Self::Room { doors } => write!(f, "room:{doors}"),
             Self::Pvs => f.write_str("pvs"),
             Self::Tbv => f.write_str("tbv"),
         }
     }
 }
 
+/// No building has a room that is further away.
+const DOORS_MAX: u32 = 100;
+
 /// Why a policy's name was not understood.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PolicyError {
     /// There is no such policy.
-    #[error("no such policy: use broadcast, radius:METRES, grid:METRES, pvs or tbv")]
+    #[error(
+        "no such policy: use broadcast, radius:METRES, grid:METRES, region:METRES[:MARGIN], \
+         room[:DOORS], pvs or tbv"
+    )]
     Unknown,
     /// A length is missing or is none.
     #[error("the policy needs a length above 0 in metres, as in radius:20")]
     Length,
+    /// It is no number of doors.
+    #[error("rooms are up to 100 doors away, as in room:1")]
+    Doors,
 }
 
 impl FromStr for Policy {
@@ -123,21 +152,36 @@ impl FromStr for Policy {
             Some((name, length)) => (name, Some(length)),
             None => (text, None),
         };
-        let metres = || {
-            length
-                .and_then(|l| l.parse::<f32>().ok())
-                .filter(|l| l.is_finite() && *l > 0.0)
-                .ok_or(PolicyError::Length)
-        };
+        let metres = || above_zero(length.ok_or(PolicyError::Length)?);
         match (name, length) {
             ("broadcast", None) => Ok(Self::Broadcast),
             ("pvs", None) => Ok(Self::Pvs),
             ("tbv", None) => Ok(Self::Tbv),
             ("radius", _) => metres().map(Self::Radius),
             ("grid", _) => metres().map(Self::Grid),
+            ("region", _) => region(length.ok_or(PolicyError::Length)?),
+            ("room", None) => Ok(Self::Room { doors: 0 }),
+            ("room", Some(doors)) => match doors.parse() {
+                Ok(doors) if doors <= DOORS_MAX => Ok(Self::Room { doors }),
+                _ => Err(PolicyError::Doors),
+            },
             _ => Err(PolicyError::Unknown),
         }
     }
+}
+
+fn above_zero(metres: &str) -> Result<f32, PolicyError> {
+    let metres = metres.parse::<f32>().ok().filter(|m| m.is_finite() && *m > 0.0);
+    metres.ok_or(PolicyError::Length)
+}
+
+/// An edge and, after a colon, a margin, which is else an eighth of it.
+fn region(lengths: &str) -> Result<Policy, PolicyError> {
+    let (edge, margin) = match lengths.split_once(':') {
+        Some((edge, margin)) => (above_zero(edge)?, Some(above_zero(margin)?)),
+        None => (above_zero(lengths)?, None),
+    };
+    Ok(Policy::Region { edge, margin: margin.unwrap_or(edge / 8.0) })
 }
 
 #[cfg(test)]
@@ -146,15 +190,33 @@ mod tests {
 
     #[test]
     fn policies_are_read_as_they_are_written() {
-        for text in ["broadcast", "radius:20", "radius:2.5", "grid:16", "pvs", "tbv"] {
+        for text in [
+            "broadcast",
+            "radius:20",
+            "radius:2.5",
+            "grid:16",
+            "region:16:2.5",
+            "room",
+            "room:2",
+            "pvs",
+            "tbv",
+        ] {
             assert_eq!(text.parse::<Policy>().unwrap().to_string(), text);
         }
+        assert_eq!("region:16".parse(), Ok(Policy::Region { edge: 16.0, margin: 2.0 }));
+        assert_eq!("room:0".parse(), Ok(Policy::Room { doors: 0 }));
         for (text, error) in [
             ("radius", PolicyError::Length),
             ("radius:", PolicyError::Length),
             ("radius:-1", PolicyError::Length),
             ("grid:NaN", PolicyError::Length),
             ("grid:inf", PolicyError::Length),
+            ("region", PolicyError::Length),
+            ("region:16:", PolicyError::Length),
+            ("region:16:-2", PolicyError::Length),
+            ("room:", PolicyError::Doors),
+            ("room:-1", PolicyError::Doors),
+            ("room:101", PolicyError::Doors),
             ("tbv:1", PolicyError::Unknown),
             ("", PolicyError::Unknown),
             ("Broadcast", PolicyError::Unknown),

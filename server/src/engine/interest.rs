@@ -86,13 +86,28 @@ impl Engine {
         if policy.uses_cells() {
             return self.interest_by_cells(now, viewer);
         }
-        let from = self.population.at(viewer).pose.eye;
+        let from = self.population.at(viewer);
         self.population
             .all()
-            .filter(|(_, slot)| {
-                *slot != viewer && within(policy, from, self.population.at(*slot).pose.eye)
-            })
+            .filter(|(_, slot)| *slot != viewer && self.within(from, self.population.at(*slot)))
             .collect()
+    }
+
+    /// Whether a policy that knows no walls tells a viewer of an avatar.
+    fn within(&self, viewer: &Avatar, avatar: &Avatar) -> bool {
+        let [from, to] = [viewer, avatar].map(|avatar| avatar.pose.eye);
+        match self.config.policy {
+            Policy::Radius(metres) => from.distance(to) <= metres,
+            Policy::Grid(metres) => {
+                let cube = |eye: Vec3| (eye / metres).floor().as_ivec3();
+                let apart = cube(from).saturating_sub(cube(to));
+                (apart.cmpge(IVec3::NEG_ONE) & apart.cmple(IVec3::ONE)).all()
+            }
+            Policy::Region { .. } | Policy::Room { .. } => {
+                self.places.tells(viewer.place, avatar.place)
+            }
+            Policy::Broadcast | Policy::Pvs | Policy::Tbv => true,
+        }
     }
 
     fn interest_by_cells(&self, now: Duration, viewer: Slot) -> Vec<Member> {
@@ -122,19 +137,6 @@ impl Engine {
         let age = now.saturating_sub(avatar.heard);
         let way_m = self.horizons.near_m(age, avatar.round_trip, one_way);
         Reach::new(&self.world.cells, avatar.pose.eye, way_m)
-    }
-}
-
-/// Whether a policy that knows no walls tells a viewer of an avatar.
-fn within(policy: Policy, viewer: Vec3, avatar: Vec3) -> bool {
-    match policy {
-        Policy::Radius(metres) => viewer.distance(avatar) <= metres,
-        Policy::Grid(metres) => {
-            let cube = |eye: Vec3| (eye / metres).floor().as_ivec3();
-            let apart = cube(viewer).saturating_sub(cube(avatar));
-            (apart.cmpge(IVec3::NEG_ONE) & apart.cmple(IVec3::ONE)).all()
-        }
-        Policy::Broadcast | Policy::Pvs | Policy::Tbv => true,
     }
 }
 

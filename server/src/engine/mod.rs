@@ -34,6 +34,7 @@ mod expiry;
 mod horizon;
 mod interest;
 mod messages;
+mod places;
 mod population;
 mod presence;
 mod reach;
@@ -56,6 +57,7 @@ pub use population::ClientState;
 use authority::Limits;
 use expiry::ExpiryQueue;
 use horizon::Horizons;
+use places::Places;
 use population::{Population, Slot};
 use zones::{CellIndex, ZoneIndex};
 
@@ -67,6 +69,7 @@ pub struct Engine {
     limits: Limits,
     horizons: Horizons,
     population: Population,
+    places: Places,
     /// Where the bodies of live avatars can be until the next tick's word stands.
     near: CellIndex,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
@@ -126,6 +129,7 @@ impl Engine {
             },
             horizons: Horizons::new(&config, speed_max),
             population: Population::default(),
+            places: Places::new(config.policy, &world),
             near: CellIndex::new(cells),
             live_zones: ZoneIndex::new(cells),
             hidden_zones: ZoneIndex::new(cells),

@@ -9,7 +9,7 @@ use sightline_shared::{
     world::CellId,
 };
 
-use super::{authority::Ledger, zones::Zone};
+use super::{authority::Ledger, places::Place, zones::Zone};
 
 /// Where an avatar is kept; free again when it has left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -63,6 +63,8 @@ pub(super) struct Avatar {
     pub(super) zone_ball: Option<(Vec3, f32)>,
     /// Where it can be until the next tick's word stands; empty while hidden.
     pub(super) near: Near,
+    /// Where policies that divide the world take it to be.
+    pub(super) place: Place,
     /// Whom its client has been told of, by id.
     pub(super) held: Vec<Held>,
     /// How many clients have been told of it.

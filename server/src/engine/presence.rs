@@ -8,6 +8,7 @@ use sightline_shared::motion::{AvatarId, Pose};
 use super::{
     ClientState, Engine, Output,
     authority::{Ledger, Verdict},
+    places::Place,
     population::{Avatar, Near, Slot},
     zones::Zone,
 };
@@ -46,6 +47,7 @@ impl Engine {
             zone: Zone::default(),
             zone_ball: None,
             near: Near::default(),
+            place: self.places.place(&self.world, Place::None, pose.eye),
             held: Vec::new(),
             watchers: 0,
         });
@@ -126,6 +128,7 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         avatar.pose = Pose { velocity: pose.velocity.clamp_length_max(speed_max), ..pose };
         avatar.version = avatar.version.wrapping_add(1);
+        avatar.place = self.places.place(&self.world, avatar.place, pose.eye);
         avatar.heard = now;
         avatar.unanswered = 0;
         match avatar.state {

@@ -240,6 +240,8 @@ fn other_policies_know_no_walls_and_no_silence() {
         (Policy::Broadcast, vec![2, 3, 4]),
         (Policy::Radius(30.0), vec![2, 3]),
         (Policy::Grid(12.0), vec![2]),
+        (Policy::Region { edge: 12.0, margin: 1.5 }, vec![2]),
+        (Policy::Room { doors: 0 }, vec![2, 3, 4]),
         (Policy::Pvs, vec![2]),
         (Policy::Tbv, vec![2]),
     ] {
