@@ -1,7 +1,7 @@
 //! What Sightline's server and client must agree on. No I/O, no async, no clock.
 //!
 //! * [`geometry`]: boxes and rectangles.
-//! * [`octree`]: the static voxels that clients draw and walk on.
+//! * [`octree`]: the static voxels that clients draw and walk on; and, apart, who moves where.
 //! * [`world`]: the compiled world and its file: octree, cells, portals, PVS, mesh, spawns.
 //! * [`motion`]: poses, bodies, speed limits and temporal bounding volumes.
 //! * [`protocol`]: wire types, quantisation and limits.

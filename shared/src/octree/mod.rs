@@ -1,4 +1,5 @@
-//! The one octree: static voxels, their colours and normals.
+//! The one octree: static voxels, their colours and normals. Objects that come, move and go have
+//! one of their own, over a cube as well: [`occupants`].
 //!
 //! Nodes are stored breadth-first or in any order in which the children of one node are
 //! contiguous and in ascending octant order. Octant bit 0 is +x, bit 1 is +y, bit 2 is +z.
@@ -9,6 +10,7 @@
 
 mod build;
 mod codec;
+pub mod occupants;
 
 use glam::Vec3;
 

@@ -1,0 +1,135 @@
+//! The cells of every level, and which of them a box lies in.
+
+use glam::{UVec3, Vec3};
+
+use crate::geometry::Aabb;
+
+/// The cubic region, cut into 2^`depth` cells along each axis at the deepest level.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
+    pub(super) region: Aabb,
+    pub(super) depth: u8,
+    /// Cells of the deepest level in a metre.
+    scale: f32,
+}
+
+/// The cells that a box lies in, at any level down to the one that it may be kept at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Span {
+    /// The least and the greatest cell, of the deepest level of all.
+    pub(super) low: UVec3,
+    pub(super) high: UVec3,
+    /// The deepest level at which nodes hold it: there it lies in at most two cells along each axis.
+    pub(super) level: u8,
+}
+
+/// A node's cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Cell {
+    pub(super) depth: u8,
+    pub(super) at: [u16; 3],
+}
+
+impl Grid {
+    pub(super) fn new(region: Aabb, depth: u8) -> Self {
+        Self { region, depth, scale: (1u32 << depth) as f32 / region.size().x }
+    }
+
+    /// The cells of a box that is to be kept. What reaches out of the region is for the root to hold.
+    pub(super) fn span(&self, bounds: &Aabb) -> Span {
+        let mut span = self.cells(bounds);
+        span.level = 0;
+        if self.region.contains_box(bounds) {
+            let size_cells = bounds.size().max_element() * self.scale;
+            // It depends on the size alone, so that a body on its way stays at one level.
+            let shift = (size_cells.ceil() as u32).max(1).next_power_of_two().trailing_zeros();
+            span.level = self.depth.saturating_sub(shift as u8);
+            // Sums are rounded: an edge may come to lie one cell further.
+            while span.level > 0 && span.width(self.depth - span.level) > 1 {
+                span.level -= 1;
+            }
+        }
+        // What tells apart places within one cell of its level would only hide that nothing changes.
+        let mask = !((1 << (self.depth - span.level)) - 1);
+        Span { low: span.low & mask, high: span.high & mask, ..span }
+    }
+
+    /// The cells of a box, whatever its size, at all levels.
+    pub(super) fn cells(&self, bounds: &Aabb) -> Span {
+        Span { low: self.cell(bounds.min), high: self.cell(bounds.max), level: self.depth }
+    }
+
+    /// Rounded, but monotonic: boxes that meet have a cell in common.
+    fn cell(&self, point: Vec3) -> UVec3 {
+        let last = (1u32 << self.depth) - 1;
+        ((point - self.region.min) * self.scale)
+            .clamp(Vec3::ZERO, Vec3::splat(last as f32))
+            .as_uvec3()
+    }
+
+    /// Whether a node's cell is one of a box's.
+    pub(super) fn meets(&self, cell: Cell, span: &Span) -> bool {
+        let shift = u32::from(self.depth - cell.depth);
+        let at = cell.place();
+        (span.low >> shift).cmple(at).all() && at.cmple(span.high >> shift).all()
+    }
+
+    /// The octants of a node's cell, which is one of a box's, that the box lies in: a bit each.
+    pub(super) fn octants(&self, cell: Cell, span: &Span) -> u8 {
+        let shift = u32::from(self.depth - cell.depth - 1);
+        let middle = cell.place() * 2 + 1;
+        let below = (span.low >> shift).cmplt(middle).bitmask() as usize;
+        let above = (span.high >> shift).cmpge(middle).bitmask() as usize;
+        (0..3).fold(0xff, |octants, axis| {
+            let (low, high) = (below >> axis & 1 == 1, above >> axis & 1 == 1);
+            octants & (if low { LOWER[axis] } else { 0 } | if high { !LOWER[axis] } else { 0 })
+        })
+    }
+
+    /// The depth of the least node that may hold all that lies in these cells: their common ancestor,
+    /// or above it what the level calls for.
+    pub(super) fn common_depth(&self, span: &Span) -> u8 {
+        let differ = span.low ^ span.high;
+        let bits = u32::BITS - (differ.x | differ.y | differ.z).leading_zeros();
+        (self.depth - bits as u8).min(span.level)
+    }
+
+    /// The cube of a cell.
+    pub(super) fn bounds(&self, cell: Cell) -> Aabb {
+        let edge = self.region.size() / (1u32 << cell.depth) as f32;
+        let min = self.region.min + cell.place().as_vec3() * edge;
+        Aabb::new(min, min + edge)
+    }
+}
+
+/// The octants on the lesser side of the plane across each axis.
+const LOWER: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
+
+impl Span {
+    /// The cells of both, and the level that is high enough for both.
+    pub(super) fn union(&self, other: &Self) -> Self {
+        let (low, high) = (self.low.min(other.low), self.high.max(other.high));
+        Self { low, high, level: self.level.min(other.level) }
+    }
+
+    fn width(&self, shift: u8) -> u32 {
+        ((self.high >> u32::from(shift)) - (self.low >> u32::from(shift))).max_element()
+    }
+}
+
+impl Cell {
+    pub(super) const ROOT: Self = Self { depth: 0, at: [0; 3] };
+
+    pub(super) fn child(self, octant: u8) -> Self {
+        let at = |axis: usize| self.at[axis] << 1 | u16::from(octant >> axis & 1);
+        Self { depth: self.depth + 1, at: [at(0), at(1), at(2)] }
+    }
+
+    pub(super) fn octant(self) -> u8 {
+        (0..3).fold(0, |octant, axis| octant | (self.at[axis] as u8 & 1) << axis)
+    }
+
+    fn place(self) -> UVec3 {
+        UVec3::from(self.at.map(u32::from))
+    }
+}

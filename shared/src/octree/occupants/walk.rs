@@ -1,0 +1,84 @@
+//! Asking who is where.
+
+use glam::Vec3;
+
+use super::{OccupantId, Occupants, grid::Span, tree::ROOT};
+use crate::geometry::Aabb;
+
+/// What [`Occupants::front_to_back`] comes upon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Met {
+    /// A node, by its cube. What is asked is whether to go in.
+    Node(Aabb),
+    /// An object, the first time that one of its boxes comes up. The answer does not matter.
+    Occupant(OccupantId),
+}
+
+impl Occupants {
+    /// The objects of which a box shares a point with a box, in order of their numbers, each once.
+    pub fn meeting(&self, region: &Aabb) -> Vec<OccupantId> {
+        let mut found = Vec::new();
+        if !region.is_empty() {
+            self.meeting_below(ROOT, region, &self.tree.grid.cells(region), &mut found);
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    fn meeting_below(&self, at: u32, region: &Aabb, span: &Span, found: &mut Vec<OccupantId>) {
+        let node = &self.tree.nodes[at as usize];
+        for &primitive in &node.primitives {
+            let primitive = &self.tree.primitives[primitive as usize];
+            if primitive.bounds.intersects(region) {
+                found.push(OccupantId(primitive.object));
+            }
+        }
+        if node.is_split() {
+            let octants = self.tree.grid.octants(node.cell, span);
+            for octant in (0..8).filter(|octant| octants & node.child_mask & 1 << octant != 0) {
+                if let Some(child) = node.child(octant) {
+                    self.meeting_below(child, region, span, found);
+                }
+            }
+        }
+    }
+
+    /// Walks through the tree as a renderer does: nodes nearer to the eye come before those that they
+    /// can hide, and what is at a node before what is below it. `visit` is told of each node, and
+    /// answers whether to go in, and of each object found.
+    ///
+    /// An object lies within the cubes of its nodes taken together. The root is not asked about: it
+    /// also holds what reaches out of the region.
+    pub fn front_to_back(&self, eye: Vec3, mut visit: impl FnMut(Met) -> bool) {
+        let mut seen = vec![0u64; self.objects.len().div_ceil(64)];
+        self.walk(ROOT, eye, &mut seen, &mut visit);
+    }
+
+    /// `seen` has a bit for each object.
+    fn walk(&self, at: u32, eye: Vec3, seen: &mut [u64], visit: &mut impl FnMut(Met) -> bool) {
+        let node = &self.tree.nodes[at as usize];
+        let bounds = self.tree.grid.bounds(node.cell);
+        if at != ROOT && !visit(Met::Node(bounds)) {
+            return;
+        }
+        for &primitive in &node.primitives {
+            let object = self.tree.primitives[primitive as usize].object;
+            let (word, bit) = (object as usize / 64, 1u64 << (object % 64));
+            if seen[word] & bit == 0 {
+                seen[word] |= bit;
+                visit(Met::Occupant(OccupantId(object)));
+            }
+        }
+        let nearest = eye.cmpge(bounds.centre()).bitmask() as u8;
+        for step in NEARER_FIRST {
+            if let Some(child) = node.child(nearest ^ step) {
+                self.walk(child, eye, seen, visit);
+            }
+        }
+    }
+}
+
+/// Octants by how many of the three middle planes part them from the nearest: one that can hide
+/// another comes first.
+const NEARER_FIRST: [u8; 8] = [0, 1, 2, 4, 3, 5, 6, 7];
