@@ -1,0 +1,330 @@
+//! One row: a crowd, its clients, and the engine that they talk to.
+
+use std::{
+    collections::VecDeque,
+    fmt,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use anyhow::Context;
+use cpu_time::ProcessTime;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use serde::{Deserialize, Serialize};
+use sightline_server::{
+    compile::demo_building,
+    engine::{Config, Engine, Input, Output},
+};
+use sightline_shared::{
+    motion::{AvatarId, Pose, Tbv},
+    world::World,
+};
+
+use super::{
+    Args, annex,
+    crowd::{Crowd, Floors},
+};
+
+/// What is told of a run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// As on the command line of `replay`.
+    pub policy: String,
+    /// Who walk in the building.
+    pub walkers: usize,
+    /// Who walk about in closed rooms of their own.
+    pub hidden: usize,
+    /// Ticks that were measured.
+    pub ticks: usize,
+    /// CPU time of the engine for a tick.
+    pub cpu_median_ms: f64,
+    /// The same at the 99th percentile.
+    pub cpu_p99_ms: f64,
+    /// The same in the mean.
+    pub cpu_mean_ms: f64,
+    /// Whom a walker's client holds, in the mean.
+    pub held_mean: f64,
+    /// Clients that report at every tick, in the mean.
+    pub live_mean: f64,
+    /// Clients that are silent, in the mean.
+    pub quiet_mean: f64,
+    /// States sent to clients in a tick.
+    pub states_a_tick: f64,
+    /// Reports in a tick.
+    pub reports_a_tick: f64,
+    /// Expiries in a tick.
+    pub expiries_a_tick: f64,
+    /// Reveals in a tick.
+    pub reveals_a_tick: f64,
+    /// What the engine, the crowd and its messages take, in 10^6 bytes; 0 where the system does not
+    /// say.
+    pub memory_mb: f64,
+}
+
+impl Row {
+    /// The names of the columns.
+    pub fn heading() -> String {
+        format!(
+            "{:<10} {:>8} {:>8} {:>9} {:>9} {:>9} {:>8} {:>9} {:>9} {:>10} {:>9} {:>8} {:>8} {:>9} {:>6}",
+            "policy",
+            "walking",
+            "hidden",
+            "median ms",
+            "p99 ms",
+            "mean ms",
+            "held",
+            "live",
+            "quiet",
+            "states",
+            "reports",
+            "expired",
+            "revealed",
+            "memory MB",
+            "ticks"
+        )
+    }
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:<10} {:>8} {:>8} {:>9.3} {:>9.3} {:>9.3} {:>8.2} {:>9.0} {:>9.0} {:>10.0} {:>9.0} {:>8.1} {:>8.1} \
+             {:>9.0} {:>6}",
+            self.policy,
+            self.walkers,
+            self.hidden,
+            self.cpu_median_ms,
+            self.cpu_p99_ms,
+            self.cpu_mean_ms,
+            self.held_mean,
+            self.live_mean,
+            self.quiet_mean,
+            self.states_a_tick,
+            self.reports_a_tick,
+            self.expiries_a_tick,
+            self.reveals_a_tick,
+            self.memory_mb,
+            self.ticks
+        )
+    }
+}
+
+/// Measures one row.
+pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Row> {
+    let (world, closed) = annex::with_annex(world, hidden);
+    annex::check(&world, &closed);
+    let plan = demo_building::plan(args.rooms(), args.seed);
+    let mut seeds = SmallRng::seed_from_u64(args.seed);
+    let mut rng = || SmallRng::seed_from_u64(seeds.random());
+    let before = resident_bytes();
+    let crowd = Crowd::new(Floors::new(&plan), walkers, &closed, &mut rng);
+    let mut run = Run::new(&world, args, crowd);
+    let wanted = args.seconds.max(1) * 20;
+    for _ in 0..wanted {
+        run.step();
+    }
+    run.count = Count::default();
+    let stats = run.engine.stats();
+    let start = Instant::now();
+    while run.count.cpu.len() < wanted as usize
+        && (run.count.cpu.len() < 20 || start.elapsed().as_secs() < args.patience)
+    {
+        run.step();
+    }
+    let memory = resident_bytes().saturating_sub(before);
+    let now = run.engine.stats();
+    let ended = [now.expiries - stats.expiries, now.reveals - stats.reveals];
+    let policy = args.policy.to_string();
+    run.count.row(policy, [walkers, hidden], ended, memory).context("nothing was measured")
+}
+
+/// What a tick adds to.
+#[derive(Default)]
+struct Count {
+    cpu: Vec<f64>,
+    held: u64,
+    live: u64,
+    quiet: u64,
+    states: u64,
+    reports: u64,
+}
+
+impl Count {
+    fn row(
+        mut self,
+        policy: String,
+        [walkers, hidden]: [usize; 2],
+        ended: [u64; 2],
+        memory_bytes: u64,
+    ) -> Option<Row> {
+        let ticks = self.cpu.len();
+        let of = |count: u64| count as f64 / ticks as f64;
+        self.cpu.sort_unstable_by(f64::total_cmp);
+        let percentile = |part: usize| self.cpu.get((ticks * part).div_ceil(100) - 1).copied();
+        Some(Row {
+            policy,
+            walkers,
+            hidden,
+            ticks,
+            cpu_median_ms: percentile(50)?,
+            cpu_p99_ms: percentile(99)?,
+            cpu_mean_ms: self.cpu.iter().sum::<f64>() / ticks as f64,
+            held_mean: of(self.held) / walkers as f64,
+            live_mean: of(self.live),
+            quiet_mean: of(self.quiet),
+            states_a_tick: of(self.states),
+            reports_a_tick: of(self.reports),
+            expiries_a_tick: of(ended[0]),
+            reveals_a_tick: of(ended[1]),
+            memory_mb: memory_bytes as f64 / 1e6,
+        })
+    }
+}
+
+/// What a client was told to do.
+#[derive(Clone, Copy, Debug)]
+enum Order {
+    Live,
+    Quiet(Tbv),
+    Ask,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Client {
+    /// Where it must stay to be silent; `None` when live.
+    tbv: Option<Tbv>,
+    sequence: u32,
+}
+
+struct Run {
+    world: Arc<World>,
+    engine: Engine,
+    crowd: Crowd,
+    /// By avatar, as the crowd is.
+    clients: Vec<Client>,
+    one_way: Duration,
+    now: Duration,
+    /// By arrival.
+    up: VecDeque<(Duration, Input)>,
+    down: VecDeque<(Duration, AvatarId, Order)>,
+    outputs: Vec<Output>,
+    count: Count,
+}
+
+impl Run {
+    fn new(world: &Arc<World>, args: &Args, crowd: Crowd) -> Self {
+        let config = Config {
+            policy: args.policy,
+            margin: Duration::ZERO,
+            avatars_max: crowd.walkers.len(),
+            ..Config::default()
+        };
+        let mut engine = Engine::new(Arc::clone(world), config);
+        let round_trip = Duration::from_millis(args.rtt.into());
+        for (i, walker) in crowd.walkers.iter().enumerate() {
+            let (avatar, name) = (AvatarId(i as u32), format!("walker {i}"));
+            let place = Some(walker.eye);
+            engine.handle(Duration::ZERO, Input::Join { avatar, name, colour: [128; 3], place });
+            engine.handle(Duration::ZERO, Input::RoundTrip { avatar, round_trip });
+        }
+        Self {
+            world: Arc::clone(world),
+            engine,
+            clients: vec![Client::default(); crowd.walkers.len()],
+            crowd,
+            one_way: round_trip / 2,
+            now: Duration::ZERO,
+            up: VecDeque::new(),
+            down: VecDeque::new(),
+            outputs: Vec::new(),
+            count: Count::default(),
+        }
+    }
+
+    /// One tick, and what leads up to it.
+    fn step(&mut self) {
+        let tick = self.engine.config().tick;
+        self.now += tick;
+        self.crowd.step(&self.world, tick.as_secs_f32());
+        self.obey();
+        self.report(tick);
+        let arrived = self.up.partition_point(|(at, _)| *at <= self.now);
+        let inputs: Vec<_> = self.up.drain(..arrived).collect();
+        self.count.reports += inputs.len() as u64;
+        self.outputs.clear();
+        let start = ProcessTime::now();
+        for (at, input) in inputs {
+            self.engine.handle(at, input);
+        }
+        self.engine.tick(self.now, &mut self.outputs);
+        self.count.cpu.push(start.elapsed().as_secs_f64() * 1e3);
+        self.take_in();
+    }
+
+    /// What clients do with what has reached them.
+    fn obey(&mut self) {
+        let arrived = self.down.partition_point(|(at, ..)| *at <= self.now);
+        let orders: Vec<_> = self.down.drain(..arrived).collect();
+        for (_, to, order) in orders {
+            let client = &mut self.clients[to.0 as usize];
+            match order {
+                Order::Live => client.tbv = None,
+                Order::Quiet(tbv) => client.tbv = Some(tbv),
+                Order::Ask if client.tbv.is_some() => self.send(to),
+                Order::Ask => {}
+            }
+        }
+    }
+
+    /// Live clients report, and those that are about to leave their TBVs.
+    fn report(&mut self, tick: Duration) {
+        for i in 0..self.clients.len() {
+            let walker = &self.crowd.walkers[i];
+            let next = walker.eye + walker.velocity * tick.as_secs_f32();
+            if self.clients[i].tbv.as_ref().is_none_or(|tbv| !tbv.contains(next)) {
+                self.send(AvatarId(i as u32));
+            }
+        }
+    }
+
+    fn send(&mut self, avatar: AvatarId) {
+        let client = &mut self.clients[avatar.0 as usize];
+        client.sequence += 1;
+        let pose: Pose = self.crowd.walkers[avatar.0 as usize].pose();
+        let report = Input::Report { avatar, sequence: client.sequence, pose };
+        self.up.push_back((self.now + self.one_way, report));
+    }
+
+    fn take_in(&mut self) {
+        for output in &self.outputs {
+            let (to, order) = match output {
+                Output::Live { to } => (*to, Order::Live),
+                Output::Quiet { to, tbv } => (*to, Order::Quiet(*tbv)),
+                Output::Ask { to } => (*to, Order::Ask),
+                Output::Appear { .. } => {
+                    self.count.states += 1;
+                    continue;
+                }
+                Output::Poses { poses, .. } => {
+                    self.count.states += poses.len() as u64;
+                    continue;
+                }
+                _ => continue,
+            };
+            self.down.push_back((self.now + self.one_way, to, order));
+        }
+        let counts = self.engine.counts();
+        self.count.live += counts.live as u64;
+        self.count.quiet += counts.quiet as u64;
+        let held = |i: usize| self.engine.held_by(AvatarId(i as u32)).count() as u64;
+        self.count.held += (0..self.clients.len()).map(held).sum::<u64>();
+    }
+}
+
+/// What of this process is in memory, in bytes; 0 where the system does not say.
+fn resident_bytes() -> u64 {
+    let pages = std::fs::read_to_string("/proc/self/statm").ok();
+    let pages = pages.and_then(|text| text.split(' ').nth(1)?.parse::<u64>().ok());
+    pages.unwrap_or(0) * 4_096
+}
