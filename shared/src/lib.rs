@@ -4,6 +4,7 @@
 //! * [`octree`]: the static voxels that clients draw and walk on; and, apart, who moves where.
 //! * [`world`]: the compiled world and its file: octree, cells, portals, PVS, mesh, spawns.
 //! * [`motion`]: poses, bodies, speed limits and temporal bounding volumes.
+//! * [`shaft`]: whether every line between two boxes is blocked.
 //! * [`protocol`]: wire types, quantisation and limits.
 //!
 //! Units are metres, seconds and radians; axes are right-handed with y up, as in glTF.
@@ -12,4 +13,5 @@ pub mod geometry;
 pub mod motion;
 pub mod octree;
 pub mod protocol;
+pub mod shaft;
 pub mod world;

@@ -253,7 +253,8 @@ impl Cells {
         self.at_own(self.axes.own(point))
     }
 
-    fn at_own(&self, point: Vec3) -> Option<CellId> {
+    /// Likewise, of a point in own axes.
+    pub fn at_own(&self, point: Vec3) -> Option<CellId> {
         let mut node = 0;
         loop {
             let (is_greater, sides) = match self.tree[node] {

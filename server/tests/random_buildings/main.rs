@@ -1,5 +1,7 @@
 //! Buildings that nobody designed: whatever is compiled, nobody who is in sight may be missed.
 
+mod shafts;
+
 use std::ops::ControlFlow;
 
 use glam::{DMat3, DVec3, Quat, Vec2, Vec3};
@@ -71,13 +73,16 @@ fn a_turned_building_is_as_good_as_it_was() {
 /// Compiles and verifies buildings of a kind, one for each seed.
 fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
     let (mut sight, mut seen, mut pairs) = (0, 0, 0);
+    let mut shafts = shafts::Tally::default();
     for seed in 0..BUILDINGS {
         let mut rng = SmallRng::seed_from_u64(seed);
         let mut model = build(&mut rng);
         if seed % 2 == 1 {
             model = turned(&model, rng.random_range(0.0..std::f64::consts::TAU));
         }
-        let report = verified(&compiled(&model).0, PAIRS);
+        let world = compiled(&model).0;
+        shafts.add(&world, &mut rng, &format!("among {kind}, seed {seed}"));
+        let report = verified(&world, PAIRS);
         let missed = [&report.by_volume, &report.by_cell].map(|pairs| &pairs.ours.first_misses);
         assert_eq!(report.misses(), 0, "among {kind}, seed {seed}: {missed:?}");
         // By volume, most points are outside.
@@ -85,6 +90,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
         seen += report.by_cell.ours.pvs;
         pairs += report.by_cell.pairs;
     }
+    shafts.judge(kind);
     assert!(sight * 20 > pairs, "there is somebody to miss among {kind}: {sight} of {pairs}");
     assert!(seen * 10 < pairs * 9, "and much is hidden: {} of {pairs}", pairs - seen);
 }
