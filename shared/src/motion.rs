@@ -1,5 +1,7 @@
 //! Where a body is, what it can do in a given time, and the regions sure to contain it.
 
+pub mod trajectory;
+
 use std::time::Duration;
 
 use glam::Vec3;

@@ -3,6 +3,7 @@
 mod cells;
 mod confines;
 mod file;
+mod mover;
 mod origin;
 pub mod stab;
 
@@ -12,6 +13,7 @@ use serde::{Deserialize, Serialize};
 pub use cells::{Axes, Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space};
 pub use confines::Confines;
 pub use file::{ContentId, ReadError, content_id, write_whole};
+pub use mover::{MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover};
 pub use origin::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid};
 
 use crate::{geometry::Aabb, motion::Body, octree::Octree};
@@ -27,6 +29,8 @@ pub struct World {
     pub cells: Cells,
     /// The opaque triangles: exactly what blocks sight.
     pub mesh: Mesh,
+    /// What moves by itself: in no voxel, and hiding nobody. See [`MOVERS_MAX`].
+    pub movers: Vec<Mover>,
     /// Where avatars can begin. Never empty.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.
