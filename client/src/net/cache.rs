@@ -120,6 +120,7 @@ mod tests {
             spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],
             body: Body::PERSON,
             speed_max: 5.0,
+            movers: Vec::new(),
             origin: None,
         }
     }

@@ -36,6 +36,7 @@ pub(crate) fn world(boxes: &[([u32; 3], [u32; 3], u8)]) -> World {
         spawns: vec![SPAWN],
         body: Body::PERSON,
         speed_max: 4.0,
+        movers: Vec::new(),
         origin: None,
     }
 }

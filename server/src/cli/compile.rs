@@ -113,6 +113,7 @@ fn table(report: &Report) -> String {
     row("cells", report.cells.to_string());
     row("portals", report.portals.to_string());
     row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));
+    row("movers", report.movers.to_string());
     row("voxels", report.voxels.to_string());
     row("voxel", format!("{:.1} mm", report.voxel_m * 1000.0));
     for &(stage, seconds) in &report.seconds {

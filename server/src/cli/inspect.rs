@@ -1,6 +1,6 @@
 //! `sightline-server inspect`.
 
-use std::{fmt::Write, path::PathBuf};
+use std::{fmt::Write, path::PathBuf, time::Duration};
 
 use anyhow::Context;
 use glam::Vec3;
@@ -10,9 +10,15 @@ use sightline_server::{
     portrait::{self, View},
     verify,
 };
-use sightline_shared::world::{World, content_id};
+use sightline_shared::{
+    motion::trajectory::Course,
+    world::{Mover, World, content_id},
+};
 
 use super::verification;
+
+/// Movers that the table lists one by one; the JSON file has all.
+const MOVERS_SHOWN: usize = 40;
 
 /// Tells what is in a world, and draws its plan.
 #[derive(clap::Args)]
@@ -70,12 +76,46 @@ struct Figures {
     portals: usize,
     pvs_density: f64,
     opaque_triangles: usize,
+    movers: Vec<MoverFigures>,
     voxels: usize,
     voxel_m: f32,
     spawns: usize,
     speed_max_m_s: f32,
     #[serde(flatten)]
     verified: Option<verification::Figures>,
+}
+
+#[derive(Serialize)]
+struct MoverFigures {
+    name: String,
+    triangles: usize,
+    course: &'static str,
+    length_s: f32,
+    /// Of the box that it never leaves, and of the mover itself.
+    everywhere_m: [f32; 3],
+    size_m: [f32; 3],
+}
+
+impl MoverFigures {
+    fn new(mover: &Mover) -> Self {
+        let course = match mover.trajectory.course() {
+            Course::Loop => "for ever",
+            Course::Once => "once",
+            Course::Triggered => "when set off",
+        };
+        Self {
+            name: printable(&mover.name),
+            triangles: mover.colours().len(),
+            course,
+            length_s: mover.trajectory.length_s(),
+            everywhere_m: mover.everywhere().size().to_array(),
+            size_m: mover.swept(Duration::ZERO, Duration::ZERO).size().to_array(),
+        }
+    }
+}
+
+fn printable(text: &str) -> String {
+    text.chars().filter(|c| !c.is_control()).collect()
 }
 
 /// Runs the command.
@@ -92,6 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         portals: world.cells.portals.len(),
         pvs_density: world.cells.density(),
         opaque_triangles: world.mesh.triangles.len(),
+        movers: world.movers.iter().map(MoverFigures::new).collect(),
         voxels: world.octree.nodes.iter().filter(|node| node.is_leaf()).count(),
         voxel_m: world.octree.voxel(),
         spawns: world.spawns.len(),
@@ -152,7 +193,7 @@ fn table(figures: &Figures) -> String {
         let _ = writeln!(table, "{name:<18} {value}");
     };
     let [x, y, z] = figures.size_m;
-    row("title", figures.title.chars().filter(|c| !c.is_control()).collect());
+    row("title", printable(&figures.title));
     row("content id", figures.content_id.clone());
     row("bytes", figures.bytes.to_string());
     row("size", format!("{x:.1} x {y:.1} x {z:.1} m"));
@@ -161,6 +202,13 @@ fn table(figures: &Figures) -> String {
     row("PVS density", format!("{:.1} %", figures.pvs_density * 100.0));
     row("opaque triangles", figures.opaque_triangles.to_string());
     row("voxels", format!("{} of {:.1} mm", figures.voxels, figures.voxel_m * 1000.0));
+    row("movers", figures.movers.len().to_string());
+    for mover in figures.movers.iter().take(MOVERS_SHOWN) {
+        let [[x, y, z], [a, b, c]] = [mover.size_m, mover.everywhere_m];
+        let MoverFigures { name, course, length_s, .. } = mover;
+        let sizes = format!("{x:.1} x {y:.1} x {z:.1} m in {a:.1} x {b:.1} x {c:.1} m");
+        row(&format!("  {name}"), format!("{sizes}, {course}, {length_s:.1} s"));
+    }
     row("spawn points", figures.spawns.to_string());
     row("speed limit", format!("{} m/s", figures.speed_max_m_s));
     table

@@ -125,6 +125,8 @@ pub struct Report {
     pub portals: usize,
     /// The part of all pairs of cells that the PVS holds, from 0 to 1.
     pub pvs_density: f64,
+    /// What moves by itself.
+    pub movers: usize,
     /// Leaves of the octree.
     pub voxels: usize,
     /// The edge of a leaf, in metres.
@@ -191,6 +193,7 @@ pub fn compile(
         cells: cells.cells.len(),
         portals: cells.portals.len(),
         pvs_density: cells.density(),
+        movers: model.movers.len(),
         voxels: octree.nodes.iter().filter(|node| node.is_leaf()).count(),
         voxel_m: octree.voxel(),
         seconds: watch.seconds,
@@ -210,6 +213,7 @@ pub fn compile(
         spawns,
         body: model.body,
         speed_max: model.speed_max,
+        movers: model.movers.clone(),
         origin: model.origin.clone(),
     };
     Ok((world, report))
@@ -385,6 +389,7 @@ mod tests {
             spawns: Vec::new(),
             body: Body::PERSON,
             speed_max: 5.0,
+            movers: Vec::new(),
             origin: None,
             warnings: Vec::new(),
         }

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec2, Vec3};
 use sightline_shared::{
     geometry::Aabb,
     motion::Body,
-    world::{Origin, Spawn},
+    world::{Mover, Origin, Spawn},
 };
 
 pub(super) use limits::{
@@ -37,6 +37,8 @@ pub struct Model {
     /// What is opaque all through, its faces among `opaque`; empty when the source knows of
     /// surfaces only.
     pub solids: Vec<Convex>,
+    /// What moves by itself. None of it is among the above.
+    pub movers: Vec<Mover>,
     /// Where avatars can begin; the compiler finds a place when there is none.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.

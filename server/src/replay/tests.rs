@@ -53,6 +53,7 @@ impl House {
             spawns: vec![Spawn { eye: Vec3::new(3.0, 1.6, 3.0), yaw: 0.0 }],
             body: Body::PERSON,
             speed_max: 2.0,
+            movers: Vec::new(),
             origin: None,
             warnings: Vec::new(),
         };

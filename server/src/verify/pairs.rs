@@ -218,6 +218,7 @@ mod tests {
             spawns: Vec::new(),
             body: Body::PERSON,
             speed_max: 1.0,
+            movers: Vec::new(),
             origin: None,
         }
     }

@@ -32,6 +32,7 @@ fn rooms() -> World {
         spawns: vec![Spawn { eye: Vec3::ONE, yaw: 0.0 }],
         body: Body::PERSON,
         speed_max: 5.0,
+        movers: Vec::new(),
         origin: None,
     };
     with_pvs(world, &[&[0], &[1, 2], &[1, 2]])
@@ -178,7 +179,7 @@ fn uncompiled(map: &str) -> Option<World> {
 }
 
 fn in_one_cell(model: model::Model) -> World {
-    let model::Model { title, opaque, spawns, body, speed_max, origin, .. } = model;
+    let model::Model { title, opaque, movers, spawns, body, speed_max, origin, .. } = model;
     let bounds = Aabb::from_points(opaque.as_flattened().iter().copied());
     let mesh = Mesh {
         positions: opaque.as_flattened().to_vec(),
@@ -186,7 +187,7 @@ fn in_one_cell(model: model::Model) -> World {
     };
     let octree = Octree { origin: bounds.min, edge: 1.0, depth: 1, nodes: Vec::new() };
     let cells = cells(bounds, &[bounds]);
-    let world = World { title, octree, cells, mesh, spawns, body, speed_max, origin };
+    let world = World { title, octree, cells, mesh, movers, spawns, body, speed_max, origin };
     with_pvs(world, &[&[0]])
 }
 

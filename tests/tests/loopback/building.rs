@@ -72,6 +72,7 @@ fn model() -> Model {
         spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],
         body: Body::PERSON,
         speed_max: SPEED_MAX,
+        movers: Vec::new(),
         origin: None,
         warnings: Vec::new(),
     }

@@ -107,6 +107,7 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
         body: Body::QUAKE,
         speed_max: SPEED_MAX,
         warnings: Vec::new(),
+        movers: Vec::new(),
         origin: None,
     };
     let mut archives = Archives::open(pk3s)?;

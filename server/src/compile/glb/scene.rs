@@ -36,6 +36,7 @@ impl<'a> Reader<'a> {
             spawns: Vec::new(),
             body: Body::PERSON,
             speed_max: SPEED_MAX,
+            movers: Vec::new(),
             origin: None,
             warnings: Vec::new(),
         };
