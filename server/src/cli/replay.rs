@@ -10,9 +10,9 @@ use std::{
 
 use anyhow::Context;
 use sightline_server::{
-    engine::Policy,
+    engine::{Policy, PolicyError},
     progress::Progress,
-    replay::{self, Options, OracleStride},
+    replay::{self, Comparison, Options, OracleStride},
     trace::Trace,
 };
 use sightline_shared::world::World;
@@ -25,9 +25,10 @@ pub struct Args {
     /// Where everyone was (.csv or .csv.gz).
     trace: PathBuf,
     /// Who is told what: broadcast, radius:METRES, grid:METRES, region:METRES[:MARGIN] (squares with
-    /// a margin), room[:DOORS] (rooms, and those so many doors away), pvs or tbv.
-    #[arg(long, default_value = "tbv")]
-    policy: Policy,
+    /// a margin), room[:DOORS] (rooms, and those so many doors away), pvs or tbv; or all, one after
+    /// the other, for a table with a row each.
+    #[arg(long, default_value = "tbv", value_parser = policies)]
+    policy: Policies,
     /// Every client's round trip, in milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
     rtt: u32,
@@ -52,32 +53,58 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
+/// What `--policy` names.
+#[derive(Clone, Copy, Debug)]
+enum Policies {
+    One(Policy),
+    All,
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let world = World::read(&args.world)?;
+    let world = Arc::new(World::read(&args.world)?);
     let trace = Trace::open(&args.trace).with_context(|| args.trace.display().to_string())?;
-    let options = options(args)?;
+    match args.policy {
+        Policies::One(policy) => run_one(args, &world, &trace, policy),
+        Policies::All => compare(args, &world, &trace),
+    }
+}
+
+fn run_one(args: &Args, world: &Arc<World>, trace: &Trace, policy: Policy) -> anyhow::Result<()> {
+    let options = options(args, policy)?;
     let mut dump = args.dump.as_deref().map(create).transpose()?;
     let progress = Progress::new();
     let report = replay::run(
-        &Arc::new(world),
-        &trace,
+        world,
+        trace,
         &options,
         dump.as_mut().map(|file| file as &mut dyn Write),
         &mut |share| progress.show("replay", share),
     );
     progress.finish();
     let report = report.context("cannot write the dump")?;
-    if let Some(path) = &args.json {
-        let mut file = create(path)?;
-        serde_json::to_writer_pretty(&mut file, &report)?;
-        file.write_all(b"\n").with_context(|| path.display().to_string())?;
-    }
+    super::write_json(args.json.as_deref(), &report)?;
     super::print(&report.to_string())
 }
 
-fn options(args: &Args) -> anyhow::Result<Options> {
-    let mut options = Options::new(args.policy, Duration::from_millis(args.rtt.into()));
+fn compare(args: &Args, world: &Arc<World>, trace: &Trace) -> anyhow::Result<()> {
+    anyhow::ensure!(args.dump.is_none(), "--dump wants one policy");
+    let progress = Progress::new();
+    let mut comparison = Comparison::default();
+    let all = Comparison::POLICIES.len() as f32;
+    for policy in Comparison::POLICIES {
+        let done = comparison.reports.len() as f32;
+        let show = &mut |share| progress.show("replay", (done + share) / all);
+        let report = replay::run(world, trace, &options(args, policy)?, None, show)?;
+        comparison.reports.push(report);
+    }
+    progress.finish();
+    super::write_json(args.json.as_deref(), &comparison)?;
+    super::print(&comparison.to_string())
+}
+
+fn options(args: &Args, policy: Policy) -> anyhow::Result<Options> {
+    let mut options = Options::new(policy, Duration::from_millis(args.rtt.into()));
     if let Some(speed_max) = args.speed_max {
         anyhow::ensure!(
             speed_max.is_finite() && speed_max > 0.0 && speed_max <= 1_000.0,
@@ -95,6 +122,10 @@ fn options(args: &Args) -> anyhow::Result<Options> {
 
 fn create(path: &Path) -> anyhow::Result<File> {
     File::create(path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn policies(text: &str) -> Result<Policies, PolicyError> {
+    if text == "all" { Ok(Policies::All) } else { text.parse().map(Policies::One) }
 }
 
 fn stride(text: &str) -> Result<OracleStride, String> {

@@ -1,6 +1,6 @@
 //! Simulated clients: each does as the trace says, and reports as a real one does.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{collections::BTreeMap, ops::Range, time::Duration};
 
 use glam::Vec3;
 use sightline_shared::{
@@ -28,8 +28,8 @@ pub(super) struct Uplink {
     pub(super) avatar: AvatarId,
     /// When it was made.
     pub(super) sampled: Duration,
-    /// The newest datagram received.
-    pub(super) ack: u32,
+    /// The datagrams received.
+    pub(super) ack: Ack,
     pub(super) request: Request,
 }
 
@@ -58,10 +58,8 @@ impl Uplink {
                 vec![framed(&ClientMessage::Report { sequence: *sequence, pose: pose.into() })]
             }
             Request::Report { sequence, pose, on_stream: false } => {
-                let earlier = !u32::MAX.checked_shl(self.ack.saturating_sub(1)).unwrap_or(0);
-                let ack = Ack { newest: self.ack, earlier };
                 let report = Some((*sequence, pose.into()));
-                vec![ClientDatagram { ack, report }.encode().len()]
+                vec![ClientDatagram { ack: self.ack, report }.encode().len()]
             }
             Request::Relocate { pose } => {
                 vec![framed(&ClientMessage::Report { sequence: 0, pose: pose.into() })]
@@ -78,7 +76,8 @@ pub(super) enum Order {
     Appear(AvatarId, Duration),
     Vanish(AvatarId),
     Poses {
-        newest: u32,
+        /// Of the datagrams.
+        sequences: Range<u32>,
         /// With the time at which each was sampled.
         poses: Vec<(AvatarId, Duration)>,
     },
@@ -107,7 +106,10 @@ pub(super) struct Client {
     /// It moved as no body can, and has not said so yet.
     jumped: bool,
     sequence: u32,
-    newest: u32,
+    ack: Ack,
+    /// How many reports it made between its last two ticks.
+    pub(super) reports: u32,
+    reports_next: u32,
 }
 
 /// All clients, and who they are.
@@ -121,6 +123,7 @@ pub(super) struct Clients<'a> {
     /// The trace's id of every avatar there was.
     walkers: Vec<u32>,
     jumps: u64,
+    left: u64,
     outside: u64,
 }
 
@@ -134,6 +137,7 @@ impl<'a> Clients<'a> {
             present: BTreeMap::new(),
             walkers: Vec::new(),
             jumps: 0,
+            left: 0,
             outside: 0,
         }
     }
@@ -153,6 +157,17 @@ impl<'a> Clients<'a> {
         self.jumps
     }
 
+    /// How often somebody reported unasked, because it was about to leave its TBV.
+    pub(super) fn left(&self) -> u64 {
+        self.left
+    }
+
+    /// Where the trace has a walker at some time, if it is there.
+    pub(super) fn eye_at(&self, avatar: AvatarId, at: Duration) -> Option<Vec3> {
+        let pose = self.trace.pose_at(self.walker(avatar), at, self.speed_max)?;
+        Some(self.confines.clamp(pose.eye))
+    }
+
     /// How many samples were outside the world, and taken to its edge.
     pub(super) fn outside(&self) -> u64 {
         self.outside
@@ -161,6 +176,9 @@ impl<'a> Clients<'a> {
     /// What the clients do at a tick of theirs.
     pub(super) fn step(&mut self, now: Duration) -> Vec<Uplink> {
         let mut sent = Vec::new();
+        for client in self.present.values_mut() {
+            client.reports = std::mem::take(&mut client.reports_next);
+        }
         for walker in self.trace.ids() {
             let pose = self.look_up(walker, now);
             match (pose, self.present.contains_key(&walker)) {
@@ -185,11 +203,11 @@ impl<'a> Clients<'a> {
             Order::Vanish(avatar) => {
                 client.replica.remove(&avatar);
             }
-            Order::Poses { newest, poses } => {
-                client.newest = newest;
+            Order::Poses { sequences, poses } => {
+                sequences.for_each(|sequence| client.ack = received(client.ack, sequence));
                 for (avatar, sampled) in poses {
                     if let Some(known) = client.replica.get_mut(&avatar) {
-                        *known = sampled;
+                        *known = sampled.max(*known);
                     }
                 }
             }
@@ -232,17 +250,19 @@ impl<'a> Clients<'a> {
             tbv: None,
             jumped: false,
             sequence: 0,
-            newest: 0,
+            ack: Ack::default(),
+            reports: 0,
+            reports_next: 0,
         };
         self.present.insert(walker, client);
         let eye = self.on_wire(pose).eye;
         let request = Request::Join { name: format!("walker {walker}"), eye };
-        Uplink { avatar, sampled: now, ack: 0, request }
+        Uplink { avatar, sampled: now, ack: Ack::default(), request }
     }
 
     fn leave(&mut self, walker: u32, now: Duration) -> Option<Uplink> {
         let client = self.present.remove(&walker)?;
-        let (avatar, ack) = (client.avatar, client.newest);
+        let (avatar, ack) = (client.avatar, client.ack);
         Some(Uplink { avatar, sampled: now, ack, request: Request::Leave })
     }
 
@@ -262,7 +282,8 @@ impl<'a> Clients<'a> {
         if !client.entered {
             return None;
         }
-        let request = if std::mem::take(&mut client.jumped) {
+        let jumped = std::mem::take(&mut client.jumped);
+        let request = if jumped {
             Request::Relocate { pose: told }
         } else {
             let step_m = speed_max * tick.as_secs_f32();
@@ -272,13 +293,27 @@ impl<'a> Clients<'a> {
                 return None;
             }
             client.sequence += 1;
+            self.left += u64::from(!live && !asked);
             Request::Report { sequence: client.sequence, pose: told, on_stream: !live }
         };
-        Some(Uplink { avatar: client.avatar, sampled: now, ack: client.newest, request })
+        client.reports_next += 1;
+        Some(Uplink { avatar: client.avatar, sampled: now, ack: client.ack, request })
     }
 
     fn on_wire(&self, pose: &Pose) -> Pose {
         let rounded = Pose::from(WirePose::from(pose));
         Pose { eye: self.confines.clamp(rounded.eye), ..rounded }
     }
+}
+
+/// What is acknowledged once a datagram has come in.
+fn received(ack: Ack, sequence: u32) -> Ack {
+    let Ack { newest, earlier } = ack;
+    if sequence <= newest {
+        let bit = (newest - sequence).checked_sub(1).and_then(|back| 1_u32.checked_shl(back));
+        return Ack { newest, earlier: earlier | bit.unwrap_or(0) };
+    }
+    let ahead = sequence - newest;
+    let before = if newest == 0 { 0 } else { 1_u32.checked_shl(ahead - 1).unwrap_or(0) };
+    Ack { newest: sequence, earlier: earlier.checked_shl(ahead).unwrap_or(0) | before }
 }

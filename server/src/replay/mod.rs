@@ -10,9 +10,14 @@
 //! took in a report. A `t_ms` is rounded down to a whole millisecond.
 
 mod clients;
+mod coding;
+mod comparison;
 mod dump;
+mod foresight;
 mod oracle;
 mod report;
+mod tally;
+mod wire;
 
 use std::{
     collections::BTreeMap,
@@ -21,20 +26,18 @@ use std::{
     time::{Duration, Instant},
 };
 
+use glam::Vec3;
 use rayon::prelude::*;
 use sightline_shared::{
     motion::{AvatarId, Pose},
-    protocol::{
-        frame,
-        message::ServerMessage,
-        pose_stream::{Ack, PoseEncoder},
-        quantise::WireTbv,
-        text::{Line, Name},
-    },
+    protocol::{frame, pose_stream::PoseEncoder},
     world::World,
 };
 
+pub use comparison::Comparison;
+pub use oracle::Miss;
 pub use report::{OracleReport, Report};
+pub use wire::Network;
 
 use crate::{
     engine::{ClientState, Config, Engine, Input, Output, Policy},
@@ -43,15 +46,18 @@ use crate::{
 use clients::{Clients, Order, Request, Uplink};
 use dump::{Dump, What};
 use oracle::Oracle;
-use report::Tally;
+use tally::Tally;
+use wire::{Packet, Wire};
 
 /// How a trace is run.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// How the engine works.
     pub config: Config,
-    /// Every client's round trip.
+    /// Every client's round trip, or the least when the network spreads them.
     pub round_trip: Duration,
+    /// What happens to messages.
+    pub network: Network,
     /// No more than so much of the trace, from its first sample on.
     pub length: Option<Duration>,
     /// How often what is held is compared with what is visible.
@@ -63,7 +69,8 @@ impl Options {
     /// message is late, so there is no margin for it.
     pub fn new(policy: Policy, round_trip: Duration) -> Self {
         let config = Config { policy, margin: Duration::ZERO, ..Config::default() };
-        Self { config, round_trip, length: None, oracle: OracleStride::Auto }
+        let network = Network::default();
+        Self { config, round_trip, network, length: None, oracle: OracleStride::Auto }
     }
 }
 
@@ -90,6 +97,21 @@ pub fn run<'a>(
     dump: Option<&'a mut dyn io::Write>,
     progress: &mut dyn FnMut(f32),
 ) -> io::Result<Report> {
+    let mut watch = |moment: &Moment<'_>| progress(moment.done);
+    run_watched(world, trace, options, dump, &mut watch)
+}
+
+/// The same; shows every tick to somebody.
+///
+/// # Errors
+/// When the dump cannot be written.
+pub fn run_watched<'a>(
+    world: &Arc<World>,
+    trace: &'a Trace,
+    options: &Options,
+    dump: Option<&'a mut dyn io::Write>,
+    watch: &mut dyn FnMut(&Moment<'_>),
+) -> io::Result<Report> {
     let (first, last) = trace.span();
     let last = options.length.map_or(last, |length| last.min(first + length));
     let tick = options.config.tick;
@@ -97,30 +119,70 @@ pub fn run<'a>(
     let count = ticks.end().saturating_sub(*ticks.start()) as f32 + 1.0;
     let mut replay = Replay::new(world, trace, options, Dump::new(dump)?);
     for (done, k) in ticks.enumerate() {
-        replay.step(tick * u32::try_from(k).unwrap_or(u32::MAX))?;
-        progress((done + 1) as f32 / count);
+        let now = tick * u32::try_from(k).unwrap_or(u32::MAX);
+        let outputs = replay.step(now)?;
+        let done = (done + 1) as f32 / count;
+        let Replay { engine, clients, wire, heard, .. } = &replay;
+        watch(&Moment { now, done, outputs: &outputs, engine, clients, wire, heard });
     }
     replay.dump.finish()?;
     Ok(replay.report(trace, options, last.saturating_sub(first)))
 }
 
-/// A message on its way.
-enum Packet {
-    Up(Uplink),
-    Down(AvatarId, Order),
+/// The end of a tick: what the engine decided, and what is true.
+#[derive(Clone, Copy)]
+pub struct Moment<'a> {
+    /// On the server's clock.
+    pub now: Duration,
+    /// The share of the run that is done, from 0 to 1.
+    pub done: f32,
+    /// What the engine wanted told at this tick.
+    pub outputs: &'a [Output],
+    /// After the tick.
+    pub engine: &'a Engine,
+    clients: &'a Clients<'a>,
+    wire: &'a Wire,
+    heard: &'a BTreeMap<AvatarId, Duration>,
+}
+
+impl<'a> Moment<'a> {
+    /// The trace's id of an avatar.
+    pub fn walker(&self, avatar: AvatarId) -> u32 {
+        self.clients.walker(avatar)
+    }
+
+    /// Those who are present, as far as their clients know, and where their eyes truly are.
+    pub fn eyes(&self) -> impl Iterator<Item = (AvatarId, Vec3)> + 'a {
+        self.clients.present().map(|client| (client.avatar, client.eye))
+    }
+
+    /// A client's round trip, without jitter and loss.
+    pub fn round_trip(&self, avatar: AvatarId) -> Duration {
+        self.wire.round_trip(avatar)
+    }
+
+    /// When the engine last accepted a report of an avatar, or let it in.
+    pub fn heard(&self, avatar: AvatarId) -> Option<Duration> {
+        self.heard.get(&avatar).copied()
+    }
+
+    /// Whether a message from or to a client took longer than the engine allows for, a short
+    /// while ago.
+    pub fn is_late(&self, avatar: AvatarId) -> bool {
+        self.wire.is_late(self.now, avatar)
+    }
 }
 
 struct Replay<'a> {
     engine: Engine,
     clients: Clients<'a>,
-    /// By arrival, then in the order of sending.
-    wire: BTreeMap<(Duration, u64), Packet>,
-    sent: u64,
-    round_trip: Duration,
+    wire: Wire,
     /// The server's end of each client's pose stream.
     encoders: BTreeMap<AvatarId, PoseEncoder>,
     /// When the pose that the engine has of each avatar was sampled.
     sampled: BTreeMap<AvatarId, Duration>,
+    /// When it came in.
+    heard: BTreeMap<AvatarId, Duration>,
     oracle: Option<Oracle>,
     dump: Dump<'a>,
     tally: Tally,
@@ -135,11 +197,10 @@ impl<'a> Replay<'a> {
             clients: Clients::new(trace, &engine),
             oracle: Oracle::new(world, trace, options),
             engine,
-            wire: BTreeMap::new(),
-            sent: 0,
-            round_trip: options.round_trip,
+            wire: Wire::new(options),
             encoders: BTreeMap::new(),
             sampled: BTreeMap::new(),
+            heard: BTreeMap::new(),
             dump,
             tally: Tally::default(),
             cpu: Duration::ZERO,
@@ -147,7 +208,7 @@ impl<'a> Replay<'a> {
     }
 
     /// One tick: what has arrived, what the clients do, what the engine decides.
-    fn step(&mut self, now: Duration) -> io::Result<()> {
+    fn step(&mut self, now: Duration) -> io::Result<Vec<Output>> {
         self.deliver(now)?;
         for uplink in self.clients.step(now) {
             self.send_up(now, uplink);
@@ -158,20 +219,17 @@ impl<'a> Replay<'a> {
         self.engine.tick(now, &mut outputs);
         self.cpu += start.elapsed();
         self.tally.tick(std::mem::take(&mut self.cpu), &self.engine);
-        self.dispatch(now, outputs)?;
+        self.dispatch(now, &outputs)?;
         self.deliver(now)?;
         if let Some(oracle) = &mut self.oracle {
-            oracle.look(now, &self.clients);
+            oracle.look(now, &self.clients, &self.wire);
         }
-        Ok(())
+        Ok(outputs)
     }
 
     fn deliver(&mut self, now: Duration) -> io::Result<()> {
-        while let Some(entry) = self.wire.first_entry()
-            && entry.key().0 <= now
-        {
-            let at = entry.key().0;
-            match entry.remove() {
+        while let Some((at, packet)) = self.wire.next(now) {
+            match packet {
                 Packet::Up(uplink) => self.arrive(at, uplink)?,
                 Packet::Down(to, order) => {
                     if let Some(answer) = self.clients.obey(at, to, order) {
@@ -184,21 +242,16 @@ impl<'a> Replay<'a> {
     }
 
     fn send_up(&mut self, now: Duration, uplink: Uplink) {
-        let messages = uplink.lengths();
-        messages.iter().for_each(|bytes| self.tally.from_clients.add(*bytes));
-        self.send(now, Packet::Up(uplink));
-    }
-
-    fn send(&mut self, now: Duration, packet: Packet) {
-        self.sent += 1;
-        self.wire.insert((now + self.round_trip / 2, self.sent), packet);
+        let traffic = self.tally.client(uplink.avatar);
+        uplink.lengths().iter().for_each(|bytes| traffic.from.add(*bytes));
+        self.wire.send(now, Packet::Up(uplink));
     }
 
     /// A message has reached the server.
     fn arrive(&mut self, at: Duration, uplink: Uplink) -> io::Result<()> {
         let Uplink { avatar, sampled, ack, request } = uplink;
         if let Some(encoder) = self.encoders.get_mut(&avatar) {
-            encoder.acknowledge(Ack { newest: ack, earlier: u32::MAX });
+            encoder.acknowledge(ack);
         }
         let known = self.engine.pose(avatar).is_some();
         let accepted = self.engine.stats().reports;
@@ -208,7 +261,8 @@ impl<'a> Replay<'a> {
                 self.encoders.insert(avatar, PoseEncoder::default());
                 let (colour, place) = ([128; 3], Some(eye));
                 self.feed(at, Input::Join { avatar, name, colour, place });
-                self.feed(at, Input::RoundTrip { avatar, round_trip: self.round_trip });
+                let round_trip = self.wire.round_trip(avatar);
+                self.feed(at, Input::RoundTrip { avatar, round_trip });
             }
             Request::Leave => self.leave(at, avatar)?,
             Request::Report { sequence, pose, .. } if known => {
@@ -226,6 +280,7 @@ impl<'a> Replay<'a> {
         }
         if moves {
             self.sampled.insert(avatar, sampled);
+            self.heard.insert(avatar, at);
         }
         Ok(())
     }
@@ -244,6 +299,7 @@ impl<'a> Replay<'a> {
         }
         self.encoders.remove(&avatar);
         self.sampled.remove(&avatar);
+        self.heard.remove(&avatar);
         self.feed(at, Input::Leave { avatar });
         Ok(())
     }
@@ -265,15 +321,15 @@ impl<'a> Replay<'a> {
     }
 
     /// Sends on what the engine wants told.
-    fn dispatch(&mut self, now: Duration, outputs: Vec<Output>) -> io::Result<()> {
-        let mut news = BTreeMap::new();
+    fn dispatch(&mut self, now: Duration, outputs: &[Output]) -> io::Result<()> {
+        let mut news: BTreeMap<AvatarId, &[(AvatarId, Pose)]> = BTreeMap::new();
         for output in outputs {
-            self.note(now, &output)?;
+            self.note(now, output)?;
             match output {
                 Output::Poses { to, poses, .. } => {
-                    news.insert(to, poses);
+                    news.insert(*to, poses);
                 }
-                control => self.send_control(now, &control),
+                control => self.send_control(now, control),
             }
         }
         self.send_poses(now, news);
@@ -285,10 +341,14 @@ impl<'a> Replay<'a> {
         match output {
             Output::Appear { to, avatar, .. } => {
                 self.tally.updates += 1;
+                self.tally.enters += 1;
                 self.note_pair(now, *to, *avatar, What::Enter)?;
                 self.note_pair(now, *to, *avatar, What::Update)?;
             }
-            Output::Vanish { to, avatar } => self.note_pair(now, *to, *avatar, What::Leave)?,
+            Output::Vanish { to, avatar } => {
+                self.tally.leaves += 1;
+                self.note_pair(now, *to, *avatar, What::Leave)?;
+            }
             Output::Poses { to, poses, .. } => {
                 self.tally.updates += poses.len() as u64;
                 for (avatar, _) in poses {
@@ -332,16 +392,16 @@ impl<'a> Replay<'a> {
             encoder.forget(avatar);
         }
         let since = self.encoders.get(&to).map_or(1, PoseEncoder::next_sequence);
-        if let Some(message) = message(now, output, since) {
-            self.tally.to_clients.add(frame::encode(&message).len());
+        if let Some(message) = coding::message(now, output, since) {
+            self.tally.client(to).to.add(frame::encode(&message).len());
         }
-        self.send(now, Packet::Down(to, order));
+        self.wire.send(now, Packet::Down(to, order));
     }
 
     /// Encodes every client's datagrams. One without news may hold what is to be sent again; and
     /// news that are as before, to the last bit on the wire, cost none: what a client holds then
     /// is as good as fresh.
-    fn send_poses(&mut self, now: Duration, mut news: BTreeMap<AvatarId, Vec<(AvatarId, Pose)>>) {
+    fn send_poses(&mut self, now: Duration, mut news: BTreeMap<AvatarId, &[(AvatarId, Pose)]>) {
         let tick = self.engine.ticks();
         let mut work: Vec<_> = self
             .encoders
@@ -354,47 +414,37 @@ impl<'a> Replay<'a> {
             .collect();
         let sent: Vec<_> = work
             .into_iter()
-            .map(|(to, encoder, poses)| (to, encoder.next_sequence() - 1, poses))
+            .map(|(to, encoder, poses)| (to, encoder.next_sequence(), poses))
             .collect();
-        for ((to, newest, poses), lengths) in sent.into_iter().zip(lengths) {
+        for ((to, next, poses), lengths) in sent.into_iter().zip(lengths) {
             if poses.is_empty() && lengths.is_empty() {
                 continue;
             }
-            lengths.iter().for_each(|bytes| self.tally.to_clients.add(*bytes));
+            let traffic = self.tally.client(to);
+            lengths.iter().for_each(|bytes| traffic.to.add(*bytes));
             let sampled = |id: &AvatarId| self.sampled.get(id).copied().unwrap_or(now);
             let poses = poses.iter().map(|(id, _)| (*id, sampled(id))).collect();
-            self.send(now, Packet::Down(to, Order::Poses { newest, poses }));
+            let sequences = next - lengths.len() as u32..next;
+            self.wire.send(now, Packet::Down(to, Order::Poses { sequences, poses }));
         }
     }
 
     fn report(self, trace: &Trace, options: &Options, length: Duration) -> Report {
         let world = self.engine.world().title.clone();
-        let engine = (self.engine.stats(), self.engine.speed_max());
         let clients = (trace.ids().count(), self.clients.jumps(), self.clients.outside());
         let oracle = self.oracle.map(|oracle| oracle.report());
-        self.tally.report(world, options, length, engine, clients, oracle)
+        Report {
+            world,
+            avatars: clients.0,
+            jumps: clients.1,
+            outside: clients.2,
+            left_tbv: self.clients.left(),
+            speed_max: self.engine.speed_max(),
+            seconds: length.as_secs_f64(),
+            oracle,
+            ..self.tally.report(options, self.engine.stats())
+        }
     }
-}
-
-/// An output as it is on the wire, for its length.
-fn message(now: Duration, output: &Output, since_sequence: u32) -> Option<ServerMessage> {
-    Some(match output {
-        Output::Entered { pose, .. } => ServerMessage::Entered { pose: pose.into() },
-        Output::Appear { avatar, name, colour, pose, .. } => ServerMessage::Appear {
-            avatar: *avatar,
-            name: Name::new(name).ok()?,
-            colour: *colour,
-            pose: pose.into(),
-            since_sequence,
-        },
-        Output::Vanish { avatar, .. } => ServerMessage::Vanish { avatar: *avatar },
-        Output::Live { .. } => ServerMessage::Live,
-        Output::Quiet { tbv, .. } => ServerMessage::Quiet { tbv: WireTbv::new(tbv, now) },
-        Output::Ask { .. } => ServerMessage::Ask,
-        Output::Correct { pose, .. } => ServerMessage::Correct { pose: pose.into() },
-        Output::Drop { reason, .. } => ServerMessage::Goodbye { reason: Line::clipped(reason) },
-        Output::Poses { .. } | Output::Chat { .. } => return None,
-    })
 }
 
 #[cfg(test)]

@@ -4,12 +4,18 @@ use std::{collections::BTreeMap, time::Duration};
 
 use glam::Vec3;
 use rayon::prelude::*;
+use serde::Serialize;
 use sightline_shared::{
     motion::{AvatarId, Body},
     world::World,
 };
 
-use super::{Options, OracleReport, OracleStride, clients::Clients};
+use super::{
+    Options, OracleReport, OracleStride,
+    clients::{Client, Clients},
+    foresight::{Walk, foresees},
+    wire::Wire,
+};
 use crate::{sight::Sight, trace::Trace};
 
 /// Points looked for on each axis of a body's box.
@@ -26,13 +32,39 @@ pub(super) struct Oracle {
     /// For so long after coming or jumping nobody can be expected to be known, or to know.
     unsettled: Duration,
     tally: OracleReport,
+    ages: u64,
     age_sum: Duration,
+    /// Avatars in sight or not, in all looks, of those that are settled.
+    avatars: u64,
+    hidden: u64,
+    hidden_reports: u64,
+    /// For each walk: how far ahead, and how fast it may be.
+    tick: Duration,
+    speed_max: f32,
 }
+
+/// A visible avatar of which its viewer did not know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Miss {
+    /// When, in the trace's time.
+    pub t_ms: f64,
+    /// The trace's id of who sees.
+    pub viewer: u32,
+    /// The trace's id of who is seen.
+    pub avatar: u32,
+}
+
+/// How many misses are told one by one.
+const MISSES_TOLD: usize = 10;
 
 struct Looker<'a> {
     avatar: AvatarId,
+    walker: u32,
     eye: Vec3,
     settled: bool,
+    late: bool,
+    reports: u32,
+    walk: Walk,
     replica: &'a BTreeMap<AvatarId, Duration>,
 }
 
@@ -41,10 +73,16 @@ struct Looker<'a> {
 struct Sums {
     visible: u64,
     held: u64,
-    misses: u64,
+    foreseen: u64,
+    misses: Vec<Miss>,
     misses_after_jumps: u64,
+    misses_late: u64,
+    ages: u64,
     age_sum: Duration,
     age_worst: Duration,
+    stale: u64,
+    /// Those in sight, by their place among all.
+    seen: Vec<usize>,
 }
 
 impl Oracle {
@@ -55,23 +93,31 @@ impl Oracle {
             OracleStride::Auto => stride(trace, options),
         };
         let tick = options.config.tick;
+        let round_trip_max = options.round_trip + options.network.spread;
         Some(Self {
             sight: Sight::new(&world.mesh),
             body: world.body,
             stride,
             next: Duration::ZERO,
-            unsettled: 2 * options.round_trip + 4 * tick,
+            unsettled: 2 * (round_trip_max + options.network.jitter) + 4 * tick,
             tally: OracleReport {
                 stride_ms: stride.as_secs_f64() * 1e3,
-                age_bound_ms: (options.round_trip + 2 * tick).as_secs_f64() * 1e3,
+                age_bound_ms: (round_trip_max + 2 * (tick + options.network.jitter)).as_secs_f64()
+                    * 1e3,
                 ..OracleReport::default()
             },
+            ages: 0,
             age_sum: Duration::ZERO,
+            avatars: 0,
+            hidden: 0,
+            hidden_reports: 0,
+            tick,
+            speed_max: options.config.speed_max.unwrap_or(world.speed_max),
         })
     }
 
     /// Compares, if it is time to.
-    pub(super) fn look(&mut self, now: Duration, clients: &Clients<'_>) {
+    pub(super) fn look(&mut self, now: Duration, clients: &Clients<'_>, wire: &Wire) {
         if now < self.next {
             return;
         }
@@ -80,37 +126,70 @@ impl Oracle {
             .present()
             .map(|client| Looker {
                 avatar: client.avatar,
+                walker: clients.walker(client.avatar),
                 eye: client.eye,
                 settled: client.settled + self.unsettled <= now,
+                late: wire.is_late(now, client.avatar),
+                reports: client.reports,
+                walk: self.walk(now, client, clients, wire),
                 replica: &client.replica,
             })
             .collect();
-        let sums: Vec<Sums> =
-            lookers.par_iter().map(|viewer| self.look_from(now, viewer, &lookers)).collect();
+        let look = |viewer| self.look_from(now, viewer, &lookers, wire);
+        let sums: Vec<Sums> = lookers.par_iter().map(look).collect();
         self.tally.instants += 1;
         sums.iter().for_each(|sums| self.add(sums));
+        let mut hidden = vec![true; lookers.len()];
+        sums.iter().flat_map(|sums| &sums.seen).for_each(|place| hidden[*place] = false);
+        for (looker, hidden) in lookers.iter().zip(hidden).filter(|(looker, _)| looker.settled) {
+            self.avatars += 1;
+            self.hidden += u64::from(hidden);
+            self.hidden_reports += u64::from(hidden && looker.reports > 0);
+        }
     }
 
-    fn look_from(&self, now: Duration, viewer: &Looker<'_>, all: &[Looker<'_>]) -> Sums {
+    /// Where a client can be in the time that the engine decides for at a tick: from its last
+    /// report on until the next tick's word has come to the slowest.
+    fn walk(&self, now: Duration, client: &Client, clients: &Clients<'_>, wire: &Wire) -> Walk {
+        let behind = wire.round_trip(client.avatar) / 2;
+        let ahead = self.tick + wire.round_trip_max() / 2;
+        let eye_at = |at: Duration| clients.eye_at(client.avatar, at).unwrap_or(client.eye);
+        Walk {
+            first: eye_at(now.saturating_sub(behind)),
+            now: client.eye,
+            last: eye_at(now + ahead),
+            way_m: self.speed_max * (behind + ahead).as_secs_f32(),
+        }
+    }
+
+    fn look_from(
+        &self,
+        now: Duration,
+        viewer: &Looker<'_>,
+        all: &[Looker<'_>],
+        wire: &Wire,
+    ) -> Sums {
         let mut sums = Sums::default();
-        for other in all.iter().filter(|other| other.avatar != viewer.avatar) {
+        for (place, other) in all.iter().enumerate().filter(|(_, o)| o.avatar != viewer.avatar) {
             let held = viewer.replica.get(&other.avatar);
             let settled = viewer.settled && other.settled;
             let body = self.body.around(other.eye);
             let visible = self.sight.of_box(viewer.eye, &body, SAMPLES);
+            if visible {
+                sums.seen.push(place);
+            }
             match (visible, held) {
-                (true, None) if settled => sums.misses += 1,
-                (true, None) => sums.misses_after_jumps += 1,
-                (true, Some(sampled)) if settled => {
-                    let age = now.saturating_sub(*sampled);
-                    sums.age_sum += age;
-                    sums.age_worst = sums.age_worst.max(age);
+                (true, None) => sums.miss(now, viewer, other),
+                (true, Some(sampled)) if settled && !viewer.late && !other.late => {
+                    sums.compare_age(now, *sampled, (viewer.avatar, other.avatar), wire);
                 }
                 _ => {}
             }
             if settled {
                 sums.visible += u64::from(visible);
                 sums.held += u64::from(held.is_some());
+                let could_be = || foresees(&self.sight, &self.body, now, &viewer.walk, &other.walk);
+                sums.foreseen += u64::from(held.is_some() && (visible || could_be()));
             }
         }
         sums
@@ -120,17 +199,58 @@ impl Oracle {
         let tally = &mut self.tally;
         tally.pairs_visible += sums.visible;
         tally.pairs_held += sums.held;
-        tally.misses += sums.misses;
+        tally.pairs_foreseen += sums.foreseen;
+        tally.misses += sums.misses.len() as u64;
+        let room = MISSES_TOLD.saturating_sub(tally.first_misses.len());
+        tally.first_misses.extend(sums.misses.iter().take(room));
         tally.misses_after_jumps += sums.misses_after_jumps;
+        tally.misses_late += sums.misses_late;
+        tally.stale += sums.stale;
         tally.age_worst_ms = tally.age_worst_ms.max(sums.age_worst.as_secs_f64() * 1e3);
+        self.ages += sums.ages;
         self.age_sum += sums.age_sum;
     }
 
     pub(super) fn report(self) -> OracleReport {
-        let seen = self.tally.pairs_visible - self.tally.misses.min(self.tally.pairs_visible);
-        let age_mean_ms = self.age_sum.as_secs_f64() * 1e3 / seen.max(1) as f64;
-        let over_send = self.tally.pairs_held as f64 / self.tally.pairs_visible.max(1) as f64;
-        OracleReport { over_send, age_mean_ms, ..self.tally }
+        let share = |part: u64, of: u64| part as f64 / of.max(1) as f64;
+        let tally = self.tally;
+        OracleReport {
+            over_send: share(tally.pairs_held, tally.pairs_visible),
+            over_send_horizon: share(tally.pairs_held, tally.pairs_foreseen),
+            hidden_share: share(self.hidden, self.avatars),
+            hidden_reports: share(self.hidden_reports, self.hidden),
+            age_mean_ms: self.age_sum.as_secs_f64() * 1e3 / self.ages.max(1) as f64,
+            ..tally
+        }
+    }
+}
+
+impl Sums {
+    fn miss(&mut self, now: Duration, viewer: &Looker<'_>, other: &Looker<'_>) {
+        if !viewer.settled || !other.settled {
+            self.misses_after_jumps += 1;
+        } else if viewer.late || other.late {
+            self.misses_late += 1;
+        } else {
+            let t_ms = now.as_secs_f64() * 1e3;
+            self.misses.push(Miss { t_ms, viewer: viewer.walker, avatar: other.walker });
+        }
+    }
+
+    fn compare_age(
+        &mut self,
+        now: Duration,
+        sampled: Duration,
+        (viewer, avatar): (AvatarId, AvatarId),
+        wire: &Wire,
+    ) {
+        let age = now.saturating_sub(sampled);
+        self.ages += 1;
+        self.age_sum += age;
+        self.age_worst = self.age_worst.max(age);
+        let lost = wire.lost_since(sampled, viewer, avatar);
+        let bound = wire.age_max(viewer, avatar) + wire.tick() * lost as u32;
+        self.stale += u64::from(age > bound);
     }
 }
 

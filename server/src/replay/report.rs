@@ -1,14 +1,13 @@
 //! What a run comes to.
 
-use std::{fmt, time::Duration};
+use std::fmt;
 
 use serde::Serialize;
 
-use super::Options;
-use crate::engine::{Engine, Policy, Stats};
+use super::Miss;
 
 /// The figures of a run. Rates are means for one client while it is present.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// The world's title.
     pub world: String,
@@ -34,14 +33,22 @@ pub struct Report {
     pub quiet_share: f64,
     /// Messages to a client, a second: datagrams and control messages.
     pub messages_to_client: f64,
+    /// The same, of the client that gets most of those that stay for a second.
+    pub messages_to_client_worst: f64,
     /// Bytes of these to a client, a second, without those that QUIC and UDP add.
     pub bytes_to_client: f64,
+    /// The same, at most.
+    pub bytes_to_client_worst: f64,
     /// States of avatars in these, a second.
     pub updates_to_client: f64,
     /// Messages from a client, a second.
     pub messages_from_client: f64,
+    /// The same, at most.
+    pub messages_from_client_worst: f64,
     /// Bytes from a client, a second.
     pub bytes_from_client: f64,
+    /// The same, at most.
+    pub bytes_from_client_worst: f64,
     /// Reports from a client, a second.
     pub reports_from_client: f64,
     /// All reports that reached the server.
@@ -52,6 +59,25 @@ pub struct Report {
     pub expiries: u64,
     /// TBVs that came into view.
     pub reveals: u64,
+    /// How often a client was told of an avatar.
+    pub enters: u64,
+    /// How often a client was told that it cannot see an avatar any more.
+    pub leaves: u64,
+    /// States sent in a second to all clients together.
+    pub states_per_s: f64,
+    /// Asks in a second, of all clients together.
+    pub asks_per_s: f64,
+    /// Likewise, expiries.
+    pub expiries_per_s: f64,
+    /// Likewise, reveals.
+    pub reveals_per_s: f64,
+    /// Likewise, enters.
+    pub enters_per_s: f64,
+    /// Likewise, leaves.
+    pub leaves_per_s: f64,
+    /// Times that a quiet client reported unasked, as it was about to leave its TBV: 0 unless somebody
+    /// jumps, or something is wrong.
+    pub left_tbv: u64,
     /// Moves that no body can make, announced by their clients.
     pub jumps: u64,
     /// Corrections sent; 0 unless something is wrong.
@@ -78,110 +104,34 @@ pub struct OracleReport {
     pub pairs_visible: u64,
     /// Pairs of a viewer and an avatar that its client held.
     pub pairs_held: u64,
+    /// Of these, those of which samples find that they are in sight, or could be within the horizon.
+    pub pairs_foreseen: u64,
     /// Visible pairs that were not held.
     pub misses: u64,
     /// The same, of those that had just come or jumped.
     pub misses_after_jumps: u64,
-    /// Pairs held for each visible one.
+    /// The same, of those whose messages had just taken longer than the engine allows for.
+    pub misses_late: u64,
+    /// The first of the misses that have no excuse.
+    pub first_misses: Vec<Miss>,
+    /// Pairs held for each visible one: over-send against sight at that instant.
     pub over_send: f64,
+    /// Pairs held for each foreseen one: over-send against an oracle with the same horizon, at
+    /// most, since sampling finds too little.
+    pub over_send_horizon: f64,
+    /// The share of time that an avatar is in nobody's sight, from 0 to 1.
+    pub hidden_share: f64,
+    /// The share of ticks at which an avatar reports while in nobody's sight: always reporting is 1.
+    pub hidden_reports: f64,
     /// How old the held position of a visible avatar was.
     pub age_mean_ms: f64,
     /// The same, at worst.
     pub age_worst_ms: f64,
-    /// No position may be older: two ticks and the way from client to client.
+    /// No position may be older: two ticks and the way from client to client. Where messages are lost,
+    /// each that was makes it a tick more.
     pub age_bound_ms: f64,
-}
-
-/// Messages one way.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Traffic {
-    messages: u64,
-    bytes: u64,
-}
-
-impl Traffic {
-    pub(super) fn add(&mut self, bytes: usize) {
-        self.messages += 1;
-        self.bytes += bytes as u64;
-    }
-}
-
-/// What is counted on the way.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Tally {
-    pub(super) to_clients: Traffic,
-    pub(super) from_clients: Traffic,
-    pub(super) updates: u64,
-    pub(super) reports: u64,
-    pub(super) asks: u64,
-    pub(super) corrections: u64,
-    present: u64,
-    quiet: u64,
-    held: u64,
-    cpu: Vec<Duration>,
-}
-
-impl Tally {
-    /// Counts who is present after a tick.
-    pub(super) fn tick(&mut self, cpu: Duration, engine: &Engine) {
-        let counts = engine.counts();
-        self.present += (counts.live + counts.quiet + counts.asked) as u64;
-        self.quiet += counts.quiet as u64;
-        self.held += engine.avatars().map(|id| engine.held_by(id).count() as u64).sum::<u64>();
-        self.cpu.push(cpu);
-    }
-
-    pub(super) fn report(
-        mut self,
-        world: String,
-        options: &Options,
-        length: Duration,
-        (stats, speed_max): (Stats, f32),
-        (avatars, jumps, outside): (usize, u64, u64),
-        oracle: Option<OracleReport>,
-    ) -> Report {
-        self.cpu.sort_unstable();
-        let config = &options.config;
-        let client_s = (self.present as f64 * config.tick.as_secs_f64()).max(f64::MIN_POSITIVE);
-        let present = (self.present as f64).max(1.0);
-        let rate = |count: u64| count as f64 / client_s;
-        let ms = |time: Duration| time.as_secs_f64() * 1e3;
-        Report {
-            world,
-            policy: config.policy.to_string(),
-            round_trip_ms: ms(options.round_trip),
-            tick_ms: ms(config.tick),
-            validity_ms: if config.policy == Policy::Tbv { ms(config.validity) } else { 0.0 },
-            speed_max,
-            avatars,
-            seconds: length.as_secs_f64(),
-            present_mean: self.present as f64 / self.cpu.len().max(1) as f64,
-            held_mean: self.held as f64 / present,
-            quiet_share: self.quiet as f64 / present,
-            messages_to_client: rate(self.to_clients.messages),
-            bytes_to_client: rate(self.to_clients.bytes),
-            updates_to_client: rate(self.updates),
-            messages_from_client: rate(self.from_clients.messages),
-            bytes_from_client: rate(self.from_clients.bytes),
-            reports_from_client: rate(self.reports),
-            reports: self.reports,
-            asks: self.asks,
-            expiries: stats.expiries,
-            reveals: stats.reveals,
-            jumps,
-            corrections: self.corrections,
-            outside,
-            tick_cpu_median_ms: ms(percentile(&self.cpu, 50)),
-            tick_cpu_p99_ms: ms(percentile(&self.cpu, 99)),
-            oracle,
-        }
-    }
-}
-
-/// Of sorted times; zero when there are none.
-fn percentile(sorted: &[Duration], percent: usize) -> Duration {
-    let place = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
-    sorted.get(place).copied().unwrap_or_default()
+    /// Positions that were older all the same.
+    pub stale: u64,
 }
 
 /// The closing table.
@@ -195,17 +145,30 @@ impl fmt::Display for Report {
         row("seconds", format!("{:.1}", self.seconds))?;
         row("avatars held by a client", format!("{:.2}", self.held_mean))?;
         row("share of time quiet", format!("{:.1} %", self.quiet_share * 100.0))?;
-        row("messages/s to a client", format!("{:.2}", self.messages_to_client))?;
-        row("bytes/s to a client", format!("{:.0}", self.bytes_to_client))?;
+        let (to, to_worst) = (self.messages_to_client, self.messages_to_client_worst);
+        row("messages/s to a client, worst", format!("{to:.2}, {to_worst:.2}"))?;
+        let (to, to_worst) = (self.bytes_to_client, self.bytes_to_client_worst);
+        row("bytes/s to a client, worst", format!("{to:.0}, {to_worst:.0}"))?;
         row("states/s to a client", format!("{:.2}", self.updates_to_client))?;
-        row("messages/s from a client", format!("{:.2}", self.messages_from_client))?;
-        row("bytes/s from a client", format!("{:.0}", self.bytes_from_client))?;
+        let (from, from_worst) = (self.messages_from_client, self.messages_from_client_worst);
+        row("messages/s from a client, worst", format!("{from:.2}, {from_worst:.2}"))?;
+        let (from, from_worst) = (self.bytes_from_client, self.bytes_from_client_worst);
+        row("bytes/s from a client, worst", format!("{from:.0}, {from_worst:.0}"))?;
         row("reports/s from a client", format!("{:.2}", self.reports_from_client))?;
-        row("asks", self.asks.to_string())?;
         row("reports", self.reports.to_string())?;
-        row("expiries", self.expiries.to_string())?;
-        row("reveals", self.reveals.to_string())?;
+        for (name, count, rate) in [
+            ("asks", self.asks, self.asks_per_s),
+            ("expiries", self.expiries, self.expiries_per_s),
+            ("reveals", self.reveals, self.reveals_per_s),
+            ("enters", self.enters, self.enters_per_s),
+            ("leaves", self.leaves, self.leaves_per_s),
+        ] {
+            row(name, format!("{count} ({rate:.2} a second)"))?;
+        }
         row("jumps", self.jumps.to_string())?;
+        if self.left_tbv > 0 {
+            row("reports on leaving a TBV", self.left_tbv.to_string())?;
+        }
         if self.corrections > 0 {
             row("corrections", self.corrections.to_string())?;
         }
@@ -226,7 +189,20 @@ impl fmt::Display for OracleReport {
         row("pairs visible / held", format!("{} / {}", self.pairs_visible, self.pairs_held))?;
         row("misses", self.misses.to_string())?;
         row("misses just after a jump or join", self.misses_after_jumps.to_string())?;
-        row("over-send", format!("{:.2}", self.over_send))?;
+        if self.misses_late > 0 {
+            row("misses by late messages", self.misses_late.to_string())?;
+        }
+        row("over-send against sight", format!("{:.2}", self.over_send))?;
+        row("over-send against the horizon", format!("{:.2} at most", self.over_send_horizon))?;
+        row("share of time truly hidden", format!("{:.1} %", self.hidden_share * 100.0))?;
+        let silence = 1.0 / self.hidden_reports.max(f64::MIN_POSITIVE);
+        let silence =
+            if silence < 1e6 { format!(", {silence:.1} times less often") } else { String::new() };
+        let hidden = format!("{:.2} % of ticks{silence}", self.hidden_reports * 100.0);
+        row("reports while truly hidden", hidden)?;
+        if self.stale > 0 {
+            row("positions older than the bound", self.stale.to_string())?;
+        }
         let worst = format!("{:.0}, bound {:.0} ms", self.age_worst_ms, self.age_bound_ms);
         row("age of positions, mean, worst", format!("{:.0}, {worst}", self.age_mean_ms))
     }

@@ -242,6 +242,55 @@ fn whoever_is_absent_or_jumps_is_followed() {
     assert!(held_at(1_000) && !held_at(2_500) && held_at(5_500));
 }
 
+/// What is late by loss is excused, what is not late is not missed; and chance has a seed.
+#[test]
+fn loss_and_jitter_make_late_but_not_blind() {
+    let mut rng = SmallRng::seed_from_u64(3);
+    let house = House::new(&mut rng, 4);
+    let trace = house.trace(&mut rng, 10, 20);
+    let even = options(Policy::Pvs, 20);
+    let mut options = options(Policy::Tbv, 20);
+    let (spread, jitter) = (Duration::from_millis(200), Duration::from_millis(20));
+    options.network = Network { spread, jitter, loss: 0.05, duplication: 0.05, seed: 1 };
+    options.config.margin = jitter;
+    let (report, dump) = replay(&house.world, &trace, &options);
+    let (_, again) = replay(&house.world, &trace, &options);
+    assert!(dump == again);
+    options.network.seed = 2;
+    assert!(dump != replay(&house.world, &trace, &options).1);
+    let oracle = report.oracle.unwrap();
+    assert_eq!((oracle.misses, oracle.stale, report.corrections), (0, 0, 0), "{oracle:?}");
+    let (even, _) = replay(&house.world, &trace, &even);
+    assert!(report.reports < even.reports, "{} of {} came", report.reports, even.reports);
+}
+
+#[test]
+fn what_a_host_reads_adds_up() {
+    let mut rng = SmallRng::seed_from_u64(9);
+    let house = House::new(&mut rng, 4);
+    let trace = house.trace(&mut rng, 8, 10);
+    let run = |policy| replay(&house.world, &trace, &options(policy, 100)).0;
+    let reports: Vec<Report> = Comparison::POLICIES.into_iter().map(run).collect();
+    for report in &reports {
+        let oracle = report.oracle.as_ref().unwrap();
+        let case = format!("{}: {report:?}", report.policy);
+        assert!(report.messages_to_client <= report.messages_to_client_worst, "{case}");
+        assert!(report.bytes_from_client <= report.bytes_from_client_worst, "{case}");
+        assert!(oracle.pairs_foreseen <= oracle.pairs_held, "{case}");
+        assert!(oracle.over_send_horizon <= oracle.over_send || oracle.misses > 0, "{case}");
+        assert!(report.enters >= report.leaves && report.enters > 0, "{case}");
+        assert_eq!(report.left_tbv, 0, "{case}");
+        assert!((report.enters_per_s - report.enters as f64 / 10.0).abs() < 0.2, "{case}");
+        let always = oracle.hidden_reports > 0.99;
+        assert!(always || report.policy == "tbv", "{case}");
+        assert!(oracle.hidden_share > 0.0 && oracle.hidden_share < 1.0, "{case}");
+    }
+    let table = Comparison { reports }.to_string();
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(lines.len(), 1 + Comparison::POLICIES.len());
+    assert!(lines.iter().all(|line| line.chars().count() == lines[0].chars().count()), "{table}");
+}
+
 /// The folder of test data beside a checkout, if it is there.
 fn shared() -> Option<PathBuf> {
     let named = std::env::var_os("SIGHTLINE_SHARED").map(PathBuf::from);
