@@ -30,6 +30,7 @@ pub mod carve;
 pub mod demo_building;
 pub mod glb;
 pub mod model;
+mod movers;
 pub mod occluders;
 pub mod pvs;
 pub mod subdivide;

@@ -1,6 +1,6 @@
 //! What a map draws: faces and tessellated patches, by shader, with their light.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::Range};
 
 use glam::{Vec2, Vec3};
 
@@ -9,6 +9,7 @@ use super::{
     archive::Archives,
     file::{Face, FaceKind, Map, Shader, Vertex},
     light::Light,
+    movers::Moving,
     placed,
 };
 use crate::compile::model::{self, Material, Model, Surface};
@@ -22,22 +23,28 @@ const EDGE_MIN: f32 = 24.0;
 const DIVIDED_TRIANGLES: f32 = 300_000.0;
 /// One triangle becomes at most two to this power.
 const DIVISIONS_MAX: u32 = 12;
+/// The same for what moves, which is drawn triangle by triangle.
+const DIVISIONS_APART: u32 = 5;
 /// A patch deviates no further from its true curve, in Quake units.
 const CURVE_TOLERANCE: f32 = 1.0;
 const SEGMENTS_MAX: usize = 16;
 
-/// Adds all that is drawn, and the patches that block sight.
+/// Adds all that is drawn and does not move, and the patches that block sight.
 pub(super) fn surfaces(
     map: &Map<'_>,
+    moving: &[Moving],
     archives: &mut Archives,
     model: &mut Model,
 ) -> Result<(), BspError> {
     let mut drawn: Vec<(&Face, Vec<[Vertex; 3]>)> = Vec::new();
     let mut total = 0;
-    for (index, face) in map.faces.iter().enumerate() {
+    let mut moves = vec![false; map.faces.len()];
+    moving.iter().for_each(|moving| moves[moving.faces.clone()].fill(true));
+    let world_faces = map.models.first().map_or(0..0, |world| world.faces.clone());
+    for (index, face) in map.faces.iter().enumerate().filter(|(index, _)| !moves[*index]) {
         let shader = &map.shaders[face.shader];
         let is_patch = matches!(face.kind, FaceKind::Patch { .. });
-        let blocks = is_patch && shader.is_opaque() && map.world_faces.contains(&index);
+        let blocks = is_patch && shader.is_opaque() && world_faces.contains(&index);
         if !shader.is_drawn() && !blocks {
             continue;
         }
@@ -56,6 +63,29 @@ pub(super) fn surfaces(
     }
     draw(map, &drawn, archives, model);
     Ok(())
+}
+
+/// What some faces draw, whatever it is of the model.
+pub(super) fn apart(
+    map: &Map<'_>,
+    faces: Range<usize>,
+    archives: &mut Archives,
+) -> Result<Vec<Surface>, BspError> {
+    let mut by_shader: BTreeMap<usize, Pieces> = BTreeMap::new();
+    for face in map.faces[faces].iter().filter(|face| map.shaders[face.shader].is_drawn()) {
+        let light = Light::of(map, face.lightmap);
+        let pieces = by_shader.entry(face.shader).or_default();
+        for triangle in triangles(map, face)? {
+            pieces.add(triangle, light, EDGE_MIN, DIVISIONS_APART);
+        }
+        if pieces.positions.len() > 3 * TRIANGLES_MAX {
+            return Err(BspError::TooMany("triangles"));
+        }
+    }
+    let surface = |(shader, pieces): (usize, Pieces)| {
+        pieces.into_surface(material(&map.shaders[shader], archives))
+    };
+    Ok(by_shader.into_iter().map(surface).collect())
 }
 
 /// Adds surfaces, one for each shader.

@@ -24,6 +24,44 @@ const SPAWN_CLASSES: [&str; 6] = [
 pub(super) struct Entities {
     pub title: Option<String>,
     pub spawns: Vec<Spawn>,
+    /// Those that have a brush model.
+    pub brush_models: Vec<Keys>,
+    /// Corners of the ways of trains, by their names. Of several with one name the first counts.
+    pub corners: HashMap<String, Keys>,
+}
+
+/// The keys of an entity, in lower case, and what they say.
+#[derive(Debug, Default)]
+pub(super) struct Keys(HashMap<String, String>);
+
+impl Keys {
+    /// What a key says; nothing when it is absent.
+    pub fn text(&self, key: &str) -> &str {
+        self.0.get(key).map_or("", String::as_str)
+    }
+
+    pub fn number(&self, key: &str) -> Option<f64> {
+        numbers::<1>(self.text(key)).map(|[number]| number)
+    }
+
+    /// A number that stands for the default when it is 0, as most do in the game.
+    pub fn number_not_0(&self, key: &str, default: f64) -> f64 {
+        self.number(key).filter(|&number| number != 0.0).unwrap_or(default)
+    }
+
+    pub fn vector(&self, key: &str) -> Option<DVec3> {
+        numbers::<3>(self.text(key)).map(DVec3::from)
+    }
+
+    /// Pitch, yaw and roll, in degrees.
+    pub fn angles(&self) -> DVec3 {
+        let yaw = self.number("angle").map(|yaw| DVec3::Y * yaw);
+        yaw.or_else(|| self.vector("angles")).unwrap_or(DVec3::ZERO)
+    }
+
+    pub fn flags(&self) -> u32 {
+        self.number("spawnflags").map_or(0, |flags| flags as u32)
+    }
 }
 
 /// Reads entities as far as they make sense.
@@ -58,8 +96,17 @@ impl Entities {
             self.title = get("message").filter(|m| !m.trim().is_empty()).map(str::to_owned);
         } else if SPAWN_CLASSES.contains(&class.as_str()) && self.spawns.len() < SPAWNS_MAX {
             self.spawns.extend(spawn(&get));
+        } else if class == "path_corner" {
+            let name = get("targetname").unwrap_or_default().to_owned();
+            self.corners.entry(name).or_insert_with(|| keys(pairs));
+        } else if get("model").is_some_and(|model| model.starts_with('*')) {
+            self.brush_models.push(keys(pairs));
         }
     }
+}
+
+fn keys(pairs: &HashMap<String, &str>) -> Keys {
+    Keys(pairs.iter().map(|(key, &text)| (key.clone(), text.to_owned())).collect())
 }
 
 fn spawn<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Spawn> {

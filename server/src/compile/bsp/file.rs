@@ -73,18 +73,18 @@ pub(super) struct Face {
     pub lightmap: Option<usize>,
 }
 
-/// What is read of a map. The brushes and the first faces are those of the world model.
+/// What is read of a map. The brushes are those of the world model.
 pub(super) struct Map<'a> {
     pub entities: String,
     pub shaders: Vec<Shader>,
     pub planes: Vec<Plane>,
     pub world_brushes: Vec<Brush>,
+    /// The world first, then what moves or is set off.
+    pub models: Vec<SubModel>,
     pub tree: Tree<'a>,
     pub vertices: Vec<Vertex>,
     pub mesh_vertices: Vec<u32>,
     pub faces: Vec<Face>,
-    /// Which of the faces belong to the world model.
-    pub world_faces: std::ops::Range<usize>,
     /// RGB, [`LIGHTMAP_EDGE`] squared pixels each.
     pub lightmaps: &'a [[u8; LIGHTMAP_BYTES]],
 }
@@ -111,7 +111,8 @@ impl<'a> Map<'a> {
         let faces = lumps.records(13, "faces", FACES_MAX)?;
         let faces: Vec<Face> =
             faces.iter().map(|bytes| face(bytes, &limits)).collect::<Result<_, _>>()?;
-        let world = lumps.world(faces.len())?;
+        let models = lumps.models(faces.len())?;
+        let world = models.first().ok_or(BspError::NoWorld)?;
         let planes: Vec<Plane> =
             lumps.records(2, "planes", PLANES_MAX)?.iter().map(plane).collect();
         let entities = lumps.bytes(0)?;
@@ -120,14 +121,14 @@ impl<'a> Map<'a> {
         }
         Ok(Self {
             entities: String::from_utf8_lossy(entities).into_owned(),
-            world_brushes: lumps.brushes(world.brushes, shaders.len(), &planes)?,
+            world_brushes: lumps.brushes(world.brushes.clone(), shaders.len(), &planes)?,
             tree: Tree::parse(&lumps, planes.len())?,
             planes,
             shaders,
             vertices,
             mesh_vertices,
             faces,
-            world_faces: world.faces,
+            models,
             lightmaps,
         })
     }
@@ -139,8 +140,12 @@ pub(super) struct Lumps<'a> {
     directory: [(i32, i32); LUMPS],
 }
 
-struct WorldModel {
-    faces: std::ops::Range<usize>,
+/// A part of a map that stands or moves as a whole.
+pub(super) struct SubModel {
+    /// As the game takes its box, in Quake units: a unit larger on each side than the file says.
+    pub min: DVec3,
+    pub max: DVec3,
+    pub faces: std::ops::Range<usize>,
     brushes: std::ops::Range<usize>,
 }
 
@@ -186,18 +191,11 @@ impl<'a> Lumps<'a> {
         }
     }
 
-    /// What belongs to the first model: the world without doors and lifts.
-    fn world(&self, faces: usize) -> Result<WorldModel, BspError> {
-        let models = self.records::<40>(7, "models", MODELS_MAX)?;
+    fn models(&self, faces: usize) -> Result<Vec<SubModel>, BspError> {
         let brushes = self.records::<12>(8, "brushes", BRUSHES_MAX)?.len();
-        let mut fields = Fields(models.first().ok_or(BspError::NoWorld)?);
-        fields.skip(24);
-        let fault = BspError::Index { what: "model" };
-        let (face, face_count) = (fields.int(), fields.int());
-        let Some(faces) = range(face, face_count, faces) else { return Err(fault) };
-        let (brush, brush_count) = (fields.int(), fields.int());
-        let Some(brushes) = range(brush, brush_count, brushes) else { return Err(fault) };
-        Ok(WorldModel { faces, brushes })
+        let models = self.records::<40>(7, "models", MODELS_MAX)?.iter();
+        let models: Option<_> = models.map(|bytes| sub_model(bytes, faces, brushes)).collect();
+        models.ok_or(BspError::Index { what: "model" })
     }
 
     fn brushes(
@@ -273,6 +271,14 @@ fn range(first: i32, count: i32, within: usize) -> Option<std::ops::Range<usize>
 /// An index of so many elements.
 pub(super) fn index(value: i32, within: usize) -> Option<usize> {
     usize::try_from(value).ok().filter(|&index| index < within)
+}
+
+fn sub_model(bytes: &[u8; 40], faces: usize, brushes: usize) -> Option<SubModel> {
+    let mut fields = Fields(bytes);
+    let (min, max) = (fields.vec3().as_dvec3() - 1.0, fields.vec3().as_dvec3() + 1.0);
+    let faces = range(fields.int(), fields.int(), faces)?;
+    let brushes = range(fields.int(), fields.int(), brushes)?;
+    Some(SubModel { min, max, faces, brushes })
 }
 
 fn shader(bytes: &[u8; 72]) -> Shader {

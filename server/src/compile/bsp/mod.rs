@@ -2,7 +2,7 @@
 //!
 //! What is drawn and what blocks sight are different things in these maps: faces and patches are
 //! drawn; the solid, not translucent brushes of the world model, and its patches, block sight.
-//! Doors and lifts are drawn where they stand and block nothing.
+//! Doors and lifts block nothing; they become movers.
 
 mod archive;
 mod brush;
@@ -10,6 +10,7 @@ mod draw;
 mod entities;
 mod file;
 mod light;
+mod movers;
 mod origin;
 mod shader_script;
 mod tree;
@@ -22,9 +23,13 @@ use sightline_shared::{
     world::{Origin, Solid},
 };
 
-use super::model::{self, Convex, ConvexFace, Model};
+use super::{
+    model::{self, Convex, ConvexFace, Model},
+    movers::Fleet,
+};
 use archive::Archives;
 use file::{Map, Shader};
+use movers::Moving;
 
 /// Metres in a Quake unit.
 const UNIT: f64 = 0.0254;
@@ -103,7 +108,7 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
         surfaces: Vec::new(),
         opaque: Vec::new(),
         solids: Vec::new(),
-        spawns: entities.spawns,
+        spawns: entities.spawns.clone(),
         body: Body::QUAKE,
         speed_max: SPEED_MAX,
         warnings: Vec::new(),
@@ -111,7 +116,13 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
         origin: None,
     };
     let mut archives = Archives::open(pk3s)?;
-    draw::surfaces(&map, &mut archives, &mut model)?;
+    let moving = movers::moving(&map, &entities, &mut model.warnings);
+    draw::surfaces(&map, &moving, &mut archives, &mut model)?;
+    let mut fleet = Fleet::default();
+    for Moving { name, faces, trajectory } in moving {
+        fleet.add(&name, &draw::apart(&map, faces, &mut archives)?, trajectory);
+    }
+    model.movers = fleet.finish(&mut model.warnings);
     let mut origin = origin::origin(&map)?;
     brushes(&map, &mut model, &mut origin)?;
     model.origin = Some(origin);

@@ -1,3 +1,5 @@
+mod movers;
+
 use glam::Vec3;
 
 use sightline_shared::geometry::Aabb;
@@ -9,6 +11,8 @@ pub(in crate::compile) struct Draft {
     lumps: [Vec<u8>; 17],
     world_brushes: i32,
     world_faces: i32,
+    /// Records of models but the world.
+    models: Vec<u8>,
 }
 
 const SOLID: i32 = CONTENTS_SOLID;
@@ -24,7 +28,7 @@ fn floats(values: &[f32]) -> Vec<u8> {
 impl Draft {
     /// A map with nothing in it.
     fn new() -> Self {
-        Self { lumps: Default::default(), world_brushes: 0, world_faces: 0 }
+        Self { lumps: Default::default(), world_brushes: 0, world_faces: 0, models: Vec::new() }
     }
 
     /// A small map: two brushes, a lit floor, a patch, a spawn point.
@@ -125,6 +129,7 @@ impl Draft {
         let mut lumps = self.lumps.clone();
         lumps[7] = vec![0; 24];
         lumps[7].extend(ints(&[0, self.world_faces, 0, self.world_brushes]));
+        lumps[7].extend(&self.models);
         let mut bytes = b"IBSP".to_vec();
         bytes.extend(ints(&[46]));
         let mut offset = 8 + 17 * 8;

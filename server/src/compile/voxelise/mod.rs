@@ -21,9 +21,10 @@ use sightline_shared::{
 };
 use thiserror::Error;
 
+pub(super) use self::paint::Palette;
 use self::{
     overlap::Overlap,
-    paint::{Looks, Palette, Sample},
+    paint::{Looks, Sample},
 };
 use super::model::Surface;
 

@@ -9,13 +9,13 @@ use sightline_shared::octree::{Node, Voxel};
 use super::super::model::Surface;
 
 /// The textures of a model, each with its halved copies.
-pub(super) struct Palette {
+pub(in crate::compile) struct Palette {
     /// By the address of the original, since many surfaces share one.
     textures: HashMap<usize, Vec<RgbImage>>,
 }
 
 /// How one triangle looks.
-pub(super) struct Sample<'a> {
+pub(in crate::compile) struct Sample<'a> {
     /// Whether it can be seen through.
     pub(super) glass: bool,
     colours: [Vec3; 3],
@@ -23,7 +23,7 @@ pub(super) struct Sample<'a> {
 }
 
 impl Palette {
-    pub(super) fn new(surfaces: &[Surface]) -> Self {
+    pub(in crate::compile) fn new(surfaces: &[Surface]) -> Self {
         let mut textures = HashMap::new();
         for texture in surfaces.iter().filter_map(|surface| surface.material.texture.as_ref()) {
             if texture.width() > 0 && texture.height() > 0 {
@@ -34,7 +34,7 @@ impl Palette {
     }
 
     /// `None` when the surface has no such triangle.
-    pub(super) fn sample_of(
+    pub(in crate::compile) fn sample_of(
         &self,
         surface: &Surface,
         triangle: usize,
@@ -60,7 +60,7 @@ impl Palette {
 
 impl Sample<'_> {
     /// sRGB from 0 to 1 at a point, given as the corners' shares in it.
-    pub(super) fn colour(&self, weights: [f32; 3]) -> Vec3 {
+    pub(in crate::compile) fn colour(&self, weights: [f32; 3]) -> Vec3 {
         let [a, b, c] = weights;
         let colour = self.colours[0] * a + self.colours[1] * b + self.colours[2] * c;
         match self.texture {
