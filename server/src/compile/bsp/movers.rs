@@ -175,7 +175,7 @@ fn rotating(keys: &Keys, origin: DVec3) -> Option<Trajectory> {
     };
     let speed = keys.number_not_0("speed", 100.0);
     let quarter_s = 90.0 / speed.abs();
-    let quarters = (0..=4).map(|i| f64::from(i));
+    let quarters = (0..=4).map(f64::from);
     let turn = |i: f64| (quarter_s * i, keys.angles() + axis * (90.0 * speed.signum() * i));
     turning(origin, quarters.map(turn))
 }

@@ -36,6 +36,18 @@ pub(super) fn vectors<const N: usize>(
     elements(accessor, resources, components * size, decode)
 }
 
+/// The numbers of an accessor, each by itself.
+pub(super) fn scalars(
+    accessor: &Accessor<'_>,
+    resources: &Resources,
+) -> Result<Vec<f32>, GlbError> {
+    if accessor.dimensions() != Dimensions::Scalar {
+        return Err(fault(accessor, "is not made of numbers"));
+    }
+    let (kind, normalised) = (accessor.data_type(), accessor.normalized());
+    elements(accessor, resources, kind.size(), |bytes| component(kind, normalised, bytes))
+}
+
 /// The whole numbers of an accessor.
 pub(super) fn indices(
     accessor: &Accessor<'_>,

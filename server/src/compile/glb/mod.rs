@@ -1,10 +1,12 @@
-//! GLB and glTF 2.0: the scene's triangles in world space, their colours and what blocks sight.
+//! GLB and glTF 2.0: the scene's triangles in world space, their colours and what blocks sight; and
+//! what its animations move, which blocks nothing.
 //!
 //! The `gltf` crate parses and validates the document. What the document says of its bytes
 //! (offsets, counts, indices) is checked here before it is used: a file cannot make the reader
 //! panic, nor make it allocate more than a small multiple of the limits below.
 
 mod accessor;
+mod animation;
 mod resources;
 mod scene;
 
@@ -65,6 +67,12 @@ pub enum GlbError {
         index: usize,
         /// Why.
         reason: &'static str,
+    },
+    /// A channel of an animation has no sampler, accessor, or node.
+    #[error("animation {index}: a channel refers to something that is not there")]
+    Animation {
+        /// Which animation of the document.
+        index: usize,
     },
     /// An index points at no vertex.
     #[error("mesh {mesh}: index {index} is beyond its {vertices} vertices")]

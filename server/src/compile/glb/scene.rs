@@ -1,5 +1,7 @@
 //! Nodes, meshes and materials: from a document to a model.
 
+use std::time::Duration;
+
 use glam::{DMat4, DVec3, Mat4, Vec2, Vec3};
 use gltf::{
     Document, Node, Primitive, Semantic,
@@ -9,9 +11,14 @@ use gltf::{
 use sightline_shared::{motion::Body, world::Spawn};
 
 use super::{
-    DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX, accessor, resources::Resources,
+    DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX, accessor,
+    animation::{Animations, Chain},
+    resources::Resources,
 };
-use crate::compile::model::{self, Material, Model, SPAWNS_MAX, Surface};
+use crate::compile::{
+    model::{self, Material, Model, SPAWNS_MAX, Surface},
+    movers::Fleet,
+};
 
 const SPEED_MAX: f32 = 4.0;
 /// A spawn point is where feet stand.
@@ -24,6 +31,27 @@ pub(super) struct Reader<'a> {
     model: Model,
     vertices: usize,
     triangles: usize,
+    animations: Animations,
+    /// What moves.
+    hangers: Vec<Hanger>,
+}
+
+/// A node that moves, and what hangs on it and not on another below.
+struct Hanger {
+    name: String,
+    chain: Chain,
+    /// As it has them.
+    surfaces: Vec<Surface>,
+}
+
+/// A node to visit.
+#[derive(Clone)]
+struct Visit<'a> {
+    node: Node<'a>,
+    /// Where its parent is: in the world, or on a hanger.
+    parent: DMat4,
+    depth: usize,
+    hanger: Option<usize>,
 }
 
 impl<'a> Reader<'a> {
@@ -40,7 +68,8 @@ impl<'a> Reader<'a> {
             origin: None,
             warnings: Vec::new(),
         };
-        Self { document, resources, model, vertices: 0, triangles: 0 }
+        let (animations, hangers) = (Animations::default(), Vec::new());
+        Self { document, resources, model, vertices: 0, triangles: 0, animations, hangers }
     }
 
     /// Reads the default scene, or all of them when none is.
@@ -54,34 +83,79 @@ impl<'a> Reader<'a> {
         {
             self.model.title = model::tidy_title(name);
         }
-        let roots = scenes.iter().flat_map(|scene| scene.nodes());
-        let mut stack: Vec<(Node<'a>, DMat4, usize)> =
-            roots.map(|node| (node, DMat4::IDENTITY, 0)).collect();
+        self.animations =
+            Animations::read(self.document, &self.resources, &mut self.model.warnings)?;
+        let visit = |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, hanger: None };
+        let mut stack: Vec<Visit<'a>> =
+            scenes.iter().flat_map(|scene| scene.nodes()).map(visit).collect();
         stack.reverse();
         let mut visited = 0;
-        while let Some((node, parent, depth)) = stack.pop() {
+        while let Some(visit) = stack.pop() {
             visited += 1;
             if visited > NODES_MAX || stack.len() > NODES_MAX {
                 return Err(GlbError::TooMany("nodes"));
             }
-            if depth > DEPTH_MAX {
+            if visit.depth > DEPTH_MAX {
                 return Err(GlbError::Depth);
             }
-            let local = Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
-            let global = parent * local;
-            self.node(&node, &tidied(global))?;
-            stack.extend(node.children().map(|child| (child, global, depth + 1)));
+            self.visit(&visit, &mut stack)?;
         }
+        self.launch();
         Ok(self.model)
     }
 
-    fn node(&mut self, node: &Node<'a>, to_world: &DMat4) -> Result<(), GlbError> {
+    fn visit(&mut self, visit: &Visit<'a>, stack: &mut Vec<Visit<'a>>) -> Result<(), GlbError> {
+        let Visit { node, parent, depth, mut hanger } = visit.clone();
+        let above = hanger.and_then(|index| self.hangers.get(index)).map(|above| &above.chain);
+        let mut place = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
+        if let Some(chain) = self.animations.chain(&node, above, &parent)? {
+            let name = node.name().map_or_else(|| format!("node {}", node.index()), str::to_owned);
+            hanger = Some(self.hangers.len());
+            self.hangers.push(Hanger { name, chain, surfaces: Vec::new() });
+            place = DMat4::IDENTITY;
+        }
+        self.node(&node, &tidied(place), hanger)?;
+        let child = |node| Visit { node, parent: place, depth: depth + 1, hanger };
+        stack.extend(node.children().map(child));
+        Ok(())
+    }
+
+    /// Makes movers of all that hangs somewhere.
+    fn launch(&mut self) {
+        let mut fleet = Fleet::default();
+        for Hanger { name, chain, surfaces } in self.hangers.drain(..) {
+            let (trajectory, faulty) = chain.trajectory();
+            if faulty && !surfaces.is_empty() {
+                let what = "moves as several animations say, too deeply, or nowhere";
+                self.model.warnings.push(format!("{}: {what}", model::tidy_title(&name)));
+            }
+            fleet.add(&name, &surfaces, trajectory);
+        }
+        self.model.movers = fleet.finish(&mut self.model.warnings);
+    }
+
+    fn node(
+        &mut self,
+        node: &Node<'a>,
+        place: &DMat4,
+        hanger: Option<usize>,
+    ) -> Result<(), GlbError> {
         if node.extension_value("OMI_spawn_point").is_some() {
-            self.spawn(to_world);
+            let above = hanger.and_then(|index| self.hangers.get(index));
+            let start = above.map(|above| above.chain.trajectory().0.at(Duration::ZERO));
+            self.spawn(&start.map_or(*place, |start| DMat4::from(start) * *place));
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
         for primitive in mesh.primitives() {
-            self.primitive(mesh.index(), &primitive, to_world)?;
+            let Some(surface) = self.primitive(mesh.index(), &primitive, place)? else { continue };
+            if let Some(hanger) = hanger.and_then(|index| self.hangers.get_mut(index)) {
+                hanger.surfaces.push(surface);
+                continue;
+            }
+            if !surface.material.glass {
+                self.model.opaque.extend(surface.corners());
+            }
+            self.model.surfaces.push(surface);
         }
         Ok(())
     }
@@ -98,21 +172,22 @@ impl<'a> Reader<'a> {
         self.model.spawns.push(Spawn { eye, yaw: if yaw.is_finite() { yaw } else { 0.0 } });
     }
 
+    /// What a primitive shows, if it shows triangles.
     fn primitive(
         &mut self,
         mesh: usize,
         primitive: &Primitive<'a>,
         to_world: &DMat4,
-    ) -> Result<(), GlbError> {
+    ) -> Result<Option<Surface>, GlbError> {
         let mode = primitive.mode();
         if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             let warning = format!("mesh {mesh}: {mode:?} left out, not triangles");
             self.model.warnings.push(warning);
-            return Ok(());
+            return Ok(None);
         }
         let Some(positions) = primitive.get(&Semantic::Positions) else {
             self.model.warnings.push(format!("mesh {mesh}: a primitive without positions"));
-            return Ok(());
+            return Ok(None);
         };
         self.vertices += positions.count();
         if self.vertices > VERTICES_MAX {
@@ -122,16 +197,11 @@ impl<'a> Reader<'a> {
         let positions = placed(mesh, &local, to_world)?;
         let triangles = self.triangles(mesh, primitive, mode, &positions)?;
         if triangles.is_empty() {
-            return Ok(());
+            return Ok(None);
         }
         let (material, uvs) = self.material(primitive, positions.len())?;
         let colours = self.colours(primitive, positions.len())?;
-        if !material.glass {
-            let corners = triangles.iter().map(|t| t.map(|i| positions[i as usize]));
-            self.model.opaque.extend(corners);
-        }
-        self.model.surfaces.push(Surface { positions, uvs, colours, triangles, material });
-        Ok(())
+        Ok(Some(Surface { positions, uvs, colours, triangles, material }))
     }
 
     /// Triples of indices within the positions, those without area left out.

@@ -1,3 +1,5 @@
+mod movers;
+
 use std::f32::consts::FRAC_PI_2;
 
 use glam::Vec3;
