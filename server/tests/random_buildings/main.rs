@@ -81,7 +81,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
             model = turned(&model, rng.random_range(0.0..std::f64::consts::TAU));
         }
         let world = compiled(&model).0;
-        shafts.add(&world, &mut rng, &format!("among {kind}, seed {seed}"));
+        shafts.add(&world, 60, &mut rng, &format!("among {kind}, seed {seed}"));
         let report = verified(&world, PAIRS);
         let missed = [&report.by_volume, &report.by_cell].map(|pairs| &pairs.ours.first_misses);
         assert_eq!(report.misses(), 0, "among {kind}, seed {seed}: {missed:?}");
@@ -90,7 +90,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
         seen += report.by_cell.ours.pvs;
         pairs += report.by_cell.pairs;
     }
-    shafts.judge(kind);
+    shafts.judge(kind, 0.6);
     assert!(sight * 20 > pairs, "there is somebody to miss among {kind}: {sight} of {pairs}");
     assert!(seen * 10 < pairs * 9, "and much is hidden: {} of {pairs}", pairs - seen);
 }

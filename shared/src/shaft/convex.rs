@@ -38,6 +38,8 @@ pub(super) struct Gap {
     pub by: f64,
     /// A corner of the one box and one of the other, by their bits: the line between them misses.
     pub corners: [usize; 2],
+    /// Along which axes, by bits: boxes that are narrower along another would leave it as it is.
+    pub axes: usize,
 }
 
 impl Convex {
@@ -160,13 +162,14 @@ fn box_blocks_all(bounds: &Aabb, from: &Aabb, to: &Aabb) -> Result<(), Gap> {
             }
         }
     }
-    let mut gap = Gap { by: 0.0, corners: [0; 2] };
+    let mut gap = Gap { by: 0.0, corners: [0; 2], axes: 0 };
     let mut widen = |by: f64, ends: [(usize, usize); 2]| {
         if by > gap.by {
             let corner = |shift: usize| {
                 ends.iter().fold(0, |bits, (axis, ends)| bits | (ends >> shift & 1) << axis)
             };
-            gap = Gap { by, corners: [corner(0), corner(1)] };
+            let axes = 1 << ends[0].0 | 1 << ends[1].0;
+            gap = Gap { by, corners: [corner(0), corner(1)], axes };
         }
     };
     for a in 0..3 {
@@ -192,11 +195,11 @@ fn sides_block_all(sides: &[Plane], from: &Aabb, to: &Aabb) -> Result<(), Gap> {
             leaves[line] = leaves[line].min(high);
         }
     }
-    let mut gap = Gap { by: 0.0, corners: [0; 2] };
+    let mut gap = Gap { by: 0.0, corners: [0; 2], axes: 0 };
     for line in 0..64 {
         let by = enters[line] - leaves[line];
         if by > gap.by {
-            gap = Gap { by, corners: [line & 7, line >> 3] };
+            gap = Gap { by, corners: [line & 7, line >> 3], axes: 7 };
         }
     }
     if gap.by > 0.0 { Err(gap) } else { Ok(()) }

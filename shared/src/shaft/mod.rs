@@ -22,6 +22,9 @@
 //! count as free. What is answered is therefore: no line is free that begins where an eye can be.
 //! Between two points inside of the same wall lines may be free, but nobody is there to look.
 //!
+//! **Budget.** Half of the questions cost some hundred units of ten nanoseconds. What is not decided
+//! by some thousand units is narrow: doors in line, or lines that slip along edges.
+//!
 //! Boxes are given in the building's own axes ([`Cells::axes`](crate::world::Cells::axes)), as
 //! regions and cells are.
 
@@ -45,6 +48,10 @@ pub use search::Scratch;
 use tree::Tree;
 
 /// Convex pieces of what blocks sight, ready to be asked.
+///
+/// There are no more than six for each solid leaf of the subdivision and each brush, and nine for each
+/// triangle, of some hundred bytes each; most are inside of others and dropped, so that maps and
+/// buildings of 400 rooms need 0.1 to 1 MB, and less than a second to make.
 ///
 /// ```
 /// use glam::Vec3;
@@ -108,7 +115,13 @@ impl Occluders {
 
     /// Whether some occluder meets a line.
     pub fn blocks(&self, line: &Line) -> bool {
-        let flow = self.tree.along(line, &mut 0, |index, _| {
+        self.meets_counted(line, &mut 0)
+    }
+
+    /// The same, and counts what was compared with the line.
+    fn meets_counted(&self, line: &Line, compared: &mut u32) -> bool {
+        let flow = self.tree.along(line, compared, |index, compared| {
+            *compared += 1;
             match self.pieces[index as usize].meets(line.from, line.to) {
                 Some(_) => ControlFlow::Break(()),
                 None => ControlFlow::Continue(()),

@@ -15,6 +15,8 @@ use crate::geometry::Aabb;
 const NARROW_M: f32 = 0.005;
 /// So many of the occluders that blocked a whole shaft last are tried before all others.
 const RECENT_MAX: usize = 4;
+/// So many lines anywhere in the whole shaft are tried before it is halved.
+const SAMPLES: u32 = 24;
 /// So many lines from corner to corner are tried for each shaft, at most.
 const CORNERS_MAX: usize = 2;
 /// Of the budget: an occluder against all lines of a shaft, as against one line or a box of the tree.
@@ -63,12 +65,24 @@ impl Occluders {
         budget: &mut u32,
     ) -> Outcome {
         let whole = Shaft { from: *eyes, to: *bodies };
-        if !whole.is_sane() {
+        if !whole.is_sane() || *budget == 0 {
             return Outcome::Unknown;
         }
         scratch.recent.clear();
         scratch.open.clear();
-        scratch.open.push(whole);
+        match self.judge(&mut scratch.recent, &whole, budget) {
+            Verdict::Blocked => return Outcome::Hidden,
+            Verdict::Free(line) => return Outcome::Visible(line),
+            Verdict::Partly(partly) => match whole.halves(&partly) {
+                Some(halves) => scratch.open.extend(halves),
+                None => return Outcome::Unknown,
+            },
+        }
+        // Halving goes into one corner first; what is wide open elsewhere is found by lines anywhere.
+        let free = (1..=SAMPLES).map(|i| whole.sample(i)).find(|line| !self.meets(line, budget));
+        if let Some(line) = free {
+            return Outcome::Visible(line);
+        }
         while let Some(shaft) = scratch.open.pop() {
             if *budget == 0 {
                 return Outcome::Unknown;
@@ -76,13 +90,21 @@ impl Occluders {
             match self.judge(&mut scratch.recent, &shaft, budget) {
                 Verdict::Blocked => {}
                 Verdict::Free(line) => return Outcome::Visible(line),
-                Verdict::Partly(partly) => match shaft.halves(partly.at) {
+                Verdict::Partly(partly) => match shaft.halves(&partly) {
                     Some(halves) => scratch.open.extend(halves),
                     None => return Outcome::Unknown,
                 },
             }
         }
         Outcome::Hidden
+    }
+
+    /// As [`Occluders::blocks`], at the cost of a budget; when that is used up, it is blocked.
+    fn meets(&self, line: &Line, budget: &mut u32) -> bool {
+        let mut spent = 0;
+        let is_blocked = *budget == 0 || self.meets_counted(line, &mut spent);
+        spend(budget, spent);
+        is_blocked
     }
 
     fn judge(&self, recent: &mut Vec<u32>, shaft: &Shaft, budget: &mut u32) -> Verdict {
@@ -158,26 +180,109 @@ impl Shaft {
             .all(|region| !region.is_empty() && region.min.is_finite() && region.max.is_finite())
     }
 
-    /// Two that together are this one; none when it is narrow. The box is halved that is wider
-    /// as seen from the other where the occluder is, `at` from 0 to 1 along the way.
-    fn halves(&self, at: f64) -> Option<[Self; 2]> {
+    /// One of its lines: those of ascending numbers fill it evenly.
+    fn sample(&self, number: u32) -> Line {
+        // Powers of the root of x⁷ = x + 1, as the golden section is that of x² = x + 1.
+        const ROOT: f64 = 1.112_775_684_278_705_5;
+        let share = |power: i32| (0.5 + f64::from(number) / ROOT.powi(power)).fract() as f32;
+        let shares = |first: i32| Vec3::new(share(first), share(first + 1), share(first + 2));
+        let point = |region: &Aabb, at: Vec3| (region.min + region.size() * at).min(region.max);
+        Line { from: point(&self.from, shares(1)), to: point(&self.to, shares(4)) }
+    }
+
+    /// Two that together are this one; none when it is narrow. Of the boxes and axes that the gap
+    /// leaves, that is halved which is widest as seen from the other box where the occluder is.
+    fn halves(&self, Partly { gap, at }: &Partly) -> Option<[Self; 2]> {
         let along = (self.to.centre() - self.from.centre()).normalize_or_zero();
         // Depth matters little, but not nothing.
         let across = (Vec3::ONE - along * along).max(Vec3::splat(0.01)).map(f32::sqrt);
-        let at = (at as f32).clamp(0.05, 0.95);
+        let at = (*at as f32).clamp(0.05, 0.95);
         let widths = [self.from.size() * across * (1.0 - at), self.to.size() * across * at];
-        let is_from = widths[0].max_element() >= widths[1].max_element();
-        let widths = widths[usize::from(!is_from)];
-        let axis = widths.max_position();
-        let region = if is_from { &self.from } else { &self.to };
-        if region.size()[axis] < NARROW_M {
-            return None;
-        }
+        let regions = [&self.from, &self.to];
+        let choices = [0, 1].into_iter().flat_map(|side| (0..3).map(move |axis| (side, axis)));
+        let wide =
+            choices.filter(|&(side, axis): &(usize, usize)| regions[side].size()[axis] >= NARROW_M);
+        let (side, axis) = wide.max_by(|a, b| {
+            let key = |&(side, axis): &(usize, usize)| (gap.axes >> axis & 1, widths[side][axis]);
+            let (a, b) = (key(a), key(b));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        })?;
+        let region = regions[side];
         let (mut low, mut high) = (*region, *region);
         let middle = region.centre()[axis];
         (low.max[axis], high.min[axis]) = (middle, middle);
-        Some([low, high].map(|half| {
-            if is_from { Self { from: half, ..*self } } else { Self { to: half, ..*self } }
+        Some([low, high].map(|half| match side {
+            0 => Self { from: half, ..*self },
+            _ => Self { to: half, ..*self },
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        super::{convex::Convex, tree::Tree},
+        *,
+    };
+
+    /// Walls across x = 0 that span these parts of z, each `thick`.
+    fn walls(spans: &[[f32; 2]], thick: f32) -> Occluders {
+        let wall = |[from, to]: [f32; 2]| {
+            let min = Vec3::new(-thick * 0.5, -9.0, from);
+            Aabb::new(min, Vec3::new(thick * 0.5, 9.0, to))
+        };
+        let pieces: Vec<Convex> = spans.iter().map(|span| Convex::solid(&wall(*span))).collect();
+        let boxes: Vec<Aabb> = pieces.iter().map(|piece| *piece.bounds()).collect();
+        Occluders { tree: Tree::new(&boxes), pieces }
+    }
+
+    fn ends() -> [Aabb; 2] {
+        [-4.0, 4.0].map(|x| Aabb::around(Vec3::new(x, 0.0, 0.3), 1.0))
+    }
+
+    #[track_caller]
+    fn check(spans: &[[f32; 2]], mut budget: u32, expected: fn(&Outcome) -> bool) -> u32 {
+        let ([eyes, bodies], occluders) = (ends(), walls(spans, 0.2));
+        let mut scratch = Scratch::default();
+        let (all, mut again) = (budget, budget);
+        let outcome = occluders.between(&mut scratch, &eyes, &bodies, &mut budget);
+        assert!(expected(&outcome), "{outcome:?}");
+        assert_eq!(occluders.between(&mut scratch, &eyes, &bodies, &mut again), outcome);
+        assert_eq!(again, budget, "the same question costs the same");
+        if let Outcome::Visible(line) = outcome {
+            assert!(line.joins(&eyes, &bodies) && !occluders.blocks(&line));
+        }
+        all - budget
+    }
+
+    #[test]
+    fn walls_that_overlap_hide_all_and_those_with_a_gap_or_a_seam_do_not() {
+        let is_hidden = |outcome: &Outcome| *outcome == Outcome::Hidden;
+        let is_visible = |outcome: &Outcome| matches!(outcome, Outcome::Visible(_));
+        let whole = check(&[[-9.0, 9.0]], 10_000, is_hidden);
+        let parts = check(&[[-9.0, 0.4], [0.1, 9.0]], 10_000, is_hidden);
+        assert!(parts > whole);
+        check(&[[-9.0, 0.1], [0.4, 9.0]], 10_000, is_visible);
+        for beyond in [0.21, 0.2] {
+            let spans = [[-9.0, 0.2], [beyond, 9.0]];
+            check(&spans, 100_000, |outcome| *outcome != Outcome::Hidden);
+        }
+        check(&[], 10_000, is_visible);
+    }
+
+    #[test]
+    fn without_a_budget_or_with_boxes_that_are_none_nothing_is_known() {
+        let is_unknown = |outcome: &Outcome| *outcome == Outcome::Unknown;
+        check(&[[-9.0, 9.0]], 0, is_unknown);
+        check(&[[-9.0, 0.4], [0.3, 9.0]], 40, is_unknown);
+        let occluders = walls(&[[-9.0, 9.0]], 0.2);
+        let [eyes, bodies] = ends();
+        let none = [f32::NAN, f32::INFINITY].map(|x| Aabb::new(eyes.min, Vec3::splat(x)));
+        for none in [none[0], none[1], Aabb::EMPTY] {
+            for [from, to] in [[none, bodies], [eyes, none]] {
+                let outcome = occluders.between(&mut Scratch::default(), &from, &to, &mut 99);
+                assert_eq!(outcome, Outcome::Unknown);
+            }
+        }
     }
 }

@@ -299,3 +299,45 @@ impl Rect {
         size.min_element() >= WIDTH_MIN_M && size.element_product() >= AREA_MIN_M2
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall, turned about the vertical, around a door: as three panels of two triangles each.
+    fn wall(turn: f64) -> Vec<[DVec3; 3]> {
+        let panels = [[0.0, 0.0, 2.0, 3.0], [3.0, 0.0, 6.0, 3.0], [2.0, 2.0, 3.0, 3.0]];
+        let place = |x: f64, y: f64| DVec3::new(x * turn.cos(), y, x * turn.sin());
+        let panel = |[x0, y0, x1, y1]: [f64; 4]| {
+            let [a, b, c, d] = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)].map(|(x, y)| place(x, y));
+            [[a, b, c], [a, c, d]]
+        };
+        panels.into_iter().flat_map(panel).collect()
+    }
+
+    #[test]
+    fn beside_a_door_and_above_it_are_rectangles_that_overlap() {
+        for turn in [0.0, 0.4] {
+            let planes = planes(&wall(turn));
+            assert_eq!(planes.len(), 1);
+            let mut sizes: Vec<[i64; 2]> = planes[0]
+                .sheets(&mut { WORK_MAX })
+                .iter()
+                .map(|corners| {
+                    let size = |a: usize, b: usize| corners[a].distance(corners[b]);
+                    let mut size = [size(0, 1), size(1, 2)].map(|m| (m * 100.0).round() as i64);
+                    size.sort_unstable();
+                    size
+                })
+                .collect();
+            sizes.sort_unstable();
+            assert_eq!(sizes, [[100, 600], [200, 300], [300, 300]]);
+        }
+    }
+
+    #[test]
+    fn what_hangs_together_at_a_point_only_or_takes_too_long_is_left_out() {
+        let planes = planes(&wall(0.0));
+        assert!(planes[0].sheets(&mut 0).iter().all(|corners| corners.len() == 3));
+    }
+}

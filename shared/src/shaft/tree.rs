@@ -126,3 +126,33 @@ impl Tree {
         self.nodes.len() * size_of::<Node>() + self.order.len() * size_of::<u32>()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use rand::{Rng, SeedableRng, rngs::SmallRng};
+
+    use super::*;
+
+    #[test]
+    fn every_box_on_a_line_is_told() {
+        let mut rng = SmallRng::seed_from_u64(3);
+        let mut point = || Vec3::new(rng.random(), rng.random(), rng.random()) * 30.0;
+        let boxes: Vec<Aabb> = (0..300).map(|i| Aabb::around(point(), (i % 7) as f32)).collect();
+        let tree = Tree::new(&boxes);
+        for _ in 0..300 {
+            let line = Line { from: point(), to: point() };
+            let (mut found, mut looked) = (vec![false; boxes.len()], 0);
+            let flow = tree.along(&line, &mut looked, |index, _| {
+                found[index as usize] = true;
+                ControlFlow::<()>::Continue(())
+            });
+            assert!(flow.is_continue() && looked > 0);
+            for (region, found) in boxes.iter().zip(found) {
+                let is_on = (0..=1_000)
+                    .any(|i| region.contains(line.from.lerp(line.to, i as f32 / 1_000.0)));
+                assert!(found || !is_on);
+            }
+        }
+    }
+}

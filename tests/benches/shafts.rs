@@ -1,0 +1,303 @@
+//! How much the test of two boxes ([`sightline_shared::shaft`]) excludes of what the PVS lets through,
+//! and what that costs.
+//!
+//! ```text
+//! cargo bench -p sightline-tests --bench shafts -- --pairs 2000 --budget 5000 house.glb
+//! ```
+//!
+//! Buildings are files (.glb, .gltf, .bsp, or compiled: .slw); without any they are a generated one,
+//! and those with a trace in the folder `shared` beside the repository, or where
+//! `SIGHTLINE_SHARED` says. Pairs are two people of a trace at one moment, or two places where
+//! somebody can stand. Each has a box of eyes or bodies around it that ends at the walls.
+
+use std::{
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+    time::Instant,
+};
+
+use anyhow::Context;
+use clap::Parser;
+use glam::Vec3;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_server::{
+    compile::{
+        compile, demo_building, glb,
+        model::{self, Model},
+    },
+    sight::Sight,
+    trace::Trace,
+};
+use sightline_shared::{
+    geometry::Aabb,
+    shaft::{Occluders, Outcome, Scratch},
+    world::World,
+};
+
+/// Buildings and their traces, in the folder `shared`.
+const TRACED: [[&str; 2]; 3] = [
+    ["maps/oa_dm2.bsp", "traces/oa_dm2-32.csv.gz"],
+    ["maps/delta.bsp", "traces/delta-60.csv.gz"],
+    ["traces/rooms400.glb", "traces/rooms400-60.csv.gz"],
+];
+/// Bodies reach so far into walls, in metres.
+const POKE: f32 = 0.06;
+/// Who stands has so much room on each side, in metres.
+const ROOM: f32 = 0.25;
+/// Points on each side of a box between which lines are traced.
+const POINTS: usize = 3;
+
+/// Measures the test of two boxes.
+#[derive(Parser)]
+struct Args {
+    /// Buildings.
+    files: Vec<PathBuf>,
+    /// Pairs for each radius.
+    #[arg(long, value_name = "N", default_value_t = 1_000)]
+    pairs: usize,
+    /// What one test may spend.
+    #[arg(long, value_name = "UNITS", default_value_t = 20_000)]
+    budget: u32,
+    /// How far from their places people may be, in metres.
+    #[arg(long, value_delimiter = ',', value_name = "R,R,...", default_value = "0,0.25,0.5,1,2")]
+    radii: Vec<f32>,
+    /// Rooms of the generated building.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    rooms: usize,
+    /// What `cargo bench` passes. Without it only a cottage is looked at, to show that this works.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> anyhow::Result<()> {
+    let mut args = Args::parse();
+    if !args.bench {
+        (args.rooms, args.pairs, args.radii) = (4, 20, vec![0.5]);
+    }
+    for path in &args.files {
+        Subject::new(title(path), world(path)?, None).measure(&args)?;
+    }
+    if args.files.is_empty() {
+        let model = glb::read_slice(&demo_building::glb(args.rooms, 1), None, "generated")?;
+        Subject::new("generated".into(), compiled(&model)?, None).measure(&args)?;
+    }
+    let shared = shared();
+    if args.files.is_empty() && args.bench {
+        if !shared.is_dir() {
+            println!("skipped: {} is absent", shared.display());
+        }
+        for [building, trace] in TRACED.map(|paths| paths.map(|path| shared.join(path))) {
+            if building.is_file() && trace.is_file() {
+                let trace = Trace::open(&trace)?;
+                Subject::new(title(&building), world(&building)?, Some(trace)).measure(&args)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn shared() -> PathBuf {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+    std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from)
+}
+
+fn title(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn world(path: &Path) -> anyhow::Result<World> {
+    let read = || -> anyhow::Result<World> {
+        match path.extension() {
+            Some(extension) if extension == "slw" => Ok(World::read(path)?),
+            _ => compiled(&model::read(path, &[])?),
+        }
+    };
+    read().with_context(|| path.display().to_string())
+}
+
+fn compiled(model: &Model) -> anyhow::Result<World> {
+    let options = sightline_server::compile::Options { voxel: Some(1.0), ..Default::default() };
+    Ok(compile(model, &options, &|_, _| ControlFlow::Continue(()))?.0)
+}
+
+/// A building, and who is in it.
+struct Subject {
+    name: String,
+    world: World,
+    sight: Sight,
+    trace: Option<Trace>,
+}
+
+/// What was found for boxes of one size.
+#[derive(Default)]
+struct Row {
+    seen: usize,
+    pvs: usize,
+    left: usize,
+    unknown: usize,
+    wrong: usize,
+    spent: Vec<u32>,
+    micros: Vec<f64>,
+}
+
+impl Subject {
+    fn new(name: String, world: World, trace: Option<Trace>) -> Self {
+        Self { name, sight: Sight::new(&world.mesh), world, trace }
+    }
+
+    fn measure(&self, args: &Args) -> anyhow::Result<()> {
+        let start = Instant::now();
+        let occluders = Occluders::new(&self.world);
+        println!(
+            "\n{}: {} occluders, {} kB, made in {:.2} s; budget {}",
+            self.name,
+            occluders.len(),
+            occluders.bytes() / 1000,
+            start.elapsed().as_secs_f64(),
+            args.budget
+        );
+        println!(
+            "radius  seen %   PVS %  both %   PVS/seen both/seen  unknown %  \
+                  units: median     p90     p99  µs: median     p90     p99    mean"
+        );
+        for &radius in &args.radii {
+            let mut rng = SmallRng::seed_from_u64(7);
+            let mut row = Row::default();
+            for _ in 0..args.pairs {
+                let pair = self.pair(&mut rng).context("nobody is there")?;
+                self.try_pair(pair, radius, &occluders, args.budget, &mut row);
+            }
+            row.print(radius, args.pairs);
+            anyhow::ensure!(row.wrong == 0, "{} pairs in sight were taken to be hidden", row.wrong);
+        }
+        Ok(())
+    }
+
+    fn try_pair(
+        &self,
+        [eye, other]: [Vec3; 2],
+        radius: f32,
+        occluders: &Occluders,
+        budget: u32,
+        row: &mut Row,
+    ) {
+        let cells = &self.world.cells;
+        let eyes = self.free_around(eye, radius);
+        let bodies =
+            cells.axes.own_body(&self.world.body).around_box(&self.free_around(other, radius));
+        let bodies = bodies.intersection(&self.free_around(other, radius + 2.0).grown(POKE));
+        let is_seen = self.sees(&eyes, &bodies);
+        row.seen += usize::from(is_seen);
+        let visible = cells.visible_from(&eyes);
+        let mut held = Vec::new();
+        cells.overlapping(&bodies, &mut held);
+        if !held.iter().any(|cell| visible.contains(cell.0)) {
+            return;
+        }
+        row.pvs += 1;
+        let (mut scratch, mut left) = (Scratch::default(), budget);
+        let start = Instant::now();
+        let outcome = occluders.between(&mut scratch, &eyes, &bodies, &mut left);
+        row.micros.push(start.elapsed().as_secs_f64() * 1e6);
+        row.spent.push(budget - left);
+        row.left += usize::from(outcome != Outcome::Hidden);
+        row.unknown += usize::from(outcome == Outcome::Unknown);
+        row.wrong += usize::from(outcome == Outcome::Hidden && is_seen);
+    }
+
+    /// Two places where somebody's eyes are; none when there seem to be no two.
+    fn pair(&self, rng: &mut SmallRng) -> Option<[Vec3; 2]> {
+        let Some(trace) = &self.trace else { return Some([self.stand(rng)?, self.stand(rng)?]) };
+        let ids: Vec<u32> = trace.ids().collect();
+        let (first, last) = trace.span();
+        (0..10_000).find_map(|_| {
+            let at = first + (last - first).mul_f64(rng.random());
+            let [one, other] = [(); 2].map(|()| ids[rng.random_range(0..ids.len())]);
+            let eye = |id| Some(trace.pose_at(id, at, self.world.speed_max)?.eye);
+            if one == other { None } else { Some([eye(one)?, eye(other)?]) }
+        })
+    }
+
+    /// The eye of somebody who stands on a floor, under a roof and not in a wall.
+    fn stand(&self, rng: &mut SmallRng) -> Option<Vec3> {
+        let World { cells, spawns, body, .. } = &self.world;
+        (0..1_000_000).find_map(|_| {
+            let cell = &cells.cells[rng.random_range(0..cells.cells.len())].bounds;
+            let share = Vec3::new(rng.random(), 0.5, rng.random());
+            let place = cells.axes.world(cell.min + cell.size() * share);
+            let floor = self.sight.distance(place, Vec3::NEG_Y)?;
+            let eye = place - Vec3::Y * (floor - body.below_eye);
+            let is_level = spawns.iter().any(|spawn| (spawn.eye.y - eye.y).abs() < 0.3);
+            let is_free = [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z]
+                .iter()
+                .all(|&along| self.sight.distance(eye, along).is_none_or(|far| far > ROOM));
+            let is_inside = self.sight.distance(eye, Vec3::Y).is_some() && cells.at(eye).is_some();
+            (is_level && is_free && is_inside).then_some(eye)
+        })
+    }
+
+    /// A box about a place, in own axes, that ends where the nearest wall is along each axis.
+    fn free_around(&self, place: Vec3, radius: f32) -> Aabb {
+        let axes = &self.world.cells.axes;
+        let centre = axes.own(place);
+        let mut around = Aabb::around(centre, radius);
+        for axis in 0..3 {
+            let free = |along: Vec3| {
+                let far = self.sight.distance(place, axes.world(along)).unwrap_or(f32::INFINITY);
+                far.min(radius)
+            };
+            around.max[axis] = centre[axis] + free(Vec3::AXES[axis]);
+            around.min[axis] = centre[axis] - free(-Vec3::AXES[axis]);
+        }
+        around
+    }
+
+    /// Whether some line between points of two boxes is free, from where an eye can be.
+    fn sees(&self, eyes: &Aabb, bodies: &Aabb) -> bool {
+        let cells = &self.world.cells;
+        let to: Vec<Vec3> = points(bodies).map(|point| cells.axes.world(point)).collect();
+        let mut from = points(eyes).map(|point| cells.axes.world(point));
+        from.any(|eye| {
+            cells.at(eye).is_some() && to.iter().any(|&point| self.sight.between(eye, point))
+        })
+    }
+}
+
+/// Points of a box on a grid, corners included.
+fn points(region: &Aabb) -> impl Iterator<Item = Vec3> {
+    let Aabb { min, .. } = *region;
+    let size = region.size();
+    (0..POINTS.pow(3)).map(move |i| {
+        let step = [i % POINTS, i / POINTS % POINTS, i / POINTS / POINTS];
+        min + size * Vec3::from(step.map(|i| i as f32)) / (POINTS - 1) as f32
+    })
+}
+
+impl Row {
+    fn print(&mut self, radius: f32, pairs: usize) {
+        self.spent.sort_unstable();
+        self.micros.sort_unstable_by(f64::total_cmp);
+        let percent = |count: usize| count as f64 * 100.0 / pairs as f64;
+        let over = |count: usize| count as f64 / self.seen as f64;
+        let at = |share: f64| (self.spent.len().saturating_sub(1) as f64 * share) as usize;
+        let spent = |share: f64| self.spent.get(at(share)).copied().unwrap_or(0);
+        let micros = |share: f64| self.micros.get(at(share)).copied().unwrap_or(0.0);
+        println!(
+            "{radius:6.2} {:7.2} {:7.2} {:7.2} {:10.3} {:9.3} {:10.2} {:14} {:7} {:7} {:11.1} {:7.1} \
+             {:7.1} {:7.1}",
+            percent(self.seen),
+            percent(self.pvs),
+            percent(self.left),
+            over(self.pvs),
+            over(self.left),
+            percent(self.unknown),
+            spent(0.5),
+            spent(0.9),
+            spent(0.99),
+            micros(0.5),
+            micros(0.9),
+            micros(0.99),
+            self.micros.iter().sum::<f64>() / self.micros.len().max(1) as f64,
+        );
+    }
+}
