@@ -1,10 +1,13 @@
 //! `sightline-client shot`.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::PathBuf,
+    time::{Duration, Instant},
+};
 
 use anyhow::{Context, bail, ensure};
 use glam::Vec3;
-use sightline_client::render::{Camera, Frame, Renderer, SIDE_MAX};
+use sightline_client::render::{Camera, Frame, Renderer, SIDE_MAX, movers};
 use sightline_shared::{motion::Pose, world::World};
 
 /// Draws a view of a world as a PNG.
@@ -27,6 +30,9 @@ pub struct Args {
     /// The angle between the lowest and the highest line of sight, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
+    /// When: seconds on the server's clock, by which doors and lifts move.
+    #[arg(long, value_name = "S", value_parser = parse_time, default_value = "0")]
+    time: Duration,
     /// The picture to write.
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
@@ -41,6 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut frame = Frame::new(width, height);
     let start = Instant::now();
     Renderer::default().draw(&world.octree, &camera, &mut frame);
+    movers::draw(&mut frame, &camera, &world.movers, args.time);
     let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
     let bytes = frame.colour.iter().flat_map(|pixel| pixel.to_be_bytes().into_iter().skip(1));
     let image = image::RgbImage::from_raw(width as u32, height as u32, bytes.collect())
@@ -78,6 +85,11 @@ fn parse_point(text: &str) -> Result<Vec3, String> {
     }
 }
 
+fn parse_time(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    seconds.ok_or_else(|| "a time is a number of seconds, as in 12.5".into())
+}
+
 fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     let fits = |&(w, h): &(usize, usize)| [w, h].iter().all(|s| (1..=SIDE_MAX).contains(s));
@@ -93,6 +105,10 @@ mod tests {
         assert_eq!(parse_point("1,-2.5, 3"), Ok(Vec3::new(1.0, -2.5, 3.0)));
         for wrong in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,inf"] {
             assert!(parse_point(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(parse_time("1.5"), Ok(Duration::from_millis(1_500)));
+        for wrong in ["", "a", "-1", "nan", "inf", "1e300"] {
+            assert!(parse_time(wrong).is_err(), "{wrong}");
         }
         assert_eq!(parse_size("640x360"), Ok((640, 360)));
         for wrong in ["", "640", "0x9", "9x0", "-1x5", "99999x2", "2x99999"] {

@@ -9,6 +9,7 @@ use crate::{
     render::{
         Camera, Frame, Renderer,
         avatars::{self, Figure},
+        movers,
     },
     replica::{Event, Standing, VisibleAvatar},
     walker::Walker,
@@ -24,6 +25,8 @@ pub(super) struct Scene<'a> {
     log: Log,
     pace: Pace,
     rate: Rate,
+    /// Where the clock begins for who is alone.
+    start: Instant,
     before: Option<Instant>,
     draw_time: Duration,
 }
@@ -51,6 +54,7 @@ impl<'a> Scene<'a> {
             log,
             pace: Pace::default(),
             rate: Rate::default(),
+            start: Instant::now(),
             before: None,
             draw_time: Duration::ZERO,
         }
@@ -104,7 +108,11 @@ impl<'a> Scene<'a> {
         let divisor = self.pace.divisor();
         self.drawn.resize(width.div_ceil(divisor), height.div_ceil(divisor));
         let start = Instant::now();
-        let seen = self.draw(&Camera::at(&pose), &others);
+        let time = match self.visit {
+            Visit::Shared(session) => session.server_time(),
+            Visit::Alone(..) => now - self.start,
+        };
+        let seen = self.draw(&Camera::at(&pose), &others, time);
         self.draw_time += start.elapsed();
         self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
         let status = self.status(&others, &seen);
@@ -133,10 +141,12 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Draws the building and the others, and tells which of them can be seen.
-    fn draw(&mut self, camera: &Camera, others: &[VisibleAvatar]) -> Vec<bool> {
+    /// Draws the building, what moves in it at a time of the server's clock, and the others; tells
+    /// which of these can be seen.
+    fn draw(&mut self, camera: &Camera, others: &[VisibleAvatar], time: Duration) -> Vec<bool> {
         let world = self.visit.world();
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
+        movers::draw(&mut self.drawn, camera, &world.movers, time);
         let figures: Vec<Figure> = others
             .iter()
             .map(|VisibleAvatar { name, colour, pose, .. }| Figure {

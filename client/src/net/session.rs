@@ -175,6 +175,12 @@ impl Session {
         self.shared.state().replica.visible(now)
     }
 
+    /// What the server's clock says of the moment that is drawn now: see [`Replica::server_time`].
+    pub fn server_time(&self) -> Duration {
+        let now = self.shared.now();
+        self.shared.state().replica.server_time(now)
+    }
+
     /// Everybody that may be in view, as last told of.
     pub fn held(&self) -> Vec<HeldAvatar> {
         let now = self.shared.now();

@@ -6,13 +6,15 @@
 //! is dropped with everything below it. Because the eye's place tells the order of a node's
 //! octants, what comes first is in front.
 //!
-//! [`avatars`] draws figures into a frame, where its depths let them be seen; [`text`] writes on it.
+//! [`movers`] and [`avatars`] draw doors and figures into a frame, where its depths let them be seen;
+//! [`text`] writes on it.
 //!
 //! A pixel takes the first node that the ray through its centre meets: a voxel, or an inner node
 //! that is smaller than a pixel, with the mean looks of what is inside. So surfaces have neither
 //! holes nor seams at any distance.
 
 pub mod avatars;
+pub mod movers;
 mod shade;
 pub mod text;
 mod tile;

@@ -23,7 +23,12 @@ const GLASS_SHARE: f32 = 0.3;
 /// A node's colour in the light, as 0x00RRGGBB. `along` points from the eye to it, in metres.
 pub(super) fn surface(node: &Node, along: Vec3) -> u32 {
     let normal = Vec3::from(node.normal.map(f32::from)) / 127.0;
-    let colour = Vec3::from(node.colour.map(f32::from)) * light(normal, along);
+    lit(Vec3::from(node.colour.map(f32::from)), normal, along)
+}
+
+/// A colour in the light and behind the air, as 0x00RRGGBB. `along` points from the eye to it.
+pub(super) fn lit(colour: Vec3, normal: Vec3, along: Vec3) -> u32 {
+    let colour = colour * light(normal, along);
     let haze = along.length() / (along.length() + HAZE_M);
     pack(colour.lerp(HORIZON, haze * haze))
 }

@@ -285,6 +285,13 @@ impl Replica {
         self.own.quiet_before + this_time
     }
 
+    /// What the server's clock says of the moment that is to be drawn now: movers are where they are
+    /// then. Until a message tells the server's time, that of this client stands for it.
+    pub fn server_time(&self, now: Duration) -> Duration {
+        let shown_s = self.clock.shown_time_s(now).map(|shown_s| shown_s.max(0.0));
+        shown_s.and_then(|shown_s| Duration::try_from_secs_f64(shown_s).ok()).unwrap_or(now)
+    }
+
     /// Everybody that may be in view, where it is to be drawn now; ascending.
     pub fn visible(&self, now: Duration) -> Vec<VisibleAvatar> {
         let at = self.clock.shown_tick(now);

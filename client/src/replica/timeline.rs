@@ -53,6 +53,11 @@ impl Clock {
         let Some(origin) = self.origin_s else { return f64::from(self.newest) };
         (now.as_secs_f64() - origin) / self.interval_s - DELAY_TICKS
     }
+
+    /// The same moment in seconds of the server's clock, once a message has told of it.
+    pub fn shown_time_s(&self, now: Duration) -> Option<f64> {
+        self.origin_s.map(|_| self.shown_tick(now) * self.interval_s)
+    }
 }
 
 /// The last poses of an avatar.
@@ -180,11 +185,14 @@ mod tests {
     fn the_clock_follows_the_fastest_messages() {
         let mut clock = Clock::new(TICK);
         assert_eq!(clock.shown_tick(TICK), 0.0);
+        assert_eq!(clock.shown_time_s(TICK), None);
         for tick in 100..200u32 {
             let jitter = Duration::from_millis(u64::from(tick % 7) * 10);
             clock.heard(tick, TICK * tick + Duration::from_millis(500) + jitter);
         }
         let now = TICK * 199 + Duration::from_millis(500);
         assert!((clock.shown_tick(now) - (199.0 - DELAY_TICKS)).abs() < 0.1);
+        let shown_s = clock.shown_time_s(now).expect("heard of");
+        assert!((shown_s - (199.0 - DELAY_TICKS) * TICK.as_secs_f64()).abs() < 0.1);
     }
 }

@@ -15,6 +15,7 @@ use sightline_client::{
     render::{
         Camera, Frame, Renderer,
         avatars::{self, Figure},
+        movers,
     },
     replica::VisibleAvatar,
 };
@@ -110,6 +111,8 @@ fn time_frames(world: &World, pose: &Pose) -> Frames {
 /// What you saw at one moment, and where everybody truly was.
 struct Moment {
     pose: Pose,
+    /// On the server's clock.
+    time: Duration,
     visible: Vec<VisibleAvatar>,
     everybody: Vec<(u32, Pose)>,
 }
@@ -119,7 +122,7 @@ impl Moment {
         let snapshots = lock(&crowd.snapshots);
         let visitors = snapshots.last().map_or(&[][..], |snapshot| &snapshot.visitors);
         let everybody = visitors.iter().map(|v| (v.avatar.0, v.pose)).collect();
-        Self { pose, visible: you.visible(), everybody }
+        Self { pose, time: you.server_time(), visible: you.visible(), everybody }
     }
 
     /// How many stand in the picture, as far as directions tell, and near enough to be made out.
@@ -135,6 +138,7 @@ impl Moment {
         let camera = Camera::at(&self.pose);
         let mut frame = Frame::new(SIZE.0, SIZE.1);
         Renderer::default().draw(&world.octree, &camera, &mut frame);
+        movers::draw(&mut frame, &camera, &world.movers, self.time);
         let figures: Vec<Figure> = self
             .visible
             .iter()
