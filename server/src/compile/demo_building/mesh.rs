@@ -23,8 +23,11 @@ impl Paint {
 /// What the building consists of, by node.
 pub(super) struct Scene {
     names: Vec<String>,
+    shell: usize,
     soups: BTreeMap<(usize, Paint), Soup>,
     spawns: Vec<(Vec3, f32)>,
+    /// Nodes that move: seconds, and how far they are from where they are drawn, in metres.
+    ways: BTreeMap<usize, Vec<(f32, Vec3)>>,
 }
 
 #[derive(Default)]
@@ -42,11 +45,20 @@ impl Scene {
 
     /// An empty scene with nodes of these names.
     pub fn with_nodes(names: Vec<String>) -> Self {
-        Self { names, soups: BTreeMap::new(), spawns: Vec::new() }
+        let shell = names.len() - 1;
+        let (soups, ways) = (BTreeMap::new(), BTreeMap::new());
+        Self { names, shell, soups, spawns: Vec::new(), ways }
     }
 
     /// The node of what belongs to no space.
     pub fn shell(&self) -> usize {
+        self.shell
+    }
+
+    /// Adds a node that moves for ever: seconds, and how far it is from where it is drawn.
+    pub fn mover(&mut self, name: String, way: Vec<(f32, Vec3)>) -> usize {
+        self.names.push(name);
+        self.ways.insert(self.names.len() - 1, way);
         self.names.len() - 1
     }
 
@@ -114,8 +126,9 @@ impl Scene {
             writer.primitive(node, paint, soup);
         }
         let nodes = self.nodes(&writer.primitives);
+        let animations = self.animations(&mut writer);
         let bytes = writer.bytes.len();
-        let root = json!({
+        let mut root = json!({
             "asset": { "version": "2.0", "generator": "sightline-server demo-building" },
             "extensionsUsed": ["OMI_spawn_point"],
             "scene": 0,
@@ -127,6 +140,9 @@ impl Scene {
             "bufferViews": writer.views,
             "buffers": [{ "byteLength": bytes }],
         });
+        if !animations.is_empty() {
+            root["animations"] = json!(animations);
+        }
         let glb = Glb {
             header: Header { magic: *b"glTF", version: 2, length: 0 },
             json: Cow::Owned(root.to_string().into_bytes()),
@@ -134,6 +150,22 @@ impl Scene {
         };
         // Writing to memory does not fail; the largest building takes 190 MB.
         glb.to_vec().unwrap_or_default()
+    }
+
+    /// One for each node that moves.
+    fn animations(&self, writer: &mut Writer) -> Vec<Value> {
+        let places: Vec<usize> = writer.primitives.keys().copied().collect();
+        let drawn = |node: &usize| places.iter().position(|place| place == node);
+        let of = self.ways.iter().filter_map(|(node, way)| Some((*node, drawn(node)?, way)));
+        of.map(|(node, index, way)| {
+            let (times, places) = (writer.times(way), writer.places(way));
+            json!({
+                "name": self.names[node],
+                "samplers": [{ "input": times, "output": places, "interpolation": "LINEAR" }],
+                "channels": [{ "sampler": 0, "target": { "node": index, "path": "translation" } }],
+            })
+        })
+        .collect()
     }
 
     fn nodes(&self, primitives: &BTreeMap<usize, Vec<Value>>) -> Vec<Value> {
@@ -215,10 +247,28 @@ impl Writer {
         let min = positions.iter().copied().reduce(Vec3::min).unwrap_or_default();
         let max = positions.iter().copied().reduce(Vec3::max).unwrap_or_default();
         let bytes = positions.iter().flat_map(|p| p.to_array()).flat_map(f32::to_le_bytes);
-        let view = self.view(bytes, 34_962);
+        let view = self.view(bytes, Some(34_962));
         self.accessor(json!({
             "bufferView": view, "componentType": 5126, "type": "VEC3", "count": positions.len(),
             "min": min.to_array(), "max": max.to_array(),
+        }))
+    }
+
+    fn times(&mut self, way: &[(f32, Vec3)]) -> usize {
+        let (count, times) = (way.len(), || way.iter().map(|&(at_s, _)| at_s));
+        let view = self.view(times().flat_map(f32::to_le_bytes), None);
+        let last = times().fold(0.0, f32::max);
+        self.accessor(json!({
+            "bufferView": view, "componentType": 5126, "type": "SCALAR", "count": count,
+            "min": [0.0], "max": [last],
+        }))
+    }
+
+    fn places(&mut self, way: &[(f32, Vec3)]) -> usize {
+        let places = way.iter().flat_map(|(_, place)| place.to_array());
+        let view = self.view(places.flat_map(f32::to_le_bytes), None);
+        self.accessor(json!({
+            "bufferView": view, "componentType": 5126, "type": "VEC3", "count": way.len(),
         }))
     }
 
@@ -226,9 +276,9 @@ impl Writer {
         let indices = triangles.iter().flatten();
         // 65535 itself is reserved for a restart.
         let (view, component) = if vertices < 65_535 {
-            (self.view(indices.flat_map(|&i| (i as u16).to_le_bytes()), 34_963), 5123)
+            (self.view(indices.flat_map(|&i| (i as u16).to_le_bytes()), Some(34_963)), 5123)
         } else {
-            (self.view(indices.flat_map(|&i| i.to_le_bytes()), 34_963), 5125)
+            (self.view(indices.flat_map(|&i| i.to_le_bytes()), Some(34_963)), 5125)
         };
         let count = triangles.len() * 3;
         self.accessor(json!({
@@ -236,14 +286,16 @@ impl Writer {
         }))
     }
 
-    fn view(&mut self, bytes: impl Iterator<Item = u8>, target: u32) -> usize {
+    fn view(&mut self, bytes: impl Iterator<Item = u8>, target: Option<u32>) -> usize {
         let offset = self.bytes.len();
         self.bytes.extend(bytes);
         let length = self.bytes.len() - offset;
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        self.views.push(json!({
-            "buffer": 0, "byteOffset": offset, "byteLength": length, "target": target,
-        }));
+        let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": length });
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        self.views.push(view);
         self.views.len() - 1
     }
 

@@ -9,6 +9,7 @@ mod fittings;
 mod furniture;
 mod layout;
 mod mesh;
+mod movers;
 mod plan;
 mod rect;
 mod shell;
@@ -40,6 +41,7 @@ pub fn build(rooms: usize, seed: u64) -> DemoBuilding {
     shell::build(&plan, &mut scene);
     fittings::build(&plan, &mut scene);
     furniture::build(&plan, seed, &mut scene);
+    movers::build(&plan, &mut scene);
     DemoBuilding { triangles: scene.triangle_count(), glb: scene.to_glb(), plan }
 }
 

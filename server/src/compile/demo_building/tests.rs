@@ -95,3 +95,29 @@ fn walls_close() {
     let open: Vec<_> = ends.iter().filter(|(_, count)| **count != 0).take(5).collect();
     assert!(open.is_empty(), "{open:?}");
 }
+
+/// A lift that serves every storey, and doors that leave their openings free; none blocks sight.
+#[test]
+fn what_moves_stays_inside_and_comes_everywhere() {
+    let (rooms, seed) = (60, 2);
+    let plan = plan(rooms, seed);
+    let model = crate::compile::glb::read_slice(&glb(rooms, seed), None, "office").unwrap();
+    assert!(model.warnings.is_empty(), "{:?}", model.warnings);
+    let building = model.bounds().unwrap();
+    let (lifts, doors): (Vec<_>, Vec<_>) =
+        model.movers.iter().partition(|mover| mover.name == "lift");
+    assert_eq!(lifts.len(), 1);
+    assert!(doors.len() >= plan.storeys, "{}", doors.len());
+    for mover in &model.movers {
+        assert!(building.contains_box(&mover.everywhere()), "{}", mover.name);
+    }
+    let climb = lifts[0].everywhere().size().y - lifts[0].bounds().size().y;
+    assert!((climb - mesh::metres(plan.floor(plan.storeys - 1))).abs() < 1e-3, "{climb}");
+    for door in doors {
+        let way = door.everywhere().size() - door.bounds().size();
+        let width = door.bounds().size().x.max(door.bounds().size().z);
+        assert!((way.max_element() - width).abs() < 1e-3, "{}: {way}", door.name);
+        let corner = door.mesh().positions[0];
+        assert!(!model.opaque.as_flattened().contains(&corner), "{} hides", door.name);
+    }
+}
