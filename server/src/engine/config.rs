@@ -42,6 +42,24 @@ pub struct Config {
     pub name_chars_max: usize,
     /// Chat is cut to so many characters.
     pub chat_chars_max: usize,
+    #[doc(hidden)]
+    pub sabotage: Sabotage,
+}
+
+/// What a test breaks, to see that it is found.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sabotage {
+    /// TBVs are made for so much of the speed limit.
+    pub tbv_scale: f32,
+    /// Expiries are asked so much too late.
+    pub expiry_late: Duration,
+}
+
+impl Default for Sabotage {
+    fn default() -> Self {
+        Self { tbv_scale: 1.0, expiry_late: Duration::ZERO }
+    }
 }
 
 impl Default for Config {
@@ -64,6 +82,7 @@ impl Default for Config {
             avatars_max: 16_384,
             name_chars_max: 32,
             chat_chars_max: 256,
+            sabotage: Sabotage::default(),
         }
     }
 }

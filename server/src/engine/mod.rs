@@ -50,7 +50,7 @@ use sightline_shared::{
     world::World,
 };
 
-pub use config::{Config, Policy, PolicyError};
+pub use config::{Config, Policy, PolicyError, Sabotage};
 pub use messages::{Input, Output};
 pub use population::ClientState;
 

@@ -140,7 +140,8 @@ impl Engine {
         if self.may_fall_silent(now, avatar) {
             let made = self.horizons.made_at(avatar.heard, avatar.round_trip);
             let (eye, validity) = (avatar.pose.eye, self.config.validity);
-            let tbv = Tbv::sphere(eye, self.limits.speed_max, made, validity);
+            let speed_max = self.limits.speed_max * self.config.sabotage.tbv_scale;
+            let tbv = Tbv::sphere(eye, speed_max, made, validity);
             if self.hide(now, slot, &tbv) {
                 outputs.push(Output::Quiet { to: self.population.at(slot).id, tbv });
                 return;
@@ -185,7 +186,8 @@ impl Engine {
         avatar.told_quiet = true;
         let (id, trip) = (avatar.id, avatar.round_trip);
         self.patience.cancel(id);
-        let deadline = tbv.expiry.saturating_sub(self.horizons.lead(trip));
+        let late = self.config.sabotage.expiry_late;
+        let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(trip));
         self.expiries.set(id, now, deadline, self.expiries_max());
         true
     }

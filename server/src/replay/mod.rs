@@ -35,7 +35,7 @@ use sightline_shared::{
 };
 
 pub use comparison::Comparison;
-pub use oracle::Miss;
+pub use oracle::{Miss, Stale};
 pub use report::{OracleReport, Report};
 pub use wire::Network;
 
@@ -62,6 +62,8 @@ pub struct Options {
     pub length: Option<Duration>,
     /// How often what is held is compared with what is visible.
     pub oracle: OracleStride,
+    /// Whether it also looks ahead, for over-send against the horizon; that is most of its work.
+    pub foresight: bool,
 }
 
 impl Options {
@@ -70,7 +72,8 @@ impl Options {
     pub fn new(policy: Policy, round_trip: Duration) -> Self {
         let config = Config { policy, margin: Duration::ZERO, ..Config::default() };
         let network = Network::default();
-        Self { config, round_trip, network, length: None, oracle: OracleStride::Auto }
+        let oracle = OracleStride::Auto;
+        Self { config, round_trip, network, length: None, oracle, foresight: true }
     }
 }
 

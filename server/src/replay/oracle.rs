@@ -41,6 +41,19 @@ pub(super) struct Oracle {
     /// For each walk: how far ahead, and how fast it may be.
     tick: Duration,
     speed_max: f32,
+    foresight: bool,
+}
+
+/// A visible avatar of which its viewer knew too little.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Stale {
+    /// Who of whom, and when.
+    #[serde(flatten)]
+    pub what: Miss,
+    /// How old what it knew was.
+    pub age_ms: f64,
+    /// How old it may be.
+    pub bound_ms: f64,
 }
 
 /// A visible avatar of which its viewer did not know.
@@ -52,6 +65,13 @@ pub struct Miss {
     pub viewer: u32,
     /// The trace's id of who is seen.
     pub avatar: u32,
+}
+
+impl Miss {
+    fn new(now: Duration, viewer: &Looker<'_>, other: &Looker<'_>) -> Self {
+        let t_ms = now.as_secs_f64() * 1e3;
+        Self { t_ms, viewer: viewer.walker, avatar: other.walker }
+    }
 }
 
 /// How many misses are told one by one.
@@ -80,7 +100,7 @@ struct Sums {
     ages: u64,
     age_sum: Duration,
     age_worst: Duration,
-    stale: u64,
+    stale: Vec<Stale>,
     /// Those in sight, by their place among all.
     seen: Vec<usize>,
 }
@@ -112,6 +132,7 @@ impl Oracle {
             hidden: 0,
             hidden_reports: 0,
             tick,
+            foresight: options.foresight,
             speed_max: options.config.speed_max.unwrap_or(world.speed_max),
         })
     }
@@ -181,7 +202,7 @@ impl Oracle {
             match (visible, held) {
                 (true, None) => sums.miss(now, viewer, other),
                 (true, Some(sampled)) if settled && !viewer.late && !other.late => {
-                    sums.compare_age(now, *sampled, (viewer.avatar, other.avatar), wire);
+                    sums.compare_age(now, *sampled, (viewer, other), wire);
                 }
                 _ => {}
             }
@@ -189,7 +210,8 @@ impl Oracle {
                 sums.visible += u64::from(visible);
                 sums.held += u64::from(held.is_some());
                 let could_be = || foresees(&self.sight, &self.body, now, &viewer.walk, &other.walk);
-                sums.foreseen += u64::from(held.is_some() && (visible || could_be()));
+                sums.foreseen +=
+                    u64::from(held.is_some() && (visible || self.foresight && could_be()));
             }
         }
         sums
@@ -205,7 +227,9 @@ impl Oracle {
         tally.first_misses.extend(sums.misses.iter().take(room));
         tally.misses_after_jumps += sums.misses_after_jumps;
         tally.misses_late += sums.misses_late;
-        tally.stale += sums.stale;
+        tally.stale += sums.stale.len() as u64;
+        let room = MISSES_TOLD.saturating_sub(tally.first_stale.len());
+        tally.first_stale.extend(sums.stale.iter().take(room));
         tally.age_worst_ms = tally.age_worst_ms.max(sums.age_worst.as_secs_f64() * 1e3);
         self.ages += sums.ages;
         self.age_sum += sums.age_sum;
@@ -232,8 +256,7 @@ impl Sums {
         } else if viewer.late || other.late {
             self.misses_late += 1;
         } else {
-            let t_ms = now.as_secs_f64() * 1e3;
-            self.misses.push(Miss { t_ms, viewer: viewer.walker, avatar: other.walker });
+            self.misses.push(Miss::new(now, viewer, other));
         }
     }
 
@@ -241,16 +264,20 @@ impl Sums {
         &mut self,
         now: Duration,
         sampled: Duration,
-        (viewer, avatar): (AvatarId, AvatarId),
+        (viewer, other): (&Looker<'_>, &Looker<'_>),
         wire: &Wire,
     ) {
+        let (seer, seen) = (viewer.avatar, other.avatar);
         let age = now.saturating_sub(sampled);
         self.ages += 1;
         self.age_sum += age;
         self.age_worst = self.age_worst.max(age);
-        let lost = wire.lost_since(sampled, viewer, avatar);
-        let bound = wire.age_max(viewer, avatar) + wire.tick() * lost as u32;
-        self.stale += u64::from(age > bound);
+        let lost = wire.lost_since(sampled, seer, seen);
+        let bound = wire.age_max(seer, seen) + 2 * wire.tick() * lost as u32;
+        if age > bound {
+            let [age_ms, bound_ms] = [age, bound].map(|time| time.as_secs_f64() * 1e3);
+            self.stale.push(Stale { what: Miss::new(now, viewer, other), age_ms, bound_ms });
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::Miss;
+use super::{Miss, Stale};
 
 /// The figures of a run. Rates are means for one client while it is present.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -128,10 +128,13 @@ pub struct OracleReport {
     /// The same, at worst.
     pub age_worst_ms: f64,
     /// No position may be older: two ticks and the way from client to client. Where messages are lost,
-    /// each that was makes it a tick more.
+    /// each that was makes it up to two ticks more: reports that
+    /// jitter brings in together are lost together.
     pub age_bound_ms: f64,
     /// Positions that were older all the same.
     pub stale: u64,
+    /// The first of them.
+    pub first_stale: Vec<Stale>,
 }
 
 /// The closing table.

@@ -1,0 +1,132 @@
+//! Many simulations of the whole system, each compared at every tick with brute force.
+//!
+//! ```text
+//! cargo bench -p sightline-tests --bench simulation -- --seeds 10000
+//! cargo bench -p sightline-tests --bench simulation -- --seed 4711
+//! ```
+//!
+//! The second runs one again and tells all of it. Fails when a promise is broken; with `--fault`, which
+//! breaks the engine on purpose, when that is not found.
+
+use std::{
+    sync::atomic::{AtomicU64, Ordering::Relaxed},
+    time::Instant,
+};
+
+use clap::{Parser, ValueEnum};
+use rayon::prelude::*;
+use sightline_tests::simulation::{Fault, Outcome, Pool, run};
+
+/// Failures that are told one by one.
+const TOLD: usize = 10;
+
+/// Runs simulations.
+#[derive(Parser)]
+struct Args {
+    /// How many.
+    #[arg(long, value_name = "N")]
+    seeds: Option<u64>,
+    /// The first.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    from: u64,
+    /// Just this one.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Buildings that are compiled for them: the one of a seed depends on this too.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    buildings: u64,
+    /// Break the engine.
+    #[arg(long, default_value = "none")]
+    fault: Broken,
+    /// What `cargo bench` passes. Without it (as when all targets are tested), and unless told
+    /// otherwise, there are few, to show that this works.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Broken {
+    None,
+    SmallTbv,
+    LostPortal,
+    LateExpiry,
+}
+
+impl From<Broken> for Fault {
+    fn from(broken: Broken) -> Self {
+        match broken {
+            Broken::None => Self::None,
+            Broken::SmallTbv => Self::SmallTbv,
+            Broken::LostPortal => Self::LostPortal,
+            Broken::LateExpiry => Self::LateExpiry,
+        }
+    }
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = Args::parse();
+    let fault = Fault::from(args.fault);
+    if let Some(seed) = args.seed {
+        let outcome = run(seed, &Pool::only(seed, args.buildings), fault);
+        println!("{outcome}\n\n{}", outcome.report);
+        anyhow::ensure!(outcome.is_good(), "a promise is broken");
+        return Ok(());
+    }
+    let seeds = args.seeds.unwrap_or(if args.bench { 10_000 } else { 4 });
+    let buildings = args.buildings.min(seeds.max(1));
+    let progress = Counter::new("buildings", buildings);
+    let pool = Pool::new(buildings, &|| progress.count());
+    let progress = Counter::new("simulations", seeds);
+    let simulated = (args.from..args.from + seeds).into_par_iter().map(|seed| {
+        let outcome = run(seed, &pool, fault);
+        progress.count();
+        outcome
+    });
+    conclude(&simulated.collect::<Vec<_>>(), fault)
+}
+
+fn conclude(outcomes: &[Outcome], fault: Fault) -> anyhow::Result<()> {
+    let bad: Vec<&Outcome> = outcomes.iter().filter(|outcome| !outcome.is_good()).collect();
+    bad.iter().take(TOLD).for_each(|outcome| println!("{outcome}\n"));
+    let oracles = || outcomes.iter().filter_map(|outcome| outcome.report.oracle.as_ref());
+    let visible: u64 = oracles().map(|oracle| oracle.pairs_visible).sum();
+    let held: u64 = oracles().map(|oracle| oracle.pairs_held).sum();
+    let excused: u64 = oracles().map(|oracle| oracle.misses_late).sum();
+    let hidden: u64 = outcomes.iter().map(|outcome| outcome.hidden_ticks).sum();
+    let asks: u64 = outcomes.iter().map(|outcome| outcome.report.asks).sum();
+    let worst = oracles().map(|oracle| oracle.age_worst_ms).fold(0.0, f64::max);
+    println!("simulations        {}", outcomes.len());
+    println!("broken promises in {}", bad.len());
+    println!("visible pairs      {visible}, held {held}");
+    println!("misses excused     {excused}, by messages later than the engine allows for");
+    println!("oldest position    {worst:.0} ms, where messages were lost");
+    println!("hidden             {hidden} ticks of avatars, {asks} asks");
+    if fault == Fault::None {
+        anyhow::ensure!(bad.is_empty(), "promises are broken in {} simulations", bad.len());
+    } else {
+        anyhow::ensure!(!bad.is_empty(), "{fault:?} was not found");
+    }
+    Ok(())
+}
+
+/// Tells how many are done, now and then.
+struct Counter {
+    what: &'static str,
+    all: u64,
+    done: AtomicU64,
+    start: Instant,
+}
+
+impl Counter {
+    fn new(what: &'static str, all: u64) -> Self {
+        Self { what, all, done: AtomicU64::new(0), start: Instant::now() }
+    }
+
+    fn count(&self) {
+        let done = self.done.fetch_add(1, Relaxed) + 1;
+        if done == self.all || done.is_multiple_of((self.all / 20).max(1)) {
+            let seconds = self.start.elapsed().as_secs();
+            eprintln!("{done} of {} {} in {seconds} s", self.all, self.what);
+        }
+    }
+}

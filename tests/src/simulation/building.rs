@@ -1,0 +1,307 @@
+//! Small buildings that nobody designed: rooms in a grid, with doors, windows, holes and furniture.
+
+use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
+
+use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_server::compile::{
+    self,
+    model::{Material, Model, Surface},
+};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::Body,
+    world::{Spawn, World},
+};
+
+/// From a floor to its ceiling, in metres.
+const CEILING_M: f32 = 2.6;
+/// The thickness of a slab, in metres.
+const SLAB_M: f32 = 0.3;
+/// How high doors are, in metres.
+const DOOR_HEAD_M: f32 = 2.1;
+/// Between what a window leaves open, in metres above the floor.
+const WINDOW_M: [f32; 2] = [1.1, 1.9];
+/// From doors to the places before and behind them, in metres.
+const BESIDE_DOOR_M: f32 = 0.5;
+/// Bodies stay so far from what is solid, in metres.
+const CLEARANCE_M: f32 = 0.01;
+
+/// A building, compiled, and what walkers need to know of it. All but the world is in the axes that it
+/// was built in.
+#[derive(Clone, Debug)]
+pub struct Building {
+    /// What the engine and the oracle get.
+    pub world: Arc<World>,
+    /// Where one can be.
+    pub rooms: Vec<Room>,
+    /// What no body can be in.
+    solids: Vec<Aabb>,
+    /// From the axes that it was built in to the world's.
+    turn: DMat3,
+    /// The body, or what holds it however it is turned.
+    body: Body,
+}
+
+/// A part of a storey between walls.
+#[derive(Clone, Debug)]
+pub struct Room {
+    /// Between its walls: x and z, in metres.
+    pub min: Vec2,
+    /// Likewise.
+    pub max: Vec2,
+    /// The height of eyes, in metres.
+    pub eye: f32,
+    /// The ways out.
+    pub doors: Vec<Door>,
+}
+
+/// A way out of a room.
+#[derive(Clone, Copy, Debug)]
+pub struct Door {
+    /// A place before it: x and z, in metres.
+    pub near: Vec2,
+    /// A place behind it.
+    pub far: Vec2,
+    /// The room behind it.
+    pub to: usize,
+}
+
+impl Building {
+    /// The building of a seed: compiled for real, with coarse cells.
+    pub fn new(seed: u64) -> Self {
+        let mut rng = SmallRng::seed_from_u64(seed);
+        let mut draft = Draft::new(&mut rng);
+        draft.raise(&mut rng);
+        draft.furnish(&mut rng);
+        let angle = if seed.is_multiple_of(2) { 0.0 } else { rng.random_range(0.0..TAU) };
+        let turn = DMat3::from_rotation_y(angle);
+        let wider = (angle.sin().abs() + angle.cos().abs()) as f32;
+        let half_width = Body::PERSON.half_width * wider;
+        let model = draft.model(&turn);
+        let options = compile::Options { voxel: Some(2.0), cell: Some(3.0), ..Default::default() };
+        let compiled = compile::compile(&model, &options, &|_, _| ControlFlow::Continue(()));
+        let (world, _) = compiled.expect("a closed house compiles");
+        Self {
+            world: Arc::new(world),
+            rooms: draft.rooms,
+            solids: draft.solids,
+            turn,
+            body: Body { half_width, ..Body::PERSON },
+        }
+    }
+
+    /// A point of the building in the world.
+    pub fn world_point(&self, point: Vec3) -> Vec3 {
+        (self.turn * point.as_dvec3()).as_vec3()
+    }
+
+    /// Whether a body can be where its eye is at a place.
+    pub fn is_free(&self, eye: Vec3) -> bool {
+        let body = self.body.around(eye).grown(CLEARANCE_M);
+        !self.solids.iter().any(|solid| solid.intersects(&body))
+    }
+
+    /// Some place in a room, if there is room.
+    pub fn place(&self, room: usize, rng: &mut SmallRng) -> Option<Vec2> {
+        let Room { min, max, eye, .. } = &self.rooms[room];
+        let mut places = (0..20)
+            .map(|_| *min + (*max - *min) * Vec2::new(rng.random(), rng.random()))
+            .filter(|at| self.is_free(Vec3::new(at.x, *eye, at.y)));
+        places.next()
+    }
+}
+
+/// A building as it is being made.
+struct Draft {
+    /// Where walls are, along x and along z.
+    lines: [Vec<f32>; 2],
+    storeys: usize,
+    /// Half of the thickness of a wall.
+    wall: f32,
+    rooms: Vec<Room>,
+    solids: Vec<Aabb>,
+}
+
+impl Draft {
+    fn new(rng: &mut SmallRng) -> Self {
+        let lines = [(); 2].map(|()| {
+            let mut lines = vec![0.0];
+            for i in 0..rng.random_range(2..=3) {
+                lines.push(lines[i] + rng.random_range(2.6_f32..6.0));
+            }
+            lines
+        });
+        let storeys = if rng.random_bool(0.25) { 2 } else { 1 };
+        let wall = [0.05, 0.1, 0.15][rng.random_range(0..3)];
+        Self { lines, storeys, wall, rooms: Vec::new(), solids: Vec::new() }
+    }
+
+    /// Makes rooms, slabs and walls.
+    fn raise(&mut self, rng: &mut SmallRng) {
+        let [xs, zs] = self.lines.clone();
+        for storey in 0..self.storeys {
+            let floor = storey as f32 * (CEILING_M + SLAB_M);
+            for x in xs.windows(2) {
+                for z in zs.windows(2) {
+                    let (min, max) = (Vec2::new(x[0], z[0]), Vec2::new(x[1], z[1]));
+                    let hole = storey > 0 && rng.random_bool(0.3);
+                    self.slab(min, max, floor, hole.then(|| rng.random_range(0.3..0.6)));
+                    if storey + 1 == self.storeys {
+                        self.slab(min, max, floor + CEILING_M + SLAB_M, None);
+                    }
+                    let (min, max) = (min + self.wall, max - self.wall);
+                    let eye = floor + Body::PERSON.below_eye + 2.0 * CLEARANCE_M;
+                    self.rooms.push(Room { min, max, eye, doors: Vec::new() });
+                }
+            }
+            for axis in [0, 1] {
+                for line in 0..self.lines[axis].len() {
+                    for piece in 0..self.lines[1 - axis].len() - 1 {
+                        self.wall(storey, axis, line, piece, rng);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The slab under a floor, beyond the middle of the walls; with a hole of some part of it.
+    fn slab(&mut self, min: Vec2, max: Vec2, floor: f32, hole: Option<f32>) {
+        let (min, max) = (min - self.wall, max + self.wall);
+        let mut put = |min: Vec2, max: Vec2| {
+            let (low, high) = (Vec3::new(min.x, floor - SLAB_M, min.y), max.extend(floor).xzy());
+            self.solids.push(Aabb::new(low, high));
+        };
+        let Some(part) = hole else { return put(min, max) };
+        let (middle, half) = ((min + max) * 0.5, (max - min) * 0.5 * part);
+        let (low, high) = (middle - half, middle + half);
+        put(min, Vec2::new(max.x, low.y));
+        put(Vec2::new(min.x, high.y), max);
+        put(Vec2::new(min.x, low.y), Vec2::new(low.x, high.y));
+        put(Vec2::new(high.x, low.y), Vec2::new(max.x, high.y));
+    }
+
+    /// A piece of wall across an axis, with or without a hole.
+    fn wall(&mut self, storey: usize, axis: usize, line: usize, piece: usize, rng: &mut SmallRng) {
+        let at = self.lines[axis][line];
+        let ends = [self.lines[1 - axis][piece], self.lines[1 - axis][piece + 1]];
+        let outer = line == 0 || line + 1 == self.lines[axis].len();
+        let width = rng.random_range(0.9..1.5);
+        let from = rng.random_range(ends[0] + 0.3..ends[1] - 0.3 - width);
+        let hole = [from, from + width];
+        let (open, is_door) = match rng.random_range(0..20) {
+            _ if outer => return self.put_wall(storey, (axis, at), ends, None),
+            0..13 => ([0.0, DOOR_HEAD_M], true),
+            13..15 => ([0.0, CEILING_M], true),
+            15..17 => (WINDOW_M, false),
+            _ => return self.put_wall(storey, (axis, at), ends, None),
+        };
+        self.put_wall(storey, (axis, at), ends, Some((hole, open)));
+        if is_door {
+            self.put_door(storey, axis, line, piece, (hole[0] + hole[1]) * 0.5);
+        }
+    }
+
+    fn put_wall(
+        &mut self,
+        storey: usize,
+        (axis, at): (usize, f32),
+        ends: [f32; 2],
+        hole: Option<([f32; 2], [f32; 2])>,
+    ) {
+        let floor = storey as f32 * (CEILING_M + SLAB_M);
+        let wall = self.wall;
+        let mut put = |along: [f32; 2], up: [f32; 2]| {
+            if along[1] - along[0] < 1e-3 || up[1] - up[0] < 1e-3 {
+                return;
+            }
+            let (mut min, mut max) = (Vec2::splat(along[0]), Vec2::splat(along[1]));
+            (min[axis], max[axis]) = (at - wall, at + wall);
+            let (low, high) = (min.extend(floor + up[0]).xzy(), max.extend(floor + up[1]).xzy());
+            self.solids.push(Aabb::new(low, high));
+        };
+        // Walls meet in posts.
+        let ends = [ends[0] - wall, ends[1] + wall];
+        let Some((hole, open)) = hole else { return put(ends, [0.0, CEILING_M]) };
+        put([ends[0], hole[0]], [0.0, CEILING_M]);
+        put([hole[1], ends[1]], [0.0, CEILING_M]);
+        put(hole, [0.0, open[0]]);
+        put(hole, [open[1], CEILING_M]);
+    }
+
+    fn put_door(&mut self, storey: usize, axis: usize, line: usize, piece: usize, middle: f32) {
+        let rooms_z = self.lines[1].len() - 1;
+        let rooms = (self.lines[0].len() - 1) * rooms_z;
+        let room = |line: usize| {
+            let (x, z) = if axis == 0 { (line, piece) } else { (piece, line) };
+            storey * rooms + x * rooms_z + z
+        };
+        let place = |side: f32| {
+            let mut at = Vec2::splat(middle);
+            at[axis] = self.lines[axis][line] + side * (self.wall + BESIDE_DOOR_M);
+            at
+        };
+        let (near, far) = (place(-1.0), place(1.0));
+        let (before, behind) = (room(line - 1), room(line));
+        self.rooms[before].doors.push(Door { near, far, to: behind });
+        self.rooms[behind].doors.push(Door { near: far, far: near, to: before });
+    }
+
+    /// Boxes in the middle of rooms, some as high as the room.
+    fn furnish(&mut self, rng: &mut SmallRng) {
+        for room in &self.rooms {
+            let floor = room.eye - Body::PERSON.below_eye - 2.0 * CLEARANCE_M;
+            let spare = (room.max - room.min) * 0.5 - 1.2;
+            if spare.min_element() < 0.2 || rng.random_bool(0.5) {
+                continue;
+            }
+            let half = spare * Vec2::new(rng.random_range(0.3..1.0), rng.random_range(0.3..1.0));
+            let middle = (room.min + room.max) * 0.5;
+            let height = [0.8, 1.8, CEILING_M][rng.random_range(0..3)];
+            let low = (middle - half).extend(floor).xzy();
+            self.solids.push(Aabb::new(low, (middle + half).extend(floor + height).xzy()));
+        }
+    }
+
+    fn model(&self, turn: &DMat3) -> Model {
+        let moved = |p: Vec3| -> Vec3 { (*turn * DVec3::from(p)).as_vec3() };
+        let faces = self.solids.iter().flat_map(faces);
+        let opaque: Vec<[Vec3; 3]> = faces.map(|triangle| triangle.map(moved)).collect();
+        let positions = opaque.as_flattened().to_vec();
+        let triangles = (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| 3 * i + k)).collect();
+        let material = Material { colour: [200; 3], texture: None, glass: false };
+        let surface =
+            Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
+        let room = &self.rooms[0];
+        let eye = (room.min + 0.4).extend(room.eye).xzy();
+        Model {
+            title: "simulated".to_owned(),
+            surfaces: vec![surface],
+            opaque,
+            solids: Vec::new(),
+            spawns: vec![Spawn { eye: moved(eye), yaw: 0.0 }],
+            body: Body::PERSON,
+            speed_max: 4.0,
+            origin: None,
+            movers: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+/// The twelve triangles of a box, seen from outside.
+fn faces(of: &Aabb) -> Vec<[Vec3; 3]> {
+    let size = of.size();
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        let [mut u, mut v, mut across] = [Vec3::ZERO; 3];
+        u[(axis + 1) % 3] = size[(axis + 1) % 3];
+        v[(axis + 2) % 3] = size[(axis + 2) % 3];
+        across[axis] = size[axis];
+        for (corner, [u, v]) in [(of.min, [v, u]), (of.min + across, [u, v])] {
+            triangles.push([corner, corner + u, corner + u + v]);
+            triangles.push([corner, corner + u + v, corner + v]);
+        }
+    }
+    triangles
+}

@@ -1,0 +1,152 @@
+//! Who walks about in a building, and how: written down as a trace.
+
+use std::fmt::Write;
+
+use glam::{Vec2, Vec3};
+use rand::{Rng, rngs::SmallRng};
+use sightline_server::trace::Trace;
+
+use super::building::{Building, Room};
+
+/// Speed changes so fast at most, in metres a second squared.
+const ACCELERATION: f32 = 8.0;
+/// From sample to sample, in seconds.
+pub const STEP_S: f32 = 0.05;
+
+/// Whoever comes stands still until it is let in, and that may be lost once: in seconds.
+const WAITS_S: f32 = 1.0;
+
+/// What somebody does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Habit {
+    /// Stands.
+    Idle,
+    /// Goes from room to room.
+    Walks,
+    /// Goes back and forth through one door.
+    Paces,
+    /// Runs straight on until something is in the way.
+    Runs,
+}
+
+struct Walker {
+    habit: Habit,
+    room: usize,
+    /// x and z.
+    at: Vec2,
+    velocity: Vec2,
+    speed: f32,
+    way: Vec<Vec2>,
+    rests_s: f32,
+    /// When it is there, in steps.
+    present: std::ops::Range<u32>,
+}
+
+/// So many walkers for so many steps, none of them faster than a limit in metres a second.
+pub fn trace(
+    building: &Building,
+    rng: &mut SmallRng,
+    walkers: usize,
+    steps: u32,
+    speed_max: f32,
+) -> Trace {
+    let mut all: Vec<Walker> =
+        (0..walkers).filter_map(|_| Walker::new(building, rng, steps, speed_max)).collect();
+    let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
+    for step in 0..steps {
+        for (id, walker) in all.iter_mut().enumerate() {
+            if !walker.present.contains(&step) {
+                continue;
+            }
+            walker.step(building, rng);
+            let eye = building.world_point(walker.eye(building));
+            let v = building.world_point(Vec3::new(walker.velocity.x, 0.0, walker.velocity.y));
+            let t_ms = (step as f32 * STEP_S * 1e3).round();
+            let yaw = (-v.x).atan2(-v.z);
+            let _ = writeln!(
+                rows,
+                "{t_ms},{id},{:.5},{:.5},{:.5},{yaw:.4},0,{:.4},{:.4},{:.4}",
+                eye.x, eye.y, eye.z, v.x, v.y, v.z
+            );
+        }
+    }
+    Trace::read(rows.as_bytes()).expect("the walkers are samples")
+}
+
+impl Walker {
+    fn new(building: &Building, rng: &mut SmallRng, steps: u32, speed_max: f32) -> Option<Self> {
+        let room = rng.random_range(0..building.rooms.len());
+        let at = building.place(room, rng)?;
+        let habit = match rng.random_range(0..10) {
+            0..2 => Habit::Idle,
+            2..6 => Habit::Walks,
+            6..8 => Habit::Paces,
+            _ => Habit::Runs,
+        };
+        let from = if rng.random_bool(0.7) { 0 } else { rng.random_range(0..steps / 2) };
+        let to = if rng.random_bool(0.8) { steps } else { rng.random_range(from + 1..=steps) };
+        Some(Self {
+            habit,
+            room,
+            at,
+            velocity: Vec2::ZERO,
+            speed: speed_max
+                * if habit == Habit::Runs { 0.98 } else { rng.random_range(0.3..0.98) },
+            way: Vec::new(),
+            rests_s: WAITS_S,
+            present: from..to,
+        })
+    }
+
+    fn eye(&self, building: &Building) -> Vec3 {
+        Vec3::new(self.at.x, building.rooms[self.room].eye, self.at.y)
+    }
+
+    fn step(&mut self, building: &Building, rng: &mut SmallRng) {
+        self.rests_s -= STEP_S;
+        if self.way.is_empty() && self.rests_s <= 0.0 && self.habit != Habit::Idle {
+            self.set_out(building, rng);
+        }
+        let wanted = self.way.last().map_or(Vec2::ZERO, |goal| {
+            let away = *goal - self.at;
+            let left_m = away.length();
+            let braking = (2.0 * ACCELERATION * left_m).sqrt();
+            away.normalize_or_zero() * self.speed.min(braking).min(left_m / STEP_S)
+        });
+        let change = (wanted - self.velocity).clamp_length_max(ACCELERATION * STEP_S);
+        self.velocity += change;
+        let next = self.at + self.velocity * STEP_S;
+        if building.is_free(Vec3::new(next.x, building.rooms[self.room].eye, next.y)) {
+            self.at = next;
+        } else {
+            // It has run into something.
+            self.velocity = Vec2::ZERO;
+            self.way.clear();
+        }
+        if self.way.last().is_some_and(|goal| goal.distance(self.at) < 0.05) {
+            self.way.pop();
+            if self.way.is_empty() && self.habit == Habit::Walks && rng.random_bool(0.3) {
+                self.rests_s = rng.random_range(0.0..2.0);
+            }
+        }
+    }
+
+    /// Chooses where to go next; the way's end comes first.
+    fn set_out(&mut self, building: &Building, rng: &mut SmallRng) {
+        let room: &Room = &building.rooms[self.room];
+        let door =
+            (!room.doors.is_empty()).then(|| room.doors[rng.random_range(0..room.doors.len())]);
+        match (self.habit, door) {
+            (Habit::Runs, _) if rng.random_bool(0.5) => {
+                let angle = rng.random_range(0.0..std::f32::consts::TAU);
+                self.way = vec![self.at + Vec2::from_angle(angle) * 30.0];
+            }
+            (_, Some(door)) if self.habit == Habit::Paces || rng.random_bool(0.8) => {
+                let beyond = building.place(door.to, rng).unwrap_or(door.far);
+                self.way = vec![beyond, door.far, door.near];
+                self.room = door.to;
+            }
+            _ => self.way = building.place(self.room, rng).into_iter().collect(),
+        }
+    }
+}
