@@ -114,12 +114,17 @@ impl Oracle {
         };
         let tick = options.config.tick;
         let round_trip_max = options.round_trip + options.network.spread;
+        let mut unsettled = 2 * (round_trip_max + options.network.jitter) + 4 * tick;
+        if options.network.loss > 0.0 {
+            // The first reports after a join may be lost, and before them there are none.
+            unsettled += round_trip_max + 4 * tick;
+        }
         Some(Self {
             sight: Sight::new(&world.mesh),
             body: world.body,
             stride,
             next: Duration::ZERO,
-            unsettled: 2 * (round_trip_max + options.network.jitter) + 4 * tick,
+            unsettled,
             tally: OracleReport {
                 stride_ms: stride.as_secs_f64() * 1e3,
                 age_bound_ms: (round_trip_max + 2 * (tick + options.network.jitter)).as_secs_f64()
