@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 use sightline_shared::{
-    motion::{Body, Pose},
+    motion::{Agility, Body, Pose},
     octree::Octree,
     world::{Confines, Spawn, World},
 };
@@ -36,7 +36,10 @@ pub struct Walker {
     body: Body,
     /// Where the eye may be.
     confines: Confines,
+    agility: Agility,
     speed_max: f32,
+    /// How fast it goes along the ground, in metres a second.
+    drive: Vec3,
     pose: Pose,
     /// Metres a second, upward.
     rise: f32,
@@ -57,6 +60,11 @@ const SUBSTEP_S: f32 = 1.0 / 120.0;
 /// A longer time is cut, since what happened in it is lost anyway.
 const STEP_S_MAX: f32 = 0.25;
 
+/// How fast a body goes off at once, in metres a second: within what the server believes that it can
+/// do ([`Agility::dash`](sightline_shared::motion::Agility::dash)).
+const START_SPEED: f32 = 1.2;
+/// The part of the acceleration that the server believes in that is used.
+const PUSH_SHARE: f32 = 0.95;
 /// What is left to the server's rounding: the part of the speed that is used.
 const SPEED_SHARE: f32 = 0.97;
 
@@ -69,7 +77,9 @@ impl Walker {
         let mut walker = Self {
             body: world.body,
             confines: world.confines().grown(-0.001),
+            agility: Agility::of(&world.body, world.speed_max),
             speed_max: world.speed_max,
+            drive: Vec3::ZERO,
             pose: Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() },
             rise: 0.0,
             grounded: false,
@@ -126,11 +136,17 @@ impl Walker {
             }
             return;
         }
-        let velocity = if wish.fly { self.flight(wish) } else { self.gait(wish, dt_s) };
+        let velocity = if wish.fly { self.flight(wish, dt_s) } else { self.gait(wish, dt_s) };
         let way = (velocity * dt_s).clamp_length_max(reach);
         let start = self.pose.eye;
         let along_x = self.slide(octree, 0, way.x);
         let along_z = self.slide(octree, 2, way.z);
+        let gone = self.pose.eye - start;
+        let is_stopped = gone.length_squared() < 0.25 * way.with_y(0.0).length_squared();
+        if !(along_x && along_z) && is_stopped {
+            // What ran into something gains speed anew.
+            self.drive = Vec3::new(gone.x, 0.0, gone.z) / dt_s;
+        }
         if wish.fly {
             self.slide(octree, 1, way.y);
             self.grounded = false;
@@ -156,13 +172,15 @@ impl Walker {
     }
 
     /// The velocity of a flying body: along the look.
-    fn flight(&mut self, wish: &Wish) -> Vec3 {
+    fn flight(&mut self, wish: &Wish, dt_s: f32) -> Vec3 {
         self.rise = 0.0;
         let right = Vec3::new(self.pose.yaw.cos(), 0.0, -self.pose.yaw.sin());
         let wanted = self.pose.forward() * share(wish.forward)
             + right * share(wish.right)
             + Vec3::Y * share(wish.up);
-        wanted.clamp_length_max(1.0) * self.speed_max * SPEED_SHARE
+        let wanted = wanted.clamp_length_max(1.0) * self.speed_max * SPEED_SHARE;
+        let climb = self.agility.climb.min(self.speed_max * SPEED_SHARE);
+        self.driven(wanted.with_y(0.0), dt_s) + Vec3::Y * wanted.y.clamp(-climb, climb)
     }
 
     /// The velocity of a walking, jumping or falling body.
@@ -175,7 +193,18 @@ impl Walker {
         let (sin, cos) = self.pose.yaw.sin_cos();
         let (ahead, right) = (Vec3::new(-sin, 0.0, -cos), Vec3::new(cos, 0.0, -sin));
         let wanted = ahead * share(wish.forward) + right * share(wish.right);
-        wanted.clamp_length_max(1.0) * self.speed_max * SPEED_SHARE + Vec3::Y * self.rise
+        let wanted = wanted.clamp_length_max(1.0) * self.speed_max * SPEED_SHARE;
+        self.driven(wanted, dt_s) + Vec3::Y * self.rise
+    }
+
+    /// The velocity along the ground that comes next to one that is wanted. Whoever turns keeps
+    /// what speed it had in its new direction, and gains more as fast as bodies can.
+    fn driven(&mut self, wanted: Vec3, dt_s: f32) -> Vec3 {
+        let direction = wanted.normalize_or_zero();
+        let speed = self.drive.dot(direction).max(START_SPEED);
+        let faster = speed + PUSH_SHARE * self.agility.acceleration_max * dt_s;
+        self.drive = direction * faster.min(wanted.length());
+        self.drive
     }
 
     /// Moves along one axis until something is in the way; whether nothing was.

@@ -190,7 +190,8 @@ impl Rows {
         Some(times.len() as u32 - 1)
     }
 
-    /// Angles beyond a full turn can only be degrees; then all are.
+    /// Angles beyond a full turn can only be degrees; then all are. Where nobody ever has a velocity
+    /// there are none in the trace, and each is what its way since the sample before was.
     fn finish(mut self) -> Result<Trace, TraceError> {
         if self.count == 0 {
             return Err(TraceError::Empty);
@@ -201,7 +202,21 @@ impl Rows {
             pose.yaw = (pose.yaw * unit + PI).rem_euclid(TAU) - PI;
             pose.pitch = (pose.pitch * unit).clamp(-FRAC_PI_2, FRAC_PI_2);
         }
+        let Trace { times, tracks } = &mut self.trace;
+        if tracks.values().flatten().all(|sample| sample.pose.velocity == Vec3::ZERO) {
+            tracks.values_mut().for_each(|track| derive_velocities(times, track));
+        }
         Ok(self.trace)
+    }
+}
+
+fn derive_velocities(times: &[Duration], track: &mut [Sample]) {
+    for place in (1..track.len()).rev() {
+        let (before, here) = (track[place - 1], &mut track[place]);
+        if here.time == before.time + 1 {
+            let seconds = times[here.time as usize] - times[before.time as usize];
+            here.pose.velocity = (here.pose.eye - before.pose.eye) / seconds.as_secs_f32();
+        }
     }
 }
 

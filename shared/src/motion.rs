@@ -1,11 +1,14 @@
 //! Where a body is, what it can do in a given time, and the regions sure to contain it.
 
+mod agility;
 pub mod trajectory;
 
 use std::time::Duration;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
+
+pub use agility::Agility;
 
 use crate::geometry::Aabb;
 
@@ -81,23 +84,29 @@ impl Body {
     }
 }
 
-/// A region sure to contain an avatar's eye until it expires: a sphere of
-/// maximum speed × validity about the last reported place.
+/// A region sure to contain an avatar's eye until it expires: a sphere. What the server makes of it
+/// may be smaller, since nobody goes through walls.
 /// (Sudarsky and Gotsman, *Output-Sensitive Visibility Algorithms for Dynamic Scenes*, section 3.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tbv {
-    /// Where the eye was when the TBV was made, in metres.
+    /// Its middle, in metres.
     pub centre: Vec3,
-    /// How far the eye can get by the expiry, in metres.
+    /// In metres.
     pub radius: f32,
     /// The end of the validity, on the server's clock.
     pub expiry: Duration,
 }
 
 impl Tbv {
-    /// The TBV of an avatar whose eye is at `centre` at `now`.
+    /// The TBV of an avatar whose eye is at `centre` at `now`, and which nothing is known of but
+    /// how fast it can be: a sphere of maximum speed × validity.
     pub fn sphere(centre: Vec3, speed_max: f32, now: Duration, validity: Duration) -> Self {
         Self { centre, radius: speed_max * validity.as_secs_f32(), expiry: now + validity }
+    }
+
+    /// The TBV of an avatar whose eye stays in a box.
+    pub fn around(eyes: &Aabb, expiry: Duration) -> Self {
+        Self { centre: eyes.centre(), radius: 0.5 * eyes.size().length(), expiry }
     }
 
     /// Whether an eye at this place is inside.

@@ -162,7 +162,7 @@ impl Dialer {
         let fetch = fetch(&mut wire, world_bytes, options.progress.as_ref());
         let world = self.cache.get(id, fetch).await?;
         wire.send(&ClientMessage::Enter { place: options.place.map(Into::into) }).await?;
-        let replica = Replica::new(avatar, tick_interval, world.speed_max);
+        let replica = Replica::new(avatar, tick_interval);
         let entered = Session::start(wire, replica, world, options.name.clone());
         timeout(ANSWER_DEADLINE, entered)
             .await

@@ -30,7 +30,6 @@ const LEAVING_TICKS: u32 = 2;
 pub struct Replica {
     avatar: AvatarId,
     tick_interval: Duration,
-    speed_max: f32,
     others: BTreeMap<AvatarId, Other>,
     decoder: PoseDecoder,
     clock: Clock,
@@ -146,13 +145,11 @@ struct Own {
 }
 
 impl Replica {
-    /// A client that was welcomed as an avatar, in a world in which none moves faster than
-    /// `speed_max` metres a second.
-    pub fn new(avatar: AvatarId, tick_interval: Duration, speed_max: f32) -> Self {
+    /// A client that was welcomed as an avatar.
+    pub fn new(avatar: AvatarId, tick_interval: Duration) -> Self {
         Self {
             avatar,
             tick_interval,
-            speed_max,
             others: BTreeMap::new(),
             decoder: PoseDecoder::default(),
             clock: Clock::new(tick_interval),
@@ -241,8 +238,8 @@ impl Replica {
         (self.own.is_inside && std::mem::take(&mut self.own.is_asked)).then(|| self.report())
     }
 
-    /// What to send at a tick. While quiet that is nothing, unless the avatar could be out of its
-    /// TBV before the server knows: in so much time as half a round trip and two ticks take.
+    /// What to send at a tick. While quiet that is nothing, unless the avatar was pushed out
+    /// of its TBV, or will be at the next tick.
     pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
         if !self.own.is_inside {
             return None;
@@ -256,7 +253,7 @@ impl Replica {
             return Some(self.datagram_with(report));
         };
         self.own.leaving = self.own.leaving.saturating_sub(1);
-        if self.own.leaving == 0 && self.is_about_to_leave(&tbv, round_trip) {
+        if self.own.leaving == 0 && self.is_about_to_leave(&tbv) {
             let round_trip_ticks = round_trip.div_duration_f32(self.tick_interval).ceil();
             self.own.leaving = (round_trip_ticks as u32).saturating_add(LEAVING_TICKS);
             return Some(Outgoing::Message(self.report()));
@@ -355,10 +352,12 @@ impl Replica {
         Outgoing::Datagram(ClientDatagram { ack: self.decoder.ack(), report }.encode())
     }
 
-    fn is_about_to_leave(&self, tbv: &Tbv, round_trip: Duration) -> bool {
-        let ahead = round_trip / 2 + self.tick_interval * LEAVING_TICKS;
-        let margin = self.speed_max * ahead.as_secs_f32();
-        self.own.pose.eye.distance(tbv.centre) + margin > tbv.radius
+    /// Whether it is where its TBV does not reach, or will be at the next tick: pushed, or thrown.
+    /// By its own power nobody gets there.
+    fn is_about_to_leave(&self, tbv: &Tbv) -> bool {
+        let pose = &self.own.pose;
+        let step = pose.velocity * self.tick_interval.as_secs_f32();
+        !(tbv.contains(pose.eye) && tbv.contains(pose.eye + step))
     }
 }
 

@@ -11,7 +11,7 @@ use super::*;
 const TICK: Duration = Duration::from_millis(50);
 
 fn replica() -> Replica {
-    Replica::new(AvatarId(1), TICK, 5.0)
+    Replica::new(AvatarId(1), TICK)
 }
 
 fn at(x: f32) -> Pose {
@@ -75,11 +75,15 @@ fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
     assert_eq!(replica.standing(), Standing::Asked);
     assert_eq!(report(replica.answer().map(Outgoing::Message)), (2, 0.0));
     assert_eq!((replica.answer(), replica.tick(TICK)), (None, None), "once");
-    // Half a round trip and two ticks at 5 m/s are 0.625 m.
-    let place = |metres: f32| Pose { eye: at(0.0).eye + Vec3::X * metres, ..Pose::default() };
-    replica.set_pose(place(4.3));
+    // The next tick is as far as it looks ahead: a fifth of a metre at 4 m/s.
+    let place = |metres: f32| Pose {
+        eye: at(0.0).eye + Vec3::X * metres,
+        velocity: Vec3::X * 4.0,
+        ..Pose::default()
+    };
+    replica.set_pose(place(4.75));
     assert_eq!(replica.tick(TICK), None);
-    replica.set_pose(place(4.4));
+    replica.set_pose(place(4.85));
     assert_eq!(report(replica.tick(TICK)).0, 3);
     assert_eq!(replica.tick(TICK), None, "the answer is on its way");
     assert_eq!(replica.tick(TICK), None);

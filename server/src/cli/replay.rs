@@ -10,7 +10,7 @@ use std::{
 
 use anyhow::Context;
 use sightline_server::{
-    engine::{Policy, PolicyError},
+    engine::{Policy, PolicyError, Shape, Validity},
     progress::Progress,
     replay::{self, Comparison, Options, OracleStride},
     trace::Trace,
@@ -36,9 +36,13 @@ pub struct Args {
     /// limit that the world has.
     #[arg(long, value_name = "METRES")]
     speed_max: Option<f32>,
-    /// How long a TBV lasts, in milliseconds.
-    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..=60_000))]
-    validity: Option<u32>,
+    /// How long a TBV is made to last: maximal, adaptive, or so many milliseconds.
+    #[arg(long, value_name = "MS", default_value = "maximal")]
+    validity: Validity,
+    /// What bounds a TBV in space: reach (what the body can do, and what portals lead to), or
+    /// sphere (maximum speed times validity, whatever is in between).
+    #[arg(long, default_value = "reach")]
+    shape: Shape,
     /// Only so many seconds of the trace.
     #[arg(long, value_name = "S")]
     seconds: Option<u32>,
@@ -112,9 +116,7 @@ fn options(args: &Args, policy: Policy) -> anyhow::Result<Options> {
         );
         options.config.speed_max = Some(speed_max);
     }
-    if let Some(validity) = args.validity {
-        options.config.validity = Duration::from_millis(validity.into());
-    }
+    (options.config.validity, options.config.shape) = (args.validity, args.shape);
     options.length = args.seconds.map(|seconds| Duration::from_secs(seconds.into()));
     options.oracle = args.oracle;
     Ok(options)

@@ -25,6 +25,8 @@ pub struct Limits {
     pub confines: Confines,
     /// In metres a second.
     pub speed_max: f32,
+    /// Downwards, in metres a second: no less than `speed_max`.
+    pub fall_max: f32,
     /// As in [`Config`](super::Config).
     pub refusals_max: u32,
     /// As in [`Config`](super::Config).
@@ -37,6 +39,8 @@ pub struct Ledger {
     sequence: Option<u32>,
     accepted: Duration,
     unused_m: f64,
+    /// What is left of a speed that the server itself gave it, in metres a second.
+    given: f32,
     refusals: u32,
     first_refusal: Duration,
     last_refusal: Duration,
@@ -66,6 +70,7 @@ impl Ledger {
             sequence: None,
             accepted: now,
             unused_m: ROUNDING_M,
+            given: 0.0,
             refusals: 0,
             first_refusal: now,
             last_refusal: now,
@@ -73,9 +78,18 @@ impl Ledger {
         }
     }
 
-    /// The client was put somewhere else by the server itself.
-    pub fn relocate(&mut self, now: Duration) {
-        *self = Self { sequence: self.sequence, ..Self::new(now) };
+    /// The client was put somewhere else by the server itself, or pushed: it moves at a velocity now.
+    pub fn relocate(&mut self, now: Duration, velocity: Vec3) {
+        let given = velocity.length();
+        *self = Self { sequence: self.sequence, given, ..Self::new(now) };
+    }
+
+    /// The part of a velocity that its client can have, given what was accepted last.
+    pub fn plausible(&self, velocity: Vec3, limits: &Limits) -> Vec3 {
+        let speed_max = limits.speed_max.max(self.given);
+        let aside = velocity.with_y(velocity.y.max(0.0)).clamp_length_max(speed_max);
+        let fall = velocity.y.clamp(-limits.fall_max.max(speed_max), 0.0);
+        aside + Vec3::Y * fall
     }
 
     /// Judges a claim against the last accepted place and, for a hidden client, its TBV.
@@ -92,7 +106,7 @@ impl Ledger {
         }
         self.sequence = Some(sequence);
         let allowed_m = self.allowed_m(now, limits);
-        let way_m = claim.eye.as_dvec3().distance(at.as_dvec3());
+        let way_m = way_m(at, claim.eye, limits);
         let believable = claim.is_finite()
             && limits.confines.contains(claim.eye)
             && way_m <= allowed_m
@@ -104,13 +118,15 @@ impl Ledger {
         self.unused_m = (allowed_m - way_m).min(bunched_m.max(ROUNDING_M));
         self.accepted = now;
         self.refusals = 0;
+        self.given = self.given.min(claim.velocity.length());
         Verdict::Accepted
     }
 
     /// How far the client can have come since its last accepted claim.
     fn allowed_m(&self, now: Duration, limits: &Limits) -> f64 {
         let elapsed = now.saturating_sub(self.accepted).min(SILENCE_MAX);
-        self.unused_m + f64::from(limits.speed_max) * TOLERANCE * elapsed.as_secs_f64()
+        let speed = f64::from(limits.speed_max.max(self.given));
+        self.unused_m + speed * TOLERANCE * elapsed.as_secs_f64()
     }
 
     /// Counts refusals in a row. Those that were on their way when the first correction left
@@ -134,6 +150,15 @@ impl Ledger {
     }
 }
 
+/// How far it is from one place to another, where falls count for less: in metres.
+fn way_m(from: Vec3, to: Vec3, limits: &Limits) -> f64 {
+    let mut way = to.as_dvec3() - from.as_dvec3();
+    if way.y < 0.0 {
+        way.y *= f64::from(limits.speed_max / limits.fall_max.max(limits.speed_max));
+    }
+    way.length()
+}
+
 /// Whether an eye can be somewhere by what its TBV says; one that has expired goes on growing.
 fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &Limits) -> bool {
     let beyond = now.saturating_sub(tbv.expiry).as_secs_f64() * f64::from(limits.speed_max);
@@ -153,6 +178,7 @@ mod tests {
             bounds: Aabb::new(Vec3::splat(-1_000.0), Vec3::splat(1_000.0)),
         },
         speed_max: 2.0,
+        fall_max: 2.0,
         refusals_max: 20,
         refusal_window: Duration::from_secs(5),
     };
@@ -261,6 +287,31 @@ mod tests {
         let small = Tbv::sphere(start, 2.0, ms(3_000), ms(100));
         let got = ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS);
         assert_eq!(got, Verdict::Refused { correct: true });
+    }
+
+    #[test]
+    fn who_was_pushed_coasts_and_who_falls_falls() {
+        let limits = Limits { fall_max: 20.0, ..LIMITS };
+        let pose = |x: f32, y: f32, velocity: f32| Pose {
+            eye: Vec3::new(x, y, 0.0),
+            velocity: Vec3::X * velocity,
+            ..Pose::default()
+        };
+        let mut ledger = Ledger::new(ms(0));
+        ledger.relocate(ms(0), Vec3::X * 10.0);
+        let mut judge = |t, sequence, claim: Pose, at: Pose| {
+            let verdict = ledger.judge(ms(t), (sequence, &claim), (at.eye, None), RTT, &limits);
+            verdict == Verdict::Accepted
+        };
+        assert!(judge(100, 1, pose(1.0, 0.0, 8.0), pose(0.0, 0.0, 10.0)));
+        assert!(!judge(200, 2, pose(2.3, 0.0, 8.0), pose(1.0, 0.0, 8.0)), "it was 8 m/s by now");
+        assert!(judge(300, 3, pose(2.0, -4.0, 1.0), pose(1.0, 0.0, 8.0)), "down at 20 m/s");
+        assert!(
+            !judge(400, 4, pose(2.8, -4.0, 8.0), pose(2.0, -4.0, 1.0)),
+            "what was lost is lost"
+        );
+        let claimed = Vec3::new(9.0, -50.0, 0.0);
+        assert_eq!(ledger.plausible(claimed, &limits), Vec3::new(2.0, -20.0, 0.0));
     }
 
     #[test]

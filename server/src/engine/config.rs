@@ -10,8 +10,12 @@ pub struct Config {
     /// How often [`Engine::tick`](super::Engine::tick) is called, and how often a live client
     /// reports.
     pub tick: Duration,
-    /// How long a TBV is sure to contain its avatar.
-    pub validity: Duration,
+    /// How long a TBV is made to last.
+    pub validity: Validity,
+    /// No TBV lasts longer.
+    pub validity_max: Duration,
+    /// What bounds a TBV in space.
+    pub shape: Shape,
     /// What a message may take longer than half of its client's measured round trip.
     pub margin: Duration,
     /// A client that takes longer than this for a round trip, or falls silent for longer while
@@ -21,6 +25,20 @@ pub struct Config {
     pub round_trip_initial: Duration,
     /// Faster than this no avatar moves, in metres a second; the world's own limit when `None`.
     pub speed_max: Option<f32>,
+    /// Where a live avatar can be is worked out with so much to spare on each side, in metres, so
+    /// that it lasts for a few ticks.
+    pub spare_m: f32,
+    /// What all looks from regions to regions may cost in a tick, in units of
+    /// [`Occluders::between`](sightline_shared::shaft::Occluders::between): 100,000 take one to
+    /// five milliseconds.
+    pub look_budget: u32,
+    /// The same, to find out who can be silent.
+    pub silence_budget: u32,
+    /// What one look may cost.
+    pub look_max: u32,
+    /// A viewer that has been told of an avatar keeps it for so many ticks at least, so that nobody
+    /// flickers at a door post.
+    pub hold_ticks: u32,
     /// How long after a TBV was found to be in view the next one is tried.
     pub silence_retry: Duration,
     /// A live client that is silent for so long is asked.
@@ -67,11 +85,18 @@ impl Default for Config {
         Self {
             policy: Policy::Tbv,
             tick: Duration::from_millis(50),
-            validity: Duration::from_millis(1_000),
+            validity: Validity::Maximal,
+            validity_max: Duration::from_secs(8),
+            shape: Shape::Reach,
             margin: Duration::from_millis(25),
             horizon_max: Duration::from_millis(400),
             round_trip_initial: Duration::from_millis(100),
             speed_max: None,
+            spare_m: 0.125,
+            look_budget: 150_000,
+            silence_budget: 60_000,
+            look_max: 10_000,
+            hold_ticks: 4,
             silence_retry: Duration::from_millis(200),
             stall: Duration::from_secs(1),
             ask_timeout: Duration::from_secs(1),
@@ -138,6 +163,74 @@ impl fmt::Display for Policy {
             Self::Room { doors } => write!(f, "room:{doors}"),
             Self::Pvs => f.write_str("pvs"),
             Self::Tbv => f.write_str("tbv"),
+        }
+    }
+}
+
+/// How long a TBV is made to last. (Sudarsky and Gotsman, section 3.2.)
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Validity {
+    /// Always so long.
+    Constant(Duration),
+    /// Half as long again after each that expired, half as long after each that was revealed.
+    Adaptive,
+    /// As long as it stays unseen by all that is known now: found by doubling, then bisection.
+    Maximal,
+}
+
+impl Validity {
+    /// The longest that there can be.
+    pub fn max(self, limit: Duration) -> Duration {
+        if let Self::Constant(validity) = self { validity } else { limit }
+    }
+}
+
+impl fmt::Display for Validity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Constant(validity) => write!(f, "{} ms", validity.as_millis()),
+            Self::Adaptive => f.write_str("adaptive"),
+            Self::Maximal => f.write_str("maximal"),
+        }
+    }
+}
+
+impl FromStr for Validity {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match (text, text.parse()) {
+            ("adaptive", _) => Ok(Self::Adaptive),
+            ("maximal", _) => Ok(Self::Maximal),
+            (_, Ok(ms @ 1..=60_000)) => Ok(Self::Constant(Duration::from_millis(ms))),
+            _ => Err("use adaptive, maximal, or milliseconds from 1 to 60000"),
+        }
+    }
+}
+
+/// What bounds a TBV in space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// How fast a body can be, whatever is in between: a sphere of maximum speed times validity.
+    Sphere,
+    /// What a body can do from its present velocity, and what portals lead to on ways so long.
+    Reach,
+}
+
+impl fmt::Display for Shape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if *self == Self::Sphere { "sphere" } else { "reach" })
+    }
+}
+
+impl FromStr for Shape {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "sphere" => Ok(Self::Sphere),
+            "reach" => Ok(Self::Reach),
+            _ => Err("use sphere or reach"),
         }
     }
 }

@@ -1,24 +1,27 @@
 //! How far ahead visibility is decided, and why that is far enough.
 //!
 //! Words: `T` is the time between two ticks, `u` and `d` a client's one-way delay to and from the
-//! server (half of its round trip), `age` the time since its last report came in, and a *ball* is
-//! where an eye can be in some time at maximum speed: what portals lead to of a sphere about the
-//! last reported place, since no eye passes through walls ([`Reach`](super::reach::Reach)). What is sent at the tick at `t` stands at
-//! viewer `V` from `t + d(V)` until what is sent at the next tick stands there, at `t + T + d(V)`.
+//! server (half of its round trip), `age` the time since its last report came in, and a *region* is
+//! where an eye can be in some time by what its body can do
+//! ([`Agility`](sightline_shared::motion::Agility)) and by what portals lead to, since no eye passes
+//! through walls ([`Reach`](super::reach::Reach)). What is sent at the tick at `t` stands at viewer
+//! `V` from `t + d(V)` until what is sent at the next tick stands there, at `t + T + d(V)`.
 //!
 //! **A live avatar seen by a live viewer.** At `t` the last report of either was made at
-//! `t - age - u`. Until `t + T + d(V)` it gets no further than a ball of `age + u + T + d(V)`. The
-//! engine tests the cells that the avatar's ball meets, grown by its body, against the PVS of all
-//! cells that the viewer's ball meets ([`Horizons::near_m`]). The PVS is never too small, so an
-//! avatar that fails the test has no part in sight before the next tick's word stands.
+//! `t - age - u`. Until `t + T + d(V)` either stays in its region for `age + u + T + d(V)`. The
+//! engine tests the region of the avatar's body against that of the viewer's eye
+//! ([`Horizons::near`]): first their cells by the PVS, then the boxes around them by
+//! shafts. Neither ever says *hidden* of what has a free line, so an avatar that fails the
+//! test has no part in sight before the next tick's word stands. Delays are rounded up to
+//! steps of [`DELAY_STEP`], so that a region serves many viewers.
 //!
 //! **A hidden avatar and a live one.** Hidden `Q` is in its TBV, whatever it does. When at the tick
 //! at `t` the engine finds that TBV in view, `Q` is asked, its answer is there by the tick at
 //! `t + 2u(Q) + T` at the latest, and what that tick sends stands by `t + 2u(Q) + T + d(V)`. What
 //! the tick at `t` finds not in view must therefore stay out of view until
-//! `t + T + 2u(Q) + T + d(V)`, when the word of the next tick's find stands: the live one's ball is
-//! that of `age + u + 2T + 2u(Q) + d(V)`, for the slowest `Q` and `V` present
-//! ([`Horizons::far_m`]). The same holds with the parts exchanged: `Q` as the viewer is told of a
+//! `t + T + 2u(Q) + T + d(V)`, when the word of the next tick's find stands: the live one's region is
+//! that for `age + u + 2T + 2u(Q) + d(V)`, for the slowest `Q` and `V` present
+//! ([`Horizons::far`]). The same holds with the parts exchanged: `Q` as the viewer is told of a
 //! live avatar in time.
 //!
 //! **Two hidden avatars.** When the second fell silent its TBV was tested against the first's, both
@@ -36,52 +39,66 @@
 //! All this holds for clients whose round trip and silence are within
 //! [`Config::horizon_max`](super::Config::horizon_max) and whose messages take no longer than the
 //! margin beyond half the measured round trip; slower ones are treated as if they were so fast. It
-//! holds for bodies inside the world's bounds.
+//! holds for bodies inside the world's bounds that do what bodies can: after an impulse, what it
+//! changes may be told late by the time that its announcement takes.
 
 use std::{collections::BTreeMap, time::Duration};
 
 use super::Config;
 
-/// Places are rounded on the wire and in sums, in metres.
-const ROUNDING_M: f32 = 0.01;
+/// Delays to viewers are rounded up to a multiple of this.
+const DELAY_STEP: Duration = Duration::from_millis(25);
+/// One slow client that is silent widens what all live ones reveal, so slow ones are not.
+pub(super) const SILENT_MAX: Duration = Duration::from_secs(1);
 
 /// The times above, for everyone present.
 #[derive(Clone, Debug)]
 pub(super) struct Horizons {
-    speed_max: f32,
     tick: Duration,
     margin: Duration,
     cap: Duration,
-    validity: Duration,
+    /// No client that needs a longer TBV to be silent is silenced.
+    silent_max: Duration,
     /// How many clients have each round trip.
     round_trips: BTreeMap<Duration, usize>,
+    /// How many have each delay.
+    delays: BTreeMap<Duration, usize>,
 }
 
 impl Horizons {
-    pub(super) fn new(config: &Config, speed_max: f32) -> Self {
+    pub(super) fn new(config: &Config) -> Self {
         Self {
-            speed_max,
             tick: config.tick,
             margin: config.margin,
             cap: config.horizon_max,
-            validity: config.validity,
+            silent_max: config.validity.max(config.validity_max).min(SILENT_MAX),
             round_trips: BTreeMap::new(),
+            delays: BTreeMap::new(),
         }
     }
 
     /// Takes in the round trip of one client more.
     pub(super) fn add(&mut self, round_trip: Duration) {
         *self.round_trips.entry(round_trip).or_insert(0) += 1;
+        *self.delays.entry(self.delay(round_trip)).or_insert(0) += 1;
     }
 
     /// Forgets a round trip that was taken in.
     pub(super) fn remove(&mut self, round_trip: Duration) {
-        if let Some(count) = self.round_trips.get_mut(&round_trip) {
-            *count -= 1;
-            if *count == 0 {
-                self.round_trips.remove(&round_trip);
+        let delay = self.delay(round_trip);
+        for (counts, key) in [(&mut self.round_trips, round_trip), (&mut self.delays, delay)] {
+            if let Some(count) = counts.get_mut(&key) {
+                *count -= 1;
+                if *count == 0 {
+                    counts.remove(&key);
+                }
             }
         }
+    }
+
+    /// Each [`Horizons::delay`] that some client has, ascending.
+    pub(super) fn delays(&self) -> impl Iterator<Item = Duration> + '_ {
+        self.delays.keys().copied()
     }
 
     /// How long a message to a client takes.
@@ -94,16 +111,22 @@ impl Horizons {
         self.round_trips.last_key_value().map_or(Duration::ZERO, |(trip, _)| self.one_way(*trip))
     }
 
-    /// How far a live avatar can get from its last reported place until the next tick's word
-    /// stands at a viewer with that one-way delay, in metres.
-    pub(super) fn near_m(&self, age: Duration, round_trip: Duration, one_way: Duration) -> f32 {
-        self.way_m(self.unheard(age, round_trip) + self.tick + one_way)
+    /// The same, rounded up to a step that many viewers share.
+    pub(super) fn delay(&self, round_trip: Duration) -> Duration {
+        let steps = self.one_way(round_trip).as_nanos().div_ceil(DELAY_STEP.as_nanos());
+        DELAY_STEP * u32::try_from(steps).unwrap_or(u32::MAX)
+    }
+
+    /// How long after its last report was made a live avatar's region must hold for the next
+    /// tick's word to stand at a viewer with that delay.
+    pub(super) fn near(&self, age: Duration, round_trip: Duration, delay: Duration) -> Duration {
+        self.unheard(age, round_trip) + self.tick + delay
     }
 
     /// The same, until a hidden avatar that it reveals can be told of, or told.
-    pub(super) fn far_m(&self, age: Duration, round_trip: Duration) -> f32 {
+    pub(super) fn far(&self, age: Duration, round_trip: Duration) -> Duration {
         let answer = self.unheard(age, round_trip) + 2 * self.tick + self.round_trip_silent_max();
-        self.way_m(answer + self.one_way_max())
+        answer + self.one_way_max()
     }
 
     /// When a report that came in at a moment was made, at the latest and at the earliest alike.
@@ -119,7 +142,7 @@ impl Horizons {
     /// Whether a client answers fast enough to be silent in between, for two ticks at least.
     pub(super) fn may_be_silent(&self, round_trip: Duration) -> bool {
         let made = self.one_way(round_trip) + self.margin;
-        round_trip <= self.cap && made + self.lead(round_trip) + 2 * self.tick <= self.validity
+        round_trip <= self.cap && made + self.lead(round_trip) + 2 * self.tick <= self.silent_max
     }
 
     fn round_trip_silent_max(&self) -> Duration {
@@ -129,10 +152,6 @@ impl Horizons {
 
     fn unheard(&self, age: Duration, round_trip: Duration) -> Duration {
         (age + self.one_way(round_trip) + self.margin).min(self.cap)
-    }
-
-    fn way_m(&self, time: Duration) -> f32 {
-        self.speed_max * time.as_secs_f32() + ROUNDING_M
     }
 }
 
@@ -146,21 +165,17 @@ mod tests {
 
     fn horizons(round_trips: &[u64]) -> Horizons {
         let config = Config { margin: ms(10), ..Config::default() };
-        let mut horizons = Horizons::new(&config, 10.0);
+        let mut horizons = Horizons::new(&config);
         round_trips.iter().for_each(|trip| horizons.add(ms(*trip)));
         horizons
-    }
-
-    #[track_caller]
-    fn check(metres: f32, time_ms: u64) {
-        assert!((metres - ROUNDING_M - time_ms as f32 / 100.0).abs() < 1e-4, "{metres}");
     }
 
     #[test]
     fn each_delay_counts_once() {
         let two = horizons(&[100, 60]);
-        check(two.near_m(ms(20), ms(60), ms(50)), 20 + 30 + 10 + 50 + 50);
-        check(two.far_m(ms(20), ms(60)), 20 + 30 + 10 + 100 + 100 + 50);
+        assert_eq!(two.near(ms(20), ms(60), ms(50)), ms(20 + 30 + 10 + 50 + 50));
+        assert_eq!(two.far(ms(20), ms(60)), ms(20 + 30 + 10 + 100 + 100 + 50));
+        assert_eq!(two.delays().collect::<Vec<_>>(), [ms(50)]);
         assert_eq!(two.lead(ms(60)), ms(120 + 50 + 100 + 10));
     }
 
@@ -169,9 +184,9 @@ mod tests {
         let mut all = horizons(&[100, 100, 390]);
         assert!(!all.may_be_silent(ms(390)));
         assert!(all.may_be_silent(ms(100)));
-        check(all.far_m(ms(0), ms(100)), 50 + 10 + 100 + 100 + 195);
+        assert_eq!(all.far(ms(0), ms(100)), ms(50 + 10 + 100 + 100 + 195));
         all.remove(ms(390));
-        check(all.far_m(ms(0), ms(100)), 50 + 10 + 100 + 100 + 50);
+        assert_eq!(all.far(ms(0), ms(100)), ms(50 + 10 + 100 + 100 + 50));
         all.remove(ms(100));
         assert_eq!(all.one_way_max(), ms(50));
     }
@@ -179,7 +194,7 @@ mod tests {
     #[test]
     fn beyond_the_cap_nothing_grows() {
         let slow = horizons(&[10_000]);
-        check(slow.near_m(ms(60_000), ms(10_000), slow.one_way_max()), 400 + 50 + 200);
+        assert_eq!(slow.near(ms(60_000), ms(10_000), slow.delay(ms(10_000))), ms(400 + 50 + 200));
         assert!(!slow.may_be_silent(ms(10_000)));
     }
 }

@@ -29,11 +29,16 @@
 //! ```
 
 mod authority;
+mod bits;
 mod config;
 mod expiry;
 mod horizon;
 mod interest;
+mod looks;
 mod messages;
+mod near;
+mod pairs;
+mod parts;
 mod places;
 mod population;
 mod presence;
@@ -41,25 +46,30 @@ mod reach;
 mod silence;
 #[cfg(test)]
 mod tests;
+mod validity;
 mod zones;
 
 use std::{sync::Arc, time::Duration};
 
 use sightline_shared::{
-    motion::{AvatarId, Pose, Tbv},
+    motion::{Agility, AvatarId, Pose, Tbv},
+    shaft::Occluders,
     world::World,
 };
 
-pub use config::{Config, Policy, PolicyError, Sabotage};
+pub use config::{Config, Policy, PolicyError, Sabotage, Shape, Validity};
 pub use messages::{Input, Output};
 pub use population::ClientState;
 
 use authority::Limits;
 use expiry::ExpiryQueue;
 use horizon::Horizons;
+use looks::Shafts;
+use near::Moves;
 use places::Places;
 use population::{Population, Slot};
-use zones::{CellIndex, ZoneIndex};
+use reach::Scratch;
+use zones::{PlaceIndex, Sectors, ZoneIndex};
 
 /// Decides who is told what and who is asked when.
 #[derive(Clone, Debug)]
@@ -70,8 +80,12 @@ pub struct Engine {
     horizons: Horizons,
     population: Population,
     places: Places,
-    /// Where the bodies of live avatars can be until the next tick's word stands.
-    near: CellIndex,
+    agility: Agility,
+    /// Where the eyes of live avatars can be until the next tick's word stands.
+    near_eyes: PlaceIndex,
+    /// Likewise, their bodies.
+    near_bodies: PlaceIndex,
+    sectors: Sectors,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
     live_zones: ZoneIndex,
     /// The TBVs of quiet and asked avatars.
@@ -85,6 +99,10 @@ pub struct Engine {
     ticks: u32,
     joined: usize,
     stats: Stats,
+    scratch: Scratch,
+    shafts: Shafts,
+    /// What is left of this tick's [`Config::silence_budget`].
+    silence_left: u32,
 }
 
 /// How often what happened, since the start.
@@ -98,6 +116,8 @@ pub struct Stats {
     pub repeats: u64,
     /// Reports accepted.
     pub reports: u64,
+    /// Of these, those of bodies that had moved as no body can by itself: pushed, or thrown.
+    pub impulses: u64,
     /// Reports refused.
     pub refusals: u64,
     /// Clients dropped.
@@ -120,25 +140,34 @@ impl Engine {
     pub fn new(world: Arc<World>, config: Config) -> Self {
         let speed_max = config.speed_max.unwrap_or(world.speed_max);
         let cells = world.cells.cells.len();
+        let sectors = Sectors::new(&world.cells);
+        let agility = Agility::of(&world.body, speed_max);
         Self {
             limits: Limits {
                 confines: world.confines(),
                 speed_max,
+                fall_max: agility.fall_max,
                 refusals_max: config.refusals_max,
                 refusal_window: config.refusal_window,
             },
-            horizons: Horizons::new(&config, speed_max),
+            horizons: Horizons::new(&config),
+            agility,
             population: Population::default(),
             places: Places::new(config.policy, &world),
-            near: CellIndex::new(cells),
-            live_zones: ZoneIndex::new(cells),
-            hidden_zones: ZoneIndex::new(cells),
+            near_eyes: PlaceIndex::new(cells),
+            near_bodies: PlaceIndex::new(cells),
+            live_zones: ZoneIndex::new(sectors.len()),
+            hidden_zones: ZoneIndex::new(sectors.len()),
+            sectors,
             expiries: ExpiryQueue::new(config.tick),
             patience: ExpiryQueue::new(config.tick),
             pending: Vec::new(),
             ticks: 0,
             joined: 0,
             stats: Stats::default(),
+            scratch: Scratch::default(),
+            silence_left: 0,
+            shafts: Shafts::new(Arc::new(Occluders::new(&world))),
             world,
             config,
         }
@@ -163,6 +192,7 @@ impl Engine {
     /// client is to be told: orders and corrections first, then what each viewer sees, by id.
     pub fn tick(&mut self, now: Duration, outputs: &mut Vec<Output>) {
         self.ticks = self.ticks.wrapping_add(1);
+        self.silence_left = self.config.silence_budget;
         outputs.append(&mut self.pending);
         self.expire(now, outputs);
         outputs.append(&mut self.pending);
@@ -171,15 +201,19 @@ impl Engine {
             live.iter().for_each(|slot| self.reveal(now, *slot, outputs));
         }
         if self.config.policy.uses_cells() {
-            live.iter().for_each(|slot| self.place_near(now, *slot));
+            let delays: Vec<Duration> = self.horizons.delays().collect();
+            let mut moves = Moves::default();
+            live.iter().for_each(|slot| self.place_near(now, *slot, &delays, &mut moves));
+            self.pair(&moves);
+            self.look(now, &live);
         }
-        live.iter().for_each(|slot| self.tell(now, *slot, outputs));
+        live.iter().for_each(|slot| self.tell(*slot, outputs));
         live.iter().for_each(|slot| self.settle(now, *slot, outputs));
     }
 
     /// Those that a viewer's client has been told of, by id.
     pub fn held_by(&self, viewer: AvatarId) -> impl Iterator<Item = AvatarId> + '_ {
-        self.population.find(viewer).into_iter().flat_map(|v| v.held.iter().map(|h| h.id))
+        self.population.held_by(viewer)
     }
 
     /// What an avatar's client does; `None` when there is no such avatar.
@@ -229,8 +263,13 @@ impl Engine {
         &self.world
     }
 
+    /// What every body is believed to be able to do.
+    pub fn agility(&self) -> Agility {
+        self.agility
+    }
+
     /// No avatar is believed to move faster, in metres a second.
     pub fn speed_max(&self) -> f32 {
-        self.limits.speed_max
+        self.agility.speed_max
     }
 }

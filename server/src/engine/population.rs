@@ -2,14 +2,18 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use glam::Vec3;
-use roaring::RoaringBitmap;
 use sightline_shared::{
+    geometry::Aabb,
     motion::{AvatarId, Pose, Tbv},
-    world::CellId,
 };
 
-use super::{authority::Ledger, places::Place, zones::Zone};
+use super::{
+    authority::Ledger,
+    near::Near,
+    pairs::Pair,
+    places::Place,
+    zones::{Member, Zone},
+};
 
 /// Where an avatar is kept; free again when it has left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -59,36 +63,22 @@ pub(super) struct Avatar {
     pub(super) silence_from: Duration,
     /// Where it can be, as the index of live or of hidden zones has it.
     pub(super) zone: Zone,
-    /// The place and the radius of the ball that `zone` was made for; `None` while hidden.
-    pub(super) zone_ball: Option<(Vec3, f32)>,
+    /// What `zone` was made for, in own axes; `None` while hidden.
+    pub(super) zone_box: Option<Aabb>,
+    /// Who kept it from falling silent the last time.
+    pub(super) seen_by: Option<Member>,
+    /// How long its TBV was made to last the last time.
+    pub(super) validity: Duration,
+    /// When its last report was made, if it is hidden: when its TBV begins.
+    pub(super) hidden_from: Duration,
     /// Where it can be until the next tick's word stands; empty while hidden.
     pub(super) near: Near,
     /// Where policies that divide the world take it to be.
     pub(super) place: Place,
-    /// Whom its client has been told of, by id.
-    pub(super) held: Vec<Held>,
+    /// Whom it has to do with as a viewer, by id.
+    pub(super) pairs: Vec<Pair>,
     /// How many clients have been told of it.
     pub(super) watchers: u32,
-}
-
-/// The cells of a live avatar's small balls.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Near {
-    /// Those that its eye can be in, ascending.
-    pub(super) eyes: Vec<CellId>,
-    /// Those that are visible from there.
-    pub(super) visible: RoaringBitmap,
-    /// Those that its body can touch, ascending.
-    pub(super) bodies: Vec<CellId>,
-}
-
-/// What a client knows about an avatar.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Held {
-    pub(super) id: AvatarId,
-    pub(super) slot: Slot,
-    /// The [`Avatar::version`] that was sent last.
-    pub(super) version: u32,
 }
 
 /// All avatars.
@@ -121,6 +111,12 @@ impl Population {
     /// As [`Population::at`].
     pub(super) fn at_mut(&mut self, slot: Slot) -> &mut Avatar {
         self.slots[slot.0 as usize].as_mut().expect("an index holds only slots in use")
+    }
+
+    /// Whom an avatar's client has been told of, by id.
+    pub(super) fn held_by(&self, id: AvatarId) -> impl Iterator<Item = AvatarId> + '_ {
+        let pairs = self.find(id).into_iter().flat_map(|viewer| &viewer.pairs);
+        pairs.filter(|pair| pair.is_held).map(|pair| pair.id)
     }
 
     /// Everyone, by id.

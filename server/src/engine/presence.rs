@@ -8,8 +8,10 @@ use sightline_shared::motion::{AvatarId, Pose};
 use super::{
     ClientState, Engine, Output,
     authority::{Ledger, Verdict},
+    near::Near,
     places::Place,
-    population::{Avatar, Near, Slot},
+    population::{Avatar, Slot},
+    validity::FIRST,
     zones::Zone,
 };
 
@@ -45,10 +47,13 @@ impl Engine {
             told_quiet: false,
             silence_from: now,
             zone: Zone::default(),
-            zone_ball: None,
+            zone_box: None,
+            seen_by: None,
+            validity: self.config.validity.max(FIRST),
+            hidden_from: now,
             near: Near::default(),
             place: self.places.place(&self.world, Place::None, pose.eye),
-            held: Vec::new(),
+            pairs: Vec::new(),
             watchers: 0,
         });
         self.wait(now, id, self.config.stall);
@@ -73,7 +78,7 @@ impl Engine {
     /// Takes an avatar out; those who held it are told at the next tick.
     pub(super) fn remove(&mut self, id: AvatarId) {
         let Some(slot) = self.population.slot(id) else { return };
-        self.forget_near(slot);
+        self.part(slot);
         self.expiries.cancel(id);
         self.patience.cancel(id);
         let Some((slot, gone)) = self.population.remove(id) else { return };
@@ -82,18 +87,8 @@ impl Engine {
             ClientState::Live => self.live_zones.remove((id, slot), &gone.zone),
             _ => self.hidden_zones.remove((id, slot), &gone.zone),
         }
-        for held in &gone.held {
-            self.population.at_mut(held.slot).watchers -= 1;
-        }
-        if gone.watchers == 0 {
-            return;
-        }
-        for viewer in self.population.live().collect::<Vec<_>>() {
-            let viewer = self.population.at_mut(viewer);
-            if let Ok(place) = viewer.held.binary_search_by_key(&id, |h| h.id) {
-                viewer.held.remove(place);
-                self.pending.push(Output::Vanish { to: viewer.id, avatar: id });
-            }
+        for pair in gone.pairs.iter().filter(|pair| pair.is_held) {
+            self.population.at_mut(pair.slot).watchers -= 1;
         }
     }
 
@@ -124,9 +119,9 @@ impl Engine {
 
     /// Moves an avatar to a place that it is sure to be at.
     pub(super) fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
-        let speed_max = self.limits.speed_max;
         let avatar = self.population.at_mut(slot);
-        avatar.pose = Pose { velocity: pose.velocity.clamp_length_max(speed_max), ..pose };
+        let velocity = avatar.ledger.plausible(pose.velocity, &self.limits);
+        avatar.pose = Pose { velocity, ..pose };
         avatar.version = avatar.version.wrapping_add(1);
         avatar.place = self.places.place(&self.world, avatar.place, pose.eye);
         avatar.heard = now;
@@ -144,7 +139,9 @@ impl Engine {
             return;
         }
         let avatar = self.population.at_mut(slot);
-        avatar.ledger.relocate(now);
+        avatar.ledger.relocate(now, pose.velocity);
+        self.stats.impulses += 1;
+        let avatar = self.population.at_mut(slot);
         if avatar.state != ClientState::Live {
             self.wake(now, slot);
         }
@@ -164,8 +161,10 @@ impl Engine {
             return;
         }
         let text: String = text.chars().take(self.config.chat_chars_max).collect();
-        let hears =
-            |a: &Avatar| a.id == from || a.held.binary_search_by_key(&from, |held| held.id).is_ok();
+        let hears = |a: &Avatar| {
+            let pair = a.pairs.binary_search_by_key(&from, |pair| pair.id);
+            a.id == from || pair.is_ok_and(|place| a.pairs[place].is_held)
+        };
         for (to, slot) in self.population.all() {
             if hears(self.population.at(slot)) {
                 self.pending.push(Output::Chat { to, from, text: text.clone() });

@@ -1,12 +1,15 @@
-//! Where a body can get to: a ball, less what lies behind walls.
+//! Where a body can get to: what portals lead to, as far as it comes.
+
+use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::Vec3;
-use roaring::RoaringBitmap;
 use sightline_shared::{
     geometry::Aabb,
     motion::Body,
     world::{CellId, Cells, Polygon},
 };
+
+use super::parts::Parts;
 
 /// A reported eye can be so far on the other side of a boundary by rounding, in metres.
 const ROUNDING_M: f32 = 0.004;
@@ -15,45 +18,137 @@ const ROUNDING_M: f32 = 0.004;
 /// comes from elsewhere is rounded. Walls are thicker, so that what is inside them is not in sight.
 const POKE_M: f32 = 0.06;
 
-/// The parts of cells, in own axes, that an eye can get to: those it comes to through portals within
-/// a ball.
+/// The parts of cells, in own axes, that an eye can get to: those it comes to through portals.
 ///
-/// What makes cells is opaque and solid, so whoever gets from one cell into another without
-/// leaving the ball goes through portals that the ball meets. Bodies stick out of the cells that
-/// their eyes can get to, where there are portals; elsewhere they stop at the wall, but for
-/// [`POKE_M`].
-#[derive(Clone, Debug, PartialEq)]
+/// What makes cells is opaque and solid, so whoever gets from one cell into another goes through
+/// portals. A way through a sequence of portals is at least as long as the gaps between the boxes
+/// around each two of them: what is left of the way after the last one bounds what is reached of
+/// the cell behind it. Bodies stick out of the cells that their eyes can get to, where there are
+/// portals; elsewhere they stop at the wall, but for [`POKE_M`].
+#[derive(Clone, Debug, PartialEq, Default)]
 pub(super) struct Reach {
     /// By cell, ascending.
     pieces: Vec<(CellId, Aabb)>,
 }
 
-impl Reach {
-    /// Where an eye that was at a place can be when it has come no further than `way_m`.
-    pub(super) fn new(cells: &Cells, from: Vec3, way_m: f32) -> Self {
-        let from = cells.axes.own(from);
-        let ball = Aabb::around(from, way_m).intersection(&cells.bounds);
-        let piece = |cell: CellId| cells.cells[cell.0 as usize].bounds.intersection(&ball);
-        let mut open = Vec::new();
-        cells.overlapping(&Aabb::around(from, ROUNDING_M.min(way_m)), &mut open);
-        if open.is_empty() {
-            open.extend(cells.near_own(from));
+/// What a search for a reach needs memory for: 8 bytes for each portal and each cell.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    search: u32,
+    /// For each portal, the search that came to it last, and the shortest way to it.
+    portals: Vec<(u32, f32)>,
+    /// For each cell, the search that came to it last, and its place among the pieces.
+    cells: Vec<(u32, u32)>,
+    /// Portals that were come to, nearest first. Ways are never negative, so that their bits are
+    /// in order.
+    waiting: BinaryHeap<Reverse<(u32, u32)>>,
+    start: Vec<CellId>,
+}
+
+impl Scratch {
+    fn begin(&mut self, cells: &Cells) {
+        self.portals.resize(cells.portals.len(), (0, 0.0));
+        self.cells.resize(cells.cells.len(), (0, 0));
+        self.search = self.search.wrapping_add(1);
+        if self.search == 0 {
+            self.portals.fill((0, 0.0));
+            self.cells.fill((0, 0));
+            self.search = 1;
         }
-        let mut pieces: Vec<_> = open.iter().map(|cell| (*cell, piece(*cell))).collect();
-        while let Some(cell) = open.pop() {
-            for portal in &cells.cells[cell.0 as usize].portals {
-                let portal = &cells.portals[*portal as usize];
-                let [lesser, greater] = portal.cells;
-                let beyond = if lesser == cell { greater } else { lesser };
-                if let Err(place) = pieces.binary_search_by_key(&beyond, |(cell, _)| *cell)
-                    && is_within(&portal.polygon.bounds(), from, way_m)
-                {
-                    pieces.insert(place, (beyond, piece(beyond)));
-                    open.push(beyond);
-                }
+        self.waiting.clear();
+        self.start.clear();
+    }
+
+    /// Whether this is a shorter way to a portal than any so far.
+    fn is_nearer(&mut self, portal: u32, way_m: f32) -> bool {
+        let known = &mut self.portals[portal as usize];
+        let is_nearer = known.0 != self.search || way_m < known.1;
+        if is_nearer {
+            *known = (self.search, way_m);
+        }
+        is_nearer
+    }
+}
+
+impl Reach {
+    /// Where an eye that was at a place in own axes can be when it has stayed in a box and come no
+    /// further than `way_m`.
+    pub(super) fn new(
+        scratch: &mut Scratch,
+        cells: &Cells,
+        from: Vec3,
+        within: &Aabb,
+        way_m: f32,
+    ) -> Self {
+        scratch.begin(cells);
+        let mut reach = Self { pieces: Vec::new() };
+        let within = within.intersection(&cells.bounds);
+        cells.overlapping(&Aabb::around(from, ROUNDING_M.min(way_m)), &mut scratch.start);
+        if scratch.start.is_empty() {
+            scratch.start.extend(cells.near_own(from));
+        }
+        for cell in std::mem::take(&mut scratch.start) {
+            // An eye in a wall counts as if it were where the cell begins.
+            let bounds = &cells.cells[cell.0 as usize].bounds;
+            let place = from.clamp(bounds.min, bounds.max);
+            let place = Aabb::new(place, place);
+            reach.enter(scratch, cells, cell, &place, &within, way_m);
+            reach.go_on(scratch, cells, cell, (&place, 0.0), (&within, way_m));
+        }
+        while let Some(Reverse((bits, portal))) = scratch.waiting.pop() {
+            let come_m = f32::from_bits(bits);
+            if scratch.portals[portal as usize].1 < come_m {
+                continue;
+            }
+            let gap = cells.portals[portal as usize].polygon.bounds();
+            for cell in cells.portals[portal as usize].cells {
+                reach.enter(scratch, cells, cell, &gap, &within, way_m - come_m);
+                reach.go_on(scratch, cells, cell, (&gap, come_m), (&within, way_m));
             }
         }
-        Self { pieces }
+        reach.pieces.sort_unstable_by_key(|(cell, _)| *cell);
+        reach
+    }
+
+    /// Adds what is reached of a cell from somewhere on its boundary, or in it.
+    fn enter(
+        &mut self,
+        scratch: &mut Scratch,
+        cells: &Cells,
+        cell: CellId,
+        from: &Aabb,
+        within: &Aabb,
+        left_m: f32,
+    ) {
+        let bounds = &cells.cells[cell.0 as usize].bounds;
+        let piece = bounds.intersection(within).intersection(&from.grown(left_m));
+        let known = &mut scratch.cells[cell.0 as usize];
+        if known.0 == scratch.search {
+            let (_, all) = &mut self.pieces[known.1 as usize];
+            *all = all.union(&piece);
+        } else {
+            *known = (scratch.search, self.pieces.len() as u32);
+            self.pieces.push((cell, piece));
+        }
+    }
+
+    /// Goes from somewhere in a cell to its portals.
+    fn go_on(
+        &self,
+        scratch: &mut Scratch,
+        cells: &Cells,
+        cell: CellId,
+        (from, come_m): (&Aabb, f32),
+        (within, way_m): (&Aabb, f32),
+    ) {
+        for portal in &cells.cells[cell.0 as usize].portals {
+            let gap = cells.portals[*portal as usize].polygon.bounds();
+            // Without a limit every way is as good as any other.
+            let come_m = if way_m.is_finite() { come_m + distance(from, &gap) } else { 0.0 };
+            if come_m <= way_m && gap.intersects(within) && scratch.is_nearer(*portal, come_m) {
+                scratch.waiting.push(Reverse((come_m.to_bits(), *portal)));
+            }
+        }
     }
 
     /// The cells that the eye can be in, ascending.
@@ -61,28 +156,37 @@ impl Reach {
         self.pieces.iter().map(|(cell, _)| *cell).collect()
     }
 
-    /// The cells that some part of the body can be in, ascending.
-    pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> Vec<CellId> {
-        let body = &cells.axes.own_body(body);
-        let mut found = Vec::new();
-        for (cell, piece) in &self.pieces {
-            cells.overlapping(&filled(cells, *cell, &body.around_box(piece)), &mut found);
-        }
-        found.sort_unstable();
-        found.dedup();
-        found
+    /// Boxes around every place the eye can be.
+    pub(super) fn eye_parts(&self, cells: &Cells) -> Parts {
+        Parts::covering(by_space(cells, self.pieces.iter().copied()).into_iter())
     }
 
-    /// Whether some part of the body can be in one of some cells.
-    pub(super) fn body_meets(&self, cells: &Cells, body: &Body, some: &RoaringBitmap) -> bool {
+    /// The cells that some part of the body can be in, ascending, and boxes around all its places.
+    pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> (Vec<CellId>, Parts) {
         let body = &cells.axes.own_body(body);
-        let mut found = Vec::new();
-        self.pieces.iter().any(|(cell, piece)| {
-            found.clear();
-            cells.overlapping(&filled(cells, *cell, &body.around_box(piece)), &mut found);
-            found.iter().any(|cell| some.contains(cell.0))
-        })
+        let filled = self.pieces.iter().map(|(cell, piece)| {
+            let filled = filled(cells, *cell, &body.around_box(piece));
+            (*cell, filled)
+        });
+        let (spaces, mut found) = (by_space(cells, filled), Vec::new());
+        spaces.iter().for_each(|filled| cells.overlapping(filled, &mut found));
+        found.sort_unstable();
+        found.dedup();
+        (found, Parts::covering(spaces.into_iter()))
     }
+}
+
+/// A box around what is in each space. The cells of a space follow one another.
+fn by_space(cells: &Cells, pieces: impl Iterator<Item = (CellId, Aabb)>) -> Vec<Aabb> {
+    let mut spaces: Vec<(u32, Aabb)> = Vec::new();
+    for (cell, piece) in pieces {
+        let space = cells.cells[cell.0 as usize].space;
+        match spaces.last_mut() {
+            Some((last, all)) if *last == space => *all = all.union(&piece),
+            _ => spaces.push((space, piece)),
+        }
+    }
+    spaces.into_iter().map(|(_, all)| all).collect()
 }
 
 /// What bodies can fill of a box about eyes in a cell: where the box meets no portal on a side of
@@ -118,10 +222,9 @@ fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
     filled
 }
 
-/// Whether some point of a box is within a distance of a place.
-fn is_within(region: &Aabb, from: Vec3, way_m: f32) -> bool {
-    let nearest = from.clamp(region.min, region.max);
-    nearest.distance_squared(from) <= way_m * way_m
+/// The least distance between points of two boxes, in metres.
+fn distance(a: &Aabb, b: &Aabb) -> f32 {
+    (b.min - a.max).max(a.min - b.max).max(Vec3::ZERO).length()
 }
 
 #[cfg(test)]
@@ -132,19 +235,17 @@ mod tests {
         cells.iter().map(|cell| cell.0).collect()
     }
 
+    fn ball(cells: &Cells, from: Vec3, way_m: f32) -> Reach {
+        Reach::new(&mut Scratch::default(), cells, from, &Aabb::around(from, way_m), way_m)
+    }
+
     #[test]
     fn eyes_go_through_portals_and_bodies_stick_out() {
         let mut world = stage::row(5);
         let from = Vec3::new(18.0, 1.6, 5.0);
         let check = |world: &sightline_shared::world::World, way_m: f32| {
-            let reach = Reach::new(&world.cells, from, way_m);
-            let bodies = reach.bodies(&world.cells, &world.body);
-            for cell in 0..5 {
-                let some = RoaringBitmap::from_iter([cell]);
-                let meets = reach.body_meets(&world.cells, &world.body, &some);
-                assert_eq!(meets, bodies.contains(&CellId(cell)));
-            }
-            (ids(&reach.eyes()), ids(&bodies))
+            let reach = ball(&world.cells, from, way_m);
+            (ids(&reach.eyes()), ids(&reach.bodies(&world.cells, &world.body).0))
         };
         assert_eq!(check(&world, 1.0), (vec![1], vec![1]));
         assert_eq!(check(&world, 1.9), (vec![1], vec![1, 2]));
@@ -160,11 +261,30 @@ mod tests {
     }
 
     #[test]
+    fn a_way_round_two_corners_is_longer_than_the_straight_one() {
+        // Doors at opposite ends of the walls before and behind room 1.
+        let mut world = stage::row(3);
+        for (portal, z) in [(0, [0.0, 1.0]), (1, [9.0, 10.0])] {
+            let Polygon::Rectangle { bounds, .. } = &mut world.cells.portals[portal].polygon else {
+                unreachable!("rooms in a row join in rectangles")
+            };
+            (bounds.min.z, bounds.max.z) = (z[0], z[1]);
+        }
+        let reached = |way_m: f32| {
+            let reach = ball(&world.cells, Vec3::new(9.0, 1.6, 0.5), way_m);
+            reach.pieces.last().map(|(cell, piece)| (cell.0, piece.max.x))
+        };
+        // 1 m to the first door, 12.81 m from the one to the other.
+        assert_eq!(reached(13.8), Some((1, 20.0)));
+        let (cell, x) = reached(15.0).unwrap();
+        assert!(cell == 2 && (x - 21.19).abs() < 0.01, "{cell} {x}");
+    }
+
+    #[test]
     fn an_eye_on_a_boundary_is_on_both_sides() {
         let world = stage::row(3);
-        let reach = |x: f32| ids(&Reach::new(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eyes());
+        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eyes());
         assert_eq!((reach(10.0), reach(9.9), reach(10.1)), (vec![0, 1], vec![0], vec![1]));
-        let near = Reach::new(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01);
-        assert_eq!(ids(&near.eyes()), [0, 1]);
+        assert_eq!(ids(&ball(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01).eyes()), [0, 1]);
     }
 }

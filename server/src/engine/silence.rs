@@ -6,8 +6,10 @@ use sightline_shared::motion::{AvatarId, Tbv};
 
 use super::{
     ClientState, Engine, Output, Policy,
+    horizon::SILENT_MAX,
     population::{Avatar, Slot},
     reach::Reach,
+    validity::{End, Silence},
     zones::{Member, Zone},
 };
 
@@ -20,6 +22,7 @@ impl Engine {
         for id in self.expiries.due(now) {
             if let Some(slot) = self.population.slot(id) {
                 self.stats.expiries += 1;
+                self.ended(now, slot, End::Expired);
                 self.ask(now, slot);
                 outputs.push(Output::Ask { to: id });
             }
@@ -96,21 +99,26 @@ impl Engine {
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
+        let room = self.room(&avatar.pose, self.horizons.far(age, avatar.round_trip));
+        if avatar.zone_box.is_some_and(|spare| spare.contains_box(&room.within)) {
+            return;
+        }
         let id = avatar.id;
-        let (eye, way_m) = (avatar.pose.eye, self.horizons.far_m(age, avatar.round_trip));
-        if avatar.zone_ball.is_some_and(|(at, radius)| eye.distance(at) + way_m <= radius) {
+        let spare = room.within.grown(ZONE_SPARE_M);
+        let cells = &self.world.cells;
+        let reach = Reach::new(&mut self.scratch, cells, room.from, &spare, f32::INFINITY);
+        let zone = Zone::of(&reach, &self.world, &self.sectors);
+        let avatar = self.population.at_mut(slot);
+        avatar.zone_box = Some(spare);
+        if zone == avatar.zone {
             return;
         }
-        let radius = way_m + ZONE_SPARE_M;
-        let zone = Zone::of(&Reach::new(&self.world.cells, eye, radius), &self.world);
-        self.population.at_mut(slot).zone_ball = Some((eye, radius));
-        let old = std::mem::take(&mut self.population.at_mut(slot).zone);
-        if zone == old {
-            self.population.at_mut(slot).zone = old;
-            return;
-        }
+        let old = std::mem::take(&mut avatar.zone);
         let mut found = Vec::new();
-        self.hidden_zones.meeting(&self.world.cells, &zone, &mut found);
+        self.hidden_zones.meeting(&self.sectors, &zone, &mut found);
+        found.sort_unstable();
+        found.dedup();
+        found.retain(|(_, slot)| self.may_see_each_other(&zone, *slot));
         self.live_zones.remove((id, slot), &old);
         self.live_zones.insert((id, slot), &zone);
         self.population.at_mut(slot).zone = zone;
@@ -118,12 +126,11 @@ impl Engine {
     }
 
     /// Orders hidden clients to report from now on.
-    fn ask_to_stay(&mut self, now: Duration, mut found: Vec<Member>, outputs: &mut Vec<Output>) {
-        found.sort_unstable();
-        found.dedup();
+    fn ask_to_stay(&mut self, now: Duration, found: Vec<Member>, outputs: &mut Vec<Output>) {
         for (to, slot) in found {
             if matches!(self.population.at(slot).state, ClientState::Quiet(_)) {
                 self.stats.reveals += 1;
+                self.ended(now, slot, End::Revealed);
                 self.ask(now, slot);
             }
             let avatar = self.population.at_mut(slot);
@@ -136,13 +143,11 @@ impl Engine {
     /// Silences a live client if nobody can see it and it can see nobody; otherwise sees to it
     /// that it knows that it is live.
     pub(super) fn settle(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
-        let avatar = self.population.at(slot);
-        if self.may_fall_silent(now, avatar) {
-            let made = self.horizons.made_at(avatar.heard, avatar.round_trip);
-            let (eye, validity) = (avatar.pose.eye, self.config.validity);
-            let speed_max = self.limits.speed_max * self.config.sabotage.tbv_scale;
-            let tbv = Tbv::sphere(eye, speed_max, made, validity);
-            if self.hide(now, slot, &tbv) {
+        if self.may_fall_silent(now, self.population.at(slot)) {
+            let silent = self.without(slot, |engine, zone| engine.silence(now, slot, zone));
+            if let Some(silence) = silent {
+                let tbv = silence.tbv;
+                self.hide(now, slot, silence);
                 outputs.push(Output::Quiet { to: self.population.at(slot).id, tbv });
                 return;
             }
@@ -160,41 +165,47 @@ impl Engine {
             && fresh
             && now >= avatar.silence_from
             && avatar.watchers == 0
-            && avatar.held.is_empty()
+            && !avatar.pairs.iter().any(|pair| pair.is_held)
             && self.horizons.may_be_silent(avatar.round_trip)
     }
 
-    /// From live to quiet, if nothing that may move in the meantime can see the TBV or be seen
-    /// from it: neither where live avatars can soon be nor the TBVs of hidden ones.
-    fn hide(&mut self, now: Duration, slot: Slot, tbv: &Tbv) -> bool {
-        let cells = &self.world.cells;
-        let zone = Zone::of(&Reach::new(cells, tbv.centre, tbv.radius), &self.world);
-        let own = std::mem::take(&mut self.population.at_mut(slot).zone);
-        let member = (self.population.at(slot).id, slot);
-        self.live_zones.remove(member, &own);
-        if self.live_zones.meets(cells, &zone) || self.hidden_zones.meets(cells, &zone) {
-            self.live_zones.insert(member, &own);
-            self.population.at_mut(slot).zone = own;
-            return false;
-        }
-        self.hidden_zones.insert(member, &zone);
-        self.forget_near(slot);
-        self.population.set_state(slot, ClientState::Quiet(*tbv));
+    /// Does something while a live avatar's zone is not among those of the others.
+    fn without<T>(&mut self, slot: Slot, what: impl FnOnce(&mut Self, &Zone) -> T) -> T {
         let avatar = self.population.at_mut(slot);
-        avatar.zone = zone;
-        avatar.zone_ball = None;
-        avatar.told_quiet = true;
-        let (id, trip) = (avatar.id, avatar.round_trip);
-        self.patience.cancel(id);
-        let late = self.config.sabotage.expiry_late;
-        let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(trip));
-        self.expiries.set(id, now, deadline, self.expiries_max());
-        true
+        let (member, zone) = ((avatar.id, slot), std::mem::take(&mut avatar.zone));
+        self.live_zones.remove(member, &zone);
+        let done = what(self, &zone);
+        self.live_zones.insert(member, &zone);
+        self.population.at_mut(slot).zone = zone;
+        done
     }
 
-    /// Expiries in one tick that leave room for the whole population within a validity.
+    /// From live to quiet.
+    fn hide(&mut self, now: Duration, slot: Slot, silence: Silence) {
+        let Silence { tbv, zone, validity } = silence;
+        self.part(slot);
+        let made = self.made_at(slot);
+        let avatar = self.population.at_mut(slot);
+        let member = (avatar.id, slot);
+        avatar.pairs = Vec::new();
+        avatar.zone_box = None;
+        avatar.told_quiet = true;
+        (avatar.validity, avatar.hidden_from) = (validity, made);
+        let trip = avatar.round_trip;
+        let old = std::mem::replace(&mut avatar.zone, zone);
+        self.live_zones.remove(member, &old);
+        self.hidden_zones.insert(member, &self.population.at(slot).zone);
+        self.population.set_state(slot, ClientState::Quiet(tbv));
+        self.patience.cancel(member.0);
+        let late = self.config.sabotage.expiry_late;
+        let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(trip));
+        self.expiries.set(member.0, now, deadline, self.expiries_max());
+    }
+
+    /// Expiries in one tick that leave room for the whole population within the time that a slow
+    /// client's TBV needs.
     fn expiries_max(&self) -> usize {
-        let ticks = self.config.validity.as_nanos() / self.config.tick.as_nanos().max(1);
+        let ticks = SILENT_MAX.as_nanos() / self.config.tick.as_nanos().max(1);
         let needed = 2 * self.population.len() / usize::try_from(ticks).unwrap_or(1).max(1);
         self.config.expiries_max.max(needed)
     }

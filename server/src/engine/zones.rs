@@ -1,72 +1,127 @@
-//! Which avatars can be in which cells, and which of them can be visible from where.
+//! Which avatars can be where, and which of them can be visible from where.
 
-use roaring::RoaringBitmap;
 use sightline_shared::{
+    geometry::Aabb,
     motion::AvatarId,
     world::{CellId, Cells, World},
 };
 
-use super::{population::Slot, reach::Reach};
+use super::{bits::Bits, parts::Parts, population::Slot, reach::Reach};
 
-/// The cells that an avatar can be in during some time.
+/// A building has no more sectors, so that who sees whom takes no more than 32 MiB.
+const SECTORS_MAX: usize = 1 << 14;
+
+/// The building, coarser than by cells: a sector is a space, or several that follow one another.
+/// TBVs and what live avatars reveal are large, and shafts decide what sectors leave open.
+#[derive(Clone, Debug)]
+pub(super) struct Sectors {
+    /// For each cell.
+    of: Vec<u32>,
+    /// For each, those that have a cell that is visible from one of its own.
+    visible: Vec<Bits>,
+}
+
+impl Sectors {
+    pub(super) fn new(cells: &Cells) -> Self {
+        let share = cells.spaces.len().div_ceil(SECTORS_MAX).max(1) as u32;
+        let of: Vec<u32> = cells.cells.iter().map(|cell| cell.space / share).collect();
+        let count = of.iter().max().map_or(0, |last| *last as usize + 1);
+        let mut visible = vec![Bits::default(); count];
+        for (sector, row) in of.iter().zip(&cells.pvs) {
+            row.iter().for_each(|cell| visible[*sector as usize].insert(of[cell as usize]));
+        }
+        Self { of, visible }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.visible.len()
+    }
+
+    /// Those of some cells, ascending.
+    fn of(&self, cells: &[CellId]) -> Vec<u32> {
+        let mut sectors: Vec<u32> = cells.iter().map(|cell| self.of[cell.0 as usize]).collect();
+        sectors.sort_unstable();
+        sectors.dedup();
+        sectors
+    }
+
+    /// All that are visible from some.
+    fn visible_from(&self, sectors: &[u32]) -> Bits {
+        let mut all = Bits::default();
+        sectors.iter().for_each(|sector| all.unite(&self.visible[*sector as usize]));
+        all
+    }
+}
+
+/// Where an avatar can be during some time.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(super) struct Zone {
-    /// With its eye, ascending.
-    pub(super) eyes: Vec<CellId>,
-    /// With any part of its body, ascending.
-    pub(super) bodies: Vec<CellId>,
+    /// The sectors that its eye can be in, ascending.
+    eyes: Vec<u32>,
+    /// The sectors that any part of its body can be in, ascending.
+    bodies: Vec<u32>,
+    /// Around all places of its eye, and around all of its body.
+    pub(super) parts: [Parts; 2],
 }
 
 impl Zone {
     /// The zone of an avatar that stays within reach.
-    pub(super) fn of(reach: &Reach, world: &World) -> Self {
-        Self { eyes: reach.eyes(), bodies: reach.bodies(&world.cells, &world.body) }
+    pub(super) fn of(reach: &Reach, world: &World, sectors: &Sectors) -> Self {
+        let (bodies, body_parts) = reach.bodies(&world.cells, &world.body);
+        let parts = [reach.eye_parts(&world.cells), body_parts];
+        Self { eyes: sectors.of(&reach.eyes()), bodies: sectors.of(&bodies), parts }
+    }
+
+    /// The zone of an avatar whose eye stays in a box in own axes, whatever walls are in it.
+    pub(super) fn of_box(eyes: &Aabb, world: &World, sectors: &Sectors) -> Self {
+        let boxes = [*eyes, world.cells.axes.own_body(&world.body).around_box(eyes)];
+        let [eyes, bodies] = boxes.map(|region| {
+            let mut found = Vec::new();
+            world.cells.overlapping(&region, &mut found);
+            sectors.of(&found)
+        });
+        Self { eyes, bodies, parts: boxes.map(|part| Parts::covering([part].into_iter())) }
     }
 }
 
 /// An avatar, and where it is kept. Ordered by id.
 pub(super) type Member = (AvatarId, Slot);
 
-/// For each cell, who can be in it.
+/// For each place, a cell or a sector, who can be in it.
 #[derive(Clone, Debug)]
-pub(super) struct CellIndex {
+pub(super) struct PlaceIndex {
     members: Vec<Vec<Member>>,
-    occupied: RoaringBitmap,
+    occupied: Bits,
 }
 
-impl CellIndex {
-    pub(super) fn new(cells: usize) -> Self {
-        Self { members: vec![Vec::new(); cells], occupied: RoaringBitmap::new() }
+impl PlaceIndex {
+    pub(super) fn new(places: usize) -> Self {
+        Self { members: vec![Vec::new(); places], occupied: Bits::default() }
     }
 
-    /// The cells that have anybody.
-    pub(super) fn occupied(&self) -> &RoaringBitmap {
-        &self.occupied
+    /// Who can be in a place.
+    pub(super) fn of(&self, place: u32) -> &[Member] {
+        &self.members[place as usize]
     }
 
-    /// Who can be in a cell.
-    pub(super) fn of(&self, cell: u32) -> &[Member] {
-        &self.members[cell as usize]
-    }
-
-    pub(super) fn insert(&mut self, member: Member, cells: &[CellId]) {
-        for cell in cells {
-            let members = &mut self.members[cell.0 as usize];
+    pub(super) fn insert(&mut self, member: Member, places: impl Iterator<Item = u32>) {
+        for place in places {
+            let members = &mut self.members[place as usize];
             if members.is_empty() {
-                self.occupied.insert(cell.0);
+                self.occupied.insert(place);
             }
             members.push(member);
         }
     }
 
-    pub(super) fn remove(&mut self, member: Member, cells: &[CellId]) {
-        for cell in cells {
-            let members = &mut self.members[cell.0 as usize];
-            if let Some(place) = members.iter().position(|m| *m == member) {
-                members.swap_remove(place);
+    pub(super) fn remove(&mut self, member: Member, places: impl Iterator<Item = u32>) {
+        for place in places {
+            let members = &mut self.members[place as usize];
+            if let Some(at) = members.iter().position(|m| *m == member) {
+                members.swap_remove(at);
             }
             if members.is_empty() {
-                self.occupied.remove(cell.0);
+                self.occupied.remove(place);
             }
         }
     }
@@ -75,49 +130,34 @@ impl CellIndex {
 /// The zones of many avatars.
 #[derive(Clone, Debug)]
 pub(super) struct ZoneIndex {
-    eyes: CellIndex,
-    bodies: CellIndex,
+    eyes: PlaceIndex,
+    bodies: PlaceIndex,
 }
 
 impl ZoneIndex {
-    pub(super) fn new(cells: usize) -> Self {
-        Self { eyes: CellIndex::new(cells), bodies: CellIndex::new(cells) }
+    pub(super) fn new(sectors: usize) -> Self {
+        Self { eyes: PlaceIndex::new(sectors), bodies: PlaceIndex::new(sectors) }
     }
 
     pub(super) fn insert(&mut self, member: Member, zone: &Zone) {
-        self.eyes.insert(member, &zone.eyes);
-        self.bodies.insert(member, &zone.bodies);
+        self.eyes.insert(member, zone.eyes.iter().copied());
+        self.bodies.insert(member, zone.bodies.iter().copied());
     }
 
     pub(super) fn remove(&mut self, member: Member, zone: &Zone) {
-        self.eyes.remove(member, &zone.eyes);
-        self.bodies.remove(member, &zone.bodies);
+        self.eyes.remove(member, zone.eyes.iter().copied());
+        self.bodies.remove(member, zone.bodies.iter().copied());
     }
 
-    /// Whether somebody here can be seen from a zone, or can see into it.
-    pub(super) fn meets(&self, cells: &Cells, zone: &Zone) -> bool {
-        self.sides(zone).any(|(from, index)| {
-            from.iter().any(|cell| !cells.pvs[cell.0 as usize].is_disjoint(&index.occupied))
-        })
-    }
-
-    /// Everybody here who can be seen from a zone, or can see into it; in no order, some twice.
-    pub(super) fn meeting(&self, cells: &Cells, zone: &Zone, found: &mut Vec<Member>) {
-        for (from, index) in self.sides(zone) {
-            for cell in from {
-                let visible = &cells.pvs[cell.0 as usize];
-                if visible.is_disjoint(&index.occupied) {
-                    continue;
-                }
-                for seen in visible & &index.occupied {
-                    found.extend_from_slice(index.of(seen));
-                }
+    /// Everybody here who, by the sectors, can be seen from a zone or can see into it; in no order,
+    /// some twice. An eye there sees a body here; an eye here sees a body there: the PVS is
+    /// symmetric.
+    pub(super) fn meeting(&self, sectors: &Sectors, zone: &Zone, found: &mut Vec<Member>) {
+        for (from, index) in [(&zone.eyes, &self.bodies), (&zone.bodies, &self.eyes)] {
+            let visible = sectors.visible_from(from);
+            for seen in visible.shared(&index.occupied) {
+                found.extend_from_slice(index.of(seen));
             }
         }
-    }
-
-    /// An eye there sees a body here; an eye here sees a body there. The PVS is symmetric.
-    fn sides<'a>(&'a self, zone: &'a Zone) -> impl Iterator<Item = (&'a [CellId], &'a CellIndex)> {
-        [(&zone.eyes[..], &self.bodies), (&zone.bodies[..], &self.eyes)].into_iter()
     }
 }

@@ -22,11 +22,11 @@ pub struct ServeConfig {
     pub clients_max: usize,
     /// More connections from one address are refused, but for the own machine's.
     pub clients_per_address_max: usize,
-    /// How long a TBV is sure to contain its avatar, in seconds: 0.1 to 60.
-    pub validity_s: f64,
+    /// No TBV lasts longer, in seconds: 0.1 to 60.
+    pub validity_max_s: f64,
     /// How long a client may take for its first message, in seconds.
     pub hello_s: f64,
-    /// How long a client that is in may be silent beyond the validity, in seconds.
+    /// How long a client that is in may be silent beyond the validity of a TBV, in seconds.
     pub silence_s: f64,
     /// Whether clients may come in anywhere, as recorded walks do. Otherwise at spawn points only:
     /// who may choose freely could look into every room by coming again and again.
@@ -61,7 +61,7 @@ impl Default for ServeConfig {
             tick_hz: 20,
             clients_max: 256,
             clients_per_address_max: 8,
-            validity_s: 1.0,
+            validity_max_s: 8.0,
             hello_s: 10.0,
             silence_s: 30.0,
             free_entry: false,
@@ -88,7 +88,7 @@ impl ServeConfig {
             ((1..=128).contains(&self.tick_hz), "tick_hz", "1 to 128"),
             ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
             (per_address, "clients_per_address_max", "1 to 16384"),
-            (seconds(self.validity_s, 60.0), "validity_s", "0.1 to 60"),
+            (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
             (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
             (seconds(self.silence_s, 3_600.0), "silence_s", "0.1 to 3600"),
         ] {
@@ -108,7 +108,7 @@ impl ServeConfig {
     pub fn engine(&self) -> engine::Config {
         engine::Config {
             tick: self.tick_interval(),
-            validity: Duration::from_secs_f64(self.validity_s),
+            validity_max: Duration::from_secs_f64(self.validity_max_s),
             // Some that left may not be out yet when others come in.
             avatars_max: self.clients_max + 64,
             ..engine::Config::default()
@@ -128,8 +128,8 @@ mod tests {
         for (text, expected) in [
             ("ticks = 3", "unknown field `ticks`"),
             ("tick_hz = 0", "tick_hz must be 1 to 128"),
-            ("validity_s = nan", "validity_s must be 0.1 to 60"),
-            ("validity_s = 1e300", "validity_s must be 0.1 to 60"),
+            ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),
+            ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
             ("clients_max = -1", "invalid"),
             ("listen = 'nowhere'", "invalid"),
             ("tick_hz = ", ""),

@@ -304,7 +304,7 @@ impl<'a> Session<'a> {
     fn heard(&self) {
         let config = &self.context.config;
         // A quiet client may well say nothing for as long as its TBV holds.
-        let silence = Duration::from_secs_f64(config.silence_s + config.validity_s);
+        let silence = Duration::from_secs_f64(config.silence_s + config.validity_max_s);
         self.limits().deadline = Instant::now() + silence;
     }
 

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, ops::Range, time::Duration};
 
 use glam::Vec3;
 use sightline_shared::{
-    motion::{AvatarId, Pose, Tbv},
+    motion::{Agility, AvatarId, Pose, Tbv},
     protocol::{
         VERSION, frame,
         message::ClientMessage,
@@ -17,10 +17,9 @@ use sightline_shared::{
 
 use crate::{engine::Engine, trace::Trace};
 
-/// A body may move so much faster than the limit and still not jump; as the engine allows.
-const TOLERANCE: f32 = 1.01;
-/// Places are rounded on the wire, in metres.
-const ROUNDING_M: f32 = 0.005;
+/// A body may be so far beyond what it can do by rounding, in metres: places and velocities are
+/// rounded on the wire.
+const ROUNDING_M: f32 = 0.01;
 
 /// A message to the server.
 #[derive(Clone, Debug)]
@@ -94,6 +93,7 @@ pub(super) struct Client {
     pub(super) avatar: AvatarId,
     /// Where the walker truly is.
     pub(super) eye: Vec3,
+    velocity: Vec3,
     /// When `eye` was looked up.
     at: Duration,
     /// When it came, or jumped last.
@@ -115,7 +115,7 @@ pub(super) struct Client {
 /// All clients, and who they are.
 pub(super) struct Clients<'a> {
     trace: &'a Trace,
-    speed_max: f32,
+    agility: Agility,
     confines: Confines,
     tick: Duration,
     /// By the trace's ids.
@@ -131,7 +131,7 @@ impl<'a> Clients<'a> {
     pub(super) fn new(trace: &'a Trace, engine: &Engine) -> Self {
         Self {
             trace,
-            speed_max: engine.speed_max(),
+            agility: engine.agility(),
             confines: engine.world().confines(),
             tick: engine.config().tick,
             present: BTreeMap::new(),
@@ -164,7 +164,7 @@ impl<'a> Clients<'a> {
 
     /// Where the trace has a walker at some time, if it is there.
     pub(super) fn eye_at(&self, avatar: AvatarId, at: Duration) -> Option<Vec3> {
-        let pose = self.trace.pose_at(self.walker(avatar), at, self.speed_max)?;
+        let pose = self.trace.pose_at(self.walker(avatar), at, self.agility.fall_max)?;
         Some(self.confines.clamp(pose.eye))
     }
 
@@ -231,7 +231,7 @@ impl<'a> Clients<'a> {
 
     /// Where the trace has a walker, as it is told on the wire, within the world.
     fn look_up(&mut self, walker: u32, at: Duration) -> Option<Pose> {
-        let pose = self.trace.pose_at(walker, at, self.speed_max)?;
+        let pose = self.trace.pose_at(walker, at, self.agility.fall_max)?;
         let eye = self.confines.clamp(pose.eye);
         self.outside += u64::from(eye != pose.eye);
         Some(Pose { eye, ..pose })
@@ -243,6 +243,7 @@ impl<'a> Clients<'a> {
         let client = Client {
             avatar,
             eye: pose.eye,
+            velocity: pose.velocity,
             at: now,
             settled: now,
             replica: BTreeMap::new(),
@@ -269,16 +270,16 @@ impl<'a> Clients<'a> {
     /// Moves a client to a place, and says so where it must.
     fn act(&mut self, walker: u32, now: Duration, pose: &Pose, asked: bool) -> Option<Uplink> {
         let told = self.on_wire(pose);
-        let (speed_max, tick) = (self.speed_max, self.tick);
+        let tick = self.tick.as_secs_f32();
         let client = self.present.get_mut(&walker)?;
-        let way_m = client.eye.distance(pose.eye);
-        let elapsed = now.saturating_sub(client.at).as_secs_f32();
-        if way_m > speed_max * TOLERANCE * elapsed + ROUNDING_M {
+        let elapsed = now.saturating_sub(client.at);
+        let able = self.agility.eyes(client.eye, client.velocity, elapsed).grown(ROUNDING_M);
+        if !able.contains(pose.eye) {
             client.jumped = true;
             client.settled = now;
             self.jumps += 1;
         }
-        (client.eye, client.at) = (pose.eye, now);
+        (client.eye, client.velocity, client.at) = (pose.eye, pose.velocity, now);
         if !client.entered {
             return None;
         }
@@ -286,8 +287,7 @@ impl<'a> Clients<'a> {
         let request = if jumped {
             Request::Relocate { pose: told }
         } else {
-            let step_m = speed_max * tick.as_secs_f32();
-            let leaves = |tbv: &Tbv| pose.eye.distance(tbv.centre) + step_m > tbv.radius;
+            let leaves = |tbv: &Tbv| !tbv.contains(pose.eye + pose.velocity * tick);
             let live = client.tbv.is_none();
             if !live && !asked && !client.tbv.as_ref().is_some_and(leaves) {
                 return None;

@@ -17,8 +17,10 @@ pub struct Report {
     pub round_trip_ms: f64,
     /// From tick to tick.
     pub tick_ms: f64,
-    /// How long a TBV lasts.
-    pub validity_ms: f64,
+    /// How long a TBV is made to last.
+    pub validity: String,
+    /// What bounds it in space.
+    pub shape: String,
     /// In metres a second.
     pub speed_max: f32,
     /// How many there are in the trace.

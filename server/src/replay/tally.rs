@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use sightline_shared::motion::AvatarId;
 
 use super::{Options, Report};
-use crate::engine::{ClientState, Engine, Policy, Stats};
+use crate::engine::{ClientState, Engine, Stats};
 
 /// Clients that were there for less time tell no rates, in seconds.
 const PRESENCE_MIN_S: f64 = 1.0;
@@ -86,7 +86,8 @@ impl Tally {
             policy: config.policy.to_string(),
             round_trip_ms: ms(options.round_trip),
             tick_ms: ms(config.tick),
-            validity_ms: if config.policy == Policy::Tbv { ms(config.validity) } else { 0.0 },
+            validity: config.validity.to_string(),
+            shape: config.shape.to_string(),
             present_mean: present as f64 / self.cpu.len().max(1) as f64,
             held_mean: self.held as f64 / present.max(1) as f64,
             quiet_share: self.quiet as f64 / present.max(1) as f64,

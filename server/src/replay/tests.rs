@@ -76,16 +76,22 @@ impl House {
             .collect();
         for k in 0..seconds * 10 {
             for (id, (eye, velocity)) in &mut walkers {
-                let _ = writeln!(rows, "{},{id},{},{},{},0,0,0,0,0", k * 100, eye.x, eye.y, eye.z);
-                let ahead = *velocity * 0.1;
-                let room = *velocity * 0.3;
-                if rng.random_bool(0.05) || !sight.between(*eye, *eye + ahead + room) {
+                let room = *velocity * 0.4;
+                let may_go_on = sight.between(*eye, *eye + room) && !rng.random_bool(0.05);
+                if !may_go_on {
+                    // It stops, or else it starts.
                     let angle = rng.random_range(0.0..std::f32::consts::TAU);
-                    let speed = if rng.random_bool(0.3) { 0.0 } else { 1.9 };
+                    let is_start = *velocity == Vec3::ZERO && rng.random_bool(0.7);
+                    let speed = if is_start { 1.3 } else { 0.0 };
                     *velocity = Vec3::new(angle.cos(), 0.0, angle.sin()) * speed;
-                } else {
-                    *eye += ahead;
+                    if !sight.between(*eye, *eye + *velocity * 0.4) {
+                        *velocity = Vec3::ZERO;
+                    }
                 }
+                let (at, v) = (*eye, *velocity);
+                let _ = write!(rows, "{},{id},{},{},{},0,0,", k * 100, at.x, at.y, at.z);
+                let _ = writeln!(rows, "{},{},{}", v.x, v.y, v.z);
+                *eye += v * 0.1;
             }
         }
         Trace::read(rows.as_bytes()).unwrap()

@@ -24,7 +24,7 @@ const SHAFT_UNITS: u32 = 4;
 
 /// What a search needs besides its answer, kept from one to the next to save allocations. It may be
 /// used with any occluders: nothing in it lives on.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Scratch {
     /// Shafts to look into, each half of another: no more than there are halvings down to
     /// [`NARROW_M`], some hundreds for boxes of any size.

@@ -26,7 +26,7 @@ const ROUNDING_M: f32 = 0.02;
 const DIRECTIONS: u16 = 16;
 /// What people can do at once, in metres a second, and then, in metres a second squared.
 const DASH: f32 = 1.4;
-const ACCELERATION: f32 = 20.0;
+const ACCELERATION: f32 = 6.0;
 
 /// Something that must not be.
 #[derive(Clone, Debug, PartialEq)]

@@ -26,7 +26,7 @@ async fn a_swarm_holds_whoever_is_in_view() {
     let sight = Sight::new(&world.world().mesh);
     let body = world.world().body;
     let listen = "127.0.0.1:0".parse().unwrap();
-    let config = ServeConfig { listen, validity_s: 0.3, ..ServeConfig::default() };
+    let config = ServeConfig { listen, validity_max_s: 0.3, ..ServeConfig::default() };
     let server = Server::bind(world, config, &Identity::generate().unwrap()).unwrap();
     let trust = Trust::Pinned(server.fingerprint());
     let options = Options {

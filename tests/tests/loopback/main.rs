@@ -29,7 +29,7 @@ fn config() -> ServeConfig {
         free_entry: true,
         listen: "127.0.0.1:0".parse().unwrap(),
         tick_hz: 50,
-        validity_s: 0.3,
+        validity_max_s: 0.3,
         ..ServeConfig::default()
     }
 }

@@ -11,7 +11,7 @@ use sightline_shared::{
     world::{Axes, Cell, CellId, Cells, Gate, Mesh, Node, Polygon, Portal, Space, Spawn, World},
 };
 
-use crate::engine::{Config, Engine, Input, Output};
+use crate::engine::{Config, Engine, Input, Output, Shape, Validity};
 
 pub const TICK: Duration = Duration::from_millis(50);
 
@@ -113,6 +113,8 @@ pub fn row(count: u32) -> World {
 #[derive(Clone, Debug, Default)]
 pub struct Client {
     pub eye: Vec3,
+    /// Where it was at the tick before.
+    pub before: Option<Vec3>,
     pub sequence: u32,
     pub quiet: Option<Tbv>,
     pub asked: bool,
@@ -120,6 +122,19 @@ pub struct Client {
     pub heard: Vec<String>,
     pub corrections: usize,
     pub dropped: Option<String>,
+}
+
+impl Client {
+    /// Where it is, and how it came there since the tick before.
+    fn step(&mut self) -> Pose {
+        let velocity = self.velocity();
+        self.before = Some(self.eye);
+        Pose { eye: self.eye, velocity, ..Pose::default() }
+    }
+
+    pub fn velocity(&self) -> Vec3 {
+        (self.eye - self.before.unwrap_or(self.eye)) / TICK.as_secs_f32()
+    }
 }
 
 /// An engine and its clients.
@@ -143,9 +158,11 @@ impl Stage {
         }
     }
 
-    /// Without delays, so that the figures in a test are plain.
+    /// Without delays and with the plainest TBVs, so that the figures in a test are plain.
     pub fn prompt(world: World) -> Self {
         let config = Config {
+            validity: Validity::Constant(Duration::from_secs(1)),
+            shape: Shape::Sphere,
             margin: Duration::ZERO,
             round_trip_initial: Duration::ZERO,
             ..Config::default()
@@ -178,10 +195,10 @@ impl Stage {
     /// The live report, the asked report once; then the engine decides.
     pub fn tick(&mut self) {
         for (id, client) in &mut self.clients {
+            let pose = client.step();
             if client.quiet.is_none() || std::mem::take(&mut client.asked) {
                 client.sequence += 1;
                 self.reports += 1;
-                let pose = Pose { eye: client.eye, ..Pose::default() };
                 let report = Input::Report { avatar: *id, sequence: client.sequence, pose };
                 self.engine.handle(self.now, report);
             }

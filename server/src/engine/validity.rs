@@ -1,0 +1,181 @@
+//! How long a TBV lasts: as long as it stays unseen, or as a policy says.
+
+use std::time::Duration;
+
+use sightline_shared::{geometry::Aabb, motion::Tbv};
+
+use super::{
+    Engine, Shape, Validity, looks::Found, near::Room, population::Slot, reach::Reach, zones::Zone,
+};
+
+/// The first validity that is tried for a newcomer.
+pub(super) const FIRST: Duration = Duration::from_secs(1);
+/// Halvings of the gap between a validity that stays unseen and one that does not.
+const BISECTIONS: u32 = 2;
+
+/// A TBV that nobody can see and from which nobody can be seen.
+pub(super) struct Silence {
+    pub(super) tbv: Tbv,
+    pub(super) zone: Zone,
+    pub(super) validity: Duration,
+}
+
+/// What ended a TBV.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    Expired,
+    Revealed,
+}
+
+impl Engine {
+    /// When a live avatar's last report was made.
+    pub(super) fn made_at(&self, slot: Slot) -> Duration {
+        let avatar = self.population.at(slot);
+        self.horizons.made_at(avatar.heard, avatar.round_trip)
+    }
+
+    /// The TBV in which a live avatar can be silent, if there is one that lasts for more than two
+    /// ticks after all that must happen before it expires.
+    pub(super) fn silence(&mut self, now: Duration, slot: Slot, zone: &Zone) -> Option<Silence> {
+        // No TBV that lasts for long enough is smaller than where a live avatar can soon be.
+        if self.is_seen(slot, zone) {
+            return None;
+        }
+        let avatar = self.population.at(slot);
+        let age = now.saturating_sub(self.made_at(slot));
+        let least = age + self.horizons.lead(avatar.round_trip) + 2 * self.config.tick;
+        let most = self.config.validity_max.max(least);
+        let wanted = avatar.validity.clamp(least, most);
+        match self.config.validity {
+            Validity::Constant(validity) if validity < least => None,
+            Validity::Constant(validity) => self.unseen(slot, validity),
+            Validity::Adaptive => {
+                let found = self.unseen(slot, wanted);
+                if found.is_none() {
+                    self.population.at_mut(slot).validity = wanted / 2;
+                }
+                found
+            }
+            Validity::Maximal => self.longest(slot, least, wanted, most),
+        }
+    }
+
+    /// Finds the longest validity by doubling, from the one that the last TBV had, and bisection.
+    fn longest(
+        &mut self,
+        slot: Slot,
+        least: Duration,
+        wanted: Duration,
+        most: Duration,
+    ) -> Option<Silence> {
+        let mut found = None;
+        let (mut trial, mut seen) = (wanted, None);
+        // What fails is tried from the shortest on the next time.
+        self.population.at_mut(slot).validity = least;
+        // Halves until one stays unseen, then doubles until one does not.
+        loop {
+            match self.unseen(slot, trial) {
+                Some(silence) => {
+                    found = Some(silence);
+                    if seen.is_some() || trial >= most {
+                        break;
+                    }
+                    trial = (trial * 2).min(most);
+                }
+                None => {
+                    seen = Some(trial);
+                    if found.is_some() || trial <= least {
+                        break;
+                    }
+                    trial = (trial / 2).max(least);
+                }
+            }
+        }
+        if let Some(mut seen) = seen {
+            for _ in 0..BISECTIONS {
+                let Some(unseen) = found.as_ref().map(|silence| silence.validity) else { break };
+                let middle = (unseen + seen) / 2;
+                match self.unseen(slot, middle) {
+                    Some(silence) => found = Some(silence),
+                    None => seen = middle,
+                }
+            }
+        }
+        found
+    }
+
+    /// The TBV of a validity, if nothing that may move in the meantime can see it or be seen from
+    /// it: neither where live avatars can soon be nor the TBVs of hidden ones.
+    fn unseen(&mut self, slot: Slot, validity: Duration) -> Option<Silence> {
+        let made = self.made_at(slot);
+        let (tbv, room) = self.tbv_for(slot, made, validity);
+        let cells = &self.world.cells;
+        let zone = if self.config.shape == Shape::Sphere {
+            Zone::of_box(&room.within, &self.world, &self.sectors)
+        } else {
+            let reach = Reach::new(&mut self.scratch, cells, room.from, &room.within, room.way_m);
+            Zone::of(&reach, &self.world, &self.sectors)
+        };
+        (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
+    }
+
+    /// Whether somebody may see into a zone, or be seen from it: as far as cells tell, and, where these
+    /// leave it open, shafts. Who was found the last time is most likely to be so again.
+    fn is_seen(&mut self, slot: Slot, zone: &Zone) -> bool {
+        let mut found = Vec::new();
+        for index in [&self.live_zones, &self.hidden_zones] {
+            index.meeting(&self.sectors, zone, &mut found);
+        }
+        found.sort_unstable();
+        found.dedup();
+        let last = self.population.at(slot).seen_by;
+        if let Some(place) = last.and_then(|last| found.binary_search(&last).ok()) {
+            found[..=place].rotate_right(1);
+        }
+        let seen_by = found.into_iter().find(|(_, other)| self.may_see_each_other(zone, *other));
+        self.population.at_mut(slot).seen_by = seen_by.or(last);
+        seen_by.is_some()
+    }
+
+    /// Whether a line from one zone to another may be free, either way; without a budget, it may.
+    pub(super) fn may_see_each_other(&mut self, zone: &Zone, other: Slot) -> bool {
+        let ([eyes, bodies], [other_eyes, other_bodies]) =
+            (&zone.parts, &self.population.at(other).zone.parts);
+        [(eyes, other_bodies), (other_eyes, bodies)].into_iter().any(|(eyes, bodies)| {
+            let (most, budget) = (self.config.look_max, &mut self.silence_left);
+            !matches!(self.shafts.between(eyes, bodies, most, budget), Found::Hidden)
+        })
+    }
+
+    /// What a TBV is for the client, and how far its avatar gets in it.
+    fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Room) {
+        let (pose, axes) = (&self.population.at(slot).pose, &self.world.cells.axes);
+        let mut room = self.room(pose, validity);
+        room.scale(self.config.sabotage.tbv_scale);
+        let sphere = Tbv { centre: pose.eye, radius: room.way_m, expiry: made + validity };
+        match self.config.shape {
+            Shape::Sphere => (sphere, Room { within: Aabb::around(room.from, room.way_m), ..room }),
+            Shape::Reach => {
+                let able = Tbv::around(&room.within, made + validity);
+                let tbv = if able.radius < sphere.radius {
+                    Tbv { centre: axes.world(able.centre), ..able }
+                } else {
+                    sphere
+                };
+                (tbv, room)
+            }
+        }
+    }
+
+    /// Learns from how a TBV ended.
+    pub(super) fn ended(&mut self, now: Duration, slot: Slot, end: End) {
+        let avatar = self.population.at_mut(slot);
+        avatar.validity = match (self.config.validity, end) {
+            (Validity::Adaptive, End::Expired) => avatar.validity * 3 / 2,
+            (Validity::Adaptive, End::Revealed) => avatar.validity / 2,
+            // The next search begins with what would have lasted.
+            (Validity::Maximal, End::Revealed) => now.saturating_sub(avatar.hidden_from),
+            _ => avatar.validity,
+        };
+    }
+}
