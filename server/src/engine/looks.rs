@@ -7,7 +7,10 @@
 
 use std::{sync::Arc, time::Duration};
 
-use sightline_shared::shaft::{Line, Occluders, Outcome, Scratch};
+use sightline_shared::{
+    shaft::{Line, Occluders, Outcome, Scratch},
+    world::CellId,
+};
 
 use super::{Engine, pairs::Pair, parts::Parts, population::Slot};
 
@@ -25,13 +28,17 @@ pub(super) struct Regions {
 /// What is known of the lines from a viewer's eyes to an avatar's body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Look {
-    /// Nothing that would last beyond that tick.
+    /// Nothing.
+    Unknown,
+    /// That some may be free, between these regions; it is tried again at that tick.
     Undecided {
+        /// The regions.
+        of: Regions,
         /// The tick.
         again: u32,
     },
-    /// One is free.
-    Free(Line),
+    /// One is free, and by their cells these regions see each other.
+    Free(Line, Regions),
     /// All are blocked, and stay so as long as these regions last.
     Hidden(Regions),
     /// All are blocked at that tick.
@@ -125,16 +132,25 @@ impl Engine {
         match pair.look {
             Look::Hidden(then) => then == self.regions(viewer, pair),
             Look::JustHidden { tick } => tick == self.ticks,
-            Look::Free(_) | Look::Undecided { .. } => false,
+            Look::Unknown | Look::Undecided { .. } | Look::Free(..) => false,
         }
     }
 
     /// Whether what was found of a pair is still true.
-    fn still_holds(&self, viewer: Slot, pair: &Pair) -> bool {
-        match pair.look {
-            Look::Undecided { again } => self.ticks < again,
-            Look::Free(line) => self.joins(viewer, pair, &line),
-            Look::Hidden(_) | Look::JustHidden { .. } => self.is_hidden(viewer, pair),
+    fn still_holds(&self, viewer: Slot, pair: &mut Pair) -> bool {
+        let now = self.regions(viewer, pair);
+        match &mut pair.look {
+            Look::Unknown => false,
+            Look::Undecided { of, again } => {
+                let (again, same) = (*again, std::mem::replace(of, now) == now);
+                self.ticks < again && (same || self.may_see_by_cells(viewer, pair))
+            }
+            Look::Hidden(then) => *then == now,
+            Look::JustHidden { tick } => *tick == self.ticks,
+            Look::Free(line, then) => {
+                let (line, same) = (*line, std::mem::replace(then, now) == now);
+                (same || self.may_see_by_cells(viewer, pair)) && self.joins(viewer, pair, &line)
+            }
         }
     }
 
@@ -142,13 +158,17 @@ impl Engine {
     /// are just now.
     fn look_at(&mut self, now: Duration, viewer: Slot, pair: &mut Pair, budget: &mut u32) {
         let regions = self.regions(viewer, pair);
+        if !self.may_see_by_cells(viewer, pair) {
+            pair.look = Look::Hidden(regions);
+            return;
+        }
+        let most = self.config.look_max;
         let (from, to) = (self.population.at(viewer), self.population.at(pair.slot));
         let delay = self.horizons.delay(from.round_trip);
-        let (Some(eyes), Some(bodies)) = (&from.near.eyes, to.near.bodies_for(delay)) else {
-            return;
-        };
-        let (eyes, bodies) = (&eyes.region.parts, &bodies.region.parts);
-        if let Found::Hidden = self.shafts.between(eyes, bodies, self.config.look_max, budget) {
+        let eyes = from.near.eyes.as_ref().map(|eyes| &eyes.region.parts);
+        let bodies = to.near.bodies_for(delay).map(|bodies| &bodies.region.parts);
+        let Some((eyes, bodies)) = eyes.zip(bodies) else { return };
+        if let Found::Hidden = self.shafts.between(eyes, bodies, most, budget) {
             pair.look = Look::Hidden(regions);
             return;
         }
@@ -158,13 +178,26 @@ impl Engine {
         let eyes = from.eyes.as_ref().and_then(|eyes| eyes.region.exact());
         let bodies = to.bodies_for(delay).and_then(|bodies| bodies.region.exact());
         let Some((eyes, bodies)) = eyes.zip(bodies) else { return };
-        pair.look = match self.shafts.between(eyes, bodies, self.config.look_max, budget) {
+        pair.look = match self.shafts.between(eyes, bodies, most, budget) {
             Found::Hidden => Look::JustHidden { tick: self.ticks },
-            Found::Free(line) => Look::Free(line),
+            Found::Free(line) => Look::Free(line, regions),
             // What had too little is tried again at once.
-            Found::Undecided if *budget == 0 => Look::Undecided { again: self.ticks },
-            Found::Undecided => Look::Undecided { again: self.ticks + UNDECIDED_TICKS },
+            Found::Undecided if *budget == 0 => Look::Undecided { of: regions, again: self.ticks },
+            Found::Undecided => {
+                Look::Undecided { of: regions, again: self.ticks + UNDECIDED_TICKS }
+            }
         };
+    }
+
+    /// Whether some cell that the viewer's eye can be in may see one that the avatar's body can be in.
+    fn may_see_by_cells(&self, viewer: Slot, pair: &Pair) -> bool {
+        let (from, to) = (self.population.at(viewer), self.population.at(pair.slot));
+        let bodies = to.near.bodies_for(self.horizons.delay(from.round_trip));
+        from.near.eyes.as_ref().zip(bodies).is_some_and(|(eyes, bodies)| {
+            let sees =
+                |from: &CellId| bodies.cells.iter().any(|to| self.world.cells.sees(*from, *to));
+            eyes.cells.iter().any(sees)
+        })
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.

@@ -69,7 +69,7 @@ use near::Moves;
 use places::Places;
 use population::{Population, Slot};
 use reach::Scratch;
-use zones::{PlaceIndex, Sectors, ZoneIndex};
+use zones::{SectorIndex, Sectors, ZoneIndex};
 
 /// Decides who is told what and who is asked when.
 #[derive(Clone, Debug)]
@@ -82,9 +82,9 @@ pub struct Engine {
     places: Places,
     agility: Agility,
     /// Where the eyes of live avatars can be until the next tick's word stands.
-    near_eyes: PlaceIndex,
+    near_eyes: SectorIndex,
     /// Likewise, their bodies.
-    near_bodies: PlaceIndex,
+    near_bodies: SectorIndex,
     sectors: Sectors,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
     live_zones: ZoneIndex,
@@ -139,7 +139,6 @@ impl Engine {
     /// An engine for a world, with nobody in it.
     pub fn new(world: Arc<World>, config: Config) -> Self {
         let speed_max = config.speed_max.unwrap_or(world.speed_max);
-        let cells = world.cells.cells.len();
         let sectors = Sectors::new(&world.cells);
         let agility = Agility::of(&world.body, speed_max);
         Self {
@@ -154,8 +153,8 @@ impl Engine {
             agility,
             population: Population::default(),
             places: Places::new(config.policy, &world),
-            near_eyes: PlaceIndex::new(cells),
-            near_bodies: PlaceIndex::new(cells),
+            near_eyes: SectorIndex::new(sectors.len()),
+            near_bodies: SectorIndex::new(sectors.len()),
             live_zones: ZoneIndex::new(sectors.len()),
             hidden_zones: ZoneIndex::new(sectors.len()),
             sectors,

@@ -1,6 +1,6 @@
 //! Where live avatars can be until the next tick's word stands.
 
-use std::time::Duration;
+use std::{collections::BTreeSet, time::Duration};
 
 use glam::Vec3;
 use sightline_shared::{geometry::Aabb, motion::Pose, world::CellId};
@@ -66,9 +66,11 @@ impl Region {
 #[derive(Clone, Debug)]
 pub(super) struct Eyes {
     pub(super) region: Region,
-    /// Ascending.
+    /// The cells that it can be in, ascending.
     pub(super) cells: Vec<CellId>,
-    /// The cells that are visible from there.
+    /// Likewise, the sectors.
+    sectors: Vec<u32>,
+    /// The sectors that are visible from there.
     pub(super) visible: Bits,
 }
 
@@ -77,8 +79,10 @@ pub(super) struct Eyes {
 pub(super) struct Bodies {
     pub(super) delay: Duration,
     pub(super) region: Region,
-    /// Ascending.
+    /// The cells that it can be in, ascending.
     pub(super) cells: Vec<CellId>,
+    /// Likewise, the sectors.
+    sectors: Vec<u32>,
 }
 
 /// The regions of a live avatar; none while hidden.
@@ -91,8 +95,8 @@ pub(super) struct Near {
     pub(super) bodies: Vec<Bodies>,
     /// Counts the changes of `bodies`.
     pub(super) bodies_version: u32,
-    /// The cells that the index of bodies has: those of all of `bodies`, ascending.
-    pub(super) indexed: Vec<CellId>,
+    /// The sectors that the index of bodies has: those of all of `bodies`, ascending.
+    indexed: Vec<u32>,
 }
 
 impl Near {
@@ -104,17 +108,17 @@ impl Near {
     /// Whether its body may be visible from somewhere in these eyes.
     pub(super) fn is_visible_to(&self, eyes: &Eyes, delay: Duration) -> bool {
         self.bodies_for(delay)
-            .is_some_and(|bodies| bodies.cells.iter().any(|cell| eyes.visible.contains(cell.0)))
+            .is_some_and(|bodies| bodies.sectors.iter().any(|at| eyes.visible.contains(*at)))
     }
 }
 
 /// What changed when an avatar's regions were brought up to date.
 #[derive(Debug, Default)]
 pub(super) struct Moves {
-    /// Viewers that see other cells than before.
+    /// Viewers that see other sectors than before.
     pub(super) viewers: Vec<Slot>,
-    /// Avatars, and the cells that they entered or left.
-    pub(super) bodies: Vec<(Slot, Vec<CellId>)>,
+    /// Avatars, and the sectors that they entered or left.
+    pub(super) bodies: Vec<(Slot, Vec<u32>)>,
 }
 
 impl Engine {
@@ -157,23 +161,23 @@ impl Engine {
             return;
         }
         let near = &mut self.population.at_mut(slot).near;
-        let mut cells: Vec<CellId> =
-            near.bodies.iter().flat_map(|bodies| bodies.cells.iter().copied()).collect();
-        cells.sort_unstable();
-        cells.dedup();
-        let old = std::mem::replace(&mut near.indexed, cells.clone());
+        let all = near.bodies.iter().flat_map(|bodies| bodies.sectors.iter().copied());
+        let new: BTreeSet<u32> = all.collect();
+        let old: BTreeSet<u32> = near.indexed.iter().copied().collect();
+        near.indexed = new.iter().copied().collect();
+        let [left, entered]: [Vec<u32>; 2] =
+            [old.difference(&new).copied().collect(), new.difference(&old).copied().collect()];
         let id = self.population.at(slot).id;
-        if old != cells {
-            self.near_bodies.remove((id, slot), ids(&old));
-            self.near_bodies.insert((id, slot), ids(&cells));
+        self.near_bodies.remove((id, slot), &left);
+        self.near_bodies.insert((id, slot), &entered);
+        // With several delays, who is nearer to some viewers may have moved in none of the two.
+        moves.bodies.push((slot, self.population.at(slot).near.indexed.clone()));
+        if let Some((_, sectors)) = moves.bodies.last_mut() {
+            sectors.extend(left);
         }
-        cells.extend(old);
-        cells.sort_unstable();
-        cells.dedup();
-        moves.bodies.push((slot, cells));
     }
 
-    /// Whether the cells that the eye can be in are others than before.
+    /// Whether the sectors that the eye can be in are others than before.
     fn place_eyes(&mut self, now: Duration, slot: Slot, delay: Duration) -> bool {
         let room = self.near_room(now, self.population.at(slot), delay);
         let avatar = self.population.at_mut(slot);
@@ -186,27 +190,29 @@ impl Engine {
         }
         let cells = &self.world.cells;
         let spare = room.within.grown(self.config.spare_m);
-        let reach = Reach::new(&mut self.scratch, cells, room.from, &spare, f32::INFINITY);
+        let reach = Reach::within(&mut self.scratch, cells, room.from, &spare);
         let region = Region::new(reach.eye_parts(cells), spare, &room.within);
-        let found = reach.eyes();
+        let in_cells = reach.eyes();
+        let found = self.sectors.of(&in_cells);
         let near = &mut avatar.near;
         near.eyes_version = near.eyes_version.wrapping_add(1);
         if let Some(eyes) = &mut near.eyes
-            && eyes.cells == found
+            && eyes.sectors == found
         {
-            eyes.region = region;
+            (eyes.region, eyes.cells) = (region, in_cells);
             return false;
         }
-        let mut visible = Bits::default();
-        found.iter().for_each(|cell| visible.extend(&cells.pvs[cell.0 as usize]));
-        self.near_eyes.insert((id, slot), ids(&found));
-        if let Some(old) = near.eyes.replace(Eyes { region, cells: found, visible }) {
-            self.near_eyes.remove((id, slot), ids(&old.cells));
+        let visible = self.sectors.visible_from(&found);
+        self.near_eyes.insert((id, slot), &found);
+        if let Some(old) =
+            near.eyes.replace(Eyes { region, cells: in_cells, sectors: found, visible })
+        {
+            self.near_eyes.remove((id, slot), &old.sectors);
         }
         true
     }
 
-    /// Whether the cells that the body can be in are others than before.
+    /// Whether the sectors that the body can be in are others than before.
     fn place_bodies(&mut self, now: Duration, slot: Slot, delay: Duration) -> bool {
         let room = self.near_room(now, self.population.at(slot), delay);
         let cells = &self.world.cells;
@@ -221,14 +227,16 @@ impl Engine {
             return false;
         }
         let spare = room.within.grown(self.config.spare_m);
-        let reach = Reach::new(&mut self.scratch, cells, room.from, &spare, f32::INFINITY);
+        let reach = Reach::within(&mut self.scratch, cells, room.from, &spare);
         let (found, parts) = reach.bodies(cells, &self.world.body);
-        let new = Bodies { delay, region: Region::new(parts, spare, &just), cells: found };
+        let sectors = self.sectors.of(&found);
+        let region = Region::new(parts, spare, &just);
+        let new = Bodies { delay, region, cells: found, sectors };
         near.bodies_version = near.bodies_version.wrapping_add(1);
         match place {
             Ok(place) => {
                 let old = std::mem::replace(&mut near.bodies[place], new);
-                old.cells != near.bodies[place].cells
+                old.sectors != near.bodies[place].sectors
             }
             Err(place) => {
                 near.bodies.insert(place, new);
@@ -268,21 +276,17 @@ impl Engine {
     fn exact_reach(&mut self, now: Duration, slot: Slot, delay: Duration) -> Reach {
         let room = self.near_room(now, self.population.at(slot), delay);
         let cells = &self.world.cells;
-        Reach::new(&mut self.scratch, cells, room.from, &room.within, f32::INFINITY)
+        Reach::within(&mut self.scratch, cells, room.from, &room.within)
     }
 
-    /// Takes an avatar's regions out; gives the cells that its body could be in.
-    pub(super) fn forget_near(&mut self, slot: Slot) -> Vec<CellId> {
+    /// Takes an avatar's regions out; gives the sectors that its body could be in.
+    pub(super) fn forget_near(&mut self, slot: Slot) -> Vec<u32> {
         let avatar = self.population.at_mut(slot);
         let (id, near) = (avatar.id, std::mem::take(&mut avatar.near));
         if let Some(eyes) = near.eyes {
-            self.near_eyes.remove((id, slot), ids(&eyes.cells));
+            self.near_eyes.remove((id, slot), &eyes.sectors);
         }
-        self.near_bodies.remove((id, slot), ids(&near.indexed));
+        self.near_bodies.remove((id, slot), &near.indexed);
         near.indexed
     }
-}
-
-fn ids(cells: &[CellId]) -> impl Iterator<Item = u32> + '_ {
-    cells.iter().map(|cell| cell.0)
 }

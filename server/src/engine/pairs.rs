@@ -1,10 +1,9 @@
 //! Which avatars concern which viewers: kept up to date by what moved, never gone through as a whole.
 //!
-//! A viewer has a pair with every avatar whose body can be in a cell that is visible from where the
-//! viewer's eye can be. What their cells leave open is [looked at](super::looks) more closely.
+//! A viewer has a pair with every avatar whose body can be in a sector that is visible from where the
+//! viewer's eye can be. What their sectors leave open is [looked at](super::looks) more closely.
 
-use roaring::RoaringBitmap;
-use sightline_shared::{motion::AvatarId, world::CellId};
+use sightline_shared::motion::AvatarId;
 
 use super::{Engine, Output, looks::Look, near::Moves, population::Slot, zones::Member};
 
@@ -26,7 +25,7 @@ pub(super) struct Pair {
 
 impl Pair {
     pub(super) fn new((id, slot): Member) -> Self {
-        let look = Look::Undecided { again: 0 };
+        let look = Look::Unknown;
         Self { id, slot, concerns: true, is_held: false, held_until: 0, version: 0, look }
     }
 }
@@ -40,8 +39,8 @@ impl Engine {
         // These have all their pairs; no others need to be looked up among them.
         let mut done = moves.viewers.clone();
         done.sort_unstable();
-        for (slot, cells) in &moves.bodies {
-            for viewer in self.viewers_of(cells) {
+        for (slot, sectors) in &moves.bodies {
+            for viewer in self.viewers_of(sectors) {
                 if viewer != *slot && done.binary_search(&viewer).is_err() {
                     self.pair_one(viewer, *slot);
                 }
@@ -49,14 +48,11 @@ impl Engine {
         }
     }
 
-    /// The live avatars that may see into some of these cells; where there are few, all.
-    fn viewers_of(&self, cells: &[CellId]) -> Vec<Slot> {
-        let rows = cells.iter().map(|cell| &self.world.cells.pvs[cell.0 as usize]);
-        if rows.clone().map(RoaringBitmap::len).sum::<u64>() > self.population.live_len() as u64 {
-            return self.population.live().collect();
-        }
-        let from = rows.flat_map(|row| row.iter().flat_map(|cell| self.near_eyes.of(cell)));
-        let mut viewers: Vec<Slot> = from.map(|(_, viewer)| *viewer).collect();
+    /// The live avatars that may see into some of these sectors.
+    fn viewers_of(&self, sectors: &[u32]) -> Vec<Slot> {
+        let visible = self.sectors.visible_from(sectors);
+        let mut viewers: Vec<Slot> =
+            self.near_eyes.among(&visible).map(|(_, slot)| *slot).collect();
         viewers.sort_unstable();
         viewers.dedup();
         viewers
@@ -66,10 +62,7 @@ impl Engine {
     fn pair_all(&mut self, viewer: Slot) {
         let avatar = self.population.at(viewer);
         let Some(eyes) = &avatar.near.eyes else { return };
-        let mut found: Vec<Member> = Vec::new();
-        for cell in eyes.visible.iter() {
-            found.extend_from_slice(self.near_bodies.of(cell));
-        }
+        let mut found: Vec<Member> = self.near_bodies.among(&eyes.visible).copied().collect();
         found.sort_unstable();
         found.dedup();
         let delay = self.horizons.delay(avatar.round_trip);
@@ -98,10 +91,10 @@ impl Engine {
     /// Ends all pairs with an avatar that is gone or hidden, whose regions have just been taken
     /// out; those who held it are told at the next tick.
     pub(super) fn part(&mut self, slot: Slot) {
-        let cells = self.forget_near(slot);
+        let sectors = self.forget_near(slot);
         let id = self.population.at(slot).id;
         let viewers: Vec<Slot> = if self.config.policy.uses_cells() {
-            self.viewers_of(&cells)
+            self.viewers_of(&sectors)
         } else {
             self.population.live().collect()
         };

@@ -71,8 +71,36 @@ impl Scratch {
 }
 
 impl Reach {
-    /// Where an eye that was at a place in own axes can be when it has stayed in a box and come no
-    /// further than `way_m`.
+    /// Where an eye that was at a place in own axes can be when it has stayed in a box.
+    pub(super) fn within(scratch: &mut Scratch, cells: &Cells, from: Vec3, within: &Aabb) -> Self {
+        scratch.begin(cells);
+        let mut reach = Self { pieces: Vec::new() };
+        let within = within.intersection(&cells.bounds);
+        let mut open = std::mem::take(&mut scratch.start);
+        cells.overlapping(&Aabb::around(from, ROUNDING_M), &mut open);
+        if open.is_empty() {
+            open.extend(cells.near_own(from));
+        }
+        open.iter().for_each(|cell| scratch.cells[cell.0 as usize].0 = scratch.search);
+        while let Some(id) = open.pop() {
+            let cell = &cells.cells[id.0 as usize];
+            reach.pieces.push((id, cell.bounds.intersection(&within)));
+            for portal in &cell.portals {
+                let portal = &cells.portals[*portal as usize];
+                let beyond = portal.cells[usize::from(portal.cells[0] == id)];
+                let known = &mut scratch.cells[beyond.0 as usize].0;
+                if *known != scratch.search && portal.polygon.bounds().intersects(&within) {
+                    *known = scratch.search;
+                    open.push(beyond);
+                }
+            }
+        }
+        scratch.start = open;
+        reach.pieces.sort_unstable_by_key(|(cell, _)| *cell);
+        reach
+    }
+
+    /// The same, when it has come no further than `way_m` either.
     pub(super) fn new(
         scratch: &mut Scratch,
         cells: &Cells,
@@ -143,8 +171,7 @@ impl Reach {
     ) {
         for portal in &cells.cells[cell.0 as usize].portals {
             let gap = cells.portals[*portal as usize].polygon.bounds();
-            // Without a limit every way is as good as any other.
-            let come_m = if way_m.is_finite() { come_m + distance(from, &gap) } else { 0.0 };
+            let come_m = come_m + distance(from, &gap);
             if come_m <= way_m && gap.intersects(within) && scratch.is_nearer(*portal, come_m) {
                 scratch.waiting.push(Reverse((come_m.to_bits(), *portal)));
             }
@@ -286,5 +313,16 @@ mod tests {
         let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eyes());
         assert_eq!((reach(10.0), reach(9.9), reach(10.1)), (vec![0, 1], vec![0], vec![1]));
         assert_eq!(ids(&ball(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01).eyes()), [0, 1]);
+    }
+
+    #[test]
+    fn ways_without_end_lead_wherever_the_box_does() {
+        let world = stage::row(6);
+        for (x, radius) in [(5.0, 2.0), (18.0, 7.0), (30.0, 14.0), (9.999, 0.5)] {
+            let from = Vec3::new(x, 1.6, 5.0);
+            let (region, scratch) = (Aabb::around(from, radius), &mut Scratch::default());
+            let limited = Reach::new(scratch, &world.cells, from, &region, 1e6);
+            assert_eq!(Reach::within(scratch, &world.cells, from, &region), limited);
+        }
     }
 }

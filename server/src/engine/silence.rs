@@ -106,7 +106,7 @@ impl Engine {
         let id = avatar.id;
         let spare = room.within.grown(ZONE_SPARE_M);
         let cells = &self.world.cells;
-        let reach = Reach::new(&mut self.scratch, cells, room.from, &spare, f32::INFINITY);
+        let reach = Reach::within(&mut self.scratch, cells, room.from, &spare);
         let zone = Zone::of(&reach, &self.world, &self.sectors);
         let avatar = self.population.at_mut(slot);
         avatar.zone_box = Some(spare);

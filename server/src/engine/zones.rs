@@ -12,7 +12,7 @@ use super::{bits::Bits, parts::Parts, population::Slot, reach::Reach};
 const SECTORS_MAX: usize = 1 << 14;
 
 /// The building, coarser than by cells: a sector is a space, or several that follow one another.
-/// TBVs and what live avatars reveal are large, and shafts decide what sectors leave open.
+/// Regions overlap many cells but few sectors, and shafts decide what sectors leave open.
 #[derive(Clone, Debug)]
 pub(super) struct Sectors {
     /// For each cell.
@@ -38,7 +38,7 @@ impl Sectors {
     }
 
     /// Those of some cells, ascending.
-    fn of(&self, cells: &[CellId]) -> Vec<u32> {
+    pub(super) fn of(&self, cells: &[CellId]) -> Vec<u32> {
         let mut sectors: Vec<u32> = cells.iter().map(|cell| self.of[cell.0 as usize]).collect();
         sectors.sort_unstable();
         sectors.dedup();
@@ -46,7 +46,7 @@ impl Sectors {
     }
 
     /// All that are visible from some.
-    fn visible_from(&self, sectors: &[u32]) -> Bits {
+    pub(super) fn visible_from(&self, sectors: &[u32]) -> Bits {
         let mut all = Bits::default();
         sectors.iter().for_each(|sector| all.unite(&self.visible[*sector as usize]));
         all
@@ -87,41 +87,41 @@ impl Zone {
 /// An avatar, and where it is kept. Ordered by id.
 pub(super) type Member = (AvatarId, Slot);
 
-/// For each place, a cell or a sector, who can be in it.
+/// For each sector, who can be in it.
 #[derive(Clone, Debug)]
-pub(super) struct PlaceIndex {
+pub(super) struct SectorIndex {
     members: Vec<Vec<Member>>,
     occupied: Bits,
 }
 
-impl PlaceIndex {
-    pub(super) fn new(places: usize) -> Self {
-        Self { members: vec![Vec::new(); places], occupied: Bits::default() }
+impl SectorIndex {
+    pub(super) fn new(sectors: usize) -> Self {
+        Self { members: vec![Vec::new(); sectors], occupied: Bits::default() }
     }
 
-    /// Who can be in a place.
-    pub(super) fn of(&self, place: u32) -> &[Member] {
-        &self.members[place as usize]
+    /// Everybody who can be in some sectors; those in several more than once.
+    pub(super) fn among<'a>(&'a self, sectors: &'a Bits) -> impl Iterator<Item = &'a Member> {
+        sectors.shared(&self.occupied).flat_map(|sector| &self.members[sector as usize])
     }
 
-    pub(super) fn insert(&mut self, member: Member, places: impl Iterator<Item = u32>) {
-        for place in places {
-            let members = &mut self.members[place as usize];
+    pub(super) fn insert(&mut self, member: Member, sectors: &[u32]) {
+        for &sector in sectors {
+            let members = &mut self.members[sector as usize];
             if members.is_empty() {
-                self.occupied.insert(place);
+                self.occupied.insert(sector);
             }
             members.push(member);
         }
     }
 
-    pub(super) fn remove(&mut self, member: Member, places: impl Iterator<Item = u32>) {
-        for place in places {
-            let members = &mut self.members[place as usize];
+    pub(super) fn remove(&mut self, member: Member, sectors: &[u32]) {
+        for &sector in sectors {
+            let members = &mut self.members[sector as usize];
             if let Some(at) = members.iter().position(|m| *m == member) {
                 members.swap_remove(at);
             }
             if members.is_empty() {
-                self.occupied.remove(place);
+                self.occupied.remove(sector);
             }
         }
     }
@@ -130,23 +130,23 @@ impl PlaceIndex {
 /// The zones of many avatars.
 #[derive(Clone, Debug)]
 pub(super) struct ZoneIndex {
-    eyes: PlaceIndex,
-    bodies: PlaceIndex,
+    eyes: SectorIndex,
+    bodies: SectorIndex,
 }
 
 impl ZoneIndex {
     pub(super) fn new(sectors: usize) -> Self {
-        Self { eyes: PlaceIndex::new(sectors), bodies: PlaceIndex::new(sectors) }
+        Self { eyes: SectorIndex::new(sectors), bodies: SectorIndex::new(sectors) }
     }
 
     pub(super) fn insert(&mut self, member: Member, zone: &Zone) {
-        self.eyes.insert(member, zone.eyes.iter().copied());
-        self.bodies.insert(member, zone.bodies.iter().copied());
+        self.eyes.insert(member, &zone.eyes);
+        self.bodies.insert(member, &zone.bodies);
     }
 
     pub(super) fn remove(&mut self, member: Member, zone: &Zone) {
-        self.eyes.remove(member, zone.eyes.iter().copied());
-        self.bodies.remove(member, zone.bodies.iter().copied());
+        self.eyes.remove(member, &zone.eyes);
+        self.bodies.remove(member, &zone.bodies);
     }
 
     /// Everybody here who, by the sectors, can be seen from a zone or can see into it; in no order,
@@ -154,10 +154,7 @@ impl ZoneIndex {
     /// symmetric.
     pub(super) fn meeting(&self, sectors: &Sectors, zone: &Zone, found: &mut Vec<Member>) {
         for (from, index) in [(&zone.eyes, &self.bodies), (&zone.bodies, &self.eyes)] {
-            let visible = sectors.visible_from(from);
-            for seen in visible.shared(&index.occupied) {
-                found.extend_from_slice(index.of(seen));
-            }
+            found.extend(index.among(&sectors.visible_from(from)));
         }
     }
 }
