@@ -4,6 +4,7 @@ use std::{
     fs::File,
     io::Write,
     path::{Path, PathBuf},
+    str::FromStr,
     sync::Arc,
     time::Duration,
 };
@@ -12,7 +13,7 @@ use anyhow::Context;
 use sightline_server::{
     engine::{Policy, PolicyError, Shape, Validity},
     progress::Progress,
-    replay::{self, Comparison, Options, OracleStride},
+    replay::{self, Comparison, Moment, Options, OracleStride},
     trace::Trace,
 };
 use sightline_shared::world::World;
@@ -49,6 +50,9 @@ pub struct Args {
     /// How often rays check what is held: off, auto, or every so many milliseconds.
     #[arg(long, default_value = "auto", value_parser = stride)]
     oracle: OracleStride,
+    /// Tells why an avatar was sent to a viewer at a time, or not, in place of the table.
+    #[arg(long, value_name = "VIEWER,AVATAR,T_MS")]
+    explain: Option<Question>,
     /// Writes every event as CSV: t_ms,viewer,avatar,what.
     #[arg(long, value_name = "EVENTS.csv")]
     dump: Option<PathBuf>,
@@ -78,21 +82,67 @@ fn run_one(args: &Args, world: &Arc<World>, trace: &Trace, policy: Policy) -> an
     let options = options(args, policy)?;
     let mut dump = args.dump.as_deref().map(create).transpose()?;
     let progress = Progress::new();
-    let report = replay::run(
-        world,
-        trace,
-        &options,
-        dump.as_mut().map(|file| file as &mut dyn Write),
-        &mut |share| progress.show("replay", share),
-    );
+    let mut explanation = None;
+    let mut watch = |moment: &Moment<'_>| {
+        progress.show("replay", moment.done);
+        if let Some(question) = &args.explain
+            && explanation.is_none()
+            && moment.now >= question.at
+        {
+            explanation = Some(question.answer(moment));
+        }
+    };
+    let dump = dump.as_mut().map(|file| file as &mut dyn Write);
+    let report = replay::run_watched(world, trace, &options, dump, &mut watch);
     progress.finish();
     let report = report.context("cannot write the dump")?;
     super::write_json(args.json.as_deref(), &report)?;
-    super::print(&report.to_string())
+    match explanation {
+        Some(text) => super::print(&text),
+        None if args.explain.is_some() => anyhow::bail!("the trace ends before that time"),
+        None => super::print(&report.to_string()),
+    }
+}
+
+/// Of whom `--explain` is asked, by the trace's ids, and when.
+#[derive(Clone, Copy, Debug)]
+struct Question {
+    viewer: u32,
+    avatar: u32,
+    at: Duration,
+}
+
+impl Question {
+    fn answer(&self, moment: &Moment<'_>) -> String {
+        let find = |walker: u32| moment.engine.avatars().find(|id| moment.walker(*id) == walker);
+        let both = find(self.viewer).zip(find(self.avatar));
+        let found = both.and_then(|(viewer, avatar)| moment.engine.explain(viewer, avatar));
+        let when = format!("{:<34} {} ms\n", "at the tick at", moment.now.as_millis());
+        match found {
+            Some(explanation) => when + &explanation.to_string(),
+            None => when + "one of the two is not present\n",
+        }
+    }
+}
+
+impl FromStr for Question {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let wrong = "use VIEWER,AVATAR,T_MS: two ids of the trace and a time, as in 3,7,12500";
+        let numbers: Result<Vec<u32>, _> = text.split(',').map(str::parse).collect();
+        match numbers.map_err(|_| wrong)?[..] {
+            [viewer, avatar, t_ms] if viewer != avatar => {
+                Ok(Self { viewer, avatar, at: Duration::from_millis(t_ms.into()) })
+            }
+            _ => Err(wrong),
+        }
+    }
 }
 
 fn compare(args: &Args, world: &Arc<World>, trace: &Trace) -> anyhow::Result<()> {
     anyhow::ensure!(args.dump.is_none(), "--dump wants one policy");
+    anyhow::ensure!(args.explain.is_none(), "--explain wants one policy");
     let progress = Progress::new();
     let mut comparison = Comparison::default();
     let all = Comparison::POLICIES.len() as f32;

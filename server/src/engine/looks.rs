@@ -190,7 +190,7 @@ impl Engine {
     }
 
     /// Whether some cell that the viewer's eye can be in may see one that the avatar's body can be in.
-    fn may_see_by_cells(&self, viewer: Slot, pair: &Pair) -> bool {
+    pub(super) fn may_see_by_cells(&self, viewer: Slot, pair: &Pair) -> bool {
         let (from, to) = (self.population.at(viewer), self.population.at(pair.slot));
         let bodies = to.near.bodies_for(self.horizons.delay(from.round_trip));
         from.near.eyes.as_ref().zip(bodies).is_some_and(|(eyes, bodies)| {

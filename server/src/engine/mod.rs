@@ -32,6 +32,7 @@ mod authority;
 mod bits;
 mod config;
 mod expiry;
+mod explain;
 mod horizon;
 mod interest;
 mod looks;
@@ -58,6 +59,7 @@ use sightline_shared::{
 };
 
 pub use config::{Config, Policy, PolicyError, Sabotage, Shape, Validity};
+pub use explain::{Explanation, Reason};
 pub use messages::{Input, Output};
 pub use population::ClientState;
 

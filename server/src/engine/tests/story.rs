@@ -6,7 +6,7 @@ use glam::Vec3;
 use sightline_shared::motion::{AvatarId, Pose};
 
 use super::stage::{Stage, TICK, row};
-use crate::engine::{ClientState, Config, Input, Output, Policy};
+use crate::engine::{ClientState, Config, Input, Output, Policy, Reason};
 
 fn sees(stage: &Stage, viewer: AvatarId) -> Vec<u32> {
     let told: Vec<u32> = stage.client(viewer).sees.keys().map(|id| id.0).collect();
@@ -252,4 +252,25 @@ fn other_policies_know_no_walls_and_no_silence() {
         assert_eq!(sees(&stage, ada), seen, "{policy}");
         assert_eq!(is_quiet(&stage, eve), policy == Policy::Tbv, "{policy}");
     }
+}
+
+#[test]
+fn why_somebody_is_told_of_is_explained() {
+    let mut stage = Stage::prompt(row(8));
+    let (ada, bob, cy) = (stage.join(1, 5.0), stage.join(2, 15.0), stage.join(3, 25.0));
+    stage.ticks(2);
+    let reason = |stage: &Stage, viewer, avatar| {
+        let explanation = stage.engine.explain(viewer, avatar).unwrap();
+        assert_eq!(explanation.is_held, sees(stage, viewer).contains(&avatar.0));
+        assert!(!explanation.to_string().is_empty());
+        explanation.reason
+    };
+    assert!(matches!(reason(&stage, ada, bob), Reason::Free(_)));
+    assert_eq!(reason(&stage, ada, cy), Reason::Cells);
+    assert_eq!(stage.engine.explain(ada, AvatarId(9)), None);
+    stage.leave(bob);
+    stage.leave(cy);
+    let dee = stage.join(4, 75.0);
+    stage.ticks(4);
+    assert_eq!(reason(&stage, ada, dee), Reason::Silence);
 }

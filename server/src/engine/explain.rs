@@ -1,0 +1,122 @@
+//! Why an avatar is sent to a viewer, or not.
+
+use std::fmt;
+
+use sightline_shared::{geometry::Aabb, motion::AvatarId, shaft::Line};
+
+use super::{ClientState, Engine, looks::Look, parts::Parts};
+
+/// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
+/// axes, in metres.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explanation {
+    /// What the viewer's client does.
+    pub viewer: ClientState,
+    /// What the avatar's client does.
+    pub avatar: ClientState,
+    /// Whether the viewer's client has been told of the avatar.
+    pub is_held: bool,
+    /// Where the viewer's eye can be until the next tick's word stands; nowhere while it is hidden.
+    pub eyes: Vec<Aabb>,
+    /// Where the avatar's body can be until then.
+    pub bodies: Vec<Aabb>,
+    /// What decided.
+    pub reason: Reason,
+}
+
+/// What decided whether an avatar is sent to a viewer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Reason {
+    /// The policy does not ask who sees whom.
+    Policy,
+    /// One of the two is hidden from everyone.
+    Silence,
+    /// No cell that the eye can be in sees one that the body can be in.
+    Cells,
+    /// Every line between their regions is blocked.
+    Shafts,
+    /// This line between their regions is free.
+    Free(Line),
+    /// A line may be free: the budget did not suffice to tell.
+    Undecided,
+}
+
+impl Engine {
+    /// Why an avatar is sent to a viewer, or not, as of the last tick; `None` when one of them is
+    /// not there.
+    pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
+        let (from_slot, to_slot) = (self.population.slot(viewer)?, self.population.slot(avatar)?);
+        let (from, to) = (self.population.at(from_slot), self.population.at(to_slot));
+        let pair = from.pairs.iter().find(|pair| pair.id == avatar);
+        let delay = self.horizons.delay(from.round_trip);
+        let boxes = |parts: Option<&Parts>| parts.map_or_else(Vec::new, |p| p.boxes().to_vec());
+        let reason = match pair {
+            _ if !self.config.policy.uses_cells() => Reason::Policy,
+            _ if [from, to].iter().any(|a| a.state != ClientState::Live) => Reason::Silence,
+            None => Reason::Cells,
+            Some(pair) => match pair.look {
+                Look::Free(line, _) => Reason::Free(line),
+                Look::Unknown | Look::Undecided { .. } => Reason::Undecided,
+                _ if !self.may_see_by_cells(from_slot, pair) => Reason::Cells,
+                Look::Hidden(_) | Look::JustHidden { .. } => Reason::Shafts,
+            },
+        };
+        Some(Explanation {
+            viewer: from.state,
+            avatar: to.state,
+            is_held: pair.is_some_and(|pair| pair.is_held),
+            eyes: boxes(from.near.eyes.as_ref().map(|eyes| &eyes.region.just)),
+            bodies: boxes(to.near.bodies_for(delay).map(|bodies| &bodies.region.just)),
+            reason,
+        })
+    }
+}
+
+impl fmt::Display for Explanation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut row = |name: &str, value: String| writeln!(f, "{name:<34} {value}");
+        row("the viewer's client is", state(&self.viewer))?;
+        row("the avatar's client is", state(&self.avatar))?;
+        row(
+            "the viewer's client",
+            if self.is_held { "is told" } else { "is not told" }.to_owned(),
+        )?;
+        row("because", self.reason.to_string())?;
+        self.eyes.iter().try_for_each(|part| row("the eye can be in", region(part)))?;
+        self.bodies.iter().try_for_each(|part| row("the body can be in", region(part)))
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Policy => f.write_str("the policy does not ask who sees whom"),
+            Self::Silence => f.write_str("one of the two is hidden from everyone"),
+            Self::Cells => f.write_str("no cell of the one sees a cell of the other"),
+            Self::Shafts => f.write_str("every line between their regions is blocked"),
+            Self::Undecided => f.write_str("a line may be free: too little budget to tell"),
+            Self::Free(Line { from, to }) => write!(
+                f,
+                "the line from {:.2}, {:.2}, {:.2} to {:.2}, {:.2}, {:.2} is free",
+                from.x, from.y, from.z, to.x, to.y, to.z
+            ),
+        }
+    }
+}
+
+fn state(state: &ClientState) -> String {
+    match state {
+        ClientState::Live => "live".to_owned(),
+        ClientState::Quiet(tbv) => format!("quiet until {:.3} s", tbv.expiry.as_secs_f64()),
+        ClientState::Asked(_) => "asked".to_owned(),
+    }
+}
+
+fn region(part: &Aabb) -> String {
+    let (min, max) = (part.min, part.max);
+    format!(
+        "{:.2} to {:.2}, {:.2} to {:.2}, {:.2} to {:.2} m",
+        min.x, max.x, min.y, max.y, min.z, max.z
+    )
+}
