@@ -95,7 +95,7 @@ impl Default for Config {
             spare_m: 0.125,
             look_budget: 300_000,
             silence_budget: 60_000,
-            look_max: 5_000,
+            look_max: 10_000,
             hold_ticks: 4,
             silence_retry: Duration::from_millis(200),
             stall: Duration::from_secs(1),

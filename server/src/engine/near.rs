@@ -48,6 +48,12 @@ pub(super) struct Region {
 }
 
 impl Region {
+    /// Whether it serves for where the eye can be now: it holds all of that, and was not made when far
+    /// more was possible.
+    fn serves(&self, within: &Aabb, spare_m: f32) -> bool {
+        self.spare.contains_box(within) && within.grown(2.0 * spare_m).contains_box(&self.spare)
+    }
+
     fn is_exact_at(&self, tick: u32) -> bool {
         self.exact.as_ref().is_some_and(|(then, _)| *then == tick)
     }
@@ -183,7 +189,7 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let id = avatar.id;
         if let Some(eyes) = &mut avatar.near.eyes
-            && eyes.region.spare.contains_box(&room.within)
+            && eyes.region.serves(&room.within, self.config.spare_m)
         {
             eyes.region.just = eyes.region.parts.within(&room.within);
             return false;
@@ -221,7 +227,7 @@ impl Engine {
         let place = near.bodies.binary_search_by_key(&delay, |bodies| bodies.delay);
         if let Ok(place) = place
             && let region = &mut near.bodies[place].region
-            && region.spare.contains_box(&room.within)
+            && region.serves(&room.within, self.config.spare_m)
         {
             region.just = region.parts.within(&just);
             return false;
