@@ -98,12 +98,6 @@ pub struct Tbv {
 }
 
 impl Tbv {
-    /// The TBV of an avatar whose eye is at `centre` at `now`, and which nothing is known of but
-    /// how fast it can be: a sphere of maximum speed × validity.
-    pub fn sphere(centre: Vec3, speed_max: f32, now: Duration, validity: Duration) -> Self {
-        Self { centre, radius: speed_max * validity.as_secs_f32(), expiry: now + validity }
-    }
-
     /// The TBV of an avatar whose eye stays in a box.
     pub fn around(eyes: &Aabb, expiry: Duration) -> Self {
         Self { centre: eyes.centre(), radius: 0.5 * eyes.size().length(), expiry }
@@ -112,10 +106,5 @@ impl Tbv {
     /// Whether an eye at this place is inside.
     pub fn contains(&self, eye: Vec3) -> bool {
         (eye - self.centre).length() <= self.radius
-    }
-
-    /// The smallest box around every place the eye can be.
-    pub fn eyes(&self) -> Aabb {
-        Aabb::around(self.centre, self.radius)
     }
 }

@@ -20,7 +20,7 @@ use sightline_server::{
         self, Stage, demo_building, glb,
         model::{self, Model},
     },
-    verify::{self, Pairs, Tally},
+    verify::{self, Pairs, Principal, Tally},
 };
 use sightline_shared::world::{Pvs, World};
 
@@ -96,7 +96,7 @@ fn main() -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(&rows)? + "\n";
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    let misses: u64 = rows.iter().map(|row| row.misses).sum();
+    let misses: u64 = rows.iter().map(|row| row.principal.misses).sum();
     anyhow::ensure!(misses == 0, "the PVS denies {misses} pairs in sight");
     Ok(())
 }
@@ -153,12 +153,8 @@ struct Row {
     pvs_mb: [f64; 2],
     /// Pairs of points that counted, of both ways to sample.
     pairs: u64,
-    misses: u64,
-    over_send: Option<f64>,
-    looseness: Option<f64>,
-    own_misses: Option<u64>,
-    own_over_send: Option<f64>,
-    own_looseness: Option<f64>,
+    #[serde(flatten)]
+    principal: Principal,
 }
 
 impl Row {
@@ -185,7 +181,7 @@ impl Row {
         let verified = verified(&world, args)?;
         let entries: u64 = world.cells.pvs.iter().map(|row| row.len()).sum();
         let by_volume = &verified.by_volume;
-        let over_send = |tally: &Tally| by_volume.over_send(tally);
+
         Ok(Self {
             rooms,
             spaces: report.spaces,
@@ -204,12 +200,7 @@ impl Row {
             entries_per_cell: entries as f64 / report.cells.max(1) as f64,
             pvs_mb: pvs_bytes(&world.cells.pvs).map(|bytes| bytes as f64 / 1e6),
             pairs: by_volume.pairs + verified.by_cell.pairs,
-            misses: verified.misses(),
-            over_send: over_send(&by_volume.ours),
-            looseness: verified.entries.share(),
-            own_misses: verified.own_misses(),
-            own_over_send: by_volume.own.as_ref().and_then(over_send),
-            own_looseness: verified.own_entries.and_then(|entries| entries.share()),
+            principal: verified.principal(),
             name,
         })
     }
@@ -293,12 +284,12 @@ fn report(rows: &[Row], args: &Args) -> String {
             format!("{memory:.2}"),
             format!("{file:.2}"),
             row.pairs.to_string(),
-            row.misses.to_string(),
-            number(row.over_send, 3),
-            row.own_misses.map_or("-".into(), |misses| misses.to_string()),
-            number(row.own_over_send, 3),
-            percent(row.looseness),
-            percent(row.own_looseness),
+            row.principal.misses.to_string(),
+            number(row.principal.over_send, 3),
+            row.principal.own_misses.map_or("-".into(), |misses| misses.to_string()),
+            number(row.principal.own_over_send, 3),
+            percent(row.principal.looseness),
+            percent(row.principal.own_looseness),
             format!("{:.1}{full}", row.seconds),
             format!("{:.1}{full}", row.voxel_seconds),
         ]

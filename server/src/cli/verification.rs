@@ -5,19 +5,15 @@ use std::{fmt::Write, time::Instant};
 use serde::Serialize;
 use sightline_server::{
     progress::Progress,
-    verify::{self, Looseness, Miss, Options, Pairs, Report, Tally},
+    verify::{self, Looseness, Miss, Options, Pairs, Principal, Report, Tally},
 };
 use sightline_shared::world::World;
 
 /// What was found, for machines: the principal figures, then all of them.
 #[derive(Serialize)]
 pub struct Figures {
-    misses: u64,
-    over_send: Option<f64>,
-    looseness: Option<f64>,
-    own_misses: Option<u64>,
-    own_over_send: Option<f64>,
-    own_looseness: Option<f64>,
+    #[serde(flatten)]
+    principal: Principal,
     verification: Details,
 }
 
@@ -37,15 +33,8 @@ impl Figures {
         progress.finish();
         let report = report?;
         let seconds = start.elapsed().as_secs_f64();
-        let by_volume = &report.by_volume;
-        let own = by_volume.own.as_ref();
         Ok(Self {
-            misses: report.misses(),
-            over_send: by_volume.over_send(&by_volume.ours),
-            looseness: report.entries.share(),
-            own_misses: report.own_misses(),
-            own_over_send: own.and_then(|own| by_volume.over_send(own)),
-            own_looseness: report.own_entries.and_then(|entries| entries.share()),
+            principal: report.principal(),
             verification: Details { report, seed: options.seed, seconds },
         })
     }
@@ -53,7 +42,7 @@ impl Figures {
     /// An error when there is a miss.
     pub fn verdict(&self) -> anyhow::Result<()> {
         let Report { by_volume, by_cell, .. } = &self.verification.report;
-        let (misses, sight) = (self.misses, by_volume.sight + by_cell.sight);
+        let (misses, sight) = (self.principal.misses, by_volume.sight + by_cell.sight);
         anyhow::ensure!(misses == 0, "the PVS denies {misses} of {sight} pairs in sight");
         Ok(())
     }

@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn a_hidden_client_must_be_where_its_tbv_says() {
-        let tbv = Tbv::sphere(Vec3::ZERO, 2.0, ms(0), ms(1_000));
+        let tbv = Tbv { centre: Vec3::ZERO, radius: 2.0, expiry: ms(1_000) };
         for (t, x, verdict) in [
             (900, 1.7, Verdict::Accepted),
             (1_000, 2.0, Verdict::Accepted),
@@ -284,7 +284,7 @@ mod tests {
         // Way saved up does not lead out of the region.
         let mut ledger = Ledger::new(ms(0));
         let start = Vec3::new(-1.0, 0.0, 0.0);
-        let small = Tbv::sphere(start, 2.0, ms(3_000), ms(100));
+        let small = Tbv { centre: start, radius: 2.0, expiry: ms(3_100) };
         let got = ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS);
         assert_eq!(got, Verdict::Refused { correct: true });
     }

@@ -139,7 +139,7 @@ pub enum Policy {
         /// 0 is the same room alone.
         doors: u32,
     },
-    /// Everyone whose region meets a cell that is visible from the viewer's region.
+    /// Everyone who may be visible from somewhere in the viewer's region: by sectors, then cells, then shafts.
     Pvs,
     /// The same; and those whom nobody can see are silent.
     Tbv,

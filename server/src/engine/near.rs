@@ -18,7 +18,7 @@ pub(super) const ROUNDING_M: f32 = 0.01;
 
 /// Where an eye can be until a moment: in a box about it, as far as portals lead.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Room {
+pub(super) struct Leeway {
     /// Where it was last, in own axes.
     pub(super) from: Vec3,
     /// In own axes.
@@ -27,7 +27,7 @@ pub(super) struct Room {
     pub(super) way_m: f32,
 }
 
-impl Room {
+impl Leeway {
     pub(super) fn scale(&mut self, by: f32) {
         self.within.min = self.from + (self.within.min - self.from) * by;
         self.within.max = self.from + (self.within.max - self.from) * by;
@@ -129,20 +129,20 @@ pub(super) struct Moves {
 
 impl Engine {
     /// Where an eye can be some time after its last accepted report was made.
-    pub(super) fn room(&self, pose: &Pose, time: Duration) -> Room {
+    pub(super) fn leeway(&self, pose: &Pose, time: Duration) -> Leeway {
         let axes = &self.world.cells.axes;
         let (eye, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
-        Room {
+        Leeway {
             from: eye,
             within: self.agility.eyes(eye, velocity, time).grown(ROUNDING_M),
             way_m: self.agility.way(velocity, time) + ROUNDING_M,
         }
     }
 
-    /// The room that an avatar has until the next tick's word stands at viewers with a delay.
-    pub(super) fn near_room(&self, now: Duration, avatar: &Avatar, delay: Duration) -> Room {
+    /// How far an avatar can get until the next tick's word stands at viewers with a delay.
+    pub(super) fn near_leeway(&self, now: Duration, avatar: &Avatar, delay: Duration) -> Leeway {
         let age = now.saturating_sub(avatar.heard);
-        self.room(&avatar.pose, self.horizons.near(age, avatar.round_trip, delay))
+        self.leeway(&avatar.pose, self.horizons.near(age, avatar.round_trip, delay))
     }
 
     /// Brings the regions of a live avatar up to date, where they have to be.
@@ -185,19 +185,19 @@ impl Engine {
 
     /// Whether the sectors that the eye can be in are others than before.
     fn place_eyes(&mut self, now: Duration, slot: Slot, delay: Duration) -> bool {
-        let room = self.near_room(now, self.population.at(slot), delay);
+        let leeway = self.near_leeway(now, self.population.at(slot), delay);
         let avatar = self.population.at_mut(slot);
         let id = avatar.id;
         if let Some(eyes) = &mut avatar.near.eyes
-            && eyes.region.serves(&room.within, self.config.spare_m)
+            && eyes.region.serves(&leeway.within, self.config.spare_m)
         {
-            eyes.region.just = eyes.region.parts.within(&room.within);
+            eyes.region.just = eyes.region.parts.within(&leeway.within);
             return false;
         }
         let cells = &self.world.cells;
-        let spare = room.within.grown(self.config.spare_m);
-        let reach = Reach::within(&mut self.scratch, cells, room.from, &spare);
-        let region = Region::new(reach.eye_parts(cells), spare, &room.within);
+        let spare = leeway.within.grown(self.config.spare_m);
+        let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
+        let region = Region::new(reach.eye_parts(cells), spare, &leeway.within);
         let in_cells = reach.eyes();
         let found = self.sectors.of(&in_cells);
         let near = &mut avatar.near;
@@ -220,20 +220,20 @@ impl Engine {
 
     /// Whether the sectors that the body can be in are others than before.
     fn place_bodies(&mut self, now: Duration, slot: Slot, delay: Duration) -> bool {
-        let room = self.near_room(now, self.population.at(slot), delay);
+        let leeway = self.near_leeway(now, self.population.at(slot), delay);
         let cells = &self.world.cells;
-        let just = cells.axes.own_body(&self.world.body).around_box(&room.within);
+        let just = cells.axes.own_body(&self.world.body).around_box(&leeway.within);
         let near = &mut self.population.at_mut(slot).near;
         let place = near.bodies.binary_search_by_key(&delay, |bodies| bodies.delay);
         if let Ok(place) = place
             && let region = &mut near.bodies[place].region
-            && region.serves(&room.within, self.config.spare_m)
+            && region.serves(&leeway.within, self.config.spare_m)
         {
             region.just = region.parts.within(&just);
             return false;
         }
-        let spare = room.within.grown(self.config.spare_m);
-        let reach = Reach::within(&mut self.scratch, cells, room.from, &spare);
+        let spare = leeway.within.grown(self.config.spare_m);
+        let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
         let (found, parts) = reach.bodies(cells, &self.world.body);
         let sectors = self.sectors.of(&found);
         let region = Region::new(parts, spare, &just);
@@ -280,9 +280,9 @@ impl Engine {
     }
 
     fn exact_reach(&mut self, now: Duration, slot: Slot, delay: Duration) -> Reach {
-        let room = self.near_room(now, self.population.at(slot), delay);
+        let leeway = self.near_leeway(now, self.population.at(slot), delay);
         let cells = &self.world.cells;
-        Reach::within(&mut self.scratch, cells, room.from, &room.within)
+        Reach::within(&mut self.scratch, cells, leeway.from, &leeway.within)
     }
 
     /// Takes an avatar's regions out; gives the sectors that its body could be in.

@@ -99,14 +99,14 @@ impl Engine {
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
-        let room = self.room(&avatar.pose, self.horizons.far(age, avatar.round_trip));
-        if avatar.zone_box.is_some_and(|spare| spare.contains_box(&room.within)) {
+        let leeway = self.leeway(&avatar.pose, self.horizons.far(age, avatar.round_trip));
+        if avatar.zone_box.is_some_and(|spare| spare.contains_box(&leeway.within)) {
             return;
         }
         let id = avatar.id;
-        let spare = room.within.grown(ZONE_SPARE_M);
+        let spare = leeway.within.grown(ZONE_SPARE_M);
         let cells = &self.world.cells;
-        let reach = Reach::within(&mut self.scratch, cells, room.from, &spare);
+        let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
         let zone = Zone::of(&reach, &self.world, &self.sectors);
         let avatar = self.population.at_mut(slot);
         avatar.zone_box = Some(spare);

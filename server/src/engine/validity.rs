@@ -5,7 +5,8 @@ use std::time::Duration;
 use sightline_shared::{geometry::Aabb, motion::Tbv};
 
 use super::{
-    Engine, Shape, Validity, looks::Found, near::Room, population::Slot, reach::Reach, zones::Zone,
+    Engine, Shape, Validity, looks::Found, near::Leeway, population::Slot, reach::Reach,
+    zones::Zone,
 };
 
 /// The first validity that is tried for a newcomer.
@@ -108,12 +109,13 @@ impl Engine {
     /// it: neither where live avatars can soon be nor the TBVs of hidden ones.
     fn unseen(&mut self, slot: Slot, validity: Duration) -> Option<Silence> {
         let made = self.made_at(slot);
-        let (tbv, room) = self.tbv_for(slot, made, validity);
+        let (tbv, leeway) = self.tbv_for(slot, made, validity);
         let cells = &self.world.cells;
         let zone = if self.config.shape == Shape::Sphere {
-            Zone::of_box(&room.within, &self.world, &self.sectors)
+            Zone::of_box(&leeway.within, &self.world, &self.sectors)
         } else {
-            let reach = Reach::new(&mut self.scratch, cells, room.from, &room.within, room.way_m);
+            let reach =
+                Reach::new(&mut self.scratch, cells, leeway.from, &leeway.within, leeway.way_m);
             Zone::of(&reach, &self.world, &self.sectors)
         };
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
@@ -148,21 +150,23 @@ impl Engine {
     }
 
     /// What a TBV is for the client, and how far its avatar gets in it.
-    fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Room) {
+    fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Leeway) {
         let (pose, axes) = (&self.population.at(slot).pose, &self.world.cells.axes);
-        let mut room = self.room(pose, validity);
-        room.scale(self.config.sabotage.tbv_scale);
-        let sphere = Tbv { centre: pose.eye, radius: room.way_m, expiry: made + validity };
+        let mut leeway = self.leeway(pose, validity);
+        leeway.scale(self.config.sabotage.tbv_scale);
+        let sphere = Tbv { centre: pose.eye, radius: leeway.way_m, expiry: made + validity };
         match self.config.shape {
-            Shape::Sphere => (sphere, Room { within: Aabb::around(room.from, room.way_m), ..room }),
+            Shape::Sphere => {
+                (sphere, Leeway { within: Aabb::around(leeway.from, leeway.way_m), ..leeway })
+            }
             Shape::Reach => {
-                let able = Tbv::around(&room.within, made + validity);
+                let able = Tbv::around(&leeway.within, made + validity);
                 let tbv = if able.radius < sphere.radius {
                     Tbv { centre: axes.world(able.centre), ..able }
                 } else {
                     sphere
                 };
-                (tbv, room)
+                (tbv, leeway)
             }
         }
     }

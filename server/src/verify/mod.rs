@@ -77,16 +77,36 @@ pub struct Report {
     pub own_entries: Option<Looseness>,
 }
 
-impl Report {
+/// What decides whether a PVS is right, and how good it is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Principal {
     /// Pairs in sight that the PVS denies, of both ways to sample.
-    pub fn misses(&self) -> u64 {
-        self.by_volume.ours.misses + self.by_cell.ours.misses
-    }
-
+    pub misses: u64,
+    /// By volume; none when no pair is in sight.
+    pub over_send: Option<f64>,
+    /// The share of entries that are loose; none when none was tested.
+    pub looseness: Option<f64>,
     /// The same for the map's own vis lump.
-    pub fn own_misses(&self) -> Option<u64> {
-        let own = |pairs: &Pairs| pairs.own.as_ref().map(|own| own.misses);
-        Some(own(&self.by_volume)? + own(&self.by_cell)?)
+    pub own_misses: Option<u64>,
+    /// Likewise.
+    pub own_over_send: Option<f64>,
+    /// Likewise.
+    pub own_looseness: Option<f64>,
+}
+
+impl Report {
+    /// Its principal figures.
+    pub fn principal(&self) -> Principal {
+        let (by_volume, by_cell) = (&self.by_volume, &self.by_cell);
+        let own = by_volume.own.as_ref();
+        Principal {
+            misses: by_volume.ours.misses + by_cell.ours.misses,
+            over_send: by_volume.over_send(&by_volume.ours),
+            looseness: self.entries.share(),
+            own_misses: own.zip(by_cell.own.as_ref()).map(|(a, b)| a.misses + b.misses),
+            own_over_send: own.and_then(|own| by_volume.over_send(own)),
+            own_looseness: self.own_entries.and_then(|entries| entries.share()),
+        }
     }
 }
 
