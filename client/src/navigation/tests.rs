@@ -73,10 +73,8 @@ fn nobody_is_sent_where_there_is_no_way_back() {
 
 #[test]
 fn a_world_without_a_floor_has_no_places() {
-    let world = World {
-        octree: sightline_shared::octree::Octree { nodes: Vec::new(), ..world(&[]).octree },
-        ..world(&[])
-    };
+    let world =
+        World { octree: sightline_shared::octree::Octree::empty(Vec3::ZERO, 1.0, 1), ..world(&[]) };
     let navigation = Navigation::new(&world);
     assert!(navigation.is_empty());
     assert_eq!(navigation.random(&mut SmallRng::seed_from_u64(1)), None);

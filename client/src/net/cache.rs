@@ -114,7 +114,7 @@ mod tests {
         let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(4.0));
         World {
             title: "one cell".to_owned(),
-            octree: Octree { origin: Vec3::ZERO, edge: 4.0, depth: 4, nodes: Vec::new() },
+            octree: Octree::empty(Vec3::ZERO, 4.0, 4),
             cells: Cells::whole(bounds),
             mesh: Mesh::default(),
             spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],

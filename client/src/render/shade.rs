@@ -1,7 +1,7 @@
 //! Light, sky and glass.
 
 use glam::Vec3;
-use sightline_shared::octree::Node;
+use sightline_shared::octree::Look;
 
 /// Two lamps that never move, and how strong they are: every side of a box looks different.
 const LAMPS: [(Vec3, f32); 2] =
@@ -20,10 +20,10 @@ const GROUND: Vec3 = Vec3::new(132.0, 128.0, 122.0);
 /// How much of a pane's colour covers what is behind.
 const GLASS_SHARE: f32 = 0.3;
 
-/// A node's colour in the light, as 0x00RRGGBB. `along` points from the eye to it, in metres.
-pub(super) fn surface(node: &Node, along: Vec3) -> u32 {
-    let normal = Vec3::from(node.normal.map(f32::from)) / 127.0;
-    lit(Vec3::from(node.colour.map(f32::from)), normal, along)
+/// A look's colour in the light, as 0x00RRGGBB. `along` points from the eye to it, in metres.
+pub(super) fn surface(look: &Look, along: Vec3) -> u32 {
+    let normal = Vec3::from(look.normal.map(f32::from)) / 127.0;
+    lit(Vec3::from(look.colour.map(f32::from)), normal, along)
 }
 
 /// A colour in the light and behind the air, as 0x00RRGGBB. `along` points from the eye to it.

@@ -1,7 +1,7 @@
 //! One tile of the picture: the front-to-back walk through the octree, and the mask buffer.
 
 use glam::{Vec3, Vec3A, Vec4};
-use sightline_shared::octree::{Node, Octree};
+use sightline_shared::octree::{Cursor, Look, Octree};
 
 use super::{
     shade,
@@ -49,9 +49,9 @@ impl Tile {
         self.covered[height..].fill(!0);
         self.tinted = [0; TILE];
         self.rows_open = low_bits(height);
-        if !octree.nodes.is_empty() {
-            let cube = Cube { index: 0, level: 0, centre: view.centre, projected: view.projected };
-            Walk { nodes: &octree.nodes, view, tile: self }.consider(cube);
+        if let Some(root) = octree.root() {
+            let cube = Cube { centre: view.centre, projected: view.projected };
+            Walk { view, tile: self }.consider(root, cube);
         }
         for y in 0..height {
             self.finish_row(view, y, low_bits(width));
@@ -116,26 +116,23 @@ fn bits(mut word: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-/// A node and where it is.
+/// Where a node is.
 #[derive(Clone, Copy)]
 struct Cube {
-    index: u32,
-    level: usize,
     /// Relative to the eye.
     centre: Vec3A,
     projected: Vec4,
 }
 
 struct Walk<'a> {
-    nodes: &'a [Node],
     view: &'a TileView,
     tile: &'a mut Tile,
 }
 
 impl Walk<'_> {
     /// Draws a node unless it is out of view or covered.
-    fn consider(&mut self, cube: Cube) {
-        let pattern = &self.view.patterns[cube.level];
+    fn consider(&mut self, node: Cursor<'_>, cube: Cube) {
+        let pattern = &self.view.patterns[usize::from(node.level())];
         let (z, reach) = (cube.projected.z, pattern.reach.z);
         if z + reach < NEAR {
             return;
@@ -145,7 +142,7 @@ impl Walk<'_> {
                 Some(area) => area,
                 None => return,
             }
-        } else if self.is_beside(&cube) {
+        } else if self.is_beside(&cube, pattern.reach) {
             return;
         } else {
             Rectangle::ALL
@@ -153,17 +150,15 @@ impl Walk<'_> {
         if !self.tile.is_open(&area) {
             return;
         }
-        let node = self.nodes[cube.index as usize];
         if node.is_leaf() || z > pattern.small_from {
-            self.fill(&cube, &node, &area);
+            self.fill(&cube, pattern.half, node.look(), &area);
         } else {
-            self.descend(&cube, &node);
+            self.descend(&cube, node);
         }
     }
 
     /// Whether a node that is partly nearer than [`NEAR`] lies beside all lines of sight.
-    fn is_beside(&self, cube: &Cube) -> bool {
-        let reach = self.view.patterns[cube.level].reach;
+    fn is_beside(&self, cube: &Cube, reach: Vec4) -> bool {
         let last = (TILE - 1) as f32;
         let [x, y, z, _] = cube.projected.to_array();
         let far = z + reach.z;
@@ -175,18 +170,17 @@ impl Walk<'_> {
 
     /// Goes through the octants, the one towards the eye first: among octants that differ in one
     /// axis only, the nearer one always comes before the other.
-    fn descend(&mut self, cube: &Cube, node: &Node) {
-        let pattern = &self.view.patterns[cube.level];
+    fn descend(&mut self, cube: &Cube, node: Cursor<'_>) {
+        let pattern = &self.view.patterns[usize::from(node.level())];
         let nearest = cube.centre.cmplt(Vec3A::ZERO).bitmask() as u8;
         for octant in (0..8).map(|order| order ^ nearest) {
-            let Some(index) = node.child(octant) else { continue };
+            let Some(child) = node.child(octant) else { continue };
             let octant = usize::from(octant);
-            self.consider(Cube {
-                index,
-                level: cube.level + 1,
+            let cube = Cube {
                 centre: cube.centre + pattern.octants[octant],
                 projected: cube.projected + pattern.octants_projected[octant],
-            });
+            };
+            self.consider(child, cube);
             if self.tile.rows_open == 0 {
                 return;
             }
@@ -194,31 +188,31 @@ impl Walk<'_> {
     }
 
     /// Writes the pixels whose lines of sight meet the node.
-    fn fill(&mut self, cube: &Cube, node: &Node, area: &Rectangle) {
-        let half = self.view.patterns[cube.level].half * SEAM;
+    fn fill(&mut self, cube: &Cube, half: f32, look: &Look, area: &Rectangle) {
+        let half = half * SEAM;
         if cube.centre.abs().max_element() < half {
             // The eye is inside: better to look out of it than to see nothing.
             return;
         }
         let (low, high) = (cube.centre - half, cube.centre + half);
-        let colour = shade::surface(node, Vec3::from(cube.centre));
+        let colour = shade::surface(look, Vec3::from(cube.centre));
         for y in area.top..=area.bottom {
             let mut open = area.columns & !self.tile.covered[y];
-            if node.is_glass() {
+            if look.is_glass() {
                 open &= !self.tile.tinted[y];
             }
             let mut met = 0;
             for x in bits(open) {
                 let Some(depth) = entry(self.view.ray(x, y), low, high) else { continue };
                 met |= 1 << x;
-                if node.is_glass() {
+                if look.is_glass() {
                     self.tile.glass[y * TILE + x] = colour;
                 } else {
                     self.tile.colour[y * TILE + x] = colour;
                     self.tile.depth[y * TILE + x] = depth;
                 }
             }
-            if node.is_glass() {
+            if look.is_glass() {
                 self.tile.tinted[y] |= met;
             } else {
                 self.tile.cover(y, met);

@@ -1,7 +1,7 @@
 use glam::UVec3;
 use proptest::prelude::*;
 use sightline_shared::{
-    octree::{Node, Voxel, morton},
+    octree::{Look, Voxel, morton},
     world::{Cells, Mesh},
 };
 
@@ -59,7 +59,7 @@ const WALK: Wish =
 
 #[test]
 fn walls_and_glass_stop_the_body() {
-    for flags in [0, Node::GLASS] {
+    for flags in [0, Look::GLASS] {
         let world = world(&[([32, 0, 0], [33, 64, 64], flags)]);
         for wish in [WALK, Wish { fly: true, ..WALK }, Wish { jump: true, ..WALK }] {
             let eye = go_east(&world, wish, 3.0).pose().eye;
@@ -150,7 +150,7 @@ proptest! {
         let world = world(&[
             ([20, 0, 20], [24, 20, 40], 0),
             ([40, 0, 10], [44, 3, 60], 0),
-            ([44, 0, 10], [48, 5, 60], Node::GLASS),
+            ([44, 0, 10], [48, 5, 60], Look::GLASS),
         ]);
         let mut walker = Walker::new(&world, Spawn { eye: Vec3::from(start), yaw: 0.0 });
         prop_assert!(!world.octree.solid_in(&world.body.around(walker.pose().eye)));

@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         pvs_density: world.cells.density(),
         opaque_triangles: world.mesh.triangles.len(),
         movers: world.movers.iter().map(MoverFigures::new).collect(),
-        voxels: world.octree.nodes.iter().filter(|node| node.is_leaf()).count(),
+        voxels: world.octree.leaves.len(),
         voxel_m: world.octree.voxel(),
         spawns: world.spawns.len(),
         speed_max_m_s: world.speed_max,

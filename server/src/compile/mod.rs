@@ -195,7 +195,7 @@ pub fn compile(
         portals: cells.portals.len(),
         pvs_density: cells.density(),
         movers: model.movers.len(),
-        voxels: octree.nodes.iter().filter(|node| node.is_leaf()).count(),
+        voxels: octree.leaves.len(),
         voxel_m: octree.voxel(),
         seconds: watch.seconds,
         cpu_seconds: watch.cpu_seconds,

@@ -212,7 +212,7 @@ mod tests {
         let triangles = if has_wall { vec![[0, 1, 2]] } else { Vec::new() };
         World {
             title: String::new(),
-            octree: Octree { origin: Vec3::ZERO, edge: 1.0, depth: 1, nodes: Vec::new() },
+            octree: Octree::empty(Vec3::ZERO, 1.0, 1),
             cells: Cells::whole(bounds),
             mesh: Mesh { positions: corners.map(|(y, z)| Vec3::new(0.0, y, z)).into(), triangles },
             spawns: Vec::new(),

@@ -23,7 +23,7 @@ fn rooms() -> World {
     let corners = [(-1.0, -1.0), (4.0, -1.0), (4.0, 5.0), (-1.0, 5.0)];
     let world = World {
         title: "rooms".into(),
-        octree: Octree { origin: Vec3::ZERO, edge: 16.0, depth: 1, nodes: Vec::new() },
+        octree: Octree::empty(Vec3::ZERO, 16.0, 1),
         cells: cells(bounds, &[room(0.0), room(1.0), room(2.0)]),
         mesh: Mesh {
             positions: corners.map(|(y, z)| Vec3::new(4.0, y, z)).into(),
@@ -185,7 +185,7 @@ fn in_one_cell(model: model::Model) -> World {
         positions: opaque.as_flattened().to_vec(),
         triangles: (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| i * 3 + k)).collect(),
     };
-    let octree = Octree { origin: bounds.min, edge: 1.0, depth: 1, nodes: Vec::new() };
+    let octree = Octree::empty(bounds.min, 1.0, 1);
     let cells = cells(bounds, &[bounds]);
     let world = World { title, octree, cells, mesh, movers, spawns, body, speed_max, origin };
     with_pvs(world, &[&[0]])

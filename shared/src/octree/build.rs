@@ -1,20 +1,34 @@
-//! From voxels to the tree: breadth-first, with averaged looks in inner nodes.
+//! From voxels to the tree: blocks first, which threads can make apart, then all together.
+
+use std::ops::Range;
 
 use glam::{UVec3, Vec3};
 
-use super::{DEPTH_MAX, NODES_MAX, Node, Octree, OctreeError};
+use super::{
+    BLOCK_LEVELS, DEPTH_MAX, INNER_MAX, LEAVES_MAX, Look, Octree, OctreeError,
+    blend::average,
+    palette::{Grain, Palette},
+    shape::{Shape, levels},
+};
 
 /// A leaf on its way into an octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Voxel {
     /// Where: see [`morton`].
     pub key: u64,
-    /// As in [`Node::colour`].
+    /// As in [`Look::colour`].
     pub colour: [u8; 3],
-    /// As in [`Node::normal`].
+    /// As in [`Look::normal`].
     pub normal: [i8; 3],
-    /// As in [`Node::flags`].
+    /// As in [`Look::flags`].
     pub flags: u8,
+}
+
+impl Voxel {
+    /// How it looks.
+    pub fn look(&self) -> Look {
+        Look { colour: self.colour, normal: self.normal, flags: self.flags & Look::GLASS }
+    }
 }
 
 /// The key of the voxel at these coordinates, of which the lowest 16 bits count: the octants on
@@ -32,6 +46,64 @@ fn spread(bits: u32) -> u64 {
     (b | b << 2) & 0x2492_4924_9249
 }
 
+/// What is in a cube of 2^[`BLOCK_LEVELS`] voxels each way, or in the whole of a shallower tree:
+/// nine bytes a voxel, about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Block {
+    key: u64,
+    /// Child masks, breadth-first, the root's first.
+    masks: Vec<u8>,
+    looks: Vec<Look>,
+}
+
+impl Block {
+    /// Makes the block of these voxels, whose keys ascend and lie in the block's cube. None when
+    /// there are no voxels.
+    ///
+    /// # Errors
+    ///
+    /// When keys do not ascend, or are not all of one block.
+    pub fn new(depth: u8, voxels: &[Voxel]) -> Result<Option<Self>, OctreeError> {
+        let Some(first) = voxels.first() else { return Ok(None) };
+        let below = levels(depth).1;
+        let key = first.key >> (3 * below);
+        let is_inside = |voxel: &Voxel| voxel.key >> (3 * below) == key;
+        if !(voxels.is_sorted_by(|a, b| a.key < b.key) && voxels.iter().all(is_inside)) {
+            return Err(OctreeError::Outside);
+        }
+        let keys = voxels.iter().map(|voxel| voxel.key).collect();
+        let looks = voxels.iter().map(Voxel::look).collect();
+        Ok(Some(Self { key, masks: masks_above(keys, below), looks }))
+    }
+
+    /// How many voxels it has.
+    pub fn voxels(&self) -> usize {
+        self.looks.len()
+    }
+}
+
+/// The child masks of so many levels above some nodes, which are given by ascending keys;
+/// breadth-first from the top.
+fn masks_above(mut keys: Vec<u64>, levels: u8) -> Vec<u8> {
+    let mut all = Vec::with_capacity(levels.into());
+    for _ in 0..levels {
+        let mut masks: Vec<u8> = Vec::with_capacity(keys.len() / 2);
+        let mut parents: Vec<u64> = Vec::with_capacity(keys.len() / 2);
+        for key in keys {
+            if parents.last() != Some(&(key >> 3)) {
+                parents.push(key >> 3);
+                masks.push(0);
+            }
+            if let Some(mask) = masks.last_mut() {
+                *mask |= 1 << (key & 7);
+            }
+        }
+        all.push(masks);
+        keys = parents;
+    }
+    all.into_iter().rev().flatten().collect()
+}
+
 impl Octree {
     /// Makes a tree of voxels of edge `voxel` (in metres) whose keys count from `origin`, all at
     /// `depth`. Of voxels with one key the first is kept.
@@ -45,138 +117,89 @@ impl Octree {
         depth: u8,
         mut voxels: Vec<Voxel>,
     ) -> Result<Self, OctreeError> {
-        if depth > DEPTH_MAX {
-            return Err(OctreeError::TooDeep);
+        if !(1..=DEPTH_MAX).contains(&depth) {
+            return Err(OctreeError::Depth);
         }
         if !voxels.is_sorted_by_key(|v| v.key) {
             voxels.sort_by_key(|v| v.key);
         }
         voxels.dedup_by_key(|v| v.key);
-        if voxels.last().is_some_and(|last| last.key >> (3 * u32::from(depth)) != 0) {
+        let below = 3 * depth.min(BLOCK_LEVELS);
+        let of_a_block = |a: &Voxel, b: &Voxel| a.key >> below == b.key >> below;
+        let blocks =
+            voxels.chunk_by(of_a_block).filter_map(|part| Block::new(depth, part).transpose());
+        let blocks = blocks.collect::<Result<_, _>>()?;
+        Self::from_blocks(origin, voxel, depth, blocks)
+    }
+
+    /// The same of blocks, which come in the order of their voxels' keys.
+    ///
+    /// # Errors
+    ///
+    /// When the tree would be too deep, too large, or a block lies outside or is out of order.
+    pub fn from_blocks(
+        origin: Vec3,
+        voxel: f32,
+        depth: u8,
+        mut blocks: Vec<Block>,
+    ) -> Result<Self, OctreeError> {
+        if !(1..=DEPTH_MAX).contains(&depth) {
+            return Err(OctreeError::Depth);
+        }
+        let (above, below) = levels(depth);
+        let is_outside = blocks.last().is_some_and(|last| last.key >> (3 * u32::from(above)) != 0);
+        if is_outside || !blocks.is_sorted_by(|a, b| a.key < b.key) {
+            return Err(OctreeError::Outside);
+        }
+        let masks = masks_of(&mut blocks, above);
+        let leaves = blocks.iter().map(Block::voxels).sum::<usize>();
+        if masks.len() > INNER_MAX || leaves > LEAVES_MAX {
+            return Err(OctreeError::TooLarge);
+        }
+        let shape = Shape::link(&masks, depth)?;
+        drop(masks);
+        if shape.leaves != leaves || below == 0 {
             return Err(OctreeError::Outside);
         }
         let edge = voxel * (1u32 << depth) as f32;
-        let starts = level_starts(&voxels, depth);
-        if starts[usize::from(depth) + 1] > NODES_MAX {
-            return Err(OctreeError::TooLarge);
+        let mut octree = Self::empty(origin, edge, depth);
+        octree.inner = shape.inner;
+        let painted =
+            Grain::ALL.iter().any(|&grain| octree.paint(grain, &shape.roots, &blocks).is_some());
+        if painted { Ok(octree) } else { Err(OctreeError::Nonsense("palette")) }
+    }
+
+    /// Fills in all looks, if they fit with this grain.
+    fn paint(&mut self, grain: Grain, roots: &Range<usize>, blocks: &[Block]) -> Option<()> {
+        let mut palette = Palette::open(grain);
+        self.leaves.clear();
+        self.leaves.reserve_exact(blocks.iter().map(Block::voxels).sum());
+        for look in blocks.iter().flat_map(|block| &block.looks) {
+            self.leaves.push(palette.index(look)?);
         }
-        let mut nodes = place(&voxels, depth, &starts);
-        average(&mut nodes, starts[usize::from(depth)]);
-        Ok(Self { origin, edge, depth, nodes })
+        average(&mut self.inner, roots, &self.leaves, self.depth, &mut palette)?;
+        let places = palette.sort();
+        let looks = self.inner.iter_mut().map(|node| &mut node.look).chain(&mut self.leaves);
+        looks.for_each(|look| *look = places[usize::from(*look)]);
+        (self.grain, self.keys, self.looks) = (grain, palette.keys, palette.looks);
+        Some(())
     }
 }
 
-/// The index of the first node of each level, and at last the number of nodes.
-fn level_starts(voxels: &[Voxel], depth: u8) -> [usize; DEPTH_MAX as usize + 2] {
-    let mut counts = [0; DEPTH_MAX as usize + 1];
-    let mut previous = None;
-    for voxel in voxels {
-        for count in &mut counts[first_new_level(previous, voxel.key, depth)..=usize::from(depth)] {
-            *count += 1;
-        }
-        previous = Some(voxel.key);
+/// All child masks in the order of nodes in memory; the blocks' are taken out.
+fn masks_of(blocks: &mut [Block], above: u8) -> Vec<u8> {
+    let mut masks = masks_above(blocks.iter().map(|block| block.key).collect(), above);
+    masks.extend(blocks.iter().filter_map(|block| block.masks.first()));
+    for block in blocks {
+        masks.extend(block.masks.drain(..).skip(1));
     }
-    let mut starts = [0; DEPTH_MAX as usize + 2];
-    for (level, count) in counts.iter().enumerate() {
-        starts[level + 1] = starts[level] + count;
-    }
-    starts
-}
-
-/// The least level at which a voxel's ancestors differ from those of the one before it.
-fn first_new_level(previous: Option<u64>, key: u64, depth: u8) -> usize {
-    let Some(previous) = previous else { return 0 };
-    let bits_shared_not = 64 - (previous ^ key).leading_zeros();
-    usize::from(depth) + 1 - bits_shared_not.div_ceil(3) as usize
-}
-
-fn place(voxels: &[Voxel], depth: u8, starts: &[usize]) -> Vec<Node> {
-    let depth = usize::from(depth);
-    let mut nodes = vec![Node::default(); starts[depth + 1]];
-    let mut next: Vec<usize> = starts[..=depth].to_vec();
-    let mut previous = None;
-    for voxel in voxels {
-        let first_new = first_new_level(previous, voxel.key, depth as u8);
-        for level in first_new..=depth {
-            let index = next[level];
-            next[level] += 1;
-            if level > 0 {
-                let octant = voxel.key >> (3 * (depth - level)) & 7;
-                nodes[next[level - 1] - 1].child_mask |= 1 << octant;
-            }
-            if level < depth {
-                nodes[index].first_child = next[level + 1] as u32;
-            } else {
-                nodes[index].colour = voxel.colour;
-                nodes[index].normal = voxel.normal;
-                nodes[index].flags = voxel.flags;
-            }
-        }
-        previous = Some(voxel.key);
-    }
-    nodes
-}
-
-/// Gives inner nodes the looks of what is below them. Children must come after their parents, and
-/// from `bottom` on there are only leaves.
-pub(super) fn average(nodes: &mut [Node], bottom: usize) {
-    let mut weights = vec![1u32; bottom];
-    for index in (0..bottom).rev() {
-        if nodes[index].is_leaf() {
-            continue;
-        }
-        let first = nodes[index].first_child as usize;
-        let children = first..first + nodes[index].child_mask.count_ones() as usize;
-        let weight_of = |child: usize| weights.get(child).copied().unwrap_or(1);
-        let mut blend = Blend::default();
-        let solid = children.clone().any(|child| !nodes[child].is_glass());
-        for child in children {
-            // Glass that shares a node with something opaque does not change its looks.
-            if !(solid && nodes[child].is_glass()) {
-                blend.add(&nodes[child], weight_of(child));
-            }
-        }
-        weights[index] = blend.weight;
-        let node = &mut nodes[index];
-        (node.colour, node.normal) = blend.looks();
-        node.flags = if solid { 0 } else { Node::GLASS };
-    }
-}
-
-/// A weighted mean of looks.
-#[derive(Default)]
-struct Blend {
-    weight: u32,
-    colour: [u64; 3],
-    normal: [i64; 3],
-}
-
-impl Blend {
-    fn add(&mut self, node: &Node, weight: u32) {
-        self.weight = self.weight.saturating_add(weight);
-        for (sum, &channel) in self.colour.iter_mut().zip(&node.colour) {
-            *sum += u64::from(weight) * u64::from(channel);
-        }
-        // The two sides of a thin wall must not cancel out: what is drawn faces the eye anyway.
-        let along: i64 =
-            self.normal.iter().zip(&node.normal).map(|(&s, &n)| s * i64::from(n)).sum();
-        let signed = if along < 0 { -i64::from(weight) } else { i64::from(weight) };
-        for (sum, &part) in self.normal.iter_mut().zip(&node.normal) {
-            *sum += signed * i64::from(part);
-        }
-    }
-
-    fn looks(&self) -> ([u8; 3], [i8; 3]) {
-        let weight = u64::from(self.weight.max(1));
-        let colour = self.colour.map(|sum| ((sum + weight / 2) / weight).min(255) as u8);
-        let normal = Vec3::from(self.normal.map(|sum| sum as f32)).normalize_or_zero() * 127.0;
-        (colour, normal.to_array().map(|part| part.round() as i8))
-    }
+    masks
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::octree::Inner;
 
     #[test]
     fn keys_interleave_the_bits() {
@@ -197,26 +220,41 @@ mod tests {
             normal: [127, 0, 0],
             flags,
         };
-        let voxels = vec![
-            voxel(0, [100, 0, 0], 0),
-            voxel(1, [200, 0, 50], 0),
-            voxel(2, [0, 90, 0], 0),
-            voxel(3, [0, 0, 255], Node::GLASS),
-            voxel(5, [9, 9, 9], Node::GLASS),
-        ];
-        let octree = Octree::from_voxels(Vec3::ZERO, 1.0, 3, voxels).expect("small");
-        let root = octree.nodes[0];
-        assert_eq!((root.colour, root.flags), ([100, 30, 17], 0));
-        let right = octree.nodes[root.child(1).expect("there") as usize];
-        assert_eq!((right.colour, right.flags), ([9, 9, 9], Node::GLASS));
+        for levels in [2, 3, 6, 7, 9] {
+            // Two groups, next to each other or in blocks of their own.
+            let far = 1 << levels;
+            let voxels = vec![
+                voxel(0, [100, 0, 0], 0),
+                voxel(1, [200, 0, 50], 0),
+                voxel(2, [0, 90, 0], 0),
+                voxel(3, [0, 0, 255], Look::GLASS),
+                voxel(far + 1, [9, 9, 9], Look::GLASS),
+            ];
+            let octree = Octree::from_voxels(Vec3::ZERO, 1.0, levels + 1, voxels).expect("small");
+            let root = octree.root().expect("filled");
+            assert_eq!((root.look().colour, root.is_glass()), ([129, 52, 29], false));
+            assert_eq!(root.inner().map(|inner| inner.flags), Some(Inner::SOME_GLASS));
+            let right = root.child(1).expect("there");
+            assert_eq!((right.look().colour, right.is_glass()), ([9, 9, 9], true));
+            assert_eq!(
+                right.inner().map(|inner| inner.flags),
+                Some(Inner::GLASS | Inner::SOME_GLASS)
+            );
+        }
     }
 
     #[test]
-    fn opposite_normals_do_not_cancel() {
-        let sides = [127i8, -127].map(|x| Node { normal: [x, 0, 0], ..Node::default() });
-        let mut blend = Blend::default();
-        sides.iter().for_each(|side| blend.add(side, 1));
-        assert_eq!(blend.looks().1, [127, 0, 0]);
+    fn many_looks_are_rounded_and_few_are_not() {
+        let of = |colours: u32| {
+            let voxels = (0..colours).map(|i| {
+                let [_, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
+                Voxel { key: u64::from(i), colour: [r, g, b], ..Voxel::default() }
+            });
+            Octree::from_voxels(Vec3::ZERO, 1.0, 7, voxels.collect()).expect("fits")
+        };
+        assert_eq!(of(20_000).grain, Grain::FINEST);
+        let many = of(500_000);
+        assert!(many.looks.len() > 20_000 && many.grain.luma > 1);
     }
 
     #[test]
@@ -224,6 +262,16 @@ mod tests {
         let voxels = vec![Voxel { key: 8, ..Voxel::default() }];
         let check = |depth, voxels| Octree::from_voxels(Vec3::ZERO, 1.0, depth, voxels);
         assert_eq!(check(1, voxels), Err(OctreeError::Outside));
-        assert_eq!(check(17, Vec::new()), Err(OctreeError::TooDeep));
+        assert_eq!(check(17, Vec::new()), Err(OctreeError::Depth));
+        assert_eq!(check(0, Vec::new()), Err(OctreeError::Depth));
+        let block = |key| {
+            let voxel = Voxel { key, ..Voxel::default() };
+            Block::new(7, &[voxel]).expect("one block").expect("not empty")
+        };
+        let check = |blocks| Octree::from_blocks(Vec3::ZERO, 1.0, 7, blocks).map(|_| ());
+        assert_eq!(check(vec![block(1 << 18), block(0)]), Err(OctreeError::Outside));
+        assert_eq!(check(vec![block(0), block(1)]), Err(OctreeError::Outside));
+        assert_eq!(check(vec![block(0), block(8 << 18)]), Err(OctreeError::Outside));
+        assert_eq!(check(vec![block(0), block(7 << 18)]), Ok(()));
     }
 }

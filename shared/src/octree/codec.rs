@@ -1,28 +1,33 @@
-//! The octree as bytes: the shape first, then a plane for each property of the leaves.
+//! The octree as bytes.
 //!
 //! ```text
-//! origin 3 × f32 · edge f32 · depth u8 · nodes u32 · leaves u32          (little-endian)
-//! child masks, breadth-first, of every node above the greatest depth (zero: a leaf)
-//! red, green, blue, normal x, y, z, flags: a byte for each leaf, in the nodes' order
+//! origin 3 × f32 · edge f32 · depth u8 · grain 3 × u8                    (little-endian)
+//! looks u32 · inner nodes u32 · leaves u32
+//! looks: eight bytes each, ascending; child masks; leaves: low bytes, high bytes
 //! ```
 //!
-//! Inner nodes get their looks back from the leaves. Indices are not stored, so that no bytes can
-//! make a cycle; like bytes lie together, so that the file's compression does well.
+//! All in the order in memory. Indices of nodes are not stored, so that no bytes can make a cycle. Inner
+//! nodes get their looks back from the leaves.
 
 use glam::Vec3;
 use thiserror::Error;
 
-use super::{DEPTH_MAX, NODES_MAX, Node, Octree, build::average};
+use super::{
+    DEPTH_MAX, INNER_MAX, LEAVES_MAX, LOOKS_MAX, Octree,
+    blend::average,
+    palette::{Grain, KEY_MAX, Palette},
+    shape::Shape,
+};
 
 /// Why there is no octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum OctreeError {
-    /// More levels than [`DEPTH_MAX`].
-    #[error("an octree is deeper than {DEPTH_MAX} levels")]
-    TooDeep,
-    /// More nodes than [`NODES_MAX`].
-    #[error("an octree has more than {NODES_MAX} nodes")]
+    /// No level, or more than [`DEPTH_MAX`].
+    #[error("an octree has 1 to {DEPTH_MAX} levels")]
+    Depth,
+    /// More nodes than [`INNER_MAX`] or [`LEAVES_MAX`].
+    #[error("an octree has more than {INNER_MAX} inner nodes or {LEAVES_MAX} leaves")]
     TooLarge,
     /// A voxel's key does not belong to the tree.
     #[error("a voxel lies outside its octree")]
@@ -35,159 +40,103 @@ pub enum OctreeError {
     Nonsense(&'static str),
 }
 
-/// Bytes for each leaf.
-const PLANES: usize = 7;
-
 /// No coordinate or edge is greater, in metres.
 const EXTENT_MAX: f32 = 1.0e6;
 
 impl Octree {
-    /// Writes the tree. Nodes that no walk from the root reaches are left out.
+    /// Writes the tree.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let (masks, leaves) = self.breadth_first();
-        let bottom = masks.iter().filter(|&&mask| mask == 0).count();
-        let nodes = masks.len() + (leaves.len() - bottom);
-        let mut bytes = Vec::with_capacity(25 + masks.len() + PLANES * leaves.len());
+        let mut bytes = Vec::new();
         for number in self.origin.to_array().into_iter().chain([self.edge]) {
             bytes.extend(number.to_le_bytes());
         }
-        bytes.push(self.depth);
-        bytes.extend((nodes as u32).to_le_bytes());
-        bytes.extend((leaves.len() as u32).to_le_bytes());
-        bytes.extend(masks);
-        for plane in 0..PLANES {
-            bytes.extend(leaves.iter().map(|&leaf| plane_of(&self.nodes[leaf as usize], plane)));
+        bytes.extend([self.depth, self.grain.luma, self.grain.chroma, self.grain.normal]);
+        for count in [self.looks.len(), self.inner.len(), self.leaves.len()] {
+            bytes.extend((count as u32).to_le_bytes());
         }
+        for key in &self.keys {
+            bytes.extend(key.to_le_bytes());
+        }
+        bytes.extend(self.inner.iter().map(|node| node.mask));
+        bytes.extend(self.leaves.iter().map(|&leaf| leaf as u8));
+        bytes.extend(self.leaves.iter().map(|&leaf| (leaf >> 8) as u8));
         bytes
     }
 
-    /// The child masks of all nodes above the greatest depth, and all leaves, breadth-first.
-    fn breadth_first(&self) -> (Vec<u8>, Vec<u32>) {
-        let mut masks = Vec::new();
-        let mut leaves = Vec::new();
-        let mut level: Vec<u32> = self.nodes.first().map(|_| 0).into_iter().collect();
-        for _ in 0..self.depth {
-            let mut below = Vec::new();
-            for &index in &level {
-                let node = &self.nodes[index as usize];
-                masks.push(node.child_mask);
-                if node.is_leaf() {
-                    leaves.push(index);
-                }
-                below.extend((0..node.child_mask.count_ones()).map(|i| node.first_child + i));
-            }
-            level = below;
-        }
-        leaves.extend(level);
-        (masks, leaves)
-    }
-
-    /// Reads what [`Octree::to_bytes`] wrote: any bytes give a sound tree or an error. At most nine
-    /// times the bytes are held, and never more than [`NODES_MAX`] nodes.
+    /// Reads what [`Octree::to_bytes`] wrote: any bytes give a sound tree or an error. At most eight
+    /// times the bytes are held.
     ///
     /// # Errors
     ///
     /// When the bytes are not exactly one octree.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OctreeError> {
         let mut rest = bytes;
-        let mut float = || take(&mut rest).map(f32::from_le_bytes);
-        let origin = Vec3::new(float()?, float()?, float()?);
-        let edge = float()?;
-        let [depth] = take(&mut rest)?;
-        let nodes = u32::from_le_bytes(take(&mut rest)?) as usize;
-        let leaves = u32::from_le_bytes(take(&mut rest)?) as usize;
-        if !(origin.is_finite() && origin.abs().max_element() <= EXTENT_MAX) {
-            return Err(OctreeError::Nonsense("origin"));
-        }
-        if !(edge > 0.0 && edge <= EXTENT_MAX && edge.is_normal()) {
-            return Err(OctreeError::Nonsense("edge"));
-        }
-        if depth > DEPTH_MAX {
-            return Err(OctreeError::TooDeep);
-        }
-        if nodes > NODES_MAX {
-            return Err(OctreeError::TooLarge);
-        }
-        let shape = Shape::measure(rest, depth, nodes)?;
-        let (masks, planes) = rest.split_at_checked(shape.masks).ok_or(OctreeError::Length)?;
-        if shape.leaves != leaves || planes.len() != leaves * PLANES {
+        let mut octree = read_frame(&mut rest)?;
+        let mut count = |max: usize| {
+            let count = u32::from_le_bytes(take(&mut rest)?) as usize;
+            if count <= max { Ok(count) } else { Err(OctreeError::TooLarge) }
+        };
+        let (looks, inner, leaves) = (count(LOOKS_MAX)?, count(INNER_MAX)?, count(LEAVES_MAX)?);
+        let mut plane = |length: usize| {
+            let (head, tail) = rest.split_at_checked(length).ok_or(OctreeError::Length)?;
+            rest = tail;
+            Ok(head)
+        };
+        let (keys, masks) = (plane(8 * looks)?, plane(inner)?);
+        let (low, high) = (plane(leaves)?, plane(leaves)?);
+        if !rest.is_empty() {
             return Err(OctreeError::Length);
         }
-        let mut nodes = plant(masks, nodes);
-        paint(&mut nodes, planes, leaves)?;
-        average(&mut nodes, shape.masks);
-        Ok(Self { origin, edge, depth, nodes })
+        let keys: Vec<u64> =
+            keys.as_chunks().0.iter().map(|&key| u64::from_le_bytes(key)).collect();
+        let grain = octree.grain;
+        if !keys.is_sorted_by(|a, b| a < b) || keys.last().is_some_and(|&last| last > KEY_MAX) {
+            return Err(OctreeError::Nonsense("palette"));
+        }
+        let shape = Shape::link(masks, octree.depth)?;
+        if shape.leaves != leaves {
+            return Err(OctreeError::Length);
+        }
+        octree.inner = shape.inner;
+        let pairs = low.iter().zip(high);
+        octree.leaves = pairs.map(|(&low, &high)| u16::from_le_bytes([low, high])).collect();
+        if octree.leaves.iter().any(|&leaf| usize::from(leaf) >= looks) {
+            return Err(OctreeError::Nonsense("look"));
+        }
+        let mut palette = Palette::closed(grain, keys);
+        average(&mut octree.inner, &shape.roots, &octree.leaves, octree.depth, &mut palette)
+            .ok_or(OctreeError::Nonsense("palette"))?;
+        (octree.looks, octree.keys) = (palette.looks, palette.keys);
+        Ok(octree)
     }
+}
+
+/// Where the tree is, and how deep and fine; still empty.
+fn read_frame(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
+    let mut float = || take(rest).map(f32::from_le_bytes);
+    let origin = Vec3::new(float()?, float()?, float()?);
+    let edge = float()?;
+    let [depth, luma, chroma, normal] = take(rest)?;
+    if !(origin.is_finite() && origin.abs().max_element() <= EXTENT_MAX) {
+        return Err(OctreeError::Nonsense("origin"));
+    }
+    if !(edge > 0.0 && edge <= EXTENT_MAX && edge.is_normal()) {
+        return Err(OctreeError::Nonsense("edge"));
+    }
+    if !(1..=DEPTH_MAX).contains(&depth) {
+        return Err(OctreeError::Depth);
+    }
+    let grain = Grain { luma, chroma, normal };
+    if !grain.is_sound() {
+        return Err(OctreeError::Nonsense("grain"));
+    }
+    Ok(Octree { grain, ..Octree::empty(origin, edge, depth) })
 }
 
 fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], OctreeError> {
     let (head, tail) = rest.split_first_chunk::<N>().ok_or(OctreeError::Length)?;
     *rest = tail;
     Ok(*head)
-}
-
-fn plane_of(leaf: &Node, plane: usize) -> u8 {
-    match plane {
-        0..3 => leaf.colour[plane],
-        3..6 => leaf.normal[plane - 3] as u8,
-        _ => leaf.flags,
-    }
-}
-
-/// How many masks come, and how many leaves they lead to.
-struct Shape {
-    masks: usize,
-    leaves: usize,
-}
-
-impl Shape {
-    /// Walks the masks without making anything, so that counts are known before memory is taken.
-    fn measure(bytes: &[u8], depth: u8, nodes: usize) -> Result<Self, OctreeError> {
-        let mut shape = Self { masks: 0, leaves: 0 };
-        let mut level = usize::from(nodes > 0);
-        let mut total = level;
-        for _ in 0..depth {
-            let end = shape.masks + level;
-            let masks = bytes.get(shape.masks..end).ok_or(OctreeError::Length)?;
-            shape.masks = end;
-            shape.leaves += masks.iter().filter(|&&mask| mask == 0).count();
-            level = masks.iter().map(|mask| mask.count_ones() as usize).sum();
-            total += level;
-            if total > nodes {
-                return Err(OctreeError::Length);
-            }
-        }
-        shape.leaves += level;
-        if total == nodes { Ok(shape) } else { Err(OctreeError::Length) }
-    }
-}
-
-/// Makes the nodes, still without looks.
-fn plant(masks: &[u8], count: usize) -> Vec<Node> {
-    let mut nodes = vec![Node::default(); count];
-    let mut next = 1;
-    for (node, &mask) in nodes.iter_mut().zip(masks) {
-        node.child_mask = mask;
-        if mask != 0 {
-            node.first_child = next;
-            next += mask.count_ones();
-        }
-    }
-    nodes
-}
-
-fn paint(nodes: &mut [Node], planes: &[u8], leaves: usize) -> Result<(), OctreeError> {
-    let plane = |plane: usize| &planes[plane * leaves..(plane + 1) * leaves];
-    let planes: [&[u8]; PLANES] = std::array::from_fn(plane);
-    if planes[6].iter().any(|flags| flags & !Node::GLASS != 0) {
-        return Err(OctreeError::Nonsense("flags"));
-    }
-    for (i, leaf) in nodes.iter_mut().filter(|node| node.is_leaf()).enumerate() {
-        leaf.colour = [planes[0][i], planes[1][i], planes[2][i]];
-        leaf.normal = [planes[3][i] as i8, planes[4][i] as i8, planes[5][i] as i8];
-        leaf.flags = planes[6][i];
-    }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -199,30 +148,34 @@ mod tests {
     use crate::octree::{Voxel, morton};
 
     fn octree() -> impl Strategy<Value = Octree> {
-        let voxel = (prop::array::uniform3(0u32..32), any::<[u8; 3]>(), any::<[i8; 3]>(), 0u8..2)
-            .prop_map(|(at, colour, normal, flags)| Voxel {
-                key: morton(UVec3::from(at)),
-                colour,
-                normal,
-                flags,
+        let looks = (any::<[u8; 3]>(), any::<[i8; 3]>(), 0u8..2);
+        let voxel =
+            (prop::array::uniform3(0u32..500), looks).prop_map(|(at, (colour, normal, flags))| {
+                Voxel { key: morton(UVec3::from(at)), colour, normal, flags }
             });
-        prop::collection::vec(voxel, 0..100).prop_map(|voxels| {
-            Octree::from_voxels(Vec3::new(1.0, -2.0, 3.0), 0.125, 5, voxels).expect("small")
+        // Shallow trees are one block or less.
+        (1u8..=9, prop::collection::vec(voxel, 0..100)).prop_map(|(depth, mut voxels)| {
+            voxels.iter_mut().for_each(|voxel| voxel.key &= (1 << (3 * depth)) - 1);
+            Octree::from_voxels(Vec3::new(1.0, -2.0, 3.0), 0.125, depth, voxels).expect("small")
         })
     }
 
-    /// No node has an index out of range, or is its own ancestor.
+    /// No index is out of range, and every node but the root is the child of exactly one.
     fn is_sound(octree: &Octree) -> bool {
-        octree.nodes.iter().enumerate().all(|(index, node)| {
-            let children = u64::from(node.first_child) + u64::from(node.child_mask.count_ones());
-            node.is_leaf()
-                || node.first_child as usize > index && children <= octree.nodes.len() as u64
-        })
+        let (mut inner, mut leaves) = (0, 0);
+        let mut stack: Vec<_> = octree.root().into_iter().collect();
+        while let Some(node) = stack.pop() {
+            node.look();
+            *(if node.is_leaf() { &mut leaves } else { &mut inner }) += 1;
+            stack.extend(node.children().map(|(_, child)| child));
+        }
+        inner == octree.inner.len() && leaves == octree.leaves.len()
     }
 
     proptest! {
         #[test]
         fn what_is_written_is_read(octree in octree()) {
+            prop_assert!(is_sound(&octree));
             prop_assert_eq!(Octree::from_bytes(&octree.to_bytes()), Ok(octree));
         }
 
@@ -239,7 +192,7 @@ mod tests {
             bytes[at] ^= flip;
             if let Ok(other) = Octree::from_bytes(&bytes) {
                 prop_assert!(is_sound(&other));
-                prop_assert_eq!(other.to_bytes(), bytes);
+                prop_assert_eq!(Octree::from_bytes(&other.to_bytes()), Ok(other));
             }
         }
 
@@ -252,24 +205,14 @@ mod tests {
     }
 
     #[test]
-    fn a_leaf_may_lie_above_the_greatest_depth() {
-        let leaf = Node { colour: [1, 2, 3], ..Node::default() };
-        let root = Node { first_child: 1, child_mask: 0b10, colour: [1, 2, 3], ..leaf };
-        let octree = Octree { origin: Vec3::ZERO, edge: 8.0, depth: 3, nodes: vec![root, leaf] };
-        assert_eq!(Octree::from_bytes(&octree.to_bytes()), Ok(octree));
-    }
-
-    #[test]
     fn a_count_is_checked_before_memory_is_taken() {
-        let mut bytes = octree_bytes_of_nothing();
-        bytes[17..21].copy_from_slice(&(NODES_MAX as u32).to_le_bytes());
-        bytes[21..25].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert_eq!(Octree::from_bytes(&bytes), Err(OctreeError::Length));
-        bytes[17..21].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert_eq!(Octree::from_bytes(&bytes), Err(OctreeError::TooLarge));
-    }
-
-    fn octree_bytes_of_nothing() -> Vec<u8> {
-        Octree { origin: Vec3::ZERO, edge: 1.0, depth: 5, nodes: Vec::new() }.to_bytes()
+        let empty = Octree::empty(Vec3::ZERO, 1.0, 5).to_bytes();
+        for at in [20, 24, 28] {
+            let mut bytes = empty.clone();
+            bytes[at] = 1;
+            assert_eq!(Octree::from_bytes(&bytes), Err(OctreeError::Length));
+            bytes[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+            assert_eq!(Octree::from_bytes(&bytes), Err(OctreeError::TooLarge));
+        }
     }
 }

@@ -1,81 +1,113 @@
 //! The one octree: static voxels, their colours and normals. Objects that come, move and go have
 //! one of their own, over a cube as well: [`occupants`].
 //!
-//! Nodes are stored breadth-first or in any order in which the children of one node are
-//! contiguous and in ascending octant order. Octant bit 0 is +x, bit 1 is +y, bit 2 is +z.
-
+//! All leaves are at the greatest depth. An inner node takes eight bytes ([`Inner`]); a leaf is
+//! two, an index into the palette of looks ([`Look`]), and inner nodes have the averaged looks of
+//! what is below them, from the same palette. So what lies behind a node or a voxel is one look-up
+//! away, and whoever draws shades the palette once in place of every pixel.
 //!
-//! A walk from the root halves cubes. [`Octree::from_voxels`] makes the tree, [`Octree::to_bytes`]
-//! and [`Octree::from_bytes`] keep it.
+//! Octant bit 0 is +x, bit 1 is +y, bit 2 is +z. The children of a node are contiguous and in
+//! ascending octant order. Nodes lie in memory as follows, so that a walk through a part of the
+//! building stays within a few kilobytes:
+//!
+//! * breadth-first, all nodes whose height over the leaves is [`BLOCK_LEVELS`] or more: the last of
+//!   these levels are the blocks' roots;
+//! * block by block, in the roots' order, the inner nodes below the root, breadth-first;
+//! * all leaves in their depth-first order, which is that of [`morton`].
+//!
+//! [`Cursor`] walks without knowing any of this. [`Octree::from_voxels`] and [`Octree::from_blocks`]
+//! make the tree, [`Octree::to_bytes`] and [`Octree::from_bytes`] keep it.
 
+mod blend;
 mod build;
 mod codec;
+mod cursor;
+mod look;
 pub mod occupants;
+mod palette;
+mod shape;
 
 use glam::Vec3;
 
-pub use build::{Voxel, morton};
+pub use build::{Block, Voxel, morton};
 pub use codec::OctreeError;
+pub use cursor::Cursor;
+pub use look::Look;
 
 use crate::geometry::Aabb;
 
-/// No octree has more nodes: 768 MiB of them.
-pub const NODES_MAX: usize = 64 << 20;
+/// No octree has more inner nodes: 1 GiB of them.
+pub const INNER_MAX: usize = 1 << 27;
+
+/// No octree has more leaves: 512 MiB of them.
+pub const LEAVES_MAX: usize = 1 << 28;
+
+/// No octree has more looks: what an index of 16 bits can tell apart.
+pub const LOOKS_MAX: usize = 1 << 16;
 
 /// No octree is deeper.
 pub const DEPTH_MAX: u8 = 16;
 
-/// A node: a leaf voxel when `child_mask` is zero, else an inner node with averaged looks.
+/// A block is 2^6 voxels wide, or the whole tree when that is not so deep.
+pub const BLOCK_LEVELS: u8 = 6;
+
+/// A node with something below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Node {
-    /// Index of the first child in [`Octree::nodes`]; meaningless in a leaf.
-    pub first_child: u32,
-    /// Bit `i` is set when the child in octant `i` is not empty.
-    pub child_mask: u8,
-    /// sRGB colour, shaded by nothing.
-    pub colour: [u8; 3],
-    /// The surface normal, as signed hundred-and-twenty-sevenths; zero when it has none.
-    pub normal: [i8; 3],
-    /// Material bits: see [`Node::GLASS`].
+pub struct Inner {
+    /// Index of the first child: in [`Octree::leaves`] for a node just above the leaves, else in
+    /// [`Octree::inner`].
+    pub first: u32,
+    /// Its averaged looks, in [`Octree::looks`].
+    pub look: u16,
+    /// Bit `i` is set when the child in octant `i` is not empty. Never zero.
+    pub mask: u8,
+    /// [`Inner::GLASS`] and [`Inner::SOME_GLASS`].
     pub flags: u8,
 }
 
-impl Node {
-    /// Blocks bodies, not sight; drawn as a tint. An inner node has it when all its leaves do.
-    pub const GLASS: u8 = 1;
-
-    /// Whether there is nothing below.
-    pub fn is_leaf(&self) -> bool {
-        self.child_mask == 0
-    }
-
-    /// Whether everything in it can be seen through.
-    pub fn is_glass(&self) -> bool {
-        self.flags & Self::GLASS != 0
-    }
+impl Inner {
+    /// Everything below is glass.
+    pub const GLASS: u8 = Look::GLASS;
+    /// Something below is glass.
+    pub const SOME_GLASS: u8 = 2;
 
     /// The index of the child in an octant, if there is one.
     pub fn child(&self, octant: u8) -> Option<u32> {
         let bit = 1u8 << octant;
-        (self.child_mask & bit != 0)
-            .then(|| self.first_child + (self.child_mask & (bit - 1)).count_ones())
+        (self.mask & bit != 0).then(|| self.first + (self.mask & (bit - 1)).count_ones())
     }
 }
 
-/// A sparse voxel octree over a cube.
+/// A sparse voxel octree over a cube. Its parts fit together by how it was made; whoever changes
+/// one breaks it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
     /// The cube's corner with the least coordinates, in metres.
     pub origin: Vec3,
     /// The cube's edge, in metres: `voxel` × 2^`depth`.
     pub edge: f32,
-    /// Leaves are at most this deep; the root is at depth 0. At most 16.
+    /// All leaves are so deep; the root is at depth 0. From 1 to 16.
     pub depth: u8,
     /// The root comes first. Empty when there is no voxel.
-    pub nodes: Vec<Node>,
+    pub inner: Vec<Inner>,
+    /// Indices into the looks.
+    pub leaves: Vec<u16>,
+    /// The palette. Glass comes last.
+    pub looks: Vec<Look>,
+    /// How finely looks are told apart.
+    grain: palette::Grain,
+    /// The looks as the file has them.
+    keys: Vec<palette::Key>,
 }
 
 impl Octree {
+    /// A tree without voxels.
+    pub fn empty(origin: Vec3, edge: f32, depth: u8) -> Self {
+        let depth = depth.clamp(1, DEPTH_MAX);
+        let (inner, leaves, looks, keys) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { origin, edge, depth, inner, leaves, looks, grain: palette::Grain::FINEST, keys }
+    }
+
     /// The edge of a leaf voxel, in metres.
     pub fn voxel(&self) -> f32 {
         self.edge / (1u32 << self.depth) as f32
@@ -86,45 +118,58 @@ impl Octree {
         Aabb::new(self.origin, self.origin + self.edge)
     }
 
+    /// What inner nodes, leaves and looks take in memory.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(self.inner.as_slice())
+            + size_of_val(self.leaves.as_slice())
+            + size_of_val(self.looks.as_slice())
+            + size_of_val(self.keys.as_slice())
+    }
+
+    /// The index of the first look that is glass: leaves are glass from there on.
+    pub fn first_glass(&self) -> usize {
+        self.looks.partition_point(|look| !look.is_glass())
+    }
+
+    /// The root, if there is any voxel.
+    pub fn root(&self) -> Option<Cursor<'_>> {
+        Cursor::root(self)
+    }
+
     /// Whether any voxel, glass included, shares volume with a box; touching does not count.
     pub fn solid_in(&self, region: &Aabb) -> bool {
-        !self.nodes.is_empty() && self.solid_below(0, self.origin, self.edge, region)
+        self.root().is_some_and(|root| solid_below(root, self.origin, self.edge, region))
     }
 
-    fn solid_below(&self, index: u32, min: Vec3, edge: f32, region: &Aabb) -> bool {
-        let apart = region.min.cmpge(min + edge) | region.max.cmple(min);
-        if apart.any() {
-            return false;
-        }
-        let node = &self.nodes[index as usize];
-        if node.is_leaf() {
-            return true;
-        }
-        let half = edge * 0.5;
-        (0..8).any(|octant| {
-            node.child(octant).is_some_and(|child| {
-                self.solid_below(child, min + octant_corner(octant) * half, half, region)
-            })
-        })
-    }
-
-    /// The leaf voxel that a point lies in, if there is one.
-    pub fn leaf_at(&self, point: Vec3) -> Option<&Node> {
+    /// The looks of the leaf voxel that a point lies in, if there is one.
+    pub fn leaf_at(&self, point: Vec3) -> Option<&Look> {
         let mut min = self.origin;
         let mut edge = self.edge;
         let inside = point.cmpge(min) & point.cmplt(min + edge);
         if !inside.all() {
             return None;
         }
-        let mut node = self.nodes.first()?;
+        let mut node = self.root()?;
         while !node.is_leaf() {
             edge *= 0.5;
             let octant = point.cmpge(min + edge).bitmask() as u8;
-            node = &self.nodes[node.child(octant)? as usize];
+            node = node.child(octant)?;
             min += octant_corner(octant) * edge;
         }
-        Some(node)
+        Some(node.look())
     }
+}
+
+fn solid_below(node: Cursor<'_>, min: Vec3, edge: f32, region: &Aabb) -> bool {
+    let apart = region.min.cmpge(min + edge) | region.max.cmple(min);
+    if apart.any() {
+        return false;
+    }
+    let half = edge * 0.5;
+    node.is_leaf()
+        || node.children().any(|(octant, child)| {
+            solid_below(child, min + octant_corner(octant) * half, half, region)
+        })
 }
 
 /// The least corner of an octant within a cube of edge 2.

@@ -17,7 +17,7 @@ use glam::{UVec3, Vec3};
 use rayon::prelude::*;
 use sightline_shared::{
     geometry::Aabb,
-    octree::{DEPTH_MAX, Octree, OctreeError, Voxel, morton},
+    octree::{BLOCK_LEVELS, Block as Part, DEPTH_MAX, Octree, OctreeError, Voxel, morton},
 };
 use thiserror::Error;
 
@@ -28,10 +28,10 @@ use self::{
 };
 use super::model::Surface;
 
-/// No world has more voxels: the octree of so many takes about 640 MiB.
-pub const VOXELS_MAX: usize = 40 << 20;
+/// No world has more voxels: the octree of so many takes about 640 MiB, and to make it 2 GiB.
+pub const VOXELS_MAX: usize = 128 << 20;
 
-/// What [`default_voxel`] aims to stay below: an octree of about 320 MiB.
+/// What [`default_voxel`] aims to stay below: an octree of about 100 MiB.
 const VOXELS_DEFAULT: f64 = 20.0e6;
 
 /// The least edge that makes sense, in metres.
@@ -39,9 +39,6 @@ const EDGE_MIN: f32 = 0.001;
 
 /// The greatest edge that makes sense, in metres.
 const EDGE_MAX: f32 = 100.0;
-
-/// A block is 2^6 voxels wide.
-const BLOCK_LEVELS: u8 = 6;
 
 /// No more pairs of block and triangle are kept: 8 bytes each.
 const SCATTERED_MAX: usize = 64 << 20;
@@ -139,14 +136,14 @@ pub fn voxelise(
     let blocks = grid.scatter().ok_or_else(too_many)?;
     let (filled, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let cancelled = AtomicBool::new(false);
-    let parts: Vec<Vec<Voxel>> = blocks
+    let parts = blocks
         .par_iter()
         .map(|(&key, triangles)| {
             let mut voxels = Vec::new();
             // Once there are too many, the rest need not be made: all is thrown away.
             let given_up = filled.load(Ordering::Relaxed) > VOXELS_MAX;
             if given_up || cancelled.load(Ordering::Relaxed) {
-                return voxels;
+                return Ok(None);
             }
             grid.fill(key, triangles, &mut voxels);
             filled.fetch_add(voxels.len(), Ordering::Relaxed);
@@ -154,16 +151,16 @@ pub fn voxelise(
             if progress(share).is_break() {
                 cancelled.store(true, Ordering::Relaxed);
             }
-            voxels
+            Part::new(depth, &voxels)
         })
-        .collect();
+        .collect::<Result<Vec<_>, _>>()?;
     if cancelled.into_inner() {
         return Err(VoxeliseError::Cancelled);
     }
     if filled.into_inner() > VOXELS_MAX {
         return Err(too_many());
     }
-    Ok(Octree::from_voxels(origin, voxel, depth, parts.concat())?)
+    Ok(Octree::from_blocks(origin, voxel, depth, parts.into_iter().flatten().collect())?)
 }
 
 /// A triangle of a surface.

@@ -3,7 +3,7 @@ use std::collections::BTreeSet;
 use glam::{DVec3, Vec2};
 use proptest::prelude::*;
 
-use sightline_shared::octree::Node;
+use sightline_shared::octree::Look;
 
 use super::*;
 use crate::compile::model::Material;
@@ -103,7 +103,7 @@ fn threads_do_not_matter() {
         })
     };
     let one = with(1);
-    assert!(one.nodes.len() > 80_000);
+    assert!(one.leaves.len() > 65_000);
     assert!(one == with(2) && one == with(7));
 }
 
@@ -115,7 +115,7 @@ fn looks_come_from_what_is_there() {
     let at = |x, y, z| *octree.leaf_at(Vec3::new(x, y, z)).expect("filled");
     let floor = at(2.5, 0.0, 3.5);
     assert_eq!((floor.colour, floor.normal, floor.flags), ([140, 100, 200], [0, 127, 0], 0));
-    assert_eq!(at(2.0, 0.5, 1.1).flags, Node::GLASS);
+    assert_eq!(at(2.0, 0.5, 1.1).flags, Look::GLASS);
     // Where the pane stands on the floor, the floor is seen.
     let foot = at(2.0, 0.0, 1.1);
     assert_eq!((foot.colour[1], foot.flags), (100, 0));
@@ -142,7 +142,7 @@ fn a_texture_gives_its_mean_to_what_is_coarser() {
     floor.material.texture = Some(std::sync::Arc::new(fine));
     let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(2.0));
     let octree = voxelise(&[floor], &bounds, 0.125, &|_| ControlFlow::Continue(())).expect("small");
-    assert!(octree.nodes.iter().all(|node| node.colour == [100; 3]));
+    assert!(octree.looks.iter().all(|look| look.colour == [100; 3]));
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn too_many_voxels_say_what_would_do() {
     let bounds = Aabb::new(Vec3::ZERO, wide);
     let error = voxelise(&floor, &bounds, 1.0 / 64.0, &|_| ControlFlow::Continue(()))
         .expect_err("655 million");
-    assert_eq!(error, VoxeliseError::TooMany { voxel: 0.015625, enough: 0.125 });
+    assert_eq!(error, VoxeliseError::TooMany { voxel: 0.015625, enough: 0.0625 });
     assert_eq!(default_voxel(&floor, &bounds), 1.0 / 8.0);
     assert_eq!(
         voxelise(&floor, &bounds, f32::NAN, &|_| ControlFlow::Continue(()))

@@ -23,7 +23,7 @@ pub fn world(tree: Vec<Node>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool
     let all = bounds.iter().fold(Aabb::EMPTY, |all, b| all.union(b));
     World {
         title: "hand-made".to_owned(),
-        octree: Octree { origin: all.min, edge: 1.0, depth: 0, nodes: Vec::new() },
+        octree: Octree::empty(all.min, 1.0, 1),
         cells: Cells {
             axes: Axes::WORLD,
             bounds: all,

@@ -29,7 +29,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const HEADER_BYTES: usize = 48;
 /// Unpacked, no world is larger: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;

@@ -1,12 +1,12 @@
 use std::time::Duration;
 
-use glam::{DAffine3, Quat};
+use glam::{DAffine3, Quat, UVec3};
 use roaring::RoaringBitmap;
 
 use super::*;
 use crate::{
     motion::trajectory::{Course, Joint, Track, Trajectory},
-    octree::Node as Voxels,
+    octree::{Look, Voxel, morton},
     world::{
         Axes, Cell, CellId, Cells, Gate, Mover, Node, Origin, OriginLeaf, OriginNode, OriginPlane,
         OriginSide, OriginTree, Polygon, Portal, Solid, Space,
@@ -21,20 +21,21 @@ fn small_world() -> World {
     let corner = |y: f32, z: f32| Vec3::new(4.0, y, z);
     let corners = [corner(0.0, 1.0), corner(2.0, 1.0), corner(0.0, 2.0)];
     let door = Polygon::Other { normal: DVec3::X, corners: corners.into() };
-    let leaf = Voxels { colour: [200, 100, 50], normal: [0, 127, 0], ..Voxels::default() };
+    let voxel = |x, flags| Voxel {
+        key: morton(UVec3::new(x, 0, 0)),
+        colour: [200, 100, 50],
+        normal: [0, 127, 0],
+        flags,
+    };
     World {
         title: "two rooms".into(),
-        octree: Octree {
-            origin: Vec3::ZERO,
-            edge: 8.0,
-            depth: 2,
-            nodes: vec![
-                Voxels { first_child: 1, child_mask: 0b101, ..leaf },
-                Voxels { flags: Voxels::GLASS, ..leaf },
-                Voxels { first_child: 3, child_mask: 1, ..leaf },
-                leaf,
-            ],
-        },
+        octree: Octree::from_voxels(
+            Vec3::ZERO,
+            2.0,
+            2,
+            vec![voxel(0, 0), voxel(1, Look::GLASS), voxel(3, 0)],
+        )
+        .expect("small"),
         cells: Cells {
             bounds,
             axes: Axes::turned(0.5),
@@ -196,5 +197,5 @@ fn errors_say_what_to_do() {
     check(b"glTF and more", "this is not a Sightline world (.slw)");
     let mut file = small_world().to_bytes();
     file[4] = 9;
-    check(&file, "world file version 9, but this program reads version 4; compile again");
+    check(&file, "world file version 9, but this program reads version 5; compile again");
 }

@@ -1,0 +1,162 @@
+//! Looks of inner nodes: the mean of what is below, in light and not in sRGB.
+
+use std::ops::Range;
+
+use super::{
+    Inner, Look,
+    palette::{Palette, unit},
+    shape,
+};
+
+/// Gives every inner node the looks of what is below it. The same leaves and palette give the
+/// same result, bit for bit, on every machine.
+///
+/// # Errors
+///
+/// When the palette has no room for a mean.
+pub(super) fn average(
+    inner: &mut [Inner],
+    roots: &Range<usize>,
+    leaves: &[u16],
+    depth: u8,
+    palette: &mut Palette,
+) -> Option<()> {
+    let mut weights = vec![0u32; roots.end];
+    let mut blends = Vec::new();
+    for root in roots.clone() {
+        let block = shape::block(inner, roots, root, depth);
+        let start = block.nodes.start;
+        blends.clear();
+        blends.resize(block.nodes.len(), Blend::default());
+        for index in block.nodes.rev().chain([root]) {
+            let node = inner[index];
+            let mut blend = Children::default();
+            for child in node.first as usize..(node.first + node.mask.count_ones()) as usize {
+                if index >= block.bottom {
+                    let leaf = leaves[child];
+                    blend.add(leaf, Blend::of(&palette.looks[usize::from(leaf)], 1), false);
+                } else {
+                    let child_node = &inner[child];
+                    let glassy = child_node.flags & Inner::SOME_GLASS != 0;
+                    blend.add(child_node.look, blends[child - start], glassy);
+                }
+            }
+            let blend = blend.finish(&mut inner[index], palette)?;
+            match index.checked_sub(start) {
+                Some(place) => blends[place] = blend,
+                None => weights[root] = blend.weight,
+            }
+        }
+    }
+    for index in (0..roots.start).rev() {
+        let node = inner[index];
+        let mut blend = Children::default();
+        for child in node.first as usize..(node.first + node.mask.count_ones()) as usize {
+            let Inner { look, flags, .. } = inner[child];
+            let mean = Blend::of(&palette.looks[usize::from(look)], weights[child]);
+            blend.add(look, mean, flags & Inner::SOME_GLASS != 0);
+        }
+        weights[index] = blend.finish(&mut inner[index], palette)?.weight;
+    }
+    Some(())
+}
+
+/// The children of one node, as they come.
+#[derive(Default)]
+struct Children {
+    opaque: Blend,
+    glass: Blend,
+    some_glass: bool,
+    look: Option<u16>,
+    differ: bool,
+}
+
+impl Children {
+    fn add(&mut self, look: u16, mean: Blend, some_glass: bool) {
+        self.differ |= self.look.is_some_and(|first| first != look);
+        self.look = Some(look);
+        self.some_glass |= some_glass || mean.is_glass;
+        if mean.is_glass {
+            self.glass.add(&mean);
+        } else {
+            self.opaque.add(&mean);
+        }
+    }
+
+    /// Glass that shares a node with something opaque does not change its looks.
+    fn finish(self, node: &mut Inner, palette: &mut Palette) -> Option<Blend> {
+        let is_glass = self.opaque.weight == 0;
+        let blend = if is_glass { Blend { is_glass, ..self.glass } } else { self.opaque };
+        node.look = match self.look {
+            // Rounding must not move what is all alike.
+            Some(look) if !self.differ => look,
+            _ => palette.index(&blend.look())?,
+        };
+        node.flags = if is_glass { Inner::GLASS } else { 0 };
+        node.flags |= if self.some_glass { Inner::SOME_GLASS } else { 0 };
+        Some(blend)
+    }
+}
+
+/// A weighted mean of looks.
+#[derive(Clone, Copy, Default)]
+struct Blend {
+    is_glass: bool,
+    weight: u32,
+    /// Sums of squares: close enough to sums of light, and exact.
+    light: [u64; 3],
+    normal: [i64; 3],
+}
+
+impl Blend {
+    fn of(look: &Look, weight: u32) -> Self {
+        let light = look.colour.map(|channel| u64::from(weight) * u64::from(channel).pow(2));
+        let normal = look.normal.map(|part| i64::from(weight) * i64::from(part));
+        Self { is_glass: look.is_glass(), weight, light, normal }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.weight = self.weight.saturating_add(other.weight);
+        for (sum, light) in self.light.iter_mut().zip(other.light) {
+            *sum += light;
+        }
+        // The two sides of a thin wall must not cancel out.
+        let along: f64 =
+            self.normal.iter().zip(other.normal).map(|(&a, b)| a as f64 * b as f64).sum();
+        let sign = if along < 0.0 { -1 } else { 1 };
+        for (sum, part) in self.normal.iter_mut().zip(other.normal) {
+            *sum += sign * part;
+        }
+    }
+
+    fn look(&self) -> Look {
+        let weight = f64::from(self.weight.max(1));
+        // A root is exactly rounded, so that all machines agree.
+        let colour = self.light.map(|sum| (sum as f64 / weight).sqrt().round() as u8);
+        let normal = unit(self.normal.map(|part| part as f64));
+        Look { colour, normal, flags: if self.is_glass { Look::GLASS } else { 0 } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_is_averaged_and_not_srgb() {
+        let mut blend = Blend::default();
+        for shade in [0, 255] {
+            blend.add(&Blend::of(&Look { colour: [shade; 3], ..Look::default() }, 1));
+        }
+        assert_eq!(blend.look().colour, [180; 3]);
+    }
+
+    #[test]
+    fn opposite_normals_do_not_cancel() {
+        let mut blend = Blend::default();
+        for x in [127, -127] {
+            blend.add(&Blend::of(&Look { normal: [x, 0, 0], ..Look::default() }, 1));
+        }
+        assert_eq!(blend.look().normal, [127, 0, 0]);
+    }
+}

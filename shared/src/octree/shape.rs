@@ -1,0 +1,107 @@
+//! From child masks to linked nodes: the order of nodes in memory, which is theirs in the file too.
+
+use std::ops::Range;
+
+use super::{BLOCK_LEVELS, Inner, OctreeError};
+
+/// Inner nodes whose children are found, still without looks.
+pub(super) struct Shape {
+    pub(super) inner: Vec<Inner>,
+    /// The blocks' roots.
+    pub(super) roots: Range<usize>,
+    /// How many leaves the masks lead to.
+    pub(super) leaves: usize,
+}
+
+/// Levels of inner nodes above a block's root, and from it on.
+pub(super) fn levels(depth: u8) -> (u8, u8) {
+    let below = depth.min(BLOCK_LEVELS);
+    (depth - below, below)
+}
+
+impl Shape {
+    /// Links nodes with these masks in a tree of some depth.
+    ///
+    /// # Errors
+    ///
+    /// When a mask is zero, or they are too few or too many.
+    pub(super) fn link(masks: &[u8], depth: u8) -> Result<Self, OctreeError> {
+        if masks.contains(&0) {
+            return Err(OctreeError::Nonsense("mask"));
+        }
+        let inner = masks.iter().map(|&mask| Inner { mask, ..Inner::default() }).collect();
+        let mut linking = Linking { inner, next: 0, leaves: 0 };
+        if masks.is_empty() {
+            return Ok(Self { inner: linking.inner, roots: 0..0, leaves: 0 });
+        }
+        let (above, below) = levels(depth);
+        linking.next = 1;
+        let mut roots = 0..1;
+        for _ in 0..above {
+            roots = linking.children(roots)?;
+        }
+        for root in roots.clone() {
+            let mut level = root..root + 1;
+            for _ in 1..below {
+                level = linking.children(level)?;
+            }
+            linking.leaves_of(level);
+        }
+        if linking.next != masks.len() {
+            return Err(OctreeError::Length);
+        }
+        let leaves = usize::try_from(linking.leaves).map_err(|_| OctreeError::TooLarge)?;
+        Ok(Self { inner: linking.inner, roots, leaves })
+    }
+}
+
+/// The inner nodes of a block below its root, and where those just above the leaves begin among
+/// them; the root itself when there are no others.
+pub(super) fn block(inner: &[Inner], roots: &Range<usize>, root: usize, depth: u8) -> BlockRange {
+    let (_, below) = levels(depth);
+    let start_of = |root: usize| match below {
+        1 => inner.len(),
+        _ if root < roots.end => inner[root].first as usize,
+        _ => inner.len(),
+    };
+    let nodes = start_of(root)..start_of(root + 1);
+    let mut bottom = root;
+    for _ in 1..below {
+        bottom = inner[bottom].first as usize;
+    }
+    BlockRange { nodes, bottom }
+}
+
+/// See [`block`].
+pub(super) struct BlockRange {
+    pub(super) nodes: Range<usize>,
+    pub(super) bottom: usize,
+}
+
+struct Linking {
+    inner: Vec<Inner>,
+    next: usize,
+    leaves: u64,
+}
+
+impl Linking {
+    /// Gives the nodes of a level their children, which come next.
+    fn children(&mut self, level: Range<usize>) -> Result<Range<usize>, OctreeError> {
+        let start = self.next;
+        for node in self.inner.get_mut(level).ok_or(OctreeError::Length)? {
+            node.first = self.next as u32;
+            self.next += node.mask.count_ones() as usize;
+        }
+        if self.next > self.inner.len() {
+            return Err(OctreeError::Length);
+        }
+        Ok(start..self.next)
+    }
+
+    fn leaves_of(&mut self, level: Range<usize>) {
+        for node in &mut self.inner[level] {
+            node.first = self.leaves as u32;
+            self.leaves += u64::from(node.mask.count_ones());
+        }
+    }
+}
