@@ -275,7 +275,7 @@ mod tests {
             let reach = i32::from(grain.luma / 2 + grain.chroma) + 1;
             for i in 0..5_000u32 {
                 let byte = |shift: u32| (i.wrapping_mul(2_654_435_761) >> shift) as u8;
-                let normal = [byte(8) as i8, byte(3) as i8, byte(17) as i8];
+                let normal = [byte(8) as i8 | 1, byte(3) as i8, byte(17) as i8];
                 let before = look([byte(0), byte(9), byte(21)], normal);
                 let after = grain.look(grain.key(&before));
                 for (a, b) in before.colour.iter().zip(after.colour) {
