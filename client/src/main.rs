@@ -1,4 +1,4 @@
-//! `sightline-client`: walk, shot, swarm.
+//! `sightline-client`: bench, shot, swarm, walk.
 
 mod cli;
 
@@ -16,6 +16,7 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    Bench(cli::bench::Args),
     Shot(cli::shot::Args),
     Swarm(cli::swarm::Args),
     #[cfg(feature = "desktop")]
@@ -24,6 +25,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let outcome = match Args::parse().command {
+        Command::Bench(args) => cli::bench::run(&args),
         Command::Shot(args) => cli::shot::run(&args),
         Command::Swarm(args) => cli::swarm::run(&args),
         #[cfg(feature = "desktop")]

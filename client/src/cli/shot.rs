@@ -5,35 +5,49 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{bail, ensure};
 use glam::Vec3;
-use sightline_client::render::{Camera, Frame, Renderer, SIDE_MAX, movers};
+use sightline_client::render::{Camera, Frame, Renderer, movers};
 use sightline_shared::{motion::Pose, world::World};
 
-/// Draws a view of a world as a PNG.
+use super::{
+    flags::{self, Way},
+    picture::{self, FRAMES_MAX, Sequence},
+    progress::Progress,
+};
+
+/// Draws a view of a world as a PNG, or a film as many of them.
+///
+/// A film follows a path: `shot house.slw --frames 240 -o film/` walks through the building;
+/// `shot house.slw --path trace.csv --frames 600 -o film-%04d.png` looks out of a recorded avatar's eyes.
 #[derive(clap::Args)]
 pub struct Args {
     /// The world (.slw).
     world: PathBuf,
     /// Where the eye is, in metres; a spawn point when absent.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = flags::point, allow_hyphen_values = true)]
     eye: Option<Vec3>,
     /// A point to look at, in metres; straight ahead when absent.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = flags::point, allow_hyphen_values = true)]
     look: Option<Vec3>,
     /// Which spawn point to stand at, from 0.
     #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "eye")]
     spawn: usize,
     /// The picture's size in pixels.
-    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "960x540")]
+    #[arg(long, value_name = "WxH", value_parser = flags::size, default_value = "960x540")]
     size: (usize, usize),
     /// The angle between the lowest and the highest line of sight, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
-    /// When: seconds on the server's clock, by which doors and lifts move.
-    #[arg(long, value_name = "S", value_parser = parse_time, default_value = "0")]
+    /// When: seconds on the server's clock, by which doors and lifts move. A film begins then.
+    #[arg(long, value_name = "S", value_parser = flags::time, default_value = "0")]
     time: Duration,
-    /// The picture to write.
+    #[command(flatten)]
+    way: Way,
+    /// Draw a film of so many frames, at equal intervals along the path.
+    #[arg(long, value_name = "N", conflicts_with_all = ["eye", "look", "spawn"])]
+    frames: Option<usize>,
+    /// The picture to write; for a film, a folder or a pattern such as film-%04d.png.
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
 }
@@ -41,20 +55,64 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     ensure!((1.0..=170.0).contains(&args.fov), "--fov must be between 1 and 170 degrees");
+    let frames = args.frames.unwrap_or(1);
+    ensure!((1..=FRAMES_MAX).contains(&frames), "--frames must be between 1 and {FRAMES_MAX}");
+    ensure!(args.frames.is_some() || !args.way.is_named(), "--path makes a film: give --frames");
     let world = World::read(&args.world)?;
-    let camera = Camera { fov_y: args.fov.to_radians(), ..camera(args, &world)? };
+    match args.frames {
+        Some(frames) => film(args, &world, frames),
+        None => picture(args, &world),
+    }
+}
+
+fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let (width, height) = args.size;
     let mut frame = Frame::new(width, height);
-    let start = Instant::now();
-    Renderer::default().draw(&world.octree, &camera, &mut frame);
-    movers::draw(&mut frame, &camera, &world.movers, args.time);
-    let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
-    let bytes = frame.colour.iter().flat_map(|pixel| pixel.to_be_bytes().into_iter().skip(1));
-    let image = image::RgbImage::from_raw(width as u32, height as u32, bytes.collect())
-        .context("the picture has no size")?;
-    image.save(&args.output).with_context(|| format!("cannot write {}", args.output.display()))?;
+    let camera = camera(args, world)?;
+    let milliseconds = draw(args, world, &mut Renderer::default(), camera, args.time, &mut frame);
+    picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
     super::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
+}
+
+fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
+    let (path, from, until) = args.way.read(world)?;
+    let sequence = Sequence::new(&args.output)?;
+    let (width, height) = args.size;
+    let (mut renderer, mut frame) = (Renderer::default(), Frame::new(width, height));
+    let progress = Progress::new();
+    let mut total = 0.0;
+    for (i, (seconds, pose)) in path.frames_between(from, until, frames).enumerate() {
+        let now = args.time + Duration::from_secs_f64(seconds - from);
+        total += draw(args, world, &mut renderer, Camera::at(&pose), now, &mut frame);
+        picture::save(&sequence.frame(i), &[(width, &frame.colour)])?;
+        progress.tell("frames", (i + 1) as f32 / frames as f32, "");
+    }
+    progress.finish();
+    super::print(&format!(
+        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each\n",
+        sequence.frame(0).display(),
+        sequence.frame(frames - 1).display(),
+        until - from,
+        total / frames as f64
+    ))
+}
+
+/// Draws and tells how many milliseconds the building took.
+fn draw(
+    args: &Args,
+    world: &World,
+    renderer: &mut Renderer,
+    camera: Camera,
+    now: Duration,
+    frame: &mut Frame,
+) -> f64 {
+    let camera = Camera { fov_y: args.fov.to_radians(), ..camera };
+    let start = Instant::now();
+    renderer.draw(&world.octree, &camera, frame);
+    let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
+    movers::draw(frame, &camera, &world.movers, now);
+    milliseconds
 }
 
 fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
@@ -72,47 +130,4 @@ fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
         Some(target) => Camera::looking_at(eye, target),
         None => Camera::at(&Pose { eye, yaw, ..Pose::default() }),
     })
-}
-
-fn parse_point(text: &str) -> Result<Vec3, String> {
-    let numbers: Option<Vec<f32>> = text
-        .split(',')
-        .map(|part| part.trim().parse().ok().filter(|x: &f32| x.is_finite()))
-        .collect();
-    match numbers.as_deref() {
-        Some(&[x, y, z]) => Ok(Vec3::new(x, y, z)),
-        _ => Err("a point is three numbers, as in 1.5,1.6,-2".into()),
-    }
-}
-
-fn parse_time(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    seconds.ok_or_else(|| "a time is a number of seconds, as in 12.5".into())
-}
-
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
-    let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    let fits = |&(w, h): &(usize, usize)| [w, h].iter().all(|s| (1..=SIDE_MAX).contains(s));
-    sides.filter(fits).ok_or_else(|| format!("a size is like 960x540, at most {SIDE_MAX} each"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn points_and_sizes_are_read() {
-        assert_eq!(parse_point("1,-2.5, 3"), Ok(Vec3::new(1.0, -2.5, 3.0)));
-        for wrong in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,inf"] {
-            assert!(parse_point(wrong).is_err(), "{wrong}");
-        }
-        assert_eq!(parse_time("1.5"), Ok(Duration::from_millis(1_500)));
-        for wrong in ["", "a", "-1", "nan", "inf", "1e300"] {
-            assert!(parse_time(wrong).is_err(), "{wrong}");
-        }
-        assert_eq!(parse_size("640x360"), Ok((640, 360)));
-        for wrong in ["", "640", "0x9", "9x0", "-1x5", "99999x2", "2x99999"] {
-            assert!(parse_size(wrong).is_err(), "{wrong}");
-        }
-    }
 }

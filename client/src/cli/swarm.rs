@@ -1,18 +1,16 @@
 //! `sightline-client swarm`.
 
-use std::{
-    io::{self, IsTerminal, Write},
-    path::PathBuf,
-    time::Duration,
-};
+use std::{path::PathBuf, time::Duration};
 
 use anyhow::{Context, ensure};
-use indicatif::{ProgressBar, ProgressStyle};
 use sightline_client::{
     net::{self, Trust},
-    swarm::{self, Options, Report, Trace},
+    swarm::{self, Options, Report},
+    trace::Trace,
 };
 use sightline_shared::protocol::fingerprint::Fingerprint;
+
+use super::progress::Progress;
 
 /// Sends simulated visitors to a server, and reports what they received.
 #[derive(clap::Args)]
@@ -61,10 +59,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         world_folder: net::world_folder_of_user(),
         ..Options::new(args.clients as usize, duration, trust)
     };
-    let progress = Progress::new(duration);
+    let progress = Progress::new();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let walk = swarm::run(address, &options, |snapshot| {
-        progress.tell(snapshot.elapsed, snapshot.visitors.len());
+        let share = snapshot.elapsed.as_secs_f32() / duration.as_secs_f32();
+        progress.tell("walk", share, &format!("({} visitors)", snapshot.visitors.len()));
     });
     let report = runtime.block_on(async {
         tokio::select! {
@@ -72,7 +71,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted")),
         }
     })?;
-    progress.bar.finish_and_clear();
+    progress.finish();
     super::print(&table(&report))?;
     if let Some(path) = &args.json {
         let text = serde_json::to_string_pretty(&report)? + "\n";
@@ -81,40 +80,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let (clients, disconnected) = (report.clients, report.disconnected);
     ensure!(disconnected == 0, "{disconnected} of {clients} visitors were disconnected");
     Ok(())
-}
-
-/// The first address of a host; IPv4 before IPv6, since servers on one machine listen on both.
-/// A bar on a terminal, a line every ten seconds elsewhere.
-struct Progress {
-    bar: ProgressBar,
-    is_terminal: bool,
-    told: std::cell::Cell<u64>,
-}
-
-impl Progress {
-    fn new(duration: Duration) -> Self {
-        let is_terminal = io::stderr().is_terminal();
-        let bar = ProgressBar::new(duration.as_secs());
-        let style = ProgressStyle::with_template("{bar:40} {pos}/{len} s, {msg}");
-        if let Ok(style) = style {
-            bar.set_style(style);
-        }
-        if !is_terminal {
-            bar.set_draw_target(indicatif::ProgressDrawTarget::hidden());
-        }
-        Self { bar, is_terminal, told: std::cell::Cell::new(0) }
-    }
-
-    fn tell(&self, elapsed: Duration, visitors: usize) {
-        let seconds = elapsed.as_secs();
-        self.bar.set_position(seconds);
-        self.bar.set_message(format!("{visitors} visitors"));
-        if !self.is_terminal && seconds >= self.told.get() + 10 {
-            self.told.set(seconds);
-            // A reader that has gone must not end the walk.
-            let _ = writeln!(io::stderr(), "{seconds} s, {visitors} visitors");
-        }
-    }
 }
 
 fn table(report: &Report) -> String {

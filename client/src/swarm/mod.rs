@@ -2,7 +2,6 @@
 //! each with a connection and a replica of its own, and what they receive is counted.
 
 mod report;
-mod trace;
 mod visitor;
 
 use std::{collections::VecDeque, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
@@ -22,12 +21,12 @@ use crate::{
     navigation::Navigation,
     net::{ConnectError, Dialer, Options as ConnectOptions, Session, Trust},
     replica::{Event, HeldAvatar, Standing},
+    trace::Trace,
 };
 use report::Tally;
 use visitor::{Visitor, Wanderer};
 
 pub use report::Report;
-pub use trace::{Trace, TraceError, Track};
 
 /// Visitors move so often.
 const STEP: Duration = Duration::from_millis(25);

@@ -9,9 +9,9 @@ use sightline_shared::{
     world::{Spawn, World},
 };
 
-use super::trace::Track;
 use crate::{
     navigation::Navigation,
+    trace::Track,
     walker::{Walker, Wish},
 };
 

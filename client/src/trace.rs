@@ -25,8 +25,10 @@ pub struct Trace {
 /// Where one avatar was.
 #[derive(Clone, Debug, Default)]
 pub struct Track {
+    /// Which avatar, as the trace calls it.
+    pub id: u64,
     /// Seconds since the start of the trace, ascending, and what was there.
-    samples: Vec<(f64, Pose)>,
+    pub(crate) samples: Vec<(f64, Pose)>,
 }
 
 /// Why a trace cannot be used.
@@ -95,7 +97,9 @@ impl Trace {
                 return Err(TraceError::Size(line));
             }
             let seconds = (row.t_ms - *first_ms.get_or_insert(row.t_ms)) / 1e3;
-            let samples = &mut tracks.entry(row.id).or_default().samples;
+            let track = tracks.entry(row.id).or_default();
+            track.id = row.id;
+            let samples = &mut track.samples;
             if samples.last().is_some_and(|(before, _)| *before > seconds) {
                 return Err(TraceError::Sample { line, reason: "time goes back" });
             }
@@ -139,7 +143,7 @@ mod tests {
     fn samples_are_sorted_out_and_joined() {
         let rows = "500,7,0,1,0,0,0,1,0,0\n500,3,9,1,9,0,0,0,0,0\n1500,7,2,1,0,0,0,1,0,0\n";
         let trace = parse(rows).unwrap();
-        assert_eq!(trace.tracks.len(), 2);
+        assert_eq!(trace.tracks.iter().map(|track| track.id).collect::<Vec<_>>(), [3, 7]);
         let x = |seconds: f64| trace.tracks[1].at(seconds).eye.x;
         assert_eq!([x(-1.0), x(0.0), x(0.5), x(1.0), x(9.0)], [0.0, 0.0, 1.0, 2.0, 2.0]);
     }

@@ -1,0 +1,48 @@
+//! What drawing costs, and how good the pictures are: for `sightline-client bench` and for tests.
+//!
+//! * [`Views`]: where from. [`measure`]: what a frame costs from there in each way to draw it, among them [`Rays`] through
+//!   the world's opaque triangles, one after the other again and again, so that what else the machine does hits all alike.
+//! * [`Difference`]: how two pictures of one view differ. [`Depths`]: how far a picture's depths are from where rays
+//!   end.
+//! * [`Shimmer`]: how much more a picture changes along a slow path than what it shows.
+//!
+//! Clocks are read here, and nowhere in the renderer.
+
+mod depths;
+mod difference;
+mod measure;
+mod rays;
+mod shimmer;
+
+use sightline_shared::world::World;
+
+pub use depths::{Depths, Fault};
+pub use difference::{Difference, channels, differs};
+pub use measure::{Contender, Options, Row, Run, Spread, Timing, measure};
+pub use rays::{Rays, Tree};
+pub use shimmer::Shimmer;
+
+use crate::{path::Path, render::Camera};
+use sightline_shared::motion::Pose;
+
+/// Where frames are drawn from.
+#[derive(Clone, Debug, Default)]
+pub struct Views {
+    /// The world's spawn points.
+    pub spawns: Vec<Camera>,
+    /// Along a path.
+    pub path: Vec<Camera>,
+}
+
+impl Views {
+    /// All spawn points of a world, and so many frames of a path.
+    pub fn new(world: &World, path: &Path, frames: usize) -> Self {
+        let spawn = |spawn: &sightline_shared::world::Spawn| {
+            Camera::at(&Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() })
+        };
+        Self {
+            spawns: world.spawns.iter().map(spawn).collect(),
+            path: path.frames(frames).map(|(_, pose)| Camera::at(&pose)).collect(),
+        }
+    }
+}

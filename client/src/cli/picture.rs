@@ -1,0 +1,102 @@
+//! Pictures as PNG files.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail, ensure};
+
+/// No film has more frames.
+pub const FRAMES_MAX: usize = 100_000;
+
+/// Writes pictures of equal height side by side: each its width and its pixels, 0x00RRGGBB, row by row.
+pub fn save(path: &Path, panels: &[(usize, &[u32])]) -> anyhow::Result<()> {
+    let height = panels.first().map_or(0, |(width, pixels)| pixels.len() / (*width).max(1));
+    let width: usize = panels.iter().map(|(width, _)| width).sum();
+    let mut bytes = Vec::with_capacity(width * height * 3);
+    for y in 0..height {
+        for (width, pixels) in panels {
+            let row =
+                pixels.get(y * width..(y + 1) * width).context("the pictures differ in height")?;
+            bytes.extend(row.iter().flat_map(|pixel| pixel.to_be_bytes().into_iter().skip(1)));
+        }
+    }
+    let image = image::RgbImage::from_raw(width as u32, height as u32, bytes);
+    let image = image.context("the picture has no size")?;
+    image.save(path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Where the frames of a film go: a folder, made when it is not there, or a pattern such as `film-%04d.png`.
+pub struct Sequence {
+    before: String,
+    digits: usize,
+    after: String,
+}
+
+impl Sequence {
+    /// Understands what follows `-o`.
+    ///
+    /// # Errors
+    /// When it is neither, or the folder cannot be made.
+    pub fn new(output: &Path) -> anyhow::Result<Self> {
+        let text = output.to_str().context("the output's name is no text")?;
+        let make = |folder: &Path| {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("cannot make {}", folder.display()))
+        };
+        let Some((before, rest)) = text.split_once('%') else {
+            ensure!(
+                output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")),
+                "a film is many pictures: name a folder, or a pattern such as film-%04d.png"
+            );
+            make(output)?;
+            let before = output.join("frame-").to_string_lossy().into_owned();
+            return Ok(Self { before, digits: 4, after: ".png".into() });
+        };
+        let Some((digits, after)) = rest.split_once('d').filter(|(_, after)| !after.contains('%'))
+        else {
+            bail!("{text}: a pattern has one number, as in film-%04d.png");
+        };
+        let digits = if digits.is_empty() { Some(1) } else { digits.parse().ok() };
+        let digits = digits.filter(|digits| (1..=9).contains(digits));
+        let digits = digits.with_context(|| format!("{text}: a pattern is like film-%04d.png"))?;
+        make(output.parent().unwrap_or(Path::new("")))?;
+        Ok(Self { before: before.to_owned(), digits, after: after.to_owned() })
+    }
+
+    /// The file of a frame.
+    pub fn frame(&self, number: usize) -> PathBuf {
+        let Self { before, digits, after } = self;
+        format!("{before}{number:0digits$}{after}").into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn films_go_into_folders_or_by_patterns() {
+        let folder = tempfile::tempdir().unwrap();
+        let film = folder.path().join("a/film");
+        let sequence = Sequence::new(&film).unwrap();
+        assert_eq!(sequence.frame(7), film.join("frame-0007.png"));
+        assert!(film.is_dir());
+        let by = |pattern: &str| Sequence::new(Path::new(pattern)).map(|s| s.frame(12));
+        assert_eq!(by("f-%05d.png").unwrap(), Path::new("f-00012.png"));
+        assert_eq!(by("%d.png").unwrap(), Path::new("12.png"));
+        for wrong in ["one.png", "%.png", "%xd.png", "%d-%d.png", "%0d.png", "%99d.png"] {
+            assert!(by(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn panels_stand_side_by_side() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("p.png");
+        save(&path, &[(2, &[1, 2, 3, 4]), (1, &[5, 6])]).unwrap();
+        let read = image::open(&path).unwrap().into_rgb8();
+        assert_eq!(read.dimensions(), (3, 2));
+        assert_eq!([read.get_pixel(2, 0)[2], read.get_pixel(0, 1)[2]], [5, 3]);
+        assert!(save(&path, &[(2, &[1, 2]), (1, &[])]).is_err());
+        assert!(save(&path, &[]).is_err());
+    }
+}

@@ -1,0 +1,110 @@
+//! What the renderer shows, against rays through the original triangles: everything drawn lies on them, and nothing that they
+//! hide shows through.
+
+use std::{ops::ControlFlow, path::PathBuf};
+
+use sightline_client::{
+    bench::{Depths, Fault, Rays, Views},
+    path::Path,
+    render::{Frame, Renderer},
+};
+use sightline_server::compile::{
+    demo_building, glb,
+    model::{self, Model},
+    voxelise,
+};
+use sightline_shared::world::{Cells, Mesh, World};
+
+/// This part of the pixels must agree, at every view.
+const AGREEING: f64 = 0.999;
+const SIZE: (usize, usize) = (640, 360);
+
+/// What is drawn of a world; who sees whom is left out.
+fn world(model: &Model, voxel: f32) -> World {
+    let bounds = model.bounds().expect("there are triangles");
+    let go_on = |_| ControlFlow::Continue(());
+    let octree = voxelise::voxelise(&model.surfaces, &bounds, voxel, &go_on).expect("they fit");
+    World {
+        title: model.title.clone(),
+        octree,
+        cells: Cells::whole(bounds.grown(1.0)),
+        mesh: Mesh::default(),
+        movers: Vec::new(),
+        spawns: model.spawns.clone(),
+        body: model.body,
+        speed_max: model.speed_max,
+        origin: None,
+    }
+}
+
+/// All triangles that are drawn and are not of glass, through which depths go.
+fn drawn(model: &Model) -> Mesh {
+    let mut mesh = Mesh::default();
+    for surface in model.surfaces.iter().filter(|surface| !surface.material.glass) {
+        for corners in surface.corners() {
+            let first = mesh.positions.len() as u32;
+            mesh.positions.extend(corners);
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+    }
+    mesh
+}
+
+/// Looks from every spawn point and along a walk.
+fn check(name: &str, model: &Model, voxel: f32) {
+    let world = world(model, voxel);
+    let rays = Rays::new(&drawn(model)).expect("something is drawn");
+    let views = Views::new(&world, &Path::through(&world), 8);
+    let mut renderer = Renderer::default();
+    let mut frame = Frame::new(SIZE.0, SIZE.1);
+    for (i, camera) in views.spawns.iter().chain(&views.path).enumerate() {
+        renderer.draw(&world.octree, camera, &mut frame);
+        let (depths, faults) = Depths::of(&frame, camera, &rays, world.octree.voxel());
+        let at = faults.first().map(|(i, fault)| (i % SIZE.0, i / SIZE.0, *fault));
+        assert!(
+            depths.agreeing >= AGREEING,
+            "{name}, view {i} of {}: {depths:?}, first at {at:?} from {camera:?}",
+            views.spawns.len()
+        );
+    }
+    println!("{name}: {} views agree", views.spawns.len() + views.path.len());
+}
+
+#[test]
+fn the_demo_building_is_drawn_where_its_triangles_are() {
+    let model = glb::read_slice(&demo_building::glb(24, 1), None, "demo").expect("it is a model");
+    check("demo building", &model, 0.05);
+}
+
+#[test]
+fn real_maps_are_drawn_where_their_triangles_are() {
+    let beside = || concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared").into();
+    let folder = std::env::var_os("SIGHTLINE_SHARED").map_or_else(beside, PathBuf::from);
+    let maps = folder.join("maps");
+    if !maps.is_dir() {
+        println!("skipped: ../shared is absent");
+        return;
+    }
+    for name in ["aggressor", "delta", "oa_dm2", "oa_dm4"] {
+        let model = model::read(&maps.join(name).with_extension("bsp"), &[]).expect("a map");
+        check(name, &model, 0.1);
+    }
+}
+
+/// The measure itself: a picture with a hole, or with what is not there, does not pass.
+#[test]
+fn a_hole_is_found() {
+    let model = glb::read_slice(&demo_building::glb(6, 1), None, "demo").expect("it is a model");
+    let world = world(&model, 0.1);
+    let rays = Rays::new(&drawn(&model)).expect("something is drawn");
+    let views = Views::new(&world, &Path::through(&world), 1);
+    let mut frame = Frame::new(SIZE.0, SIZE.1);
+    Renderer::default().draw(&world.octree, &views.path[0], &mut frame);
+    let middle = (SIZE.1 / 2 * SIZE.0) + SIZE.0 / 2;
+    let shown = frame.depth[middle];
+    for (depth, expected) in [(f32::INFINITY, Fault::Beyond), (shown * 0.5, Fault::Before)] {
+        frame.depth[middle] = depth;
+        let (_, faults) = Depths::of(&frame, &views.path[0], &rays, 0.1);
+        assert!(faults.contains(&(middle, expected)), "{expected:?} at {shown}");
+    }
+}
