@@ -3,6 +3,7 @@
 //! * [`compile`]: a model in, a [`World`](sightline_shared::world::World) out.
 //! * [`engine`]: who is told what, who is asked when; no socket, no clock.
 //! * [`net`]: the only place that knows QUIC.
+//! * [`octree_figures`]: what an octree takes.
 //! * [`plan`]: pictures of a world from above.
 //! * [`portrait`]: pictures of a carved model.
 //! * [`progress`]: how long tasks show that they go on.
@@ -13,6 +14,7 @@
 pub mod compile;
 pub mod engine;
 pub mod net;
+pub mod octree_figures;
 pub mod plan;
 pub mod portrait;
 pub mod progress;

@@ -114,8 +114,9 @@ fn table(report: &Report) -> String {
     row("portals", report.portals.to_string());
     row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));
     row("movers", report.movers.to_string());
-    row("voxels", report.voxels.to_string());
-    row("voxel", format!("{:.1} mm", report.voxel_m * 1000.0));
+    for (name, value) in super::octree_rows(&report.octree) {
+        row(name, value);
+    }
     for &(stage, seconds) in &report.seconds {
         let cpu = report.cpu_seconds.iter().find(|(known, _)| *known == stage);
         let cpu = cpu.map(|(_, seconds)| format!(" ({seconds:.2} s CPU)")).unwrap_or_default();

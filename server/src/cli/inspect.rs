@@ -6,6 +6,7 @@ use anyhow::Context;
 use glam::Vec3;
 use serde::Serialize;
 use sightline_server::{
+    octree_figures::OctreeFigures,
     plan::{self, Mark, Overlay},
     portrait::{self, View},
     verify,
@@ -77,8 +78,8 @@ struct Figures {
     pvs_density: f64,
     opaque_triangles: usize,
     movers: Vec<MoverFigures>,
-    voxels: usize,
-    voxel_m: f32,
+    #[serde(flatten)]
+    octree: OctreeFigures,
     spawns: usize,
     speed_max_m_s: f32,
     #[serde(flatten)]
@@ -133,8 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         pvs_density: world.cells.density(),
         opaque_triangles: world.mesh.triangles.len(),
         movers: world.movers.iter().map(MoverFigures::new).collect(),
-        voxels: world.octree.leaves.len(),
-        voxel_m: world.octree.voxel(),
+        octree: OctreeFigures::of(&world.octree),
         spawns: world.spawns.len(),
         speed_max_m_s: world.speed_max,
         verified: None,
@@ -201,7 +201,9 @@ fn table(figures: &Figures) -> String {
     row("portals", figures.portals.to_string());
     row("PVS density", format!("{:.1} %", figures.pvs_density * 100.0));
     row("opaque triangles", figures.opaque_triangles.to_string());
-    row("voxels", format!("{} of {:.1} mm", figures.voxels, figures.voxel_m * 1000.0));
+    for (name, value) in super::octree_rows(&figures.octree) {
+        row(name, value);
+    }
     row("movers", figures.movers.len().to_string());
     for mover in figures.movers.iter().take(MOVERS_SHOWN) {
         let [[x, y, z], [a, b, c]] = [mover.size_m, mover.everywhere_m];

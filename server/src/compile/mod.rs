@@ -22,7 +22,7 @@ use sightline_shared::{
     world::{Axes, Cell, Cells, Mesh, Spawn, World},
 };
 
-use crate::sight::Sight;
+use crate::{octree_figures::OctreeFigures, sight::Sight};
 use subdivide::{Grain, Occluders, Spaces};
 
 pub mod bsp;
@@ -128,10 +128,9 @@ pub struct Report {
     pub pvs_density: f64,
     /// What moves by itself.
     pub movers: usize,
-    /// Leaves of the octree.
-    pub voxels: usize,
-    /// The edge of a leaf, in metres.
-    pub voxel_m: f32,
+    /// The octree that clients draw.
+    #[serde(flatten)]
+    pub octree: OctreeFigures,
     /// Wall-clock time for each stage.
     pub seconds: Vec<(Stage, f64)>,
     /// What all threads of the process together worked during each stage; empty where the system
@@ -195,8 +194,7 @@ pub fn compile(
         portals: cells.portals.len(),
         pvs_density: cells.density(),
         movers: model.movers.len(),
-        voxels: octree.leaves.len(),
-        voxel_m: octree.voxel(),
+        octree: OctreeFigures::of(&octree),
         seconds: watch.seconds,
         cpu_seconds: watch.cpu_seconds,
     };
@@ -406,7 +404,7 @@ mod tests {
         assert!(!world.cells.sees(inside, outside));
         assert_eq!(world.mesh.positions.len(), 16);
         assert_eq!(report.triangles, 24);
-        assert!(report.voxels > 1_000, "{}", report.voxels);
+        assert!(report.octree.voxels > 1_000, "{}", report.octree.voxels);
         assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
     }
 

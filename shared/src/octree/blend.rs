@@ -132,7 +132,7 @@ impl Blend {
     fn look(&self) -> Look {
         let weight = f64::from(self.weight.max(1));
         // A root is exactly rounded, so that all machines agree.
-        let colour = self.light.map(|sum| (sum as f64 / weight).sqrt().round() as u8);
+        let colour = self.light.map(|sum| ((sum as f64 / weight).sqrt() + 0.5) as u8);
         let normal = unit(self.normal.map(|part| part as f64));
         Look { colour, normal, flags: if self.is_glass { Look::GLASS } else { 0 } }
     }

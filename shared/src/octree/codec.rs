@@ -3,19 +3,28 @@
 //! ```text
 //! origin 3 × f32 · edge f32 · depth u8 · grain 3 × u8                    (little-endian)
 //! looks u32 · inner nodes u32 · leaves u32
-//! looks: eight bytes each, ascending; child masks; leaves: low bytes, high bytes
+//! seven times: length u32 · a zstd frame
 //! ```
 //!
-//! All in the order in memory. Indices of nodes are not stored, so that no bytes can make a cycle. Inner
-//! nodes get their looks back from the leaves.
+//! The frames are the palette, whose keys ascend, as five planes of the differences' bytes; the child masks, a
+//! byte for each inner node; and five planes of a byte for each leaf: what is added to the luma of the leaf
+//! before it, the two chromas, and the material (which normal, and whether it is glass) in two. Shape is apart
+//! from looks, and like bytes lie together. All is in the order in memory.
+//!
+//! Indices of nodes are not stored, so that no bytes can make a cycle. Inner nodes get their looks back
+//! from the leaves. Whoever reads takes 12 bytes for an inner node and 2 for a leaf at most: with
+//! [`INNER_MAX`] and [`LEAVES_MAX`] no bytes, however hostile, make it take more than 1.1 GiB.
+
+use std::io::Read;
 
 use glam::Vec3;
 use thiserror::Error;
+use zstd::stream::read::Decoder;
 
 use super::{
     DEPTH_MAX, INNER_MAX, LEAVES_MAX, LOOKS_MAX, Octree,
     blend::average,
-    palette::{Grain, KEY_MAX, Palette},
+    palette::{Fields, Grain, KEY_MAX, Key, Palette},
     shape::Shape,
 };
 
@@ -43,6 +52,18 @@ pub enum OctreeError {
 /// No coordinate or edge is greater, in metres.
 const EXTENT_MAX: f32 = 1.0e6;
 
+/// Bytes of a key.
+const KEY_BYTES: usize = 5;
+
+/// Bytes for each leaf.
+const PLANES: usize = 5;
+
+/// So many leaves are unpacked at a time.
+const CHUNK: usize = 1 << 15;
+
+/// Higher ones take longer than they are worth.
+const ZSTD_LEVEL: i32 = 7;
+
 impl Octree {
     /// Writes the tree.
     pub fn to_bytes(&self) -> Vec<u8> {
@@ -54,56 +75,45 @@ impl Octree {
         for count in [self.looks.len(), self.inner.len(), self.leaves.len()] {
             bytes.extend((count as u32).to_le_bytes());
         }
-        for key in &self.keys {
-            bytes.extend(key.to_le_bytes());
-        }
-        bytes.extend(self.inner.iter().map(|node| node.mask));
-        bytes.extend(self.leaves.iter().map(|&leaf| leaf as u8));
-        bytes.extend(self.leaves.iter().map(|&leaf| (leaf >> 8) as u8));
+        put_frame(&mut bytes, &palette_planes(&self.keys));
+        put_frame(&mut bytes, &self.inner.iter().map(|node| node.mask).collect::<Vec<_>>());
+        let materials = materials(&self.keys);
+        let coded: Vec<_> = self.keys.iter().map(|&key| to_plane_bytes(key, &materials)).collect();
+        let plane = |plane: usize| {
+            let value = |&leaf: &u16| coded[usize::from(leaf)][plane];
+            self.leaves.iter().map(value).collect::<Vec<u8>>()
+        };
+        put_frame(&mut bytes, &differences(plane(0)));
+        (1..PLANES).for_each(|which| put_frame(&mut bytes, &plane(which)));
         bytes
     }
 
-    /// Reads what [`Octree::to_bytes`] wrote: any bytes give a sound tree or an error. At most eight
-    /// times the bytes are held.
+    /// Reads what [`Octree::to_bytes`] wrote: any bytes give a sound tree or an error.
     ///
     /// # Errors
     ///
     /// When the bytes are not exactly one octree.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OctreeError> {
         let mut rest = bytes;
-        let mut octree = read_frame(&mut rest)?;
+        let mut octree = read_head(&mut rest)?;
         let mut count = |max: usize| {
             let count = u32::from_le_bytes(take(&mut rest)?) as usize;
             if count <= max { Ok(count) } else { Err(OctreeError::TooLarge) }
         };
         let (looks, inner, leaves) = (count(LOOKS_MAX)?, count(INNER_MAX)?, count(LEAVES_MAX)?);
-        let mut plane = |length: usize| {
-            let (head, tail) = rest.split_at_checked(length).ok_or(OctreeError::Length)?;
-            rest = tail;
-            Ok(head)
-        };
-        let (keys, masks) = (plane(8 * looks)?, plane(inner)?);
-        let (low, high) = (plane(leaves)?, plane(leaves)?);
-        if !rest.is_empty() {
-            return Err(OctreeError::Length);
-        }
-        let keys: Vec<u64> =
-            keys.as_chunks().0.iter().map(|&key| u64::from_le_bytes(key)).collect();
-        let grain = octree.grain;
-        if !keys.is_sorted_by(|a, b| a < b) || keys.last().is_some_and(|&last| last > KEY_MAX) {
-            return Err(OctreeError::Nonsense("palette"));
-        }
-        let shape = Shape::link(masks, octree.depth)?;
+        let keys = read_palette(&mut Plane::take(&mut rest)?, looks)?;
+        let masks = Plane::take(&mut rest)?.all(inner)?;
+        let shape = Shape::link(&masks, octree.depth)?;
+        drop(masks);
         if shape.leaves != leaves {
             return Err(OctreeError::Length);
         }
         octree.inner = shape.inner;
-        let pairs = low.iter().zip(high);
-        octree.leaves = pairs.map(|(&low, &high)| u16::from_le_bytes([low, high])).collect();
-        if octree.leaves.iter().any(|&leaf| usize::from(leaf) >= looks) {
-            return Err(OctreeError::Nonsense("look"));
+        let mut palette = Palette::closed(octree.grain, keys);
+        octree.leaves = read_leaves(&mut rest, leaves, &mut palette)?;
+        if !rest.is_empty() {
+            return Err(OctreeError::Length);
         }
-        let mut palette = Palette::closed(grain, keys);
         average(&mut octree.inner, &shape.roots, &octree.leaves, octree.depth, &mut palette)
             .ok_or(OctreeError::Nonsense("palette"))?;
         (octree.looks, octree.keys) = (palette.looks, palette.keys);
@@ -111,8 +121,138 @@ impl Octree {
     }
 }
 
+fn put_frame(bytes: &mut Vec<u8>, content: &[u8]) {
+    let packed = zstd::bulk::compress(content, ZSTD_LEVEL)
+        .expect("zstd into memory fails only when memory runs out");
+    bytes.extend((packed.len() as u32).to_le_bytes());
+    bytes.extend(packed);
+}
+
+/// A frame that is being unpacked.
+struct Plane<'a>(Decoder<'a, &'a [u8]>);
+
+impl<'a> Plane<'a> {
+    fn take(rest: &mut &'a [u8]) -> Result<Self, OctreeError> {
+        let length = u32::from_le_bytes(take(rest)?) as usize;
+        let (packed, tail) = rest.split_at_checked(length).ok_or(OctreeError::Length)?;
+        *rest = tail;
+        Decoder::with_buffer(packed).map(Self).map_err(|_| OctreeError::Length)
+    }
+
+    fn fill(&mut self, values: &mut [u8]) -> Result<(), OctreeError> {
+        self.0.read_exact(values).map_err(|_| OctreeError::Length)
+    }
+
+    fn end(&mut self) -> Result<(), OctreeError> {
+        match self.0.read(&mut [0]) {
+            Ok(0) => Ok(()),
+            _ => Err(OctreeError::Length),
+        }
+    }
+
+    /// All of it, which must be so many bytes. Memory is taken as they come.
+    fn all(mut self, length: usize) -> Result<Vec<u8>, OctreeError> {
+        let mut values = Vec::new();
+        let mut limited = self.0.by_ref().take(length as u64);
+        limited.read_to_end(&mut values).map_err(|_| OctreeError::Length)?;
+        if values.len() != length {
+            return Err(OctreeError::Length);
+        }
+        self.end().map(|()| values)
+    }
+}
+
+fn palette_planes(keys: &[Key]) -> Vec<u8> {
+    let before = [0].iter().chain(keys);
+    let differences: Vec<_> = keys.iter().zip(before).map(|(key, before)| key - before).collect();
+    let plane =
+        |byte: usize| differences.iter().map(move |difference| (difference >> (8 * byte)) as u8);
+    (0..KEY_BYTES).flat_map(plane).collect()
+}
+
+fn read_palette(plane: &mut Plane<'_>, looks: usize) -> Result<Vec<Key>, OctreeError> {
+    let mut bytes = vec![0; KEY_BYTES * looks];
+    plane.fill(&mut bytes)?;
+    plane.end()?;
+    let mut key = 0;
+    let mut next = |i: usize| {
+        key += (0..KEY_BYTES)
+            .map(|byte| Key::from(bytes[byte * looks + i]) << (8 * byte))
+            .sum::<Key>();
+        key
+    };
+    let keys: Vec<Key> = (0..looks).map(&mut next).collect();
+    let is_sound =
+        keys.is_sorted_by(|a, b| a < b) && keys.last().is_none_or(|&last| last <= KEY_MAX);
+    if is_sound { Ok(keys) } else { Err(OctreeError::Nonsense("palette")) }
+}
+
+/// What looks have but for colour, each once.
+fn materials(keys: &[Key]) -> Vec<Key> {
+    let mut materials: Vec<Key> = keys.iter().map(|&key| Fields::material_of(key)).collect();
+    materials.dedup();
+    materials
+}
+
+/// Luma, the chromas' low bytes, the material's low byte, and what is left of these.
+fn to_plane_bytes(key: Key, materials: &[Key]) -> [u8; PLANES] {
+    let Fields { luma, orange, green, .. } = Fields::split(key);
+    let material = materials.partition_point(|&known| known < Fields::material_of(key));
+    let high = (material >> 8) as u8 | (orange >> 8 << 6) as u8 | (green >> 8 << 7) as u8;
+    [luma as u8, orange as u8, green as u8, material as u8, high]
+}
+
+fn differences(mut lumas: Vec<u8>) -> Vec<u8> {
+    let mut before = 0;
+    for luma in &mut lumas {
+        (before, *luma) = (*luma, luma.wrapping_sub(before));
+    }
+    lumas
+}
+
+fn read_leaves(
+    rest: &mut &[u8],
+    count: usize,
+    palette: &mut Palette,
+) -> Result<Vec<u16>, OctreeError> {
+    let materials = materials(&palette.keys);
+    let mut planes = Vec::with_capacity(PLANES);
+    for _ in 0..PLANES {
+        planes.push((Plane::take(rest)?, vec![0; CHUNK]));
+    }
+    let mut leaves = Vec::new();
+    let (mut luma, mut last) = (0u8, None);
+    while leaves.len() < count {
+        let chunk = CHUNK.min(count - leaves.len());
+        for (plane, values) in &mut planes {
+            plane.fill(&mut values[..chunk])?;
+        }
+        for i in 0..chunk {
+            let [more, orange, green, low, high] =
+                std::array::from_fn(|p| u32::from(planes[p].1[i]));
+            luma = luma.wrapping_add(more as u8);
+            let coded = (luma, orange, green, low, high);
+            let index = match last {
+                Some((known, index)) if known == coded => index,
+                _ => {
+                    let material = materials.get((low | (high & 0x3f) << 8) as usize);
+                    let colour =
+                        [luma.into(), orange | (high >> 6 & 1) << 8, green | high >> 7 << 8];
+                    let key = material.map(|&material| Fields::with_colour(material, colour));
+                    key.and_then(|key| palette.index_of_key(key))
+                        .ok_or(OctreeError::Nonsense("look"))?
+                }
+            };
+            last = Some((coded, index));
+            leaves.push(index);
+        }
+    }
+    planes.iter_mut().try_for_each(|(plane, _)| plane.end())?;
+    Ok(leaves)
+}
+
 /// Where the tree is, and how deep and fine; still empty.
-fn read_frame(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
+fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
     let mut float = || take(rest).map(f32::from_le_bytes);
     let origin = Vec3::new(float()?, float()?, float()?);
     let edge = float()?;

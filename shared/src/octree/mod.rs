@@ -36,11 +36,11 @@ pub use look::Look;
 
 use crate::geometry::Aabb;
 
-/// No octree has more inner nodes: 1 GiB of them.
-pub const INNER_MAX: usize = 1 << 27;
+/// No octree has more inner nodes: 512 MiB of them.
+pub const INNER_MAX: usize = 1 << 26;
 
-/// No octree has more leaves: 512 MiB of them.
-pub const LEAVES_MAX: usize = 1 << 28;
+/// No octree has more leaves: 256 MiB of them.
+pub const LEAVES_MAX: usize = 1 << 27;
 
 /// No octree has more looks: what an index of 16 bits can tell apart.
 pub const LOOKS_MAX: usize = 1 << 16;

@@ -97,7 +97,7 @@ fn build(options: &Options) -> anyhow::Result<Arc<World>> {
         options.rooms,
         report.cells,
         report.portals,
-        report.voxels,
+        report.octree.voxels,
         start.elapsed().as_secs_f64()
     );
     Ok(Arc::new(world))
