@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use sightline_shared::motion::{Body, Pose};
 
-use super::{Camera, Frame, shade, text, tile::TILE, view::View};
+use super::{BAND, Camera, Frame, shade, text, view::View};
 
 /// One avatar as it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,11 +46,11 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool>
         .flat_map(|(figure, seen)| parts(figure, &view, seen))
         .filter(|part| part.is_in(width, height))
         .collect();
-    let bands = frame.colour.par_chunks_mut(TILE * width);
-    let bands = bands.zip(frame.depth.par_chunks_mut(TILE * width)).enumerate();
+    let bands = frame.colour.par_chunks_mut(BAND * width);
+    let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
     bands.for_each(|(band, (colour, depth))| {
         let rows = colour.chunks_mut(width).zip(depth.chunks_mut(width));
-        for (y, (colour, depth)) in rows.enumerate().map(|(y, row)| (band * TILE + y, row)) {
+        for (y, (colour, depth)) in rows.enumerate().map(|(y, row)| (band * BAND + y, row)) {
             parts.iter().for_each(|part| part.draw_row(&view, y, colour, depth));
         }
     });

@@ -14,20 +14,33 @@
 //! holes nor seams at any distance.
 
 pub mod avatars;
+mod band;
+mod form;
+mod hull;
+mod lines;
+mod mask;
 pub mod movers;
 mod shade;
 pub mod text;
-mod tile;
 mod view;
+mod walk;
 
 use glam::Vec3;
 use rayon::prelude::*;
-use sightline_shared::{motion::Pose, octree::Octree};
+use sightline_shared::{
+    motion::Pose,
+    octree::{LOOKS_MAX, Octree},
+};
 
 use self::{
-    tile::{TILE, Tile},
+    band::Band,
+    shade::Rows,
     view::View,
+    walk::{Walk, Walker},
 };
+
+/// Rows that are drawn together.
+const BAND: usize = 96;
 
 /// No side of a frame is longer, in pixels: colours and depths then take 512 MiB.
 pub const SIDE_MAX: usize = 8192;
@@ -72,6 +85,8 @@ pub struct Frame {
     pub colour: Vec<u32>,
     /// Metres along the line of sight's share in the camera's direction; infinite in the sky.
     pub depth: Vec<f32>,
+    /// The index in [`Octree::looks`] of what is seen, glass aside; of no meaning in the sky.
+    pub looks: Vec<u16>,
 }
 
 impl Frame {
@@ -89,6 +104,7 @@ impl Frame {
             (self.width, self.height) = (width, height);
             self.colour = vec![0; width * height];
             self.depth = vec![f32::INFINITY; width * height];
+            self.looks = vec![u16::MAX; width * height];
         }
     }
 
@@ -103,10 +119,52 @@ impl Frame {
     }
 }
 
+/// How nodes are projected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Each for itself, all the way down.
+    Perspective,
+    /// By form patterns, once perspective inside of a node is too small to see.
+    #[default]
+    Orthogonal,
+}
+
+impl Mode {
+    /// All modes.
+    pub const ALL: [Self; 2] = [Self::Perspective, Self::Orthogonal];
+}
+
+/// What a picture took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Counters {
+    /// Nodes projected from space to the picture.
+    pub projections: u64,
+    /// Nodes looked at.
+    pub nodes: u64,
+    /// Nodes tested against the mask buffer.
+    pub mask_tests: u64,
+    /// Pixels written.
+    pub pixels: u64,
+}
+
+impl Counters {
+    fn add(&mut self, other: &Self) {
+        self.projections += other.projections;
+        self.nodes += other.nodes;
+        self.mask_tests += other.mask_tests;
+        self.pixels += other.pixels;
+    }
+}
+
 /// Draws frames, and keeps its buffers from one to the next.
 #[derive(Default)]
 pub struct Renderer {
-    tiles: Vec<Tile>,
+    /// How nodes are projected.
+    pub mode: Mode,
+    counters: Counters,
+    /// For each of [`Octree::looks`], and black for all other indices.
+    colours: Vec<u32>,
+    bands: Vec<(Band, Walker, Counters)>,
 }
 
 impl Renderer {
@@ -114,30 +172,34 @@ impl Renderer {
     /// are, the picture is the same.
     pub fn draw(&mut self, octree: &Octree, camera: &Camera, frame: &mut Frame) {
         let (width, height) = (frame.width, frame.height);
+        self.counters = Counters::default();
         if width == 0 || height == 0 {
             return;
         }
-        let across = width.div_ceil(TILE);
-        self.tiles.resize_with(across * height.div_ceil(TILE), Tile::default);
-        let view = View::new(camera, width, height);
-        self.tiles.par_iter_mut().enumerate().for_each(|(i, tile)| {
-            let corner = [i % across * TILE, i / across * TILE];
-            let size = [TILE.min(width - corner[0]), TILE.min(height - corner[1])];
-            tile.draw(octree, &view.tile(corner, octree), size);
+        self.colours.clear();
+        self.colours.extend(octree.looks.iter().map(shade::surface));
+        self.colours.resize(LOOKS_MAX, 0);
+        let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
+        let glass_from = octree.first_glass();
+        self.bands.resize_with(height.div_ceil(BAND), Default::default);
+        let rows = frame.colour.par_chunks_mut(BAND * width);
+        let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
+        let rows = rows.zip(frame.looks.par_chunks_mut(BAND * width));
+        let bands = self.bands.par_iter_mut().zip(rows).enumerate();
+        bands.for_each(|(i, ((band, walker, counters), ((colour, depth), looks)))| {
+            let view = view.band(i * BAND, octree);
+            *counters = Counters::default();
+            band.clear(width, BAND.min(height - i * BAND));
+            Walk { octree, view: &view, mode, glass_from, band, walker, counters }.run();
+            counters.pixels = band.pixels;
+            shade::band(band, &view, colours, &mut Rows { colour, depth, looks });
         });
-        let bands = frame.colour.par_chunks_mut(TILE * width);
-        let bands = bands.zip(frame.depth.par_chunks_mut(TILE * width));
-        bands.zip(self.tiles.par_chunks(across)).for_each(|((colour, depth), tiles)| {
-            for (tile, x) in tiles.iter().zip((0..width).step_by(TILE)) {
-                let span = x..width.min(x + TILE);
-                let rows = colour.chunks_mut(width).zip(depth.chunks_mut(width));
-                for (y, (colour, depth)) in rows.enumerate() {
-                    let row = y * TILE..y * TILE + span.len();
-                    colour[span.clone()].copy_from_slice(&tile.colour[row.clone()]);
-                    depth[span.clone()].copy_from_slice(&tile.depth[row]);
-                }
-            }
-        });
+        self.bands.iter().for_each(|(_, _, counters)| self.counters.add(counters));
+    }
+
+    /// What the last picture took.
+    pub fn counters(&self) -> Counters {
+        self.counters
     }
 }
 

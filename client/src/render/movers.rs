@@ -10,8 +10,7 @@ use rayon::prelude::*;
 use sightline_shared::world::Mover;
 
 use super::{
-    Camera, Frame, shade,
-    tile::TILE,
+    BAND, Camera, Frame, shade,
     view::{NEAR, View},
 };
 
@@ -29,10 +28,10 @@ pub fn draw(frame: &mut Frame, camera: &Camera, movers: &[Mover], now: Duration)
         .flat_map_iter(|mover| facets(mover, now, &view))
         .filter(|facet| facet.area.meets(width, height))
         .collect();
-    let bands = frame.colour.par_chunks_mut(TILE * width);
-    let bands = bands.zip(frame.depth.par_chunks_mut(TILE * width)).enumerate();
+    let bands = frame.colour.par_chunks_mut(BAND * width);
+    let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
     bands.for_each(|(band, (colour, depth))| {
-        let rows = band * TILE..band * TILE + colour.len() / width;
+        let rows = band * BAND..band * BAND + colour.len() / width;
         for facet in &facets {
             for y in facet.area.rows_within(&rows) {
                 let row = (y - rows.start) * width..(y - rows.start + 1) * width;

@@ -3,6 +3,12 @@
 use glam::Vec3;
 use sightline_shared::octree::Look;
 
+use super::{
+    band::Band,
+    mask::{BLOCK, bits},
+    view::BandView,
+};
+
 /// Two lamps that never move, and how strong they are: every side of a box looks different.
 const LAMPS: [(Vec3, f32); 2] =
     [(Vec3::new(0.48, 0.82, 0.31), 0.38), (Vec3::new(-0.55, 0.08, -0.83), 0.28)];
@@ -14,16 +20,87 @@ const AMBIENT: f32 = 0.62;
 const HAZE_M: f32 = 160.0;
 
 const HORIZON: Vec3 = Vec3::new(214.0, 224.0, 232.0);
+/// [`HORIZON`] as 0x00RRGGBB.
+const HORIZON_COLOUR: u32 = 0x00d6_e0e8;
 const ZENITH: Vec3 = Vec3::new(108.0, 156.0, 214.0);
 const GROUND: Vec3 = Vec3::new(132.0, 128.0, 122.0);
 
 /// How much of a pane's colour covers what is behind.
 const GLASS_SHARE: f32 = 0.3;
 
-/// A look's colour in the light, as 0x00RRGGBB. `along` points from the eye to it, in metres.
-pub(super) fn surface(look: &Look, along: Vec3) -> u32 {
+/// A look in the light, which is the same for both sides of a sheet.
+pub(super) fn surface(look: &Look) -> u32 {
     let normal = Vec3::from(look.normal.map(f32::from)) / 127.0;
-    lit(Vec3::from(look.colour.map(f32::from)), normal, along)
+    let lamps = LAMPS.iter().map(|(lamp, power)| power * normal.dot(*lamp).abs());
+    pack(Vec3::from(look.colour.map(f32::from)) * (AMBIENT + lamps.sum::<f32>()))
+}
+
+/// Rows of a picture that a band goes into.
+pub(super) struct Rows<'a> {
+    pub(super) colour: &'a mut [u32],
+    pub(super) depth: &'a mut [f32],
+    pub(super) looks: &'a mut [u16],
+}
+
+/// Colours what a band shows, with the sky where nothing is and glass over what is behind it.
+#[inline(always)]
+pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Rows) {
+    let width = band.width;
+    for row in 0..band.height.div_ceil(BLOCK) {
+        for column in 0..width.div_ceil(BLOCK) {
+            let block = row * band.mask.across() + column;
+            // Within a block the air is as thick all over.
+            let ray = view.ray(column * BLOCK + BLOCK / 2, row * BLOCK + BLOCK / 2);
+            let length = ray.length();
+            let looks = band.looks[block].as_chunks::<BLOCK>().0;
+            let depths = band.depths[block].as_chunks::<BLOCK>().0;
+            let count = BLOCK.min(width - column * BLOCK);
+            for y in 0..BLOCK.min(band.height - row * BLOCK) {
+                let at = (row * BLOCK + y) * width + column * BLOCK;
+                let mut pixels = looks[y].map(|look| colours[usize::from(look)]);
+                for (pixel, depth) in pixels.iter_mut().zip(depths[y]) {
+                    *pixel = hazed(*pixel, length * depth);
+                }
+                rows.colour[at..at + count].copy_from_slice(&pixels[..count]);
+                rows.depth[at..at + count].copy_from_slice(&depths[y][..count]);
+                rows.looks[at..at + count].copy_from_slice(&looks[y][..count]);
+            }
+            finish(band, view, colours, rows, [column, row]);
+        }
+    }
+}
+
+/// The sky and the glass of a block.
+#[inline(always)]
+fn finish(band: &Band, view: &BandView, colours: &[u32], rows: &mut Rows, at: [usize; 2]) {
+    let block = at[1] * band.mask.across() + at[0];
+    let place = |pixel: usize| [at[0] * BLOCK + pixel % BLOCK, at[1] * BLOCK + pixel / BLOCK];
+    for pixel in bits(!band.mask.word(block)) {
+        let [x, y] = place(pixel);
+        rows.colour[y * band.width + x] = sky(view.ray(x, y).into());
+        rows.depth[y * band.width + x] = f32::INFINITY;
+    }
+    for pixel in bits(band.tinted[block]) {
+        let [x, y] = place(pixel);
+        let colour = &mut rows.colour[y * band.width + x];
+        *colour = through_glass(*colour, colours[usize::from(band.glass[block][pixel])]);
+    }
+}
+
+/// A colour behind so many metres of air.
+#[inline(always)]
+pub(super) fn hazed(colour: u32, distance: f32) -> u32 {
+    let share = distance / (HAZE_M + distance);
+    let share = (share * share * 256.0) as i32 as u32;
+    let mix = |mask: u32| {
+        let (from, to) = (colour >> 8 & mask, HORIZON_COLOUR >> 8 & mask);
+        from * (256 - share) + to * share
+    };
+    let low = |mask: u32| {
+        let (from, to) = (colour & mask, HORIZON_COLOUR & mask);
+        (from * (256 - share) + to * share) >> 8 & mask
+    };
+    (mix(0x0000_00ff) & 0x0000_ff00) | low(0x00ff_00ff)
 }
 
 /// A colour in the light and behind the air, as 0x00RRGGBB. `along` points from the eye to it.

@@ -6,13 +6,13 @@ use sightline_shared::{
     octree::{DEPTH_MAX, Octree},
 };
 
-use super::Camera;
+use super::{Camera, form::ratio_min};
 
 /// Nothing nearer is projected, in metres; such nodes are halved, or tested pixel by pixel.
 pub(super) const NEAR: f32 = 0.01;
 
 /// An inner node is drawn as a whole when its edge spans no more pixels.
-const EDGE_PX: f32 = 0.9;
+const EDGE_PX: f32 = 1.0;
 
 /// Levels of an octree, the root's included.
 const LEVELS: usize = DEPTH_MAX as usize + 1;
@@ -28,6 +28,8 @@ pub(super) struct View {
     focal: f32,
     /// The centre of the picture, with pixels' centres at whole numbers.
     centre: [f32; 2],
+    /// See [`ratio_min`].
+    ratio_min: f32,
 }
 
 impl View {
@@ -38,12 +40,14 @@ impl View {
         let right = Vec3::new(cos_yaw, 0.0, -sin_yaw);
         let (width, height) = (width as f32, height as f32);
         let half_angle = (camera.fov_y * 0.5).clamp(0.01, 1.5);
+        let focal = height * 0.5 / half_angle.tan();
         Self {
             eye: camera.eye,
             right,
             up: right.cross(forward),
             forward,
-            focal: height * 0.5 / half_angle.tan(),
+            focal,
+            ratio_min: ratio_min(focal),
             centre: [(width - 1.0) * 0.5, (height - 1.0) * 0.5],
         }
     }
@@ -90,43 +94,58 @@ impl View {
         ([bounds.min.x, bounds.max.x], [bounds.min.y, bounds.max.y])
     }
 
-    /// The same view, seen from a tile's corner.
-    pub(super) fn tile(&self, corner: [usize; 2], octree: &Octree) -> TileView {
-        let corner = corner.map(|c| c as f32);
-        let [x, y] = [self.centre[0] - corner[0], self.centre[1] - corner[1]];
+    /// The same view, seen from the left end of a row.
+    pub(super) fn band(&self, row: usize, octree: &Octree) -> BandView {
+        let [x, y] = [self.centre[0], self.centre[1] - row as f32];
         let to_x = self.right * self.focal + self.forward * x;
         let to_y = self.forward * y - self.up * self.focal;
         let axes = [0, 1, 2].map(|i| Vec4::new(to_x[i], to_y[i], self.forward[i], 0.0));
         let centre = octree.origin + octree.edge * 0.5 - self.eye;
-        TileView {
-            first_ray: self.ray(corner[0], corner[1]).into(),
+        let mut view = BandView {
+            first_ray: self.ray(0.0, row as f32).into(),
             ray_step: [self.right / self.focal, -self.up / self.focal].map(Vec3A::from),
+            axes,
             centre: centre.into(),
-            projected: axes[0] * centre.x + axes[1] * centre.y + axes[2] * centre.z,
+            projected: Vec4::ZERO,
+            ratio_min: self.ratio_min,
             patterns: std::array::from_fn(|level| {
                 Pattern::new(&axes, octree.edge * 0.5f32.powi(level as i32), self.focal)
             }),
-        }
+        };
+        view.projected = view.project(view.centre);
+        view
     }
 }
 
-/// What one tile needs to know of a view. Points are relative to the eye; a *projected* point is
-/// (x·z, y·z, z) with x and y in pixels from the tile's corner, so that it changes linearly.
-pub(super) struct TileView {
-    first_ray: Vec3A,
-    ray_step: [Vec3A; 2],
+/// What one band needs to know of a view. Points are relative to the eye; a *projected* point is
+/// (x·z, y·z, z) with x and y in pixels from the band's corner, so that it changes linearly.
+pub(super) struct BandView {
+    pub(super) first_ray: Vec3A,
+    /// To the next pixel on the right, and below.
+    pub(super) ray_step: [Vec3A; 2],
+    /// What a metre along each axis adds to a projected point.
+    pub(super) axes: [Vec4; 3],
     /// The centre of the octree.
     pub(super) centre: Vec3A,
     /// The same, projected.
     pub(super) projected: Vec4,
+    /// See [`ratio_min`](super::form::ratio_min).
+    pub(super) ratio_min: f32,
     /// For the nodes of each level, which are all of one shape.
     pub(super) patterns: [Pattern; LEVELS],
 }
 
-impl TileView {
+impl BandView {
     /// The line of sight through a pixel's centre.
+    #[inline(always)]
     pub(super) fn ray(&self, x: usize, y: usize) -> Vec3A {
         self.first_ray + self.ray_step[0] * x as f32 + self.ray_step[1] * y as f32
+    }
+
+    /// Projects a point.
+    #[inline(always)]
+    pub(super) fn project(&self, point: Vec3A) -> Vec4 {
+        self.axes[0] * point.x + self.axes[1] * point.y + self.axes[2] * point.z
     }
 }
 
@@ -170,6 +189,7 @@ impl Pattern {
 
     /// The box around a projected node, in pixels: least x, greatest x, least y, greatest y. The
     /// node lies wholly beyond [`NEAR`].
+    #[inline(always)]
     pub(super) fn bounds(&self, centre: Vec4) -> [f32; 4] {
         let at = |part: usize| self.corners[part].map(|corners| corners + centre[part]);
         let ([x0, x1], [y0, y1]) = (at(0), at(1));

@@ -1,0 +1,101 @@
+//! A band of the picture while it is drawn: what each pixel shows, and the mask buffer.
+
+use super::{
+    hull::{self, Hull},
+    mask::{Area, BLOCK, Mask, bits},
+};
+
+/// Pixels of a block.
+const PIXELS: usize = BLOCK * BLOCK;
+
+/// Some rows of the picture, in blocks of 8 × 8 pixels.
+#[derive(Default)]
+pub(super) struct Band {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) mask: Mask,
+    /// The index of the looks that each pixel of a block shows, where it is written.
+    pub(super) looks: Vec<[u16; PIXELS]>,
+    /// Likewise how far away that is.
+    pub(super) depths: Vec<[f32; PIXELS]>,
+    /// Pixels with glass in front.
+    pub(super) tinted: Vec<u64>,
+    /// The looks of that glass.
+    pub(super) glass: Vec<[u16; PIXELS]>,
+    /// How many pixels were written.
+    pub(super) pixels: u64,
+}
+
+impl Band {
+    /// Begins a band of this size.
+    pub(super) fn clear(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.mask.clear(width, height);
+        let blocks = width.div_ceil(BLOCK) * height.div_ceil(BLOCK);
+        self.looks.resize(blocks, [0; PIXELS]);
+        self.depths.resize(blocks, [0.0; PIXELS]);
+        self.tinted.clear();
+        self.tinted.resize(blocks, 0);
+        self.glass.resize(blocks, [0; PIXELS]);
+        self.pixels = 0;
+    }
+
+    /// Columns and rows, the ends not included, without what lies outside; none when nothing is
+    /// left.
+    #[inline(always)]
+    pub(super) fn clip(&self, [columns, rows]: [[i32; 2]; 2]) -> Option<Area> {
+        let [left, right] = [columns[0].max(0), columns[1].min(self.width as i32)];
+        let [top, bottom] = [rows[0].max(0), rows[1].min(self.height as i32)];
+        (left < right && top < bottom).then_some(Area {
+            left: left as usize,
+            right: right as usize,
+            top: top as usize,
+            bottom: bottom as usize,
+        })
+    }
+
+    /// Writes the pixels of an area within an outline.
+    pub(super) fn fill(&mut self, area: &Area, hull: &Hull, look: u16, depth: f32, glass: bool) {
+        let [columns, rows] = area.blocks();
+        for row in rows {
+            let ends = hull.rows(area, row);
+            for column in columns.clone() {
+                let block = row * self.mask.across() + column;
+                let open = hull::word(&ends, column) & !self.mask.word(block);
+                if open == 0 {
+                    continue;
+                }
+                if glass {
+                    self.tint(block, open, look);
+                } else {
+                    self.write(block, open, look, depth);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn write(&mut self, block: usize, pixels: u64, look: u16, depth: f32) {
+        if pixels == !0 {
+            self.looks[block] = [look; PIXELS];
+            self.depths[block] = [depth; PIXELS];
+        } else {
+            let (looks, depths) = (&mut self.looks[block], &mut self.depths[block]);
+            for pixel in bits(pixels) {
+                looks[pixel] = look;
+                depths[pixel] = depth;
+            }
+        }
+        self.pixels += u64::from(pixels.count_ones());
+        self.mask.cover(block, pixels);
+    }
+
+    /// Puts glass in front of pixels that have none yet.
+    #[inline(never)]
+    pub(super) fn tint(&mut self, block: usize, pixels: u64, look: u16) {
+        for pixel in bits(pixels & !self.tinted[block]) {
+            self.glass[block][pixel] = look;
+        }
+        self.tinted[block] |= pixels;
+    }
+}
