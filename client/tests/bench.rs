@@ -72,22 +72,44 @@ fn a_bench_tells_its_figures_twice_and_draws() {
             row.unwrap_or_else(|| panic!("no {name}"))[figure].as_f64().unwrap()
         };
         assert_eq!((of("rays, BVH2", "ratio_bvh2"), of("rays, CWBVH", "ratio_cwbvh")), (1.0, 1.0));
-        let ratio = of("octree", "ratio_bvh2");
+        let ratio = of("orthogonal", "ratio_bvh2");
         assert!(ratio > 0.0, "{ratio}");
         assert_eq!(run["rows"][0]["path_cpu_ms"].as_array().unwrap().len(), 4);
     }
-    let depths = json["depths"].as_array().unwrap();
-    assert_eq!(depths.len(), 2);
-    assert!(depths.iter().all(|depths| depths["agreeing"].as_f64() > Some(0.999)), "{depths:?}");
-    for expected in ["96 × 64, 1 thread\n", "64 × 48, 2 threads\n", "rays, CWBVH", "shimmer"] {
+    for quality in json["quality"].as_array().unwrap() {
+        let depths = quality["depths"].as_array().unwrap();
+        assert_eq!(depths.len(), 2);
+        assert!(depths.iter().all(|d| d["agreeing"].as_f64() > Some(0.999)), "{depths:?}");
+    }
+    for expected in ["96 × 64, 1 thread:", "64 × 48, 2 threads:", "rays, CWBVH", "shimmer"] {
         assert!(text.contains(expected), "{expected} in {text}");
     }
     for file in ["spawn-000.png", "spawn-001.png", "path-0003.png"] {
         let picture = image::open(folder.path().join("p").join(file)).unwrap();
-        assert_eq!((picture.width(), picture.height()), (192, 64), "{file}");
+        assert_eq!((picture.width(), picture.height()), (4 * 96, 64), "{file}");
     }
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("96 × 64, 2 threads: 100 %"), "{said}");
+}
+
+#[test]
+fn modes_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    hall().write(&folder.path().join("hall.slw")).unwrap();
+    let text = told(&client(
+        folder.path(),
+        "bench hall.slw --compare --size 96x64 --size 160x120 --frames 3 --json f.json",
+    ));
+    assert!(text.contains("160 × 120"), "{text}");
+    let json = std::fs::read_to_string(folder.path().join("f.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["runs"].as_array().unwrap().len(), 0);
+    for comparison in json["comparisons"].as_array().unwrap() {
+        assert_eq!(comparison["views"].as_array().unwrap().len(), 5);
+        assert_eq!(comparison["shifted"]["worst"].as_f64(), Some(0.0), "{comparison}");
+        let projected = comparison["projections"]["worst"].as_f64().unwrap();
+        assert!(projected > 0.0 && projected <= 1.0, "{projected}");
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! How two pictures of one view differ.
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::render::Frame;
@@ -13,45 +14,68 @@ const SHIFT_MAX: usize = 4;
 /// How two pictures differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Difference {
-    /// The part of the pixels that differ by more than rounding, from 0 to 1.
+    /// The part of the pixels whose colours differ by more than rounding, from 0 to 1. Where voxels are about as wide as a
+    /// pixel, that is also where one begins a fraction of a pixel earlier.
     pub differing: f64,
-    /// The part of the pixels that are nowhere in the other picture within one pixel of their place.
+    /// The part of the pixels whose colour is, by more than rounding, not among the colours within one pixel of their
+    /// place in the other picture, nor between them: what no edge explains that is moved by up to a pixel.
+    pub unlike: f64,
+    /// The part of the pixels whose depth is neither among the depths within one pixel of their place in the other
+    /// picture, nor between them.
     pub shifted: f64,
-    /// The greatest distance, in pixels along rows or columns, from a pixel to one like it in the other picture; 5
-    /// when there is none within 4.
+    /// Within how many pixels, along rows or columns, every pixel's depth is among the other picture's, or between them;
+    /// 5 when for one it is not within 4. What is thinner than a pixel may show in one picture only.
     pub shift_max: usize,
 }
 
 impl Difference {
-    /// Of two frames of equal size. Pixels are alike when their colours are within rounding, and their depths within
-    /// `tolerance`, in metres; far away, where a pixel is larger than that, within the share that it spans.
+    /// Of two frames of equal size. Depths are alike within `tolerance`, in metres, or, far away where a pixel spans more
+    /// than that, within a hundredth.
     pub fn of(a: &Frame, b: &Frame, tolerance: f32) -> Self {
         let (width, height) = (a.width().min(b.width()), a.height().min(b.height()));
-        let mut found = Self::default();
-        let mut counts = [0usize; 2];
-        for y in 0..height {
-            for x in 0..width {
-                if differs(a.colour[y * a.width() + x], b.colour[y * b.width() + x]) {
-                    counts[0] += 1;
-                    let shift = shift(a, b, [x, y], tolerance).max(shift(b, a, [x, y], tolerance));
-                    counts[1] += usize::from(shift > 1);
-                    found.shift_max = found.shift_max.max(shift);
-                }
-            }
-        }
-        let pixels = (width * height).max(1) as f64;
-        [found.differing, found.shifted] = counts.map(|count| count as f64 / pixels);
-        found
+        let look = |(x, y): (usize, usize)| {
+            let differing = differs(a.colour[y * a.width() + x], b.colour[y * b.width() + x]);
+            let unlike = differing && (is_unlike(a, b, [x, y]) || is_unlike(b, a, [x, y]));
+            let shift = shift(a, b, [x, y], tolerance).max(shift(b, a, [x, y], tolerance));
+            [usize::from(differing), usize::from(unlike), usize::from(shift > 1), shift]
+        };
+        let rows = (0..height).into_par_iter().map(|y| {
+            (0..width)
+                .map(|x| look((x, y)))
+                .fold([0; 4], |sum: [usize; 4], pixel| total(sum, pixel))
+        });
+        let [differing, unlike, shifted, shift_max] = rows.reduce(|| [0; 4], total);
+        let share = |count: usize| count as f64 / (width * height).max(1) as f64;
+        let [differing, unlike, shifted] = [differing, unlike, shifted].map(share);
+        Self { differing, unlike, shifted, shift_max }
     }
+}
 
-    /// The worse of two in each regard.
-    pub fn worst(self, other: Self) -> Self {
-        Self {
-            differing: self.differing.max(other.differing),
-            shifted: self.shifted.max(other.shifted),
-            shift_max: self.shift_max.max(other.shift_max),
+/// Counts add up; of shifts the greatest counts.
+fn total(a: [usize; 4], b: [usize; 4]) -> [usize; 4] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3].max(b[3])]
+}
+
+/// Whether a pixel's colour in `a` is outside of those around it in `b`.
+fn is_unlike(a: &Frame, b: &Frame, [x, y]: [usize; 2]) -> bool {
+    let levels = |pixel: u32| [16, 8, 0].map(|shift| (pixel >> shift) as u8);
+    let mut span = [[u8::MAX, 0]; 3];
+    around(b, [x, y], 1).for_each(|i| {
+        for (span, level) in span.iter_mut().zip(levels(b.colour[i])) {
+            *span = [span[0].min(level), span[1].max(level)];
         }
-    }
+    });
+    let own = levels(a.colour[y * a.width() + x]);
+    own.into_iter().zip(span).any(|(level, [low, high])| {
+        level < low.saturating_sub(ROUNDING) || level > high.saturating_add(ROUNDING)
+    })
+}
+
+/// The pixels within a distance of a place.
+fn around(frame: &Frame, [x, y]: [usize; 2], reach: usize) -> impl Iterator<Item = usize> {
+    let (width, height) = (frame.width(), frame.height());
+    let span = move |at: usize, side: usize| at.saturating_sub(reach)..=(at + reach).min(side - 1);
+    span(y, height).flat_map(move |j| span(x, width).map(move |i| j * width + i))
 }
 
 /// Whether two colours differ by more than rounding.
@@ -64,34 +88,31 @@ pub fn channels(a: u32, b: u32) -> [u8; 3] {
     [16, 8, 0].map(|shift| ((a >> shift) as u8).abs_diff((b >> shift) as u8))
 }
 
-/// How far from its place in `a` a pixel is found in `b`.
+/// How far from its place in `a` a pixel's depth is found in `b`.
 fn shift(a: &Frame, b: &Frame, [x, y]: [usize; 2], tolerance: f32) -> usize {
-    let at = y * a.width() + x;
-    let (colour, depth) = (a.colour[at], a.depth[at]);
-    let is_like = |i: usize, j: usize| {
-        let other = j * b.width() + i;
-        let within = tolerance.max(depth * 0.01);
-        let near = b.depth[other] == depth || (b.depth[other] - depth).abs() <= within;
-        near && !differs(colour, b.colour[other])
+    let depth = a.depth[y * a.width() + x];
+    let within = tolerance.max(depth.min(f32::MAX) * 0.01);
+    let found = |reach: &usize| {
+        let depths = around(b, [x, y], *reach).map(|i| b.depth[i]);
+        let none = (f32::INFINITY, f32::NEG_INFINITY);
+        let (low, high) = depths.fold(none, |(low, high), z| (low.min(z), high.max(z)));
+        depth >= low - within && depth <= high + within
     };
-    let is_within = |reach: usize| {
-        let span = |at: usize, side: usize| at.saturating_sub(reach)..=(at + reach).min(side - 1);
-        span(y, b.height()).any(|j| span(x, b.width()).any(|i| is_like(i, j)))
-    };
-    (0..=SHIFT_MAX).find(|&reach| is_within(reach)).unwrap_or(SHIFT_MAX + 1)
+    (0..=SHIFT_MAX).find(found).unwrap_or(SHIFT_MAX + 1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Columns of colours that all differ, moved to the right, and one level brighter.
+    /// Columns of colours and depths that all differ, moved to the right, and so many levels brighter.
     fn columns(shift: usize, brighter: u32) -> Frame {
         let mut frame = Frame::new(40, 8);
-        for (i, pixel) in frame.colour.iter_mut().enumerate() {
-            *pixel = ((i % 40 + 40 - shift) % 40 * 6) as u32 * 0x0001_0000 + brighter;
+        for i in 0..frame.colour.len() {
+            let column = (i % 40).saturating_sub(shift).min(30);
+            frame.colour[i] = column as u32 * 0x0006_0000 + brighter;
+            frame.depth[i] = 1.0 + column as f32;
         }
-        frame.depth.fill(3.0);
         frame
     }
 
@@ -99,14 +120,23 @@ mod tests {
     fn rounding_is_no_difference_and_shifts_are_found() {
         let base = columns(0, 0);
         assert_eq!(Difference::of(&base, &columns(0, 2), 0.1), Difference::default());
-        for (shift, shifted) in [(1, 0.0), (3, 1.0)] {
-            let found = Difference::of(&base, &columns(shift, 0), 0.1);
-            assert_eq!(found.differing, 1.0);
-            // The columns that went out at one side are nowhere near.
-            assert!((found.shifted - shifted).abs() < 0.3 && found.shift_max == 5, "{found:?}");
-        }
-        let mut deeper = columns(1, 0);
-        deeper.depth.fill(4.0);
-        assert_eq!(Difference::of(&base, &deeper, 0.1).shifted, 1.0);
+        let brighter = Difference::of(&base, &columns(0, 3), 0.1);
+        assert_eq!((brighter.differing, brighter.unlike, brighter.shifted), (1.0, 1.0, 0.0));
+        let moved = |shift| Difference::of(&base, &columns(shift, 0), 0.1);
+        let one = Difference { differing: 30.0 / 40.0, shift_max: 1, ..Difference::default() };
+        assert_eq!(moved(1), one);
+        let three = moved(3);
+        assert_eq!((three.shift_max, three.differing), (3, 32.0 / 40.0));
+        assert!(three.unlike > 0.7 && three.shifted > 0.7, "{three:?}");
+    }
+
+    #[test]
+    fn a_hole_is_a_shift() {
+        let (mut whole, mut holed) = (columns(0, 0), columns(0, 0));
+        whole.depth.fill(3.0);
+        holed.depth.fill(3.0);
+        holed.depth[4 * 40 + 20] = f32::INFINITY;
+        let found = Difference::of(&whole, &holed, 0.1);
+        assert_eq!((found.shifted, found.shift_max), (1.0 / 320.0, 5));
     }
 }

@@ -7,25 +7,31 @@ use serde::Serialize;
 use sightline_shared::world::World;
 
 use super::{Rays, Tree, Views};
-use crate::render::{Camera, Frame, Renderer};
+use crate::render::{Camera, Counters, Frame, Mode, Renderer};
 
 /// A way to get a picture, or its depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Contender {
-    /// The renderer.
-    Octree,
+    /// The renderer, in one of its modes.
+    Octree(Mode),
     /// A ray for each pixel.
     Rays(Tree),
 }
 
 impl Contender {
     /// All of them: those that draw, then those to compare with.
-    pub const ALL: [Self; 3] = [Self::Octree, Self::Rays(Tree::Bvh2), Self::Rays(Tree::Cwbvh)];
+    pub const ALL: [Self; 4] = [
+        Self::Octree(Mode::Orthogonal),
+        Self::Octree(Mode::Perspective),
+        Self::Rays(Tree::Bvh2),
+        Self::Rays(Tree::Cwbvh),
+    ];
 
     /// What tables call it.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Octree => "octree",
+            Self::Octree(Mode::Orthogonal) => "orthogonal",
+            Self::Octree(Mode::Perspective) => "perspective",
             Self::Rays(Tree::Bvh2) => "rays, BVH2",
             Self::Rays(Tree::Cwbvh) => "rays, CWBVH",
         }
@@ -71,10 +77,40 @@ pub struct Row {
     pub ratio_bvh2: Option<f64>,
     /// The same for the CWBVH.
     pub ratio_cwbvh: Option<f64>,
+    /// What the renderer did for a frame, the mean over the spawn points. None for rays.
+    pub counts: Option<Counts>,
     /// CPU milliseconds from each spawn point.
     pub spawns_cpu_ms: Vec<f64>,
     /// CPU milliseconds of each frame of the path.
     pub path_cpu_ms: Vec<f64>,
+}
+
+/// What the renderer did for a frame, in the mean.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Counts {
+    /// Nodes projected from space to the picture.
+    pub projections: f64,
+    /// Nodes looked at.
+    pub nodes: f64,
+    /// Nodes tested against the mask buffer.
+    pub mask_tests: f64,
+    /// Pixels written.
+    pub pixels: f64,
+}
+
+impl Counts {
+    /// The mean of what several frames took.
+    pub(super) fn mean(counters: &[Counters]) -> Self {
+        let mean = |figure: fn(&Counters) -> u64| {
+            counters.iter().map(figure).sum::<u64>() as f64 / counters.len().max(1) as f64
+        };
+        Self {
+            projections: mean(|counters| counters.projections),
+            nodes: mean(|counters| counters.nodes),
+            mask_tests: mean(|counters| counters.mask_tests),
+            pixels: mean(|counters| counters.pixels),
+        }
+    }
 }
 
 /// What frames cost.
@@ -151,18 +187,20 @@ pub fn measure(
     Ok(Run { width, height, threads: options.threads.max(1), rows })
 }
 
-/// What a frame took, in milliseconds.
+/// What a frame took, in milliseconds, and what was done for it.
 #[derive(Clone, Copy)]
 struct Sample {
     cpu: f64,
     wall: f64,
+    counters: Option<Counters>,
 }
 
 impl Sample {
-    const WORST: Self = Self { cpu: f64::INFINITY, wall: f64::INFINITY };
+    const WORST: Self = Self { cpu: f64::INFINITY, wall: f64::INFINITY, counters: None };
 
     fn least(self, other: Self) -> Self {
-        Self { cpu: self.cpu.min(other.cpu), wall: self.wall.min(other.wall) }
+        let (cpu, wall) = (self.cpu.min(other.cpu), self.wall.min(other.wall));
+        Self { cpu, wall, counters: other.counters }
     }
 }
 
@@ -186,16 +224,23 @@ impl Stage<'_> {
             self.draw(way, camera);
             let cpu = ProcessTime::try_now()?.duration_since(cpu);
             let milliseconds = |time: std::time::Duration| time.as_secs_f64() * 1e3;
-            Ok(Sample { cpu: milliseconds(cpu), wall: milliseconds(wall.elapsed()) })
+            let wall = milliseconds(wall.elapsed());
+            let drew = matches!(way, Contender::Octree(_));
+            let counters = drew.then(|| self.renderer.counters());
+            Ok(Sample { cpu: milliseconds(cpu), wall, counters })
         })
     }
 
     fn draw(&mut self, way: Contender, camera: &Camera) {
         match (way, self.rays) {
+            (Contender::Octree(mode), _) => {
+                self.renderer.mode = mode;
+                self.renderer.draw(&self.world.octree, camera, &mut self.frame);
+            }
             (Contender::Rays(tree), Some(rays)) => {
                 rays.trace(tree, camera, self.frame.width(), &mut self.frame.depth);
             }
-            _ => self.renderer.draw(&self.world.octree, camera, &mut self.frame),
+            (Contender::Rays(_), None) => {}
         }
     }
 }
@@ -220,6 +265,8 @@ impl Row {
             let ratios = tree.iter().zip(spawns_cpu_ms).map(|(tree, own)| tree.cpu / own);
             Spread::of(&ratios.collect::<Vec<_>>()).median
         };
+        let counters: Vec<Counters> = samples[..spawns].iter().filter_map(|s| s.counters).collect();
+        let counts = (!counters.is_empty()).then(|| Counts::mean(&counters));
         let [ratio_bvh2, ratio_cwbvh] = trees.map(|tree| tree.map(ratio));
         Self {
             name: way.name(),
@@ -228,6 +275,7 @@ impl Row {
             cpu_ms,
             ratio_bvh2,
             ratio_cwbvh,
+            counts,
             spawns_cpu_ms: spawns_cpu_ms.to_vec(),
             path_cpu_ms: path_cpu_ms.to_vec(),
         }
@@ -254,7 +302,7 @@ mod tests {
         let views = Views::new(&world, &Path::through(&world), 3);
         let options = Options { size: (64, 48), threads: 2, repeats: 2 };
         let run = measure(&world, None, &views, &options, &mut |_| {}).unwrap();
-        assert!(run.rows.len() == 1 && run.rows[0].ratio_bvh2.is_none());
+        assert!(run.rows.len() == 2 && run.rows[0].ratio_bvh2.is_none());
         world.mesh = Mesh {
             positions: vec![Vec3::ZERO, Vec3::X * 8.0, Vec3::new(8.0, 0.0, 8.0)],
             triangles: vec![[0, 1, 2]],
@@ -267,6 +315,8 @@ mod tests {
         for row in &run.rows {
             assert!(row.cpu_ms.path.worst > 0.0 && row.wall_ms.spawns.median > 0.0, "{row:?}");
             assert_eq!((row.spawns_cpu_ms.len(), row.path_cpu_ms.len()), (1, 3));
+            assert_eq!(row.counts.is_some(), !row.name.starts_with("rays"));
+            assert!(row.counts.is_none_or(|counts| counts.nodes > 1.0 && counts.pixels > 1.0));
         }
         let own = run.rows.iter().find(|row| row.name == "rays, BVH2").unwrap();
         assert_eq!(own.ratio_bvh2, Some(1.0));

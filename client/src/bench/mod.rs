@@ -2,12 +2,13 @@
 //!
 //! * [`Views`]: where from. [`measure`]: what a frame costs from there in each way to draw it, among them [`Rays`] through
 //!   the world's opaque triangles, one after the other again and again, so that what else the machine does hits all alike.
-//! * [`Difference`]: how two pictures of one view differ. [`Depths`]: how far a picture's depths are from where rays
+//! * [`Comparison`]: the renderer's modes against each other. [`Difference`]: how two pictures of one view differ. [`Depths`]: how far a picture's depths are from where rays
 //!   end.
 //! * [`Shimmer`]: how much more a picture changes along a slow path than what it shows.
 //!
 //! Clocks are read here, and nowhere in the renderer.
 
+mod compare;
 mod depths;
 mod difference;
 mod measure;
@@ -16,9 +17,10 @@ mod shimmer;
 
 use sightline_shared::world::World;
 
+pub use compare::{Comparison, View};
 pub use depths::{Depths, Fault};
 pub use difference::{Difference, channels, differs};
-pub use measure::{Contender, Options, Row, Run, Spread, Timing, measure};
+pub use measure::{Contender, Counts, Options, Row, Run, Spread, Timing, measure};
 pub use rays::{Rays, Tree};
 pub use shimmer::Shimmer;
 

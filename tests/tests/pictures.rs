@@ -1,12 +1,12 @@
-//! What the renderer shows, against rays through the original triangles: everything drawn lies on them, and nothing that they
-//! hide shows through.
+//! What the renderer shows, against rays through the original triangles: in every mode everything drawn lies on them, and
+//! nothing that they hide shows through. And the modes against each other.
 
 use std::{ops::ControlFlow, path::PathBuf};
 
 use sightline_client::{
-    bench::{Depths, Fault, Rays, Views},
+    bench::{Comparison, Depths, Fault, Rays, Views},
     path::Path,
-    render::{Frame, Renderer},
+    render::{Camera, Frame, Mode, Renderer},
 };
 use sightline_server::compile::{
     demo_building, glb,
@@ -17,6 +17,10 @@ use sightline_shared::world::{Cells, Mesh, World};
 
 /// This part of the pixels must agree, at every view.
 const AGREEING: f64 = 0.999;
+/// Of the pixels of orthogonal mode no more are unlike those next to their place in perspective mode, …
+const UNLIKE: f64 = 0.01;
+/// … and no more have a depth that is not found there: what is thinner than a pixel.
+const SHIFTED: f64 = 1e-3;
 const SIZE: (usize, usize) = (640, 360);
 
 /// What is drawn of a world; who sees whom is left out.
@@ -55,19 +59,29 @@ fn check(name: &str, model: &Model, voxel: f32) {
     let world = world(model, voxel);
     let rays = Rays::new(&drawn(model)).expect("something is drawn");
     let views = Views::new(&world, &Path::through(&world), 8);
-    let mut renderer = Renderer::default();
+    let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
     let mut frame = Frame::new(SIZE.0, SIZE.1);
-    for (i, camera) in views.spawns.iter().chain(&views.path).enumerate() {
-        renderer.draw(&world.octree, camera, &mut frame);
-        let (depths, faults) = Depths::of(&frame, camera, &rays, world.octree.voxel());
-        let at = faults.first().map(|(i, fault)| (i % SIZE.0, i / SIZE.0, *fault));
-        assert!(
-            depths.agreeing >= AGREEING,
-            "{name}, view {i} of {}: {depths:?}, first at {at:?} from {camera:?}",
-            views.spawns.len()
-        );
+    for mode in Mode::ALL {
+        let mut renderer = Renderer::default();
+        renderer.mode = mode;
+        for (i, camera) in cameras.iter().enumerate() {
+            renderer.draw(&world.octree, camera, &mut frame);
+            let (depths, faults) = Depths::of(&frame, camera, &rays, world.octree.voxel());
+            let at = faults.first().map(|(i, fault)| (i % SIZE.0, i / SIZE.0, *fault));
+            assert!(
+                depths.agreeing >= AGREEING,
+                "{name}, {mode:?}, view {i} of {}: {depths:?}, first at {at:?} from {camera:?}",
+                cameras.len()
+            );
+        }
     }
-    println!("{name}: {} views agree", views.spawns.len() + views.path.len());
+    let compared = Comparison::of(&world.octree, &cameras, SIZE, &mut |_| {});
+    let Comparison { differing, unlike, shifted, shift_max, projections, .. } = &compared;
+    println!("{name}: {} views agree", cameras.len());
+    println!("  differing {differing:?}, unlike {unlike:?}");
+    println!("  shifted {shifted:?} by {shift_max}, projections {projections:?}");
+    assert!(unlike.worst <= UNLIKE, "{name}: {compared:?}");
+    assert!(shifted.worst <= SHIFTED, "{name}: {compared:?}");
 }
 
 #[test]

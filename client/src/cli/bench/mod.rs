@@ -1,0 +1,231 @@
+//! `sightline-client bench`.
+
+mod gallery;
+mod table;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+use sightline_client::{
+    bench::{self, Comparison, Contender, Depths, Options, Rays, Run, Shimmer, Views},
+    path::Path,
+    render::{Camera, Mode, Renderer},
+};
+use sightline_shared::world::World;
+
+use super::{
+    flags::{self, Way},
+    picture,
+    progress::Progress,
+};
+use gallery::Gallery;
+
+/// A slow path, for shimmer: so many frames, …
+const SHIMMER_FRAMES: usize = 12;
+/// … a sixtieth of a second apart, at a fifth of the path's speed, …
+const SHIMMER_S: f64 = 1.0 / 60.0 / 5.0;
+/// … of so many columns and rows.
+const SHIMMER_SIZE: (usize, usize) = (640, 360);
+
+/// The sizes of pictures when none is named, and the same to compare modes.
+const SIZES: [(usize, usize); 1] = [(1920, 1080)];
+const SIZES_COMPARED: [(usize, usize); 2] = [(640, 480), (1920, 1080)];
+
+/// Measures what drawing a world costs, beside rays through its triangles.
+///
+/// Draws the view from every spawn point, and frames of a path, in each mode of the renderer, and in the same run a primary
+/// ray for every pixel of these views through the world's opaque triangles, by obvhs: its BVH2 and its CWBVH, built as well as it
+/// can, without shading. Everything is drawn again and again in turn, on the same threads, and the least time counts. CPU time is
+/// that of all threads together: other programs disturb it little. A ratio is the CPU time of rays over that of the row, the
+/// median over the spawn points.
+///
+/// Then a part of the path is drawn very slowly: `shimmer` is how much more its pixels change than those of pictures with nine
+/// samples a pixel, in levels of 255. And depths are compared with those of rays: what a pixel shows must lie within a voxel's
+/// diagonal of some triangle (a pixel's, where it spans more), and not beyond what the ray meets. In a Quake map rays also meet what
+/// is not drawn, and some of what is drawn is no occluder, so depths agree less there.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The world (.slw).
+    world: PathBuf,
+    /// The size of the pictures in pixels; may be given several times. 1920x1080 when absent; with
+    /// --compare 640x480 too.
+    #[arg(long, value_name = "WxH", value_parser = flags::size)]
+    size: Vec<(usize, usize)>,
+    /// On how many threads to draw; several numbers are measured one after the other.
+    #[arg(long, value_name = "N,N,...", value_delimiter = ',', default_value = "1",
+          value_parser = clap::value_parser!(u16).range(1..=256))]
+    threads: Vec<u16>,
+    #[command(flatten)]
+    way: Way,
+    /// Frames of the path.
+    #[arg(long, value_name = "N", default_value_t = 24)]
+    frames: usize,
+    /// How often each frame is drawn; the least time counts.
+    #[arg(long, value_name = "N", default_value_t = 3,
+          value_parser = clap::value_parser!(u16).range(1..=1_000))]
+    repeats: u16,
+    /// Draw octrees only: no rays, no depths.
+    #[arg(long)]
+    no_rays: bool,
+    /// Compare the renderer's modes instead, from every spawn point and along the path: which part of the pixels differ in
+    /// colour by more than rounding; are unlike all pixels next to their place; show a depth that is shifted by more than a pixel,
+    /// and by how many pixels at most; and which part of the projections is left.
+    #[arg(long)]
+    compare: bool,
+    /// Write the views as PNGs, side by side: orthogonal mode, perspective mode, their difference, eight times as strong,
+    /// and in grey what does not agree with rays: red is too far away, blue is where no triangle is.
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
+    /// Write the figures for machines.
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+}
+
+/// All figures.
+#[derive(Serialize)]
+struct Report {
+    world: String,
+    voxel_m: f32,
+    depth: u8,
+    triangles: usize,
+    spawns: usize,
+    frames: usize,
+    path_s: f64,
+    runs: Vec<Run>,
+    comparisons: Vec<Comparison>,
+    quality: Vec<Quality>,
+}
+
+/// How good a mode's pictures are.
+#[derive(Serialize)]
+struct Quality {
+    mode: &'static str,
+    shimmer: Shimmer,
+    /// From each spawn point; none without rays.
+    depths: Vec<Depths>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    ensure!((1..=picture::FRAMES_MAX).contains(&args.frames), "--frames must be from 1 to 100000");
+    let world = World::read(&args.world)?;
+    let (path, from, until) = args.way.read(&world)?;
+    let mut views = Views::new(&world, &path, 0);
+    let along = path.frames_between(from, until, args.frames);
+    views.path = along.map(|(_, pose)| Camera::at(&pose)).collect();
+    let progress = Progress::new();
+    let mut report = Report {
+        world: args.world.display().to_string(),
+        voxel_m: world.octree.voxel(),
+        depth: world.octree.depth,
+        triangles: world.mesh.triangles.len(),
+        spawns: views.spawns.len(),
+        frames: views.path.len(),
+        path_s: until - from,
+        runs: Vec::new(),
+        comparisons: Vec::new(),
+        quality: Vec::new(),
+    };
+    let rays = if args.compare || args.no_rays {
+        None
+    } else {
+        progress.tell("trees", 0.0, "");
+        Rays::new(&world.mesh)
+    };
+    if args.compare {
+        report.comparisons = compare(args, &world, &views, &progress);
+    } else {
+        report.runs = measure(args, &world, rays.as_ref(), &views, &progress)?;
+        let middle = 0.5 * (from + until);
+        report.quality = Mode::ALL
+            .map(|mode| Quality {
+                mode: Contender::Octree(mode).name(),
+                shimmer: shimmer(&world, mode, &path, middle, &progress),
+                depths: depths(&world, rays.as_ref(), mode, &views, sizes(args)[0], &progress),
+            })
+            .into();
+    }
+    if let Some(folder) = &args.pictures {
+        let gallery = Gallery { world: &world, rays: rays.as_ref(), size: sizes(args)[0] };
+        gallery.write(&views, folder, &progress)?;
+    }
+    progress.finish();
+    super::print(&table::text(&report))?;
+    if let Some(path) = &args.json {
+        let text = serde_json::to_string_pretty(&report)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The sizes that were asked for.
+fn sizes(args: &Args) -> &[(usize, usize)] {
+    match (args.size.as_slice(), args.compare) {
+        ([], true) => &SIZES_COMPARED,
+        ([], false) => &SIZES,
+        (named, _) => named,
+    }
+}
+
+/// Every size with every number of threads.
+fn measure(
+    args: &Args,
+    world: &World,
+    rays: Option<&Rays>,
+    views: &Views,
+    progress: &Progress,
+) -> anyhow::Result<Vec<Run>> {
+    let mut runs = Vec::new();
+    for &size in sizes(args) {
+        for &threads in &args.threads {
+            let options = Options { size, threads: threads.into(), repeats: args.repeats.into() };
+            let stage = table::stage(size, threads.into());
+            let hear = &mut |share| progress.tell(&stage, share, "");
+            runs.push(bench::measure(world, rays, views, &options, hear)?);
+        }
+    }
+    Ok(runs)
+}
+
+fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Vec<Comparison> {
+    let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
+    let compared = sizes(args).iter().map(|&size| {
+        let stage = format!("modes, {} × {}", size.0, size.1);
+        let hear = &mut |share| progress.tell(&stage, share, "");
+        Comparison::of(&world.octree, &cameras, size, hear)
+    });
+    compared.collect()
+}
+
+/// Of a part of the path about a time.
+fn shimmer(world: &World, mode: Mode, path: &Path, middle_s: f64, progress: &Progress) -> Shimmer {
+    let mut renderer = Renderer::default();
+    renderer.mode = mode;
+    Shimmer::of(SHIMMER_FRAMES, SHIMMER_SIZE, |i, frame| {
+        let pose = path.at(middle_s + i as f64 * SHIMMER_S);
+        renderer.draw(&world.octree, &Camera::at(&pose), frame);
+        progress.tell("shimmer", (i + 1) as f32 / SHIMMER_FRAMES as f32, "");
+    })
+}
+
+/// From every spawn point.
+fn depths(
+    world: &World,
+    rays: Option<&Rays>,
+    mode: Mode,
+    views: &Views,
+    (width, height): (usize, usize),
+    progress: &Progress,
+) -> Vec<Depths> {
+    let Some(rays) = rays else { return Vec::new() };
+    let mut renderer = Renderer::default();
+    renderer.mode = mode;
+    let mut frame = sightline_client::render::Frame::new(width, height);
+    let agreement = |(i, camera): (usize, &Camera)| {
+        renderer.draw(&world.octree, camera, &mut frame);
+        progress.tell("depths", (i + 1) as f32 / views.spawns.len() as f32, "");
+        Depths::of(&frame, camera, rays, world.octree.voxel()).0
+    };
+    views.spawns.iter().enumerate().map(agreement).collect()
+}
