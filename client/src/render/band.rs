@@ -55,6 +55,7 @@ impl Band {
     }
 
     /// Writes the pixels of an area within an outline.
+    #[inline(always)]
     pub(super) fn fill(&mut self, area: &Area, hull: &Hull, look: u16, depth: f32, glass: bool) {
         let [columns, rows] = area.blocks();
         for row in rows {

@@ -44,6 +44,7 @@ pub(super) fn ratio_min(focal: f32) -> f32 {
 /// A place in the picture: pixels with [`FRACTION`] bits.
 pub(super) type Place = [i32; 2];
 
+#[inline(always)]
 fn fixed(pixels: Vec2) -> Place {
     pixels.to_array().map(|part| (part * (1 << FRACTION) as f32) as i32)
 }
@@ -78,6 +79,7 @@ pub(super) struct Flat {
 
 impl Form {
     /// The form of a node, and its own place.
+    #[inline(always)]
     pub(super) fn new(
         view: &BandView,
         index: u32,
@@ -135,12 +137,14 @@ impl Form {
     }
 
     /// How long the longest edge of a cell so many levels below looks, in pixels.
+    #[inline(always)]
     pub(super) fn cell_px(&self, levels: u32) -> f32 {
         let longest = self.edges.iter().map(|edge| edge.length_squared()).fold(0.0, f32::max);
         longest.sqrt() * halved(levels)
     }
 
     /// The slack as a place.
+    #[inline(always)]
     pub(super) fn slack_place(&self) -> Place {
         fixed(self.slack)
     }
@@ -166,6 +170,7 @@ fn halved(times: u32) -> f32 {
 
 /// A direction turned by a thousandth where it lies in a plane of two axes, so that no cube is seen
 /// exactly along a side.
+#[inline(always)]
 fn inclined(direction: Vec3A) -> Vec3A {
     let least = Vec3A::splat(direction.abs().max_element() * 1.0e-3);
     let signs = Vec3A::select(direction.cmplt(Vec3A::ZERO), -Vec3A::ONE, Vec3A::ONE);

@@ -181,6 +181,7 @@ impl Renderer {
         self.colours.resize(LOOKS_MAX, 0);
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
+        let processor = pulp::Arch::new();
         self.bands.resize_with(height.div_ceil(BAND), Default::default);
         let rows = frame.colour.par_chunks_mut(BAND * width);
         let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
@@ -190,9 +191,10 @@ impl Renderer {
             let view = view.band(i * BAND, octree);
             *counters = Counters::default();
             band.clear(width, BAND.min(height - i * BAND));
-            Walk { octree, view: &view, mode, glass_from, band, walker, counters }.run();
+            let rows = Rows { colour, depth, looks };
+            let walk = Walk { octree, view: &view, mode, glass_from, band, walker, counters };
+            processor.dispatch(Drawing { walk, colours, rows });
             counters.pixels = band.pixels;
-            shade::band(band, &view, colours, &mut Rows { colour, depth, looks });
         });
         self.bands.iter().for_each(|(_, _, counters)| self.counters.add(counters));
     }
@@ -200,6 +202,24 @@ impl Renderer {
     /// What the last picture took.
     pub fn counters(&self) -> Counters {
         self.counters
+    }
+}
+
+/// The work on a band. A function that is compiled for each kind of processor takes no closure, so
+/// that all of it is.
+struct Drawing<'a> {
+    walk: Walk<'a>,
+    colours: &'a [u32],
+    rows: Rows<'a>,
+}
+
+impl pulp::WithSimd for Drawing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(mut self, _: S) {
+        self.walk.run();
+        shade::band(self.walk.band, self.walk.view, self.colours, &mut self.rows);
     }
 }
 

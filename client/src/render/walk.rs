@@ -136,6 +136,7 @@ impl Walk<'_> {
     }
 
     /// Whether a node that is partly nearer than [`NEAR`] lies beside all lines of sight.
+    #[inline(always)]
     fn is_beside(&self, cube: &Cube) -> bool {
         let reach = self.view.patterns[usize::from(cube.level)].reach;
         let [x, y, z, _] = cube.projected.to_array();
@@ -148,6 +149,7 @@ impl Walk<'_> {
 
     /// The first level, from a node's on, at which nodes are no larger than a pixel where it is, or
     /// that of the leaves.
+    #[inline(always)]
     fn last_level(&self, cube: &Cube) -> u8 {
         let is_small =
             |&level: &u8| cube.projected.z > self.view.patterns[usize::from(level)].small_from;
@@ -175,6 +177,7 @@ impl Walk<'_> {
     }
 
     /// Writes the pixels whose lines of sight meet the node.
+    #[inline(always)]
     fn fill(&mut self, cube: &Cube, area: &Area) {
         let half = self.view.patterns[usize::from(cube.level)].half;
         if cube.centre.abs().max_element() <= half {
