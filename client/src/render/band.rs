@@ -2,7 +2,8 @@
 
 use super::{
     hull::{self, Hull},
-    mask::{Area, BLOCK, Mask, bits},
+    layer::Layer,
+    mask::{Area, BLOCK, Mask, bits, lines},
 };
 
 /// Pixels of a block.
@@ -71,6 +72,35 @@ impl Band {
                 } else {
                     self.write(block, open, look, depth);
                 }
+            }
+        }
+    }
+
+    /// Writes the pixels of an area that see a layer of voxels, whose looks these are.
+    #[inline(always)]
+    pub(super) fn fill_layer(&mut self, area: &Area, layer: &Layer, looks: &[u16]) {
+        let outline = layer.outline();
+        let [columns, rows] = area.blocks();
+        for row in rows {
+            let ends = outline.rows(area, row);
+            for column in columns.clone() {
+                let block = row * self.mask.across() + column;
+                let open = hull::word(&ends, column) & !self.mask.word(block);
+                if open == 0 {
+                    continue;
+                }
+                let (to, depths) = (&mut self.looks[block], &mut self.depths[block]);
+                let corner = layer.at((column * BLOCK) as f32, (row * BLOCK) as f32);
+                for y in bits(lines(open)) {
+                    let line = layer.line(&corner, y);
+                    for x in bits(open >> (BLOCK * y) & 0xff) {
+                        let (voxel, depth) = layer.voxel(&line, x);
+                        to[BLOCK * y + x] = looks[voxel];
+                        depths[BLOCK * y + x] = depth;
+                    }
+                }
+                self.pixels += u64::from(open.count_ones());
+                self.mask.cover(block, open);
             }
         }
     }

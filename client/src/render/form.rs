@@ -22,7 +22,7 @@ use super::{
 const TOLERANCE_PX: f32 = 0.5;
 
 /// Fractional bits of places in pixels.
-const FRACTION: u32 = 16;
+pub(super) const FRACTION: u32 = 16;
 
 /// The least ratio of nearest to farthest distance with which a node may be drawn in orthogonal mode,
 /// for a focal length in pixels: see the paper, box 101. By bisection: where a cube of edge 2 must
@@ -60,9 +60,9 @@ pub(super) struct Form {
     /// How much farther away than the cube's nearest corner those of the octants are, in metres.
     deeper: [f32; 8],
     /// The edges in pixels, mirrored.
-    edges: [Vec2; 3],
+    pub(super) edges: [Vec2; 3],
     /// Likewise, how much deeper an edge's far end lies.
-    edges_deep: [f32; 3],
+    pub(super) edges_deep: [f32; 3],
     /// By how much places may be wrong, in pixels: nodes are drawn larger by that.
     pub(super) slack: Vec2,
 }
@@ -164,7 +164,7 @@ impl Form {
 
 /// Two to the power of minus so many.
 #[inline(always)]
-fn halved(times: u32) -> f32 {
+pub(super) fn halved(times: u32) -> f32 {
     f32::from_bits((127 - times) << 23)
 }
 
@@ -298,6 +298,6 @@ impl BrickForm {
 
 /// A number with [`FRACTION`] bits.
 #[inline(always)]
-fn whole(number: f32) -> i32 {
+pub(super) fn whole(number: f32) -> i32 {
     (number * (1 << FRACTION) as f32) as i32
 }

@@ -128,6 +128,14 @@ fn low_bytes(count: usize) -> u64 {
     if count >= 8 { !0 } else { (1 << (8 * count)) - 1 }
 }
 
+/// The bits of the bytes, lines of a block, that are not zero.
+#[inline(always)]
+pub(super) fn lines(pixels: u64) -> u64 {
+    let low = 0x7f7f_7f7f_7f7f_7f7f;
+    let some = (((pixels & low) + low) | pixels) & !low;
+    (some >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56
+}
+
 /// The places of the ones.
 #[inline(always)]
 pub(super) fn bits(mut word: u64) -> impl Iterator<Item = usize> {

@@ -17,6 +17,7 @@ pub mod avatars;
 mod band;
 mod form;
 mod hull;
+mod layer;
 mod lines;
 mod mask;
 pub mod movers;
@@ -40,7 +41,7 @@ use self::{
 };
 
 /// Rows that are drawn together.
-const BAND: usize = 96;
+const BAND: usize = 136;
 
 /// No side of a frame is longer, in pixels: colours and depths then take 512 MiB.
 pub const SIDE_MAX: usize = 8192;

@@ -61,12 +61,21 @@ pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Row
                 for (pixel, depth) in pixels.iter_mut().zip(depths[y]) {
                     *pixel = hazed(*pixel, length * depth);
                 }
-                rows.colour[at..at + count].copy_from_slice(&pixels[..count]);
-                rows.depth[at..at + count].copy_from_slice(&depths[y][..count]);
-                rows.looks[at..at + count].copy_from_slice(&looks[y][..count]);
+                put(&mut rows.colour[at..at + count], &pixels);
+                put(&mut rows.depth[at..at + count], &depths[y]);
+                put(&mut rows.looks[at..at + count], &looks[y]);
             }
             finish(band, view, colours, rows, [column, row]);
         }
+    }
+}
+
+/// Writes as many pixels of a block's row as fit.
+#[inline(always)]
+fn put<T: Copy>(to: &mut [T], from: &[T; BLOCK]) {
+    match <&mut [T; BLOCK]>::try_from(&mut *to) {
+        Ok(to) => *to = *from,
+        Err(_) => to.copy_from_slice(&from[..to.len()]),
     }
 }
 

@@ -13,7 +13,8 @@ use super::{
     band::Band,
     form::{BrickForm, Flat, Form},
     hull::Hull,
-    mask::{Area, BLOCK, bits},
+    layer::Layer,
+    mask::{Area, BLOCK, bits, lines},
     view::{BandView, NEAR},
 };
 
@@ -37,7 +38,7 @@ impl Default for Walker {
 }
 
 /// Cells whose edge is longer, in pixels, are drawn each as a whole.
-const WHOLE_PX: f32 = 6.0;
+const WHOLE_PX: f32 = 8.0;
 
 /// A node in perspective.
 #[derive(Clone, Copy)]
@@ -212,6 +213,7 @@ impl Walk<'_> {
             last: cube.last,
             bricks: BrickForm::new(&form, if whole { levels + 2 } else { levels }),
         };
+        let leaves = cube.last == self.octree.depth;
         let slack = form.slack_place();
         self.walker.flats.clear();
         self.walker.flats.push(root);
@@ -219,15 +221,27 @@ impl Walk<'_> {
             self.counters.nodes += 1;
             let Some(area) = self.band.clip(form.span(&flat, slack)) else { continue };
             self.counters.mask_tests += 1;
-            if !self.band.mask.is_open(&area) {
-                continue;
+            if leaves && flat.below < levels {
+                let node = &self.octree.inner[flat.index as usize];
+                if let Some((axis, place)) = node.flat()
+                    && node.flags & Inner::SOME_GLASS == 0
+                    && let Some(layer) = Layer::new(&form, &flat, levels - flat.below, axis, place)
+                {
+                    let first = self.first_leaf(node, levels - flat.below);
+                    self.band.fill_layer(&area, &layer, &self.octree.leaves[first..]);
+                    continue;
+                }
             }
             if flat.below == drawn.levels {
+                // What is covered is found while drawing.
                 if whole {
                     self.draw_cell(&drawn, &flat, &area);
-                } else {
+                } else if self.band.mask.is_open(&area) {
                     self.draw_brick(&drawn, &flat, &area, form.flip);
                 }
+                continue;
+            }
+            if !self.band.mask.is_open(&area) {
                 continue;
             }
             let node = &self.octree.inner[flat.index as usize];
@@ -237,6 +251,13 @@ impl Walk<'_> {
                 }
             }
         }
+    }
+
+    /// The index of the first leaf below a node that is so many levels above the leaves.
+    #[inline(always)]
+    fn first_leaf(&self, node: &Inner, levels: u32) -> usize {
+        let child = |first: u32, _| self.octree.inner[first as usize].first;
+        (1..levels).fold(node.first, child) as usize
     }
 
     /// Draws a cell as a whole.
@@ -271,7 +292,7 @@ impl Walk<'_> {
         area: &Area,
         leaves: bool,
     ) {
-        let lines = form.rows();
+        let rows_met = form.rows();
         let band = &mut *self.band;
         let [columns, rows] = area.blocks();
         for row in rows {
@@ -283,26 +304,24 @@ impl Walk<'_> {
                 }
                 let places = form.places(flat, [(column * BLOCK) as i32, (row * BLOCK) as i32]);
                 let mut written = 0u64;
-                for pixel in bits(open) {
-                    let line = form.line(places, pixel / BLOCK);
-                    let mut met = form.cells(&lines, line, pixel % BLOCK) & brick.cells;
-                    while met != 0 {
-                        let cell = met.trailing_zeros() as usize;
-                        let index = brick.index(cell);
-                        let look = if leaves {
-                            self.octree.leaves[index]
-                        } else {
-                            self.octree.inner[index].look
-                        };
-                        if GLASS && usize::from(look) >= self.glass_from {
-                            band.tint(block, 1 << pixel, look);
-                            met &= met - 1;
-                            continue;
+                for y in bits(lines(open)) {
+                    let line = form.line(places, y);
+                    for x in bits(open >> (BLOCK * y) & 0xff) {
+                        let pixel = BLOCK * y + x;
+                        let mut met = form.cells(&rows_met, line, x) & brick.cells;
+                        while met != 0 {
+                            let cell = met.trailing_zeros() as usize;
+                            let look = brick.look(self.octree, cell, leaves);
+                            if GLASS && usize::from(look) >= self.glass_from {
+                                band.tint(block, 1 << pixel, look);
+                                met &= met - 1;
+                                continue;
+                            }
+                            band.looks[block][pixel] = look;
+                            band.depths[block][pixel] = flat.depth + form.deeper(cell);
+                            written |= 1 << pixel;
+                            break;
                         }
-                        band.looks[block][pixel] = look;
-                        band.depths[block][pixel] = flat.depth + form.deeper(cell);
-                        written |= 1 << pixel;
-                        break;
                     }
                 }
                 if written != 0 {
@@ -348,6 +367,13 @@ impl Brick {
         }
         brick.cells = mirrored(u64::from_le_bytes(brick.masks), flip);
         brick
+    }
+
+    /// The looks of a cell that is there.
+    #[inline(always)]
+    fn look(&self, octree: &Octree, cell: usize, leaves: bool) -> u16 {
+        let index = self.index(cell);
+        if leaves { octree.leaves[index] } else { octree.inner[index].look }
     }
 
     /// The index of a cell that is there.

@@ -3,12 +3,12 @@
 use std::ops::Range;
 
 use super::{
-    Inner, Look,
+    Inner, Look, flat,
     palette::{Palette, unit},
     shape,
 };
 
-/// Gives every inner node the looks of what is below it. The same leaves and palette give the
+/// Gives every inner node the looks of what is below it, and its flags. The same leaves and palette give the
 /// same result, bit for bit, on every machine.
 ///
 /// # Errors
@@ -42,6 +42,7 @@ pub(super) fn average(
                 }
             }
             let blend = blend.finish(&mut inner[index], palette)?;
+            inner[index].flags |= flat::flags(inner, index, block.bottom);
             match index.checked_sub(start) {
                 Some(place) => blends[place] = blend,
                 None => weights[root] = blend.weight,

@@ -22,6 +22,7 @@ mod blend;
 mod build;
 mod codec;
 mod cursor;
+mod flat;
 mod look;
 pub mod occupants;
 mod palette;
@@ -61,7 +62,7 @@ pub struct Inner {
     pub look: u16,
     /// Bit `i` is set when the child in octant `i` is not empty. Never zero.
     pub mask: u8,
-    /// [`Inner::GLASS`] and [`Inner::SOME_GLASS`].
+    /// [`Inner::GLASS`], [`Inner::SOME_GLASS`] and what [`Inner::flat`] tells.
     pub flags: u8,
 }
 
