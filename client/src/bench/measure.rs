@@ -1,8 +1,11 @@
 //! What a frame costs.
 
-use std::{io, time::Instant};
+use std::{
+    io,
+    time::{Duration, Instant},
+};
 
-use cpu_time::ProcessTime;
+use cpu_time::{ProcessTime, ThreadTime};
 use serde::Serialize;
 use sightline_shared::world::World;
 
@@ -69,7 +72,9 @@ pub struct Row {
     pub name: &'static str,
     /// Milliseconds of CPU time for a frame, all threads together.
     pub cpu_ms: Timing,
-    /// Milliseconds for a frame.
+    /// Milliseconds of CPU time of the thread that worked most for a frame: what a frame takes where nothing else runs.
+    pub busiest_ms: Timing,
+    /// Milliseconds for a frame by the clock, whatever else ran.
     pub wall_ms: Timing,
     /// Millions of pixels a second of CPU time, from the spawn points: for rays, as many rays.
     pub rays_per_us: f64,
@@ -191,16 +196,22 @@ pub fn measure(
 #[derive(Clone, Copy)]
 struct Sample {
     cpu: f64,
+    busiest: f64,
     wall: f64,
     counters: Option<Counters>,
 }
 
 impl Sample {
-    const WORST: Self = Self { cpu: f64::INFINITY, wall: f64::INFINITY, counters: None };
+    const WORST: Self =
+        Self { cpu: f64::INFINITY, busiest: f64::INFINITY, wall: f64::INFINITY, counters: None };
 
     fn least(self, other: Self) -> Self {
-        let (cpu, wall) = (self.cpu.min(other.cpu), self.wall.min(other.wall));
-        Self { cpu, wall, counters: other.counters }
+        Self {
+            cpu: self.cpu.min(other.cpu),
+            busiest: self.busiest.min(other.busiest),
+            wall: self.wall.min(other.wall),
+            counters: other.counters,
+        }
     }
 }
 
@@ -218,16 +229,23 @@ impl Stage<'_> {
         way: Contender,
         camera: &Camera,
     ) -> io::Result<Sample> {
+        let threads = || {
+            let times = pool.broadcast(|_| ThreadTime::try_now().map(|time| time.as_duration()));
+            times.into_iter().collect::<io::Result<Vec<Duration>>>()
+        };
+        let milliseconds = |time: Duration| time.as_secs_f64() * 1e3;
         // Waking the pool is no part of a frame.
         pool.install(|| {
+            let before = threads()?;
             let (wall, cpu) = (Instant::now(), ProcessTime::try_now()?);
             self.draw(way, camera);
-            let cpu = ProcessTime::try_now()?.duration_since(cpu);
-            let milliseconds = |time: std::time::Duration| time.as_secs_f64() * 1e3;
+            let cpu = milliseconds(ProcessTime::try_now()?.duration_since(cpu));
             let wall = milliseconds(wall.elapsed());
+            let worked = threads()?.into_iter().zip(before).map(|(after, before)| after - before);
+            let busiest = milliseconds(worked.max().unwrap_or_default());
             let drew = matches!(way, Contender::Octree(_));
             let counters = drew.then(|| self.renderer.counters());
-            Ok(Sample { cpu: milliseconds(cpu), wall, counters })
+            Ok(Sample { cpu, busiest, wall, counters })
         })
     }
 
@@ -271,6 +289,7 @@ impl Row {
         Self {
             name: way.name(),
             rays_per_us: pixels / (cpu_ms.spawns.median * 1e3),
+            busiest_ms: timing(|sample| sample.busiest),
             wall_ms: timing(|sample| sample.wall),
             cpu_ms,
             ratio_bvh2,
@@ -314,6 +333,7 @@ mod tests {
         assert_eq!(run.rows.len(), Contender::ALL.len());
         for row in &run.rows {
             assert!(row.cpu_ms.path.worst > 0.0 && row.wall_ms.spawns.median > 0.0, "{row:?}");
+            assert!(row.busiest_ms.spawns.median > 0.0, "{row:?}");
             assert_eq!((row.spawns_cpu_ms.len(), row.path_cpu_ms.len()), (1, 3));
             assert_eq!(row.counts.is_some(), !row.name.starts_with("rays"));
             assert!(row.counts.is_none_or(|counts| counts.nodes > 1.0 && counts.pixels > 1.0));

@@ -37,7 +37,8 @@ const SIZES_COMPARED: [(usize, usize); 2] = [(640, 480), (1920, 1080)];
 /// Draws the view from every spawn point, and frames of a path, in each mode of the renderer, and in the same run a primary
 /// ray for every pixel of these views through the world's opaque triangles, by obvhs: its BVH2 and its CWBVH, built as well as it
 /// can, without shading. Everything is drawn again and again in turn, on the same threads, and the least time counts. CPU time is
-/// that of all threads together: other programs disturb it little. A ratio is the CPU time of rays over that of the row, the
+/// that of all threads together: other programs disturb it little. `busiest` is that of the thread that worked most: what
+/// a frame takes by the clock where nothing else runs. A ratio is the CPU time of rays over that of the row, the
 /// median over the spawn points.
 ///
 /// Then a part of the path is drawn very slowly: `shimmer` is how much more its pixels change than those of pictures with nine

@@ -52,7 +52,7 @@ pub fn stage((width, height): (usize, usize), threads: usize) -> String {
 
 fn table(run: &Run) -> String {
     let mut out = format!("\n{}: ms a frame\n", stage((run.width, run.height), run.threads));
-    let groups = ["spawns, CPU", "path, CPU", "spawns, clock", "path, clock"];
+    let groups = ["spawns, CPU", "path, CPU", "spawns, busiest", "spawns, clock"];
     out += &format!("{:14}", "");
     groups.iter().for_each(|group| out += &format!("{group:>20}"));
     out += "\n";
@@ -60,7 +60,7 @@ fn table(run: &Run) -> String {
     let rest = ["M rays/s", "/ BVH2", "/ CWBVH"].map(str::to_owned);
     out += &line("", &spreads.chain(rest).collect::<Vec<_>>());
     run.rows.iter().for_each(|row| out += &row_line(row));
-    let head = ["projected", "nodes", "mask tests", "pixels"].map(str::to_owned);
+    let head = ["projected", "nodes", "masked", "pixels"].map(str::to_owned);
     out += &line("spawns, mean", &head);
     for (row, counts) in run.rows.iter().filter_map(|row| Some((row, row.counts?))) {
         let Counts { projections, nodes, mask_tests, pixels } = counts;
@@ -71,8 +71,8 @@ fn table(run: &Run) -> String {
 }
 
 fn row_line(row: &Row) -> String {
-    let (cpu, wall) = (row.cpu_ms, row.wall_ms);
-    let spreads = [cpu.spawns, cpu.path, wall.spawns, wall.path];
+    let (cpu, busiest, wall) = (row.cpu_ms, row.busiest_ms, row.wall_ms);
+    let spreads = [cpu.spawns, cpu.path, busiest.spawns, wall.spawns];
     let spreads = spreads.iter().flat_map(|spread| [spread.median, spread.worst]);
     let mut figures: Vec<String> = spreads.map(|figure| format!("{figure:.1}")).collect();
     figures.push(format!("{:.2}", row.rays_per_us));
