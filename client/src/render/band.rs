@@ -1,13 +1,24 @@
 //! A band of the picture while it is drawn: what each pixel shows, and the mask buffer.
 
 use super::{
-    hull::{self, Hull},
+    hull::Hull,
     layer::Layer,
     mask::{Area, BLOCK, Mask, bits, lines},
 };
 
 /// Pixels of a block.
 const PIXELS: usize = BLOCK * BLOCK;
+
+/// For each byte its bits apart.
+const LINES_WANTED: [[u8; BLOCK]; 256] = {
+    let mut lines = [[0; BLOCK]; 256];
+    let mut i = 0;
+    while i < 256 * BLOCK {
+        lines[i / BLOCK][i % BLOCK] = (i / BLOCK >> (i % BLOCK) & 1) as u8;
+        i += 1;
+    }
+    lines
+};
 
 /// Some rows of the picture, in blocks of 8 × 8 pixels.
 #[derive(Default)]
@@ -63,7 +74,7 @@ impl Band {
             let ends = hull.rows(area, row);
             for column in columns.clone() {
                 let block = row * self.mask.across() + column;
-                let open = hull::word(&ends, column) & !self.mask.word(block);
+                let open = ends.word(column) & !self.mask.word(block);
                 if open == 0 {
                     continue;
                 }
@@ -85,7 +96,7 @@ impl Band {
             let ends = outline.rows(area, row);
             for column in columns.clone() {
                 let block = row * self.mask.across() + column;
-                let open = hull::word(&ends, column) & !self.mask.word(block);
+                let open = ends.word(column) & !self.mask.word(block);
                 if open == 0 {
                     continue;
                 }
@@ -93,10 +104,15 @@ impl Band {
                 let corner = layer.at((column * BLOCK) as f32, (row * BLOCK) as f32);
                 for y in bits(lines(open)) {
                     let line = layer.line(&corner, y);
-                    for x in bits(open >> (BLOCK * y) & 0xff) {
-                        let (voxel, depth) = layer.voxel(&line, x);
-                        to[BLOCK * y + x] = looks[voxel];
-                        depths[BLOCK * y + x] = depth;
+                    let (voxels, line_depths) = layer.line_of_voxels(&line);
+                    let line_looks = voxels.map(|voxel| looks[voxel as usize]);
+                    // All pixels of the line, without a branch.
+                    let wanted = LINES_WANTED[(open >> (BLOCK * y)) as usize & 0xff];
+                    for x in 0..BLOCK {
+                        let pixel = BLOCK * y + x;
+                        let is_wanted = wanted[x] != 0;
+                        to[pixel] = if is_wanted { line_looks[x] } else { to[pixel] };
+                        depths[pixel] = if is_wanted { line_depths[x] } else { depths[pixel] };
                     }
                 }
                 self.pixels += u64::from(open.count_ones());

@@ -10,9 +10,6 @@ use glam::Vec3A;
 
 use super::{mask::Area, mask::BLOCK, view::BandView};
 
-/// A bound that holds everywhere.
-const FAR: f32 = 1.0e9;
-
 /// A bound that changes less from one column to the next holds for all of a row or none.
 const LEVEL: f32 = 1.0e-15;
 
@@ -39,7 +36,7 @@ impl Bounds {
     /// The column at which a row crosses a line.
     #[inline(always)]
     fn column(&self, i: usize, y: f32) -> f32 {
-        ((self.down[i] * y + self.start[i]) * self.inverse[i]).clamp(-FAR, FAR)
+        (self.down[i] * y + self.start[i]) * self.inverse[i]
     }
 }
 
@@ -89,40 +86,58 @@ impl Hull {
         to.count += 1;
     }
 
-    /// The pixels of an area that are inside, in the block at a column and row.
+    /// The pixels of an area that are inside, in a row of blocks.
     #[inline(always)]
-    pub(super) fn rows(&self, area: &Area, row: usize) -> [[i32; 2]; BLOCK] {
+    pub(super) fn rows(&self, area: &Area, row: usize) -> Ends {
+        let first = (row * BLOCK) as f32;
         let mut left = [area.left as f32; BLOCK];
         let mut right = [area.right as f32 - 1.0; BLOCK];
         for i in 0..self.lefts.count {
             for (y, left) in left.iter_mut().enumerate() {
-                *left = left.max(self.lefts.column(i, (row * BLOCK + y) as f32));
+                let column = self.lefts.column(i, first + y as f32);
+                *left = if column > *left { column } else { *left };
             }
         }
         for i in 0..self.rights.count {
             for (y, right) in right.iter_mut().enumerate() {
-                *right = right.min(self.rights.column(i, (row * BLOCK + y) as f32));
+                let column = self.rights.column(i, first + y as f32);
+                *right = if column < *right { column } else { *right };
             }
         }
-        std::array::from_fn(|y| {
-            let inside = (area.top..area.bottom).contains(&(row * BLOCK + y));
-            let end = if inside { right[y].floor() as i32 + 1 } else { 0 };
-            [left[y].ceil() as i32, end]
-        })
+        let top = area.top as i32 - (row * BLOCK) as i32;
+        let bottom = area.bottom as i32 - (row * BLOCK) as i32;
+        let mut ends = Ends { left: [0; BLOCK], end: [0; BLOCK] };
+        for y in 0..BLOCK {
+            // What lies far outside is held to the area: none of it is left then.
+            let far = area.right as f32;
+            let from = if left[y] < far { left[y] } else { far };
+            let to = if right[y] > -1.0 { right[y] } else { -1.0 };
+            let inside = y as i32 >= top && (y as i32) < bottom;
+            ends.left[y] = from.ceil() as i32;
+            ends.end[y] = if inside { to.floor() as i32 + 1 } else { 0 };
+        }
+        ends
     }
 }
 
-/// The mask of a block at a column, of the rows' ends.
-#[inline(always)]
-pub(super) fn word(rows: &[[i32; 2]; BLOCK], column: usize) -> u64 {
-    let x = (column * BLOCK) as i32;
-    let mut word = 0;
-    for (y, [left, end]) in rows.iter().enumerate() {
-        let (left, end) = ((left - x).clamp(0, 8), (end - x).clamp(0, 8));
-        let row = ((1u64 << end) - 1) & !((1 << left) - 1);
-        word |= row << (8 * y);
+/// Columns of some rows of pixels: the first, and the one after the last.
+pub(super) struct Ends {
+    left: [i32; BLOCK],
+    end: [i32; BLOCK],
+}
+
+impl Ends {
+    /// The mask of a block at a column.
+    #[inline(always)]
+    pub(super) fn word(&self, column: usize) -> u64 {
+        let x = (column * BLOCK) as i32;
+        let mut rows = [0; BLOCK];
+        for (y, row) in rows.iter_mut().enumerate() {
+            let (left, end) = ((self.left[y] - x).clamp(0, 8), (self.end[y] - x).clamp(0, 8));
+            *row = ((1 << end) - 1) & !((1 << left) - 1);
+        }
+        u64::from_le_bytes(rows.map(|row: i32| row as u8))
     }
-    word
 }
 
 /// Of a rectangle, given by its ends along two axes, the corners between which it is seen from the
@@ -182,7 +197,7 @@ mod tests {
             for row in 0..SIDE / BLOCK {
                 let rows = hull.rows(&area, row);
                 for column in 0..SIDE / BLOCK {
-                    let word = word(&rows, column);
+                    let word = rows.word(column);
                     for i in 0..64 {
                         let ray = view.ray(column * BLOCK + i % BLOCK, row * BLOCK + i / BLOCK);
                         differ += u32::from((word >> i & 1 == 1) != meets(ray, low, high));

@@ -9,13 +9,11 @@ use super::{
     form::{FRACTION, Flat, Form, halved, whole},
     hull::Hull,
     lines::PLANES,
+    mask::BLOCK,
 };
 
 /// Seen flatter, in voxels for each pixel, a layer is drawn like anything else.
 const VOXELS_MAX: f32 = 16.0;
-
-/// Numbers of up to four bits with zeros between the bits.
-const SPREAD: [usize; 16] = [0, 1, 4, 5, 16, 17, 20, 21, 64, 65, 68, 69, 80, 81, 84, 85];
 
 /// Functions of the pixel for a layer, and its outline.
 pub(super) struct Layer {
@@ -114,16 +112,30 @@ impl Layer {
         Spot { voxels: [below(0), below(1)], depth: corner.depth + self.depth[1] * y as f32 }
     }
 
-    /// Which of the layer's voxels, in their order in memory, a line's pixel sees, and how far away.
+    /// Which of the layer's voxels, in their order in memory, the pixels of a line see, and how far
+    /// away.
     #[inline(always)]
-    pub(super) fn voxel(&self, line: &Spot, x: usize) -> (usize, f32) {
-        let part = |i: usize| {
-            let at = line.voxels[i].wrapping_add(self.steps[i].wrapping_mul(x as i32));
-            let voxel = (at >> FRACTION).clamp(0, self.last) ^ self.mirror[i];
-            SPREAD[voxel as usize & 15]
-        };
-        (part(0) | part(1) << 1, line.depth + self.depth[0] * x as f32)
+    pub(super) fn line_of_voxels(&self, line: &Spot) -> ([u32; BLOCK], [f32; BLOCK]) {
+        let mut voxels = [0; BLOCK];
+        let mut depths = [0.0; BLOCK];
+        for x in 0..BLOCK {
+            let part = |i: usize| {
+                let at = line.voxels[i].wrapping_add(self.steps[i].wrapping_mul(x as i32));
+                let voxel = (at >> FRACTION).clamp(0, self.last) ^ self.mirror[i];
+                spread(voxel as u32)
+            };
+            voxels[x] = part(0) | part(1) << 1;
+            depths[x] = line.depth + self.depth[0] * x as f32;
+        }
+        (voxels, depths)
     }
+}
+
+/// A number of up to four bits with zeros between the bits.
+#[inline(always)]
+fn spread(number: u32) -> u32 {
+    let number = (number | number << 2) & 0x33;
+    (number | number << 1) & 0x55
 }
 
 /// The outline of a box, whose ends along each axis are in edges' lengths from the nearest corner,

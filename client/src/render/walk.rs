@@ -208,11 +208,8 @@ impl Walk<'_> {
             Form::new(self.view, cube.index, pattern.half * 2.0, cube.centre, cube.projected);
         let levels = u32::from(cube.last - cube.level);
         let whole = levels < 2 || form.cell_px(levels) > WHOLE_PX;
-        let drawn = Drawn {
-            levels: if whole { levels } else { levels - 2 },
-            last: cube.last,
-            bricks: BrickForm::new(&form, if whole { levels + 2 } else { levels }),
-        };
+        let drawn_at = if whole { levels } else { levels - 2 };
+        let mut drawn = None;
         let leaves = cube.last == self.octree.depth;
         let slack = form.slack_place();
         self.walker.flats.clear();
@@ -221,6 +218,9 @@ impl Walk<'_> {
             self.counters.nodes += 1;
             let Some(area) = self.band.clip(form.span(&flat, slack)) else { continue };
             self.counters.mask_tests += 1;
+            if !self.band.mask.is_open(&area) {
+                continue;
+            }
             if leaves && flat.below < levels {
                 let node = &self.octree.inner[flat.index as usize];
                 if let Some((axis, place)) = node.flat()
@@ -232,16 +232,13 @@ impl Walk<'_> {
                     continue;
                 }
             }
-            if flat.below == drawn.levels {
-                // What is covered is found while drawing.
+            if flat.below == drawn_at {
+                let bricks = drawn.get_or_insert_with(|| BrickForm::new(&form, drawn_at + 2));
                 if whole {
-                    self.draw_cell(&drawn, &flat, &area);
-                } else if self.band.mask.is_open(&area) {
-                    self.draw_brick(&drawn, &flat, &area, form.flip);
+                    self.draw_cell(bricks, &flat, &area, cube.last);
+                } else {
+                    self.draw_brick(bricks, &flat, &area, form.flip, leaves);
                 }
-                continue;
-            }
-            if !self.band.mask.is_open(&area) {
                 continue;
             }
             let node = &self.octree.inner[flat.index as usize];
@@ -262,23 +259,22 @@ impl Walk<'_> {
 
     /// Draws a cell as a whole.
     #[inline(always)]
-    fn draw_cell(&mut self, drawn: &Drawn, flat: &Flat, area: &Area) {
-        let look = self.look(flat.index, drawn.last);
+    fn draw_cell(&mut self, form: &BrickForm, flat: &Flat, area: &Area, level: u8) {
+        let look = self.look(flat.index, level);
         let is_glass = usize::from(look) >= self.glass_from;
-        let depth = flat.depth + drawn.bricks.middle_deeper();
-        self.band.fill(area, &drawn.bricks.outline(flat), look, depth, is_glass);
+        let depth = flat.depth + form.middle_deeper();
+        self.band.fill(area, &form.outline(flat), look, depth, is_glass);
     }
 
     /// Draws a brick.
     #[inline(always)]
-    fn draw_brick(&mut self, drawn: &Drawn, flat: &Flat, area: &Area, flip: u8) {
+    fn draw_brick(&mut self, form: &BrickForm, flat: &Flat, area: &Area, flip: u8, leaves: bool) {
         let node = &self.octree.inner[flat.index as usize];
         let brick = Brick::new(&self.octree.inner, node, flip);
-        let leaves = drawn.last == self.octree.depth;
         if node.flags & Inner::SOME_GLASS != 0 {
-            self.draw_cells::<true>(&drawn.bricks, flat, &brick, area, leaves);
+            self.draw_cells::<true>(form, flat, &brick, area, leaves);
         } else {
-            self.draw_cells::<false>(&drawn.bricks, flat, &brick, area, leaves);
+            self.draw_cells::<false>(form, flat, &brick, area, leaves);
         }
     }
 
@@ -331,16 +327,6 @@ impl Walk<'_> {
             }
         }
     }
-}
-
-/// What is drawn below a form's own node.
-struct Drawn {
-    /// So many levels below.
-    levels: u32,
-    /// The level of the cells.
-    last: u8,
-    /// The form of bricks, or of cells where those are drawn as a whole.
-    bricks: BrickForm,
 }
 
 /// The cells of a node, two levels below.
