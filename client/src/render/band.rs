@@ -14,7 +14,7 @@ const LINES_WANTED: [[u8; BLOCK]; 256] = {
     let mut lines = [[0; BLOCK]; 256];
     let mut i = 0;
     while i < 256 * BLOCK {
-        lines[i / BLOCK][i % BLOCK] = (i / BLOCK >> (i % BLOCK) & 1) as u8;
+        lines[i / BLOCK][i % BLOCK] = (((i / BLOCK) >> (i % BLOCK)) & 1) as u8;
         i += 1;
     }
     lines
