@@ -4,9 +4,10 @@
 //! * [`model`]: what an importer makes; [`glb`], [`bsp`] and [`demo_building`] make one.
 //! * [`carve`]: polygons, and the model without those that are not axial.
 //! * [`occluders`]: which surfaces make cells. [`subdivide`]: cells and portals. [`pvs`]: who sees
-//!   whom. [`voxelise`]: what clients draw.
+//!   whom. `light`: for models that bring none. [`voxelise`]: what clients draw.
 
 use std::{
+    borrow::Cow,
     collections::HashMap,
     ops::ControlFlow,
     sync::atomic::{AtomicBool, Ordering::Relaxed},
@@ -15,7 +16,7 @@ use std::{
 
 use cpu_time::ProcessTime;
 use glam::Vec3;
-use model::Model;
+use model::{Model, Surface};
 use serde::Serialize;
 use sightline_shared::{
     geometry::Aabb,
@@ -29,6 +30,7 @@ pub mod bsp;
 pub mod carve;
 pub mod demo_building;
 pub mod glb;
+mod light;
 pub mod model;
 mod movers;
 pub mod occluders;
@@ -48,6 +50,8 @@ pub enum Stage {
     Cells,
     /// Propagating sight lines.
     Pvs,
+    /// Finding the light, when the model brings none.
+    Light,
     /// Turning surfaces into voxels.
     Voxels,
 }
@@ -59,6 +63,7 @@ impl Stage {
             Self::Carving => "carving",
             Self::Cells => "cells and portals",
             Self::Pvs => "sight lines",
+            Self::Light => "light",
             Self::Voxels => "voxels",
         }
     }
@@ -175,12 +180,11 @@ pub fn compile(
         Spaces::new(&space, axes, &occluders)
     });
     let cells = watch.time(Stage::Pvs, || sight_lines(&spaces, options.cell, &listener))?;
-    listener.tell(Stage::Voxels, 0.0)?;
     let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
+    let lit = watch.time(Stage::Light, || lit(model, voxel, &listener))?;
+    listener.tell(Stage::Voxels, 0.0)?;
     let octree = watch.time(Stage::Voxels, || {
-        voxelise::voxelise(&model.surfaces, &bounds, voxel, &|share| {
-            listener.hear(Stage::Voxels, share)
-        })
+        voxelise::voxelise(&lit, &bounds, voxel, &|share| listener.hear(Stage::Voxels, share))
     })?;
 
     let report = Report {
@@ -216,6 +220,21 @@ pub fn compile(
         origin: model.origin.clone(),
     };
     Ok((world, report))
+}
+
+/// The surfaces with their light.
+fn lit<'a>(
+    model: &'a Model,
+    voxel: f32,
+    listener: &Listener<'_>,
+) -> Result<Cow<'a, [Surface]>, CompileError> {
+    if model.is_lit {
+        return Ok(Cow::Borrowed(&model.surfaces));
+    }
+    listener.tell(Stage::Light, 0.0)?;
+    let hear = |share| listener.hear(Stage::Light, share);
+    let lit = light::lit(&model.surfaces, &model.opaque, voxel, &hear);
+    lit.map(Cow::Owned).ok_or(CompileError::Cancelled)
 }
 
 /// The cells and their PVS.
@@ -350,7 +369,7 @@ fn find_spawn(model: &Model, cells: &Cells, mesh: &Mesh) -> Spawn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::{Material, Surface};
+    use model::Material;
     use sightline_shared::motion::Body;
 
     /// A hollow box with a table in it.
@@ -383,6 +402,7 @@ mod tests {
         Model {
             title: "house".into(),
             surfaces: vec![surface],
+            is_lit: true,
             opaque,
             solids: Vec::new(),
             spawns: Vec::new(),

@@ -31,6 +31,8 @@ pub struct Model {
     pub title: String,
     /// What is drawn and bumped into.
     pub surfaces: Vec<Surface>,
+    /// Whether the light is in the surfaces' colours already.
+    pub is_lit: bool,
     /// What blocks sight: opaque triangles, in no order. Every one is kept for the oracle; which
     /// of them make cells is the compiler's choice.
     pub opaque: Vec<[Vec3; 3]>,

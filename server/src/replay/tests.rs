@@ -48,6 +48,7 @@ impl House {
         let model = Model {
             title: "house".to_owned(),
             surfaces: vec![surface(&opaque)],
+            is_lit: true,
             opaque,
             solids: Vec::new(),
             spawns: vec![Spawn { eye: Vec3::new(3.0, 1.6, 3.0), yaw: 0.0 }],

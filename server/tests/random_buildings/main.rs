@@ -244,6 +244,7 @@ fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<Convex>) -> Model {
     Model {
         title: "random".into(),
         surfaces: vec![surface],
+        is_lit: true,
         opaque,
         solids,
         spawns: vec![Spawn { eye: Vec3::new(0.43, 1.6, 4.1), yaw: 0.0 }],

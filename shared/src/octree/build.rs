@@ -7,7 +7,8 @@ use glam::{UVec3, Vec3};
 use super::{
     BLOCK_LEVELS, DEPTH_MAX, INNER_MAX, LEAVES_MAX, Look, Octree, OctreeError,
     blend::average,
-    palette::{Grain, Palette},
+    census::Census,
+    palette::Palette,
     shape::{Shape, levels},
 };
 
@@ -164,14 +165,21 @@ impl Octree {
         let edge = voxel * (1u32 << depth) as f32;
         let mut octree = Self::empty(origin, edge, depth);
         octree.inner = shape.inner;
+        let mut census = Census::default();
+        blocks.iter().for_each(|block| census.count(&block.looks, leaves));
+        let mut palettes = census.palettes();
         let painted =
-            Grain::ALL.iter().any(|&grain| octree.paint(grain, &shape.roots, &blocks).is_some());
+            palettes.any(|palette| octree.paint(palette, &shape.roots, &blocks).is_some());
         if painted { Ok(octree) } else { Err(OctreeError::Nonsense("palette")) }
     }
 
-    /// Fills in all looks, if they fit with this grain.
-    fn paint(&mut self, grain: Grain, roots: &Range<usize>, blocks: &[Block]) -> Option<()> {
-        let mut palette = Palette::open(grain);
+    /// Fills in all looks, if they fit into a palette.
+    fn paint(
+        &mut self,
+        mut palette: Palette,
+        roots: &Range<usize>,
+        blocks: &[Block],
+    ) -> Option<()> {
         self.leaves.clear();
         self.leaves.reserve_exact(blocks.iter().map(Block::voxels).sum());
         for look in blocks.iter().flat_map(|block| &block.looks) {
@@ -179,9 +187,9 @@ impl Octree {
         }
         average(&mut self.inner, roots, &self.leaves, self.depth, &mut palette)?;
         let places = palette.sort();
-        let looks = self.inner.iter_mut().map(|node| &mut node.look).chain(&mut self.leaves);
-        looks.for_each(|look| *look = places[usize::from(*look)]);
-        (self.grain, self.keys, self.looks) = (grain, palette.keys, palette.looks);
+        let inner = self.inner.iter_mut().map(|node| &mut node.look);
+        inner.chain(&mut self.leaves).for_each(|look| *look = places[usize::from(*look)]);
+        (self.keys, self.looks) = (palette.keys, palette.looks);
         Some(())
     }
 }
@@ -199,7 +207,7 @@ fn masks_of(blocks: &mut [Block], above: u8) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::octree::Inner;
+    use crate::octree::{Inner, LOOKS_MAX};
 
     #[test]
     fn keys_interleave_the_bits() {
@@ -244,17 +252,18 @@ mod tests {
     }
 
     #[test]
-    fn many_looks_are_rounded_and_few_are_not() {
-        let of = |colours: u32| {
-            let voxels = (0..colours).map(|i| {
-                let [_, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
-                Voxel { key: u64::from(i), colour: [r, g, b], ..Voxel::default() }
-            });
-            Octree::from_voxels(Vec3::ZERO, 1.0, 7, voxels.collect()).expect("fits")
-        };
-        assert_eq!(of(20_000).grain, Grain::FINEST);
-        let many = of(500_000);
-        assert!(many.looks.len() > 20_000 && many.grain.luma > 1);
+    fn any_number_of_looks_fits() {
+        let voxels = (0..300_000u32).map(|i| {
+            let [x, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
+            let normal = [x as i8, r as i8, i as i8];
+            Voxel { key: u64::from(i), colour: [r, g, b], normal, flags: x & Look::GLASS }
+        });
+        let octree = Octree::from_voxels(Vec3::ZERO, 1.0, 7, voxels.collect()).expect("fits");
+        assert!((1_000..=LOOKS_MAX).contains(&octree.looks.len()));
+        let glass = octree.first_glass();
+        assert!(octree.looks[..glass].iter().all(|look| !look.is_glass()));
+        // Whoever reads it finds the same entries for inner nodes.
+        assert!(Octree::from_bytes(&octree.to_bytes()) == Ok(octree));
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! The octree as bytes.
 //!
 //! ```text
-//! origin 3 × f32 · edge f32 · depth u8 · grain 3 × u8                    (little-endian)
+//! origin 3 × f32 · edge f32 · depth u8                                (little-endian)
 //! looks u32 · inner nodes u32 · leaves u32
 //! seven times: length u32 · a zstd frame
 //! ```
 //!
-//! The frames are the palette, whose keys ascend, as five planes of the differences' bytes; the child masks, a
+//! The frames are the palette, whose keys ascend, as six planes of the differences' bytes; the child masks, a
 //! byte for each inner node; and five planes of a byte for each leaf: what is added to the luma of the leaf
 //! before it, the two chromas, and the material (which normal, and whether it is glass) in two. Shape is apart
 //! from looks, and like bytes lie together. All is in the order in memory.
@@ -18,13 +18,14 @@
 use std::io::Read;
 
 use glam::Vec3;
+use rustc_hash::FxHashMap;
 use thiserror::Error;
 use zstd::stream::read::Decoder;
 
 use super::{
-    DEPTH_MAX, INNER_MAX, LEAVES_MAX, LOOKS_MAX, Octree,
+    DEPTH_MAX, INNER_MAX, LEAVES_MAX, LOOKS_MAX, Look, Octree,
     blend::average,
-    palette::{Fields, Grain, KEY_MAX, Key, Palette},
+    palette::{KEY_MAX, Key, Palette, to_ycocg},
     shape::Shape,
 };
 
@@ -53,7 +54,7 @@ pub enum OctreeError {
 const EXTENT_MAX: f32 = 1.0e6;
 
 /// Bytes of a key.
-const KEY_BYTES: usize = 5;
+const KEY_BYTES: usize = 6;
 
 /// Bytes for each leaf.
 const PLANES: usize = 5;
@@ -71,14 +72,13 @@ impl Octree {
         for number in self.origin.to_array().into_iter().chain([self.edge]) {
             bytes.extend(number.to_le_bytes());
         }
-        bytes.extend([self.depth, self.grain.luma, self.grain.chroma, self.grain.normal]);
+        bytes.push(self.depth);
         for count in [self.looks.len(), self.inner.len(), self.leaves.len()] {
             bytes.extend((count as u32).to_le_bytes());
         }
         put_frame(&mut bytes, &palette_planes(&self.keys));
         put_frame(&mut bytes, &self.inner.iter().map(|node| node.mask).collect::<Vec<_>>());
-        let materials = materials(&self.keys);
-        let coded: Vec<_> = self.keys.iter().map(|&key| to_plane_bytes(key, &materials)).collect();
+        let coded = coded(&self.looks);
         let plane = |plane: usize| {
             let value = |&leaf: &u16| coded[usize::from(leaf)][plane];
             self.leaves.iter().map(value).collect::<Vec<u8>>()
@@ -109,8 +109,8 @@ impl Octree {
             return Err(OctreeError::Length);
         }
         octree.inner = shape.inner;
-        let mut palette = Palette::closed(octree.grain, keys);
-        octree.leaves = read_leaves(&mut rest, leaves, &mut palette)?;
+        let mut palette = Palette::closed(keys);
+        octree.leaves = read_leaves(&mut rest, leaves, &palette)?;
         if !rest.is_empty() {
             return Err(OctreeError::Length);
         }
@@ -187,19 +187,28 @@ fn read_palette(plane: &mut Plane<'_>, looks: usize) -> Result<Vec<Key>, OctreeE
     if is_sound { Ok(keys) } else { Err(OctreeError::Nonsense("palette")) }
 }
 
+/// A look but for its colour.
+type Material = ([i8; 3], u8);
+
 /// What looks have but for colour, each once.
-fn materials(keys: &[Key]) -> Vec<Key> {
-    let mut materials: Vec<Key> = keys.iter().map(|&key| Fields::material_of(key)).collect();
+fn materials(looks: &[Look]) -> Vec<Material> {
+    let mut materials: Vec<_> = looks.iter().map(|look| (look.normal, look.flags)).collect();
+    materials.sort_unstable();
     materials.dedup();
     materials
 }
 
 /// Luma, the chromas' low bytes, the material's low byte, and what is left of these.
-fn to_plane_bytes(key: Key, materials: &[Key]) -> [u8; PLANES] {
-    let Fields { luma, orange, green, .. } = Fields::split(key);
-    let material = materials.partition_point(|&known| known < Fields::material_of(key));
-    let high = (material >> 8) as u8 | (orange >> 8 << 6) as u8 | (green >> 8 << 7) as u8;
+fn to_plane_bytes(look: &Look, materials: &[Material]) -> [u8; PLANES] {
+    let [luma, orange, green] = to_ycocg(look.colour);
+    let material = materials.partition_point(|&known| known < (look.normal, look.flags));
+    let high = (material >> 8) as u8 | (orange >> 8 << 6 & 0x40) as u8 | (green >> 8 << 7) as u8;
     [luma as u8, orange as u8, green as u8, material as u8, high]
+}
+
+fn coded(looks: &[Look]) -> Vec<[u8; PLANES]> {
+    let materials = materials(looks);
+    looks.iter().map(|look| to_plane_bytes(look, &materials)).collect()
 }
 
 fn differences(mut lumas: Vec<u8>) -> Vec<u8> {
@@ -210,12 +219,10 @@ fn differences(mut lumas: Vec<u8>) -> Vec<u8> {
     lumas
 }
 
-fn read_leaves(
-    rest: &mut &[u8],
-    count: usize,
-    palette: &mut Palette,
-) -> Result<Vec<u16>, OctreeError> {
-    let materials = materials(&palette.keys);
+fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<u16>, OctreeError> {
+    let coded = coded(&palette.looks).into_iter().zip(&palette.looks);
+    let first = |(coded, look)| Some((coded, palette.first_like(look)?));
+    let known: FxHashMap<[u8; PLANES], u16> = coded.filter_map(first).collect();
     let mut planes = Vec::with_capacity(PLANES);
     for _ in 0..PLANES {
         planes.push((Plane::take(rest)?, vec![0; CHUNK]));
@@ -228,20 +235,12 @@ fn read_leaves(
             plane.fill(&mut values[..chunk])?;
         }
         for i in 0..chunk {
-            let [more, orange, green, low, high] =
-                std::array::from_fn(|p| u32::from(planes[p].1[i]));
-            luma = luma.wrapping_add(more as u8);
-            let coded = (luma, orange, green, low, high);
+            let mut coded: [u8; PLANES] = std::array::from_fn(|plane| planes[plane].1[i]);
+            luma = luma.wrapping_add(coded[0]);
+            coded[0] = luma;
             let index = match last {
-                Some((known, index)) if known == coded => index,
-                _ => {
-                    let material = materials.get((low | (high & 0x3f) << 8) as usize);
-                    let colour =
-                        [luma.into(), orange | (high >> 6 & 1) << 8, green | high >> 7 << 8];
-                    let key = material.map(|&material| Fields::with_colour(material, colour));
-                    key.and_then(|key| palette.index_of_key(key))
-                        .ok_or(OctreeError::Nonsense("look"))?
-                }
+                Some((before, index)) if before == coded => index,
+                _ => *known.get(&coded).ok_or(OctreeError::Nonsense("look"))?,
             };
             last = Some((coded, index));
             leaves.push(index);
@@ -256,7 +255,7 @@ fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
     let mut float = || take(rest).map(f32::from_le_bytes);
     let origin = Vec3::new(float()?, float()?, float()?);
     let edge = float()?;
-    let [depth, luma, chroma, normal] = take(rest)?;
+    let [depth] = take(rest)?;
     if !(origin.is_finite() && origin.abs().max_element() <= EXTENT_MAX) {
         return Err(OctreeError::Nonsense("origin"));
     }
@@ -266,11 +265,7 @@ fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
     if !(1..=DEPTH_MAX).contains(&depth) {
         return Err(OctreeError::Depth);
     }
-    let grain = Grain { luma, chroma, normal };
-    if !grain.is_sound() {
-        return Err(OctreeError::Nonsense("grain"));
-    }
-    Ok(Octree { grain, ..Octree::empty(origin, edge, depth) })
+    Ok(Octree::empty(origin, edge, depth))
 }
 
 fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], OctreeError> {
@@ -347,7 +342,7 @@ mod tests {
     #[test]
     fn a_count_is_checked_before_memory_is_taken() {
         let empty = Octree::empty(Vec3::ZERO, 1.0, 5).to_bytes();
-        for at in [20, 24, 28] {
+        for at in [17, 21, 25] {
             let mut bytes = empty.clone();
             bytes[at] = 1;
             assert_eq!(Octree::from_bytes(&bytes), Err(OctreeError::Length));

@@ -20,6 +20,7 @@
 
 mod blend;
 mod build;
+mod census;
 mod codec;
 mod cursor;
 mod flat;
@@ -95,8 +96,6 @@ pub struct Octree {
     pub leaves: Vec<u16>,
     /// The palette. Glass comes last.
     pub looks: Vec<Look>,
-    /// How finely looks are told apart.
-    grain: palette::Grain,
     /// The looks as the file has them.
     keys: Vec<palette::Key>,
 }
@@ -106,7 +105,7 @@ impl Octree {
     pub fn empty(origin: Vec3, edge: f32, depth: u8) -> Self {
         let depth = depth.clamp(1, DEPTH_MAX);
         let (inner, leaves, looks, keys) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { origin, edge, depth, inner, leaves, looks, grain: palette::Grain::FINEST, keys }
+        Self { origin, edge, depth, inner, leaves, looks, keys }
     }
 
     /// The edge of a leaf voxel, in metres.

@@ -277,6 +277,7 @@ impl Draft {
         Model {
             title: "simulated".to_owned(),
             surfaces: vec![surface],
+            is_lit: true,
             opaque,
             solids: Vec::new(),
             spawns: vec![Spawn { eye: moved(eye), yaw: 0.0 }],

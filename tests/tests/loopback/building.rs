@@ -67,6 +67,7 @@ fn model() -> Model {
     Model {
         title: "two rooms".to_owned(),
         surfaces: vec![surface],
+        is_lit: true,
         opaque,
         solids: Vec::new(),
         spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],

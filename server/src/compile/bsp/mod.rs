@@ -106,6 +106,7 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
     let mut model = Model {
         title: model::tidy_title(entities.title.as_deref().unwrap_or(title)),
         surfaces: Vec::new(),
+        is_lit: true,
         opaque: Vec::new(),
         solids: Vec::new(),
         spawns: entities.spawns.clone(),

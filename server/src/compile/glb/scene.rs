@@ -59,6 +59,7 @@ impl<'a> Reader<'a> {
         let model = Model {
             title: model::tidy_title(title),
             surfaces: Vec::new(),
+            is_lit: false,
             opaque: Vec::new(),
             solids: Vec::new(),
             spawns: Vec::new(),

@@ -1,0 +1,189 @@
+//! Which looks a palette should have: what many voxels have at fine grains, the rest at coarser ones.
+
+use rustc_hash::FxHashMap;
+
+use super::{
+    Look,
+    palette::{GRAINS, Key, Palette, key_of, look_of, to_ycocg},
+};
+
+/// Colours are exact when there are no more looks.
+const FEW: usize = 4_096;
+
+/// So many looks are chosen at finer grains than the rest.
+const CHOSEN: usize = 30_000;
+
+/// The finest grain is one with which colours take no more bytes for each voxel, packed on trial (a whole
+/// building packs better): between neighbours finer steps are mere noise.
+const WIRE_BYTES: f64 = 0.9;
+
+/// So many voxels are packed on trial.
+const TRIAL: usize = 1 << 20;
+
+/// No more kinds of looks are weighed against each other: 224 MiB of them.
+const KINDS_MAX: usize = 4 << 20;
+
+/// How many voxels have which look.
+#[derive(Default)]
+pub(super) struct Census {
+    counts: FxHashMap<Key, u32>,
+    last: Option<(Look, Key)>,
+    trial: Vec<Look>,
+}
+
+impl Census {
+    /// Counts some neighbours. A part of them is kept; `total` is how many will come.
+    pub(super) fn count(&mut self, looks: &[Look], total: usize) {
+        for look in looks {
+            let key = match self.last {
+                Some((known, key)) if known == *look => key,
+                _ => key_of(look, 0),
+            };
+            self.last = Some((*look, key));
+            let count = self.counts.entry(key).or_insert(0);
+            *count = count.saturating_add(1);
+        }
+        // From every so many neighbours, so that these stay together.
+        let kept = (looks.len() as u64 * TRIAL as u64).div_ceil(total.max(TRIAL) as u64) as usize;
+        self.trial.extend(&looks[..kept.min(looks.len())]);
+    }
+
+    /// Palettes, the best first, to which looks can be added while there is room. The last one has
+    /// room for anything.
+    pub(super) fn palettes(&self) -> impl Iterator<Item = Palette> {
+        let few = self.counts.len() <= FEW;
+        let finest = if few { 0 } else { self.finest() };
+        let kinds = if few { Vec::new() } else { self.kinds() };
+        (finest..GRAINS.len()).map(move |grain| match grain {
+            0 => Palette::open(Vec::new(), 0),
+            _ => Palette::open(best(&kinds, finest.max(1), grain), grain),
+        })
+    }
+
+    /// The finest grain that packs well enough.
+    fn finest(&self) -> usize {
+        let packs_well = |&grain: &usize| {
+            let looks = self.trial.iter().map(|look| to_ycocg(look_of(key_of(look, grain)).colour));
+            let colours: Vec<[u8; 3]> = looks.map(|colour| colour.map(|part| part as u8)).collect();
+            let lumas =
+                colours.windows(2).map(|pair| pair[1][0].wrapping_sub(pair[0][0])).collect();
+            let plane = |plane: usize| colours.iter().map(|colour| colour[plane]).collect();
+            let packed = |bytes: Vec<u8>| zstd::bulk::compress(&bytes, 3).map_or(0, |p| p.len());
+            let bytes = packed(lumas) + packed(plane(1)) + packed(plane(2));
+            bytes as f64 <= WIRE_BYTES * colours.len() as f64
+        };
+        (1..GRAINS.len() - 2).find(packs_well).unwrap_or(GRAINS.len() - 2)
+    }
+
+    fn kinds(&self) -> Vec<Kind> {
+        let mut least = 1;
+        while self.counts.values().filter(|&&voxels| voxels >= least).count() > KINDS_MAX {
+            least += 1;
+        }
+        let kinds = self.counts.iter().filter(|&(_, &voxels)| voxels >= least);
+        kinds.map(|(&key, &voxels)| Kind::new(key, voxels)).collect()
+    }
+}
+
+/// Voxels that look alike, and their keys at all grains but the first and the last.
+struct Kind {
+    voxels: u32,
+    keys: [Key; GRAINS.len() - 2],
+}
+
+impl Kind {
+    fn new(key: Key, voxels: u32) -> Self {
+        let look = look_of(key);
+        Self { voxels, keys: std::array::from_fn(|place| key_of(&look, place + 1)) }
+    }
+}
+
+/// Keys at grains from `finest` to before `coarsest`, for the looks for which that makes the greatest
+/// difference.
+fn best(kinds: &[Kind], finest: usize, coarsest: usize) -> Vec<Key> {
+    let total: u64 = kinds.iter().map(|kind| u64::from(kind.voxels)).sum();
+    // So that the first choice is surely not too many.
+    let mut threshold = total * u64::from(GRAINS[GRAINS.len() - 1].luma) / CHOSEN as u64 + 1;
+    let mut best = choice(kinds, finest, coarsest, threshold);
+    while threshold > 1 {
+        threshold /= 2;
+        let more = choice(kinds, finest, coarsest, threshold);
+        if more.len() > CHOSEN {
+            break;
+        }
+        best = more;
+    }
+    best
+}
+
+/// From the finest grain on, the keys that are worth so much to those for whom there is none yet:
+/// the error that the next coarser grain would add, once for each voxel.
+fn choice(kinds: &[Kind], finest: usize, coarsest: usize, threshold: u64) -> Vec<Key> {
+    let mut chosen = Vec::new();
+    let mut left: Vec<&Kind> = kinds.iter().collect();
+    for grain in finest..coarsest {
+        let worth = u64::from(GRAINS[grain + 1].luma - GRAINS[grain].luma);
+        let mut counts: FxHashMap<Key, u64> = FxHashMap::default();
+        for kind in &left {
+            *counts.entry(kind.keys[grain - 1]).or_insert(0) += u64::from(kind.voxels);
+        }
+        left.retain(|kind| counts[&kind.keys[grain - 1]] * worth < threshold);
+        counts.retain(|_, voxels| *voxels * worth >= threshold);
+        chosen.extend(counts.into_keys());
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::octree::LOOKS_MAX;
+
+    fn shade(i: u32) -> Look {
+        let [_, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
+        Look { colour: [r, g, b], normal: [0, 127, 0], flags: 0 }
+    }
+
+    #[test]
+    fn the_last_palette_has_room_for_anything() {
+        let coarsest = GRAINS[GRAINS.len() - 1];
+        let lumas = 255 / usize::from(coarsest.luma) + 2;
+        let chromas = 2 * (255 / usize::from(coarsest.chroma) + 1) + 1;
+        let normals = 4 * usize::from(coarsest.normal).pow(2) + 2 + 1;
+        assert!(CHOSEN + lumas * chromas * chromas * normals * 2 <= LOOKS_MAX);
+    }
+
+    #[test]
+    fn what_many_have_is_close_and_what_is_rare_is_coarser() {
+        let mut census = Census::default();
+        for i in 0..200_000 {
+            census.count(&vec![shade(i); if i < 10_000 { 60 } else { 1 }], 790_000);
+        }
+        let filled = |mut palette: Palette| {
+            let indices: Option<Vec<u16>> =
+                (0..200_000).map(|i| palette.index(&shade(i))).collect();
+            Some(indices?.iter().map(|&index| palette.looks[usize::from(index)]).collect())
+        };
+        let found: Vec<Look> = census.palettes().find_map(filled).expect("the last has room");
+        let error = |i: usize| {
+            let wanted = shade(i as u32).colour;
+            found[i].colour.iter().zip(wanted).map(|(&a, b)| a.abs_diff(b)).max().unwrap_or(0)
+        };
+        let mean = |all: std::ops::Range<usize>| {
+            all.clone().map(|i| f64::from(error(i))).sum::<f64>() / all.len() as f64
+        };
+        let (many, rare) = (mean(0..10_000), mean(10_000..200_000));
+        assert!(many < 3.0 && rare < 12.0 && many < 0.6 * rare, "{many} {rare}");
+    }
+
+    #[test]
+    fn few_looks_are_exact() {
+        let mut census = Census::default();
+        (0..1_000).for_each(|i| census.count(&[shade(i)], 1_000));
+        let mut palette = census.palettes().next().expect("there is one");
+        for i in 0..1_000 {
+            let index = palette.index(&shade(i)).expect("room");
+            assert_eq!(palette.looks[usize::from(index)], shade(i));
+        }
+    }
+}
