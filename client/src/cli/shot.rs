@@ -36,6 +36,9 @@ pub struct Args {
     /// The picture's size in pixels.
     #[arg(long, value_name = "WxH", value_parser = flags::size, default_value = "960x540")]
     size: (usize, usize),
+    /// Smooth edges; takes more than twice as long.
+    #[arg(long)]
+    aa: bool,
     /// The angle between the lowest and the highest line of sight, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
@@ -69,7 +72,7 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let (width, height) = args.size;
     let mut frame = Frame::new(width, height);
     let camera = camera(args, world)?;
-    let milliseconds = draw(args, world, &mut Renderer::default(), camera, args.time, &mut frame);
+    let milliseconds = draw(args, world, &mut renderer(args), camera, args.time, &mut frame);
     picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
     super::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
@@ -79,7 +82,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let (path, from, until) = args.way.read(world)?;
     let sequence = Sequence::new(&args.output)?;
     let (width, height) = args.size;
-    let (mut renderer, mut frame) = (Renderer::default(), Frame::new(width, height));
+    let (mut renderer, mut frame) = (renderer(args), Frame::new(width, height));
     let progress = Progress::new();
     let mut total = 0.0;
     for (i, (seconds, pose)) in path.frames_between(from, until, frames).enumerate() {
@@ -130,4 +133,9 @@ fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
         Some(target) => Camera::looking_at(eye, target),
         None => Camera::at(&Pose { eye, yaw, ..Pose::default() }),
     })
+}
+fn renderer(args: &Args) -> Renderer {
+    let mut renderer = Renderer::default();
+    renderer.antialias = args.aa;
+    renderer
 }

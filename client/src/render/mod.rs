@@ -27,6 +27,7 @@ mod view;
 mod walk;
 
 use glam::Vec3;
+use pulp::WithSimd;
 use rayon::prelude::*;
 use sightline_shared::{
     motion::Pose,
@@ -109,6 +110,14 @@ impl Frame {
         }
     }
 
+    /// The surface normal of what a pixel shows, outwards; zero in the sky and where there is none.
+    /// The octree must be the one that was drawn.
+    pub fn normal(&self, pixel: usize, octree: &Octree) -> Vec3 {
+        let seen = self.depth[pixel].is_finite();
+        let look = octree.looks.get(usize::from(self.looks[pixel])).filter(|_| seen);
+        look.map_or(Vec3::ZERO, |look| Vec3::from(look.normal.map(f32::from)) / 127.0)
+    }
+
     /// Pixels in a row.
     pub fn width(&self) -> usize {
         self.width
@@ -117,6 +126,28 @@ impl Frame {
     /// Rows.
     pub fn height(&self) -> usize {
         self.height
+    }
+
+    /// Takes the mean colours of a picture twice as wide and high, and of the rest each nearest of four.
+    fn take_means(&mut self, fine: &Self) {
+        let width = self.width;
+        let rows = self.colour.par_chunks_mut(width.max(1));
+        let rows = rows.zip(self.depth.par_chunks_mut(width.max(1)));
+        let rows = rows.zip(self.looks.par_chunks_mut(width.max(1))).enumerate();
+        rows.for_each(|(y, ((colour, depth), looks))| {
+            for x in 0..width {
+                let corner = 2 * y * fine.width + 2 * x;
+                let four = [0, 1, fine.width, fine.width + 1].map(|step| corner + step);
+                let channel = |shift: u32| {
+                    let sum: u32 = four.iter().map(|&i| fine.colour[i] >> shift & 0xff).sum();
+                    ((sum + 2) / 4) << shift
+                };
+                let nearer = |a: usize, b: usize| if fine.depth[b] < fine.depth[a] { b } else { a };
+                let nearest = four.into_iter().fold(corner, nearer);
+                colour[x] = channel(0) | channel(8) | channel(16);
+                (depth[x], looks[x]) = (fine.depth[nearest], fine.looks[nearest]);
+            }
+        });
     }
 }
 
@@ -162,6 +193,12 @@ impl Counters {
 pub struct Renderer {
     /// How nodes are projected.
     pub mode: Mode,
+    /// Smooth edges: each pixel is the mean of 2 × 2, which takes more than twice as long. A picture with a
+    /// side of more than half of [`SIDE_MAX`] stays as it is.
+    pub antialias: bool,
+    /// Forgoes what only newer processors can do; the picture is the same.
+    portable: bool,
+    fine: Frame,
     counters: Counters,
     /// For each of [`Octree::looks`], and black for all other indices.
     colours: Vec<u32>,
@@ -172,6 +209,18 @@ impl Renderer {
     /// Draws what the camera sees, on all threads of the current rayon pool. However many they
     /// are, the picture is the same.
     pub fn draw(&mut self, octree: &Octree, camera: &Camera, frame: &mut Frame) {
+        if self.antialias && frame.width.max(frame.height) <= SIDE_MAX / 2 {
+            let mut fine = std::mem::take(&mut self.fine);
+            fine.resize(frame.width * 2, frame.height * 2);
+            self.draw_plain(octree, camera, &mut fine);
+            frame.take_means(&fine);
+            self.fine = fine;
+        } else {
+            self.draw_plain(octree, camera, frame);
+        }
+    }
+
+    fn draw_plain(&mut self, octree: &Octree, camera: &Camera, frame: &mut Frame) {
         let (width, height) = (frame.width, frame.height);
         self.counters = Counters::default();
         if width == 0 || height == 0 {
@@ -182,7 +231,7 @@ impl Renderer {
         self.colours.resize(LOOKS_MAX, 0);
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
-        let processor = pulp::Arch::new();
+        let (processor, portable) = (pulp::Arch::new(), self.portable);
         self.bands.resize_with(height.div_ceil(BAND), Default::default);
         let rows = frame.colour.par_chunks_mut(BAND * width);
         let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
@@ -194,7 +243,12 @@ impl Renderer {
             band.clear(width, BAND.min(height - i * BAND));
             let rows = Rows { colour, depth, looks };
             let walk = Walk { octree, view: &view, mode, glass_from, band, walker, counters };
-            processor.dispatch(Drawing { walk, colours, rows });
+            let drawing = Drawing { walk, colours, rows };
+            if portable {
+                drawing.with_simd(pulp::Scalar);
+            } else {
+                processor.dispatch(drawing);
+            }
             counters.pixels = band.pixels;
         });
         self.bands.iter().for_each(|(_, _, counters)| self.counters.add(counters));
@@ -214,7 +268,7 @@ struct Drawing<'a> {
     rows: Rows<'a>,
 }
 
-impl pulp::WithSimd for Drawing<'_> {
+impl WithSimd for Drawing<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -132,6 +132,58 @@ fn threads_do_not_matter() {
     assert!(one == with(2) && one == with(5));
 }
 
+#[test]
+fn processors_do_not_matter() {
+    let octree = landscape();
+    let camera = Camera::looking_at(ORIGIN + Vec3::new(3.8, 3.2, 3.7), ORIGIN + Vec3::Y);
+    let drawn = |portable| {
+        let mut frame = Frame::new(333, 222);
+        let mut renderer = Renderer { portable, ..Renderer::default() };
+        renderer.draw(&octree, &camera, &mut frame);
+        frame
+    };
+    let portable = drawn(true);
+    assert!(portable.depth.iter().any(|depth| depth.is_finite()));
+    assert!(portable == drawn(false));
+}
+
+#[test]
+fn smooth_edges_lie_between_the_colours_beside_them() {
+    let octree = landscape();
+    let camera = Camera::looking_at(ORIGIN + Vec3::new(3.8, 3.2, 3.7), ORIGIN + Vec3::Y);
+    let drawn = |antialias, width, height| {
+        let mut frame = Frame::new(width, height);
+        let mut renderer = Renderer { antialias, ..Renderer::default() };
+        renderer.draw(&octree, &camera, &mut frame);
+        frame
+    };
+    let (smooth, fine) = (drawn(true, 90, 61), drawn(false, 180, 122));
+    for (i, (&colour, &depth)) in smooth.colour.iter().zip(&smooth.depth).enumerate() {
+        let corner = i / 90 * 360 + i % 90 * 2;
+        let four = [0, 1, 180, 181].map(|step| corner + step);
+        let channels = four.map(|at| fine.colour[at].to_be_bytes());
+        for (channel, mean) in colour.to_be_bytes().into_iter().enumerate() {
+            let all = channels.map(|channels| channels[channel]);
+            assert!(all.iter().min() <= Some(&mean) && Some(&mean) <= all.iter().max(), "{i}");
+        }
+        assert_eq!(depth, four.map(|at| fine.depth[at]).into_iter().fold(f32::INFINITY, f32::min));
+    }
+}
+
+#[test]
+fn normals_are_those_of_what_is_seen() {
+    let voxels = vec![Voxel { key: 0, normal: [0, 127, 0], ..Voxel::default() }];
+    let octree = Octree::from_voxels(ORIGIN, VOXEL, DEPTH, voxels).expect("small");
+    let mut frame = Frame::new(64, 48);
+    let camera = Camera::looking_at(ORIGIN + Vec3::new(0.5, 1.0, 0.7), ORIGIN + VOXEL * 0.5);
+    Renderer::default().draw(&octree, &camera, &mut frame);
+    for (pixel, depth) in frame.depth.iter().enumerate() {
+        let expected = if depth.is_finite() { Vec3::Y } else { Vec3::ZERO };
+        assert_eq!(frame.normal(pixel, &octree), expected);
+    }
+    assert!(frame.depth.iter().any(|depth| depth.is_finite()));
+}
+
 /// Bumpy ground and a ceiling, voxels of a few pixels and less.
 fn landscape() -> Octree {
     let depth = 8;
