@@ -189,6 +189,8 @@ pub(super) struct Palette {
     known: FxHashMap<Key, u16>,
     firsts: FxHashMap<Look, u16>,
     is_used: Vec<bool>,
+    /// Whether there are entries of a grain: the others need not be tried.
+    has_grain: [bool; GRAINS.len()],
     /// The grain at which looks are added; none are when there is none.
     added: Option<usize>,
     /// What was asked for lately, by a part of its hash: neighbours are alike.
@@ -196,7 +198,7 @@ pub(super) struct Palette {
 }
 
 /// A power of two.
-const LATELY: usize = 1 << 12;
+const LATELY: usize = 1 << 13;
 
 impl Palette {
     /// One of given keys, to which looks are added at a grain; all keys are at finer ones.
@@ -214,6 +216,7 @@ impl Palette {
             known: FxHashMap::default(),
             firsts: FxHashMap::default(),
             is_used: Vec::with_capacity(keys.len()),
+            has_grain: [false; GRAINS.len()],
             added: None,
             lately: vec![(nothing, 0); LATELY],
         };
@@ -237,6 +240,7 @@ impl Palette {
         // Looks that are added must not be those that somebody before would have taken: so whoever looks
         // for a coarser grain than theirs adds one.
         let grains = 0..self.added.map_or(GRAINS.len(), |grain| grain + 1);
+        let grains = grains.filter(|&grain| self.has_grain[grain]);
         let mut known = grains.filter_map(|grain| self.known.get(&key_of(look, grain)));
         let entry = match known.next() {
             Some(&entry) => entry,
@@ -259,6 +263,9 @@ impl Palette {
         self.keys.push(key);
         self.looks.push(look);
         self.is_used.push(false);
+        if let Some(has) = self.has_grain.get_mut(Fields::split(key).grain) {
+            *has = true;
+        }
         Some(entry)
     }
 
@@ -281,7 +288,7 @@ fn slot(look: &Look) -> usize {
     let mixed = (r | g << 8 | b << 16 | u32::from(look.flags) << 24)
         .wrapping_mul(0x9e37_79b1)
         .wrapping_add((x | y << 8 | z << 16).wrapping_mul(0x85eb_ca6b));
-    (mixed >> 20) as usize % LATELY
+    (mixed >> 19) as usize % LATELY
 }
 
 #[cfg(test)]

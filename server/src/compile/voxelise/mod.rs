@@ -1,7 +1,8 @@
 //! From surfaces to the octree: every voxel that a triangle touches, with the mean of its looks.
 //!
-//! The grid is cut into blocks. Triangles are first scattered to the blocks they touch, then each
-//! block is halved down to voxels on its own, on any thread; blocks follow one another in the
+//! The grid is cut into the octree's blocks. Triangles are first scattered to the blocks they touch,
+//! then each block is halved down to voxels and packed on its own, on any thread, so that
+//! voxels in the making are held for a block at a time; blocks follow one another in the
 //! order of their keys, so the result does not depend on the threads.
 
 mod overlap;
