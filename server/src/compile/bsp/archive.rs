@@ -56,12 +56,14 @@ impl Archives {
         let image = self.image(shader).or_else(|| self.image(&shown?))?;
         let (width, height) = image.dimensions();
         let scaled = width.max(height) > TEXTURE_EDGE;
-        Some(Arc::new(if scaled {
+        let mut image = if scaled {
             let edge = |size: u32| size.min(TEXTURE_EDGE);
             imageops::thumbnail(&image, edge(width), edge(height))
         } else {
             image
-        }))
+        };
+        image.iter_mut().for_each(|channel| *channel = lifted(*channel));
+        Some(Arc::new(image))
     }
 
     /// An image by its name, whatever its extension.
@@ -114,9 +116,27 @@ impl Archives {
     }
 }
 
+/// The game shows all at twice its brightness, and cuts off what gets too bright. This doubles what is
+/// dark, and what is bright less and less.
+fn lifted(channel: u8) -> u8 {
+    let dark = 255 - u32::from(channel);
+    (255 - (dark * dark + 127) / 255) as u8
+}
+
 fn split_extension(name: &str) -> (&str, &str) {
     match name.rsplit_once('.') {
         Some((stem, extension)) if !extension.contains('/') => (stem, extension),
         _ => (name, ""),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_dark_is_doubled_and_nothing_is_cut_off() {
+        assert_eq!([0, 10, 128, 254, 255].map(lifted), [0, 20, 192, 255, 255]);
+        assert!((0..255).all(|channel| lifted(channel) <= lifted(channel + 1)));
     }
 }

@@ -311,8 +311,8 @@ fn textures_come_from_archives_by_name_or_by_script_and_the_last_one_counts() {
     );
     let mut archives = Archives::open(&[first, second.clone()]).unwrap();
     let wall = archives.texture("textures/wall").unwrap();
-    assert_eq!((wall.dimensions(), wall.get_pixel(0, 0).0), ((128, 64), [9, 8, 7]));
-    assert_eq!(archives.texture("textures/lamp").unwrap().get_pixel(0, 0).0, [5, 5, 5]);
+    assert_eq!((wall.dimensions(), wall.get_pixel(0, 0).0), ((128, 64), [18, 16, 14]));
+    assert_eq!(archives.texture("textures/lamp").unwrap().get_pixel(0, 0).0, [10, 10, 10]);
     assert!(archives.texture("textures/none").is_none());
 
     let whole = std::fs::read(&second).unwrap();
