@@ -24,8 +24,9 @@ pub(super) struct Layer {
     voxels: [[f32; 3]; 2],
     steps: [i32; 2],
     steps_down: [i32; 2],
-    /// How far away, likewise.
-    depth: [f32; 3],
+    /// How far away the first voxel's centre is, and how much farther the next along each axis.
+    depth: f32,
+    deeper: [f32; 2],
     /// The greatest voxel along each axis.
     last: i32,
     /// What mirrors it.
@@ -35,7 +36,6 @@ pub(super) struct Layer {
 /// Where a block's first pixel, or a line's, lies in the layer.
 pub(super) struct Spot {
     voxels: [i32; 2],
-    depth: f32,
 }
 
 impl Layer {
@@ -74,8 +74,6 @@ impl Layer {
         if steepest >= VOXELS_MAX {
             return None;
         }
-        let deeper = [0, 1].map(|i| along_low[i] * deep[low] + along_high[i] * deep[high]);
-        let depth = node.depth + deep[axis] * (place + 0.5);
         let voxels =
             [linear(along_low[0], along_low[1], 0.0), linear(along_high[0], along_high[1], 0.0)];
         let ends = |of: usize| if of == axis { [place, place + 1.0] } else { [0.0, side] };
@@ -85,7 +83,8 @@ impl Layer {
             steps: voxels.map(|voxel| whole(voxel[0])),
             steps_down: voxels.map(|voxel| whole(voxel[1])),
             voxels,
-            depth: linear(deeper[0], deeper[1], depth),
+            depth: node.depth + deep[axis] * (place + 0.5) + 0.5 * (deep[low] + deep[high]),
+            deeper: [deep[low], deep[high]],
             last,
             mirror: [mirror(low), mirror(high)],
         })
@@ -101,7 +100,7 @@ impl Layer {
     #[inline(always)]
     pub(super) fn at(&self, x: f32, y: f32) -> Spot {
         let value = |[right, down, start]: [f32; 3]| right * x + down * y + start;
-        Spot { voxels: self.voxels.map(|voxel| whole(value(voxel))), depth: value(self.depth) }
+        Spot { voxels: self.voxels.map(|voxel| whole(value(voxel))) }
     }
 
     /// Where a line's first pixel lies, so many below.
@@ -109,7 +108,7 @@ impl Layer {
     pub(super) fn line(&self, corner: &Spot, y: usize) -> Spot {
         let below =
             |i: usize| corner.voxels[i].wrapping_add(self.steps_down[i].wrapping_mul(y as i32));
-        Spot { voxels: [below(0), below(1)], depth: corner.depth + self.depth[1] * y as f32 }
+        Spot { voxels: [below(0), below(1)] }
     }
 
     /// Which of the layer's voxels, in their order in memory, the pixels of a line see, and how far
@@ -119,13 +118,13 @@ impl Layer {
         let mut voxels = [0; BLOCK];
         let mut depths = [0.0; BLOCK];
         for x in 0..BLOCK {
-            let part = |i: usize| {
+            let [low, high] = [0, 1].map(|i| {
                 let at = line.voxels[i].wrapping_add(self.steps[i].wrapping_mul(x as i32));
-                let voxel = (at >> FRACTION).clamp(0, self.last) ^ self.mirror[i];
-                spread(voxel as u32)
-            };
-            voxels[x] = part(0) | part(1) << 1;
-            depths[x] = line.depth + self.depth[0] * x as f32;
+                (at >> FRACTION).clamp(0, self.last)
+            });
+            let places = [low ^ self.mirror[0], high ^ self.mirror[1]].map(|at| spread(at as u32));
+            voxels[x] = places[0] | places[1] << 1;
+            depths[x] = self.depth + low as f32 * self.deeper[0] + high as f32 * self.deeper[1];
         }
         (voxels, depths)
     }
