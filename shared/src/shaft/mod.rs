@@ -30,6 +30,7 @@
 
 mod convex;
 mod matter;
+mod passages;
 mod search;
 mod sheets;
 mod tree;
@@ -44,6 +45,7 @@ use crate::{
 };
 use convex::{Convex, Plane};
 use matter::Matter;
+use passages::Passages;
 pub use search::Scratch;
 use tree::Tree;
 
@@ -72,6 +74,7 @@ use tree::Tree;
 pub struct Occluders {
     pieces: Vec<Convex>,
     tree: Tree,
+    passages: Passages,
 }
 
 /// What is known of the lines between two boxes.
@@ -110,7 +113,7 @@ impl Occluders {
         let sheets = sheets::sheets(world, &matter);
         pieces.extend(sheets.iter().filter_map(|corners| Convex::sheet(corners)));
         let boxes: Vec<Aabb> = pieces.iter().map(|piece| *piece.bounds()).collect();
-        Self { pieces, tree: Tree::new(&boxes) }
+        Self { pieces, tree: Tree::new(&boxes), passages: Passages::new(&world.cells) }
     }
 
     /// Whether some occluder meets a line.
@@ -142,7 +145,9 @@ impl Occluders {
 
     /// What they take in memory, about.
     pub fn bytes(&self) -> usize {
-        self.pieces.iter().map(Convex::bytes).sum::<usize>() + self.tree.bytes()
+        self.pieces.iter().map(Convex::bytes).sum::<usize>()
+            + self.tree.bytes()
+            + self.passages.bytes()
     }
 }
 

@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::{
     Line, Occluders, Outcome,
     convex::{Gap, corner},
+    passages::Steps,
 };
 use crate::geometry::Aabb;
 
@@ -30,6 +31,7 @@ pub struct Scratch {
     /// [`NARROW_M`], some hundreds for boxes of any size.
     open: Vec<Shaft>,
     recent: Vec<u32>,
+    steps: Steps,
 }
 
 /// All lines from the one box to the other.
@@ -70,7 +72,7 @@ impl Occluders {
         }
         scratch.recent.clear();
         scratch.open.clear();
-        match self.judge(&mut scratch.recent, &whole, budget) {
+        match self.judge(scratch, &whole, budget) {
             Verdict::Blocked => return Outcome::Hidden,
             Verdict::Free(line) => return Outcome::Visible(line),
             Verdict::Partly(partly) => match whole.halves(&partly) {
@@ -87,7 +89,7 @@ impl Occluders {
             if *budget == 0 {
                 return Outcome::Unknown;
             }
-            match self.judge(&mut scratch.recent, &shaft, budget) {
+            match self.judge(scratch, &shaft, budget) {
                 Verdict::Blocked => {}
                 Verdict::Free(line) => return Outcome::Visible(line),
                 Verdict::Partly(partly) => match shaft.halves(&partly) {
@@ -107,7 +109,8 @@ impl Occluders {
         is_blocked
     }
 
-    fn judge(&self, recent: &mut Vec<u32>, shaft: &Shaft, budget: &mut u32) -> Verdict {
+    fn judge(&self, scratch: &mut Scratch, shaft: &Shaft, budget: &mut u32) -> Verdict {
+        let Scratch { recent, steps, .. } = scratch;
         for place in 0..recent.len() {
             spend(budget, SHAFT_UNITS);
             let piece = &self.pieces[recent[place] as usize];
@@ -115,6 +118,12 @@ impl Occluders {
                 recent[..=place].rotate_right(1);
                 return Verdict::Blocked;
             }
+        }
+        let mut looked = 0;
+        let is_closed = self.passages.are_closed(steps, &shaft.from, &shaft.to, &mut looked);
+        spend(budget, looked);
+        if is_closed {
+            return Verdict::Blocked;
         }
         let middle = Line { from: shaft.from.centre(), to: shaft.to.centre() };
         let mut best = match self.judge_along(recent, shaft, &middle, budget) {
@@ -221,7 +230,7 @@ impl Shaft {
 #[cfg(test)]
 mod tests {
     use super::{
-        super::{convex::Convex, tree::Tree},
+        super::{convex::Convex, passages::Passages, tree::Tree},
         *,
     };
 
@@ -233,7 +242,7 @@ mod tests {
         };
         let pieces: Vec<Convex> = spans.iter().map(|span| Convex::solid(&wall(*span))).collect();
         let boxes: Vec<Aabb> = pieces.iter().map(|piece| *piece.bounds()).collect();
-        Occluders { tree: Tree::new(&boxes), pieces }
+        Occluders { tree: Tree::new(&boxes), pieces, passages: Passages::default() }
     }
 
     fn ends() -> [Aabb; 2] {
