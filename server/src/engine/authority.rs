@@ -284,7 +284,7 @@ mod tests {
         // Way saved up does not lead out of the region.
         let mut ledger = Ledger::new(ms(0));
         let start = Vec3::new(-1.0, 0.0, 0.0);
-        let small = Tbv { centre: start, radius: 2.0, expiry: ms(3_100) };
+        let small = Tbv { centre: start, radius: 0.2, expiry: ms(3_100) };
         let got = ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS);
         assert_eq!(got, Verdict::Refused { correct: true });
     }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use sightline_shared::{geometry::Aabb, motion::AvatarId, shaft::Line};
 
-use super::{ClientState, Engine, looks::Look, parts::Parts};
+use super::{ClientState, Engine, looks::Look, near::Part, pairs::Pair, population::Avatar};
 
 /// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
 /// axes, in metres.
@@ -46,30 +46,39 @@ impl Engine {
     /// Why an avatar is sent to a viewer, or not, as of the last tick; `None` when one of them is
     /// not there.
     pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
-        let (from_slot, to_slot) = (self.population.slot(viewer)?, self.population.slot(avatar)?);
-        let (from, to) = (self.population.at(from_slot), self.population.at(to_slot));
+        let slot = self.population.slot(viewer)?;
+        let (from, to) = (self.population.at(slot), self.population.find(avatar)?);
         let pair = from.pairs.iter().find(|pair| pair.id == avatar);
         let delay = self.horizons.delay(from.round_trip);
-        let boxes = |parts: Option<&Parts>| parts.map_or_else(Vec::new, |p| p.boxes().to_vec());
+        let boxes = |avatar: &Avatar, part: Part| {
+            avatar.near.just(part, &self.body, self.config.spare_m).boxes().to_vec()
+        };
         let reason = match pair {
             _ if !self.config.policy.uses_cells() => Reason::Policy,
             _ if [from, to].iter().any(|a| a.state != ClientState::Live) => Reason::Silence,
-            None => Reason::Cells,
-            Some(pair) => match pair.look {
-                Look::Free(line, _) => Reason::Free(line),
-                Look::Unknown | Look::Undecided { .. } => Reason::Undecided,
-                _ if !self.may_see_by_cells(from_slot, pair) => Reason::Cells,
-                Look::Hidden(_) | Look::JustHidden { .. } => Reason::Shafts,
-            },
+            None if !self.wide_cells_see(from, to) => Reason::Cells,
+            Some(pair) if !self.may_see_by_cells(slot, pair) => Reason::Cells,
+            Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
+            Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
+            Some(Pair { look: Look::Hidden(_) | Look::JustHidden { .. }, .. }) | None => {
+                Reason::Shafts
+            }
         };
         Some(Explanation {
             viewer: from.state,
             avatar: to.state,
             is_held: pair.is_some_and(|pair| pair.is_held),
-            eyes: boxes(from.near.eyes.as_ref().map(|eyes| &eyes.region.just)),
-            bodies: boxes(to.near.bodies_for(delay).map(|bodies| &bodies.region.just)),
+            eyes: boxes(from, Part::Eyes),
+            bodies: boxes(to, Part::Bodies(delay)),
             reason,
         })
+    }
+}
+
+impl Engine {
+    fn wide_cells_see(&self, one: &Avatar, other: &Avatar) -> bool {
+        let regions = one.near.wide.as_ref().zip(other.near.wide.as_ref());
+        regions.is_some_and(|(one, other)| self.any_sees(&one.cells, &other.cells))
     }
 }
 

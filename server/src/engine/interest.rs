@@ -19,7 +19,7 @@ impl Engine {
         let mut pairs = std::mem::take(&mut self.population.at_mut(viewer).pairs);
         let mut poses = Vec::new();
         for pair in &mut pairs {
-            let is_hidden = self.is_hidden(viewer, pair);
+            let is_hidden = self.is_hidden(pair);
             let is_kept = pair.is_held && self.ticks < pair.held_until;
             let wanted = pair.concerns && (!is_hidden || is_kept);
             match (pair.is_held, wanted) {

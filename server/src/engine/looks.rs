@@ -5,14 +5,21 @@
 //! The rest has a budget, in units of work and not in time, so that the same inputs give the same
 //! outputs. Where it does not suffice a pair counts as visible.
 
-use std::{sync::Arc, time::Duration};
+use std::sync::Arc;
 
+use glam::Vec3;
 use sightline_shared::{
     shaft::{Line, Occluders, Outcome, Scratch},
     world::CellId,
 };
 
-use super::{Engine, pairs::Pair, parts::Parts, population::Slot};
+use super::{
+    Engine,
+    near::{Near, Part},
+    pairs::Pair,
+    parts::Parts,
+    population::Slot,
+};
 
 /// Ticks before a pair that could not be decided is looked at again.
 const UNDECIDED_TICKS: u32 = 8;
@@ -30,15 +37,13 @@ pub(super) struct Regions {
 pub(super) enum Look {
     /// Nothing.
     Unknown,
-    /// That some may be free, between these regions; it is tried again at that tick.
+    /// That some may be free; it is tried again at that tick.
     Undecided {
-        /// The regions.
-        of: Regions,
         /// The tick.
         again: u32,
     },
-    /// One is free, and by their cells these regions see each other.
-    Free(Line, Regions),
+    /// One is free, as far as occluders go.
+    Free(Line),
     /// All are blocked, and stay so as long as these regions last.
     Hidden(Regions),
     /// All are blocked at that tick.
@@ -65,6 +70,13 @@ pub(super) struct Shafts {
 impl Shafts {
     pub(super) fn new(occluders: Arc<Occluders>) -> Self {
         Self { occluders, scratch: Scratch::default() }
+    }
+
+    /// Whether no gates lead from anywhere in a region to another.
+    fn are_closed(&mut self, some: &Parts, others: &Parts) -> bool {
+        some.boxes().iter().all(|from| {
+            others.boxes().iter().all(|to| self.occluders.are_closed(&mut self.scratch, from, to))
+        })
     }
 
     /// Looks from every part of the eyes to every part of the bodies, for no more than `most`, as
@@ -102,7 +114,7 @@ impl Shafts {
 impl Engine {
     /// Looks at all pairs of live viewers for which something may have changed: first at those of
     /// whom the viewer will be told if nothing is found, beginning with another viewer at each tick.
-    pub(super) fn look(&mut self, now: Duration, live: &[Slot]) {
+    pub(super) fn look(&mut self, live: &[Slot]) {
         let mut budget = self.config.look_budget;
         let (last, first) = live.split_at(self.ticks as usize % live.len().max(1));
         let mut held = Vec::new();
@@ -115,103 +127,125 @@ impl Engine {
                 if pair.is_held {
                     held.push((viewer, place));
                 } else {
-                    self.look_at(now, viewer, pair, &mut budget);
+                    self.look_at(viewer, pair, &mut budget);
                 }
             }
             self.population.at_mut(viewer).pairs = pairs;
         }
         for (viewer, place) in held {
             let mut pair = self.population.at(viewer).pairs[place];
-            self.look_at(now, viewer, &mut pair, &mut budget);
+            self.look_at(viewer, &mut pair, &mut budget);
             self.population.at_mut(viewer).pairs[place] = pair;
         }
     }
 
-    /// Whether a pair is known to be hidden.
-    pub(super) fn is_hidden(&self, viewer: Slot, pair: &Pair) -> bool {
+    /// Whether a pair is known to be hidden, as of this tick's looks.
+    pub(super) fn is_hidden(&self, pair: &Pair) -> bool {
         match pair.look {
-            Look::Hidden(then) => then == self.regions(viewer, pair),
+            Look::Hidden(_) => true,
             Look::JustHidden { tick } => tick == self.ticks,
             Look::Unknown | Look::Undecided { .. } | Look::Free(..) => false,
         }
     }
 
     /// Whether what was found of a pair is still true.
-    fn still_holds(&self, viewer: Slot, pair: &mut Pair) -> bool {
-        let now = self.regions(viewer, pair);
-        match &mut pair.look {
+    fn still_holds(&mut self, viewer: Slot, pair: &Pair) -> bool {
+        match pair.look {
             Look::Unknown => false,
-            Look::Undecided { of, again } => {
-                let (again, same) = (*again, std::mem::replace(of, now) == now);
-                self.ticks < again && (same || self.may_see_by_cells(viewer, pair))
-            }
-            Look::Hidden(then) => *then == now,
-            Look::JustHidden { tick } => *tick == self.ticks,
-            Look::Free(line, then) => {
-                let (line, same) = (*line, std::mem::replace(then, now) == now);
-                (same || self.may_see_by_cells(viewer, pair)) && self.joins(viewer, pair, &line)
-            }
+            Look::Undecided { again } => self.ticks < again,
+            Look::JustHidden { tick } => tick == self.ticks,
+            Look::Hidden(then) => then == self.regions(viewer, pair),
+            Look::Free(line) => self.joins(viewer, pair, &line),
         }
     }
 
     /// Looks between the regions that last, and where these may see each other, between what they
     /// are just now.
-    fn look_at(&mut self, now: Duration, viewer: Slot, pair: &mut Pair, budget: &mut u32) {
+    fn look_at(&mut self, viewer: Slot, pair: &mut Pair, budget: &mut u32) {
         let regions = self.regions(viewer, pair);
         if !self.may_see_by_cells(viewer, pair) {
             pair.look = Look::Hidden(regions);
             return;
         }
-        let most = self.config.look_max;
-        let (from, to) = (self.population.at(viewer), self.population.at(pair.slot));
-        let delay = self.horizons.delay(from.round_trip);
-        let eyes = from.near.eyes.as_ref().map(|eyes| &eyes.region.parts);
-        let bodies = to.near.bodies_for(delay).map(|bodies| &bodies.region.parts);
-        let Some((eyes, bodies)) = eyes.zip(bodies) else { return };
-        if let Found::Hidden = self.shafts.between(eyes, bodies, most, budget) {
+        // What has too little is tried again at once.
+        pair.look = Look::Undecided { again: self.ticks };
+        if *budget == 0 {
+            return;
+        }
+        let parts = self.parts_of(viewer);
+        if let Found::Hidden = self.between(viewer, pair, Near::parts, budget) {
             pair.look = Look::Hidden(regions);
             return;
         }
-        self.place_exact_eyes(now, viewer);
-        self.place_exact_bodies(now, pair.slot, delay);
-        let (from, to) = (&self.population.at(viewer).near, &self.population.at(pair.slot).near);
-        let eyes = from.eyes.as_ref().and_then(|eyes| eyes.region.exact());
-        let bodies = to.bodies_for(delay).and_then(|bodies| bodies.region.exact());
-        let Some((eyes, bodies)) = eyes.zip(bodies) else { return };
-        pair.look = match self.shafts.between(eyes, bodies, most, budget) {
+        self.place_exactly(viewer, Part::Eyes);
+        self.place_exactly(pair.slot, parts);
+        pair.look = match self.between(viewer, pair, Near::exact, budget) {
             Found::Hidden => Look::JustHidden { tick: self.ticks },
-            Found::Free(line) => Look::Free(line, regions),
-            // What had too little is tried again at once.
-            Found::Undecided if *budget == 0 => Look::Undecided { of: regions, again: self.ticks },
-            Found::Undecided => {
-                Look::Undecided { of: regions, again: self.ticks + UNDECIDED_TICKS }
-            }
+            Found::Free(line) => Look::Free(line),
+            Found::Undecided if *budget == 0 => pair.look,
+            Found::Undecided => Look::Undecided { again: self.ticks + UNDECIDED_TICKS },
         };
+    }
+
+    /// Looks from a viewer's eyes to an avatar's body.
+    fn between(
+        &mut self,
+        viewer: Slot,
+        pair: &Pair,
+        of: impl Fn(&Near) -> Option<&Parts>,
+        budget: &mut u32,
+    ) -> Found {
+        let eyes = self.population.at(viewer).near.get(Part::Eyes).and_then(&of);
+        let bodies = self.population.at(pair.slot).near.get(self.parts_of(viewer)).and_then(&of);
+        match eyes.zip(bodies) {
+            Some((eyes, bodies)) => self.shafts.between(eyes, bodies, self.config.look_max, budget),
+            None => Found::Undecided,
+        }
+    }
+
+    /// Whether somebody in one wide region may see somebody in another, either way.
+    pub(super) fn may_meet(&mut self, one: Slot, other: Slot) -> bool {
+        let wide = |slot: Slot| self.population.at(slot).near.wide.as_ref();
+        let Some((one, other)) = wide(one).zip(wide(other)) else { return false };
+        let is_closed =
+            self.config.look_budget > 0 && self.shafts.are_closed(&one.bodies, &other.bodies);
+        !is_closed && self.any_sees(&one.cells, &other.cells)
     }
 
     /// Whether some cell that the viewer's eye can be in may see one that the avatar's body can be in.
     pub(super) fn may_see_by_cells(&self, viewer: Slot, pair: &Pair) -> bool {
-        let (from, to) = (self.population.at(viewer), self.population.at(pair.slot));
-        let bodies = to.near.bodies_for(self.horizons.delay(from.round_trip));
-        from.near.eyes.as_ref().zip(bodies).is_some_and(|(eyes, bodies)| {
-            let sees =
-                |from: &CellId| bodies.cells.iter().any(|to| self.world.cells.sees(*from, *to));
-            eyes.cells.iter().any(sees)
-        })
+        let eyes = self.population.at(viewer).near.get(Part::Eyes);
+        let bodies = self.population.at(pair.slot).near.get(self.parts_of(viewer));
+        eyes.zip(bodies).is_some_and(|(eyes, bodies)| self.any_sees(eyes.cells(), bodies.cells()))
+    }
+
+    /// Whether some cell may see some other.
+    pub(super) fn any_sees(&self, some: &[CellId], others: &[CellId]) -> bool {
+        let sees = |from: &CellId| others.iter().any(|to| self.world.cells.sees(*from, *to));
+        some.iter().any(sees)
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.
     fn joins(&self, viewer: Slot, pair: &Pair, line: &Line) -> bool {
-        let (from, to) = (self.population.at(viewer), self.population.at(pair.slot));
-        let bodies = to.near.bodies_for(self.horizons.delay(from.round_trip));
-        from.near.eyes.as_ref().zip(bodies).is_some_and(|(eyes, bodies)| {
-            eyes.region.just.boxes().iter().any(|part| part.contains(line.from))
-                && bodies.region.just.boxes().iter().any(|part| part.contains(line.to))
-        })
+        let holds = |slot: Slot, part: Part, point: Vec3| {
+            self.population.at(slot).near.may_hold(part, point, &self.body, self.config.spare_m)
+        };
+        holds(viewer, Part::Eyes, line.from) && holds(pair.slot, self.parts_of(viewer), line.to)
     }
 
-    fn regions(&self, viewer: Slot, pair: &Pair) -> Regions {
-        let (from, to) = (&self.population.at(viewer).near, &self.population.at(pair.slot).near);
-        Regions { eyes: from.eyes_version, bodies: to.bodies_version }
+    /// What a viewer must see of bodies.
+    fn parts_of(&self, viewer: Slot) -> Part {
+        Part::Bodies(self.horizons.delay(self.population.at(viewer).round_trip))
+    }
+
+    /// The regions that last, brought up to date.
+    fn regions(&mut self, viewer: Slot, pair: &Pair) -> Regions {
+        let bodies = self.parts_of(viewer);
+        self.place(viewer, Part::Eyes);
+        self.place(pair.slot, bodies);
+        let version = |slot: Slot, part: Part| {
+            self.population.at(slot).near.get(part).map_or(0, |near| near.version)
+        };
+        Regions { eyes: version(viewer, Part::Eyes), bodies: version(pair.slot, bodies) }
     }
 }

@@ -53,7 +53,7 @@ mod zones;
 use std::{sync::Arc, time::Duration};
 
 use sightline_shared::{
-    motion::{Agility, AvatarId, Pose, Tbv},
+    motion::{Agility, AvatarId, Body, Pose, Tbv},
     shaft::Occluders,
     world::World,
 };
@@ -83,9 +83,9 @@ pub struct Engine {
     population: Population,
     places: Places,
     agility: Agility,
-    /// Where the eyes of live avatars can be until the next tick's word stands.
-    near_eyes: SectorIndex,
-    /// Likewise, their bodies.
+    /// Every avatar's, in own axes.
+    body: Body,
+    /// The wide regions of live avatars.
     near_bodies: SectorIndex,
     sectors: Sectors,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
@@ -153,9 +153,9 @@ impl Engine {
             },
             horizons: Horizons::new(&config),
             agility,
+            body: world.cells.axes.own_body(&world.body),
             population: Population::default(),
             places: Places::new(config.policy, &world),
-            near_eyes: SectorIndex::new(sectors.len()),
             near_bodies: SectorIndex::new(sectors.len()),
             live_zones: ZoneIndex::new(sectors.len()),
             hidden_zones: ZoneIndex::new(sectors.len()),
@@ -206,7 +206,7 @@ impl Engine {
             let mut moves = Moves::default();
             live.iter().for_each(|slot| self.place_near(now, *slot, &delays, &mut moves));
             self.pair(&moves);
-            self.look(now, &live);
+            self.look(&live);
         }
         live.iter().for_each(|slot| self.tell(*slot, outputs));
         live.iter().for_each(|slot| self.settle(now, *slot, outputs));

@@ -1,13 +1,16 @@
 //! Where live avatars can be until the next tick's word stands.
 
-use std::{collections::BTreeSet, time::Duration};
+use std::time::Duration;
 
 use glam::Vec3;
-use sightline_shared::{geometry::Aabb, motion::Pose, world::CellId};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::{Body, Pose},
+    world::CellId,
+};
 
 use super::{
     Engine,
-    bits::Bits,
     parts::Parts,
     population::{Avatar, Slot},
     reach::Reach,
@@ -15,6 +18,10 @@ use super::{
 
 /// Places are rounded on the wire and in sums, in metres.
 pub(super) const ROUNDING_M: f32 = 0.01;
+
+/// Wide regions have so much to spare on each side, in metres: most pairs of people are far from
+/// seeing each other, and this is how long nothing need be done about them.
+const WIDE_M: f32 = 0.75;
 
 /// Where an eye can be until a moment: in a box about it, as far as portals lead.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,100 +42,147 @@ impl Leeway {
     }
 }
 
-/// Where something can be: just, and with something to spare, so that it lasts for a few ticks.
+/// Where an avatar's body can be, and thereby its eye, with much to spare: this lasts for about ten steps.
+/// Pairs are made and ended by it.
 #[derive(Clone, Debug)]
-pub(super) struct Region {
-    /// Around all its places at this tick, and perhaps what is behind a wall there.
-    pub(super) just: Parts,
-    /// Around all its places at a tick, worked out when it is asked for.
-    exact: Option<(u32, Parts)>,
-    /// Around all its places as long as its eye is in `spare`.
-    pub(super) parts: Parts,
+pub(super) struct Wide {
+    /// It holds as long as the eye can be here only, as viewers with the longest delay must see it.
     spare: Aabb,
-}
-
-impl Region {
-    /// Whether it serves for where the eye can be now: it holds all of that, and was not made when far
-    /// more was possible.
-    fn serves(&self, within: &Aabb, spare_m: f32) -> bool {
-        self.spare.contains_box(within) && within.grown(2.0 * spare_m).contains_box(&self.spare)
-    }
-
-    fn is_exact_at(&self, tick: u32) -> bool {
-        self.exact.as_ref().is_some_and(|(then, _)| *then == tick)
-    }
-
-    /// Around all its places at the tick at which these were asked for last.
-    pub(super) fn exact(&self) -> Option<&Parts> {
-        self.exact.as_ref().map(|(_, parts)| parts)
-    }
-
-    fn new(parts: Parts, spare: Aabb, just: &Aabb) -> Self {
-        Self { just: parts.within(just), exact: None, parts, spare }
-    }
-}
-
-/// Where the eye of a live avatar can be, and what may be visible from there.
-#[derive(Clone, Debug)]
-pub(super) struct Eyes {
-    pub(super) region: Region,
+    /// Around all places of the body.
+    pub(super) bodies: Parts,
     /// The cells that it can be in, ascending.
     pub(super) cells: Vec<CellId>,
     /// Likewise, the sectors.
-    sectors: Vec<u32>,
-    /// The sectors that are visible from there.
-    pub(super) visible: Bits,
+    pub(super) sectors: Vec<u32>,
 }
 
-/// Where the body of a live avatar can be, as viewers with a certain delay must see it.
+/// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to
+/// is worked out when it is asked for.
 #[derive(Clone, Debug)]
-pub(super) struct Bodies {
-    pub(super) delay: Duration,
-    pub(super) region: Region,
-    /// The cells that it can be in, ascending.
-    pub(super) cells: Vec<CellId>,
-    /// Likewise, the sectors.
-    sectors: Vec<u32>,
+pub(super) struct Near {
+    /// Of viewers, for bodies.
+    delay: Duration,
+    /// Where the eye can be at this tick, whatever walls are in it.
+    pub(super) within: Aabb,
+    kept: Option<Kept>,
+    /// Counts the changes of `kept`.
+    pub(super) version: u32,
+    exact: Option<(u32, Parts)>,
+}
+
+/// What lasts for a few ticks.
+#[derive(Clone, Debug)]
+struct Kept {
+    /// It holds as long as the eye can be here only.
+    spare: Aabb,
+    /// Around all places.
+    parts: Parts,
+    /// The cells that these are in, ascending.
+    cells: Vec<CellId>,
 }
 
 /// The regions of a live avatar; none while hidden.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Near {
-    pub(super) eyes: Option<Eyes>,
-    /// Counts the changes of `eyes`.
-    pub(super) eyes_version: u32,
+pub(super) struct Whereabouts {
+    pub(super) wide: Option<Wide>,
+    pub(super) eyes: Option<Near>,
     /// By delay, ascending; the last is that of the slowest viewer.
-    pub(super) bodies: Vec<Bodies>,
-    /// Counts the changes of `bodies`.
-    pub(super) bodies_version: u32,
-    /// The sectors that the index of bodies has: those of all of `bodies`, ascending.
-    indexed: Vec<u32>,
+    bodies: Vec<Near>,
+}
+
+/// What a region is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Part {
+    Eyes,
+    /// As viewers with that delay must see it.
+    Bodies(Duration),
+}
+
+/// Whether what was made for `spare` serves where an eye can be now: it holds all of that, and was not
+/// made when far more was possible.
+fn serves(spare: &Aabb, within: &Aabb, spare_m: f32) -> bool {
+    spare.contains_box(within) && within.grown(2.0 * spare_m).contains_box(spare)
 }
 
 impl Near {
-    /// As viewers with a delay must see it.
-    pub(super) fn bodies_for(&self, delay: Duration) -> Option<&Bodies> {
-        self.bodies.iter().find(|bodies| bodies.delay == delay)
+    fn new(delay: Duration) -> Self {
+        Self { delay, within: Aabb::EMPTY, kept: None, version: 0, exact: None }
     }
 
-    /// Whether its body may be visible from somewhere in these eyes.
-    pub(super) fn is_visible_to(&self, eyes: &Eyes, delay: Duration) -> bool {
-        self.bodies_for(delay)
-            .is_some_and(|bodies| bodies.sectors.iter().any(|at| eyes.visible.contains(*at)))
+    fn is_kept(&self, spare_m: f32) -> bool {
+        self.kept.as_ref().is_some_and(|kept| serves(&kept.spare, &self.within, spare_m))
+    }
+
+    /// The boxes that were worked out last, with something to spare.
+    pub(super) fn parts(&self) -> Option<&Parts> {
+        self.kept.as_ref().map(|kept| &kept.parts)
+    }
+
+    /// The cells of these.
+    pub(super) fn cells(&self) -> &[CellId] {
+        self.kept.as_ref().map_or(&[], |kept| &kept.cells)
+    }
+
+    /// Those of the tick at which they were asked for last, with nothing to spare.
+    pub(super) fn exact(&self) -> Option<&Parts> {
+        self.exact.as_ref().map(|(_, parts)| parts)
     }
 }
 
-/// What changed when an avatar's regions were brought up to date.
+impl Whereabouts {
+    pub(super) fn get(&self, part: Part) -> Option<&Near> {
+        match part {
+            Part::Eyes => self.eyes.as_ref(),
+            Part::Bodies(delay) => self.bodies.iter().find(|bodies| bodies.delay == delay),
+        }
+    }
+
+    /// Has all worked out anew: the avatar is where it has not come to by itself.
+    pub(super) fn forget(&mut self) {
+        if let Some(wide) = &mut self.wide {
+            wide.spare = Aabb::EMPTY;
+        }
+        self.eyes.iter_mut().chain(&mut self.bodies).for_each(|near| near.kept = None);
+    }
+
+    fn get_mut(&mut self, part: Part) -> Option<&mut Near> {
+        match part {
+            Part::Eyes => self.eyes.as_mut(),
+            Part::Bodies(delay) => self.bodies.iter_mut().find(|bodies| bodies.delay == delay),
+        }
+    }
+
+    /// Boxes around where a part can be at this tick; places behind walls only where that saves work.
+    pub(super) fn just(&self, part: Part, body: &Body, spare_m: f32) -> Parts {
+        let Some((near, wide)) = self.get(part).zip(self.wide.as_ref()) else {
+            return Parts::default();
+        };
+        let now = match part {
+            Part::Eyes => near.within,
+            Part::Bodies(_) => body.around_box(&near.within),
+        };
+        let parts = near.parts().filter(|_| near.is_kept(spare_m));
+        parts.unwrap_or(&wide.bodies).within(&now)
+    }
+
+    /// Whether a point is in one of these boxes.
+    pub(super) fn may_hold(&self, part: Part, point: Vec3, body: &Body, spare_m: f32) -> bool {
+        let Some((near, wide)) = self.get(part).zip(self.wide.as_ref()) else { return false };
+        let is_now = match part {
+            Part::Eyes => near.within.contains(point),
+            Part::Bodies(_) => body.around_box(&near.within).contains(point),
+        };
+        let parts = || near.parts().filter(|_| near.is_kept(spare_m)).unwrap_or(&wide.bodies);
+        is_now && parts().boxes().iter().any(|part| part.contains(point))
+    }
+}
+
+/// Who has new regions to make pairs by, and the sectors that it was in and is in now.
 #[derive(Debug, Default)]
-pub(super) struct Moves {
-    /// Viewers that see other sectors than before.
-    pub(super) viewers: Vec<Slot>,
-    /// Avatars, and the sectors that they entered or left.
-    pub(super) bodies: Vec<(Slot, Vec<u32>)>,
-}
+pub(super) struct Moves(pub(super) Vec<(Slot, Vec<u32>)>);
 
 impl Engine {
-    /// Where an eye can be some time after its last accepted report was made.
+    /// How far an eye gets some time after its last accepted report was made.
     pub(super) fn leeway(&self, pose: &Pose, time: Duration) -> Leeway {
         let axes = &self.world.cells.axes;
         let (eye, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
@@ -139,13 +193,13 @@ impl Engine {
         }
     }
 
-    /// How far an avatar can get until the next tick's word stands at viewers with a delay.
-    pub(super) fn near_leeway(&self, now: Duration, avatar: &Avatar, delay: Duration) -> Leeway {
+    /// How far an avatar gets until the next tick's word stands at viewers with a delay.
+    fn near_leeway(&self, now: Duration, avatar: &Avatar, delay: Duration) -> Leeway {
         let age = now.saturating_sub(avatar.heard);
         self.leeway(&avatar.pose, self.horizons.near(age, avatar.round_trip, delay))
     }
 
-    /// Brings the regions of a live avatar up to date, where they have to be.
+    /// Brings up to date where a live avatar can be at this tick, and if need be its wide region.
     pub(super) fn place_near(
         &mut self,
         now: Duration,
@@ -153,146 +207,87 @@ impl Engine {
         delays: &[Duration],
         moves: &mut Moves,
     ) {
-        let delay = self.horizons.delay(self.population.at(slot).round_trip);
-        if self.place_eyes(now, slot, delay) {
-            moves.viewers.push(slot);
-        }
-        let avatar = self.population.at_mut(slot);
-        let mut is_new = avatar.near.bodies.len() != delays.len();
-        avatar.near.bodies.retain(|bodies| delays.contains(&bodies.delay));
-        for delay in delays {
-            is_new |= self.place_bodies(now, slot, *delay);
-        }
-        if !is_new {
-            return;
-        }
-        let near = &mut self.population.at_mut(slot).near;
-        let all = near.bodies.iter().flat_map(|bodies| bodies.sectors.iter().copied());
-        let new: BTreeSet<u32> = all.collect();
-        let old: BTreeSet<u32> = near.indexed.iter().copied().collect();
-        near.indexed = new.iter().copied().collect();
-        let [left, entered]: [Vec<u32>; 2] =
-            [old.difference(&new).copied().collect(), new.difference(&old).copied().collect()];
-        let id = self.population.at(slot).id;
-        self.near_bodies.remove((id, slot), &left);
-        self.near_bodies.insert((id, slot), &entered);
-        // With several delays, who is nearer to some viewers may have moved in none of the two.
-        moves.bodies.push((slot, self.population.at(slot).near.indexed.clone()));
-        if let Some((_, sectors)) = moves.bodies.last_mut() {
-            sectors.extend(left);
-        }
-    }
-
-    /// Whether the sectors that the eye can be in are others than before.
-    fn place_eyes(&mut self, now: Duration, slot: Slot, delay: Duration) -> bool {
-        let leeway = self.near_leeway(now, self.population.at(slot), delay);
-        let avatar = self.population.at_mut(slot);
-        let id = avatar.id;
-        if let Some(eyes) = &mut avatar.near.eyes
-            && eyes.region.serves(&leeway.within, self.config.spare_m)
-        {
-            eyes.region.just = eyes.region.parts.within(&leeway.within);
-            return false;
-        }
-        let cells = &self.world.cells;
-        let spare = leeway.within.grown(self.config.spare_m);
-        let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
-        let region = Region::new(reach.eye_parts(cells), spare, &leeway.within);
-        let in_cells = reach.eyes();
-        let found = self.sectors.of(&in_cells);
-        let near = &mut avatar.near;
-        near.eyes_version = near.eyes_version.wrapping_add(1);
-        if let Some(eyes) = &mut near.eyes
-            && eyes.sectors == found
-        {
-            (eyes.region, eyes.cells) = (region, in_cells);
-            return false;
-        }
-        let visible = self.sectors.visible_from(&found);
-        self.near_eyes.insert((id, slot), &found);
-        if let Some(old) =
-            near.eyes.replace(Eyes { region, cells: in_cells, sectors: found, visible })
-        {
-            self.near_eyes.remove((id, slot), &old.sectors);
-        }
-        true
-    }
-
-    /// Whether the sectors that the body can be in are others than before.
-    fn place_bodies(&mut self, now: Duration, slot: Slot, delay: Duration) -> bool {
-        let leeway = self.near_leeway(now, self.population.at(slot), delay);
-        let cells = &self.world.cells;
-        let just = cells.axes.own_body(&self.world.body).around_box(&leeway.within);
-        let near = &mut self.population.at_mut(slot).near;
-        let place = near.bodies.binary_search_by_key(&delay, |bodies| bodies.delay);
-        if let Ok(place) = place
-            && let region = &mut near.bodies[place].region
-            && region.serves(&leeway.within, self.config.spare_m)
-        {
-            region.just = region.parts.within(&just);
-            return false;
-        }
-        let spare = leeway.within.grown(self.config.spare_m);
-        let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
-        let (found, parts) = reach.bodies(cells, &self.world.body);
-        let sectors = self.sectors.of(&found);
-        let region = Region::new(parts, spare, &just);
-        let new = Bodies { delay, region, cells: found, sectors };
-        near.bodies_version = near.bodies_version.wrapping_add(1);
-        match place {
-            Ok(place) => {
-                let old = std::mem::replace(&mut near.bodies[place], new);
-                old.sectors != near.bodies[place].sectors
-            }
-            Err(place) => {
-                near.bodies.insert(place, new);
-                true
-            }
-        }
-    }
-
-    /// Works out where a live avatar's eye can be at this tick.
-    pub(super) fn place_exact_eyes(&mut self, now: Duration, slot: Slot) {
         let avatar = self.population.at(slot);
-        if avatar.near.eyes.as_ref().is_none_or(|eyes| eyes.region.is_exact_at(self.ticks)) {
-            return;
+        let own = self.horizons.delay(avatar.round_trip);
+        let within = |delay: Duration| self.near_leeway(now, avatar, delay).within;
+        let eyes = within(own);
+        let bodies: Vec<Aabb> = delays.iter().map(|delay| within(*delay)).collect();
+        let near = &mut self.population.at_mut(slot).near;
+        near.eyes.get_or_insert_with(|| Near::new(own)).within = eyes;
+        if !near.bodies.iter().map(|bodies| bodies.delay).eq(delays.iter().copied()) {
+            let mut old = std::mem::take(&mut near.bodies);
+            near.bodies.extend(delays.iter().map(|delay| {
+                match old.iter().position(|bodies| bodies.delay == *delay) {
+                    Some(place) => old.swap_remove(place),
+                    None => Near::new(*delay),
+                }
+            }));
         }
-        let reach = self.exact_reach(now, slot, self.horizons.delay(avatar.round_trip));
-        let parts = reach.eye_parts(&self.world.cells);
-        if let Some(eyes) = &mut self.population.at_mut(slot).near.eyes {
-            eyes.region.exact = Some((self.ticks, parts));
-        }
-    }
-
-    /// Works out where a live avatar's body can be at this tick, as a viewer with that delay must
-    /// see it.
-    pub(super) fn place_exact_bodies(&mut self, now: Duration, slot: Slot, delay: Duration) {
-        let bodies = self.population.at(slot).near.bodies_for(delay);
-        if bodies.is_none_or(|bodies| bodies.region.is_exact_at(self.ticks)) {
-            return;
-        }
-        let reach = self.exact_reach(now, slot, delay);
-        let (_, parts) = reach.bodies(&self.world.cells, &self.world.body);
-        let bodies = &mut self.population.at_mut(slot).near.bodies;
-        if let Some(bodies) = bodies.iter_mut().find(|bodies| bodies.delay == delay) {
-            bodies.region.exact = Some((self.ticks, parts));
+        near.bodies.iter_mut().zip(&bodies).for_each(|(near, within)| near.within = *within);
+        let all = bodies.iter().fold(eyes, |all, within| all.union(within));
+        if !near.wide.as_ref().is_some_and(|wide| serves(&wide.spare, &all, WIDE_M)) {
+            self.place_wide(slot, all.grown(WIDE_M), moves);
         }
     }
 
-    fn exact_reach(&mut self, now: Duration, slot: Slot, delay: Duration) -> Reach {
-        let leeway = self.near_leeway(now, self.population.at(slot), delay);
+    fn place_wide(&mut self, slot: Slot, spare: Aabb, moves: &mut Moves) {
         let cells = &self.world.cells;
-        Reach::within(&mut self.scratch, cells, leeway.from, &leeway.within)
+        let avatar = self.population.at_mut(slot);
+        let from = cells.axes.own(avatar.pose.eye);
+        let reach = Reach::within(&mut self.scratch, cells, from, &spare);
+        let (found, bodies) = reach.bodies(cells, &self.world.body);
+        let sectors = self.sectors.of(&found);
+        let wide = Wide { spare, bodies, cells: found, sectors };
+        let old = avatar.near.wide.replace(wide).map_or_else(Vec::new, |old| old.sectors);
+        let member = (avatar.id, slot);
+        if let Some(wide) = &avatar.near.wide {
+            self.near_bodies.replace(member, &old, &wide.sectors);
+        }
+        moves.0.push((slot, old));
     }
 
-    /// Takes an avatar's regions out; gives the sectors that its body could be in.
-    pub(super) fn forget_near(&mut self, slot: Slot) -> Vec<u32> {
+    /// Works out what portals lead to for a part of a live avatar, where what is known does not serve.
+    pub(super) fn place(&mut self, slot: Slot, part: Part) {
+        let avatar = self.population.at_mut(slot);
+        let from = self.world.cells.axes.own(avatar.pose.eye);
+        let Some(near) = avatar.near.get_mut(part) else { return };
+        if near.is_kept(self.config.spare_m) {
+            return;
+        }
+        let cells = &self.world.cells;
+        let spare = near.within.grown(self.config.spare_m);
+        let reach = Reach::within(&mut self.scratch, cells, from, &spare);
+        let (found, parts) = match part {
+            Part::Eyes => (reach.eyes(), reach.eye_parts(cells)),
+            Part::Bodies(_) => reach.bodies(cells, &self.world.body),
+        };
+        near.version = near.version.wrapping_add(1);
+        near.kept = Some(Kept { spare, parts, cells: found });
+    }
+
+    /// The same with nothing to spare, for this tick.
+    pub(super) fn place_exactly(&mut self, slot: Slot, part: Part) {
+        let avatar = self.population.at_mut(slot);
+        let from = self.world.cells.axes.own(avatar.pose.eye);
+        let Some(near) = avatar.near.get_mut(part) else { return };
+        if near.exact.as_ref().is_some_and(|(then, _)| *then == self.ticks) {
+            return;
+        }
+        let cells = &self.world.cells;
+        let reach = Reach::within(&mut self.scratch, cells, from, &near.within);
+        let parts = match part {
+            Part::Eyes => reach.eye_parts(cells),
+            Part::Bodies(_) => reach.bodies(cells, &self.world.body).1,
+        };
+        near.exact = Some((self.ticks, parts));
+    }
+
+    /// Takes an avatar's regions out.
+    pub(super) fn forget_near(&mut self, slot: Slot) {
         let avatar = self.population.at_mut(slot);
         let (id, near) = (avatar.id, std::mem::take(&mut avatar.near));
-        if let Some(eyes) = near.eyes {
-            self.near_eyes.remove((id, slot), &eyes.sectors);
+        if let Some(wide) = near.wide {
+            self.near_bodies.replace((id, slot), &wide.sectors, &[]);
         }
-        self.near_bodies.remove((id, slot), &near.indexed);
-        near.indexed
     }
 }

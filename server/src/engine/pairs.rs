@@ -1,7 +1,9 @@
 //! Which avatars concern which viewers: kept up to date by what moved, never gone through as a whole.
 //!
-//! A viewer has a pair with every avatar whose body can be in a sector that is visible from where the
-//! viewer's eye can be. What their sectors leave open is [looked at](super::looks) more closely.
+//! Two live avatars have a pair each, the one as the viewer of the other, while their wide regions may
+//! see each other: by their sectors, by the gates between them, and by their cells. Most people in a
+//! building have none with each other, and nothing is done about them until one has gone some way.
+//! What pairs leave open is [looked at](super::looks) more closely.
 
 use sightline_shared::motion::AvatarId;
 
@@ -12,7 +14,7 @@ use super::{Engine, Output, looks::Look, near::Moves, population::Slot, zones::M
 pub(super) struct Pair {
     pub(super) id: AvatarId,
     pub(super) slot: Slot,
-    /// By their cells, the avatar may be visible to the viewer.
+    /// By their wide regions, the avatar may be visible to the viewer.
     pub(super) concerns: bool,
     /// The viewer's client has been told of it.
     pub(super) is_held: bool,
@@ -31,70 +33,78 @@ impl Pair {
 }
 
 impl Engine {
-    /// Makes and ends pairs after regions have changed.
+    /// Makes and ends pairs after wide regions have changed.
     pub(super) fn pair(&mut self, moves: &Moves) {
-        for viewer in &moves.viewers {
-            self.pair_all(*viewer);
-        }
-        // These have all their pairs; no others need to be looked up among them.
-        let mut done = moves.viewers.clone();
-        done.sort_unstable();
-        for (slot, sectors) in &moves.bodies {
-            for viewer in self.viewers_of(sectors) {
-                if viewer != *slot && done.binary_search(&viewer).is_err() {
-                    self.pair_one(viewer, *slot);
-                }
-            }
+        let mut moved: Vec<Slot> = moves.0.iter().map(|(slot, _)| *slot).collect();
+        moved.sort_unstable();
+        let mut done = vec![false; moved.len()];
+        for (slot, _) in &moves.0 {
+            let Ok(place) = moved.binary_search(slot) else { continue };
+            done[place] = true;
+            let is_done = |other: &Slot| moved.binary_search(other).is_ok_and(|at| done[at]);
+            self.pair_all(*slot, is_done);
         }
     }
 
-    /// The live avatars that may see into some of these sectors.
-    fn viewers_of(&self, sectors: &[u32]) -> Vec<Slot> {
-        let visible = self.sectors.visible_from(sectors);
-        let mut viewers: Vec<Slot> =
-            self.near_eyes.among(&visible).map(|(_, slot)| *slot).collect();
-        viewers.sort_unstable();
-        viewers.dedup();
-        viewers
-    }
-
-    /// Finds all whom a viewer has to do with.
-    fn pair_all(&mut self, viewer: Slot) {
-        let avatar = self.population.at(viewer);
-        let Some(eyes) = &avatar.near.eyes else { return };
-        let mut found: Vec<Member> = self.near_bodies.among(&eyes.visible).copied().collect();
+    /// Finds all whom an avatar has to do with, but for those who have just done the same.
+    fn pair_all(&mut self, slot: Slot, is_done: impl Fn(&Slot) -> bool) {
+        let Some(wide) = &self.population.at(slot).near.wide else { return };
+        let visible = self.sectors.visible_from(&wide.sectors);
+        let mut found: Vec<Member> = self.near_bodies.among(&visible).copied().collect();
         found.sort_unstable();
         found.dedup();
-        let delay = self.horizons.delay(avatar.round_trip);
-        found.retain(|(_, slot)| {
-            *slot != viewer && self.population.at(*slot).near.is_visible_to(eyes, delay)
+        let member = (self.population.at(slot).id, slot);
+        found.retain(|(_, other)| {
+            *other != slot
+                && if is_done(other) {
+                    self.pairs_of(*other).any(|pair| pair.slot == slot && pair.concerns)
+                } else {
+                    self.may_meet(slot, *other)
+                }
         });
-        let pairs = matched(&avatar.pairs, found);
-        self.population.at_mut(viewer).pairs = pairs;
+        let old = std::mem::take(&mut self.population.at_mut(slot).pairs);
+        for (_, other) in found.iter().filter(|(_, other)| !is_done(other)) {
+            self.concern(*other, member);
+        }
+        for pair in &old {
+            if found.binary_search(&(pair.id, pair.slot)).is_err() && !is_done(&pair.slot) {
+                self.part_from(pair.slot, member.0);
+            }
+        }
+        self.population.at_mut(slot).pairs = matched(&old, found);
     }
 
-    /// Finds whether a viewer has to do with an avatar.
-    fn pair_one(&mut self, viewer: Slot, slot: Slot) {
-        let (from, to) = (self.population.at(viewer), self.population.at(slot));
-        let Some(eyes) = &from.near.eyes else { return };
-        let concerns = to.near.is_visible_to(eyes, self.horizons.delay(from.round_trip));
-        let id = to.id;
+    fn pairs_of(&self, slot: Slot) -> impl Iterator<Item = &Pair> {
+        self.population.at(slot).pairs.iter()
+    }
+
+    /// Makes a pair, unless there is one.
+    fn concern(&mut self, viewer: Slot, member: Member) {
         let pairs = &mut self.population.at_mut(viewer).pairs;
-        match pairs.binary_search_by_key(&id, |pair| pair.id) {
-            Ok(place) if concerns || pairs[place].is_held => pairs[place].concerns = concerns,
-            Ok(place) => drop(pairs.remove(place)),
-            Err(place) if concerns => pairs.insert(place, Pair::new((id, slot))),
-            Err(_) => {}
+        match pairs.binary_search_by_key(&member.0, |pair| pair.id) {
+            Ok(place) => pairs[place].concerns = true,
+            Err(place) => pairs.insert(place, Pair::new(member)),
+        }
+    }
+
+    /// Ends a pair; what the client still holds stays until that is told.
+    fn part_from(&mut self, viewer: Slot, id: AvatarId) {
+        let pairs = &mut self.population.at_mut(viewer).pairs;
+        if let Ok(place) = pairs.binary_search_by_key(&id, |pair| pair.id) {
+            pairs[place].concerns = false;
+            if !pairs[place].is_held {
+                pairs.remove(place);
+            }
         }
     }
 
     /// Ends all pairs with an avatar that is gone or hidden, whose regions have just been taken
     /// out; those who held it are told at the next tick.
     pub(super) fn part(&mut self, slot: Slot) {
-        let sectors = self.forget_near(slot);
+        self.forget_near(slot);
         let id = self.population.at(slot).id;
         let viewers: Vec<Slot> = if self.config.policy.uses_cells() {
-            self.viewers_of(&sectors)
+            self.pairs_of(slot).map(|pair| pair.slot).collect()
         } else {
             self.population.live().collect()
         };

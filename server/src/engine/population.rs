@@ -9,7 +9,7 @@ use sightline_shared::{
 
 use super::{
     authority::Ledger,
-    near::Near,
+    near::Whereabouts,
     pairs::Pair,
     places::Place,
     zones::{Member, Zone},
@@ -72,7 +72,7 @@ pub(super) struct Avatar {
     /// When its last report was made, if it is hidden: when its TBV begins.
     pub(super) hidden_from: Duration,
     /// Where it can be until the next tick's word stands; empty while hidden.
-    pub(super) near: Near,
+    pub(super) near: Whereabouts,
     /// Where policies that divide the world take it to be.
     pub(super) place: Place,
     /// Whom it has to do with as a viewer, by id.

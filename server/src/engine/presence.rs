@@ -8,7 +8,7 @@ use sightline_shared::motion::{AvatarId, Pose};
 use super::{
     ClientState, Engine, Output,
     authority::{Ledger, Verdict},
-    near::Near,
+    near::Whereabouts,
     places::Place,
     population::{Avatar, Slot},
     validity::FIRST,
@@ -51,7 +51,7 @@ impl Engine {
             seen_by: None,
             validity: self.config.validity.max(FIRST),
             hidden_from: now,
-            near: Near::default(),
+            near: Whereabouts::default(),
             place: self.places.place(&self.world, Place::None, pose.eye),
             pairs: Vec::new(),
             watchers: 0,
@@ -142,6 +142,8 @@ impl Engine {
         avatar.ledger.relocate(now, pose.velocity);
         self.stats.impulses += 1;
         let avatar = self.population.at_mut(slot);
+        avatar.near.forget();
+        avatar.zone_box = None;
         if avatar.state != ClientState::Live {
             self.wake(now, slot);
         }

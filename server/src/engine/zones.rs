@@ -125,6 +125,15 @@ impl SectorIndex {
             }
         }
     }
+
+    /// Moves a member from some sectors to others, both ascending.
+    pub(super) fn replace(&mut self, member: Member, old: &[u32], new: &[u32]) {
+        let others = |these: &[u32], those: &[u32]| -> Vec<u32> {
+            these.iter().filter(|at| those.binary_search(at).is_err()).copied().collect()
+        };
+        self.remove(member, &others(old, new));
+        self.insert(member, &others(new, old));
+    }
 }
 
 /// The zones of many avatars.

@@ -101,6 +101,13 @@ impl Occluders {
         Outcome::Hidden
     }
 
+    /// Whether no gates between spaces lead from a box of eyes to another box, both in own axes. It is
+    /// what [`Occluders::between`] looks at first, and the cheapest.
+    pub fn are_closed(&self, scratch: &mut Scratch, eyes: &Aabb, bodies: &Aabb) -> bool {
+        let shaft = Shaft { from: *eyes, to: *bodies };
+        shaft.is_sane() && self.passages.are_closed(&mut scratch.steps, eyes, bodies, &mut 0)
+    }
+
     /// As [`Occluders::blocks`], at the cost of a budget; when that is used up, it is blocked.
     fn meets(&self, line: &Line, budget: &mut u32) -> bool {
         let mut spent = 0;
