@@ -56,6 +56,7 @@ pub(super) struct Steps {
     goals: Vec<u32>,
     open: Vec<(u32, f32)>,
     found: Vec<u32>,
+    nodes: Vec<u32>,
 }
 
 impl Passages {
@@ -79,11 +80,11 @@ impl Passages {
             return false;
         }
         steps.begin(self.starts.len());
-        self.spaces(to, &mut steps.found, looked);
+        self.spaces(to, steps, looked);
         while let Some(goal) = steps.found.pop() {
             steps.goals[goal as usize] = steps.search;
         }
-        self.spaces(from, &mut steps.found, looked);
+        self.spaces(from, steps, looked);
         if steps.found.is_empty() {
             // Eyes are in no wall; where they seem to be, nothing is known.
             return false;
@@ -111,11 +112,11 @@ impl Passages {
         true
     }
 
-    /// Appends the spaces that a box reaches into; some twice.
-    fn spaces(&self, region: &Aabb, found: &mut Vec<u32>, looked: &mut u32) {
+    /// Finds the spaces that a box reaches into; some twice.
+    fn spaces(&self, region: &Aabb, steps: &mut Steps, looked: &mut u32) {
+        let Steps { nodes: open, found, .. } = steps;
         let (centre, half) = (Vec3A::from(region.centre()), Vec3A::from(region.size() * 0.5));
-        // As deep as a tree of planes gets with all its nodes on one way is not for the stack.
-        let mut open = vec![0];
+        open.push(0);
         while let Some(node) = open.pop() {
             *looked += 1;
             let (away, reach, sides) = match self.tree[node as usize] {
@@ -200,6 +201,7 @@ impl Steps {
         }
         self.open.clear();
         self.found.clear();
+        self.nodes.clear();
     }
 
     fn come_to(&mut self, space: u32, share: f32) {
@@ -253,5 +255,103 @@ impl Between {
             .min_element()
             .min(1.0);
         (first <= last + SLACK).then_some(first)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use proptest::prelude::*;
+    use roaring::RoaringBitmap;
+
+    use super::*;
+    use crate::world::{Axes, Cell, CellId, Gate, Polygon, Space};
+
+    /// Rooms side by side along x, each 10 m wide, with a door of so much of z in each wall between.
+    fn row(doors: &[[f32; 2]]) -> Passages {
+        let room = |i: usize| {
+            Aabb::new(
+                Vec3::new(i as f32 * 10.0, 0.0, 0.0),
+                Vec3::new(i as f32 * 10.0 + 10.0, 3.0, 10.0),
+            )
+        };
+        let count = doors.len() + 1;
+        let mut tree = Vec::new();
+        for i in 0..doors.len() {
+            let next = tree.len() as u32 + 1;
+            tree.push(Node::Axial { axis: 0, at: i as f32 * 10.0 + 10.0, sides: [next, next + 1] });
+            tree.push(Node::Leaf(CellId(i as u32)));
+        }
+        tree.push(Node::Leaf(CellId(doors.len() as u32)));
+        let gates = doors.iter().enumerate().map(|(i, [from, to])| {
+            let x = i as f32 * 10.0 + 10.0;
+            let bounds = Aabb::new(Vec3::new(x, 0.0, *from), Vec3::new(x, 2.0, *to));
+            let polygon = Polygon::Rectangle { axis: 0, bounds };
+            Gate { spaces: [i as u32, i as u32 + 1], polygon }
+        });
+        let near =
+            |i: usize| (i.saturating_sub(1)..(i + 1).min(doors.len())).map(|gate| gate as u32);
+        Passages::new(&Cells {
+            axes: Axes::WORLD,
+            bounds: room(0).union(&room(doors.len())),
+            tree,
+            cells: (0..count)
+                .map(|i| Cell { bounds: room(i), space: i as u32, portals: Vec::new() })
+                .collect(),
+            portals: Vec::new(),
+            spaces: (0..count)
+                .map(|i| Space {
+                    bounds: room(i),
+                    cells: i as u32..i as u32 + 1,
+                    gates: near(i).collect(),
+                })
+                .collect(),
+            gates: gates.collect(),
+            pvs: vec![RoaringBitmap::new(); count],
+        })
+    }
+
+    #[track_caller]
+    fn check(doors: &[[f32; 2]], from: [f32; 2], to: [f32; 2], expected: bool) {
+        let [from, to] = [from, to].map(|[x, z]| Aabb::around(Vec3::new(x, 1.0, z), 0.5));
+        let (passages, mut steps) = (row(doors), Steps::default());
+        for (from, to) in [(&from, &to), (&to, &from)] {
+            assert_eq!(passages.are_closed(&mut steps, from, to, &mut 0), expected);
+        }
+    }
+
+    #[test]
+    fn a_shaft_is_closed_unless_gates_lead_through_it() {
+        check(&[[4.0, 5.0]], [5.0, 4.5], [15.0, 4.5], false);
+        check(&[[4.0, 5.0]], [5.0, 1.0], [15.0, 1.0], true);
+        check(&[[4.0, 5.0]], [5.0, 1.0], [15.0, 8.0], false);
+        check(&[[4.0, 5.0]], [5.0, 1.0], [5.0, 8.0], false);
+        // Through the one door the way is clear, but not through both.
+        check(&[[4.0, 5.0], [4.0, 5.0]], [5.0, 4.5], [25.0, 4.5], false);
+        check(&[[4.0, 5.0], [8.0, 9.0]], [5.0, 4.5], [25.0, 4.5], true);
+        // A box in a wall between two rooms is in both.
+        check(&[[4.0, 5.0]], [5.0, 1.0], [10.0, 1.0], false);
+    }
+
+    proptest! {
+        #[test]
+        fn a_gate_is_met_where_a_box_between_meets_it(
+            corners in prop::array::uniform6(prop::array::uniform3(-4i8..4)),
+            from in 0.0..1.0f32,
+        ) {
+            let [a, b, c, d, e, f] = corners.map(|at| Vec3::from(at.map(f32::from)));
+            let [start, end, gate] =
+                [(a, b), (c, d), (e, f)].map(|(a, b)| Aabb::new(a.min(b), a.max(b)));
+            let met = Between::new(&start, &end).meets(&gate.grown(1e-4), from);
+            for share in (0..=200).map(|i| i as f32 / 200.0).filter(|share| *share >= from) {
+                let between = Aabb::new(
+                    start.min.lerp(end.min, share),
+                    start.max.lerp(end.max, share),
+                );
+                if between.intersects(&gate) {
+                    prop_assert!(met.is_some_and(|least| least <= share + 1e-4));
+                }
+            }
+        }
     }
 }
