@@ -15,7 +15,7 @@ use sightline_shared::{
 
 use super::{
     Engine,
-    near::{Near, Part},
+    near::{Near, Part, Wide},
     pairs::Pair,
     parts::Parts,
     population::Slot,
@@ -72,11 +72,10 @@ impl Shafts {
         Self { occluders, scratch: Scratch::default() }
     }
 
-    /// Whether no gates lead from anywhere in a region to another.
-    fn are_closed(&mut self, some: &Parts, others: &Parts) -> bool {
-        some.boxes().iter().all(|from| {
-            others.boxes().iter().all(|to| self.occluders.are_closed(&mut self.scratch, from, to))
-        })
+    /// Whether no gates lead from a wide region to another.
+    fn are_apart(&mut self, one: &Wide, other: &Wide) -> bool {
+        let [one, other] = [one, other].map(|wide| (&wide.around, &wide.spaces[..]));
+        self.occluders.are_apart(&mut self.scratch, one, other)
     }
 
     /// Looks from every part of the eyes to every part of the bodies, for no more than `most`, as
@@ -207,8 +206,7 @@ impl Engine {
     pub(super) fn may_meet(&mut self, one: Slot, other: Slot) -> bool {
         let wide = |slot: Slot| self.population.at(slot).near.wide.as_ref();
         let Some((one, other)) = wide(one).zip(wide(other)) else { return false };
-        let is_closed =
-            self.config.look_budget > 0 && self.shafts.are_closed(&one.bodies, &other.bodies);
+        let is_closed = self.config.look_budget > 0 && self.shafts.are_apart(one, other);
         !is_closed && self.any_sees(&one.cells, &other.cells)
     }
 

@@ -49,9 +49,13 @@ pub(super) struct Wide {
     /// It holds as long as the eye can be here only, as viewers with the longest delay must see it.
     spare: Aabb,
     /// Around all places of the body.
-    pub(super) bodies: Parts,
+    bodies: Parts,
+    /// One box around them.
+    pub(super) around: Aabb,
     /// The cells that it can be in, ascending.
     pub(super) cells: Vec<CellId>,
+    /// Likewise, the spaces.
+    pub(super) spaces: Vec<u32>,
     /// Likewise, the sectors.
     pub(super) sectors: Vec<u32>,
 }
@@ -237,7 +241,11 @@ impl Engine {
         let reach = Reach::within(&mut self.scratch, cells, from, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
         let sectors = self.sectors.of(&found);
-        let wide = Wide { spare, bodies, cells: found, sectors };
+        let mut spaces: Vec<u32> =
+            found.iter().map(|cell| cells.cells[cell.0 as usize].space).collect();
+        spaces.dedup();
+        let around = bodies.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part));
+        let wide = Wide { spare, bodies, around, cells: found, spaces, sectors };
         let old = avatar.near.wide.replace(wide).map_or_else(Vec::new, |old| old.sectors);
         let member = (avatar.id, slot);
         if let Some(wide) = &avatar.near.wide {

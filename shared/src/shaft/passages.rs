@@ -55,8 +55,8 @@ pub(super) struct Steps {
     /// For each space, the last search for which it was a goal.
     goals: Vec<u32>,
     open: Vec<(u32, f32)>,
-    found: Vec<u32>,
     nodes: Vec<u32>,
+    ends: [Vec<u32>; 2],
 }
 
 impl Passages {
@@ -79,19 +79,29 @@ impl Passages {
         if self.tree.is_empty() {
             return false;
         }
-        steps.begin(self.starts.len());
-        self.spaces(to, steps, looked);
-        while let Some(goal) = steps.found.pop() {
-            steps.goals[goal as usize] = steps.search;
-        }
-        self.spaces(from, steps, looked);
-        if steps.found.is_empty() {
+        let [mut starts, mut goals] = std::mem::take(&mut steps.ends);
+        self.spaces(from, steps, &mut starts, looked);
+        self.spaces(to, steps, &mut goals, looked);
+        let is_closed = self.are_apart(steps, (from, &starts), (to, &goals), looked);
+        steps.ends = [starts, goals];
+        is_closed
+    }
+
+    /// The same for lines that begin and end in some spaces only.
+    pub fn are_apart(
+        &self,
+        steps: &mut Steps,
+        (from, starts): (&Aabb, &[u32]),
+        (to, goals): (&Aabb, &[u32]),
+        looked: &mut u32,
+    ) -> bool {
+        if self.tree.is_empty() || starts.is_empty() {
             // Eyes are in no wall; where they seem to be, nothing is known.
             return false;
         }
-        while let Some(start) = steps.found.pop() {
-            steps.come_to(start, 0.0);
-        }
+        steps.begin(self.starts.len());
+        goals.iter().for_each(|goal| steps.goals[*goal as usize] = steps.search);
+        starts.iter().for_each(|start| steps.come_to(*start, 0.0));
         let between = Between::new(from, to);
         let most = *looked + GATES_MAX;
         while let Some((space, come)) = steps.open.pop() {
@@ -113,8 +123,9 @@ impl Passages {
     }
 
     /// Finds the spaces that a box reaches into; some twice.
-    fn spaces(&self, region: &Aabb, steps: &mut Steps, looked: &mut u32) {
-        let Steps { nodes: open, found, .. } = steps;
+    fn spaces(&self, region: &Aabb, steps: &mut Steps, found: &mut Vec<u32>, looked: &mut u32) {
+        found.clear();
+        let open = &mut steps.nodes;
         let (centre, half) = (Vec3A::from(region.centre()), Vec3A::from(region.size() * 0.5));
         open.push(0);
         while let Some(node) = open.pop() {
@@ -200,8 +211,6 @@ impl Steps {
             self.search = 1;
         }
         self.open.clear();
-        self.found.clear();
-        self.nodes.clear();
     }
 
     fn come_to(&mut self, space: u32, share: f32) {

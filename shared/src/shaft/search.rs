@@ -101,11 +101,17 @@ impl Occluders {
         Outcome::Hidden
     }
 
-    /// Whether no gates between spaces lead from a box of eyes to another box, both in own axes. It is
-    /// what [`Occluders::between`] looks at first, and the cheapest.
-    pub fn are_closed(&self, scratch: &mut Scratch, eyes: &Aabb, bodies: &Aabb) -> bool {
-        let shaft = Shaft { from: *eyes, to: *bodies };
-        shaft.is_sane() && self.passages.are_closed(&mut scratch.steps, eyes, bodies, &mut 0)
+    /// Whether no gates lead from a box of eyes to another box, both in own axes: for eyes and bodies
+    /// that are in certain spaces, given by their indices. It says less than [`Occluders::between`]
+    /// and costs a microsecond at most.
+    pub fn are_apart(
+        &self,
+        scratch: &mut Scratch,
+        eyes: (&Aabb, &[u32]),
+        bodies: (&Aabb, &[u32]),
+    ) -> bool {
+        let shaft = Shaft { from: *eyes.0, to: *bodies.0 };
+        shaft.is_sane() && self.passages.are_apart(&mut scratch.steps, eyes, bodies, &mut 0)
     }
 
     /// As [`Occluders::blocks`], at the cost of a budget; when that is used up, it is blocked.
