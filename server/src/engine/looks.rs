@@ -24,6 +24,10 @@ use super::{
 /// Ticks before a pair that could not be decided is looked at again.
 const UNDECIDED_TICKS: u32 = 8;
 
+/// One look costs no more than so many times an equal share of the budget; and where that is little, no
+/// less than such a part of the most it may ever cost.
+const SHARES: u32 = 8;
+
 /// The regions, with what they have to spare, that something was found of: how often those of the
 /// viewer's eyes, and those of the avatar's body, had changed by then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,27 +117,25 @@ impl Shafts {
 impl Engine {
     /// Looks at all pairs of live viewers for which something may have changed: first at those of
     /// whom the viewer will be told if nothing is found, beginning with another viewer at each tick.
+    /// A hard pair takes no more than a few times what there is for each.
     pub(super) fn look(&mut self, live: &[Slot]) {
-        let mut budget = self.config.look_budget;
+        let (mut open, mut held) = (Vec::new(), Vec::new());
         let (last, first) = live.split_at(self.ticks as usize % live.len().max(1));
-        let mut held = Vec::new();
         for &viewer in first.iter().chain(last) {
             let mut pairs = std::mem::take(&mut self.population.at_mut(viewer).pairs);
-            for (place, pair) in pairs.iter_mut().enumerate() {
-                if !pair.concerns || self.still_holds(viewer, pair) {
-                    continue;
-                }
-                if pair.is_held {
-                    held.push((viewer, place));
-                } else {
-                    self.look_at(viewer, pair, &mut budget);
+            for (place, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.concerns) {
+                if !self.still_holds(viewer, pair) && !self.is_hidden_by_cells(viewer, pair) {
+                    if pair.is_held { &mut held } else { &mut open }.push((viewer, place));
                 }
             }
             self.population.at_mut(viewer).pairs = pairs;
         }
-        for (viewer, place) in held {
+        let mut budget = self.config.look_budget;
+        let each = budget / u32::try_from(open.len() + held.len()).unwrap_or(u32::MAX).max(1);
+        let most = (SHARES * each).clamp(self.config.look_max / SHARES, self.config.look_max);
+        for (viewer, place) in open.into_iter().chain(held) {
             let mut pair = self.population.at(viewer).pairs[place];
-            self.look_at(viewer, &mut pair, &mut budget);
+            self.look_at(viewer, &mut pair, most, &mut budget);
             self.population.at_mut(viewer).pairs[place] = pair;
         }
     }
@@ -158,27 +160,32 @@ impl Engine {
         }
     }
 
+    /// Whether no cells of a pair's regions that last see each other.
+    fn is_hidden_by_cells(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
+        let regions = self.regions(viewer, pair);
+        let is_hidden = !self.may_see_by_cells(viewer, pair);
+        if is_hidden {
+            pair.look = Look::Hidden(regions);
+        }
+        is_hidden
+    }
+
     /// Looks between the regions that last, and where these may see each other, between what they
     /// are just now.
-    fn look_at(&mut self, viewer: Slot, pair: &mut Pair, budget: &mut u32) {
-        let regions = self.regions(viewer, pair);
-        if !self.may_see_by_cells(viewer, pair) {
-            pair.look = Look::Hidden(regions);
-            return;
-        }
+    fn look_at(&mut self, viewer: Slot, pair: &mut Pair, most: u32, budget: &mut u32) {
         // What has too little is tried again at once.
         pair.look = Look::Undecided { again: self.ticks };
         if *budget == 0 {
             return;
         }
-        let parts = self.parts_of(viewer);
-        if let Found::Hidden = self.between(viewer, pair, Near::parts, budget) {
+        let (regions, parts) = (self.regions(viewer, pair), self.parts_of(viewer));
+        if let Found::Hidden = self.between(viewer, pair, Near::parts, (most, budget)) {
             pair.look = Look::Hidden(regions);
             return;
         }
         self.place_exactly(viewer, Part::Eyes);
         self.place_exactly(pair.slot, parts);
-        pair.look = match self.between(viewer, pair, Near::exact, budget) {
+        pair.look = match self.between(viewer, pair, Near::exact, (most, budget)) {
             Found::Hidden => Look::JustHidden { tick: self.ticks },
             Found::Free(line) => Look::Free(line),
             Found::Undecided if *budget == 0 => pair.look,
@@ -192,12 +199,12 @@ impl Engine {
         viewer: Slot,
         pair: &Pair,
         of: impl Fn(&Near) -> Option<&Parts>,
-        budget: &mut u32,
+        (most, budget): (u32, &mut u32),
     ) -> Found {
         let eyes = self.population.at(viewer).near.get(Part::Eyes).and_then(&of);
         let bodies = self.population.at(pair.slot).near.get(self.parts_of(viewer)).and_then(&of);
         match eyes.zip(bodies) {
-            Some((eyes, bodies)) => self.shafts.between(eyes, bodies, self.config.look_max, budget),
+            Some((eyes, bodies)) => self.shafts.between(eyes, bodies, most, budget),
             None => Found::Undecided,
         }
     }
