@@ -22,6 +22,10 @@ impl Bits {
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word |= other);
     }
 
+    pub(super) fn contains(&self, number: u32) -> bool {
+        self.0.get(number as usize / 64).is_some_and(|word| word >> (number % 64) & 1 == 1)
+    }
+
     /// Those that are in another set as well, ascending.
     pub(super) fn shared<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = u32> + 'a {
         (0..).zip(self.0.iter().zip(&other.0)).flat_map(|(place, (word, other))| {
@@ -56,15 +60,12 @@ mod tests {
             a.iter().for_each(|number| x.insert(*number));
             b.iter().for_each(|number| y.insert(*number));
             prop_assert!(x.shared(&y).eq(a.intersection(&b).copied()));
-            let has = |bits: &Bits, n: u32| {
-                bits.0.get(n as usize / 64).is_some_and(|word| word >> (n % 64) & 1 == 1)
-            };
             let mut all = x.clone();
             all.unite(&y);
-            prop_assert!((0..600).all(|n| has(&all, n) == (a.contains(&n) || b.contains(&n))));
+            prop_assert!((0..600).all(|n| all.contains(n) == (a.contains(&n) || b.contains(&n))));
             b.iter().for_each(|number| all.remove(*number));
             let left: BTreeSet<u32> = a.difference(&b).copied().collect();
-            prop_assert!((0..600).all(|number| has(&all, number) == left.contains(&number)));
+            prop_assert!((0..600).all(|number| all.contains(number) == left.contains(&number)));
         }
     }
 }

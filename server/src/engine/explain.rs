@@ -32,7 +32,8 @@ pub enum Reason {
     Policy,
     /// One of the two is hidden from everyone.
     Silence,
-    /// No cell that the eye can be in sees one that the body can be in.
+    /// No gates lead from where the one can be before long to where the other can be, or no cells there see
+    /// each other.
     Cells,
     /// Every line between their regions is blocked.
     Shafts,
@@ -46,8 +47,7 @@ impl Engine {
     /// Why an avatar is sent to a viewer, or not, as of the last tick; `None` when one of them is
     /// not there.
     pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
-        let slot = self.population.slot(viewer)?;
-        let (from, to) = (self.population.at(slot), self.population.find(avatar)?);
+        let (from, to) = (self.population.find(viewer)?, self.population.find(avatar)?);
         let pair = from.pairs.iter().find(|pair| pair.id == avatar);
         let delay = self.horizons.delay(from.round_trip);
         let boxes = |avatar: &Avatar, part: Part| {
@@ -56,13 +56,10 @@ impl Engine {
         let reason = match pair {
             _ if !self.config.policy.uses_cells() => Reason::Policy,
             _ if [from, to].iter().any(|a| a.state != ClientState::Live) => Reason::Silence,
-            None if !self.wide_cells_see(from, to) => Reason::Cells,
-            Some(pair) if !self.may_see_by_cells(slot, pair) => Reason::Cells,
+            None => Reason::Cells,
             Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
             Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
-            Some(Pair { look: Look::Hidden(_) | Look::JustHidden { .. }, .. }) | None => {
-                Reason::Shafts
-            }
+            Some(Pair { look: Look::Hidden(_) | Look::JustHidden { .. }, .. }) => Reason::Shafts,
         };
         Some(Explanation {
             viewer: from.state,
@@ -72,13 +69,6 @@ impl Engine {
             bodies: boxes(to, Part::Bodies(delay)),
             reason,
         })
-    }
-}
-
-impl Engine {
-    fn wide_cells_see(&self, one: &Avatar, other: &Avatar) -> bool {
-        let regions = one.near.wide.as_ref().zip(other.near.wide.as_ref());
-        regions.is_some_and(|(one, other)| self.any_sees(&one.cells, &other.cells))
     }
 }
 
@@ -102,7 +92,9 @@ impl fmt::Display for Reason {
         match self {
             Self::Policy => f.write_str("the policy does not ask who sees whom"),
             Self::Silence => f.write_str("one of the two is hidden from everyone"),
-            Self::Cells => f.write_str("no cell of the one sees a cell of the other"),
+            Self::Cells => {
+                f.write_str("no gates lead from the one to the other, or no cells see each other")
+            }
             Self::Shafts => f.write_str("every line between their regions is blocked"),
             Self::Undecided => f.write_str("a line may be free: too little budget to tell"),
             Self::Free(Line { from, to }) => write!(

@@ -8,22 +8,22 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use sightline_shared::{
-    shaft::{Line, Occluders, Outcome, Scratch},
-    world::CellId,
-};
+use sightline_shared::shaft::{Line, Occluders, Outcome, Scratch};
 
 use super::{
     Engine,
-    near::{Near, Part, Wide},
+    near::{Near, Part, SPARES},
     pairs::Pair,
     parts::Parts,
     population::Slot,
+    zones::Ground,
 };
 
 /// Ticks before a pair that could not be decided is looked at again.
 const UNDECIDED_TICKS: u32 = 8;
 
+/// Ticks before regions with more to spare are tried again where they did not help.
+const SPARE_TICKS: u32 = 16;
 /// One look costs no more than so many times an equal share of the budget; and where that is little, no
 /// less than such a part of the most it may ever cost.
 const SHARES: u32 = 8;
@@ -32,6 +32,8 @@ const SHARES: u32 = 8;
 /// viewer's eyes, and those of the avatar's body, had changed by then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Regions {
+    /// Which of [`SPARES`](super::near::SPARES) they have.
+    level: usize,
     eyes: u32,
     bodies: u32,
 }
@@ -76,9 +78,9 @@ impl Shafts {
         Self { occluders, scratch: Scratch::default() }
     }
 
-    /// Whether no gates lead from a wide region to another.
-    fn are_apart(&mut self, one: &Wide, other: &Wide) -> bool {
-        let [one, other] = [one, other].map(|wide| (&wide.around, &wide.spaces[..]));
+    /// Whether no gates lead from one to another.
+    fn are_apart(&mut self, one: &Ground, other: &Ground) -> bool {
+        let [one, other] = [one, other].map(|ground| (&ground.around, &ground.spaces[..]));
         self.occluders.are_apart(&mut self.scratch, one, other)
     }
 
@@ -155,19 +157,28 @@ impl Engine {
             Look::Unknown => false,
             Look::Undecided { again } => self.ticks < again,
             Look::JustHidden { tick } => tick == self.ticks,
-            Look::Hidden(then) => then == self.regions(viewer, pair),
+            Look::Hidden(then) => then == self.regions(viewer, pair, then.level),
             Look::Free(line) => self.joins(viewer, pair, &line),
         }
     }
 
-    /// Whether no cells of a pair's regions that last see each other.
+    /// Whether no gates lead from a pair's regions to each other, or no cells of theirs see each other:
+    /// with much to spare, so that this lasts, unless it did not help a while ago; or with little.
     fn is_hidden_by_cells(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
-        let regions = self.regions(viewer, pair);
-        let is_hidden = !self.may_see_by_cells(viewer, pair);
-        if is_hidden {
-            pair.look = Look::Hidden(regions);
+        for level in (0..SPARES.len()).rev() {
+            if level > 0 && self.ticks < pair.spare_from {
+                continue;
+            }
+            let regions = self.regions(viewer, pair, level);
+            if !self.may_see(viewer, pair, level) {
+                pair.look = Look::Hidden(regions);
+                return true;
+            }
+            if level > 0 {
+                pair.spare_from = self.ticks + SPARE_TICKS;
+            }
         }
-        is_hidden
+        false
     }
 
     /// Looks between the regions that last, and where these may see each other, between what they
@@ -178,7 +189,7 @@ impl Engine {
         if *budget == 0 {
             return;
         }
-        let (regions, parts) = (self.regions(viewer, pair), self.parts_of(viewer));
+        let (regions, parts) = (self.regions(viewer, pair, 0), self.parts_of(viewer));
         if let Found::Hidden = self.between(viewer, pair, Near::parts, (most, budget)) {
             pair.look = Look::Hidden(regions);
             return;
@@ -213,21 +224,22 @@ impl Engine {
     pub(super) fn may_meet(&mut self, one: Slot, other: Slot) -> bool {
         let wide = |slot: Slot| self.population.at(slot).near.wide.as_ref();
         let Some((one, other)) = wide(one).zip(wide(other)) else { return false };
-        let is_closed = self.config.look_budget > 0 && self.shafts.are_apart(one, other);
-        !is_closed && self.any_sees(&one.cells, &other.cells)
+        !(self.config.look_budget > 0 && self.shafts.are_apart(&one.ground, &other.ground))
+            && one.ground.sees(&other.ground, &self.world.cells, &self.sectors)
     }
 
-    /// Whether some cell that the viewer's eye can be in may see one that the avatar's body can be in.
-    pub(super) fn may_see_by_cells(&self, viewer: Slot, pair: &Pair) -> bool {
+    /// The same of the regions of a pair, as they were worked out last.
+    pub(super) fn may_see(&mut self, viewer: Slot, pair: &Pair, level: usize) -> bool {
         let eyes = self.population.at(viewer).near.get(Part::Eyes);
         let bodies = self.population.at(pair.slot).near.get(self.parts_of(viewer));
-        eyes.zip(bodies).is_some_and(|(eyes, bodies)| self.any_sees(eyes.cells(), bodies.cells()))
-    }
-
-    /// Whether some cell may see some other.
-    pub(super) fn any_sees(&self, some: &[CellId], others: &[CellId]) -> bool {
-        let sees = |from: &CellId| others.iter().any(|to| self.world.cells.sees(*from, *to));
-        some.iter().any(sees)
+        let grounds = |(eyes, bodies): (&'_ Near, &'_ Near)| {
+            let (eyes, bodies) = eyes.ground(level).zip(bodies.ground(level))?;
+            Some(
+                !(self.config.look_budget > 0 && self.shafts.are_apart(eyes, bodies))
+                    && eyes.sees(bodies, &self.world.cells, &self.sectors),
+            )
+        };
+        eyes.zip(bodies).and_then(grounds).unwrap_or(false)
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.
@@ -244,13 +256,9 @@ impl Engine {
     }
 
     /// The regions that last, brought up to date.
-    fn regions(&mut self, viewer: Slot, pair: &Pair) -> Regions {
+    fn regions(&mut self, viewer: Slot, pair: &Pair, level: usize) -> Regions {
         let bodies = self.parts_of(viewer);
-        self.place(viewer, Part::Eyes);
-        self.place(pair.slot, bodies);
-        let version = |slot: Slot, part: Part| {
-            self.population.at(slot).near.get(part).map_or(0, |near| near.version)
-        };
-        Regions { eyes: version(viewer, Part::Eyes), bodies: version(pair.slot, bodies) }
+        let eyes = self.place(viewer, Part::Eyes, level);
+        Regions { level, eyes, bodies: self.place(pair.slot, bodies, level) }
     }
 }

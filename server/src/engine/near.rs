@@ -6,7 +6,6 @@ use glam::Vec3;
 use sightline_shared::{
     geometry::Aabb,
     motion::{Body, Pose},
-    world::CellId,
 };
 
 use super::{
@@ -14,6 +13,7 @@ use super::{
     parts::Parts,
     population::{Avatar, Slot},
     reach::Reach,
+    zones::Ground,
 };
 
 /// Places are rounded on the wire and in sums, in metres.
@@ -22,6 +22,9 @@ pub(super) const ROUNDING_M: f32 = 0.01;
 /// Wide regions have so much to spare on each side, in metres: most pairs of people are far from
 /// seeing each other, and this is how long nothing need be done about them.
 const WIDE_M: f32 = 0.75;
+
+/// How much regions have to spare, as multiples of [`Config::spare_m`](super::Config::spare_m).
+pub(super) const SPARES: [f32; 2] = [1.0, 4.0];
 
 /// Where an eye can be until a moment: in a box about it, as far as portals lead.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,13 +53,8 @@ pub(super) struct Wide {
     spare: Aabb,
     /// Around all places of the body.
     bodies: Parts,
-    /// One box around them.
-    pub(super) around: Aabb,
-    /// The cells that it can be in, ascending.
-    pub(super) cells: Vec<CellId>,
-    /// Likewise, the spaces.
-    pub(super) spaces: Vec<u32>,
-    /// Likewise, the sectors.
+    pub(super) ground: Ground,
+    /// The sectors that it can be in, ascending.
     pub(super) sectors: Vec<u32>,
 }
 
@@ -68,9 +66,10 @@ pub(super) struct Near {
     delay: Duration,
     /// Where the eye can be at this tick, whatever walls are in it.
     pub(super) within: Aabb,
-    kept: Option<Kept>,
-    /// Counts the changes of `kept`.
-    pub(super) version: u32,
+    /// The last has most to spare, and lasts longest.
+    kept: [Option<Kept>; SPARES.len()],
+    /// Counts the changes of each of these.
+    pub(super) versions: [u32; SPARES.len()],
     exact: Option<(u32, Parts)>,
 }
 
@@ -81,8 +80,7 @@ struct Kept {
     spare: Aabb,
     /// Around all places.
     parts: Parts,
-    /// The cells that these are in, ascending.
-    cells: Vec<CellId>,
+    ground: Ground,
 }
 
 /// The regions of a live avatar; none while hidden.
@@ -110,26 +108,29 @@ fn serves(spare: &Aabb, within: &Aabb, spare_m: f32) -> bool {
 
 impl Near {
     fn new(delay: Duration) -> Self {
-        Self { delay, within: Aabb::EMPTY, kept: None, version: 0, exact: None }
+        let (kept, versions) = (Default::default(), Default::default());
+        Self { delay, within: Aabb::EMPTY, kept, versions, exact: None }
     }
 
-    fn is_kept(&self, spare_m: f32) -> bool {
-        self.kept.as_ref().is_some_and(|kept| serves(&kept.spare, &self.within, spare_m))
-    }
-
-    /// The boxes that were worked out last, with something to spare.
+    /// The boxes that were worked out last with the least to spare.
     pub(super) fn parts(&self) -> Option<&Parts> {
-        self.kept.as_ref().map(|kept| &kept.parts)
+        self.kept[0].as_ref().map(|kept| &kept.parts)
     }
 
-    /// The cells of these.
-    pub(super) fn cells(&self) -> &[CellId] {
-        self.kept.as_ref().map_or(&[], |kept| &kept.cells)
+    /// Where the boxes are that were worked out last with so much to spare.
+    pub(super) fn ground(&self, level: usize) -> Option<&Ground> {
+        self.kept[level].as_ref().map(|kept| &kept.ground)
     }
 
     /// Those of the tick at which they were asked for last, with nothing to spare.
     pub(super) fn exact(&self) -> Option<&Parts> {
         self.exact.as_ref().map(|(_, parts)| parts)
+    }
+
+    /// Boxes around all places at this tick that are not far from it, if there are any.
+    fn current(&self, spare_m: f32) -> Option<&Parts> {
+        let kept = self.kept[0].as_ref()?;
+        serves(&kept.spare, &self.within, spare_m).then_some(&kept.parts)
     }
 }
 
@@ -146,7 +147,10 @@ impl Whereabouts {
         if let Some(wide) = &mut self.wide {
             wide.spare = Aabb::EMPTY;
         }
-        self.eyes.iter_mut().chain(&mut self.bodies).for_each(|near| near.kept = None);
+        self.eyes
+            .iter_mut()
+            .chain(&mut self.bodies)
+            .for_each(|near| near.kept = Default::default());
     }
 
     fn get_mut(&mut self, part: Part) -> Option<&mut Near> {
@@ -165,8 +169,7 @@ impl Whereabouts {
             Part::Eyes => near.within,
             Part::Bodies(_) => body.around_box(&near.within),
         };
-        let parts = near.parts().filter(|_| near.is_kept(spare_m));
-        parts.unwrap_or(&wide.bodies).within(&now)
+        near.current(spare_m).unwrap_or(&wide.bodies).within(&now)
     }
 
     /// Whether a point is in one of these boxes.
@@ -176,7 +179,7 @@ impl Whereabouts {
             Part::Eyes => near.within.contains(point),
             Part::Bodies(_) => body.around_box(&near.within).contains(point),
         };
-        let parts = || near.parts().filter(|_| near.is_kept(spare_m)).unwrap_or(&wide.bodies);
+        let parts = || near.current(spare_m).unwrap_or(&wide.bodies);
         is_now && parts().boxes().iter().any(|part| part.contains(point))
     }
 }
@@ -241,11 +244,8 @@ impl Engine {
         let reach = Reach::within(&mut self.scratch, cells, from, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
         let sectors = self.sectors.of(&found);
-        let mut spaces: Vec<u32> =
-            found.iter().map(|cell| cells.cells[cell.0 as usize].space).collect();
-        spaces.dedup();
-        let around = bodies.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part));
-        let wide = Wide { spare, bodies, around, cells: found, spaces, sectors };
+        let ground = Ground::of(cells, found, &bodies);
+        let wide = Wide { spare, bodies, ground, sectors };
         let old = avatar.near.wide.replace(wide).map_or_else(Vec::new, |old| old.sectors);
         let member = (avatar.id, slot);
         if let Some(wide) = &avatar.near.wide {
@@ -254,23 +254,27 @@ impl Engine {
         moves.0.push((slot, old));
     }
 
-    /// Works out what portals lead to for a part of a live avatar, where what is known does not serve.
-    pub(super) fn place(&mut self, slot: Slot, part: Part) {
+    /// Works out what portals lead to for a part of a live avatar, with so much to spare, where what is
+    /// known does not serve; gives how often that has changed.
+    pub(super) fn place(&mut self, slot: Slot, part: Part, level: usize) -> u32 {
+        let spare_m = self.config.spare_m * SPARES[level];
         let avatar = self.population.at_mut(slot);
         let from = self.world.cells.axes.own(avatar.pose.eye);
-        let Some(near) = avatar.near.get_mut(part) else { return };
-        if near.is_kept(self.config.spare_m) {
-            return;
+        let Some(near) = avatar.near.get_mut(part) else { return 0 };
+        let kept = &near.kept[level];
+        if !kept.as_ref().is_some_and(|kept| serves(&kept.spare, &near.within, spare_m)) {
+            let cells = &self.world.cells;
+            let spare = near.within.grown(spare_m);
+            let reach = Reach::within(&mut self.scratch, cells, from, &spare);
+            let (found, parts) = match part {
+                Part::Eyes => (reach.eyes(), reach.eye_parts(cells)),
+                Part::Bodies(_) => reach.bodies(cells, &self.world.body),
+            };
+            let ground = Ground::of(cells, found, &parts);
+            near.versions[level] = near.versions[level].wrapping_add(1);
+            near.kept[level] = Some(Kept { spare, parts, ground });
         }
-        let cells = &self.world.cells;
-        let spare = near.within.grown(self.config.spare_m);
-        let reach = Reach::within(&mut self.scratch, cells, from, &spare);
-        let (found, parts) = match part {
-            Part::Eyes => (reach.eyes(), reach.eye_parts(cells)),
-            Part::Bodies(_) => reach.bodies(cells, &self.world.body),
-        };
-        near.version = near.version.wrapping_add(1);
-        near.kept = Some(Kept { spare, parts, cells: found });
+        near.versions[level]
     }
 
     /// The same with nothing to spare, for this tick.

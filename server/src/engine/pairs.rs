@@ -23,12 +23,14 @@ pub(super) struct Pair {
     /// The [`Avatar::version`](super::population::Avatar::version) that was sent last.
     pub(super) version: u32,
     pub(super) look: Look,
+    /// Before that tick it is not tried whether regions with more to spare are hidden from each other.
+    pub(super) spare_from: u32,
 }
 
 impl Pair {
     pub(super) fn new((id, slot): Member) -> Self {
-        let look = Look::Unknown;
-        Self { id, slot, concerns: true, is_held: false, held_until: 0, version: 0, look }
+        let (concerns, is_held, look) = (true, false, Look::Unknown);
+        Self { id, slot, concerns, is_held, held_until: 0, version: 0, look, spare_from: 0 }
     }
 }
 

@@ -17,6 +17,8 @@ const SECTORS_MAX: usize = 1 << 14;
 pub(super) struct Sectors {
     /// For each cell.
     of: Vec<u32>,
+    /// How many spaces are one.
+    share: u32,
     /// For each, those that have a cell that is visible from one of its own.
     visible: Vec<Bits>,
 }
@@ -30,7 +32,7 @@ impl Sectors {
         for (sector, row) in of.iter().zip(&cells.pvs) {
             row.iter().for_each(|cell| visible[*sector as usize].insert(of[cell as usize]));
         }
-        Self { of, visible }
+        Self { of, share, visible }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -45,11 +47,65 @@ impl Sectors {
         sectors
     }
 
+    /// Whether a space may see another.
+    pub(super) fn sees(&self, space: u32, other: u32) -> bool {
+        self.visible[(space / self.share) as usize].contains(other / self.share)
+    }
+
     /// All that are visible from some.
     pub(super) fn visible_from(&self, sectors: &[u32]) -> Bits {
         let mut all = Bits::default();
         sectors.iter().for_each(|sector| all.unite(&self.visible[*sector as usize]));
         all
+    }
+}
+
+/// Where a region is in the building.
+#[derive(Clone, Debug)]
+pub(super) struct Ground {
+    /// A box around it, in own axes.
+    pub(super) around: Aabb,
+    /// The spaces that it has a part in, ascending; and where the cells of each end.
+    pub(super) spaces: Vec<u32>,
+    ends: Vec<u32>,
+    /// The cells, ascending: those of a space follow one another.
+    cells: Vec<CellId>,
+}
+
+impl Ground {
+    /// Of boxes in some cells, which are ascending.
+    pub(super) fn of(cells: &Cells, found: Vec<CellId>, parts: &Parts) -> Self {
+        let around = parts.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part));
+        let (mut spaces, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
+        for (end, cell) in (1..).zip(&found) {
+            let space = cells.cells[cell.0 as usize].space;
+            if spaces.last() == Some(&space) {
+                ends.pop();
+            } else {
+                spaces.push(space);
+            }
+            ends.push(end);
+        }
+        Self { around, spaces, ends, cells: found }
+    }
+
+    /// Each space and its cells.
+    fn by_space(&self) -> impl Iterator<Item = (u32, &[CellId])> {
+        let starts = std::iter::once(&0).chain(&self.ends);
+        self.spaces
+            .iter()
+            .zip(starts.zip(&self.ends))
+            .map(|(space, (start, end))| (*space, &self.cells[*start as usize..*end as usize]))
+    }
+
+    /// Whether some cell of it may see some cell of another.
+    pub(super) fn sees(&self, other: &Self, world: &Cells, sectors: &Sectors) -> bool {
+        self.by_space().any(|(here, some)| {
+            other.by_space().any(|(there, others)| {
+                let sees = |from: &CellId| others.iter().any(|to| world.sees(*from, *to));
+                sectors.sees(here, there) && some.iter().any(sees)
+            })
+        })
     }
 }
 
