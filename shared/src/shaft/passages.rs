@@ -1,27 +1,35 @@
 //! Whether a shaft is closed: the spaces that its lines can get into, through the gates that it meets.
 //!
-//! A line from one box to another is at each share `t` of its way in the box that is as far between the
-//! two: its corners are theirs, mixed. So it goes only through gates that such a box meets, and
-//! through one after another with `t` growing. Where no such sequence of gates leads from a space that
-//! the first box reaches into to one that the other does, every line is blocked, whatever blocks it:
-//! walls that only touch each other, or those of which the insides are open elsewhere.
+//! A line from a point `a` of one box to a point `b` of another is at each share `t` of its way in the
+//! box that is as far between the two: its corners are theirs, mixed. So it goes only through gates
+//! that such a box meets, through one after another with `t` growing, and from side to side as it is
+//! directed. A gate that it goes through at `g` narrows both boxes: with `s = 1 / t`, `b = g s - a (s - 1)`,
+//! which along each axis is most or least at an end of what `s` can be; and likewise `a`. Where no
+//! sequence of gates leads from a space that the first box reaches into to one that the other does,
+//! every line is blocked, whatever blocks it: walls that only touch each other, or those of which
+//! the insides are open elsewhere.
 
 use glam::{BVec3A, Vec3A};
 
 use crate::{
     geometry::Aabb,
-    world::{Cells, Node},
+    world::{Cells, Node, Polygon},
 };
 
-/// Gates are so much larger here, in metres: more than single precision may lose, and than the
-/// compiler moves corners by.
+/// Gates are so much larger here, in metres: more than the compiler moves corners by.
 const SLACK_M: f32 = 2e-4;
+/// What single precision may lose, in metres, where lengths are not multiplied.
+const ROUNDING_M: f32 = 4e-5;
 /// The same for shares of the way.
 const SLACK: f32 = 1e-6;
-/// A shaft that leads through so many gates is open as far as anybody cares.
-const GATES_MAX: u32 = 1_000;
+/// A gate nearer than this share of the way narrows nothing at its far end.
+const NEAR: f32 = 1e-3;
+/// A shaft that meets so many gates is open as far as anybody cares.
+const GATES_MAX: u32 = 500;
+/// So many ways into a space are told apart.
+const WAYS_MAX: usize = 3;
 
-/// Spaces and gates, ready to be asked. 28 bytes for each side of a gate.
+/// Spaces and gates, ready to be asked. 64 bytes for each side of a gate.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Passages {
     /// Planes as in [`Cells::tree`], but that leaves are spaces.
@@ -39,22 +47,44 @@ enum Branch {
     Solid,
 }
 
+/// A box.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    low: Vec3A,
+    high: Vec3A,
+}
+
 /// Out of a space.
 #[derive(Clone, Copy, Debug)]
 struct Way {
-    gate: Aabb,
+    gate: Span,
+    /// Across the gate.
+    normal: Vec3A,
     beyond: u32,
+}
+
+/// Lines that have come into a space.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    space: u32,
+    /// No line has come there at a lesser share of its way.
+    come: f32,
+    from: Span,
+    to: Span,
+    /// Another step into the same space.
+    next: Option<u32>,
 }
 
 /// What a search keeps memory for.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Steps {
     search: u32,
-    /// For each space, the search that came to it last, and the least share of the way there.
-    reached: Vec<(u32, f32)>,
+    /// For each space, the search that came to it last, and its last step there.
+    reached: Vec<(u32, u32)>,
     /// For each space, the last search for which it was a goal.
     goals: Vec<u32>,
-    open: Vec<(u32, f32)>,
+    steps: Vec<Step>,
+    open: Vec<u32>,
     nodes: Vec<u32>,
     ends: [Vec<u32>; 2],
 }
@@ -66,8 +96,16 @@ impl Passages {
             passages.starts.push(passages.ways.len() as u32);
             passages.ways.extend(space.gates.iter().map(|&gate| {
                 let gate = &cells.gates[gate as usize];
-                let beyond = gate.spaces[usize::from(gate.spaces[0] == index)];
-                Way { gate: gate.polygon.bounds().grown(SLACK_M), beyond }
+                let is_lesser = gate.spaces[0] == index;
+                let normal = match gate.polygon {
+                    Polygon::Rectangle { axis, .. } => Vec3A::AXES[usize::from(axis)],
+                    Polygon::Other { normal, .. } => normal.as_vec3a(),
+                };
+                Way {
+                    gate: Span::new(&gate.polygon.bounds().grown(SLACK_M)),
+                    normal: if is_lesser { normal } else { -normal },
+                    beyond: gate.spaces[usize::from(is_lesser)],
+                }
             }));
         }
         passages.starts.push(passages.ways.len() as u32);
@@ -101,21 +139,26 @@ impl Passages {
         }
         steps.begin(self.starts.len());
         goals.iter().for_each(|goal| steps.goals[*goal as usize] = steps.search);
-        starts.iter().for_each(|start| steps.come_to(*start, 0.0));
-        let between = Between::new(from, to);
+        let (from, to) = (Span::new(from), Span::new(to));
+        starts
+            .iter()
+            .for_each(|&space| steps.come(Step { space, come: 0.0, from, to, next: None }));
         let most = *looked + GATES_MAX;
-        while let Some((space, come)) = steps.open.pop() {
+        while let Some(step) = steps.open.pop() {
+            let Step { space, come, from, to, .. } = steps.steps[step as usize];
             if steps.goals[space as usize] == steps.search || *looked > most {
                 return false;
             }
-            if steps.reached[space as usize].1 < come {
-                continue;
-            }
+            let between = Between::new(&from, &to);
             let [first, end] = [0, 1].map(|i| self.starts[space as usize + i] as usize);
             *looked += (end - first) as u32;
             for way in &self.ways[first..end] {
-                if let Some(there) = between.meets(&way.gate, come) {
-                    steps.come_to(way.beyond, there);
+                if let Some(shares) = between.meets(&way.gate, come)
+                    && between.goes(way.normal)
+                    && let Some([from, to]) = between.narrowed(&way.gate, shares)
+                {
+                    let (space, come) = (way.beyond, shares[0]);
+                    steps.come(Step { space, come, from, to, next: None });
                 }
             }
         }
@@ -125,8 +168,8 @@ impl Passages {
     /// Finds the spaces that a box reaches into; some twice.
     fn spaces(&self, region: &Aabb, steps: &mut Steps, found: &mut Vec<u32>, looked: &mut u32) {
         found.clear();
-        let open = &mut steps.nodes;
         let (centre, half) = (Vec3A::from(region.centre()), Vec3A::from(region.size() * 0.5));
+        let open = &mut steps.nodes;
         open.push(0);
         while let Some(node) = open.pop() {
             *looked += 1;
@@ -163,20 +206,17 @@ impl Passages {
 
 /// The tree of cells, cut off where all that is below is of one space.
 fn tree(cells: &Cells) -> Vec<Branch> {
-    let whole: Vec<Option<u32>> = {
-        let mut whole = vec![None; cells.tree.len()];
-        for (index, node) in cells.tree.iter().enumerate().rev() {
-            whole[index] = match *node {
-                Node::Leaf(cell) => Some(cells.cells[cell.0 as usize].space),
-                Node::Solid => None,
-                Node::Axial { sides, .. } | Node::Plane { sides, .. } => {
-                    let [low, high] = sides.map(|side| whole[side as usize]);
-                    low.filter(|_| low == high)
-                }
-            };
-        }
-        whole
-    };
+    let mut whole: Vec<Option<u32>> = vec![None; cells.tree.len()];
+    for (index, node) in cells.tree.iter().enumerate().rev() {
+        whole[index] = match *node {
+            Node::Leaf(cell) => Some(cells.cells[cell.0 as usize].space),
+            Node::Solid => None,
+            Node::Axial { sides, .. } | Node::Plane { sides, .. } => {
+                let [low, high] = sides.map(|side| whole[side as usize]);
+                low.filter(|_| low == high)
+            }
+        };
+    }
     let (mut tree, mut open) = (vec![Branch::Solid], vec![(0, 0)]);
     while let Some((from, to)) = open.pop() {
         let node = cells.tree[from as usize];
@@ -206,26 +246,78 @@ impl Steps {
     fn begin(&mut self, spaces: usize) {
         self.search = self.search.wrapping_add(1);
         if self.search == 0 || self.goals.len() < spaces {
-            self.reached = vec![(0, 0.0); spaces];
+            self.reached = vec![(0, 0); spaces];
             self.goals = vec![0; spaces];
             self.search = 1;
         }
+        self.steps.clear();
         self.open.clear();
     }
 
-    fn come_to(&mut self, space: u32, share: f32) {
-        let known = &mut self.reached[space as usize];
-        if known.0 != self.search || share < known.1 {
-            *known = (self.search, share);
-            self.open.push((space, share));
+    /// Takes in lines that have come into a space, unless such have come there before. When they have
+    /// come there in many ways, these are joined.
+    fn come(&mut self, step: Step) {
+        let known = &mut self.reached[step.space as usize];
+        let mut next = (known.0 == self.search).then_some(known.1);
+        let (first, mut count) = (next, 0);
+        while let Some(place) = next {
+            let other = &self.steps[place as usize];
+            if other.holds(&step) {
+                return;
+            }
+            (next, count) = (other.next, count + 1);
         }
+        match first {
+            Some(place) if count >= WAYS_MAX => {
+                let joined = &mut self.steps[place as usize];
+                joined.come = joined.come.min(step.come);
+                joined.from = joined.from.union(&step.from);
+                joined.to = joined.to.union(&step.to);
+                self.open.push(place);
+            }
+            _ => {
+                let place = self.steps.len() as u32;
+                *known = (self.search, place);
+                self.steps.push(Step { next: first, ..step });
+                self.open.push(place);
+            }
+        }
+    }
+}
+
+impl Step {
+    /// Whether all lines of another one are among its own.
+    fn holds(&self, other: &Self) -> bool {
+        self.come <= other.come && self.from.holds(&other.from) && self.to.holds(&other.to)
+    }
+}
+
+impl Span {
+    fn new(region: &Aabb) -> Self {
+        Self { low: region.min.into(), high: region.max.into() }
+    }
+
+    fn union(&self, other: &Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
+    }
+
+    fn holds(&self, other: &Self) -> bool {
+        (self.low.cmple(other.low) & self.high.cmpge(other.high)).all()
+    }
+
+    /// What is in a box whose corners come from places on lines, at multiples of a length.
+    fn within(&self, ends: [[Vec3A; 2]; 2], multiple: f32) -> Option<Self> {
+        let margin = Vec3A::splat(ROUNDING_M * multiple);
+        let low = self.low.max(ends[0][0].min(ends[0][1]) - margin);
+        let high = self.high.min(ends[1][0].max(ends[1][1]) + margin);
+        low.cmple(high).all().then_some(Self { low, high })
     }
 }
 
 /// The boxes between two, by their share of the way: planes that move.
 struct Between {
-    low: Vec3A,
-    high: Vec3A,
+    from: Span,
+    to: Span,
     /// By how much the planes move, inverted; never infinite.
     low_inverse: Vec3A,
     high_inverse: Vec3A,
@@ -234,14 +326,14 @@ struct Between {
 }
 
 impl Between {
-    fn new(from: &Aabb, to: &Aabb) -> Self {
+    fn new(from: &Span, to: &Span) -> Self {
         // What moves by less than this does not move.
-        let sane =
-            |by: Vec3A| Vec3A::select(by.abs().cmplt(Vec3A::splat(1e-9)), Vec3A::splat(1e-9), by);
-        let by = [sane(Vec3A::from(to.min - from.min)), sane(Vec3A::from(to.max - from.max))];
+        let least = Vec3A::splat(1e-9);
+        let sane = |by: Vec3A| Vec3A::select(by.abs().cmplt(least), least, by);
+        let by = [sane(to.low - from.low), sane(to.high - from.high)];
         Self {
-            low: from.min.into(),
-            high: from.max.into(),
+            from: *from,
+            to: *to,
             low_inverse: by[0].recip(),
             high_inverse: by[1].recip(),
             low_rises: by[0].cmpgt(Vec3A::ZERO),
@@ -249,21 +341,48 @@ impl Between {
         }
     }
 
-    /// The least share of the way, from some share on, at which a box meets a gate.
-    fn meets(&self, gate: &Aabb, from: f32) -> Option<f32> {
-        let below = (Vec3A::from(gate.max) - self.low) * self.low_inverse;
-        let above = (Vec3A::from(gate.min) - self.high) * self.high_inverse;
+    /// The least and the greatest share of the way, from some share on, at which a box meets a gate.
+    fn meets(&self, gate: &Span, come: f32) -> Option<[f32; 2]> {
+        let below = (gate.high - self.from.low) * self.low_inverse;
+        let above = (gate.low - self.from.high) * self.high_inverse;
         // The lower planes must not be above the gate, nor the upper ones below it.
         let (all, none) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
         let first = Vec3A::select(self.low_rises, none, below)
             .max(Vec3A::select(self.high_rises, above, none))
             .max_element()
-            .max(from);
+            .max(come);
         let last = Vec3A::select(self.low_rises, below, all)
             .min(Vec3A::select(self.high_rises, all, above))
             .min_element()
             .min(1.0);
-        (first <= last + SLACK).then_some(first)
+        (first <= last + SLACK).then_some([first - SLACK, last + SLACK])
+    }
+
+    /// Whether some line goes this way.
+    fn goes(&self, way: Vec3A) -> bool {
+        let most = Vec3A::select(way.cmpgt(Vec3A::ZERO), self.to.high, self.to.low);
+        let least = Vec3A::select(way.cmpgt(Vec3A::ZERO), self.from.low, self.from.high);
+        way.dot(most - least) >= -ROUNDING_M
+    }
+
+    /// Where the lines begin and end that go through a gate between some shares of the way.
+    fn narrowed(&self, gate: &Span, [first, last]: [f32; 2]) -> Option<[Span; 2]> {
+        let end = |near: &Span, s: f32, is_high: bool| {
+            let (gate, near) = if is_high { (gate.high, near.low) } else { (gate.low, near.high) };
+            near + (gate - near) * s
+        };
+        let far = |near: &Span, far: &Span, [first, last]: [f32; 2]| {
+            if first < NEAR {
+                return Some(*far);
+            }
+            let (most, least) = (first.recip(), last.min(1.0).recip());
+            let ends = [false, true].map(|high| [end(near, most, high), end(near, least, high)]);
+            far.within(ends, most)
+        };
+        Some([
+            far(&self.to, &self.from, [1.0 - last, 1.0 - first])?,
+            far(&self.from, &self.to, [first, last])?,
+        ])
     }
 }
 
@@ -344,6 +463,30 @@ mod tests {
 
     proptest! {
         #[test]
+        fn what_goes_through_a_gate_is_in_the_narrowed_boxes(
+            corners in prop::array::uniform6(prop::array::uniform3(-40i8..40)),
+            ends in prop::array::uniform2(prop::array::uniform3(0.0..=1.0f32)),
+            share in 0.0..=1.0f32,
+        ) {
+            let [a, b, c, d, e, f] = corners.map(|at| Vec3::from(at.map(f32::from)));
+            let [start, end] = [(a, b), (c, d)].map(|(a, b)| Aabb::new(a.min(b), a.max(b)));
+            let [from, to] = [(start, ends[0]), (end, ends[1])]
+                .map(|(region, at)| region.min + region.size() * Vec3::from(at));
+            // A gate somewhere about a point of the line.
+            let through = from.lerp(to, share);
+            let gate = Aabb::new(through.min(through + e * 0.1), through.max(through + f * 0.1));
+            let between = Between::new(&Span::new(&start), &Span::new(&end));
+            let gate = Span::new(&gate.grown(SLACK_M));
+            let shares = between.meets(&gate, 0.0);
+            prop_assert!(shares.is_some_and(|[least, most]| least <= share && share <= most));
+            let narrowed = shares.and_then(|shares| between.narrowed(&gate, shares));
+            let holds = |span: &Span, point: Vec3| {
+                span.holds(&Span { low: point.into(), high: point.into() })
+            };
+            prop_assert!(narrowed.is_some_and(|[a, b]| holds(&a, from) && holds(&b, to)));
+        }
+
+        #[test]
         fn a_gate_is_met_where_a_box_between_meets_it(
             corners in prop::array::uniform6(prop::array::uniform3(-4i8..4)),
             from in 0.0..1.0f32,
@@ -351,14 +494,17 @@ mod tests {
             let [a, b, c, d, e, f] = corners.map(|at| Vec3::from(at.map(f32::from)));
             let [start, end, gate] =
                 [(a, b), (c, d), (e, f)].map(|(a, b)| Aabb::new(a.min(b), a.max(b)));
-            let met = Between::new(&start, &end).meets(&gate.grown(1e-4), from);
+            let between = Between::new(&Span::new(&start), &Span::new(&end));
+            let met = between.meets(&Span::new(&gate.grown(1e-4)), from);
             for share in (0..=200).map(|i| i as f32 / 200.0).filter(|share| *share >= from) {
                 let between = Aabb::new(
                     start.min.lerp(end.min, share),
                     start.max.lerp(end.max, share),
                 );
                 if between.intersects(&gate) {
-                    prop_assert!(met.is_some_and(|least| least <= share + 1e-4));
+                    let is_among =
+                        |[least, most]: [f32; 2]| least <= share + 1e-4 && share <= most + 1e-4;
+                    prop_assert!(met.is_some_and(is_among));
                 }
             }
         }
