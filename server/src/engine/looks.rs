@@ -224,8 +224,12 @@ impl Engine {
     pub(super) fn may_meet(&mut self, one: Slot, other: Slot) -> bool {
         let wide = |slot: Slot| self.population.at(slot).near.wide.as_ref();
         let Some((one, other)) = wide(one).zip(wide(other)) else { return false };
-        !(self.config.look_budget > 0 && self.shafts.are_apart(&one.ground, &other.ground))
-            && one.ground.sees(&other.ground, &self.world.cells, &self.sectors)
+        let (by_gates, sectors) = (self.config.look_budget > 0, &self.sectors);
+        [(one, other), (other, one)].into_iter().any(|(from, to)| {
+            let (eyes, bodies) = (&from.grounds[0], &to.grounds[1]);
+            !(by_gates && self.shafts.are_apart(eyes, bodies))
+                && eyes.sees(bodies, &self.world.cells, sectors)
+        })
     }
 
     /// The same of the regions of a pair, as they were worked out last.

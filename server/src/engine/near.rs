@@ -53,8 +53,9 @@ pub(super) struct Wide {
     spare: Aabb,
     /// Around all places of the body.
     bodies: Parts,
-    pub(super) ground: Ground,
-    /// The sectors that it can be in, ascending.
+    /// Where the eye can be, and where the body can.
+    pub(super) grounds: [Ground; 2],
+    /// The sectors that the body can be in, ascending.
     pub(super) sectors: Vec<u32>,
 }
 
@@ -244,8 +245,9 @@ impl Engine {
         let reach = Reach::within(&mut self.scratch, cells, from, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
         let sectors = self.sectors.of(&found);
-        let ground = Ground::of(cells, found, &bodies);
-        let wide = Wide { spare, bodies, ground, sectors };
+        let eyes = Ground::of(cells, reach.eyes(), &reach.eye_parts(cells));
+        let grounds = [eyes, Ground::of(cells, found, &bodies)];
+        let wide = Wide { spare, bodies, grounds, sectors };
         let old = avatar.near.wide.replace(wide).map_or_else(Vec::new, |old| old.sectors);
         let member = (avatar.id, slot);
         if let Some(wide) = &avatar.near.wide {
