@@ -59,7 +59,7 @@ impl Engine {
             None => Reason::Cells,
             Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
             Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
-            Some(Pair { look: Look::Hidden(_) | Look::JustHidden { .. }, .. }) => Reason::Shafts,
+            Some(Pair { look: Look::Hidden(_) | Look::HiddenIn(_), .. }) => Reason::Shafts,
         };
         Some(Explanation {
             viewer: from.state,

@@ -8,7 +8,11 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use sightline_shared::shaft::{Line, Occluders, Outcome, Scratch};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::AvatarId,
+    shaft::{Line, Occluders, Outcome, Scratch},
+};
 
 use super::{
     Engine,
@@ -24,6 +28,8 @@ const UNDECIDED_TICKS: u32 = 8;
 
 /// Ticks before regions with more to spare are tried again where they did not help.
 const SPARE_TICKS: u32 = 16;
+/// How much of the budget is there for those whom the viewer has not been told of.
+const NEW_PER_CENT: u32 = 60;
 /// One look costs no more than so many times an equal share of the budget; and where that is little, no
 /// less than such a part of the most it may ever cost.
 const SHARES: u32 = 8;
@@ -52,11 +58,9 @@ pub(super) enum Look {
     Free(Line),
     /// All are blocked, and stay so as long as these regions last.
     Hidden(Regions),
-    /// All are blocked at that tick.
-    JustHidden {
-        /// The tick.
-        tick: u32,
-    },
+    /// All are blocked, and stay so while the eye can be in the one of these boxes only, and while the
+    /// other's eye can in the other.
+    HiddenIn([Aabb; 2]),
 }
 
 /// What two regions turned out to be to each other.
@@ -118,35 +122,51 @@ impl Shafts {
 
 impl Engine {
     /// Looks at all pairs of live viewers for which something may have changed: first at those of
-    /// whom the viewer will be told if nothing is found, beginning with another viewer at each tick.
-    /// A hard pair takes no more than a few times what there is for each.
+    /// whom the viewer will be told if nothing is found. A hard pair takes no more than a few times
+    /// what there is for each. Where there is not enough, the next tick goes on.
     pub(super) fn look(&mut self, live: &[Slot]) {
-        let (mut open, mut held) = (Vec::new(), Vec::new());
-        let (last, first) = live.split_at(self.ticks as usize % live.len().max(1));
-        for &viewer in first.iter().chain(last) {
+        let mut open = [Vec::new(), Vec::new()];
+        for &viewer in live {
             let mut pairs = std::mem::take(&mut self.population.at_mut(viewer).pairs);
-            for (place, pair) in pairs.iter_mut().enumerate().filter(|(_, pair)| pair.concerns) {
+            for pair in pairs.iter_mut().filter(|pair| pair.concerns) {
                 if !self.still_holds(viewer, pair) && !self.is_hidden_by_cells(viewer, pair) {
-                    if pair.is_held { &mut held } else { &mut open }.push((viewer, place));
+                    open[usize::from(pair.is_held)].push((viewer, pair.id));
                 }
             }
             self.population.at_mut(viewer).pairs = pairs;
         }
-        let mut budget = self.config.look_budget;
-        let each = budget / u32::try_from(open.len() + held.len()).unwrap_or(u32::MAX).max(1);
+        let count = open[0].len() + open[1].len();
+        let each = self.config.look_budget / u32::try_from(count).unwrap_or(u32::MAX).max(1);
         let most = (SHARES * each).clamp(self.config.look_max / SHARES, self.config.look_max);
-        for (viewer, place) in open.into_iter().chain(held) {
-            let mut pair = self.population.at(viewer).pairs[place];
-            self.look_at(viewer, &mut pair, most, &mut budget);
-            self.population.at_mut(viewer).pairs[place] = pair;
+        let mut budget = 0;
+        for (place, open) in open.iter().enumerate() {
+            budget += self.config.look_budget / 100 * [NEW_PER_CENT, 100 - NEW_PER_CENT][place];
+            self.look_from(place, open, most, &mut budget);
+        }
+    }
+
+    /// Looks at pairs, beginning with those of the viewer at whom the budget was used up the last time.
+    fn look_from(&mut self, place: usize, open: &[(Slot, AvatarId)], most: u32, budget: &mut u32) {
+        let from = self.looked_to[place];
+        let id = |(viewer, _): &(Slot, AvatarId)| self.population.at(*viewer).id;
+        let (last, first) = open.split_at(open.partition_point(|pair| id(pair) < from));
+        for &(viewer, id) in first.iter().chain(last) {
+            if *budget == 0 {
+                self.looked_to[place] = self.population.at(viewer).id;
+                return;
+            }
+            let find = |pairs: &[Pair]| pairs.binary_search_by_key(&id, |pair| pair.id);
+            let Ok(at) = find(&self.population.at(viewer).pairs) else { continue };
+            let mut pair = self.population.at(viewer).pairs[at];
+            self.look_at(viewer, &mut pair, most, budget);
+            self.population.at_mut(viewer).pairs[at] = pair;
         }
     }
 
     /// Whether a pair is known to be hidden, as of this tick's looks.
     pub(super) fn is_hidden(&self, pair: &Pair) -> bool {
         match pair.look {
-            Look::Hidden(_) => true,
-            Look::JustHidden { tick } => tick == self.ticks,
+            Look::Hidden(_) | Look::HiddenIn(_) => true,
             Look::Unknown | Look::Undecided { .. } | Look::Free(..) => false,
         }
     }
@@ -156,7 +176,10 @@ impl Engine {
         match pair.look {
             Look::Unknown => false,
             Look::Undecided { again } => self.ticks < again,
-            Look::JustHidden { tick } => tick == self.ticks,
+            Look::HiddenIn(then) => {
+                let now = self.eyes_of(viewer, pair);
+                then.iter().zip(&now).all(|(then, now)| then.contains_box(now))
+            }
             Look::Hidden(then) => then == self.regions(viewer, pair, then.level),
             Look::Free(line) => self.joins(viewer, pair, &line),
         }
@@ -178,46 +201,31 @@ impl Engine {
                 pair.spare_from = self.ticks + SPARE_TICKS;
             }
         }
+        pair.look = Look::Undecided { again: self.ticks };
         false
     }
 
-    /// Looks between the regions that last, and where these may see each other, between what they
-    /// are just now.
+    /// Looks between what a pair's regions are just now.
     fn look_at(&mut self, viewer: Slot, pair: &mut Pair, most: u32, budget: &mut u32) {
-        // What has too little is tried again at once.
-        pair.look = Look::Undecided { again: self.ticks };
-        if *budget == 0 {
-            return;
-        }
-        let (regions, parts) = (self.regions(viewer, pair, 0), self.parts_of(viewer));
-        if let Found::Hidden = self.between(viewer, pair, Near::parts, (most, budget)) {
-            pair.look = Look::Hidden(regions);
-            return;
-        }
+        let bodies = self.parts_of(viewer);
         self.place_exactly(viewer, Part::Eyes);
-        self.place_exactly(pair.slot, parts);
-        pair.look = match self.between(viewer, pair, Near::exact, (most, budget)) {
-            Found::Hidden => Look::JustHidden { tick: self.ticks },
+        self.place_exactly(pair.slot, bodies);
+        let exact = |slot: Slot, part: Part| self.population.at(slot).near.get(part)?.exact();
+        let regions = exact(viewer, Part::Eyes).zip(exact(pair.slot, bodies));
+        let Some((eyes, bodies)) = regions else { return };
+        pair.look = match self.shafts.between(eyes, bodies, most, budget) {
+            Found::Hidden => Look::HiddenIn(self.eyes_of(viewer, pair)),
             Found::Free(line) => Look::Free(line),
             Found::Undecided if *budget == 0 => pair.look,
             Found::Undecided => Look::Undecided { again: self.ticks + UNDECIDED_TICKS },
         };
     }
 
-    /// Looks from a viewer's eyes to an avatar's body.
-    fn between(
-        &mut self,
-        viewer: Slot,
-        pair: &Pair,
-        of: impl Fn(&Near) -> Option<&Parts>,
-        (most, budget): (u32, &mut u32),
-    ) -> Found {
-        let eyes = self.population.at(viewer).near.get(Part::Eyes).and_then(&of);
-        let bodies = self.population.at(pair.slot).near.get(self.parts_of(viewer)).and_then(&of);
-        match eyes.zip(bodies) {
-            Some((eyes, bodies)) => self.shafts.between(eyes, bodies, most, budget),
-            None => Found::Undecided,
-        }
+    /// Where the eyes of both can be just now, whatever walls are there.
+    fn eyes_of(&self, viewer: Slot, pair: &Pair) -> [Aabb; 2] {
+        [(viewer, Part::Eyes), (pair.slot, self.parts_of(viewer))].map(|(slot, part)| {
+            self.population.at(slot).near.get(part).map_or(Aabb::EMPTY, |near| near.within)
+        })
     }
 
     /// Whether somebody in one wide region may see somebody in another, either way.

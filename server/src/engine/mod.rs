@@ -103,6 +103,8 @@ pub struct Engine {
     stats: Stats,
     scratch: Scratch,
     shafts: Shafts,
+    /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
+    looked_to: [AvatarId; 2],
     /// What is left of this tick's [`Config::silence_budget`].
     silence_left: u32,
 }
@@ -168,6 +170,7 @@ impl Engine {
             stats: Stats::default(),
             scratch: Scratch::default(),
             silence_left: 0,
+            looked_to: [AvatarId(0); 2],
             shafts: Shafts::new(Arc::new(Occluders::new(&world))),
             world,
             config,

@@ -113,11 +113,6 @@ impl Near {
         Self { delay, within: Aabb::EMPTY, kept, versions, exact: None }
     }
 
-    /// The boxes that were worked out last with the least to spare.
-    pub(super) fn parts(&self) -> Option<&Parts> {
-        self.kept[0].as_ref().map(|kept| &kept.parts)
-    }
-
     /// Where the boxes are that were worked out last with so much to spare.
     pub(super) fn ground(&self, level: usize) -> Option<&Ground> {
         self.kept[level].as_ref().map(|kept| &kept.ground)

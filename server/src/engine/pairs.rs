@@ -76,6 +76,18 @@ impl Engine {
         self.population.at_mut(slot).pairs = matched(&old, found);
     }
 
+    /// Forgets what was found of all pairs of an avatar.
+    pub(super) fn unlook(&mut self, slot: Slot) {
+        let id = self.population.at(slot).id;
+        let others: Vec<Slot> = self.pairs_of(slot).map(|pair| pair.slot).collect();
+        for viewer in others.into_iter().chain([slot]) {
+            let pairs = self.population.at_mut(viewer).pairs.iter_mut();
+            pairs
+                .filter(|pair| viewer == slot || pair.id == id)
+                .for_each(|pair| pair.look = Look::Unknown);
+        }
+    }
+
     fn pairs_of(&self, slot: Slot) -> impl Iterator<Item = &Pair> {
         self.population.at(slot).pairs.iter()
     }

@@ -144,6 +144,8 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         avatar.near.forget();
         avatar.zone_box = None;
+        self.unlook(slot);
+        let avatar = self.population.at_mut(slot);
         if avatar.state != ClientState::Live {
             self.wake(now, slot);
         }

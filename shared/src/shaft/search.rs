@@ -16,6 +16,9 @@ use crate::geometry::Aabb;
 const NARROW_M: f32 = 0.005;
 /// So many of the occluders that blocked a whole shaft last are tried before all others.
 const RECENT_MAX: usize = 4;
+/// In so many shafts of a search it is looked whether gates lead through them. For halves of halves,
+/// occluders do it at a lower price.
+const FLOODS_MAX: u32 = 8;
 /// So many lines anywhere in the whole shaft are tried before it is halved.
 const SAMPLES: u32 = 24;
 /// So many lines from corner to corner are tried for each shaft, at most.
@@ -32,6 +35,8 @@ pub struct Scratch {
     open: Vec<Shaft>,
     recent: Vec<u32>,
     steps: Steps,
+    /// How often gates have been gone through for this answer.
+    floods: u32,
 }
 
 /// All lines from the one box to the other.
@@ -71,6 +76,7 @@ impl Occluders {
             return Outcome::Unknown;
         }
         scratch.recent.clear();
+        scratch.floods = 0;
         scratch.open.clear();
         match self.judge(scratch, &whole, budget) {
             Verdict::Blocked => return Outcome::Hidden,
@@ -123,7 +129,7 @@ impl Occluders {
     }
 
     fn judge(&self, scratch: &mut Scratch, shaft: &Shaft, budget: &mut u32) -> Verdict {
-        let Scratch { recent, steps, .. } = scratch;
+        let Scratch { recent, steps, floods, .. } = scratch;
         for place in 0..recent.len() {
             spend(budget, SHAFT_UNITS);
             let piece = &self.pieces[recent[place] as usize];
@@ -132,11 +138,14 @@ impl Occluders {
                 return Verdict::Blocked;
             }
         }
-        let mut looked = 0;
-        let is_closed = self.passages.are_closed(steps, &shaft.from, &shaft.to, &mut looked);
-        spend(budget, looked);
-        if is_closed {
-            return Verdict::Blocked;
+        if *floods < FLOODS_MAX {
+            *floods += 1;
+            let mut looked = 0;
+            let is_closed = self.passages.are_closed(steps, &shaft.from, &shaft.to, &mut looked);
+            spend(budget, looked);
+            if is_closed {
+                return Verdict::Blocked;
+            }
         }
         let middle = Line { from: shaft.from.centre(), to: shaft.to.centre() };
         let mut best = match self.judge_along(recent, shaft, &middle, budget) {
