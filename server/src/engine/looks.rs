@@ -2,8 +2,9 @@
 //!
 //! What was found hidden stays so while both regions last, since walls do not move; what was found in
 //! sight stays so while the line that was free still joins the two. So most ticks cost a comparison.
-//! The rest has a budget, in units of work and not in time, so that the same inputs give the same
-//! outputs. Where it does not suffice a pair counts as visible.
+//! Gates and cells are asked first, between regions with something to spare. The rest, between what
+//! regions are just now, has a budget, in units of work and not in time, so that the same inputs give
+//! the same outputs. Where it does not suffice a pair counts as visible.
 
 use std::sync::Arc;
 
