@@ -16,6 +16,10 @@ impl Bits {
         }
     }
 
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
     /// Takes in all of another set.
     pub(super) fn unite(&mut self, other: &Self) {
         self.reserve(other.0.len());

@@ -17,6 +17,7 @@ use sightline_shared::{
 
 use super::{
     Engine,
+    bits::Bits,
     near::{Near, Part, SPARES},
     pairs::Pair,
     parts::Parts,
@@ -194,12 +195,17 @@ impl Engine {
                 continue;
             }
             let regions = self.regions(viewer, pair, level);
+            if pair.open == Some(regions) {
+                continue;
+            }
             if !self.may_see(viewer, pair, level) {
                 pair.look = Look::Hidden(regions);
                 return true;
             }
             if level > 0 {
                 pair.spare_from = self.ticks + SPARE_TICKS;
+            } else {
+                pair.open = Some(regions);
             }
         }
         pair.look = Look::Undecided { again: self.ticks };
@@ -229,16 +235,17 @@ impl Engine {
         })
     }
 
-    /// Whether somebody in one wide region may see somebody in another, either way.
-    pub(super) fn may_meet(&mut self, one: Slot, other: Slot) -> bool {
+    /// Whether somebody in one wide region, from which these cells can be seen, may see somebody in
+    /// another, or be seen.
+    pub(super) fn may_meet(&mut self, one: Slot, other: Slot, seen: &[Bits; 2]) -> bool {
         let wide = |slot: Slot| self.population.at(slot).near.wide.as_ref();
         let Some((one, other)) = wide(one).zip(wide(other)) else { return false };
-        let (by_gates, sectors) = (self.config.look_budget > 0, &self.sectors);
-        [(one, other), (other, one)].into_iter().any(|(from, to)| {
-            let (eyes, bodies) = (&from.grounds[0], &to.grounds[1]);
-            !(by_gates && self.shafts.are_apart(eyes, bodies))
-                && eyes.sees(bodies, &self.world.cells, sectors)
-        })
+        let by_gates = self.config.look_budget > 0;
+        let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.grounds, &other.grounds);
+        let mut may =
+            |eyes: &Ground, bodies: &Ground| !(by_gates && self.shafts.are_apart(eyes, bodies));
+        other_bodies.is_among(&seen[0]) && may(eyes, other_bodies)
+            || other_eyes.is_among(&seen[1]) && may(other_eyes, bodies)
     }
 
     /// The same of the regions of a pair, as they were worked out last.

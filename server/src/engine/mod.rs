@@ -64,6 +64,7 @@ pub use messages::{Input, Output};
 pub use population::ClientState;
 
 use authority::Limits;
+use bits::Bits;
 use expiry::ExpiryQueue;
 use horizon::Horizons;
 use looks::Shafts;
@@ -103,6 +104,8 @@ pub struct Engine {
     stats: Stats,
     scratch: Scratch,
     shafts: Shafts,
+    /// Cells that can be seen; empty but for their memory.
+    seen: [Bits; 2],
     /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
     looked_to: [AvatarId; 2],
     /// What is left of this tick's [`Config::silence_budget`].
@@ -170,6 +173,7 @@ impl Engine {
             stats: Stats::default(),
             scratch: Scratch::default(),
             silence_left: 0,
+            seen: Default::default(),
             looked_to: [AvatarId(0); 2],
             shafts: Shafts::new(Arc::new(Occluders::new(&world))),
             world,

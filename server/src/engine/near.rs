@@ -6,10 +6,12 @@ use glam::Vec3;
 use sightline_shared::{
     geometry::Aabb,
     motion::{Body, Pose},
+    world::Cells,
 };
 
 use super::{
     Engine,
+    bits::Bits,
     parts::Parts,
     population::{Avatar, Slot},
     reach::Reach,
@@ -57,6 +59,18 @@ pub(super) struct Wide {
     pub(super) grounds: [Ground; 2],
     /// The sectors that the body can be in, ascending.
     pub(super) sectors: Vec<u32>,
+}
+
+impl Wide {
+    /// Fills in the cells that can be seen from where the eye can be, and from where the body can.
+    pub(super) fn look_around(&self, cells: &Cells, seen: &mut [Bits; 2]) {
+        let [eyes, bodies] = &self.grounds;
+        let [from_eyes, from_bodies] = seen;
+        from_eyes.clear();
+        eyes.see(cells, |_| true, from_eyes);
+        from_bodies.clone_from(from_eyes);
+        bodies.see(cells, |cell| eyes.cells().binary_search(&cell).is_err(), from_bodies);
+    }
 }
 
 /// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to

@@ -7,7 +7,13 @@
 
 use sightline_shared::motion::AvatarId;
 
-use super::{Engine, Output, looks::Look, near::Moves, population::Slot, zones::Member};
+use super::{
+    Engine, Output,
+    looks::{Look, Regions},
+    near::Moves,
+    population::Slot,
+    zones::Member,
+};
 
 /// A viewer's dealings with an avatar. Ordered by id.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +29,8 @@ pub(super) struct Pair {
     /// The [`Avatar::version`](super::population::Avatar::version) that was sent last.
     pub(super) version: u32,
     pub(super) look: Look,
+    /// Between these regions, gates and cells left it open.
+    pub(super) open: Option<Regions>,
     /// Before that tick it is not tried whether regions with more to spare are hidden from each other.
     pub(super) spare_from: u32,
 }
@@ -30,7 +38,17 @@ pub(super) struct Pair {
 impl Pair {
     pub(super) fn new((id, slot): Member) -> Self {
         let (concerns, is_held, look) = (true, false, Look::Unknown);
-        Self { id, slot, concerns, is_held, held_until: 0, version: 0, look, spare_from: 0 }
+        Self {
+            id,
+            slot,
+            concerns,
+            is_held,
+            held_until: 0,
+            version: 0,
+            look,
+            open: None,
+            spare_from: 0,
+        }
     }
 }
 
@@ -52,6 +70,8 @@ impl Engine {
     fn pair_all(&mut self, slot: Slot, is_done: impl Fn(&Slot) -> bool) {
         let Some(wide) = &self.population.at(slot).near.wide else { return };
         let visible = self.sectors.visible_from(&wide.sectors);
+        let mut seen = std::mem::take(&mut self.seen);
+        wide.look_around(&self.world.cells, &mut seen);
         let mut found: Vec<Member> = self.near_bodies.among(&visible).copied().collect();
         found.sort_unstable();
         found.dedup();
@@ -61,9 +81,10 @@ impl Engine {
                 && if is_done(other) {
                     self.pairs_of(*other).any(|pair| pair.slot == slot && pair.concerns)
                 } else {
-                    self.may_meet(slot, *other)
+                    self.may_meet(slot, *other, &seen)
                 }
         });
+        self.seen = seen;
         let old = std::mem::take(&mut self.population.at_mut(slot).pairs);
         for (_, other) in found.iter().filter(|(_, other)| !is_done(other)) {
             self.concern(*other, member);

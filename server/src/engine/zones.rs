@@ -89,6 +89,23 @@ impl Ground {
         Self { around, spaces, ends, cells: found }
     }
 
+    /// The cells, ascending.
+    pub(super) fn cells(&self) -> &[CellId] {
+        &self.cells
+    }
+
+    /// Adds what can be seen from some of its cells.
+    pub(super) fn see(&self, world: &Cells, of: impl Fn(CellId) -> bool, seen: &mut Bits) {
+        for cell in self.cells.iter().filter(|cell| of(**cell)) {
+            world.pvs[cell.0 as usize].iter().for_each(|cell| seen.insert(cell));
+        }
+    }
+
+    /// Whether it has some of these cells.
+    pub(super) fn is_among(&self, seen: &Bits) -> bool {
+        self.cells.iter().any(|cell| seen.contains(cell.0))
+    }
+
     /// Each space and its cells.
     fn by_space(&self) -> impl Iterator<Item = (u32, &[CellId])> {
         let starts = std::iter::once(&0).chain(&self.ends);

@@ -25,7 +25,7 @@ const SLACK: f32 = 1e-6;
 /// A gate nearer than this share of the way narrows nothing at its far end.
 const NEAR: f32 = 1e-3;
 /// A shaft that meets so many gates is open as far as anybody cares.
-const GATES_MAX: u32 = 500;
+const GATES_MAX: u32 = 200;
 /// So many ways into a space are told apart.
 const WAYS_MAX: usize = 3;
 
