@@ -34,7 +34,9 @@ pub struct PoseEncoder {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Told {
     newest: WirePose,
+    /// The first datagram with it; all later ones have it too.
     newest_sequence: u32,
+    /// When it was sent the last time.
     newest_tick: u32,
     /// The newest that the client is known to hold, and its datagram.
     acknowledged: Option<(u32, WirePose)>,
@@ -151,8 +153,13 @@ impl PoseEncoder {
     }
 
     fn note(&mut self, avatar: AvatarId, pose: WirePose, tick: u32) {
-        let acknowledged = self.told.get(&avatar).and_then(|told| told.acknowledged);
-        let newest_sequence = self.next_sequence();
+        let before = self.told.get(&avatar);
+        let acknowledged = before.and_then(|told| told.acknowledged);
+        // A round trip may take longer than to the next time: word of any of them will do.
+        let newest_sequence = match before {
+            Some(told) if told.newest == pose => told.newest_sequence,
+            _ => self.next_sequence(),
+        };
         let told = Told { newest: pose, newest_sequence, newest_tick: tick, acknowledged };
         self.told.insert(avatar, told);
     }
@@ -174,7 +181,7 @@ impl PoseEncoder {
 impl Told {
     /// Whether the client is known to hold the newest.
     fn is_settled(&self) -> bool {
-        self.acknowledged.is_some_and(|(sequence, _)| sequence == self.newest_sequence)
+        self.acknowledged.is_some_and(|(sequence, _)| sequence >= self.newest_sequence)
     }
 
     fn is_overdue(&self, tick: u32) -> bool {

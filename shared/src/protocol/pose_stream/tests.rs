@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use glam::Vec3;
 use proptest::prelude::*;
@@ -194,6 +194,25 @@ fn primed() -> (PoseEncoder, PoseDecoder) {
     }
     encoder.acknowledge(decoder.ack());
     (encoder, decoder)
+}
+
+#[test]
+fn what_is_acknowledged_late_is_not_sent_for_ever() {
+    let (mut encoder, mut decoder) = primed();
+    let mut acks = VecDeque::new();
+    let mut datagrams = 0;
+    for tick in 2..100 {
+        let poses = if tick == 2 { moved(1.0).to_vec() } else { Vec::new() };
+        for datagram in encoder.encode(tick, &poses) {
+            decoder.decode(&datagram).unwrap().unwrap();
+            acks.push_back((tick + 30, decoder.ack()));
+            datagrams += 1;
+        }
+        while let Some((_, ack)) = acks.pop_front_if(|(due, _)| *due <= tick) {
+            encoder.acknowledge(ack);
+        }
+    }
+    assert!((2..12).contains(&datagrams), "{datagrams} datagrams");
 }
 
 fn moved(metres: f32) -> [(AvatarId, Pose); 2] {
