@@ -18,7 +18,7 @@ use sightline_shared::{
 use super::{
     Engine,
     bits::Bits,
-    near::{Near, Part, SPARES},
+    near::{Near, Part},
     pairs::Pair,
     parts::Parts,
     population::Slot,
@@ -174,42 +174,47 @@ impl Engine {
     }
 
     /// Whether what was found of a pair is still true.
-    fn still_holds(&mut self, viewer: Slot, pair: &Pair) -> bool {
+    fn still_holds(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
         match pair.look {
             Look::Unknown => false,
-            Look::Undecided { again } => self.ticks < again,
+            Look::Undecided { again } => self.is_closed(viewer, pair) || self.ticks < again,
             Look::HiddenIn(then) => {
                 let now = self.eyes_of(viewer, pair);
                 then.iter().zip(&now).all(|(then, now)| then.contains_box(now))
             }
             Look::Hidden(then) => then == self.regions(viewer, pair, then.level),
-            Look::Free(line) => self.joins(viewer, pair, &line),
+            Look::Free(line) => self.is_closed(viewer, pair) || self.joins(viewer, pair, &line),
         }
     }
 
     /// Whether no gates lead from a pair's regions to each other, or no cells of theirs see each other:
     /// with much to spare, so that this lasts, unless it did not help a while ago; or with little.
     fn is_hidden_by_cells(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
-        for level in (0..SPARES.len()).rev() {
-            if level > 0 && self.ticks < pair.spare_from {
-                continue;
-            }
-            let regions = self.regions(viewer, pair, level);
-            if pair.open == Some(regions) {
-                continue;
-            }
-            if !self.may_see(viewer, pair, level) {
+        if self.ticks >= pair.spare_from {
+            let regions = self.regions(viewer, pair, 1);
+            if !self.may_see(viewer, pair, 1) {
                 pair.look = Look::Hidden(regions);
                 return true;
             }
-            if level > 0 {
-                pair.spare_from = self.ticks + SPARE_TICKS;
-            } else {
-                pair.open = Some(regions);
-            }
+            pair.spare_from = self.ticks + SPARE_TICKS;
         }
-        pair.look = Look::Undecided { again: self.ticks };
-        false
+        let is_closed = self.is_closed(viewer, pair);
+        if !is_closed {
+            pair.look = Look::Undecided { again: self.ticks };
+        }
+        is_closed
+    }
+
+    /// Whether the same is found of a pair's regions with little to spare, where these have changed.
+    fn is_closed(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
+        let regions = self.regions(viewer, pair, 0);
+        let is_closed = pair.open != Some(regions) && !self.may_see(viewer, pair, 0);
+        if is_closed {
+            pair.look = Look::Hidden(regions);
+        } else {
+            pair.open = Some(regions);
+        }
+        is_closed
     }
 
     /// Looks between what a pair's regions are just now.
