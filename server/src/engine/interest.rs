@@ -20,7 +20,10 @@ impl Engine {
         let mut poses = Vec::new();
         for pair in &mut pairs {
             let is_hidden = self.is_hidden(pair);
-            let is_kept = pair.is_held && self.ticks < pair.held_until;
+            let is_kept = is_hidden
+                && pair.is_held
+                && self.ticks < pair.held_until
+                && self.may_see_by_cells(viewer, pair);
             let wanted = pair.concerns && (!is_hidden || is_kept);
             match (pair.is_held, wanted) {
                 (true, true) => {

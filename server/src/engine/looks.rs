@@ -253,6 +253,14 @@ impl Engine {
             || other_eyes.is_among(&seen[1]) && may(other_eyes, bodies)
     }
 
+    /// Whether a pair may see each other as far as cells tell.
+    pub(super) fn may_see_by_cells(&mut self, viewer: Slot, pair: &Pair) -> bool {
+        self.regions(viewer, pair, 0);
+        let ground = |slot: Slot, part: Part| self.population.at(slot).near.get(part)?.ground(0);
+        let grounds = ground(viewer, Part::Eyes).zip(ground(pair.slot, self.parts_of(viewer)));
+        grounds.is_some_and(|(eyes, bodies)| eyes.sees(bodies, &self.world.cells, &self.sectors))
+    }
+
     /// The same of the regions of a pair, as they were worked out last.
     pub(super) fn may_see(&mut self, viewer: Slot, pair: &Pair, level: usize) -> bool {
         let eyes = self.population.at(viewer).near.get(Part::Eyes);

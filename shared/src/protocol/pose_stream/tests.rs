@@ -253,7 +253,7 @@ fn a_walking_avatar_takes_six_to_nine_bytes() {
     let mut poses: Vec<_> = (0..20).map(|i| (AvatarId(i), Pose::default())).collect();
     let mut bytes = 0;
     let ticks = 400;
-    let mut delayed = std::collections::VecDeque::new();
+    let mut delayed = VecDeque::new();
     for tick in 1..=ticks {
         for (_, pose) in &mut poses {
             if dice.roll(20) == 0 {
