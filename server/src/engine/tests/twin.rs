@@ -242,7 +242,8 @@ impl Crowd {
         let time = self.since_report(at, id, ahead.max(TICK + slowest));
         let way_m = 2.0 * (engine.speed_max() * time.as_secs_f32() + 0.25);
         let eye = self.last_report[&id].1.eye;
-        reach(engine.world(), eye, &Aabb::around(eye, way_m), f32::INFINITY, 0.004)
+        // A region may have been made when the eye was elsewhere, at a wall, and counted as on both sides.
+        reach(engine.world(), eye, &Aabb::around(eye, way_m), f32::INFINITY, 0.3)
     }
 
     fn visible(&self, eyes: &Pieces, seen: &Pieces) -> bool {
