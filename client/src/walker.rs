@@ -72,7 +72,8 @@ const SPEED_SHARE: f32 = 0.97;
 const FREE_WITHIN: f32 = 3.0;
 
 impl Walker {
-    /// A body at a spawn point, or at the nearest place where it fits.
+    /// A body at a spawn point. Where it does not fit there it gets out step by step: the server
+    /// counts from the place that it gave.
     pub fn new(world: &World, spawn: Spawn) -> Self {
         let mut walker = Self {
             body: world.body,
@@ -86,9 +87,6 @@ impl Walker {
             climb_left: 0.0,
         };
         walker.pose.eye = walker.within(spawn.eye);
-        if let Some(free) = walker.free_place(&world.octree) {
-            walker.pose.eye = free;
-        }
         walker
     }
 
@@ -132,6 +130,7 @@ impl Walker {
         if self.is_solid_at(octree, self.pose.eye) {
             // The server may place a body where it does not fit; it finds its way out.
             if let Some(free) = self.free_place(octree) {
+                let reach = reach.min(START_SPEED * dt_s);
                 self.pose.eye += (free - self.pose.eye).clamp_length_max(reach);
             }
             return;

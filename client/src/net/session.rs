@@ -297,7 +297,7 @@ impl Driver {
     async fn run(mut self, mut inbox: mpsc::Receiver<Command>, tick_interval: Duration) {
         let end = match self.talk(&mut inbox, tick_interval).await {
             Ok(reason) => reason,
-            Err(error) => error.to_string(),
+            Err(error) => self.last_words().await.unwrap_or_else(|| error.to_string()),
         };
         self.shared.state().end.get_or_insert(end);
         self.shared.connection.close(VarInt::from_u32(0), b"");
@@ -337,6 +337,19 @@ impl Driver {
                 },
             }
         }
+    }
+
+    /// The goodbye that arrived together with the end of the connection, if one did: who waits for
+    /// datagrams may hear of the end first.
+    async fn last_words(&mut self) -> Option<String> {
+        self.shared.connection.close_reason()?;
+        // What had arrived before the end is finite, and can still be read.
+        while let Ok(message) = self.wire.receive().await {
+            if let Ok(Some(goodbye)) = self.hear(message).await {
+                return Some(goodbye);
+            }
+        }
+        None
     }
 
     /// Takes in a message and answers it if it was an ask; tells the goodbye if it was one.
