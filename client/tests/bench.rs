@@ -37,6 +37,7 @@ fn hall() -> World {
         body: Body::PERSON,
         speed_max: 4.0,
         movers: Vec::new(),
+        rooms: Default::default(),
         origin: None,
     }
 }

@@ -4,6 +4,7 @@
 //! * [`octree`]: the static voxels that clients draw and walk on; and, apart, who moves where.
 //! * [`world`]: the compiled world and its file: octree, cells, portals, PVS, mesh, spawns.
 //! * [`motion`]: poses, bodies, speed limits and temporal bounding volumes.
+//! * [`rooms`]: what an author knows about a building, and who may see whom by it.
 //! * [`shaft`]: whether every line between two boxes is blocked.
 //! * [`protocol`]: wire types, quantisation and limits.
 //!
@@ -13,5 +14,6 @@ pub mod geometry;
 pub mod motion;
 pub mod octree;
 pub mod protocol;
+pub mod rooms;
 pub mod shaft;
 pub mod world;

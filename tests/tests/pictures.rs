@@ -36,6 +36,7 @@ fn world(model: &Model, voxel: f32) -> World {
         cells: Cells::whole(bounds.grown(1.0)),
         mesh: Mesh::default(),
         movers: Vec::new(),
+        rooms: Default::default(),
         spawns: model.spawns.clone(),
         body: model.body,
         speed_max: model.speed_max,

@@ -121,6 +121,7 @@ mod tests {
             body: Body::PERSON,
             speed_max: 5.0,
             movers: Vec::new(),
+            rooms: Default::default(),
             origin: None,
         }
     }

@@ -37,6 +37,7 @@ pub(crate) fn world(boxes: &[([u32; 3], [u32; 3], u8)]) -> World {
         body: Body::PERSON,
         speed_max: 4.0,
         movers: Vec::new(),
+        rooms: Default::default(),
         origin: None,
     }
 }

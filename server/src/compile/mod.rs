@@ -20,6 +20,7 @@ use model::{Model, Surface};
 use serde::Serialize;
 use sightline_shared::{
     geometry::Aabb,
+    rooms::Rooms,
     world::{Axes, Cell, Cells, Mesh, Spawn, World},
 };
 
@@ -217,6 +218,7 @@ pub fn compile(
         body: model.body,
         speed_max: model.speed_max,
         movers: model.movers.clone(),
+        rooms: Rooms::default(),
         origin: model.origin.clone(),
     };
     Ok((world, report))

@@ -219,6 +219,7 @@ mod tests {
             body: Body::PERSON,
             speed_max: 1.0,
             movers: Vec::new(),
+            rooms: Default::default(),
             origin: None,
         }
     }

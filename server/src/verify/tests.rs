@@ -33,6 +33,7 @@ fn rooms() -> World {
         body: Body::PERSON,
         speed_max: 5.0,
         movers: Vec::new(),
+        rooms: Default::default(),
         origin: None,
     };
     with_pvs(world, &[&[0], &[1, 2], &[1, 2]])
@@ -187,7 +188,18 @@ fn in_one_cell(model: model::Model) -> World {
     };
     let octree = Octree::empty(bounds.min, 1.0, 1);
     let cells = cells(bounds, &[bounds]);
-    let world = World { title, octree, cells, mesh, movers, spawns, body, speed_max, origin };
+    let world = World {
+        title,
+        octree,
+        cells,
+        mesh,
+        movers,
+        rooms: Default::default(),
+        spawns,
+        body,
+        speed_max,
+        origin,
+    };
     with_pvs(world, &[&[0]])
 }
 

@@ -144,6 +144,12 @@ pub struct Axes {
     cosine: f64,
 }
 
+impl Default for Axes {
+    fn default() -> Self {
+        Self::WORLD
+    }
+}
+
 impl Axes {
     /// The world's own.
     pub const WORLD: Self = Self { turn: 0.0, sine: 0.0, cosine: 1.0 };

@@ -16,7 +16,7 @@ pub use file::{ContentId, ReadError, content_id, write_whole};
 pub use mover::{MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover};
 pub use origin::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid};
 
-use crate::{geometry::Aabb, motion::Body, octree::Octree};
+use crate::{geometry::Aabb, motion::Body, octree::Octree, rooms::Rooms};
 
 /// A building, compiled.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +31,8 @@ pub struct World {
     pub mesh: Mesh,
     /// What moves by itself: in no voxel, and hiding nobody. See [`MOVERS_MAX`].
     pub movers: Vec<Mover>,
+    /// What the author knows about the building.
+    pub rooms: Rooms,
     /// Where avatars can begin. Never empty.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.

@@ -44,6 +44,7 @@ pub fn world(tree: Vec<Node>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool
         body: Body::PERSON,
         speed_max: 2.0,
         movers: Vec::new(),
+        rooms: Default::default(),
         origin: None,
     }
 }

@@ -26,13 +26,16 @@ use crate::{
     geometry::Aabb,
     motion::Body,
     octree::{Octree, OctreeError},
+    rooms::Rooms,
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 const HEADER_BYTES: usize = 48;
 /// Unpacked, no world is larger: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
+/// What rooms may take; at most thirty times that once read.
+const ROOMS_BYTES_MAX: usize = 1 << 25;
 const TITLE_CHARS_MAX: usize = 200;
 const ZSTD_LEVEL: i32 = 6;
 
@@ -88,6 +91,7 @@ impl World {
         section(&mut sections, b"PVSS", &cells::pvs_bytes(&self.cells));
         section(&mut sections, b"MESH", &mesh_bytes(&self.mesh));
         section(&mut sections, b"MOVR", &movers::to_bytes(&self.movers));
+        section(&mut sections, b"ROOM", &rooms_bytes(&self.rooms));
         section(&mut sections, b"ORIG", &origin::to_bytes(self.origin.as_ref()));
         let packed = zstd::bulk::compress(&sections, ZSTD_LEVEL)
             .expect("zstd into memory fails only when memory runs out");
@@ -201,9 +205,10 @@ fn read_sections(input: &mut Input) -> Result<World, ReadError> {
     cells.pvs = cells::read_pvs(&mut input.section(b"PVSS")?, cells.cells.len())?;
     let mesh = read_mesh(&mut input.section(b"MESH")?)?;
     let movers = movers::read(&mut input.section(b"MOVR")?)?;
+    let rooms = read_rooms(&input.section(b"ROOM")?, cells.cells.len(), movers.len())?;
     let origin = origin::read(&mut input.section(b"ORIG")?)?;
     let Meta { title, body, speed_max, spawns } = meta;
-    Ok(World { title, octree, cells, mesh, movers, spawns, body, speed_max, origin })
+    Ok(World { title, octree, cells, mesh, movers, rooms, spawns, body, speed_max, origin })
 }
 
 #[derive(Serialize, Deserialize)]
@@ -241,6 +246,24 @@ fn read_meta(input: &mut Input) -> Result<Meta, ReadError> {
         return Err(ReadError::Malformed("a spawn point"));
     }
     Ok(meta)
+}
+
+fn rooms_bytes(rooms: &Rooms) -> Vec<u8> {
+    postcard::to_stdvec(rooms).expect("plain data always encodes")
+}
+
+/// Rooms are checked as they are made; here whether the cells and movers that they name are there.
+fn read_rooms(input: &Input, cells: usize, movers: usize) -> Result<Rooms, ReadError> {
+    if input.len() > ROOMS_BYTES_MAX {
+        return Err(ReadError::Malformed("too many rooms"));
+    }
+    let (rooms, rest): (Rooms, _) =
+        postcard::take_from_bytes(input.0).map_err(|_| ReadError::Malformed("the rooms"))?;
+    if rest.is_empty() && rooms.fits(cells, movers) {
+        Ok(rooms)
+    } else {
+        Err(ReadError::Malformed("the rooms"))
+    }
 }
 
 fn mesh_bytes(mesh: &Mesh) -> Vec<u8> {

@@ -1,12 +1,13 @@
 use std::time::Duration;
 
-use glam::{DAffine3, Quat, UVec3};
+use glam::{DAffine3, Quat, UVec3, Vec2};
 use roaring::RoaringBitmap;
 
 use super::*;
 use crate::{
     motion::trajectory::{Course, Joint, Track, Trajectory},
     octree::{Look, Voxel, morton},
+    rooms::{Members, Object, Room, RoomId, Sees, Shape, Window},
     world::{
         Axes, Cell, CellId, Cells, Gate, Mover, Node, Origin, OriginLeaf, OriginNode, OriginPlane,
         OriginSide, OriginTree, Polygon, Portal, Solid, Space,
@@ -60,11 +61,41 @@ fn small_world() -> World {
         },
         mesh: Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]] },
         movers: vec![swing_door()],
+        rooms: meeting_room(),
         spawns: vec![Spawn { eye: Vec3::new(1.0, 1.6, 1.0), yaw: 0.5 }],
         body: Body::PERSON,
         speed_max: 5.0,
         origin: Some(original()),
     }
+}
+
+/// With a window, and a set of everything that a set can name.
+fn meeting_room() -> Rooms {
+    let shape = Shape::Box(Aabb::new(Vec3::ZERO, Vec3::splat(4.0)));
+    let corners = [Vec2::ZERO, Vec2::X, Vec2::Y].to_vec();
+    let set = Members { rooms: vec![RoomId(1)], cells: vec![CellId(1)], objects: vec![0] };
+    let window = Window {
+        name: "door".into(),
+        corners: vec![Vec3::X * 4.0, Vec3::new(4.0, 2.0, 0.0), Vec3::new(4.0, 0.0, 1.0)],
+        behind: None,
+    };
+    let meeting = Room {
+        name: "meeting".into(),
+        title: Some("Meeting".into()),
+        shapes: vec![shape],
+        sees: Sees::Only(set),
+        windows: vec![window],
+        sealed: true,
+        spawn: Some(Spawn { eye: Vec3::ONE, yaw: 1.0 }),
+        capacity: Some(12),
+        tag: Some("private".into()),
+        ..Room::default()
+    };
+    let shapes = vec![Shape::Plan { corners, heights: None }];
+    let other = Room { name: "other".into(), shapes, ..Room::default() };
+    let bounds = Aabb::around(Vec3::ONE, 1.0);
+    let door = Object { name: "door".into(), bounds, mover: Some(0) };
+    Rooms::new(vec![meeting, other], vec![door]).unwrap()
 }
 
 /// Swings to and fro on a lift.
@@ -78,6 +109,45 @@ fn swing_door() -> Mover {
     let mesh =
         Mesh { positions: vec![Vec3::ZERO, Vec3::Y * 2.0, Vec3::X], triangles: vec![[0, 1, 2]] };
     Mover::new("door".into(), mesh, vec![[90, 60, 30]], trajectory).unwrap()
+}
+
+/// Whoever makes a file to harm can make rooms that name what is not there.
+#[test]
+fn rooms_name_what_is_there() {
+    let check = |change: &dyn Fn(&mut Room, &mut Object)| {
+        let rooms = meeting_room();
+        let (mut list, mut objects) = (rooms.list().to_vec(), rooms.objects().to_vec());
+        change(&mut list[0], &mut objects[0]);
+        // As it would be written, were it not checked.
+        let faulty = postcard::to_stdvec(&(&list, &objects)).unwrap();
+        let read = read_rooms(&Input(&faulty), 2, 1);
+        assert_eq!(read.is_ok(), list == rooms.list() && objects == rooms.objects(), "{list:?}");
+    };
+    check(&|_, _| ());
+    check(&|room, _| room.shapes.clear());
+    check(&|room, _| room.name = "other".into());
+    check(&|room, _| room.name = String::new());
+    check(&|room, _| room.title = Some("x".repeat(200)));
+    check(&|room, _| room.windows[0].behind = Some(0));
+    check(&|room, _| room.windows[0].corners.truncate(2));
+    check(&|room, _| room.windows[0].corners[0].x = f32::NAN);
+    check(&|room, _| room.shapes[0] = Shape::Box(Aabb::EMPTY));
+    check(&|room, _| room.shapes[0] = Shape::Hull(vec![Vec3::ZERO; 33]));
+    let plan = |heights| Shape::Plan { corners: vec![Vec2::ZERO; 3], heights };
+    check(&|room, _| room.shapes[0] = plan(Some([2.0, 1.0])));
+    check(&|room, _| room.shapes[0] = plan(Some([2.0, f32::INFINITY])));
+    check(&|room, _| room.spawn = Some(Spawn { eye: Vec3::NAN, yaw: 0.0 }));
+    let set = |rooms: u16, cells: u32, objects: u32| {
+        let (rooms, cells) = (vec![RoomId(rooms)], vec![CellId(cells)]);
+        Sees::AllBut(Members { rooms, cells, objects: vec![objects] })
+    };
+    check(&|room, _| room.sees = set(2, 0, 0));
+    check(&|room, _| room.sees = set(0, 2, 0));
+    check(&|room, _| room.sees = set(0, 0, 1));
+    check(&|_, object| object.mover = Some(1));
+    check(&|_, object| object.bounds = Aabb::EMPTY);
+    assert!(read_rooms(&Input(&[0xff; 40]), 2, 1).is_err());
+    assert!(read_rooms(&Input(&[0, 0, 0]), 2, 1).is_err(), "more bytes than rooms");
 }
 
 /// A brush between two clusters, of which one sees the other.
@@ -121,7 +191,8 @@ fn the_original_tells_where_a_point_is_and_what_it_sees() {
 fn what_is_written_is_read() {
     let world = small_world();
     assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
-    let without = World { origin: None, movers: Vec::new(), ..small_world() };
+    let without =
+        World { origin: None, movers: Vec::new(), rooms: Rooms::default(), ..small_world() };
     assert_eq!(World::from_bytes(&without.to_bytes()).unwrap(), without);
     let folder = std::env::temp_dir().join(format!("slw-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
@@ -197,5 +268,5 @@ fn errors_say_what_to_do() {
     check(b"glTF and more", "this is not a Sightline world (.slw)");
     let mut file = small_world().to_bytes();
     file[4] = 9;
-    check(&file, "world file version 9, but this program reads version 5; compile again");
+    check(&file, "world file version 9, but this program reads version 6; compile again");
 }
