@@ -8,6 +8,7 @@ use sightline_server::{
         self, CompileError, Report,
         carve::{self, Units},
         model,
+        rooms::{self, text},
     },
     progress::Progress,
 };
@@ -36,6 +37,10 @@ pub struct Args {
     /// An archive with the textures of a Quake III map; may be given several times.
     #[arg(long, value_name = "FILE.pk3")]
     pk3: Vec<PathBuf>,
+    /// A file with rooms (TOML); by default the one beside the model that has its name and ends in .rooms.toml,
+    /// if there is one.
+    #[arg(long, value_name = "R.toml")]
+    rooms: Option<PathBuf>,
     /// Write the figures of the closing table to this file too.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -66,7 +71,11 @@ fn carving_units(text: &str) -> Result<Units, String> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
-    let model = model::read(&args.input, &args.pk3)?;
+    let mut model = model::read(&args.input, &args.pk3)?;
+    let beside = args.input.with_extension("rooms.toml");
+    if let Some(path) = args.rooms.as_ref().or(Some(&beside).filter(|path| path.is_file())) {
+        model.rooms.extend(told(text::read_file(path))?);
+    }
     for warning in &model.warnings {
         super::note(&format!("warning: {warning}"));
     }
@@ -83,8 +92,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     progress.finish();
     let (world, report) = match outcome {
         Err(CompileError::Cancelled) => return Err(Interrupted.into()),
+        Err(CompileError::Rooms(faults)) => return Err(tell(faults)),
         other => other.with_context(|| args.input.display().to_string())?,
     };
+    for warning in &report.room_warnings {
+        super::note(&format!("warning: {warning}"));
+    }
     let bytes = world.to_bytes();
     let writing = interrupt.hold_off();
     if interrupt.flow().is_break() {
@@ -95,6 +108,25 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     drop(writing);
     super::print(&table(&report))?;
     super::write_json(args.json.as_deref(), &report)
+}
+
+/// The rooms of a file, or each of its faults on a line of its own, and an error.
+fn told(
+    read: Result<Vec<rooms::Declared>, text::FileError>,
+) -> anyhow::Result<Vec<rooms::Declared>> {
+    match read {
+        Err(text::FileError::Faults(faults)) => Err(tell(faults)),
+        other => Ok(other?),
+    }
+}
+
+/// All faults but the last are told here: that one is the error.
+fn tell(rooms::Faults(mut faults): rooms::Faults) -> anyhow::Error {
+    let last = faults.pop();
+    for fault in &faults {
+        super::note(&format!("error: {fault}"));
+    }
+    last.map_or_else(|| anyhow::anyhow!("the rooms are faulty"), anyhow::Error::new)
 }
 
 fn table(report: &Report) -> String {
@@ -114,6 +146,8 @@ fn table(report: &Report) -> String {
     row("portals", report.portals.to_string());
     row("PVS density", format!("{:.1} %", report.pvs_density * 100.0));
     row("movers", report.movers.to_string());
+    row("rooms", report.rooms.to_string());
+    row("windows", report.windows.to_string());
     for (name, value) in super::octree_rows(&report.octree) {
         row(name, value);
     }

@@ -3,6 +3,7 @@
 //!
 //! * [`model`]: what an importer makes; [`glb`], [`bsp`] and [`demo_building`] make one.
 //! * [`carve`]: polygons, and the model without those that are not axial.
+//! * [`rooms`]: what an author knows about the building.
 //! * [`occluders`]: which surfaces make cells. [`subdivide`]: cells and portals. [`pvs`]: who sees
 //!   whom. `light`: for models that bring none. [`voxelise`]: what clients draw.
 
@@ -36,6 +37,7 @@ pub mod model;
 mod movers;
 pub mod occluders;
 pub mod pvs;
+pub mod rooms;
 pub mod subdivide;
 pub mod voxelise;
 
@@ -100,6 +102,9 @@ pub enum CompileError {
     /// See the cause.
     #[error(transparent)]
     Voxels(voxelise::VoxeliseError),
+    /// Rooms that make no sense.
+    #[error(transparent)]
+    Rooms(#[from] rooms::Faults),
 }
 
 impl From<voxelise::VoxeliseError> for CompileError {
@@ -134,6 +139,12 @@ pub struct Report {
     pub pvs_density: f64,
     /// What moves by itself.
     pub movers: usize,
+    /// What the author declared.
+    pub rooms: usize,
+    /// All windows of these.
+    pub windows: usize,
+    /// What of the rooms was probably not meant.
+    pub room_warnings: Vec<rooms::Fault>,
     /// The octree that clients draw.
     #[serde(flatten)]
     pub octree: OctreeFigures,
@@ -181,6 +192,8 @@ pub fn compile(
         Spaces::new(&space, axes, &occluders)
     });
     let cells = watch.time(Stage::Pvs, || sight_lines(&spaces, options.cell, &listener))?;
+    let mesh = mesh(&model.opaque);
+    let (rooms, room_warnings) = rooms_of(model, &cells, &mesh)?;
     let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
     let lit = watch.time(Stage::Light, || lit(model, voxel, &listener))?;
     listener.tell(Stage::Voxels, 0.0)?;
@@ -199,11 +212,13 @@ pub fn compile(
         portals: cells.portals.len(),
         pvs_density: cells.density(),
         movers: model.movers.len(),
+        rooms: rooms.list().len(),
+        windows: rooms.list().iter().map(|room| room.windows.len()).sum(),
+        room_warnings,
         octree: OctreeFigures::of(&octree),
         seconds: watch.seconds,
         cpu_seconds: watch.cpu_seconds,
     };
-    let mesh = mesh(&model.opaque);
     let spawns = if model.spawns.is_empty() {
         vec![find_spawn(model, &cells, &mesh)]
     } else {
@@ -218,10 +233,22 @@ pub fn compile(
         body: model.body,
         speed_max: model.speed_max,
         movers: model.movers.clone(),
-        rooms: Rooms::default(),
+        rooms,
         origin: model.origin.clone(),
     };
     Ok((world, report))
+}
+
+/// The rooms that the model declares, and what of them was probably not meant.
+fn rooms_of(
+    model: &Model,
+    cells: &Cells,
+    mesh: &Mesh,
+) -> Result<(Rooms, Vec<rooms::Fault>), rooms::Faults> {
+    let known = rooms::Known { cells, movers: &model.movers, nodes: &model.nodes };
+    let made = rooms::resolve(&model.rooms, &known)?;
+    let warnings = rooms::checks::warnings(&model.rooms, &made, cells, &|| Sight::new(mesh));
+    Ok((made, warnings))
 }
 
 /// The surfaces with their light.
@@ -411,6 +438,8 @@ mod tests {
             body: Body::PERSON,
             speed_max: 5.0,
             movers: Vec::new(),
+            rooms: Vec::new(),
+            nodes: Vec::new(),
             origin: None,
             warnings: Vec::new(),
         }

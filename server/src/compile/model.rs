@@ -22,6 +22,7 @@ pub(super) use limits::{
 use super::{
     bsp::{self, BspError},
     glb::{self, GlbError},
+    rooms::Declared,
 };
 
 /// Triangles to draw, surfaces that block sight, and places to stand. In metres, y up.
@@ -41,6 +42,10 @@ pub struct Model {
     pub solids: Vec<Convex>,
     /// What moves by itself. None of it is among the above.
     pub movers: Vec<Mover>,
+    /// Rooms, as named nodes or a file beside the model declare them.
+    pub rooms: Vec<Declared>,
+    /// Named nodes that do not move, each with the box around its triangles: what sets can name.
+    pub nodes: Vec<(String, Aabb)>,
     /// Where avatars can begin; the compiler finds a place when there is none.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.

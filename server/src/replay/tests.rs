@@ -55,6 +55,8 @@ impl House {
             body: Body::PERSON,
             speed_max: 2.0,
             movers: Vec::new(),
+            rooms: Vec::new(),
+            nodes: Vec::new(),
             origin: None,
             warnings: Vec::new(),
         };

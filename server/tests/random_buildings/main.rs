@@ -251,6 +251,8 @@ fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<Convex>) -> Model {
         body: Body::PERSON,
         speed_max: 5.0,
         movers: Vec::new(),
+        rooms: Vec::new(),
+        nodes: Vec::new(),
         origin: None,
         warnings: Vec::new(),
     }

@@ -285,6 +285,8 @@ impl Draft {
             speed_max: 4.0,
             origin: None,
             movers: Vec::new(),
+            rooms: Vec::new(),
+            nodes: Vec::new(),
             warnings: Vec::new(),
         }
     }

@@ -74,6 +74,8 @@ fn model() -> Model {
         body: Body::PERSON,
         speed_max: SPEED_MAX,
         movers: Vec::new(),
+        rooms: Vec::new(),
+        nodes: Vec::new(),
         origin: None,
         warnings: Vec::new(),
     }

@@ -114,6 +114,8 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
         speed_max: SPEED_MAX,
         warnings: Vec::new(),
         movers: Vec::new(),
+        rooms: Vec::new(),
+        nodes: Vec::new(),
         origin: None,
     };
     let mut archives = Archives::open(pk3s)?;

@@ -17,7 +17,10 @@ use gltf::{
     json::{Index, Root, validation::Checked},
 };
 
-use super::model::{self, Model};
+use super::{
+    model::{self, Model},
+    rooms::Fault,
+};
 use resources::Resources;
 
 /// The most vertices and the most triangles of a model, instances counted one by one: 8 Mi of
@@ -92,6 +95,9 @@ pub enum GlbError {
         /// Which vertex of the primitive.
         vertex: usize,
     },
+    /// A node that stands for a room or a window, and cannot.
+    #[error(transparent)]
+    Room(#[from] Fault),
     /// More than this reader takes.
     #[error("too many {0}")]
     TooMany(&'static str),

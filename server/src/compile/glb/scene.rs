@@ -8,7 +8,7 @@ use gltf::{
     material::{AlphaMode, Material as GltfMaterial},
     mesh::Mode,
 };
-use sightline_shared::{motion::Body, world::Spawn};
+use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
 
 use super::{
     DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX, accessor,
@@ -18,6 +18,7 @@ use super::{
 use crate::compile::{
     model::{self, Material, Model, SPAWNS_MAX, Surface},
     movers::Fleet,
+    rooms,
 };
 
 const SPEED_MAX: f32 = 4.0;
@@ -34,6 +35,8 @@ pub(super) struct Reader<'a> {
     animations: Animations,
     /// What moves.
     hangers: Vec<Hanger>,
+    /// For each of the model's nodes, the one that it hangs on.
+    above: Vec<Option<usize>>,
 }
 
 /// A node that moves, and what hangs on it and not on another below.
@@ -52,6 +55,8 @@ struct Visit<'a> {
     parent: DMat4,
     depth: usize,
     hanger: Option<usize>,
+    /// Index into the model's nodes of the nearest one with a name that it hangs on.
+    within: Option<usize>,
 }
 
 impl<'a> Reader<'a> {
@@ -66,11 +71,21 @@ impl<'a> Reader<'a> {
             body: Body::PERSON,
             speed_max: SPEED_MAX,
             movers: Vec::new(),
+            rooms: Vec::new(),
+            nodes: Vec::new(),
             origin: None,
             warnings: Vec::new(),
         };
-        let (animations, hangers) = (Animations::default(), Vec::new());
-        Self { document, resources, model, vertices: 0, triangles: 0, animations, hangers }
+        Self {
+            document,
+            resources,
+            model,
+            vertices: 0,
+            triangles: 0,
+            animations: Animations::default(),
+            hangers: Vec::new(),
+            above: Vec::new(),
+        }
     }
 
     /// Reads the default scene, or all of them when none is.
@@ -86,7 +101,8 @@ impl<'a> Reader<'a> {
         }
         self.animations =
             Animations::read(self.document, &self.resources, &mut self.model.warnings)?;
-        let visit = |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, hanger: None };
+        let visit =
+            |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, hanger: None, within: None };
         let mut stack: Vec<Visit<'a>> =
             scenes.iter().flat_map(|scene| scene.nodes()).map(visit).collect();
         stack.reverse();
@@ -102,11 +118,13 @@ impl<'a> Reader<'a> {
             self.visit(&visit, &mut stack)?;
         }
         self.launch();
+        self.model.nodes.retain(|(_, bounds)| !bounds.is_empty());
+        rooms::nodes::in_order(&mut self.model.rooms);
         Ok(self.model)
     }
 
     fn visit(&mut self, visit: &Visit<'a>, stack: &mut Vec<Visit<'a>>) -> Result<(), GlbError> {
-        let Visit { node, parent, depth, mut hanger } = visit.clone();
+        let Visit { node, parent, depth, mut hanger, mut within } = visit.clone();
         let above = hanger.and_then(|index| self.hangers.get(index)).map(|above| &above.chain);
         let mut place = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
         if let Some(chain) = self.animations.chain(&node, above, &parent)? {
@@ -115,8 +133,17 @@ impl<'a> Reader<'a> {
             self.hangers.push(Hanger { name, chain, surfaces: Vec::new() });
             place = DMat4::IDENTITY;
         }
-        self.node(&node, &tidied(place), hanger)?;
-        let child = |node| Visit { node, parent: place, depth: depth + 1, hanger };
+        if let Some(role) = node.name().and_then(rooms::nodes::role) {
+            self.room(&node, &role, &tidied(place), hanger)?;
+        } else {
+            if let Some(name) = node.name().filter(|_| hanger.is_none()) {
+                self.model.nodes.push((name.to_owned(), Aabb::EMPTY));
+                self.above.push(within);
+                within = Some(self.above.len() - 1);
+            }
+            self.node(&node, &tidied(place), hanger, within)?;
+        }
+        let child = |node| Visit { node, parent: place, depth: depth + 1, hanger, within };
         stack.extend(node.children().map(child));
         Ok(())
     }
@@ -140,6 +167,7 @@ impl<'a> Reader<'a> {
         node: &Node<'a>,
         place: &DMat4,
         hanger: Option<usize>,
+        within: Option<usize>,
     ) -> Result<(), GlbError> {
         if node.extension_value("OMI_spawn_point").is_some() {
             let above = hanger.and_then(|index| self.hangers.get(index));
@@ -156,9 +184,41 @@ impl<'a> Reader<'a> {
             if !surface.material.glass {
                 self.model.opaque.extend(surface.corners());
             }
+            let bounds = Aabb::from_points(surface.corners().flatten());
+            let mut at = within;
+            while let Some(around) = at {
+                let (_, known) = &mut self.model.nodes[around];
+                *known = known.union(&bounds);
+                at = self.above[around];
+            }
             self.model.surfaces.push(surface);
         }
         Ok(())
+    }
+
+    /// A node that stands for a part of a room, or for a window.
+    fn room(
+        &mut self,
+        node: &Node<'a>,
+        role: &rooms::nodes::Role<'_>,
+        place: &DMat4,
+        hanger: Option<usize>,
+    ) -> Result<(), GlbError> {
+        let name = node.name().unwrap_or_default();
+        if hanger.is_some() {
+            self.model.warnings.push(format!("{name}: rooms do not move; left out"));
+            return Ok(());
+        }
+        let mut corners = Vec::new();
+        for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
+            let index = node.mesh().map_or(0, |mesh| mesh.index());
+            if let Some(surface) = self.primitive(index, &primitive, place)? {
+                corners.extend(surface.corners().flatten());
+            }
+        }
+        let extras = node.extras().as_ref().map(|extras| extras.get());
+        let added = rooms::nodes::add(&mut self.model.rooms, name, role, &corners, extras);
+        Ok(added?)
     }
 
     fn spawn(&mut self, to_world: &DMat4) {
