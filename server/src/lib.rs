@@ -9,6 +9,7 @@
 //! * [`progress`]: how long tasks show that they go on.
 //! * [`replay`]: the engine over a recorded [`trace`], without sockets.
 //! * [`sight`]: rays against the original triangles, the oracle that all else is checked against.
+//! * [`suggest`]: rooms and windows as a building itself suggests them.
 //! * [`verify`]: a compiled world against that oracle.
 
 pub mod compile;
@@ -20,5 +21,6 @@ pub mod portrait;
 pub mod progress;
 pub mod replay;
 pub mod sight;
+pub mod suggest;
 pub mod trace;
 pub mod verify;

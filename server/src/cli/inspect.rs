@@ -9,14 +9,18 @@ use sightline_server::{
     octree_figures::OctreeFigures,
     plan::{self, Mark, Overlay},
     portrait::{self, View},
-    verify,
+    progress::Progress,
+    suggest, verify,
 };
 use sightline_shared::{
     motion::trajectory::Course,
-    world::{Mover, World, content_id},
+    world::{Mover, World, content_id, write_whole},
 };
 
-use super::verification;
+use super::{
+    interrupt::{Interrupt, Interrupted},
+    verification,
+};
 
 /// Movers that the table lists one by one; the JSON file has all.
 const MOVERS_SHOWN: usize = 40;
@@ -47,6 +51,10 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
           allow_hyphen_values = true)]
     look: Option<Vec3>,
+    /// Write the rooms and windows that the building suggests as TOML: to this file, or to stdout in place of the
+    /// table. Edit it and give it to compile.
+    #[arg(long, value_name = "R.toml", num_args = 0..=1, default_missing_value = "-")]
+    suggest_rooms: Option<PathBuf>,
     /// Compare the PVS with rays: so many random pairs of points by volume, and as many by cell.
     /// Fails when a pair in sight is missing from it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
@@ -124,6 +132,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let named = || args.world.display().to_string();
     let bytes = std::fs::read(&args.world).with_context(|| format!("cannot read {}", named()))?;
     let world = World::from_bytes(&bytes).with_context(named)?;
+    let suggested = args.suggest_rooms.as_ref().map(|_| suggested(&world)).transpose()?;
     let mut figures = Figures {
         title: world.title.clone(),
         content_id: content_id(&bytes)?.to_string(),
@@ -139,7 +148,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         speed_max_m_s: world.speed_max,
         verified: None,
     };
-    super::print(&table(&figures))?;
+    match (&args.suggest_rooms, &suggested) {
+        (Some(path), Some(toml)) if path.as_os_str() == "-" => super::print(toml)?,
+        (Some(path), Some(toml)) => {
+            write_whole(path, toml.as_bytes())
+                .with_context(|| format!("cannot write {}", path.display()))?;
+            super::print(&table(&figures))?;
+        }
+        _ => super::print(&table(&figures))?,
+    }
     if let Some(path) = &args.map {
         let picture = plan::draw(&world, &overlay(&world, args));
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
@@ -160,6 +177,21 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     super::write_json(args.json.as_deref(), &figures)?;
     figures.verified.as_ref().map_or(Ok(()), verification::Figures::verdict).with_context(named)
+}
+
+/// The rooms that the building suggests, as TOML.
+fn suggested(world: &World) -> anyhow::Result<String> {
+    let interrupt = Interrupt::listen()?;
+    let progress = Progress::new();
+    let rooms = suggest::suggest(world, &mut |share| {
+        progress.show("rooms", share);
+        interrupt.flow()
+    });
+    progress.finish();
+    let rooms = rooms.ok_or(Interrupted)?;
+    let windows: usize = rooms.iter().map(|room| room.windows.len()).sum();
+    super::note(&format!("{} rooms and {windows} windows", rooms.len()));
+    Ok(suggest::to_toml(world, &rooms))
 }
 
 fn view(world: &World, args: &Args) -> anyhow::Result<View> {

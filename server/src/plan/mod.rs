@@ -89,6 +89,11 @@ pub fn draw(world: &World, overlay: &Overlay) -> RgbImage {
     }
 }
 
+/// The heights of the storeys' floors, ascending.
+pub fn storeys(world: &World) -> Vec<f32> {
+    floors::storeys(world, &area(world))
+}
+
 /// What of the world is drawn: all that is opaque, and a little around it.
 fn area(world: &World) -> Aabb {
     let opaque = Aabb::from_points(world.mesh.positions.iter().copied());

@@ -140,7 +140,7 @@ fn faults_tell_where_they_are() {
     check(
         "[[room]]\nname = \"a\"\nheigth = 1",
         "3: unknown field `heigth`, expected one of \
-        `name`, `title`, `rectangle`, `polygon`, `heights`, `box`, `boxes`, `hull`, `visible`, `hidden`, \
+        `name`, `title`, `rectangle`, `polygon`, `heights`, `box`, `boxes`, `hull`, `hulls`, `visible`, `hidden`, \
         `overlaps`, `sealed`, `opaque`, `spawn`, `capacity`, `tag`, `window`",
     );
     check("\n[[room]]\ntitle = \"a\"", "2: a room without a name");

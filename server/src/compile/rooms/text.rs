@@ -7,7 +7,7 @@
 //! rectangle = [[0.0, 0.0], [6.0, 4.0]]       # x and z of two corners; or
 //! # polygon = [[0, 0], [6, 0], [6, 4]]       # x and z, in order around it; or
 //! # box = [[0, 0, 0], [6, 3, 4]]             # or boxes = [...], of several
-//! # hull = [[0, 0, 0], [6, 0, 0], ...]       # the convex hull of points
+//! # hull = [[0, 0, 0], [6, 0, 0], ...]       # the convex hull of points; or hulls = [...]
 //! heights = [0.0, 3.0]                       # of a rectangle or a polygon; all heights without
 //! visible = { rooms = ["hall"], objects = ["lift"], cells = [[1.0, 1.5, 2.0], 17] }
 //! # hidden = { ... }                         # all but these, in place of visible
@@ -151,6 +151,8 @@ struct Entry<S> {
     #[serde(default = "Vec::new")]
     boxes: Vec<[Vec3; 2]>,
     hull: Option<Vec<Vec3>>,
+    #[serde(default = "Vec::new")]
+    hulls: Vec<Vec<Vec3>>,
     visible: Option<Set<S>>,
     hidden: Option<Set<S>>,
     #[serde(default = "Vec::new")]
@@ -217,7 +219,7 @@ impl<S: DeserializeOwned> Entry<S> {
         }
         let boxes = self.r#box.iter().chain(&self.boxes);
         shapes.extend(boxes.map(|[a, b]| Shape::Box(Aabb::new(a.min(*b), a.max(*b)))));
-        shapes.extend(self.hull.clone().map(Shape::Hull));
+        shapes.extend(self.hull.iter().chain(&self.hulls).cloned().map(Shape::Hull));
         if shapes.is_empty() {
             return Err("it has no shape: give a rectangle, polygon, box or hull");
         }
