@@ -5,11 +5,13 @@
 //! * [`world`]: the compiled world and its file: octree, cells, portals, PVS, mesh, spawns.
 //! * [`motion`]: poses, bodies, speed limits and temporal bounding volumes.
 //! * [`rooms`]: what an author knows about a building, and who may see whom by it.
+//! * [`fuzzy`]: what no eye in a box can see, and what all of them see.
 //! * [`shaft`]: whether every line between two boxes is blocked.
 //! * [`protocol`]: wire types, quantisation and limits.
 //!
 //! Units are metres, seconds and radians; axes are right-handed with y up, as in glTF.
 
+pub mod fuzzy;
 pub mod geometry;
 pub mod motion;
 pub mod octree;

@@ -1,0 +1,278 @@
+//! Surfaces: flat patches that share edges.
+
+use glam::{DVec3, Vec3};
+use rustc_hash::FxHashMap;
+
+use super::faces::NEAR_M;
+use crate::geometry::Aabb;
+
+/// How far a corner of a patch may be off its plane, in metres.
+const FLAT_M: f64 = 1e-5;
+/// Patches are tested by so many at once before each is.
+const CLUSTER: usize = 32;
+
+/// Opaque surfaces that are made of patches, ready to be projected.
+#[derive(Clone, Debug)]
+pub struct Surfaces {
+    corners: Vec<DVec3>,
+    /// Of `corners`, patch by patch; that to the next is an edge.
+    indices: Vec<u32>,
+    patches: Vec<Patch>,
+    /// For each edge the other patch that it belongs to, if it belongs to two of the same surface, and
+    /// whether their corners go round the same way.
+    joins: Vec<Option<Join>>,
+    /// Around each run of patches.
+    clusters: Vec<Aabb>,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Patch {
+    start: u32,
+    end: u32,
+    /// Of unit length; zero when the patch has no area.
+    pub(super) normal: DVec3,
+    /// Of its plane along the normal, in metres.
+    pub(super) offset: f64,
+    pub(super) bounds: Aabb,
+    /// What does not hide itself: patches of the same number that face the eyes.
+    pub(super) kin: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Join {
+    pub(super) patch: u32,
+    pub(super) same_way: bool,
+}
+
+/// Why polygons are no patches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SurfaceError {
+    /// A corner is not among those given, or is no number.
+    #[error("patch {patch} has a corner that is not there, or is no number")]
+    Corner {
+        /// The number of the patch.
+        patch: usize,
+    },
+    /// A polygon has at least three corners.
+    #[error("patch {patch} has fewer than three corners")]
+    Few {
+        /// The number of the patch.
+        patch: usize,
+    },
+    /// The corners are not in one plane, or do not go round a convex polygon.
+    #[error("patch {patch} is not flat and convex: divide it into triangles")]
+    Shape {
+        /// The number of the patch.
+        patch: usize,
+    },
+    /// There are more than 2^32 corners or edges.
+    #[error("there are too many patches")]
+    Many,
+}
+
+impl Surfaces {
+    /// Takes polygons, each with the number of its surface and the indices of its corners in order.
+    /// Corners in the same place count as one. Polygons without an area hide nothing.
+    ///
+    /// # Errors
+    /// When a polygon is not flat and convex, or an index or a corner is of no use.
+    pub fn new(corners: &[Vec3], polygons: &[(u32, Vec<u32>)]) -> Result<Self, SurfaceError> {
+        let count: usize = polygons.iter().map(|(_, indices)| indices.len()).sum();
+        if u32::try_from(count.max(corners.len())).is_err() {
+            return Err(SurfaceError::Many);
+        }
+        let welded = weld(corners);
+        let mut surfaces = Self {
+            corners: corners.iter().map(|corner| corner.as_dvec3()).collect(),
+            indices: Vec::with_capacity(count),
+            patches: Vec::with_capacity(polygons.len()),
+            joins: Vec::new(),
+            clusters: Vec::new(),
+        };
+        for (patch, (_, indices)) in polygons.iter().enumerate() {
+            let is_sound = |&i: &u32| corners.get(i as usize).is_some_and(|at| at.is_finite());
+            if !indices.iter().all(is_sound) {
+                return Err(SurfaceError::Corner { patch });
+            }
+            surfaces.add(patch, indices.iter().map(|i| welded[*i as usize]))?;
+        }
+        surfaces.join(polygons);
+        surfaces.find_kin(polygons);
+        let around = |run: &[Patch]| run.iter().fold(Aabb::EMPTY, |all, p| all.union(&p.bounds));
+        surfaces.clusters = surfaces.patches.chunks(CLUSTER).map(around).collect();
+        Ok(surfaces)
+    }
+
+    /// How many patches there are.
+    pub fn len(&self) -> usize {
+        self.patches.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.patches.is_empty()
+    }
+
+    pub(super) fn patch(&self, patch: usize) -> &Patch {
+        &self.patches[patch]
+    }
+
+    /// Runs of patches, each with a box around it.
+    pub(super) fn clusters(&self) -> impl Iterator<Item = (std::ops::Range<usize>, &Aabb)> {
+        let all = self.patches.len();
+        let run = move |i: usize| i * CLUSTER..((i + 1) * CLUSTER).min(all);
+        self.clusters.iter().enumerate().map(move |(i, bounds)| (run(i), bounds))
+    }
+
+    /// The corners of a patch, in order.
+    pub(super) fn corners(&self, patch: usize) -> impl Iterator<Item = DVec3> + Clone + '_ {
+        self.edges(patch).map(|edge| self.corners[self.indices[edge] as usize])
+    }
+
+    /// The edges of a patch: each from a corner to the next.
+    pub(super) fn edges(&self, patch: usize) -> std::ops::Range<usize> {
+        self.patches[patch].start as usize..self.patches[patch].end as usize
+    }
+
+    pub(super) fn ends(&self, patch: usize, edge: usize) -> [DVec3; 2] {
+        let edges = self.edges(patch);
+        let next = if edge + 1 == edges.end { edges.start } else { edge + 1 };
+        [edge, next].map(|at| self.corners[self.indices[at] as usize])
+    }
+
+    pub(super) fn join_at(&self, edge: usize) -> Option<Join> {
+        self.joins[edge]
+    }
+
+    /// On which side of a patch's plane all eyes are: 1 where its normal points, -1 on the other, 0
+    /// when they are on both, or too near.
+    pub(super) fn side(&self, patch: usize, eyes: &[DVec3; 8]) -> i8 {
+        let Patch { normal, offset, .. } = &self.patches[patch];
+        let heights = eyes.map(|eye| normal.dot(eye) - offset);
+        if heights.iter().all(|height| *height > NEAR_M) {
+            1
+        } else if heights.iter().all(|height| *height < -NEAR_M) {
+            -1
+        } else {
+            0
+        }
+    }
+
+    fn add(
+        &mut self,
+        patch: usize,
+        indices: impl Iterator<Item = u32>,
+    ) -> Result<(), SurfaceError> {
+        let start = self.indices.len();
+        self.indices.extend(indices);
+        let corners: Vec<DVec3> =
+            self.indices[start..].iter().map(|i| self.corners[*i as usize]).collect();
+        if corners.len() < 3 {
+            return Err(SurfaceError::Few { patch });
+        }
+        let sum: DVec3 = (0..corners.len())
+            .map(|i| (corners[i] - corners[0]).cross(corners[(i + 1) % corners.len()] - corners[0]))
+            .sum();
+        let normal = sum.normalize_or_zero();
+        let offset = corners.iter().map(|corner| normal.dot(*corner)).sum::<f64>();
+        let offset = offset / corners.len() as f64;
+        if normal != DVec3::ZERO && !is_convex(&corners, normal, offset) {
+            return Err(SurfaceError::Shape { patch });
+        }
+        let bounds = Aabb::from_points(corners.iter().map(|corner| corner.as_vec3()));
+        let (start, end) = (start as u32, self.indices.len() as u32);
+        self.patches.push(Patch { start, end, normal, offset, bounds, kin: 0 });
+        Ok(())
+    }
+
+    /// Finds which edges belong to just two patches of the same surface.
+    fn join(&mut self, polygons: &[(u32, Vec<u32>)]) {
+        let mut found: FxHashMap<(u32, [u32; 2]), Vec<(usize, usize, bool)>> = FxHashMap::default();
+        for (patch, (surface, _)) in polygons.iter().enumerate() {
+            let edges = self.edges(patch);
+            for edge in edges.clone() {
+                let next = if edge + 1 == edges.end { edges.start } else { edge + 1 };
+                let [from, to] = [self.indices[edge], self.indices[next]];
+                let key = (*surface, [from.min(to), from.max(to)]);
+                found.entry(key).or_default().push((patch, edge, from < to));
+            }
+        }
+        self.joins = vec![None; self.indices.len()];
+        for edges in found.values() {
+            if let [(one, edge, up), (other, other_edge, other_up)] = edges[..]
+                && one != other
+            {
+                // Round the same way, a shared edge is gone along once in each direction.
+                let same_way = up != other_up;
+                self.joins[edge] = Some(Join { patch: other as u32, same_way });
+                self.joins[other_edge] = Some(Join { patch: one as u32, same_way });
+            }
+        }
+    }
+
+    /// Numbers what does not hide itself: a surface that is convex, seen from outside or inside, as
+    /// a whole; of others what lies in one plane.
+    fn find_kin(&mut self, polygons: &[(u32, Vec<u32>)]) {
+        let mut by_surface: FxHashMap<u32, Vec<usize>> = FxHashMap::default();
+        for (patch, (surface, _)) in polygons.iter().enumerate() {
+            by_surface.entry(*surface).or_default().push(patch);
+        }
+        let mut of: Vec<Vec<usize>> = by_surface.into_values().collect();
+        of.sort_unstable();
+        let mut kin = 0;
+        for patches in of {
+            if self.does_not_hide_itself(&patches) {
+                patches.iter().for_each(|patch| self.patches[*patch].kin = kin);
+                kin += 1;
+                continue;
+            }
+            let mut planes: FxHashMap<[i64; 4], u32> = FxHashMap::default();
+            for patch in patches {
+                let Patch { normal, offset, .. } = self.patches[patch];
+                let key = normal.extend(offset).to_array().map(|part| (part * 1e4).round() as i64);
+                let number = *planes.entry(key).or_insert_with(|| {
+                    kin += 1;
+                    kin - 1
+                });
+                self.patches[patch].kin = number;
+            }
+        }
+    }
+
+    /// Whether all corners of some patches lie on the same side of all of their planes, and nothing
+    /// turns over.
+    fn does_not_hide_itself(&self, patches: &[usize]) -> bool {
+        // Of large surfaces it is not worth finding out.
+        if patches.len() > 4_096 {
+            return false;
+        }
+        let corners: Vec<DVec3> = patches.iter().flat_map(|patch| self.corners(*patch)).collect();
+        [1.0, -1.0].into_iter().any(|side| {
+            patches.iter().all(|patch| {
+                let Patch { normal, offset, .. } = &self.patches[*patch];
+                corners.iter().all(|corner| side * (normal.dot(*corner) - offset) <= FLAT_M)
+            })
+        })
+    }
+}
+
+/// For each corner the first in the same place.
+fn weld(corners: &[Vec3]) -> Vec<u32> {
+    let mut first: FxHashMap<[u32; 3], u32> = FxHashMap::default();
+    let key = |corner: &Vec3| corner.to_array().map(|part| (part + 0.0).to_bits());
+    (0..).zip(corners).map(|(i, corner)| *first.entry(key(corner)).or_insert(i)).collect()
+}
+
+/// Whether corners go round a flat, convex polygon.
+fn is_convex(corners: &[DVec3], normal: DVec3, offset: f64) -> bool {
+    let count = corners.len();
+    let is_flat = corners.iter().all(|corner| (normal.dot(*corner) - offset).abs() <= FLAT_M);
+    let ahead = |i: usize| corners[(i + 1) % count] - corners[i];
+    // All corners lie to the left of all edges; a star would not.
+    is_flat
+        && (0..count).all(|i| {
+            let left = normal.cross(ahead(i)).normalize_or_zero();
+            corners.iter().all(|corner| left.dot(*corner - corners[i]) >= -FLAT_M)
+        })
+}
