@@ -3,11 +3,13 @@
 use std::ops::Range;
 
 use glam::{DVec2, DVec3};
+use rustc_hash::FxHashMap;
 
 use super::{
     Class, Surfaces, Viewpoints,
     faces::{Face, projected, region, spans},
     raster::{ROUNDING, elements, rows},
+    surfaces::Group,
 };
 use crate::geometry::Aabb;
 
@@ -28,15 +30,28 @@ pub struct Buffer {
     is_blind: bool,
 }
 
-/// Depths along a face's axis, and of 2 × 2 of them the greatest, and so on.
+/// Depths along a face's axis, and of 2 × 2 of them the least and the greatest, and so on.
 #[derive(Clone, Debug)]
 struct Depths {
-    levels: Vec<Vec<f32>>,
+    levels: Vec<Vec<[f32; 2]>>,
 }
 
+/// What a buffer says of what is in a box.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Hidden {
+    All,
+    Nothing,
+    Perhaps,
+}
+
+/// What meets fewer elements each way is not worth projecting.
+const ELEMENTS_MIN: f64 = 4.0;
+/// Sheets that are not so many times wider than the box of eyes have next to no non-fuzzy region.
+const WIDER_MIN: f32 = 4.0;
+
 /// Interconnected patches that all face all eyes.
-#[derive(Default)]
 struct Sheet {
+    bounds: Aabb,
     patches: Vec<usize>,
     /// Its border: a patch and an edge of it.
     border: Vec<(usize, usize)>,
@@ -80,22 +95,74 @@ impl Buffer {
         if buffer.is_blind {
             return buffer;
         }
-        let eyes = viewpoints.corners();
-        let sheets = sheets(surfaces, &eyes, viewpoints.eyes().size().min_element());
-        let (mut rows, mut spare) = (Rows::new(size), Vec::new());
+        let width_m = viewpoints.eyes().size().min_element();
+        let mut worthy: Vec<(f64, &Group)> = surfaces
+            .groups()
+            .iter()
+            .map(|group| (buffer.distance(&group.bounds), group))
+            .filter(|(distance, group)| buffer.is_worthy(*distance, &group.bounds, width_m))
+            .collect();
+        worthy.sort_by(|one, other| one.0.total_cmp(&other.0));
+        let mut sheets = Sheets::new(surfaces, viewpoints, width_m, size);
         for face in viewpoints.faces() {
-            let mut nearest = vec![f32::INFINITY; size * size];
-            for sheet in &sheets {
-                buffer.scan(face, sheet, surfaces, &mut rows, &mut spare);
-                for &(patch, edge) in &sheet.border {
-                    let ends = surfaces.ends(patch, edge);
-                    rows.erase(&region(face, &ends, &eyes, size as f64, &mut spare), size);
-                }
-                rows.merge_into(&mut nearest, size);
-            }
-            buffer.faces[face.index()] = Some(Depths::new(nearest, size));
+            buffer.project_all(face, &worthy, &mut sheets);
         }
         buffer
+    }
+
+    /// How far it is to a box along the axis that says most.
+    fn distance(&self, bounds: &Aabb) -> f64 {
+        let (below, above) =
+            (bounds.min.as_dvec3() - self.middle, self.middle - bounds.max.as_dvec3());
+        below.max(above).max(DVec3::ZERO).max_element()
+    }
+
+    /// Whether something may have a non-fuzzy region worth having.
+    fn is_worthy(&self, distance: f64, bounds: &Aabb, width_m: f32) -> bool {
+        let width = bounds.size().max_element();
+        width > WIDER_MIN * width_m
+            && f64::from(width) * self.size as f64 > 2.0 * ELEMENTS_MIN * distance
+    }
+
+    /// Fills in a face: first with what is around the eyes, then with the rest, nearest first, as far
+    /// as that does not hide it.
+    fn project_all(&mut self, face: Face, worthy: &[(f64, &Group)], sheets: &mut Sheets<'_>) {
+        let size = self.size;
+        let mut nearest = vec![f32::INFINITY; size * size];
+        let around = worthy.partition_point(|(distance, _)| *distance == 0.0);
+        for (_, group) in &worthy[..around] {
+            self.project_group(face, group, sheets, &mut nearest);
+        }
+        self.faces[face.index()] = Some(Depths::new(&nearest, size));
+        let mut is_new = false;
+        for (_, group) in &worthy[around..] {
+            if self.look_on(face, &group.bounds).is_some_and(|hidden| hidden != Hidden::All) {
+                self.project_group(face, group, sheets, &mut nearest);
+                is_new = true;
+            }
+        }
+        if is_new {
+            self.faces[face.index()] = Some(Depths::new(&nearest, size));
+        }
+    }
+
+    fn project_group(&self, face: Face, group: &Group, of: &mut Sheets<'_>, nearest: &mut [f32]) {
+        let surfaces = of.surfaces;
+        let found = of.take(group);
+        for sheet in &found {
+            let distance = self.distance(&sheet.bounds);
+            if !self.is_worthy(distance, &sheet.bounds, of.width_m) {
+                continue;
+            }
+            self.scan(face, sheet, surfaces, &mut of.rows, &mut of.spare);
+            for &(patch, edge) in &sheet.border {
+                let ends = surfaces.ends(patch, edge);
+                let band = region(face, &ends, &of.eyes, self.size as f64, &mut of.spare);
+                of.rows.erase(&band, self.size);
+            }
+            of.rows.merge_into(nearest, self.size);
+        }
+        of.found.insert(group.patches[0], found);
     }
 
     /// How many elements each way a face has.
@@ -105,33 +172,46 @@ impl Buffer {
 
     /// Whether no eye sees anything of a box, since what is nearer hides it.
     pub fn hides(&self, bounds: &Aabb) -> bool {
-        self.is_blind
-            || bounds.is_empty()
-            || Face::ALL.into_iter().all(|face| self.hides_on(face, bounds))
+        self.is_blind || bounds.is_empty() || self.look(bounds) == Hidden::All
     }
 
-    fn hides_on(&self, face: Face, bounds: &Aabb) -> bool {
+    fn look(&self, bounds: &Aabb) -> Hidden {
+        if !(bounds.min.is_finite() && bounds.max.is_finite()) {
+            return Hidden::Nothing;
+        }
+        let mut all = Hidden::All;
+        let mut is_one = true;
+        for face in Face::ALL {
+            let Some(found) = self.look_on(face, bounds) else { continue };
+            all = if is_one || all == found { found } else { Hidden::Perhaps };
+            is_one = false;
+        }
+        all
+    }
+
+    /// The same of what projects onto one face; `None` when nothing does.
+    fn look_on(&self, face: Face, bounds: &Aabb) -> Option<Hidden> {
         let [low, high] =
             [bounds.min, bounds.max].map(|at| face.turned(at.as_dvec3() - self.middle));
         let (low, high) = (low.with_z(low.z.min(high.z)), high.with_z(low.z.max(high.z)));
         let aside = low.max(-high).max(DVec3::ZERO).truncate();
         if high.z <= 0.0 || aside.max_element() > high.z {
-            return true;
+            return None;
         }
-        let Some(depths) = &self.faces[face.index()] else { return false };
-        let Some([across, down]) = spans(low, high) else { return true };
+        let [across, down] = spans(low, high)?;
         let half = 0.5 * self.size as f64;
         let of = |[low, high]: [f64; 2]| {
             elements((low + 1.0) * half, (high + 1.0) * half, self.size, ROUNDING)
         };
-        let Some((columns, rows)) = of(across).zip(of(down)) else { return true };
+        let (columns, rows) = of(across).zip(of(down))?;
+        let Some(depths) = &self.faces[face.index()] else { return Some(Hidden::Nothing) };
         // On this face nothing is nearer along its axis than it is aside.
         let nearest = low.z.max(aside.max_element());
-        depths.are_before(columns, rows, hidden_from(nearest))
+        Some(depths.look(columns, rows, [hidden_from(nearest), hidden_from(high.z)]))
     }
 
     /// Whether no eye sees anything of a patch.
-    fn hides_patch(&self, surfaces: &Surfaces, patch: usize, rows: &mut Rows) -> bool {
+    fn hides_patch(&self, surfaces: &Surfaces, patch: usize) -> bool {
         let mut spare = Vec::new();
         Face::ALL.into_iter().all(|face| {
             let polygon = self.project(face, surfaces, patch, &mut spare);
@@ -140,21 +220,31 @@ impl Buffer {
             }
             let Some(depths) = &self.faces[face.index()] else { return false };
             let plane = Plane::of(surfaces, patch, self.middle, face);
-            rows.hides(&polygon, &plane, &depths.levels[0], self.size)
+            plane.is_behind(&polygon, &depths.levels[0], self.size)
         })
     }
 
-    /// Marks the patches that no eye sees.
-    pub(super) fn find_hidden(&self, surfaces: &Surfaces, classes: &mut [Class]) {
-        let mut rows = Rows::new(0);
+    /// Marks the patches that no eye sees, of those that are not settled. `classes` are those of all
+    /// patches, in their order.
+    pub fn find_hidden(&self, surfaces: &Surfaces, classes: &mut [Class]) {
         for (run, bounds) in surfaces.clusters() {
-            let all = self.hides(bounds);
+            let all = if self.is_blind { Hidden::All } else { self.look(bounds) };
+            if all == Hidden::Nothing {
+                continue;
+            }
             for patch in run {
-                if classes[patch] != Class::Remaining {
+                if classes.get(patch) != Some(&Class::Remaining) {
                     continue;
                 }
-                let bounds = &surfaces.patch(patch).bounds;
-                if all || self.hides(bounds) || self.hides_patch(surfaces, patch, &mut rows) {
+                let hidden = match all {
+                    Hidden::All => true,
+                    _ => match self.look(&surfaces.patch(patch).bounds) {
+                        Hidden::All => true,
+                        Hidden::Nothing => false,
+                        Hidden::Perhaps => self.hides_patch(surfaces, patch),
+                    },
+                };
+                if hidden {
                     classes[patch] = Class::Invisible;
                 }
             }
@@ -203,42 +293,77 @@ fn hidden_from(nearest: f64) -> f32 {
     ((nearest - BEHIND_M) * (1.0 - BEHIND_SHARE)) as f32
 }
 
-/// Groups the patches that face all eyes, on either side, with those next to them that do so too.
-/// Those that are narrower than the box of eyes have no non-fuzzy region.
-fn sheets(surfaces: &Surfaces, eyes: &[DVec3; 8], width_m: f32) -> Vec<Sheet> {
-    let sides: Vec<i8> = (0..surfaces.len()).map(|patch| surfaces.side(patch, eyes)).collect();
-    let mut is_done: Vec<bool> = sides.iter().map(|side| *side == 0).collect();
-    let (mut sheets, mut waiting) = (Vec::new(), Vec::new());
-    for first in 0..surfaces.len() {
-        if is_done[first] {
-            continue;
+/// Interconnected patches of a surface that all face all eyes, on either side, found when they are needed.
+struct Sheets<'a> {
+    surfaces: &'a Surfaces,
+    eyes: [DVec3; 8],
+    width_m: f32,
+    /// By the first patch of a surface.
+    found: FxHashMap<u32, Vec<Sheet>>,
+    /// As [`Surfaces::side`] has it.
+    sides: Vec<i8>,
+    is_done: Vec<bool>,
+    rows: Rows,
+    spare: Vec<DVec3>,
+}
+
+impl<'a> Sheets<'a> {
+    fn new(surfaces: &'a Surfaces, viewpoints: &Viewpoints, width_m: f32, size: usize) -> Self {
+        Self {
+            surfaces,
+            eyes: viewpoints.corners(),
+            width_m,
+            found: FxHashMap::default(),
+            sides: vec![0; surfaces.len()],
+            is_done: vec![false; surfaces.len()],
+            rows: Rows::new(size),
+            spare: Vec::new(),
         }
-        let (mut sheet, mut bounds) = (Sheet::default(), Aabb::EMPTY);
-        is_done[first] = true;
-        waiting.push(first);
+    }
+
+    fn take(&mut self, group: &Group) -> Vec<Sheet> {
+        if let Some(found) = group.patches.first().and_then(|first| self.found.remove(first)) {
+            return found;
+        }
+        for &patch in &group.patches {
+            self.sides[patch as usize] = self.surfaces.side(patch as usize, &self.eyes);
+        }
+        let faces = |patch: &&u32| self.sides[**patch as usize] != 0;
+        let facing: Vec<u32> = group.patches.iter().filter(faces).copied().collect();
+        let mut sheets = Vec::new();
+        for patch in facing {
+            if !std::mem::replace(&mut self.is_done[patch as usize], true) {
+                sheets.push(self.grow(patch as usize));
+            }
+        }
+        sheets
+    }
+
+    /// All that is joined to a patch and faces the eyes as it does.
+    fn grow(&mut self, first: usize) -> Sheet {
+        let surfaces = self.surfaces;
+        let mut sheet = Sheet { bounds: Aabb::EMPTY, patches: Vec::new(), border: Vec::new() };
+        let mut waiting = vec![first];
         while let Some(patch) = waiting.pop() {
             sheet.patches.push(patch);
-            bounds = bounds.union(&surfaces.patch(patch).bounds);
+            sheet.bounds = sheet.bounds.union(&surfaces.patch(patch).bounds);
             for edge in surfaces.edges(patch) {
                 let next = surfaces.join_at(edge).filter(|join| {
-                    let other = sides[join.patch as usize];
-                    other != 0 && (other == sides[patch]) == join.same_way
+                    let other = self.sides[join.patch as usize];
+                    other != 0 && (other == self.sides[patch]) == join.same_way
                 });
                 match next {
                     None => sheet.border.push((patch, edge)),
-                    Some(join) if !is_done[join.patch as usize] => {
-                        is_done[join.patch as usize] = true;
-                        waiting.push(join.patch as usize);
+                    Some(join) => {
+                        if !std::mem::replace(&mut self.is_done[join.patch as usize], true) {
+                            waiting.push(join.patch as usize);
+                        }
                     }
-                    Some(_) => {}
                 }
             }
         }
-        if bounds.size().max_element() > width_m {
-            sheets.push(sheet);
-        }
+        sheet
     }
-    sheets
 }
 
 impl Plane {
@@ -269,6 +394,21 @@ impl Plane {
             // Seen along its plane.
             [self.nearest.max(0.0), self.farthest]
         }
+    }
+}
+
+impl Plane {
+    /// Whether in all elements that a patch in this plane meets something is before it.
+    fn is_behind(&self, polygon: &[DVec2], depths: &[[f32; 2]], size: usize) -> bool {
+        let mut is_behind = true;
+        rows(polygon, size, ROUNDING, |row, from, to| {
+            is_behind = is_behind
+                && (from..=to).all(|column| {
+                    let [depth, _] = self.depths(column, row, size);
+                    depths[row * size + column][1] < hidden_from(depth)
+                });
+        });
+        is_behind
     }
 }
 
@@ -323,30 +463,22 @@ impl Rows {
         }
         self.planes.clear();
     }
-
-    /// Whether in all elements that a patch meets something is before it.
-    fn hides(&self, polygon: &[DVec2], plane: &Plane, nearest: &[f32], size: usize) -> bool {
-        let mut hides = true;
-        rows(polygon, size, ROUNDING, |row, from, to| {
-            hides = hides
-                && (from..=to).all(|column| {
-                    let [depth, _] = plane.depths(column, row, size);
-                    nearest[row * size + column] < hidden_from(depth)
-                });
-        });
-        hides
-    }
 }
 
 impl Depths {
-    fn new(nearest: Vec<f32>, size: usize) -> Self {
-        let (mut levels, mut width) = (vec![nearest], size);
+    fn new(nearest: &[f32], size: usize) -> Self {
+        let first: Vec<[f32; 2]> = nearest.iter().map(|depth| [*depth; 2]).collect();
+        let (mut levels, mut width) = (vec![first], size);
         while width > 1 {
             let (below, half) = (&levels[levels.len() - 1], width.div_ceil(2));
-            let mut level = vec![f32::NEG_INFINITY; half * half];
-            for (i, depth) in below.iter().enumerate() {
-                let above = &mut level[i / width / 2 * half + i % width / 2];
-                *above = above.max(*depth);
+            let mut level = vec![[f32::INFINITY, f32::NEG_INFINITY]; half * half];
+            for (row, depths) in below.chunks_exact(width).enumerate() {
+                let above = &mut level[row / 2 * half..][..half];
+                for (pair, [least, most]) in depths.chunks(2).zip(above) {
+                    for depth in pair {
+                        (*least, *most) = (least.min(depth[0]), most.max(depth[1]));
+                    }
+                }
             }
             levels.push(level);
             width = half;
@@ -354,12 +486,30 @@ impl Depths {
         Self { levels }
     }
 
-    /// Whether all depths in a rectangle are less.
-    fn are_before(&self, columns: [usize; 2], rows: [usize; 2], depth: f32) -> bool {
-        self.is_before(self.levels.len() - 1, [0, 0], columns, rows, depth)
+    /// What depths there are in a rectangle: all less than one, or none less than another.
+    fn look(&self, columns: [usize; 2], rows: [usize; 2], [near, far]: [f32; 2]) -> Hidden {
+        // Where the rectangle is no more than two or three wide.
+        let widest = (columns[1] - columns[0]).max(rows[1] - rows[0]) + 1;
+        let level = (widest.ilog2() as usize).min(self.levels.len() - 1);
+        let width = self.width(level);
+        let (mut all, mut none) = (true, true);
+        for row in rows[0] >> level..=rows[1] >> level {
+            for column in columns[0] >> level..=columns[1] >> level {
+                let [least, most] = self.levels[level][row * width + column];
+                all = all
+                    && (most < near || self.are_before(level, [column, row], columns, rows, near));
+                none &= least >= far;
+            }
+        }
+        match (all, none) {
+            (true, _) => Hidden::All,
+            (false, true) => Hidden::Nothing,
+            (false, false) => Hidden::Perhaps,
+        }
     }
 
-    fn is_before(
+    /// Whether all depths in the part of a rectangle that an entry of a level is for are less.
+    fn are_before(
         &self,
         level: usize,
         at: [usize; 2],
@@ -367,8 +517,7 @@ impl Depths {
         rows: [usize; 2],
         depth: f32,
     ) -> bool {
-        let width = self.width(level);
-        if self.levels[level][at[1] * width + at[0]] < depth {
+        if self.levels[level][at[1] * self.width(level) + at[0]][1] < depth {
             return true;
         }
         if level == 0 {
@@ -381,7 +530,7 @@ impl Depths {
         };
         within(at[1], rows).all(|row| {
             within(at[0], columns)
-                .all(|column| self.is_before(level - 1, [column, row], columns, rows, depth))
+                .all(|column| self.are_before(level - 1, [column, row], columns, rows, depth))
         })
     }
 

@@ -57,6 +57,7 @@ pub enum Class {
 }
 
 /// Sorts the patches of all surfaces, in their order, with faces of `size` × `size` elements.
+/// [`Buffer::find_hidden`] does the first half of it, which is the cheaper and mostly the better one.
 ///
 /// What was settled for a box around this one may be given, and stays settled.
 ///

@@ -23,6 +23,14 @@ pub struct Surfaces {
     joins: Vec<Option<Join>>,
     /// Around each run of patches.
     clusters: Vec<Aabb>,
+    groups: Vec<Group>,
+}
+
+/// A surface: its patches, of which there is at least one, ascending.
+#[derive(Clone, Debug)]
+pub(super) struct Group {
+    pub(super) bounds: Aabb,
+    pub(super) patches: Vec<u32>,
 }
 
 #[derive(Clone, Debug)]
@@ -89,6 +97,7 @@ impl Surfaces {
             patches: Vec::with_capacity(polygons.len()),
             joins: Vec::new(),
             clusters: Vec::new(),
+            groups: Vec::new(),
         };
         for (patch, (_, indices)) in polygons.iter().enumerate() {
             let is_sound = |&i: &u32| corners.get(i as usize).is_some_and(|at| at.is_finite());
@@ -98,7 +107,8 @@ impl Surfaces {
             surfaces.add(patch, indices.iter().map(|i| welded[*i as usize]))?;
         }
         surfaces.join(polygons);
-        surfaces.find_kin(polygons);
+        surfaces.group(polygons);
+        surfaces.find_kin();
         let around = |run: &[Patch]| run.iter().fold(Aabb::EMPTY, |all, p| all.union(&p.bounds));
         surfaces.clusters = surfaces.patches.chunks(CLUSTER).map(around).collect();
         Ok(surfaces)
@@ -112,6 +122,10 @@ impl Surfaces {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.patches.is_empty()
+    }
+
+    pub(super) fn groups(&self) -> &[Group] {
+        &self.groups
     }
 
     pub(super) fn patch(&self, patch: usize) -> &Patch {
@@ -149,10 +163,12 @@ impl Surfaces {
     /// when they are on both, or too near.
     pub(super) fn side(&self, patch: usize, eyes: &[DVec3; 8]) -> i8 {
         let Patch { normal, offset, .. } = &self.patches[patch];
-        let heights = eyes.map(|eye| normal.dot(eye) - offset);
-        if heights.iter().all(|height| *height > NEAR_M) {
+        // The first corner and the last are opposite ones.
+        let middle = normal.dot(eyes[0] + eyes[7]) * 0.5 - offset;
+        let reach = normal.abs().dot(eyes[7] - eyes[0]) * 0.5;
+        if middle - reach > NEAR_M {
             1
-        } else if heights.iter().all(|height| *height < -NEAR_M) {
+        } else if middle + reach < -NEAR_M {
             -1
         } else {
             0
@@ -211,46 +227,51 @@ impl Surfaces {
         }
     }
 
+    fn group(&mut self, polygons: &[(u32, Vec<u32>)]) {
+        let mut found: FxHashMap<u32, usize> = FxHashMap::default();
+        for ((surface, _), (i, patch)) in polygons.iter().zip((0..).zip(&self.patches)) {
+            let place = *found.entry(*surface).or_insert_with(|| {
+                self.groups.push(Group { bounds: Aabb::EMPTY, patches: Vec::new() });
+                self.groups.len() - 1
+            });
+            let group = &mut self.groups[place];
+            group.bounds = group.bounds.union(&patch.bounds);
+            group.patches.push(i);
+        }
+    }
+
     /// Numbers what does not hide itself: a surface that is convex, seen from outside or inside, as
     /// a whole; of others what lies in one plane.
-    fn find_kin(&mut self, polygons: &[(u32, Vec<u32>)]) {
-        let mut by_surface: FxHashMap<u32, Vec<usize>> = FxHashMap::default();
-        for (patch, (surface, _)) in polygons.iter().enumerate() {
-            by_surface.entry(*surface).or_default().push(patch);
-        }
-        let mut of: Vec<Vec<usize>> = by_surface.into_values().collect();
-        of.sort_unstable();
+    fn find_kin(&mut self) {
         let mut kin = 0;
-        for patches in of {
-            if self.does_not_hide_itself(&patches) {
-                patches.iter().for_each(|patch| self.patches[*patch].kin = kin);
-                kin += 1;
-                continue;
-            }
+        for group in &self.groups {
             let mut planes: FxHashMap<[i64; 4], u32> = FxHashMap::default();
-            for patch in patches {
-                let Patch { normal, offset, .. } = self.patches[patch];
+            let is_one = self.does_not_hide_itself(&group.patches);
+            for &patch in &group.patches {
+                let Patch { normal, offset, .. } = self.patches[patch as usize];
                 let key = normal.extend(offset).to_array().map(|part| (part * 1e4).round() as i64);
-                let number = *planes.entry(key).or_insert_with(|| {
-                    kin += 1;
-                    kin - 1
-                });
-                self.patches[patch].kin = number;
+                let number =
+                    *planes.entry(if is_one { [0; 4] } else { key }).or_insert_with(|| {
+                        kin += 1;
+                        kin - 1
+                    });
+                self.patches[patch as usize].kin = number;
             }
         }
     }
 
     /// Whether all corners of some patches lie on the same side of all of their planes, and nothing
     /// turns over.
-    fn does_not_hide_itself(&self, patches: &[usize]) -> bool {
+    fn does_not_hide_itself(&self, patches: &[u32]) -> bool {
         // Of large surfaces it is not worth finding out.
         if patches.len() > 4_096 {
             return false;
         }
-        let corners: Vec<DVec3> = patches.iter().flat_map(|patch| self.corners(*patch)).collect();
+        let corners: Vec<DVec3> =
+            patches.iter().flat_map(|patch| self.corners(*patch as usize)).collect();
         [1.0, -1.0].into_iter().any(|side| {
             patches.iter().all(|patch| {
-                let Patch { normal, offset, .. } = &self.patches[*patch];
+                let Patch { normal, offset, .. } = &self.patches[*patch as usize];
                 corners.iter().all(|corner| side * (normal.dot(*corner) - offset) <= FLAT_M)
             })
         })

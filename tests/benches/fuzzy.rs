@@ -1,0 +1,419 @@
+//! What fuzzy projection saves a z-buffer: Lim's Examples 1 to 4 in kind.
+//!
+//! ```text
+//! cargo bench -p sightline-tests --bench fuzzy
+//! ```
+//!
+//! One to four furnished rooms in a row, of coarse or fine patches, with doorways between. Five
+//! nearby eyes in the first look towards the others. The normal way draws every patch of each
+//! view into a z-buffer, but those that face away or are out of view. The other way first finds the
+//! patches that are invisible from the box around the eyes, and draws the rest. The last columns are for
+//! finding the visible ones as well, which are drawn without a test of depth. All must give the same
+//! pictures. Times are CPU time of one thread for five views, the least of several runs; ratios count
+//! the sorting in.
+
+use std::time::Duration;
+
+use clap::Parser;
+use cpu_time::ThreadTime;
+use glam::{Mat3, Vec2, Vec3};
+use sightline_shared::{
+    fuzzy::{Buffer, Class, Lists, Surfaces, Viewpoints, classify},
+    geometry::{Aabb, Frustum},
+};
+
+/// Half of the angle that a picture spans each way.
+const HALF_ANGLE: f32 = 40.0;
+/// The elements of a face, each way.
+const ELEMENTS: usize = 400;
+
+/// Measures fuzzy projection on rooms.
+#[derive(Parser)]
+struct Args {
+    /// Each figure is the least of so many runs.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    runs: u32,
+    /// What `cargo bench` passes. Without it pictures are small and each is drawn once, to show that this
+    /// works.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = Args::parse();
+    let (sizes, runs, rooms) =
+        if args.bench { ([400, 1_000], args.runs.max(1), 4) } else { ([64, 100], 1, 2) };
+    println!(
+        "{:<7} {:>6} {:>6} {:>8} {:>10} {:>10} {:>10} {:>10} {:>7} {:>7} {:>8} {:>10} {:>7} {:>6}",
+        "patches",
+        "pixels",
+        "rooms",
+        "in all",
+        "invisible",
+        "normal ms",
+        "sorting ms",
+        "rest ms",
+        "ratio",
+        "Lim's",
+        "visible",
+        "sorting ms",
+        "ratio",
+        "bytes"
+    );
+    for (example, (is_fine, size)) in
+        [(false, sizes[0]), (false, sizes[1]), (true, sizes[0]), (true, sizes[1])]
+            .into_iter()
+            .enumerate()
+    {
+        for rooms in 1..=rooms {
+            row(example, is_fine, size, rooms, runs)?;
+        }
+    }
+    Ok(())
+}
+
+/// Lim's times for five views, the normal way and his: seconds, by example and rooms.
+const LIM: [[[f32; 2]; 4]; 4] = [
+    [[11.2, 11.1], [21.8, 17.3], [35.7, 23.9], [46.3, 25.6]],
+    [[20.7, 20.7], [40.8, 32.4], [56.4, 37.8], [0.0, 0.0]],
+    [[25.0, 24.1], [41.1, 25.0], [60.6, 29.1], [80.7, 33.8]],
+    [[42.0, 40.5], [75.9, 45.4], [111.3, 53.8], [148.3, 61.9]],
+];
+
+fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> anyhow::Result<()> {
+    let scene = Scene::rooms(rooms, is_fine);
+    let surfaces = Surfaces::new(&scene.corners, &scene.polygons)?;
+    let around = Aabb::around(Vec3::new(1.2, 1.6, 2.0), 0.1);
+    let cameras: Vec<Camera> =
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [0.5, 1.0, -1.0]]
+            .map(|at| Camera { eye: around.centre() + Vec3::from(at) * 0.1, size })
+            .into();
+    // A yaw of -90 degrees looks along x.
+    let angle = 2.0 * HALF_ANGLE.to_radians();
+    let view = Frustum::new(-std::f32::consts::FRAC_PI_2, 0.0, angle, angle);
+    let eyes = Viewpoints::within(around, &view);
+    let everything = vec![Class::Remaining; surfaces.len()];
+    let [mut sorting, mut normal, mut ours, mut sorting_both, mut with_both] = [Duration::MAX; 5];
+    let (mut classes, mut both) = (everything.clone(), Vec::new());
+    for _ in 0..runs {
+        let start = ThreadTime::now();
+        classes.fill(Class::Remaining);
+        Buffer::new(&surfaces, &eyes, ELEMENTS).find_hidden(&surfaces, &mut classes);
+        sorting = sorting.min(start.elapsed());
+        let (pictures, time) = draw(&scene, &cameras, &everything);
+        normal = normal.min(time);
+        let (others, time) = draw(&scene, &cameras, &classes);
+        ours = ours.min(time);
+        anyhow::ensure!(pictures == others, "the pictures are not the same");
+        // Once more, with the visible ones found too.
+        let start = ThreadTime::now();
+        both = classify(&surfaces, &eyes, ELEMENTS, None);
+        sorting_both = sorting_both.min(start.elapsed());
+        let (others, time) = draw(&scene, &cameras, &both);
+        with_both = with_both.min(time);
+        anyhow::ensure!(pictures == others, "the pictures are not the same");
+    }
+    let count = |classes: &[Class], class: Class| classes.iter().filter(|of| **of == class).count();
+    let ms = |time: Duration| time.as_secs_f64() * 1e3;
+    let ratio = |time: Duration| ms(normal) / ms(time);
+    let [his_normal, his] = LIM[example][rooms - 1];
+    println!(
+        "{:<7} {:>6} {:>6} {:>8} {:>10} {:>10.1} {:>10.1} {:>10.1} {:>7.2} {:>7.2} {:>8} {:>10.1} {:>7.2} {:>6}",
+        if is_fine { "fine" } else { "coarse" },
+        size,
+        rooms,
+        surfaces.len(),
+        count(&classes, Class::Invisible),
+        ms(normal),
+        ms(sorting),
+        ms(ours),
+        ratio(sorting + ours),
+        his_normal / his,
+        count(&both, Class::Visible),
+        ms(sorting_both),
+        ratio(sorting_both + with_both),
+        Lists::new(&both, None).len(),
+    );
+    Ok(())
+}
+
+/// An eye that looks along x.
+struct Camera {
+    eye: Vec3,
+    size: usize,
+}
+
+/// The nearest patch of each pixel, or none.
+type Picture = Vec<u32>;
+
+/// Draws the patches of a scene from each camera.
+fn draw(scene: &Scene, cameras: &[Camera], classes: &[Class]) -> (Vec<Picture>, Duration) {
+    let start = ThreadTime::now();
+    let pictures = cameras.iter().map(|camera| ZBuffer::new(camera).draw(scene, classes)).collect();
+    (pictures, start.elapsed())
+}
+
+struct ZBuffer<'a> {
+    camera: &'a Camera,
+    depths: Vec<f32>,
+    picture: Picture,
+    polygon: Vec<Vec3>,
+    spare: Vec<Vec3>,
+}
+
+impl<'a> ZBuffer<'a> {
+    fn new(camera: &'a Camera) -> Self {
+        let pixels = camera.size * camera.size;
+        Self {
+            camera,
+            depths: vec![f32::INFINITY; pixels],
+            picture: vec![u32::MAX; pixels],
+            polygon: Vec::new(),
+            spare: Vec::new(),
+        }
+    }
+
+    fn draw(mut self, scene: &Scene, classes: &[Class]) -> Picture {
+        for (patch, class) in classes.iter().enumerate() {
+            match class {
+                Class::Invisible => {}
+                Class::Visible => self.fill::<false>(scene, patch),
+                Class::Remaining => self.fill::<true>(scene, patch),
+            }
+        }
+        self.picture
+    }
+
+    /// Draws a patch, with or without a test of depth.
+    fn fill<const TEST: bool>(&mut self, scene: &Scene, patch: usize) {
+        let eye = self.camera.eye;
+        let corner = |i: &u32| scene.corners[*i as usize] - eye;
+        let indices = &scene.polygons[patch].1;
+        let normal = scene.normals[patch];
+        let offset = normal.dot(corner(&indices[0]));
+        if offset >= 0.0 {
+            return;
+        }
+        // To the right, down, ahead.
+        let to_camera = Mat3::from_cols(Vec3::Z, Vec3::NEG_Y, Vec3::X).transpose();
+        self.polygon.clear();
+        self.polygon.extend(indices.iter().map(|i| to_camera * corner(i)));
+        let slope = HALF_ANGLE.to_radians().tan();
+        for side in [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] {
+            self.clip(Vec2::from(side).extend(slope));
+        }
+        self.clip(Vec3::Z);
+        if self.polygon.len() < 3 {
+            return;
+        }
+        let scale = 0.5 * self.camera.size as f32;
+        let places: Vec<Vec2> =
+            self.polygon.iter().map(|p| (p.truncate() / (p.z * slope) + 1.0) * scale).collect();
+        // One through the depth is linear in the picture.
+        let plane = to_camera * normal / offset;
+        let at = |x: f32, y: f32| {
+            let way = (Vec2::new(x, y) / scale - 1.0) * slope;
+            plane.dot(way.extend(1.0))
+        };
+        let step = at(1.0, 0.0) - at(0.0, 0.0);
+        let low = places.iter().map(|p| p.y).fold(f32::INFINITY, f32::min);
+        let high = places.iter().map(|p| p.y).fold(f32::NEG_INFINITY, f32::max);
+        let size = self.camera.size;
+        for row in
+            (low - 0.5).ceil().max(0.0) as usize..(high + 0.5).floor().min(size as f32) as usize
+        {
+            let y = row as f32 + 0.5;
+            let (mut left, mut right) = (f32::INFINITY, f32::NEG_INFINITY);
+            for (i, to) in places.iter().enumerate() {
+                let from = places[(i + places.len() - 1) % places.len()];
+                if (from.y <= y) != (to.y <= y) {
+                    // The same for both patches that share the edge, so that they share no pixel.
+                    let (from, to) = if from.y < to.y { (from, *to) } else { (*to, from) };
+                    let x = from.x + (to.x - from.x) * (y - from.y) / (to.y - from.y);
+                    (left, right) = (left.min(x), right.max(x));
+                }
+            }
+            if left > right {
+                continue;
+            }
+            let (first, last) =
+                ((left - 0.5).ceil().max(0.0) as usize, (right - 0.5).ceil().max(0.0) as usize);
+            let mut inverse = at(first as f32 + 0.5, y);
+            for pixel in row * size + first..row * size + last.min(size) {
+                let depth = 1.0 / inverse;
+                inverse += step;
+                if !TEST || depth < self.depths[pixel] {
+                    self.depths[pixel] = depth;
+                    self.picture[pixel] = patch as u32;
+                }
+            }
+        }
+    }
+
+    /// Keeps what of the polygon has no negative height above a plane through the eye.
+    fn clip(&mut self, plane: Vec3) {
+        self.spare.clear();
+        for (i, &to) in self.polygon.iter().enumerate() {
+            let from = self.polygon[(i + self.polygon.len() - 1) % self.polygon.len()];
+            let (low, high) = (plane.dot(from), plane.dot(to));
+            if (low < 0.0) != (high < 0.0) {
+                // The same for both patches that share the edge.
+                self.spare.push(if low < high {
+                    from.lerp(to, low / (low - high))
+                } else {
+                    to.lerp(from, high / (high - low))
+                });
+            }
+            if high >= 0.0 {
+                self.spare.push(to);
+            }
+        }
+        std::mem::swap(&mut self.polygon, &mut self.spare);
+    }
+}
+
+/// Patches that go round their corners anticlockwise as seen from where they are seen.
+#[derive(Default)]
+struct Scene {
+    corners: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    polygons: Vec<(u32, Vec<u32>)>,
+    surfaces: u32,
+}
+
+/// A room's length, height and width, in metres, and its doorway's.
+const ROOM: Vec3 = Vec3::new(6.0, 3.0, 5.0);
+const DOORWAY: [f32; 2] = [2.0, 1.0];
+
+impl Scene {
+    /// Furnished rooms in a row along x.
+    fn rooms(count: usize, is_fine: bool) -> Self {
+        let mut scene = Self::default();
+        for room in 0..count {
+            let from = Vec3::X * (room as f32 * (ROOM.x + 0.2));
+            scene.shell(from, [room > 0, room + 1 < count], if is_fine { 0.125 } else { 0.25 });
+            scene.furnish(from, if is_fine { 3 } else { 2 });
+        }
+        scene
+    }
+
+    /// Floor, ceiling and walls of a room as one surface, with a doorway in the walls across x if wanted,
+    /// and the jambs of the second.
+    fn shell(&mut self, from: Vec3, doorways: [bool; 2], step: f32) {
+        let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axis * ROOM);
+        let whole = |_: Vec3| true;
+        let open = |is_open: bool| {
+            move |at: Vec3| {
+                let aside = (at.z - from.z - 0.5 * ROOM.z).abs();
+                !is_open || at.y > DOORWAY[0] || aside > 0.5 * DOORWAY[1]
+            }
+        };
+        self.grid(from, z, x, step, whole);
+        self.grid(from + y, x, z, step, whole);
+        self.grid(from, x, y, step, whole);
+        self.grid(from + z, y, x, step, whole);
+        self.grid(from, y, z, step, open(doorways[0]));
+        self.grid(from + x, z, y, step, open(doorways[1]));
+        self.surfaces += 1;
+        if doorways[1] {
+            let [deep, high, wide] = [Vec3::X * 0.2, Vec3::Y * DOORWAY[0], Vec3::Z * DOORWAY[1]];
+            let at = from + x + (z - wide) * 0.5;
+            self.grid(at, wide, deep, step, whole);
+            self.grid(at + high, deep, wide, step, whole);
+            self.grid(at, deep, high, step, whole);
+            self.grid(at + wide, high, deep, step, whole);
+            self.surfaces += 1;
+        }
+    }
+
+    /// Tables with balls on them, chairs and cupboards: all curved things of many patches.
+    fn furnish(&mut self, from: Vec3, detail: u32) {
+        let step = 0.3 / detail as f32;
+        for (i, at) in [[1.6, 1.0], [4.4, 1.0], [1.6, 4.0], [4.4, 4.0]].into_iter().enumerate() {
+            let at = from + Vec3::new(at[0], 0.0, at[1]);
+            self.slab(at + Vec3::new(-0.6, 0.7, -0.4), Vec3::new(1.2, 0.05, 0.8), step);
+            for (x, z) in [(-0.55, -0.35), (0.5, -0.35), (-0.55, 0.3), (0.5, 0.3)] {
+                self.slab(at + Vec3::new(x, 0.0, z), Vec3::new(0.05, 0.7, 0.05), step);
+            }
+            let parts = 10 * detail + 4 * (i as u32 % 2);
+            self.ball(at + Vec3::new(0.2, 0.95, 0.0), 0.2, parts);
+            self.ball(at + Vec3::new(-0.3, 0.87, 0.1), 0.12, parts);
+        }
+        for x in [0.3, 5.1] {
+            self.slab(
+                from + Vec3::new(x, 0.0, 2.0 - 1.6 * (x - 0.3) / 4.8),
+                Vec3::new(0.5, 1.9, 1.0),
+                step,
+            );
+        }
+        for at in [[2.9, 0.5, 2.0], [3.1, 2.2, 3.9], [0.6, 0.4, 4.4]] {
+            self.ball(from + Vec3::from(at), 0.4, 16 * detail);
+        }
+    }
+
+    /// A flat grid of squares from a corner; those whose middle is not wanted are left out. Seen from
+    /// where `across` × `down` points.
+    fn grid(
+        &mut self,
+        from: Vec3,
+        across: Vec3,
+        down: Vec3,
+        step: f32,
+        wants: impl Fn(Vec3) -> bool,
+    ) {
+        let [columns, rows] =
+            [across, down].map(|way| (way.length() / step).round().max(1.0) as u32);
+        let at = |i: u32, j: u32| {
+            from + across * (i as f32 / columns as f32) + down * (j as f32 / rows as f32)
+        };
+        let normal = across.cross(down).normalize();
+        for j in 0..rows {
+            for i in 0..columns {
+                let corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                if wants((corners[0] + corners[2]) * 0.5) {
+                    self.patch(&corners, normal);
+                }
+            }
+        }
+    }
+
+    fn patch(&mut self, corners: &[Vec3], normal: Vec3) {
+        let first = self.corners.len() as u32;
+        self.corners.extend(corners);
+        self.normals.push(normal);
+        self.polygons.push((self.surfaces, (first..first + corners.len() as u32).collect()));
+    }
+
+    fn slab(&mut self, from: Vec3, size: Vec3, step: f32) {
+        let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axis * size);
+        let whole = |_: Vec3| true;
+        self.grid(from, x, z, step, whole);
+        self.grid(from + y, z, x, step, whole);
+        self.grid(from, y, x, step, whole);
+        self.grid(from + z, x, y, step, whole);
+        self.grid(from, z, y, step, whole);
+        self.grid(from + x, y, z, step, whole);
+        self.surfaces += 1;
+    }
+
+    fn ball(&mut self, middle: Vec3, radius: f32, parts: u32) {
+        let at = |i: u32, j: u32| {
+            let around = (i % parts) as f32 / parts as f32 * std::f32::consts::TAU;
+            let down = j as f32 / (parts / 2) as f32 * std::f32::consts::PI;
+            let level = if j == 0 || j == parts / 2 { 0.0 } else { down.sin() };
+            middle + radius * Vec3::new(around.cos() * level, down.cos(), around.sin() * level)
+        };
+        for j in 0..parts / 2 {
+            for i in 0..parts {
+                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                for corners in [[a, b, c], [a, c, d]] {
+                    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+                    if normal.length() > 1e-9 {
+                        self.patch(&corners, normal.normalize());
+                    }
+                }
+            }
+        }
+        self.surfaces += 1;
+    }
+}
