@@ -7,9 +7,10 @@ use rustc_hash::FxHashMap;
 
 use super::{
     Class, Surfaces, Viewpoints,
-    faces::{Face, projected, region, spans},
+    faces::{Face, NEAR_DEPTH_M, projected, region, spans},
+    facets::Facet,
     raster::{ROUNDING, elements, rows},
-    surfaces::Group,
+    surfaces::{Group, side},
 };
 use crate::geometry::Aabb;
 
@@ -49,12 +50,12 @@ const ELEMENTS_MIN: f64 = 4.0;
 /// Sheets that are not so many times wider than the box of eyes have next to no non-fuzzy region.
 const WIDER_MIN: f32 = 4.0;
 
-/// Interconnected patches that all face all eyes.
+/// Interconnected facets that all face all eyes.
 struct Sheet {
     bounds: Aabb,
-    patches: Vec<usize>,
-    /// Its border: a patch and an edge of it.
-    border: Vec<(usize, usize)>,
+    facets: Vec<usize>,
+    /// Its border.
+    border: Vec<[DVec3; 2]>,
 }
 
 /// A run of elements of a row, and the plane whose depths they have.
@@ -77,6 +78,8 @@ struct Rows {
     spans: Vec<Vec<Span>>,
     border: Vec<Vec<[u32; 2]>>,
     touched: Range<usize>,
+    /// Where the outline of a facet crosses each row, and how far along the facet.
+    crossings: Vec<Vec<(f64, DVec3)>>,
     planes: Vec<Plane>,
     depths: Vec<f64>,
 }
@@ -155,14 +158,13 @@ impl Buffer {
                 continue;
             }
             self.scan(face, sheet, surfaces, &mut of.rows, &mut of.spare);
-            for &(patch, edge) in &sheet.border {
-                let ends = surfaces.ends(patch, edge);
-                let band = region(face, &ends, &of.eyes, self.size as f64, &mut of.spare);
+            for ends in &sheet.border {
+                let band = region(face, ends, &of.eyes, self.size as f64, &mut of.spare);
                 of.rows.erase(&band, self.size);
             }
             of.rows.merge_into(nearest, self.size);
         }
-        of.found.insert(group.patches[0], found);
+        of.found.insert(group.facets.start, found);
     }
 
     /// How many elements each way a face has.
@@ -263,7 +265,7 @@ impl Buffer {
         projected(&mut corners.collect(), self.size as f64, spare)
     }
 
-    /// Puts the patches of a sheet into rows.
+    /// Puts the facets of a sheet into rows.
     fn scan(
         &self,
         face: Face,
@@ -272,18 +274,25 @@ impl Buffer {
         rows_of: &mut Rows,
         spare: &mut Vec<DVec3>,
     ) {
-        for &patch in &sheet.patches {
-            let polygon = self.project(face, surfaces, patch, spare);
-            if polygon.is_empty() {
-                continue;
-            }
+        for facet in sheet.facets.iter().map(|facet| surfaces.facet(*facet)) {
+            let ends =
+                facet.edges.iter().map(|edge| edge.ends.map(|end| face.turned(end - self.middle)));
             let plane = rows_of.planes.len() as u32;
-            rows_of.planes.push(Plane::of(surfaces, patch, self.middle, face));
-            rows(&polygon, self.size, ROUNDING, |row, from, to| {
-                let span = Span { from: from as u32, to: to as u32, plane };
-                rows_of.spans[row].push(span);
-                rows_of.touch(row);
+            let depths = ends.clone().flatten().map(|end| end.z);
+            rows_of.planes.push(Plane {
+                normal: face.turned(facet.normal),
+                offset: facet.offset - facet.normal.dot(self.middle),
+                nearest: depths.clone().fold(f64::INFINITY, f64::min),
+                farthest: depths.fold(f64::NEG_INFINITY, f64::max),
             });
+            rows_of.cross(plane, ends.clone(), self.size);
+            // Next to its outline it may meet an element and not the line through the middle of it.
+            for [from, to] in ends {
+                let line = projected(&mut vec![from, to], self.size as f64, spare);
+                rows(&line, self.size, ROUNDING, |row, from, to| {
+                    rows_of.add(row, [from, to], plane)
+                });
+            }
         }
     }
 }
@@ -298,9 +307,9 @@ struct Sheets<'a> {
     surfaces: &'a Surfaces,
     eyes: [DVec3; 8],
     width_m: f32,
-    /// By the first patch of a surface.
-    found: FxHashMap<u32, Vec<Sheet>>,
-    /// As [`Surfaces::side`] has it.
+    /// By the first facet of a surface.
+    found: FxHashMap<usize, Vec<Sheet>>,
+    /// Of each facet, where the eyes are.
     sides: Vec<i8>,
     is_done: Vec<bool>,
     rows: Rows,
@@ -314,49 +323,48 @@ impl<'a> Sheets<'a> {
             eyes: viewpoints.corners(),
             width_m,
             found: FxHashMap::default(),
-            sides: vec![0; surfaces.len()],
-            is_done: vec![false; surfaces.len()],
+            sides: vec![0; surfaces.facets()],
+            is_done: vec![false; surfaces.facets()],
             rows: Rows::new(size),
             spare: Vec::new(),
         }
     }
 
     fn take(&mut self, group: &Group) -> Vec<Sheet> {
-        if let Some(found) = group.patches.first().and_then(|first| self.found.remove(first)) {
+        if let Some(found) = self.found.remove(&group.facets.start) {
             return found;
         }
-        for &patch in &group.patches {
-            self.sides[patch as usize] = self.surfaces.side(patch as usize, &self.eyes);
+        for facet in group.facets.clone() {
+            let Facet { normal, offset, .. } = self.surfaces.facet(facet);
+            self.sides[facet] = side(*normal, *offset, &self.eyes);
         }
-        let faces = |patch: &&u32| self.sides[**patch as usize] != 0;
-        let facing: Vec<u32> = group.patches.iter().filter(faces).copied().collect();
         let mut sheets = Vec::new();
-        for patch in facing {
-            if !std::mem::replace(&mut self.is_done[patch as usize], true) {
-                sheets.push(self.grow(patch as usize));
+        for facet in group.facets.clone() {
+            if self.sides[facet] != 0 && !std::mem::replace(&mut self.is_done[facet], true) {
+                sheets.push(self.grow(facet));
             }
         }
         sheets
     }
 
-    /// All that is joined to a patch and faces the eyes as it does.
+    /// All that is joined to a facet and faces the eyes as it does.
     fn grow(&mut self, first: usize) -> Sheet {
-        let surfaces = self.surfaces;
-        let mut sheet = Sheet { bounds: Aabb::EMPTY, patches: Vec::new(), border: Vec::new() };
-        let mut waiting = vec![first];
-        while let Some(patch) = waiting.pop() {
-            sheet.patches.push(patch);
-            sheet.bounds = sheet.bounds.union(&surfaces.patch(patch).bounds);
-            for edge in surfaces.edges(patch) {
-                let next = surfaces.join_at(edge).filter(|join| {
-                    let other = self.sides[join.patch as usize];
-                    other != 0 && (other == self.sides[patch]) == join.same_way
+        let mut sheet = Sheet { bounds: Aabb::EMPTY, facets: vec![first], border: Vec::new() };
+        let mut next = 0;
+        while let Some(&number) = sheet.facets.get(next) {
+            next += 1;
+            let facet = self.surfaces.facet(number);
+            sheet.bounds = sheet.bounds.union(&facet.bounds);
+            for edge in &facet.edges {
+                let joined = edge.join.filter(|(other, same_way)| {
+                    let other = self.sides[*other as usize];
+                    other != 0 && (other == self.sides[number]) == *same_way
                 });
-                match next {
-                    None => sheet.border.push((patch, edge)),
-                    Some(join) => {
-                        if !std::mem::replace(&mut self.is_done[join.patch as usize], true) {
-                            waiting.push(join.patch as usize);
+                match joined {
+                    None => sheet.border.push(edge.ends),
+                    Some((other, _)) => {
+                        if !std::mem::replace(&mut self.is_done[other as usize], true) {
+                            sheet.facets.push(other as usize);
                         }
                     }
                 }
@@ -418,8 +426,52 @@ impl Rows {
             spans: (0..size).map(|_| Vec::new()).collect(),
             border: vec![Vec::new(); size],
             touched: 0..0,
+            crossings: vec![Vec::new(); size],
             planes: Vec::new(),
             depths: vec![f64::NEG_INFINITY; size],
+        }
+    }
+
+    fn add(&mut self, row: usize, [from, to]: [usize; 2], plane: u32) {
+        self.spans[row].push(Span { from: from as u32, to: to as u32, plane });
+        self.touch(row);
+    }
+
+    /// Adds what lies in a facet of the line through the middle of each row, by where the outline crosses it.
+    fn cross(&mut self, plane: u32, ends: impl Iterator<Item = [DVec3; 2]>, size: usize) {
+        let Plane { normal, .. } = self.planes[plane as usize];
+        let place = |row: usize| (row as f64 + 0.5) * (2.0 / size as f64) - 1.0;
+        let mut touched = size..0;
+        for [from, to] in ends {
+            // Beyond an eye's side a line may cross any row.
+            let is_ahead = from.z > NEAR_DEPTH_M && to.z > NEAR_DEPTH_M;
+            let at = |end: DVec3| (end.y / end.z + 1.0) * 0.5 * size as f64;
+            let (low, high) = (at(from).min(at(to)), at(from).max(at(to)));
+            let span = if is_ahead { elements(low, high, size, 1.0) } else { Some([0, size - 1]) };
+            let Some([first, last]) = span else { continue };
+            for row in first..=last {
+                let upright = place(row);
+                let heights = [from, to].map(|end| end.y - upright * end.z);
+                if (heights[0] < 0.0) == (heights[1] < 0.0) {
+                    continue;
+                }
+                let meeting = from + (to - from) * (heights[0] / (heights[0] - heights[1]));
+                let along =
+                    DVec3::new(-normal.y * upright - normal.z, normal.x * upright, normal.x);
+                self.crossings[row].push((meeting.dot(along), meeting));
+                touched = touched.start.min(row)..touched.end.max(row + 1);
+            }
+        }
+        for row in touched {
+            let mut crossings = std::mem::take(&mut self.crossings[row]);
+            crossings.sort_unstable_by(|one, other| one.0.total_cmp(&other.0));
+            for pair in crossings.chunks_exact(2) {
+                if let Some(span) = across(pair[0].1, pair[1].1, size) {
+                    self.add(row, span, plane);
+                }
+            }
+            crossings.clear();
+            self.crossings[row] = crossings;
         }
     }
 
@@ -463,6 +515,19 @@ impl Rows {
         }
         self.planes.clear();
     }
+}
+
+/// The elements of a row that a line in it meets.
+fn across(from: DVec3, to: DVec3, size: usize) -> Option<[usize; 2]> {
+    let (near, far) = if from.z < to.z { (from, to) } else { (to, from) };
+    if far.z <= NEAR_DEPTH_M {
+        return None;
+    }
+    let share = ((NEAR_DEPTH_M - near.z) / (far.z - near.z)).max(0.0);
+    let near = if near.z < NEAR_DEPTH_M { near.lerp(far, share) } else { near };
+    let at = |point: DVec3| (point.x / point.z + 1.0) * 0.5 * size as f64;
+    let (low, high) = (at(near).min(at(far)), at(near).max(at(far)));
+    elements(low, high, size, ROUNDING)
 }
 
 impl Depths {

@@ -8,7 +8,7 @@ use crate::geometry::{Aabb, Frustum};
 /// none of them.
 pub(super) const NEAR_M: f64 = 1e-3;
 /// A point at a distance of [`NEAR_M`] that projects onto a face is farther than that along its axis.
-const NEAR_DEPTH_M: f64 = 0.5 * NEAR_M;
+pub(super) const NEAR_DEPTH_M: f64 = 0.5 * NEAR_M;
 
 /// Eyes anywhere in a box, each with the same field of view.
 #[derive(Clone, Debug, PartialEq)]

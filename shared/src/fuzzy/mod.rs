@@ -35,6 +35,7 @@
 
 mod buffer;
 mod faces;
+mod facets;
 mod lists;
 mod raster;
 mod surfaces;

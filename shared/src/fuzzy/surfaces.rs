@@ -3,11 +3,16 @@
 use glam::{DVec3, Vec3};
 use rustc_hash::FxHashMap;
 
-use super::faces::NEAR_M;
+use super::{
+    faces::NEAR_M,
+    facets::{self, Facet},
+};
 use crate::geometry::Aabb;
 
 /// How far a corner of a patch may be off its plane, in metres.
-const FLAT_M: f64 = 1e-5;
+pub(super) const FLAT_M: f64 = 1e-5;
+/// It is not worth finding out of more patches whether they are convex.
+const SELF_MAX: usize = 512;
 /// Patches are tested by so many at once before each is.
 const CLUSTER: usize = 32;
 
@@ -18,19 +23,18 @@ pub struct Surfaces {
     /// Of `corners`, patch by patch; that to the next is an edge.
     indices: Vec<u32>,
     patches: Vec<Patch>,
-    /// For each edge the other patch that it belongs to, if it belongs to two of the same surface, and
-    /// whether their corners go round the same way.
-    joins: Vec<Option<Join>>,
+    facets: Vec<Facet>,
     /// Around each run of patches.
     clusters: Vec<Aabb>,
     groups: Vec<Group>,
 }
 
-/// A surface: its patches, of which there is at least one, ascending.
+/// A surface.
 #[derive(Clone, Debug)]
 pub(super) struct Group {
     pub(super) bounds: Aabb,
-    pub(super) patches: Vec<u32>,
+    /// The first and the last of its facets.
+    pub(super) facets: std::ops::Range<usize>,
 }
 
 #[derive(Clone, Debug)]
@@ -44,12 +48,6 @@ pub(super) struct Patch {
     pub(super) bounds: Aabb,
     /// What does not hide itself: patches of the same number that face the eyes.
     pub(super) kin: u32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Join {
-    pub(super) patch: u32,
-    pub(super) same_way: bool,
 }
 
 /// Why polygons are no patches.
@@ -95,10 +93,11 @@ impl Surfaces {
             corners: corners.iter().map(|corner| corner.as_dvec3()).collect(),
             indices: Vec::with_capacity(count),
             patches: Vec::with_capacity(polygons.len()),
-            joins: Vec::new(),
+            facets: Vec::new(),
             clusters: Vec::new(),
             groups: Vec::new(),
         };
+        let mut kin = 0;
         for (patch, (_, indices)) in polygons.iter().enumerate() {
             let is_sound = |&i: &u32| corners.get(i as usize).is_some_and(|at| at.is_finite());
             if !indices.iter().all(is_sound) {
@@ -106,9 +105,15 @@ impl Surfaces {
             }
             surfaces.add(patch, indices.iter().map(|i| welded[*i as usize]))?;
         }
-        surfaces.join(polygons);
-        surfaces.group(polygons);
-        surfaces.find_kin();
+        for patches in by_surface(polygons) {
+            let start = surfaces.facets.len();
+            facets::find(&mut surfaces, &patches);
+            let around =
+                |all: Aabb, patch: &u32| all.union(&surfaces.patch(*patch as usize).bounds);
+            let bounds = patches.iter().fold(Aabb::EMPTY, around);
+            surfaces.groups.push(Group { bounds, facets: start..surfaces.facets.len() });
+            surfaces.find_kin(&patches, &mut kin);
+        }
         let around = |run: &[Patch]| run.iter().fold(Aabb::EMPTY, |all, p| all.union(&p.bounds));
         surfaces.clusters = surfaces.patches.chunks(CLUSTER).map(around).collect();
         Ok(surfaces)
@@ -124,6 +129,7 @@ impl Surfaces {
         self.patches.is_empty()
     }
 
+    /// The surfaces.
     pub(super) fn groups(&self) -> &[Group] {
         &self.groups
     }
@@ -149,30 +155,33 @@ impl Surfaces {
         self.patches[patch].start as usize..self.patches[patch].end as usize
     }
 
-    pub(super) fn ends(&self, patch: usize, edge: usize) -> [DVec3; 2] {
+    /// The numbers of an edge's corners.
+    pub(super) fn ends(&self, patch: usize, edge: usize) -> [u32; 2] {
         let edges = self.edges(patch);
         let next = if edge + 1 == edges.end { edges.start } else { edge + 1 };
-        [edge, next].map(|at| self.corners[self.indices[at] as usize])
+        [edge, next].map(|at| self.indices[at])
     }
 
-    pub(super) fn join_at(&self, edge: usize) -> Option<Join> {
-        self.joins[edge]
+    pub(super) fn corner(&self, corner: u32) -> DVec3 {
+        self.corners[corner as usize]
     }
 
-    /// On which side of a patch's plane all eyes are: 1 where its normal points, -1 on the other, 0
-    /// when they are on both, or too near.
+    pub(super) fn facet(&self, facet: usize) -> &Facet {
+        &self.facets[facet]
+    }
+
+    pub(super) fn facets(&self) -> usize {
+        self.facets.len()
+    }
+
+    pub(super) fn push(&mut self, facet: Facet) {
+        self.facets.push(facet);
+    }
+
+    /// On which side of a patch's plane all eyes are.
     pub(super) fn side(&self, patch: usize, eyes: &[DVec3; 8]) -> i8 {
-        let Patch { normal, offset, .. } = &self.patches[patch];
-        // The first corner and the last are opposite ones.
-        let middle = normal.dot(eyes[0] + eyes[7]) * 0.5 - offset;
-        let reach = normal.abs().dot(eyes[7] - eyes[0]) * 0.5;
-        if middle - reach > NEAR_M {
-            1
-        } else if middle + reach < -NEAR_M {
-            -1
-        } else {
-            0
-        }
+        let Patch { normal, offset, .. } = self.patches[patch];
+        side(normal, offset, eyes)
     }
 
     fn add(
@@ -202,69 +211,26 @@ impl Surfaces {
         Ok(())
     }
 
-    /// Finds which edges belong to just two patches of the same surface.
-    fn join(&mut self, polygons: &[(u32, Vec<u32>)]) {
-        let mut found: FxHashMap<(u32, [u32; 2]), Vec<(usize, usize, bool)>> = FxHashMap::default();
-        for (patch, (surface, _)) in polygons.iter().enumerate() {
-            let edges = self.edges(patch);
-            for edge in edges.clone() {
-                let next = if edge + 1 == edges.end { edges.start } else { edge + 1 };
-                let [from, to] = [self.indices[edge], self.indices[next]];
-                let key = (*surface, [from.min(to), from.max(to)]);
-                found.entry(key).or_default().push((patch, edge, from < to));
-            }
-        }
-        self.joins = vec![None; self.indices.len()];
-        for edges in found.values() {
-            if let [(one, edge, up), (other, other_edge, other_up)] = edges[..]
-                && one != other
-            {
-                // Round the same way, a shared edge is gone along once in each direction.
-                let same_way = up != other_up;
-                self.joins[edge] = Some(Join { patch: other as u32, same_way });
-                self.joins[other_edge] = Some(Join { patch: one as u32, same_way });
-            }
-        }
-    }
-
-    fn group(&mut self, polygons: &[(u32, Vec<u32>)]) {
-        let mut found: FxHashMap<u32, usize> = FxHashMap::default();
-        for ((surface, _), (i, patch)) in polygons.iter().zip((0..).zip(&self.patches)) {
-            let place = *found.entry(*surface).or_insert_with(|| {
-                self.groups.push(Group { bounds: Aabb::EMPTY, patches: Vec::new() });
-                self.groups.len() - 1
-            });
-            let group = &mut self.groups[place];
-            group.bounds = group.bounds.union(&patch.bounds);
-            group.patches.push(i);
-        }
-    }
-
     /// Numbers what does not hide itself: a surface that is convex, seen from outside or inside, as
     /// a whole; of others what lies in one plane.
-    fn find_kin(&mut self) {
-        let mut kin = 0;
-        for group in &self.groups {
-            let mut planes: FxHashMap<[i64; 4], u32> = FxHashMap::default();
-            let is_one = self.does_not_hide_itself(&group.patches);
-            for &patch in &group.patches {
-                let Patch { normal, offset, .. } = self.patches[patch as usize];
-                let key = normal.extend(offset).to_array().map(|part| (part * 1e4).round() as i64);
-                let number =
-                    *planes.entry(if is_one { [0; 4] } else { key }).or_insert_with(|| {
-                        kin += 1;
-                        kin - 1
-                    });
-                self.patches[patch as usize].kin = number;
-            }
+    fn find_kin(&mut self, patches: &[u32], kin: &mut u32) {
+        let mut planes: FxHashMap<[i64; 4], u32> = FxHashMap::default();
+        let is_one = self.does_not_hide_itself(patches);
+        for &patch in patches {
+            let Patch { normal, offset, .. } = self.patches[patch as usize];
+            let key = normal.extend(offset).to_array().map(|part| (part * 1e4).round() as i64);
+            let number = *planes.entry(if is_one { [0; 4] } else { key }).or_insert_with(|| {
+                *kin += 1;
+                *kin - 1
+            });
+            self.patches[patch as usize].kin = number;
         }
     }
 
     /// Whether all corners of some patches lie on the same side of all of their planes, and nothing
     /// turns over.
     fn does_not_hide_itself(&self, patches: &[u32]) -> bool {
-        // Of large surfaces it is not worth finding out.
-        if patches.len() > 4_096 {
+        if patches.len() > SELF_MAX {
             return false;
         }
         let corners: Vec<DVec3> =
@@ -276,6 +242,35 @@ impl Surfaces {
             })
         })
     }
+}
+
+/// On which side of a plane all eyes are: 1 where its normal points, -1 on the other, 0 when they are
+/// on both, or too near.
+pub(super) fn side(normal: DVec3, offset: f64, eyes: &[DVec3; 8]) -> i8 {
+    // The first corner and the last are opposite ones.
+    let middle = normal.dot(eyes[0] + eyes[7]) * 0.5 - offset;
+    let reach = normal.abs().dot(eyes[7] - eyes[0]) * 0.5;
+    if middle - reach > NEAR_M {
+        1
+    } else if middle + reach < -NEAR_M {
+        -1
+    } else {
+        0
+    }
+}
+
+/// The patches of each surface, ascending.
+fn by_surface(polygons: &[(u32, Vec<u32>)]) -> Vec<Vec<u32>> {
+    let mut places: FxHashMap<u32, usize> = FxHashMap::default();
+    let mut found: Vec<Vec<u32>> = Vec::new();
+    for ((surface, _), patch) in polygons.iter().zip(0..) {
+        let place = *places.entry(*surface).or_insert_with(|| {
+            found.push(Vec::new());
+            found.len() - 1
+        });
+        found[place].push(patch);
+    }
+    found
 }
 
 /// For each corner the first in the same place.
