@@ -34,10 +34,13 @@
 //! read of it one after another is in rows, so that today's second-level caches hold it already.
 
 mod buffer;
+mod depths;
 mod faces;
 mod facets;
 mod lists;
 mod raster;
+mod scan;
+mod sheets;
 mod surfaces;
 mod visible;
 

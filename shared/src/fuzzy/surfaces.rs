@@ -13,8 +13,8 @@ use crate::geometry::Aabb;
 pub(super) const FLAT_M: f64 = 1e-5;
 /// It is not worth finding out of more patches whether they are convex.
 const SELF_MAX: usize = 512;
-/// Patches are tested by so many at once before each is.
-const CLUSTER: usize = 32;
+/// Patches are tested by so many at once before each is, and so are these.
+pub(super) const RUN: usize = 4;
 
 /// Opaque surfaces that are made of patches, ready to be projected.
 #[derive(Clone, Debug)]
@@ -24,8 +24,8 @@ pub struct Surfaces {
     indices: Vec<u32>,
     patches: Vec<Patch>,
     facets: Vec<Facet>,
-    /// Around each run of patches.
-    clusters: Vec<Aabb>,
+    /// Around each patch, around each run of [`RUN`] of these, and so on: up to a few in all.
+    runs: Vec<Vec<Aabb>>,
     groups: Vec<Group>,
 }
 
@@ -94,7 +94,7 @@ impl Surfaces {
             indices: Vec::with_capacity(count),
             patches: Vec::with_capacity(polygons.len()),
             facets: Vec::new(),
-            clusters: Vec::new(),
+            runs: Vec::new(),
             groups: Vec::new(),
         };
         let mut kin = 0;
@@ -114,8 +114,13 @@ impl Surfaces {
             surfaces.groups.push(Group { bounds, facets: start..surfaces.facets.len() });
             surfaces.find_kin(&patches, &mut kin);
         }
-        let around = |run: &[Patch]| run.iter().fold(Aabb::EMPTY, |all, p| all.union(&p.bounds));
-        surfaces.clusters = surfaces.patches.chunks(CLUSTER).map(around).collect();
+        let mut level: Vec<Aabb> = surfaces.patches.iter().map(|patch| patch.bounds).collect();
+        while level.len() > RUN {
+            let around = |run: &[Aabb]| run.iter().fold(Aabb::EMPTY, |all, one| all.union(one));
+            let next = level.chunks(RUN).map(around).collect();
+            surfaces.runs.push(std::mem::replace(&mut level, next));
+        }
+        surfaces.runs.push(level);
         Ok(surfaces)
     }
 
@@ -138,11 +143,9 @@ impl Surfaces {
         &self.patches[patch]
     }
 
-    /// Runs of patches, each with a box around it.
-    pub(super) fn clusters(&self) -> impl Iterator<Item = (std::ops::Range<usize>, &Aabb)> {
-        let all = self.patches.len();
-        let run = move |i: usize| i * CLUSTER..((i + 1) * CLUSTER).min(all);
-        self.clusters.iter().enumerate().map(move |(i, bounds)| (run(i), bounds))
+    /// Boxes around each patch, around each run of [`RUN`] of these, and so on.
+    pub(super) fn runs(&self) -> &[Vec<Aabb>] {
+        &self.runs
     }
 
     /// The corners of a patch, in order.

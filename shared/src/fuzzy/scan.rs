@@ -1,0 +1,220 @@
+//! The scan-line method: rows of elements that facets cover, without the bands of their borders.
+
+use std::ops::Range;
+
+use glam::{DVec2, DVec3};
+
+use super::{
+    Surfaces,
+    buffer::hidden_from,
+    faces::{Face, NEAR_DEPTH_M},
+    raster::{ROUNDING, elements, rows},
+};
+
+/// A run of elements of a row, and the plane whose depths they have.
+pub(super) struct Span {
+    pub(super) from: u32,
+    pub(super) to: u32,
+    pub(super) plane: u32,
+}
+
+/// A patch's plane in a face's coordinates, relative to the middle of the eyes.
+pub(super) struct Plane {
+    pub(super) normal: DVec3,
+    pub(super) offset: f64,
+    pub(super) nearest: f64,
+    pub(super) farthest: f64,
+}
+
+/// A plane's depths along a row.
+pub(super) struct Inverse {
+    pub(super) ends: [f64; 2],
+    pub(super) growth: f64,
+    pub(super) nearest: f64,
+    pub(super) farthest: f64,
+}
+
+impl Inverse {
+    /// The least depth in an element; less where the plane is seen from along it.
+    #[inline]
+    pub(super) fn least(&self, column: usize) -> f64 {
+        let inverse = self.ends[1] + self.growth * column as f64;
+        let is_ahead = self.ends[0] + self.growth * column as f64 > 0.0;
+        if is_ahead { (1.0 / inverse).max(self.nearest) } else { self.nearest }
+    }
+
+    /// The greatest depth in an element.
+    #[inline]
+    pub(super) fn most(&self, column: usize) -> f64 {
+        let inverse = self.ends[0] + self.growth * column as f64;
+        if inverse > 0.0 { (1.0 / inverse).min(self.farthest) } else { self.farthest }
+    }
+}
+
+/// One face's rows while a sheet is projected, kept from one to the next.
+pub(super) struct Rows {
+    pub(super) spans: Vec<Vec<Span>>,
+    pub(super) border: Vec<Vec<[u32; 2]>>,
+    pub(super) touched: Range<usize>,
+    /// Where the outline of a facet crosses each row, and how far along the facet.
+    pub(super) crossings: Vec<Vec<(f64, DVec3)>>,
+    pub(super) planes: Vec<Plane>,
+    pub(super) depths: Vec<f64>,
+}
+
+impl Plane {
+    pub(super) fn of(surfaces: &Surfaces, patch: usize, middle: DVec3, face: Face) -> Self {
+        let depths = surfaces.corners(patch).map(|corner| face.turned(corner - middle).z);
+        let patch = surfaces.patch(patch);
+        Self {
+            normal: face.turned(patch.normal),
+            offset: patch.offset - patch.normal.dot(middle),
+            nearest: depths.clone().fold(f64::INFINITY, f64::min),
+            farthest: depths.fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+
+    /// What one through the depth is in a row: at its left end, the least and the most, and by how much
+    /// it grows to the right from element to element.
+    pub(super) fn row(&self, row: usize, size: usize) -> Inverse {
+        let step = 2.0 / size as f64;
+        let at = |column: f64, row: f64| {
+            let direction = DVec3::new(column * step - 1.0, row * step - 1.0, 1.0);
+            self.normal.dot(direction) / self.offset
+        };
+        let [above, below] = [row as f64, (row + 1) as f64].map(|row| at(0.0, row));
+        let growth = self.normal.x * step / self.offset;
+        let ends = [above.min(below) + growth.min(0.0), above.max(below) + growth.max(0.0)];
+        Inverse { ends, growth, nearest: self.nearest.max(0.0), farthest: self.farthest }
+    }
+
+    /// Whether in all elements that a patch in this plane meets something is before it.
+    pub(super) fn is_behind(&self, polygon: &[DVec2], depths: &[[f32; 2]], size: usize) -> bool {
+        let mut is_behind = true;
+        rows(polygon, size, ROUNDING, |row, from, to| {
+            let inverse = self.row(row, size);
+            let depths = &depths[row * size..][from..=to];
+            is_behind = is_behind
+                && (from..=to)
+                    .zip(depths)
+                    .all(|(column, [_, depth])| *depth < hidden_from(inverse.least(column)));
+        });
+        is_behind
+    }
+}
+
+impl Rows {
+    pub(super) fn new(size: usize) -> Self {
+        Self {
+            spans: (0..size).map(|_| Vec::new()).collect(),
+            border: vec![Vec::new(); size],
+            touched: 0..0,
+            crossings: vec![Vec::new(); size],
+            planes: Vec::new(),
+            depths: vec![f64::NEG_INFINITY; size],
+        }
+    }
+
+    pub(super) fn add(&mut self, row: usize, [from, to]: [usize; 2], plane: u32) {
+        self.spans[row].push(Span { from: from as u32, to: to as u32, plane });
+        self.touch(row);
+    }
+
+    /// Adds what lies in a facet of the line through the middle of each row, by where the outline crosses it.
+    pub(super) fn cross(
+        &mut self,
+        plane: u32,
+        ends: impl Iterator<Item = [DVec3; 2]>,
+        size: usize,
+    ) {
+        let Plane { normal, .. } = self.planes[plane as usize];
+        let place = |row: usize| (row as f64 + 0.5) * (2.0 / size as f64) - 1.0;
+        let mut touched = size..0;
+        for [from, to] in ends {
+            // Beyond an eye's side a line may cross any row.
+            let is_ahead = from.z > NEAR_DEPTH_M && to.z > NEAR_DEPTH_M;
+            let at = |end: DVec3| (end.y / end.z + 1.0) * 0.5 * size as f64;
+            let (low, high) = (at(from).min(at(to)), at(from).max(at(to)));
+            let span = if is_ahead { elements(low, high, size, 1.0) } else { Some([0, size - 1]) };
+            let Some([first, last]) = span else { continue };
+            for row in first..=last {
+                let upright = place(row);
+                let heights = [from, to].map(|end| end.y - upright * end.z);
+                if (heights[0] < 0.0) == (heights[1] < 0.0) {
+                    continue;
+                }
+                let meeting = from + (to - from) * (heights[0] / (heights[0] - heights[1]));
+                let along =
+                    DVec3::new(-normal.y * upright - normal.z, normal.x * upright, normal.x);
+                self.crossings[row].push((meeting.dot(along), meeting));
+                touched = touched.start.min(row)..touched.end.max(row + 1);
+            }
+        }
+        for row in touched {
+            let mut crossings = std::mem::take(&mut self.crossings[row]);
+            crossings.sort_unstable_by(|one, other| one.0.total_cmp(&other.0));
+            for pair in crossings.chunks_exact(2) {
+                if let Some(span) = across(pair[0].1, pair[1].1, size) {
+                    self.add(row, span, plane);
+                }
+            }
+            crossings.clear();
+            self.crossings[row] = crossings;
+        }
+    }
+
+    pub(super) fn touch(&mut self, row: usize) {
+        let Range { start, end } = self.touched;
+        self.touched = if start == end { row..row + 1 } else { start.min(row)..end.max(row + 1) };
+    }
+
+    /// Takes the band of an edge out of what is to be merged.
+    pub(super) fn erase(&mut self, polygon: &[DVec2], size: usize) {
+        rows(polygon, size, 4.0 * ROUNDING, |row, from, to| {
+            if self.touched.contains(&row) {
+                self.border[row].push([from as u32, to as u32]);
+            }
+        });
+    }
+
+    /// The scan-line method: in each row the patches' depths, without the border's bands, go into
+    /// the buffer where they are nearer.
+    pub(super) fn merge_into(&mut self, nearest: &mut [f32], size: usize) {
+        for row in std::mem::replace(&mut self.touched, 0..0) {
+            let spans = &mut self.spans[row];
+            let first = spans.iter().map(|span| span.from as usize).min().unwrap_or(size);
+            let last = spans.iter().map(|span| span.to as usize).max().unwrap_or(0);
+            for Span { from, to, plane } in spans.drain(..) {
+                let inverse = self.planes[plane as usize].row(row, size);
+                let columns = from as usize..=to as usize;
+                for (column, depth) in columns.clone().zip(&mut self.depths[columns]) {
+                    *depth = depth.max(inverse.most(column));
+                }
+            }
+            for [from, to] in self.border[row].drain(..) {
+                self.depths[from as usize..=to as usize].fill(f64::NEG_INFINITY);
+            }
+            for column in first..=last.min(size - 1) {
+                let depth = std::mem::replace(&mut self.depths[column], f64::NEG_INFINITY);
+                if depth > 0.0 {
+                    let element = &mut nearest[row * size + column];
+                    *element = element.min((depth as f32).next_up());
+                }
+            }
+        }
+        self.planes.clear();
+    }
+}
+
+/// The elements of a row that a line in it meets.
+pub(super) fn across(from: DVec3, to: DVec3, size: usize) -> Option<[usize; 2]> {
+    let (near, far) = if from.z < to.z { (from, to) } else { (to, from) };
+    if far.z <= NEAR_DEPTH_M {
+        return None;
+    }
+    let share = ((NEAR_DEPTH_M - near.z) / (far.z - near.z)).max(0.0);
+    let near = if near.z < NEAR_DEPTH_M { near.lerp(far, share) } else { near };
+    let at = |point: DVec3| (point.x / point.z + 1.0) * 0.5 * size as f64;
+    let (low, high) = (at(near).min(at(far)), at(near).max(at(far)));
+    elements(low, high, size, ROUNDING)
+}
