@@ -14,8 +14,8 @@ const SHIFT_MAX: usize = 4;
 /// How two pictures differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Difference {
-    /// The part of the pixels whose colours differ by more than rounding, from 0 to 1. Where voxels are about as wide as a
-    /// pixel, that is also where one begins a fraction of a pixel earlier.
+    /// The part of the pixels whose colours differ by more than rounding, from 0 to 1: by more than two levels of 255 in
+    /// some channel. Where voxels are about as wide as a pixel, that is also where one begins a fraction of a pixel earlier.
     pub differing: f64,
     /// The part of the pixels whose colour is, by more than rounding, not among the colours within one pixel of their
     /// place in the other picture, nor between them: what no edge explains that is moved by up to a pixel.

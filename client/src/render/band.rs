@@ -4,6 +4,7 @@ use super::{
     hull::Hull,
     layer::Layer,
     mask::{Area, BLOCK, Mask, bits, lines},
+    view::BandView,
 };
 
 /// Pixels of a block.
@@ -87,36 +88,51 @@ impl Band {
         }
     }
 
-    /// Writes the pixels of an area that see a layer of voxels, whose looks these are.
+    /// Writes the pixels of an area that see a layer of voxels, whose looks these are; of glass, puts it in front of those
+    /// that have none yet.
     #[inline(always)]
-    pub(super) fn fill_layer(&mut self, area: &Area, layer: &Layer, looks: &[u16]) {
-        let outline = layer.outline();
+    pub(super) fn fill_layer<const GLASS: bool>(
+        &mut self,
+        view: &BandView,
+        area: &Area,
+        layer: &Layer,
+        looks: &[u16],
+    ) {
         let [columns, rows] = area.blocks();
         for row in rows {
-            let ends = outline.rows(area, row);
+            let ends = layer.outline().rows(area, row);
             for column in columns.clone() {
                 let block = row * self.mask.across() + column;
-                let open = ends.word(column) & !self.mask.word(block);
+                let mut open = ends.word(column) & !self.mask.word(block);
+                if GLASS {
+                    open &= !self.tinted[block];
+                }
                 if open == 0 {
                     continue;
                 }
-                let (to, depths) = (&mut self.looks[block], &mut self.depths[block]);
-                let corner = layer.at((column * BLOCK) as f32, (row * BLOCK) as f32);
+                let to = if GLASS { &mut self.glass[block] } else { &mut self.looks[block] };
+                let depths = &mut self.depths[block];
                 for y in bits(lines(open)) {
-                    let line = layer.line(&corner, y);
-                    let (voxels, line_depths) = layer.line_of_voxels(&line);
+                    let wanted = LINES_WANTED[(open >> (BLOCK * y)) as usize & 0xff];
+                    let (voxels, line_depths) =
+                        layer.voxels(view, [column * BLOCK, row * BLOCK + y], &wanted);
                     let line_looks = voxels.map(|voxel| looks[voxel as usize]);
                     // All pixels of the line, without a branch.
-                    let wanted = LINES_WANTED[(open >> (BLOCK * y)) as usize & 0xff];
                     for x in 0..BLOCK {
                         let pixel = BLOCK * y + x;
                         let is_wanted = wanted[x] != 0;
                         to[pixel] = if is_wanted { line_looks[x] } else { to[pixel] };
-                        depths[pixel] = if is_wanted { line_depths[x] } else { depths[pixel] };
+                        if !GLASS {
+                            depths[pixel] = if is_wanted { line_depths[x] } else { depths[pixel] };
+                        }
                     }
                 }
-                self.pixels += u64::from(open.count_ones());
-                self.mask.cover(block, open);
+                if GLASS {
+                    self.tinted[block] |= open;
+                } else {
+                    self.pixels += u64::from(open.count_ones());
+                    self.mask.cover(block, open);
+                }
             }
         }
     }

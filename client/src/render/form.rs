@@ -1,9 +1,10 @@
 //! Orthogonal mode: the form pattern of a node, from which those below it are placed without any
 //! projection.
 //!
-//! Where perspective inside of a node is below a pixel, all its octants look alike: the same
+//! Were there no perspective inside of a node, all its octants would look alike: the same
 //! hexagon, half as large. Their places follow from the node's own by halving offsets, which is
-//! a shift, and adding.
+//! a shift, and adding. What is e times deeper than the node's centre is seen nearer to it by 1 / (1 + e), for
+//! which (1 - e) (1 + e²) (1 + e⁴) stands: so places are right but for e⁸, and sizes but for e.
 //!
 //! **Precision.** Places are in pixels with 16 fractional bits. An offset is rounded once and then
 //! shifted, so each level errs by less than 2⁻¹⁵ pixels; sixteen levels make 2⁻¹¹ at most, and half a
@@ -12,19 +13,24 @@
 use glam::{Vec2, Vec3A, Vec4};
 
 use super::{
-    hull::Hull,
-    lines::{ENTRIES, FIRST, LINES, Lines, PLACES, PLANES, Row},
+    lines::{ENTRIES, FIRST, Lines, PLACES, PLANES, Row},
     view::{BandView, NEAR},
+    walk::SPARE_PX,
 };
 
-/// How far apart, in pixels, a node's front and back may be seen when perspective inside is left
-/// out.
-const TOLERANCE_PX: f32 = 0.5;
+/// How far apart, in pixels, front and back of a node may be seen that is taken to look alike all over, where perspective
+/// inside is left out.
+const FINE_PX: f32 = 0.5;
+
+/// By how much depths inside of a node differ at most from the centre's, relatively, when nodes below are placed by its form …
+const DEEPER_MAX: f32 = 0.25;
+/// … and half of how large it is seen, in pixels. What the eighth power of the one makes of the other is below a fiftieth.
+const HALF_MAX_PX: f32 = 1_200.0;
 
 /// Fractional bits of places in pixels.
 pub(super) const FRACTION: u32 = 16;
 
-/// The least ratio of nearest to farthest distance with which a node may be drawn in orthogonal mode,
+/// The least ratio of nearest to farthest distance of a node that is taken to look alike all over,
 /// for a focal length in pixels: see the paper, box 101. By bisection: where a cube of edge 2 must
 /// stand so that its corners (1, 1, -1) and (1, 1, 1) are seen so far apart.
 pub(super) fn ratio_min(focal: f32) -> f32 {
@@ -32,13 +38,19 @@ pub(super) fn ratio_min(focal: f32) -> f32 {
     let (mut near, mut far) = (1.0 + NEAR, 1.0e5);
     for _ in 0..40 {
         let middle = 0.5 * (near + far);
-        if apart(middle) > TOLERANCE_PX {
+        if apart(middle) > FINE_PX {
             near = middle;
         } else {
             far = middle;
         }
     }
     (far - 1.0) / (far + 1.0)
+}
+
+/// The least ratio of nearest to farthest distance with which a node may be drawn in orthogonal mode.
+pub(super) fn coarse_ratio_min(focal: f32) -> f32 {
+    let deeper = DEEPER_MAX.min(HALF_MAX_PX / focal);
+    (1.0 - deeper) / (1.0 + deeper)
 }
 
 /// A place in the picture: pixels with [`FRACTION`] bits.
@@ -51,30 +63,35 @@ fn fixed(pixels: Vec2) -> Place {
 
 /// What all nodes below one have in common.
 pub(super) struct Form {
-    /// Which axes are mirrored so that lines of sight go upwards along all.
-    pub(super) flip: u8,
+    /// Of the form's own node.
+    pub(super) level: u8,
+    /// Where the centre is seen, and one over its depth.
+    middle: Vec2,
+    depth_inverse: f32,
     /// The bounding box's size.
     size: Place,
-    /// From the bounding box's corner to those of the octants, in mirrored order.
+    /// From the bounding box's corner to those of the octants.
     octants: [Place; 8],
-    /// How much farther away than the cube's nearest corner those of the octants are, in metres.
-    deeper: [f32; 8],
-    /// The edges in pixels, mirrored.
-    pub(super) edges: [Vec2; 3],
-    /// Likewise, how much deeper an edge's far end lies.
-    pub(super) edges_deep: [f32; 3],
-    /// By how much places may be wrong, in pixels: nodes are drawn larger by that.
-    pub(super) slack: Vec2,
+    /// From the centre to those of the octants, in metres; the last is how much deeper they lie.
+    octants_centres: [Vec4; 8],
+    /// Half the edge, in metres.
+    pub(super) half: f32,
+    /// The longest edge, in pixels.
+    edge_px: f32,
+    /// Half the bounding box, and more by what perspective inside makes of it.
+    reach: Vec2,
 }
 
 /// A node in the orthogonal mode: the index, how many levels below the form's own node, the
-/// bounding box's corner, the distance of the nearest corner.
+/// bounding box's corner, and the centre relative to the eye with its depth.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Flat {
     pub(super) index: u32,
     pub(super) below: u32,
+    /// Whether the form is a fine one.
+    pub(super) fine: bool,
     pub(super) at: Place,
-    pub(super) depth: f32,
+    pub(super) centre: Vec4,
 }
 
 impl Form {
@@ -82,82 +99,79 @@ impl Form {
     #[inline(always)]
     pub(super) fn new(
         view: &BandView,
+        level: u8,
         index: u32,
-        edge: f32,
-        centre: Vec3A,
-        projected: Vec4,
+        middle: Vec2,
+        centre: Vec4,
     ) -> (Self, Flat) {
-        let scale = edge / projected.z;
-        let at = Vec2::new(projected.x, projected.y) / projected.z;
-        let towards = inclined(centre);
-        let flip = towards.cmplt(Vec3A::ZERO).bitmask() as u8;
-        let direction = view.project(towards);
-        let from = Vec2::new(direction.x, direction.y) / direction.z;
-        let sign = |axis: usize| if flip >> axis & 1 == 1 { -1.0 } else { 1.0 };
-        let edges = [0, 1, 2].map(|axis| {
-            let step = view.axes[axis];
-            (Vec2::new(step.x, step.y) - from * step.z) * (scale * sign(axis))
-        });
-        let edges_deep = [0, 1, 2].map(|axis| view.axes[axis].z * edge * sign(axis));
+        let pattern = &view.patterns[usize::from(level)];
+        let depth_inverse = 1.0 / centre.w;
+        let edges = edges(view, middle, 2.0 * pattern.half * depth_inverse);
         let half = edges.iter().map(|edge| edge.abs()).sum::<Vec2>() * 0.5;
-        let depth_half = edges_deep.iter().map(|deep| deep.abs()).sum::<f32>() * 0.5;
         let octants = std::array::from_fn(|octant| {
             let part = |axis: usize| {
-                let far = Vec2::splat((octant >> axis & 1) as f32);
-                let edge = edges[axis];
-                Vec2::select(edge.cmplt(Vec2::ZERO), edge * (far - 1.0), edge * far) * 0.5
+                let edge = edges[axis] * 0.5;
+                let is_far = octant >> axis & 1 == 1;
+                if is_far { edge.max(Vec2::ZERO) } else { (-edge).max(Vec2::ZERO) }
             };
             fixed(part(0) + part(1) + part(2))
         });
-        let deeper = std::array::from_fn(|octant| {
-            (0..3).map(|axis| edges_deep[axis] * (octant >> axis & 1) as f32 * 0.5).sum()
-        });
+        let deviation = deviation(pattern.reach.z, centre.w);
+        let longest = edges.iter().map(|edge| edge.length_squared()).fold(0.0, f32::max);
         let form = Self {
-            flip,
+            middle,
+            level,
+            depth_inverse,
             size: fixed(half * 2.0),
             octants,
-            deeper,
-            edges,
-            edges_deep,
-            slack: half * (depth_half / (projected.z - depth_half)) + 1.0 / 64.0,
+            octants_centres: std::array::from_fn(|octant| {
+                pattern.octants[octant].extend(pattern.octants_projected[octant].z)
+            }),
+            half: pattern.half,
+            edge_px: longest.sqrt(),
+            reach: half * (1.0 + 2.0 * deviation),
         };
-        let nearest = projected.z - edges_deep.iter().sum::<f32>() * 0.5;
-        (form, Flat { index, below: 0, at: fixed(at - half), depth: nearest })
+        (form, Flat { index, below: 0, fine: false, at: fixed(middle - half), centre })
     }
 
     /// The columns and rows that a node's bounding box meets.
     #[inline(always)]
-    pub(super) fn span(&self, node: &Flat, slack: Place) -> [[i32; 2]; 2] {
-        [0, 1].map(|axis| {
-            let low = node.at[axis].saturating_sub(slack[axis]);
-            let high = low.saturating_add(self.size[axis] >> node.below);
-            let high = high.saturating_add(2 * slack[axis]);
-            [low.saturating_add((1 << FRACTION) - 1) >> FRACTION, (high >> FRACTION) + 1]
-        })
+    pub(super) fn span(&self, node: &Flat) -> [[i32; 2]; 2] {
+        let middle = self.middle(node);
+        let reach = self.reach * halved(node.below) + SPARE_PX;
+        let (low, high) = (middle - reach, middle + reach);
+        [0, 1].map(|axis| [low[axis].ceil() as i32, (high[axis].floor() as i32).saturating_add(1)])
     }
 
     /// How long the longest edge of a cell so many levels below looks, in pixels.
     #[inline(always)]
     pub(super) fn cell_px(&self, levels: u32) -> f32 {
-        let longest = self.edges.iter().map(|edge| edge.length_squared()).fold(0.0, f32::max);
-        longest.sqrt() * halved(levels)
+        self.edge_px * halved(levels)
     }
 
-    /// The slack as a place.
+    /// Where the centre of a node is seen.
     #[inline(always)]
-    pub(super) fn slack_place(&self) -> Place {
-        fixed(self.slack)
+    pub(super) fn middle(&self, node: &Flat) -> Vec2 {
+        let unit = 1.0 / (1 << FRACTION) as f32;
+        let middle = [0, 1].map(|axis| {
+            node.at[axis].saturating_add(self.size[axis] >> (node.below + 1)) as f32 * unit
+        });
+        let deeper = node.centre.w * self.depth_inverse - 1.0;
+        let square = deeper * deeper;
+        let nearer = (1.0 - deeper) * (1.0 + square) * (1.0 + square * square);
+        self.middle + (Vec2::from(middle) - self.middle) * nearer
     }
 
-    /// The place of a node's octant, in mirrored order.
+    /// The place of a node's octant.
     #[inline(always)]
     pub(super) fn octant(&self, node: &Flat, octant: usize, index: u32) -> Flat {
         let offset = self.octants[octant];
         Flat {
             index,
             below: node.below + 1,
+            fine: node.fine,
             at: [0, 1].map(|axis| node.at[axis].saturating_add(offset[axis] >> node.below)),
-            depth: node.depth + self.deeper[octant] * halved(node.below),
+            centre: node.centre + self.octants_centres[octant] * halved(node.below),
         }
     }
 }
@@ -166,6 +180,18 @@ impl Form {
 #[inline(always)]
 pub(super) fn halved(times: u32) -> f32 {
     f32::from_bits((127 - times) << 23)
+}
+
+/// What edges along the axes add to places, for the line of sight through a pixel and a scale.
+#[inline(always)]
+fn edges(view: &BandView, from: Vec2, scale: f32) -> [Vec2; 3] {
+    view.axes.map(|step| (Vec2::new(step.x, step.y) - from * step.z) * scale)
+}
+
+/// By how much depths differ from a centre's at most, relatively, when they reach so far.
+#[inline(always)]
+fn deviation(reach: f32, depth: f32) -> f32 {
+    reach / (depth - reach).max(f32::MIN_POSITIVE)
 }
 
 /// A direction turned by a thousandth where it lies in a plane of two axes, so that no cube is seen
@@ -177,103 +203,93 @@ fn inclined(direction: Vec3A) -> Vec3A {
     direction.abs().max(least) * signs
 }
 
-/// How bricks of 4 × 4 × 4 cells below a form look: which cells a pixel's line of sight meets.
-#[derive(Default)]
+/// How bricks of 4 × 4 × 4 cells below a form look: which cells a pixel's line of sight may meet.
 pub(super) struct BrickForm {
-    /// Indices of the rows of [`LINES`], for each of [`PLANES`].
-    rows: [usize; 3],
+    /// Which axes are mirrored so that lines of sight go upwards along all.
+    pub(super) flip: u8,
+    /// Those of the lines' slope, for each of [`PLANES`].
+    pub(super) rows: [&'static Row; 3],
     /// Places for each pixel to the right and downwards.
     across: [f32; 3],
     down: [f32; 3],
-    /// The place of a line through the bounding box's corner.
+    /// The place of a line through the brick's centre.
     start: [f32; 3],
     /// Places from the first pixel of a block to others, with [`FRACTION`] bits.
     steps: [[i32; 8]; 3],
     steps_down: [i32; 3],
-    /// How much deeper than the nearest corner the centres of octants' first cells lie.
+    /// How much deeper than the brick's centre those of octants lie.
     octants_deeper: [f32; 8],
-    /// How much deeper than the first the other cells of an octant lie.
+    /// How much deeper than an octant's centre those of its cells lie.
     cells_deeper: [f32; 8],
 }
 
 impl BrickForm {
-    /// The form of the bricks whose cells are so many levels below the form's own node.
+    /// The form of the bricks whose cells are so many levels below a node, in which depths differ little.
+    ///
+    /// **What may be missed.** A brick's centre is placed right ([`Form::middle`]); what lies in the brick is moved by
+    /// perspective that is left out. In the node, whose centre is seen in the `middle`, depths differ from the centre's by ε at most, relatively, and so does the
+    /// direction of sight: each moves what is in the brick by ε times half the brick's size in the picture. The look-ups are
+    /// made with a margin of both.
     #[inline(always)]
-    pub(super) fn new(form: &Form, levels: u32) -> Self {
-        let scale = halved(levels);
-        let cells = form.edges.map(|edge| edge * scale);
-        let corner: Vec2 = form.edges.iter().map(|edge| -edge.min(Vec2::ZERO)).sum();
-        let corner = corner * (4.0 * scale);
+    pub(super) fn new(view: &BandView, half: f32, centre: Vec4, middle: Vec2, levels: u32) -> Self {
+        let towards = inclined(Vec3A::from_vec4(centre));
+        let flip = towards.cmplt(Vec3A::ZERO).bitmask() as u8;
+        let sign = |axis: usize| if flip >> axis & 1 == 1 { -1.0 } else { 1.0 };
+        let beside = view.project(towards - Vec3A::from_vec4(centre)) / centre.w;
+        let from = middle + Vec2::new(beside.x, beside.y) - middle * beside.z;
+        let edge = 2.0 * half * halved(levels);
+        let cells = edges(view, from, edge / centre.w);
+        let cells = [0, 1, 2].map(|axis| cells[axis] * sign(axis));
+        let deep = [0, 1, 2].map(|axis| view.axes[axis].z * edge * sign(axis));
+        let reach: f32 = view.axes.iter().map(|axis| axis.z.abs()).sum();
+        let deviation = deviation(reach * half, centre.w);
+        let corner = -2.0 * (cells[0] + cells[1] + cells[2]);
+        let slack = cells.iter().map(|cell| cell.abs()).sum::<Vec2>() * (2.0 * 2.0 * deviation);
         let share = [0, 1, 2].map(|axis| cells[(axis + 1) % 3].perp_dot(cells[(axis + 2) % 3]));
         let sign = if share[0] + share[1] + share[2] < 0.0 { -1.0 } else { 1.0 };
-        let mut brick = Self::default();
+        let mut margin = 0.0f32;
+        let (mut across, mut down, mut start) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        let mut slopes = [0; 3];
         for (plane, [first, second]) in PLANES.into_iter().enumerate() {
             let third = cells[3 - first - second];
             let (along, up) = (share[first] * sign, share[second] * sign);
             let both = (along + up).max(f32::MIN_POSITIVE);
-            // The grid is 4 · both wide, and is drawn wider by the slack on both sides.
-            let slack = form.slack.x * third.y.abs() + form.slack.y * third.x.abs();
-            let wide = 4.0 * both + 2.0 * slack;
-            let per_unit = PLACES as f32 * sign / wide;
-            brick.across[plane] = third.y * per_unit;
-            brick.down[plane] = -third.x * per_unit;
-            let nearest = (4.0 * up + slack) / wide * PLACES as f32 + FIRST as f32;
-            brick.start[plane] =
-                nearest - corner.x * brick.across[plane] - corner.y * brick.down[plane];
-            brick.rows[plane] = Lines::index(plane, along / both);
-            let across = whole(brick.across[plane]);
-            for x in 1..8 {
-                brick.steps[plane][x] = brick.steps[plane][x - 1].wrapping_add(across);
-            }
-            brick.steps_down[plane] = whole(brick.down[plane]);
+            // The grid is 4 · both wide.
+            margin = margin.max((slack.x * third.y.abs() + slack.y * third.x.abs()) / both);
+            let per_unit = (PLACES / 4) as f32 * sign / both;
+            (across[plane], down[plane]) = (third.y * per_unit, -third.x * per_unit);
+            let nearest = up / both * PLACES as f32 + FIRST as f32;
+            start[plane] = nearest - corner.x * across[plane] - corner.y * down[plane];
+            slopes[plane] = Lines::index(plane, along / both);
         }
-        let deep = form.edges_deep.map(|deep| deep * scale);
-        for octant in 0..8 {
-            let at = |axis: usize| (octant >> axis & 1) as f32;
-            let deeper: f32 = (0..3).map(|axis| deep[axis] * at(axis)).sum();
-            brick.octants_deeper[octant] = 2.0 * deeper + 0.5 * (deep[0] + deep[1] + deep[2]);
-            brick.cells_deeper[octant] = deeper;
+        let lines = Lines::with_margin(margin);
+        let cells_deeper: [f32; 8] = std::array::from_fn(|cell| {
+            (0..3).map(|axis| deep[axis] * ((cell >> axis & 1) as f32 - 0.5)).sum()
+        });
+        let steps = |of: f32| std::array::from_fn(|x| whole(of).wrapping_mul(x as i32));
+        Self {
+            flip,
+            rows: slopes.map(|slope| lines.row(slope)),
+            steps: across.map(steps),
+            steps_down: down.map(whole),
+            across,
+            down,
+            start,
+            octants_deeper: cells_deeper.map(|deeper| 2.0 * deeper),
+            cells_deeper,
         }
-        brick
     }
 
-    /// The outline of a brick, which may be a single cell.
-    #[inline(always)]
-    pub(super) fn outline(&self, brick: &Flat) -> Hull {
-        let unit = 1.0 / (1 << FRACTION) as f32;
-        let [x, y] = brick.at.map(|part| part as f32 * unit);
-        Hull::of_bands([0, 1, 2].map(|plane| {
-            let (across, down) = (self.across[plane], self.down[plane]);
-            let start = self.start[plane] - FIRST as f32 - x * across - y * down;
-            [across, down, start].map(|part| part / PLACES as f32)
-        }))
-    }
-
-    /// How much deeper than the nearest corner a brick's centre lies.
-    #[inline(always)]
-    pub(super) fn middle_deeper(&self) -> f32 {
-        0.5 * (self.deeper(0) + self.deeper(63))
-    }
-
-    /// How much deeper than the nearest corner a cell's centre lies.
+    /// How much deeper than the brick's centre a cell's lies.
     #[inline(always)]
     pub(super) fn deeper(&self, cell: usize) -> f32 {
         self.octants_deeper[cell >> 3 & 7] + self.cells_deeper[cell & 7]
     }
 
-    /// The rows of [`LINES`].
+    /// Where, in the rows, the line of sight through a block's first pixel lies, for a brick with its centre there.
     #[inline(always)]
-    pub(super) fn rows(&self) -> [&'static Row; 3] {
-        let lines = &*LINES;
-        self.rows.map(|row| lines.row(row))
-    }
-
-    /// Where, in the rows, the line of sight through a block's first pixel lies.
-    #[inline(always)]
-    pub(super) fn places(&self, brick: &Flat, block: [i32; 2]) -> [i32; 3] {
-        let unit = 1.0 / (1 << FRACTION) as f32;
-        let [x, y] = [0, 1]
-            .map(|axis| (block[axis] << FRACTION).saturating_sub(brick.at[axis]) as f32 * unit);
+    pub(super) fn places(&self, middle: Vec2, block: [usize; 2]) -> [i32; 3] {
+        let [x, y] = [block[0] as f32 - middle.x, block[1] as f32 - middle.y];
         [0, 1, 2]
             .map(|plane| whole(x * self.across[plane] + y * self.down[plane] + self.start[plane]))
     }
@@ -287,10 +303,10 @@ impl BrickForm {
 
     /// The cells that the line of sight through a pixel of a line meets.
     #[inline(always)]
-    pub(super) fn cells(&self, rows: &[&Row; 3], line: [i32; 3], x: usize) -> u64 {
+    pub(super) fn cells(&self, line: [i32; 3], x: usize) -> u64 {
         let cells = |plane: usize| {
             let place = line[plane].wrapping_add(self.steps[plane][x]) >> FRACTION;
-            rows[plane][(place as u32 as usize).min(ENTRIES - 1)]
+            self.rows[plane][(place as u32 as usize).min(ENTRIES - 1)]
         };
         cells(0) & cells(1) & cells(2)
     }

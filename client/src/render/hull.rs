@@ -41,10 +41,9 @@ impl Bounds {
 }
 
 impl Hull {
-    /// The outline of a box, given by its corners relative to the eye, which is outside, widened by
-    /// so many pixels.
+    /// The outline of a box, given by its corners relative to the eye, which is outside.
     #[inline(always)]
-    pub(super) fn new(view: &BandView, low: Vec3A, high: Vec3A, wider_px: f32) -> Self {
+    pub(super) fn new(view: &BandView, low: Vec3A, high: Vec3A) -> Self {
         let mut hull = Self { lefts: Bounds::NONE, rights: Bounds::NONE };
         for [a, b] in [[0, 1], [1, 2], [2, 0]] {
             let Some([first, last]) = tangents([low[a], high[a]], [low[b], high[b]]) else {
@@ -54,21 +53,8 @@ impl Hull {
                 // The product of the corner and the line of sight, which is linear in the pixel.
                 let product = |ray: Vec3A| (corner[0] * ray[b] - corner[1] * ray[a]) * sign;
                 let (across, down) = (product(view.ray_step[0]), product(view.ray_step[1]));
-                let wider = wider_px * (across.abs() + down.abs());
-                hull.bound(across, down, product(view.first_ray) + wider);
+                hull.bound(across, down, product(view.first_ray));
             }
-        }
-        hull
-    }
-
-    /// What lies within both bounds of some bands, each given by where it is zero and one along the
-    /// picture: x · `across` + y · `down` + `start`.
-    #[inline(always)]
-    pub(super) fn of_bands(bands: [[f32; 3]; 3]) -> Self {
-        let mut hull = Self { lefts: Bounds::NONE, rights: Bounds::NONE };
-        for [across, down, start] in bands {
-            hull.bound(across, down, start);
-            hull.bound(-across, -down, 1.0 - start);
         }
         hull
     }
@@ -191,7 +177,7 @@ mod tests {
             let camera = Camera { eye: Vec3::ZERO, yaw, pitch, fov_y: 1.2 };
             let octree = Octree::empty(Vec3::ZERO, 1.0, 3);
             let view = View::new(&camera, SIDE, SIDE).band(0, &octree);
-            let hull = Hull::new(&view, low, high, 0.0);
+            let hull = Hull::new(&view, low, high);
             let area = Area { left: 0, right: SIDE, top: 0, bottom: SIDE };
             let mut differ = 0;
             for row in 0..SIDE / BLOCK {

@@ -1,162 +1,189 @@
-//! A whole layer of voxels in orthogonal mode: which of them a pixel sees is two linear functions.
+//! A whole layer of voxels: which of them a pixel sees is arithmetic.
 //!
-//! The layer is drawn as what it is, a box one voxel thick. A line of sight that comes in through
-//! one of the narrow sides sees the voxel that is nearest in the layer.
+//! The layer is what it is, a box one voxel thick. A line of sight that comes in through the side
+//! towards the eye sees the voxel where it meets that side's plane: two quotients of numbers that are linear in the
+//! pixel. One that comes in through a narrow side sees the voxel where it comes in. So both modes
+//! of the renderer show the same voxel, and a layer of any size is drawn at once, however near it is.
 
-use glam::Vec2;
+use glam::Vec3A;
 
-use super::{
-    form::{FRACTION, Flat, Form, halved, whole},
-    hull::Hull,
-    lines::PLANES,
-    mask::BLOCK,
-};
+use super::{hull::Hull, mask::BLOCK, view::BandView};
 
-/// Seen flatter, in voxels for each pixel, a layer is drawn like anything else.
-const VOXELS_MAX: f32 = 16.0;
-
-/// Functions of the pixel for a layer, and its outline.
+/// A layer, relative to the eye.
 pub(super) struct Layer {
-    /// 0 to 1 between opposite sides of the outline, as in [`Hull::of_bands`].
-    bands: [[f32; 3]; 3],
-    /// The voxel along the two axes, lower axis first: for each pixel to the right, and downwards,
-    /// and at the picture's corner.
-    voxels: [[f32; 3]; 2],
-    steps: [i32; 2],
-    steps_down: [i32; 2],
+    outline: Hull,
+    low: Vec3A,
+    high: Vec3A,
+    /// Where the first voxel begins along each axis.
+    starts: Vec3A,
+    /// The two axes along the layer, lower axis first.
+    along: [usize; 2],
+    /// Voxels for each metre.
+    per_metre: f32,
+    /// The greatest voxel along each axis.
+    last: f32,
+    /// Numbers whose quotients by the last are the voxel along the two axes, in the plane towards the
+    /// eye: for each pixel to the right, and downwards, and at the picture's corner.
+    ratios: [[f32; 3]; 3],
+    /// Whether the eye is between the two planes: it sees narrow sides only.
+    between: bool,
     /// How far away the first voxel's centre is, and how much farther the next along each axis.
     depth: f32,
     deeper: [f32; 2],
-    /// The greatest voxel along each axis.
-    last: i32,
-    /// What mirrors it.
-    mirror: [i32; 2],
 }
 
-/// Where a block's first pixel, or a line's, lies in the layer.
-pub(super) struct Spot {
-    voxels: [i32; 2],
+/// A node that is a layer: its centre relative to the eye, the centre's depth, half its edge in metres.
+pub(super) struct Whole {
+    pub(super) centre: Vec3A,
+    pub(super) depth: f32,
+    pub(super) half: f32,
+    /// How many levels it is above the leaves.
+    pub(super) levels: u32,
 }
 
 impl Layer {
-    /// The layer across an axis, so many voxels from the lower side, of a node that is so many
-    /// levels above the leaves. None when it is seen too flat.
+    /// The layer of a node across an axis, so many voxels from the lower side.
     #[inline(always)]
-    pub(super) fn new(
-        form: &Form,
-        node: &Flat,
-        levels: u32,
-        axis: usize,
-        place: u8,
-    ) -> Option<Self> {
-        let scale = halved(node.below + levels);
-        let edges = form.edges.map(|edge| edge * scale);
-        let deep = form.edges_deep.map(|deep| deep * scale);
-        let side = (1u32 << levels) as f32;
-        let last = (1i32 << levels) - 1;
-        let is_mirrored = |axis: usize| form.flip >> axis & 1 == 1;
-        let place =
-            if is_mirrored(axis) { last - i32::from(place) } else { i32::from(place) } as f32;
-        let [low, high] = [[1, 2], [0, 2], [0, 1]][axis];
-
-        let unit = 1.0 / (1 << FRACTION) as f32;
-        let corner: Vec2 = edges.iter().map(|edge| -edge.min(Vec2::ZERO)).sum();
-        let nearest = Vec2::from(node.at.map(|part| part as f32 * unit)) + corner * side;
-        let start = nearest + edges[axis] * place;
-        let area = edges[low].perp_dot(edges[high]);
-        // A number for each pixel to the right and downwards, and what it is at the corner.
-        let linear = |right: f32, down: f32, at_start: f32| {
-            [right, down, at_start - right * start.x - down * start.y]
+    pub(super) fn new(view: &BandView, node: &Whole, axis: usize, place: u8) -> Self {
+        let side = (1u32 << node.levels) as f32;
+        let voxel = node.half * 2.0 / side;
+        let (mut low, mut high) = (node.centre - node.half, node.centre + node.half);
+        let centre = low[axis] + (f32::from(place) + 0.5) * voxel;
+        (low[axis], high[axis]) = (centre - 0.5 * voxel, centre + 0.5 * voxel);
+        let seam = view.seam(node.depth);
+        (low, high) = (low - seam, high + seam);
+        let [u, v] = [[1, 2], [0, 2], [0, 1]][axis];
+        let near = if low[axis] > 0.0 { low[axis] } else { high[axis] };
+        let per_metre = side / (node.half * 2.0);
+        let linear = |number: &dyn Fn(Vec3A) -> f32| {
+            [number(view.ray_step[0]), number(view.ray_step[1]), number(view.first_ray)]
         };
-        let along_low = [edges[high].y / area, -edges[high].x / area];
-        let along_high = [-edges[low].y / area, edges[low].x / area];
-        let steepest = along_low.iter().chain(&along_high).fold(0.0, |a: f32, b| a.max(b.abs()));
-        if steepest >= VOXELS_MAX {
-            return None;
+        let towards = near.signum();
+        // Of two voxels the nearer one covers the seam.
+        let starts = node.centre - node.half + Vec3A::splat(seam).copysign(node.centre);
+        let voxel_at = |of: usize| {
+            let start = starts[of];
+            let (reach, start) = (near * per_metre * towards, start * per_metre * towards);
+            linear(&|ray: Vec3A| ray[of] * reach - ray[axis] * start)
+        };
+        let deeper = [u, v].map(|of| view.axes[of].z * voxel);
+        let first = (side - 1.0) * 0.5;
+        let across = view.axes[axis].z * (centre - node.centre[axis]);
+        Self {
+            outline: Hull::new(view, low, high),
+            low,
+            high,
+            starts,
+            along: [u, v],
+            per_metre,
+            last: side - 1.0,
+            ratios: [voxel_at(u), voxel_at(v), linear(&|ray| ray[axis] * towards)],
+            between: low[axis] <= 0.0 && high[axis] >= 0.0,
+            depth: node.depth + across - first * (deeper[0] + deeper[1]),
+            deeper,
         }
-        let voxels =
-            [linear(along_low[0], along_low[1], 0.0), linear(along_high[0], along_high[1], 0.0)];
-        let ends = |of: usize| if of == axis { [place, place + 1.0] } else { [0.0, side] };
-        let mirror = |axis: usize| if is_mirrored(axis) { last } else { 0 };
-        Some(Self {
-            bands: bands(&edges, nearest, form.slack, ends),
-            steps: voxels.map(|voxel| whole(voxel[0])),
-            steps_down: voxels.map(|voxel| whole(voxel[1])),
-            voxels,
-            depth: node.depth + deep[axis] * (place + 0.5) + 0.5 * (deep[low] + deep[high]),
-            deeper: [deep[low], deep[high]],
-            last,
-            mirror: [mirror(low), mirror(high)],
-        })
     }
 
     /// What lines of sight meet it.
     #[inline(always)]
-    pub(super) fn outline(&self) -> Hull {
-        Hull::of_bands(self.bands)
+    pub(super) fn outline(&self) -> &Hull {
+        &self.outline
     }
 
-    /// Where a block's first pixel lies.
+    /// Of a line of pixels that begins there, those that are wanted see which voxels, in their order in memory, and how
+    /// far away?
     #[inline(always)]
-    pub(super) fn at(&self, x: f32, y: f32) -> Spot {
-        let value = |[right, down, start]: [f32; 3]| right * x + down * y + start;
-        Spot { voxels: self.voxels.map(|voxel| whole(value(voxel))) }
+    pub(super) fn voxels(
+        &self,
+        view: &BandView,
+        [x, y]: [usize; 2],
+        wanted: &[u8; BLOCK],
+    ) -> ([u32; BLOCK], [f32; BLOCK]) {
+        let spot =
+            self.ratios.map(|[right, down, start]| right * x as f32 + down * y as f32 + start);
+        let mut places = [[0.0; BLOCK]; 2];
+        let mut outside = 0;
+        let end = self.last + 1.0;
+        for i in 0..BLOCK {
+            let [u, v, by] = [0, 1, 2].map(|k| spot[k] + self.ratios[k][0] * i as f32);
+            let by = 1.0 / by;
+            let (u, v) = (u * by, v * by);
+            let inside = (u >= 0.0) & (u < end) & (v >= 0.0) & (v < end);
+            outside |= u8::from(!inside) & wanted[i];
+            (places[0][i], places[1][i]) = (u, v);
+        }
+        if outside != 0 || self.between {
+            places = self.through_sides(view, [x, y]);
+        }
+        self.voxels_at(&places)
     }
 
-    /// Where a line's first pixel lies, so many below.
-    #[inline(always)]
-    pub(super) fn line(&self, corner: &Spot, y: usize) -> Spot {
-        let below =
-            |i: usize| corner.voxels[i].wrapping_add(self.steps_down[i].wrapping_mul(y as i32));
-        Spot { voxels: [below(0), below(1)] }
+    /// Where a line of pixels sees the layer, in voxels along both axes, also through its narrow sides.
+    #[inline(never)]
+    fn through_sides(&self, view: &BandView, [x, y]: [usize; 2]) -> [[f32; BLOCK]; 2] {
+        let mut places = [[0.0; BLOCK]; 2];
+        for i in 0..BLOCK {
+            let ray = view.ray(x + i, y);
+            let (a, b) = (self.low / ray, self.high / ray);
+            let enters = a.min(b).max_element();
+            for (places, of) in places.iter_mut().zip(self.along) {
+                places[i] = (ray[of] * enters - self.starts[of]) * self.per_metre;
+            }
+        }
+        places
     }
 
-    /// Which of the layer's voxels, in their order in memory, the pixels of a line see, and how far
-    /// away.
+    /// The voxels at places along both axes.
     #[inline(always)]
-    pub(super) fn line_of_voxels(&self, line: &Spot) -> ([u32; BLOCK], [f32; BLOCK]) {
+    fn voxels_at(&self, places: &[[f32; BLOCK]; 2]) -> ([u32; BLOCK], [f32; BLOCK]) {
         let mut voxels = [0; BLOCK];
         let mut depths = [0.0; BLOCK];
         for x in 0..BLOCK {
-            let [low, high] = [0, 1].map(|i| {
-                let at = line.voxels[i].wrapping_add(self.steps[i].wrapping_mul(x as i32));
-                (at >> FRACTION).clamp(0, self.last)
-            });
-            let places = [low ^ self.mirror[0], high ^ self.mirror[1]].map(|at| spread(at as u32));
-            voxels[x] = places[0] | places[1] << 1;
-            depths[x] = self.depth + low as f32 * self.deeper[0] + high as f32 * self.deeper[1];
+            let [u, v] = [0, 1].map(|i| whole(places[i][x], self.last));
+            voxels[x] = spread(u.to_bits() & 0xff | (v.to_bits() & 0xff) << 16);
+            let [u, v] = [u, v].map(|number| number - ONES);
+            depths[x] = self.depth + u * self.deeper[0] + v * self.deeper[1];
         }
         (voxels, depths)
     }
 }
 
-/// A number of up to four bits with zeros between the bits.
+/// The lowest bits of a number of this size count ones.
+const ONES: f32 = 12_582_912.0;
+
+/// The whole part of a number that is held between zero and a greatest, and [`ONES`] more.
 #[inline(always)]
-fn spread(number: u32) -> u32 {
-    let number = (number | number << 2) & 0x33;
-    (number | number << 1) & 0x55
+fn whole(number: f32, last: f32) -> f32 {
+    let number = number - 0.5;
+    let number = if number > 0.0 { number } else { 0.0 };
+    (if number < last { number } else { last }) + ONES
 }
 
-/// The outline of a box, whose ends along each axis are in edges' lengths from the nearest corner,
-/// widened by the slack.
+/// Two numbers of up to four bits, one of them sixteen bits up, with their bits in turn.
 #[inline(always)]
-fn bands(
-    edges: &[Vec2; 3],
-    nearest: Vec2,
-    slack: Vec2,
-    ends: impl Fn(usize) -> [f32; 2],
-) -> [[f32; 3]; 3] {
-    let share = [0, 1, 2].map(|axis| edges[(axis + 1) % 3].perp_dot(edges[(axis + 2) % 3]));
-    let sign = if share[0] + share[1] + share[2] < 0.0 { -1.0 } else { 1.0 };
-    PLANES.map(|[first, second]| {
-        let third = edges[3 - first - second] * sign;
-        let (along, up) = (share[first] * sign, share[second] * sign);
-        let ([first_low, first_high], [second_low, second_high]) = (ends(first), ends(second));
-        let slack = slack.x * third.y.abs() + slack.y * third.x.abs();
-        let low = second_low * along - first_high * up - slack;
-        let high = second_high * along - first_low * up + slack;
-        let scale = 1.0 / (high - low).max(f32::MIN_POSITIVE);
-        let (across, down) = (third.y * scale, -third.x * scale);
-        [across, down, -low * scale - across * nearest.x - down * nearest.y]
-    })
+fn spread(both: u32) -> u32 {
+    let both = (both | both << 2) & 0x0033_0033;
+    let both = (both | both << 1) & 0x0055_0055;
+    (both | both >> 15) & 0xff
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_come_in_turn() {
+        for i in 0..256u32 {
+            let part = |first: u32| (0..4).map(|bit| (i >> (2 * bit + first) & 1) << bit).sum();
+            let (low, high): (u32, u32) = (part(0), part(1));
+            assert_eq!(spread(low | high << 16), i);
+        }
+    }
+
+    #[test]
+    fn numbers_are_cut_and_held() {
+        let cut = |number: f32| whole(number, 7.0).to_bits() & 0xff;
+        let numbers = [-3.0, -0.1, 0.2, 0.7, 1.2, 6.9, 7.5, 8.0, 90.0, f32::INFINITY, f32::NAN];
+        assert_eq!(numbers.map(cut), [0, 0, 0, 0, 1, 6, 7, 7, 7, 7, 0]);
+    }
 }

@@ -10,7 +10,7 @@
 //! are numbered as by [`morton`](sightline_shared::octree::morton), so that along a line the
 //! numbers ascend.
 
-use std::sync::LazyLock;
+use std::sync::OnceLock;
 
 /// Slopes that are told apart, less one.
 const SLOPES: usize = 128;
@@ -30,23 +30,30 @@ pub(super) const PLANES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 /// The cells that lines of one slope meet, by their places.
 pub(super) type Row = [u64; ENTRIES];
 
-/// For each of [`PLANES`] and each slope, the cells: 800 kB, of which a brick uses 3.
+/// How much wider cells may be taken to be on each side, in cells' edges.
+const MARGINS: [f32; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
+
+/// For each of [`PLANES`] and each slope, the cells: 800 kB, of which a brick uses 6.
 pub(super) struct Lines {
     rows: Vec<Row>,
 }
 
-/// All that can be asked for.
-pub(super) static LINES: LazyLock<Lines> = LazyLock::new(Lines::new);
+/// For each of [`MARGINS`].
+static LINES: [OnceLock<Lines>; MARGINS.len()] = [const { OnceLock::new() }; MARGINS.len()];
 
 impl Lines {
-    fn new() -> Self {
+    /// All that can be asked for, when lines may lie beside where they are said to by so much of a cell's edge.
+    pub(super) fn with_margin(margin: f32) -> &'static Self {
+        let which = MARGINS.iter().position(|&wider| margin <= wider).unwrap_or(MARGINS.len() - 1);
+        LINES[which].get_or_init(|| Self::new(MARGINS[which]))
+    }
+
+    fn new(margin: f32) -> Self {
         let rows = PLANES.into_iter().flat_map(|plane| {
             (0..=SLOPES).map(move |slope| {
-                let mut row = [0; ENTRIES];
-                for (place, cells) in row[FIRST..FIRST + PLACES].iter_mut().enumerate() {
-                    *cells = cells_met(plane, slope as f32 / SLOPES as f32, place);
-                }
-                row
+                let share = slope as f32 / SLOPES as f32;
+                let cells = |entry| cells_met(plane, share, entry as f32 - FIRST as f32, margin);
+                std::array::from_fn(cells)
             })
         });
         Self { rows: rows.collect() }
@@ -71,10 +78,13 @@ impl Lines {
 /// goes from 0, where a line touches the corner (4, 0), to the last, where it touches (0, 4).
 ///
 /// All lines that are rounded to this slope and place count, so that no cell is missing from all
-/// three planes' cells. What is too much lies within a sixteenth of a cell's edge.
-fn cells_met([first, second]: [usize; 2], share: f32, place: usize) -> u64 {
+/// three planes' cells. What is too much lies within a sixteenth of a cell's edge, and the margin.
+fn cells_met([first, second]: [usize; 2], share: f32, place: f32, margin: f32) -> u64 {
     let rest = 1.0 - share;
-    let s = 4.0 * (place as f32 + 0.5) / PLACES as f32 - 4.0 * rest;
+    let s = 4.0 * (place + 0.5) / PLACES as f32 - 4.0 * rest;
+    if s < -margin - 4.0 || s > margin + 4.0 {
+        return 0;
+    }
     let mut cells = 0;
     for cell in 0..64 {
         let at = |axis: usize| ((cell >> axis & 1) + 2 * (cell >> (axis + 3) & 1)) as f32;
@@ -83,7 +93,7 @@ fn cells_met([first, second]: [usize; 2], share: f32, place: usize) -> u64 {
         let high = (b + 1.0) * share - a * rest;
         // Half a place, and what half a slope makes of the way to the grid's middle.
         let turn = (a + b - 3.0).abs().max(1.0);
-        let rounding = 2.0 / PLACES as f32 + turn * 0.5 / SLOPES as f32;
+        let rounding = 2.0 / PLACES as f32 + turn * 0.5 / SLOPES as f32 + margin;
         if low - rounding < s && s < high + rounding {
             cells |= 1 << cell;
         }
@@ -111,7 +121,10 @@ mod tests {
         fn no_cell_is_missing_and_none_is_far(
             direction in prop::array::uniform3(0.001f32..1.0),
             through in prop::array::uniform3(0.0f32..4.0),
+            margin in prop::sample::select(MARGINS.to_vec()),
+            share in prop::array::uniform3(-1.0f32..1.0),
         ) {
+            let (lines, beside) = (Lines::with_margin(margin), share.map(|share| share * margin));
             let (direction, through) = (Vec3::from(direction), Vec3::from(through));
             let mut met = !0;
             for (plane, [first, second]) in PLANES.into_iter().enumerate() {
@@ -120,7 +133,8 @@ mod tests {
                 let s = (through[second] * direction[first] - through[first] * direction[second])
                     / both;
                 let place = (s + 4.0 * (1.0 - share)) / 4.0 * PLACES as f32;
-                met &= LINES.row(Lines::index(plane, share))[FIRST + place as usize];
+                let row = lines.row(Lines::index(plane, share));
+                met &= row[(FIRST as f32 + place + beside[plane] / 4.0 * PLACES as f32) as usize];
             }
             for cell in 0..64 {
                 let is_met = met >> cell & 1 == 1;
@@ -128,7 +142,8 @@ mod tests {
                     prop_assert!(is_met, "{cell} is missing");
                 }
                 if is_met {
-                    prop_assert!(stretch(cell, through, direction, 0.1) > 0.0, "{cell} is far");
+                    let grown = 0.1 + 4.0 * margin;
+                    prop_assert!(stretch(cell, through, direction, grown) > 0.0, "{cell} is far");
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! The building, drawn on the CPU from its octree: nodes are projected front to back, never rays.
 //!
 //! [`Renderer::draw`] takes an [`Octree`] and a [`Camera`] and fills a [`Frame`] with colours and
-//! depths. The picture is cut into tiles of 64 × 64 pixels that are drawn on all cores, each with a
+//! depths. The picture is cut into bands of rows that are drawn on all cores, each with a
 //! mask buffer of one bit a pixel: a pixel is written once, and a node whose pixels are all covered
 //! is dropped with everything below it. Because the eye's place tells the order of a node's
 //! octants, what comes first is in front.
@@ -15,12 +15,14 @@
 
 pub mod avatars;
 mod band;
+mod brick;
 mod form;
 mod hull;
 mod layer;
 mod lines;
 mod mask;
 pub mod movers;
+mod orthogonal;
 mod shade;
 pub mod text;
 mod view;

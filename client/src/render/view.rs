@@ -6,10 +6,17 @@ use sightline_shared::{
     octree::{DEPTH_MAX, Octree},
 };
 
-use super::{Camera, form::ratio_min};
+use super::{
+    Camera,
+    form::{coarse_ratio_min, ratio_min},
+};
 
 /// Nothing nearer is projected, in metres; such nodes are halved, or tested pixel by pixel.
 pub(super) const NEAR: f32 = 0.01;
+
+/// A voxel is drawn larger by so many pixels, so that no line of sight slips between two that
+/// share a face.
+const SEAM_PX: f32 = 1.0e-3;
 
 /// An inner node is drawn as a whole when its edge spans no more pixels.
 const EDGE_PX: f32 = 1.0;
@@ -28,8 +35,9 @@ pub(super) struct View {
     focal: f32,
     /// The centre of the picture, with pixels' centres at whole numbers.
     centre: [f32; 2],
-    /// See [`ratio_min`].
+    /// See [`ratio_min`] and [`coarse_ratio_min`].
     ratio_min: f32,
+    coarse_ratio_min: f32,
 }
 
 impl View {
@@ -48,6 +56,7 @@ impl View {
             forward,
             focal,
             ratio_min: ratio_min(focal),
+            coarse_ratio_min: coarse_ratio_min(focal),
             centre: [(width - 1.0) * 0.5, (height - 1.0) * 0.5],
         }
     }
@@ -107,7 +116,9 @@ impl View {
             axes,
             centre: centre.into(),
             projected: Vec4::ZERO,
+            pixel: 1.0 / self.focal,
             ratio_min: self.ratio_min,
+            coarse_ratio_min: self.coarse_ratio_min,
             patterns: std::array::from_fn(|level| {
                 Pattern::new(&axes, octree.edge * 0.5f32.powi(level as i32), self.focal)
             }),
@@ -129,8 +140,11 @@ pub(super) struct BandView {
     pub(super) centre: Vec3A,
     /// The same, projected.
     pub(super) projected: Vec4,
-    /// See [`ratio_min`](super::form::ratio_min).
+    /// How wide a pixel is at a distance of one.
+    pub(super) pixel: f32,
+    /// See [`ratio_min`](super::form::ratio_min) and [`coarse_ratio_min`](super::form::coarse_ratio_min).
     pub(super) ratio_min: f32,
+    pub(super) coarse_ratio_min: f32,
     /// For the nodes of each level, which are all of one shape.
     pub(super) patterns: [Pattern; LEVELS],
 }
@@ -140,6 +154,12 @@ impl BandView {
     #[inline(always)]
     pub(super) fn ray(&self, x: usize, y: usize) -> Vec3A {
         self.first_ray + self.ray_step[0] * x as f32 + self.ray_step[1] * y as f32
+    }
+
+    /// By how much, in metres, what is so far away is drawn larger on all sides.
+    #[inline(always)]
+    pub(super) fn seam(&self, depth: f32) -> f32 {
+        SEAM_PX * self.pixel * depth.max(NEAR)
     }
 
     /// Projects a point.
