@@ -7,8 +7,15 @@ use std::{
 
 use anyhow::{bail, ensure};
 use glam::Vec3;
-use sightline_client::render::{Camera, Frame, Renderer, movers};
-use sightline_shared::{motion::Pose, world::World};
+use sightline_client::render::{Camera, Frame, Renderer, movers, rooms::Wires};
+use sightline_shared::{
+    motion::Pose,
+    rooms::{
+        RoomIndex,
+        sets::{Tolerance, VisibilitySets},
+    },
+    world::{Mover, World},
+};
 
 use super::{
     flags::{self, Way},
@@ -39,6 +46,9 @@ pub struct Args {
     /// Smooth edges; takes more than twice as long.
     #[arg(long)]
     aa: bool,
+    /// Draw rooms as wire frames, with their names and windows.
+    #[arg(long)]
+    rooms: bool,
     /// The angle between the lowest and the highest line of sight, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
@@ -72,7 +82,9 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let (width, height) = args.size;
     let mut frame = Frame::new(width, height);
     let camera = camera(args, world)?;
-    let milliseconds = draw(args, world, &mut renderer(args), camera, args.time, &mut frame);
+    let movers: Vec<&Mover> = world.movers.iter().collect();
+    let mut scene = Scene::new(args, world);
+    let milliseconds = scene.draw(camera, &movers, args.time, &mut frame);
     picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
     super::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
@@ -82,40 +94,107 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let (path, from, until) = args.way.read(world)?;
     let sequence = Sequence::new(&args.output)?;
     let (width, height) = args.size;
-    let (mut renderer, mut frame) = (renderer(args), Frame::new(width, height));
+    let (mut scene, mut frame) = (Scene::new(args, world), Frame::new(width, height));
+    let mut seen = Seen::new(args, world);
     let progress = Progress::new();
     let mut total = 0.0;
     for (i, (seconds, pose)) in path.frames_between(from, until, frames).enumerate() {
         let now = args.time + Duration::from_secs_f64(seconds - from);
-        total += draw(args, world, &mut renderer, Camera::at(&pose), now, &mut frame);
+        let movers = seen.movers(&pose);
+        total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
         picture::save(&sequence.frame(i), &[(width, &frame.colour)])?;
         progress.tell("frames", (i + 1) as f32 / frames as f32, "");
     }
     progress.finish();
     super::print(&format!(
-        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each\n",
+        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{}\n",
         sequence.frame(0).display(),
         sequence.frame(frames - 1).display(),
         until - from,
-        total / frames as f64
+        total / frames as f64,
+        seen.summary(frames)
     ))
 }
 
-/// Draws and tells how many milliseconds the building took.
-fn draw(
-    args: &Args,
-    world: &World,
-    renderer: &mut Renderer,
-    camera: Camera,
-    now: Duration,
-    frame: &mut Frame,
-) -> f64 {
-    let camera = Camera { fov_y: args.fov.to_radians(), ..camera };
-    let start = Instant::now();
-    renderer.draw(&world.octree, &camera, frame);
-    let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
-    movers::draw(frame, &camera, &world.movers, now);
-    milliseconds
+/// What pictures are drawn with.
+struct Scene<'a> {
+    world: &'a World,
+    renderer: Renderer,
+    wires: Option<Wires>,
+    fov_y: f32,
+}
+
+impl<'a> Scene<'a> {
+    fn new(args: &Args, world: &'a World) -> Self {
+        let mut renderer = Renderer::default();
+        renderer.antialias = args.aa;
+        let wires = args.rooms.then(|| Wires::new(world));
+        Self { world, renderer, wires, fov_y: args.fov.to_radians() }
+    }
+
+    /// Draws and tells how many milliseconds the building took.
+    fn draw(&mut self, camera: Camera, movers: &[&Mover], now: Duration, frame: &mut Frame) -> f64 {
+        let camera = Camera { fov_y: self.fov_y, ..camera };
+        let start = Instant::now();
+        self.renderer.draw(&self.world.octree, &camera, frame);
+        let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
+        movers::draw_those(frame, &camera, movers, now);
+        if let Some(wires) = &self.wires {
+            wires.draw(frame, &camera);
+        }
+        milliseconds
+    }
+}
+
+/// Viewpoints of a film that are so near to each other share a visibility set.
+const TOLERANCE: Tolerance = Tolerance { eye_m: 0.5, look: 0.15 };
+/// A camera that is so far from where it was in the frame before was put there, in metres.
+const LEAP_M: f32 = 4.0;
+
+/// Which movers may be visible along a path: by the visibility sets of the viewpoints of two frames and of the
+/// way between them.
+struct Seen<'a> {
+    world: &'a World,
+    rooms: RoomIndex,
+    sets: VisibilitySets,
+    before: Option<Pose>,
+    drawn: usize,
+}
+
+impl<'a> Seen<'a> {
+    fn new(args: &Args, world: &'a World) -> Self {
+        let upright = args.fov.to_radians();
+        let (width, height) = args.size;
+        let across = 2.0 * ((upright * 0.5).tan() * width as f32 / height as f32).atan();
+        let sets = VisibilitySets::new(TOLERANCE, [across, upright]);
+        Self { world, rooms: RoomIndex::new(world), sets, before: None, drawn: 0 }
+    }
+
+    fn movers(&mut self, pose: &Pose) -> Vec<&'a Mover> {
+        if self.world.movers.is_empty() {
+            return Vec::new();
+        }
+        let is_near = |before: &Pose| before.eye.distance(pose.eye) <= LEAP_M;
+        let set = match self.before.replace(*pose).filter(is_near) {
+            Some(before) => self.sets.between(self.world, &self.rooms, &before, pose),
+            None => self.sets.at(self.world, &self.rooms, pose).clone(),
+        };
+        let movers: Vec<_> =
+            set.movers.iter().filter_map(|at| self.world.movers.get(at as usize)).collect();
+        self.drawn += movers.len();
+        movers
+    }
+
+    fn summary(&self, frames: usize) -> String {
+        match self.world.movers.len() {
+            0 => String::new(),
+            all => format!(
+                ", {:.1} of {all} movers a frame by {} visibility sets",
+                self.drawn as f64 / frames as f64,
+                self.sets.made()
+            ),
+        }
+    }
 }
 
 fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
@@ -133,9 +212,4 @@ fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
         Some(target) => Camera::looking_at(eye, target),
         None => Camera::at(&Pose { eye, yaw, ..Pose::default() }),
     })
-}
-fn renderer(args: &Args) -> Renderer {
-    let mut renderer = Renderer::default();
-    renderer.antialias = args.aa;
-    renderer
 }

@@ -23,6 +23,7 @@ pub(super) struct Controls {
     yaw: f32,
     pitch: f32,
     flying: bool,
+    rooms: bool,
     line: Option<String>,
 }
 
@@ -60,6 +61,7 @@ impl Controls {
                 self.line = Some(String::new());
             }
             KeyCode::KeyF if !self.held.contains(&code) => self.flying = !self.flying,
+            KeyCode::KeyR if !self.held.contains(&code) => self.rooms = !self.rooms,
             _ => (),
         }
         if self.line.is_none() {
@@ -101,6 +103,11 @@ impl Controls {
     /// Nothing is held any more: another window has the keys.
     pub(super) fn release(&mut self) {
         self.held.clear();
+    }
+
+    /// Whether rooms are to be drawn.
+    pub(super) fn shows_rooms(&self) -> bool {
+        self.rooms
     }
 
     /// What is being typed.
@@ -174,6 +181,21 @@ mod tests {
         controls.key(KeyCode::KeyF, false, None);
         press(&mut controls, KeyCode::KeyF, "f");
         assert!(!controls.wish(0.1).fly);
+    }
+
+    #[test]
+    fn rooms_are_switched_but_not_while_typing() {
+        let mut controls = Controls::default();
+        press(&mut controls, KeyCode::KeyR, "r");
+        press(&mut controls, KeyCode::KeyR, "r");
+        assert!(controls.shows_rooms(), "a held key repeats");
+        controls.key(KeyCode::KeyR, false, None);
+        press(&mut controls, KeyCode::Enter, "\r");
+        press(&mut controls, KeyCode::KeyR, "r");
+        assert!(controls.shows_rooms());
+        press(&mut controls, KeyCode::Escape, "");
+        press(&mut controls, KeyCode::KeyR, "r");
+        assert!(!controls.shows_rooms());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The window: a thin shell around the renderer, the walker and a session.
 //!
 //! [`run`] opens it and stays until the person leaves. WASD walk, the mouse (after a click) or the
-//! arrow keys look, Shift runs, Space jumps, F flies, Enter says something, Escape leaves.
+//! arrow keys look, Shift runs, Space jumps, F flies, R shows rooms, Enter says something, Escape leaves.
 
 mod controls;
 mod overlay;

@@ -2,7 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use sightline_shared::world::{Spawn, World};
+use glam::Vec3;
+use sightline_shared::{
+    rooms::RoomIndex,
+    world::{Spawn, World},
+};
 
 use super::{Visit, controls::Controls, overlay, overlay::Log, pace::Pace};
 use crate::{
@@ -10,6 +14,7 @@ use crate::{
         Camera, Frame, Renderer,
         avatars::{self, Figure},
         movers,
+        rooms::Wires,
     },
     replica::{Event, Standing, VisibleAvatar},
     walker::Walker,
@@ -19,6 +24,8 @@ use crate::{
 pub(super) struct Scene<'a> {
     visit: Visit<'a>,
     walker: Walker,
+    rooms: RoomIndex,
+    wires: Wires,
     renderer: Renderer,
     drawn: Frame,
     shown: Frame,
@@ -32,7 +39,7 @@ pub(super) struct Scene<'a> {
 }
 
 const HELP: &str =
-    "WASD walk, click and mouse look, Shift run, Space jump, F fly, Enter chat, Esc leave";
+    "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
 
 impl<'a> Scene<'a> {
     pub(super) fn new(visit: Visit<'a>) -> Self {
@@ -48,6 +55,8 @@ impl<'a> Scene<'a> {
         Self {
             visit,
             walker: Walker::new(visit.world(), spawn),
+            rooms: RoomIndex::new(visit.world()),
+            wires: Wires::new(visit.world()),
             renderer: Renderer::default(),
             drawn: Frame::default(),
             shown: Frame::default(),
@@ -112,10 +121,14 @@ impl<'a> Scene<'a> {
             Visit::Shared(session) => session.server_time(),
             Visit::Alone(..) => now - self.start,
         };
-        let seen = self.draw(&Camera::at(&pose), &others, time);
+        let camera = Camera::at(&pose);
+        let seen = self.draw(&camera, &others, time);
+        if controls.shows_rooms() {
+            self.wires.draw(&mut self.drawn, &camera);
+        }
         self.draw_time += start.elapsed();
         self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
-        let status = self.status(&others, &seen);
+        let status = self.status(pose.eye, &others, &seen);
         let shown = if divisor == 1 {
             &mut self.drawn
         } else {
@@ -159,8 +172,16 @@ impl<'a> Scene<'a> {
         avatars::draw(&mut self.drawn, camera, &figures)
     }
 
-    fn status(&self, others: &[VisibleAvatar], seen: &[bool]) -> String {
-        let title = &self.visit.world().title;
+    /// What the building is called, and the room that an eye is in.
+    fn whereabouts(&self, eye: Vec3) -> String {
+        let world = self.visit.world();
+        let room = self.rooms.room_at(eye).and_then(|room| world.rooms.get(room));
+        let room = room.map(|room| format!(", {}", room.title())).unwrap_or_default();
+        format!("{}{room}", world.title)
+    }
+
+    fn status(&self, eye: Vec3, others: &[VisibleAvatar], seen: &[bool]) -> String {
+        let title = self.whereabouts(eye);
         let fps = self.rate.per_s;
         let Visit::Shared(session) = self.visit else {
             return format!("{title} | {fps:.0} fps | alone");

@@ -7,7 +7,7 @@
 //! octants, what comes first is in front.
 //!
 //! [`movers`] and [`avatars`] draw doors and figures into a frame, where its depths let them be seen;
-//! [`text`] writes on it.
+//! [`text`] writes on it; [`rooms`] draws what an author declared.
 //!
 //! A pixel takes the first node that the ray through its centre meets: a voxel, or an inner node
 //! that is smaller than a pixel, with the mean looks of what is inside. So surfaces have neither
@@ -23,6 +23,7 @@ mod lines;
 mod mask;
 pub mod movers;
 mod orthogonal;
+pub mod rooms;
 mod shade;
 pub mod text;
 mod view;

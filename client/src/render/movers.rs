@@ -17,6 +17,11 @@ use super::{
 /// Draws movers as they are at a time of the server's clock into a frame that shows the building
 /// from the same camera. Those that something sets off rest where they begin.
 pub fn draw(frame: &mut Frame, camera: &Camera, movers: &[Mover], now: Duration) {
+    draw_those(frame, camera, &movers.iter().collect::<Vec<_>>(), now);
+}
+
+/// The same of some movers: those that a visibility set has.
+pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Duration) {
     let (width, height) = (frame.width(), frame.height());
     if width == 0 || height == 0 {
         return;

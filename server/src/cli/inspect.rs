@@ -14,6 +14,7 @@ use sightline_server::{
 };
 use sightline_shared::{
     motion::trajectory::Course,
+    rooms::Room,
     world::{Mover, World, content_id, write_whole},
 };
 
@@ -25,12 +26,15 @@ use super::{
 /// Movers that the table lists one by one; the JSON file has all.
 const MOVERS_SHOWN: usize = 40;
 
+/// Likewise of rooms.
+const ROOMS_SHOWN: usize = 40;
+
 /// Tells what is in a world, and draws its plan.
 #[derive(clap::Args)]
 pub struct Args {
     /// The world.
     world: PathBuf,
-    /// Draw the storeys from above, with cells, portals and spawn points.
+    /// Draw the storeys from above, with cells, portals, rooms, windows and spawn points.
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
     /// On the map, draw beside each storey how much of the building each cell may see.
@@ -86,12 +90,36 @@ struct Figures {
     pvs_density: f64,
     opaque_triangles: usize,
     movers: Vec<MoverFigures>,
+    rooms: Vec<RoomFigures>,
     #[serde(flatten)]
     octree: OctreeFigures,
     spawns: usize,
     speed_max_m_s: f32,
     #[serde(flatten)]
     verified: Option<verification::Figures>,
+}
+
+#[derive(Serialize)]
+struct RoomFigures {
+    name: String,
+    title: String,
+    windows: usize,
+    sealed: bool,
+    capacity: Option<u32>,
+    tag: Option<String>,
+}
+
+impl RoomFigures {
+    fn new(room: &Room) -> Self {
+        Self {
+            name: printable(&room.name),
+            title: printable(room.title()),
+            windows: room.windows.len(),
+            sealed: room.sealed,
+            capacity: room.capacity,
+            tag: room.tag.as_deref().map(printable),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -143,6 +171,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         pvs_density: world.cells.density(),
         opaque_triangles: world.mesh.triangles.len(),
         movers: world.movers.iter().map(MoverFigures::new).collect(),
+        rooms: world.rooms.list().iter().map(RoomFigures::new).collect(),
         octree: OctreeFigures::of(&world.octree),
         spawns: world.spawns.len(),
         speed_max_m_s: world.speed_max,
@@ -214,6 +243,7 @@ fn overlay(world: &World, args: &Args) -> Overlay {
         marks,
         visible: args.pvs_from.map(|eye| world.cells.visible_from_point(eye)),
         cells: true,
+        rooms: true,
         density: args.density,
         legend: Some(legend),
     }
@@ -242,6 +272,15 @@ fn table(figures: &Figures) -> String {
         let MoverFigures { name, course, length_s, .. } = mover;
         let sizes = format!("{x:.1} x {y:.1} x {z:.1} m in {a:.1} x {b:.1} x {c:.1} m");
         row(&format!("  {name}"), format!("{sizes}, {course}, {length_s:.1} s"));
+    }
+    row("rooms", figures.rooms.len().to_string());
+    for room in figures.rooms.iter().take(ROOMS_SHOWN) {
+        let sealed = if room.sealed { ", sealed" } else { "" };
+        let what = match room.windows {
+            1 => format!("1 window{sealed}"),
+            windows => format!("{windows} windows{sealed}"),
+        };
+        row(&format!("  {}", room.title), what);
     }
     row("spawn points", figures.spawns.to_string());
     row("speed limit", format!("{} m/s", figures.speed_max_m_s));

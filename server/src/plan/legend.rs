@@ -2,6 +2,7 @@
 
 use glam::Vec2;
 use image::{Rgb, RgbImage};
+use sightline_shared::rooms::RoomId;
 
 use super::{
     GLASS, INK, Mark, PAPER, PORTAL, Sheet, draw_mark, heat,
@@ -23,6 +24,8 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImag
     if sheet.overlay.density {
         rows += 2;
     }
+    let has_rooms = sheet.overlay.rooms && !sheet.world.rooms.list().is_empty();
+    rows += 2 * i32::from(has_rooms);
     let mut picture = RgbImage::from_pixel(width, (rows * ROW_PX + 8) as u32, Rgb(PAPER));
     let mut pen = Pen { picture: &mut picture, top: 4 };
     pen.scale_bar(sheet.px_per_m);
@@ -32,6 +35,25 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImag
     if sheet.overlay.cells {
         pen.row("portal", |picture, at| stroke(picture, at, PORTAL));
         pen.row("boundary of a cell", |picture, at| stroke(picture, at, mixed(PAPER, INK, 0.3)));
+    }
+    if has_rooms {
+        let colour = RoomId(0).colour();
+        pen.row("boundary of a room", |picture, at| {
+            for dy in [-1.0, 0.0, 1.0] {
+                stroke(picture, at + Vec2::Y * dy, colour);
+            }
+        });
+        pen.row("window of a room", |picture, at| {
+            for dy in [-3.0, 3.0] {
+                stroke(picture, at + Vec2::Y * dy, colour);
+            }
+            for dx in (-16..16).step_by(5).map(|dx| dx as f32) {
+                for dy in [3.0, -3.0] {
+                    let [from, to] = [(dx, dy), (dx + 5.0, -dy)].map(|(x, y)| at + Vec2::new(x, y));
+                    line(picture, from, to, colour);
+                }
+            }
+        });
     }
     pen.row("cut, and glass", |picture, at| {
         for dx in -16..16 {

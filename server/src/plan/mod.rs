@@ -4,6 +4,7 @@
 mod floors;
 mod ink;
 mod legend;
+mod rooms;
 
 use std::ops::Range;
 
@@ -61,6 +62,8 @@ pub struct Overlay {
     pub visible: Option<RoaringBitmap>,
     /// Whether to draw the cells' outlines and the portals that the cut meets.
     pub cells: bool,
+    /// Whether to draw the rooms that an author declares, with their windows and names.
+    pub rooms: bool,
     /// Whether to draw, beside each storey, how much of the building each cell may see.
     pub density: bool,
     /// Below all, what the marks and colours mean: a name for each colour of mark. None without.
@@ -239,6 +242,9 @@ impl Storey<'_> {
         }
         if overlay.cells {
             self.draw_portals(spots, &mut picture);
+        }
+        if overlay.rooms {
+            rooms::draw(self, &mut picture);
         }
         for mark in overlay.marks.iter().filter(|mark| self.holds(mark.eye)) {
             self.draw_mark(&mut picture, mark);

@@ -19,11 +19,24 @@ const HEIGHTS_M: [f32; 3] = [1.0, 1.4, 1.8];
 const FLOOR_M: [f32; 2] = [0.4, 0.9];
 /// An opening is a door when it is narrower than this part of the narrower of the areas that it joins.
 const NECK: f32 = 0.7;
+/// A roof is at least so far above the floor, in metres.
+const ROOF_M: f32 = 1.9;
 /// Smaller areas are no rooms, in square metres.
 const AREA_MIN_M2: f32 = 1.5;
 
-/// What a place belongs to.
-pub(super) type Label = Option<u32>;
+/// The area that a place belongs to.
+type Label = Option<u32>;
+
+/// What most of the plan under a cell is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ground {
+    /// A part of this area.
+    Area(u32),
+    /// Closed: a wall, or furniture.
+    Closed,
+    /// Anything else, such as what is outside.
+    Elsewhere,
+}
 
 /// The areas of one storey.
 pub(super) struct Areas {
@@ -31,6 +44,7 @@ pub(super) struct Areas {
     step: f32,
     columns: usize,
     rows: usize,
+    open: Vec<bool>,
     labels: Vec<Label>,
     pub(super) count: usize,
 }
@@ -44,12 +58,13 @@ impl Areas {
         let count = |size: f32| (size / step).ceil().max(1.0) as usize;
         let (columns, rows) = (count(size.x), count(size.z));
         let from = bounds.min.with_y(feet);
-        let mut areas = Self { from, step, columns, rows, labels: Vec::new(), count: 0 };
-        let open: Vec<bool> =
+        let (open, labels) = (Vec::new(), Vec::new());
+        let mut areas = Self { from, step, columns, rows, open, labels, count: 0 };
+        areas.open =
             (0..columns * rows).into_par_iter().map(|at| areas.is_open(world, at)).collect();
-        let width = distances(&open, columns, rows);
+        let width = distances(&areas.open, columns, rows);
         areas.labels = watershed(&width, columns, rows);
-        areas.keep_rooms();
+        areas.keep_rooms(world);
         areas
     }
 
@@ -71,16 +86,33 @@ impl Areas {
             && solid(-FLOOR_M[0], FLOOR_M[1])
     }
 
-    /// Drops what is outside, which reaches the edge of the plan, and what is tiny.
-    fn keep_rooms(&mut self) {
+    /// Whether there is something above a place. Maps made for Quake are closed all around, and their
+    /// skies are not drawn.
+    fn is_roofed(&self, world: &World, at: usize) -> bool {
+        let foot = world.cells.axes.world(self.point(at));
+        let bounds = world.octree.bounds();
+        let half = Vec3::new(0.02, 0.0, 0.02);
+        let low = foot + Vec3::Y * ROOF_M;
+        let column = Aabb::new(low - half, low.with_y(bounds.max.y) + half);
+        world.origin.is_some() || world.octree.solid_in(&column)
+    }
+
+    /// Drops what is outside, without a roof or reaching the edge of the plan, and what is tiny.
+    fn keep_rooms(&mut self, world: &World) {
         let labels =
             self.labels.iter().flatten().map(|label| *label as usize + 1).max().unwrap_or(0);
+        let roofed: Vec<bool> = (0..self.labels.len())
+            .into_par_iter()
+            .map(|at| self.labels[at].is_some() && self.is_roofed(world, at))
+            .collect();
         let mut sizes = vec![0usize; labels];
+        let mut roofs = vec![0usize; labels];
         let mut is_outside = vec![false; labels];
         for (at, label) in self.labels.iter().enumerate() {
             let Some(label) = label else { continue };
             let (x, z) = (at % self.columns, at / self.columns);
             sizes[*label as usize] += 1;
+            roofs[*label as usize] += usize::from(roofed[at]);
             is_outside[*label as usize] |=
                 x == 0 || z == 0 || x + 1 == self.columns || z + 1 == self.rows;
         }
@@ -88,7 +120,8 @@ impl Areas {
         let mut next = 0;
         let kept: Vec<Label> = (0..labels)
             .map(|label| {
-                let is_room = !is_outside[label] && sizes[label] >= enough;
+                let is_roofed = roofs[label] * 2 >= sizes[label];
+                let is_room = is_roofed && !is_outside[label] && sizes[label] >= enough;
                 is_room.then(|| {
                     next += 1;
                     next - 1
@@ -101,35 +134,33 @@ impl Areas {
         }
     }
 
-    /// The area that has most of what is open under a box in own axes; none when no area has half of it.
-    pub(super) fn of_box(&self, region: &Aabb) -> Label {
+    /// What most of the plan under a box in own axes is.
+    pub(super) fn under(&self, region: &Aabb) -> Ground {
         let range = |min: f32, max: f32, from: f32, count: usize| {
             let at = |x: f32| (((x - from) / self.step).max(0.0) as usize).min(count);
             // Places whose middle is inside, or the one at the middle of what is narrower than a step.
             let (low, high) = (at(min + self.step * 0.5), at(max + self.step * 0.5));
-            if low < high {
-                low..high
-            } else {
-                at((min + max) * 0.5)..(at((min + max) * 0.5) + 1).min(count)
-            }
+            let middle = at((min + max) * 0.5);
+            if low < high { low..high } else { middle..(middle + 1).min(count) }
         };
         let xs = range(region.min.x, region.max.x, self.from.x, self.columns);
         let zs = range(region.min.z, region.max.z, self.from.z, self.rows);
         let mut votes: Vec<(u32, usize)> = Vec::new();
-        let mut all = 0;
-        for label in zs
-            .flat_map(|z| xs.clone().map(move |x| (x, z)))
-            .map(|(x, z)| self.labels[z * self.columns + x])
-        {
+        let (mut all, mut closed) = (0, 0);
+        for at in zs.flat_map(|z| xs.clone().map(move |x| z * self.columns + x)) {
             all += 1;
-            let Some(label) = label else { continue };
+            closed += usize::from(!self.open[at]);
+            let Some(label) = self.labels[at] else { continue };
             match votes.iter_mut().find(|(known, _)| *known == label) {
                 Some((_, count)) => *count += 1,
                 None => votes.push((label, 1)),
             }
         }
-        let most = votes.into_iter().max_by_key(|(_, count)| *count)?;
-        (most.1 * 2 > all).then_some(most.0)
+        match votes.into_iter().max_by_key(|(_, count)| *count) {
+            Some((label, count)) if count * 2 > all => Ground::Area(label),
+            _ if closed * 2 >= all => Ground::Closed,
+            _ => Ground::Elsewhere,
+        }
     }
 }
 

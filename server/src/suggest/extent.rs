@@ -8,10 +8,10 @@ use std::collections::HashMap;
 
 use sightline_shared::{
     geometry::Aabb,
-    world::{CellId, Cells, Node, World},
+    world::{Cell, CellId, Cells, Node, World},
 };
 
-use super::areas::Areas;
+use super::areas::{Areas, Ground};
 
 /// Cells overlap a box when they share more than this, in metres.
 const TOUCH_M: f32 = 1e-3;
@@ -41,25 +41,26 @@ pub(super) fn rooms(
 ) -> Vec<Extent> {
     let cells = &world.cells;
     let is_box = boxes_among(cells);
-    let [feet, _] = heights;
-    let mut labels: HashMap<CellId, u32> = HashMap::new();
+    let [feet, above] = heights;
+    let is_cut =
+        |cell: &Cell| cell.bounds.min.y <= feet + CUT_M && cell.bounds.max.y > feet + CUT_M;
+    let mut by_label: Vec<Vec<CellId>> = vec![Vec::new(); areas.count];
+    let mut grounds: HashMap<CellId, Ground> = HashMap::new();
     for (cell, id) in cells.cells.iter().zip((0..).map(CellId)) {
-        let is_cut = cell.bounds.min.y <= feet + CUT_M && cell.bounds.max.y > feet + CUT_M;
-        let is_free = is_cut && is_box[id.0 as usize] && taken[id.0 as usize].is_none();
-        if let Some(label) = is_free.then(|| areas.of_box(&cell.bounds)).flatten() {
-            labels.insert(id, label);
+        let is_free = is_box[id.0 as usize] && taken[id.0 as usize].is_none();
+        let is_here = (feet - BELOW_M..above).contains(&cell.bounds.min.y);
+        if is_free && is_here {
+            let ground = areas.under(&cell.bounds);
+            grounds.insert(id, ground);
+            if let Ground::Area(label) = ground
+                && is_cut(cell)
+            {
+                by_label[label as usize].push(id);
+            }
         }
     }
-    let grower = Grower { cells, is_box: &is_box, labels: &labels, feet, taken };
-    let mut by_label: Vec<Vec<CellId>> = vec![Vec::new(); areas.count];
-    labels.iter().for_each(|(cell, label)| by_label[*label as usize].push(*cell));
-    by_label
-        .into_iter()
-        .filter_map(|mut own| {
-            own.sort_unstable();
-            grower.grow(own)
-        })
-        .collect()
+    let grower = Grower { cells, grounds: &grounds, feet };
+    by_label.into_iter().zip(0..).filter_map(|(own, label)| grower.grow(own, label)).collect()
 }
 
 /// Which cells fill the box around them.
@@ -90,10 +91,9 @@ fn boxes_among(cells: &Cells) -> Vec<bool> {
 
 struct Grower<'a> {
     cells: &'a Cells,
-    is_box: &'a [bool],
-    labels: &'a HashMap<CellId, u32>,
+    /// Of the cells that may belong to rooms of this storey, what is under them.
+    grounds: &'a HashMap<CellId, Ground>,
     feet: f32,
-    taken: &'a [Option<usize>],
 }
 
 impl Grower<'_> {
@@ -102,8 +102,7 @@ impl Grower<'_> {
     }
 
     /// The boxes of an area that has some cells.
-    fn grow(&self, mut own: Vec<CellId>) -> Option<Extent> {
-        let label = *self.labels.get(own.first()?)?;
+    fn grow(&self, mut own: Vec<CellId>, label: u32) -> Option<Extent> {
         let all: f32 = own.iter().map(|cell| volume(self.bounds(*cell))).sum();
         let mut extent = Extent { boxes: Vec::new(), cells: Vec::new() };
         while extent.boxes.len() < BOXES_MAX {
@@ -192,17 +191,20 @@ impl Grower<'_> {
     }
 
     fn is_own(&self, cell: CellId, label: u32) -> bool {
-        match self.labels.get(&cell) {
-            Some(known) => *known == label,
+        match self.grounds.get(&cell) {
+            Some(Ground::Area(known)) => *known == label,
             // What is above or below furniture belongs to what is around it.
-            None => self.may_have(cell, label) && !self.is_cut(cell),
+            Some(Ground::Closed) => !self.is_cut(cell),
+            _ => false,
         }
     }
 
     fn may_have(&self, cell: CellId, label: u32) -> bool {
-        let is_free = self.is_box[cell.0 as usize] && self.taken[cell.0 as usize].is_none();
-        let is_here = self.bounds(cell).min.y >= self.feet - BELOW_M;
-        is_free && is_here && self.labels.get(&cell).is_none_or(|known| *known == label)
+        match self.grounds.get(&cell) {
+            Some(Ground::Area(known)) => *known == label,
+            Some(Ground::Closed) => true,
+            _ => false,
+        }
     }
 
     fn is_cut(&self, cell: CellId) -> bool {

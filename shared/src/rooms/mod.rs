@@ -72,6 +72,18 @@ const EXTENT_MAX: f32 = 1e6;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct RoomId(pub u16);
 
+impl RoomId {
+    /// The colour that it is drawn with, as sRGB: those of rooms that follow each other are far apart.
+    pub fn colour(self) -> [u8; 3] {
+        // Hues a golden section of a turn from each other.
+        let hue = (f32::from(self.0) * 0.618_034).fract() * 6.0;
+        [5.0, 3.0, 1.0].map(|n: f32| {
+            let k = (n + hue) % 6.0;
+            (230.0 * (1.0 - 0.8 * k.min(4.0 - k).clamp(0.0, 1.0))) as u8
+        })
+    }
+}
+
 /// All rooms of a world.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "Draft")]
