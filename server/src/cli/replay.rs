@@ -16,7 +16,7 @@ use sightline_server::{
     replay::{self, Comparison, Moment, Options, OracleStride},
     trace::Trace,
 };
-use sightline_shared::world::World;
+use sightline_shared::{rooms::Rooms, world::World};
 
 /// Runs the engine over a recorded trace, without sockets.
 #[derive(clap::Args)]
@@ -44,6 +44,9 @@ pub struct Args {
     /// sphere (maximum speed times validity, whatever is in between).
     #[arg(long, default_value = "reach")]
     shape: Shape,
+    /// Leaves aside what the building's author says of rooms and windows.
+    #[arg(long)]
+    no_rooms: bool,
     /// Only so many seconds of the trace.
     #[arg(long, value_name = "S")]
     seconds: Option<u32>,
@@ -70,7 +73,11 @@ enum Policies {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let world = Arc::new(World::read(&args.world)?);
+    let mut world = World::read(&args.world)?;
+    if args.no_rooms {
+        world.rooms = Rooms::default();
+    }
+    let world = Arc::new(world);
     let trace = Trace::open(&args.trace).with_context(|| args.trace.display().to_string())?;
     match args.policy {
         Policies::One(policy) => run_one(args, &world, &trace, policy),

@@ -1,6 +1,6 @@
 //! Why an avatar is sent to a viewer, or not.
 
-use std::fmt;
+use std::{fmt, time::Duration};
 
 use sightline_shared::{geometry::Aabb, motion::AvatarId, shaft::Line};
 
@@ -35,6 +35,10 @@ pub enum Reason {
     /// No gates lead from where the one can be before long to where the other can be, or no cells there see
     /// each other.
     Cells,
+    /// One of the two is in a sealed room that the other is not in.
+    Sealed,
+    /// No room that the viewer can be in before long shows where the other can be.
+    Rooms,
     /// Every line between their regions is blocked.
     Shafts,
     /// This line between their regions is free.
@@ -56,6 +60,8 @@ impl Engine {
         let reason = match pair {
             _ if !self.config.policy.uses_cells() => Reason::Policy,
             _ if [from, to].iter().any(|a| a.state != ClientState::Live) => Reason::Silence,
+            _ if !from.seal.agrees(&to.seal) => Reason::Sealed,
+            _ if self.is_ruled_out(from, to, delay) => Reason::Rooms,
             None => Reason::Cells,
             Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
             Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
@@ -69,6 +75,18 @@ impl Engine {
             bodies: boxes(to, Part::Bodies(delay)),
             reason,
         })
+    }
+}
+
+impl Engine {
+    /// Whether rooms alone keep a viewer from being told of an avatar.
+    fn is_ruled_out(&self, viewer: &Avatar, avatar: &Avatar, delay: Duration) -> bool {
+        let part = |avatar: &Avatar, part: Part, place: usize| {
+            let near = avatar.near.get(part)?.ground(0).cloned();
+            near.or_else(|| Some(avatar.near.wide.as_ref()?.grounds[place].clone()))
+        };
+        let grounds = part(viewer, Part::Eyes, 0).zip(part(avatar, Part::Bodies(delay), 1));
+        grounds.is_some_and(|(eyes, bodies)| !eyes.shows(&bodies, &self.rooms))
     }
 }
 
@@ -95,6 +113,8 @@ impl fmt::Display for Reason {
             Self::Cells => {
                 f.write_str("no gates lead from the one to the other, or no cells see each other")
             }
+            Self::Sealed => f.write_str("a sealed room has one of the two in it, not the other"),
+            Self::Rooms => f.write_str("no room of the viewer's shows where the other can be"),
             Self::Shafts => f.write_str("every line between their regions is blocked"),
             Self::Undecided => f.write_str("a line may be free: too little budget to tell"),
             Self::Free(Line { from, to }) => write!(

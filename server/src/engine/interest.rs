@@ -16,6 +16,7 @@ impl Engine {
             self.pair_without_cells(viewer);
         }
         let to = self.population.at(viewer).id;
+        let seal = self.population.at(viewer).seal;
         let mut pairs = std::mem::take(&mut self.population.at_mut(viewer).pairs);
         let mut poses = Vec::new();
         for pair in &mut pairs {
@@ -24,7 +25,9 @@ impl Engine {
                 && pair.is_held
                 && self.ticks < pair.held_until
                 && self.may_see_by_cells(viewer, pair);
-            let wanted = pair.concerns && (!is_hidden || is_kept);
+            // What is sealed off is not told, whatever the regions say.
+            let agrees = self.population.at(pair.slot).seal.agrees(&seal);
+            let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
             match (pair.is_held, wanted) {
                 (true, true) => {
                     let avatar = self.population.at(pair.slot);

@@ -249,16 +249,19 @@ impl Engine {
         let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.grounds, &other.grounds);
         let mut may =
             |eyes: &Ground, bodies: &Ground| !(by_gates && self.shafts.are_apart(eyes, bodies));
-        other_bodies.is_among(&seen[0]) && may(eyes, other_bodies)
-            || other_eyes.is_among(&seen[1]) && may(other_eyes, bodies)
+        let shows = |eyes: &Ground, bodies: &Ground| eyes.shows(bodies, &self.rooms);
+        other_bodies.is_among(&seen[0]) && shows(eyes, other_bodies) && may(eyes, other_bodies)
+            || other_eyes.is_among(&seen[1]) && shows(other_eyes, bodies) && may(other_eyes, bodies)
     }
 
-    /// Whether a pair may see each other as far as cells tell.
+    /// Whether a pair may see each other as far as rooms and cells tell.
     pub(super) fn may_see_by_cells(&mut self, viewer: Slot, pair: &Pair) -> bool {
         self.regions(viewer, pair, 0);
         let ground = |slot: Slot, part: Part| self.population.at(slot).near.get(part)?.ground(0);
         let grounds = ground(viewer, Part::Eyes).zip(ground(pair.slot, self.parts_of(viewer)));
-        grounds.is_some_and(|(eyes, bodies)| eyes.sees(bodies, &self.world.cells, &self.sectors))
+        grounds.is_some_and(|(eyes, bodies)| {
+            eyes.sees(bodies, &self.world.cells, &self.sectors) && eyes.shows(bodies, &self.rooms)
+        })
     }
 
     /// The same of the regions of a pair, as they were worked out last.
@@ -269,7 +272,8 @@ impl Engine {
             let (eyes, bodies) = eyes.ground(level).zip(bodies.ground(level))?;
             Some(
                 !(self.config.look_budget > 0 && self.shafts.are_apart(eyes, bodies))
-                    && eyes.sees(bodies, &self.world.cells, &self.sectors),
+                    && eyes.sees(bodies, &self.world.cells, &self.sectors)
+                    && eyes.shows(bodies, &self.rooms),
             )
         };
         eyes.zip(bodies).and_then(grounds).unwrap_or(false)

@@ -54,6 +54,7 @@ use std::{sync::Arc, time::Duration};
 
 use sightline_shared::{
     motion::{Agility, AvatarId, Body, Pose, Tbv},
+    rooms::RoomIndex,
     shaft::Occluders,
     world::World,
 };
@@ -84,6 +85,8 @@ pub struct Engine {
     population: Population,
     places: Places,
     agility: Agility,
+    /// What the building's author says about who may see whom.
+    rooms: RoomIndex,
     /// Every avatar's, in own axes.
     body: Body,
     /// The wide regions of live avatars.
@@ -161,6 +164,7 @@ impl Engine {
             body: world.cells.axes.own_body(&world.body),
             population: Population::default(),
             places: Places::new(config.policy, &world),
+            rooms: RoomIndex::new(&world),
             near_bodies: SectorIndex::new(sectors.len()),
             live_zones: ZoneIndex::new(sectors.len()),
             hidden_zones: ZoneIndex::new(sectors.len()),

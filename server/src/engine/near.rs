@@ -254,8 +254,8 @@ impl Engine {
         let reach = Reach::within(&mut self.scratch, cells, from, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
         let sectors = self.sectors.of(&found);
-        let eyes = Ground::of(cells, reach.eyes(), &reach.eye_parts(cells));
-        let grounds = [eyes, Ground::of(cells, found, &bodies)];
+        let eyes = Ground::of(cells, &self.rooms, reach.eyes(), &reach.eye_parts(cells));
+        let grounds = [eyes, Ground::of(cells, &self.rooms, found, &bodies)];
         let wide = Wide { spare, bodies, grounds, sectors };
         let old = avatar.near.wide.replace(wide).map_or_else(Vec::new, |old| old.sectors);
         let member = (avatar.id, slot);
@@ -281,7 +281,7 @@ impl Engine {
                 Part::Eyes => (reach.eyes(), reach.eye_parts(cells)),
                 Part::Bodies(_) => reach.bodies(cells, &self.world.body),
             };
-            let ground = Ground::of(cells, found, &parts);
+            let ground = Ground::of(cells, &self.rooms, found, &parts);
             near.versions[level] = near.versions[level].wrapping_add(1);
             near.kept[level] = Some(Kept { spare, parts, ground });
         }

@@ -5,6 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use sightline_shared::{
     geometry::Aabb,
     motion::{AvatarId, Pose, Tbv},
+    rooms::Seal,
 };
 
 use super::{
@@ -48,6 +49,8 @@ pub(super) struct Avatar {
     pub(super) colour: [u8; 3],
     /// The last accepted one.
     pub(super) pose: Pose,
+    /// The sealed rooms that it is in there.
+    pub(super) seal: Seal,
     /// Counts accepted poses.
     pub(super) version: u32,
     /// When the last accepted pose came in.

@@ -38,6 +38,7 @@ impl Engine {
             name: name.chars().take(self.config.name_chars_max).collect(),
             colour,
             pose,
+            seal: self.rooms.seal(pose.eye),
             version: 0,
             heard: now,
             round_trip,
@@ -124,6 +125,7 @@ impl Engine {
         avatar.pose = Pose { velocity, ..pose };
         avatar.version = avatar.version.wrapping_add(1);
         avatar.place = self.places.place(&self.world, avatar.place, pose.eye);
+        avatar.seal = self.rooms.seal(pose.eye);
         avatar.heard = now;
         avatar.unanswered = 0;
         match avatar.state {
@@ -161,13 +163,14 @@ impl Engine {
     }
 
     pub(super) fn chat(&mut self, from: AvatarId, text: &str) {
-        if self.population.slot(from).is_none() {
-            return;
-        }
+        let Some(slot) = self.population.slot(from) else { return };
         let text: String = text.chars().take(self.config.chat_chars_max).collect();
+        let seal = self.population.at(slot).seal;
         let hears = |a: &Avatar| {
             let pair = a.pairs.binary_search_by_key(&from, |pair| pair.id);
-            a.id == from || pair.is_ok_and(|place| a.pairs[place].is_held)
+            // Since the last tick somebody may have gone into a sealed room.
+            let holds = || pair.is_ok_and(|place| a.pairs[place].is_held);
+            a.id == from || a.seal.agrees(&seal) && holds()
         };
         for (to, slot) in self.population.all() {
             if hears(self.population.at(slot)) {

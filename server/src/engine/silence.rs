@@ -107,7 +107,7 @@ impl Engine {
         let spare = leeway.within.grown(ZONE_SPARE_M);
         let cells = &self.world.cells;
         let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
-        let zone = Zone::of(&reach, &self.world, &self.sectors);
+        let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
         let avatar = self.population.at_mut(slot);
         avatar.zone_box = Some(spare);
         if zone == avatar.zone {

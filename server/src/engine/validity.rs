@@ -112,11 +112,11 @@ impl Engine {
         let (tbv, leeway) = self.tbv_for(slot, made, validity);
         let cells = &self.world.cells;
         let zone = if self.config.shape == Shape::Sphere {
-            Zone::of_box(&leeway.within, &self.world, &self.sectors)
+            Zone::of_box(&leeway.within, &self.world, &self.rooms, &self.sectors)
         } else {
             let reach =
                 Reach::new(&mut self.scratch, cells, leeway.from, &leeway.within, leeway.way_m);
-            Zone::of(&reach, &self.world, &self.sectors)
+            Zone::of(&reach, &self.world, &self.rooms, &self.sectors)
         };
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
     }
@@ -141,9 +141,11 @@ impl Engine {
 
     /// Whether a line from one zone to another may be free, either way; without a budget, it may.
     pub(super) fn may_see_each_other(&mut self, zone: &Zone, other: Slot) -> bool {
-        let ([eyes, bodies], [other_eyes, other_bodies]) =
-            (&zone.parts, &self.population.at(other).zone.parts);
-        [(eyes, other_bodies), (other_eyes, bodies)].into_iter().any(|(eyes, bodies)| {
+        let other = &self.population.at(other).zone;
+        let ([eyes, bodies], [other_eyes, other_bodies]) = (&zone.parts, &other.parts);
+        let shown = [zone.shows(other, &self.rooms), other.shows(zone, &self.rooms)];
+        let ways = [(eyes, other_bodies), (other_eyes, bodies)].into_iter().zip(shown);
+        ways.filter(|(_, is_shown)| *is_shown).any(|((eyes, bodies), _)| {
             let (most, budget) = (self.config.look_max, &mut self.silence_left);
             !matches!(self.shafts.between(eyes, bodies, most, budget), Found::Hidden)
         })

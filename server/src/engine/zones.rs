@@ -3,6 +3,7 @@
 use sightline_shared::{
     geometry::Aabb,
     motion::AvatarId,
+    rooms::{self, RoomIndex},
     world::{CellId, Cells, World},
 };
 
@@ -70,11 +71,13 @@ pub(super) struct Ground {
     ends: Vec<u32>,
     /// The cells, ascending: those of a space follow one another.
     cells: Vec<CellId>,
+    /// What of it is in which rooms; empty where rooms rule nothing out.
+    rooms: rooms::Place,
 }
 
 impl Ground {
     /// Of boxes in some cells, which are ascending.
-    pub(super) fn of(cells: &Cells, found: Vec<CellId>, parts: &Parts) -> Self {
+    pub(super) fn of(cells: &Cells, rooms: &RoomIndex, found: Vec<CellId>, parts: &Parts) -> Self {
         let around = parts.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part));
         let (mut spaces, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
         for (end, cell) in (1..).zip(&found) {
@@ -86,12 +89,18 @@ impl Ground {
             }
             ends.push(end);
         }
-        Self { around, spaces, ends, cells: found }
+        let rooms = place(rooms, cells, parts);
+        Self { around, spaces, ends, cells: found, rooms }
     }
 
     /// The cells, ascending.
     pub(super) fn cells(&self) -> &[CellId] {
         &self.cells
+    }
+
+    /// Whether rooms let somebody with an eye here see somebody whose body is in another.
+    pub(super) fn shows(&self, bodies: &Self, rooms: &RoomIndex) -> bool {
+        !rooms.rules() || rooms.may_see(&self.rooms, &bodies.rooms)
     }
 
     /// Adds what can be seen from some of its cells.
@@ -126,6 +135,11 @@ impl Ground {
     }
 }
 
+/// The rooms of a region's boxes, where rooms rule anything out.
+fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts) -> rooms::Place {
+    if rooms.rules() { rooms.place(cells, parts.boxes()) } else { rooms::Place::default() }
+}
+
 /// Where an avatar can be during some time.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(super) struct Zone {
@@ -135,25 +149,35 @@ pub(super) struct Zone {
     bodies: Vec<u32>,
     /// Around all places of its eye, and around all of its body.
     pub(super) parts: [Parts; 2],
+    /// The rooms of both.
+    rooms: [rooms::Place; 2],
 }
 
 impl Zone {
     /// The zone of an avatar that stays within reach.
-    pub(super) fn of(reach: &Reach, world: &World, sectors: &Sectors) -> Self {
+    pub(super) fn of(reach: &Reach, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
         let (bodies, body_parts) = reach.bodies(&world.cells, &world.body);
         let parts = [reach.eye_parts(&world.cells), body_parts];
-        Self { eyes: sectors.of(&reach.eyes()), bodies: sectors.of(&bodies), parts }
+        let rooms = [0, 1].map(|at: usize| place(rooms, &world.cells, &parts[at]));
+        Self { eyes: sectors.of(&reach.eyes()), bodies: sectors.of(&bodies), parts, rooms }
     }
 
     /// The zone of an avatar whose eye stays in a box in own axes, whatever walls are in it.
-    pub(super) fn of_box(eyes: &Aabb, world: &World, sectors: &Sectors) -> Self {
+    pub(super) fn of_box(eyes: &Aabb, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
         let boxes = [*eyes, world.cells.axes.own_body(&world.body).around_box(eyes)];
         let [eyes, bodies] = boxes.map(|region| {
             let mut found = Vec::new();
             world.cells.overlapping(&region, &mut found);
             sectors.of(&found)
         });
-        Self { eyes, bodies, parts: boxes.map(|part| Parts::covering([part].into_iter())) }
+        let parts = boxes.map(|part| Parts::covering([part].into_iter()));
+        let rooms = [0, 1].map(|at: usize| place(rooms, &world.cells, &parts[at]));
+        Self { eyes, bodies, parts, rooms }
+    }
+
+    /// Whether rooms let somebody here see somebody there.
+    pub(super) fn shows(&self, other: &Self, rooms: &RoomIndex) -> bool {
+        !rooms.rules() || rooms.may_see(&self.rooms[0], &other.rooms[1])
     }
 }
 

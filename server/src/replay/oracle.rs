@@ -1,12 +1,14 @@
 //! What clients hold, compared with what rays say is visible.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{collections::BTreeMap, sync::Arc, time::Duration};
 
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
 use sightline_shared::{
+    geometry::Aabb,
     motion::{AvatarId, Body},
+    rooms::{RoomIndex, Seal},
     world::World,
 };
 
@@ -26,6 +28,8 @@ const PAIRS_MAX: u64 = 1_000_000;
 /// Looks at every pair from time to time.
 pub(super) struct Oracle {
     sight: Sight,
+    /// What the building's author lets be seen, if anything is ruled out.
+    author: Option<Author>,
     body: Body,
     stride: Duration,
     next: Duration,
@@ -42,6 +46,29 @@ pub(super) struct Oracle {
     tick: Duration,
     speed_max: f32,
     foresight: bool,
+}
+
+/// What is visible is so by the author's word too: what rooms deny is nobody's miss.
+struct Author {
+    world: Arc<World>,
+    rooms: RoomIndex,
+}
+
+impl Author {
+    fn new(world: &Arc<World>) -> Option<Self> {
+        let rooms = RoomIndex::new(world);
+        rooms.rules().then(|| Self { world: Arc::clone(world), rooms })
+    }
+
+    /// Whether one looker may see another, whose body is a box. Sealed rooms go by what the server
+    /// knows, so both must have been there for a while.
+    fn lets(&self, viewer: &Looker<'_>, other: &Looker<'_>, body: &Aabb) -> bool {
+        let cells = &self.world.cells;
+        let place = |region: &Aabb| self.rooms.place(cells, &[cells.axes.own_box(region)]);
+        let eye = place(&Aabb::around(viewer.eye, 0.0));
+        let mut seals = viewer.seals.iter().chain(&other.seals);
+        seals.all(|seal| seal.agrees(&viewer.seals[0])) && self.rooms.may_see(&eye, &place(body))
+    }
 }
 
 /// A visible avatar of which its viewer knew too little.
@@ -85,6 +112,8 @@ struct Looker<'a> {
     late: bool,
     reports: u32,
     walk: Walk,
+    /// The sealed rooms that it is in, and was in before the server can have heard and told of it.
+    seals: [Seal; 2],
     replica: &'a BTreeMap<AvatarId, Duration>,
 }
 
@@ -106,7 +135,7 @@ struct Sums {
 }
 
 impl Oracle {
-    pub(super) fn new(world: &World, trace: &Trace, options: &Options) -> Option<Self> {
+    pub(super) fn new(world: &Arc<World>, trace: &Trace, options: &Options) -> Option<Self> {
         let stride = match options.oracle {
             OracleStride::Off => return None,
             OracleStride::Every(stride) => stride,
@@ -121,6 +150,7 @@ impl Oracle {
         }
         Some(Self {
             sight: Sight::new(&world.mesh),
+            author: Author::new(world),
             body: world.body,
             stride,
             next: Duration::ZERO,
@@ -158,6 +188,7 @@ impl Oracle {
                 late: wire.is_late(now, client.avatar),
                 reports: client.reports,
                 walk: self.walk(now, client, clients, wire),
+                seals: self.seals(now, client, clients),
                 replica: &client.replica,
             })
             .collect();
@@ -188,6 +219,12 @@ impl Oracle {
         }
     }
 
+    fn seals(&self, now: Duration, client: &Client, clients: &Clients<'_>) -> [Seal; 2] {
+        let Some(author) = &self.author else { return Default::default() };
+        let before = clients.eye_at(client.avatar, now.saturating_sub(self.unsettled / 2));
+        [client.eye, before.unwrap_or(client.eye)].map(|eye| author.rooms.seal(eye))
+    }
+
     fn look_from(
         &self,
         now: Duration,
@@ -200,7 +237,8 @@ impl Oracle {
             let held = viewer.replica.get(&other.avatar);
             let settled = viewer.settled && other.settled;
             let body = self.body.around(other.eye);
-            let visible = self.sight.of_box(viewer.eye, &body, SAMPLES);
+            let visible = self.sight.of_box(viewer.eye, &body, SAMPLES)
+                && self.author.as_ref().is_none_or(|author| author.lets(viewer, other, &body));
             if visible {
                 sums.seen.push(place);
             }
