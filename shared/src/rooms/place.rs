@@ -48,7 +48,15 @@ impl Place {
         near.dedup();
         near.retain(|id| boxes.iter().any(|region| index.meets(*id, region)));
         place.touched = near;
-        let is_within = |id: &RoomId| boxes.iter().all(|region| index.covers(*id, region));
+        // What is in no cell is in something solid: no part of a body is seen there.
+        let in_cells = |id: &RoomId, region: &Aabb| {
+            let mut parts =
+                found.iter().map(|cell| cells.cells[cell.0 as usize].bounds.intersection(region));
+            !found.is_empty() && parts.all(|part| part.is_empty() || index.covers(*id, &part))
+        };
+        let is_within = |id: &RoomId| {
+            boxes.iter().all(|region| index.covers(*id, region) || in_cells(id, region))
+        };
         place.within = place.touched.iter().copied().filter(is_within).collect();
         place.restricting =
             place.touched.iter().copied().filter(|id| index.restricts(*id)).collect();
