@@ -4,12 +4,13 @@
 //! the look-ups are rounded and perspective inside of the brick is left out. The first of them, in the order
 //! in which lines of sight meet cells, is tested exactly, eight pixels at a time; where it is not met the others are.
 
-use glam::{BVec3A, Vec2, Vec3A, Vec4};
+use glam::{Vec2, Vec3A, Vec3Swizzles, Vec4};
 use sightline_shared::octree::{Inner, Octree};
 
 use super::{
     band::Band,
     form::{BrickForm, Flat},
+    lines::PLANES,
     mask::{Area, BLOCK, bits, lines},
     view::BandView,
 };
@@ -51,7 +52,7 @@ impl Bricks<'_> {
                     if any == 0 {
                         continue;
                     }
-                    let sight = Sight::new(self.view, column * BLOCK, row * BLOCK + y);
+                    let sight = Sight::new(self.view, brick, column * BLOCK, row * BLOCK + y);
                     let first = met.map(|met| met.trailing_zeros());
                     let is_met = brick.meets(&sight, &first);
                     for x in bits(wanted) {
@@ -114,23 +115,27 @@ impl Bricks<'_> {
     }
 }
 
-/// The lines of sight of eight pixels in a row: what each part is the inverse of.
+/// The lines of sight of eight pixels in a row, mirrored as the cells of a brick are.
 struct Sight {
-    inverse: [[f32; BLOCK]; 3],
+    rays: [[f32; BLOCK]; 3],
 }
 
 impl Sight {
     #[inline(always)]
-    fn new(view: &BandView, x: usize, y: usize) -> Self {
-        let (first, step) = (view.ray(x, y), view.ray_step[0]);
-        let mut inverse = [[0.0; BLOCK]; 3];
-        for (axis, inverse) in inverse.iter_mut().enumerate() {
-            for (i, inverse) in inverse.iter_mut().enumerate() {
-                // What is added changes nothing but a zero, whose inverse would be of no use.
-                *inverse = 1.0 / (first[axis] + step[axis] * i as f32 + 1.0e-20);
+    fn new(view: &BandView, brick: &Brick, x: usize, y: usize) -> Self {
+        let (first, step) = (view.ray(x, y) * brick.sign, view.ray_step[0] * brick.sign);
+        let mut rays = [[0.0; BLOCK]; 3];
+        for (axis, rays) in rays.iter_mut().enumerate() {
+            for (i, ray) in rays.iter_mut().enumerate() {
+                *ray = first[axis] + step[axis] * i as f32;
             }
         }
-        Self { inverse }
+        Self { rays }
+    }
+
+    #[inline(always)]
+    fn ray(&self, x: usize) -> Vec3A {
+        Vec3A::new(self.rays[0][x], self.rays[1][x], self.rays[2][x])
     }
 }
 
@@ -151,10 +156,13 @@ pub(super) struct Brick {
     /// Where the centre is seen, and its depth.
     middle: Vec2,
     depth: f32,
-    /// The corner of the first cell in mirrored order, relative to the eye, and from it to the next along each axis.
-    /// The corner is that with the least coordinates.
+    /// What mirrors.
+    sign: Vec3A,
+    /// The corner of the first cell, relative to the eye and mirrored: no coordinate of any cell's is negative, unless the
+    /// eye is beside the brick.
     low: Vec3A,
-    step: Vec3A,
+    /// From a cell to the next.
+    step: f32,
     /// The edge of a cell, drawn larger by a seam.
     edge: f32,
 }
@@ -172,9 +180,8 @@ impl Brick {
         let node = &inner[flat.index as usize];
         let cell = half * 0.5;
         let seam = view.seam(flat.centre.w);
-        let is_mirrored = [0, 1, 2].map(|axis| form.flip >> axis & 1 != 0);
-        let is_mirrored = BVec3A::from_array(is_mirrored);
-        let first = Vec3A::select(is_mirrored, Vec3A::splat(half - cell), Vec3A::splat(-half));
+        let sign = |axis: usize| if form.flip >> axis & 1 != 0 { -1.0 } else { 1.0 };
+        let sign = Vec3A::new(sign(0), sign(1), sign(2));
         let mut brick = Self {
             cells: 0,
             firsts: [0; 8],
@@ -184,8 +191,9 @@ impl Brick {
             beside_eye: is_beside_eye(flat.centre, half),
             middle,
             depth: flat.centre.w,
-            low: Vec3A::from_vec4(flat.centre) + first - seam,
-            step: Vec3A::select(is_mirrored, Vec3A::splat(-cell), Vec3A::splat(cell)),
+            sign,
+            low: Vec3A::from_vec4(flat.centre) * sign - (half + seam),
+            step: cell,
             edge: cell + 2.0 * seam,
         };
         let first = node.first as usize;
@@ -199,25 +207,24 @@ impl Brick {
         brick
     }
 
-    /// Whether each line of sight meets the cell that is asked for.
+    /// Whether each line of sight meets the cell that is asked for. All of what a line of sight has before it in the brick lies
+    /// in the same direction along each axis, so that two stretches between planes have a point in common when two products tell.
     #[inline(always)]
     fn meets(&self, sight: &Sight, cells: &[u32; BLOCK]) -> [bool; BLOCK] {
-        let mut enters = [f32::NEG_INFINITY; BLOCK];
-        let mut leaves = [f32::INFINITY; BLOCK];
-        for axis in 0..3 {
-            let (low, step) = (self.low[axis], self.step[axis]);
-            for i in 0..BLOCK {
-                let low = low + step * place(cells[i], axis);
-                let a = low * sight.inverse[axis][i];
-                let b = (low + self.edge) * sight.inverse[axis][i];
-                let (near, far) = if a < b { (a, b) } else { (b, a) };
-                enters[i] = if near > enters[i] { near } else { enters[i] };
-                leaves[i] = if far < leaves[i] { far } else { leaves[i] };
+        let mut low = [[0.0; BLOCK]; 3];
+        for (axis, low) in low.iter_mut().enumerate() {
+            for (low, cell) in low.iter_mut().zip(cells) {
+                *low = self.low[axis] + self.step * place(*cell, axis);
             }
         }
-        let mut met = [false; BLOCK];
-        for i in 0..BLOCK {
-            met[i] = enters[i] <= leaves[i];
+        let mut met = [true; BLOCK];
+        for [a, b] in PLANES {
+            let (ray_a, ray_b) = (&sight.rays[a], &sight.rays[b]);
+            for i in 0..BLOCK {
+                let (high_a, high_b) = (low[a][i] + self.edge, low[b][i] + self.edge);
+                met[i] &= (low[a][i] * ray_b[i] <= high_b * ray_a[i])
+                    & (low[b][i] * ray_a[i] <= high_a * ray_b[i]);
+            }
         }
         met
     }
@@ -225,24 +232,27 @@ impl Brick {
     /// Whether the line of sight of a pixel of the row meets a cell.
     #[inline(always)]
     fn meets_one(&self, sight: &Sight, x: usize, cell: u32) -> bool {
-        self.enters(sight, x, cell).is_some()
+        let (ray, low) = (sight.ray(x), self.corner(cell));
+        let high = low + self.edge;
+        let before = (low * ray.yzx()).cmple(high.yzx() * ray);
+        (before & (low.yzx() * ray).cmple(high * ray.yzx())).all()
     }
 
-    /// Where the line of sight of a pixel of the row enters a cell, if it does.
+    /// The corner of a cell, mirrored.
     #[inline(always)]
-    fn enters(&self, sight: &Sight, x: usize, cell: u32) -> Option<f32> {
-        let inverse = Vec3A::from([0, 1, 2].map(|axis| sight.inverse[axis][x]));
-        let low = self.low + self.step * Vec3A::from([0, 1, 2].map(|axis| place(cell, axis)));
-        let (a, b) = (low * inverse, (low + self.edge) * inverse);
-        let enters = a.min(b).max_element();
-        (enters <= a.max(b).min_element()).then_some(enters)
+    fn corner(&self, cell: u32) -> Vec3A {
+        self.low + Vec3A::new(place(cell, 0), place(cell, 1), place(cell, 2)) * self.step
     }
 
     /// The cells that a line of sight meets, of those that it may meet, nearest first.
     fn sorted(&self, sight: &Sight, x: usize, met: u64) -> Vec<(f32, u8)> {
+        // What is added changes nothing but a zero, whose inverse would be of no use.
+        let inverse = (sight.ray(x) + 1.0e-20).recip();
         let met = bits(met).filter_map(|cell| {
-            let enters = self.enters(sight, x, cell as u32)?;
-            Some((enters, cell as u8))
+            let low = self.corner(cell as u32);
+            let (a, b) = (low * inverse, (low + self.edge) * inverse);
+            let enters = a.min(b).max_element();
+            (enters <= a.max(b).min_element()).then_some((enters, cell as u8))
         });
         let mut sorted: Vec<_> = met.collect();
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0));

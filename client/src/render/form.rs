@@ -20,7 +20,7 @@ use super::{
 
 /// How far apart, in pixels, front and back of a node may be seen that is taken to look alike all over, where perspective
 /// inside is left out.
-const FINE_PX: f32 = 0.5;
+const FINE_PX: f32 = 0.125;
 
 /// By how much depths inside of a node differ at most from the centre's, relatively, when nodes below are placed by its form …
 const DEEPER_MAX: f32 = 0.25;

@@ -1,15 +1,16 @@
 //! Light, sky and glass.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 use sightline_shared::octree::Look;
 
 use super::{
     band::Band,
-    mask::{BLOCK, bits},
+    mask::{BLOCK, bits, lines},
     view::BandView,
 };
 
-/// Two lamps that never move, and how strong they are: every side of a box looks different.
+/// For what brings no light of its own, as movers and figures do, two lamps that never move, and how strong they are: every
+/// side of a box looks different.
 const LAMPS: [(Vec3, f32); 2] =
     [(Vec3::new(0.48, 0.82, 0.31), 0.38), (Vec3::new(-0.55, 0.08, -0.83), 0.28)];
 
@@ -28,11 +29,10 @@ const GROUND: Vec3 = Vec3::new(132.0, 128.0, 122.0);
 /// How much of a pane's colour covers what is behind.
 const GLASS_SHARE: f32 = 0.3;
 
-/// A look in the light, which is the same for both sides of a sheet.
+/// A look, as 0x00RRGGBB: the light is in it.
 pub(super) fn surface(look: &Look) -> u32 {
-    let normal = Vec3::from(look.normal.map(f32::from)) / 127.0;
-    let lamps = LAMPS.iter().map(|(lamp, power)| power * normal.dot(*lamp).abs());
-    pack(Vec3::from(look.colour.map(f32::from)) * (AMBIENT + lamps.sum::<f32>()))
+    let [r, g, b] = look.colour;
+    u32::from_be_bytes([0, r, g, b])
 }
 
 /// Rows of a picture that a band goes into.
@@ -84,10 +84,14 @@ fn put<T: Copy>(to: &mut [T], from: &[T; BLOCK]) {
 fn finish(band: &Band, view: &BandView, colours: &[u32], rows: &mut Rows, at: [usize; 2]) {
     let block = at[1] * band.mask.across() + at[0];
     let place = |pixel: usize| [at[0] * BLOCK + pixel % BLOCK, at[1] * BLOCK + pixel / BLOCK];
-    for pixel in bits(!band.mask.word(block)) {
-        let [x, y] = place(pixel);
-        rows.colour[y * band.width + x] = sky(view.ray(x, y).into());
-        rows.depth[y * band.width + x] = f32::INFINITY;
+    let open = !band.mask.word(block);
+    for line in bits(lines(open)) {
+        let [x, y] = place(line * BLOCK);
+        let colours = sky_line(view.ray(x, y), view.ray_step[0]);
+        for i in bits(open >> (line * BLOCK) & 0xff) {
+            rows.colour[y * band.width + x + i] = colours[i];
+            rows.depth[y * band.width + x + i] = f32::INFINITY;
+        }
     }
     for pixel in bits(band.tinted[block]) {
         let [x, y] = place(pixel);
@@ -126,11 +130,29 @@ pub(super) fn light(normal: Vec3, along: Vec3) -> f32 {
     AMBIENT + LAMPS.iter().map(|(lamp, power)| power * normal.dot(*lamp).max(0.0)).sum::<f32>()
 }
 
+/// The sky along some lines of sight, each by so much beside the one before.
+#[inline(always)]
+fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
+    let (toward_zenith, toward_ground) = (ZENITH - HORIZON, GROUND - HORIZON);
+    let mut colours = [0; BLOCK];
+    for (i, colour) in colours.iter_mut().enumerate() {
+        let [x, y, z] = [0, 1, 2].map(|axis| first[axis] + step[axis] * i as f32);
+        let height = y / (x * x + y * y + z * z).sqrt();
+        let share = height.abs().sqrt();
+        for channel in 0..3 {
+            let toward = if height > 0.0 { toward_zenith[channel] } else { toward_ground[channel] };
+            // The lowest bits of so large a number count ones, which takes less than a cast.
+            let level = (HORIZON[channel] + toward * share + 8_388_608.0).to_bits() & 0xff;
+            *colour = *colour << 8 | level;
+        }
+    }
+    colours
+}
+
 /// The sky along a line of sight.
+#[cfg(test)]
 pub(super) fn sky(ray: Vec3) -> u32 {
-    let height = ray.y / ray.length();
-    let end = if height > 0.0 { ZENITH } else { GROUND };
-    pack(HORIZON.lerp(end, height.abs().sqrt()))
+    sky_line(ray.into(), Vec3A::ZERO)[0]
 }
 
 /// What is seen through a pane.
