@@ -87,6 +87,48 @@ fn a_world_that_misses_somebody_fails_its_verification() {
     assert!(String::from_utf8(output.stdout).unwrap().contains("missed, by cell: "));
 }
 
+/// What inspect suggests, compile finds beside the model; a mistake in it is a line that tells where.
+#[test]
+fn rooms_are_suggested_edited_and_compiled() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 4);
+    let run = |arguments: &[&str]| {
+        let output = Command::new(PROGRAM).current_dir(folder).args(arguments).output().unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (output.status.code(), text(output.stdout), text(output.stderr))
+    };
+    let compile = |more: &[&str]| {
+        let arguments = ["compile", "b.glb", "-o", "b.slw", "--voxel", "0.1", "--cell", "3"];
+        run(&[&arguments[..], more].concat())
+    };
+    assert_eq!(compile(&[]).0, Some(0));
+    let (code, toml, _) = run(&["inspect", "b.slw", "--suggest-rooms"]);
+    assert_eq!(code, Some(0));
+    let rooms = toml.matches("[[room]]").count();
+    assert!((4..=6).contains(&rooms), "{toml}");
+    fs::write(folder.join("b.rooms.toml"), &toml).unwrap();
+    let (code, table, _) = compile(&[]);
+    assert_eq!(code, Some(0));
+    assert!(
+        table
+            .lines()
+            .any(|line| line.starts_with("rooms ") && line.ends_with(&format!(" {rooms}")))
+    );
+    let (_, table, _) = run(&["inspect", "b.slw", "--map", "b.png"]);
+    assert!(table.contains("  room 0.1 ") && table.contains(" windows"), "{table}");
+
+    let sealed = "title = \"Private\"\nsealed = true\nvisible = { rooms = [\"rom 0.2\"] }";
+    let line = 3 + toml.lines().position(|line| line == "[[room]]").unwrap();
+    let name = "name = \"room 0.1\"";
+    fs::write(folder.join("r.toml"), toml.replace(name, &format!("{name}\n{sealed}"))).unwrap();
+    let (code, _, errors) = compile(&["--rooms", "r.toml"]);
+    assert_eq!(code, Some(1));
+    let expected = format!("sightline-server: r.toml:{}: there is no room \"rom 0.2\"", line + 2);
+    assert_eq!(errors.lines().last(), Some(expected.as_str()));
+    assert_eq!(compile(&["--rooms", "absent.toml"]).0, Some(1));
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {

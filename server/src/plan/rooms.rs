@@ -64,8 +64,9 @@ fn windows(storey: &Storey<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbI
     let [low, high] = WINDOWS_M.map(|above| storey.feet + above);
     for window in &room.windows {
         let heights = || window.corners.iter().map(|at| at.y);
-        let is_here =
-            heights().fold(f32::MAX, f32::min) < high && heights().fold(f32::MIN, f32::max) > low;
+        let (from, to) = (heights().fold(f32::MAX, f32::min), heights().fold(f32::MIN, f32::max));
+        // Level ones are seen from above as a whole, and hide what is below.
+        let is_here = from < high && to > low && to - from > 0.05;
         let Some(first) = window.corners.first().filter(|_| is_here) else { continue };
         let flat = |at: &Vec3| Vec2::new(at.x, at.z);
         let far = |from: &Vec3| {

@@ -138,6 +138,15 @@ impl RoomIndex {
         Place::new(self, cells, boxes)
     }
 
+    /// The rooms of what some cells, ascending, have of a region: of somebody who can be in these cells only,
+    /// whatever walls the boxes reach through.
+    pub fn place_in(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> Place {
+        if self.halls.is_empty() {
+            return Place { is_bare: true, ..Place::default() };
+        }
+        Place::within_cells(self, cells, boxes, found)
+    }
+
     /// Whether somebody whose eye is somewhere in one region may, by rooms, see something of a body
     /// that is somewhere in another: not denied unless it is for all places in them. A region that is
     /// part of another is denied wherever that is.
@@ -321,8 +330,9 @@ impl RoomIndex {
             let near = near.iter().filter(|id| self.restricts(**id));
             cover(near.flat_map(|id| self.pieces(*id)), part)
         };
-        found.is_empty()
-            || found.iter().any(|cell| {
+        let overlaps = |cell: &&CellId| cells.cells[cell.0 as usize].bounds.intersects(region);
+        !found.iter().any(|cell| overlaps(&cell))
+            || found.iter().filter(overlaps).any(|cell| {
                 let part = cells.cells[cell.0 as usize].bounds.intersection(region);
                 !self.covered.contains(cell.0)
                     && !part.is_empty()

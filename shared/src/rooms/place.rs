@@ -29,41 +29,57 @@ pub struct Place {
 impl Place {
     /// The place of a region, which is some boxes in own axes.
     pub(super) fn new(index: &RoomIndex, cells: &Cells, boxes: &[Aabb]) -> Self {
-        let mut place = Self { boxes: boxes.to_vec(), ..Self::default() };
         let mut found: Vec<CellId> = Vec::new();
+        let mut is_bare = false;
         for region in boxes {
             let start = found.len();
             cells.overlapping(region, &mut found);
-            place.is_bare |= index.is_bare(cells, region, &found[start..]);
-            index
-                .unbounded()
-                .filter(|id| index.meets(*id, region))
-                .for_each(|id| place.touched.push(id));
+            is_bare |= index.is_bare(cells, region, &found[start..]);
         }
         found.sort_unstable();
         found.dedup();
+        let parts = parts(cells, boxes, &found);
+        Self::of_parts(index, boxes, &found, [boxes, &parts], is_bare)
+    }
+
+    /// The place of what some cells, ascending, have of some boxes.
+    pub(super) fn within_cells(
+        index: &RoomIndex,
+        cells: &Cells,
+        boxes: &[Aabb],
+        found: &[CellId],
+    ) -> Self {
+        let is_bare =
+            boxes.is_empty() || boxes.iter().any(|region| index.is_bare(cells, region, found));
+        let parts = parts(cells, boxes, found);
+        Self::of_parts(index, boxes, found, [&parts, &parts], is_bare)
+    }
+
+    fn of_parts(
+        index: &RoomIndex,
+        boxes: &[Aabb],
+        found: &[CellId],
+        [touching, inside]: [&[Aabb]; 2],
+        is_bare: bool,
+    ) -> Self {
+        let mut place = Self { boxes: boxes.to_vec(), is_bare, ..Self::default() };
         let near = found.iter().flat_map(|cell| index.rooms_near(*cell)).copied();
-        let mut near: Vec<RoomId> = near.chain(place.touched.iter().copied()).collect();
-        near.sort_unstable();
-        near.dedup();
-        near.retain(|id| boxes.iter().any(|region| index.meets(*id, region)));
-        place.touched = near;
+        place.touched = near.chain(index.unbounded()).collect();
+        place.touched.sort_unstable();
+        place.touched.dedup();
+        place.touched.retain(|id| touching.iter().any(|part| index.meets(*id, part)));
+        let holds = |id: &RoomId, all: &[Aabb]| {
+            !all.is_empty() && all.iter().all(|part| index.covers(*id, part))
+        };
         // What is in no cell is in something solid: no part of a body is seen there.
-        let in_cells = |id: &RoomId, region: &Aabb| {
-            let mut parts =
-                found.iter().map(|cell| cells.cells[cell.0 as usize].bounds.intersection(region));
-            !found.is_empty() && parts.all(|part| part.is_empty() || index.covers(*id, &part))
-        };
-        let is_within = |id: &RoomId| {
-            boxes.iter().all(|region| index.covers(*id, region) || in_cells(id, region))
-        };
+        let is_within = |id: &RoomId| holds(id, touching) || holds(id, inside);
         place.within = place.touched.iter().copied().filter(is_within).collect();
         place.restricting =
             place.touched.iter().copied().filter(|id| index.restricts(*id)).collect();
         let sealed = place.touched.iter().filter(|id| index.is_sealed(**id));
         place.sealed = sealed.map(|id| (*id, place.within.binary_search(id).is_ok())).collect();
         if index.names_cells() {
-            place.cells = found;
+            place.cells = found.to_vec();
         }
         place
     }
@@ -78,6 +94,11 @@ impl Place {
         &self.within
     }
 
+    /// Whether some of it may be in no room that says what may be seen: cells decide what is seen from it.
+    pub fn is_bare(&self) -> bool {
+        self.is_bare
+    }
+
     /// Whether somebody in the one and somebody in the other may be in the same sealed rooms.
     pub(super) fn may_share_seals(&self, other: &Self) -> bool {
         if self.sealed.is_empty() && other.sealed.is_empty() {
@@ -90,6 +111,13 @@ impl Place {
         };
         !lone(self, other) && !lone(other, self)
     }
+}
+
+/// What some cells have of some boxes.
+fn parts(cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> Vec<Aabb> {
+    let bounds = found.iter().map(|cell| &cells.cells[cell.0 as usize].bounds);
+    let parts = bounds.flat_map(|bounds| boxes.iter().map(|region| region.intersection(bounds)));
+    parts.filter(|part| !part.is_empty()).collect()
 }
 
 /// The sealed rooms that a point is in. Two people are told of each other only where theirs

@@ -3,7 +3,6 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
 use roaring::RoaringBitmap;
 
 use super::{RoomId, RoomIndex, region::Region, sight::Viewpoint};
@@ -206,9 +205,4 @@ impl VisibilitySet {
     pub fn has_room(&self, room: RoomId) -> bool {
         self.rooms.contains(room.0.into())
     }
-}
-
-/// A point as a box of eyes.
-pub fn eye(point: Vec3) -> Aabb {
-    Aabb::new(point, point)
 }

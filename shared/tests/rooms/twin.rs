@@ -142,6 +142,15 @@ impl Scene {
         Self { rooms, objects, world, index }
     }
 
+    fn may_see_in_cells(&self, eyes: Aabb, body: Aabb) -> bool {
+        let place = |region: Aabb| {
+            let mut found = Vec::new();
+            self.world.cells.overlapping(&region, &mut found);
+            self.index.place_in(&self.world.cells, &[region], &found)
+        };
+        self.index.may_see(&place(eyes), &place(body))
+    }
+
     fn rooms_at(&self, point: Vec3) -> Vec<usize> {
         (0..self.rooms.len()).filter(|at| self.rooms[*at].contains(point)).collect()
     }
@@ -341,6 +350,8 @@ fn nobody_is_ruled_out_whom_a_line_shows() {
                 scene.shows(eye, point)
             });
             assert!(asked || !shown, "seed {seed}: {eyes:?} sees {body:?}");
+            let in_cells = scene.may_see_in_cells(eyes, body);
+            assert!(in_cells || !shown, "seed {seed}: {eyes:?} sees {body:?}, by cells");
             denied += u32::from(!asked);
             found += u32::from(shown);
             loose += u32::from(asked && !shown);
