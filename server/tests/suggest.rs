@@ -134,6 +134,28 @@ fn the_demo_building_has_the_rooms_that_were_planned() {
     is_sound(&model, &mut world, &found);
 }
 
+/// Rooms of a building that is turned are hulls, and as good.
+#[test]
+fn a_turned_building_has_its_rooms_too() {
+    let mut model = glb::read_slice(&demo_building::glb(6, 3), None, "demo").unwrap();
+    let (sine, cosine) = 0.4f32.sin_cos();
+    let turned = |at: &mut Vec3| {
+        *at = Vec3::new(cosine * at.x + sine * at.z, at.y, cosine * at.z - sine * at.x);
+    };
+    model.opaque.as_flattened_mut().iter_mut().for_each(turned);
+    model.surfaces.iter_mut().flat_map(|surface| &mut surface.positions).for_each(turned);
+    model.spawns.iter_mut().for_each(|spawn| turned(&mut spawn.eye));
+    model.movers.clear();
+    let mut world = compiled(&model, 0.08);
+    assert!(world.cells.axes.turn().abs() > 0.1);
+    let rooms = suggested(&world);
+    println!("turned: {} rooms", rooms.len());
+    // Six rooms and a corridor.
+    assert!((6..=8).contains(&rooms.len()));
+    assert!(suggest::to_toml(&world, &rooms).contains("hulls = "));
+    is_sound(&model, &mut world, &rooms);
+}
+
 #[test]
 fn rooms400_has_four_hundred_rooms() {
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
