@@ -7,13 +7,13 @@ use std::{
 
 use anyhow::{bail, ensure};
 use glam::Vec3;
-use sightline_client::render::{Camera, Frame, Renderer, movers, rooms::Wires};
+use sightline_client::{
+    in_sight::InSight,
+    render::{Camera, Frame, Renderer, movers, rooms::Wires},
+};
 use sightline_shared::{
     motion::Pose,
-    rooms::{
-        RoomIndex,
-        sets::{Tolerance, VisibilitySets},
-    },
+    rooms::RoomIndex,
     world::{Mover, World},
 };
 
@@ -95,24 +95,33 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let sequence = Sequence::new(&args.output)?;
     let (width, height) = args.size;
     let (mut scene, mut frame) = (Scene::new(args, world), Frame::new(width, height));
-    let mut seen = Seen::new(args, world);
+    let (rooms, fov_y) = (RoomIndex::new(world), args.fov.to_radians());
+    let (mut in_sight, mut drawn) = (InSight::new(args.size, fov_y), 0);
     let progress = Progress::new();
     let mut total = 0.0;
     for (i, (seconds, pose)) in path.frames_between(from, until, frames).enumerate() {
         let now = args.time + Duration::from_secs_f64(seconds - from);
-        let movers = seen.movers(&pose);
+        let movers = in_sight.movers(world, &rooms, &pose);
+        drawn += movers.len();
         total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
         picture::save(&sequence.frame(i), &[(width, &frame.colour)])?;
         progress.tell("frames", (i + 1) as f32 / frames as f32, "");
     }
     progress.finish();
+    let movers = match world.movers.len() {
+        0 => String::new(),
+        all => format!(
+            ", {:.1} of {all} movers each by {} visibility sets",
+            drawn as f64 / frames as f64,
+            in_sight.made()
+        ),
+    };
     super::print(&format!(
-        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{}\n",
+        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{movers}\n",
         sequence.frame(0).display(),
         sequence.frame(frames - 1).display(),
         until - from,
-        total / frames as f64,
-        seen.summary(frames)
+        total / frames as f64
     ))
 }
 
@@ -143,57 +152,6 @@ impl<'a> Scene<'a> {
             wires.draw(frame, &camera);
         }
         milliseconds
-    }
-}
-
-/// Viewpoints of a film that are so near to each other share a visibility set.
-const TOLERANCE: Tolerance = Tolerance { eye_m: 0.5, look: 0.15 };
-/// A camera that is so far from where it was in the frame before was put there, in metres.
-const LEAP_M: f32 = 4.0;
-
-/// Which movers may be visible along a path: by the visibility sets of the viewpoints of two frames and of the
-/// way between them.
-struct Seen<'a> {
-    world: &'a World,
-    rooms: RoomIndex,
-    sets: VisibilitySets,
-    before: Option<Pose>,
-    drawn: usize,
-}
-
-impl<'a> Seen<'a> {
-    fn new(args: &Args, world: &'a World) -> Self {
-        let upright = args.fov.to_radians();
-        let (width, height) = args.size;
-        let across = 2.0 * ((upright * 0.5).tan() * width as f32 / height as f32).atan();
-        let sets = VisibilitySets::new(TOLERANCE, [across, upright]);
-        Self { world, rooms: RoomIndex::new(world), sets, before: None, drawn: 0 }
-    }
-
-    fn movers(&mut self, pose: &Pose) -> Vec<&'a Mover> {
-        if self.world.movers.is_empty() {
-            return Vec::new();
-        }
-        let is_near = |before: &Pose| before.eye.distance(pose.eye) <= LEAP_M;
-        let set = match self.before.replace(*pose).filter(is_near) {
-            Some(before) => self.sets.between(self.world, &self.rooms, &before, pose),
-            None => self.sets.at(self.world, &self.rooms, pose).clone(),
-        };
-        let movers: Vec<_> =
-            set.movers.iter().filter_map(|at| self.world.movers.get(at as usize)).collect();
-        self.drawn += movers.len();
-        movers
-    }
-
-    fn summary(&self, frames: usize) -> String {
-        match self.world.movers.len() {
-            0 => String::new(),
-            all => format!(
-                ", {:.1} of {all} movers a frame by {} visibility sets",
-                self.drawn as f64 / frames as f64,
-                self.sets.made()
-            ),
-        }
     }
 }
 

@@ -12,6 +12,10 @@ use crate::walker::Wish;
 pub(super) enum Action {
     /// Tell the others.
     Say(String),
+    /// Keep the view as a bookmark with this number, from 0.
+    Keep(usize),
+    /// Fly to that.
+    Fly(usize),
     /// Close the window.
     Leave,
 }
@@ -59,6 +63,11 @@ impl Controls {
             KeyCode::Enter | KeyCode::NumpadEnter => {
                 self.held.clear();
                 self.line = Some(String::new());
+            }
+            code if number(code).is_some() && !self.held.contains(&code) => {
+                let keeps = self.holds(KeyCode::ControlLeft) || self.holds(KeyCode::ControlRight);
+                self.held.insert(code);
+                return number(code).map(if keeps { Action::Keep } else { Action::Fly });
             }
             KeyCode::KeyF if !self.held.contains(&code) => self.flying = !self.flying,
             KeyCode::KeyR if !self.held.contains(&code) => self.rooms = !self.rooms,
@@ -148,6 +157,22 @@ impl Controls {
     }
 }
 
+/// Which of the keys 1 to 9 it is, from 0.
+fn number(code: KeyCode) -> Option<usize> {
+    const KEYS: [KeyCode; 9] = [
+        KeyCode::Digit1,
+        KeyCode::Digit2,
+        KeyCode::Digit3,
+        KeyCode::Digit4,
+        KeyCode::Digit5,
+        KeyCode::Digit6,
+        KeyCode::Digit7,
+        KeyCode::Digit8,
+        KeyCode::Digit9,
+    ];
+    KEYS.iter().position(|key| *key == code)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,6 +206,19 @@ mod tests {
         controls.key(KeyCode::KeyF, false, None);
         press(&mut controls, KeyCode::KeyF, "f");
         assert!(!controls.wish(0.1).fly);
+    }
+
+    #[test]
+    fn numbers_are_views() {
+        let mut controls = Controls::default();
+        assert_eq!(press(&mut controls, KeyCode::Digit3, "3"), Some(Action::Fly(2)));
+        assert_eq!(press(&mut controls, KeyCode::Digit3, "3"), None, "a held key repeats");
+        press(&mut controls, KeyCode::ControlLeft, "");
+        assert_eq!(press(&mut controls, KeyCode::Digit9, "9"), Some(Action::Keep(8)));
+        controls.release();
+        press(&mut controls, KeyCode::Enter, "\r");
+        assert_eq!(press(&mut controls, KeyCode::Digit1, "1"), None);
+        assert_eq!(controls.line(), Some("1"));
     }
 
     #[test]

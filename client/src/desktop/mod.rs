@@ -2,7 +2,9 @@
 //!
 //! [`run`] opens it and stays until the person leaves. WASD walk, the mouse (after a click) or the
 //! arrow keys look, Shift runs, Space jumps, F flies, R shows rooms, Enter says something, Escape leaves.
+//! Who is alone keeps views by Ctrl and a number, and flies to them by the number.
 
+mod bookmarks;
 mod controls;
 mod overlay;
 mod pace;

@@ -4,12 +4,14 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 use sightline_shared::{
+    motion::Pose,
     rooms::RoomIndex,
     world::{Spawn, World},
 };
 
-use super::{Visit, controls::Controls, overlay, overlay::Log, pace::Pace};
+use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::Log, pace::Pace};
 use crate::{
+    in_sight::InSight,
     render::{
         Camera, Frame, Renderer,
         avatars::{self, Figure},
@@ -26,6 +28,9 @@ pub(super) struct Scene<'a> {
     walker: Walker,
     rooms: RoomIndex,
     wires: Wires,
+    bookmarks: Bookmarks,
+    /// Of the flight that is on.
+    in_sight: Option<InSight>,
     renderer: Renderer,
     drawn: Frame,
     shown: Frame,
@@ -57,6 +62,8 @@ impl<'a> Scene<'a> {
             walker: Walker::new(visit.world(), spawn),
             rooms: RoomIndex::new(visit.world()),
             wires: Wires::new(visit.world()),
+            bookmarks: Bookmarks::default(),
+            in_sight: None,
             renderer: Renderer::default(),
             drawn: Frame::default(),
             shown: Frame::default(),
@@ -97,6 +104,44 @@ impl<'a> Scene<'a> {
         }
     }
 
+    /// Keeps the view.
+    pub(super) fn keep(&mut self, now: Instant, number: usize) {
+        self.bookmarks.keep(number, self.walker.pose());
+        self.log.add(now, format!("view {} is kept", number + 1));
+    }
+
+    /// Sets out to a view that was kept. Among others one walks.
+    pub(super) fn fly(&mut self, now: Instant, number: usize) {
+        let refused = match self.visit {
+            Visit::Shared(_) => Some("only who is alone flies to views".to_owned()),
+            Visit::Alone(..) if self.bookmarks.fly(number, self.walker.pose(), now) => None,
+            Visit::Alone(..) => {
+                Some(format!("no view {0} is kept: Ctrl and {0} keeps one", number + 1))
+            }
+        };
+        if let Some(reason) = refused {
+            self.log.add(now, reason);
+        }
+    }
+
+    /// Where one is now: on a flight, or as the keys want it.
+    fn go(
+        &mut self,
+        controls: &mut Controls,
+        now: Instant,
+        dt_s: f32,
+        size: (usize, usize),
+    ) -> Pose {
+        if let Some(pose) = self.bookmarks.flight(now) {
+            self.walker.place(pose);
+            controls.face(&pose);
+            self.in_sight.get_or_insert_with(|| InSight::new(size, Camera::FOV_Y));
+            return pose;
+        }
+        self.in_sight = None;
+        self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s)
+    }
+
     /// Goes on to `now` and draws a picture of this size.
     pub(super) fn frame(
         &mut self,
@@ -108,7 +153,7 @@ impl<'a> Scene<'a> {
         let dt_s = self.before.map_or(0.0, |before| (now - before).as_secs_f32());
         self.before = Some(now);
         self.rate.count(now);
-        let pose = self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s);
+        let pose = self.go(controls, now, dt_s, (width, height));
         let mut others = Vec::new();
         if let Visit::Shared(session) = self.visit {
             session.set_pose(pose);
@@ -122,7 +167,7 @@ impl<'a> Scene<'a> {
             Visit::Alone(..) => now - self.start,
         };
         let camera = Camera::at(&pose);
-        let seen = self.draw(&camera, &others, time);
+        let seen = self.draw(&pose, &others, time);
         if controls.shows_rooms() {
             self.wires.draw(&mut self.drawn, &camera);
         }
@@ -156,10 +201,14 @@ impl<'a> Scene<'a> {
 
     /// Draws the building, what moves in it at a time of the server's clock, and the others; tells
     /// which of these can be seen.
-    fn draw(&mut self, camera: &Camera, others: &[VisibleAvatar], time: Duration) -> Vec<bool> {
-        let world = self.visit.world();
+    fn draw(&mut self, pose: &Pose, others: &[VisibleAvatar], time: Duration) -> Vec<bool> {
+        let (world, camera) = (self.visit.world(), &Camera::at(pose));
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
-        movers::draw(&mut self.drawn, camera, &world.movers, time);
+        let movers = match &mut self.in_sight {
+            Some(in_sight) => in_sight.movers(world, &self.rooms, pose),
+            None => world.movers.iter().collect(),
+        };
+        movers::draw_those(&mut self.drawn, camera, &movers, time);
         let figures: Vec<Figure> = others
             .iter()
             .map(|VisibleAvatar { name, colour, pose, .. }| Figure {

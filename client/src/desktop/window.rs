@@ -134,6 +134,8 @@ impl<'a> Shell<'a> {
         }
         match self.controls.key(code, down, event.text.as_deref()) {
             Some(Action::Say(line)) => self.scene.say(Instant::now(), &line),
+            Some(Action::Keep(number)) => self.scene.keep(Instant::now(), number),
+            Some(Action::Fly(number)) => self.scene.fly(Instant::now(), number),
             Some(Action::Leave) => events.exit(),
             None => (),
         }
