@@ -17,15 +17,18 @@ use crate::render::{Camera, Counters, Frame, Mode, Renderer};
 pub enum Contender {
     /// The renderer, in one of its modes.
     Octree(Mode),
+    /// The renderer in orthogonal mode, with smooth edges: [`Renderer::antialias`].
+    Smooth,
     /// A ray for each pixel.
     Rays(Tree),
 }
 
 impl Contender {
     /// All of them: those that draw, then those to compare with.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::Octree(Mode::Orthogonal),
         Self::Octree(Mode::Perspective),
+        Self::Smooth,
         Self::Rays(Tree::Bvh2),
         Self::Rays(Tree::Cwbvh),
     ];
@@ -35,9 +38,19 @@ impl Contender {
         match self {
             Self::Octree(Mode::Orthogonal) => "orthogonal",
             Self::Octree(Mode::Perspective) => "perspective",
+            Self::Smooth => "smooth edges",
             Self::Rays(Tree::Bvh2) => "rays, BVH2",
             Self::Rays(Tree::Cwbvh) => "rays, CWBVH",
         }
+    }
+
+    /// Makes a renderer draw in this way. Rays take none.
+    pub fn prepare(self, renderer: &mut Renderer) {
+        renderer.antialias = self == Self::Smooth;
+        renderer.mode = match self {
+            Self::Octree(mode) => mode,
+            Self::Smooth | Self::Rays(_) => Mode::Orthogonal,
+        };
     }
 }
 
@@ -243,7 +256,7 @@ impl Stage<'_> {
             let wall = milliseconds(wall.elapsed());
             let worked = threads()?.into_iter().zip(before).map(|(after, before)| after - before);
             let busiest = milliseconds(worked.max().unwrap_or_default());
-            let drew = matches!(way, Contender::Octree(_));
+            let drew = !matches!(way, Contender::Rays(_));
             let counters = drew.then(|| self.renderer.counters());
             Ok(Sample { cpu, busiest, wall, counters })
         })
@@ -251,8 +264,8 @@ impl Stage<'_> {
 
     fn draw(&mut self, way: Contender, camera: &Camera) {
         match (way, self.rays) {
-            (Contender::Octree(mode), _) => {
-                self.renderer.mode = mode;
+            (Contender::Octree(_) | Contender::Smooth, _) => {
+                way.prepare(&mut self.renderer);
                 self.renderer.draw(&self.world.octree, camera, &mut self.frame);
             }
             (Contender::Rays(tree), Some(rays)) => {
@@ -321,7 +334,7 @@ mod tests {
         let views = Views::new(&world, &Path::through(&world), 3);
         let options = Options { size: (64, 48), threads: 2, repeats: 2 };
         let run = measure(&world, None, &views, &options, &mut |_| {}).unwrap();
-        assert!(run.rows.len() == 2 && run.rows[0].ratio_bvh2.is_none());
+        assert!(run.rows.len() == 3 && run.rows[0].ratio_bvh2.is_none());
         world.mesh = Mesh {
             positions: vec![Vec3::ZERO, Vec3::X * 8.0, Vec3::new(8.0, 0.0, 8.0)],
             triangles: vec![[0, 1, 2]],

@@ -10,7 +10,7 @@ use serde::Serialize;
 use sightline_client::{
     bench::{self, Comparison, Contender, Depths, Options, Rays, Run, Shimmer, Views},
     path::Path,
-    render::{Camera, Mode, Renderer},
+    render::{Camera, Renderer},
 };
 use sightline_shared::world::World;
 
@@ -34,7 +34,7 @@ const SIZES_COMPARED: [(usize, usize); 2] = [(640, 480), (1920, 1080)];
 
 /// Measures what drawing a world costs, beside rays through its triangles.
 ///
-/// Draws the view from every spawn point, and frames of a path, in each mode of the renderer, and in the same run a primary
+/// Draws the view from every spawn point, and frames of a path, in each mode of the renderer and with smooth edges, and in the same run a primary
 /// ray for every pixel of these views through the world's opaque triangles, by obvhs: its BVH2 and its CWBVH, built as well as it
 /// can, without shading. Everything is drawn again and again in turn, on the same threads, and the least time counts. CPU time is
 /// that of all threads together: other programs disturb it little. `busiest` is that of the thread that worked most: what
@@ -139,13 +139,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         report.runs = measure(args, &world, rays.as_ref(), &views, &progress)?;
         let middle = 0.5 * (from + until);
-        report.quality = Mode::ALL
-            .map(|mode| Quality {
-                mode: Contender::Octree(mode).name(),
-                shimmer: shimmer(&world, mode, &path, middle, &progress),
-                depths: depths(&world, rays.as_ref(), mode, &views, sizes(args)[0], &progress),
-            })
-            .into();
+        let ways = Contender::ALL.into_iter().filter(|way| !matches!(way, Contender::Rays(_)));
+        let quality = ways.map(|way| Quality {
+            mode: way.name(),
+            shimmer: shimmer(&world, way, &path, middle, &progress),
+            depths: depths(&world, rays.as_ref(), way, &views, sizes(args)[0], &progress),
+        });
+        report.quality = quality.collect();
     }
     if let Some(folder) = &args.pictures {
         let gallery = Gallery { world: &world, rays: rays.as_ref(), size: sizes(args)[0] };
@@ -200,9 +200,15 @@ fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Ve
 }
 
 /// Of a part of the path about a time.
-fn shimmer(world: &World, mode: Mode, path: &Path, middle_s: f64, progress: &Progress) -> Shimmer {
+fn shimmer(
+    world: &World,
+    way: Contender,
+    path: &Path,
+    middle_s: f64,
+    progress: &Progress,
+) -> Shimmer {
     let mut renderer = Renderer::default();
-    renderer.mode = mode;
+    way.prepare(&mut renderer);
     Shimmer::of(SHIMMER_FRAMES, SHIMMER_SIZE, |i, frame| {
         let pose = path.at(middle_s + i as f64 * SHIMMER_S);
         renderer.draw(&world.octree, &Camera::at(&pose), frame);
@@ -214,14 +220,14 @@ fn shimmer(world: &World, mode: Mode, path: &Path, middle_s: f64, progress: &Pro
 fn depths(
     world: &World,
     rays: Option<&Rays>,
-    mode: Mode,
+    way: Contender,
     views: &Views,
     (width, height): (usize, usize),
     progress: &Progress,
 ) -> Vec<Depths> {
     let Some(rays) = rays else { return Vec::new() };
     let mut renderer = Renderer::default();
-    renderer.mode = mode;
+    way.prepare(&mut renderer);
     let mut frame = sightline_client::render::Frame::new(width, height);
     let agreement = |(i, camera): (usize, &Camera)| {
         renderer.draw(&world.octree, camera, &mut frame);
