@@ -183,6 +183,18 @@ fn a_window() {
     check("window-eye-box", rooms(vec![a]), eyes, &targets);
 }
 
+/// Who is partly in a room into which no window leads may show beyond it.
+#[test]
+fn part_of_a_body_may_be_where_no_window_leads() {
+    let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
+    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    let shed = room("shed", vec![block([1.0, 0.0, 3.2], [2.9, 3.0, 6.0])]);
+    let body = |x: f32| Aabb::new(Vec3::new(1.5, 1.1, 3.3), Vec3::new(x, 1.9, 3.7));
+    // Along the wall of the shed and out to where the window shows it; or not so far.
+    let targets = [(body(10.5), true), (body(2.8), false), (cube(2.0, 5.0), false)];
+    check("window-partly", rooms(vec![a, shed]), eye(0.0, 0.0), &targets);
+}
+
 /// Claims 6, 7, 14 and 15, Fig. 6(B): only the part of the window that is in the field of view counts, and
 /// the region is a boolean combination of planes.
 #[test]

@@ -362,6 +362,70 @@ fn nobody_is_ruled_out_whom_a_line_shows() {
     assert!(loose < 24_000 / 5, "{loose} pairs kept that no line shows");
 }
 
+/// Rooms like a C, as in Fig. 9: through a window of the upper arm one sees the lower one from outside.
+fn folded(rng: &mut SmallRng) -> Naive {
+    let part = |[x, z]: [f32; 2], [to_x, to_z]: [f32; 2]| Turned {
+        centre: Vec3::new((x + to_x) * 0.5, 1.5, (z + to_z) * 0.5),
+        half: Vec3::new((to_x - x) * 0.5, 1.5, (to_z - z) * 0.5),
+        turn: 0.0,
+    };
+    let boxes = vec![
+        part([-8.0, -8.0], [8.0, -4.0]),
+        part([-8.0, -4.0], [-4.0, 2.0]),
+        part([-8.0, 2.0], [8.0, 6.0]),
+    ];
+    let shapes = boxes.iter().map(|part| part.shape(rng)).collect();
+    let room = Room { name: "C".into(), shapes, ..Room::default() };
+    let mut naive = Naive { boxes, openings: Vec::new(), room };
+    for (number, z, outwards) in [(0, -4.0, 1.0), (1, 2.0, -1.0), (2, 6.0, 1.0)] {
+        let low = rng.random_range(-3.9..3.0f32);
+        let [from, to] = [low, rng.random_range(low + 0.5..7.9)];
+        let [bottom, top] = [rng.random_range(0.1..1.3f32), rng.random_range(1.5..2.9)];
+        let at = |x: f32, y: f32| Vec3::new(x, y, z);
+        let corners = vec![at(from, bottom), at(to, bottom), at(to, top), at(from, top)];
+        let behind = (number > 0).then(|| number - 1);
+        naive.openings.push(Opening {
+            corner: corners[0].as_dvec3(),
+            sides: [corners[1], corners[3]].map(|end| (end - corners[0]).as_dvec3()),
+            outwards: DVec3::Z * outwards,
+            behind,
+        });
+        let behind = behind.map(|at| at as u32);
+        naive.room.windows.push(Window { name: format!("{number}"), corners, behind });
+    }
+    naive
+}
+
+#[test]
+fn rooms_that_fold_back_show_what_lines_show() {
+    let (mut denied, mut beyond) = (0, 0);
+    for seed in 0..300 {
+        let mut rng = SmallRng::seed_from_u64(seed);
+        let naive = folded(&mut rng);
+        let built = Rooms::new(vec![naive.room.clone()], Vec::new()).unwrap();
+        let world = world(built, 0.0);
+        let index = RoomIndex::new(&world);
+        for _ in 0..60 {
+            let mut within = |[x, y, z]: [[f32; 2]; 3], half: f32| {
+                let mut at = |[a, b]: [f32; 2]| rng.random_range(a + half..b - half);
+                Aabb::around(Vec3::new(at(x), at(y), at(z)), half)
+            };
+            let eyes = within([[-8.0, 8.0], [0.0, 3.0], [-8.0, -4.0]], 0.6);
+            let body = within([[-9.0, 9.0], [0.0, 3.0], [5.5, 12.0]], 0.2);
+            let asked = may_see(&world, &index, eyes, body);
+            let shown = (0..150).any(|_| {
+                let (eye, body) = (inside(&mut rng, &eyes), inside(&mut rng, &body));
+                naive.contains(body) || naive.shows(eye.as_dvec3(), body.as_dvec3())
+            });
+            assert!(asked || !shown, "seed {seed}: {eyes:?} sees {body:?}");
+            denied += u32::from(!asked);
+            beyond += u32::from(shown && body.min.z > 6.0);
+        }
+    }
+    println!("{denied} ruled out, {beyond} seen beyond the lower arm");
+    assert!(denied > 3_000 && beyond > 500, "{denied} {beyond}");
+}
+
 /// A part of a region is never shown where all of it is not.
 #[test]
 fn what_holds_for_a_region_holds_for_its_parts() {
