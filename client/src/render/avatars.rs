@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use sightline_shared::motion::{Body, Pose};
 
-use super::{BAND, Camera, Frame, shade, text, view::View};
+use super::{BAND, Camera, Frame, panes::Panes, shade, text, view::View};
 
 /// One avatar as it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,10 +48,11 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool>
         .collect();
     let bands = frame.colour.par_chunks_mut(BAND * width);
     let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
+    let panes = &frame.panes;
     bands.for_each(|(band, (colour, depth))| {
         let rows = colour.chunks_mut(width).zip(depth.chunks_mut(width));
         for (y, (colour, depth)) in rows.enumerate().map(|(y, row)| (band * BAND + y, row)) {
-            parts.iter().for_each(|part| part.draw_row(&view, y, colour, depth));
+            parts.iter().for_each(|part| part.draw_row(&view, panes, y, (colour, depth)));
         }
     });
     for figure in figures.iter().filter(|figure| figure.pose.is_finite()) {
@@ -103,7 +104,13 @@ impl<'a> Part<'a> {
         meets(self.columns, width) && meets(self.rows, height)
     }
 
-    fn draw_row(&self, view: &View, y: usize, colour: &mut [u32], depth: &mut [f32]) {
+    fn draw_row(
+        &self,
+        view: &View,
+        panes: &Panes,
+        y: usize,
+        (colour, depth): (&mut [u32], &mut [f32]),
+    ) {
         if !(self.rows[0]..=self.rows[1]).contains(&(y as f32)) {
             return;
         }
@@ -113,7 +120,7 @@ impl<'a> Part<'a> {
             let ray = view.ray(x as f32, y as f32);
             if let Some(t) = self.entry(ray).filter(|&t| t < depth[x]) {
                 depth[x] = t;
-                colour[x] = self.look(ray * t);
+                colour[x] = panes.over([x, y], t, self.look(ray * t));
                 self.seen.store(true, Ordering::Relaxed);
             }
         }

@@ -33,8 +33,9 @@ pub(super) struct Band {
     pub(super) depths: Vec<[f32; PIXELS]>,
     /// Pixels with glass in front.
     pub(super) tinted: Vec<u64>,
-    /// The looks of that glass.
+    /// The looks of that glass, and how far away it is.
     pub(super) glass: Vec<[u16; PIXELS]>,
+    pub(super) glass_depths: Vec<[f32; PIXELS]>,
     /// How many pixels were written.
     pub(super) pixels: u64,
 }
@@ -50,6 +51,7 @@ impl Band {
         self.tinted.clear();
         self.tinted.resize(blocks, 0);
         self.glass.resize(blocks, [0; PIXELS]);
+        self.glass_depths.resize(blocks, [0.0; PIXELS]);
         self.pixels = 0;
     }
 
@@ -80,7 +82,7 @@ impl Band {
                     continue;
                 }
                 if glass {
-                    self.tint(block, open, look);
+                    self.tint(block, open, look, depth);
                 } else {
                     self.write(block, open, look, depth);
                 }
@@ -111,7 +113,8 @@ impl Band {
                     continue;
                 }
                 let to = if GLASS { &mut self.glass[block] } else { &mut self.looks[block] };
-                let depths = &mut self.depths[block];
+                let depths =
+                    if GLASS { &mut self.glass_depths[block] } else { &mut self.depths[block] };
                 for y in bits(lines(open)) {
                     let wanted = LINES_WANTED[(open >> (BLOCK * y)) as usize & 0xff];
                     let (voxels, line_depths) =
@@ -122,9 +125,7 @@ impl Band {
                         let pixel = BLOCK * y + x;
                         let is_wanted = wanted[x] != 0;
                         to[pixel] = if is_wanted { line_looks[x] } else { to[pixel] };
-                        if !GLASS {
-                            depths[pixel] = if is_wanted { line_depths[x] } else { depths[pixel] };
-                        }
+                        depths[pixel] = if is_wanted { line_depths[x] } else { depths[pixel] };
                     }
                 }
                 if GLASS {
@@ -155,9 +156,10 @@ impl Band {
 
     /// Puts glass in front of pixels that have none yet.
     #[inline(never)]
-    pub(super) fn tint(&mut self, block: usize, pixels: u64, look: u16) {
+    pub(super) fn tint(&mut self, block: usize, pixels: u64, look: u16, depth: f32) {
         for pixel in bits(pixels & !self.tinted[block]) {
             self.glass[block][pixel] = look;
+            self.glass_depths[block][pixel] = depth;
         }
         self.tinted[block] |= pixels;
     }

@@ -74,7 +74,8 @@ impl Bricks<'_> {
                             }
                             let look = brick.look(self.octree, cell, self.leaves);
                             if GLASS && usize::from(look) >= self.glass_from {
-                                band.tint(block, 1 << pixel, look);
+                                let depth = brick.depth + self.form.deeper(cell);
+                                band.tint(block, 1 << pixel, look, depth);
                                 is_met =
                                     met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
                                 continue;
@@ -104,12 +105,13 @@ impl Bricks<'_> {
     ) -> u64 {
         for &(_, cell) in cells {
             let look = brick.look(self.octree, usize::from(cell), self.leaves);
+            let depth = brick.depth + self.form.deeper(usize::from(cell));
             if usize::from(look) < self.glass_from {
                 band.looks[block][pixel] = look;
-                band.depths[block][pixel] = brick.depth + self.form.deeper(usize::from(cell));
+                band.depths[block][pixel] = depth;
                 return 1 << pixel;
             }
-            band.tint(block, 1 << pixel, look);
+            band.tint(block, 1 << pixel, look, depth);
         }
         0
     }

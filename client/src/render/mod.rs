@@ -23,6 +23,7 @@ mod lines;
 mod mask;
 pub mod movers;
 mod orthogonal;
+mod panes;
 pub mod rooms;
 mod shade;
 pub mod text;
@@ -39,6 +40,7 @@ use sightline_shared::{
 
 use self::{
     band::Band,
+    panes::Panes,
     shade::Rows,
     view::View,
     walk::{Walk, Walker},
@@ -92,6 +94,8 @@ pub struct Frame {
     pub depth: Vec<f32>,
     /// The index in [`Octree::looks`] of what is seen, glass aside; of no meaning in the sky.
     pub looks: Vec<u16>,
+    /// The glass in front.
+    panes: Panes,
 }
 
 impl Frame {
@@ -110,6 +114,7 @@ impl Frame {
             self.colour = vec![0; width * height];
             self.depth = vec![f32::INFINITY; width * height];
             self.looks = vec![u16::MAX; width * height];
+            self.panes = Panes::default();
         }
     }
 
@@ -132,8 +137,9 @@ impl Frame {
     }
 
     /// Takes the mean colours of a picture twice as wide and high, and of the rest each nearest of four.
-    fn take_means(&mut self, fine: &Self) {
-        let width = self.width;
+    fn take_means(&mut self, fine: &mut Self) {
+        self.panes = Panes { finer: true, ..std::mem::take(&mut fine.panes) };
+        let (width, fine) = (self.width, &*fine);
         let rows = self.colour.par_chunks_mut(width.max(1));
         let rows = rows.zip(self.depth.par_chunks_mut(width.max(1)));
         let rows = rows.zip(self.looks.par_chunks_mut(width.max(1))).enumerate();
@@ -216,7 +222,7 @@ impl Renderer {
             let mut fine = std::mem::take(&mut self.fine);
             fine.resize(frame.width * 2, frame.height * 2);
             self.draw_plain(octree, camera, &mut fine);
-            frame.take_means(&fine);
+            frame.take_means(&mut fine);
             self.fine = fine;
         } else {
             self.draw_plain(octree, camera, frame);
@@ -239,12 +245,15 @@ impl Renderer {
         let rows = frame.colour.par_chunks_mut(BAND * width);
         let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
         let rows = rows.zip(frame.looks.par_chunks_mut(BAND * width));
+        frame.panes.finer = false;
+        frame.panes.bands.resize_with(self.bands.len(), Default::default);
+        let rows = rows.zip(&mut frame.panes.bands);
         let bands = self.bands.par_iter_mut().zip(rows).enumerate();
-        bands.for_each(|(i, ((band, walker, counters), ((colour, depth), looks)))| {
+        bands.for_each(|(i, ((band, walker, counters), (((colour, depth), looks), panes)))| {
             let view = view.band(i * BAND, octree);
             *counters = Counters::default();
             band.clear(width, BAND.min(height - i * BAND));
-            let rows = Rows { colour, depth, looks };
+            let rows = Rows { colour, depth, looks, panes };
             let walk = Walk { octree, view: &view, mode, glass_from, band, walker, counters };
             let drawing = Drawing { walk, colours, rows };
             if portable {

@@ -10,7 +10,9 @@ use rayon::prelude::*;
 use sightline_shared::world::Mover;
 
 use super::{
-    BAND, Camera, Frame, shade,
+    BAND, Camera, Frame,
+    panes::Panes,
+    shade,
     view::{NEAR, View},
 };
 
@@ -35,12 +37,13 @@ pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Du
         .collect();
     let bands = frame.colour.par_chunks_mut(BAND * width);
     let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
+    let panes = &frame.panes;
     bands.for_each(|(band, (colour, depth))| {
         let rows = band * BAND..band * BAND + colour.len() / width;
         for facet in &facets {
             for y in facet.area.rows_within(&rows) {
                 let row = (y - rows.start) * width..(y - rows.start + 1) * width;
-                facet.draw_row(&view, y, &mut colour[row.clone()], &mut depth[row]);
+                facet.draw_row(&view, panes, y, (&mut colour[row.clone()], &mut depth[row]));
             }
         }
     });
@@ -134,7 +137,13 @@ impl Facet {
         })
     }
 
-    fn draw_row(&self, view: &View, y: usize, colour: &mut [u32], depth: &mut [f32]) {
+    fn draw_row(
+        &self,
+        view: &View,
+        panes: &Panes,
+        y: usize,
+        (colour, depth): (&mut [u32], &mut [f32]),
+    ) {
         let ray = view.ray(0.0, y as f32);
         let step = view.ray(1.0, y as f32) - ray;
         let start = self.sides.map(|side| side.dot(ray));
@@ -147,7 +156,7 @@ impl Facet {
             let t = self.volume / (a + b + c);
             if t >= NEAR && t < depth[x] {
                 depth[x] = t;
-                colour[x] = self.colour;
+                colour[x] = panes.over([x, y], t, self.colour);
             }
         }
     }

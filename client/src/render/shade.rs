@@ -6,6 +6,7 @@ use sightline_shared::octree::Look;
 use super::{
     band::Band,
     mask::{BLOCK, bits, lines},
+    panes::BandPanes,
     view::BandView,
 };
 
@@ -40,12 +41,14 @@ pub(super) struct Rows<'a> {
     pub(super) colour: &'a mut [u32],
     pub(super) depth: &'a mut [f32],
     pub(super) looks: &'a mut [u16],
+    pub(super) panes: &'a mut BandPanes,
 }
 
 /// Colours what a band shows, with the sky where nothing is and glass over what is behind it.
 #[inline(always)]
 pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Rows) {
     let width = band.width;
+    rows.panes.clear(width.div_ceil(BLOCK), band.height.div_ceil(BLOCK));
     for row in 0..band.height.div_ceil(BLOCK) {
         for column in 0..width.div_ceil(BLOCK) {
             let block = row * band.mask.across() + column;
@@ -93,11 +96,17 @@ fn finish(band: &Band, view: &BandView, colours: &[u32], rows: &mut Rows, at: [u
             rows.depth[y * band.width + x + i] = f32::INFINITY;
         }
     }
-    for pixel in bits(band.tinted[block]) {
+    let tinted = band.tinted[block];
+    if tinted == 0 {
+        return;
+    }
+    let glass = |pixel: usize| colours[usize::from(band.glass[block][pixel])];
+    for pixel in bits(tinted) {
         let [x, y] = place(pixel);
         let colour = &mut rows.colour[y * band.width + x];
-        *colour = through_glass(*colour, colours[usize::from(band.glass[block][pixel])]);
+        *colour = through_glass(*colour, glass(pixel));
     }
+    rows.panes.add(block, tinted, &band.glass_depths[block], glass);
 }
 
 /// A colour behind so many metres of air.

@@ -170,6 +170,42 @@ fn smooth_edges_lie_between_the_colours_beside_them() {
     }
 }
 
+/// Figures are drawn after the building, and yet behind its glass.
+#[test]
+fn glass_is_in_front_of_figures_behind_it_alone() {
+    let pane = (0..64).map(|i| UVec3::new(i % 8, i / 8, 4));
+    let glass = |at| Voxel { key: morton(at), flags: Look::GLASS, ..Voxel::default() };
+    let octree = Octree::from_voxels(ORIGIN, VOXEL, DEPTH, pane.map(glass).collect());
+    let octree = octree.expect("small");
+    let camera = Camera::looking_at(Vec3::new(0.0, 0.0, 3.0), Vec3::ZERO);
+    let body = sightline_shared::motion::Body { half_width: 0.3, above_eye: 0.1, below_eye: 0.8 };
+    let drawn = |octree: &Octree, z: f32, antialias: bool| {
+        let mut frame = Frame::new(120, 301);
+        let mut renderer = Renderer { antialias, ..Renderer::default() };
+        renderer.draw(octree, &camera, &mut frame);
+        let pose = Pose { eye: Vec3::new(0.0, 0.0, z), ..Pose::default() };
+        avatars::draw(
+            &mut frame,
+            &camera,
+            &[avatars::Figure { pose, body, colour: [250, 60, 60], name: "" }],
+        );
+        frame
+    };
+    let nothing = Octree::empty(ORIGIN, 2.0, DEPTH);
+    for (z, antialias) in [(-1.5, false), (-1.5, true), (1.5, false), (1.5, true)] {
+        let (seen, bare) = (drawn(&octree, z, antialias), drawn(&nothing, z, antialias));
+        let figure = (0..seen.colour.len()).filter(|&i| bare.depth[i].is_finite());
+        let mut count = 0;
+        for i in figure {
+            let expected =
+                if z < 0.0 { shade::through_glass(bare.colour[i], 0) } else { bare.colour[i] };
+            assert_eq!(seen.colour[i], expected, "pixel {i}, {z}, {antialias}");
+            count += 1;
+        }
+        assert!(count > 300, "{count}");
+    }
+}
+
 #[test]
 fn normals_are_those_of_what_is_seen() {
     let voxels = vec![Voxel { key: 0, normal: [0, 127, 0], ..Voxel::default() }];
