@@ -27,7 +27,8 @@ pub(super) struct Scene<'a> {
     visit: Visit<'a>,
     walker: Walker,
     rooms: RoomIndex,
-    wires: Wires,
+    /// Made when they are first asked for.
+    wires: Option<Wires>,
     bookmarks: Bookmarks,
     /// Of the flight that is on.
     in_sight: Option<InSight>,
@@ -61,7 +62,7 @@ impl<'a> Scene<'a> {
             visit,
             walker: Walker::new(visit.world(), spawn),
             rooms: RoomIndex::new(visit.world()),
-            wires: Wires::new(visit.world()),
+            wires: None,
             bookmarks: Bookmarks::default(),
             in_sight: None,
             renderer: Renderer::default(),
@@ -169,7 +170,8 @@ impl<'a> Scene<'a> {
         let camera = Camera::at(&pose);
         let seen = self.draw(&pose, &others, time);
         if controls.shows_rooms() {
-            self.wires.draw(&mut self.drawn, &camera);
+            let wires = self.wires.get_or_insert_with(|| Wires::new(self.visit.world()));
+            wires.draw(&mut self.drawn, &camera);
         }
         self.draw_time += start.elapsed();
         self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);

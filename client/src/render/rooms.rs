@@ -80,13 +80,16 @@ impl Wire {
         // Rooms of the plan are as high as anything.
         let within = |at: Vec3| at.clamp(bounds.min, bounds.max);
         let mut edges: Vec<[Vec3; 2]> = Vec::new();
-        for face in pieces.iter().flat_map(|piece| &piece.faces) {
-            for (a, b) in face.iter().zip(face.iter().cycle().skip(1)) {
-                let edge = [within(*a), within(*b)];
-                let is_known =
-                    edges.iter().any(|[a, b]| *a == edge[1] && *b == edge[0] || [*a, *b] == edge);
-                if !is_known {
-                    edges.push(edge);
+        for piece in &pieces {
+            let start = edges.len();
+            for face in &piece.faces {
+                for (a, b) in face.iter().zip(face.iter().cycle().skip(1)) {
+                    let edge = [within(*a), within(*b)];
+                    let is_same =
+                        |[a, b]: &[Vec3; 2]| [*a, *b] == edge || (*a == edge[1] && *b == edge[0]);
+                    if !edges[start..].iter().any(is_same) {
+                        edges.push(edge);
+                    }
                 }
             }
         }

@@ -55,7 +55,8 @@ use crate::{
 pub const ROOMS_MAX: usize = 4_096;
 /// No room has more shapes, and none more windows.
 pub const PARTS_MAX: usize = 256;
-/// All rooms of a world together have no more shapes, and no more windows: a second to take apart.
+/// All rooms of a world together have no more shapes, and no more windows: the worst take some seconds to take
+/// apart.
 pub const PARTS_ALL_MAX: usize = 1 << 14;
 /// No polygon has more corners.
 pub const CORNERS_MAX: usize = 64;
