@@ -16,6 +16,7 @@ use crate::{
         Camera, Frame, Renderer,
         avatars::{self, Figure},
         movers,
+        moving::{Culling, Moving},
         rooms::Wires,
     },
     replica::{Event, Standing, VisibleAvatar},
@@ -33,6 +34,7 @@ pub(super) struct Scene<'a> {
     /// Of the flight that is on.
     in_sight: Option<InSight>,
     renderer: Renderer,
+    moving: Moving,
     drawn: Frame,
     shown: Frame,
     log: Log,
@@ -58,6 +60,8 @@ impl<'a> Scene<'a> {
         };
         let mut log = Log::default();
         log.add(Instant::now(), HELP.into());
+        let world = visit.world();
+        let moving = Moving::new(&world.octree, &world.movers, Culling::default());
         Self {
             visit,
             walker: Walker::new(visit.world(), spawn),
@@ -66,6 +70,7 @@ impl<'a> Scene<'a> {
             bookmarks: Bookmarks::default(),
             in_sight: None,
             renderer: Renderer::default(),
+            moving,
             drawn: Frame::default(),
             shown: Frame::default(),
             log,
@@ -206,11 +211,13 @@ impl<'a> Scene<'a> {
     fn draw(&mut self, pose: &Pose, others: &[VisibleAvatar], time: Duration) -> Vec<bool> {
         let (world, camera) = (self.visit.world(), &Camera::at(pose));
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
-        let movers = match &mut self.in_sight {
-            Some(in_sight) => in_sight.movers(world, &self.rooms, pose),
-            None => world.movers.iter().collect(),
-        };
-        movers::draw_those(&mut self.drawn, camera, &movers, time);
+        match &mut self.in_sight {
+            Some(in_sight) => {
+                let movers = in_sight.movers(world, &self.rooms, pose);
+                movers::draw_those(&mut self.drawn, camera, &movers, time);
+            }
+            None => self.moving.draw(&mut self.drawn, camera, &world.movers, time),
+        }
         let figures: Vec<Figure> = others
             .iter()
             .map(|VisibleAvatar { name, colour, pose, .. }| Figure {

@@ -169,8 +169,8 @@ impl Area {
         if at.iter().any(|corner| corner.z < NEAR) {
             let all = [f32::NEG_INFINITY, f32::INFINITY];
             let none = [0.0, -1.0];
-            let behind = at.iter().all(|corner| corner.z < NEAR);
-            let span = if behind { none } else { all };
+            let is_behind = at.iter().all(|corner| corner.z < NEAR) || view.are_beside(corners);
+            let span = if is_behind { none } else { all };
             return Self { columns: span, rows: span };
         }
         let span = |axis: usize| {

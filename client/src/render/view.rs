@@ -83,23 +83,36 @@ impl View {
         self.focal
     }
 
-    /// The columns and rows, in pixels, that a box spans: all of them when it is partly behind the
-    /// eye, none when wholly. Infinite ends are fine.
-    pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
-        let corner = |i: u8| {
-            let sign = |bit: u8| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
-            self.project(centre + radii * Vec3::new(sign(0), sign(1), sign(2)))
+    /// Whether points, relative to the eye, all lie beyond the same side of the picture; so does
+    /// whatever is between them, before the eye or behind it.
+    pub(super) fn are_beside<const N: usize>(&self, points: [Vec3; N]) -> bool {
+        // A pixel more on each side.
+        let reach = self.centre.map(|centre| (centre + 1.0) / self.focal);
+        let beyond = |side: Vec3, reach: f32| {
+            points.iter().all(|point| side.dot(*point) > reach * self.forward.dot(*point))
         };
-        let (nearest, farthest) = (0..8)
-            .map(|i| corner(i).z)
-            .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), z| (a.min(z), b.max(z)));
-        if farthest < NEAR {
+        beyond(self.right, reach[0])
+            || beyond(-self.right, reach[0])
+            || beyond(self.up, reach[1])
+            || beyond(-self.up, reach[1])
+    }
+
+    /// The columns and rows, in pixels, that a box spans: none when it is wholly behind the eye or
+    /// beside the picture, all of them when it is partly behind the eye. Infinite ends are fine.
+    pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
+        let corners = Aabb::new(centre - radii, centre + radii).corners();
+        let projected = corners.map(|corner| self.project(corner));
+        let (nearest, farthest) = projected
+            .iter()
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), at| (a.min(at.z), b.max(at.z)));
+        let is_beside = || self.are_beside(corners.map(|corner| corner - self.eye));
+        if farthest < NEAR || nearest < NEAR && is_beside() {
             return ([0.0, -1.0], [0.0, -1.0]);
         }
         if nearest < NEAR {
             return ([f32::NEG_INFINITY, f32::INFINITY], [f32::NEG_INFINITY, f32::INFINITY]);
         }
-        let bounds = Aabb::from_points((0..8).map(corner));
+        let bounds = Aabb::from_points(projected);
         ([bounds.min.x, bounds.max.x], [bounds.min.y, bounds.max.y])
     }
 
