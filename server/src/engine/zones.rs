@@ -89,7 +89,7 @@ impl Ground {
             }
             ends.push(end);
         }
-        let rooms = place(rooms, cells, parts);
+        let rooms = place(rooms, cells, parts, &found);
         Self { around, spaces, ends, cells: found, rooms }
     }
 
@@ -135,9 +135,13 @@ impl Ground {
     }
 }
 
-/// The rooms of a region's boxes, where rooms rule anything out.
-fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts) -> rooms::Place {
-    if rooms.rules() { rooms.place(cells, parts.boxes()) } else { rooms::Place::default() }
+/// The rooms of a region's boxes in some cells, which are ascending, where rooms rule anything out.
+fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts, found: &[CellId]) -> rooms::Place {
+    if rooms.rules() {
+        rooms.place_in(cells, parts.boxes(), found)
+    } else {
+        rooms::Place::default()
+    }
 }
 
 /// Where an avatar can be during some time.
@@ -158,20 +162,26 @@ impl Zone {
     pub(super) fn of(reach: &Reach, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
         let (bodies, body_parts) = reach.bodies(&world.cells, &world.body);
         let parts = [reach.eye_parts(&world.cells), body_parts];
-        let rooms = [0, 1].map(|at: usize| place(rooms, &world.cells, &parts[at]));
-        Self { eyes: sectors.of(&reach.eyes()), bodies: sectors.of(&bodies), parts, rooms }
+        let eyes = reach.eyes();
+        let rooms = [
+            place(rooms, &world.cells, &parts[0], &eyes),
+            place(rooms, &world.cells, &parts[1], &bodies),
+        ];
+        Self { eyes: sectors.of(&eyes), bodies: sectors.of(&bodies), parts, rooms }
     }
 
     /// The zone of an avatar whose eye stays in a box in own axes, whatever walls are in it.
     pub(super) fn of_box(eyes: &Aabb, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
         let boxes = [*eyes, world.cells.axes.own_body(&world.body).around_box(eyes)];
-        let [eyes, bodies] = boxes.map(|region| {
+        let cells = boxes.map(|region| {
             let mut found = Vec::new();
             world.cells.overlapping(&region, &mut found);
-            sectors.of(&found)
+            found.sort_unstable();
+            found
         });
+        let [eyes, bodies] = [0, 1].map(|at: usize| sectors.of(&cells[at]));
         let parts = boxes.map(|part| Parts::covering([part].into_iter()));
-        let rooms = [0, 1].map(|at: usize| place(rooms, &world.cells, &parts[at]));
+        let rooms = [0, 1].map(|at: usize| place(rooms, &world.cells, &parts[at], &cells[at]));
         Self { eyes, bodies, parts, rooms }
     }
 
