@@ -9,6 +9,7 @@ use sightline_shared::motion::AvatarId;
 
 use super::{
     Engine, Output,
+    bits::Bits,
     looks::{Look, Regions},
     near::Moves,
     population::Slot,
@@ -72,18 +73,25 @@ impl Engine {
         let visible = self.sectors.visible_from(&wide.sectors);
         let mut seen = std::mem::take(&mut self.seen);
         wide.look_around(&self.world.cells, &mut seen);
-        let mut found: Vec<Member> = self.near_bodies.among(&visible).copied().collect();
-        found.sort_unstable();
-        found.dedup();
         let member = (self.population.at(slot).id, slot);
+        // Most are in several sectors, and most turn out not to matter: only the rest is sorted.
+        let mut met = Bits::default();
+        met.insert(slot.0);
+        let mut found: Vec<Member> = Vec::new();
+        for other in self.near_bodies.among(&visible) {
+            if !met.contains(other.1.0) {
+                met.insert(other.1.0);
+                found.push(*other);
+            }
+        }
         found.retain(|(_, other)| {
-            *other != slot
-                && if is_done(other) {
-                    self.pairs_of(*other).any(|pair| pair.slot == slot && pair.concerns)
-                } else {
-                    self.may_meet(slot, *other, &seen)
-                }
+            if is_done(other) {
+                self.concerns(*other, member.0)
+            } else {
+                self.may_meet(slot, *other, &seen)
+            }
         });
+        found.sort_unstable();
         self.seen = seen;
         let old = std::mem::take(&mut self.population.at_mut(slot).pairs);
         for (_, other) in found.iter().filter(|(_, other)| !is_done(other)) {
@@ -107,6 +115,13 @@ impl Engine {
                 .filter(|pair| viewer == slot || pair.id == id)
                 .for_each(|pair| pair.look = Look::Unknown);
         }
+    }
+
+    /// Whether a viewer has to do with an avatar.
+    fn concerns(&self, viewer: Slot, id: AvatarId) -> bool {
+        let pairs = &self.population.at(viewer).pairs;
+        let place = pairs.binary_search_by_key(&id, |pair| pair.id);
+        place.is_ok_and(|place| pairs[place].concerns)
     }
 
     fn pairs_of(&self, slot: Slot) -> impl Iterator<Item = &Pair> {
