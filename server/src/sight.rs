@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use obvhs::{
     BvhBuildParams,
     bvh2::{Bvh2, builder::build_bvh2_from_tris},
@@ -26,12 +26,8 @@ pub struct Sight {
 impl Sight {
     /// Prepares the triangles of a mesh.
     pub fn new(mesh: &Mesh) -> Self {
-        let corner = |i: u32| Vec3A::from(mesh.positions[i as usize]);
-        let triangles: Vec<Triangle> = mesh
-            .triangles
-            .iter()
-            .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
-            .collect();
+        let triangle = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
+        let triangles: Vec<Triangle> = mesh.corners().map(triangle).collect();
         let bvh = build_bvh2_from_tris(
             &triangles,
             BvhBuildParams::medium_build(),

@@ -47,12 +47,8 @@ pub struct Rays {
 impl Rays {
     /// Builds both trees. `None` when there is no triangle.
     pub fn new(mesh: &Mesh) -> Option<Self> {
-        let corner = |i: u32| Vec3A::from(mesh.positions[i as usize]);
-        let triangles: Vec<Triangle> = mesh
-            .triangles
-            .iter()
-            .map(|&[a, b, c]| Triangle { v0: corner(a), v1: corner(b), v2: corner(c) })
-            .collect();
+        let triangle = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
+        let triangles: Vec<Triangle> = mesh.corners().map(triangle).collect();
         if triangles.is_empty() {
             return None;
         }

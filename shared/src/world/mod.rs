@@ -72,3 +72,13 @@ pub struct Mesh {
     /// Three indices of `positions` for each triangle.
     pub triangles: Vec<[u32; 3]>,
 }
+
+impl Mesh {
+    /// The corners of each triangle.
+    ///
+    /// # Panics
+    /// When a triangle has a corner that is not there, which no world that was read has.
+    pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        self.triangles.iter().map(|triangle| triangle.map(|i| self.positions[i as usize]))
+    }
+}
