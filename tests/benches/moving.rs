@@ -82,14 +82,14 @@ fn main() -> anyhow::Result<()> {
     );
     let mut building = None;
     for &rooms in rooms {
-        let next = Building::new(rooms, if args.bench { 0.06 } else { 0.25 })?;
-        next.row("(a)", &next.chairs(16, false), &args)?;
-        next.row("(b)", &next.chairs(4 * rooms, false), &args)?;
+        let mut next = Building::new(rooms, if args.bench { 0.06 } else { 0.25 })?;
+        next.row("(a)", next.chairs(16, false), &args)?;
+        next.row("(b)", next.chairs(4 * rooms, false), &args)?;
         building = Some(next);
     }
     for &count in chairs {
-        if let Some(building) = &building {
-            building.row("(c)", &building.chairs(count, true), &args)?;
+        if let Some(building) = &mut building {
+            building.row("(c)", building.chairs(count, true), &args)?;
         }
     }
     Ok(())
@@ -140,9 +140,11 @@ impl Building {
             .collect()
     }
 
-    fn row(&self, part: &str, chairs: &[Mover], args: &Args) -> anyhow::Result<()> {
-        let alone = self.measure(None, &[], args);
-        let costs = WAYS.map(|way| self.measure(Some(way), chairs, args));
+    fn row(&mut self, part: &str, chairs: Vec<Mover>, args: &Args) -> anyhow::Result<()> {
+        let count = chairs.len();
+        self.world.movers = chairs;
+        let alone = self.measure(None, args);
+        let costs = WAYS.map(|way| self.measure(Some(way), args));
         for cost in &costs[1..] {
             anyhow::ensure!(cost.pictures == costs[0].pictures, "the pictures are not the same");
         }
@@ -150,7 +152,7 @@ impl Building {
         println!(
             "{part:<4} {:>6} {:>7} {:>9.2} {:>8.2} {:>8.2} {:>8.2} {:>7.2} {:>7.2} {:>7.2} {:>8.1} {:>8.1}",
             self.plan.room_count(),
-            chairs.len(),
+            count,
             alone.ms,
             costs[0].ms,
             costs[1].ms,
@@ -165,13 +167,13 @@ impl Building {
     }
 
     /// Draws from the middle of the first room, all round.
-    fn measure(&self, way: Option<Culling>, chairs: &[Mover], args: &Args) -> Cost {
+    fn measure(&self, way: Option<Culling>, args: &Args) -> Cost {
         let [width, height] = args.size();
         let mut cost = Cost { ms: f64::INFINITY, drawn: 0.0, placed: 0.0, pictures: Vec::new() };
         let room = &self.rooms[0];
         let mut renderer = Renderer::default();
         for round in 0..args.rounds.max(1) {
-            let mut moving = way.map(|way| Moving::new(&self.world.octree, chairs, way));
+            let mut moving = way.map(|way| Moving::new(&self.world, way));
             let (mut frame, mut ms) = (Frame::new(width, height), 0.0);
             for picture in 0..args.pictures {
                 let yaw = picture as f32 / args.pictures as f32 * std::f32::consts::TAU;
@@ -180,7 +182,8 @@ impl Building {
                 let start = ProcessTime::now();
                 renderer.draw(&self.world.octree, &camera, &mut frame);
                 if let Some(moving) = &mut moving {
-                    moving.draw(&mut frame, &camera, chairs, STEP * (picture + 30));
+                    let now = STEP * (picture + 30);
+                    moving.draw(&mut frame, &camera, &self.world, None, now);
                 }
                 // In the first everything is looked at for once.
                 if picture > 0 {

@@ -1,11 +1,15 @@
-//! A film by visibility sets is the film of everything.
+//! A film by visibility sets is the film of everything, and so is one by volumes.
 
 use std::{ops::ControlFlow, time::Duration};
 
 use sightline_client::{
     in_sight::InSight,
     path::Path,
-    render::{Camera, Frame, Renderer, movers},
+    render::{
+        Camera, Frame, Renderer, movers,
+        moving::{Culling, Moving},
+    },
+    replica::{Replica, Told},
 };
 use sightline_server::{
     compile::{
@@ -15,6 +19,8 @@ use sightline_server::{
     suggest,
 };
 use sightline_shared::{
+    motion::{AvatarId, Pose},
+    protocol::{message::ServerMessage, pose_stream::PoseEncoder, text::Name},
     rooms::{RoomIndex, Rooms},
     world::World,
 };
@@ -64,4 +70,83 @@ fn what_sets_leave_out_is_not_in_the_picture() {
         shares.push(share);
     }
     assert!(shares[0] > 0.0 && shares[0] <= shares[1] && shares[1] < 0.5, "{shares:?}");
+}
+
+const TICK: Duration = Duration::from_millis(50);
+
+/// People who walk through the building on one way, far apart, and what a client is told of them.
+struct Walkers {
+    path: Path,
+    encoder: PoseEncoder,
+    replica: Replica,
+    tick: u32,
+}
+
+impl Walkers {
+    const COUNT: u32 = 15;
+
+    fn new(world: &World) -> Self {
+        let replica = Replica::new(AvatarId(99), TICK);
+        Self { path: Path::through(world), encoder: PoseEncoder::default(), replica, tick: 0 }
+    }
+
+    fn pose(&self, avatar: u32, now: Duration) -> Pose {
+        let share = f64::from(avatar) / f64::from(Self::COUNT);
+        let at = share * self.path.duration_s() + now.as_secs_f64();
+        let at = [0.0, 1e-2].map(|later| self.path.at((at + later) % self.path.duration_s()));
+        Pose { velocity: ((at[1].eye - at[0].eye) * 100.0).clamp_length_max(4.0), ..at[0] }
+    }
+
+    /// All that the server says up to a time. Now and then somebody vanishes, and appears again.
+    fn hear(&mut self, now: Duration) {
+        while TICK * self.tick <= now {
+            let time = TICK * self.tick;
+            for avatar in (0..Self::COUNT).filter(|i| (self.tick + 13 * i).is_multiple_of(150)) {
+                let vanish = ServerMessage::Vanish { avatar: AvatarId(avatar) };
+                let appear = ServerMessage::Appear {
+                    avatar: AvatarId(avatar),
+                    name: Name::new("somebody").unwrap(),
+                    colour: [200, avatar as u8, 90],
+                    pose: (&self.pose(avatar, time)).into(),
+                    since_sequence: self.encoder.next_sequence(),
+                };
+                self.replica.message(time, vanish).unwrap();
+                self.replica.message(time, appear).unwrap();
+            }
+            let poses = (0..Self::COUNT).map(|i| (AvatarId(i), self.pose(i, time)));
+            for datagram in self.encoder.encode(self.tick, &poses.collect::<Vec<_>>()) {
+                self.replica.datagram(time, &datagram).unwrap();
+            }
+            self.tick += 1;
+        }
+    }
+}
+
+#[test]
+fn what_volumes_stand_for_is_not_in_the_picture() {
+    let world = building();
+    let mut ways = Culling::ALL.map(|way| (Moving::new(&world, way), Walkers::new(&world)));
+    let mut renderer = Renderer::default();
+    let (mut placed, mut seen) = ([0; 3], 0);
+    for (seconds, pose) in Path::through(&world).frames_between(20.0, 60.0, 800) {
+        let (camera, now) = (Camera::at(&pose), Duration::from_secs_f64(seconds));
+        let mut building = Frame::new(160, 90);
+        renderer.draw(&world.octree, &camera, &mut building);
+        let pictures = ways.each_mut().map(|(moving, walkers)| {
+            walkers.hear(now);
+            let mut frame = building.clone();
+            let time = walkers.replica.server_time(now);
+            let told = Some(&mut walkers.replica as &mut dyn Told);
+            let seen = moving.draw(&mut frame, &camera, &world, told, time);
+            (frame, seen)
+        });
+        assert!(pictures[0] == pictures[1], "by the pyramid, at {seconds} s");
+        assert!(pictures[0] == pictures[2], "by volumes, at {seconds} s");
+        seen += pictures[0].1.len();
+        for ((moving, _), placed) in ways.iter().zip(&mut placed) {
+            *placed += moving.effort().placed;
+        }
+    }
+    println!("{seen} times somebody is in view; placed: {placed:?}");
+    assert!(seen > 100 && 2 * placed[2] < placed[1], "{seen} {placed:?}");
 }

@@ -13,13 +13,11 @@ use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::L
 use crate::{
     in_sight::InSight,
     render::{
-        Camera, Frame, Renderer,
-        avatars::{self, Figure},
-        movers,
+        Camera, Frame, Renderer, movers,
         moving::{Culling, Moving},
         rooms::Wires,
     },
-    replica::{Event, Standing, VisibleAvatar},
+    replica::{Event, Standing, Told, VisibleAvatar},
     walker::Walker,
 };
 
@@ -61,7 +59,7 @@ impl<'a> Scene<'a> {
         let mut log = Log::default();
         log.add(Instant::now(), HELP.into());
         let world = visit.world();
-        let moving = Moving::new(&world.octree, &world.movers, Culling::default());
+        let moving = Moving::new(world, Culling::default());
         Self {
             visit,
             walker: Walker::new(visit.world(), spawn),
@@ -160,10 +158,8 @@ impl<'a> Scene<'a> {
         self.before = Some(now);
         self.rate.count(now);
         let pose = self.go(controls, now, dt_s, (width, height));
-        let mut others = Vec::new();
         if let Visit::Shared(session) = self.visit {
             session.set_pose(pose);
-            others = session.visible();
         }
         let divisor = self.pace.divisor();
         self.drawn.resize(width.div_ceil(divisor), height.div_ceil(divisor));
@@ -173,14 +169,14 @@ impl<'a> Scene<'a> {
             Visit::Alone(..) => now - self.start,
         };
         let camera = Camera::at(&pose);
-        let seen = self.draw(&pose, &others, time);
+        let seen = self.draw(&pose, time);
         if controls.shows_rooms() {
             let wires = self.wires.get_or_insert_with(|| Wires::new(self.visit.world()));
             wires.draw(&mut self.drawn, &camera);
         }
         self.draw_time += start.elapsed();
         self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
-        let status = self.status(pose.eye, &others, &seen);
+        let status = self.status(pose.eye, &seen);
         let shown = if divisor == 1 {
             &mut self.drawn
         } else {
@@ -207,27 +203,21 @@ impl<'a> Scene<'a> {
     }
 
     /// Draws the building, what moves in it at a time of the server's clock, and the others; tells
-    /// which of these can be seen.
-    fn draw(&mut self, pose: &Pose, others: &[VisibleAvatar], time: Duration) -> Vec<bool> {
+    /// which of these can be seen. On a flight there is nobody else.
+    fn draw(&mut self, pose: &Pose, time: Duration) -> Vec<VisibleAvatar> {
         let (world, camera) = (self.visit.world(), &Camera::at(pose));
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
-        match &mut self.in_sight {
-            Some(in_sight) => {
-                let movers = in_sight.movers(world, &self.rooms, pose);
-                movers::draw_those(&mut self.drawn, camera, &movers, time);
-            }
-            None => self.moving.draw(&mut self.drawn, camera, &world.movers, time),
+        if let Some(in_sight) = &mut self.in_sight {
+            let movers = in_sight.movers(world, &self.rooms, pose);
+            movers::draw_those(&mut self.drawn, camera, &movers, time);
+            return Vec::new();
         }
-        let figures: Vec<Figure> = others
-            .iter()
-            .map(|VisibleAvatar { name, colour, pose, .. }| Figure {
-                pose: *pose,
-                body: world.body,
-                colour: *colour,
-                name,
-            })
-            .collect();
-        avatars::draw(&mut self.drawn, camera, &figures)
+        let mut session = match self.visit {
+            Visit::Shared(session) => Some(session),
+            Visit::Alone(..) => None,
+        };
+        let told = session.as_mut().map(|session| session as &mut dyn Told);
+        self.moving.draw(&mut self.drawn, camera, world, told, time)
     }
 
     /// What the building is called, and the room that an eye is in.
@@ -238,7 +228,7 @@ impl<'a> Scene<'a> {
         format!("{}{room}", world.title)
     }
 
-    fn status(&self, eye: Vec3, others: &[VisibleAvatar], seen: &[bool]) -> String {
+    fn status(&self, eye: Vec3, seen: &[VisibleAvatar]) -> String {
         let title = self.whereabouts(eye);
         let fps = self.rate.per_s;
         let Visit::Shared(session) = self.visit else {
@@ -252,9 +242,8 @@ impl<'a> Scene<'a> {
             Standing::Asked => "asked",
         };
         let [rate_in, rate_out] = [stats.udp_rate_in, stats.udp_rate_out].map(|rate| rate / 1.0e3);
-        let seen = others.iter().zip(seen).filter(|&(_, &seen)| seen).map(|(other, _)| other);
-        let names: Vec<&str> = seen.map(|other| other.name.as_str()).collect();
-        let told_of = others.len();
+        let names: Vec<&str> = seen.iter().map(|other| other.name.as_str()).collect();
+        let told_of = stats.visible;
         format!(
             "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s \
              | told of {told_of}, see {}{}{}",

@@ -11,6 +11,7 @@ use std::{
 
 use quinn::{Connection, RecvStream, SendDatagramError, SendStream, VarInt};
 use sightline_shared::{
+    geometry::Aabb,
     motion::{AvatarId, Pose},
     protocol::{
         frame::{self, FRAME_BYTES_MAX, FrameBuffer},
@@ -27,7 +28,7 @@ use tokio::{
 };
 
 use super::dialer::{ConnectError, lost};
-use crate::replica::{Event, HeldAvatar, Outgoing, Replica, Standing, VisibleAvatar};
+use crate::replica::{Event, HeldAvatar, Outgoing, Replica, Standing, Told, VisibleAvatar};
 
 /// Events that nobody collects: the oldest go.
 const EVENTS_MAX: usize = 1_024;
@@ -242,6 +243,20 @@ impl Session {
             runtime.block_on(self.leave());
             runtime.shutdown_background();
         }
+    }
+}
+
+impl Told for &Session {
+    fn news(&mut self) -> Vec<AvatarId> {
+        self.shared.state().replica.news()
+    }
+
+    fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {
+        self.shared.state().replica.path(avatar, now, until)
+    }
+
+    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
+        self.shared.state().replica.shown(avatar, now)
     }
 }
 

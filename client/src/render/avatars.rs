@@ -4,7 +4,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
 use rayon::prelude::*;
-use sightline_shared::motion::{Body, Pose};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::{Body, Pose},
+};
 
 use super::{BAND, Camera, Frame, panes::Panes, shade, text, view::View};
 
@@ -20,6 +23,12 @@ pub struct Figure<'a> {
     /// Written above the head.
     pub name: &'a str,
 }
+
+/// How far above the head the foot of a name is, in metres.
+const NAME_ABOVE_M: f32 = 0.08;
+
+/// Nearer, in metres, there is no room for a name.
+const NAME_FROM_M: f32 = 0.3;
 
 /// Farther away, in metres, names cannot be read and are left out.
 const NAME_WITHIN_M: f32 = 40.0;
@@ -145,15 +154,43 @@ impl<'a> Part<'a> {
     }
 }
 
+/// The box that figures and the feet of their names fill, when their eyes are in a box.
+pub(super) fn bounds(body: &Body, eyes: &Aabb) -> Aabb {
+    let bounds = body.around_box(eyes);
+    Aabb { max: bounds.max + Vec3::Y * NAME_ABOVE_M, ..bounds }
+}
+
+/// How many letters of a name are shown.
+pub(super) fn letters(name: &str) -> usize {
+    name.chars().take(NAME_LETTERS_MAX).count()
+}
+
+/// How many pixels, across and up or down, a name of so many letters reaches from its foot, which is
+/// no nearer than that.
+pub(super) fn name_reach(view: &View, nearest: f32, letters: usize) -> [f32; 2] {
+    if letters == 0 || nearest >= NAME_WITHIN_M {
+        return [0.0; 2];
+    }
+    let scale = name_scale(view, nearest.max(NAME_FROM_M));
+    // Its shade, and a pixel for what is rounded.
+    let (side, more) = (text::LETTER * scale, scale + 1);
+    [letters * side / 2 + more, side + more].map(|pixels| pixels as f32)
+}
+
+/// Pixels of the picture to one of a letter.
+fn name_scale(view: &View, depth: f32) -> usize {
+    ((view.focal() * 0.012 / depth).round() as usize).clamp(1, 3)
+}
+
 /// Writes the name above the head.
 fn name(frame: &mut Frame, view: &View, figure: &Figure) {
-    let above = figure.pose.eye + Vec3::Y * (figure.body.above_eye + 0.08);
+    let above = figure.pose.eye + Vec3::Y * (figure.body.above_eye + NAME_ABOVE_M);
     let at = view.project(above);
-    if !(at.z > 0.3 && at.z < NAME_WITHIN_M && at.abs().max_element() < 1.0e6) {
+    if !(at.z > NAME_FROM_M && at.z < NAME_WITHIN_M && at.abs().max_element() < 1.0e6) {
         return;
     }
     let shown: String = figure.name.chars().take(NAME_LETTERS_MAX).collect();
-    let scale = ((view.focal() * 0.012 / at.z).round() as usize).clamp(1, 3);
+    let scale = name_scale(view, at.z);
     let (width, height) = (text::width(&shown, scale), text::LETTER * scale);
     let corner = [at.x as i32 - width as i32 / 2, at.y as i32 - height as i32];
     let shade = corner.map(|place| place + scale as i32);

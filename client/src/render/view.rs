@@ -86,8 +86,12 @@ impl View {
     /// Whether points, relative to the eye, all lie beyond the same side of the picture; so does
     /// whatever is between them, before the eye or behind it.
     pub(super) fn are_beside<const N: usize>(&self, points: [Vec3; N]) -> bool {
-        // A pixel more on each side.
-        let reach = self.centre.map(|centre| (centre + 1.0) / self.focal);
+        self.are_beside_by(points, 1.0)
+    }
+
+    /// The same of a picture with so many pixels more on each side.
+    fn are_beside_by<const N: usize>(&self, points: [Vec3; N], pixels: f32) -> bool {
+        let reach = self.centre.map(|centre| (centre + pixels) / self.focal);
         let beyond = |side: Vec3, reach: f32| {
             points.iter().all(|point| side.dot(*point) > reach * self.forward.dot(*point))
         };
@@ -100,12 +104,22 @@ impl View {
     /// The columns and rows, in pixels, that a box spans: none when it is wholly behind the eye or
     /// beside the picture, all of them when it is partly behind the eye. Infinite ends are fine.
     pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
+        self.bounds_within(centre, radii, 1.0)
+    }
+
+    /// The same, where so many pixels around the picture count as parts of it.
+    pub(super) fn bounds_within(
+        &self,
+        centre: Vec3,
+        radii: Vec3,
+        pixels: f32,
+    ) -> ([f32; 2], [f32; 2]) {
         let corners = Aabb::new(centre - radii, centre + radii).corners();
         let projected = corners.map(|corner| self.project(corner));
         let (nearest, farthest) = projected
             .iter()
             .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), at| (a.min(at.z), b.max(at.z)));
-        let is_beside = || self.are_beside(corners.map(|corner| corner - self.eye));
+        let is_beside = || self.are_beside_by(corners.map(|corner| corner - self.eye), pixels);
         if farthest < NEAR || nearest < NEAR && is_beside() {
             return ([0.0, -1.0], [0.0, -1.0]);
         }

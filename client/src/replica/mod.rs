@@ -4,8 +4,12 @@
 //! where its own avatar is, and ask it at each tick what to send and at each frame whom to draw.
 
 mod timeline;
+mod told;
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Duration,
+};
 
 use sightline_shared::{
     motion::{AvatarId, Pose, Tbv},
@@ -18,6 +22,7 @@ use sightline_shared::{
 };
 
 use timeline::{Clock, Timeline};
+pub use told::Told;
 
 /// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
 /// bytes.
@@ -31,6 +36,8 @@ pub struct Replica {
     avatar: AvatarId,
     tick_interval: Duration,
     others: BTreeMap<AvatarId, Other>,
+    /// Of them, those that [`Told::news`] has not told of.
+    news: BTreeSet<AvatarId>,
     decoder: PoseDecoder,
     clock: Clock,
     own: Own,
@@ -151,6 +158,7 @@ impl Replica {
             avatar,
             tick_interval,
             others: BTreeMap::new(),
+            news: BTreeSet::new(),
             decoder: PoseDecoder::default(),
             clock: Clock::new(tick_interval),
             own: Own::default(),
@@ -180,6 +188,7 @@ impl Replica {
                 Some(Event::Appeared(avatar))
             }
             ServerMessage::Vanish { avatar } => {
+                self.news.remove(&avatar);
                 self.others.remove(&avatar).map(|_| Event::Vanished(avatar))
             }
             ServerMessage::Ask => {
@@ -216,6 +225,7 @@ impl Replica {
         for (avatar, pose) in &update.poses {
             if let Some(other) = self.others.get_mut(avatar) {
                 other.hear(now, update.sequence, update.tick, *pose);
+                self.news.insert(*avatar);
             }
         }
         Ok(())
@@ -339,6 +349,7 @@ impl Replica {
             other.hear(now, sequence, tick, pose);
         }
         self.others.insert(avatar, other);
+        self.news.insert(avatar);
     }
 
     fn report(&mut self) -> ClientMessage {

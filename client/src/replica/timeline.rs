@@ -6,7 +6,7 @@ use std::{
     time::Duration,
 };
 
-use sightline_shared::motion::Pose;
+use sightline_shared::{geometry::Aabb, motion::Pose};
 
 /// What is shown lies so many ticks behind the newest that could have arrived, so that there is
 /// mostly a later pose to move towards.
@@ -52,6 +52,13 @@ impl Clock {
     pub fn shown_tick(&self, now: Duration) -> f64 {
         let Some(origin) = self.origin_s else { return f64::from(self.newest) };
         (now.as_secs_f64() - origin) / self.interval_s - DELAY_TICKS
+    }
+
+    /// Which moment that is, in ticks, of which [`Clock::shown_time_s`] is the time; as long as none is
+    /// known, the newest tick.
+    pub fn tick_at(&self, shown: Duration) -> f64 {
+        let ticks = self.origin_s.map(|_| shown.as_secs_f64() / self.interval_s);
+        ticks.unwrap_or(f64::from(self.newest))
     }
 
     /// The same moment in seconds of the server's clock, once a message has told of it.
@@ -110,6 +117,17 @@ impl Timeline {
             (None, Some((_, b))) => *b,
             (None, None) => Pose::default(),
         }
+    }
+
+    /// A box that holds the eye from one moment to another, for as long as no pose is added.
+    pub fn eyes(&self, [from, until]: [f64; 2], interval: Duration) -> Aabb {
+        // It turns at the samples, and where it stops.
+        let (newest, _) = self.last();
+        let end = f64::from(newest) + f64::from(EXTRAPOLATION_TICKS);
+        let turns = self.samples.iter().map(|(at, _)| f64::from(*at)).chain([end]);
+        let turns = turns.filter(|at| (from..until).contains(at));
+        let ticks = turns.chain([from, until.max(from)]);
+        Aabb::from_points(ticks.map(|tick| self.at(tick, interval).eye))
     }
 
     fn last(&self) -> (u32, Pose) {
@@ -171,6 +189,24 @@ mod tests {
             assert!(timeline.samples.iter().is_sorted_by(|a, b| a.0 < b.0));
             assert_eq!(timeline.newest().0.eye.x, tick as f32);
         }
+    }
+
+    #[test]
+    fn the_eye_stays_where_it_is_foretold() {
+        let mut timeline = Timeline::new(3, pose(7.0), TICK);
+        for (tick, x) in [(5, 1.0), (6, -2.0), (9, 4.0), (30, 3.0), (31, 2.0)] {
+            timeline.push(tick, pose(x), TICK);
+            for from in 0..80 {
+                let from = f64::from(from) * 0.5;
+                for length in [0, 3, 20, 200] {
+                    let until = from + f64::from(length) * 0.1;
+                    let eyes = timeline.eyes([from, until], TICK).grown(1e-5);
+                    let times = (0..=length).map(|step| from + f64::from(step) * 0.1);
+                    times.for_each(|at| assert!(eyes.contains(timeline.at(at, TICK).eye), "{at}"));
+                }
+            }
+        }
+        assert!(timeline.eyes([30.9, 99.0], TICK).size().x < 0.3, "and not much more");
     }
 
     #[test]
