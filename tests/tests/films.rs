@@ -3,13 +3,14 @@
 use std::{ops::ControlFlow, time::Duration};
 
 use sightline_client::{
+    bench::Crowd,
     in_sight::InSight,
     path::Path,
     render::{
         Camera, Frame, Renderer, movers,
         moving::{Culling, Moving},
     },
-    replica::{Replica, Told},
+    replica::Told,
 };
 use sightline_server::{
     compile::{
@@ -19,8 +20,7 @@ use sightline_server::{
     suggest,
 };
 use sightline_shared::{
-    motion::{AvatarId, Pose},
-    protocol::{message::ServerMessage, pose_stream::PoseEncoder, text::Name},
+    motion::Pose,
     rooms::{RoomIndex, Rooms},
     world::World,
 };
@@ -72,71 +72,37 @@ fn what_sets_leave_out_is_not_in_the_picture() {
     assert!(shares[0] > 0.0 && shares[0] <= shares[1] && shares[1] < 0.5, "{shares:?}");
 }
 
-const TICK: Duration = Duration::from_millis(50);
+/// People who walk through the building on one way, far apart.
+const PEOPLE: usize = 15;
 
-/// People who walk through the building on one way, far apart, and what a client is told of them.
-struct Walkers {
-    path: Path,
-    encoder: PoseEncoder,
-    replica: Replica,
-    tick: u32,
-}
-
-impl Walkers {
-    const COUNT: u32 = 15;
-
-    fn new(world: &World) -> Self {
-        let replica = Replica::new(AvatarId(99), TICK);
-        Self { path: Path::through(world), encoder: PoseEncoder::default(), replica, tick: 0 }
-    }
-
-    fn pose(&self, avatar: u32, now: Duration) -> Pose {
-        let share = f64::from(avatar) / f64::from(Self::COUNT);
-        let at = share * self.path.duration_s() + now.as_secs_f64();
-        let at = [0.0, 1e-2].map(|later| self.path.at((at + later) % self.path.duration_s()));
-        Pose { velocity: ((at[1].eye - at[0].eye) * 100.0).clamp_length_max(4.0), ..at[0] }
-    }
-
-    /// All that the server says up to a time. Now and then somebody vanishes, and appears again.
-    fn hear(&mut self, now: Duration) {
-        while TICK * self.tick <= now {
-            let time = TICK * self.tick;
-            for avatar in (0..Self::COUNT).filter(|i| (self.tick + 13 * i).is_multiple_of(150)) {
-                let vanish = ServerMessage::Vanish { avatar: AvatarId(avatar) };
-                let appear = ServerMessage::Appear {
-                    avatar: AvatarId(avatar),
-                    name: Name::new("somebody").unwrap(),
-                    colour: [200, avatar as u8, 90],
-                    pose: (&self.pose(avatar, time)).into(),
-                    since_sequence: self.encoder.next_sequence(),
-                };
-                self.replica.message(time, vanish).unwrap();
-                self.replica.message(time, appear).unwrap();
-            }
-            let poses = (0..Self::COUNT).map(|i| (AvatarId(i), self.pose(i, time)));
-            for datagram in self.encoder.encode(self.tick, &poses.collect::<Vec<_>>()) {
-                self.replica.datagram(time, &datagram).unwrap();
-            }
-            self.tick += 1;
-        }
-    }
+fn walker(path: &Path, avatar: usize, now: Duration) -> Pose {
+    let share = avatar as f64 / PEOPLE as f64;
+    let at = share * path.duration_s() + now.as_secs_f64();
+    let at = [0.0, 1e-2].map(|later| path.at((at + later) % path.duration_s()));
+    Pose { velocity: ((at[1].eye - at[0].eye) * 100.0).clamp_length_max(4.0), ..at[0] }
 }
 
 #[test]
 fn what_volumes_stand_for_is_not_in_the_picture() {
     let world = building();
-    let mut ways = Culling::ALL.map(|way| (Moving::new(&world, way), Walkers::new(&world)));
+    let path = Path::through(&world);
+    let mut ways = Culling::ALL.map(|way| (Moving::new(&world, way), Crowd::new(PEOPLE)));
     let mut renderer = Renderer::default();
     let (mut placed, mut seen) = ([0; 3], 0);
-    for (seconds, pose) in Path::through(&world).frames_between(20.0, 60.0, 800) {
+    for (i, (seconds, pose)) in path.frames_between(20.0, 60.0, 800).enumerate() {
         let (camera, now) = (Camera::at(&pose), Duration::from_secs_f64(seconds));
         let mut building = Frame::new(160, 90);
         renderer.draw(&world.octree, &camera, &mut building);
-        let pictures = ways.each_mut().map(|(moving, walkers)| {
-            walkers.hear(now);
+        let pictures = ways.each_mut().map(|(moving, crowd)| {
+            crowd.hear(now, |avatar, time| walker(&path, avatar, time));
+            // Now and then somebody vanishes, and appears again.
+            if i % 10 == 0 {
+                let avatar = i / 10 % PEOPLE;
+                crowd.reappear(avatar, now, &walker(&path, avatar, now));
+            }
             let mut frame = building.clone();
-            let time = walkers.replica.server_time(now);
-            let told = Some(&mut walkers.replica as &mut dyn Told);
+            let time = crowd.replica().server_time(now);
+            let told = Some(crowd.replica() as &mut dyn Told);
             let seen = moving.draw(&mut frame, &camera, &world, told, time);
             (frame, seen)
         });

@@ -28,7 +28,7 @@ use tokio::{
 };
 
 use super::dialer::{ConnectError, lost};
-use crate::replica::{Event, HeldAvatar, Outgoing, Replica, Standing, Told, VisibleAvatar};
+use crate::replica::{Event, HeldAvatar, News, Outgoing, Replica, Standing, Told, VisibleAvatar};
 
 /// Events that nobody collects: the oldest go.
 const EVENTS_MAX: usize = 1_024;
@@ -247,7 +247,7 @@ impl Session {
 }
 
 impl Told for &Session {
-    fn news(&mut self) -> Vec<AvatarId> {
+    fn news(&mut self) -> Vec<(AvatarId, News)> {
         self.shared.state().replica.news()
     }
 

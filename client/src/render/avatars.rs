@@ -44,7 +44,7 @@ const FACE: Vec3 = Vec3::new(250.0, 240.0, 228.0);
 pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool> {
     let seen: Vec<AtomicBool> = figures.iter().map(|_| AtomicBool::new(false)).collect();
     let (width, height) = (frame.width(), frame.height());
-    if width == 0 || height == 0 {
+    if width == 0 || height == 0 || figures.is_empty() {
         return vec![false; figures.len()];
     }
     let view = View::new(camera, width, height);

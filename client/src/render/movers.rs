@@ -35,6 +35,9 @@ pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Du
         .flat_map_iter(|mover| facets(mover, now, &view))
         .filter(|facet| facet.area.meets(width, height))
         .collect();
+    if facets.is_empty() {
+        return;
+    }
     let bands = frame.colour.par_chunks_mut(BAND * width);
     let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
     let panes = &frame.panes;

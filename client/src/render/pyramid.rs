@@ -107,7 +107,7 @@ impl Pyramid {
         let [width, height] = self.size;
         let most = |columns: Span, rows: Span| {
             let pixels = |row: usize| &depths[row * width + columns[0]..row * width + columns[1]];
-            (rows[0]..rows[1]).flat_map(|row| pixels(row).iter().copied()).fold(0.0f32, f32::max)
+            farthest((rows[0]..rows[1]).map(pixels))
         };
         let tile = [0, 1].map(|axis: usize| {
             [at[axis] * TILE, ((at[axis] + 1) * TILE).min([width, height][axis])]
@@ -125,6 +125,18 @@ impl Pyramid {
         // The rest of the tile is farther: nobody may take this for all of it.
         (part < nearest).then_some(f32::INFINITY)
     }
+}
+
+/// The greatest of all depths in rows of a tile.
+fn farthest<'a>(rows: impl Iterator<Item = &'a [f32]>) -> f32 {
+    // Side by side, since there is nothing else to do in most pictures.
+    let mut most = [0.0f32; TILE];
+    for row in rows {
+        most.iter_mut().zip(row).for_each(|(most, depth)| {
+            *most = if *depth > *most { *depth } else { *most };
+        });
+    }
+    most.into_iter().fold(0.0, f32::max)
 }
 
 #[cfg(test)]

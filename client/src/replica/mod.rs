@@ -6,10 +6,7 @@
 mod timeline;
 mod told;
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    time::Duration,
-};
+use std::{collections::BTreeMap, time::Duration};
 
 use sightline_shared::{
     motion::{AvatarId, Pose, Tbv},
@@ -22,7 +19,7 @@ use sightline_shared::{
 };
 
 use timeline::{Clock, Timeline};
-pub use told::Told;
+pub use told::{News, Told};
 
 /// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
 /// bytes.
@@ -37,7 +34,7 @@ pub struct Replica {
     tick_interval: Duration,
     others: BTreeMap<AvatarId, Other>,
     /// Of them, those that [`Told::news`] has not told of.
-    news: BTreeSet<AvatarId>,
+    news: BTreeMap<AvatarId, News>,
     decoder: PoseDecoder,
     clock: Clock,
     own: Own,
@@ -158,7 +155,7 @@ impl Replica {
             avatar,
             tick_interval,
             others: BTreeMap::new(),
-            news: BTreeSet::new(),
+            news: BTreeMap::new(),
             decoder: PoseDecoder::default(),
             clock: Clock::new(tick_interval),
             own: Own::default(),
@@ -225,7 +222,7 @@ impl Replica {
         for (avatar, pose) in &update.poses {
             if let Some(other) = self.others.get_mut(avatar) {
                 other.hear(now, update.sequence, update.tick, *pose);
-                self.news.insert(*avatar);
+                self.news.entry(*avatar).or_insert(News::Moved);
             }
         }
         Ok(())
@@ -349,7 +346,7 @@ impl Replica {
             other.hear(now, sequence, tick, pose);
         }
         self.others.insert(avatar, other);
-        self.news.insert(avatar);
+        self.news.insert(avatar, News::Appeared);
     }
 
     fn report(&mut self) -> ClientMessage {

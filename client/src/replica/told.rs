@@ -9,11 +9,20 @@ use sightline_shared::{
 
 use super::{Replica, VisibleAvatar};
 
+/// What a client was told of an avatar since it asked last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum News {
+    /// It is there, or there again.
+    Appeared,
+    /// Where it is.
+    Moved,
+}
+
 /// The avatars that a client is told of. Times are [`Replica::server_time`]'s.
 pub trait Told {
     /// Those that appeared, or were told of, since this was asked last; all of them at first. Who
     /// vanished is not among them.
-    fn news(&mut self) -> Vec<AvatarId>;
+    fn news(&mut self) -> Vec<(AvatarId, News)>;
 
     /// Where an avatar is to be drawn at a time, and a box that its eye stays in from then until another
     /// time, unless there is news of it; `None` once it has vanished.
@@ -24,7 +33,7 @@ pub trait Told {
 }
 
 impl Told for Replica {
-    fn news(&mut self) -> Vec<AvatarId> {
+    fn news(&mut self) -> Vec<(AvatarId, News)> {
         std::mem::take(&mut self.news).into_iter().collect()
     }
 

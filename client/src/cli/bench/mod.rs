@@ -1,6 +1,7 @@
 //! `sightline-client bench`.
 
 mod gallery;
+mod moving;
 mod table;
 
 use std::path::PathBuf;
@@ -74,6 +75,13 @@ pub struct Args {
     /// and by how many pixels at most; and which part of the projections is left.
     #[arg(long)]
     compare: bool,
+    /// Measure things that move instead: up to so many chairs, or people, everywhere and where the first spawn point sees
+    /// nothing of them. From there the eye turns round once in --frames pictures. Everything is drawn, or what the Z
+    /// pyramid lets through, or what volumes in place of what is hidden do; the picture must be the same. A ratio is the CPU time
+    /// of the picture to that of the building alone.
+    #[arg(long, value_name = "N", conflicts_with_all = ["compare", "pictures", "path", "from", "until"],
+          value_parser = clap::value_parser!(u32).range(1..=16_000))]
+    moving: Option<u32>,
     /// Write the views as PNGs, side by side: orthogonal mode, perspective mode, their difference, eight times as strong,
     /// and in grey what does not agree with rays: red is too far away, blue is where no triangle is.
     #[arg(long, value_name = "DIR")]
@@ -111,6 +119,12 @@ struct Quality {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     ensure!((1..=picture::FRAMES_MAX).contains(&args.frames), "--frames must be from 1 to 100000");
     let world = World::read(&args.world)?;
+    if let Some(most) = args.moving {
+        let progress = Progress::new();
+        let (text, json) = moving::run(args, world, most as usize, &progress)?;
+        progress.finish();
+        return tell(args, &text, &json);
+    }
     let (path, from, until) = args.way.read(&world)?;
     let mut views = Views::new(&world, &path, 0);
     let along = path.frames_between(from, until, args.frames);
@@ -152,10 +166,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         gallery.write(&views, folder, &progress)?;
     }
     progress.finish();
-    super::print(&table::text(&report))?;
+    let json = serde_json::to_string_pretty(&report)? + "\n";
+    tell(args, &table::text(&report), &json)
+}
+
+/// For people, and for machines.
+fn tell(args: &Args, text: &str, json: &str) -> anyhow::Result<()> {
+    super::print(text)?;
     if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(&report)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
 }

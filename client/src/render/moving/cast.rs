@@ -10,7 +10,7 @@ use sightline_shared::{
 
 use crate::{
     render::avatars,
-    replica::{Told, VisibleAvatar},
+    replica::{News, Told, VisibleAvatar},
 };
 
 /// Boxes are taken to be so much larger on each side, for what rounding does, as a part of their
@@ -98,7 +98,7 @@ fn rounded(bounds: &Aabb) -> Aabb {
 pub(super) struct Nobody;
 
 impl Told for Nobody {
-    fn news(&mut self) -> Vec<AvatarId> {
+    fn news(&mut self) -> Vec<(AvatarId, News)> {
         Vec::new()
     }
 

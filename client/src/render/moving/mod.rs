@@ -44,7 +44,7 @@ use super::{
     movers,
     pyramid::Pyramid,
 };
-use crate::replica::{Told, VisibleAvatar};
+use crate::replica::{News, Told, VisibleAvatar};
 
 /// The edge of the smallest nodes, in metres: about what stands in a room.
 const NODE_M: f32 = 1.0;
@@ -187,20 +187,14 @@ impl Moving {
     }
 
     /// Takes in what was told of avatars since the last picture.
-    fn hear(&mut self, news: &[AvatarId], cast: &Cast<'_>) {
-        for &avatar in news {
-            let what = What::Avatar(avatar);
-            let letters = cast.letters(avatar);
-            self.letters_max = self.letters_max.max(letters);
-            let Some(&number) = self.avatars.get(&avatar) else {
-                if let Some(number) = self.add(what, letters, cast) {
-                    self.avatars.insert(avatar, number);
-                }
-                continue;
-            };
-            let Some(thing) = &mut self.things[number as usize] else { continue };
-            thing.letters = letters;
-            let Some(until) = thing.until else { continue };
+    fn hear(&mut self, news: &[(AvatarId, News)], cast: &Cast<'_>) {
+        for &(avatar, news) in news {
+            if news == News::Appeared {
+                self.appear(avatar, cast);
+            }
+            let Some(&number) = self.avatars.get(&avatar) else { continue };
+            let thing = self.things[number as usize].as_ref();
+            let Some(until) = thing.and_then(|thing| thing.until) else { continue };
             let path = cast.path(avatar, until);
             let holds = path.is_some_and(|path| {
                 self.occupants.primitives(OccupantId(number)).any(|it| it.contains_box(&path))
@@ -209,6 +203,19 @@ impl Moving {
                 self.effort.refuted += 1;
                 self.track(number);
             }
+        }
+    }
+
+    /// Takes in somebody, or another name.
+    fn appear(&mut self, avatar: AvatarId, cast: &Cast<'_>) {
+        let letters = cast.letters(avatar);
+        self.letters_max = self.letters_max.max(letters);
+        if let Some(&number) = self.avatars.get(&avatar) {
+            if let Some(thing) = &mut self.things[number as usize] {
+                thing.letters = letters;
+            }
+        } else if let Some(number) = self.add(What::Avatar(avatar), letters, cast) {
+            self.avatars.insert(avatar, number);
         }
     }
 

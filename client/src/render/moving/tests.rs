@@ -78,7 +78,7 @@ impl Person {
 #[derive(Clone, Default)]
 struct Crowd {
     people: BTreeMap<AvatarId, Person>,
-    news: BTreeSet<AvatarId>,
+    news: BTreeMap<AvatarId, News>,
 }
 
 impl Crowd {
@@ -95,7 +95,7 @@ impl Crowd {
                     let pose = Pose { eye: at(random, 1.0, 31.0), ..Pose::default() };
                     let name = "x".repeat(letters);
                     self.people.insert(id, Person { name, start: now, pose });
-                    self.news.insert(id);
+                    self.news.insert(id, News::Appeared);
                 }
                 4..60 => {
                     let Some(person) = self.people.get_mut(&id) else { continue };
@@ -103,7 +103,7 @@ impl Crowd {
                     let velocity = at(random, -1.5, 1.5);
                     person.pose = Pose { eye, velocity, ..person.pose };
                     person.start = now;
-                    self.news.insert(id);
+                    self.news.entry(id).or_insert(News::Moved);
                 }
                 _ => {}
             }
@@ -112,7 +112,7 @@ impl Crowd {
 }
 
 impl Told for Crowd {
-    fn news(&mut self) -> Vec<AvatarId> {
+    fn news(&mut self) -> Vec<(AvatarId, News)> {
         std::mem::take(&mut self.news).into_iter().collect()
     }
 
@@ -191,14 +191,14 @@ fn who_is_hidden_is_left_alone() {
         let eye = Vec3::new(4.0, 1.7, 1.0 + id.0 as f32 * 0.01);
         let pose = Pose { eye, velocity: Vec3::X * 0.1, ..Pose::default() };
         crowd.people.insert(id, Person { name: "Ada".into(), start: Duration::ZERO, pose });
-        crowd.news.insert(id);
+        crowd.news.insert(id, News::Appeared);
     }
     let mut moving = Moving::new(&world, Culling::Temporal);
     let camera = Camera::looking_at(Vec3::new(4.0, 1.7, 7.0), Vec3::new(4.0, 1.7, 0.0));
     let mut picture = |depth: f32, ms: u64, news: Option<u32>| {
         let mut frame = Frame::new(SIZE[0], SIZE[1]);
         frame.depth.fill(depth);
-        crowd.news.extend(news.map(AvatarId));
+        crowd.news.extend(news.map(|id| (AvatarId(id), News::Moved)));
         let told = Some(&mut crowd as &mut dyn Told);
         let seen = moving.draw(&mut frame, &camera, &world, told, Duration::from_millis(ms));
         (seen.len(), moving.effort())
