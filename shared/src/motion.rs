@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 pub use agility::Agility;
 
-use crate::geometry::Aabb;
+use crate::{geometry::Aabb, world::Axes};
 
 /// One participant, as seen by the others and as seeing.
 #[derive(
@@ -84,27 +84,41 @@ impl Body {
     }
 }
 
-/// A region sure to contain an avatar's eye until it expires: a sphere. What the server makes of it
-/// may be smaller, since nobody goes through walls.
+/// A region sure to contain an avatar's eye until it expires: a box along the building's own axes. What
+/// the server makes of it may be smaller, since nobody goes through walls.
 /// (Sudarsky and Gotsman, *Output-Sensitive Visibility Algorithms for Dynamic Scenes*, section 3.)
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tbv {
-    /// Its middle, in metres.
-    pub centre: Vec3,
-    /// In metres.
-    pub radius: f32,
+    /// Where the eye is, along `axes`.
+    pub within: Aabb,
+    /// Those of the building.
+    pub axes: Axes,
     /// The end of the validity, on the server's clock.
     pub expiry: Duration,
+    /// Unless zero, the body could get out before that: it stays by the word of its client, which says so as soon
+    /// as the body could be outside within so long.
+    pub notice: Duration,
 }
 
 impl Tbv {
-    /// The TBV of an avatar whose eye stays in a box.
-    pub fn around(eyes: &Aabb, expiry: Duration) -> Self {
-        Self { centre: eyes.centre(), radius: 0.5 * eyes.size().length(), expiry }
+    /// Whether an eye at this place of the world is inside.
+    pub fn contains(&self, eye: Vec3) -> bool {
+        self.within.contains(self.axes.own(eye))
     }
 
-    /// Whether an eye at this place is inside.
-    pub fn contains(&self, eye: Vec3) -> bool {
-        (eye - self.centre).length() <= self.radius
+    /// Whether a client in there need not say anything until its next tick: its body, which moves as it says,
+    /// is still inside by then, and as much longer as its notice takes.
+    pub fn holds(&self, pose: &Pose, tick: Duration, agility: &Agility) -> bool {
+        let (eye, velocity) = (self.axes.own(pose.eye), self.axes.own(pose.velocity));
+        if self.notice.is_zero() {
+            let next = eye + velocity * tick.as_secs_f32();
+            return self.within.contains(eye) && self.within.contains(next);
+        }
+        self.within.contains_box(&agility.eyes(eye, velocity, self.notice))
+    }
+
+    /// The same region and so many metres more on each side.
+    pub fn grown(&self, metres: f32) -> Self {
+        Self { within: self.within.grown(metres), ..*self }
     }
 }

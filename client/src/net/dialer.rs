@@ -10,7 +10,7 @@ use std::{
 
 use quinn::{Connection, ConnectionError, Endpoint, RecvStream, TransportConfig, VarInt};
 use sightline_shared::{
-    motion::AvatarId,
+    motion::{Agility, AvatarId},
     protocol::{
         DecodeError, VERSION,
         message::{ClientMessage, Refusal, ServerMessage},
@@ -162,7 +162,8 @@ impl Dialer {
         let fetch = fetch(&mut wire, world_bytes, options.progress.as_ref());
         let world = self.cache.get(id, fetch).await?;
         wire.send(&ClientMessage::Enter { place: options.place.map(Into::into) }).await?;
-        let replica = Replica::new(avatar, tick_interval);
+        let agility = Agility::of(&world.body, world.speed_max);
+        let replica = Replica::new(avatar, tick_interval, agility);
         let entered = Session::start(wire, replica, world, options.name.clone());
         timeout(ANSWER_DEADLINE, entered)
             .await

@@ -9,7 +9,7 @@ mod told;
 use std::{collections::BTreeMap, time::Duration};
 
 use sightline_shared::{
-    motion::{AvatarId, Pose, Tbv},
+    motion::{Agility, AvatarId, Pose, Tbv},
     protocol::{
         DecodeError,
         message::{ClientMessage, ServerMessage},
@@ -32,6 +32,7 @@ const LEAVING_TICKS: u32 = 2;
 pub struct Replica {
     avatar: AvatarId,
     tick_interval: Duration,
+    agility: Agility,
     others: BTreeMap<AvatarId, Other>,
     /// Of them, those that [`Told::news`] has not told of.
     news: BTreeMap<AvatarId, News>,
@@ -149,11 +150,12 @@ struct Own {
 }
 
 impl Replica {
-    /// A client that was welcomed as an avatar.
-    pub fn new(avatar: AvatarId, tick_interval: Duration) -> Self {
+    /// A client that was welcomed as an avatar, whose body can do so much.
+    pub fn new(avatar: AvatarId, tick_interval: Duration, agility: Agility) -> Self {
         Self {
             avatar,
             tick_interval,
+            agility,
             others: BTreeMap::new(),
             news: BTreeMap::new(),
             decoder: PoseDecoder::default(),
@@ -245,8 +247,8 @@ impl Replica {
         (self.own.is_inside && std::mem::take(&mut self.own.is_asked)).then(|| self.report())
     }
 
-    /// What to send at a tick. While quiet that is nothing, unless the avatar was pushed out
-    /// of its TBV, or will be at the next tick.
+    /// What to send at a tick. While quiet that is nothing, unless the avatar has left its TBV, or
+    /// could have before long.
     pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
         if !self.own.is_inside {
             return None;
@@ -260,7 +262,8 @@ impl Replica {
             return Some(self.datagram_with(report));
         };
         self.own.leaving = self.own.leaving.saturating_sub(1);
-        if self.own.leaving == 0 && self.is_about_to_leave(&tbv) {
+        let is_held = tbv.holds(&self.own.pose, self.tick_interval, &self.agility);
+        if self.own.leaving == 0 && !is_held {
             let round_trip_ticks = round_trip.div_duration_f32(self.tick_interval).ceil();
             self.own.leaving = (round_trip_ticks as u32).saturating_add(LEAVING_TICKS);
             return Some(Outgoing::Message(self.report()));
@@ -358,14 +361,6 @@ impl Replica {
     fn datagram_with(&mut self, report: Option<(u32, WirePose)>) -> Outgoing {
         self.own.owes_ack = false;
         Outgoing::Datagram(ClientDatagram { ack: self.decoder.ack(), report }.encode())
-    }
-
-    /// Whether it is where its TBV does not reach, or will be at the next tick: pushed, or thrown.
-    /// By its own power nobody gets there.
-    fn is_about_to_leave(&self, tbv: &Tbv) -> bool {
-        let pose = &self.own.pose;
-        let step = pose.velocity * self.tick_interval.as_secs_f32();
-        !(tbv.contains(pose.eye) && tbv.contains(pose.eye + step))
     }
 }
 

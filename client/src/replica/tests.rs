@@ -1,9 +1,14 @@
 use glam::Vec3;
 use proptest::prelude::*;
-use sightline_shared::protocol::{
-    pose_stream::PoseEncoder,
-    quantise::WireTbv,
-    text::{Line, Name},
+use sightline_shared::{
+    geometry::Aabb,
+    motion::Body,
+    protocol::{
+        pose_stream::PoseEncoder,
+        quantise::WireTbv,
+        text::{Line, Name},
+    },
+    world::Axes,
 };
 
 use super::*;
@@ -11,7 +16,7 @@ use super::*;
 const TICK: Duration = Duration::from_millis(50);
 
 fn replica() -> Replica {
-    Replica::new(AvatarId(1), TICK)
+    Replica::new(AvatarId(1), TICK, Agility::of(&Body::PERSON, 4.0))
 }
 
 fn at(x: f32) -> Pose {
@@ -26,7 +31,12 @@ fn entered() -> Replica {
 }
 
 fn quiet(radius: f32, now: Duration) -> ServerMessage {
-    let tbv = Tbv { centre: at(0.0).eye, radius, expiry: now + Duration::from_secs(1) };
+    quiet_with_notice(radius, now, Duration::ZERO)
+}
+
+fn quiet_with_notice(radius: f32, now: Duration, notice: Duration) -> ServerMessage {
+    let within = Aabb::around(at(0.0).eye, radius);
+    let tbv = Tbv { within, axes: Axes::WORLD, expiry: now + Duration::from_secs(1), notice };
     ServerMessage::Quiet { tbv: WireTbv::new(&tbv, now) }
 }
 
@@ -90,6 +100,22 @@ fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
     assert_eq!(report(replica.tick(TICK)).0, 4, "no answer came");
     replica.message(TICK, ServerMessage::Live).unwrap();
     assert_eq!(report(replica.tick(TICK)).0, 5);
+}
+
+#[test]
+fn who_stays_by_its_word_says_in_time_that_it_leaves() {
+    let mut replica = entered();
+    replica.tick(TICK);
+    let notice = Duration::from_millis(200);
+    replica.message(TICK, quiet_with_notice(5.0, TICK, notice)).unwrap();
+    let mut tick_at = |metres: f32, speed: f32| {
+        let eye = at(0.0).eye + Vec3::X * metres;
+        replica.set_pose(Pose { eye, velocity: Vec3::X * speed, ..Pose::default() });
+        replica.tick(TICK)
+    };
+    // In that time one who stands gets 0.4 m away, one who walks at 2 m/s 0.8 m.
+    assert_eq!((tick_at(4.55, 0.0), tick_at(4.15, 2.0), tick_at(4.15, -2.0)), (None, None, None));
+    assert_eq!(report(tick_at(4.25, 2.0)).0, 2);
 }
 
 #[test]

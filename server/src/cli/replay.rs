@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::Context;
 use sightline_server::{
-    engine::{Policy, PolicyError, Shape, Validity},
+    engine::{Config, Policy, PolicyError, Shape, Validity},
     progress::Progress,
     replay::{self, Comparison, Moment, Options, OracleStride},
     trace::Trace,
@@ -37,9 +37,11 @@ pub struct Args {
     /// limit that the world has.
     #[arg(long, value_name = "METRES")]
     speed_max: Option<f32>,
-    /// How long a TBV is made to last: maximal, adaptive, or so many milliseconds.
-    #[arg(long, value_name = "MS", default_value = "maximal")]
-    validity: Validity,
+    /// How long a TBV is made to last: until-left (its client says when it is about to leave it),
+    /// maximal (as long as it stays unseen), adaptive (by how the last one ended), or so many milliseconds;
+    /// or all, in both shapes, for a table with a row each.
+    #[arg(long, value_name = "VALIDITY", default_value = "until-left", value_parser = validities)]
+    validity: Validities,
     /// What bounds a TBV in space: reach (what the body can do, and what portals lead to), or
     /// sphere (maximum speed times validity, whatever is in between).
     #[arg(long, default_value = "reach")]
@@ -71,6 +73,13 @@ enum Policies {
     All,
 }
 
+/// What `--validity` names.
+#[derive(Clone, Copy, Debug)]
+enum Validities {
+    One(Validity),
+    All,
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut world = World::read(&args.world)?;
@@ -79,14 +88,34 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let world = Arc::new(world);
     let trace = Trace::open(&args.trace).with_context(|| args.trace.display().to_string())?;
-    match args.policy {
-        Policies::One(policy) => run_one(args, &world, &trace, policy),
-        Policies::All => compare(args, &world, &trace),
+    let options = options(args)?;
+    let with = |change: &dyn Fn(&mut Config)| {
+        let mut changed = options.clone();
+        change(&mut changed.config);
+        changed
+    };
+    match (args.policy, args.validity) {
+        (Policies::All, Validities::One(_)) => {
+            let all = Comparison::POLICIES.map(|policy| with(&|config| config.policy = policy));
+            compare(args, &world, &trace, &all)
+        }
+        (Policies::One(Policy::Tbv), Validities::All) => {
+            let tbvs = |(shape, validity)| {
+                with(&|config| (config.shape, config.validity) = (shape, validity))
+            };
+            compare(args, &world, &trace, &Comparison::TBVS.map(tbvs))
+        }
+        (_, Validities::All) => anyhow::bail!("--validity all goes with --policy tbv"),
+        (Policies::One(_), Validities::One(_)) => run_one(args, &world, &trace, &options),
     }
 }
 
-fn run_one(args: &Args, world: &Arc<World>, trace: &Trace, policy: Policy) -> anyhow::Result<()> {
-    let options = options(args, policy)?;
+fn run_one(
+    args: &Args,
+    world: &Arc<World>,
+    trace: &Trace,
+    options: &Options,
+) -> anyhow::Result<()> {
     let mut dump = args.dump.as_deref().map(create).transpose()?;
     let progress = Progress::new();
     let mut explanation = None;
@@ -100,7 +129,7 @@ fn run_one(args: &Args, world: &Arc<World>, trace: &Trace, policy: Policy) -> an
         }
     };
     let dump = dump.as_mut().map(|file| file as &mut dyn Write);
-    let report = replay::run_watched(world, trace, &options, dump, &mut watch);
+    let report = replay::run_watched(world, trace, options, dump, &mut watch);
     progress.finish();
     let report = report.context("cannot write the dump")?;
     super::write_json(args.json.as_deref(), &report)?;
@@ -147,16 +176,16 @@ impl FromStr for Question {
     }
 }
 
-fn compare(args: &Args, world: &Arc<World>, trace: &Trace) -> anyhow::Result<()> {
-    anyhow::ensure!(args.dump.is_none(), "--dump wants one policy");
-    anyhow::ensure!(args.explain.is_none(), "--explain wants one policy");
+/// Runs a trace in several ways, one after the other.
+fn compare(args: &Args, world: &Arc<World>, trace: &Trace, ways: &[Options]) -> anyhow::Result<()> {
+    anyhow::ensure!(args.dump.is_none(), "--dump wants one policy and one validity");
+    anyhow::ensure!(args.explain.is_none(), "--explain wants one policy and one validity");
     let progress = Progress::new();
     let mut comparison = Comparison::default();
-    let all = Comparison::POLICIES.len() as f32;
-    for policy in Comparison::POLICIES {
+    for options in ways {
         let done = comparison.reports.len() as f32;
-        let show = &mut |share| progress.show("replay", (done + share) / all);
-        let report = replay::run(world, trace, &options(args, policy)?, None, show)?;
+        let show = &mut |share| progress.show("replay", (done + share) / ways.len() as f32);
+        let report = replay::run(world, trace, options, None, show)?;
         comparison.reports.push(report);
     }
     progress.finish();
@@ -164,7 +193,9 @@ fn compare(args: &Args, world: &Arc<World>, trace: &Trace) -> anyhow::Result<()>
     super::print(&comparison.to_string())
 }
 
-fn options(args: &Args, policy: Policy) -> anyhow::Result<Options> {
+/// As the arguments say; where they say all, as it is served.
+fn options(args: &Args) -> anyhow::Result<Options> {
+    let policy = if let Policies::One(policy) = args.policy { policy } else { Policy::Tbv };
     let mut options = Options::new(policy, Duration::from_millis(args.rtt.into()));
     if let Some(speed_max) = args.speed_max {
         anyhow::ensure!(
@@ -173,7 +204,10 @@ fn options(args: &Args, policy: Policy) -> anyhow::Result<Options> {
         );
         options.config.speed_max = Some(speed_max);
     }
-    (options.config.validity, options.config.shape) = (args.validity, args.shape);
+    if let Validities::One(validity) = args.validity {
+        options.config.validity = validity;
+    }
+    options.config.shape = args.shape;
     options.length = args.seconds.map(|seconds| Duration::from_secs(seconds.into()));
     options.oracle = args.oracle;
     Ok(options)
@@ -185,6 +219,10 @@ fn create(path: &Path) -> anyhow::Result<File> {
 
 fn policies(text: &str) -> Result<Policies, PolicyError> {
     if text == "all" { Ok(Policies::All) } else { text.parse().map(Policies::One) }
+}
+
+fn validities(text: &str) -> Result<Validities, &'static str> {
+    if text == "all" { Ok(Validities::All) } else { text.parse().map(Validities::One) }
 }
 
 fn stride(text: &str) -> Result<OracleStride, String> {

@@ -162,8 +162,8 @@ fn way_m(from: Vec3, to: Vec3, limits: &Limits) -> f64 {
 /// Whether an eye can be somewhere by what its TBV says; one that has expired goes on growing.
 fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &Limits) -> bool {
     let beyond = now.saturating_sub(tbv.expiry).as_secs_f64() * f64::from(limits.speed_max);
-    let radius_m = (f64::from(tbv.radius) + beyond) * TOLERANCE + ROUNDING_M;
-    eye.as_dvec3().distance(tbv.centre.as_dvec3()) <= radius_m
+    let margin_m = (beyond * TOLERANCE + ROUNDING_M) as f32;
+    tbv.grown(margin_m).contains(eye)
 }
 
 #[cfg(test)]
@@ -270,7 +270,13 @@ mod tests {
 
     #[test]
     fn a_hidden_client_must_be_where_its_tbv_says() {
-        let tbv = Tbv { centre: Vec3::ZERO, radius: 2.0, expiry: ms(1_000) };
+        let region = |centre, size_m, expiry| Tbv {
+            within: Aabb::around(centre, size_m),
+            axes: Axes::WORLD,
+            expiry,
+            notice: Duration::ZERO,
+        };
+        let tbv = region(Vec3::ZERO, 2.0, ms(1_000));
         for (t, x, verdict) in [
             (900, 1.7, Verdict::Accepted),
             (1_000, 2.0, Verdict::Accepted),
@@ -284,7 +290,7 @@ mod tests {
         // Way saved up does not lead out of the region.
         let mut ledger = Ledger::new(ms(0));
         let start = Vec3::new(-1.0, 0.0, 0.0);
-        let small = Tbv { centre: start, radius: 0.2, expiry: ms(3_100) };
+        let small = region(start, 0.2, ms(3_100));
         let got = ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS);
         assert_eq!(got, Verdict::Refused { correct: true });
     }

@@ -85,7 +85,7 @@ impl Default for Config {
         Self {
             policy: Policy::Tbv,
             tick: Duration::from_millis(50),
-            validity: Validity::Maximal,
+            validity: Validity::UntilLeft,
             validity_max: Duration::from_secs(8),
             shape: Shape::Reach,
             margin: Duration::from_millis(25),
@@ -97,7 +97,7 @@ impl Default for Config {
             silence_budget: 60_000,
             look_max: 10_000,
             hold_ticks: 4,
-            silence_retry: Duration::from_millis(200),
+            silence_retry: Duration::from_millis(100),
             stall: Duration::from_secs(1),
             ask_timeout: Duration::from_secs(1),
             asks_max: 10,
@@ -176,6 +176,9 @@ pub enum Validity {
     Adaptive,
     /// As long as it stays unseen by all that is known now: found by doubling, then bisection.
     Maximal,
+    /// Until the client says that it is about to leave it, in as large a region as stays unseen by all that is
+    /// known now.
+    UntilLeft,
 }
 
 impl Validity {
@@ -191,6 +194,7 @@ impl fmt::Display for Validity {
             Self::Constant(validity) => write!(f, "{} ms", validity.as_millis()),
             Self::Adaptive => f.write_str("adaptive"),
             Self::Maximal => f.write_str("maximal"),
+            Self::UntilLeft => f.write_str("until-left"),
         }
     }
 }
@@ -202,8 +206,9 @@ impl FromStr for Validity {
         match (text, text.parse()) {
             ("adaptive", _) => Ok(Self::Adaptive),
             ("maximal", _) => Ok(Self::Maximal),
+            ("until-left", _) => Ok(Self::UntilLeft),
             (_, Ok(ms @ 1..=60_000)) => Ok(Self::Constant(Duration::from_millis(ms))),
-            _ => Err("use adaptive, maximal, or milliseconds from 1 to 60000"),
+            _ => Err("use until-left, maximal, adaptive, or milliseconds from 1 to 60000"),
         }
     }
 }

@@ -32,6 +32,12 @@
 //! from `t + 4u + 2T` on; what viewers are told then stands `d(V)` later. It is asked so long before
 //! it expires ([`Horizons::lead`]), and the [queue](super::expiry::ExpiryQueue) is never late.
 //!
+//! **A TBV that lasts until it is left.** Its client says so at the first of its ticks at which its body could,
+//! by what it can do, be outside within its *notice*. A tick before, at `t`, it could not, so until `t` and that
+//! notice it is inside. What it says is there by the tick at `t + T + u + T`, which makes it live and asks
+//! the hidden that it reveals; of these, and to these, everything is told by `2u + T + d` later
+//! ([`Horizons::notice`]).
+//!
 //! **Freshness.** A revealed client is told to report at every tick, not once. So while it can be
 //! seen its reports are `T` apart, each waits at most `T` for a tick, and what a viewer holds is at
 //! most `u + d + 2T` old.
@@ -137,6 +143,13 @@ impl Horizons {
     /// How long before its expiry a hidden client must be asked.
     pub(super) fn lead(&self, round_trip: Duration) -> Duration {
         2 * round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick + self.margin
+    }
+
+    /// From the last tick of a hidden client at which it was not about to leave its place, until what its
+    /// next one says is known to all whom it may concern.
+    pub(super) fn notice(&self, round_trip: Duration) -> Duration {
+        let heard = self.one_way(round_trip) + self.margin + 2 * self.tick;
+        heard + self.round_trip_silent_max() + self.tick + self.one_way_max()
     }
 
     /// Whether a client answers fast enough to be silent in between, for two ticks at least.

@@ -68,6 +68,10 @@ pub(super) struct Avatar {
     pub(super) zone: Zone,
     /// What `zone` was made for, in own axes; `None` while hidden.
     pub(super) zone_box: Option<Aabb>,
+    /// Where its eye can be until a hidden one that it reveals can be told of, in own axes, if it is live.
+    pub(super) far: Aabb,
+    /// The hidden ones that it meets in its zone, but not within `far`; some are not hidden any more.
+    pub(super) close: Vec<Member>,
     /// Who kept it from falling silent the last time.
     pub(super) seen_by: Option<Member>,
     /// How long its TBV was made to last the last time.
@@ -94,6 +98,12 @@ pub(super) struct Population {
 }
 
 impl Population {
+    /// Whether somebody is there, and not live.
+    pub(super) fn is_hidden(&self, (id, slot): Member) -> bool {
+        let avatar = self.slots.get(slot.0 as usize).and_then(Option::as_ref);
+        avatar.is_some_and(|avatar| avatar.id == id && avatar.state != ClientState::Live)
+    }
+
     pub(super) fn len(&self) -> usize {
         self.by_id.len()
     }

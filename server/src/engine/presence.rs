@@ -3,7 +3,10 @@
 use std::time::Duration;
 
 use glam::Vec3;
-use sightline_shared::motion::{AvatarId, Pose};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::{AvatarId, Pose},
+};
 
 use super::{
     ClientState, Engine, Output,
@@ -49,6 +52,8 @@ impl Engine {
             silence_from: now,
             zone: Zone::default(),
             zone_box: None,
+            far: Aabb::EMPTY,
+            close: Vec::new(),
             seen_by: None,
             validity: self.config.validity.max(FIRST),
             hidden_from: now,

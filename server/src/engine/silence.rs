@@ -7,6 +7,7 @@ use sightline_shared::motion::{AvatarId, Tbv};
 use super::{
     ClientState, Engine, Output, Policy,
     horizon::SILENT_MAX,
+    near::{Leeway, ROUNDING_M},
     population::{Avatar, Slot},
     reach::Reach,
     validity::{End, Silence},
@@ -83,27 +84,44 @@ impl Engine {
         self.population.set_state(slot, ClientState::Live);
     }
 
-    /// A quiet client reported unasked: when it would be asked at the next tick, that is the
-    /// answer; otherwise nothing changes.
+    /// A quiet client reported unasked: when it is about to leave, or would be asked at the next tick, it
+    /// is heard; otherwise nothing changes, since it was not told yet, when it spoke, that it was quiet.
     pub(super) fn refresh(&mut self, now: Duration, slot: Slot, tbv: &Tbv) {
-        let lead = self.horizons.lead(self.population.at(slot).round_trip);
-        if now + lead + self.config.tick >= tbv.expiry {
+        let avatar = self.population.at(slot);
+        let lead = self.horizons.lead(avatar.round_trip);
+        // What the client knows of its region is a little smaller, by rounding.
+        let stays = tbv.grown(-ROUNDING_M).holds(&avatar.pose, self.config.tick, &self.agility);
+        if !stays || now + lead + self.config.tick >= tbv.expiry {
             self.wake(now, slot);
         }
     }
 
-    /// Brings a live avatar's zone up to date and, where it has changed, asks every quiet avatar
-    /// that it can see or be seen by before long. Quiet avatars whose own TBV is new were tested
-    /// when it was made, so an unchanged zone reveals nothing. The zone is made a little larger
-    /// than it must be, so that it lasts for several ticks.
+    /// Brings up to date where a live avatar can be before long, and asks every quiet avatar that it can
+    /// see from there, or be seen by. Its zone is made a little larger than it must be, so that it lasts
+    /// for several ticks; those whom it meets are looked at again at each of them, and no others.
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
         let leeway = self.leeway(&avatar.pose, self.horizons.far(age, avatar.round_trip));
-        if avatar.zone_box.is_some_and(|spare| spare.contains_box(&leeway.within)) {
+        let lasts = avatar.zone_box.is_some_and(|spare| spare.contains_box(&leeway.within));
+        self.population.at_mut(slot).far = leeway.within;
+        if !lasts {
+            self.place_zone(slot, &leeway);
+        }
+        if self.population.at(slot).close.is_empty() {
             return;
         }
-        let id = avatar.id;
+        let close = std::mem::take(&mut self.population.at_mut(slot).close);
+        let hidden = close.into_iter().filter(|member| self.population.is_hidden(*member));
+        let (close, zone) = (hidden.collect::<Vec<Member>>(), self.zone_now(slot));
+        let (found, close) =
+            close.into_iter().partition(|(_, other)| self.may_see_each_other(&zone, *other));
+        self.population.at_mut(slot).close = close;
+        self.ask_to_stay(now, found, outputs);
+    }
+
+    /// Works out a live avatar's zone, and which hidden ones it meets.
+    fn place_zone(&mut self, slot: Slot, leeway: &Leeway) {
         let spare = leeway.within.grown(ZONE_SPARE_M);
         let cells = &self.world.cells;
         let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
@@ -113,16 +131,17 @@ impl Engine {
         if zone == avatar.zone {
             return;
         }
+        let member = (avatar.id, slot);
         let old = std::mem::take(&mut avatar.zone);
-        let mut found = Vec::new();
-        self.hidden_zones.meeting(&self.sectors, &zone, &mut found);
-        found.sort_unstable();
-        found.dedup();
-        found.retain(|(_, slot)| self.may_see_each_other(&zone, *slot));
-        self.live_zones.remove((id, slot), &old);
-        self.live_zones.insert((id, slot), &zone);
-        self.population.at_mut(slot).zone = zone;
-        self.ask_to_stay(now, found, outputs);
+        let mut close = Vec::new();
+        self.hidden_zones.meeting(&self.sectors, &zone, &mut close);
+        close.sort_unstable();
+        close.dedup();
+        close.retain(|(_, other)| self.may_see_each_other(&zone, *other));
+        self.live_zones.remove(member, &old);
+        self.live_zones.insert(member, &zone);
+        let avatar = self.population.at_mut(slot);
+        (avatar.zone, avatar.close) = (zone, close);
     }
 
     /// Orders hidden clients to report from now on.
@@ -140,11 +159,29 @@ impl Engine {
         }
     }
 
+    /// Has all live ones look at each tick at somebody who has just been hidden, as long as it is in their zones.
+    fn watch(&mut self, member: Member) {
+        let zone = std::mem::take(&mut self.population.at_mut(member.1).zone);
+        let mut found = Vec::new();
+        self.live_zones.meeting(&self.sectors, &zone, &mut found);
+        found.sort_unstable();
+        found.dedup();
+        for (_, live) in found {
+            let spare = std::mem::take(&mut self.population.at_mut(live).zone);
+            if self.lets_see(&zone, &spare) {
+                self.population.at_mut(live).close.push(member);
+            }
+            self.population.at_mut(live).zone = spare;
+        }
+        self.population.at_mut(member.1).zone = zone;
+    }
+
     /// Silences a live client if nobody can see it and it can see nobody; otherwise sees to it
     /// that it knows that it is live.
     pub(super) fn settle(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         if self.may_fall_silent(now, self.population.at(slot)) {
-            let silent = self.without(slot, |engine, zone| engine.silence(now, slot, zone));
+            let zone = self.zone_now(slot);
+            let silent = self.without(slot, |engine| engine.silence(now, slot, &zone));
             if let Some(silence) = silent {
                 let tbv = silence.tbv;
                 self.hide(now, slot, silence);
@@ -170,11 +207,11 @@ impl Engine {
     }
 
     /// Does something while a live avatar's zone is not among those of the others.
-    fn without<T>(&mut self, slot: Slot, what: impl FnOnce(&mut Self, &Zone) -> T) -> T {
+    fn without<T>(&mut self, slot: Slot, what: impl FnOnce(&mut Self) -> T) -> T {
         let avatar = self.population.at_mut(slot);
         let (member, zone) = ((avatar.id, slot), std::mem::take(&mut avatar.zone));
         self.live_zones.remove(member, &zone);
-        let done = what(self, &zone);
+        let done = what(self);
         self.live_zones.insert(member, &zone);
         self.population.at_mut(slot).zone = zone;
         done
@@ -189,6 +226,7 @@ impl Engine {
         let member = (avatar.id, slot);
         avatar.pairs = Vec::new();
         avatar.zone_box = None;
+        avatar.close = Vec::new();
         avatar.told_quiet = true;
         (avatar.validity, avatar.hidden_from) = (validity, made);
         let trip = avatar.round_trip;
@@ -196,6 +234,7 @@ impl Engine {
         self.live_zones.remove(member, &old);
         self.hidden_zones.insert(member, &self.population.at(slot).zone);
         self.population.set_state(slot, ClientState::Quiet(tbv));
+        self.watch(member);
         self.patience.cancel(member.0);
         let late = self.config.sabotage.expiry_late;
         let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(trip));

@@ -5,7 +5,11 @@ use std::time::Duration;
 use sightline_shared::{geometry::Aabb, motion::Tbv};
 
 use super::{
-    Engine, Shape, Validity, looks::Found, near::Leeway, population::Slot, reach::Reach,
+    ClientState, Engine, Shape, Validity,
+    looks::Found,
+    near::{Leeway, ROUNDING_M},
+    population::Slot,
+    reach::Reach,
     zones::Zone,
 };
 
@@ -13,6 +17,10 @@ use super::{
 pub(super) const FIRST: Duration = Duration::from_secs(1);
 /// Halvings of the gap between a validity that stays unseen and one that does not.
 const BISECTIONS: u32 = 2;
+
+/// A place to stay in is made larger on all sides, and then on each, by steps from the one to the other of
+/// these, in metres. What one takes others cannot have: with steps of up to 4 m fewer are silent.
+const STAY_STEPS_M: [f32; 2] = [0.5, 1.0];
 
 /// A TBV that nobody can see and from which nobody can be seen.
 pub(super) struct Silence {
@@ -58,7 +66,49 @@ impl Engine {
                 found
             }
             Validity::Maximal => self.longest(slot, least, wanted, most),
+            Validity::UntilLeft => self.widest_stay(slot, age, most),
         }
+    }
+
+    /// Finds the widest place to stay in that remains unseen: first larger on all sides, then on each.
+    fn widest_stay(&mut self, slot: Slot, age: Duration, validity: Duration) -> Option<Silence> {
+        let avatar = self.population.at(slot);
+        let notice = self.horizons.notice(avatar.round_trip);
+        let told = age + self.horizons.one_way(avatar.round_trip) + self.config.tick;
+        let least = self.leeway(&avatar.pose, told + notice).within.grown(ROUNDING_M);
+        let notice = notice.mul_f64(self.config.sabotage.tbv_scale.into());
+        let expiry = self.made_at(slot) + validity;
+        let tbv = Tbv { within: least, axes: self.world.cells.axes, expiry, notice };
+        let mut found = self.stay(slot, tbv, validity)?;
+        let [step_min, step_max] = STAY_STEPS_M;
+        let mut step = step_min;
+        while step <= step_max
+            && let Some(wider) = self.stay(slot, found.tbv.grown(step), validity)
+        {
+            found = wider;
+            step *= 2.0;
+        }
+        for (axis, towards) in [(0, -1.0), (0, 1.0), (2, -1.0), (2, 1.0)] {
+            let mut step = step_min;
+            while step <= step_max {
+                let mut beyond = found.tbv;
+                let Aabb { min, max } = &mut beyond.within;
+                let end = if towards < 0.0 { min } else { max };
+                end[axis] += towards * step;
+                let Some(wider) = self.stay(slot, beyond, validity) else { break };
+                found = wider;
+                step *= 2.0;
+            }
+        }
+        Some(found)
+    }
+
+    /// The TBV of a body that stays in it until its client says that it leaves, if it remains unseen.
+    fn stay(&mut self, slot: Slot, tbv: Tbv, validity: Duration) -> Option<Silence> {
+        let eye = tbv.axes.own(self.population.at(slot).pose.eye);
+        let reach = Reach::within(&mut self.scratch, &self.world.cells, eye, &tbv.within);
+        let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
+        (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
     }
 
     /// Finds the longest validity by doubling, from the one that the last TBV had, and bisection.
@@ -139,38 +189,43 @@ impl Engine {
         seen_by.is_some()
     }
 
-    /// Whether a line from one zone to another may be free, either way; without a budget, it may.
+    /// Where an avatar can be, as its zone has it; a live one's at this tick alone.
+    pub(super) fn zone_now(&self, slot: Slot) -> Zone {
+        let avatar = self.population.at(slot);
+        if avatar.state == ClientState::Live {
+            avatar.zone.within([avatar.far, self.body.around_box(&avatar.far)])
+        } else {
+            avatar.zone.clone()
+        }
+    }
+
+    /// Whether a line from a zone to where an avatar can be now may be free, either way.
     pub(super) fn may_see_each_other(&mut self, zone: &Zone, other: Slot) -> bool {
-        let other = &self.population.at(other).zone;
-        let ([eyes, bodies], [other_eyes, other_bodies]) = (&zone.parts, &other.parts);
-        let shown = [zone.shows(other, &self.rooms), other.shows(zone, &self.rooms)];
+        let other = self.zone_now(other);
+        self.lets_see(zone, &other)
+    }
+
+    /// Whether a line from one zone to another may be free, either way; without a budget, it may.
+    pub(super) fn lets_see(&mut self, one: &Zone, other: &Zone) -> bool {
+        let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.parts, &other.parts);
+        let shown = [one.shows(other, &self.rooms), other.shows(one, &self.rooms)];
         let ways = [(eyes, other_bodies), (other_eyes, bodies)].into_iter().zip(shown);
         ways.filter(|(_, is_shown)| *is_shown).any(|((eyes, bodies), _)| {
-            let (most, budget) = (self.config.look_max, &mut self.silence_left);
+            let (most, budget) = (600, &mut self.silence_left);
             !matches!(self.shafts.between(eyes, bodies, most, budget), Found::Hidden)
         })
     }
 
-    /// What a TBV is for the client, and how far its avatar gets in it.
+    /// A TBV, and how far its avatar gets in it.
     fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Leeway) {
-        let (pose, axes) = (&self.population.at(slot).pose, &self.world.cells.axes);
+        let pose = &self.population.at(slot).pose;
         let mut leeway = self.leeway(pose, validity);
         leeway.scale(self.config.sabotage.tbv_scale);
-        let sphere = Tbv { centre: pose.eye, radius: leeway.way_m, expiry: made + validity };
-        match self.config.shape {
-            Shape::Sphere => {
-                (sphere, Leeway { within: Aabb::around(leeway.from, leeway.way_m), ..leeway })
-            }
-            Shape::Reach => {
-                let able = Tbv::around(&leeway.within, made + validity);
-                let tbv = if able.radius < sphere.radius {
-                    Tbv { centre: axes.world(able.centre), ..able }
-                } else {
-                    sphere
-                };
-                (tbv, leeway)
-            }
+        if self.config.shape == Shape::Sphere {
+            leeway.within = Aabb::around(leeway.from, leeway.way_m);
         }
+        let (within, axes) = (leeway.within, self.world.cells.axes);
+        (Tbv { within, axes, expiry: made + validity, notice: Duration::ZERO }, leeway)
     }
 
     /// Learns from how a TBV ended.

@@ -185,6 +185,12 @@ impl Zone {
         Self { eyes, bodies, parts, rooms }
     }
 
+    /// What of it is in a box for the eyes and one for the bodies.
+    pub(super) fn within(&self, boxes: [Aabb; 2]) -> Self {
+        let [eyes, bodies] = [0, 1].map(|at: usize| self.parts[at].within(&boxes[at]));
+        Self { parts: [eyes, bodies], ..self.clone() }
+    }
+
     /// Whether rooms let somebody here see somebody there.
     pub(super) fn shows(&self, other: &Self, rooms: &RoomIndex) -> bool {
         !rooms.rules() || rooms.may_see(&self.rooms[0], &other.rooms[1])

@@ -270,7 +270,6 @@ impl<'a> Clients<'a> {
     /// Moves a client to a place, and says so where it must.
     fn act(&mut self, walker: u32, now: Duration, pose: &Pose, asked: bool) -> Option<Uplink> {
         let told = self.on_wire(pose);
-        let tick = self.tick.as_secs_f32();
         let client = self.present.get_mut(&walker)?;
         let elapsed = now.saturating_sub(client.at);
         let able = self.agility.eyes(client.eye, client.velocity, elapsed).grown(ROUNDING_M);
@@ -287,9 +286,9 @@ impl<'a> Clients<'a> {
         let request = if jumped {
             Request::Relocate { pose: told }
         } else {
-            let leaves = |tbv: &Tbv| !tbv.contains(pose.eye + pose.velocity * tick);
+            let stays = |tbv: &Tbv| tbv.holds(pose, self.tick, &self.agility);
             let live = client.tbv.is_none();
-            if !live && !asked && !client.tbv.as_ref().is_some_and(leaves) {
+            if !live && !asked && client.tbv.as_ref().is_some_and(stays) {
                 return None;
             }
             client.sequence += 1;

@@ -1,13 +1,13 @@
-//! One trace under several policies, side by side.
+//! One trace under several policies, or with several kinds of TBVs, side by side.
 
-use std::fmt;
+use std::{fmt, time::Duration};
 
 use serde::Serialize;
 
 use super::Report;
-use crate::engine::Policy;
+use crate::engine::{Policy, Shape, Validity};
 
-/// The reports of one trace, a policy each.
+/// The reports of one trace, a policy or a kind of TBV each.
 #[derive(Clone, Debug, Default, Serialize)]
 #[serde(transparent)]
 pub struct Comparison {
@@ -27,12 +27,25 @@ impl Comparison {
         Policy::Pvs,
         Policy::Tbv,
     ];
+
+    /// What TBVs can be: by what bounds them, and by how long they last.
+    pub const TBVS: [(Shape, Validity); 7] = [
+        (Shape::Reach, Validity::UntilLeft),
+        (Shape::Reach, Validity::Maximal),
+        (Shape::Reach, Validity::Adaptive),
+        (Shape::Reach, HALF_A_SECOND),
+        (Shape::Sphere, Validity::Maximal),
+        (Shape::Sphere, Validity::Adaptive),
+        (Shape::Sphere, HALF_A_SECOND),
+    ];
 }
+
+const HALF_A_SECOND: Validity = Validity::Constant(Duration::from_millis(500));
 
 /// A column's name, and what stands in it.
 type Column = (&'static str, fn(&Report) -> String);
 
-const COLUMNS: [Column; 14] = [
+const COLUMNS: [Column; 15] = [
     ("held", |r| format!("{:.2}", r.held_mean)),
     ("msg/s to", |r| format!("{:.1}", r.messages_to_client)),
     ("B/s to", |r| format!("{:.0}", r.bytes_to_client)),
@@ -40,6 +53,7 @@ const COLUMNS: [Column; 14] = [
     ("states/s to", |r| format!("{:.1}", r.updates_to_client)),
     ("msg/s from", |r| format!("{:.1}", r.messages_from_client)),
     ("B/s from", |r| format!("{:.0}", r.bytes_from_client)),
+    ("asks/s", |r| format!("{:.1}", r.asks_per_s)),
     ("quiet %", |r| format!("{:.1}", r.quiet_share * 100.0)),
     ("hidden reports %", |r| oracle(r, |o| format!("{:.2}", o.hidden_reports * 100.0))),
     ("misses", |r| oracle(r, |o| o.misses.to_string())),
@@ -53,13 +67,17 @@ fn oracle(report: &Report, figure: impl Fn(&super::OracleReport) -> String) -> S
     report.oracle.as_ref().map_or_else(|| "-".to_owned(), figure)
 }
 
-/// A row for each policy. *to* and *from* are of a client, in the mean; *worst* is the client that gets
+/// A row for each policy, or each kind of TBV. *to* and *from* are of a client, in the mean; *worst* is the client that gets
 /// most bytes.
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let row = |report: &Report| {
             let figures = COLUMNS.iter().map(|(_, figure)| figure(report));
-            [report.policy.clone()].into_iter().chain(figures).collect()
+            let mut name = report.policy.clone();
+            if name == Policy::Tbv.to_string() {
+                name = format!("{name}, {}, {}", report.shape, report.validity);
+            }
+            [name].into_iter().chain(figures).collect()
         };
         let names = COLUMNS.iter().map(|(name, _)| (*name).to_owned());
         let mut lines: Vec<Vec<String>> =

@@ -288,7 +288,7 @@ fn what_a_host_reads_adds_up() {
         assert!(oracle.pairs_foreseen <= oracle.pairs_held, "{case}");
         assert!(oracle.over_send_horizon <= oracle.over_send || oracle.misses > 0, "{case}");
         assert!(report.enters >= report.leaves && report.enters > 0, "{case}");
-        assert_eq!(report.left_tbv, 0, "{case}");
+        assert!(report.left_tbv == 0 || report.policy == "tbv", "{case}");
         assert!((report.enters_per_s - report.enters as f64 / 10.0).abs() < 0.2, "{case}");
         let always = oracle.hidden_reports > 0.99;
         assert!(always || report.policy == "tbv", "{case}");

@@ -220,7 +220,13 @@ mod tests {
             ServerMessage::Vanish { avatar },
             ServerMessage::Ask,
             ServerMessage::Quiet {
-                tbv: WireTbv { centre: pose().position, radius: u32::MAX, validity_ms: u32::MAX },
+                tbv: WireTbv {
+                    min: pose().position,
+                    max: pose().position,
+                    turn: i32::MIN,
+                    validity_ms: u32::MAX,
+                    notice_ms: u16::MAX,
+                },
             },
             ServerMessage::Live,
             ServerMessage::Correct { pose: pose() },

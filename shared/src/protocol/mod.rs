@@ -19,7 +19,7 @@ pub mod text;
 mod varint;
 
 /// Both ends must speak the same version.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// The TLS application protocol. It does not carry the version, so that a client of another
 /// version can be told so in words.
 pub const ALPN: &[u8] = b"sightline";

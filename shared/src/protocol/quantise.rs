@@ -8,12 +8,18 @@ use std::{
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::motion::{Pose, Tbv};
+use crate::{
+    geometry::Aabb,
+    motion::{Pose, Tbv},
+    world::Axes,
+};
 
 /// Lengths travel in 512ths of a metre: 2 mm.
 pub const UNITS_PER_METRE: f32 = 512.0;
 /// Speeds travel in 128ths of a metre a second.
 pub const SPEED_UNITS: f32 = 128.0;
+/// Turns of axes travel in these, in radians.
+const TURN_UNIT: f64 = std::f64::consts::TAU / 4_294_967_296.0;
 /// No coordinate is farther from the origin than 100 km.
 pub const COORDINATE_MAX: i32 = 100_000 * 512;
 
@@ -102,35 +108,43 @@ impl From<WirePose> for Pose {
 /// A TBV as a client learns of it: never larger than the server's, and it never lasts longer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WireTbv {
-    /// The middle of the sphere.
-    pub centre: WirePosition,
-    /// Its radius, in 512ths of a metre.
-    pub radius: u32,
+    /// The corner with the least coordinates along the building's axes.
+    pub min: WirePosition,
+    /// The one with the greatest; where one is not greater, there is nothing in between.
+    pub max: WirePosition,
+    /// From the world's axes to the building's, in 2^32nds of a full turn.
+    pub turn: i32,
     /// How long it holds from when it was sent, in milliseconds.
     pub validity_ms: u32,
+    /// How long before it could be left that must be said, in milliseconds; 0 when it cannot be.
+    pub notice_ms: u16,
 }
 
 impl WireTbv {
     /// What is left of a TBV at `now`, on the server's clock.
     pub fn new(tbv: &Tbv, now: Duration) -> Self {
-        // The centre moves by up to 0.87 units when rounded to integers, and by a rounding of f32
-        // when turned back.
-        let rounding = tbv.centre.abs().max_element() * UNITS_PER_METRE * (0.5f32).powi(22);
-        let radius = (tbv.radius * UNITS_PER_METRE - 1.0 - rounding).floor();
+        // Coordinates move by up to half a unit when rounded to integers, by a rounding of f32 when turned
+        // back, and by what the turn has lost.
+        let Aabb { min, max } = tbv.within;
+        let farthest_m = min.abs().max(max.abs()).max_element();
+        let inwards = (0.6 + farthest_m * UNITS_PER_METRE * (0.5f32).powi(22)) / UNITS_PER_METRE;
         let left = tbv.expiry.saturating_sub(now).as_millis();
         Self {
-            centre: tbv.centre.into(),
-            radius: radius as u32,
+            min: (min + inwards).into(),
+            max: (max - inwards).into(),
+            turn: (tbv.axes.turn() / TURN_UNIT).round() as i32,
             validity_ms: u32::try_from(left).unwrap_or(u32::MAX),
+            notice_ms: tbv.notice.as_micros().div_ceil(1_000).try_into().unwrap_or(u16::MAX),
         }
     }
 
     /// The TBV on the clock of a client that receives it at `now`.
     pub fn at(&self, now: Duration) -> Tbv {
         Tbv {
-            centre: self.centre.into(),
-            radius: self.radius as f32 / UNITS_PER_METRE,
+            within: Aabb::new(self.min.into(), self.max.into()),
+            axes: Axes::turned(f64::from(self.turn) * TURN_UNIT),
             expiry: now + Duration::from_millis(u64::from(self.validity_ms)),
+            notice: Duration::from_millis(u64::from(self.notice_ms)),
         }
     }
 }
@@ -193,20 +207,30 @@ mod tests {
         fn a_clients_tbv_lies_within_the_servers(
             centre in proptest::array::uniform3(-90_000f32..90_000.0),
             scale in prop_oneof![Just(1.0f32), Just(0.01), Just(0.0001)],
-            radius in 0f32..200.0,
-            direction in proptest::array::uniform3(-1f32..1.0),
+            size in proptest::array::uniform3(0f32..200.0),
+            turn in prop_oneof![Just(0.0), -1.6..1.6f64],
+            place in proptest::array::uniform3(0f32..=1.0),
             left_us in 0u64..10_000_000,
         ) {
             let now = Duration::from_secs(77);
             let expiry = now + Duration::from_micros(left_us);
-            let server = Tbv { centre: Vec3::from(centre) * scale, radius, expiry };
+            let (centre, half) = (Vec3::from(centre) * scale, Vec3::from(size) * 0.5);
+            let within = Aabb::new(centre - half, centre + half);
+            let notice = Duration::from_micros(left_us / 10);
+            let server = Tbv { within, axes: Axes::turned(turn), expiry, notice };
             let client = WireTbv::new(&server, now).at(now);
-            prop_assert!(client.expiry <= server.expiry);
-            let direction = Vec3::from(direction).normalize_or(Vec3::X);
-            let farthest = client.centre.as_dvec3() + (direction * client.radius).as_dvec3();
-            if client.radius > 0.0 {
-                prop_assert!(farthest.distance(server.centre.as_dvec3()) <= f64::from(server.radius));
+            prop_assert!(client.expiry <= server.expiry && client.notice >= server.notice);
+            let Aabb { min, max } = client.within;
+            let place = client.axes.world(min + (max - min) * Vec3::from(place));
+            if client.contains(place) {
+                // Who is so far away that single precision does not tell is so for both.
+                let lost_m = place.abs().max_element() * (0.5f32).powi(22);
+                prop_assert!(server.grown(lost_m).contains(place), "{:?}", place);
             }
+            // No more than what rounding takes is lost.
+            let lost = (max - min) - (within.max - within.min);
+            let bound_m = 0.01 + within.max.abs().max(within.min.abs()).max_element() * 1e-6;
+            prop_assert!(lost.abs().max_element() < bound_m, "{lost}");
         }
     }
 

@@ -279,10 +279,11 @@ impl Run {
 
     /// Live clients report, and those that are about to leave their TBVs.
     fn report(&mut self, tick: Duration) {
+        let agility = self.engine.agility();
         for i in 0..self.clients.len() {
-            let walker = &self.crowd.walkers[i];
-            let next = walker.eye + walker.velocity * tick.as_secs_f32();
-            if self.clients[i].tbv.as_ref().is_none_or(|tbv| !tbv.contains(next)) {
+            let pose = self.crowd.walkers[i].pose();
+            let stays = |tbv: &Tbv| tbv.holds(&pose, tick, &agility);
+            if !self.clients[i].tbv.as_ref().is_some_and(stays) {
                 self.send(AvatarId(i as u32));
             }
         }

@@ -191,7 +191,7 @@ impl Watch {
             if known.is_none() && !self.is_large_enough(moment, id, &tbv) {
                 self.note(moment, &Breach::Small, id, "");
             }
-            let grown = Tbv { radius: tbv.radius + ROUNDING_M, ..tbv };
+            let grown = tbv.grown(ROUNDING_M);
             if moment.now <= tbv.expiry && !grown.contains(eye) && !moment.is_late(id) {
                 self.note(moment, &Breach::Outside, id, "");
             }
@@ -211,13 +211,30 @@ impl Watch {
         tbv.expiry.saturating_sub(lead)
     }
 
+    /// How long a hidden avatar must be sure to stay in its TBV when it was about to leave it at a tick of its
+    /// client and was not at the one before: it is heard, another hidden one is asked, and its answer is told.
+    fn notice(&self, moment: &Moment<'_>, id: AvatarId) -> Duration {
+        let round_trips = |is_counted: &dyn Fn(AvatarId) -> bool| {
+            let ids = moment.engine.avatars().filter(|id| is_counted(*id));
+            ids.map(|id| moment.round_trip(id).min(self.cap)).max().unwrap_or_default()
+        };
+        let is_hidden = |id| moment.engine.state(id).is_some_and(|state| state.tbv().is_some());
+        let heard = self.tick + moment.round_trip(id).min(self.cap) / 2 + self.margin + self.tick;
+        heard + round_trips(&is_hidden) + self.tick + round_trips(&|_| true) / 2
+    }
+
     /// Whether straight walks from the last place known end inside.
     fn is_large_enough(&self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) -> bool {
         let (Some(pose), Some(heard)) = (moment.engine.pose(id), moment.heard(id)) else {
             return true;
         };
         let made = heard.saturating_sub(moment.round_trip(id) / 2);
-        let time_s = tbv.expiry.saturating_sub(made).as_secs_f32();
+        let time = match tbv.notice {
+            Duration::ZERO => tbv.expiry.saturating_sub(made),
+            notice if notice < self.notice(moment, id) => return false,
+            notice => notice,
+        };
+        let time_s = time.as_secs_f32();
         let way_m = sprint_m(self.speed_max, time_s) - ROUNDING_M;
         (0..DIRECTIONS).all(|i| {
             let angle = f32::from(i) / f32::from(DIRECTIONS) * std::f32::consts::TAU;

@@ -3,13 +3,15 @@
 use std::time::Duration;
 
 use sightline_shared::{
-    motion::{AvatarId, Pose},
+    motion::{Agility, AvatarId, Body, Pose},
     protocol::{message::ServerMessage, pose_stream::PoseEncoder, text::Name},
 };
 
 use crate::replica::Replica;
 
 const TICK: Duration = Duration::from_millis(50);
+/// What who looks on could do, in metres a second; but it stays.
+const SPEED_MAX: f32 = 4.0;
 const NAME: &str = "somebody";
 
 /// People of whom a client is told at each tick, by datagrams.
@@ -23,7 +25,8 @@ pub struct Crowd {
 impl Crowd {
     /// So many people, with the least numbers.
     pub fn new(count: usize) -> Self {
-        let replica = Replica::new(AvatarId(u32::MAX), TICK);
+        let agility = Agility::of(&Body::PERSON, SPEED_MAX);
+        let replica = Replica::new(AvatarId(u32::MAX), TICK, agility);
         Self { count, encoder: PoseEncoder::default(), replica, tick: 0 }
     }
 

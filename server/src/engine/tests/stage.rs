@@ -197,7 +197,9 @@ impl Stage {
     pub fn tick(&mut self) {
         for (id, client) in &mut self.clients {
             let pose = client.step();
-            if client.quiet.is_none() || std::mem::take(&mut client.asked) {
+            let stays = |tbv: &Tbv| tbv.holds(&pose, TICK, &self.engine.agility());
+            let is_silent = client.quiet.as_ref().is_some_and(stays);
+            if !is_silent || std::mem::take(&mut client.asked) {
                 client.sequence += 1;
                 self.reports += 1;
                 let report = Input::Report { avatar: *id, sequence: client.sequence, pose };

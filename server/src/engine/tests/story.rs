@@ -3,10 +3,13 @@
 use std::time::Duration;
 
 use glam::Vec3;
-use sightline_shared::motion::{AvatarId, Pose};
+use sightline_shared::{
+    geometry::Aabb,
+    motion::{AvatarId, Pose},
+};
 
 use super::stage::{Stage, TICK, row};
-use crate::engine::{ClientState, Config, Input, Output, Policy, Reason};
+use crate::engine::{ClientState, Config, Input, Output, Policy, Reason, Shape, Validity};
 
 fn sees(stage: &Stage, viewer: AvatarId) -> Vec<u32> {
     let told: Vec<u32> = stage.client(viewer).sees.keys().map(|id| id.0).collect();
@@ -96,7 +99,8 @@ fn the_expired_are_asked_in_time_and_asked_again() {
     let ada = stage.join(1, 5.0);
     stage.tick();
     let tbv = stage.engine.tbv(ada).unwrap();
-    assert_eq!((tbv.centre.x, tbv.radius), (5.0, 2.01), "two metres, and what rounding takes");
+    let within = Aabb::around(Vec3::new(5.0, 1.6, 5.0), 2.01);
+    assert_eq!(tbv.within, within, "two metres each way, and what rounding takes");
     while stage.engine.stats().expiries == 0 {
         stage.tick();
     }
@@ -130,6 +134,42 @@ fn a_live_client_that_falls_silent_is_asked_and_then_dropped() {
 }
 
 #[test]
+fn a_stay_lasts_until_it_is_left_and_its_word_is_kept() {
+    let config = Config { margin: Duration::ZERO, ..Stage::prompt(row(2)).engine.config().clone() };
+    let config = Config { validity: Validity::UntilLeft, shape: Shape::Reach, ..config };
+    let mut stage = Stage::new(row(8), config);
+    let ada = stage.join(1, 5.0);
+    stage.ticks(3);
+    let tbv = stage.engine.tbv(ada).unwrap();
+    assert!(tbv.notice >= 3 * TICK && is_quiet(&stage, ada));
+    // Pacing to and fro in it, she need not say a word, but for her life after eight seconds.
+    let reports = stage.reports;
+    for x in [5.5, 5.0, 4.5, 5.0] {
+        stage.walk(ada, x);
+    }
+    assert_eq!(stage.reports, reports);
+    // On the way through the building she says in time each time that she leaves.
+    stage.walk(ada, 35.0);
+    let left = stage.reports - reports;
+    assert!((5..30).contains(&left), "{left} reports in 30 m");
+    assert_eq!((stage.client(ada).corrections, stage.engine.stats().refusals), (0, 0));
+    stage.ticks(2);
+    let tbv = stage.engine.tbv(ada).unwrap();
+    assert!(tbv.contains(stage.client(ada).eye));
+
+    // Who breaks that word is put back: she may have come further by her speed limit.
+    let client = stage.clients.get_mut(&ada).unwrap();
+    client.sequence += 1;
+    let eye = Vec3::new(tbv.within.max.x + 0.5, 1.6, 5.0);
+    let pose = Pose { eye, ..Pose::default() };
+    let sequence = client.sequence;
+    stage.now += Duration::from_secs(4);
+    stage.engine.handle(stage.now, Input::Report { avatar: ada, sequence, pose });
+    assert_eq!(stage.engine.stats().refusals, 1);
+    assert!(tbv.contains(stage.engine.pose(ada).unwrap().eye));
+}
+
+#[test]
 fn a_quiet_client_may_report_and_is_judged() {
     let mut stage = Stage::prompt(row(8));
     let ada = stage.join(1, 5.0);
@@ -156,7 +196,7 @@ fn a_quiet_client_may_report_and_is_judged() {
     assert_eq!((stage.engine.tbv(ada), stage.engine.stats().expiries), (Some(tbv), 0));
     report(&mut stage, 6.4);
     stage.tick();
-    assert_eq!(stage.engine.tbv(ada).unwrap().centre.x, 6.4);
+    assert_eq!(stage.engine.tbv(ada).unwrap().within.centre().x, 6.4);
     assert_eq!(stage.engine.stats().expiries, 0);
 }
 

@@ -7,12 +7,12 @@ use proptest::prelude::*;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_shared::{
     geometry::Aabb,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, Tbv},
     world::{CellId, Node, Polygon, World},
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::engine::{ClientState, Config, Input};
+use crate::engine::{ClientState, Config, Input, Validity};
 
 /// A box cut at random, in which cells that touch see each other and a few others do too.
 fn random_world(rng: &mut SmallRng) -> World {
@@ -67,7 +67,9 @@ impl Crowd {
         let mut rng = SmallRng::seed_from_u64(seed);
         let world = random_world(&mut rng);
         // Who sees whom is drawn by lot there, whatever is between them.
-        let config = Config { look_budget: 0, silence_budget: 0, ..Config::default() };
+        let validities = [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal];
+        let validity = validities[rng.random_range(0..validities.len())];
+        let config = Config { look_budget: 0, silence_budget: 0, validity, ..Config::default() };
         let stage = Stage::new(world, config);
         let mut crowd = Self {
             stage,
@@ -114,7 +116,7 @@ impl Crowd {
         }
         let bounds = self.stage.engine.world().bounds();
         let speed_max = self.stage.engine.speed_max();
-        let tick_s = TICK.as_secs_f32();
+        let (tick_s, agility) = (TICK.as_secs_f32(), self.stage.engine.agility());
         for (id, way) in &mut self.ways {
             let client: &mut Client = self.stage.clients.get_mut(id).unwrap();
             if client.sequence > 0 && self.rng.random_bool(0.05) {
@@ -129,8 +131,9 @@ impl Crowd {
             if can_step(self.stage.engine.world(), client.eye, there, speed_max * tick_s) {
                 client.eye = there;
             }
-            if client.quiet.is_none() || client.asked {
-                let pose = Pose { eye: client.eye, velocity: client.velocity(), ..Pose::default() };
+            let pose = Pose { eye: client.eye, velocity: client.velocity(), ..Pose::default() };
+            let stays = client.quiet.is_some_and(|tbv| tbv.holds(&pose, TICK, &agility));
+            if !stays || client.asked {
                 self.last_report.insert(*id, (self.stage.now, pose));
             }
         }
@@ -218,9 +221,13 @@ impl Crowd {
         self.able(id, self.since_report(at, id, ahead))
     }
 
-    /// Where the eye of a silent one can be before its TBV expires.
+    /// Where the eye of a silent one can be before its TBV expires or it says that it leaves.
     fn hidden_region(&self, id: AvatarId) -> Pieces {
-        let expiry = self.stage.engine.tbv(id).unwrap().expiry;
+        let Tbv { within, expiry, notice, .. } = self.stage.engine.tbv(id).unwrap();
+        if !notice.is_zero() {
+            let (world, pose) = (self.stage.engine.world(), self.last_report[&id].1);
+            return reach(world, pose.eye, &within, f32::INFINITY, 0.004);
+        }
         let made =
             self.last_report[&id].0.saturating_sub(self.trip(id) / 2 + Config::default().margin);
         self.able(id, expiry - made)
