@@ -60,6 +60,8 @@ pub struct Config {
     pub name_chars_max: usize,
     /// Chat is cut to so many characters.
     pub chat_chars_max: usize,
+    /// Threads that share a tick: 1 is the caller's own. The outputs are the same with any number.
+    pub threads: usize,
     #[doc(hidden)]
     pub sabotage: Sabotage,
 }
@@ -107,6 +109,7 @@ impl Default for Config {
             avatars_max: 16_384,
             name_chars_max: 32,
             chat_chars_max: 256,
+            threads: 1,
             sabotage: Sabotage::default(),
         }
     }

@@ -54,9 +54,8 @@ impl Engine {
         let (from, to) = (self.population.find(viewer)?, self.population.find(avatar)?);
         let pair = from.pairs.iter().find(|pair| pair.id == avatar);
         let delay = self.horizons.delay(from.round_trip);
-        let boxes = |avatar: &Avatar, part: Part| {
-            avatar.near.just(part, &self.body, self.config.spare_m).boxes().to_vec()
-        };
+        let boxes =
+            |avatar: &Avatar, part: Part| avatar.near.just(part, &self.body).boxes().to_vec();
         let reason = match pair {
             _ if !self.config.policy.uses_cells() => Reason::Policy,
             _ if [from, to].iter().any(|a| a.state != ClientState::Live) => Reason::Silence,
@@ -64,6 +63,10 @@ impl Engine {
             _ if self.is_ruled_out(from, to, delay) => Reason::Rooms,
             None => Reason::Cells,
             Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
+            Some(Pair { look: Look::Together, .. }) => {
+                let [from, to] = [from, to].map(|a| self.world.cells.axes.own(a.pose.eye));
+                Reason::Free(Line { from, to })
+            }
             Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
             Some(Pair { look: Look::Hidden(_) | Look::HiddenIn(_), .. }) => Reason::Shafts,
         };
@@ -71,8 +74,8 @@ impl Engine {
             viewer: from.state,
             avatar: to.state,
             is_held: pair.is_some_and(|pair| pair.is_held),
-            eyes: boxes(from, Part::Eyes),
-            bodies: boxes(to, Part::Bodies(delay)),
+            eyes: boxes(from, Part::EYES),
+            bodies: boxes(to, to.near.bodies(delay)),
             reason,
         })
     }
@@ -82,10 +85,10 @@ impl Engine {
     /// Whether rooms alone keep a viewer from being told of an avatar.
     fn is_ruled_out(&self, viewer: &Avatar, avatar: &Avatar, delay: Duration) -> bool {
         let part = |avatar: &Avatar, part: Part, place: usize| {
-            let near = avatar.near.get(part)?.ground(0).cloned();
+            let near = avatar.near.get(part)?.ground().cloned();
             near.or_else(|| Some(avatar.near.wide.as_ref()?.grounds[place].clone()))
         };
-        let grounds = part(viewer, Part::Eyes, 0).zip(part(avatar, Part::Bodies(delay), 1));
+        let grounds = part(viewer, Part::EYES, 0).zip(part(avatar, avatar.near.bodies(delay), 1));
         grounds.is_some_and(|(eyes, bodies)| !eyes.shows(&bodies, &self.rooms))
     }
 }

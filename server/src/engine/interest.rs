@@ -5,69 +5,84 @@ use sightline_shared::motion::AvatarId;
 
 use super::{
     Engine, Output, Policy,
-    pairs::matched,
+    crew::Work,
+    pairs::{Pair, matched},
     population::{Avatar, Slot},
+    scene::{Live, Lives, Scene},
 };
 
 impl Engine {
-    /// Tells a live viewer what has changed for it.
-    pub(super) fn tell(&mut self, viewer: Slot, outputs: &mut Vec<Output>) {
-        if !self.config.policy.uses_cells() {
-            self.pair_without_cells(viewer);
+    /// Tells live viewers what has changed for them, by id.
+    pub(super) fn tell(&mut self, scene: &mut Scene, outputs: &mut Vec<Output>) {
+        let Scene { lives, pairs } = scene;
+        let told = self.crew.gather(pairs, |work, place, pairs, told| {
+            let viewer = &lives.all()[place];
+            if !self.config.policy.uses_cells() {
+                *pairs = self.pair_without_cells(viewer, pairs);
+            }
+            self.tell_one(work, (lives, viewer), pairs, told);
+        });
+        for output in &told {
+            let (avatar, is_shown) = match output {
+                Output::Appear { avatar, .. } => (avatar, true),
+                Output::Vanish { avatar, .. } => (avatar, false),
+                _ => continue,
+            };
+            if let Some(slot) = self.population.slot(*avatar) {
+                let watchers = &mut self.population.at_mut(slot).watchers;
+                *watchers = if is_shown { *watchers + 1 } else { *watchers - 1 };
+            }
         }
-        let to = self.population.at(viewer).id;
-        let seal = self.population.at(viewer).seal;
-        let mut pairs = std::mem::take(&mut self.population.at_mut(viewer).pairs);
+        outputs.extend(told);
+    }
+
+    fn tell_one(
+        &self,
+        work: &mut Work,
+        (lives, viewer): (&Lives, &Live),
+        pairs: &mut Vec<Pair>,
+        told: &mut Vec<Output>,
+    ) {
+        let to = viewer.id;
         let mut poses = Vec::new();
-        for pair in &mut pairs {
-            let is_hidden = self.is_hidden(pair);
+        for pair in pairs.iter_mut() {
+            let avatar = lives.at(pair.slot);
+            let is_hidden = pair.look.is_hidden();
             let is_kept = is_hidden
                 && pair.is_held
                 && self.ticks < pair.held_until
-                && self.may_see_by_cells(viewer, pair);
+                && self.may_see_by_cells(work, viewer, avatar);
             // What is sealed off is not told, whatever the regions say.
-            let agrees = self.population.at(pair.slot).seal.agrees(&seal);
+            let agrees = avatar.seal.agrees(&viewer.seal);
             let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
             match (pair.is_held, wanted) {
-                (true, true) => {
-                    let avatar = self.population.at(pair.slot);
-                    // Of whom it is not to see it is not told anything, not even that.
-                    if !is_hidden && avatar.version != pair.version {
-                        pair.version = avatar.version;
-                        poses.push((pair.id, avatar.pose));
-                    }
+                // Of whom it is not to see it is not told anything, not even that.
+                (true, true) if !is_hidden && avatar.version != pair.version => {
+                    pair.version = avatar.version;
+                    poses.push((pair.id, avatar.pose));
                 }
-                (true, false) => {
-                    self.population.at_mut(pair.slot).watchers -= 1;
-                    outputs.push(Output::Vanish { to, avatar: pair.id });
-                }
+                (true, false) => told.push(Output::Vanish { to, avatar: pair.id }),
                 (false, true) => {
-                    let avatar = self.population.at_mut(pair.slot);
-                    avatar.watchers += 1;
                     pair.version = avatar.version;
                     pair.held_until = self.ticks + self.config.hold_ticks;
-                    outputs.push(appear(to, avatar));
+                    told.push(appear(to, self.population.at(pair.slot)));
                 }
-                (false, false) => {}
+                (true, true) | (false, false) => {}
             }
             pair.is_held = wanted;
         }
         pairs.retain(|pair| pair.concerns);
-        self.population.at_mut(viewer).pairs = pairs;
         if !poses.is_empty() {
-            outputs.push(Output::Poses { to, tick: self.ticks, poses });
+            told.push(Output::Poses { to, tick: self.ticks, poses });
         }
     }
 
-    /// Finds all whom a viewer is to be told of under a policy that knows no walls.
-    fn pair_without_cells(&mut self, viewer: Slot) {
-        let from = self.population.at(viewer);
-        let found = self
-            .population
-            .all()
-            .filter(|(_, slot)| *slot != viewer && self.within(from, self.population.at(*slot)));
-        let pairs = matched(&from.pairs, found.collect());
-        self.population.at_mut(viewer).pairs = pairs;
+    /// All whom a viewer is to be told of under a policy that knows no walls.
+    fn pair_without_cells(&self, viewer: &Live, pairs: &[Pair]) -> Vec<Pair> {
+        let from = self.population.at(viewer.slot);
+        let is_told =
+            |slot: Slot| slot != viewer.slot && self.within(from, self.population.at(slot));
+        matched(pairs, self.population.all().filter(|(_, slot)| is_told(*slot)).collect())
     }
 
     /// Whether a policy that knows no walls tells a viewer of an avatar.

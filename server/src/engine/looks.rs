@@ -8,20 +8,18 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
 use sightline_shared::{
     geometry::Aabb,
-    motion::AvatarId,
     shaft::{Line, Occluders, Outcome, Scratch},
 };
 
 use super::{
     Engine,
-    bits::Bits,
-    near::{Near, Part},
+    crew::Work,
+    near::{Part, Wide},
     pairs::Pair,
     parts::Parts,
-    population::Slot,
+    scene::{Live, Lives, Scene},
     zones::Ground,
 };
 
@@ -35,6 +33,9 @@ const NEW_PER_CENT: u32 = 60;
 /// One look costs no more than so many times an equal share of the budget; and where that is little, no
 /// less than such a part of the most it may ever cost.
 const SHARES: u32 = 8;
+
+/// A line that will last ends so near the side of a region that it moves towards.
+const LEAD: f32 = 0.9;
 
 /// The regions, with what they have to spare, that something was found of: how often those of the
 /// viewer's eyes, and those of the avatar's body, had changed by then.
@@ -58,6 +59,8 @@ pub(super) enum Look {
     },
     /// One is free, as far as occluders go.
     Free(Line),
+    /// Both are in one convex space.
+    Together,
     /// All are blocked, and stay so as long as these regions last.
     Hidden(Regions),
     /// All are blocked, and stay so while the eye can be in the one of these boxes only, and while the
@@ -106,6 +109,13 @@ impl Shafts {
         found
     }
 
+    /// Whether a line is free, as far as gates and occluders tell.
+    fn is_free(&mut self, line: &Line, budget: &mut u32) -> bool {
+        let [from, to] = [line.from, line.to].map(|end| Aabb::new(end, end));
+        let outcome = self.occluders.between(&mut self.scratch, &from, &to, budget);
+        matches!(outcome, Outcome::Visible(_))
+    }
+
     fn look(&mut self, eyes: &Parts, bodies: &Parts, budget: &mut u32) -> Found {
         let mut found = Found::Hidden;
         for from in eyes.boxes() {
@@ -122,83 +132,135 @@ impl Shafts {
     }
 }
 
+/// A pair that is to be looked at.
+struct Open {
+    /// The place of the viewer, and that of the pair among its own.
+    viewer: usize,
+    at: usize,
+    /// What came of it, and what it cost.
+    found: Option<Look>,
+    spent: u32,
+}
+
+impl Look {
+    /// Whether a pair is known to be hidden.
+    pub(super) fn is_hidden(&self) -> bool {
+        match self {
+            Self::Hidden(_) | Self::HiddenIn(_) => true,
+            Self::Unknown | Self::Undecided { .. } | Self::Together | Self::Free(_) => false,
+        }
+    }
+}
+
 impl Engine {
     /// Looks at all pairs of live viewers for which something may have changed: first at those of
     /// whom the viewer will be told if nothing is found. A hard pair takes no more than a few times
     /// what there is for each. Where there is not enough, the next tick goes on.
-    pub(super) fn look(&mut self, live: &[Slot]) {
-        let mut open = [Vec::new(), Vec::new()];
-        for &viewer in live {
-            let mut pairs = std::mem::take(&mut self.population.at_mut(viewer).pairs);
-            for pair in pairs.iter_mut().filter(|pair| pair.concerns) {
-                if !self.still_holds(viewer, pair) && !self.is_hidden_by_cells(viewer, pair) {
-                    open[usize::from(pair.is_held)].push((viewer, pair.id));
+    pub(super) fn look(&mut self, scene: &mut Scene) {
+        let Scene { lives, pairs } = scene;
+        let all = self.crew.gather(pairs, |work, viewer, pairs, open| {
+            for (at, pair) in pairs.iter_mut().enumerate() {
+                let eyes = &lives.all()[viewer];
+                if pair.concerns && self.is_open(work, eyes, lives.at(pair.slot), pair) {
+                    open.push(Open { viewer, at, found: None, spent: 0 });
                 }
             }
-            self.population.at_mut(viewer).pairs = pairs;
-        }
-        let count = open[0].len() + open[1].len();
-        let each = self.config.look_budget / u32::try_from(count).unwrap_or(u32::MAX).max(1);
+        });
+        let count = u32::try_from(all.len()).unwrap_or(u32::MAX);
+        let each = self.config.look_budget / count.max(1);
         let most = (SHARES * each).clamp(self.config.look_max / SHARES, self.config.look_max);
+        let (held, new) = all.into_iter().partition(|open| pairs[open.viewer][open.at].is_held);
         let mut budget = 0;
-        for (place, open) in open.iter().enumerate() {
+        for (place, open) in [new, held].into_iter().enumerate() {
             budget += self.config.look_budget / 100 * [NEW_PER_CENT, 100 - NEW_PER_CENT][place];
-            self.look_from(place, open, most, &mut budget);
+            self.look_from(place, open, (lives, &mut *pairs), most, &mut budget);
         }
     }
 
-    /// Looks at pairs, beginning with those of the viewer at whom the budget was used up the last time.
-    fn look_from(&mut self, place: usize, open: &[(Slot, AvatarId)], most: u32, budget: &mut u32) {
+    /// Looks at pairs, beginning with those of the viewer at whom the budget was used up the last time: in
+    /// rounds of no more than what is left is sure to suffice for, or twice as many. So what each may
+    /// cost does not depend on what those beside it do.
+    fn look_from(
+        &mut self,
+        place: usize,
+        mut open: Vec<Open>,
+        (lives, pairs): (&Lives, &mut [Vec<Pair>]),
+        most: u32,
+        budget: &mut u32,
+    ) {
         let from = self.looked_to[place];
-        let id = |(viewer, _): &(Slot, AvatarId)| self.population.at(*viewer).id;
-        let (last, first) = open.split_at(open.partition_point(|pair| id(pair) < from));
-        for &(viewer, id) in first.iter().chain(last) {
+        let id = |open: &Open| lives.all()[open.viewer].id;
+        let first = open.partition_point(|open| id(open) < from);
+        open.rotate_left(first);
+        let mut rest = &mut open[..];
+        while let Some(next) = rest.first() {
             if *budget == 0 {
-                self.looked_to[place] = self.population.at(viewer).id;
+                self.looked_to[place] = id(next);
                 return;
             }
-            let find = |pairs: &[Pair]| pairs.binary_search_by_key(&id, |pair| pair.id);
-            let Ok(at) = find(&self.population.at(viewer).pairs) else { continue };
-            let mut pair = self.population.at(viewer).pairs[at];
-            self.look_at(viewer, &mut pair, most, budget);
-            self.population.at_mut(viewer).pairs[at] = pair;
+            let sure = usize::try_from(*budget / most.max(1)).unwrap_or(usize::MAX);
+            let (round, later) = rest.split_at_mut(rest.len().min(2 * sure + 1));
+            self.crew.each(round, |work, _, open| {
+                let viewer = &lives.all()[open.viewer];
+                let pair = &pairs[open.viewer][open.at];
+                let mut left = most;
+                let found = self.look_at(work, viewer, lives.at(pair.slot), &mut left);
+                (open.found, open.spent) = (found, most - left);
+            });
+            for open in round {
+                *budget = budget.saturating_sub(open.spent);
+                if let Some(found) = open.found {
+                    pairs[open.viewer][open.at].look = found;
+                }
+            }
+            rest = later;
         }
     }
 
-    /// Whether a pair is known to be hidden, as of this tick's looks.
-    pub(super) fn is_hidden(&self, pair: &Pair) -> bool {
-        match pair.look {
-            Look::Hidden(_) | Look::HiddenIn(_) => true,
-            Look::Unknown | Look::Undecided { .. } | Look::Free(..) => false,
+    /// Whether a pair must be looked at: what was found of it is not true any more, and neither rooms nor
+    /// gates nor cells tell.
+    fn is_open(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+        let [home, other_home] = [viewer, other].map(|live| live.near.home());
+        if home.is_some() && home == other_home && !self.rooms.rules() {
+            // A space is convex, and nothing is in it.
+            pair.look = Look::Together;
+            return false;
         }
-    }
-
-    /// Whether what was found of a pair is still true.
-    fn still_holds(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
-        match pair.look {
-            Look::Unknown => false,
-            Look::Undecided { again } => self.is_closed(viewer, pair) || self.ticks < again,
+        let holds = match pair.look {
+            Look::Unknown | Look::Together => false,
+            Look::Undecided { again } => {
+                self.is_closed(work, viewer, other, pair) || self.ticks < again
+            }
             Look::HiddenIn(then) => {
-                let now = self.eyes_of(viewer, pair);
+                let now = eyes_of(viewer, other);
                 then.iter().zip(&now).all(|(then, now)| then.contains_box(now))
             }
-            Look::Hidden(then) => then == self.regions(viewer, pair, then.level),
-            Look::Free(line) => self.is_closed(viewer, pair) || self.joins(viewer, pair, &line),
-        }
+            Look::Hidden(then) => then == regions(viewer, other, then.level),
+            Look::Free(line) => {
+                self.rooms.rules() && self.is_closed(work, viewer, other, pair)
+                    || self.joins(viewer, other, &line)
+            }
+        };
+        !holds && !self.is_hidden_by_cells(work, viewer, other, pair)
     }
 
     /// Whether no gates lead from a pair's regions to each other, or no cells of theirs see each other:
     /// with much to spare, so that this lasts, unless it did not help a while ago; or with little.
-    fn is_hidden_by_cells(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
+    fn is_hidden_by_cells(
+        &self,
+        work: &mut Work,
+        viewer: &Live,
+        other: &Live,
+        pair: &mut Pair,
+    ) -> bool {
         if self.ticks >= pair.spare_from {
-            let regions = self.regions(viewer, pair, 1);
-            if !self.may_see(viewer, pair, 1) {
-                pair.look = Look::Hidden(regions);
+            if !self.may_see(work, viewer, other, 1) {
+                pair.look = Look::Hidden(regions(viewer, other, 1));
                 return true;
             }
             pair.spare_from = self.ticks + SPARE_TICKS;
         }
-        let is_closed = self.is_closed(viewer, pair);
+        let is_closed = self.is_closed(work, viewer, other, pair);
         if !is_closed {
             pair.look = Look::Undecided { again: self.ticks };
         }
@@ -206,9 +268,9 @@ impl Engine {
     }
 
     /// Whether the same is found of a pair's regions with little to spare, where these have changed.
-    fn is_closed(&mut self, viewer: Slot, pair: &mut Pair) -> bool {
-        let regions = self.regions(viewer, pair, 0);
-        let is_closed = pair.open != Some(regions) && !self.may_see(viewer, pair, 0);
+    fn is_closed(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+        let regions = regions(viewer, other, 0);
+        let is_closed = pair.open != Some(regions) && !self.may_see(work, viewer, other, 0);
         if is_closed {
             pair.look = Look::Hidden(regions);
         } else {
@@ -217,85 +279,101 @@ impl Engine {
         is_closed
     }
 
-    /// Looks between what a pair's regions are just now.
-    fn look_at(&mut self, viewer: Slot, pair: &mut Pair, most: u32, budget: &mut u32) {
-        let bodies = self.parts_of(viewer);
-        self.place_exactly(viewer, Part::Eyes);
-        self.place_exactly(pair.slot, bodies);
-        let exact = |slot: Slot, part: Part| self.population.at(slot).near.get(part)?.exact();
-        let regions = exact(viewer, Part::Eyes).zip(exact(pair.slot, bodies));
-        let Some((eyes, bodies)) = regions else { return };
-        pair.look = match self.shafts.between(eyes, bodies, most, budget) {
-            Found::Hidden => Look::HiddenIn(self.eyes_of(viewer, pair)),
-            Found::Free(line) => Look::Free(line),
-            Found::Undecided if *budget == 0 => pair.look,
-            Found::Undecided => Look::Undecided { again: self.ticks + UNDECIDED_TICKS },
-        };
+    /// Looks between what a pair's regions are just now; first along a line that will last. What
+    /// remains undecided is tried again the later, the less there is for each.
+    fn look_at(
+        &self,
+        work: &mut Work,
+        viewer: &Live,
+        other: &Live,
+        left: &mut u32,
+    ) -> Option<Look> {
+        let hurry = self.config.look_max / (*left).max(1);
+        let lead = self.lead(viewer, other);
+        if self.joins(viewer, other, &lead) && work.shafts.is_free(&lead, left) {
+            return Some(Look::Free(lead));
+        }
+        let eyes = self.exact(work, viewer, Part::EYES)?;
+        let bodies = self.exact(work, other, viewer.near.shown)?;
+        Some(match work.shafts.between(eyes, bodies, u32::MAX, left) {
+            Found::Hidden => Look::HiddenIn(eyes_of(viewer, other)),
+            Found::Free(line) if work.shafts.is_free(&line, left) => Look::Free(line),
+            Found::Free(_) | Found::Undecided => {
+                Look::Undecided { again: self.ticks + UNDECIDED_TICKS * hurry.max(1) }
+            }
+        })
     }
 
-    /// Where the eyes of both can be just now, whatever walls are there.
-    fn eyes_of(&self, viewer: Slot, pair: &Pair) -> [Aabb; 2] {
-        [(viewer, Part::Eyes), (pair.slot, self.parts_of(viewer))].map(|(slot, part)| {
-            self.population.at(slot).near.get(part).map_or(Aabb::EMPTY, |near| near.within)
-        })
+    /// The line from where the viewer's eye will soon be to where the avatar will, as far as they go on so.
+    fn lead(&self, viewer: &Live, other: &Live) -> Line {
+        let end = |live: &Live, part: Part| {
+            let within = live.near.get(part).map_or(Aabb::EMPTY, |near| near.within);
+            let way = self.world.cells.axes.own(live.pose.velocity.with_y(0.0)).normalize_or_zero();
+            let ahead = within.centre().with_y(live.from.y) + way * within.size() * (0.5 * LEAD);
+            if live.near.may_hold(part, ahead, &self.body) { ahead } else { live.from }
+        };
+        Line { from: end(viewer, Part::EYES), to: end(other, viewer.near.shown) }
     }
 
     /// Whether somebody in one wide region, from which these cells can be seen, may see somebody in
     /// another, or be seen.
-    pub(super) fn may_meet(&mut self, one: Slot, other: Slot, seen: &[Bits; 2]) -> bool {
-        let wide = |slot: Slot| self.population.at(slot).near.wide.as_ref();
-        let Some((one, other)) = wide(one).zip(wide(other)) else { return false };
+    pub(super) fn may_meet(&self, work: &mut Work, one: &Wide, other: &Wide) -> bool {
+        let Work { shafts, seen, .. } = work;
         let by_gates = self.config.look_budget > 0;
         let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.grounds, &other.grounds);
         let mut may =
-            |eyes: &Ground, bodies: &Ground| !(by_gates && self.shafts.are_apart(eyes, bodies));
+            |eyes: &Ground, bodies: &Ground| !(by_gates && shafts.are_apart(eyes, bodies));
         let shows = |eyes: &Ground, bodies: &Ground| eyes.shows(bodies, &self.rooms);
         other_bodies.is_among(&seen[0]) && shows(eyes, other_bodies) && may(eyes, other_bodies)
             || other_eyes.is_among(&seen[1]) && shows(other_eyes, bodies) && may(other_eyes, bodies)
     }
 
-    /// Whether a pair may see each other as far as rooms and cells tell.
-    pub(super) fn may_see_by_cells(&mut self, viewer: Slot, pair: &Pair) -> bool {
-        self.regions(viewer, pair, 0);
-        let ground = |slot: Slot, part: Part| self.population.at(slot).near.get(part)?.ground(0);
-        let grounds = ground(viewer, Part::Eyes).zip(ground(pair.slot, self.parts_of(viewer)));
-        grounds.is_some_and(|(eyes, bodies)| {
+    /// Whether a viewer may see an avatar as far as rooms and cells tell.
+    pub(super) fn may_see_by_cells(&self, work: &mut Work, viewer: &Live, other: &Live) -> bool {
+        self.grounds(work, viewer, other, 0).is_some_and(|[eyes, bodies]| {
             eyes.sees(bodies, &self.world.cells, &self.sectors) && eyes.shows(bodies, &self.rooms)
         })
     }
 
-    /// The same of the regions of a pair, as they were worked out last.
-    pub(super) fn may_see(&mut self, viewer: Slot, pair: &Pair, level: usize) -> bool {
-        let eyes = self.population.at(viewer).near.get(Part::Eyes);
-        let bodies = self.population.at(pair.slot).near.get(self.parts_of(viewer));
-        let grounds = |(eyes, bodies): (&'_ Near, &'_ Near)| {
-            let (eyes, bodies) = eyes.ground(level).zip(bodies.ground(level))?;
-            Some(
-                !(self.config.look_budget > 0 && self.shafts.are_apart(eyes, bodies))
-                    && eyes.sees(bodies, &self.world.cells, &self.sectors)
-                    && eyes.shows(bodies, &self.rooms),
-            )
-        };
-        eyes.zip(bodies).and_then(grounds).unwrap_or(false)
+    /// The same, and as gates do.
+    fn may_see(&self, work: &mut Work, viewer: &Live, other: &Live, level: usize) -> bool {
+        let Some([eyes, bodies]) = self.grounds(work, viewer, other, level) else { return false };
+        !(self.config.look_budget > 0 && work.shafts.are_apart(eyes, bodies))
+            && eyes.sees(bodies, &self.world.cells, &self.sectors)
+            && eyes.shows(bodies, &self.rooms)
+    }
+
+    /// Where a viewer's eye and an avatar's body can be.
+    fn grounds<'a>(
+        &self,
+        work: &mut Work,
+        viewer: &'a Live,
+        other: &'a Live,
+        level: usize,
+    ) -> Option<[&'a Ground; 2]> {
+        let eyes = self.kept(work, viewer, Part::EYES, level)?;
+        let bodies = self.kept(work, other, viewer.near.shown, level)?;
+        Some([&eyes.ground, &bodies.ground])
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.
-    fn joins(&self, viewer: Slot, pair: &Pair, line: &Line) -> bool {
-        let holds = |slot: Slot, part: Part, point: Vec3| {
-            self.population.at(slot).near.may_hold(part, point, &self.body, self.config.spare_m)
-        };
-        holds(viewer, Part::Eyes, line.from) && holds(pair.slot, self.parts_of(viewer), line.to)
+    fn joins(&self, viewer: &Live, other: &Live, line: &Line) -> bool {
+        viewer.near.may_hold(Part::EYES, line.from, &self.body)
+            && other.near.may_hold(viewer.near.shown, line.to, &self.body)
     }
+}
 
-    /// What a viewer must see of bodies.
-    fn parts_of(&self, viewer: Slot) -> Part {
-        Part::Bodies(self.horizons.delay(self.population.at(viewer).round_trip))
-    }
+/// Where the eyes of both can be just now, whatever walls are there.
+fn eyes_of(viewer: &Live, other: &Live) -> [Aabb; 2] {
+    let within =
+        |live: &Live, part: Part| live.near.get(part).map_or(Aabb::EMPTY, |near| near.within);
+    [within(viewer, Part::EYES), within(other, viewer.near.shown)]
+}
 
-    /// The regions that last, brought up to date.
-    fn regions(&mut self, viewer: Slot, pair: &Pair, level: usize) -> Regions {
-        let bodies = self.parts_of(viewer);
-        let eyes = self.place(viewer, Part::Eyes, level);
-        Regions { level, eyes, bodies: self.place(pair.slot, bodies, level) }
-    }
+/// Which regions a viewer and an avatar have.
+fn regions(viewer: &Live, other: &Live, level: usize) -> Regions {
+    let version =
+        |live: &Live, part: Part| live.near.get(part).map_or(0, |near| near.versions[level]);
+    let eyes = version(viewer, Part::EYES);
+    Regions { level, eyes, bodies: version(other, viewer.near.shown) }
 }

@@ -31,6 +31,7 @@
 mod authority;
 mod bits;
 mod config;
+mod crew;
 mod expiry;
 mod explain;
 mod horizon;
@@ -44,6 +45,7 @@ mod places;
 mod population;
 mod presence;
 mod reach;
+mod scene;
 mod silence;
 #[cfg(test)]
 mod tests;
@@ -65,14 +67,14 @@ pub use messages::{Input, Output};
 pub use population::ClientState;
 
 use authority::Limits;
-use bits::Bits;
+use crew::Crew;
 use expiry::ExpiryQueue;
 use horizon::Horizons;
 use looks::Shafts;
-use near::Moves;
 use places::Places;
 use population::{Population, Slot};
 use reach::Scratch;
+use scene::Scene;
 use zones::{SectorIndex, Sectors, ZoneIndex};
 
 /// Decides who is told what and who is asked when.
@@ -107,8 +109,9 @@ pub struct Engine {
     stats: Stats,
     scratch: Scratch,
     shafts: Shafts,
-    /// Cells that can be seen; empty but for their memory.
-    seen: [Bits; 2],
+    crew: Crew,
+    /// Empty but for its memory.
+    scene: Scene,
     /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
     looked_to: [AvatarId; 2],
     /// What is left of this tick's [`Config::silence_budget`].
@@ -150,6 +153,7 @@ impl Engine {
     pub fn new(world: Arc<World>, config: Config) -> Self {
         let speed_max = config.speed_max.unwrap_or(world.speed_max);
         let sectors = Sectors::new(&world.cells);
+        let occluders = Arc::new(Occluders::new(&world));
         let agility = Agility::of(&world.body, speed_max);
         Self {
             limits: Limits {
@@ -177,9 +181,10 @@ impl Engine {
             stats: Stats::default(),
             scratch: Scratch::default(),
             silence_left: 0,
-            seen: Default::default(),
+            crew: Crew::new(config.threads, Arc::clone(&occluders)),
+            scene: Scene::default(),
             looked_to: [AvatarId(0); 2],
-            shafts: Shafts::new(Arc::new(Occluders::new(&world))),
+            shafts: Shafts::new(occluders),
             world,
             config,
         }
@@ -212,14 +217,14 @@ impl Engine {
         if self.config.policy == Policy::Tbv {
             live.iter().for_each(|slot| self.reveal(now, *slot, outputs));
         }
+        let mut scene = self.enter(&live);
         if self.config.policy.uses_cells() {
-            let delays: Vec<Duration> = self.horizons.delays().collect();
-            let mut moves = Moves::default();
-            live.iter().for_each(|slot| self.place_near(now, *slot, &delays, &mut moves));
-            self.pair(&moves);
-            self.look(&live);
+            self.place_near(now, &mut scene.lives);
+            self.pair(&mut scene);
+            self.look(&mut scene);
         }
-        live.iter().for_each(|slot| self.tell(*slot, outputs));
+        self.tell(&mut scene, outputs);
+        self.leave(scene);
         live.iter().for_each(|slot| self.settle(now, *slot, outputs));
     }
 

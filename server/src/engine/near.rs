@@ -1,6 +1,6 @@
 //! Where live avatars can be until the next tick's word stands.
 
-use std::time::Duration;
+use std::{sync::OnceLock, time::Duration};
 
 use glam::Vec3;
 use sightline_shared::{
@@ -12,9 +12,11 @@ use sightline_shared::{
 use super::{
     Engine,
     bits::Bits,
+    crew::Work,
     parts::Parts,
-    population::{Avatar, Slot},
+    population::Slot,
     reach::Reach,
+    scene::{Live, Lives},
     zones::Ground,
 };
 
@@ -25,8 +27,13 @@ pub(super) const ROUNDING_M: f32 = 0.01;
 /// seeing each other, and this is how long nothing need be done about them.
 const WIDE_M: f32 = 0.75;
 
-/// How much regions have to spare, as multiples of [`Config::spare_m`](super::Config::spare_m).
+/// How much regions have to spare on each side, as multiples of [`Config::spare_m`](super::Config::spare_m).
+/// Those of somebody who walks have most of it ahead.
 pub(super) const SPARES: [f32; 2] = [1.0, 4.0];
+/// How much of it walkers have aside and behind.
+const ASIDE: f32 = 0.25;
+/// For no more ticks than these is it believed that somebody goes on so.
+const AHEAD_TICKS: f32 = 12.0;
 
 /// Where an eye can be until a moment: in a box about it, as far as portals lead.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,45 +81,55 @@ impl Wide {
 }
 
 /// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to
-/// is worked out when it is asked for.
+/// is worked out when it is asked for, by whichever thread asks first.
 #[derive(Clone, Debug)]
 pub(super) struct Near {
-    /// Of viewers, for bodies.
+    /// Of viewers.
     delay: Duration,
     /// Where the eye can be at this tick, whatever walls are in it.
     pub(super) within: Aabb,
+    /// How far it moves from tick to tick.
+    step: Vec3,
     /// The last has most to spare, and lasts longest.
-    kept: [Option<Kept>; SPARES.len()],
+    kept: [OnceLock<Box<Kept>>; SPARES.len()],
     /// Counts the changes of each of these.
     pub(super) versions: [u32; SPARES.len()],
-    exact: Option<(u32, Parts)>,
+    /// Whether the first of them was there when this tick began: what depends on it must not depend on who
+    /// asks for it first in this tick.
+    is_known: bool,
+    /// With nothing to spare.
+    exact: OnceLock<Parts>,
 }
 
 /// What lasts for a few ticks.
 #[derive(Clone, Debug)]
-struct Kept {
+pub(super) struct Kept {
     /// It holds as long as the eye can be here only.
     spare: Aabb,
     /// Around all places.
     parts: Parts,
-    ground: Ground,
+    pub(super) ground: Ground,
 }
 
 /// The regions of a live avatar; none while hidden.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Whereabouts {
-    pub(super) wide: Option<Wide>,
-    pub(super) eyes: Option<Near>,
-    /// By delay, ascending; the last is that of the slowest viewer.
-    bodies: Vec<Near>,
+    pub(super) wide: Option<Box<Wide>>,
+    /// Of the eye; then of the body, by delay, ascending: the last is that of the slowest viewer.
+    nears: Vec<Near>,
+    /// As what this one must be shown others.
+    pub(super) shown: Part,
+    /// The place that the regions were brought up to date for last, and the space that it is in.
+    home: Option<(Vec3, Option<u32>)>,
 }
 
 /// What a region is of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
-    Eyes,
-    /// As viewers with that delay must see it.
-    Bodies(Duration),
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub(super) struct Part(usize);
+
+impl Part {
+    /// The eye. All others are bodies, as viewers with some delay must see them.
+    pub(super) const EYES: Self = Self(0);
 }
 
 /// Whether what was made for `spare` serves where an eye can be now: it holds all of that, and was not
@@ -121,35 +138,70 @@ fn serves(spare: &Aabb, within: &Aabb, spare_m: f32) -> bool {
     spare.contains_box(within) && within.grown(2.0 * spare_m).contains_box(spare)
 }
 
+/// Where an eye can be before long that can be in a box now: with so much to spare, most of it in the way of
+/// which it goes a step each tick.
+fn ahead(within: &Aabb, step: Vec3, spare_m: f32) -> Aabb {
+    let ahead_m = (step.length() * AHEAD_TICKS).min(2.0 * (1.0 - ASIDE) * spare_m);
+    let way = step.normalize_or_zero() * ahead_m;
+    let there = Aabb::new(within.min + way, within.max + way);
+    within.union(&there).grown(spare_m - 0.5 * ahead_m)
+}
+
 impl Near {
     fn new(delay: Duration) -> Self {
         let (kept, versions) = (Default::default(), Default::default());
-        Self { delay, within: Aabb::EMPTY, kept, versions, exact: None }
+        Self {
+            delay,
+            within: Aabb::EMPTY,
+            step: Vec3::ZERO,
+            kept,
+            versions,
+            is_known: false,
+            exact: OnceLock::new(),
+        }
     }
 
-    /// Where the boxes are that were worked out last with so much to spare.
-    pub(super) fn ground(&self, level: usize) -> Option<&Ground> {
-        self.kept[level].as_ref().map(|kept| &kept.ground)
+    /// Takes in where the eye can be now, and drops what does not serve any more.
+    fn renew(&mut self, within: Aabb, step: Vec3, has_moved: bool, spare_m: f32) {
+        if has_moved || within != self.within {
+            self.exact = OnceLock::new();
+        }
+        (self.within, self.step) = (within, step);
+        for (level, kept) in self.kept.iter_mut().enumerate() {
+            let serves = |kept: &Kept| serves(&kept.spare, &within, spare_m * SPARES[level]);
+            if kept.get().is_some_and(|kept| !serves(kept)) {
+                *kept = OnceLock::new();
+                self.versions[level] = self.versions[level].wrapping_add(1);
+            }
+        }
+        self.is_known = self.kept[0].get().is_some();
     }
 
-    /// Those of the tick at which they were asked for last, with nothing to spare.
-    pub(super) fn exact(&self) -> Option<&Parts> {
-        self.exact.as_ref().map(|(_, parts)| parts)
+    /// Where the boxes are that are kept with least to spare, if they were asked for.
+    pub(super) fn ground(&self) -> Option<&Ground> {
+        self.kept[0].get().map(|kept| &kept.ground)
     }
 
     /// Boxes around all places at this tick that are not far from it, if there are any.
-    fn current(&self, spare_m: f32) -> Option<&Parts> {
-        let kept = self.kept[0].as_ref()?;
-        serves(&kept.spare, &self.within, spare_m).then_some(&kept.parts)
+    fn current(&self) -> Option<&Parts> {
+        self.kept[0].get().filter(|_| self.is_known).map(|kept| &kept.parts)
     }
 }
 
 impl Whereabouts {
     pub(super) fn get(&self, part: Part) -> Option<&Near> {
-        match part {
-            Part::Eyes => self.eyes.as_ref(),
-            Part::Bodies(delay) => self.bodies.iter().find(|bodies| bodies.delay == delay),
-        }
+        self.nears.get(part.0)
+    }
+
+    /// What viewers with some delay must be shown.
+    pub(super) fn bodies(&self, delay: Duration) -> Part {
+        let place = self.nears.iter().skip(1).position(|near| near.delay == delay);
+        Part(place.map_or(self.nears.len(), |place| place + 1))
+    }
+
+    /// The space that the avatar was in last, if it was in one.
+    pub(super) fn home(&self) -> Option<u32> {
+        self.home.and_then(|(_, space)| space)
     }
 
     /// Has all worked out anew: the avatar is where it has not come to by itself.
@@ -157,46 +209,50 @@ impl Whereabouts {
         if let Some(wide) = &mut self.wide {
             wide.spare = Aabb::EMPTY;
         }
-        self.eyes
-            .iter_mut()
-            .chain(&mut self.bodies)
-            .for_each(|near| near.kept = Default::default());
-    }
-
-    fn get_mut(&mut self, part: Part) -> Option<&mut Near> {
-        match part {
-            Part::Eyes => self.eyes.as_mut(),
-            Part::Bodies(delay) => self.bodies.iter_mut().find(|bodies| bodies.delay == delay),
+        for near in &mut self.nears {
+            near.kept = Default::default();
+            near.exact = OnceLock::new();
+            near.versions.iter_mut().for_each(|version| *version = version.wrapping_add(1));
         }
     }
 
+    /// Has a part for the eye and for each delay.
+    fn prepare(&mut self, own: Duration, delays: &[Duration]) {
+        if !self.nears.iter().skip(1).map(|near| near.delay).eq(delays.iter().copied()) {
+            let mut old = std::mem::take(&mut self.nears).into_iter();
+            self.nears.push(old.next().unwrap_or_else(|| Near::new(own)));
+            let mut old: Vec<Near> = old.collect();
+            self.nears.extend(delays.iter().map(|delay| {
+                match old.iter().position(|bodies| bodies.delay == *delay) {
+                    Some(place) => old.swap_remove(place),
+                    None => Near::new(*delay),
+                }
+            }));
+        }
+        self.shown = self.bodies(own);
+    }
+
     /// Boxes around where a part can be at this tick; places behind walls only where that saves work.
-    pub(super) fn just(&self, part: Part, body: &Body, spare_m: f32) -> Parts {
+    pub(super) fn just(&self, part: Part, body: &Body) -> Parts {
         let Some((near, wide)) = self.get(part).zip(self.wide.as_ref()) else {
             return Parts::default();
         };
-        let now = match part {
-            Part::Eyes => near.within,
-            Part::Bodies(_) => body.around_box(&near.within),
-        };
-        near.current(spare_m).unwrap_or(&wide.bodies).within(&now)
+        let now = if part == Part::EYES { near.within } else { body.around_box(&near.within) };
+        near.current().unwrap_or(&wide.bodies).within(&now)
     }
 
     /// Whether a point is in one of these boxes.
-    pub(super) fn may_hold(&self, part: Part, point: Vec3, body: &Body, spare_m: f32) -> bool {
+    pub(super) fn may_hold(&self, part: Part, point: Vec3, body: &Body) -> bool {
         let Some((near, wide)) = self.get(part).zip(self.wide.as_ref()) else { return false };
-        let is_now = match part {
-            Part::Eyes => near.within.contains(point),
-            Part::Bodies(_) => body.around_box(&near.within).contains(point),
+        let is_now = if part == Part::EYES {
+            near.within.contains(point)
+        } else {
+            body.around_box(&near.within).contains(point)
         };
-        let parts = || near.current(spare_m).unwrap_or(&wide.bodies);
+        let parts = || near.current().unwrap_or(&wide.bodies);
         is_now && parts().boxes().iter().any(|part| part.contains(point))
     }
 }
-
-/// Who has new regions to make pairs by, and the sectors that it was in and is in now.
-#[derive(Debug, Default)]
-pub(super) struct Moves(pub(super) Vec<(Slot, Vec<u32>)>);
 
 impl Engine {
     /// How far an eye gets some time after its last accepted report was made.
@@ -210,99 +266,100 @@ impl Engine {
         }
     }
 
-    /// How far an avatar gets until the next tick's word stands at viewers with a delay.
-    fn near_leeway(&self, now: Duration, avatar: &Avatar, delay: Duration) -> Leeway {
-        let age = now.saturating_sub(avatar.heard);
-        self.leeway(&avatar.pose, self.horizons.near(age, avatar.round_trip, delay))
+    /// Brings up to date where live avatars can be at this tick, and their wide regions where need be.
+    pub(super) fn place_near(&mut self, now: Duration, lives: &mut Lives) {
+        let delays: Vec<Duration> = self.horizons.delays().collect();
+        let crew = &self.crew;
+        crew.each(lives.all_mut(), |work, _, live| self.renew(work, now, &delays, live));
+        for live in lives.all() {
+            if let Some((old, wide)) = live.moved.as_ref().zip(live.near.wide.as_ref()) {
+                self.near_bodies.replace((live.id, live.slot), old, &wide.sectors);
+            }
+        }
     }
 
-    /// Brings up to date where a live avatar can be at this tick, and if need be its wide region.
-    pub(super) fn place_near(
-        &mut self,
-        now: Duration,
-        slot: Slot,
-        delays: &[Duration],
-        moves: &mut Moves,
-    ) {
-        let avatar = self.population.at(slot);
-        let own = self.horizons.delay(avatar.round_trip);
-        let within = |delay: Duration| self.near_leeway(now, avatar, delay).within;
+    fn renew(&self, work: &mut Work, now: Duration, delays: &[Duration], live: &mut Live) {
+        let own = self.horizons.delay(live.round_trip);
+        let age = now.saturating_sub(live.heard);
+        let within = |delay: Duration| {
+            self.leeway(&live.pose, self.horizons.near(age, live.round_trip, delay)).within
+        };
+        let (near, spare_m) = (&mut live.near, self.config.spare_m);
+        near.prepare(own, delays);
+        let has_moved = near.home.is_none_or(|(from, _)| from != live.from);
+        if has_moved {
+            let cells = &self.world.cells;
+            let cell = cells.at_own(live.from);
+            near.home = Some((live.from, cell.map(|cell| cells.cells[cell.0 as usize].space)));
+        }
         let eyes = within(own);
-        let bodies: Vec<Aabb> = delays.iter().map(|delay| within(*delay)).collect();
-        let near = &mut self.population.at_mut(slot).near;
-        near.eyes.get_or_insert_with(|| Near::new(own)).within = eyes;
-        if !near.bodies.iter().map(|bodies| bodies.delay).eq(delays.iter().copied()) {
-            let mut old = std::mem::take(&mut near.bodies);
-            near.bodies.extend(delays.iter().map(|delay| {
-                match old.iter().position(|bodies| bodies.delay == *delay) {
-                    Some(place) => old.swap_remove(place),
-                    None => Near::new(*delay),
-                }
-            }));
+        let step = self.world.cells.axes.own(live.pose.velocity) * self.config.tick.as_secs_f32();
+        let mut all = eyes;
+        for (place, near) in near.nears.iter_mut().enumerate() {
+            let is_own = place == 0 || near.delay == own;
+            let within = if is_own { eyes } else { within(near.delay) };
+            all = all.union(&within);
+            near.renew(within, step, has_moved, spare_m);
         }
-        near.bodies.iter_mut().zip(&bodies).for_each(|(near, within)| near.within = *within);
-        let all = bodies.iter().fold(eyes, |all, within| all.union(within));
         if !near.wide.as_ref().is_some_and(|wide| serves(&wide.spare, &all, WIDE_M)) {
-            self.place_wide(slot, all.grown(WIDE_M), moves);
+            let wide = self.wide(work, live.from, ahead(&all, step, WIDE_M));
+            let old = near.wide.replace(Box::new(wide));
+            live.moved = Some(old.map_or_else(Vec::new, |old| old.sectors));
         }
     }
 
-    fn place_wide(&mut self, slot: Slot, spare: Aabb, moves: &mut Moves) {
+    fn wide(&self, work: &mut Work, from: Vec3, spare: Aabb) -> Wide {
         let cells = &self.world.cells;
-        let avatar = self.population.at_mut(slot);
-        let from = cells.axes.own(avatar.pose.eye);
-        let reach = Reach::within(&mut self.scratch, cells, from, &spare);
+        let reach = Reach::within(&mut work.reach, cells, from, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
         let sectors = self.sectors.of(&found);
         let eyes = Ground::of(cells, &self.rooms, reach.eyes(), &reach.eye_parts(cells));
         let grounds = [eyes, Ground::of(cells, &self.rooms, found, &bodies)];
-        let wide = Wide { spare, bodies, grounds, sectors };
-        let old = avatar.near.wide.replace(wide).map_or_else(Vec::new, |old| old.sectors);
-        let member = (avatar.id, slot);
-        if let Some(wide) = &avatar.near.wide {
-            self.near_bodies.replace(member, &old, &wide.sectors);
-        }
-        moves.0.push((slot, old));
+        Wide { spare, bodies, grounds, sectors }
     }
 
-    /// Works out what portals lead to for a part of a live avatar, with so much to spare, where what is
-    /// known does not serve; gives how often that has changed.
-    pub(super) fn place(&mut self, slot: Slot, part: Part, level: usize) -> u32 {
-        let spare_m = self.config.spare_m * SPARES[level];
-        let avatar = self.population.at_mut(slot);
-        let from = self.world.cells.axes.own(avatar.pose.eye);
-        let Some(near) = avatar.near.get_mut(part) else { return 0 };
-        let kept = &near.kept[level];
-        if !kept.as_ref().is_some_and(|kept| serves(&kept.spare, &near.within, spare_m)) {
+    /// What portals lead to for a part of a live avatar, with so much to spare.
+    pub(super) fn kept<'a>(
+        &self,
+        work: &mut Work,
+        live: &'a Live,
+        part: Part,
+        level: usize,
+    ) -> Option<&'a Kept> {
+        let near = live.near.get(part)?;
+        let kept = near.kept[level].get_or_init(|| {
             let cells = &self.world.cells;
-            let spare = near.within.grown(spare_m);
-            let reach = Reach::within(&mut self.scratch, cells, from, &spare);
-            let (found, parts) = match part {
-                Part::Eyes => (reach.eyes(), reach.eye_parts(cells)),
-                Part::Bodies(_) => reach.bodies(cells, &self.world.body),
+            let spare = ahead(&near.within, near.step, self.config.spare_m * SPARES[level]);
+            let reach = Reach::within(&mut work.reach, cells, live.from, &spare);
+            let (found, parts) = if part == Part::EYES {
+                (reach.eyes(), reach.eye_parts(cells))
+            } else {
+                reach.bodies(cells, &self.world.body)
             };
             let ground = Ground::of(cells, &self.rooms, found, &parts);
-            near.versions[level] = near.versions[level].wrapping_add(1);
-            near.kept[level] = Some(Kept { spare, parts, ground });
-        }
-        near.versions[level]
+            Box::new(Kept { spare, parts, ground })
+        });
+        Some(kept)
     }
 
     /// The same with nothing to spare, for this tick.
-    pub(super) fn place_exactly(&mut self, slot: Slot, part: Part) {
-        let avatar = self.population.at_mut(slot);
-        let from = self.world.cells.axes.own(avatar.pose.eye);
-        let Some(near) = avatar.near.get_mut(part) else { return };
-        if near.exact.as_ref().is_some_and(|(then, _)| *then == self.ticks) {
-            return;
-        }
-        let cells = &self.world.cells;
-        let reach = Reach::within(&mut self.scratch, cells, from, &near.within);
-        let parts = match part {
-            Part::Eyes => reach.eye_parts(cells),
-            Part::Bodies(_) => reach.bodies(cells, &self.world.body).1,
-        };
-        near.exact = Some((self.ticks, parts));
+    pub(super) fn exact<'a>(
+        &self,
+        work: &mut Work,
+        live: &'a Live,
+        part: Part,
+    ) -> Option<&'a Parts> {
+        let near = live.near.get(part)?;
+        let exact = near.exact.get_or_init(|| {
+            let cells = &self.world.cells;
+            let reach = Reach::within(&mut work.reach, cells, live.from, &near.within);
+            if part == Part::EYES {
+                reach.eye_parts(cells)
+            } else {
+                reach.bodies(cells, &self.world.body).1
+            }
+        });
+        Some(exact)
     }
 
     /// Takes an avatar's regions out.

@@ -9,10 +9,10 @@ use sightline_shared::motion::AvatarId;
 
 use super::{
     Engine, Output,
-    bits::Bits,
+    crew::Work,
     looks::{Look, Regions},
-    near::Moves,
     population::Slot,
+    scene::{Lives, Scene},
     zones::Member,
 };
 
@@ -53,56 +53,63 @@ impl Pair {
     }
 }
 
+/// Somebody with a new wide region, and whom it may see or be seen by: of others who have one too, only
+/// those that come after it.
+struct Mover {
+    place: usize,
+    met: Vec<Member>,
+}
+
 impl Engine {
     /// Makes and ends pairs after wide regions have changed.
-    pub(super) fn pair(&mut self, moves: &Moves) {
-        let mut moved: Vec<Slot> = moves.0.iter().map(|(slot, _)| *slot).collect();
-        moved.sort_unstable();
-        let mut done = vec![false; moved.len()];
-        for (slot, _) in &moves.0 {
-            let Ok(place) = moved.binary_search(slot) else { continue };
-            done[place] = true;
-            let is_done = |other: &Slot| moved.binary_search(other).is_ok_and(|at| done[at]);
-            self.pair_all(*slot, is_done);
+    pub(super) fn pair(&self, scene: &mut Scene) {
+        let Scene { lives, pairs } = scene;
+        let moved = lives.all().iter().enumerate().filter(|(_, live)| live.moved.is_some());
+        let mut movers: Vec<Mover> =
+            moved.map(|(place, _)| Mover { place, met: Vec::new() }).collect();
+        self.crew.each(&mut movers, |work, _, mover| {
+            mover.met = self.met_by(work, lives, mover.place);
+        });
+        let mut found: Vec<Vec<Member>> = vec![Vec::new(); movers.len()];
+        for (at, mover) in movers.iter().enumerate() {
+            let live = &lives.all()[mover.place];
+            for (_, slot) in &mover.met {
+                let other = lives.place(*slot);
+                if lives.all()[other].moved.is_some()
+                    && let Ok(later) = movers.binary_search_by_key(&other, |mover| mover.place)
+                {
+                    found[later].push((live.id, live.slot));
+                }
+            }
+            found[at].extend(&mover.met);
+        }
+        for (mover, mut found) in movers.iter().zip(found) {
+            found.sort_unstable();
+            renew(lives, pairs, mover.place, found);
         }
     }
 
-    /// Finds all whom an avatar has to do with, but for those who have just done the same.
-    fn pair_all(&mut self, slot: Slot, is_done: impl Fn(&Slot) -> bool) {
-        let Some(wide) = &self.population.at(slot).near.wide else { return };
-        let visible = self.sectors.visible_from(&wide.sectors);
-        let mut seen = std::mem::take(&mut self.seen);
-        wide.look_around(&self.world.cells, &mut seen);
-        let member = (self.population.at(slot).id, slot);
-        // Most are in several sectors, and most turn out not to matter: only the rest is sorted.
-        let mut met = Bits::default();
-        met.insert(slot.0);
-        let mut found: Vec<Member> = Vec::new();
-        for other in self.near_bodies.among(&visible) {
-            if !met.contains(other.1.0) {
-                met.insert(other.1.0);
-                found.push(*other);
+    /// Finds all whom one with a new wide region has to do with, but for those before it who have one too.
+    fn met_by(&self, work: &mut Work, lives: &Lives, place: usize) -> Vec<Member> {
+        let mut found = Vec::new();
+        let Some(wide) = &lives.all()[place].near.wide else { return found };
+        wide.look_around(&self.world.cells, &mut work.seen);
+        work.met.clear();
+        work.met.insert(place as u32);
+        // Most are in several sectors, and most turn out not to matter.
+        for member in self.near_bodies.among(&self.sectors.visible_from(&wide.sectors)) {
+            let other = lives.place(member.1);
+            if !work.met.contains(other as u32) {
+                work.met.insert(other as u32);
+                let other_live = &lives.all()[other];
+                let is_done = other < place && other_live.moved.is_some();
+                let other_wide = other_live.near.wide.as_ref().filter(|_| !is_done);
+                if other_wide.is_some_and(|other| self.may_meet(work, wide, other)) {
+                    found.push(*member);
+                }
             }
         }
-        found.retain(|(_, other)| {
-            if is_done(other) {
-                self.concerns(*other, member.0)
-            } else {
-                self.may_meet(slot, *other, &seen)
-            }
-        });
-        found.sort_unstable();
-        self.seen = seen;
-        let old = std::mem::take(&mut self.population.at_mut(slot).pairs);
-        for (_, other) in found.iter().filter(|(_, other)| !is_done(other)) {
-            self.concern(*other, member);
-        }
-        for pair in &old {
-            if found.binary_search(&(pair.id, pair.slot)).is_err() && !is_done(&pair.slot) {
-                self.part_from(pair.slot, member.0);
-            }
-        }
-        self.population.at_mut(slot).pairs = matched(&old, found);
+        found
     }
 
     /// Forgets what was found of all pairs of an avatar.
@@ -117,35 +124,8 @@ impl Engine {
         }
     }
 
-    /// Whether a viewer has to do with an avatar.
-    fn concerns(&self, viewer: Slot, id: AvatarId) -> bool {
-        let pairs = &self.population.at(viewer).pairs;
-        let place = pairs.binary_search_by_key(&id, |pair| pair.id);
-        place.is_ok_and(|place| pairs[place].concerns)
-    }
-
     fn pairs_of(&self, slot: Slot) -> impl Iterator<Item = &Pair> {
         self.population.at(slot).pairs.iter()
-    }
-
-    /// Makes a pair, unless there is one.
-    fn concern(&mut self, viewer: Slot, member: Member) {
-        let pairs = &mut self.population.at_mut(viewer).pairs;
-        match pairs.binary_search_by_key(&member.0, |pair| pair.id) {
-            Ok(place) => pairs[place].concerns = true,
-            Err(place) => pairs.insert(place, Pair::new(member)),
-        }
-    }
-
-    /// Ends a pair; what the client still holds stays until that is told.
-    fn part_from(&mut self, viewer: Slot, id: AvatarId) {
-        let pairs = &mut self.population.at_mut(viewer).pairs;
-        if let Ok(place) = pairs.binary_search_by_key(&id, |pair| pair.id) {
-            pairs[place].concerns = false;
-            if !pairs[place].is_held {
-                pairs.remove(place);
-            }
-        }
     }
 
     /// Ends all pairs with an avatar that is gone or hidden, whose regions have just been taken
@@ -167,6 +147,49 @@ impl Engine {
                 self.population.at_mut(slot).watchers -= 1;
                 self.pending.push(Output::Vanish { to, avatar: id });
             }
+        }
+    }
+}
+
+/// Has one with a new wide region have pairs with just these avatars, and them with it. Others with new
+/// regions see to their own.
+fn renew(lives: &Lives, pairs: &mut [Vec<Pair>], place: usize, found: Vec<Member>) {
+    let live = &lives.all()[place];
+    let old = std::mem::take(&mut pairs[place]);
+    let known = |id: AvatarId| {
+        let at = old.binary_search_by_key(&id, |pair| pair.id);
+        at.is_ok_and(|at| old[at].concerns)
+    };
+    let keeps_own = |other: usize| lives.all()[other].moved.is_some();
+    for &(id, slot) in &found {
+        let other = lives.place(slot);
+        if !keeps_own(other) && !known(id) {
+            concern(&mut pairs[other], (live.id, live.slot));
+        }
+    }
+    for pair in old.iter().filter(|pair| pair.concerns) {
+        let other = lives.place(pair.slot);
+        if !keeps_own(other) && found.binary_search(&(pair.id, pair.slot)).is_err() {
+            part_from(&mut pairs[other], live.id);
+        }
+    }
+    pairs[place] = matched(&old, found);
+}
+
+/// Makes a pair, unless there is one.
+fn concern(pairs: &mut Vec<Pair>, member: Member) {
+    match pairs.binary_search_by_key(&member.0, |pair| pair.id) {
+        Ok(place) => pairs[place].concerns = true,
+        Err(place) => pairs.insert(place, Pair::new(member)),
+    }
+}
+
+/// Ends a pair; what the client still holds stays until that is told.
+fn part_from(pairs: &mut Vec<Pair>, id: AvatarId) {
+    if let Ok(place) = pairs.binary_search_by_key(&id, |pair| pair.id) {
+        pairs[place].concerns = false;
+        if !pairs[place].is_held {
+            pairs.remove(place);
         }
     }
 }

@@ -10,7 +10,7 @@
 //! others follow: everyone to everyone, and a grid.
 //!
 //! Time is virtual. CPU time is that of the engine alone: of all the reports of a tick and of
-//! the tick. Memory is what the engine, the walkers and the messages under way take. The building is compiled once
+//! the tick, of all threads together; beside it stands how long that takes. Memory is what the engine, the walkers and the messages under way take. The building is compiled once
 //! and kept under `target`; `--fresh` compiles it again.
 
 mod annex;
@@ -61,6 +61,9 @@ struct Args {
     /// Every client's round trip, in milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 100)]
     rtt: u32,
+    /// Threads that share a tick. With one, what two do is told as well where nobody hides.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    threads: usize,
     /// Of the building and of the walkers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -106,14 +109,18 @@ fn main() -> anyhow::Result<()> {
     for walkers in args.avatars() {
         let hidden =
             if walkers <= args.hidden_max { vec![0, walkers, 2 * walkers] } else { vec![0] };
-        let of = |hidden: usize| (args.policy, walkers, hidden);
+        let of = |hidden: usize| (args.policy, args.threads, walkers, hidden);
         let mut planned: Vec<_> = hidden.into_iter().map(of).collect();
+        if args.threads == 1 {
+            planned.insert(1, (args.policy, 2, walkers, 0));
+        }
         if walkers <= args.peers_max {
             let peers = [Policy::Broadcast, Policy::Grid(16.0)];
-            planned.extend(peers.map(|policy| (policy, walkers, 0)));
+            planned.extend(peers.map(|policy| (policy, args.threads, walkers, 0)));
         }
-        for (policy, walkers, hidden) in planned {
-            let row = measured(&args, policy, [walkers, hidden])?;
+        for (policy, threads, walkers, hidden) in planned {
+            let args = Args { policy, threads, ..args.clone() };
+            let row = measured(&args, [walkers, hidden])?;
             println!("{row}");
             rows.push(row);
         }
@@ -147,9 +154,10 @@ fn findings(rows: &[Row]) -> String {
 }
 
 /// A row, from a process of its own.
-fn measured(args: &Args, policy: Policy, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Row> {
+fn measured(args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Row> {
     let mut child = Command::new(std::env::current_exe()?)
-        .args(["--row", &format!("{walkers},{hidden}"), "--policy", &policy.to_string()])
+        .args(["--row", &format!("{walkers},{hidden}"), "--policy", &args.policy.to_string()])
+        .args(["--threads", &args.threads.to_string()])
         .args(["--rooms", &args.rooms().to_string(), "--seed", &args.seed.to_string()])
         .args(["--rtt", &args.rtt.to_string(), "--seconds", &args.seconds.to_string()])
         .args(["--patience", &args.patience.to_string()])

@@ -30,6 +30,8 @@ use super::{
 pub struct Row {
     /// As on the command line of `replay`.
     pub policy: String,
+    /// Threads that share a tick.
+    pub threads: usize,
     /// Who walk in the building.
     pub walkers: usize,
     /// Who walk about in closed rooms of their own.
@@ -42,6 +44,10 @@ pub struct Row {
     pub cpu_p99_ms: f64,
     /// The same in the mean.
     pub cpu_mean_ms: f64,
+    /// How long a tick takes, whatever else the machine does.
+    pub wall_median_ms: f64,
+    /// The same at the 99th percentile.
+    pub wall_p99_ms: f64,
     /// Whom a walker's client holds, in the mean.
     pub held_mean: f64,
     /// Clients that report at every tick, in the mean.
@@ -65,13 +71,16 @@ impl Row {
     /// The names of the columns.
     pub fn heading() -> String {
         format!(
-            "{:<10} {:>8} {:>8} {:>9} {:>9} {:>9} {:>8} {:>9} {:>9} {:>10} {:>9} {:>8} {:>8} {:>9} {:>6}",
+            "{:<10} {:>7} {:>8} {:>8} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>9} {:>9} {:>10} {:>9} {:>8} {:>8} {:>9} {:>6}",
             "policy",
+            "threads",
             "walking",
             "hidden",
             "median ms",
             "p99 ms",
             "mean ms",
+            "wall ms",
+            "its p99",
             "held",
             "live",
             "quiet",
@@ -89,14 +98,17 @@ impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{:<10} {:>8} {:>8} {:>9.3} {:>9.3} {:>9.3} {:>8.2} {:>9.0} {:>9.0} {:>10.0} {:>9.0} {:>8.1} {:>8.1} \
-             {:>9.0} {:>6}",
+            "{:<10} {:>7} {:>8} {:>8} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>8.2} {:>9.0} {:>9.0} {:>10.0} \
+             {:>9.0} {:>8.1} {:>8.1} {:>9.0} {:>6}",
             self.policy,
+            self.threads,
             self.walkers,
             self.hidden,
             self.cpu_median_ms,
             self.cpu_p99_ms,
             self.cpu_mean_ms,
+            self.wall_median_ms,
+            self.wall_p99_ms,
             self.held_mean,
             self.live_mean,
             self.quiet_mean,
@@ -136,13 +148,15 @@ pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow:
     let now = run.engine.stats();
     let ended = [now.expiries - stats.expiries, now.reveals - stats.reveals];
     let policy = args.policy.to_string();
-    run.count.row(policy, [walkers, hidden], ended, memory).context("nothing was measured")
+    let row = run.count.row(policy, [walkers, hidden], ended, memory);
+    Ok(Row { threads: args.threads, ..row.context("nothing was measured")? })
 }
 
 /// What a tick adds to.
 #[derive(Default)]
 struct Count {
     cpu: Vec<f64>,
+    wall: Vec<f64>,
     held: u64,
     live: u64,
     quiet: u64,
@@ -161,14 +175,18 @@ impl Count {
         let ticks = self.cpu.len();
         let of = |count: u64| count as f64 / ticks as f64;
         self.cpu.sort_unstable_by(f64::total_cmp);
-        let percentile = |part: usize| self.cpu.get((ticks * part).div_ceil(100) - 1).copied();
+        self.wall.sort_unstable_by(f64::total_cmp);
+        let at = |times: &[f64], part: usize| times.get((ticks * part).div_ceil(100) - 1).copied();
         Some(Row {
             policy,
+            threads: 1,
             walkers,
             hidden,
             ticks,
-            cpu_median_ms: percentile(50)?,
-            cpu_p99_ms: percentile(99)?,
+            cpu_median_ms: at(&self.cpu, 50)?,
+            cpu_p99_ms: at(&self.cpu, 99)?,
+            wall_median_ms: at(&self.wall, 50)?,
+            wall_p99_ms: at(&self.wall, 99)?,
             cpu_mean_ms: self.cpu.iter().sum::<f64>() / ticks as f64,
             held_mean: of(self.held) / walkers as f64,
             live_mean: of(self.live),
@@ -218,6 +236,8 @@ impl Run {
             policy: args.policy,
             margin: Duration::ZERO,
             avatars_max: crowd.walkers.len(),
+            threads: args.threads,
+            look_budget: std::env::var("LB").map_or(300_000, |b| b.parse().unwrap()),
             ..Config::default()
         };
         let mut engine = Engine::new(Arc::clone(world), config);
@@ -253,12 +273,13 @@ impl Run {
         let inputs: Vec<_> = self.up.drain(..arrived).collect();
         self.count.reports += inputs.len() as u64;
         self.outputs.clear();
-        let start = ProcessTime::now();
+        let (start, wall) = (ProcessTime::now(), Instant::now());
         for (at, input) in inputs {
             self.engine.handle(at, input);
         }
         self.engine.tick(self.now, &mut self.outputs);
         self.count.cpu.push(start.elapsed().as_secs_f64() * 1e3);
+        self.count.wall.push(wall.elapsed().as_secs_f64() * 1e3);
         self.take_in();
     }
 

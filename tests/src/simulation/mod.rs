@@ -22,7 +22,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
 use sightline_server::{
     compile::pvs,
-    engine::{Config, Policy, Sabotage, Validity},
+    engine::{Config, Output, Policy, Sabotage, Validity},
     replay::{self, Network, Options, OracleStride, Report},
     trace::Trace,
 };
@@ -135,6 +135,27 @@ pub fn run(seed: u64, pool: &Pool, fault: Fault) -> Outcome {
     let (mut breaches, hidden_ticks) = watch.end();
     breaches.extend(of_report(&report, &options));
     Outcome { seed, buildings: pool.size, network, breaches, report, hidden_ticks }
+}
+
+/// All that the engine says in a simulation with so many walkers, tick by tick, as so many threads decide
+/// it with a budget for looks.
+pub fn said(
+    seed: u64,
+    pool: &Pool,
+    walkers: usize,
+    [threads, look_budget]: [u32; 2],
+) -> Vec<Vec<Output>> {
+    let building = pool.of(seed);
+    let mut rng = SmallRng::seed_from_u64(seed);
+    let trace = walkers::trace(building, &mut rng, walkers, 120, 4.0);
+    let mut options = options(seed, &mut rng, 4.0, Fault::None);
+    options.oracle = OracleStride::Off;
+    options.config = Config { threads: threads as usize, look_budget, ..options.config };
+    let mut said = Vec::new();
+    let watch = &mut |now: &replay::Moment<'_>| said.push(now.outputs.to_vec());
+    replay::run_watched(&building.world, &trace, &options, None, watch)
+        .expect("there is no dump to write");
+    said
 }
 
 /// The network and the engine of a simulation.
