@@ -17,7 +17,7 @@ pub struct Config {
     /// What bounds a TBV in space.
     pub shape: Shape,
     /// What a message may take longer than half of its client's measured round trip.
-    pub margin: Duration,
+    pub margin: Margin,
     /// A client that takes longer than this for a round trip, or falls silent for longer while
     /// live, is treated as if it took just this: it may then be told late, and be seen late.
     pub horizon_max: Duration,
@@ -90,7 +90,10 @@ impl Default for Config {
             validity: Validity::UntilLeft,
             validity_max: Duration::from_secs(8),
             shape: Shape::Reach,
-            margin: Duration::from_millis(25),
+            margin: Margin::Measured {
+                first: Duration::from_millis(25),
+                most: Duration::from_millis(100),
+            },
             horizon_max: Duration::from_millis(400),
             round_trip_initial: Duration::from_millis(100),
             speed_max: None,
@@ -212,6 +215,30 @@ impl FromStr for Validity {
             ("until-left", _) => Ok(Self::UntilLeft),
             (_, Ok(ms @ 1..=60_000)) => Ok(Self::Constant(Duration::from_millis(ms))),
             _ => Err("use until-left, maximal, adaptive, or milliseconds from 1 to 60000"),
+        }
+    }
+}
+
+/// What jitter is allowed for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Margin {
+    /// Always so much.
+    Fixed(Duration),
+    /// As much as each client's reports show to be needed.
+    Measured {
+        /// Until there were enough of them.
+        first: Duration,
+        /// Never more: what is later still may be told, or seen, late.
+        most: Duration,
+    },
+}
+
+impl Margin {
+    /// For a client of whom nothing is known yet.
+    pub fn first(self) -> Duration {
+        match self {
+            Self::Fixed(margin) => margin,
+            Self::Measured { first, most } => first.min(most),
         }
     }
 }

@@ -43,9 +43,9 @@
 //! most `u + d + 2T` old.
 //!
 //! All this holds for clients whose round trip and silence are within
-//! [`Config::horizon_max`](super::Config::horizon_max) and whose messages take no longer than the
-//! margin beyond half the measured round trip; slower ones are treated as if they were so fast. It
-//! holds for bodies inside the world's bounds that do what bodies can: after an impulse, what it
+//! [`Config::horizon_max`](super::Config::horizon_max) and whose messages take no longer than
+//! half of the round trip and a margin, both measured for each client ([`Jitter`](super::jitter::Jitter)); slower
+//! ones are treated as if they were so fast. It holds for bodies inside the world's bounds that do what bodies can: after an impulse, what it
 //! changes may be told late by the time that its announcement takes.
 
 use std::{collections::BTreeMap, time::Duration};
@@ -57,10 +57,19 @@ const DELAY_STEP: Duration = Duration::from_millis(25);
 /// One slow client that is silent widens what all live ones reveal, so slow ones are not.
 pub(super) const SILENT_MAX: Duration = Duration::from_secs(1);
 
+/// How long a client's messages take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Link {
+    pub(super) round_trip: Duration,
+    /// What one may take longer than half of that.
+    pub(super) margin: Duration,
+}
+
 /// The times above, for everyone present.
 #[derive(Clone, Debug)]
 pub(super) struct Horizons {
     tick: Duration,
+    /// For a client of whom nothing is known yet.
     margin: Duration,
     cap: Duration,
     /// No client that needs a longer TBV to be silent is silenced.
@@ -75,7 +84,7 @@ impl Horizons {
     pub(super) fn new(config: &Config) -> Self {
         Self {
             tick: config.tick,
-            margin: config.margin,
+            margin: config.margin.first(),
             cap: config.horizon_max,
             silent_max: config.validity.max(config.validity_max).min(SILENT_MAX),
             round_trips: BTreeMap::new(),
@@ -125,59 +134,66 @@ impl Horizons {
 
     /// How long after its last report was made a live avatar's region must hold for the next
     /// tick's word to stand at a viewer with that delay.
-    pub(super) fn near(&self, age: Duration, round_trip: Duration, delay: Duration) -> Duration {
-        self.unheard(age, round_trip) + self.tick + delay
+    pub(super) fn near(&self, age: Duration, link: Link, delay: Duration) -> Duration {
+        self.unheard(age, link) + self.tick + delay
     }
 
     /// The same, until a hidden avatar that it reveals can be told of, or told.
-    pub(super) fn far(&self, age: Duration, round_trip: Duration) -> Duration {
-        let answer = self.unheard(age, round_trip) + 2 * self.tick + self.round_trip_silent_max();
+    pub(super) fn far(&self, age: Duration, link: Link) -> Duration {
+        let answer = self.unheard(age, link) + 2 * self.tick + self.round_trip_silent_max();
         answer + self.one_way_max()
     }
 
     /// When a report that came in at a moment was made, at the latest and at the earliest alike.
-    pub(super) fn made_at(&self, heard: Duration, round_trip: Duration) -> Duration {
-        heard.saturating_sub(self.one_way(round_trip) + self.margin)
+    pub(super) fn made_at(&self, heard: Duration, link: Link) -> Duration {
+        heard.saturating_sub(self.one_way(link.round_trip) + link.margin)
     }
 
     /// How long before its expiry a hidden client must be asked.
-    pub(super) fn lead(&self, round_trip: Duration) -> Duration {
-        2 * round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick + self.margin
+    pub(super) fn lead(&self, link: Link) -> Duration {
+        2 * link.round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick + link.margin
     }
 
     /// From the last tick of a hidden client at which it was not about to leave its place, until what its
     /// next one says is known to all whom it may concern.
-    pub(super) fn notice(&self, round_trip: Duration) -> Duration {
-        let heard = self.one_way(round_trip) + self.margin + 2 * self.tick;
+    pub(super) fn notice(&self, link: Link) -> Duration {
+        let heard = self.one_way(link.round_trip) + link.margin + 2 * self.tick;
         heard + self.round_trip_silent_max() + self.tick + self.one_way_max()
     }
 
     /// Whether a client answers fast enough to be silent in between, for two ticks at least.
-    pub(super) fn may_be_silent(&self, round_trip: Duration) -> bool {
-        let made = self.one_way(round_trip) + self.margin;
-        round_trip <= self.cap && made + self.lead(round_trip) + 2 * self.tick <= self.silent_max
+    pub(super) fn may_be_silent(&self, link: Link) -> bool {
+        // Whom the slowest silent one is found among has at least this margin.
+        let link = Link { margin: link.margin.max(self.margin), ..link };
+        let made = self.one_way(link.round_trip) + link.margin;
+        link.round_trip <= self.cap && made + self.lead(link) + 2 * self.tick <= self.silent_max
     }
 
     fn round_trip_silent_max(&self) -> Duration {
         let mut trips = self.round_trips.keys().rev();
-        trips.find(|trip| self.may_be_silent(**trip)).copied().unwrap_or(Duration::ZERO)
+        let link = |trip: &Duration| Link { round_trip: *trip, margin: self.margin };
+        trips.find(|trip| self.may_be_silent(link(trip))).copied().unwrap_or(Duration::ZERO)
     }
 
-    fn unheard(&self, age: Duration, round_trip: Duration) -> Duration {
-        (age + self.one_way(round_trip) + self.margin).min(self.cap)
+    fn unheard(&self, age: Duration, link: Link) -> Duration {
+        (age + self.one_way(link.round_trip) + link.margin).min(self.cap)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::Margin, *};
 
     fn ms(ms: u64) -> Duration {
         Duration::from_millis(ms)
     }
 
+    fn link(round_trip: u64) -> Link {
+        Link { round_trip: ms(round_trip), margin: ms(10) }
+    }
+
     fn horizons(round_trips: &[u64]) -> Horizons {
-        let config = Config { margin: ms(10), ..Config::default() };
+        let config = Config { margin: Margin::Fixed(ms(10)), ..Config::default() };
         let mut horizons = Horizons::new(&config);
         round_trips.iter().for_each(|trip| horizons.add(ms(*trip)));
         horizons
@@ -186,20 +202,20 @@ mod tests {
     #[test]
     fn each_delay_counts_once() {
         let two = horizons(&[100, 60]);
-        assert_eq!(two.near(ms(20), ms(60), ms(50)), ms(20 + 30 + 10 + 50 + 50));
-        assert_eq!(two.far(ms(20), ms(60)), ms(20 + 30 + 10 + 100 + 100 + 50));
+        assert_eq!(two.near(ms(20), link(60), ms(50)), ms(20 + 30 + 10 + 50 + 50));
+        assert_eq!(two.far(ms(20), link(60)), ms(20 + 30 + 10 + 100 + 100 + 50));
         assert_eq!(two.delays().collect::<Vec<_>>(), [ms(50)]);
-        assert_eq!(two.lead(ms(60)), ms(120 + 50 + 100 + 10));
+        assert_eq!(two.lead(link(60)), ms(120 + 50 + 100 + 10));
     }
 
     #[test]
     fn one_slow_client_is_not_silenced_and_widens_only_what_is_sent_to_it() {
         let mut all = horizons(&[100, 100, 390]);
-        assert!(!all.may_be_silent(ms(390)));
-        assert!(all.may_be_silent(ms(100)));
-        assert_eq!(all.far(ms(0), ms(100)), ms(50 + 10 + 100 + 100 + 195));
+        assert!(!all.may_be_silent(link(390)));
+        assert!(all.may_be_silent(link(100)));
+        assert_eq!(all.far(ms(0), link(100)), ms(50 + 10 + 100 + 100 + 195));
         all.remove(ms(390));
-        assert_eq!(all.far(ms(0), ms(100)), ms(50 + 10 + 100 + 100 + 50));
+        assert_eq!(all.far(ms(0), link(100)), ms(50 + 10 + 100 + 100 + 50));
         all.remove(ms(100));
         assert_eq!(all.one_way_max(), ms(50));
     }
@@ -207,7 +223,7 @@ mod tests {
     #[test]
     fn beyond_the_cap_nothing_grows() {
         let slow = horizons(&[10_000]);
-        assert_eq!(slow.near(ms(60_000), ms(10_000), slow.delay(ms(10_000))), ms(400 + 50 + 200));
-        assert!(!slow.may_be_silent(ms(10_000)));
+        assert_eq!(slow.near(ms(60_000), link(10_000), slow.delay(ms(10_000))), ms(400 + 50 + 200));
+        assert!(!slow.may_be_silent(link(10_000)));
     }
 }

@@ -36,6 +36,7 @@ mod expiry;
 mod explain;
 mod horizon;
 mod interest;
+mod jitter;
 mod looks;
 mod messages;
 mod near;
@@ -61,7 +62,7 @@ use sightline_shared::{
     world::World,
 };
 
-pub use config::{Config, Policy, PolicyError, Sabotage, Shape, Validity};
+pub use config::{Config, Margin, Policy, PolicyError, Sabotage, Shape, Validity};
 pub use explain::{Explanation, Reason};
 pub use messages::{Input, Output};
 pub use population::ClientState;

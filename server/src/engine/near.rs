@@ -279,10 +279,10 @@ impl Engine {
     }
 
     fn renew(&self, work: &mut Work, now: Duration, delays: &[Duration], live: &mut Live) {
-        let own = self.horizons.delay(live.round_trip);
+        let own = self.horizons.delay(live.link.round_trip);
         let age = now.saturating_sub(live.heard);
         let within = |delay: Duration| {
-            self.leeway(&live.pose, self.horizons.near(age, live.round_trip, delay)).within
+            self.leeway(&live.pose, self.horizons.near(age, live.link, delay)).within
         };
         let (near, spare_m) = (&mut live.near, self.config.spare_m);
         near.prepare(own, delays);

@@ -10,6 +10,8 @@ use sightline_shared::{
 
 use super::{
     authority::Ledger,
+    horizon::Link,
+    jitter::Jitter,
     near::Whereabouts,
     pairs::Pair,
     places::Place,
@@ -56,6 +58,7 @@ pub(super) struct Avatar {
     /// When the last accepted pose came in.
     pub(super) heard: Duration,
     pub(super) round_trip: Duration,
+    pub(super) jitter: Jitter,
     pub(super) ledger: Ledger,
     pub(super) state: ClientState,
     /// Asks since the last accepted report.
@@ -86,6 +89,13 @@ pub(super) struct Avatar {
     pub(super) pairs: Vec<Pair>,
     /// How many clients have been told of it.
     pub(super) watchers: u32,
+}
+
+impl Avatar {
+    /// How long its client's messages take.
+    pub(super) fn link(&self) -> Link {
+        Link { round_trip: self.round_trip, margin: self.jitter.margin() }
+    }
 }
 
 /// All avatars.

@@ -11,6 +11,7 @@ use sightline_shared::{
 use super::{
     ClientState, Engine, Output,
     authority::{Ledger, Verdict},
+    jitter::Jitter,
     near::Whereabouts,
     places::Place,
     population::{Avatar, Slot},
@@ -45,6 +46,7 @@ impl Engine {
             version: 0,
             heard: now,
             round_trip,
+            jitter: Jitter::new(self.config.margin),
             ledger: Ledger::new(now),
             state: ClientState::Live,
             unanswered: 0,
@@ -107,6 +109,9 @@ impl Engine {
             Verdict::Old => {}
             Verdict::Accepted => {
                 self.stats.reports += 1;
+                if avatar.state == ClientState::Live {
+                    avatar.jitter.hear(now, sequence, self.config.tick);
+                }
                 self.accept(now, slot, pose);
             }
             Verdict::Refused { correct } => {

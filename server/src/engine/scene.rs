@@ -9,7 +9,7 @@ use sightline_shared::{
     rooms::Seal,
 };
 
-use super::{Engine, near::Whereabouts, pairs::Pair, population::Slot};
+use super::{Engine, horizon::Link, near::Whereabouts, pairs::Pair, population::Slot};
 
 /// A live avatar, as all others may look at it.
 #[derive(Clone, Debug)]
@@ -22,7 +22,7 @@ pub(super) struct Live {
     pub(super) seal: Seal,
     /// When the last accepted pose came in.
     pub(super) heard: Duration,
-    pub(super) round_trip: Duration,
+    pub(super) link: Link,
     /// Where it was last, in own axes.
     pub(super) from: Vec3,
     pub(super) near: Whereabouts,
@@ -79,7 +79,7 @@ impl Engine {
                 version: avatar.version,
                 seal: avatar.seal,
                 heard: avatar.heard,
-                round_trip: avatar.round_trip,
+                link: avatar.link(),
                 from: self.world.cells.axes.own(avatar.pose.eye),
                 near: std::mem::take(&mut avatar.near),
                 moved: None,

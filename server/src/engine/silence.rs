@@ -77,6 +77,7 @@ impl Engine {
     pub(super) fn wake(&mut self, now: Duration, slot: Slot) {
         let avatar = self.population.at_mut(slot);
         avatar.silence_from = now;
+        avatar.jitter.restart();
         let (id, zone) = (avatar.id, std::mem::take(&mut avatar.zone));
         self.hidden_zones.remove((id, slot), &zone);
         self.expiries.cancel(id);
@@ -88,7 +89,7 @@ impl Engine {
     /// is heard; otherwise nothing changes, since it was not told yet, when it spoke, that it was quiet.
     pub(super) fn refresh(&mut self, now: Duration, slot: Slot, tbv: &Tbv) {
         let avatar = self.population.at(slot);
-        let lead = self.horizons.lead(avatar.round_trip);
+        let lead = self.horizons.lead(avatar.link());
         // What the client knows of its region is a little smaller, by rounding.
         let stays = tbv.grown(-ROUNDING_M).holds(&avatar.pose, self.config.tick, &self.agility);
         if !stays || now + lead + self.config.tick >= tbv.expiry {
@@ -102,7 +103,7 @@ impl Engine {
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
-        let leeway = self.leeway(&avatar.pose, self.horizons.far(age, avatar.round_trip));
+        let leeway = self.leeway(&avatar.pose, self.horizons.far(age, avatar.link()));
         let lasts = avatar.zone_box.is_some_and(|spare| spare.contains_box(&leeway.within));
         self.population.at_mut(slot).far = leeway.within;
         if !lasts {
@@ -203,7 +204,7 @@ impl Engine {
             && now >= avatar.silence_from
             && avatar.watchers == 0
             && !avatar.pairs.iter().any(|pair| pair.is_held)
-            && self.horizons.may_be_silent(avatar.round_trip)
+            && self.horizons.may_be_silent(avatar.link())
     }
 
     /// Does something while a live avatar's zone is not among those of the others.
@@ -229,7 +230,7 @@ impl Engine {
         avatar.close = Vec::new();
         avatar.told_quiet = true;
         (avatar.validity, avatar.hidden_from) = (validity, made);
-        let trip = avatar.round_trip;
+        let link = avatar.link();
         let old = std::mem::replace(&mut avatar.zone, zone);
         self.live_zones.remove(member, &old);
         self.hidden_zones.insert(member, &self.population.at(slot).zone);
@@ -237,7 +238,7 @@ impl Engine {
         self.watch(member);
         self.patience.cancel(member.0);
         let late = self.config.sabotage.expiry_late;
-        let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(trip));
+        let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(link));
         self.expiries.set(member.0, now, deadline, self.expiries_max());
     }
 

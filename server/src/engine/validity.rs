@@ -40,7 +40,7 @@ impl Engine {
     /// When a live avatar's last report was made.
     pub(super) fn made_at(&self, slot: Slot) -> Duration {
         let avatar = self.population.at(slot);
-        self.horizons.made_at(avatar.heard, avatar.round_trip)
+        self.horizons.made_at(avatar.heard, avatar.link())
     }
 
     /// The TBV in which a live avatar can be silent, if there is one that lasts for more than two
@@ -52,7 +52,7 @@ impl Engine {
         }
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(self.made_at(slot));
-        let least = age + self.horizons.lead(avatar.round_trip) + 2 * self.config.tick;
+        let least = age + self.horizons.lead(avatar.link()) + 2 * self.config.tick;
         let most = self.config.validity_max.max(least);
         let wanted = avatar.validity.clamp(least, most);
         match self.config.validity {
@@ -73,7 +73,7 @@ impl Engine {
     /// Finds the widest place to stay in that remains unseen: first larger on all sides, then on each.
     fn widest_stay(&mut self, slot: Slot, age: Duration, validity: Duration) -> Option<Silence> {
         let avatar = self.population.at(slot);
-        let notice = self.horizons.notice(avatar.round_trip);
+        let notice = self.horizons.notice(avatar.link());
         let told = age + self.horizons.one_way(avatar.round_trip) + self.config.tick;
         let least = self.leeway(&avatar.pose, told + notice).within.grown(ROUNDING_M);
         let notice = notice.mul_f64(self.config.sabotage.tbv_scale.into());

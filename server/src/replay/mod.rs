@@ -40,7 +40,7 @@ pub use report::{OracleReport, Report};
 pub use wire::Network;
 
 use crate::{
-    engine::{ClientState, Config, Engine, Input, Output, Policy},
+    engine::{ClientState, Config, Engine, Input, Margin, Output, Policy},
     trace::Trace,
 };
 use clients::{Clients, Order, Request, Uplink};
@@ -70,7 +70,7 @@ impl Options {
     /// A policy at a round trip, with everything else as it is served; but in virtual time no
     /// message is late, so there is no margin for it.
     pub fn new(policy: Policy, round_trip: Duration) -> Self {
-        let config = Config { policy, margin: Duration::ZERO, ..Config::default() };
+        let config = Config { policy, margin: Margin::Fixed(Duration::ZERO), ..Config::default() };
         let network = Network::default();
         let oracle = OracleStride::Auto;
         Self { config, round_trip, network, length: None, oracle, foresight: true }

@@ -261,7 +261,7 @@ fn loss_and_jitter_make_late_but_not_blind() {
     let mut options = options(Policy::Tbv, 20);
     let (spread, jitter) = (Duration::from_millis(200), Duration::from_millis(20));
     options.network = Network { spread, jitter, loss: 0.05, duplication: 0.05, seed: 1 };
-    options.config.margin = jitter;
+    options.config.margin = Margin::Fixed(jitter);
     let (report, dump) = replay(&house.world, &trace, &options);
     let (_, again) = replay(&house.world, &trace, &options);
     assert!(dump == again);

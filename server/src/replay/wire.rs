@@ -96,7 +96,7 @@ impl Wire {
         Self {
             network: options.network,
             round_trip: options.round_trip,
-            margin: options.config.margin,
+            margin: options.config.margin.first(),
             tick: options.config.tick,
             rng: SmallRng::seed_from_u64(options.network.seed),
             packets: BTreeMap::new(),

@@ -13,7 +13,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use serde::{Deserialize, Serialize};
 use sightline_server::{
     compile::demo_building,
-    engine::{Config, Engine, Input, Output},
+    engine::{Config, Engine, Input, Margin, Output},
 };
 use sightline_shared::{
     motion::{AvatarId, Pose, Tbv},
@@ -234,7 +234,7 @@ impl Run {
     fn new(world: &Arc<World>, args: &Args, crowd: Crowd) -> Self {
         let config = Config {
             policy: args.policy,
-            margin: Duration::ZERO,
+            margin: Margin::Fixed(Duration::ZERO),
             avatars_max: crowd.walkers.len(),
             threads: args.threads,
             look_budget: std::env::var("LB").map_or(300_000, |b| b.parse().unwrap()),

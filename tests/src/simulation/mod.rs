@@ -22,7 +22,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
 use sightline_server::{
     compile::pvs,
-    engine::{Config, Output, Policy, Sabotage, Validity},
+    engine::{Config, Margin, Output, Policy, Sabotage, Validity},
     replay::{self, Network, Options, OracleStride, Report},
     trace::Trace,
 };
@@ -181,7 +181,8 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Optio
     let validities =
         [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal, Validity::Adaptive];
     let validity = validities[rng.random_range(0..validities.len())];
-    let config = Config { margin: jitter, speed_max: Some(speed_max), ..options.config };
+    let config =
+        Config { margin: Margin::Fixed(jitter), speed_max: Some(speed_max), ..options.config };
     options.config = Config { validity, sabotage, ..config };
     options
 }

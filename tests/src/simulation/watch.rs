@@ -81,7 +81,7 @@ impl Watch {
             sight: Sight::new(&world.mesh),
             speed_max: config.speed_max.unwrap_or(world.speed_max),
             tick: config.tick,
-            margin: config.margin,
+            margin: config.margin.first(),
             cap: config.horizon_max,
             hidden: BTreeMap::new(),
             breaches: Vec::new(),

@@ -11,7 +11,7 @@ use sightline_shared::{
     world::{Axes, Cell, CellId, Cells, Gate, Mesh, Node, Polygon, Portal, Space, Spawn, World},
 };
 
-use crate::engine::{Config, Engine, Input, Output, Shape, Validity};
+use crate::engine::{Config, Engine, Input, Margin, Output, Shape, Validity};
 
 pub const TICK: Duration = Duration::from_millis(50);
 
@@ -164,7 +164,7 @@ impl Stage {
         let config = Config {
             validity: Validity::Constant(Duration::from_secs(1)),
             shape: Shape::Sphere,
-            margin: Duration::ZERO,
+            margin: Margin::Fixed(Duration::ZERO),
             round_trip_initial: Duration::ZERO,
             ..Config::default()
         };

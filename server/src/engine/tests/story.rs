@@ -9,7 +9,7 @@ use sightline_shared::{
 };
 
 use super::stage::{Stage, TICK, row};
-use crate::engine::{ClientState, Config, Input, Output, Policy, Reason, Shape, Validity};
+use crate::engine::{ClientState, Config, Input, Margin, Output, Policy, Reason, Shape, Validity};
 
 fn sees(stage: &Stage, viewer: AvatarId) -> Vec<u32> {
     let told: Vec<u32> = stage.client(viewer).sees.keys().map(|id| id.0).collect();
@@ -135,7 +135,10 @@ fn a_live_client_that_falls_silent_is_asked_and_then_dropped() {
 
 #[test]
 fn a_stay_lasts_until_it_is_left_and_its_word_is_kept() {
-    let config = Config { margin: Duration::ZERO, ..Stage::prompt(row(2)).engine.config().clone() };
+    let config = Config {
+        margin: Margin::Fixed(Duration::ZERO),
+        ..Stage::prompt(row(2)).engine.config().clone()
+    };
     let config = Config { validity: Validity::UntilLeft, shape: Shape::Reach, ..config };
     let mut stage = Stage::new(row(8), config);
     let ada = stage.join(1, 5.0);

@@ -12,7 +12,9 @@ use sightline_shared::{
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::engine::{ClientState, Config, Input, Validity};
+use crate::engine::{ClientState, Config, Input, Margin, Validity};
+
+const MARGIN: Duration = Duration::from_millis(25);
 
 /// A box cut at random, in which cells that touch see each other and a few others do too.
 fn random_world(rng: &mut SmallRng) -> World {
@@ -69,7 +71,9 @@ impl Crowd {
         // Who sees whom is drawn by lot there, whatever is between them.
         let validities = [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal];
         let validity = validities[rng.random_range(0..validities.len())];
-        let config = Config { look_budget: 0, silence_budget: 0, validity, ..Config::default() };
+        let margin = Margin::Fixed(MARGIN);
+        let budgets = Config { look_budget: 0, silence_budget: 0, ..Config::default() };
+        let config = Config { validity, margin, ..budgets };
         let stage = Stage::new(world, config);
         let mut crowd = Self {
             stage,
@@ -213,7 +217,7 @@ impl Crowd {
     fn since_report(&self, at: Duration, id: AvatarId, ahead: Duration) -> Duration {
         let config = Config::default();
         let age = at - self.last_report[&id].0;
-        (age + self.trip(id) / 2 + config.margin).min(config.horizon_max) + ahead
+        (age + self.trip(id) / 2 + MARGIN).min(config.horizon_max) + ahead
     }
 
     /// Where an eye can be some time after the tick at `at`.
@@ -228,8 +232,7 @@ impl Crowd {
             let (world, pose) = (self.stage.engine.world(), self.last_report[&id].1);
             return reach(world, pose.eye, &within, f32::INFINITY, 0.004);
         }
-        let made =
-            self.last_report[&id].0.saturating_sub(self.trip(id) / 2 + Config::default().margin);
+        let made = self.last_report[&id].0.saturating_sub(self.trip(id) / 2 + MARGIN);
         self.able(id, expiry - made)
     }
 

@@ -1,0 +1,118 @@
+//! How unevenly a client's messages come in.
+
+use std::time::Duration;
+
+use super::Margin;
+
+/// So many reports in a row are looked at: three seconds of them.
+const REPORTS: usize = 64;
+/// Fewer tell nothing.
+const REPORTS_MIN: usize = 16;
+/// For what has not been seen yet, as a multiple of what has.
+const SAFETY: u32 = 5;
+const SAFETY_PER: u32 = 4;
+/// The same at least: what clocks and threads take.
+const LEAST: Duration = Duration::from_millis(2);
+
+/// What a client's messages may take longer than half of its round trip, by how its reports come in.
+///
+/// A live client makes a report at each tick, so that without jitter each comes in one tick after the one
+/// before. How much later than that the latest of the last few came in than the earliest is what is
+/// known of jitter. What stands in the way of reports, stands in the way of what is sent to the client.
+#[derive(Clone, Debug)]
+pub(super) struct Jitter {
+    margin: Margin,
+    measured: Option<Duration>,
+    /// For the last reports without a gap, when each came in less when it was due, in any order.
+    late_us: Vec<i64>,
+    heard: usize,
+}
+
+impl Jitter {
+    pub(super) fn new(margin: Margin) -> Self {
+        Self { margin, measured: None, late_us: Vec::new(), heard: 0 }
+    }
+
+    /// What is allowed for now.
+    pub(super) fn margin(&self) -> Duration {
+        match self.margin {
+            Margin::Fixed(margin) => margin,
+            Margin::Measured { first, most } => self.measured.unwrap_or(first).min(most),
+        }
+    }
+
+    /// A live client's report came in.
+    pub(super) fn hear(&mut self, now: Duration, sequence: u32, tick: Duration) {
+        let Margin::Measured { .. } = self.margin else { return };
+        let due = i128::from(sequence) * tick.as_micros() as i128;
+        let late_us = (now.as_micros() as i128 - due) as i64;
+        if self.late_us.len() < REPORTS {
+            self.late_us.push(late_us);
+        } else {
+            self.late_us[self.heard % REPORTS] = late_us;
+        }
+        self.heard += 1;
+        let earliest = self.late_us.iter().min().copied().unwrap_or(0);
+        let latest = self.late_us.iter().max().copied().unwrap_or(0);
+        if self.late_us.len() >= REPORTS_MIN {
+            let spread = Duration::from_micros(latest.abs_diff(earliest));
+            self.measured = Some(spread * SAFETY / SAFETY_PER + LEAST);
+        }
+    }
+
+    /// The client was silent for a while: what comes now is not due by what came before.
+    pub(super) fn restart(&mut self) {
+        self.late_us.clear();
+        self.heard = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::SmallRng};
+
+    use super::*;
+
+    const TICK: Duration = Duration::from_millis(50);
+    const MARGIN: Margin =
+        Margin::Measured { first: Duration::from_millis(25), most: Duration::from_millis(100) };
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    /// A client that has been heard for some reports, with delays drawn up to a bound.
+    fn heard(reports: u32, jitter: Duration) -> Jitter {
+        let (mut known, mut rng) = (Jitter::new(MARGIN), SmallRng::seed_from_u64(7));
+        for sequence in 1..=reports {
+            let late = jitter.mul_f64(rng.random());
+            known.hear(ms(300) + TICK * sequence + late, sequence, TICK);
+        }
+        known
+    }
+
+    #[test]
+    fn a_margin_is_what_was_seen_and_a_little_more() {
+        assert_eq!(heard(15, Duration::ZERO).margin(), ms(25), "too early to tell");
+        assert_eq!(heard(16, Duration::ZERO).margin(), LEAST);
+        let uneven = heard(200, ms(40)).margin();
+        assert!((ms(40)..ms(53)).contains(&uneven), "{uneven:?}");
+        assert_eq!(heard(200, ms(400)).margin(), ms(100), "no more than is allowed");
+        assert_eq!(Jitter::new(Margin::Fixed(ms(7))).margin(), ms(7));
+    }
+
+    #[test]
+    fn a_pause_is_no_jitter_and_what_was_known_stands() {
+        let mut known = heard(100, Duration::ZERO);
+        known.restart();
+        for sequence in 101..=140 {
+            known.hear(Duration::from_secs(60) + TICK * sequence, sequence, TICK);
+            assert_eq!(known.margin(), LEAST);
+        }
+        // A hitch counts until it is three seconds old.
+        for sequence in 141..=220 {
+            known.hear(Duration::from_secs(60) + TICK * sequence + ms(30), sequence, TICK);
+            assert_eq!(known.margin() > ms(30), sequence < 204, "{sequence}");
+        }
+    }
+}
