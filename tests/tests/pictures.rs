@@ -1,19 +1,27 @@
 //! What the renderer shows, against rays through the original triangles: in every mode everything drawn lies on them, and
 //! nothing that they hide shows through. And the modes against each other.
 
-use std::{ops::ControlFlow, path::PathBuf};
+use std::{ops::ControlFlow, path::PathBuf, sync::Arc};
 
+use glam::Vec3;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_client::{
     bench::{Comparison, Depths, Fault, Rays, Views},
     path::Path,
-    render::{Camera, Frame, Mode, Renderer},
+    render::{
+        Camera, Frame, Mode, Renderer,
+        hidden::{Hidden, Walls},
+    },
 };
 use sightline_server::compile::{
     demo_building, glb,
     model::{self, Model},
     voxelise,
 };
-use sightline_shared::world::{Cells, Mesh, World};
+use sightline_shared::{
+    geometry::Aabb,
+    world::{Cells, Mesh, World},
+};
 
 /// This part of the pixels must agree with triangles, at every view.
 const AGREEING: f64 = 0.999;
@@ -87,6 +95,43 @@ fn check(name: &str, model: &Model, voxel: f32) {
         let (some, all) = (view.orthogonal.projections, view.perspective.projections);
         assert!(some <= PROJECTIONS * all, "{name}: {view:?}");
     }
+    check_hidden(name, &world);
+}
+
+/// Boxes of eyes, and eyes in each, from which pictures are drawn with and without what is hidden.
+const BOXES: usize = 24;
+const EYES: usize = 8;
+
+/// Looks from anywhere in boxes along a walk, and elsewhere.
+fn check_hidden(name: &str, world: &World) {
+    let walls = Walls::new(&world.octree).expect("not too many walls");
+    let random = &mut SmallRng::seed_from_u64(7);
+    let path = Path::through(world);
+    let [mut whole, mut less] = [(); 2].map(|()| Frame::new(192, 108));
+    let (mut renderer, mut counts, mut looks) = (Renderer::default(), [0; 2], [0; 2]);
+    for turn in 0..BOXES {
+        let at = path.at(random.random_range(0.0..=path.duration_s())).eye;
+        let aside = Vec3::from([0; 3].map(|_| random.random_range(-0.5..0.5)));
+        let size = Vec3::from([0; 3].map(|_| random.random_range(0.05..1.0)));
+        let eyes = Aabb::new(at + aside, at + aside + size);
+        let hidden = Arc::new(Hidden::new(&walls, eyes, 50.0));
+        counts = [counts[0] + hidden.counts().hidden, counts[1] + hidden.counts().all];
+        for _ in 0..EYES {
+            let eye = eyes.min + size * Vec3::from([0; 3].map(|_| random.random_range(0.0..1.0)));
+            let (yaw, pitch) = (random.random_range(-3.2..3.2), random.random_range(-0.9..0.9));
+            let camera = Camera { eye, yaw, pitch, fov_y: Camera::FOV_Y };
+            renderer.mode = Mode::ALL[turn % 2];
+            renderer.hidden = None;
+            renderer.draw(&world.octree, &camera, &mut whole);
+            looks[0] += renderer.counters().nodes;
+            renderer.hidden = Some(Arc::clone(&hidden));
+            renderer.draw(&world.octree, &camera, &mut less);
+            looks[1] += renderer.counters().nodes;
+            assert!(whole == less, "{name}, {:?}: {camera:?} in {eyes:?}", renderer.mode);
+        }
+    }
+    println!("  {} walls hide {counts:?} nodes; looks {looks:?}", walls.len());
+    assert!(counts[0] > 0 && looks[1] <= looks[0], "{name}: {counts:?} {looks:?}");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! * [`Comparison`]: the renderer's modes against each other. [`Difference`]: how two pictures of one view differ. [`Depths`]: how far a picture's depths are from where rays
 //!   end.
 //! * [`Shimmer`]: how much more a picture changes along a slow path than what it shows.
+//! * [`fuzzy()`]: what it saves to leave out what is hidden from a box of eyes.
 //! * [`moving()`]: what avatars and movers cost in each way to cull them.
 //!
 //! Clocks are read here, and nowhere in the renderer.
@@ -12,6 +13,7 @@
 mod compare;
 mod depths;
 mod difference;
+mod fuzzy;
 mod measure;
 mod moving;
 mod rays;
@@ -22,6 +24,7 @@ use sightline_shared::world::World;
 pub use compare::{Comparison, View};
 pub use depths::{Depths, Fault};
 pub use difference::{Difference, channels, differs};
+pub use fuzzy::{FRAME_S, FuzzyError, FuzzyRun, fuzzy};
 pub use measure::{Contender, Counts, Options, Row, Run, Spread, Timing, measure};
 pub use moving::{Crowd, Kind, MovingCost, MovingError, MovingRow, MovingRun, moving};
 pub use rays::{Rays, Tree};

@@ -29,6 +29,10 @@ pub struct Args {
     /// Walk alone in a world file (.slw), without a server.
     #[arg(long, value_name = "WORLD.slw", conflicts_with_all = ["address", "fingerprint"])]
     world: Option<PathBuf>,
+    /// Find out ahead of the eye, on a thread of its own, what cannot be seen from around a place, and leave it out. The
+    /// picture is the same; `bench --fuzzy` tells what it takes.
+    #[arg(long)]
+    fuzzy: bool,
     /// Leave after so many seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
@@ -47,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(path) => {
             let world = World::read(path)?;
             let spawn = *world.spawns.first().context("the world has no spawn point")?;
-            desktop::run(Visit::Alone(&world, spawn), options(&world.title, end))?
+            desktop::run(Visit::Alone(&world, spawn), options(args, &world.title, end))?
         }
         None => visit(args, end)?,
     };
@@ -86,13 +90,13 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
     bar.finish_and_clear();
     let session = session?;
     let title = format!("{} – Sightline", session.world().title);
-    let summary = desktop::run(Visit::Shared(&session), options(&title, end))?;
+    let summary = desktop::run(Visit::Shared(&session), options(args, &title, end))?;
     session.leave_blocking();
     Ok(summary)
 }
 
-fn options(title: &str, end: Option<Duration>) -> desktop::Options<'_> {
-    desktop::Options { title, end, stop: None }
+fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::Options<'a> {
+    desktop::Options { title, end, stop: None, fuzzy: args.fuzzy }
 }
 
 /// A strong colour that stays the same for a name.

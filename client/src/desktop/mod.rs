@@ -41,6 +41,9 @@ pub struct Options<'a> {
     pub end: Option<Duration>,
     /// Closes when it becomes true.
     pub stop: Option<&'a AtomicBool>,
+    /// Prepares what is hidden from where the eye will be, on a thread of its own, and leaves it out: see
+    /// [`render::hidden`](crate::render::hidden).
+    pub fuzzy: bool,
 }
 
 /// What happened in the window.
@@ -102,7 +105,7 @@ pub fn run(visit: Visit, options: Options) -> Result<WalkSummary, DesktopError> 
     let context = softbuffer::Context::new(display)
         .map_err(|error| DesktopError::Surface(error.to_string()))?;
     let start = Instant::now();
-    let mut shell = Shell::new(Scene::new(visit), options, context, start);
+    let mut shell = Shell::new(Scene::new(visit, options.fuzzy), options, context, start);
     events.run_app(&mut shell).map_err(display_error)?;
     shell.finish()
 }

@@ -13,7 +13,9 @@ use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::L
 use crate::{
     in_sight::InSight,
     render::{
-        Camera, Frame, Renderer, movers,
+        Camera, Frame, Renderer,
+        hidden::Ahead,
+        movers,
         moving::{Culling, Moving},
         rooms::Wires,
     },
@@ -33,6 +35,8 @@ pub(super) struct Scene<'a> {
     in_sight: Option<InSight>,
     renderer: Renderer,
     moving: Moving,
+    /// If it is wanted.
+    ahead: Option<Ahead>,
     drawn: Frame,
     shown: Frame,
     log: Log,
@@ -48,7 +52,7 @@ const HELP: &str =
     "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(visit: Visit<'a>) -> Self {
+    pub(super) fn new(visit: Visit<'a>, fuzzy: bool) -> Self {
         let spawn = match visit {
             Visit::Alone(_, spawn) => spawn,
             Visit::Shared(session) => {
@@ -59,6 +63,12 @@ impl<'a> Scene<'a> {
         let mut log = Log::default();
         log.add(Instant::now(), HELP.into());
         let world = visit.world();
+        let ahead = if fuzzy {
+            let ahead = Ahead::new(&world.octree);
+            ahead.inspect_err(|error| tracing::warn!(%error, "everything is drawn")).ok()
+        } else {
+            None
+        };
         let moving = Moving::new(world, Culling::default());
         Self {
             visit,
@@ -69,6 +79,7 @@ impl<'a> Scene<'a> {
             in_sight: None,
             renderer: Renderer::default(),
             moving,
+            ahead,
             drawn: Frame::default(),
             shown: Frame::default(),
             log,
@@ -206,6 +217,9 @@ impl<'a> Scene<'a> {
     /// which of these can be seen. On a flight there is nobody else.
     fn draw(&mut self, pose: &Pose, time: Duration) -> Vec<VisibleAvatar> {
         let (world, camera) = (self.visit.world(), &Camera::at(pose));
+        let focal = camera.focal(self.drawn.height());
+        let hidden = |ahead: &Ahead| ahead.at(pose.eye, pose.velocity, focal);
+        self.renderer.hidden = self.ahead.as_ref().and_then(hidden);
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
         if let Some(in_sight) = &mut self.in_sight {
             let movers = in_sight.movers(world, &self.rooms, pose);

@@ -17,6 +17,7 @@ pub mod avatars;
 mod band;
 mod brick;
 mod form;
+pub mod hidden;
 mod hull;
 mod layer;
 mod lines;
@@ -32,6 +33,8 @@ pub mod text;
 mod view;
 mod walk;
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use pulp::WithSimd;
 use rayon::prelude::*;
@@ -42,6 +45,7 @@ use sightline_shared::{
 
 use self::{
     band::Band,
+    hidden::Hidden,
     panes::Panes,
     shade::Rows,
     view::View,
@@ -74,6 +78,11 @@ impl Camera {
     /// The view from a pose.
     pub fn at(pose: &Pose) -> Self {
         Self { eye: pose.eye, yaw: pose.yaw, pitch: pose.pitch, fov_y: Self::FOV_Y }
+    }
+
+    /// How many pixels a length of a metre spans at a distance of a metre, in a picture of so many rows.
+    pub fn focal(&self, height: usize) -> f32 {
+        height as f32 * 0.5 / (self.fov_y * 0.5).clamp(0.01, 1.5).tan()
     }
 
     /// The view from one point towards another.
@@ -207,6 +216,9 @@ pub struct Renderer {
     /// Smooth edges: each pixel is the mean of 2 × 2, which takes more than twice as long. A picture with a
     /// side of more than half of [`SIDE_MAX`] stays as it is.
     pub antialias: bool,
+    /// What is left out of pictures from a box of eyes, if the eye is in it. The picture is the same. It is to be made
+    /// for the octree that is drawn.
+    pub hidden: Option<Arc<Hidden>>,
     /// Forgoes what only newer processors can do; the picture is the same.
     portable: bool,
     fine: Frame,
@@ -242,6 +254,9 @@ impl Renderer {
         self.colours.resize(LOOKS_MAX, 0);
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
+        let hidden = self.hidden.as_deref();
+        let hidden = hidden.and_then(|hidden| hidden.nodes(octree, camera.eye, view.focal()));
+        let hidden = hidden.unwrap_or((&[0], 0));
         let (processor, portable) = (pulp::Arch::new(), self.portable);
         self.bands.resize_with(height.div_ceil(BAND), Default::default);
         let rows = frame.colour.par_chunks_mut(BAND * width);
@@ -256,7 +271,8 @@ impl Renderer {
             *counters = Counters::default();
             band.clear(width, BAND.min(height - i * BAND));
             let rows = Rows { colour, depth, looks, panes };
-            let walk = Walk { octree, view: &view, mode, glass_from, band, walker, counters };
+            let walk =
+                Walk { octree, view: &view, mode, hidden, glass_from, band, walker, counters };
             let drawing = Drawing { walk, colours, rows };
             if portable {
                 drawing.with_simd(pulp::Scalar);

@@ -45,9 +45,12 @@ impl Walk<'_> {
         self.walker.flats.clear();
         self.walker.flats.push(root);
         while let Some(mut flat) = self.walker.flats.pop() {
-            self.counters.nodes += 1;
             let form =
                 fine.as_ref().filter(|_| flat.fine).map_or(&coarse, |fine: &Fine| &fine.form);
+            if self.is_hidden(flat.index, form.level + flat.below as u8) {
+                continue;
+            }
+            self.counters.nodes += 1;
             let Some(area) = self.band.clip(form.span(&flat)) else { continue };
             self.counters.mask_tests += 1;
             if !self.band.mask.is_open(&area) {

@@ -46,9 +46,8 @@ impl View {
         let (sin_pitch, cos_pitch) = camera.pitch.sin_cos();
         let forward = Vec3::new(-sin_yaw * cos_pitch, sin_pitch, -cos_yaw * cos_pitch);
         let right = Vec3::new(cos_yaw, 0.0, -sin_yaw);
+        let focal = camera.focal(height);
         let (width, height) = (width as f32, height as f32);
-        let half_angle = (camera.fov_y * 0.5).clamp(0.01, 1.5);
-        let focal = height * 0.5 / half_angle.tan();
         Self {
             eye: camera.eye,
             right,

@@ -54,6 +54,8 @@ pub(super) struct Walk<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) mode: Mode,
+    /// Nodes that are left out: a bit for each, and down to which level.
+    pub(super) hidden: (&'a [u64], u8),
     /// The first look that is glass.
     pub(super) glass_from: usize,
     pub(super) band: &'a mut Band,
@@ -87,6 +89,9 @@ impl Walk<'_> {
     /// Draws a node, or puts its octants on the stack, unless it is out of view or covered.
     #[inline(always)]
     fn consider(&mut self, cube: Cube) {
+        if self.is_hidden(cube.index, cube.level) {
+            return;
+        }
         self.counters.nodes += 1;
         if self.mode == Mode::Perspective {
             self.consider_in_perspective(cube);
@@ -126,6 +131,13 @@ impl Walk<'_> {
     #[inline(always)]
     fn reach(&self, level: u8) -> Vec4 {
         self.view.patterns[usize::from(level)].reach
+    }
+
+    /// Whether a node is known to be hidden.
+    #[inline(always)]
+    pub(super) fn is_hidden(&self, index: u32, level: u8) -> bool {
+        let (nodes, last) = self.hidden;
+        level <= last && nodes[index as usize / 64] >> (index % 64) & 1 == 1
     }
 
     /// Whether a node is neither a voxel nor a layer and so near that nothing is gained by knowing where it is seen.

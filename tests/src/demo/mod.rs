@@ -145,7 +145,8 @@ fn show(you: &Session, crowd: &Crowd, world: &World, options: &Options) -> anyho
         use sightline_client::desktop::{self, Visit};
         println!("your window: WASD and the mouse, F to fly, Enter to chat, Escape to leave");
         let title = "Sightline demo";
-        let window = desktop::Options { title, end: None, stop: Some(&crowd.is_over) };
+        let window =
+            desktop::Options { title, end: None, stop: Some(&crowd.is_over), fuzzy: false };
         let summary = desktop::run(Visit::Shared(you), window)?;
         crowd.stop();
         return Ok(Frames {

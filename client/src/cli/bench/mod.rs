@@ -1,5 +1,6 @@
 //! `sightline-client bench`.
 
+mod fuzzy;
 mod gallery;
 mod moving;
 mod table;
@@ -82,6 +83,11 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with_all = ["compare", "pictures", "path", "from", "until"],
           value_parser = clap::value_parser!(u32).range(1..=16_000))]
     moving: Option<u32>,
+    /// Measure instead what it saves to leave out what no eye in a box can see: --frames pictures of the path, a sixtieth of a
+    /// second apart, whole and without what is hidden from the box that the eye is in; they must be the same. Boxes are
+    /// prepared by a thread beside those that draw, along the eye's motion.
+    #[arg(long, conflicts_with_all = ["compare", "pictures", "moving"])]
+    fuzzy: bool,
     /// Write the views as PNGs, side by side: orthogonal mode, perspective mode, their difference, eight times as strong,
     /// and in grey what does not agree with rays: red is too far away, blue is where no triangle is.
     #[arg(long, value_name = "DIR")]
@@ -122,6 +128,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(most) = args.moving {
         let progress = Progress::new();
         let (text, json) = moving::run(args, world, most as usize, &progress)?;
+        progress.finish();
+        return tell(args, &text, &json);
+    }
+    if args.fuzzy {
+        let progress = Progress::new();
+        let (text, json) = fuzzy::run(args, &world, &progress)?;
         progress.finish();
         return tell(args, &text, &json);
     }
