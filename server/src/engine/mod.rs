@@ -92,7 +92,7 @@ pub struct Engine {
     rooms: RoomIndex,
     /// Every avatar's, in own axes.
     body: Body,
-    /// The wide regions of live avatars.
+    /// The wide regions of live avatars, by cells.
     near_bodies: SectorIndex,
     sectors: Sectors,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
@@ -170,7 +170,7 @@ impl Engine {
             population: Population::default(),
             places: Places::new(config.policy, &world),
             rooms: RoomIndex::new(&world),
-            near_bodies: SectorIndex::new(sectors.len()),
+            near_bodies: SectorIndex::new(world.cells.cells.len()),
             live_zones: ZoneIndex::new(sectors.len()),
             hidden_zones: ZoneIndex::new(sectors.len()),
             sectors,

@@ -64,8 +64,8 @@ pub(super) struct Wide {
     bodies: Parts,
     /// Where the eye can be, and where the body can.
     pub(super) grounds: [Ground; 2],
-    /// The sectors that the body can be in, ascending.
-    pub(super) sectors: Vec<u32>,
+    /// The cells that the body can be in, ascending, as the index of wide regions has them.
+    pub(super) cells: Vec<u32>,
 }
 
 impl Wide {
@@ -273,7 +273,7 @@ impl Engine {
         crew.each(lives.all_mut(), |work, _, live| self.renew(work, now, &delays, live));
         for live in lives.all() {
             if let Some((old, wide)) = live.moved.as_ref().zip(live.near.wide.as_ref()) {
-                self.near_bodies.replace((live.id, live.slot), old, &wide.sectors);
+                self.near_bodies.replace((live.id, live.slot), old, &wide.cells);
             }
         }
     }
@@ -304,7 +304,7 @@ impl Engine {
         if !near.wide.as_ref().is_some_and(|wide| serves(&wide.spare, &all, WIDE_M)) {
             let wide = self.wide(work, live.from, ahead(&all, step, WIDE_M));
             let old = near.wide.replace(Box::new(wide));
-            live.moved = Some(old.map_or_else(Vec::new, |old| old.sectors));
+            live.moved = Some(old.map_or_else(Vec::new, |old| old.cells));
         }
     }
 
@@ -312,10 +312,10 @@ impl Engine {
         let cells = &self.world.cells;
         let reach = Reach::within(&mut work.reach, cells, from, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
-        let sectors = self.sectors.of(&found);
+        let numbers = found.iter().map(|cell| cell.0).collect();
         let eyes = Ground::of(cells, &self.rooms, reach.eyes(), &reach.eye_parts(cells));
         let grounds = [eyes, Ground::of(cells, &self.rooms, found, &bodies)];
-        Wide { spare, bodies, grounds, sectors }
+        Wide { spare, bodies, grounds, cells: numbers }
     }
 
     /// What portals lead to for a part of a live avatar, with so much to spare.
@@ -367,7 +367,7 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let (id, near) = (avatar.id, std::mem::take(&mut avatar.near));
         if let Some(wide) = near.wide {
-            self.near_bodies.replace((id, slot), &wide.sectors, &[]);
+            self.near_bodies.replace((id, slot), &wide.cells, &[]);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Which avatars concern which viewers: kept up to date by what moved, never gone through as a whole.
 //!
 //! Two live avatars have a pair each, the one as the viewer of the other, while their wide regions may
-//! see each other: by their sectors, by the gates between them, and by their cells. Most people in a
+//! see each other: by their cells, which an index has, and by the gates between them. Most people in a
 //! building have none with each other, and nothing is done about them until one has gone some way.
 //! What pairs leave open is [looked at](super::looks) more closely.
 
@@ -91,24 +91,25 @@ impl Engine {
 
     /// Finds all whom one with a new wide region has to do with, but for those before it who have one too.
     fn met_by(&self, work: &mut Work, lives: &Lives, place: usize) -> Vec<Member> {
-        let mut found = Vec::new();
+        let mut found: Vec<Member> = Vec::new();
         let Some(wide) = &lives.all()[place].near.wide else { return found };
         wide.look_around(&self.world.cells, &mut work.seen);
         work.met.clear();
         work.met.insert(place as u32);
-        // Most are in several sectors, and most turn out not to matter.
-        for member in self.near_bodies.among(&self.sectors.visible_from(&wide.sectors)) {
+        // The eye is in the body: who sees or is seen is in one of these cells.
+        let Work { seen, met, .. } = &mut *work;
+        for member in self.near_bodies.among(&seen[1]) {
             let other = lives.place(member.1);
-            if !work.met.contains(other as u32) {
-                work.met.insert(other as u32);
-                let other_live = &lives.all()[other];
-                let is_done = other < place && other_live.moved.is_some();
-                let other_wide = other_live.near.wide.as_ref().filter(|_| !is_done);
-                if other_wide.is_some_and(|other| self.may_meet(work, wide, other)) {
-                    found.push(*member);
-                }
+            if !met.contains(other as u32) {
+                met.insert(other as u32);
+                let is_done = other < place && lives.all()[other].moved.is_some();
+                found.extend((!is_done).then_some(*member));
             }
         }
+        found.retain(|(_, slot)| {
+            let other = lives.at(*slot).near.wide.as_ref();
+            other.is_some_and(|other| self.may_meet(work, wide, other))
+        });
         found
     }
 

@@ -26,7 +26,7 @@ pub(super) struct Live {
     /// Where it was last, in own axes.
     pub(super) from: Vec3,
     pub(super) near: Whereabouts,
-    /// If it has a new wide region, the sectors that it was in before.
+    /// If it has a new wide region, the cells that it was in before.
     pub(super) moved: Option<Vec<u32>>,
 }
 

@@ -200,7 +200,7 @@ impl Zone {
 /// An avatar, and where it is kept. Ordered by id.
 pub(super) type Member = (AvatarId, Slot);
 
-/// For each sector, who can be in it.
+/// For each sector, or each cell, who can be in it.
 #[derive(Clone, Debug)]
 pub(super) struct SectorIndex {
     members: Vec<Vec<Member>>,
