@@ -36,7 +36,7 @@ use sightline_shared::{
 
 pub use comparison::Comparison;
 pub use oracle::{Miss, Stale};
-pub use report::{OracleReport, Report};
+pub use report::{ClientReport, OracleReport, Report};
 pub use wire::Network;
 
 use crate::{
@@ -436,6 +436,7 @@ impl<'a> Replay<'a> {
         let world = self.engine.world().title.clone();
         let clients = (trace.ids().count(), self.clients.jumps(), self.clients.outside());
         let oracle = self.oracle.map(|oracle| oracle.report());
+        let each = self.tally.clients(options, |avatar| self.clients.walker(avatar));
         Report {
             world,
             avatars: clients.0,
@@ -444,6 +445,7 @@ impl<'a> Replay<'a> {
             left_tbv: self.clients.left(),
             speed_max: self.engine.speed_max(),
             seconds: length.as_secs_f64(),
+            clients: each,
             oracle,
             ..self.tally.report(options, self.engine.stats())
         }

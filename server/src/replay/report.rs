@@ -77,8 +77,8 @@ pub struct Report {
     pub enters_per_s: f64,
     /// Likewise, leaves.
     pub leaves_per_s: f64,
-    /// Times that a quiet client reported unasked, as it was about to leave its TBV: 0 unless somebody
-    /// jumps, or something is wrong.
+    /// Times that a quiet client reported unasked, as it was about to leave its TBV: where TBVs hold all that a
+    /// body can do, 0 unless somebody jumps, or something is wrong.
     pub left_tbv: u64,
     /// Moves that no body can make, announced by their clients.
     pub jumps: u64,
@@ -90,8 +90,31 @@ pub struct Report {
     pub tick_cpu_median_ms: f64,
     /// The same at the 99th percentile.
     pub tick_cpu_p99_ms: f64,
+    /// Each client's, from its coming to its going.
+    pub clients: Vec<ClientReport>,
     /// What rays said, if they were asked.
     pub oracle: Option<OracleReport>,
+}
+
+/// What one client cost.
+#[derive(Clone, Debug, Serialize)]
+pub struct ClientReport {
+    /// The trace's id of its avatar; one that comes again is another client.
+    pub id: u32,
+    /// How long it was there.
+    pub seconds: f64,
+    /// The mean number of avatars that it held.
+    pub held_mean: f64,
+    /// The share of its time that it was quiet, from 0 to 1.
+    pub quiet_share: f64,
+    /// Messages to it: datagrams and control messages.
+    pub messages_to: u64,
+    /// Bytes of these, without those that QUIC and UDP add.
+    pub bytes_to: u64,
+    /// Messages from it.
+    pub messages_from: u64,
+    /// Bytes of these.
+    pub bytes_from: u64,
 }
 
 /// What clients held, compared with what was visible. Pairs of which one has just come or jumped

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use sightline_shared::motion::AvatarId;
 
-use super::{Options, Report};
+use super::{ClientReport, Options, Report};
 use crate::engine::{ClientState, Engine, Stats};
 
 /// Clients that were there for less time tell no rates, in seconds.
@@ -30,6 +30,8 @@ pub(super) struct ClientTally {
     pub(super) to: Traffic,
     pub(super) from: Traffic,
     ticks: u64,
+    quiet: u64,
+    held: u64,
 }
 
 /// Everything but what rays say.
@@ -42,8 +44,6 @@ pub(super) struct Tally {
     pub(super) reports: u64,
     pub(super) asks: u64,
     pub(super) corrections: u64,
-    quiet: u64,
-    held: u64,
     cpu: Vec<Duration>,
 }
 
@@ -56,11 +56,22 @@ impl Tally {
     /// Counts who is present after a tick.
     pub(super) fn tick(&mut self, cpu: Duration, engine: &Engine) {
         for id in engine.avatars() {
-            self.client(id).ticks += 1;
-            self.held += engine.held_by(id).count() as u64;
-            self.quiet += u64::from(matches!(engine.state(id), Some(ClientState::Quiet(_))));
+            let client = self.client(id);
+            client.ticks += 1;
+            client.held += engine.held_by(id).count() as u64;
+            client.quiet += u64::from(matches!(engine.state(id), Some(ClientState::Quiet(_))));
         }
         self.cpu.push(cpu);
+    }
+
+    /// What each client cost, by the id that the trace has for its avatar.
+    pub(super) fn clients(
+        &self,
+        options: &Options,
+        id: impl Fn(AvatarId) -> u32,
+    ) -> Vec<ClientReport> {
+        let tick_s = options.config.tick.as_secs_f64();
+        self.clients.iter().map(|(avatar, client)| client.report(id(*avatar), tick_s)).collect()
     }
 
     /// All that it knows; the rest is as by default.
@@ -89,8 +100,8 @@ impl Tally {
             validity: config.validity.to_string(),
             shape: config.shape.to_string(),
             present_mean: present as f64 / self.cpu.len().max(1) as f64,
-            held_mean: self.held as f64 / present.max(1) as f64,
-            quiet_share: self.quiet as f64 / present.max(1) as f64,
+            held_mean: sum(|client| client.held) as f64 / present.max(1) as f64,
+            quiet_share: sum(|client| client.quiet) as f64 / present.max(1) as f64,
             messages_to_client: mean(sum(|client| client.to.messages)),
             messages_to_client_worst: worst(|client| client.to.messages),
             bytes_to_client: mean(sum(|client| client.to.bytes)),
@@ -117,6 +128,22 @@ impl Tally {
             tick_cpu_median_ms: ms(percentile(&self.cpu, 50)),
             tick_cpu_p99_ms: ms(percentile(&self.cpu, 99)),
             ..Report::default()
+        }
+    }
+}
+
+impl ClientTally {
+    fn report(&self, id: u32, tick_s: f64) -> ClientReport {
+        let share = |ticks: u64| ticks as f64 / self.ticks.max(1) as f64;
+        ClientReport {
+            id,
+            seconds: self.ticks as f64 * tick_s,
+            held_mean: share(self.held),
+            quiet_share: share(self.quiet),
+            messages_to: self.to.messages,
+            bytes_to: self.to.bytes,
+            messages_from: self.from.messages,
+            bytes_from: self.from.bytes,
         }
     }
 }

@@ -287,6 +287,10 @@ fn what_a_host_reads_adds_up() {
         assert!(report.bytes_from_client <= report.bytes_from_client_worst, "{case}");
         assert!(oracle.pairs_foreseen <= oracle.pairs_held, "{case}");
         assert!(oracle.over_send_horizon <= oracle.over_send || oracle.misses > 0, "{case}");
+        let clients = report.clients.iter();
+        let total = clients.map(|client| client.messages_to as f64).sum::<f64>();
+        let seconds = report.clients.iter().map(|client| client.seconds).sum::<f64>();
+        assert!((total / seconds / report.messages_to_client - 1.0).abs() < 1e-6, "{case}");
         assert!(report.enters >= report.leaves && report.enters > 0, "{case}");
         assert!(report.left_tbv == 0 || report.policy == "tbv", "{case}");
         assert!((report.enters_per_s - report.enters as f64 / 10.0).abs() < 0.2, "{case}");
