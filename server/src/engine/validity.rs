@@ -22,6 +22,10 @@ const BISECTIONS: u32 = 2;
 /// these, in metres. What one takes others cannot have: with steps of up to 4 m fewer are silent.
 const STAY_STEPS_M: [f32; 2] = [0.5, 1.0];
 
+/// A look from one zone to another costs no more than this, in the units of
+/// [`Config::silence_budget`](super::Config::silence_budget): with ten times as much each, fewer get their turn.
+const LOOK_MAX: u32 = 600;
+
 /// A TBV that nobody can see and from which nobody can be seen.
 pub(super) struct Silence {
     pub(super) tbv: Tbv,
@@ -211,8 +215,8 @@ impl Engine {
         let shown = [one.shows(other, &self.rooms), other.shows(one, &self.rooms)];
         let ways = [(eyes, other_bodies), (other_eyes, bodies)].into_iter().zip(shown);
         ways.filter(|(_, is_shown)| *is_shown).any(|((eyes, bodies), _)| {
-            let (most, budget) = (600, &mut self.silence_left);
-            !matches!(self.shafts.between(eyes, bodies, most, budget), Found::Hidden)
+            let found = self.shafts.between(eyes, bodies, LOOK_MAX, &mut self.silence_left);
+            !matches!(found, Found::Hidden)
         })
     }
 
