@@ -169,7 +169,7 @@ impl Engine {
         found.dedup();
         for (_, live) in found {
             let spare = std::mem::take(&mut self.population.at_mut(live).zone);
-            if self.lets_see(&zone, &spare) {
+            if self.lets_see(&zone, (&spare, &spare.parts)) {
                 self.population.at_mut(live).close.push(member);
             }
             self.population.at_mut(live).zone = spare;

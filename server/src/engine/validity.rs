@@ -8,6 +8,7 @@ use super::{
     ClientState, Engine, Shape, Validity,
     looks::Found,
     near::{Leeway, ROUNDING_M},
+    parts::Parts,
     population::Slot,
     reach::Reach,
     zones::Zone,
@@ -193,25 +194,26 @@ impl Engine {
         seen_by.is_some()
     }
 
-    /// Where an avatar can be, as its zone has it; a live one's at this tick alone.
+    /// The zone of a live avatar at this tick alone.
     pub(super) fn zone_now(&self, slot: Slot) -> Zone {
         let avatar = self.population.at(slot);
-        if avatar.state == ClientState::Live {
-            avatar.zone.within([avatar.far, self.body.around_box(&avatar.far)])
-        } else {
-            avatar.zone.clone()
-        }
+        avatar.zone.within([avatar.far, self.body.around_box(&avatar.far)])
     }
 
     /// Whether a line from a zone to where an avatar can be now may be free, either way.
     pub(super) fn may_see_each_other(&mut self, zone: &Zone, other: Slot) -> bool {
-        let other = self.zone_now(other);
-        self.lets_see(zone, &other)
+        let avatar = self.population.at_mut(other);
+        let (far, is_live) = (avatar.far, avatar.state == ClientState::Live);
+        let theirs = std::mem::take(&mut avatar.zone);
+        let now = is_live.then(|| theirs.parts_within([far, self.body.around_box(&far)]));
+        let sees = self.lets_see(zone, (&theirs, now.as_ref().unwrap_or(&theirs.parts)));
+        self.population.at_mut(other).zone = theirs;
+        sees
     }
 
-    /// Whether a line from one zone to another may be free, either way; without a budget, it may.
-    pub(super) fn lets_see(&mut self, one: &Zone, other: &Zone) -> bool {
-        let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.parts, &other.parts);
+    /// Whether a line from one zone to parts of another may be free, either way; without a budget, it may.
+    pub(super) fn lets_see(&mut self, one: &Zone, (other, parts): (&Zone, &[Parts; 2])) -> bool {
+        let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.parts, parts);
         let shown = [one.shows(other, &self.rooms), other.shows(one, &self.rooms)];
         let ways = [(eyes, other_bodies), (other_eyes, bodies)].into_iter().zip(shown);
         ways.filter(|(_, is_shown)| *is_shown).any(|((eyes, bodies), _)| {

@@ -187,8 +187,12 @@ impl Zone {
 
     /// What of it is in a box for the eyes and one for the bodies.
     pub(super) fn within(&self, boxes: [Aabb; 2]) -> Self {
-        let [eyes, bodies] = [0, 1].map(|at: usize| self.parts[at].within(&boxes[at]));
-        Self { parts: [eyes, bodies], ..self.clone() }
+        Self { parts: self.parts_within(boxes), ..self.clone() }
+    }
+
+    /// What of its parts is in a box for the eyes and one for the bodies.
+    pub(super) fn parts_within(&self, boxes: [Aabb; 2]) -> [Parts; 2] {
+        [0, 1].map(|at: usize| self.parts[at].within(&boxes[at]))
     }
 
     /// Whether rooms let somebody here see somebody there.
