@@ -74,6 +74,9 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 100_000, requires = "verify",
           value_parser = clap::value_parser!(u32).range(1..))]
     lines: u32,
+    /// Put the loose entries to fuzzy projection: how many of them it shows to be closed.
+    #[arg(long, requires = "verify")]
+    fuzzy: bool,
     /// Write the figures to this file too.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -198,8 +201,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(pairs) = args.verify {
-        let Args { entries, lines, seed, .. } = *args;
-        let options = verify::Options { pairs, entries, lines, seed };
+        let Args { entries, lines, seed, fuzzy, .. } = *args;
+        let options = verify::Options { pairs, entries, lines, seed, fuzzy };
         let found = verification::Figures::find(&world, &options).with_context(named)?;
         super::print(&found.table())?;
         figures.verified = Some(found);

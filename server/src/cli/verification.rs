@@ -63,6 +63,10 @@ impl Figures {
             [what(&report.entries), own.unwrap_or_default()]
         };
         put(&mut table, "looseness", entries(&|e| percent(e.share(), 2)));
+        if let Some(parted) = report.entries.parted {
+            let text = format!("{parted} of {}", report.entries.loose);
+            put(&mut table, "  fuzzy parts", [text, String::new()]);
+        }
         put(&mut table, "  entries tried", entries(&|e| e.entries.to_string()));
         put(&mut table, "  lines each", entries(&|e| format!("<= {}", e.lines_max)));
         put(&mut table, "  lines in all", entries(&|e| e.lines.to_string()));

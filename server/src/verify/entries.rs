@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::{
     Options,
+    fuzzy::Fuzzy,
     original::Original,
     seed_of,
     subject::{Populated, Subject, draw_in},
@@ -17,7 +18,7 @@ use super::{
 const DRAWS_MAX: usize = 1_000_000;
 
 /// How many entries are loose.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Looseness {
     /// Entries that were tested: pairs of two places that the PVS holds.
     pub entries: u32,
@@ -27,6 +28,12 @@ pub struct Looseness {
     pub lines_max: u32,
     /// All lines that were tried.
     pub lines: u64,
+    /// The loose entries of which fuzzy projection shows that there is no line, with the one cell as the box of eyes
+    /// and the other as what is seen, or the other way round; if it was asked.
+    pub parted: Option<u32>,
+    /// The loose entries.
+    #[serde(skip)]
+    pub(super) pairs: Vec<[u32; 2]>,
 }
 
 impl Looseness {
@@ -35,12 +42,26 @@ impl Looseness {
         (self.entries > 0).then(|| f64::from(self.loose) / f64::from(self.entries))
     }
 
-    fn and(self, other: Self) -> Self {
+    /// How many loose entries fuzzy projection parts.
+    pub(super) fn parted(&self, fuzzy: &Fuzzy<'_>, progress: &(dyn Fn(f32) + Sync)) -> u32 {
+        let done = AtomicU32::new(0);
+        let parts = |pair: &&[u32; 2]| {
+            let is_parted = fuzzy.parts(**pair);
+            progress((done.fetch_add(1, Relaxed) + 1) as f32 / self.pairs.len() as f32);
+            is_parted
+        };
+        self.pairs.par_iter().filter(parts).count() as u32
+    }
+
+    fn and(mut self, mut other: Self) -> Self {
+        self.pairs.append(&mut other.pairs);
         Self {
             entries: self.entries + other.entries,
             loose: self.loose + other.loose,
             lines_max: self.lines_max,
             lines: self.lines + other.lines,
+            parted: None,
+            pairs: self.pairs,
         }
     }
 }
@@ -68,6 +89,8 @@ pub(super) fn looseness(
                 loose: u32::from(free_at.is_none()),
                 lines_max: options.lines,
                 lines: free_at.map_or(options.lines, |before| before + 1).into(),
+                parted: None,
+                pairs: free_at.map_or_else(|| vec![[from.place, to.place]], |_| Vec::new()),
             }
         });
         progress((done.fetch_add(1, Relaxed) + 1) as f32 / options.entries as f32);

@@ -15,6 +15,7 @@
 mod brushes;
 mod entries;
 mod exact;
+mod fuzzy;
 mod hull;
 mod locate;
 mod original;
@@ -28,6 +29,7 @@ use sightline_shared::world::World;
 pub use entries::Looseness;
 pub use pairs::{Pairs, Tally};
 
+use fuzzy::Fuzzy;
 use original::Original;
 use subject::{Lump, Ours, Subject};
 
@@ -42,12 +44,14 @@ pub struct Options {
     pub lines: u32,
     /// The same seed gives the same report, on any number of threads.
     pub seed: u64,
+    /// Whether loose entries are put to fuzzy projection too.
+    pub fuzzy: bool,
 }
 
 impl Options {
     /// As many pairs, and enough entries to know the looseness to a third of a per cent.
     pub fn new(pairs: u64) -> Self {
-        Self { pairs, entries: 2_000, lines: 100_000, seed: 1 }
+        Self { pairs, entries: 2_000, lines: 100_000, seed: 1, fuzzy: false }
     }
 }
 
@@ -58,6 +62,9 @@ pub enum VerifyError {
     /// No point was found that the original leaves empty.
     #[error("no empty space was found to sample")]
     Full,
+    /// The opaque triangles are no surfaces to be projected.
+    #[error(transparent)]
+    Surfaces(#[from] sightline_shared::fuzzy::SurfaceError),
 }
 
 /// What was found.
@@ -105,7 +112,7 @@ impl Report {
             looseness: self.entries.share(),
             own_misses: own.zip(by_cell.own.as_ref()).map(|(a, b)| a.misses + b.misses),
             own_over_send: own.and_then(|own| by_volume.over_send(own)),
-            own_looseness: self.own_entries.and_then(|entries| entries.share()),
+            own_looseness: self.own_entries.as_ref().and_then(Looseness::share),
         }
     }
 }
@@ -125,7 +132,7 @@ pub struct Miss {
 /// thread.
 ///
 /// # Errors
-/// When there is no empty space in it.
+/// When there is no empty space in it, or fuzzy projection was asked for and cannot be.
 pub fn verify(
     world: &World,
     options: &Options,
@@ -147,9 +154,13 @@ pub fn verify(
         survey.run(1, &|rng| Some(subject::draw_any(&ours, &original, &cells, rng)), &|share| {
             progress("pairs by cell", share)
         });
-    let entries = entries::looseness(&ours, &original, &cells, options, &|share| {
-        progress("entries", share);
-    });
+    let fuzzy = options.fuzzy.then(|| Fuzzy::new(world)).transpose()?;
+    let told = |share: f32| progress("entries", share);
+    let mut entries = entries::looseness(&ours, &original, &cells, options, &told);
+    if let Some(fuzzy) = &fuzzy {
+        let told = |share: f32| progress("fuzzy projection", share);
+        entries.parted = Some(entries.parted(fuzzy, &told));
+    }
     let own_entries = own.map(|own| {
         let clusters = subject::populated(own, &original, options.seed);
         entries::looseness(own, &original, &clusters, options, &|share| {
