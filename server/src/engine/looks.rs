@@ -28,6 +28,8 @@ const UNDECIDED_TICKS: u32 = 8;
 
 /// Ticks before regions with more to spare are tried again where they did not help.
 const SPARE_TICKS: u32 = 16;
+/// What a look costs, about: by how much all looks that are due go beyond the budget tells the load.
+const LOOK_UNITS: u32 = 200;
 /// How much of the budget is there for those whom the viewer has not been told of.
 const NEW_PER_CENT: u32 = 60;
 /// One look costs no more than so many times an equal share of the budget; and where that is little, no
@@ -167,6 +169,9 @@ impl Engine {
             }
         });
         let count = u32::try_from(all.len()).unwrap_or(u32::MAX);
+        let wanted = u64::from(count) * u64::from(LOOK_UNITS);
+        let load = wanted / u64::from(self.config.look_budget.max(1));
+        self.load = load.clamp(1, u64::from(UNDECIDED_TICKS)) as u32;
         let each = self.config.look_budget / count.max(1);
         let most = (SHARES * each).clamp(self.config.look_max / SHARES, self.config.look_max);
         let (held, new) = all.into_iter().partition(|open| pairs[open.viewer][open.at].is_held);
@@ -267,14 +272,18 @@ impl Engine {
         is_closed
     }
 
-    /// Whether the same is found of a pair's regions with little to spare, where these have changed.
+    /// Whether the same is found of a pair's regions with little to spare, where these have changed. What was left
+    /// open a moment ago stays so for some ticks where there is much to do.
     fn is_closed(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
         let regions = regions(viewer, other, 0);
-        let is_closed = pair.open != Some(regions) && !self.may_see(work, viewer, other, 0);
+        if self.ticks < pair.gates_from || pair.open == Some(regions) {
+            return false;
+        }
+        let is_closed = !self.may_see(work, viewer, other, 0);
         if is_closed {
-            pair.look = Look::Hidden(regions);
+            (pair.look, pair.gates_from) = (Look::Hidden(regions), 0);
         } else {
-            pair.open = Some(regions);
+            (pair.open, pair.gates_from) = (Some(regions), self.ticks + self.load);
         }
         is_closed
     }

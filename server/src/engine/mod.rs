@@ -113,6 +113,8 @@ pub struct Engine {
     crew: Crew,
     /// Empty but for its memory.
     scene: Scene,
+    /// How many times more looks were due at the last tick than there is a budget for, from 1 to 8.
+    load: u32,
     /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
     looked_to: [AvatarId; 2],
     /// What is left of this tick's [`Config::silence_budget`].
@@ -184,6 +186,7 @@ impl Engine {
             silence_left: 0,
             crew: Crew::new(config.threads, Arc::clone(&occluders)),
             scene: Scene::default(),
+            load: 1,
             looked_to: [AvatarId(0); 2],
             shafts: Shafts::new(occluders),
             world,

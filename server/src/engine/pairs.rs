@@ -32,6 +32,8 @@ pub(super) struct Pair {
     pub(super) look: Look,
     /// Between these regions, gates and cells left it open.
     pub(super) open: Option<Regions>,
+    /// Before that tick gates and cells are not asked again.
+    pub(super) gates_from: u32,
     /// Before that tick it is not tried whether regions with more to spare are hidden from each other.
     pub(super) spare_from: u32,
 }
@@ -48,6 +50,7 @@ impl Pair {
             version: 0,
             look,
             open: None,
+            gates_from: 0,
             spare_from: 0,
         }
     }
