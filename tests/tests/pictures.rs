@@ -98,9 +98,14 @@ fn check(name: &str, model: &Model, voxel: f32) {
     check_hidden(name, &world);
 }
 
-/// Boxes of eyes, and eyes in each, from which pictures are drawn with and without what is hidden.
-const BOXES: usize = 24;
-const EYES: usize = 8;
+/// Boxes of eyes, and eyes in each, from which pictures are drawn with and without what is hidden; more where
+/// these variables of the environment say so.
+const BOXES: (&str, usize) = ("SIGHTLINE_BOXES", 24);
+const EYES: (&str, usize) = ("SIGHTLINE_EYES", 8);
+
+fn number((name, least): (&str, usize)) -> usize {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(least)
+}
 
 /// Looks from anywhere in boxes along a walk, and elsewhere.
 fn check_hidden(name: &str, world: &World) {
@@ -109,14 +114,14 @@ fn check_hidden(name: &str, world: &World) {
     let path = Path::through(world);
     let [mut whole, mut less] = [(); 2].map(|()| Frame::new(192, 108));
     let (mut renderer, mut counts, mut looks) = (Renderer::default(), [0; 2], [0; 2]);
-    for turn in 0..BOXES {
+    for turn in 0..number(BOXES) {
         let at = path.at(random.random_range(0.0..=path.duration_s())).eye;
         let aside = Vec3::from([0; 3].map(|_| random.random_range(-0.5..0.5)));
         let size = Vec3::from([0; 3].map(|_| random.random_range(0.05..1.0)));
         let eyes = Aabb::new(at + aside, at + aside + size);
         let hidden = Arc::new(Hidden::new(&walls, eyes, 50.0));
         counts = [counts[0] + hidden.counts().hidden, counts[1] + hidden.counts().all];
-        for _ in 0..EYES {
+        for _ in 0..number(EYES) {
             let eye = eyes.min + size * Vec3::from([0; 3].map(|_| random.random_range(0.0..1.0)));
             let (yaw, pitch) = (random.random_range(-3.2..3.2), random.random_range(-0.9..0.9));
             let camera = Camera { eye, yaw, pitch, fov_y: Camera::FOV_Y };
