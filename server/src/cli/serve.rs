@@ -26,7 +26,7 @@ pub struct Args {
     /// Where clients come in; port 0 picks a free one.
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
-    /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, validity_max_s, hello_s,
+    /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, validity_max_s, threads, hello_s,
     /// silence_s, free_entry, data, world.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,

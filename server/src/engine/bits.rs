@@ -1,5 +1,7 @@
 //! Sets of small numbers in which looking one up takes no search.
 
+use std::ops::RangeInclusive;
+
 /// A bit for each number up to the greatest: 2 KiB for 16,384.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub(super) struct Bits(Vec<u64>);
@@ -8,6 +10,24 @@ impl Bits {
     pub(super) fn insert(&mut self, number: u32) {
         self.reserve(number as usize / 64 + 1);
         self.0[number as usize / 64] |= 1 << (number % 64);
+    }
+
+    /// Inserts all from a number up to another, both included.
+    pub(super) fn insert_range(&mut self, range: RangeInclusive<u32>) {
+        let (first, last) = range.into_inner();
+        if first > last {
+            return;
+        }
+        let [from, to] = [first, last].map(|number| number as usize / 64);
+        self.reserve(to + 1);
+        let (above, below) = (u64::MAX << (first % 64), u64::MAX >> (63 - last % 64));
+        if from == to {
+            self.0[from] |= above & below;
+            return;
+        }
+        self.0[from] |= above;
+        self.0[from + 1..to].fill(u64::MAX);
+        self.0[to] |= below;
     }
 
     pub(super) fn remove(&mut self, number: u32) {
@@ -70,6 +90,17 @@ mod tests {
             b.iter().for_each(|number| all.remove(*number));
             let left: BTreeSet<u32> = a.difference(&b).copied().collect();
             prop_assert!((0..600).all(|number| all.contains(number) == left.contains(&number)));
+        }
+
+        #[test]
+        fn a_range_is_all_its_numbers(a in btree_set(0..500u32, 0..9), first in 0..400u32, len in 0..200u32) {
+            let (mut by_range, mut one_by_one) = (Bits::default(), Bits::default());
+            for bits in [&mut by_range, &mut one_by_one] {
+                a.iter().for_each(|number| bits.insert(*number));
+            }
+            by_range.insert_range(first..=first + len);
+            (first..=first + len).for_each(|number| one_by_one.insert(number));
+            prop_assert_eq!(by_range, one_by_one);
         }
     }
 }

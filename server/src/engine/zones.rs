@@ -106,7 +106,10 @@ impl Ground {
     /// Adds what can be seen from some of its cells.
     pub(super) fn see(&self, world: &Cells, of: impl Fn(CellId) -> bool, seen: &mut Bits) {
         for cell in self.cells.iter().filter(|cell| of(**cell)) {
-            world.pvs[cell.0 as usize].iter().for_each(|cell| seen.insert(cell));
+            let mut row = world.pvs[cell.0 as usize].iter();
+            while let Some(range) = row.next_range() {
+                seen.insert_range(range);
+            }
         }
     }
 

@@ -24,6 +24,8 @@ pub struct ServeConfig {
     pub clients_per_address_max: usize,
     /// No TBV lasts longer, in seconds: 0.1 to 60.
     pub validity_max_s: f64,
+    /// Threads that share a tick of the engine, 1 to 64. It pays for a second one from about a thousand clients on.
+    pub threads: usize,
     /// How long a client may take for its first message, in seconds.
     pub hello_s: f64,
     /// How long a client that is in may be silent beyond the validity of a TBV, in seconds.
@@ -62,6 +64,7 @@ impl Default for ServeConfig {
             clients_max: 256,
             clients_per_address_max: 8,
             validity_max_s: 8.0,
+            threads: 1,
             hello_s: 10.0,
             silence_s: 30.0,
             free_entry: false,
@@ -89,6 +92,7 @@ impl ServeConfig {
             ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
             (per_address, "clients_per_address_max", "1 to 16384"),
             (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
+            ((1..=64).contains(&self.threads), "threads", "1 to 64"),
             (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
             (seconds(self.silence_s, 3_600.0), "silence_s", "0.1 to 3600"),
         ] {
@@ -111,6 +115,7 @@ impl ServeConfig {
             validity_max: Duration::from_secs_f64(self.validity_max_s),
             // Some that left may not be out yet when others come in.
             avatars_max: self.clients_max + 64,
+            threads: self.threads,
             ..engine::Config::default()
         }
     }
@@ -128,6 +133,7 @@ mod tests {
         for (text, expected) in [
             ("ticks = 3", "unknown field `ticks`"),
             ("tick_hz = 0", "tick_hz must be 1 to 128"),
+            ("threads = 0", "threads must be 1 to 64"),
             ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),
             ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
             ("clients_max = -1", "invalid"),
