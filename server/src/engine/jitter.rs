@@ -33,7 +33,7 @@ impl Jitter {
         Self { margin, measured: None, late_us: Vec::new(), heard: 0 }
     }
 
-    /// What is allowed for now.
+    /// How much later than half of the round trip a message may come, as far as is known.
     pub(super) fn margin(&self) -> Duration {
         match self.margin {
             Margin::Fixed(margin) => margin,
