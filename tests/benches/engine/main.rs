@@ -46,7 +46,8 @@ struct Args {
     /// How much virtual time is measured, after as much again to settle.
     #[arg(long, value_name = "S", default_value_t = 10)]
     seconds: u32,
-    /// A row measures no longer than so many seconds of real time, but a second of virtual time.
+    /// A row settles, and then measures, no longer than so many seconds of real time each, but a second of
+    /// virtual time.
     #[arg(long, value_name = "S", default_value_t = 60)]
     patience: u64,
     /// Nobody hides where more walk than this.

@@ -133,17 +133,10 @@ pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow:
     let crowd = Crowd::new(Floors::new(&plan), walkers, &closed, &mut rng);
     let mut run = Run::new(&world, args, crowd);
     let wanted = args.seconds.max(1) * 20;
-    for _ in 0..wanted {
-        run.step();
-    }
+    run.steps(wanted as usize, args.patience);
     run.count = Count::default();
     let stats = run.engine.stats();
-    let start = Instant::now();
-    while run.count.cpu.len() < wanted as usize
-        && (run.count.cpu.len() < 20 || start.elapsed().as_secs() < args.patience)
-    {
-        run.step();
-    }
+    run.steps(wanted as usize, args.patience);
     let memory = resident_bytes().saturating_sub(before);
     let now = run.engine.stats();
     let ended = [now.expiries - stats.expiries, now.reveals - stats.reveals];
@@ -237,7 +230,6 @@ impl Run {
             margin: Margin::Fixed(Duration::ZERO),
             avatars_max: crowd.walkers.len(),
             threads: args.threads,
-            look_budget: std::env::var("LB").map_or(300_000, |b| b.parse().unwrap()),
             ..Config::default()
         };
         let mut engine = Engine::new(Arc::clone(world), config);
@@ -259,6 +251,17 @@ impl Run {
             down: VecDeque::new(),
             outputs: Vec::new(),
             count: Count::default(),
+        }
+    }
+
+    /// Some ticks; where they take longer than so many seconds, no more than a second's.
+    fn steps(&mut self, wanted: usize, patience_s: u64) {
+        let start = Instant::now();
+        for step in 0..wanted {
+            if step >= 20 && start.elapsed().as_secs() >= patience_s {
+                return;
+            }
+            self.step();
         }
     }
 
