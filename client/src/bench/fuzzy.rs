@@ -1,4 +1,5 @@
-//! What it saves to leave out what no eye in a box can see, and what it costs to find that out.
+//! What it saves to leave out what no eye in a box can see, and not to test what all see, and what it costs to find that
+//! out.
 
 use std::{io, sync::Arc};
 
@@ -18,7 +19,13 @@ pub const FRAME_S: f64 = 1.0 / 60.0;
 /// Boxes that are kept.
 const KEPT_MAX: usize = 16;
 
-/// All that was measured. Times are of CPU, all threads together; means are over all pictures.
+/// The ways to draw a picture: the whole building; without what is hidden; and besides without tests of what every eye
+/// sees whole.
+const WAYS: usize = 3;
+
+/// All that was measured. Times are of CPU, all threads together; means are over all pictures. What there is for each way
+/// to draw is in this order: the whole building, without what is hidden, and besides without tests of what every eye
+/// sees whole.
 #[derive(Clone, Debug, Serialize)]
 pub struct FuzzyRun {
     /// Rectangles of voxels that hide what is behind them.
@@ -33,20 +40,22 @@ pub struct FuzzyRun {
     pub boxes_per_s: f64,
     /// The part of the nodes of about a metre that no eye in a box sees.
     pub hidden: f64,
+    /// The part of them that every eye sees whole. What remains is neither.
+    pub visible: f64,
     /// Pictures of the way.
     pub pictures: usize,
     /// The part of them whose box was there in time, when one thread prepares boxes beside those that draw.
     pub hit_rate: f64,
-    /// Nodes that a picture looks at, of the whole building and without what is hidden.
-    pub nodes: [f64; 2],
-    /// The same of nodes tested against the mask buffer.
-    pub mask_tests: [f64; 2],
-    /// Milliseconds for a picture, likewise.
-    pub picture_ms: [f64; 2],
+    /// Nodes that a picture looks at.
+    pub nodes: [f64; WAYS],
+    /// Nodes tested against the mask buffer.
+    pub mask_tests: [f64; WAYS],
+    /// Milliseconds for a picture.
+    pub picture_ms: [f64; WAYS],
     /// How many times as long the whole building takes.
-    pub gain: f64,
+    pub gain: [f64; WAYS],
     /// The same when the boxes' preparation counts too.
-    pub gain_all: f64,
+    pub gain_all: [f64; WAYS],
 }
 
 /// Why nothing is measured.
@@ -64,7 +73,7 @@ pub enum FuzzyError {
     Io(#[from] io::Error),
 }
 
-/// Draws pictures a sixtieth of a second apart, each whole and without what is hidden from the box that the eye is in, which
+/// Draws pictures a sixtieth of a second apart, each in all three ways, with the box that the eye is in, which
 /// must show the same. `hear` is told the share done, from 0 to 1.
 ///
 /// # Errors
@@ -105,16 +114,20 @@ fn since(start: ProcessTime) -> io::Result<f64> {
 struct Worker {
     walls: Walls,
     /// When boxes are there.
-    ready: Vec<(f64, Arc<Hidden>)>,
+    ready: Vec<(f64, Known)>,
     free_at_s: f64,
     sum: Sum,
 }
+
+/// What is known of a box: what is hidden, and the same with what every eye sees whole.
+type Known = [Arc<Hidden>; 2];
 
 #[derive(Default)]
 struct Sum {
     boxes: usize,
     ms: f64,
     hidden: f64,
+    visible: f64,
 }
 
 impl Worker {
@@ -123,17 +136,16 @@ impl Worker {
         (eye, velocity): (glam::Vec3, glam::Vec3),
         focal: f32,
         now_s: f64,
-    ) -> io::Result<Option<Arc<Hidden>>> {
+    ) -> io::Result<Option<Known>> {
         for eyes in wanted(eye, velocity) {
-            let is_there = self.ready.iter().any(|(_, known)| known.eyes() == eyes);
+            let is_there = self.ready.iter().any(|(_, [known, _])| known.eyes() == eyes);
             if !is_there && self.free_at_s <= now_s {
                 self.prepare(eyes, focal, now_s)?;
             }
         }
-        let of = |(ready_s, known): &&(f64, Arc<Hidden>)| {
-            *ready_s <= now_s && known.eyes().contains(eye)
-        };
-        Ok(self.ready.iter().find(of).map(|(_, known)| Arc::clone(known)))
+        let of =
+            |(ready_s, [known, _]): &&(f64, Known)| *ready_s <= now_s && known.eyes().contains(eye);
+        Ok(self.ready.iter().find(of).map(|(_, known)| known.clone()))
     }
 
     fn prepare(&mut self, eyes: Aabb, focal: f32, now_s: f64) -> io::Result<()> {
@@ -143,9 +155,12 @@ impl Worker {
         let counts = hidden.counts();
         self.sum.boxes += 1;
         self.sum.ms += ms;
-        self.sum.hidden += counts.hidden as f64 / counts.all.max(1) as f64;
+        let share = |count: usize| count as f64 / counts.all.max(1) as f64;
+        self.sum.hidden += share(counts.hidden);
+        self.sum.visible += share(counts.visible);
         self.free_at_s = now_s + ms * 1e-3;
-        self.ready.push((self.free_at_s, Arc::new(hidden)));
+        let known = [hidden.clone().without_clear(), hidden].map(Arc::new);
+        self.ready.push((self.free_at_s, known));
         if self.ready.len() > KEPT_MAX {
             self.ready.remove(0);
         }
@@ -157,11 +172,11 @@ struct Stage<'a> {
     world: &'a World,
     repeats: usize,
     renderer: Renderer,
-    frames: [Frame; 2],
+    frames: [Frame; WAYS],
     hits: usize,
-    nodes: [f64; 2],
-    mask_tests: [f64; 2],
-    ms: [f64; 2],
+    nodes: [f64; WAYS],
+    mask_tests: [f64; WAYS],
+    ms: [f64; WAYS],
 }
 
 impl<'a> Stage<'a> {
@@ -171,39 +186,41 @@ impl<'a> Stage<'a> {
             world,
             repeats: options.repeats.max(1),
             renderer: Renderer::default(),
-            frames: [(); 2].map(|()| Frame::new(width, height)),
+            frames: [(); WAYS].map(|()| Frame::new(width, height)),
             hits: 0,
-            nodes: [0.0; 2],
-            mask_tests: [0.0; 2],
-            ms: [0.0; 2],
+            nodes: [0.0; WAYS],
+            mask_tests: [0.0; WAYS],
+            ms: [0.0; WAYS],
         }
     }
 
-    /// Draws both pictures; tells whether they are the same.
-    fn draw(&mut self, camera: &Camera, hidden: Option<Arc<Hidden>>) -> io::Result<bool> {
-        self.hits += usize::from(hidden.is_some());
-        let mut best = [f64::INFINITY; 2];
-        for turn in 0..2 * self.repeats {
-            // In turn, and each as often first as second.
-            let way = (turn + turn / 2) % 2;
-            self.renderer.hidden = hidden.as_ref().filter(|_| way == 1).map(Arc::clone);
+    /// Draws all pictures; tells whether they are the same.
+    fn draw(&mut self, camera: &Camera, known: Option<Known>) -> io::Result<bool> {
+        self.hits += usize::from(known.is_some());
+        let mut best = [f64::INFINITY; WAYS];
+        for turn in 0..WAYS * self.repeats {
+            // In turn, and each as often first as last.
+            let way = (turn + turn / WAYS) % WAYS;
+            let hidden = |known: &Known| (way > 0).then(|| Arc::clone(&known[way - 1]));
+            self.renderer.hidden = known.as_ref().and_then(hidden);
             let start = ProcessTime::try_now()?;
             self.renderer.draw(&self.world.octree, camera, &mut self.frames[way]);
             best[way] = best[way].min(since(start)?);
-            if turn < 2 {
+            if turn < WAYS {
                 let counters = self.renderer.counters();
                 self.nodes[way] += counters.nodes as f64;
                 self.mask_tests[way] += counters.mask_tests as f64;
             }
         }
-        (0..2).for_each(|way| self.ms[way] += best[way]);
-        Ok(self.frames[0] == self.frames[1])
+        (0..WAYS).for_each(|way| self.ms[way] += best[way]);
+        Ok(self.frames[1..].iter().all(|frame| *frame == self.frames[0]))
     }
 
     fn run(&self, worker: &Worker, walls_ms: f64, pictures: usize) -> FuzzyRun {
-        let Sum { boxes, ms, hidden } = worker.sum;
+        let Sum { boxes, ms, hidden, visible } = worker.sum;
         let box_ms = ms / boxes.max(1) as f64;
-        let mean = |sums: [f64; 2]| sums.map(|sum| sum / pictures as f64);
+        let mean = |sums: [f64; WAYS]| sums.map(|sum| sum / pictures as f64);
+        let [whole, less, untested] = self.ms;
         FuzzyRun {
             walls: worker.walls.len(),
             walls_ms,
@@ -211,13 +228,14 @@ impl<'a> Stage<'a> {
             box_ms,
             boxes_per_s: if box_ms > 0.0 { 1e3 / box_ms } else { 0.0 },
             hidden: hidden / boxes.max(1) as f64,
+            visible: visible / boxes.max(1) as f64,
             pictures,
             hit_rate: self.hits as f64 / pictures as f64,
             nodes: mean(self.nodes),
             mask_tests: mean(self.mask_tests),
             picture_ms: mean(self.ms),
-            gain: self.ms[0] / self.ms[1],
-            gain_all: self.ms[0] / (self.ms[1] + ms),
+            gain: self.ms.map(|of| whole / of),
+            gain_all: [whole, less + ms, untested + ms].map(|all| whole / all),
         }
     }
 }
@@ -235,6 +253,8 @@ mod tests {
         let options = Options { size: (64, 48), threads: 2, repeats: 2 };
         let run = fuzzy(&world, &poses, &options, &mut |_| {}).unwrap();
         assert!(run.boxes >= 1 && run.hit_rate > 0.5 && run.hidden > 0.0, "{run:?}");
-        assert!(run.nodes[1] <= run.nodes[0] && run.gain_all < run.gain, "{run:?}");
+        assert!(run.visible > 0.0 && run.hidden + run.visible <= 1.0, "{run:?}");
+        assert!(run.nodes[1] <= run.nodes[0] && run.mask_tests[2] <= run.mask_tests[1], "{run:?}");
+        assert!(run.gain_all[1] < run.gain[1] && run.gain_all[0] == 1.0, "{run:?}");
     }
 }

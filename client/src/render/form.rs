@@ -90,6 +90,8 @@ pub(super) struct Flat {
     pub(super) below: u32,
     /// Whether the form is a fine one.
     pub(super) fine: bool,
+    /// Whether nothing is before it.
+    pub(super) clear: bool,
     pub(super) at: Place,
     pub(super) centre: Vec4,
 }
@@ -131,7 +133,8 @@ impl Form {
             edge_px: longest.sqrt(),
             reach: half * (1.0 + 2.0 * deviation),
         };
-        (form, Flat { index, below: 0, fine: false, at: fixed(middle - half), centre })
+        let at = fixed(middle - half);
+        (form, Flat { index, below: 0, fine: false, clear: false, at, centre })
     }
 
     /// The columns and rows that a node's bounding box meets.
@@ -170,6 +173,7 @@ impl Form {
             index,
             below: node.below + 1,
             fine: node.fine,
+            clear: node.clear,
             at: [0, 1].map(|axis| node.at[axis].saturating_add(offset[axis] >> node.below)),
             centre: node.centre + self.octants_centres[octant] * halved(node.below),
         }

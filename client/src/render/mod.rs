@@ -49,7 +49,7 @@ use self::{
     panes::Panes,
     shade::Rows,
     view::View,
-    walk::{Walk, Walker},
+    walk::{Known, Walk, Walker},
 };
 
 /// Rows that are drawn together.
@@ -216,8 +216,8 @@ pub struct Renderer {
     /// Smooth edges: each pixel is the mean of 2 × 2, which takes more than twice as long. A picture with a
     /// side of more than half of [`SIDE_MAX`] stays as it is.
     pub antialias: bool,
-    /// What is left out of pictures from a box of eyes, if the eye is in it. The picture is the same. It is to be made
-    /// for the octree that is drawn.
+    /// What is left out of pictures from a box of eyes, or is not tested, if the eye is in it. The picture is the same. It
+    /// is to be made for the octree that is drawn.
     pub hidden: Option<Arc<Hidden>>,
     /// Forgoes what only newer processors can do; the picture is the same.
     portable: bool,
@@ -255,8 +255,8 @@ impl Renderer {
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
         let hidden = self.hidden.as_deref();
-        let hidden = hidden.and_then(|hidden| hidden.nodes(octree, camera.eye, view.focal()));
-        let hidden = hidden.unwrap_or((&[0], 0));
+        let known = hidden.and_then(|hidden| hidden.known(octree, camera.eye, view.focal()));
+        let known = known.unwrap_or(Known::NOTHING);
         let (processor, portable) = (pulp::Arch::new(), self.portable);
         self.bands.resize_with(height.div_ceil(BAND), Default::default);
         let rows = frame.colour.par_chunks_mut(BAND * width);
@@ -272,7 +272,7 @@ impl Renderer {
             band.clear(width, BAND.min(height - i * BAND));
             let rows = Rows { colour, depth, looks, panes };
             let walk =
-                Walk { octree, view: &view, mode, hidden, glass_from, band, walker, counters };
+                Walk { octree, view: &view, mode, known, glass_from, band, walker, counters };
             let drawing = Drawing { walk, colours, rows };
             if portable {
                 drawing.with_simd(pulp::Scalar);

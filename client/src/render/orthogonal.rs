@@ -43,21 +43,21 @@ impl Walk<'_> {
         let (coarse, root) = Form::new(self.view, cube.level, cube.index, middle, centre);
         let mut fine = None;
         self.walker.flats.clear();
-        self.walker.flats.push(root);
+        self.walker.flats.push(Flat { clear: cube.clear, ..root });
         while let Some(mut flat) = self.walker.flats.pop() {
             let form =
                 fine.as_ref().filter(|_| flat.fine).map_or(&coarse, |fine: &Fine| &fine.form);
-            if self.is_hidden(flat.index, form.level + flat.below as u8) {
+            let level = form.level + flat.below as u8;
+            if self.known.is_hidden(flat.index, level) {
                 continue;
             }
+            flat.clear |= self.known.is_clear(flat.index, level);
             self.counters.nodes += 1;
             let Some(area) = self.band.clip(form.span(&flat)) else { continue };
-            self.counters.mask_tests += 1;
-            if !self.band.mask.is_open(&area) {
+            if !self.is_open(&area, flat.clear) {
                 continue;
             }
             if !flat.fine {
-                let level = coarse.level + flat.below as u8;
                 if self.has_ratio(flat.centre.w, level, self.view.ratio_min) {
                     flat = fine.insert(self.fine(level, &flat, coarse.middle(&flat))).root;
                 } else if level == self.octree.depth {
@@ -84,7 +84,7 @@ impl Walk<'_> {
         Fine {
             beside_eye: is_beside_eye(flat.centre, form.half),
             form,
-            root: Flat { fine: true, ..root },
+            root: Flat { fine: true, clear: flat.clear, ..root },
             last,
             levels,
             drawn_at: if whole { levels } else { levels - 2 },

@@ -42,6 +42,8 @@ pub(super) struct Cube {
     pub(super) level: u8,
     /// The level at which nodes are drawn as a whole; [`UNDECIDED`] while the node is large.
     last: u8,
+    /// Whether nothing is before it.
+    pub(super) clear: bool,
     /// Relative to the eye.
     pub(super) centre: Vec3A,
     pub(super) projected: Vec4,
@@ -49,13 +51,45 @@ pub(super) struct Cube {
 
 const UNDECIDED: u8 = u8::MAX;
 
+/// What is known of the octree's inner nodes from around the eye: a bit for each.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    /// These are left out.
+    pub(super) hidden: &'a [u64],
+    /// What is in these is not tested against the mask buffer. Where that is wrong it takes time, and nothing else.
+    pub(super) clear: &'a [u64],
+    /// Down to this level anything is hidden, and on it anything is clear.
+    pub(super) level: u8,
+}
+
+impl Known<'_> {
+    /// Nothing.
+    pub(super) const NOTHING: Self = Self { hidden: &[0], clear: &[0], level: 0 };
+
+    #[inline(always)]
+    fn is_in(nodes: &[u64], index: u32) -> bool {
+        nodes[index as usize / 64] >> (index % 64) & 1 == 1
+    }
+
+    /// Whether a node is known to be hidden.
+    #[inline(always)]
+    pub(super) fn is_hidden(&self, index: u32, level: u8) -> bool {
+        level <= self.level && Self::is_in(self.hidden, index)
+    }
+
+    /// Whether nothing is known to be before a node.
+    #[inline(always)]
+    pub(super) fn is_clear(&self, index: u32, level: u8) -> bool {
+        level == self.level && Self::is_in(self.clear, index)
+    }
+}
+
 /// One walk.
 pub(super) struct Walk<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) mode: Mode,
-    /// Nodes that are left out: a bit for each, and down to which level.
-    pub(super) hidden: (&'a [u64], u8),
+    pub(super) known: Known<'a>,
     /// The first look that is glass.
     pub(super) glass_from: usize,
     pub(super) band: &'a mut Band,
@@ -75,6 +109,7 @@ impl Walk<'_> {
             index: 0,
             level: 0,
             last: UNDECIDED,
+            clear: false,
             centre: self.view.centre,
             projected: self.view.projected,
         });
@@ -88,10 +123,11 @@ impl Walk<'_> {
 
     /// Draws a node, or puts its octants on the stack, unless it is out of view or covered.
     #[inline(always)]
-    fn consider(&mut self, cube: Cube) {
-        if self.is_hidden(cube.index, cube.level) {
+    fn consider(&mut self, mut cube: Cube) {
+        if self.known.is_hidden(cube.index, cube.level) {
             return;
         }
+        cube.clear |= self.known.is_clear(cube.index, cube.level);
         self.counters.nodes += 1;
         if self.mode == Mode::Perspective {
             self.consider_in_perspective(cube);
@@ -133,13 +169,6 @@ impl Walk<'_> {
         self.view.patterns[usize::from(level)].reach
     }
 
-    /// Whether a node is known to be hidden.
-    #[inline(always)]
-    pub(super) fn is_hidden(&self, index: u32, level: u8) -> bool {
-        let (nodes, last) = self.hidden;
-        level <= last && nodes[index as usize / 64] >> (index % 64) & 1 == 1
-    }
-
     /// Whether a node is neither a voxel nor a layer and so near that nothing is gained by knowing where it is seen.
     #[inline(always)]
     fn is_large(&self, cube: &Cube) -> bool {
@@ -152,8 +181,17 @@ impl Walk<'_> {
     #[inline(always)]
     fn open_area(&mut self, cube: &Cube) -> Option<Area> {
         let area = self.area(cube)?;
+        self.is_open(&area, cube.clear).then_some(area)
+    }
+
+    /// Whether a node may be seen in an area: known to be clear, or not covered.
+    #[inline(always)]
+    pub(super) fn is_open(&mut self, area: &Area, clear: bool) -> bool {
+        if clear {
+            return true;
+        }
         self.counters.mask_tests += 1;
-        self.band.mask.is_open(&area).then_some(area)
+        self.band.mask.is_open(area)
     }
 
     /// Whether the ratio of nearest to farthest distance of a node at a depth is no less than that.
@@ -221,6 +259,7 @@ impl Walk<'_> {
                 index,
                 level: cube.level + 1,
                 last: cube.last,
+                clear: cube.clear,
                 centre: cube.centre + pattern.octants[octant],
                 projected: cube.projected + pattern.octants_projected[octant],
             });

@@ -36,28 +36,40 @@ pub fn run(args: &Args, world: &World, progress: &Progress) -> anyhow::Result<(S
 }
 
 fn text(run: &FuzzyRun, stage: &str) -> String {
-    let rows = [("nodes", run.nodes), ("mask tests", run.mask_tests)];
+    let remaining = 1.0 - run.hidden - run.visible;
+    let [hidden, visible, remaining] = [run.hidden, run.visible, remaining].map(|of| of * 100.0);
     let mut out = format!(
         "{stage}, {} pictures, CPU time\n\nwalls      {:>8}    found in {:.0} ms\nboxes      {:>8}    {:.2} ms \
-         each, {:.0} a second; they hide {:.1} % of the nodes\nin time    {:>6.1} %\n\n{:24}{:>10}{:>10}{:>10}\n",
+         each, {:.0} a second\nnodes      {hidden:>6.1} %    hidden, {visible:.1} % seen whole, {remaining:.1} % \
+         remaining\nin time    {:>6.1} %\n\n{:24}{:>10}{:>10}{:>10}{:>12}{:>10}\n",
         run.pictures,
         run.walls,
         run.walls_ms,
         run.boxes,
         run.box_ms,
         run.boxes_per_s,
-        run.hidden * 100.0,
         run.hit_rate * 100.0,
         "of a picture",
         "whole",
         "less",
-        "gain"
+        "gain",
+        "less tests",
+        "gain",
     );
-    for (name, [whole, less]) in rows {
-        out += &format!("{name:24}{whole:>10.0}{less:>10.0}{:>10.3}\n", whole / less.max(1.0));
+    for (name, [whole, less, untested]) in [("nodes", run.nodes), ("mask tests", run.mask_tests)] {
+        let gains = [less, untested].map(|of| whole / of.max(1.0));
+        out += &line(name, [whole, less, untested], gains, 0);
     }
-    let [whole, less] = run.picture_ms;
-    let all = whole / run.gain_all;
-    out += &format!("{:24}{whole:>10.3}{less:>10.3}{:>10.3}\n", "ms", run.gain);
-    out + &format!("{:24}{whole:>10.3}{all:>10.3}{:>10.3}\n", "ms, boxes counted", run.gain_all)
+    let [whole, less, untested] = run.picture_ms;
+    out += &line("ms", [whole, less, untested], [run.gain[1], run.gain[2]], 3);
+    let gains = [run.gain_all[1], run.gain_all[2]];
+    let all = gains.map(|gain| whole / gain);
+    out + &line("ms, boxes counted", [whole, all[0], all[1]], gains, 3)
+}
+
+fn line(name: &str, [whole, less, untested]: [f64; 3], gains: [f64; 2], digits: usize) -> String {
+    format!(
+        "{name:24}{whole:>10.digits$}{less:>10.digits$}{:>10.3}{untested:>12.digits$}{:>10.3}\n",
+        gains[0], gains[1]
+    )
 }

@@ -84,8 +84,9 @@ pub struct Args {
           value_parser = clap::value_parser!(u32).range(1..=16_000))]
     moving: Option<u32>,
     /// Measure instead what it saves to leave out what no eye in a box can see: --frames pictures of the path, a sixtieth of a
-    /// second apart, whole and without what is hidden from the box that the eye is in; they must be the same. Boxes are
-    /// prepared by a thread beside those that draw, along the eye's motion.
+    /// second apart, whole, without what is hidden from the box that the eye is in, and besides without tests against the mask
+    /// buffer of what every eye in it sees whole; they must be the same. Boxes are prepared by a thread beside those that draw,
+    /// along the eye's motion.
     #[arg(long, conflicts_with_all = ["compare", "pictures", "moving"])]
     fuzzy: bool,
     /// Write the views as PNGs, side by side: orthogonal mode, perspective mode, their difference, eight times as strong,

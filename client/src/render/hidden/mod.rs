@@ -1,4 +1,4 @@
-//! What of the building no eye in a box can see: it is left out of all pictures from there.
+//! What of the building no eye in a box can see: it is left out of all pictures from there. And what every eye sees whole.
 //!
 //! **Surfaces** of the octree are what its voxels are without a gap: rectangles of opaque voxels in one layer
 //! (`walls`), by a plane through their middles. A line of sight that meets such a rectangle meets a voxel
@@ -12,9 +12,13 @@
 //! are smaller than a pixel, is cells a pixel wide: where such a cell may be larger than the steps in which
 //! the box around the node's voxels is known, all of the node's cube is tested.
 //!
+//! **What every eye sees whole** (`clear`) is drawn without a test against the mask buffer, as such tests find nothing
+//! covered. Here being wrong would take time and change nothing, so roundings do not matter.
+//!
 //! [`Hidden`] is for one box of eyes, [`Ahead`] makes them on another thread, ahead of the eye.
 
 mod ahead;
+mod clear;
 #[cfg(test)]
 mod tests;
 mod walls;
@@ -25,6 +29,7 @@ use sightline_shared::{
     octree::{Cursor, Octree},
 };
 
+use super::walk::Known;
 pub use ahead::{Ahead, wanted};
 
 /// Nodes are tested down to this edge, in metres.
@@ -58,9 +63,13 @@ struct Node {
     cube: Aabb,
     /// Around what is in it.
     tight: Aabb,
+    /// The same, and where these are one layer no more than that; as large or smaller.
+    voxels: Aabb,
+    /// The axis that such a layer lies across; known of the smallest nodes.
+    layer: Option<usize>,
 }
 
-/// What no eye in a box can see.
+/// What no eye in a box can see, and what all do.
 #[derive(Clone, Debug)]
 pub struct Hidden {
     eyes: Aabb,
@@ -68,6 +77,8 @@ pub struct Hidden {
     focal_min: f32,
     /// A bit for each inner node of the octree.
     nodes: Vec<u64>,
+    /// The same of those that every eye sees whole.
+    clear: Vec<u64>,
     inner: usize,
     level: u8,
     counts: Counts,
@@ -78,6 +89,8 @@ pub struct Hidden {
 pub struct Counts {
     /// Nodes of the smallest size that no eye sees, or that are in nodes that none does.
     pub hidden: usize,
+    /// Nodes of the smallest size that every eye sees whole.
+    pub visible: usize,
     /// All nodes of the smallest size.
     pub all: usize,
     /// Tests.
@@ -94,7 +107,7 @@ impl Walls {
         let level = level.min(octree.depth - 1);
         let mut nodes = Vec::new();
         if let Some(root) = octree.root() {
-            add(&mut nodes, (root, 0), octree.bounds(), level);
+            add(&mut nodes, (root, 0), octree.bounds(), (level, octree));
         }
         Ok(Self {
             surfaces: walls::find(octree)?,
@@ -116,24 +129,34 @@ impl Walls {
     }
 }
 
-/// Adds a node, by its index, and those below; tells the box around what is in it.
-fn add(nodes: &mut Vec<Node>, (node, index): (Cursor<'_>, u32), cube: Aabb, level: u8) -> Aabb {
+/// Adds a node, by its index, and those below; tells its place.
+fn add(
+    nodes: &mut Vec<Node>,
+    (node, index): (Cursor<'_>, u32),
+    cube: Aabb,
+    (level, octree): (u8, &Octree),
+) -> usize {
     let place = nodes.len();
-    nodes.push(Node { index, end: 0, cube, tight: Aabb::EMPTY });
-    let mut tight = Aabb::EMPTY;
+    nodes.push(Node { index, end: 0, cube, tight: Aabb::EMPTY, voxels: Aabb::EMPTY, layer: None });
     if node.level() == level {
-        tight = around(node, &cube, level + FINER);
+        let tight = around(node, &cube, level + FINER);
+        let mut voxels = tight;
+        if let Some((axis, [from, to])) = clear::layer(node, &cube, octree) {
+            (voxels.min[axis], voxels.max[axis]) = (from, to);
+            nodes[place].layer = Some(axis);
+        }
+        (nodes[place].tight, nodes[place].voxels) = (tight, voxels);
     } else {
         for (octant, child) in node.children() {
             let Some(inner) = node.inner() else { continue };
             let Some(index) = inner.child(octant) else { continue };
-            let part = add(nodes, (child, index), octant_of(&cube, octant), level);
-            tight = tight.union(&part);
+            let part = add(nodes, (child, index), octant_of(&cube, octant), (level, octree));
+            nodes[place].tight = nodes[place].tight.union(&nodes[part].tight);
+            nodes[place].voxels = nodes[place].voxels.union(&nodes[part].voxels);
         }
     }
     nodes[place].end = nodes.len() as u32;
-    nodes[place].tight = tight;
-    tight
+    place
 }
 
 /// The box around the cubes of a level that are in a node.
@@ -163,11 +186,13 @@ impl Hidden {
             eyes,
             focal_min,
             nodes: vec![0; walls.inner.div_ceil(64).max(1)],
+            clear: Vec::new(),
             inner: walls.inner,
             level: walls.level,
             counts: Counts::default(),
         };
-        let mut at = 0;
+        let mut clear = hidden.nodes.clone();
+        let (mut at, mut open) = (0, Vec::new());
         while let Some(node) = walls.nodes.get(at) {
             hidden.counts.tested += 1;
             let ends = at as u32 + 1 == node.end;
@@ -182,10 +207,28 @@ impl Hidden {
                 at = node.end as usize;
             } else {
                 hidden.counts.all += usize::from(ends);
+                open.extend(ends.then_some(node));
                 at += 1;
             }
         }
+        let mut visible = 0;
+        for node in open.into_iter().filter(|node| clear::is_clear(walls, &hidden, node)) {
+            clear[node.index as usize / 64] |= 1 << (node.index % 64);
+            visible += 1;
+        }
+        (hidden.clear, hidden.counts.visible) = (clear, visible);
         hidden
+    }
+
+    fn is_hidden(&self, index: u32) -> bool {
+        self.nodes[index as usize / 64] >> (index % 64) & 1 == 1
+    }
+
+    /// The same, but all that is drawn is tested.
+    pub fn without_clear(mut self) -> Self {
+        self.clear.fill(0);
+        self.counts.visible = 0;
+        self
     }
 
     /// What may be drawn of a node.
@@ -206,16 +249,10 @@ impl Hidden {
         self.counts
     }
 
-    /// A bit for each inner node, and down to which level they mean anything; if it holds for an octree, an eye and a
-    /// focal length.
-    pub(super) fn nodes(
-        &self,
-        octree: &Octree,
-        eye: glam::Vec3,
-        focal: f32,
-    ) -> Option<(&[u64], u8)> {
+    /// What is known of each inner node, if it holds for an octree, an eye and a focal length.
+    pub(super) fn known(&self, octree: &Octree, eye: glam::Vec3, focal: f32) -> Option<Known<'_>> {
         let holds =
             self.eyes.contains(eye) && focal >= self.focal_min && octree.inner.len() == self.inner;
-        holds.then_some((self.nodes.as_slice(), self.level))
+        holds.then_some(Known { hidden: &self.nodes, clear: &self.clear, level: self.level })
     }
 }
