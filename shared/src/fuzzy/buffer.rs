@@ -32,8 +32,13 @@ pub struct Buffer {
 
 /// What meets fewer elements each way is not worth projecting.
 const ELEMENTS_MIN: f64 = 4.0;
+/// Nor is what consists of so many facets that there are fewer elements for each: curved things hide little for what they cost.
+const ELEMENTS_PER_FACET_MIN: f64 = 16.0;
 /// Sheets that are not so many times wider than the box of eyes have next to no non-fuzzy region.
 const WIDER_MIN: f32 = 4.0;
+
+/// Columns and rows of a face, and two depths.
+type Shown = ([usize; 2], [usize; 2], [f32; 2]);
 
 impl Buffer {
     /// Projects all surfaces that are wide enough to hide anything. Faces have `size` × `size` elements, from
@@ -54,7 +59,9 @@ impl Buffer {
             .groups()
             .iter()
             .map(|group| (buffer.distance(&group.bounds), group))
-            .filter(|(distance, group)| buffer.is_worthy(*distance, &group.bounds, width_m))
+            .filter(|(distance, group)| {
+                buffer.is_worthy(*distance, (&group.bounds, group.facets.len()), width_m)
+            })
             .collect();
         worthy.sort_by(|one, other| one.0.total_cmp(&other.0));
         let mut sheets = Sheets::new(surfaces, viewpoints, width_m, size);
@@ -71,11 +78,13 @@ impl Buffer {
         below.max(above).max(DVec3::ZERO).max_element()
     }
 
-    /// Whether something may have a non-fuzzy region worth having.
-    fn is_worthy(&self, distance: f64, bounds: &Aabb, width_m: f32) -> bool {
+    /// Whether so many facets in a box may have a non-fuzzy region worth having.
+    fn is_worthy(&self, distance: f64, (bounds, facets): (&Aabb, usize), width_m: f32) -> bool {
         let width = bounds.size().max_element();
+        let elements = 0.5 * f64::from(width) * self.size as f64;
         width > WIDER_MIN * width_m
-            && f64::from(width) * self.size as f64 > 2.0 * ELEMENTS_MIN * distance
+            && elements > ELEMENTS_MIN * distance
+            && elements * elements > ELEMENTS_PER_FACET_MIN * facets as f64 * distance * distance
     }
 
     /// Fills in a face: first with what is around the eyes, then with the rest, nearest first, as far
@@ -85,27 +94,41 @@ impl Buffer {
         let mut nearest = vec![f32::INFINITY; size * size];
         let around = worthy.partition_point(|(distance, _)| *distance == 0.0);
         for (_, group) in &worthy[..around] {
-            self.project_group(face, group, sheets, &mut nearest);
+            self.project_group(face, group, sheets, None, &mut nearest);
         }
-        self.faces[face.index()] = Some(Depths::new(&nearest, size));
-        let mut is_new = false;
-        for (_, group) in &worthy[around..] {
-            if self.look_on(face, &group.bounds).is_some_and(|hidden| hidden != Hidden::All) {
-                self.project_group(face, group, sheets, &mut nearest);
-                is_new = true;
+        let mut depths = Depths::new(nearest, size);
+        depths.change(|before, nearest| {
+            for (_, group) in &worthy[around..] {
+                if self.is_open(face, &group.bounds, before) {
+                    self.project_group(face, group, sheets, Some(before), nearest);
+                }
             }
-        }
-        if is_new {
-            self.faces[face.index()] = Some(Depths::new(&nearest, size));
-        }
+        });
+        self.faces[face.index()] = Some(depths);
     }
 
-    fn project_group(&self, face: Face, group: &Group, of: &mut Sheets<'_>, nearest: &mut [f32]) {
+    /// Whether something may be before what some depths say.
+    fn is_open(&self, face: Face, bounds: &Aabb, before: &Depths) -> bool {
+        self.look_at(face, bounds, before).is_some_and(|hidden| hidden != Hidden::All)
+    }
+
+    /// Projects those sheets of a surface that are not hidden by what was there before.
+    fn project_group(
+        &self,
+        face: Face,
+        group: &Group,
+        of: &mut Sheets<'_>,
+        before: Option<&Depths>,
+        nearest: &mut [f32],
+    ) {
         let surfaces = of.surfaces;
         let found = of.take(group);
         for sheet in &found {
             let distance = self.distance(&sheet.bounds);
-            if !self.is_worthy(distance, &sheet.bounds, of.width_m) {
+            let size = (&sheet.bounds, sheet.facets.len());
+            if !self.is_worthy(distance, size, of.width_m)
+                || before.is_some_and(|before| !self.is_open(face, &sheet.bounds, before))
+            {
                 continue;
             }
             self.scan(face, sheet, surfaces, &mut of.rows, &mut of.spare);
@@ -144,6 +167,19 @@ impl Buffer {
 
     /// The same of what projects onto one face; `None` when nothing does.
     fn look_on(&self, face: Face, bounds: &Aabb) -> Option<Hidden> {
+        let (columns, rows, depths) = self.shown(face, bounds)?;
+        let found = |at: &Depths| at.look(columns, rows, depths);
+        Some(self.faces[face.index()].as_ref().map_or(Hidden::Nothing, found))
+    }
+
+    /// The same with other depths.
+    fn look_at(&self, face: Face, bounds: &Aabb, at: &Depths) -> Option<Hidden> {
+        let (columns, rows, depths) = self.shown(face, bounds)?;
+        Some(at.look(columns, rows, depths))
+    }
+
+    /// Where the eye in the middle sees what is in a box, and from where to where it is deep; `None` when it is not on a face.
+    fn shown(&self, face: Face, bounds: &Aabb) -> Option<Shown> {
         let [low, high] =
             [bounds.min, bounds.max].map(|at| face.turned(at.as_dvec3() - self.middle));
         let (low, high) = (low.with_z(low.z.min(high.z)), high.with_z(low.z.max(high.z)));
@@ -157,10 +193,9 @@ impl Buffer {
             elements((low + 1.0) * half, (high + 1.0) * half, self.size, ROUNDING)
         };
         let (columns, rows) = of(across).zip(of(down))?;
-        let Some(depths) = &self.faces[face.index()] else { return Some(Hidden::Nothing) };
         // On this face nothing is nearer along its axis than it is aside.
         let nearest = low.z.max(aside.max_element());
-        Some(depths.look(columns, rows, [hidden_from(nearest), hidden_from(high.z)]))
+        Some((columns, rows, [hidden_from(nearest), hidden_from(high.z)]))
     }
 
     /// Whether no eye sees anything of a patch.
@@ -175,7 +210,7 @@ impl Buffer {
                 }
                 let Some(depths) = &self.faces[face.index()] else { return false };
                 let plane = Plane::of(surfaces, patch, self.middle, face);
-                plane.is_behind(&polygon, &depths.levels[0], self.size)
+                plane.is_behind(&polygon, &depths.nearest, self.size)
             })
     }
 
@@ -188,7 +223,7 @@ impl Buffer {
         let Some(depths) = &self.faces[face.index()] else { return false };
         let at = (face.turned(way).truncate() / depth + 1.0) * (0.5 * self.size as f64);
         let element = at.as_usizevec2().min(USizeVec2::splat(self.size - 1));
-        depths.levels[0][element.y * self.size + element.x][1] < hidden_from(depth)
+        depths.nearest[element.y * self.size + element.x] < hidden_from(depth)
     }
 
     /// Marks the patches that no eye sees, of those that are not settled. `classes` are those of all

@@ -3,7 +3,18 @@
 /// Depths along a face's axis, and of 2 × 2 of them the least and the greatest, and so on.
 #[derive(Clone, Debug)]
 pub(super) struct Depths {
-    pub(super) levels: Vec<Vec<[f32; 2]>>,
+    /// Row by row.
+    pub(super) nearest: Vec<f32>,
+    size: usize,
+    /// From 2 × 2 on.
+    levels: Vec<Level>,
+}
+
+#[derive(Clone, Debug)]
+struct Level {
+    width: usize,
+    /// The least and the greatest.
+    entries: Vec<[f32; 2]>,
 }
 
 /// What a buffer says of what is in a box.
@@ -15,24 +26,38 @@ pub(super) enum Hidden {
 }
 
 impl Depths {
-    pub(super) fn new(nearest: &[f32], size: usize) -> Self {
-        let first: Vec<[f32; 2]> = nearest.iter().map(|depth| [*depth; 2]).collect();
-        let (mut levels, mut width) = (vec![first], size);
-        while width > 1 {
-            let (below, half) = (&levels[levels.len() - 1], width.div_ceil(2));
-            let mut level = vec![[f32::INFINITY, f32::NEG_INFINITY]; half * half];
-            for (row, depths) in below.chunks_exact(width).enumerate() {
-                let above = &mut level[row / 2 * half..][..half];
-                for (pair, [least, most]) in depths.chunks(2).zip(above) {
-                    for depth in pair {
-                        (*least, *most) = (least.min(depth[0]), most.max(depth[1]));
-                    }
-                }
-            }
-            levels.push(level);
-            width = half;
+    pub(super) fn new(nearest: Vec<f32>, size: usize) -> Self {
+        let mut depths = Self { nearest, size, levels: Vec::new() };
+        depths.find_levels();
+        depths
+    }
+
+    /// Lets depths be changed.
+    pub(super) fn change(&mut self, change: impl FnOnce(&Self, &mut [f32])) {
+        let mut nearest = self.nearest.clone();
+        change(self, &mut nearest);
+        self.nearest = nearest;
+        self.find_levels();
+    }
+
+    fn find_levels(&mut self) {
+        self.levels.clear();
+        let mut level = Level::above(self.size, &self.nearest, |depth| [*depth; 2]);
+        while level.width > 1 {
+            let next = Level::above(level.width, &level.entries, |ends| *ends);
+            self.levels.push(std::mem::replace(&mut level, next));
         }
-        Self { levels }
+        self.levels.push(level);
+    }
+
+    fn entry(&self, level: usize, [column, row]: [usize; 2]) -> [f32; 2] {
+        match level.checked_sub(1) {
+            None => [self.nearest[row * self.size + column]; 2],
+            Some(above) => {
+                let Level { width, entries } = &self.levels[above];
+                entries[row * width + column]
+            }
+        }
     }
 
     /// What depths there are in a rectangle: all less than one, or none less than another.
@@ -44,12 +69,11 @@ impl Depths {
     ) -> Hidden {
         // Where the rectangle is no more than two or three wide.
         let widest = (columns[1] - columns[0]).max(rows[1] - rows[0]) + 1;
-        let level = (widest.ilog2() as usize).min(self.levels.len() - 1);
-        let width = self.width(level);
+        let level = (widest.ilog2() as usize).min(self.levels.len());
         let (mut all, mut none) = (true, true);
         for row in rows[0] >> level..=rows[1] >> level {
             for column in columns[0] >> level..=columns[1] >> level {
-                let [least, most] = self.levels[level][row * width + column];
+                let [least, most] = self.entry(level, [column, row]);
                 all = all
                     && (most < near || self.are_before(level, [column, row], columns, rows, near));
                 none &= least >= far;
@@ -71,7 +95,7 @@ impl Depths {
         rows: [usize; 2],
         depth: f32,
     ) -> bool {
-        if self.levels[level][at[1] * self.width(level) + at[0]][1] < depth {
+        if self.entry(level, at)[1] < depth {
             return true;
         }
         if level == 0 {
@@ -88,7 +112,24 @@ impl Depths {
         })
     }
 
-    pub(super) fn width(&self, level: usize) -> usize {
-        self.levels[level].len().isqrt()
+    fn width(&self, level: usize) -> usize {
+        level.checked_sub(1).map_or(self.size, |above| self.levels[above].width)
+    }
+}
+
+impl Level {
+    /// That above some entries, so many to a row.
+    fn above<T>(width: usize, below: &[T], ends: impl Fn(&T) -> [f32; 2]) -> Self {
+        let half = width.div_ceil(2);
+        let mut entries = vec![[f32::INFINITY, f32::NEG_INFINITY]; half * half];
+        for (row, below) in below.chunks_exact(width).enumerate() {
+            let above = &mut entries[row / 2 * half..][..half];
+            for (pair, [least, most]) in below.chunks(2).zip(above) {
+                for [low, high] in pair.iter().map(&ends) {
+                    (*least, *most) = (least.min(low), most.max(high));
+                }
+            }
+        }
+        Self { width: half, entries }
     }
 }

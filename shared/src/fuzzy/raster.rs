@@ -51,9 +51,8 @@ fn within(from: DVec2, to: DVec2, top: f64, bottom: f64) -> Option<[f64; 2]> {
 
 /// The elements that an interval meets, or comes near to.
 pub(super) fn elements(low: f64, high: f64, size: usize, nearness: f64) -> Option<[usize; 2]> {
-    let most = size as f64 - 1.0;
-    let (first, last) = ((low - nearness).floor(), (high + nearness).floor());
-    // Not what is no number either.
-    let meets = first <= most && last >= 0.0;
-    meets.then(|| [first.max(0.0) as usize, last.min(most) as usize])
+    let (low, high) = (low - nearness, high + nearness);
+    // Not what is no number either. Casts cut off, which is the floor of what is not negative.
+    let meets = low < size as f64 && high >= 0.0;
+    meets.then(|| [low.max(0.0) as usize, (high as usize).min(size - 1)])
 }

@@ -89,7 +89,7 @@ impl Plane {
     }
 
     /// Whether in all elements that a patch in this plane meets something is before it.
-    pub(super) fn is_behind(&self, polygon: &[DVec2], depths: &[[f32; 2]], size: usize) -> bool {
+    pub(super) fn is_behind(&self, polygon: &[DVec2], depths: &[f32], size: usize) -> bool {
         let mut is_behind = true;
         rows(polygon, size, ROUNDING, |row, from, to| {
             let inverse = self.row(row, size);
@@ -97,7 +97,7 @@ impl Plane {
             is_behind = is_behind
                 && (from..=to)
                     .zip(depths)
-                    .all(|(column, [_, depth])| *depth < hidden_from(inverse.least(column)));
+                    .all(|(column, depth)| *depth < hidden_from(inverse.least(column)));
         });
         is_behind
     }

@@ -14,7 +14,7 @@ pub(super) const FLAT_M: f64 = 1e-5;
 /// It is not worth finding out of more patches whether they are convex.
 const SELF_MAX: usize = 512;
 /// Patches are tested by so many at once before each is, and so are these.
-pub(super) const RUN: usize = 4;
+pub(super) const RUN: usize = 8;
 
 /// Opaque surfaces that are made of patches, ready to be projected.
 #[derive(Clone, Debug)]
