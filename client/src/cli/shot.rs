@@ -2,6 +2,7 @@
 
 use std::{
     path::PathBuf,
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -9,7 +10,12 @@ use anyhow::{bail, ensure};
 use glam::Vec3;
 use sightline_client::{
     in_sight::InSight,
-    render::{Camera, Frame, Renderer, movers, rooms::Wires},
+    render::{
+        Camera, Frame, Renderer,
+        hidden::{self, Hidden, Walls},
+        movers,
+        rooms::Wires,
+    },
 };
 use sightline_shared::{
     motion::Pose,
@@ -60,6 +66,10 @@ pub struct Args {
     /// Draw a film of so many frames, at equal intervals along the path.
     #[arg(long, value_name = "N", conflicts_with_all = ["eye", "look", "spawn"])]
     frames: Option<usize>,
+    /// Leave out what cannot be seen from around the eye. The picture is the same, and finding it out does not count; `bench
+    /// --fuzzy` tells what that takes.
+    #[arg(long)]
+    fuzzy: bool,
     /// The picture to write; for a film, a folder or a pattern such as film-%04d.png.
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
@@ -83,7 +93,7 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let mut frame = Frame::new(width, height);
     let camera = camera(args, world)?;
     let movers: Vec<&Mover> = world.movers.iter().collect();
-    let mut scene = Scene::new(args, world);
+    let mut scene = Scene::new(args, world)?;
     let milliseconds = scene.draw(camera, &movers, args.time, &mut frame);
     picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
@@ -94,7 +104,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let (path, from, until) = args.way.read(world)?;
     let sequence = Sequence::new(&args.output)?;
     let (width, height) = args.size;
-    let (mut scene, mut frame) = (Scene::new(args, world), Frame::new(width, height));
+    let (mut scene, mut frame) = (Scene::new(args, world)?, Frame::new(width, height));
     let (rooms, fov_y) = (RoomIndex::new(world), args.fov.to_radians());
     let (mut in_sight, mut drawn) = (InSight::new(args.size, fov_y), 0);
     let progress = Progress::new();
@@ -130,20 +140,29 @@ struct Scene<'a> {
     world: &'a World,
     renderer: Renderer,
     wires: Option<Wires>,
+    /// What hides the rest of the building, where that is wanted.
+    walls: Option<Walls>,
     fov_y: f32,
 }
 
 impl<'a> Scene<'a> {
-    fn new(args: &Args, world: &'a World) -> Self {
+    fn new(args: &Args, world: &'a World) -> anyhow::Result<Self> {
         let mut renderer = Renderer::default();
         renderer.antialias = args.aa;
         let wires = args.rooms.then(|| Wires::new(world));
-        Self { world, renderer, wires, fov_y: args.fov.to_radians() }
+        let walls = args.fuzzy.then(|| Walls::new(&world.octree)).transpose()?;
+        Ok(Self { world, renderer, wires, walls, fov_y: args.fov.to_radians() })
     }
 
     /// Draws and tells how many milliseconds the building took.
     fn draw(&mut self, camera: Camera, movers: &[&Mover], now: Duration, frame: &mut Frame) -> f64 {
         let camera = Camera { fov_y: self.fov_y, ..camera };
+        if let Some(walls) = &self.walls {
+            let known = self.renderer.hidden.take().filter(|it| it.eyes().contains(camera.eye));
+            let find = |eyes| Arc::new(Hidden::new(walls, eyes, camera.focal(frame.height())));
+            let eyes = hidden::wanted(camera.eye, Vec3::ZERO).into_iter().next();
+            self.renderer.hidden = known.or_else(|| eyes.map(find));
+        }
         let start = Instant::now();
         self.renderer.draw(&self.world.octree, &camera, frame);
         let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;

@@ -79,7 +79,8 @@ pub struct Args {
     /// Measure things that move instead: up to so many chairs, or people, everywhere and where the first spawn point sees
     /// nothing of them. From there the eye turns round once in --frames pictures. Everything is drawn, or what the Z
     /// pyramid lets through, or what volumes in place of what is hidden do; the picture must be the same. A ratio is the CPU time
-    /// of the picture to that of the building alone.
+    /// of the picture to that of the building alone. Rows of hidden things are Fig. 6 (c) of the paper on temporal bounding volumes. For
+    /// (a) and (b) run it on buildings of several sizes: with the same N for (a), with N by their rooms for (b).
     #[arg(long, value_name = "N", conflicts_with_all = ["compare", "pictures", "path", "from", "until"],
           value_parser = clap::value_parser!(u32).range(1..=16_000))]
     moving: Option<u32>,
