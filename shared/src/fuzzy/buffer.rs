@@ -90,45 +90,39 @@ impl Buffer {
     /// Fills in a face: first with what is around the eyes, then with the rest, nearest first, as far
     /// as that does not hide it.
     fn project_all(&mut self, face: Face, worthy: &[(f64, &Group)], sheets: &mut Sheets<'_>) {
-        let size = self.size;
-        let mut nearest = vec![f32::INFINITY; size * size];
+        let mut depths = Depths::new(self.size);
         let around = worthy.partition_point(|(distance, _)| *distance == 0.0);
         for (_, group) in &worthy[..around] {
-            self.project_group(face, group, sheets, None, &mut nearest);
+            self.project_group(face, group, sheets, &mut depths, |_, _| true);
         }
-        let mut depths = Depths::new(nearest, size);
-        depths.change(|before, nearest| {
-            for (_, group) in &worthy[around..] {
-                if self.is_open(face, &group.bounds, before) {
-                    self.project_group(face, group, sheets, Some(before), nearest);
-                }
+        depths.find_levels();
+        let is_open = |depths: &Depths, bounds: &Aabb| {
+            self.look_at(face, bounds, depths).is_some_and(|hidden| hidden != Hidden::All)
+        };
+        for (_, group) in &worthy[around..] {
+            if is_open(&depths, &group.bounds) {
+                self.project_group(face, group, sheets, &mut depths, is_open);
             }
-        });
+        }
+        depths.find_levels();
         self.faces[face.index()] = Some(depths);
     }
 
-    /// Whether something may be before what some depths say.
-    fn is_open(&self, face: Face, bounds: &Aabb, before: &Depths) -> bool {
-        self.look_at(face, bounds, before).is_some_and(|hidden| hidden != Hidden::All)
-    }
-
-    /// Projects those sheets of a surface that are not hidden by what was there before.
+    /// Projects those sheets of a surface that are worth it.
     fn project_group(
         &self,
         face: Face,
         group: &Group,
         of: &mut Sheets<'_>,
-        before: Option<&Depths>,
-        nearest: &mut [f32],
+        depths: &mut Depths,
+        is_open: impl Fn(&Depths, &Aabb) -> bool,
     ) {
         let surfaces = of.surfaces;
         let found = of.take(group);
         for sheet in &found {
             let distance = self.distance(&sheet.bounds);
             let size = (&sheet.bounds, sheet.facets.len());
-            if !self.is_worthy(distance, size, of.width_m)
-                || before.is_some_and(|before| !self.is_open(face, &sheet.bounds, before))
-            {
+            if !self.is_worthy(distance, size, of.width_m) || !is_open(depths, &sheet.bounds) {
                 continue;
             }
             self.scan(face, sheet, surfaces, &mut of.rows, &mut of.spare);
@@ -136,7 +130,7 @@ impl Buffer {
                 let band = region(face, ends, &of.eyes, self.size as f64, &mut of.spare);
                 of.rows.erase(&band, self.size);
             }
-            of.rows.merge_into(nearest, self.size);
+            of.rows.merge_into(&mut depths.nearest, self.size);
         }
         of.found.insert(group.facets.start, found);
     }
@@ -157,12 +151,23 @@ impl Buffer {
         }
         let mut all = Hidden::All;
         let mut is_one = true;
-        for face in Face::ALL {
+        for face in self.faces_towards(bounds) {
             let Some(found) = self.look_on(face, bounds) else { continue };
             all = if is_one || all == found { found } else { Hidden::Perhaps };
             is_one = false;
         }
         all
+    }
+
+    /// The faces that something of a box may project onto.
+    fn faces_towards(&self, bounds: &Aabb) -> impl Iterator<Item = Face> {
+        let [low, high] = [bounds.min, bounds.max].map(|at| at.as_dvec3() - self.middle);
+        let aside = low.max(-high).max(DVec3::ZERO).max_element();
+        let is_towards = move |face: &Face| {
+            let ahead = face.most(low, high);
+            ahead > 0.0 && aside <= ahead
+        };
+        Face::ALL.into_iter().filter(is_towards)
     }
 
     /// The same of what projects onto one face; `None` when nothing does.
@@ -203,7 +208,7 @@ impl Buffer {
         let count = surfaces.edges(patch).len() as f64;
         let middle = surfaces.corners(patch).sum::<DVec3>() / count;
         self.hides_point(middle)
-            && Face::ALL.into_iter().all(|face| {
+            && self.faces_towards(&surfaces.patch(patch).bounds).all(|face| {
                 let polygon = self.project(face, surfaces, patch, spare);
                 if polygon.is_empty() {
                     return true;

@@ -26,21 +26,13 @@ pub(super) enum Hidden {
 }
 
 impl Depths {
-    pub(super) fn new(nearest: Vec<f32>, size: usize) -> Self {
-        let mut depths = Self { nearest, size, levels: Vec::new() };
-        depths.find_levels();
-        depths
+    /// Nothing is near.
+    pub(super) fn new(size: usize) -> Self {
+        Self { nearest: vec![f32::INFINITY; size * size], size, levels: Vec::new() }
     }
 
-    /// Lets depths be changed.
-    pub(super) fn change(&mut self, change: impl FnOnce(&Self, &mut [f32])) {
-        let mut nearest = self.nearest.clone();
-        change(self, &mut nearest);
-        self.nearest = nearest;
-        self.find_levels();
-    }
-
-    fn find_levels(&mut self) {
+    /// Makes it fit to be looked at. When depths become less thereafter, what is found is right and less than there is.
+    pub(super) fn find_levels(&mut self) {
         self.levels.clear();
         let mut level = Level::above(self.size, &self.nearest, |depth| [*depth; 2]);
         while level.width > 1 {

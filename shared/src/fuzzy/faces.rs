@@ -89,6 +89,11 @@ impl Face {
         if self.backwards { -1.0 } else { 1.0 }
     }
 
+    /// How far along its axis anything between two corners is at the most.
+    pub(super) fn most(self, low: DVec3, high: DVec3) -> f64 {
+        if self.backwards { -low[self.axis] } else { high[self.axis] }
+    }
+
     /// A vector in the face's own coordinates.
     pub(super) fn turned(self, v: DVec3) -> DVec3 {
         DVec3::new(v[(self.axis + 1) % 3], v[(self.axis + 2) % 3], self.sign() * v[self.axis])
