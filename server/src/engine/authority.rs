@@ -17,6 +17,8 @@ const ROUNDING_M: f64 = 0.02;
 const BUNCHING: Duration = Duration::from_millis(250);
 /// Silence longer than this earns no more way.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
+/// Ways round walls may be so much longer than what the ledger has, in metres: what rounding takes.
+const WAY_SPARE_M: f64 = 0.05;
 
 /// What is accepted from clients.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +94,9 @@ impl Ledger {
         aside + Vec3::Y * fall
     }
 
-    /// Judges a claim against the last accepted place and, for a hidden client, its TBV.
+    /// Judges a claim against the last accepted place, for a hidden client its TBV, and the walls: `lead`
+    /// says how long the way is at least that leads from the one place to the other, if there is one
+    /// that is no longer than this, in metres.
     pub fn judge(
         &mut self,
         now: Duration,
@@ -100,31 +104,35 @@ impl Ledger {
         (at, tbv): (Vec3, Option<&Tbv>),
         round_trip: Duration,
         limits: &Limits,
+        lead: impl FnOnce(f64) -> Option<f64>,
     ) -> Verdict {
         if self.sequence.is_some_and(|newest| sequence <= newest) {
             return Verdict::Old;
         }
         self.sequence = Some(sequence);
-        let allowed_m = self.allowed_m(now, limits);
-        let way_m = way_m(at, claim.eye, limits);
-        let believable = claim.is_finite()
+        let elapsed = now.saturating_sub(self.accepted);
+        let allowed_m = self.allowed_m(elapsed.min(SILENCE_MAX), limits);
+        let straight_m = way_m(at, claim.eye, limits);
+        let is_believable = claim.is_finite()
             && limits.confines.contains(claim.eye)
-            && way_m <= allowed_m
+            && straight_m <= allowed_m
             && tbv.is_none_or(|tbv| within(tbv, claim.eye, now, limits));
-        if !believable {
+        // Who was silent for long may have gone to and fro.
+        let led = is_believable.then(|| lead(self.allowed_m(elapsed, limits) + WAY_SPARE_M));
+        let Some(led_m) = led.flatten() else {
             return self.refuse(now, round_trip, limits);
-        }
+        };
+        let unused_m = (allowed_m - straight_m.max(led_m)).max(0.0);
         let bunched_m = f64::from(limits.speed_max) * BUNCHING.as_secs_f64();
-        self.unused_m = (allowed_m - way_m).min(bunched_m.max(ROUNDING_M));
+        self.unused_m = unused_m.min(bunched_m.max(ROUNDING_M));
         self.accepted = now;
         self.refusals = 0;
         self.given = self.given.min(claim.velocity.length());
         Verdict::Accepted
     }
 
-    /// How far the client can have come since its last accepted claim.
-    fn allowed_m(&self, now: Duration, limits: &Limits) -> f64 {
-        let elapsed = now.saturating_sub(self.accepted).min(SILENCE_MAX);
+    /// How far the client can have come so long after its last accepted claim.
+    fn allowed_m(&self, elapsed: Duration, limits: &Limits) -> f64 {
         let speed = f64::from(limits.speed_max.max(self.given));
         self.unused_m + speed * TOLERANCE * elapsed.as_secs_f64()
     }
@@ -197,8 +205,14 @@ mod tests {
         let mut ledger = Ledger::new(ms(0));
         let mut place = Vec3::ZERO;
         let mut judge = |(i, &(t, x)): (usize, &(u64, f32))| {
-            let verdict =
-                ledger.judge(ms(t), (i as u32, &at(x)), (place, None), Duration::ZERO, &LIMITS);
+            let verdict = ledger.judge(
+                ms(t),
+                (i as u32, &at(x)),
+                (place, None),
+                Duration::ZERO,
+                &LIMITS,
+                |_| Some(0.0),
+            );
             if verdict == Verdict::Accepted {
                 place = at(x).eye;
             }
@@ -229,7 +243,8 @@ mod tests {
                 let hop = 2.0 * step as f32 / 1_000.0 * if i % 3 == 0 { 2.0 } else { 1.015 };
                 let place = at(x).eye;
                 let claim = at(x + hop);
-                let verdict = ledger.judge(ms(t), (i, &claim), (place, None), RTT, &LIMITS);
+                let verdict =
+                    ledger.judge(ms(t), (i, &claim), (place, None), RTT, &LIMITS, |_| Some(0.0));
                 if verdict == Verdict::Accepted {
                     x += hop;
                 }
@@ -249,7 +264,9 @@ mod tests {
         ] {
             let mut ledger = Ledger::new(ms(0));
             let claim = Pose { eye, ..Pose::default() };
-            let verdict = ledger.judge(ms(4_000), (0, &claim), (Vec3::ZERO, None), RTT, &LIMITS);
+            let verdict =
+                ledger
+                    .judge(ms(4_000), (0, &claim), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0));
             assert_eq!(verdict, Verdict::Refused { correct: true }, "{eye}");
         }
     }
@@ -258,7 +275,7 @@ mod tests {
     fn old_reports_are_ignored_even_after_a_refusal() {
         let mut ledger = Ledger::new(ms(0));
         let mut judge = |t, sequence, x| {
-            ledger.judge(ms(t), (sequence, &at(x)), (Vec3::ZERO, None), RTT, &LIMITS)
+            ledger.judge(ms(t), (sequence, &at(x)), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0))
         };
         assert_eq!(judge(50, 5, 0.0), Verdict::Accepted);
         assert_eq!(judge(60, 5, 0.0), Verdict::Old);
@@ -284,14 +301,20 @@ mod tests {
             (1_500, 3.3, Verdict::Refused { correct: true }),
         ] {
             let mut ledger = Ledger::new(ms(0));
-            let got = ledger.judge(ms(t), (0, &at(x)), (Vec3::ZERO, Some(&tbv)), RTT, &LIMITS);
+            let got =
+                ledger.judge(ms(t), (0, &at(x)), (Vec3::ZERO, Some(&tbv)), RTT, &LIMITS, |_| {
+                    Some(0.0)
+                });
             assert_eq!(got, verdict, "{t} ms, {x} m");
         }
         // Way saved up does not lead out of the region.
         let mut ledger = Ledger::new(ms(0));
         let start = Vec3::new(-1.0, 0.0, 0.0);
         let small = region(start, 0.2, ms(3_100));
-        let got = ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS);
+        let got =
+            ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS, |_| {
+                Some(0.0)
+            });
         assert_eq!(got, Verdict::Refused { correct: true });
     }
 
@@ -306,7 +329,9 @@ mod tests {
         let mut ledger = Ledger::new(ms(0));
         ledger.relocate(ms(0), Vec3::X * 10.0);
         let mut judge = |t, sequence, claim: Pose, at: Pose| {
-            let verdict = ledger.judge(ms(t), (sequence, &claim), (at.eye, None), RTT, &limits);
+            let verdict =
+                ledger
+                    .judge(ms(t), (sequence, &claim), (at.eye, None), RTT, &limits, |_| Some(0.0));
             verdict == Verdict::Accepted
         };
         assert!(judge(100, 1, pose(1.0, 0.0, 8.0), pose(0.0, 0.0, 10.0)));
@@ -318,6 +343,22 @@ mod tests {
         );
         let claimed = Vec3::new(9.0, -50.0, 0.0);
         assert_eq!(ledger.plausible(claimed, &limits), Vec3::new(2.0, -20.0, 0.0));
+    }
+
+    #[test]
+    fn a_way_round_a_wall_is_used_up_like_a_straight_one() {
+        let mut ledger = Ledger::new(ms(0));
+        let mut round = |t, sequence, way_m: f64| {
+            let lead = |most_m: f64| (way_m <= most_m).then_some(way_m);
+            ledger.judge(ms(t), (sequence, &at(0.01)), (Vec3::ZERO, None), RTT, &LIMITS, lead)
+        };
+        assert_eq!(round(500, 1, 0.9), Verdict::Accepted);
+        assert_eq!(round(550, 2, 0.9), Verdict::Refused { correct: true });
+        assert_eq!(round(550, 3, 0.2), Verdict::Accepted);
+        assert_eq!(round(1_000, 4, 0.9), Verdict::Accepted);
+        // Longer than any straight way can be believed: it may have gone to and fro.
+        assert_eq!(round(9_000, 5, 16.0), Verdict::Accepted);
+        assert_eq!(round(9_050, 6, 0.2), Verdict::Refused { correct: true });
     }
 
     #[test]
@@ -333,6 +374,7 @@ mod tests {
                     (Vec3::ZERO, None),
                     round_trip,
                     &LIMITS,
+                    |_| Some(0.0),
                 ) == Verdict::Expelled
             })
         };
@@ -349,7 +391,8 @@ mod tests {
             .map(|i| {
                 let claim = at(500.0);
                 let now = ms(u64::from(i) * 25);
-                let verdict = ledger.judge(now, (i, &claim), (Vec3::ZERO, None), RTT, &LIMITS);
+                let verdict =
+                    ledger.judge(now, (i, &claim), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0));
                 verdict == Verdict::Refused { correct: true }
             })
             .collect();

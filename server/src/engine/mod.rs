@@ -51,6 +51,7 @@ mod silence;
 #[cfg(test)]
 mod tests;
 mod validity;
+mod ways;
 mod zones;
 
 use std::{sync::Arc, time::Duration};
@@ -76,6 +77,7 @@ use places::Places;
 use population::{Population, Slot};
 use reach::Scratch;
 use scene::Scene;
+use ways::Ways;
 use zones::{SectorIndex, Sectors, ZoneIndex};
 
 /// Decides who is told what and who is asked when.
@@ -109,6 +111,8 @@ pub struct Engine {
     joined: usize,
     stats: Stats,
     scratch: Scratch,
+    /// What claims are held against.
+    ways: Ways,
     shafts: Shafts,
     crew: Crew,
     /// Empty but for its memory.
@@ -136,6 +140,8 @@ pub struct Stats {
     pub impulses: u64,
     /// Reports refused.
     pub refusals: u64,
+    /// Of these, those to which no way leads that is short enough: through walls.
+    pub walls: u64,
     /// Clients dropped.
     pub drops: u64,
 }
@@ -183,6 +189,7 @@ impl Engine {
             joined: 0,
             stats: Stats::default(),
             scratch: Scratch::default(),
+            ways: Ways::new(&world.cells, agility.fall_max / speed_max),
             silence_left: 0,
             crew: Crew::new(config.threads, Arc::clone(&occluders)),
             scene: Scene::default(),

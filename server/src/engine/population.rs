@@ -15,6 +15,7 @@ use super::{
     near::Whereabouts,
     pairs::Pair,
     places::Place,
+    ways::Footing,
     zones::{Member, Zone},
 };
 
@@ -60,6 +61,8 @@ pub(super) struct Avatar {
     pub(super) round_trip: Duration,
     pub(super) jitter: Jitter,
     pub(super) ledger: Ledger,
+    /// Where ways to its next place begin.
+    pub(super) footing: Footing,
     pub(super) state: ClientState,
     /// Asks since the last accepted report.
     pub(super) unanswered: u32,

@@ -48,6 +48,7 @@ impl Engine {
             round_trip,
             jitter: Jitter::new(self.config.margin),
             ledger: Ledger::new(now),
+            footing: self.ways.footing(&self.world.cells, self.world.cells.axes.own(pose.eye)),
             state: ClientState::Live,
             unanswered: 0,
             told_quiet: false,
@@ -105,7 +106,16 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let believed = (avatar.pose.eye, avatar.state.tbv());
         let trip = avatar.round_trip;
-        match avatar.ledger.judge(now, (sequence, &pose), believed, trip, &self.limits) {
+        let (cells, footing) = (&self.world.cells, &mut avatar.footing);
+        let lead = |way_m: f64| {
+            let [from, to] = [believed.0, pose.eye].map(|eye| cells.axes.own(eye));
+            let led = self.ways.lead(cells, (from, *footing), to, way_m as f32);
+            self.stats.walls += u64::from(led.is_none());
+            let (space, led_m) = led?;
+            *footing = space;
+            Some(f64::from(led_m))
+        };
+        match avatar.ledger.judge(now, (sequence, &pose), believed, trip, &self.limits, lead) {
             Verdict::Old => {}
             Verdict::Accepted => {
                 self.stats.reports += 1;
@@ -150,8 +160,10 @@ impl Engine {
         if !pose.is_finite() || !self.limits.confines.contains(pose.eye) {
             return;
         }
+        let cells = &self.world.cells;
         let avatar = self.population.at_mut(slot);
         avatar.ledger.relocate(now, pose.velocity);
+        avatar.footing = self.ways.footing(cells, cells.axes.own(pose.eye));
         self.stats.impulses += 1;
         let avatar = self.population.at_mut(slot);
         avatar.near.forget();

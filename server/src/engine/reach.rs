@@ -16,7 +16,7 @@ const ROUNDING_M: f32 = 0.004;
 
 /// A body may poke so far into what is solid, in metres: collisions are against voxels, and what
 /// comes from elsewhere is rounded. Walls are thicker, so that what is inside them is not in sight.
-const POKE_M: f32 = 0.06;
+pub(super) const POKE_M: f32 = 0.06;
 
 /// The parts of cells, in own axes, that an eye can get to: those it comes to through portals.
 ///

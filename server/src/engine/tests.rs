@@ -4,3 +4,4 @@ mod rooms;
 pub(super) mod stage;
 mod story;
 mod twin;
+mod walls;

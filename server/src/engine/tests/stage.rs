@@ -110,6 +110,17 @@ pub fn row(count: u32) -> World {
     world(tree, (0..count).map(cell).collect(), |a, b| a.abs_diff(b) <= 1)
 }
 
+/// Narrows what two cells join in to a part of it.
+pub fn narrow(world: &mut World, joint: usize, axis: usize, part: [f32; 2]) {
+    let cells = &mut world.cells;
+    for polygon in [&mut cells.portals[joint].polygon, &mut cells.gates[joint].polygon] {
+        let Polygon::Rectangle { bounds, .. } = polygon else {
+            unreachable!("hand-made worlds join in rectangles")
+        };
+        (bounds.min[axis], bounds.max[axis]) = (part[0], part[1]);
+    }
+}
+
 /// What one client was told.
 #[derive(Clone, Debug, Default)]
 pub struct Client {

@@ -1,0 +1,151 @@
+//! Walls of a real building: honest bodies are never taken to have gone through one, and most cheats are
+//! found out.
+
+use std::{
+    f32::consts::TAU,
+    ops::ControlFlow,
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
+
+use glam::Vec3;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_client::{
+    navigation::Navigation,
+    walker::{Walker, Wish},
+};
+use sightline_server::{
+    compile::{self, Options, demo_building, glb},
+    engine::{Config, Engine, Input, Policy},
+    sight::Sight,
+};
+use sightline_shared::{
+    motion::{AvatarId, Pose},
+    protocol::quantise::WirePose,
+    world::{Spawn, World},
+};
+
+const TICK: Duration = Duration::from_millis(50);
+
+fn building() -> Arc<World> {
+    static WORLD: OnceLock<Arc<World>> = OnceLock::new();
+    let make = || {
+        let model = glb::read_slice(&demo_building::glb(20, 4), None, "office").unwrap();
+        let options = Options { voxel: Some(0.1), cell: Some(3.0), ..Options::default() };
+        let go_on = |_, _| ControlFlow::Continue(());
+        Arc::new(compile::compile(&model, &options, &go_on).unwrap().0)
+    };
+    Arc::clone(WORLD.get_or_init(make))
+}
+
+/// An engine with whom somebody came in, where everybody is always live.
+fn with_somebody(world: &Arc<World>, place: Vec3) -> Engine {
+    let config = Config { policy: Policy::Pvs, ..Config::default() };
+    let mut engine = Engine::new(Arc::clone(world), config);
+    let (avatar, name) = (AvatarId(0), "Ada".to_owned());
+    let join = Input::Join { avatar, name, colour: [0; 3], place: Some(place) };
+    engine.handle(Duration::ZERO, join);
+    engine
+}
+
+/// As it comes over the wire.
+fn report(engine: &mut Engine, now: Duration, sequence: u32, pose: &Pose) {
+    let pose = Pose::from(WirePose::from(pose));
+    engine.handle(now, Input::Report { avatar: AvatarId(0), sequence, pose });
+}
+
+fn wish(random: &mut SmallRng) -> Wish {
+    Wish {
+        forward: random.random_range(0.3..=1.0),
+        right: random.random_range(-0.5..=0.5),
+        up: random.random_range(-1.0..=1.0),
+        yaw: random.random_range(0.0..TAU),
+        pitch: 0.0,
+        fly: random.random_bool(0.3),
+        jump: random.random_bool(0.3),
+    }
+}
+
+#[test]
+fn no_body_that_walks_jumps_and_flies_is_taken_to_go_through_walls() {
+    let world = building();
+    let navigation = Navigation::new(&world);
+    for seed in 0..20 {
+        let random = &mut SmallRng::seed_from_u64(seed);
+        let eye = navigation.random(random).unwrap();
+        let mut walker = Walker::new(&world, Spawn { eye, yaw: 0.0 });
+        let mut engine = with_somebody(&world, eye);
+        let (mut intent, mut silent) = (wish(random), 0);
+        for tick in 1..600_u32 {
+            if random.random_bool(0.05) {
+                intent = wish(random);
+            }
+            let pose = walker.step(&world.octree, intent, TICK.as_secs_f32());
+            // Now and then it says nothing for up to three seconds.
+            silent = if silent == 0 && random.random_bool(0.02) {
+                random.random_range(1..60)
+            } else {
+                silent - i32::from(silent > 0)
+            };
+            if silent == 0 {
+                report(&mut engine, TICK * tick, tick, &pose);
+                assert_eq!(engine.stats().refusals, 0, "seed {seed}, tick {tick}: {pose:?}");
+            }
+        }
+    }
+}
+
+/// Two places on both sides of a wall, between which the way is long.
+struct Wall {
+    near: Vec3,
+    far: Vec3,
+}
+
+fn walls(world: &World, count: usize) -> Vec<Wall> {
+    let (navigation, sight) = (Navigation::new(world), Sight::new(&world.mesh));
+    let random = &mut SmallRng::seed_from_u64(7);
+    let mut found = Vec::new();
+    for _ in 0..200_000 {
+        let near = navigation.random(random).unwrap();
+        let angle = random.random_range(0.0..TAU);
+        let along = Vec3::new(angle.cos(), 0.0, angle.sin());
+        let far = near + along * random.random_range(0.5..1.5);
+        let is_free = !world.octree.solid_in(&world.body.around(far));
+        let is_parted = || !sight.between(near, far) && !sight.between(far, near);
+        let is_far = || way_m(&navigation, near, far).is_some_and(|way_m| way_m > 8.0);
+        if is_free && is_parted() && is_far() {
+            found.push(Wall { near, far });
+            if found.len() == count {
+                break;
+            }
+        }
+    }
+    found
+}
+
+fn way_m(navigation: &Navigation, from: Vec3, to: Vec3) -> Option<f32> {
+    let way = navigation.way(from, to)?;
+    let places: Vec<Vec3> = [from].into_iter().chain(way).chain([to]).collect();
+    Some(places.windows(2).map(|pair| pair[0].distance(pair[1])).sum())
+}
+
+/// Whether somebody who claims to be on the other side half a second later is believed.
+fn jumps_through(world: &Arc<World>, wall: &Wall) -> bool {
+    let mut engine = with_somebody(world, wall.near);
+    let pose = Pose { eye: wall.far, ..Pose::default() };
+    let claim = |i: u32| {
+        report(&mut engine, Duration::from_millis(500) + TICK * i, i, &pose);
+        engine.stats().walls == u64::from(i) && engine.pose(AvatarId(0)).unwrap().eye == wall.near
+    };
+    !(1..=3).all(claim)
+}
+
+#[test]
+fn most_jumps_through_walls_are_refused() {
+    let world = building();
+    let walls = walls(&world, 60);
+    assert_eq!(walls.len(), 60);
+    let through = walls.iter().filter(|wall| jumps_through(&world, wall)).count();
+    // Ways for eyes lead through windows, and through what trim leaves open of the insides of walls.
+    assert!(through < 25, "{through} jump through");
+}
