@@ -43,6 +43,7 @@ mod near;
 mod pairs;
 mod parts;
 mod places;
+mod pledge;
 mod population;
 mod presence;
 mod reach;
@@ -228,7 +229,7 @@ impl Engine {
         if self.config.policy == Policy::Tbv {
             live.iter().for_each(|slot| self.reveal(now, *slot, outputs));
         }
-        let mut scene = self.enter(&live);
+        let mut scene = self.enter(now, &live);
         if self.config.policy.uses_cells() {
             self.place_near(now, &mut scene.lives);
             self.pair(&mut scene);

@@ -255,13 +255,17 @@ impl Whereabouts {
 }
 
 impl Engine {
-    /// How far an eye gets some time after its last accepted report was made.
-    pub(super) fn leeway(&self, pose: &Pose, time: Duration) -> Leeway {
+    /// How far an eye gets some time after its last accepted report was made, if what that says is believed.
+    pub(super) fn leeway(&self, pose: &Pose, is_believed: bool, time: Duration) -> Leeway {
         let axes = &self.world.cells.axes;
+        let mut agility = self.agility;
+        if !is_believed {
+            agility.dash = agility.speed_max;
+        }
         let (eye, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
         Leeway {
             from: eye,
-            within: self.agility.eyes(eye, velocity, time).grown(ROUNDING_M),
+            within: agility.eyes(eye, velocity, time).grown(ROUNDING_M),
             way_m: self.agility.way(velocity, time) + ROUNDING_M,
         }
     }
@@ -281,8 +285,9 @@ impl Engine {
     fn renew(&self, work: &mut Work, now: Duration, delays: &[Duration], live: &mut Live) {
         let own = self.horizons.delay(live.link.round_trip);
         let age = now.saturating_sub(live.heard);
-        let within = |delay: Duration| {
-            self.leeway(&live.pose, self.horizons.near(age, live.link, delay)).within
+        let within = |delay: Duration, is_believed: bool| {
+            let time = self.horizons.near(age, live.link, delay);
+            self.leeway(&live.pose, is_believed, time).within
         };
         let (near, spare_m) = (&mut live.near, self.config.spare_m);
         near.prepare(own, delays);
@@ -292,12 +297,13 @@ impl Engine {
             let cell = cells.at_own(live.from);
             near.home = Some((live.from, cell.map(|cell| cells.cells[cell.0 as usize].space)));
         }
-        let eyes = within(own);
+        // Whoever is doubted may be anywhere, but is told as much as others.
+        let eyes = within(own, true);
         let step = self.world.cells.axes.own(live.pose.velocity) * self.config.tick.as_secs_f32();
         let mut all = eyes;
         for (place, near) in near.nears.iter_mut().enumerate() {
-            let is_own = place == 0 || near.delay == own;
-            let within = if is_own { eyes } else { within(near.delay) };
+            let is_own = place == 0 || near.delay == own && live.is_believed;
+            let within = if is_own { eyes } else { within(near.delay, live.is_believed) };
             all = all.union(&within);
             near.renew(within, step, has_moved, spare_m);
         }

@@ -15,6 +15,7 @@ use super::{
     near::Whereabouts,
     pairs::Pair,
     places::Place,
+    pledge::Pledges,
     ways::Footing,
     zones::{Member, Zone},
 };
@@ -63,6 +64,7 @@ pub(super) struct Avatar {
     pub(super) ledger: Ledger,
     /// Where ways to its next place begin.
     pub(super) footing: Footing,
+    pub(super) pledges: Pledges,
     pub(super) state: ClientState,
     /// Asks since the last accepted report.
     pub(super) unanswered: u32,

@@ -14,6 +14,7 @@ use super::{
     jitter::Jitter,
     near::Whereabouts,
     places::Place,
+    pledge::Pledges,
     population::{Avatar, Slot},
     validity::FIRST,
     zones::Zone,
@@ -49,6 +50,7 @@ impl Engine {
             jitter: Jitter::new(self.config.margin),
             ledger: Ledger::new(now),
             footing: self.ways.footing(&self.world.cells, self.world.cells.axes.own(pose.eye)),
+            pledges: Pledges::default(),
             state: ClientState::Live,
             unanswered: 0,
             told_quiet: false,
@@ -143,6 +145,8 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let velocity = avatar.ledger.plausible(pose.velocity, &self.limits);
         avatar.pose = Pose { velocity, ..pose };
+        let slack = avatar.jitter.margin() + self.config.tick;
+        avatar.pledges.keep(now, avatar.pose, &self.agility, slack);
         avatar.version = avatar.version.wrapping_add(1);
         avatar.place = self.places.place(&self.world, avatar.place, pose.eye);
         avatar.seal = self.rooms.seal(pose.eye);
@@ -164,6 +168,7 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         avatar.ledger.relocate(now, pose.velocity);
         avatar.footing = self.ways.footing(cells, cells.axes.own(pose.eye));
+        avatar.pledges.forget();
         self.stats.impulses += 1;
         let avatar = self.population.at_mut(slot);
         avatar.near.forget();

@@ -23,6 +23,8 @@ pub(super) struct Live {
     /// When the last accepted pose came in.
     pub(super) heard: Duration,
     pub(super) link: Link,
+    /// It moves as it says.
+    pub(super) is_believed: bool,
     /// Where it was last, in own axes.
     pub(super) from: Vec3,
     pub(super) near: Whereabouts,
@@ -67,7 +69,7 @@ impl Lives {
 
 impl Engine {
     /// Takes out of the population what a tick changes of its live avatars, which are given by id.
-    pub(super) fn enter(&mut self, live: &[Slot]) -> Scene {
+    pub(super) fn enter(&mut self, now: Duration, live: &[Slot]) -> Scene {
         let mut scene = std::mem::take(&mut self.scene);
         for (&slot, place) in live.iter().zip(0..) {
             let avatar = self.population.at_mut(slot);
@@ -80,6 +82,7 @@ impl Engine {
                 seal: avatar.seal,
                 heard: avatar.heard,
                 link: avatar.link(),
+                is_believed: avatar.pledges.are_kept(now),
                 from: self.world.cells.axes.own(avatar.pose.eye),
                 near: std::mem::take(&mut avatar.near),
                 moved: None,

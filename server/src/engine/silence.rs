@@ -103,7 +103,9 @@ impl Engine {
     pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
-        let leeway = self.leeway(&avatar.pose, self.horizons.far(age, avatar.link()));
+        let is_believed = avatar.pledges.are_kept(now);
+        let far = self.horizons.far(age, avatar.link());
+        let leeway = self.leeway(&avatar.pose, is_believed, far);
         let lasts = avatar.zone_box.is_some_and(|spare| spare.contains_box(&leeway.within));
         self.population.at_mut(slot).far = leeway.within;
         if !lasts {

@@ -80,7 +80,7 @@ impl Engine {
         let avatar = self.population.at(slot);
         let notice = self.horizons.notice(avatar.link());
         let told = age + self.horizons.one_way(avatar.round_trip) + self.config.tick;
-        let least = self.leeway(&avatar.pose, told + notice).within.grown(ROUNDING_M);
+        let least = self.leeway(&avatar.pose, true, told + notice).within.grown(ROUNDING_M);
         let notice = notice.mul_f64(self.config.sabotage.tbv_scale.into());
         let expiry = self.made_at(slot) + validity;
         let tbv = Tbv { within: least, axes: self.world.cells.axes, expiry, notice };
@@ -225,7 +225,7 @@ impl Engine {
     /// A TBV, and how far its avatar gets in it.
     fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Leeway) {
         let pose = &self.population.at(slot).pose;
-        let mut leeway = self.leeway(pose, validity);
+        let mut leeway = self.leeway(pose, true, validity);
         leeway.scale(self.config.sabotage.tbv_scale);
         if self.config.shape == Shape::Sphere {
             leeway.within = Aabb::around(leeway.from, leeway.way_m);

@@ -317,3 +317,39 @@ fn why_somebody_is_told_of_is_explained() {
     stage.ticks(4);
     assert_eq!(reason(&stage, ada, dee), Reason::Silence);
 }
+
+/// How far from a viewer's room somebody is who runs towards it, when the viewer is told of it; it claims
+/// such a part of its velocity.
+fn told_of_at(claimed: f32) -> f32 {
+    let mut world = row(8);
+    world.speed_max = 6.0;
+    let (margin, trip) = (Margin::Fixed(Duration::ZERO), Duration::from_millis(200));
+    let policy = Policy::Pvs;
+    let config = Config { margin, policy, round_trip_initial: trip, ..Config::default() };
+    let mut stage = Stage::new(world, config);
+    let (viewer, runner) = (stage.join(1, 2.0), AvatarId(2));
+    let mut eye = Vec3::new(45.0, 1.6, 5.0);
+    let (name, place) = ("runner".to_owned(), Some(eye));
+    stage.engine.handle(stage.now, Input::Join { avatar: runner, name, colour: [0; 3], place });
+    let velocity = Vec3::NEG_X * 5.7;
+    for sequence in 1.. {
+        stage.tick();
+        if !sees(&stage, viewer).is_empty() {
+            break;
+        }
+        eye += velocity * TICK.as_secs_f32();
+        let pose = Pose { eye, velocity: velocity * claimed, ..Pose::default() };
+        stage.engine.handle(stage.now, Input::Report { avatar: runner, sequence, pose });
+    }
+    assert_eq!(stage.engine.stats().refusals, 0);
+    eye.x
+}
+
+#[test]
+fn who_hides_how_fast_it_is_is_told_of_no_later_for_that() {
+    let honest = told_of_at(1.0);
+    assert!((20.5..24.0).contains(&honest), "{honest}");
+    // What is spared ahead of who walks is worth a tick; belief would cost a metre.
+    let liars = [0.0, -1.0].map(told_of_at);
+    assert!(liars.iter().all(|told| *told >= honest - 0.3), "{honest} {liars:?}");
+}
