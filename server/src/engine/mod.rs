@@ -34,6 +34,7 @@ mod config;
 mod crew;
 mod expiry;
 mod explain;
+mod fit;
 mod horizon;
 mod interest;
 mod jitter;
@@ -190,7 +191,7 @@ impl Engine {
             joined: 0,
             stats: Stats::default(),
             scratch: Scratch::default(),
-            ways: Ways::new(&world.cells, agility.fall_max / speed_max),
+            ways: Ways::new(&world, agility.fall_max / speed_max),
             silence_left: 0,
             crew: Crew::new(config.threads, Arc::clone(&occluders)),
             scene: Scene::default(),

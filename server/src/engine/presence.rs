@@ -108,10 +108,10 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let believed = (avatar.pose.eye, avatar.state.tbv());
         let trip = avatar.round_trip;
-        let (cells, footing) = (&self.world.cells, &mut avatar.footing);
+        let (world, footing) = (&self.world, &mut avatar.footing);
         let lead = |way_m: f64| {
-            let [from, to] = [believed.0, pose.eye].map(|eye| cells.axes.own(eye));
-            let led = self.ways.lead(cells, (from, *footing), to, way_m as f32);
+            let [from, to] = [believed.0, pose.eye].map(|eye| world.cells.axes.own(eye));
+            let led = self.ways.lead(world, (from, *footing), to, way_m as f32);
             self.stats.walls += u64::from(led.is_none());
             let (space, led_m) = led?;
             *footing = space;

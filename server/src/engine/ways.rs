@@ -5,10 +5,10 @@ use std::{cmp::Reverse, collections::BinaryHeap};
 use glam::Vec3;
 use sightline_shared::{
     geometry::Aabb,
-    world::{Cells, Node},
+    world::{Cells, Node, World},
 };
 
-use super::reach::POKE_M;
+use super::{fit::Fit, reach::POKE_M};
 
 /// No search looks at more gates: 0.1 ms. What is undecided by then counts as led to.
 const GATES_MAX: u32 = 1_000;
@@ -29,6 +29,8 @@ pub(super) struct Footing(Option<u32>);
 pub(super) struct Ways {
     /// For each space what it fills, in own axes; empty where that is no box.
     boxes: Vec<Aabb>,
+    /// Through which gates bodies fit.
+    fit: Fit,
     /// A metre down counts for so much.
     fall: f32,
     search: u32,
@@ -40,9 +42,11 @@ pub(super) struct Ways {
 
 impl Ways {
     /// Bodies fall so many times as fast as they move of their own power.
-    pub(super) fn new(cells: &Cells, fall_ratio: f32) -> Self {
+    pub(super) fn new(world: &World, fall_ratio: f32) -> Self {
+        let cells = &world.cells;
         Self {
             boxes: boxes(cells),
+            fit: Fit::new(world),
             fall: 1.0 / fall_ratio.max(1.0),
             search: 0,
             come: vec![(0, 0.0); cells.gates.len()],
@@ -64,24 +68,26 @@ impl Ways {
     /// one that has no footing is free to move until it is in a space.
     pub(super) fn lead(
         &mut self,
-        cells: &Cells,
+        world: &World,
         (from, footing): (Vec3, Footing),
         to: Vec3,
         way_m: f32,
     ) -> Option<(Footing, f32)> {
-        let Footing(Some(space)) = footing else { return Some((self.footing(cells, to), 0.0)) };
+        let Footing(Some(space)) = footing else {
+            return Some((self.footing(&world.cells, to), 0.0));
+        };
         if self.boxes[space as usize].contains(to) {
             return Some((footing, 0.0));
         }
-        match self.footing(cells, to) {
+        match self.footing(&world.cells, to) {
             Footing(Some(there)) if there == space => Some((footing, 0.0)),
-            Footing(Some(there)) => self.search(cells, (from, space), (to, &[there]), way_m),
+            Footing(Some(there)) => self.search(world, (from, space), (to, &[there]), way_m),
             Footing(None) => {
-                let beside = beside(cells, to);
+                let beside = beside(&world.cells, to);
                 if beside.contains(&space) {
                     return Some((footing, 0.0));
                 }
-                self.search(cells, (from, space), (to, &beside), way_m)
+                self.search(world, (from, space), (to, &beside), way_m)
             }
         }
     }
@@ -89,7 +95,7 @@ impl Ways {
     /// Looks for a way from a space into one of several others.
     fn search(
         &mut self,
-        cells: &Cells,
+        world: &World,
         (from, space): (Vec3, u32),
         (to, goals): (Vec3, &[u32]),
         way_m: f32,
@@ -97,13 +103,13 @@ impl Ways {
         self.begin();
         let to = Aabb::new(to, to);
         // An eye in a wall counts as if it were where the space begins.
-        let bounds = &cells.spaces[space as usize].bounds;
+        let bounds = &world.cells.spaces[space as usize].bounds;
         let from = from.clamp(bounds.min, bounds.max);
-        self.go_on(cells, space, (&Aabb::new(from, from), 0.0), (&to, way_m));
+        self.go_on(world, space, (&Aabb::new(from, from), 0.0), (&to, way_m));
         let mut looked_at = 0;
         while let Some(Reverse((whole, gate))) = self.waiting.pop() {
             let come_m = self.come[gate as usize].1;
-            let gate = &cells.gates[gate as usize];
+            let gate = &world.cells.gates[gate as usize];
             if let Some(goal) = gate.spaces.iter().find(|space| goals.contains(space)) {
                 return Some((Footing(Some(*goal)), f32::from_bits(whole)));
             }
@@ -112,7 +118,7 @@ impl Ways {
                 return goals.first().map(|goal| (Footing(Some(*goal)), 0.0));
             }
             let gap = gate.polygon.bounds();
-            gate.spaces.iter().for_each(|s| self.go_on(cells, *s, (&gap, come_m), (&to, way_m)));
+            gate.spaces.iter().for_each(|s| self.go_on(world, *s, (&gap, come_m), (&to, way_m)));
         }
         None
     }
@@ -129,17 +135,18 @@ impl Ways {
     /// Goes from somewhere in a space to those of its gates by which a way to a place may lead.
     fn go_on(
         &mut self,
-        cells: &Cells,
+        world: &World,
         space: u32,
         (from, come_m): (&Aabb, f32),
         (to, way_m): (&Aabb, f32),
     ) {
-        for index in &cells.spaces[space as usize].gates {
-            let gap = cells.gates[*index as usize].polygon.bounds();
+        for index in &world.cells.spaces[space as usize].gates {
+            let gap = world.cells.gates[*index as usize].polygon.bounds();
             let come_m = come_m + self.between(from, &gap);
             let whole_m = come_m + self.between(&gap, to);
             let known = &mut self.come[*index as usize];
-            if whole_m <= way_m && (known.0 != self.search || come_m < known.1) {
+            let is_nearer = known.0 != self.search || come_m < known.1;
+            if whole_m <= way_m && is_nearer && self.fit.through(world, *index) {
                 *known = (self.search, come_m);
                 // Ways are never negative, so that their bits are in order.
                 self.waiting.push(Reverse((whole_m.to_bits(), *index)));

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
-use sightline_shared::world::{CellId, Polygon, World};
+use sightline_shared::world::{CellId, Polygon};
 
 use super::{
     super::tests::stage::{self, narrow},
@@ -18,9 +18,9 @@ fn at(x: f32, z: f32) -> Vec3 {
 
 /// The space of the footing at the end of a way, if there is such a way.
 fn lead(world: &World, from: Vec3, to: Vec3, way_m: f32) -> Option<Option<u32>> {
-    let mut ways = Ways::new(&world.cells, 1.0);
+    let mut ways = Ways::new(world, 1.0);
     let footing = ways.footing(&world.cells, from);
-    ways.lead(&world.cells, (from, footing), to, way_m).map(|(footing, _)| footing.0)
+    ways.lead(world, (from, footing), to, way_m).map(|(footing, _)| footing.0)
 }
 
 #[test]
@@ -55,11 +55,11 @@ fn falls_are_short_and_jumps_cost_no_way() {
         Node::Leaf(CellId(1)),
     ];
     let world = stage::world(tree, vec![floor(0.0), floor(3.0)], |_, _| true);
-    let mut ways = Ways::new(&world.cells, 4.0);
+    let mut ways = Ways::new(&world, 4.0);
     let (low, high) = (Vec3::new(1.0, 1.0, 1.0), Vec3::new(1.0, 5.0, 1.0));
     let mut is_led = |from: Vec3, to: Vec3, way_m: f32| {
         let footing = ways.footing(&world.cells, from);
-        ways.lead(&world.cells, (from, footing), to, way_m).is_some()
+        ways.lead(&world, (from, footing), to, way_m).is_some()
     };
     assert!(is_led(high, low, 1.01) && !is_led(high, low, 0.9));
     assert!(is_led(low, high, 4.01) && !is_led(low, high, 3.9));
@@ -93,7 +93,7 @@ fn walled(has_door: bool) -> World {
 #[test]
 fn eyes_poke_into_walls_but_not_through() {
     let world = walled(true);
-    let mut ways = Ways::new(&world.cells, 1.0);
+    let mut ways = Ways::new(&world, 1.0);
     let mut footing = ways.footing(&world.cells, at(9.0, 5.0));
     // It may be as far in the wall as bodies poke into it, and stands in the room meanwhile.
     let mut from = at(9.0, 5.0);
@@ -106,7 +106,7 @@ fn eyes_poke_into_walls_but_not_through() {
         (at(10.03, 6.0), true),
         (at(9.9, 6.0), true),
     ] {
-        let led = ways.lead(&world.cells, (from, footing), to, 3.0);
+        let led = ways.lead(&world, (from, footing), to, 3.0);
         assert_eq!(led.is_some(), is_led, "{to}");
         if let Some((led, _)) = led {
             (from, footing) = (to, led);
@@ -115,7 +115,7 @@ fn eyes_poke_into_walls_but_not_through() {
     }
     // Round the door post, and out of the wall on the other side of it.
     for (to, space) in [(at(10.2, 1.04), 2), (at(10.45, 0.9), 2), (at(10.46, 2.0), 1)] {
-        let led = ways.lead(&world.cells, (at(10.1, 0.9), footing), to, 20.0);
+        let led = ways.lead(&world, (at(10.1, 0.9), footing), to, 20.0);
         footing = led.expect("by the door").0;
         assert_eq!(footing, Footing(Some(space)), "{to}");
     }
@@ -125,16 +125,16 @@ fn eyes_poke_into_walls_but_not_through() {
 fn who_was_put_into_a_wall_gets_out_on_any_side_and_then_stays_out() {
     let world = walled(false);
     for (out, beyond) in [(at(9.9, 5.0), at(10.6, 5.0)), (at(10.6, 5.0), at(9.9, 5.0))] {
-        let mut ways = Ways::new(&world.cells, 1.0);
+        let mut ways = Ways::new(&world, 1.0);
         let inside = at(10.25, 5.0);
         let mut footing = ways.footing(&world.cells, inside);
         assert_eq!(footing, Footing(None));
-        let mut lead = |to| ways.lead(&world.cells, (inside, footing), to, 0.1).expect("free").0;
+        let mut lead = |to| ways.lead(&world, (inside, footing), to, 0.1).expect("free").0;
         assert_eq!(lead(at(10.26, 7.0)), Footing(None));
         footing = lead(out);
         assert_ne!(footing, Footing(None));
         for to in [inside, beyond] {
-            assert_eq!(ways.lead(&world.cells, (out, footing), to, 100.0), None, "{to}");
+            assert_eq!(ways.lead(&world, (out, footing), to, 100.0), None, "{to}");
         }
     }
 }
@@ -266,12 +266,12 @@ proptest! {
         let from = [from.0 % size, from.1 % size];
         let place = |[x, z]: [i32; 2]| at((x as f32 + 0.5) * STEP_M, (z as f32 + 0.5) * STEP_M);
         let far = walked(&world, maze.side, from);
-        let mut ways = Ways::new(&world.cells, 1.0);
+        let mut ways = Ways::new(&world, 1.0);
         let footing = ways.footing(&world.cells, place(from));
         for x in (0..size).step_by(3) {
             for z in (0..size).step_by(3) {
                 let to = place([x, z]);
-                let mut lead = |way_m| ways.lead(&world.cells, (place(from), footing), to, way_m);
+                let mut lead = |way_m| ways.lead(&world, (place(from), footing), to, way_m);
                 match far.get(&[x, z]) {
                     Some(way_m) => {
                         let (led, led_m) = lead(way_m + 1e-3 + spare).expect("it was walked");
