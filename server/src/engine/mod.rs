@@ -123,6 +123,8 @@ pub struct Engine {
     load: u32,
     /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
     looked_to: [AvatarId; 2],
+    /// At whom the budget for silences was used up.
+    settled_to: AvatarId,
     /// What is left of this tick's [`Config::silence_budget`].
     silence_left: u32,
 }
@@ -192,6 +194,7 @@ impl Engine {
             stats: Stats::default(),
             scratch: Scratch::default(),
             ways: Ways::new(&world, agility.fall_max / speed_max),
+            settled_to: AvatarId(0),
             silence_left: 0,
             crew: Crew::new(config.threads, Arc::clone(&occluders)),
             scene: Scene::default(),
@@ -238,7 +241,7 @@ impl Engine {
         }
         self.tell(&mut scene, outputs);
         self.leave(scene);
-        live.iter().for_each(|slot| self.settle(now, *slot, outputs));
+        self.settle_all(now, &live, outputs);
     }
 
     /// Those that a viewer's client has been told of, by id.

@@ -179,10 +179,26 @@ impl Engine {
         self.population.at_mut(member.1).zone = zone;
     }
 
-    /// Silences a live client if nobody can see it and it can see nobody; otherwise sees to it
-    /// that it knows that it is live.
-    pub(super) fn settle(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
-        if self.may_fall_silent(now, self.population.at(slot)) {
+    /// Settles all live clients, beginning with the one at whom the budget was used up the last time: those
+    /// who try in vain again and again must not keep others from being tried.
+    pub(super) fn settle_all(&mut self, now: Duration, live: &[Slot], outputs: &mut Vec<Output>) {
+        let id = |engine: &Self, slot: Slot| engine.population.at(slot).id;
+        let first = live.partition_point(|slot| id(self, *slot) < self.settled_to);
+        let has_budget = self.silence_left > 0;
+        let mut is_used_up = false;
+        for slot in live[first..].iter().chain(&live[..first]) {
+            if has_budget && self.silence_left == 0 && !is_used_up {
+                self.settled_to = id(self, *slot);
+                is_used_up = true;
+            }
+            self.settle(now, *slot, is_used_up, outputs);
+        }
+    }
+
+    /// Silences a live client if nobody can see it and it can see nobody, unless that cannot be looked into
+    /// any more; otherwise sees to it that it knows that it is live.
+    fn settle(&mut self, now: Duration, slot: Slot, is_used_up: bool, outputs: &mut Vec<Output>) {
+        if !is_used_up && self.may_fall_silent(now, self.population.at(slot)) {
             let zone = self.zone_now(slot);
             let silent = self.without(slot, |engine| engine.silence(now, slot, &zone));
             if let Some(silence) = silent {
