@@ -3,5 +3,6 @@
 mod rooms;
 pub(super) mod stage;
 mod story;
+mod turns;
 mod twin;
 mod walls;
