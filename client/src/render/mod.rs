@@ -46,13 +46,14 @@ use sightline_shared::{
 use self::{
     band::Band,
     hidden::Hidden,
+    mask::BLOCK,
     panes::Panes,
     shade::Rows,
     view::View,
     walk::{Known, Walk, Walker},
 };
 
-/// Rows that are drawn together.
+/// Rows that are drawn together: whole blocks.
 const BAND: usize = 136;
 
 /// No side of a frame is longer, in pixels: colours and depths then take 512 MiB.
@@ -101,10 +102,13 @@ pub struct Frame {
     height: usize,
     /// sRGB as 0x00RRGGBB, row by row from the top.
     pub colour: Vec<u32>,
-    /// Metres along the line of sight's share in the camera's direction; infinite in the sky.
+    /// Metres along the line of sight's share in the camera's direction; infinite in the sky. What is drawn into a picture
+    /// of the building makes it nearer, never farther.
     pub depth: Vec<f32>,
     /// The index in [`Octree::looks`] of what is seen, glass aside; of no meaning in the sky.
     pub looks: Vec<u16>,
+    /// For each block of pixels, row by row from the top: none of its depths is greater.
+    farthest: Vec<f32>,
     /// The glass in front.
     panes: Panes,
 }
@@ -125,6 +129,7 @@ impl Frame {
             self.colour = vec![0; width * height];
             self.depth = vec![f32::INFINITY; width * height];
             self.looks = vec![u16::MAX; width * height];
+            self.farthest = vec![f32::INFINITY; width.div_ceil(BLOCK) * height.div_ceil(BLOCK)];
             self.panes = Panes::default();
         }
     }
@@ -151,6 +156,14 @@ impl Frame {
     fn take_means(&mut self, fine: &mut Self) {
         self.panes = Panes { finer: true, ..std::mem::take(&mut fine.panes) };
         let (width, fine) = (self.width, &*fine);
+        let [across, fine_across] = [width, fine.width].map(|side| side.div_ceil(BLOCK));
+        self.farthest.fill(0.0);
+        for (row, blocks) in fine.farthest.chunks(fine_across.max(1)).enumerate() {
+            for (column, farthest) in blocks.iter().enumerate() {
+                let most = &mut self.farthest[row / 2 * across + column / 2];
+                *most = farthest.max(*most);
+            }
+        }
         let rows = self.colour.par_chunks_mut(width.max(1));
         let rows = rows.zip(self.depth.par_chunks_mut(width.max(1)));
         let rows = rows.zip(self.looks.par_chunks_mut(width.max(1))).enumerate();
@@ -262,25 +275,29 @@ impl Renderer {
         let rows = frame.colour.par_chunks_mut(BAND * width);
         let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
         let rows = rows.zip(frame.looks.par_chunks_mut(BAND * width));
+        let blocks = BAND / BLOCK * width.div_ceil(BLOCK);
+        let rows = rows.zip(frame.farthest.par_chunks_mut(blocks));
         frame.panes.finer = false;
         frame.panes.bands.resize_with(self.bands.len(), Default::default);
         let rows = rows.zip(&mut frame.panes.bands);
         let bands = self.bands.par_iter_mut().zip(rows).enumerate();
-        bands.for_each(|(i, ((band, walker, counters), (((colour, depth), looks), panes)))| {
-            let view = view.band(i * BAND, octree);
-            *counters = Counters::default();
-            band.clear(width, BAND.min(height - i * BAND));
-            let rows = Rows { colour, depth, looks, panes };
-            let walk =
-                Walk { octree, view: &view, mode, known, glass_from, band, walker, counters };
-            let drawing = Drawing { walk, colours, rows };
-            if portable {
-                drawing.with_simd(pulp::Scalar);
-            } else {
-                processor.dispatch(drawing);
-            }
-            counters.pixels = band.pixels;
-        });
+        bands.for_each(
+            |(i, ((band, walker, counters), ((((colour, depth), looks), farthest), panes)))| {
+                let view = view.band(i * BAND, octree);
+                *counters = Counters::default();
+                band.clear(width, BAND.min(height - i * BAND));
+                let rows = Rows { colour, depth, looks, farthest, panes };
+                let walk =
+                    Walk { octree, view: &view, mode, known, glass_from, band, walker, counters };
+                let drawing = Drawing { walk, colours, rows };
+                if portable {
+                    drawing.with_simd(pulp::Scalar);
+                } else {
+                    processor.dispatch(drawing);
+                }
+                counters.pixels = band.pixels;
+            },
+        );
         self.bands.iter().for_each(|(_, _, counters)| self.counters.add(counters));
     }
 

@@ -41,6 +41,8 @@ pub(super) struct Rows<'a> {
     pub(super) colour: &'a mut [u32],
     pub(super) depth: &'a mut [f32],
     pub(super) looks: &'a mut [u16],
+    /// The greatest depth of each block.
+    pub(super) farthest: &'a mut [f32],
     pub(super) panes: &'a mut BandPanes,
 }
 
@@ -58,6 +60,7 @@ pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Row
             let looks = band.looks[block].as_chunks::<BLOCK>().0;
             let depths = band.depths[block].as_chunks::<BLOCK>().0;
             let count = BLOCK.min(width - column * BLOCK);
+            let mut farthest = [0.0f32; BLOCK];
             for y in 0..BLOCK.min(band.height - row * BLOCK) {
                 let at = (row * BLOCK + y) * width + column * BLOCK;
                 let mut pixels = looks[y].map(|look| colours[usize::from(look)]);
@@ -67,7 +70,12 @@ pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Row
                 put(&mut rows.colour[at..at + count], &pixels);
                 put(&mut rows.depth[at..at + count], &depths[y]);
                 put(&mut rows.looks[at..at + count], &looks[y]);
+                for (farthest, depth) in farthest.iter_mut().zip(depths[y]) {
+                    *farthest = if depth > *farthest { depth } else { *farthest };
+                }
             }
+            rows.farthest[row * width.div_ceil(BLOCK) + column] =
+                farthest[..count].iter().fold(0.0, |most, depth| depth.max(most));
             finish(band, view, colours, rows, [column, row]);
         }
     }
@@ -88,6 +96,9 @@ fn finish(band: &Band, view: &BandView, colours: &[u32], rows: &mut Rows, at: [u
     let block = at[1] * band.mask.across() + at[0];
     let place = |pixel: usize| [at[0] * BLOCK + pixel % BLOCK, at[1] * BLOCK + pixel / BLOCK];
     let open = !band.mask.word(block);
+    if open != 0 {
+        rows.farthest[at[1] * band.width.div_ceil(BLOCK) + at[0]] = f32::INFINITY;
+    }
     for line in bits(lines(open)) {
         let [x, y] = place(line * BLOCK);
         let colours = sky_line(view.ray(x, y), view.ray_step[0]);

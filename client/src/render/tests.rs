@@ -170,6 +170,33 @@ fn smooth_edges_lie_between_the_colours_beside_them() {
     }
 }
 
+#[test]
+fn of_each_block_it_is_known_how_far_away_it_is() {
+    let octree = landscape();
+    let eye = ORIGIN + Vec3::new(3.8, 3.2, 3.7);
+    let mut frame = Frame::new(90, 301);
+    let mut renderer = Renderer::default();
+    // The second time there are depths of another picture beside this one's.
+    for target in [Vec3::ZERO, Vec3::Y] {
+        renderer.draw(&octree, &Camera::looking_at(eye, ORIGIN + target), &mut frame);
+        let mut farthest = vec![0.0f32; 12 * 38];
+        for (pixel, depth) in frame.depth.iter().enumerate() {
+            let farthest = &mut farthest[pixel / 90 / BLOCK * 12 + pixel % 90 / BLOCK];
+            *farthest = depth.max(*farthest);
+        }
+        assert_eq!(frame.farthest, farthest);
+        assert!(
+            farthest.iter().any(|depth| depth.is_finite()) && farthest.contains(&f32::INFINITY)
+        );
+    }
+    renderer.antialias = true;
+    renderer.draw(&octree, &Camera::looking_at(eye, ORIGIN), &mut frame);
+    for (pixel, depth) in frame.depth.iter().enumerate() {
+        assert!(*depth <= frame.farthest[pixel / 90 / BLOCK * 12 + pixel % 90 / BLOCK]);
+    }
+    assert!(frame.farthest.iter().any(|depth| depth.is_finite()));
+}
+
 /// Figures are drawn after the building, and yet behind its glass.
 #[test]
 fn glass_is_in_front_of_figures_behind_it_alone() {

@@ -19,7 +19,7 @@ pub(super) struct Sight<'a> {
 
 impl<'a> Sight<'a> {
     pub(super) fn new(camera: &Camera, frame: &'a Frame, pyramid: &'a mut Pyramid) -> Self {
-        pyramid.begin([frame.width(), frame.height()]);
+        pyramid.begin(frame);
         let view = View::new(camera, frame.width(), frame.height());
         Self { view, frame, pyramid, tested: 0 }
     }
