@@ -2,7 +2,23 @@
 
 use std::{fmt, str::FromStr, time::Duration};
 
+/// No time in a [`Config`] is longer, ...
+const TIME_MAX: Duration = Duration::from_secs(3_600);
+/// ... and the horizon, for every 25 ms of which there may be a region of each avatar, no longer than this.
+const HORIZON_MAX: Duration = Duration::from_secs(10);
+const TICK_MIN: Duration = Duration::from_millis(1);
+/// For a second and more of looks.
+const BUDGET_MAX: u32 = 100_000_000;
+/// In metres a second: what is faster crosses any building in a tick.
+const SPEED_MAX: f32 = 10_000.0;
+const SPARE_MAX_M: f32 = 100.0;
+const HOLD_TICKS_MAX: u32 = 100_000;
+const THREADS_MAX: usize = 64;
+
 /// How the engine works. The default suits people in a building, over the internet.
+///
+/// What makes no sense counts as what comes nearest to it and does: times above an hour as an hour, a tick below a
+/// millisecond as one, a horizon above ten seconds as these, and what is no number as the default.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// Who is told what.
@@ -79,6 +95,45 @@ pub struct Sabotage {
 impl Default for Sabotage {
     fn default() -> Self {
         Self { tbv_scale: 1.0, expiry_late: Duration::ZERO }
+    }
+}
+
+impl Config {
+    /// With all within bounds, so that no sum of times overflows, and nothing is worked out for ever.
+    pub(super) fn bounded(self) -> Self {
+        let time = |time: Duration| time.min(TIME_MAX);
+        let validity = match self.validity {
+            Validity::Constant(validity) => Validity::Constant(time(validity)),
+            other => other,
+        };
+        let margin = match self.margin {
+            Margin::Fixed(margin) => Margin::Fixed(margin.min(HORIZON_MAX)),
+            Margin::Measured { first, most } => {
+                Margin::Measured { first: first.min(HORIZON_MAX), most: most.min(HORIZON_MAX) }
+            }
+        };
+        let spare_m = self.spare_m.clamp(0.0, SPARE_MAX_M);
+        Self {
+            tick: self.tick.clamp(TICK_MIN, TIME_MAX),
+            validity,
+            validity_max: time(self.validity_max),
+            margin,
+            horizon_max: self.horizon_max.min(HORIZON_MAX),
+            round_trip_initial: time(self.round_trip_initial),
+            speed_max: self.speed_max.filter(|s| !s.is_nan()).map(|s| s.clamp(0.0, SPEED_MAX)),
+            spare_m: if spare_m.is_nan() { Self::default().spare_m } else { spare_m },
+            look_budget: self.look_budget.min(BUDGET_MAX),
+            silence_budget: self.silence_budget.min(BUDGET_MAX),
+            look_max: self.look_max.min(BUDGET_MAX),
+            hold_ticks: self.hold_ticks.min(HOLD_TICKS_MAX),
+            silence_retry: time(self.silence_retry),
+            stall: time(self.stall),
+            ask_timeout: time(self.ask_timeout),
+            refusal_window: time(self.refusal_window),
+            expiries_max: self.expiries_max.max(1),
+            threads: self.threads.min(THREADS_MAX),
+            ..self
+        }
     }
 }
 

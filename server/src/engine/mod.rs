@@ -82,6 +82,9 @@ use scene::Scene;
 use ways::Ways;
 use zones::{SectorIndex, Sectors, ZoneIndex};
 
+/// The end of time: ten thousand years.
+const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
+
 /// Decides who is told what and who is asked when.
 #[derive(Clone, Debug)]
 pub struct Engine {
@@ -109,6 +112,8 @@ pub struct Engine {
     patience: ExpiryQueue,
     /// What came of inputs since the last tick.
     pending: Vec<Output>,
+    /// That of the last call.
+    now: Duration,
     ticks: u32,
     joined: usize,
     stats: Stats,
@@ -164,6 +169,7 @@ pub struct Counts {
 impl Engine {
     /// An engine for a world, with nobody in it.
     pub fn new(world: Arc<World>, config: Config) -> Self {
+        let config = config.bounded();
         let speed_max = config.speed_max.unwrap_or(world.speed_max);
         let sectors = Sectors::new(&world.cells);
         let occluders = Arc::new(Occluders::new(&world));
@@ -189,6 +195,7 @@ impl Engine {
             expiries: ExpiryQueue::new(config.tick),
             patience: ExpiryQueue::new(config.tick),
             pending: Vec::new(),
+            now: Duration::ZERO,
             ticks: 0,
             joined: 0,
             stats: Stats::default(),
@@ -206,9 +213,10 @@ impl Engine {
         }
     }
 
-    /// Takes in what happened at a moment, which is not before that of any earlier call. What
-    /// comes of it is told at the next tick.
+    /// Takes in what happened at a moment; what comes of it is told at the next tick. A moment
+    /// before that of an earlier call counts as that one.
     pub fn handle(&mut self, now: Duration, input: Input) {
+        let now = self.latest(now);
         match input {
             Input::Join { avatar, name, colour, place } => {
                 self.join(now, (avatar, name, colour), place);
@@ -221,9 +229,11 @@ impl Engine {
         }
     }
 
-    /// Decides for a moment, which is not before that of any earlier call, and appends what every
-    /// client is to be told: orders and corrections first, then what each viewer sees, by id.
+    /// Decides for a moment and appends what every client is to be told: orders and corrections
+    /// first, then what each viewer sees, by id. A moment before that of an earlier call counts as
+    /// that one.
     pub fn tick(&mut self, now: Duration, outputs: &mut Vec<Output>) {
+        let now = self.latest(now);
         self.ticks = self.ticks.wrapping_add(1);
         self.silence_left = self.config.silence_budget;
         outputs.append(&mut self.pending);
@@ -242,6 +252,12 @@ impl Engine {
         self.tell(&mut scene, outputs);
         self.leave(scene);
         self.settle_all(now, &live, outputs);
+    }
+
+    /// Time does not go back, and ends before sums of times overflow.
+    fn latest(&mut self, now: Duration) -> Duration {
+        self.now = self.now.max(now.min(NOW_MAX));
+        self.now
     }
 
     /// Those that a viewer's client has been told of, by id.

@@ -68,7 +68,8 @@ impl Places {
     pub(super) fn tells(&self, viewer: Place, avatar: Place) -> bool {
         match (self, viewer, avatar) {
             (Self::Squares { .. }, Place::Square(a), Place::Square(b)) => {
-                a.saturating_sub(b).abs().max_element() <= 1
+                let apart = a.saturating_sub(b);
+                (apart.cmpge(IVec2::NEG_ONE) & apart.cmple(IVec2::ONE)).all()
             }
             (Self::Rooms(rooms), Place::Room(a), Place::Room(b)) => {
                 rooms.near[a as usize].contains(b)
@@ -81,8 +82,8 @@ impl Places {
 /// The square of an avatar: the one it was in, until it is further from it than the margin.
 fn square(edge: f32, margin: f32, before: Place, at: Vec2) -> Place {
     if let Place::Square(square) = before {
-        let (low, high) =
-            (square.as_vec2() * edge - margin, (square + 1).as_vec2() * edge + margin);
+        let corner = square.as_vec2();
+        let (low, high) = (corner * edge - margin, (corner + 1.0) * edge + margin);
         if at.cmpge(low).all() && at.cmple(high).all() {
             return before;
         }

@@ -20,6 +20,9 @@ use super::{
     zones::Zone,
 };
 
+/// A client that takes longer counts as one that takes so long: beyond all horizons.
+const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
+
 impl Engine {
     pub(super) fn join(
         &mut self,
@@ -184,6 +187,7 @@ impl Engine {
     pub(super) fn set_round_trip(&mut self, id: AvatarId, round_trip: Duration) {
         let Some(slot) = self.population.slot(id) else { return };
         let avatar = self.population.at_mut(slot);
+        let round_trip = round_trip.min(ROUND_TRIP_MAX);
         self.horizons.remove(avatar.round_trip);
         avatar.round_trip = round_trip;
         self.horizons.add(round_trip);

@@ -21,7 +21,7 @@ fn room(name: &str, min: [f32; 3], max: [f32; 3]) -> Room {
 
 /// Five cells in a row, of 10 m each; in the second a private corner, the fourth does not see the fifth,
 /// and the fifth sees the others through a window only.
-fn world() -> World {
+pub(super) fn world() -> World {
     let corner = Room { sealed: true, ..room("corner", [12.0, 0.0, 2.0], [18.0, 3.0, 8.0]) };
     let hidden = Members { rooms: vec![RoomId(2)], ..Members::default() };
     let fourth =

@@ -16,6 +16,11 @@ use crate::engine::{ClientState, Config, Input, Margin, Validity};
 
 const MARGIN: Duration = Duration::from_millis(25);
 
+/// As drawn from a seed.
+pub(super) fn world_of(seed: u64) -> World {
+    random_world(&mut SmallRng::seed_from_u64(seed))
+}
+
 /// A box cut at random, in which cells that touch see each other and a few others do too.
 fn random_world(rng: &mut SmallRng) -> World {
     let all = Aabb::new(Vec3::ZERO, Vec3::new(120.0, 6.0, 120.0));
