@@ -1,6 +1,10 @@
 //! What clients hold, compared with what rays say is visible.
 
-use std::{collections::BTreeMap, sync::Arc, time::Duration};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+    time::Duration,
+};
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -42,6 +46,7 @@ pub(super) struct Oracle {
     avatars: u64,
     hidden: u64,
     hidden_reports: u64,
+    hidden_held: u64,
     /// For each walk: how far ahead, and how fast it may be.
     tick: Duration,
     speed_max: f32,
@@ -166,6 +171,7 @@ impl Oracle {
             avatars: 0,
             hidden: 0,
             hidden_reports: 0,
+            hidden_held: 0,
             tick,
             foresight: options.foresight,
             speed_max: options.config.speed_max.unwrap_or(world.speed_max),
@@ -198,10 +204,14 @@ impl Oracle {
         sums.iter().for_each(|sums| self.add(sums));
         let mut hidden = vec![true; lookers.len()];
         sums.iter().flat_map(|sums| &sums.seen).for_each(|place| hidden[*place] = false);
+        let held: BTreeSet<AvatarId> =
+            lookers.iter().flat_map(|looker| looker.replica.keys().copied()).collect();
         for (looker, hidden) in lookers.iter().zip(hidden).filter(|(looker, _)| looker.settled) {
             self.avatars += 1;
             self.hidden += u64::from(hidden);
             self.hidden_reports += u64::from(hidden && looker.reports > 0);
+            let is_held = !looker.replica.is_empty() || held.contains(&looker.avatar);
+            self.hidden_held += u64::from(hidden && is_held);
         }
     }
 
@@ -286,6 +296,7 @@ impl Oracle {
             over_send_horizon: share(tally.pairs_held, tally.pairs_foreseen),
             hidden_share: share(self.hidden, self.avatars),
             hidden_reports: share(self.hidden_reports, self.hidden),
+            hidden_held: share(self.hidden_held, self.hidden),
             age_mean_ms: self.age_sum.as_secs_f64() * 1e3 / self.ages.max(1) as f64,
             ..tally
         }

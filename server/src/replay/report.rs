@@ -148,6 +148,9 @@ pub struct OracleReport {
     pub hidden_share: f64,
     /// The share of ticks at which an avatar reports while in nobody's sight: always reporting is 1.
     pub hidden_reports: f64,
+    /// The share of ticks at which an avatar in nobody's sight is held by somebody or holds somebody: one of them may come
+    /// into sight within the horizon, so that it must report.
+    pub hidden_held: f64,
     /// How old the held position of a visible avatar was.
     pub age_mean_ms: f64,
     /// The same, at worst.
@@ -228,6 +231,8 @@ impl fmt::Display for OracleReport {
             if silence < 1e6 { format!(", {silence:.1} times less often") } else { String::new() };
         let hidden = format!("{:.2} % of ticks{silence}", self.hidden_reports * 100.0);
         row("reports while truly hidden", hidden)?;
+        let held = format!("{:.2} % of ticks", self.hidden_held * 100.0);
+        row("truly hidden, but in a horizon", held)?;
         if self.stale > 0 {
             row("positions older than the bound", self.stale.to_string())?;
         }
