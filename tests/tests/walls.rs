@@ -24,18 +24,20 @@ use sightline_shared::{
     protocol::quantise::WirePose,
     world::{Spawn, World},
 };
+use sightline_tests::simulation::Building;
 
 const TICK: Duration = Duration::from_millis(50);
 
 fn building() -> Arc<World> {
     static WORLD: OnceLock<Arc<World>> = OnceLock::new();
-    let make = || {
-        let model = glb::read_slice(&demo_building::glb(20, 4), None, "office").unwrap();
-        let options = Options { voxel: Some(0.05), cell: Some(3.0), ..Options::default() };
-        let go_on = |_, _| ControlFlow::Continue(());
-        Arc::new(compile::compile(&model, &options, &go_on).unwrap().0)
-    };
-    Arc::clone(WORLD.get_or_init(make))
+    Arc::clone(WORLD.get_or_init(|| office(20, 4)))
+}
+
+fn office(rooms: usize, seed: u64) -> Arc<World> {
+    let model = glb::read_slice(&demo_building::glb(rooms, seed), None, "office").unwrap();
+    let options = Options { voxel: Some(0.05), cell: Some(3.0), ..Options::default() };
+    let go_on = |_, _| ControlFlow::Continue(());
+    Arc::new(compile::compile(&model, &options, &go_on).unwrap().0)
 }
 
 /// An engine with whom somebody came in, where everybody is always live.
@@ -66,6 +68,31 @@ fn wish(random: &mut SmallRng) -> Wish {
     }
 }
 
+/// Lets somebody walk, jump and fly about for half a minute, who now and then says nothing for up to
+/// three seconds; it is never refused. How far it came from where it began.
+fn walk(world: &Arc<World>, eye: Vec3, random: &mut SmallRng, name: &str) -> f32 {
+    let mut walker = Walker::new(world, Spawn { eye, yaw: 0.0 });
+    let mut engine = with_somebody(world, eye);
+    let (mut intent, mut silent, mut far_m) = (wish(random), 0, 0.0_f32);
+    for tick in 1..600_u32 {
+        if random.random_bool(0.05) {
+            intent = wish(random);
+        }
+        let pose = walker.step(&world.octree, intent, TICK.as_secs_f32());
+        far_m = far_m.max(pose.eye.distance(eye));
+        silent = if silent == 0 && random.random_bool(0.02) {
+            random.random_range(1..60)
+        } else {
+            silent - i32::from(silent > 0)
+        };
+        if silent == 0 {
+            report(&mut engine, TICK * tick, tick, &pose);
+            assert_eq!(engine.stats().refusals, 0, "{name}, from {eye}, tick {tick}: {pose:?}");
+        }
+    }
+    far_m
+}
+
 #[test]
 fn no_body_that_walks_jumps_and_flies_is_taken_to_go_through_walls() {
     let world = building();
@@ -73,26 +100,28 @@ fn no_body_that_walks_jumps_and_flies_is_taken_to_go_through_walls() {
     for seed in 0..20 {
         let random = &mut SmallRng::seed_from_u64(seed);
         let eye = navigation.random(random).unwrap();
-        let mut walker = Walker::new(&world, Spawn { eye, yaw: 0.0 });
-        let mut engine = with_somebody(&world, eye);
-        let (mut intent, mut silent) = (wish(random), 0);
-        for tick in 1..600_u32 {
-            if random.random_bool(0.05) {
-                intent = wish(random);
-            }
-            let pose = walker.step(&world.octree, intent, TICK.as_secs_f32());
-            // Now and then it says nothing for up to three seconds.
-            silent = if silent == 0 && random.random_bool(0.02) {
-                random.random_range(1..60)
-            } else {
-                silent - i32::from(silent > 0)
-            };
-            if silent == 0 {
-                report(&mut engine, TICK * tick, tick, &pose);
-                assert_eq!(engine.stats().refusals, 0, "seed {seed}, tick {tick}: {pose:?}");
-            }
+        walk(&world, eye, random, &format!("seed {seed}"));
+    }
+}
+
+/// Of offices, and of houses with windows, holes and furniture, half of which are turned.
+#[test]
+fn nor_is_anybody_in_buildings_that_nobody_designed() {
+    let offices = [6, 9].map(|rooms| office(rooms, 100 + rooms as u64));
+    // Those whose voxels tell which gates a body fits through.
+    let houses = (0..24).filter(|seed| seed / 2 % 2 == 0).map(|seed| Building::new(seed).world);
+    let mut far_m = Vec::new();
+    for (number, world) in offices.into_iter().chain(houses).enumerate() {
+        let navigation = Navigation::new(&world);
+        let random = &mut SmallRng::seed_from_u64(number as u64);
+        for turn in 0..5 {
+            let eye = navigation.random(random).expect("there is a floor");
+            far_m.push(walk(&world, eye, random, &format!("building {number}, walk {turn}")));
         }
     }
+    far_m.sort_by(f32::total_cmp);
+    let median_m = far_m[far_m.len() / 2];
+    assert!(median_m > 2.0, "they get about: {median_m} m");
 }
 
 /// Two places on both sides of a wall, between which the way is long.

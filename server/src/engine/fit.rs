@@ -4,8 +4,10 @@ use glam::Vec3;
 use sightline_shared::{
     geometry::Aabb,
     motion::Body,
-    world::{Polygon, World},
+    world::{Cells, Polygon, World},
 };
+
+use super::bits::Bits;
 
 /// Places at which an eye goes through a gate are told apart along the ground, and in height, in
 /// metres.
@@ -27,35 +29,81 @@ const PRIME: usize = 7_919;
 /// surfaces rather than with the voxels in which these lie; knees and feet may be on a step. In
 /// Quake maps, where voxels are of all that is drawn, cobwebs and water too, all gates count as
 /// wide enough, and so do those that are slanted.
-#[derive(Clone, Debug)]
+///
+/// The same gates hold for what [reaches](super::reach) go through and for what [ways](super::ways)
+/// claims may have taken, so that nobody is believed to be where it was not taken to get to. All are
+/// looked at when the engine is made: 30 µs each in the mean, of which a bit is kept.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Fit {
-    /// What of a body is sure to be free, about its eye; nothing where voxels are too coarse to tell.
-    sure: Option<Aabb>,
-    /// For each gate what was found, once somebody came to it: 30 µs in the mean.
-    found: Vec<Option<bool>>,
+    /// What of a body is free wherever it walked to, about its eye; nothing where voxels are too coarse to tell.
+    free: Option<Aabb>,
+    narrow_gates: Bits,
+    narrow_portals: Bits,
 }
 
 impl Fit {
     pub(super) fn new(world: &World) -> Self {
         let margin_m = world.octree.voxel().max(STRIDE_M) + ROUNDING_M;
-        let sure = Some(sure_part(&world.body, margin_m));
-        let sure = sure.filter(|sure| !sure.is_empty() && world.origin.is_none());
-        Self { sure, found: vec![None; world.cells.gates.len()] }
+        let sure = sure_part(&world.body, margin_m);
+        if sure.is_empty() || world.origin.is_some() {
+            return Self::default();
+        }
+        let mut narrow_gates = Bits::default();
+        for (gate, index) in world.cells.gates.iter().zip(0..) {
+            if !may_pass(world, &gate.polygon, &sure) {
+                narrow_gates.insert(index);
+            }
+        }
+        let free = standing(&world.body).around(Vec3::ZERO).grown(-ROUNDING_M);
+        Self { free: Some(free), ..Self::narrow(&world.cells, narrow_gates) }
+    }
+
+    /// Bodies fit through all gates but some.
+    pub(super) fn narrow(cells: &Cells, narrow_gates: Bits) -> Self {
+        let mut narrow_portals = Bits::default();
+        for (portal, index) in cells.portals.iter().zip(0..) {
+            let spaces = portal.cells.map(|cell| cells.cells[cell.0 as usize].space);
+            let bounds = portal.polygon.bounds();
+            let is_in = |gate: &&u32| {
+                let of = &cells.gates[**gate as usize];
+                of.spaces.contains(&spaces[1]) && of.polygon.bounds().intersects(&bounds)
+            };
+            let mut gates = cells.spaces[spaces[0] as usize].gates.iter().filter(is_in).peekable();
+            // What is in no gate is within a space.
+            let is_in_one = gates.peek().is_some() && spaces[0] != spaces[1];
+            if is_in_one && gates.all(|gate| narrow_gates.contains(*gate)) {
+                narrow_portals.insert(index);
+            }
+        }
+        Self { free: None, narrow_gates, narrow_portals }
     }
 
     /// Whether it may fit through a gate.
-    pub(super) fn through(&mut self, world: &World, gate: u32) -> bool {
-        let Some(sure) = &self.sure else { return true };
-        let polygon = &world.cells.gates[gate as usize].polygon;
-        *self.found[gate as usize].get_or_insert_with(|| may_pass(world, polygon, sure))
+    pub(super) fn through_gate(&self, gate: u32) -> bool {
+        !self.narrow_gates.contains(gate)
     }
+
+    /// Whether it may fit through the gate that a portal is a part of.
+    pub(super) fn through_portal(&self, portal: u32) -> bool {
+        !self.narrow_portals.contains(portal)
+    }
+
+    /// Whether a body that walks can be with its eye at a place of the world: one that cannot was put there.
+    pub(super) fn has_room(&self, world: &World, eye: Vec3) -> bool {
+        let around = |free: &Aabb| Aabb::new(free.min + eye, free.max + eye);
+        !self.free.as_ref().is_some_and(|free| world.octree.solid_in(&around(free)))
+    }
+}
+
+/// A body without knees and feet, which may be on a step.
+fn standing(body: &Body) -> Body {
+    Body { below_eye: body.below_eye - body.step_height(), ..*body }
 }
 
 /// What of a body is sure to be free of voxels wherever it goes, about its eye, and about all places
 /// around that which are not told apart from it.
 fn sure_part(body: &Body, margin_m: f32) -> Aabb {
-    let standing = Body { below_eye: body.below_eye - body.step_height(), ..*body };
-    let Aabb { min, max } = standing.around(Vec3::ZERO);
+    let Aabb { min, max } = standing(body).around(Vec3::ZERO);
     // Gates may be turned against the world's axes, and level ones have places in two directions.
     let aside = 0.5 * ASIDE_M * std::f32::consts::SQRT_2;
     let less = Vec3::new(aside, 0.5 * UP_M, aside) + margin_m;
@@ -115,7 +163,9 @@ mod tests {
     }
 
     fn fits(world: &World) -> bool {
-        Fit::new(world).through(world, 0)
+        let fit = Fit::new(world);
+        assert_eq!(fit.through_gate(0), fit.through_portal(0));
+        fit.through_gate(0)
     }
 
     #[test]

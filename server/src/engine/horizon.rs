@@ -4,7 +4,7 @@
 //! server (half of its round trip), `age` the time since its last report came in, and a *region* is
 //! where an eye can be in some time by what its body can do
 //! ([`Agility`](sightline_shared::motion::Agility)) and by what portals lead to, since no eye passes
-//! through walls ([`Reach`](super::reach::Reach)). What is sent at the tick at `t` stands at viewer
+//! through walls, nor its body through gates that are too narrow ([`Reach`](super::reach::Reach)). What is sent at the tick at `t` stands at viewer
 //! `V` from `t + d(V)` until what is sent at the next tick stands there, at `t + T + d(V)`.
 //!
 //! **A live avatar seen by a live viewer.** At `t` the last report of either was made at

@@ -15,8 +15,9 @@ use super::{
     crew::Work,
     parts::Parts,
     population::Slot,
-    reach::Reach,
+    reach::{Reach, Start},
     scene::{Live, Lives},
+    ways::Footing,
     zones::Ground,
 };
 
@@ -270,6 +271,11 @@ impl Engine {
         }
     }
 
+    /// Where an eye is, in own axes, and what it may go through.
+    fn start(&self, from: Vec3, footing: Footing) -> Start<'_> {
+        Start { cells: &self.world.cells, fit: self.ways.fit_of(footing), from }
+    }
+
     /// Brings up to date where live avatars can be at this tick, and their wide regions where need be.
     pub(super) fn place_near(&mut self, now: Duration, lives: &mut Lives) {
         let delays: Vec<Duration> = self.horizons.delays().collect();
@@ -308,15 +314,16 @@ impl Engine {
             near.renew(within, step, has_moved, spare_m);
         }
         if !near.wide.as_ref().is_some_and(|wide| serves(&wide.spare, &all, WIDE_M)) {
-            let wide = self.wide(work, live.from, ahead(&all, step, WIDE_M));
+            let spare = ahead(&all, step, WIDE_M);
+            let wide = self.wide(work, &self.start(live.from, live.footing), spare);
             let old = near.wide.replace(Box::new(wide));
             live.moved = Some(old.map_or_else(Vec::new, |old| old.cells));
         }
     }
 
-    fn wide(&self, work: &mut Work, from: Vec3, spare: Aabb) -> Wide {
+    fn wide(&self, work: &mut Work, start: &Start<'_>, spare: Aabb) -> Wide {
         let cells = &self.world.cells;
-        let reach = Reach::within(&mut work.reach, cells, from, &spare);
+        let reach = Reach::within(&mut work.reach, start, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
         let numbers = found.iter().map(|cell| cell.0).collect();
         let eyes = Ground::of(cells, &self.rooms, reach.eyes(), &reach.eye_parts(cells));
@@ -336,7 +343,8 @@ impl Engine {
         let kept = near.kept[level].get_or_init(|| {
             let cells = &self.world.cells;
             let spare = ahead(&near.within, near.step, self.config.spare_m * SPARES[level]);
-            let reach = Reach::within(&mut work.reach, cells, live.from, &spare);
+            let start = self.start(live.from, live.footing);
+            let reach = Reach::within(&mut work.reach, &start, &spare);
             let (found, parts) = if part == Part::EYES {
                 (reach.eyes(), reach.eye_parts(cells))
             } else {
@@ -358,7 +366,8 @@ impl Engine {
         let near = live.near.get(part)?;
         let exact = near.exact.get_or_init(|| {
             let cells = &self.world.cells;
-            let reach = Reach::within(&mut work.reach, cells, live.from, &near.within);
+            let start = self.start(live.from, live.footing);
+            let reach = Reach::within(&mut work.reach, &start, &near.within);
             if part == Part::EYES {
                 reach.eye_parts(cells)
             } else {

@@ -52,7 +52,7 @@ impl Engine {
             round_trip,
             jitter: Jitter::new(self.config.margin),
             ledger: Ledger::new(now),
-            footing: self.ways.footing(&self.world.cells, self.world.cells.axes.own(pose.eye)),
+            footing: self.ways.footing(&self.world, self.world.cells.axes.own(pose.eye)),
             pledges: Pledges::default(),
             state: ClientState::Live,
             unanswered: 0,
@@ -167,10 +167,10 @@ impl Engine {
         if !pose.is_finite() || !self.limits.confines.contains(pose.eye) {
             return;
         }
-        let cells = &self.world.cells;
+        let eye = self.world.cells.axes.own(pose.eye);
         let avatar = self.population.at_mut(slot);
         avatar.ledger.relocate(now, pose.velocity);
-        avatar.footing = self.ways.footing(cells, cells.axes.own(pose.eye));
+        avatar.footing = self.ways.footing(&self.world, eye);
         avatar.pledges.forget();
         self.stats.impulses += 1;
         let avatar = self.population.at_mut(slot);

@@ -9,7 +9,7 @@ use sightline_shared::{
     world::{CellId, Cells, Polygon},
 };
 
-use super::parts::Parts;
+use super::{fit::Fit, parts::Parts};
 
 /// A reported eye can be so far on the other side of a boundary by rounding, in metres.
 const ROUNDING_M: f32 = 0.004;
@@ -18,13 +18,24 @@ const ROUNDING_M: f32 = 0.004;
 /// comes from elsewhere is rounded. Walls are thicker, so that what is inside them is not in sight.
 pub(super) const POKE_M: f32 = 0.06;
 
-/// The parts of cells, in own axes, that an eye can get to: those it comes to through portals.
+/// Where an eye is, and what it may go through.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Start<'a> {
+    pub(super) cells: &'a Cells,
+    /// Which portals its body fits through; all of them, when none.
+    pub(super) fit: Option<&'a Fit>,
+    /// In own axes.
+    pub(super) from: Vec3,
+}
+
+/// The parts of cells, in own axes, that an eye can get to: those it comes to through portals that its
+/// body fits through.
 ///
 /// What makes cells is opaque and solid, so whoever gets from one cell into another goes through
 /// portals. A way through a sequence of portals is at least as long as the gaps between the boxes
 /// around each two of them: what is left of the way after the last one bounds what is reached of
 /// the cell behind it. Bodies stick out of the cells that their eyes can get to, where there are
-/// portals; elsewhere they stop at the wall, but for [`POKE_M`].
+/// portals, be they as narrow as they may; elsewhere they stop at the wall, but for [`POKE_M`].
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(super) struct Reach {
     /// By cell, ascending.
@@ -70,26 +81,45 @@ impl Scratch {
     }
 }
 
+impl Start<'_> {
+    fn leads_through(&self, portal: u32) -> bool {
+        self.fit.is_none_or(|fit| fit.through_portal(portal))
+    }
+
+    /// Adds the cells that an eye is in that is where it was said to be but for rounding. One in something
+    /// solid has poked there from any that is near enough; one further in counts as in the nearest.
+    fn find(&self, rounding_m: f32, found: &mut Vec<CellId>) {
+        self.cells.overlapping(&Aabb::around(self.from, rounding_m), found);
+        if found.is_empty() {
+            self.cells.overlapping(&Aabb::around(self.from, POKE_M), found);
+        }
+        if found.is_empty() {
+            found.extend(self.cells.near_own(self.from));
+        }
+    }
+}
+
 impl Reach {
-    /// Where an eye that was at a place in own axes can be when it has stayed in a box.
-    pub(super) fn within(scratch: &mut Scratch, cells: &Cells, from: Vec3, within: &Aabb) -> Self {
+    /// Where an eye that starts somewhere can be when it has stayed in a box, in own axes.
+    pub(super) fn within(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb) -> Self {
+        let cells = start.cells;
         scratch.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
         let within = within.intersection(&cells.bounds);
         let mut open = std::mem::take(&mut scratch.start);
-        cells.overlapping(&Aabb::around(from, ROUNDING_M), &mut open);
-        if open.is_empty() {
-            open.extend(cells.near_own(from));
-        }
+        start.find(ROUNDING_M, &mut open);
         open.iter().for_each(|cell| scratch.cells[cell.0 as usize].0 = scratch.search);
         while let Some(id) = open.pop() {
             let cell = &cells.cells[id.0 as usize];
             reach.pieces.push((id, cell.bounds.intersection(&within)));
-            for portal in &cell.portals {
-                let portal = &cells.portals[*portal as usize];
+            for &index in &cell.portals {
+                let portal = &cells.portals[index as usize];
                 let beyond = portal.cells[usize::from(portal.cells[0] == id)];
                 let known = &mut scratch.cells[beyond.0 as usize].0;
-                if *known != scratch.search && portal.polygon.bounds().intersects(&within) {
+                if *known != scratch.search
+                    && portal.polygon.bounds().intersects(&within)
+                    && start.leads_through(index)
+                {
                     *known = scratch.search;
                     open.push(beyond);
                 }
@@ -101,27 +131,19 @@ impl Reach {
     }
 
     /// The same, when it has come no further than `way_m` either.
-    pub(super) fn new(
-        scratch: &mut Scratch,
-        cells: &Cells,
-        from: Vec3,
-        within: &Aabb,
-        way_m: f32,
-    ) -> Self {
+    pub(super) fn new(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb, way_m: f32) -> Self {
+        let cells = start.cells;
         scratch.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
         let within = within.intersection(&cells.bounds);
-        cells.overlapping(&Aabb::around(from, ROUNDING_M.min(way_m)), &mut scratch.start);
-        if scratch.start.is_empty() {
-            scratch.start.extend(cells.near_own(from));
-        }
+        start.find(ROUNDING_M.min(way_m), &mut scratch.start);
         for cell in std::mem::take(&mut scratch.start) {
             // An eye in a wall counts as if it were where the cell begins.
             let bounds = &cells.cells[cell.0 as usize].bounds;
-            let place = from.clamp(bounds.min, bounds.max);
+            let place = start.from.clamp(bounds.min, bounds.max);
             let place = Aabb::new(place, place);
             reach.enter(scratch, cells, cell, &place, &within, way_m);
-            reach.go_on(scratch, cells, cell, (&place, 0.0), (&within, way_m));
+            reach.go_on(scratch, start, cell, (&place, 0.0), (&within, way_m));
         }
         while let Some(Reverse((bits, portal))) = scratch.waiting.pop() {
             let come_m = f32::from_bits(bits);
@@ -131,7 +153,7 @@ impl Reach {
             let gap = cells.portals[portal as usize].polygon.bounds();
             for cell in cells.portals[portal as usize].cells {
                 reach.enter(scratch, cells, cell, &gap, &within, way_m - come_m);
-                reach.go_on(scratch, cells, cell, (&gap, come_m), (&within, way_m));
+                reach.go_on(scratch, start, cell, (&gap, come_m), (&within, way_m));
             }
         }
         reach.pieces.sort_unstable_by_key(|(cell, _)| *cell);
@@ -164,15 +186,20 @@ impl Reach {
     fn go_on(
         &self,
         scratch: &mut Scratch,
-        cells: &Cells,
+        start: &Start<'_>,
         cell: CellId,
         (from, come_m): (&Aabb, f32),
         (within, way_m): (&Aabb, f32),
     ) {
+        let cells = start.cells;
         for portal in &cells.cells[cell.0 as usize].portals {
             let gap = cells.portals[*portal as usize].polygon.bounds();
             let come_m = come_m + distance(from, &gap);
-            if come_m <= way_m && gap.intersects(within) && scratch.is_nearer(*portal, come_m) {
+            if come_m <= way_m
+                && gap.intersects(within)
+                && start.leads_through(*portal)
+                && scratch.is_nearer(*portal, come_m)
+            {
                 scratch.waiting.push(Reverse((come_m.to_bits(), *portal)));
             }
         }
@@ -256,14 +283,20 @@ fn distance(a: &Aabb, b: &Aabb) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::tests::stage, *};
+    use sightline_shared::world::Node;
+
+    use super::{
+        super::{bits::Bits, tests::stage},
+        *,
+    };
 
     fn ids(cells: &[CellId]) -> Vec<u32> {
         cells.iter().map(|cell| cell.0).collect()
     }
 
     fn ball(cells: &Cells, from: Vec3, way_m: f32) -> Reach {
-        Reach::new(&mut Scratch::default(), cells, from, &Aabb::around(from, way_m), way_m)
+        let start = Start { cells, fit: None, from };
+        Reach::new(&mut Scratch::default(), &start, &Aabb::around(from, way_m), way_m)
     }
 
     #[test]
@@ -285,6 +318,47 @@ mod tests {
         bounds.max.z = 1.0;
         assert_eq!(check(&world, 2.0), (vec![1], vec![1, 2]));
         assert_eq!(check(&world, 9.0), (vec![0, 1, 2], vec![0, 1, 2]));
+    }
+
+    #[test]
+    fn eyes_stay_before_what_is_too_narrow_and_elbows_do_not() {
+        let world = stage::row(3);
+        let mut gates = Bits::default();
+        gates.insert(1);
+        let fit = &Fit::narrow(&world.cells, gates);
+        let reach = |x: f32, fit: Option<&Fit>, is_limited: bool| {
+            let (from, way_m, scratch) = (Vec3::new(x, 1.6, 5.0), 3.0, &mut Scratch::default());
+            let (start, around) =
+                (Start { cells: &world.cells, fit, from }, Aabb::around(from, way_m));
+            let reach = if is_limited {
+                Reach::new(scratch, &start, &around, way_m)
+            } else {
+                Reach::within(scratch, &start, &around)
+            };
+            (ids(&reach.eyes()), ids(&reach.bodies(&world.cells, &world.body).0))
+        };
+        for is_limited in [false, true] {
+            let reach = |x: f32, fit: Option<&Fit>| reach(x, fit, is_limited);
+            assert_eq!(reach(12.0, Some(fit)), (vec![0, 1], vec![0, 1]));
+            assert_eq!(reach(18.0, Some(fit)), (vec![1], vec![1, 2]));
+            assert_eq!(reach(22.0, Some(fit)), (vec![2], vec![1, 2]));
+            assert_eq!(reach(18.0, None).0, [1, 2], "whoever was put where nobody fits");
+        }
+    }
+
+    #[test]
+    fn an_eye_in_a_wall_may_have_come_from_either_side() {
+        // A wall of 8 cm between the two cells, and nothing that joins them.
+        let mut world = stage::row(2);
+        world.cells.tree[0] = Node::Axial { axis: 0, at: 10.0, sides: [2, 1] };
+        world.cells.tree[1] = Node::Axial { axis: 0, at: 10.08, sides: [3, 4] };
+        world.cells.tree.truncate(2);
+        world.cells.tree.extend([Node::Leaf(CellId(0)), Node::Solid, Node::Leaf(CellId(1))]);
+        world.cells.cells[1].bounds.min.x = 10.08;
+        world.cells.cells.iter_mut().for_each(|cell| cell.portals.clear());
+        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.6, 5.0), 0.0).eyes());
+        assert_eq!((reach(9.9), reach(10.01), reach(10.04)), (vec![0], vec![0], vec![0, 1]));
+        assert_eq!((reach(10.07), reach(10.1)), (vec![1], vec![1]));
     }
 
     #[test]
@@ -321,8 +395,9 @@ mod tests {
         for (x, radius) in [(5.0, 2.0), (18.0, 7.0), (30.0, 14.0), (9.999, 0.5)] {
             let from = Vec3::new(x, 1.6, 5.0);
             let (region, scratch) = (Aabb::around(from, radius), &mut Scratch::default());
-            let limited = Reach::new(scratch, &world.cells, from, &region, 1e6);
-            assert_eq!(Reach::within(scratch, &world.cells, from, &region), limited);
+            let start = Start { cells: &world.cells, fit: None, from };
+            let limited = Reach::new(scratch, &start, &region, 1e6);
+            assert_eq!(Reach::within(scratch, &start, &region), limited);
         }
     }
 }

@@ -9,7 +9,9 @@ use sightline_shared::{
     rooms::Seal,
 };
 
-use super::{Engine, horizon::Link, near::Whereabouts, pairs::Pair, population::Slot};
+use super::{
+    Engine, horizon::Link, near::Whereabouts, pairs::Pair, population::Slot, ways::Footing,
+};
 
 /// A live avatar, as all others may look at it.
 #[derive(Clone, Debug)]
@@ -27,6 +29,7 @@ pub(super) struct Live {
     pub(super) is_believed: bool,
     /// Where it was last, in own axes.
     pub(super) from: Vec3,
+    pub(super) footing: Footing,
     pub(super) near: Whereabouts,
     /// If it has a new wide region, the cells that it was in before.
     pub(super) moved: Option<Vec<u32>>,
@@ -84,6 +87,7 @@ impl Engine {
                 link: avatar.link(),
                 is_believed: avatar.pledges.are_kept(now),
                 from: self.world.cells.axes.own(avatar.pose.eye),
+                footing: avatar.footing,
                 near: std::mem::take(&mut avatar.near),
                 moved: None,
             });

@@ -9,7 +9,7 @@ use super::{
     horizon::SILENT_MAX,
     near::{Leeway, ROUNDING_M},
     population::{Avatar, Slot},
-    reach::Reach,
+    reach::{Reach, Start},
     validity::{End, Silence},
     zones::{Member, Zone},
 };
@@ -126,8 +126,9 @@ impl Engine {
     /// Works out a live avatar's zone, and which hidden ones it meets.
     fn place_zone(&mut self, slot: Slot, leeway: &Leeway) {
         let spare = leeway.within.grown(ZONE_SPARE_M);
-        let cells = &self.world.cells;
-        let reach = Reach::within(&mut self.scratch, cells, leeway.from, &spare);
+        let fit = self.ways.fit_of(self.population.at(slot).footing);
+        let start = Start { cells: &self.world.cells, fit, from: leeway.from };
+        let reach = Reach::within(&mut self.scratch, &start, &spare);
         let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
         let avatar = self.population.at_mut(slot);
         avatar.zone_box = Some(spare);

@@ -10,7 +10,7 @@ use super::{
     near::{Leeway, ROUNDING_M},
     parts::Parts,
     population::Slot,
-    reach::Reach,
+    reach::{Reach, Start},
     zones::Zone,
 };
 
@@ -110,8 +110,10 @@ impl Engine {
 
     /// The TBV of a body that stays in it until its client says that it leaves, if it remains unseen.
     fn stay(&mut self, slot: Slot, tbv: Tbv, validity: Duration) -> Option<Silence> {
-        let eye = tbv.axes.own(self.population.at(slot).pose.eye);
-        let reach = Reach::within(&mut self.scratch, &self.world.cells, eye, &tbv.within);
+        let avatar = self.population.at(slot);
+        let (from, fit) = (tbv.axes.own(avatar.pose.eye), self.ways.fit_of(avatar.footing));
+        let start = Start { cells: &self.world.cells, fit, from };
+        let reach = Reach::within(&mut self.scratch, &start, &tbv.within);
         let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
     }
@@ -165,12 +167,12 @@ impl Engine {
     fn unseen(&mut self, slot: Slot, validity: Duration) -> Option<Silence> {
         let made = self.made_at(slot);
         let (tbv, leeway) = self.tbv_for(slot, made, validity);
-        let cells = &self.world.cells;
+        let fit = self.ways.fit_of(self.population.at(slot).footing);
+        let start = Start { cells: &self.world.cells, fit, from: leeway.from };
         let zone = if self.config.shape == Shape::Sphere {
             Zone::of_box(&leeway.within, &self.world, &self.rooms, &self.sectors)
         } else {
-            let reach =
-                Reach::new(&mut self.scratch, cells, leeway.from, &leeway.within, leeway.way_m);
+            let reach = Reach::new(&mut self.scratch, &start, &leeway.within, leeway.way_m);
             Zone::of(&reach, &self.world, &self.rooms, &self.sectors)
         };
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })

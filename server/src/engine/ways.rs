@@ -13,10 +13,16 @@ use super::{fit::Fit, reach::POKE_M};
 /// No search looks at more gates: 0.1 ms. What is undecided by then counts as led to.
 const GATES_MAX: u32 = 1_000;
 
-/// The space that an accepted eye is in, or poked out of into something solid; none for one that was
-/// put into something solid.
+/// What an accepted eye stands on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub(super) struct Footing(Option<u32>);
+pub(super) struct Footing {
+    /// The space that it is in, or poked out of into something solid; none for one that was put into
+    /// something solid.
+    space: Option<u32>,
+    /// It was put where a body has no room, and has not been where it has since. It gets out through
+    /// any gate.
+    is_wedged: bool,
+}
 
 /// The ways through a building: gates, and the spaces that they join.
 ///
@@ -30,10 +36,12 @@ pub(super) struct Ways {
     /// For each space what it fills, in own axes; empty where that is no box.
     boxes: Vec<Aabb>,
     /// Through which gates bodies fit.
-    fit: Fit,
+    pub(super) fit: Fit,
     /// A metre down counts for so much.
     fall: f32,
     search: u32,
+    /// This search goes through any gate.
+    is_wedged: bool,
     /// For each gate, the search that came to it last, and the shortest way to it.
     come: Vec<(u32, f32)>,
     /// Gates that were come to: those with the shortest way by them first.
@@ -49,14 +57,21 @@ impl Ways {
             fit: Fit::new(world),
             fall: 1.0 / fall_ratio.max(1.0),
             search: 0,
+            is_wedged: false,
             come: vec![(0, 0.0); cells.gates.len()],
             waiting: BinaryHeap::new(),
         }
     }
 
     /// Of an eye that may be wherever it is, in own axes.
-    pub(super) fn footing(&self, cells: &Cells, eye: Vec3) -> Footing {
-        Footing(cells.at_own(eye).map(|cell| cells.cells[cell.0 as usize].space))
+    pub(super) fn footing(&self, world: &World, eye: Vec3) -> Footing {
+        let is_wedged = !self.fit.has_room(world, world.cells.axes.world(eye));
+        Footing { space: space_at(&world.cells, eye), is_wedged }
+    }
+
+    /// Through which gates somebody may go.
+    pub(super) fn fit_of(&self, footing: Footing) -> Option<&Fit> {
+        (!footing.is_wedged).then_some(&self.fit)
     }
 
     /// The footing of an eye that claims to have come from one place to another, both in own axes, and
@@ -73,34 +88,51 @@ impl Ways {
         to: Vec3,
         way_m: f32,
     ) -> Option<(Footing, f32)> {
-        let Footing(Some(space)) = footing else {
-            return Some((self.footing(&world.cells, to), 0.0));
+        let (space, led_m) = self.lead_into(world, (from, footing), to, way_m)?;
+        let is_wedged = footing.is_wedged && !self.fit.has_room(world, world.cells.axes.world(to));
+        Some((Footing { space, is_wedged }, led_m))
+    }
+
+    fn lead_into(
+        &mut self,
+        world: &World,
+        (from, footing): (Vec3, Footing),
+        to: Vec3,
+        way_m: f32,
+    ) -> Option<(Option<u32>, f32)> {
+        let Some(space) = footing.space else {
+            return Some((space_at(&world.cells, to), 0.0));
         };
         if self.boxes[space as usize].contains(to) {
-            return Some((footing, 0.0));
+            return Some((footing.space, 0.0));
         }
-        match self.footing(&world.cells, to) {
-            Footing(Some(there)) if there == space => Some((footing, 0.0)),
-            Footing(Some(there)) => self.search(world, (from, space), (to, &[there]), way_m),
-            Footing(None) => {
+        let mut search = |goals: &[u32]| {
+            let led = self.search(world, (from, space, footing.is_wedged), (to, goals), way_m)?;
+            Some((Some(led.0), led.1))
+        };
+        match space_at(&world.cells, to) {
+            Some(there) if there == space => Some((footing.space, 0.0)),
+            Some(there) => search(&[there]),
+            None => {
                 let beside = beside(&world.cells, to);
                 if beside.contains(&space) {
-                    return Some((footing, 0.0));
+                    return Some((footing.space, 0.0));
                 }
-                self.search(world, (from, space), (to, &beside), way_m)
+                search(&beside)
             }
         }
     }
 
-    /// Looks for a way from a space into one of several others.
+    /// Looks for a way from a space into one of several others: which of them it leads into, and how
+    /// long it is at least. Who is wedged goes through any gate.
     fn search(
         &mut self,
         world: &World,
-        (from, space): (Vec3, u32),
+        (from, space, is_wedged): (Vec3, u32, bool),
         (to, goals): (Vec3, &[u32]),
         way_m: f32,
-    ) -> Option<(Footing, f32)> {
-        self.begin();
+    ) -> Option<(u32, f32)> {
+        self.begin(is_wedged);
         let to = Aabb::new(to, to);
         // An eye in a wall counts as if it were where the space begins.
         let bounds = &world.cells.spaces[space as usize].bounds;
@@ -111,11 +143,11 @@ impl Ways {
             let come_m = self.come[gate as usize].1;
             let gate = &world.cells.gates[gate as usize];
             if let Some(goal) = gate.spaces.iter().find(|space| goals.contains(space)) {
-                return Some((Footing(Some(*goal)), f32::from_bits(whole)));
+                return Some((*goal, f32::from_bits(whole)));
             }
             looked_at += 1;
             if looked_at > GATES_MAX {
-                return goals.first().map(|goal| (Footing(Some(*goal)), 0.0));
+                return goals.first().map(|goal| (*goal, 0.0));
             }
             let gap = gate.polygon.bounds();
             gate.spaces.iter().for_each(|s| self.go_on(world, *s, (&gap, come_m), (&to, way_m)));
@@ -123,7 +155,8 @@ impl Ways {
         None
     }
 
-    fn begin(&mut self) {
+    fn begin(&mut self, is_wedged: bool) {
+        self.is_wedged = is_wedged;
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
             self.come.fill((0, 0.0));
@@ -146,7 +179,8 @@ impl Ways {
             let whole_m = come_m + self.between(&gap, to);
             let known = &mut self.come[*index as usize];
             let is_nearer = known.0 != self.search || come_m < known.1;
-            if whole_m <= way_m && is_nearer && self.fit.through(world, *index) {
+            let fits = self.is_wedged || self.fit.through_gate(*index);
+            if whole_m <= way_m && is_nearer && fits {
                 *known = (self.search, come_m);
                 // Ways are never negative, so that their bits are in order.
                 self.waiting.push(Reverse((whole_m.to_bits(), *index)));
@@ -163,6 +197,11 @@ impl Ways {
         let gap = up.max(down).max(Vec3::ZERO);
         gap.x.hypot(gap.z).max(up.y).max(down.y * self.fall)
     }
+}
+
+/// The space that a place in own axes is in; none in something solid.
+fn space_at(cells: &Cells, place: Vec3) -> Option<u32> {
+    cells.at_own(place).map(|cell| cells.cells[cell.0 as usize].space)
 }
 
 /// The spaces that a place in something solid is so close to that bodies poke into it from there.

@@ -24,6 +24,8 @@ const DOOR_HEAD_M: f32 = 2.1;
 const WINDOW_M: [f32; 2] = [1.1, 1.9];
 /// From doors to the places before and behind them, in metres.
 const BESIDE_DOOR_M: f32 = 0.5;
+/// In some buildings, and in others.
+const VOXELS_M: [f32; 2] = [0.1, 2.0];
 /// Bodies stay so far from what is solid, in metres.
 const CLEARANCE_M: f32 = 0.01;
 
@@ -68,7 +70,8 @@ pub struct Door {
 }
 
 impl Building {
-    /// The building of a seed: compiled for real, with coarse cells.
+    /// The building of a seed: compiled for real, with coarse cells, every other two of them with voxels
+    /// that tell which gates a body fits through.
     pub fn new(seed: u64) -> Self {
         let mut rng = SmallRng::seed_from_u64(seed);
         let mut draft = Draft::new(&mut rng);
@@ -79,7 +82,9 @@ impl Building {
         let wider = (angle.sin().abs() + angle.cos().abs()) as f32;
         let half_width = Body::PERSON.half_width * wider;
         let model = draft.model(&turn);
-        let options = compile::Options { voxel: Some(2.0), cell: Some(3.0), ..Default::default() };
+        let voxel = VOXELS_M[(seed / 2 % 2) as usize];
+        let options =
+            compile::Options { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
         let compiled = compile::compile(&model, &options, &|_, _| ControlFlow::Continue(()));
         let (world, _) = compiled.expect("a closed house compiles");
         Self {

@@ -1,6 +1,9 @@
 //! Random walkers in random worlds, against a twin that looks at all pairs and all cells.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Duration,
+};
 
 use glam::Vec3;
 use proptest::prelude::*;
@@ -12,7 +15,7 @@ use sightline_shared::{
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::engine::{ClientState, Config, Input, Margin, Validity};
+use crate::engine::{ClientState, Config, Input, Margin, Validity, bits::Bits, fit::Fit};
 
 const MARGIN: Duration = Duration::from_millis(25);
 
@@ -62,6 +65,8 @@ fn cut(rng: &mut SmallRng, tree: &mut Vec<Node>, cells: &mut Vec<Aabb>, region: 
 /// Walkers who turn now and then, come and go, and have different round trips.
 struct Crowd {
     stage: Stage,
+    /// Portals that no body fits through.
+    narrow: BTreeSet<u32>,
     rng: SmallRng,
     ways: BTreeMap<AvatarId, Vec3>,
     round_trips: BTreeMap<AvatarId, Duration>,
@@ -79,9 +84,17 @@ impl Crowd {
         let margin = Margin::Fixed(MARGIN);
         let budgets = Config { look_budget: 0, silence_budget: 0, ..Config::default() };
         let config = Config { validity, margin, ..budgets };
-        let stage = Stage::new(world, config);
+        let share = if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..0.6) };
+        let portals = 0..world.cells.portals.len() as u32;
+        let narrow: BTreeSet<u32> = portals.filter(|_| rng.random_bool(share)).collect();
+        let mut stage = Stage::new(world, config);
+        let mut gates = Bits::default();
+        // Here each portal is a gate, of the same number.
+        narrow.iter().for_each(|gate| gates.insert(*gate));
+        stage.engine.ways.fit = Fit::narrow(&stage.engine.world.cells, gates);
         let mut crowd = Self {
             stage,
+            narrow,
             rng,
             ways: BTreeMap::new(),
             round_trips: BTreeMap::new(),
@@ -137,7 +150,8 @@ impl Crowd {
             let velocity = (client.eye - client.before.unwrap_or(client.eye)) / tick_s;
             let velocity = velocity + (*way - velocity).clamp_length_max(5.9 * tick_s);
             let there = (client.eye + velocity * tick_s).clamp(bounds.min, bounds.max);
-            if can_step(self.stage.engine.world(), client.eye, there, speed_max * tick_s) {
+            let world = self.stage.engine.world();
+            if can_step((world, &self.narrow), client.eye, there, speed_max * tick_s) {
                 client.eye = there;
             }
             let pose = Pose { eye: client.eye, velocity: client.velocity(), ..Pose::default() };
@@ -234,8 +248,8 @@ impl Crowd {
     fn hidden_region(&self, id: AvatarId) -> Pieces {
         let Tbv { within, expiry, notice, .. } = self.stage.engine.tbv(id).unwrap();
         if !notice.is_zero() {
-            let (world, pose) = (self.stage.engine.world(), self.last_report[&id].1);
-            return reach(world, pose.eye, &within, f32::INFINITY, 0.004);
+            let pose = self.last_report[&id].1;
+            return reach(self.building(), pose.eye, &within, f32::INFINITY, 0.004);
         }
         let made = self.last_report[&id].0.saturating_sub(self.trip(id) / 2 + MARGIN);
         self.able(id, expiry - made)
@@ -247,7 +261,7 @@ impl Crowd {
         let engine = &self.stage.engine;
         let able = engine.agility().eyes(pose.eye, pose.velocity, time);
         let way_m = engine.agility().way(pose.velocity, time) + 0.01;
-        reach(engine.world(), pose.eye, &able.grown(0.01), way_m, 0.004)
+        reach(self.building(), pose.eye, &able.grown(0.01), way_m, 0.004)
     }
 
     /// No region was ever larger that was found in these ticks, with what it had to spare.
@@ -258,7 +272,11 @@ impl Crowd {
         let way_m = 2.0 * (engine.speed_max() * time.as_secs_f32() + 0.25);
         let eye = self.last_report[&id].1.eye;
         // A region may have been made when the eye was elsewhere, at a wall, and counted as on both sides.
-        reach(engine.world(), eye, &Aabb::around(eye, way_m), f32::INFINITY, 0.3)
+        reach(self.building(), eye, &Aabb::around(eye, way_m), f32::INFINITY, 0.3)
+    }
+
+    fn building(&self) -> (&World, &BTreeSet<u32>) {
+        (self.stage.engine.world(), &self.narrow)
     }
 
     fn visible(&self, eyes: &Pieces, seen: &Pieces) -> bool {
@@ -274,8 +292,9 @@ impl Crowd {
 }
 
 /// Whether a body that keeps its eye a little off the walls gets from one place to another.
-fn can_step(world: &World, from: Vec3, to: Vec3, step_m: f32) -> bool {
-    let step = reach(world, from, &Aabb::around(from, step_m + 0.02), f32::INFINITY, 0.0);
+fn can_step(building: (&World, &BTreeSet<u32>), from: Vec3, to: Vec3, step_m: f32) -> bool {
+    let (world, _) = building;
+    let step = reach(building, from, &Aabb::around(from, step_m + 0.02), f32::INFINITY, 0.0);
     let about = Aabb::around(to, 0.01);
     let touched = world.cells.cells.iter().enumerate().filter(|(_, c)| c.bounds.intersects(&about));
     touched.map(|(i, _)| i).all(|i| step.iter().any(|(cell, _)| *cell == i))
@@ -309,10 +328,20 @@ fn body(world: &World, cell: usize, eyes: &Aabb) -> Aabb {
 /// The parts of cells that an eye can be in.
 type Pieces = Vec<(usize, Aabb)>;
 
-/// Where an eye can get to from a place through portals in a box, on ways no longer than `way_m` from
-/// gap to gap: goes over all portals until no way gets shorter.
-fn reach(world: &World, from: Vec3, within: &Aabb, way_m: f32, rounding_m: f32) -> Pieces {
+/// Where an eye can get to from a place through portals in a box that are not too narrow, on ways no
+/// longer than `way_m` from gap to gap: goes over all portals until no way gets shorter.
+fn reach(
+    (world, narrow): (&World, &BTreeSet<u32>),
+    from: Vec3,
+    within: &Aabb,
+    way_m: f32,
+    rounding_m: f32,
+) -> Pieces {
     let cells = &world.cells;
+    let leads = |portal: &u32, within: &Aabb| {
+        !narrow.contains(portal)
+            && cells.portals[*portal as usize].polygon.bounds().intersects(within)
+    };
     let gap = |portal: u32| cells.portals[portal as usize].polygon.bounds();
     let start = Aabb::around(from, rounding_m);
     let place = Aabb::new(from, from);
@@ -323,7 +352,7 @@ fn reach(world: &World, from: Vec3, within: &Aabb, way_m: f32, rounding_m: f32) 
             let starts = cell.bounds.intersects(&start).then_some((place, 0.0));
             let come = cell.portals.iter().map(|portal| (gap(*portal), before[*portal as usize]));
             for (from, way) in come.chain(starts) {
-                for to in cell.portals.iter().filter(|to| gap(**to).intersects(within)) {
+                for to in cell.portals.iter().filter(|to| leads(to, within)) {
                     let way = way + apart(&from, &gap(*to));
                     let known = &mut ways[*to as usize];
                     *known = known.min(if way <= way_m { way } else { f32::INFINITY });

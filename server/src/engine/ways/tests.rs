@@ -2,8 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use glam::UVec3;
 use proptest::prelude::*;
-use sightline_shared::world::{CellId, Polygon};
+use sightline_shared::{
+    octree::{Octree, Voxel, morton},
+    world::{CellId, Polygon},
+};
 
 use super::{
     super::tests::stage::{self, narrow},
@@ -16,11 +20,16 @@ fn at(x: f32, z: f32) -> Vec3 {
     Vec3::new(x, EYE, z)
 }
 
+/// In a space, where a body has room.
+fn on(space: Option<u32>) -> Footing {
+    Footing { space, is_wedged: false }
+}
+
 /// The space of the footing at the end of a way, if there is such a way.
 fn lead(world: &World, from: Vec3, to: Vec3, way_m: f32) -> Option<Option<u32>> {
     let mut ways = Ways::new(world, 1.0);
-    let footing = ways.footing(&world.cells, from);
-    ways.lead(world, (from, footing), to, way_m).map(|(footing, _)| footing.0)
+    let footing = ways.footing(world, from);
+    ways.lead(world, (from, footing), to, way_m).map(|(footing, _)| footing.space)
 }
 
 #[test]
@@ -58,7 +67,7 @@ fn falls_are_short_and_jumps_cost_no_way() {
     let mut ways = Ways::new(&world, 4.0);
     let (low, high) = (Vec3::new(1.0, 1.0, 1.0), Vec3::new(1.0, 5.0, 1.0));
     let mut is_led = |from: Vec3, to: Vec3, way_m: f32| {
-        let footing = ways.footing(&world.cells, from);
+        let footing = ways.footing(&world, from);
         ways.lead(&world, (from, footing), to, way_m).is_some()
     };
     assert!(is_led(high, low, 1.01) && !is_led(high, low, 0.9));
@@ -94,7 +103,7 @@ fn walled(has_door: bool) -> World {
 fn eyes_poke_into_walls_but_not_through() {
     let world = walled(true);
     let mut ways = Ways::new(&world, 1.0);
-    let mut footing = ways.footing(&world.cells, at(9.0, 5.0));
+    let mut footing = ways.footing(&world, at(9.0, 5.0));
     // It may be as far in the wall as bodies poke into it, and stands in the room meanwhile.
     let mut from = at(9.0, 5.0);
     for (to, is_led) in [
@@ -110,14 +119,14 @@ fn eyes_poke_into_walls_but_not_through() {
         assert_eq!(led.is_some(), is_led, "{to}");
         if let Some((led, _)) = led {
             (from, footing) = (to, led);
-            assert_eq!(footing, Footing(Some(0)), "{to}");
+            assert_eq!(footing, on(Some(0)), "{to}");
         }
     }
     // Round the door post, and out of the wall on the other side of it.
     for (to, space) in [(at(10.2, 1.04), 2), (at(10.45, 0.9), 2), (at(10.46, 2.0), 1)] {
         let led = ways.lead(&world, (at(10.1, 0.9), footing), to, 20.0);
         footing = led.expect("by the door").0;
-        assert_eq!(footing, Footing(Some(space)), "{to}");
+        assert_eq!(footing, on(Some(space)), "{to}");
     }
 }
 
@@ -127,14 +136,38 @@ fn who_was_put_into_a_wall_gets_out_on_any_side_and_then_stays_out() {
     for (out, beyond) in [(at(9.9, 5.0), at(10.6, 5.0)), (at(10.6, 5.0), at(9.9, 5.0))] {
         let mut ways = Ways::new(&world, 1.0);
         let inside = at(10.25, 5.0);
-        let mut footing = ways.footing(&world.cells, inside);
-        assert_eq!(footing, Footing(None));
+        let mut footing = ways.footing(&world, inside);
+        assert_eq!(footing, on(None));
         let mut lead = |to| ways.lead(&world, (inside, footing), to, 0.1).expect("free").0;
-        assert_eq!(lead(at(10.26, 7.0)), Footing(None));
+        assert_eq!(lead(at(10.26, 7.0)), on(None));
         footing = lead(out);
-        assert_ne!(footing, Footing(None));
+        assert_ne!(footing, on(None));
         for to in [inside, beyond] {
             assert_eq!(ways.lead(&world, (out, footing), to, 100.0), None, "{to}");
+        }
+    }
+}
+
+#[test]
+fn who_was_put_where_nobody_has_room_gets_out_through_what_is_too_narrow_and_not_back() {
+    // A window of half a metre between two rooms, and a pane of 5 cm behind it.
+    let mut world = stage::row(2);
+    narrow(&mut world, 0, 1, [1.4, 1.9]);
+    let pane = (0..60).flat_map(|y| (0..200).map(move |z| UVec3::new(201, y, z)));
+    let voxels = pane.map(|at| Voxel { key: morton(at), ..Voxel::default() });
+    world.octree = Octree::from_voxels(Vec3::ZERO, 0.05, 9, voxels.collect()).expect("small");
+    let mut ways = Ways::new(&world, 1.0);
+    let (before, behind) = (at(9.5, 5.0), at(10.6, 5.0));
+    for (from, to, is_led) in
+        [(before, behind, false), (behind, before, false), (at(10.1, 5.0), before, true)]
+    {
+        let footing = ways.footing(&world, from);
+        assert_eq!(ways.fit_of(footing).is_none(), is_led, "{from}");
+        let led = ways.lead(&world, (from, footing), to, 2.0);
+        assert_eq!(led.is_some(), is_led, "{from} to {to}");
+        if let Some((footing, _)) = led {
+            assert_eq!(footing, on(Some(0)));
+            assert_eq!(ways.lead(&world, (to, footing), behind, 2.0), None, "back");
         }
     }
 }
@@ -267,7 +300,7 @@ proptest! {
         let place = |[x, z]: [i32; 2]| at((x as f32 + 0.5) * STEP_M, (z as f32 + 0.5) * STEP_M);
         let far = walked(&world, maze.side, from);
         let mut ways = Ways::new(&world, 1.0);
-        let footing = ways.footing(&world.cells, place(from));
+        let footing = ways.footing(&world, place(from));
         for x in (0..size).step_by(3) {
             for z in (0..size).step_by(3) {
                 let to = place([x, z]);
@@ -275,7 +308,7 @@ proptest! {
                 match far.get(&[x, z]) {
                     Some(way_m) => {
                         let (led, led_m) = lead(way_m + 1e-3 + spare).expect("it was walked");
-                        prop_assert_eq!(led, Footing(world.cells.at_own(to).map(|c| c.0)));
+                        prop_assert_eq!(led, on(world.cells.at_own(to).map(|c| c.0)));
                         prop_assert!(led_m <= way_m + 1e-3, "{} of {}", led_m, way_m);
                     }
                     None => prop_assert_eq!(lead(1e6), None, "{:?} to {:?}", from, [x, z]),
