@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
+use pulp::WithSimd;
 use rayon::prelude::*;
 use sightline_shared::{
     geometry::Aabb,
@@ -48,26 +49,55 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool>
         return vec![false; figures.len()];
     }
     let view = View::new(camera, width, height);
-    let parts: Vec<Part> = figures
+    let mut parts: Vec<Part> = figures
         .iter()
         .zip(&seen)
         .filter(|(figure, _)| figure.pose.is_finite())
         .flat_map(|(figure, seen)| parts(figure, &view, seen))
         .filter(|part| part.is_in(width, height))
         .collect();
+    // What is hidden by others is not coloured.
+    parts.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
     let bands = frame.colour.par_chunks_mut(BAND * width);
     let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
-    let panes = &frame.panes;
+    let (panes, processor) = (&frame.panes, pulp::Arch::new());
     bands.for_each(|(band, (colour, depth))| {
-        let rows = colour.chunks_mut(width).zip(depth.chunks_mut(width));
-        for (y, (colour, depth)) in rows.enumerate().map(|(y, row)| (band * BAND + y, row)) {
-            parts.iter().for_each(|part| part.draw_row(&view, panes, y, (colour, depth)));
-        }
+        let (parts, view, first) = (&parts[..], &view, band * BAND);
+        processor.dispatch(Drawing { parts, view, panes, width, first, colour, depth });
     });
     for figure in figures.iter().filter(|figure| figure.pose.is_finite()) {
         name(frame, &view, figure);
     }
     seen.into_iter().map(AtomicBool::into_inner).collect()
+}
+
+/// Pixels that are worked out side by side.
+const LANES: usize = 8;
+
+/// The work on a band, for each kind of processor.
+struct Drawing<'a> {
+    parts: &'a [Part<'a>],
+    view: &'a View,
+    panes: &'a Panes,
+    width: usize,
+    /// The first row.
+    first: usize,
+    colour: &'a mut [u32],
+    depth: &'a mut [f32],
+}
+
+impl WithSimd for Drawing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let rows = self.colour.chunks_mut(self.width).zip(self.depth.chunks_mut(self.width));
+        for (y, (colour, depth)) in (self.first..).zip(rows) {
+            for part in self.parts {
+                part.draw_row(self.view, self.panes, y, (&mut *colour, &mut *depth));
+            }
+        }
+    }
 }
 
 /// An ellipsoid with upright axes.
@@ -78,11 +108,13 @@ struct Part<'a> {
     centre: Vec3,
     radii: Vec3,
     colour: Vec3,
-    /// Where the face is, for a head.
-    face: Option<Vec3>,
+    /// Where the face is, for a head; zero without one.
+    face: Vec3,
     /// Least and greatest column and row, in pixels.
     columns: [f32; 2],
     rows: [f32; 2],
+    /// No depth is less.
+    nearest: f32,
 }
 
 fn parts<'a>(figure: &Figure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2] {
@@ -96,7 +128,7 @@ fn parts<'a>(figure: &Figure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2
     [
         Part::new(view, soles + Vec3::Y * trunk.y, trunk, colour, seen),
         Part {
-            face: Some(figure.pose.forward()),
+            face: figure.pose.forward(),
             ..Part::new(view, top - Vec3::Y * head.y, head, colour * 0.8, seen)
         },
     ]
@@ -105,7 +137,9 @@ fn parts<'a>(figure: &Figure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2
 impl<'a> Part<'a> {
     fn new(view: &View, centre: Vec3, radii: Vec3, colour: Vec3, seen: &'a AtomicBool) -> Self {
         let (columns, rows) = view.bounds(centre, radii);
-        Self { seen, centre: centre - view.eye, radii, colour, face: None, columns, rows }
+        let nearest = view.depth(centre) - view.depth_reach(radii);
+        let centre = centre - view.eye;
+        Self { seen, centre, radii, colour, face: Vec3::ZERO, columns, rows, nearest }
     }
 
     fn is_in(&self, width: usize, height: usize) -> bool {
@@ -113,6 +147,7 @@ impl<'a> Part<'a> {
         meets(self.columns, width) && meets(self.rows, height)
     }
 
+    #[inline(always)]
     fn draw_row(
         &self,
         view: &View,
@@ -125,32 +160,74 @@ impl<'a> Part<'a> {
         }
         let first = self.columns[0].max(0.0).ceil() as usize;
         let last = self.columns[1].min(colour.len() as f32 - 1.0);
-        for x in first..(last + 1.0).max(0.0) as usize {
-            let ray = view.ray(x as f32, y as f32);
-            if let Some(t) = self.entry(ray).filter(|&t| t < depth[x]) {
-                depth[x] = t;
-                colour[x] = panes.over([x, y], t, self.look(ray * t));
-                self.seen.store(true, Ordering::Relaxed);
+        let after = (last + 1.0).max(0.0) as usize;
+        let step = view.ray_step();
+        let mut is_seen = false;
+        for from in (first..after).step_by(LANES) {
+            let columns = from..after.min(from + LANES);
+            let behind = &depth[columns.clone()];
+            if behind.iter().all(|behind| *behind <= self.nearest) {
+                continue;
             }
+            let entries = self.entries(view.ray(from as f32, y as f32), step);
+            if !behind.iter().zip(entries).any(|(behind, entry)| entry < *behind) {
+                continue;
+            }
+            let looks = self.looks(view.ray(from as f32, y as f32), step, &entries);
+            for (x, (entry, look)) in columns.zip(entries.into_iter().zip(looks)) {
+                if entry < depth[x] {
+                    depth[x] = entry;
+                    colour[x] = panes.over([x, y], entry, look);
+                }
+            }
+            is_seen = true;
+        }
+        if is_seen {
+            self.seen.store(true, Ordering::Relaxed);
         }
     }
 
-    /// Where a ray from the eye enters, in its own lengths.
-    fn entry(&self, ray: Vec3) -> Option<f32> {
+    /// Where rays from the eye enter, each by a step beside the one before, in their own lengths; infinite for those
+    /// that do not.
+    #[inline(always)]
+    fn entries(&self, ray: Vec3, step: Vec3) -> [f32; LANES] {
         // In units of the radii it is a sphere.
-        let (along, centre) = (ray / self.radii, self.centre / self.radii);
-        let (a, b) = (along.length_squared(), along.dot(centre));
-        let root = b * b - a * (centre.length_squared() - 1.0);
-        let t = (b - root.max(0.0).sqrt()) / a;
-        (root >= 0.0 && t > 0.0).then_some(t)
+        let [ray, step, centre] = [ray, step, self.centre].map(|of| (of / self.radii).to_array());
+        let beyond = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2] - 1.0;
+        let mut entries = [f32::INFINITY; LANES];
+        for (i, entry) in entries.iter_mut().enumerate() {
+            let [x, y, z] = [0, 1, 2].map(|axis| ray[axis] + step[axis] * i as f32);
+            let a = x * x + y * y + z * z;
+            let b = x * centre[0] + y * centre[1] + z * centre[2];
+            let root = b * b - a * beyond;
+            let met = if root > 0.0 { root } else { 0.0 };
+            let t = (b - met.sqrt()) / a;
+            *entry = if root >= 0.0 && t > 0.0 { t } else { f32::INFINITY };
+        }
+        entries
     }
 
-    fn look(&self, hit: Vec3) -> u32 {
-        let outward = (hit - self.centre) / self.radii;
-        let normal = (outward / self.radii).normalize_or_zero();
-        let is_face = self.face.is_some_and(|face| face.dot(outward) > 0.55);
-        let colour = if is_face { FACE } else { self.colour };
-        shade::pack((colour * shade::light(normal, hit)).min(Vec3::splat(255.0)))
+    /// The colours of what these rays meet.
+    #[inline(always)]
+    fn looks(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
+        let [ray, step, centre] = [ray, step, self.centre].map(|of| of.to_array());
+        let [radii, face, colour] = [self.radii, self.face, self.colour].map(|of| of.to_array());
+        let mut looks = [0; LANES];
+        for (i, (look, &t)) in looks.iter_mut().zip(entries).enumerate() {
+            let out = [0, 1, 2]
+                .map(|axis| ((ray[axis] + step[axis] * i as f32) * t - centre[axis]) / radii[axis]);
+            let normal = [0, 1, 2].map(|axis| out[axis] / radii[axis]);
+            let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+            let light = shade::light_outside(normal, 1.0 / length.sqrt());
+            let is_face = face[0] * out[0] + face[1] * out[1] + face[2] * out[2] > 0.55;
+            for channel in 0..3 {
+                let own = if is_face { FACE[channel] } else { colour[channel] };
+                let level = if own * light < 255.0 { own * light } else { 255.0 };
+                // The lowest bits of so large a number count ones, which takes less than a cast.
+                *look = *look << 8 | (level + 8_388_608.0).to_bits() & 0xff;
+            }
+        }
+        looks
     }
 }
 

@@ -150,6 +150,17 @@ pub(super) fn light(normal: Vec3, along: Vec3) -> f32 {
     AMBIENT + LAMPS.iter().map(|(lamp, power)| power * normal.dot(*lamp).max(0.0)).sum::<f32>()
 }
 
+/// The light on what is seen from outside, by a vector along its normal and the inverse of the vector's length.
+#[inline(always)]
+pub(super) fn light_outside(normal: [f32; 3], scale: f32) -> f32 {
+    let mut light = AMBIENT;
+    for (lamp, power) in LAMPS {
+        let share = normal[0] * lamp.x + normal[1] * lamp.y + normal[2] * lamp.z;
+        light += power * if share > 0.0 { share * scale } else { 0.0 };
+    }
+    light
+}
+
 /// The sky along some lines of sight, each by so much beside the one before.
 #[inline(always)]
 fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
@@ -206,6 +217,15 @@ mod tests {
             for b in &lights[i + 1..] {
                 assert!((a - b).abs() > 0.015, "{lights:?}");
             }
+        }
+    }
+
+    #[test]
+    fn from_outside_the_light_is_the_same() {
+        for normal in [Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.3, -0.1, 0.7), -Vec3::Z] {
+            let (length, along) = (normal.length(), -normal);
+            let light = light(normal / length, along);
+            assert!((light_outside(normal.to_array(), 1.0 / length) - light).abs() < 1e-6);
         }
     }
 

@@ -67,6 +67,21 @@ impl View {
         self.forward + self.right * across - self.up * down
     }
 
+    /// By how much the line of sight through a pixel differs from that through the one before it in its row.
+    pub(super) fn ray_step(&self) -> Vec3 {
+        self.right / self.focal
+    }
+
+    /// How far a point is in the camera's direction, in metres.
+    pub(super) fn depth(&self, point: Vec3) -> f32 {
+        self.forward.dot(point - self.eye)
+    }
+
+    /// By how much an ellipsoid's nearest point is nearer than its centre, in the camera's direction.
+    pub(super) fn depth_reach(&self, radii: Vec3) -> f32 {
+        (self.forward * radii).length()
+    }
+
     /// Where a point is in the picture and how far in the camera's direction: pixels, pixels and
     /// metres. Only of use when the distance is positive.
     pub(super) fn project(&self, point: Vec3) -> Vec3 {
