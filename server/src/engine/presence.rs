@@ -23,6 +23,9 @@ use super::{
 /// A client that takes longer counts as one that takes so long: beyond all horizons.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
 
+/// So near a spawn point one begins at it, in metres: places are rounded on the wire.
+const AT_SPAWN_M: f32 = 0.05;
+
 impl Engine {
     pub(super) fn join(
         &mut self,
@@ -74,11 +77,14 @@ impl Engine {
         self.pending.push(Output::Entered { to: id, pose });
     }
 
-    /// The place asked for, if an eye may be there, else the next spawn point in turn.
+    /// The place asked for, if an eye may be there, else the next spawn point in turn. Whoever asks for a spawn point
+    /// looks as one does there.
     pub(super) fn first_pose(&mut self, place: Option<Vec3>) -> Pose {
         let confines = self.world.confines();
         if let Some(eye) = place.filter(|p| p.is_finite() && confines.contains(*p)) {
-            return Pose { eye, ..Pose::default() };
+            let mut spawns = self.world.spawns.iter();
+            let spawn = spawns.find(|spawn| spawn.eye.distance(eye) < AT_SPAWN_M);
+            return Pose { eye, yaw: spawn.map_or(0.0, |spawn| spawn.yaw), ..Pose::default() };
         }
         let spawns = &self.world.spawns;
         let turn = self.joined;

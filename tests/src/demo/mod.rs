@@ -25,6 +25,7 @@ use sightline_server::{
     progress::Progress,
 };
 use sightline_shared::{
+    motion::Pose,
     protocol::text::Name,
     world::{Spawn, World},
 };
@@ -32,6 +33,9 @@ use tokio::runtime::Runtime;
 
 /// How often the truth and what everybody knows of it is written down.
 const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(100);
+
+/// The cosine of the angle to each side of one's line of sight within which something is shown.
+const AHEAD: f32 = 0.7;
 
 /// What to show.
 #[derive(Clone, Debug)]
@@ -110,23 +114,22 @@ fn serve(runtime: &Runtime, world: &Arc<World>) -> anyhow::Result<Server> {
     Ok(Server::bind(served, config, &Identity::generate()?)?)
 }
 
-/// Your own client, at the spawn point from which most others are in view.
+/// Your own client, at the spawn point that shows most of the building.
 fn join(
     runtime: &Runtime,
     address: std::net::SocketAddr,
     trust: Trust,
     world: &World,
 ) -> anyhow::Result<Session> {
-    let cell = |spawn: &Spawn| world.cells.at(spawn.eye);
-    let in_view = |spawn: &&Spawn| {
+    let shown = |spawn: &&Spawn| {
+        let eye = world.cells.axes.own(spawn.eye);
+        let ahead = Pose { yaw: spawn.yaw, ..Pose::default() }.forward();
+        let ahead = world.cells.axes.own(spawn.eye + ahead) - eye;
         let visible = world.cells.visible_from_point(spawn.eye);
-        world
-            .spawns
-            .iter()
-            .filter(|other| cell(other).is_some_and(|c| visible.contains(c.0)))
-            .count()
+        let cells = visible.iter().map(|cell| world.cells.cells[cell as usize].bounds.centre());
+        cells.filter(|cell| (cell - eye).normalize_or_zero().dot(ahead) > AHEAD).count()
     };
-    let place = world.spawns.iter().max_by_key(in_view).map(|spawn| spawn.eye);
+    let place = world.spawns.iter().max_by_key(shown).map(|spawn| spawn.eye);
     let options = net::Options {
         name: Name::new("you")?,
         colour: [255, 255, 255],

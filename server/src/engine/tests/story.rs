@@ -234,6 +234,16 @@ fn chat_reaches_those_who_see_the_speaker_and_himself() {
 }
 
 #[test]
+fn whoever_asks_for_a_spawn_point_looks_as_one_does_there() {
+    let mut stage = Stage::new(row(2), Config::default());
+    let spawns = stage.engine.world().spawns.clone();
+    let rounded = stage.join_at(1, spawns[1].eye + Vec3::splat(0.001));
+    let beside = stage.join_at(2, spawns[1].eye + Vec3::Z);
+    let yaw = |avatar| stage.engine.pose(avatar).unwrap().yaw;
+    assert_eq!((yaw(rounded), yaw(beside)), (spawns[1].yaw, 0.0));
+}
+
+#[test]
 fn joins_are_placed_bounded_and_never_doubled() {
     let config = Config { avatars_max: 3, ..Config::default() };
     let mut stage = Stage::new(row(2), config);
