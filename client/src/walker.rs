@@ -6,6 +6,7 @@
 
 use glam::Vec3;
 use sightline_shared::{
+    geometry::Aabb,
     motion::{Agility, Body, Pose},
     octree::Octree,
     world::{Confines, Spawn, World},
@@ -252,11 +253,18 @@ impl Walker {
         self.confines.clamp(eye)
     }
 
-    /// The nearest place where the body fits, of a few hundred around it.
+    /// The nearest place where the body fits, of a few hundred around it: one that the eye sees, if
+    /// there is one, since the server believes nobody who comes through a wall.
     fn free_place(&self, octree: &Octree) -> Option<Vec3> {
         let is_free = |eye: &Vec3| self.confines.contains(*eye) && !self.is_solid_at(octree, *eye);
+        let is_seen = |place: &Vec3| is_free(place) && self.sees(octree, *place);
+        self.place_near(octree, is_seen).or_else(|| self.place_near(octree, is_free))
+    }
+
+    /// The nearest good place: above, aside, slanting up, below, slanting down.
+    fn place_near(&self, octree: &Octree, is_good: impl Fn(&Vec3) -> bool) -> Option<Vec3> {
         let eye = self.pose.eye;
-        if is_free(&eye) {
+        if is_good(&eye) {
             return Some(eye);
         }
         let step = octree.voxel().max(0.05);
@@ -266,10 +274,25 @@ impl Walker {
             // Up first: most bodies that do not fit stand a little too low.
             let up = Vec3::Y * distance;
             let around = (0..8).map(|i| Vec3::from_array(around_circle(i)) * distance);
-            let slanted = around.clone().map(|side| (side + up).normalize() * distance);
-            let places = [up].into_iter().chain(around).chain(slanted).chain([-up]);
-            places.map(|offset| eye + offset).find(is_free)
+            let slanted =
+                |up: Vec3| around.clone().map(move |side| (side + up).normalize() * distance);
+            let above = [up].into_iter().chain(around.clone()).chain(slanted(up));
+            let places = above.chain([-up]).chain(slanted(-up));
+            places.map(|offset| eye + offset).find(&is_good)
         })
+    }
+
+    /// Whether no voxel is between the eye and a place, but for one that the eye itself is in.
+    fn sees(&self, octree: &Octree, place: Vec3) -> bool {
+        let eye = self.pose.eye;
+        let pieces = (eye.distance(place) / octree.voxel().max(0.01)).ceil().max(1.0);
+        let at = |i: u32| eye.lerp(place, i as f32 / pieces);
+        let is_solid = |i: u32| {
+            let piece = Aabb::from_points([at(i), at(i + 1)]);
+            octree.solid_in(&piece.grown(0.01))
+        };
+        let first = u32::from(is_solid(0));
+        !(first..pieces as u32).any(is_solid)
     }
 }
 

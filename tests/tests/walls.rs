@@ -20,6 +20,7 @@ use sightline_server::{
     sight::Sight,
 };
 use sightline_shared::{
+    geometry::Aabb,
     motion::{AvatarId, Pose},
     protocol::quantise::WirePose,
     world::{Spawn, World},
@@ -122,6 +123,30 @@ fn nor_is_anybody_in_buildings_that_nobody_designed() {
     far_m.sort_by(f32::total_cmp);
     let median_m = far_m[far_m.len() / 2];
     assert!(median_m > 2.0, "they get about: {median_m} m");
+}
+
+/// By the host: with its elbows in walls and furniture, or in a window.
+#[test]
+fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
+    let mut far_m = Vec::new();
+    for seed in (0..24).filter(|seed| seed / 2 % 2 == 0) {
+        let world = Building::new(seed).world;
+        let (navigation, sight) = (Navigation::new(&world), Sight::new(&world.mesh));
+        let random = &mut SmallRng::seed_from_u64(seed);
+        for turn in 0..60 {
+            let free = navigation.random(random).expect("there is a floor");
+            let mut part = || random.random_range(-0.7..0.7);
+            let eye = free + Vec3::new(part(), part(), part());
+            // Who is put into the voxels of a thin wall cannot know on which side of it it is.
+            let is_open =
+                sight.between(free, eye) && !world.octree.solid_in(&Aabb::around(eye, 0.05));
+            if is_open && world.octree.solid_in(&world.body.around(eye)) {
+                far_m.push(walk(&world, eye, random, &format!("building {seed}, walk {turn}")));
+            }
+        }
+    }
+    assert!(far_m.len() > 40, "{} were", far_m.len());
+    assert!(far_m.iter().all(|far_m| *far_m > 0.3), "all get out: {far_m:?}");
 }
 
 /// Two places on both sides of a wall, between which the way is long.
