@@ -120,7 +120,9 @@ fn check_hidden(name: &str, world: &World) {
         let size = Vec3::from([0; 3].map(|_| random.random_range(0.05..1.0)));
         let eyes = Aabb::new(at + aside, at + aside + size);
         renderer.mode = Mode::ALL[turn % 2];
-        let hidden = Arc::new(Hidden::new(&walls, eyes, 50.0));
+        // Every other box just for such pictures, as they are made for a window.
+        let focal = Camera::looking_at(at, at + aside).focal(less.height());
+        let hidden = Arc::new(Hidden::new(&walls, eyes, if turn % 4 < 2 { focal } else { 50.0 }));
         counts = [counts[0] + hidden.counts().hidden, counts[1] + hidden.counts().all];
         // Where nodes are not tested against the mask buffer, some more are looked at.
         let tested = Arc::new(Hidden::clone(&hidden).without_clear());

@@ -38,7 +38,7 @@ pub struct FuzzyRun {
     pub box_ms: f64,
     /// How many a core prepares in a second.
     pub boxes_per_s: f64,
-    /// The part of the nodes of about a metre that no eye in a box sees.
+    /// The part of the nodes of 0.6 m or more that no eye in a box sees.
     pub hidden: f64,
     /// The part of them that every eye sees whole. What remains is neither.
     pub visible: f64,

@@ -1,6 +1,9 @@
 //! The others, as simple figures: a body, a head with a face, and a name above.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    ops::Range,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use glam::Vec3;
 use pulp::WithSimd;
@@ -65,7 +68,10 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool>
         let (parts, view, first) = (&parts[..], &view, band * BAND);
         processor.dispatch(Drawing { parts, view, panes, width, first, colour, depth });
     });
-    for figure in figures.iter().filter(|figure| figure.pose.is_finite()) {
+    let mut named: Vec<&Figure> = figures.iter().filter(|figure| figure.pose.is_finite()).collect();
+    let depth = |figure: &Figure| view.depth(figure.pose.eye);
+    named.sort_by(|a, b| depth(b).total_cmp(&depth(a)));
+    for figure in named {
         name(frame, &view, figure);
     }
     seen.into_iter().map(AtomicBool::into_inner).collect()
@@ -92,17 +98,37 @@ impl WithSimd for Drawing<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
         let rows = self.colour.chunks_mut(self.width).zip(self.depth.chunks_mut(self.width));
+        // One more than the part that each pixel of a row shows; zero where it shows none.
+        let mut shown = vec![0; self.width];
         for (y, (colour, depth)) in (self.first..).zip(rows) {
-            for part in self.parts {
-                part.draw_row(self.view, self.panes, y, (&mut *colour, &mut *depth));
+            let mut drawn = self.width..0;
+            for (part, number) in self.parts.iter().zip(1..) {
+                let mut row = Row { y, colour, depth, shown: &mut shown };
+                let columns = part.draw_row(self.view, self.panes, number, &mut row);
+                drawn = drawn.start.min(columns.start)..drawn.end.max(columns.end);
+            }
+            let mut last = 0;
+            for number in shown.get_mut(drawn).unwrap_or_default() {
+                if *number != last && *number != 0 {
+                    self.parts[*number as usize - 1].seen.store(true, Ordering::Relaxed);
+                }
+                last = std::mem::take(number);
             }
         }
     }
 }
 
+/// A row of the picture.
+struct Row<'a> {
+    y: usize,
+    colour: &'a mut [u32],
+    depth: &'a mut [f32],
+    shown: &'a mut [u32],
+}
+
 /// An ellipsoid with upright axes.
 struct Part<'a> {
-    /// Set when a pixel shows it.
+    /// Set when a pixel shows it in the end.
     seen: &'a AtomicBool,
     /// Relative to the eye.
     centre: Vec3,
@@ -147,25 +173,20 @@ impl<'a> Part<'a> {
         meets(self.columns, width) && meets(self.rows, height)
     }
 
+    /// Tells which columns of a row may have changed.
     #[inline(always)]
-    fn draw_row(
-        &self,
-        view: &View,
-        panes: &Panes,
-        y: usize,
-        (colour, depth): (&mut [u32], &mut [f32]),
-    ) {
+    fn draw_row(&self, view: &View, panes: &Panes, number: u32, row: &mut Row) -> Range<usize> {
+        let y = row.y;
         if !(self.rows[0]..=self.rows[1]).contains(&(y as f32)) {
-            return;
+            return row.depth.len()..0;
         }
         let first = self.columns[0].max(0.0).ceil() as usize;
-        let last = self.columns[1].min(colour.len() as f32 - 1.0);
+        let last = self.columns[1].min(row.depth.len() as f32 - 1.0);
         let after = (last + 1.0).max(0.0) as usize;
         let step = view.ray_step();
-        let mut is_seen = false;
         for from in (first..after).step_by(LANES) {
             let columns = from..after.min(from + LANES);
-            let behind = &depth[columns.clone()];
+            let behind = &row.depth[columns.clone()];
             if behind.iter().all(|behind| *behind <= self.nearest) {
                 continue;
             }
@@ -175,16 +196,13 @@ impl<'a> Part<'a> {
             }
             let looks = self.looks(view.ray(from as f32, y as f32), step, &entries);
             for (x, (entry, look)) in columns.zip(entries.into_iter().zip(looks)) {
-                if entry < depth[x] {
-                    depth[x] = entry;
-                    colour[x] = panes.over([x, y], entry, look);
+                if entry < row.depth[x] {
+                    (row.depth[x], row.shown[x]) = (entry, number);
+                    row.colour[x] = panes.over([x, y], entry, look);
                 }
             }
-            is_seen = true;
         }
-        if is_seen {
-            self.seen.store(true, Ordering::Relaxed);
-        }
+        first..after
     }
 
     /// Where rays from the eye enter, each by a step beside the one before, in their own lengths; infinite for those
@@ -193,16 +211,18 @@ impl<'a> Part<'a> {
     fn entries(&self, ray: Vec3, step: Vec3) -> [f32; LANES] {
         // In units of the radii it is a sphere.
         let [ray, step, centre] = [ray, step, self.centre].map(|of| (of / self.radii).to_array());
-        let beyond = centre[0] * centre[0] + centre[1] * centre[1] + centre[2] * centre[2] - 1.0;
         let mut entries = [f32::INFINITY; LANES];
         for (i, entry) in entries.iter_mut().enumerate() {
             let [x, y, z] = [0, 1, 2].map(|axis| ray[axis] + step[axis] * i as f32);
             let a = x * x + y * y + z * z;
-            let b = x * centre[0] + y * centre[1] + z * centre[2];
-            let root = b * b - a * beyond;
-            let met = if root > 0.0 { root } else { 0.0 };
-            let t = (b - met.sqrt()) / a;
-            *entry = if root >= 0.0 && t > 0.0 { t } else { f32::INFINITY };
+            // Where the ray is nearest to the centre, and how near: far away no difference of squares would tell.
+            let middle = (x * centre[0] + y * centre[1] + z * centre[2]) / a;
+            let [u, v, w] =
+                [centre[0] - x * middle, centre[1] - y * middle, centre[2] - z * middle];
+            let inside = 1.0 - (u * u + v * v + w * w);
+            let met = if inside > 0.0 { inside } else { 0.0 };
+            let t = middle - (met / a).sqrt();
+            *entry = if inside >= 0.0 && t > 0.0 { t } else { f32::INFINITY };
         }
         entries
     }
@@ -327,6 +347,35 @@ mod tests {
         let far = Figure { name: "", ..figure(Vec3::new(1.1, 1.6, 0.0), [0, 255, 0]) };
         let frame = drawn(&[near, far], f32::INFINITY);
         assert_eq!(frame, drawn(&[far, near], f32::INFINITY));
+    }
+
+    #[test]
+    fn who_is_behind_others_in_all_pixels_is_not_seen() {
+        let camera = Camera { eye: Vec3::Y * 1.6, yaw: 0.0, pitch: -0.8, fov_y: Camera::FOV_Y };
+        let eyes = [Vec3::new(0.0, 2.1, -3.0), Vec3::new(0.0, 1.6, -2.6)];
+        let both = eyes.map(|eye| Figure { name: "", ..figure(eye, [9; 3]) });
+        let seen = |figures: &[Figure]| draw(&mut Frame::new(960, 540), &camera, figures);
+        // Part of the first is nearer than any of the second, and drawn before it.
+        assert_eq!((seen(&both[..1]), seen(&both)), (vec![true], vec![false, true]));
+    }
+
+    #[test]
+    fn who_is_far_away_has_no_holes_and_is_no_nearer() {
+        let mut frame = Frame::new(1200, 900);
+        let eye = Vec3::new(31.0, 1.6, -400.0);
+        let narrow = Camera { fov_y: 0.03, ..Camera::looking_at(Vec3::Y, eye) };
+        assert_eq!(draw(&mut frame, &narrow, &[figure(eye, [200; 3])]), [true]);
+        let shown = frame.depth.iter().filter(|depth| depth.is_finite()).count();
+        assert!(shown > 2_000, "{shown}");
+        let view = View::new(&narrow, 1200, 900);
+        let around = Body::PERSON.around(eye);
+        let nearest = view.depth(around.centre()) - view.depth_reach(around.size() * 0.5);
+        for row in frame.depth.chunks(1200) {
+            assert!(row.iter().all(|depth| *depth >= nearest - 1e-3));
+            // The head's sides are beside the trunk's nowhere: one run of pixels in each row.
+            let edges = row.windows(2).filter(|two| two[0].is_finite() != two[1].is_finite());
+            assert!(edges.count() <= 2);
+        }
     }
 
     #[test]

@@ -21,7 +21,7 @@
 //!
 //! **The band of an edge** is exact: the differences between its points and the eyes fill the convex hull
 //! of sixteen points, whose projection is the hull of theirs. The paper's fuzzy extent, the rectangle
-//! around it by equations (1) and (2), is [`extent`]: it serves boxes, which are rectangles anyway.
+//! around it by equations (1) and (2), is [`extent`], for whoever wants less work and a looser answer: nothing here does.
 //!
 //! **What every eye sees** ([`classify`]): a patch all of whose elements are met by the fuzzy regions of
 //! no surface but its own. It hides nothing, and nothing hides it, if its surface does not hide itself;

@@ -77,9 +77,9 @@ impl Ahead {
     /// for [`Hidden::new`].
     pub fn at(&self, eye: Vec3, velocity: Vec3, focal_min: f32) -> Option<Arc<Hidden>> {
         let mut work = self.desk.work();
-        if work.focal_min != focal_min {
-            (work.focal_min, work.done) = (focal_min, VecDeque::new());
-        }
+        // In larger pictures what was found for smaller ones holds too.
+        work.focal_min = focal_min;
+        work.done.retain(|done| done.focal_min <= focal_min);
         let wanted = wanted(eye, velocity);
         let is_new = |eyes: &Aabb| work.done.iter().all(|done| done.eyes() != *eyes);
         let wanted: Vec<Aabb> = wanted.into_iter().filter(is_new).collect();
@@ -120,7 +120,7 @@ impl Desk {
             let hidden = Hidden::new(walls, eyes, focal_min);
             work = self.work();
             work.wanted.retain(|wanted| *wanted != eyes);
-            if work.focal_min == focal_min {
+            if focal_min <= work.focal_min {
                 work.done.push_back(Arc::new(hidden));
             }
             if work.done.len() > KEPT_MAX {

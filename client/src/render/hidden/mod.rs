@@ -3,7 +3,7 @@
 //! **Surfaces** of the octree are what its voxels are without a gap: rectangles of opaque voxels in one layer
 //! (`walls`), by a plane through their middles. A line of sight that meets such a rectangle meets a voxel
 //! right there, whatever the building was modelled of; so nothing need be known about how voxels differ from
-//! polygons. **Patches** are the octree's nodes down to about a metre, each by the box around what is in it, that is with
+//! polygons. **Patches** are the octree's nodes down to 0.6 m, each by the box around what is in it, that is with
 //! all below it.
 //!
 //! **A picture is the same with and without.** A node is left out when every line of sight that meets what is drawn of it

@@ -134,5 +134,9 @@ fn boxes_are_there_before_the_eye() {
     eye.x += 0.4;
     wait(eye);
     assert!(wanted(eye, velocity)[1].contains(eye + velocity * 0.5));
-    assert!(ahead.at(eye, velocity, 60.0).is_none(), "for pictures that show more");
+    assert!(
+        ahead.at(eye, velocity, 60.0).is_some(),
+        "what holds for small pictures does for large ones"
+    );
+    assert!(ahead.at(eye, velocity, 40.0).is_none(), "but not the other way round");
 }
