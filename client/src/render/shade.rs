@@ -147,7 +147,7 @@ pub(super) fn lit(colour: Vec3, normal: Vec3, along: Vec3) -> u32 {
 /// The light on a surface, whichever side of it faces the eye.
 pub(super) fn light(normal: Vec3, along: Vec3) -> f32 {
     let normal = if normal.dot(along) > 0.0 { -normal } else { normal };
-    AMBIENT + LAMPS.iter().map(|(lamp, power)| power * normal.dot(*lamp).max(0.0)).sum::<f32>()
+    light_outside(normal.to_array(), 1.0)
 }
 
 /// The light on what is seen from outside, by a vector along its normal and the inverse of the vector's length.
