@@ -15,7 +15,7 @@ impl Engine {
     /// Tells live viewers what has changed for them, by id.
     pub(super) fn tell(&mut self, scene: &mut Scene, outputs: &mut Vec<Output>) {
         let Scene { lives, pairs } = scene;
-        let told = self.crew.gather(pairs, |work, place, pairs, told| {
+        let mut told = self.crew.gather(pairs, |work, place, pairs, told| {
             let viewer = &lives.all()[place];
             if !self.config.policy.uses_cells() {
                 *pairs = self.pair_without_cells(viewer, pairs);
@@ -33,6 +33,7 @@ impl Engine {
                 *watchers = if is_shown { *watchers + 1 } else { *watchers - 1 };
             }
         }
+        told.sort_by_key(Output::to);
         outputs.extend(told);
     }
 

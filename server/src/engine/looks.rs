@@ -36,9 +36,6 @@ const NEW_PER_CENT: u32 = 60;
 /// less than such a part of the most it may ever cost.
 const SHARES: u32 = 8;
 
-/// A line that will last ends so near the side of a region that it moves towards.
-const LEAD: f32 = 0.9;
-
 /// The regions, with what they have to spare, that something was found of: how often those of the
 /// viewer's eyes, and those of the avatar's body, had changed by then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -152,6 +149,11 @@ impl Look {
             Self::Unknown | Self::Undecided { .. } | Self::Together | Self::Free(_) => false,
         }
     }
+
+    /// Whether it was found that a pair may be in sight of each other.
+    pub(super) fn is_open(&self) -> bool {
+        matches!(self, Self::Undecided { .. } | Self::Together | Self::Free(_))
+    }
 }
 
 impl Engine {
@@ -194,13 +196,13 @@ impl Engine {
         budget: &mut u32,
     ) {
         let from = self.looked_to[place];
-        let id = |open: &Open| lives.all()[open.viewer].id;
-        let first = open.partition_point(|open| id(open) < from);
+        let stand = |open: &Open| lives.all()[open.viewer].stand;
+        let first = open.partition_point(|open| stand(open) < from);
         open.rotate_left(first);
         let mut rest = &mut open[..];
         while let Some(next) = rest.first() {
             if *budget == 0 {
-                self.looked_to[place] = id(next);
+                self.looked_to[place] = stand(next);
                 return;
             }
             let sure = usize::try_from(*budget / most.max(1)).unwrap_or(usize::MAX);
@@ -223,30 +225,60 @@ impl Engine {
     }
 
     /// Whether a pair must be looked at: what was found of it is not true any more, and neither rooms nor
-    /// gates nor cells tell.
+    /// gates nor cells tell, nor does a line through gates.
     fn is_open(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+        let rules = self.rooms.rules();
         let [home, other_home] = [viewer, other].map(|live| live.near.home());
-        if home.is_some() && home == other_home && !self.rooms.rules() {
+        if home.is_some() && home == other_home && !rules {
             // A space is convex, and nothing is in it.
             pair.look = Look::Together;
             return false;
         }
         let holds = match pair.look {
-            Look::Unknown | Look::Together => false,
-            Look::Undecided { again } => {
-                self.is_closed(work, viewer, other, pair) || self.ticks < again
-            }
+            Look::Unknown | Look::Together | Look::Undecided { .. } => false,
             Look::HiddenIn(then) => {
                 let now = eyes_of(viewer, other);
                 then.iter().zip(&now).all(|(then, now)| then.contains_box(now))
             }
             Look::Hidden(then) => then == regions(viewer, other, then.level),
             Look::Free(line) => {
-                self.rooms.rules() && self.is_closed(work, viewer, other, pair)
+                rules && self.is_closed(work, viewer, other, pair)
                     || self.joins(viewer, other, &line)
             }
         };
-        !holds && !self.is_hidden_by_cells(work, viewer, other, pair)
+        if holds {
+            return false;
+        }
+        if self.ticks >= pair.gates_from {
+            // What was hidden will rather be hidden again; and rooms come before all else.
+            let is_free_first = !rules && !pair.look.is_hidden();
+            if is_free_first && self.is_free(work, viewer, other, pair)
+                || self.is_hidden_by_cells(work, viewer, other, pair)
+                || !is_free_first && self.is_free(work, viewer, other, pair)
+            {
+                return false;
+            }
+        }
+        !matches!(pair.look, Look::Undecided { again } if self.ticks < again)
+    }
+
+    /// Whether a line is free from where the viewer's eye will soon be to where the avatar will, as far as they
+    /// go on so: where gates count at all.
+    fn is_free(&self, work: &Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+        let ends = viewer.near.get(Part::EYES).zip(other.near.get(viewer.near.shown));
+        let Some(((from, Some(start)), (to, Some(goal)))) = ends.map(|(a, b)| (a.lead, b.lead))
+        else {
+            return false;
+        };
+        let (cells, line) = (&self.world.cells, Line { from, to });
+        let spaces = [start, goal].map(|cell| cells.cells[cell.0 as usize].space);
+        let is_free = self.config.look_budget > 0
+            && cells.sees(start, goal)
+            && work.shafts.occluders.lead(&line, spaces);
+        if is_free {
+            pair.look = Look::Free(line);
+        }
+        is_free
     }
 
     /// Whether no gates lead from a pair's regions to each other, or no cells of theirs see each other:
@@ -266,7 +298,7 @@ impl Engine {
             pair.spare_from = self.ticks + SPARE_TICKS;
         }
         let is_closed = self.is_closed(work, viewer, other, pair);
-        if !is_closed {
+        if !is_closed && !matches!(pair.look, Look::Undecided { .. }) {
             pair.look = Look::Undecided { again: self.ticks };
         }
         is_closed
@@ -275,11 +307,11 @@ impl Engine {
     /// Whether the same is found of a pair's regions with little to spare, where these have changed. What was left
     /// open a moment ago stays so for some ticks where there is much to do.
     fn is_closed(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
-        let regions = regions(viewer, other, 0);
-        if self.ticks < pair.gates_from || pair.open == Some(regions) {
+        if self.ticks < pair.gates_from {
             return false;
         }
-        let is_closed = !self.may_see(work, viewer, other, 0);
+        let regions = regions(viewer, other, 0);
+        let is_closed = pair.open != Some(regions) && !self.may_see(work, viewer, other, 0);
         if is_closed {
             (pair.look, pair.gates_from) = (Look::Hidden(regions), 0);
         } else {
@@ -298,10 +330,6 @@ impl Engine {
         left: &mut u32,
     ) -> Option<Look> {
         let hurry = self.config.look_max / (*left).max(1);
-        let lead = self.lead(viewer, other);
-        if self.joins(viewer, other, &lead) && work.shafts.is_free(&lead, left) {
-            return Some(Look::Free(lead));
-        }
         let eyes = self.exact(work, viewer, Part::EYES)?;
         let bodies = self.exact(work, other, viewer.near.shown)?;
         Some(match work.shafts.between(eyes, bodies, u32::MAX, left) {
@@ -311,17 +339,6 @@ impl Engine {
                 Look::Undecided { again: self.ticks + UNDECIDED_TICKS * hurry.max(1) }
             }
         })
-    }
-
-    /// The line from where the viewer's eye will soon be to where the avatar will, as far as they go on so.
-    fn lead(&self, viewer: &Live, other: &Live) -> Line {
-        let end = |live: &Live, part: Part| {
-            let within = live.near.get(part).map_or(Aabb::EMPTY, |near| near.within);
-            let way = self.world.cells.axes.own(live.pose.velocity.with_y(0.0)).normalize_or_zero();
-            let ahead = within.centre().with_y(live.from.y) + way * within.size() * (0.5 * LEAD);
-            if live.near.may_hold(part, ahead, &self.body) { ahead } else { live.from }
-        };
-        Line { from: end(viewer, Part::EYES), to: end(other, viewer.near.shown) }
     }
 
     /// Whether somebody in one wide region, from which these cells can be seen, may see somebody in

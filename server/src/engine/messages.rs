@@ -138,3 +138,21 @@ pub enum Output {
         reason: String,
     },
 }
+
+impl Output {
+    /// To whom it goes.
+    pub fn to(&self) -> AvatarId {
+        match *self {
+            Self::Entered { to, .. }
+            | Self::Appear { to, .. }
+            | Self::Vanish { to, .. }
+            | Self::Poses { to, .. }
+            | Self::Live { to }
+            | Self::Quiet { to, .. }
+            | Self::Ask { to }
+            | Self::Correct { to, .. }
+            | Self::Chat { to, .. }
+            | Self::Drop { to, .. } => to,
+        }
+    }
+}

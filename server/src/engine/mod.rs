@@ -78,7 +78,7 @@ use looks::Shafts;
 use places::Places;
 use population::{Population, Slot};
 use reach::Scratch;
-use scene::Scene;
+use scene::{Scene, Stand};
 use ways::Ways;
 use zones::{SectorIndex, Sectors, ZoneIndex};
 
@@ -99,8 +99,8 @@ pub struct Engine {
     rooms: RoomIndex,
     /// Every avatar's, in own axes.
     body: Body,
-    /// The wide regions of live avatars, by cells.
-    near_bodies: SectorIndex,
+    /// The wide regions of live avatars, of their eyes and of their bodies, by cells.
+    near: [SectorIndex; 2],
     sectors: Sectors,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
     live_zones: ZoneIndex,
@@ -127,7 +127,7 @@ pub struct Engine {
     /// How many times more looks were due at the last tick than there is a budget for, from 1 to 8.
     load: u32,
     /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
-    looked_to: [AvatarId; 2],
+    looked_to: [Stand; 2],
     /// At whom the budget for silences was used up.
     settled_to: AvatarId,
     /// What is left of this tick's [`Config::silence_budget`].
@@ -188,7 +188,7 @@ impl Engine {
             population: Population::default(),
             places: Places::new(config.policy, &world),
             rooms: RoomIndex::new(&world),
-            near_bodies: SectorIndex::new(world.cells.cells.len()),
+            near: [0, 1].map(|_| SectorIndex::new(world.cells.cells.len())),
             live_zones: ZoneIndex::new(sectors.len()),
             hidden_zones: ZoneIndex::new(sectors.len()),
             sectors,
@@ -206,7 +206,7 @@ impl Engine {
             crew: Crew::new(config.threads, Arc::clone(&occluders)),
             scene: Scene::default(),
             load: 1,
-            looked_to: [AvatarId(0); 2],
+            looked_to: [(None, AvatarId(0)); 2],
             shafts: Shafts::new(occluders),
             world,
             config,

@@ -6,7 +6,7 @@ use glam::Vec3;
 use sightline_shared::{
     geometry::Aabb,
     motion::{Body, Pose},
-    world::Cells,
+    world::{CellId, Cells},
 };
 
 use super::{
@@ -33,6 +33,8 @@ const WIDE_M: f32 = 0.75;
 pub(super) const SPARES: [f32; 2] = [1.0, 4.0];
 /// How much of it walkers have aside and behind.
 const ASIDE: f32 = 0.25;
+/// A line that will last ends so near the side of a region that it moves towards.
+const LEAD: f32 = 0.9;
 /// For no more ticks than these is it believed that somebody goes on so.
 const AHEAD_TICKS: f32 = 12.0;
 
@@ -65,8 +67,8 @@ pub(super) struct Wide {
     bodies: Parts,
     /// Where the eye can be, and where the body can.
     pub(super) grounds: [Ground; 2],
-    /// The cells that the body can be in, ascending, as the index of wide regions has them.
-    pub(super) cells: Vec<u32>,
+    /// The cells of both, ascending, as the indices of wide regions have them.
+    pub(super) cells: [Vec<u32>; 2],
 }
 
 impl Wide {
@@ -98,6 +100,8 @@ pub(super) struct Near {
     /// Whether the first of them was there when this tick began: what depends on it must not depend on who
     /// asks for it first in this tick.
     is_known: bool,
+    /// Lines that will last end here: towards the side to which it goes. And the cell that this is in.
+    pub(super) lead: (Vec3, Option<CellId>),
     /// With nothing to spare.
     exact: OnceLock<Parts>,
 }
@@ -141,7 +145,7 @@ fn serves(spare: &Aabb, within: &Aabb, spare_m: f32) -> bool {
 
 /// Where an eye can be before long that can be in a box now: with so much to spare, most of it in the way of
 /// which it goes a step each tick.
-fn ahead(within: &Aabb, step: Vec3, spare_m: f32) -> Aabb {
+pub(super) fn ahead(within: &Aabb, step: Vec3, spare_m: f32) -> Aabb {
     let ahead_m = (step.length() * AHEAD_TICKS).min(2.0 * (1.0 - ASIDE) * spare_m);
     let way = step.normalize_or_zero() * ahead_m;
     let there = Aabb::new(within.min + way, within.max + way);
@@ -158,13 +162,16 @@ impl Near {
             kept,
             versions,
             is_known: false,
+            lead: (Vec3::ZERO, None),
             exact: OnceLock::new(),
         }
     }
 
-    /// Takes in where the eye can be now, and drops what does not serve any more.
-    fn renew(&mut self, within: Aabb, step: Vec3, has_moved: bool, spare_m: f32) {
-        if has_moved || within != self.within {
+    /// Takes in where the eye can be now, and drops what does not serve any more. Gives whether something is
+    /// not as it was.
+    fn renew(&mut self, within: Aabb, step: Vec3, has_moved: bool, spare_m: f32) -> bool {
+        let has_changed = has_moved || within != self.within;
+        if has_changed {
             self.exact = OnceLock::new();
         }
         (self.within, self.step) = (within, step);
@@ -176,6 +183,7 @@ impl Near {
             }
         }
         self.is_known = self.kept[0].get().is_some();
+        has_changed
     }
 
     /// Where the boxes are that are kept with least to spare, if they were asked for.
@@ -283,7 +291,9 @@ impl Engine {
         crew.each(lives.all_mut(), |work, _, live| self.renew(work, now, &delays, live));
         for live in lives.all() {
             if let Some((old, wide)) = live.moved.as_ref().zip(live.near.wide.as_ref()) {
-                self.near_bodies.replace((live.id, live.slot), old, &wide.cells);
+                for (index, (old, new)) in self.near.iter_mut().zip(old.iter().zip(&wide.cells)) {
+                    index.replace((live.id, live.slot), old, new);
+                }
             }
         }
     }
@@ -306,18 +316,34 @@ impl Engine {
         // Whoever is doubted may be anywhere, but is told as much as others.
         let eyes = within(own, true);
         let step = self.world.cells.axes.own(live.pose.velocity) * self.config.tick.as_secs_f32();
-        let mut all = eyes;
+        let (mut all, mut has_changed) = (eyes, false);
         for (place, near) in near.nears.iter_mut().enumerate() {
             let is_own = place == 0 || near.delay == own && live.is_believed;
             let within = if is_own { eyes } else { within(near.delay, live.is_believed) };
             all = all.union(&within);
-            near.renew(within, step, has_moved, spare_m);
+            has_changed |= near.renew(within, step, has_moved, spare_m);
         }
         if !near.wide.as_ref().is_some_and(|wide| serves(&wide.spare, &all, WIDE_M)) {
             let spare = ahead(&all, step, WIDE_M);
             let wide = self.wide(work, &self.start(live.from, live.footing), spare);
             let old = near.wide.replace(Box::new(wide));
-            live.moved = Some(old.map_or_else(Vec::new, |old| old.cells));
+            live.moved = Some(old.map_or_else(Default::default, |old| old.cells));
+        }
+        if has_changed {
+            self.find_leads(live);
+        }
+    }
+
+    /// Finds where lines end that will last, as far as somebody goes on so.
+    fn find_leads(&self, live: &mut Live) {
+        let cells = &self.world.cells;
+        let near = &mut live.near;
+        let way = cells.axes.own(live.pose.velocity.with_y(0.0)).normalize_or_zero();
+        for part in (0..near.nears.len()).map(Part) {
+            let within = near.nears[part.0].within;
+            let ahead = within.centre().with_y(live.from.y) + way * within.size() * (0.5 * LEAD);
+            let end = if near.may_hold(part, ahead, &self.body) { ahead } else { live.from };
+            near.nears[part.0].lead = (end, cells.at_own(end));
         }
     }
 
@@ -325,10 +351,11 @@ impl Engine {
         let cells = &self.world.cells;
         let reach = Reach::within(&mut work.reach, start, &spare);
         let (found, bodies) = reach.bodies(cells, &self.world.body);
-        let numbers = found.iter().map(|cell| cell.0).collect();
         let eyes = Ground::of(cells, &self.rooms, reach.eyes(), &reach.eye_parts(cells));
         let grounds = [eyes, Ground::of(cells, &self.rooms, found, &bodies)];
-        Wide { spare, bodies, grounds, cells: numbers }
+        let numbers = |ground: &Ground| ground.cells().iter().map(|cell| cell.0).collect();
+        let cells = grounds.each_ref().map(numbers);
+        Wide { spare, bodies, grounds, cells }
     }
 
     /// What portals lead to for a part of a live avatar, with so much to spare.
@@ -340,20 +367,33 @@ impl Engine {
         level: usize,
     ) -> Option<&'a Kept> {
         let near = live.near.get(part)?;
-        let kept = near.kept[level].get_or_init(|| {
-            let cells = &self.world.cells;
+        if near.kept[level].get().is_none() {
             let spare = ahead(&near.within, near.step, self.config.spare_m * SPARES[level]);
             let start = self.start(live.from, live.footing);
             let reach = Reach::within(&mut work.reach, &start, &spare);
-            let (found, parts) = if part == Part::EYES {
-                (reach.eyes(), reach.eye_parts(cells))
-            } else {
-                reach.bodies(cells, &self.world.body)
-            };
-            let ground = Ground::of(cells, &self.rooms, found, &parts);
-            Box::new(Kept { spare, parts, ground })
-        });
-        Some(kept)
+            // An eye and its body have been to the same places: both will be asked for.
+            for part in [Part::EYES, live.near.shown, part] {
+                if let Some(twin) = live.near.get(part)
+                    && twin.within == near.within
+                    && twin.kept[level].get().is_none()
+                {
+                    // Another thread may have been faster; what it found is the same.
+                    let _ = twin.kept[level].set(Box::new(self.keep(&reach, spare, part)));
+                }
+            }
+        }
+        near.kept[level].get().map(|kept| &**kept)
+    }
+
+    fn keep(&self, reach: &Reach, spare: Aabb, part: Part) -> Kept {
+        let cells = &self.world.cells;
+        let (found, parts) = if part == Part::EYES {
+            (reach.eyes(), reach.eye_parts(cells))
+        } else {
+            reach.bodies(cells, &self.world.body)
+        };
+        let ground = Ground::of(cells, &self.rooms, found, &parts);
+        Kept { spare, parts, ground }
     }
 
     /// The same with nothing to spare, for this tick.
@@ -382,7 +422,9 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let (id, near) = (avatar.id, std::mem::take(&mut avatar.near));
         if let Some(wide) = near.wide {
-            self.near_bodies.replace((id, slot), &wide.cells, &[]);
+            for (index, cells) in self.near.iter_mut().zip(&wide.cells) {
+                index.replace((id, slot), cells, &[]);
+            }
         }
     }
 }

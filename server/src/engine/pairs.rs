@@ -71,7 +71,7 @@ impl Engine {
         let mut movers: Vec<Mover> =
             moved.map(|(place, _)| Mover { place, met: Vec::new() }).collect();
         self.crew.each(&mut movers, |work, _, mover| {
-            mover.met = self.met_by(work, lives, mover.place);
+            mover.met = self.met_by(work, (lives, pairs), mover.place);
         });
         let mut found: Vec<Vec<Member>> = vec![Vec::new(); movers.len()];
         for (at, mover) in movers.iter().enumerate() {
@@ -93,15 +93,21 @@ impl Engine {
     }
 
     /// Finds all whom one with a new wide region has to do with, but for those before it who have one too.
-    fn met_by(&self, work: &mut Work, lives: &Lives, place: usize) -> Vec<Member> {
+    fn met_by(
+        &self,
+        work: &mut Work,
+        (lives, pairs): (&Lives, &[Vec<Pair>]),
+        place: usize,
+    ) -> Vec<Member> {
         let mut found: Vec<Member> = Vec::new();
         let Some(wide) = &lives.all()[place].near.wide else { return found };
         wide.look_around(&self.world.cells, &mut work.seen);
         work.met.clear();
         work.met.insert(place as u32);
-        // The eye is in the body: who sees or is seen is in one of these cells.
+        // The body is seen by the eyes of the one, or the eyes see it.
         let Work { seen, met, .. } = &mut *work;
-        for member in self.near_bodies.among(&seen[1]) {
+        let [eyes, bodies] = &self.near;
+        for member in bodies.among(&seen[0]).chain(eyes.among(&seen[1])) {
             let other = lives.place(member.1);
             if !met.contains(other as u32) {
                 met.insert(other as u32);
@@ -109,7 +115,13 @@ impl Engine {
                 found.extend((!is_done).then_some(*member));
             }
         }
-        found.retain(|(_, slot)| {
+        let own = &pairs[place];
+        found.retain(|(id, slot)| {
+            // What is open between their narrower regions is open between these.
+            let known = own.binary_search_by_key(id, |pair| pair.id).map(|at| &own[at]);
+            if known.is_ok_and(|pair| pair.concerns && pair.look.is_open()) {
+                return true;
+            }
             let other = lives.at(*slot).near.wide.as_ref();
             other.is_some_and(|other| self.may_meet(work, wide, other))
         });

@@ -13,9 +13,13 @@ use super::{
     Engine, horizon::Link, near::Whereabouts, pairs::Pair, population::Slot, ways::Footing,
 };
 
+/// Where in the scene someone stands: by the space that it was in a tick ago, then by id.
+pub(super) type Stand = (Option<u32>, AvatarId);
+
 /// A live avatar, as all others may look at it.
 #[derive(Clone, Debug)]
 pub(super) struct Live {
+    pub(super) stand: Stand,
     pub(super) id: AvatarId,
     pub(super) slot: Slot,
     pub(super) pose: Pose,
@@ -31,11 +35,12 @@ pub(super) struct Live {
     pub(super) from: Vec3,
     pub(super) footing: Footing,
     pub(super) near: Whereabouts,
-    /// If it has a new wide region, the cells that it was in before.
-    pub(super) moved: Option<Vec<u32>>,
+    /// If it has a new wide region, the cells that its eye could be in before, and those of its body.
+    pub(super) moved: Option<[Vec<u32>; 2]>,
 }
 
-/// All live avatars, by id.
+/// All live avatars: neighbours side by side, since they have to do with the same others and the same gates, and so
+/// find in a cache what they need to know.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lives {
     all: Vec<Live>,
@@ -71,13 +76,20 @@ impl Lives {
 }
 
 impl Engine {
-    /// Takes out of the population what a tick changes of its live avatars, which are given by id.
+    /// Takes out of the population what a tick changes of its live avatars.
     pub(super) fn enter(&mut self, now: Duration, live: &[Slot]) -> Scene {
         let mut scene = std::mem::take(&mut self.scene);
-        for (&slot, place) in live.iter().zip(0..) {
+        let stand = |slot: Slot| {
+            let avatar = self.population.at(slot);
+            (avatar.near.home(), avatar.id)
+        };
+        let mut order: Vec<(Stand, Slot)> = live.iter().map(|slot| (stand(*slot), *slot)).collect();
+        order.sort_unstable_by_key(|(stand, _)| *stand);
+        for ((stand, slot), place) in order.into_iter().zip(0..) {
             let avatar = self.population.at_mut(slot);
             scene.pairs.push(std::mem::take(&mut avatar.pairs));
             scene.lives.all.push(Live {
+                stand,
                 id: avatar.id,
                 slot,
                 pose: avatar.pose,

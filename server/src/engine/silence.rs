@@ -7,7 +7,7 @@ use sightline_shared::motion::{AvatarId, Tbv};
 use super::{
     ClientState, Engine, Output, Policy,
     horizon::SILENT_MAX,
-    near::{Leeway, ROUNDING_M},
+    near::{Leeway, ROUNDING_M, ahead},
     population::{Avatar, Slot},
     reach::{Reach, Start},
     validity::{End, Silence},
@@ -15,7 +15,7 @@ use super::{
 };
 
 /// How much larger than it must be the zone of a live avatar is made, in metres.
-const ZONE_SPARE_M: f32 = 0.25;
+const ZONE_SPARE_M: f32 = 0.5;
 
 impl Engine {
     /// Asks those whose TBV would expire unwatched, and looks into other silences.
@@ -125,8 +125,10 @@ impl Engine {
 
     /// Works out a live avatar's zone, and which hidden ones it meets.
     fn place_zone(&mut self, slot: Slot, leeway: &Leeway) {
-        let spare = leeway.within.grown(ZONE_SPARE_M);
-        let fit = self.ways.fit_of(self.population.at(slot).footing);
+        let avatar = self.population.at(slot);
+        let step = self.world.cells.axes.own(avatar.pose.velocity) * self.config.tick.as_secs_f32();
+        let spare = ahead(&leeway.within, step, ZONE_SPARE_M);
+        let fit = self.ways.fit_of(avatar.footing);
         let start = Start { cells: &self.world.cells, fit, from: leeway.from };
         let reach = Reach::within(&mut self.scratch, &start, &spare);
         let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);

@@ -106,7 +106,7 @@ impl Hub {
         let mut outputs = std::mem::take(&mut self.outputs);
         self.engine.tick(now, &mut outputs);
         for output in outputs.drain(..) {
-            if let Some(client) = self.clients.get(&addressee(&output)) {
+            if let Some(client) = self.clients.get(&output.to()) {
                 client.outbox.tell(output, now);
             }
         }
@@ -126,20 +126,5 @@ impl Hub {
             let round_trip = client.connection.rtt();
             self.engine.handle(now, Input::RoundTrip { avatar, round_trip });
         }
-    }
-}
-
-fn addressee(output: &Output) -> AvatarId {
-    match *output {
-        Output::Entered { to, .. }
-        | Output::Appear { to, .. }
-        | Output::Vanish { to, .. }
-        | Output::Poses { to, .. }
-        | Output::Live { to }
-        | Output::Quiet { to, .. }
-        | Output::Ask { to }
-        | Output::Correct { to, .. }
-        | Output::Chat { to, .. }
-        | Output::Drop { to, .. } => to,
     }
 }

@@ -27,6 +27,8 @@ pub struct Tally {
     unknown: usize,
     visible: usize,
     seen: usize,
+    /// Free lines between points in cells, and how many of them no gates lead.
+    free: [usize; 2],
 }
 
 impl Tally {
@@ -52,6 +54,10 @@ impl Tally {
                 let line = Line { from: point(&eyes, rng), to: point(&bodies, rng) };
                 (in_open(line.from) && is_free(&line)).then_some(line)
             });
+            for _ in 0..LINES / 10 {
+                let line = Line { from: point(&eyes, rng), to: point(&bodies, rng) };
+                self.follow(world, &occluders, &line, is_free(&line), place);
+            }
             let outcome = occluders.between(&mut scratch, &eyes, &bodies, &mut { BUDGET });
             if let Outcome::Visible(line) = outcome {
                 assert!(line.joins(&eyes, &bodies) && !occluders.blocks(&line), "{place}");
@@ -68,12 +74,31 @@ impl Tally {
         }
     }
 
+    /// Follows a line through gates: those that are free are led, but for some that graze an edge.
+    fn follow(
+        &mut self,
+        world: &World,
+        occluders: &Occluders,
+        line: &Line,
+        is_free: bool,
+        at: &str,
+    ) {
+        let space = |end: Vec3| Some(world.cells.cells[world.cells.at_own(end)?.0 as usize].space);
+        let (Some(start), Some(goal)) = (space(line.from), space(line.to)) else { return };
+        let is_led = occluders.lead(line, [start, goal]);
+        assert!(!is_led || !occluders.blocks(line), "{at}: {line:?}");
+        self.free[0] += usize::from(is_free);
+        self.free[1] += usize::from(is_free && !is_led);
+    }
+
     /// Whether of what is blocked at least such a share was found to be.
     pub fn judge(&self, kind: &str, share_min: f64) {
-        let Self { hidden, unknown, visible, seen } = *self;
+        let Self { hidden, unknown, visible, seen, free: [free, lost] } = *self;
         let blocked = hidden + unknown + visible;
         println!("{kind}: seen {seen}, blocked {blocked}: {unknown} unknown, {visible} free");
         assert!(seen > 50 && blocked > 50, "among {kind}");
+        println!("{kind}: of {free} free lines {lost} are not led by gates");
+        assert!(free > 100 && lost * 20 < free, "among {kind}: {lost} of {free}");
         let share = hidden as f64 / blocked as f64;
         assert!(share > share_min, "among {kind}: {hidden} of {blocked}");
     }

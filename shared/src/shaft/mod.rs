@@ -121,7 +121,14 @@ impl Occluders {
         self.meets_counted(line, &mut 0)
     }
 
-    /// The same, and counts what was compared with the line.
+    /// Whether gates lead a line that begins in one space and ends in another, given by their indices, and no
+    /// occluder meets it. What is answered of other lines means nothing. Most that are blocked take a fraction of
+    /// a microsecond.
+    pub fn lead(&self, line: &Line, spaces: [u32; 2]) -> bool {
+        self.passages.lead(line, spaces) && !self.blocks(line)
+    }
+
+    /// As [`Occluders::blocks`], and counts what was compared with the line.
     fn meets_counted(&self, line: &Line, compared: &mut u32) -> bool {
         let flow = self.tree.along(line, compared, |index, compared| {
             *compared += 1;

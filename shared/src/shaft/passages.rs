@@ -9,8 +9,9 @@
 //! every line is blocked, whatever blocks it: walls that only touch each other, or those of which
 //! the insides are open elsewhere.
 
-use glam::{BVec3A, Vec3A};
+use glam::{BVec3A, Vec3A, Vec4};
 
+use super::Line;
 use crate::{
     geometry::Aabb,
     world::{Cells, Node, Polygon},
@@ -26,6 +27,8 @@ const SLACK: f32 = 1e-6;
 const NEAR: f32 = 1e-3;
 /// A shaft that meets so many gates is open as far as anybody cares.
 const GATES_MAX: u32 = 200;
+/// A line that goes through so many spaces is not followed further.
+const SPACES_MAX: u32 = 64;
 /// So many ways into a space are told apart.
 const WAYS_MAX: usize = 3;
 
@@ -37,6 +40,8 @@ pub(super) struct Passages {
     /// For each space, where its ways begin; and where the last ones end.
     starts: Vec<u32>,
     ways: Vec<Way>,
+    /// Of those that are along no axis.
+    normals: Vec<Vec3A>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -54,14 +59,20 @@ struct Span {
     high: Vec3A,
 }
 
-/// Out of a space.
+/// Out of a space: half a cache line.
 #[derive(Clone, Copy, Debug)]
 struct Way {
-    gate: Span,
-    /// Across the gate.
-    normal: Vec3A,
-    beyond: u32,
+    /// The corners of the box around the gate. The last lanes, as whole numbers, are the space beyond, and where
+    /// the way goes.
+    low: Vec4,
+    high: Vec4,
 }
+
+/// Where a way goes: along an axis, down or up, through a gate that fills its box; or else across
+/// [`Passages::normals`] at this number less [`AXIAL`].
+type Towards = u32;
+/// There are so many ways along axes: down and up the first, then the second, then the third.
+const AXIAL: Towards = 6;
 
 /// Lines that have come into a space.
 #[derive(Clone, Copy, Debug)]
@@ -94,19 +105,20 @@ impl Passages {
         let mut passages = Self { tree: tree(cells), ..Self::default() };
         for (index, space) in (0..).zip(&cells.spaces) {
             passages.starts.push(passages.ways.len() as u32);
-            passages.ways.extend(space.gates.iter().map(|&gate| {
+            for &gate in &space.gates {
                 let gate = &cells.gates[gate as usize];
                 let is_lesser = gate.spaces[0] == index;
-                let normal = match gate.polygon {
-                    Polygon::Rectangle { axis, .. } => Vec3A::AXES[usize::from(axis)],
-                    Polygon::Other { normal, .. } => normal.as_vec3a(),
+                let towards = match gate.polygon {
+                    Polygon::Rectangle { axis, .. } => 2 * u32::from(axis) + u32::from(is_lesser),
+                    Polygon::Other { normal, .. } => {
+                        let normal = normal.as_vec3a();
+                        passages.normals.push(if is_lesser { normal } else { -normal });
+                        AXIAL + passages.normals.len() as u32 - 1
+                    }
                 };
-                Way {
-                    gate: Span::new(&gate.polygon.bounds().grown(SLACK_M)),
-                    normal: if is_lesser { normal } else { -normal },
-                    beyond: gate.spaces[usize::from(is_lesser)],
-                }
-            }));
+                let beyond = gate.spaces[usize::from(is_lesser)];
+                passages.ways.push(Way::new(&gate.polygon.bounds(), beyond, towards));
+            }
         }
         passages.starts.push(passages.ways.len() as u32);
         passages
@@ -140,29 +152,70 @@ impl Passages {
         steps.begin(self.starts.len());
         goals.iter().for_each(|goal| steps.goals[*goal as usize] = steps.search);
         let (from, to) = (Span::new(from), Span::new(to));
-        starts
-            .iter()
-            .for_each(|&space| steps.come(Step { space, come: 0.0, from, to, next: None }));
+        for &space in starts {
+            if steps.goals[space as usize] == steps.search {
+                return false;
+            }
+            steps.come(Step { space, come: 0.0, from, to, next: None });
+        }
         let most = *looked + GATES_MAX;
         while let Some(step) = steps.open.pop() {
             let Step { space, come, from, to, .. } = steps.steps[step as usize];
-            if steps.goals[space as usize] == steps.search || *looked > most {
+            if *looked > most {
                 return false;
             }
             let between = Between::new(&from, &to);
-            let [first, end] = [0, 1].map(|i| self.starts[space as usize + i] as usize);
-            *looked += (end - first) as u32;
-            for way in &self.ways[first..end] {
-                if let Some(shares) = between.meets(&way.gate, come)
-                    && between.goes(way.normal)
-                    && let Some([from, to]) = between.narrowed(&way.gate, shares)
+            let (first, end) = (self.starts[space as usize], self.starts[space as usize + 1]);
+            *looked += end - first;
+            for way in &self.ways[first as usize..end as usize] {
+                let (towards, gate) = (way.towards(), way.gate());
+                if between.goes(towards, &self.normals)
+                    && let Some(shares) = between.meets(&gate, come)
+                    && let Some([from, to]) = between.narrowed(&gate, shares)
                 {
-                    let (space, come) = (way.beyond, shares[0]);
+                    let (space, come) = (way.beyond(), shares[0]);
+                    if steps.goals[space as usize] == steps.search {
+                        return false;
+                    }
                     steps.come(Step { space, come, from, to, next: None });
                 }
             }
         }
         true
+    }
+
+    /// Whether gates lead a line from the space that it begins in to the one that it ends in, as far as the boxes
+    /// around them tell.
+    pub fn lead(&self, line: &Line, [start, goal]: [u32; 2]) -> bool {
+        let (from, way) = (Vec3A::from(line.from), Vec3A::from(line.to - line.from));
+        let inverse = way.recip();
+        let (mut space, mut come) = (start, 0.0);
+        for _ in 0..SPACES_MAX {
+            if space == goal {
+                return true;
+            }
+            let (first, end) = (self.starts[space as usize], self.starts[space as usize + 1]);
+            let mut ways = self.ways[first as usize..end as usize].iter();
+            let next = ways.find_map(|out| {
+                let towards = out.towards();
+                let goes = match towards {
+                    0..AXIAL => (way[towards as usize / 2] > 0.0) == (towards % 2 == 1),
+                    _ => self.normals[(towards - AXIAL) as usize].dot(way) > 0.0,
+                };
+                if !goes {
+                    return None;
+                }
+                // Along an axis in which the line does not go, both are infinite: it is between them or nowhere.
+                let gate = out.gate();
+                let (a, b) = ((gate.low - from) * inverse, (gate.high - from) * inverse);
+                let first = a.min(b).max_element().max(come);
+                let last = a.max(b).min_element().min(1.0);
+                (first <= last).then(|| (out.beyond(), first))
+            });
+            let Some(next) = next else { return false };
+            (space, come) = next;
+        }
+        false
     }
 
     /// Finds the spaces that a box reaches into; some twice.
@@ -201,6 +254,7 @@ impl Passages {
         self.tree.len() * size_of::<Branch>()
             + self.starts.len() * size_of::<u32>()
             + self.ways.len() * size_of::<Way>()
+            + self.normals.len() * size_of::<Vec3A>()
     }
 }
 
@@ -240,6 +294,28 @@ fn tree(cells: &Cells) -> Vec<Branch> {
         };
     }
     tree
+}
+
+impl Way {
+    fn new(gate: &Aabb, beyond: u32, towards: Towards) -> Self {
+        let gate = gate.grown(SLACK_M);
+        Self {
+            low: gate.min.extend(f32::from_bits(beyond)),
+            high: gate.max.extend(f32::from_bits(towards)),
+        }
+    }
+
+    fn gate(&self) -> Span {
+        Span { low: Vec3A::from_vec4(self.low), high: Vec3A::from_vec4(self.high) }
+    }
+
+    fn beyond(&self) -> u32 {
+        self.low.w.to_bits()
+    }
+
+    fn towards(&self) -> Towards {
+        self.high.w.to_bits()
+    }
 }
 
 impl Steps {
@@ -304,14 +380,6 @@ impl Span {
     fn holds(&self, other: &Self) -> bool {
         (self.low.cmple(other.low) & self.high.cmpge(other.high)).all()
     }
-
-    /// What is in a box whose corners come from places on lines, at multiples of a length.
-    fn within(&self, ends: [[Vec3A; 2]; 2], multiple: f32) -> Option<Self> {
-        let margin = Vec3A::splat(ROUNDING_M * multiple);
-        let low = self.low.max(ends[0][0].min(ends[0][1]) - margin);
-        let high = self.high.min(ends[1][0].max(ends[1][1]) + margin);
-        low.cmple(high).all().then_some(Self { low, high })
-    }
 }
 
 /// The boxes between two, by their share of the way: planes that move.
@@ -323,6 +391,8 @@ struct Between {
     high_inverse: Vec3A,
     low_rises: BVec3A,
     high_rises: BVec3A,
+    /// For each direction along an axis, whether some line goes there: a bit for each.
+    goes: u32,
 }
 
 impl Between {
@@ -331,6 +401,11 @@ impl Between {
         let least = Vec3A::splat(1e-9);
         let sane = |by: Vec3A| Vec3A::select(by.abs().cmplt(least), least, by);
         let by = [sane(to.low - from.low), sane(to.high - from.high)];
+        let margin = Vec3A::splat(ROUNDING_M);
+        let down = (to.low - from.high).cmple(margin).bitmask();
+        let up = (to.high - from.low).cmpge(-margin).bitmask();
+        // Of each, the bits of the three axes go apart.
+        let apart = |bits: u32| bits & 1 | (bits & 2) << 1 | (bits & 4) << 2;
         Self {
             from: *from,
             to: *to,
@@ -338,6 +413,7 @@ impl Between {
             high_inverse: by[1].recip(),
             low_rises: by[0].cmpgt(Vec3A::ZERO),
             high_rises: by[1].cmpgt(Vec3A::ZERO),
+            goes: apart(down) | apart(up) << 1,
         }
     }
 
@@ -359,7 +435,11 @@ impl Between {
     }
 
     /// Whether some line goes this way.
-    fn goes(&self, way: Vec3A) -> bool {
+    fn goes(&self, towards: Towards, normals: &[Vec3A]) -> bool {
+        if towards < AXIAL {
+            return self.goes >> towards & 1 == 1;
+        }
+        let way = normals[(towards - AXIAL) as usize];
         let most = Vec3A::select(way.cmpgt(Vec3A::ZERO), self.to.high, self.to.low);
         let least = Vec3A::select(way.cmpgt(Vec3A::ZERO), self.from.low, self.from.high);
         way.dot(most - least) >= -ROUNDING_M
@@ -367,22 +447,24 @@ impl Between {
 
     /// Where the lines begin and end that go through a gate between some shares of the way.
     fn narrowed(&self, gate: &Span, [first, last]: [f32; 2]) -> Option<[Span; 2]> {
-        let end = |near: &Span, s: f32, is_high: bool| {
-            let (gate, near) = if is_high { (gate.high, near.low) } else { (gate.low, near.high) };
-            near + (gate - near) * s
-        };
-        let far = |near: &Span, far: &Span, [first, last]: [f32; 2]| {
-            if first < NEAR {
-                return Some(*far);
-            }
-            let (most, least) = (first.recip(), last.min(1.0).recip());
-            let ends = [false, true].map(|high| [end(near, most, high), end(near, least, high)]);
-            far.within(ends, most)
-        };
-        Some([
-            far(&self.to, &self.from, [1.0 - last, 1.0 - first])?,
-            far(&self.from, &self.to, [first, last])?,
-        ])
+        let from = self.from.narrowed(&self.to, gate, [1.0 - last, 1.0 - first])?;
+        Some([from, self.to.narrowed(&self.from, gate, [first, last])?])
+    }
+}
+
+impl Span {
+    /// The far ends of lines that begin in another box and go through a gate between some shares of their way.
+    fn narrowed(&self, near: &Self, gate: &Self, [first, last]: [f32; 2]) -> Option<Self> {
+        if first < NEAR {
+            return Some(*self);
+        }
+        let (most, least) = (first.recip(), last.min(1.0).recip());
+        let (low, high) = (gate.low - near.high, gate.high - near.low);
+        let margin = Vec3A::splat(ROUNDING_M * most);
+        let low = near.high + (low * most).min(low * least) - margin;
+        let high = near.low + (high * most).max(high * least) + margin;
+        let narrowed = Self { low: self.low.max(low), high: self.high.min(high) };
+        narrowed.low.cmple(narrowed.high).all().then_some(narrowed)
     }
 }
 

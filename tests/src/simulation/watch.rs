@@ -256,15 +256,10 @@ fn sprint_m(speed_max: f32, time_s: f32) -> f32 {
 
 /// To whom an output goes, and of whom it tells.
 fn concerned(output: &Output) -> (AvatarId, Vec<AvatarId>) {
-    match output {
-        Output::Appear { to, avatar, .. } | Output::Vanish { to, avatar } => (*to, vec![*avatar]),
-        Output::Poses { to, poses, .. } => (*to, poses.iter().map(|(id, _)| *id).collect()),
-        Output::Chat { to, .. }
-        | Output::Entered { to, .. }
-        | Output::Live { to }
-        | Output::Quiet { to, .. }
-        | Output::Ask { to }
-        | Output::Correct { to, .. }
-        | Output::Drop { to, .. } => (*to, Vec::new()),
-    }
+    let of = match output {
+        Output::Appear { avatar, .. } | Output::Vanish { avatar, .. } => vec![*avatar],
+        Output::Poses { poses, .. } => poses.iter().map(|(id, _)| *id).collect(),
+        _ => Vec::new(),
+    };
+    (output.to(), of)
 }

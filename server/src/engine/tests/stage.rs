@@ -238,19 +238,7 @@ impl Stage {
     }
 
     fn deliver(&mut self, output: &Output) {
-        let to = match output {
-            Output::Entered { to, .. }
-            | Output::Appear { to, .. }
-            | Output::Vanish { to, .. }
-            | Output::Poses { to, .. }
-            | Output::Live { to }
-            | Output::Quiet { to, .. }
-            | Output::Ask { to }
-            | Output::Correct { to, .. }
-            | Output::Chat { to, .. }
-            | Output::Drop { to, .. } => to,
-        };
-        let Some(client) = self.clients.get_mut(to) else { return };
+        let Some(client) = self.clients.get_mut(&output.to()) else { return };
         match output {
             Output::Entered { pose, .. } => client.eye = pose.eye,
             Output::Appear { avatar, pose, .. } => {
