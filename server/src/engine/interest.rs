@@ -45,7 +45,7 @@ impl Engine {
         told: &mut Vec<Output>,
     ) {
         let to = viewer.id;
-        let mut poses = Vec::new();
+        let mut poses = Vec::with_capacity(pairs.iter().filter(|pair| pair.is_held).count());
         for pair in pairs.iter_mut() {
             let avatar = lives.at(pair.slot);
             let is_hidden = pair.look.is_hidden();

@@ -131,14 +131,17 @@ impl Shafts {
     }
 }
 
-/// A pair that is to be looked at.
+/// A pair that is to be looked at: the place of the viewer, and that of the pair among its own.
+#[derive(Clone, Copy)]
 struct Open {
-    /// The place of the viewer, and that of the pair among its own.
-    viewer: usize,
-    at: usize,
-    /// What came of it, and what it cost.
-    found: Option<Look>,
-    spent: u32,
+    viewer: u32,
+    at: u32,
+}
+
+impl Open {
+    fn pair<'a>(&self, pairs: &'a [Vec<Pair>]) -> &'a Pair {
+        &pairs[self.viewer as usize][self.at as usize]
+    }
 }
 
 impl Look {
@@ -163,10 +166,10 @@ impl Engine {
     pub(super) fn look(&mut self, scene: &mut Scene) {
         let Scene { lives, pairs } = scene;
         let all = self.crew.gather(pairs, |work, viewer, pairs, open| {
-            for (at, pair) in pairs.iter_mut().enumerate() {
-                let eyes = &lives.all()[viewer];
+            let eyes = &lives.all()[viewer];
+            for (at, pair) in (0..).zip(pairs) {
                 if pair.concerns && self.is_open(work, eyes, lives.at(pair.slot), pair) {
-                    open.push(Open { viewer, at, found: None, spent: 0 });
+                    open.push(Open { viewer: viewer as u32, at });
                 }
             }
         });
@@ -176,7 +179,7 @@ impl Engine {
         self.load = load.clamp(1, u64::from(UNDECIDED_TICKS)) as u32;
         let each = self.config.look_budget / count.max(1);
         let most = (SHARES * each).clamp(self.config.look_max / SHARES, self.config.look_max);
-        let (held, new) = all.into_iter().partition(|open| pairs[open.viewer][open.at].is_held);
+        let (held, new) = all.into_iter().partition(|open| open.pair(pairs).is_held);
         let mut budget = 0;
         for (place, open) in [new, held].into_iter().enumerate() {
             budget += self.config.look_budget / 100 * [NEW_PER_CENT, 100 - NEW_PER_CENT][place];
@@ -196,28 +199,28 @@ impl Engine {
         budget: &mut u32,
     ) {
         let from = self.looked_to[place];
-        let stand = |open: &Open| lives.all()[open.viewer].stand;
+        let stand = |open: &Open| lives.all()[open.viewer as usize].stand;
         let first = open.partition_point(|open| stand(open) < from);
         open.rotate_left(first);
-        let mut rest = &mut open[..];
+        let mut rest = &open[..];
         while let Some(next) = rest.first() {
             if *budget == 0 {
                 self.looked_to[place] = stand(next);
                 return;
             }
             let sure = usize::try_from(*budget / most.max(1)).unwrap_or(usize::MAX);
-            let (round, later) = rest.split_at_mut(rest.len().min(2 * sure + 1));
-            self.crew.each(round, |work, _, open| {
-                let viewer = &lives.all()[open.viewer];
-                let pair = &pairs[open.viewer][open.at];
-                let mut left = most;
-                let found = self.look_at(work, viewer, lives.at(pair.slot), &mut left);
-                (open.found, open.spent) = (found, most - left);
+            let (round, later) = rest.split_at(rest.len().min(2 * sure + 1));
+            // What comes of each, and what is left of what it may cost.
+            let mut looks: Vec<(Option<Look>, u32)> = vec![(None, most); round.len()];
+            self.crew.each(&mut looks, |work, place, (found, left)| {
+                let viewer = &lives.all()[round[place].viewer as usize];
+                let other = lives.at(round[place].pair(pairs).slot);
+                *found = self.look_at(work, viewer, other, left);
             });
-            for open in round {
-                *budget = budget.saturating_sub(open.spent);
-                if let Some(found) = open.found {
-                    pairs[open.viewer][open.at].look = found;
+            for (open, (found, left)) in round.iter().zip(looks) {
+                *budget = budget.saturating_sub(most - left);
+                if let Some(found) = found {
+                    pairs[open.viewer as usize][open.at as usize].look = found;
                 }
             }
             rest = later;

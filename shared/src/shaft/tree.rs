@@ -2,6 +2,8 @@
 
 use std::ops::ControlFlow;
 
+use glam::{Vec3A, Vec4};
+
 use super::Line;
 use crate::geometry::Aabb;
 
@@ -18,13 +20,28 @@ pub(super) struct Tree {
     order: Vec<u32>,
 }
 
+/// The corners of the box around all that is in it; the last lanes are whole numbers.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    bounds: Aabb,
+    low: Vec4,
+    high: Vec4,
+}
+
+impl Node {
+    fn new(bounds: &Aabb, at: u32, count: u32) -> Self {
+        let number = f32::from_bits;
+        Self { low: bounds.min.extend(number(at)), high: bounds.max.extend(number(count)) }
+    }
+
     /// Of a leaf, where it begins in the order; else the second child. The first comes next.
-    at: u32,
+    fn at(&self) -> u32 {
+        self.low.w.to_bits()
+    }
+
     /// How many a leaf holds; 0 for any other node.
-    count: u32,
+    fn count(&self) -> u32 {
+        self.high.w.to_bits()
+    }
 }
 
 impl Tree {
@@ -43,7 +60,8 @@ impl Tree {
         let bounds = order.iter().map(of).fold(Aabb::EMPTY, |all, one| all.union(one));
         let node = self.nodes.len();
         let count = order.len();
-        self.nodes.push(Node { bounds: bounds.grown(SLACK), at, count: count as u32 });
+        let bounds = bounds.grown(SLACK);
+        self.nodes.push(Node::new(&bounds, at, count as u32));
         if count <= LEAF_MAX {
             return;
         }
@@ -57,7 +75,7 @@ impl Tree {
         self.grow(boxes, low, at);
         let second = self.nodes.len() as u32;
         self.grow(boxes, high, at + (count / 2) as u32);
-        self.nodes[node] = Node { at: second, count: 0, ..self.nodes[node] };
+        self.nodes[node] = Node::new(&bounds, second, 0);
     }
 
     /// Tells every box near a line until told to stop; counts the nodes looked at on the way.
@@ -67,11 +85,11 @@ impl Tree {
         looked: &mut u32,
         mut tell: impl FnMut(u32, &mut u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
-        let Line { from, to } = *line;
+        let (from, to) = (Vec3A::from(line.from), Vec3A::from(line.to));
         let inverse = (to - from).recip();
         self.visit(
-            |bounds| {
-                let (a, b) = ((bounds.min - from) * inverse, (bounds.max - from) * inverse);
+            |low, high| {
+                let (a, b) = ((low - from) * inverse, (high - from) * inverse);
                 // What a line in the plane of a face may lose here only makes it free.
                 let enter = a.min(b).max_element().max(0.0);
                 let leave = a.max(b).min_element().min(1.0);
@@ -89,12 +107,14 @@ impl Tree {
         mut tell: impl FnMut(u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
         let mut tell = |index: u32, _: &mut u32| tell(index);
-        self.visit(|bounds| bounds.intersects(region), &mut 0, &mut tell)
+        let (min, max) = (Vec3A::from(region.min), Vec3A::from(region.max));
+        let touches = |low: Vec3A, high: Vec3A| (low.cmple(max) & high.cmpge(min)).all();
+        self.visit(touches, &mut 0, &mut tell)
     }
 
     fn visit<B>(
         &self,
-        enters: impl Fn(&Aabb) -> bool,
+        enters: impl Fn(Vec3A, Vec3A) -> bool,
         looked: &mut u32,
         tell: &mut impl FnMut(u32, &mut u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
@@ -105,15 +125,15 @@ impl Tree {
             let index = stack[height];
             let node = &self.nodes[index as usize];
             *looked += 1;
-            if !enters(&node.bounds) {
+            if !enters(Vec3A::from_vec4(node.low), Vec3A::from_vec4(node.high)) {
                 continue;
             }
-            if node.count == 0 {
-                (stack[height], stack[height + 1]) = (node.at, index + 1);
+            if node.count() == 0 {
+                (stack[height], stack[height + 1]) = (node.at(), index + 1);
                 height += 2;
                 continue;
             }
-            let (at, count) = (node.at as usize, node.count as usize);
+            let (at, count) = (node.at() as usize, node.count() as usize);
             for &index in &self.order[at..at + count] {
                 tell(index, looked)?;
             }
