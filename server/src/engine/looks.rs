@@ -2,7 +2,7 @@
 //!
 //! What was found hidden stays so while both regions last, since walls do not move; what was found in
 //! sight stays so while the line that was free still joins the two. So most ticks cost a comparison.
-//! Gates and cells are asked first, between regions with something to spare. The rest, between what
+//! One line is tried first, and gates and cells are asked, between regions with something to spare. The rest, between what
 //! regions are just now, has a budget, in units of work and not in time, so that the same inputs give
 //! the same outputs. Where it does not suffice a pair counts as visible.
 

@@ -32,7 +32,7 @@ const SPACES_MAX: u32 = 64;
 /// So many ways into a space are told apart.
 const WAYS_MAX: usize = 3;
 
-/// Spaces and gates, ready to be asked. 64 bytes for each side of a gate.
+/// Spaces and gates, ready to be asked. 32 bytes for each side of a gate.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Passages {
     /// Planes as in [`Cells::tree`], but that leaves are spaces.
