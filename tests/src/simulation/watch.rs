@@ -109,14 +109,17 @@ impl Watch {
         }
     }
 
-    /// Whoever is quiet in the same TBV as a tick ago is neither spoken to nor spoken of.
+    /// Whoever is quiet in the same TBV as a tick ago is neither spoken to nor spoken of. What was refused is an
+    /// answer to its own word, and looked at for itself.
     fn look_for_noise(&mut self, moment: &Moment<'_>) {
         let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.state(*id)) {
             (Some((before, true, _)), Some(ClientState::Quiet(tbv))) => *before == tbv,
             _ => false,
         };
         let mut noisy = Vec::new();
-        for output in moment.outputs {
+        let is_answer =
+            |output: &&Output| matches!(output, Output::Correct { .. } | Output::Drop { .. });
+        for output in moment.outputs.iter().filter(|output| !is_answer(output)) {
             let (to, of) = concerned(output);
             noisy.extend([to].into_iter().chain(of).filter(lasting));
         }
