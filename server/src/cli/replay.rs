@@ -61,7 +61,7 @@ pub struct Args {
     /// Writes every event as CSV: t_ms,viewer,avatar,what.
     #[arg(long, value_name = "EVENTS.csv")]
     dump: Option<PathBuf>,
-    /// Writes the figures of the closing table as JSON.
+    /// Writes the figures of the closing table, and those of each client, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -106,7 +106,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             compare(args, &world, &trace, &Comparison::TBVS.map(tbvs))
         }
         (_, Validities::All) => anyhow::bail!("--validity all goes with --policy tbv"),
-        (Policies::One(_), Validities::One(_)) => run_one(args, &world, &trace, &options),
+        (Policies::One(_), Validities::One(_)) => match &args.explain {
+            Some(question) => explain(question, args, &world, &trace, &options),
+            None => run_one(args, &world, &trace, &options),
+        },
     }
 }
 
@@ -118,26 +121,42 @@ fn run_one(
 ) -> anyhow::Result<()> {
     let mut dump = args.dump.as_deref().map(create).transpose()?;
     let progress = Progress::new();
-    let mut explanation = None;
-    let mut watch = |moment: &Moment<'_>| {
-        progress.show("replay", moment.done);
-        if let Some(question) = &args.explain
-            && explanation.is_none()
-            && moment.now >= question.at
-        {
-            explanation = Some(question.answer(moment));
-        }
-    };
     let dump = dump.as_mut().map(|file| file as &mut dyn Write);
-    let report = replay::run_watched(world, trace, options, dump, &mut watch);
+    let show = &mut |done| progress.show("replay", done);
+    let report = replay::run(world, trace, options, dump, show);
     progress.finish();
     let report = report.context("cannot write the dump")?;
     super::write_json(args.json.as_deref(), &report)?;
-    match explanation {
-        Some(text) => super::print(&text),
-        None if args.explain.is_some() => anyhow::bail!("the trace ends before that time"),
-        None => super::print(&report.to_string()),
-    }
+    super::print(&report.to_string())
+}
+
+/// Runs a trace up to the tick that is asked about. What rays would say of it changes nothing.
+fn explain(
+    question: &Question,
+    args: &Args,
+    world: &Arc<World>,
+    trace: &Trace,
+    options: &Options,
+) -> anyhow::Result<()> {
+    anyhow::ensure!(args.dump.is_none(), "--dump goes without --explain");
+    anyhow::ensure!(args.json.is_none(), "--json goes without --explain");
+    let (first, last) = trace.span();
+    let length = options.length.map_or(last - first, |length| length.min(last - first));
+    anyhow::ensure!(question.at <= first + length, "the trace ends before that time");
+    let length = (question.at + options.config.tick).saturating_sub(first);
+    let (length, oracle) = (Some(length), OracleStride::Off);
+    let options = Options { length, oracle, ..options.clone() };
+    let progress = Progress::new();
+    let mut answer = None;
+    let mut watch = |moment: &Moment<'_>| {
+        progress.show("replay", moment.done);
+        if moment.now >= question.at && answer.is_none() {
+            answer = Some(question.answer(moment));
+        }
+    };
+    replay::run_watched(world, trace, &options, None, &mut watch)?;
+    progress.finish();
+    super::print(&answer.context("the trace ends before that time")??)
 }
 
 /// Of whom `--explain` is asked, by the trace's ids, and when.
@@ -149,15 +168,16 @@ struct Question {
 }
 
 impl Question {
-    fn answer(&self, moment: &Moment<'_>) -> String {
-        let find = |walker: u32| moment.engine.avatars().find(|id| moment.walker(*id) == walker);
-        let both = find(self.viewer).zip(find(self.avatar));
-        let found = both.and_then(|(viewer, avatar)| moment.engine.explain(viewer, avatar));
-        let when = format!("{:<34} {} ms\n", "at the tick at", moment.now.as_millis());
-        match found {
-            Some(explanation) => when + &explanation.to_string(),
-            None => when + "one of the two is not present\n",
-        }
+    fn answer(&self, moment: &Moment<'_>) -> anyhow::Result<String> {
+        let t_ms = moment.now.as_millis();
+        let find = |walker: u32| {
+            let mut present = moment.engine.avatars();
+            let found = present.find(|id| moment.walker(*id) == walker);
+            found.with_context(|| format!("{walker} is not present at {t_ms} ms"))
+        };
+        let explanation = moment.engine.explain(find(self.viewer)?, find(self.avatar)?);
+        let explanation = explanation.context("both are present")?;
+        Ok(format!("{:<34} {t_ms} ms\n{explanation}", "at the tick at"))
     }
 }
 

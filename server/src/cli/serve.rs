@@ -26,8 +26,8 @@ pub struct Args {
     /// Where clients come in; port 0 picks a free one.
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
-    /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, validity_max_s, threads, hello_s,
-    /// silence_s, free_entry, data, world.
+    /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, horizon_max_ms, validity, shape,
+    /// validity_max_s, threads, hello_s, silence_s, free_entry, data, world.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
     /// The folder in which the certificate and the demo building are kept.

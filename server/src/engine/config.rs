@@ -52,8 +52,8 @@ pub struct Config {
     pub silence_budget: u32,
     /// What one look may cost.
     pub look_max: u32,
-    /// A viewer that has been told of an avatar keeps it for so many ticks at least, so that nobody
-    /// flickers at a door post.
+    /// For so many ticks after an avatar was last found in sight its viewer keeps it, though nothing is said
+    /// of it, so that nobody flickers at a door post.
     pub hold_ticks: u32,
     /// How long after a TBV was found to be in view the next one is tried.
     pub silence_retry: Duration,

@@ -20,6 +20,8 @@ pub struct Explanation {
     pub eyes: Vec<Aabb>,
     /// Where the avatar's body can be until then.
     pub bodies: Vec<Aabb>,
+    /// Whether the avatar moved otherwise than it said a while ago, so that its body may be anywhere that top speed leads to.
+    pub is_doubted: bool,
     /// What decided.
     pub reason: Reason,
 }
@@ -41,6 +43,8 @@ pub enum Reason {
     Rooms,
     /// Every line between their regions is blocked.
     Shafts,
+    /// The same, but some line was not until a moment ago.
+    Held,
     /// This line between their regions is free.
     Free(Line),
     /// A line may be free: the budget did not suffice to tell.
@@ -68,6 +72,7 @@ impl Engine {
                 Reason::Free(Line { from, to })
             }
             Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
+            Some(Pair { is_held: true, .. }) => Reason::Held,
             Some(Pair { look: Look::Hidden(_) | Look::HiddenIn(_), .. }) => Reason::Shafts,
         };
         Some(Explanation {
@@ -76,6 +81,7 @@ impl Engine {
             is_held: pair.is_some_and(|pair| pair.is_held),
             eyes: boxes(from, Part::EYES),
             bodies: boxes(to, to.near.bodies(delay)),
+            is_doubted: !to.pledges.are_kept(self.now),
             reason,
         })
     }
@@ -103,6 +109,17 @@ impl fmt::Display for Explanation {
             if self.is_held { "is told" } else { "is not told" }.to_owned(),
         )?;
         row("because", self.reason.to_string())?;
+        for (whose, state) in [("the viewer's", &self.viewer), ("the avatar's", &self.avatar)] {
+            if let Some(tbv) = state.tbv() {
+                row(&format!("{whose} TBV is"), region(&tbv.within))?;
+            }
+        }
+        if self.is_doubted {
+            row(
+                "the avatar",
+                "moves otherwise than it says, so it may be anywhere near".to_owned(),
+            )?;
+        }
         self.eyes.iter().try_for_each(|part| row("the eye can be in", region(part)))?;
         self.bodies.iter().try_for_each(|part| row("the body can be in", region(part)))
     }
@@ -119,6 +136,9 @@ impl fmt::Display for Reason {
             Self::Sealed => f.write_str("a sealed room has one of the two in it, not the other"),
             Self::Rooms => f.write_str("no room of the viewer's shows where the other can be"),
             Self::Shafts => f.write_str("every line between their regions is blocked"),
+            Self::Held => {
+                f.write_str("it was in sight a moment ago, though no line is free any more")
+            }
             Self::Undecided => f.write_str("a line may be free: too little budget to tell"),
             Self::Free(Line { from, to }) => write!(
                 f,

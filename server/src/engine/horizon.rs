@@ -46,9 +46,9 @@
 //! [`Config::horizon_max`](super::Config::horizon_max) and whose messages take no longer than
 //! half of the round trip and a margin, both measured for each client ([`Jitter`](super::jitter::Jitter)); slower
 //! ones are treated as if they were so fast. It holds for bodies inside the world's bounds that do what bodies can: after an impulse, what it
-//! changes may be told late by the time that its announcement takes.
+//! changes may be told late by the time that the host takes to tell the engine of it.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{collections::BTreeMap, sync::OnceLock, time::Duration};
 
 use super::Config;
 
@@ -78,6 +78,8 @@ pub(super) struct Horizons {
     round_trips: BTreeMap<Duration, usize>,
     /// How many have each delay.
     delays: BTreeMap<Duration, usize>,
+    /// The longest round trip of those that may be silent, once it was asked for.
+    round_trip_silent_max: OnceLock<Duration>,
 }
 
 impl Horizons {
@@ -89,17 +91,20 @@ impl Horizons {
             silent_max: config.validity.max(config.validity_max).min(SILENT_MAX),
             round_trips: BTreeMap::new(),
             delays: BTreeMap::new(),
+            round_trip_silent_max: OnceLock::new(),
         }
     }
 
     /// Takes in the round trip of one client more.
     pub(super) fn add(&mut self, round_trip: Duration) {
+        self.round_trip_silent_max = OnceLock::new();
         *self.round_trips.entry(round_trip).or_insert(0) += 1;
         *self.delays.entry(self.delay(round_trip)).or_insert(0) += 1;
     }
 
     /// Forgets a round trip that was taken in.
     pub(super) fn remove(&mut self, round_trip: Duration) {
+        self.round_trip_silent_max = OnceLock::new();
         let delay = self.delay(round_trip);
         for (counts, key) in [(&mut self.round_trips, round_trip), (&mut self.delays, delay)] {
             if let Some(count) = counts.get_mut(&key) {
@@ -170,9 +175,12 @@ impl Horizons {
     }
 
     fn round_trip_silent_max(&self) -> Duration {
-        let mut trips = self.round_trips.keys().rev();
-        let link = |trip: &Duration| Link { round_trip: *trip, margin: self.margin };
-        trips.find(|trip| self.may_be_silent(link(trip))).copied().unwrap_or(Duration::ZERO)
+        // All live avatars ask for it at each tick, and there may be many who are too slow.
+        *self.round_trip_silent_max.get_or_init(|| {
+            let mut trips = self.round_trips.keys().rev();
+            let link = |trip: &Duration| Link { round_trip: *trip, margin: self.margin };
+            trips.find(|trip| self.may_be_silent(link(trip))).copied().unwrap_or(Duration::ZERO)
+        })
     }
 
     fn unheard(&self, age: Duration, link: Link) -> Duration {

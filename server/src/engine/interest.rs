@@ -5,7 +5,6 @@ use sightline_shared::motion::AvatarId;
 
 use super::{
     Engine, Output, Policy,
-    crew::Work,
     pairs::{Pair, matched},
     population::{Avatar, Slot},
     scene::{Live, Lives, Scene},
@@ -15,12 +14,12 @@ impl Engine {
     /// Tells live viewers what has changed for them, by id.
     pub(super) fn tell(&mut self, scene: &mut Scene, outputs: &mut Vec<Output>) {
         let Scene { lives, pairs } = scene;
-        let mut told = self.crew.gather(pairs, |work, place, pairs, told| {
+        let mut told = self.crew.gather(pairs, |_, place, pairs, told| {
             let viewer = &lives.all()[place];
             if !self.config.policy.uses_cells() {
                 *pairs = self.pair_without_cells(viewer, pairs);
             }
-            self.tell_one(work, (lives, viewer), pairs, told);
+            self.tell_one((lives, viewer), pairs, told);
         });
         for output in &told {
             let (avatar, is_shown) = match output {
@@ -39,7 +38,6 @@ impl Engine {
 
     fn tell_one(
         &self,
-        work: &mut Work,
         (lives, viewer): (&Lives, &Live),
         pairs: &mut Vec<Pair>,
         told: &mut Vec<Output>,
@@ -49,10 +47,10 @@ impl Engine {
         for pair in pairs.iter_mut() {
             let avatar = lives.at(pair.slot);
             let is_hidden = pair.look.is_hidden();
-            let is_kept = is_hidden
-                && pair.is_held
-                && self.ticks < pair.held_until
-                && self.may_see_by_cells(work, viewer, avatar);
+            if !is_hidden {
+                pair.held_until = self.ticks + self.config.hold_ticks;
+            }
+            let is_kept = pair.is_held && self.ticks < pair.held_until;
             // What is sealed off is not told, whatever the regions say.
             let agrees = avatar.seal.agrees(&viewer.seal);
             let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
@@ -65,7 +63,6 @@ impl Engine {
                 (true, false) => told.push(Output::Vanish { to, avatar: pair.id }),
                 (false, true) => {
                     pair.version = avatar.version;
-                    pair.held_until = self.ticks + self.config.hold_ticks;
                     told.push(appear(to, self.population.at(pair.slot)));
                 }
                 (true, true) | (false, false) => {}

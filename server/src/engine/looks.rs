@@ -357,14 +357,7 @@ impl Engine {
             || other_eyes.is_among(&seen[1]) && shows(other_eyes, bodies) && may(other_eyes, bodies)
     }
 
-    /// Whether a viewer may see an avatar as far as rooms and cells tell.
-    pub(super) fn may_see_by_cells(&self, work: &mut Work, viewer: &Live, other: &Live) -> bool {
-        self.grounds(work, viewer, other, 0).is_some_and(|[eyes, bodies]| {
-            eyes.sees(bodies, &self.world.cells, &self.sectors) && eyes.shows(bodies, &self.rooms)
-        })
-    }
-
-    /// The same, and as gates do.
+    /// Whether a viewer may see an avatar as far as rooms, cells and gates tell.
     fn may_see(&self, work: &mut Work, viewer: &Live, other: &Live, level: usize) -> bool {
         let Some([eyes, bodies]) = self.grounds(work, viewer, other, level) else { return false };
         !(self.config.look_budget > 0 && work.shafts.are_apart(eyes, bodies))

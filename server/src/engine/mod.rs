@@ -65,12 +65,12 @@ use sightline_shared::{
     world::World,
 };
 
+pub(crate) use authority::{Ledger, Limits, Verdict};
 pub use config::{Config, Margin, Policy, PolicyError, Sabotage, Shape, Validity};
 pub use explain::{Explanation, Reason};
 pub use messages::{Input, Output};
 pub use population::ClientState;
 
-use authority::Limits;
 use crew::Crew;
 use expiry::ExpiryQueue;
 use horizon::Horizons;
@@ -145,7 +145,7 @@ pub struct Stats {
     pub repeats: u64,
     /// Reports accepted.
     pub reports: u64,
-    /// Of these, those of bodies that had moved as no body can by itself: pushed, or thrown.
+    /// Times that the host put an avatar elsewhere, or pushed it: [`Input::Relocate`].
     pub impulses: u64,
     /// Reports refused.
     pub refusals: u64,
@@ -315,6 +315,11 @@ impl Engine {
     /// What every body is believed to be able to do.
     pub fn agility(&self) -> Agility {
         self.agility
+    }
+
+    /// What claims are held against.
+    pub(crate) fn limits(&self) -> Limits {
+        self.limits
     }
 
     /// No avatar is believed to move faster, in metres a second.

@@ -25,7 +25,7 @@ pub(super) struct Pair {
     pub(super) concerns: bool,
     /// The viewer's client has been told of it.
     pub(super) is_held: bool,
-    /// Until that tick its client is not told that it is gone, if by their cells it may be in sight.
+    /// Until that tick its client is not told that it is out of sight.
     pub(super) held_until: u32,
     /// The [`Avatar::version`](super::population::Avatar::version) that was sent last.
     pub(super) version: u32,

@@ -1,14 +1,16 @@
 //! How to serve: limits, intervals and places.
 
 use std::{
+    fmt::Display,
     net::{Ipv6Addr, SocketAddr},
     path::PathBuf,
+    str::FromStr,
     time::Duration,
 };
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer, de};
 
-use crate::engine;
+use crate::engine::{self, Shape, Validity};
 
 /// How to serve. In a TOML file each field may be left out; an unknown one is an error.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -22,6 +24,15 @@ pub struct ServeConfig {
     pub clients_max: usize,
     /// More connections from one address are refused, but for the own machine's.
     pub clients_per_address_max: usize,
+    /// How far ahead visibility is decided at most, in milliseconds: 50 to 2000. Whoever has a longer round trip may
+    /// see others late.
+    pub horizon_max_ms: u32,
+    /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or so many milliseconds.
+    #[serde(deserialize_with = "parsed")]
+    pub validity: Validity,
+    /// What bounds TBVs in space: `reach` or `sphere`.
+    #[serde(deserialize_with = "parsed")]
+    pub shape: Shape,
     /// No TBV lasts longer, in seconds: 0.1 to 60.
     pub validity_max_s: f64,
     /// Threads that share a tick of the engine, 1 to 64. It pays for a second one from about a thousand clients on.
@@ -63,6 +74,9 @@ impl Default for ServeConfig {
             tick_hz: 20,
             clients_max: 256,
             clients_per_address_max: 8,
+            horizon_max_ms: 400,
+            validity: Validity::UntilLeft,
+            shape: Shape::Reach,
             validity_max_s: 8.0,
             threads: 1,
             hello_s: 10.0,
@@ -91,6 +105,7 @@ impl ServeConfig {
             ((1..=128).contains(&self.tick_hz), "tick_hz", "1 to 128"),
             ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
             (per_address, "clients_per_address_max", "1 to 16384"),
+            ((50..=2_000).contains(&self.horizon_max_ms), "horizon_max_ms", "50 to 2000"),
             (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
             ((1..=64).contains(&self.threads), "threads", "1 to 64"),
             (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
@@ -112,6 +127,9 @@ impl ServeConfig {
     pub fn engine(&self) -> engine::Config {
         engine::Config {
             tick: self.tick_interval(),
+            horizon_max: Duration::from_millis(self.horizon_max_ms.into()),
+            validity: self.validity,
+            shape: self.shape,
             validity_max: Duration::from_secs_f64(self.validity_max_s),
             // Some that left may not be out yet when others come in.
             avatars_max: self.clients_max + 64,
@@ -119,6 +137,16 @@ impl ServeConfig {
             ..engine::Config::default()
         }
     }
+}
+
+/// What is written as on the command line.
+fn parsed<'de, D, T>(deserializer: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: FromStr<Err: Display>,
+{
+    let text = String::deserialize(deserializer)?;
+    text.parse().map_err(|error| de::Error::custom(format!("{text}: {error}")))
 }
 
 #[cfg(test)]
@@ -130,10 +158,21 @@ mod tests {
         let config = ServeConfig::from_toml("tick_hz = 30\nlisten = '127.0.0.1:0'").unwrap();
         assert_eq!((config.tick_hz, config.listen.port()), (30, 0));
         assert_eq!(config.clients_max, ServeConfig::default().clients_max);
+        let text = "horizon_max_ms = 250\nvalidity = '500'\nshape = 'sphere'";
+        let engine = ServeConfig::from_toml(text).unwrap().engine();
+        assert_eq!(engine.horizon_max, Duration::from_millis(250));
+        assert_eq!(engine.validity, Validity::Constant(Duration::from_millis(500)));
+        assert_eq!(engine.shape, Shape::Sphere);
+        let (plain, usual) = (ServeConfig::default().engine(), engine::Config::default());
+        assert_eq!((plain.validity, plain.shape), (usual.validity, usual.shape));
+        assert_eq!(plain.horizon_max, usual.horizon_max);
         for (text, expected) in [
             ("ticks = 3", "unknown field `ticks`"),
             ("tick_hz = 0", "tick_hz must be 1 to 128"),
             ("threads = 0", "threads must be 1 to 64"),
+            ("horizon_max_ms = 10", "horizon_max_ms must be 50 to 2000"),
+            ("validity = 'long'", "long: use until-left, maximal, adaptive"),
+            ("shape = 'cube'", "cube: use sphere or reach"),
             ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),
             ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
             ("clients_max = -1", "invalid"),

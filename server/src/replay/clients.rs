@@ -15,7 +15,10 @@ use sightline_shared::{
     world::Confines,
 };
 
-use crate::{engine::Engine, trace::Trace};
+use crate::{
+    engine::{Engine, Ledger, Limits, Verdict},
+    trace::Trace,
+};
 
 /// A body may be so far beyond what it can do by rounding, in metres: places and velocities are
 /// rounded on the wire.
@@ -105,6 +108,9 @@ pub(super) struct Client {
     tbv: Option<Tbv>,
     /// It moved as no body can, and has not said so yet.
     jumped: bool,
+    /// What it said last, and how far it can be believed, as its host knows.
+    claimed: Vec3,
+    ledger: Ledger,
     sequence: u32,
     ack: Ack,
     /// How many reports it made between its last two ticks.
@@ -112,10 +118,27 @@ pub(super) struct Client {
     reports_next: u32,
 }
 
+impl Client {
+    /// Whether the server would believe what it is about to say.
+    fn is_believed(&mut self, now: Duration, claim: &Pose, limits: &Limits) -> bool {
+        self.sequence += 1;
+        let believed = (self.claimed, None);
+        let said = (self.sequence, claim);
+        let verdict = self.ledger.judge(now, said, believed, Duration::ZERO, limits, |_| Some(0.0));
+        verdict == Verdict::Accepted
+    }
+
+    /// Where the walker truly is, and how it moves.
+    pub(super) fn pose(&self) -> Pose {
+        Pose { eye: self.eye, velocity: self.velocity, ..Pose::default() }
+    }
+}
+
 /// All clients, and who they are.
 pub(super) struct Clients<'a> {
     trace: &'a Trace,
     agility: Agility,
+    limits: Limits,
     confines: Confines,
     tick: Duration,
     /// By the trace's ids.
@@ -132,6 +155,7 @@ impl<'a> Clients<'a> {
         Self {
             trace,
             agility: engine.agility(),
+            limits: engine.limits(),
             confines: engine.world().confines(),
             tick: engine.config().tick,
             present: BTreeMap::new(),
@@ -152,7 +176,7 @@ impl<'a> Clients<'a> {
         self.present.values()
     }
 
-    /// How often somebody moved as no body can.
+    /// How often somebody moved as no body can, or further than would be believed.
     pub(super) fn jumps(&self) -> u64 {
         self.jumps
     }
@@ -163,9 +187,9 @@ impl<'a> Clients<'a> {
     }
 
     /// Where the trace has a walker at some time, if it is there.
-    pub(super) fn eye_at(&self, avatar: AvatarId, at: Duration) -> Option<Vec3> {
+    pub(super) fn pose_at(&self, avatar: AvatarId, at: Duration) -> Option<Pose> {
         let pose = self.trace.pose_at(self.walker(avatar), at, self.agility.fall_max)?;
-        Some(self.confines.clamp(pose.eye))
+        Some(Pose { eye: self.confines.clamp(pose.eye), ..pose })
     }
 
     /// How many samples were outside the world, and taken to its edge.
@@ -250,6 +274,8 @@ impl<'a> Clients<'a> {
             entered: false,
             tbv: None,
             jumped: false,
+            claimed: pose.eye,
+            ledger: Ledger::new(now),
             sequence: 0,
             ack: Ack::default(),
             reports: 0,
@@ -273,28 +299,29 @@ impl<'a> Clients<'a> {
         let client = self.present.get_mut(&walker)?;
         let elapsed = now.saturating_sub(client.at);
         let able = self.agility.eyes(client.eye, client.velocity, elapsed).grown(ROUNDING_M);
-        if !able.contains(pose.eye) {
-            client.jumped = true;
-            client.settled = now;
-            self.jumps += 1;
-        }
+        client.jumped |= !able.contains(pose.eye);
         (client.eye, client.velocity, client.at) = (pose.eye, pose.velocity, now);
         if !client.entered {
             return None;
         }
-        let jumped = std::mem::take(&mut client.jumped);
-        let request = if jumped {
+        let stays = |tbv: &Tbv| tbv.holds(pose, self.tick, &self.agility);
+        let live = client.tbv.is_none();
+        let stays = !live && client.tbv.as_ref().is_some_and(stays);
+        if stays && !asked && !client.jumped {
+            return None;
+        }
+        let request = if std::mem::take(&mut client.jumped)
+            || !client.is_believed(now, &told, &self.limits)
+        {
+            client.ledger.relocate(now, told.velocity);
+            client.settled = now;
+            self.jumps += 1;
             Request::Relocate { pose: told }
         } else {
-            let stays = |tbv: &Tbv| tbv.holds(pose, self.tick, &self.agility);
-            let live = client.tbv.is_none();
-            if !live && !asked && client.tbv.as_ref().is_some_and(stays) {
-                return None;
-            }
-            client.sequence += 1;
             self.left += u64::from(!live && !asked);
             Request::Report { sequence: client.sequence, pose: told, on_stream: !live }
         };
+        client.claimed = told.eye;
         client.reports_next += 1;
         Some(Uplink { avatar: client.avatar, sampled: now, ack: client.ack, request })
     }

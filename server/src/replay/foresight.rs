@@ -3,9 +3,10 @@
 //! The engine decides at a tick, by reports that were made a one-way delay and up to a tick before,
 //! for as long as its word stands: until that of the next tick has arrived. Within that time eye and body
 //! can be at more places than they are. Those sampled are where the walkers of the trace are at the
-//! beginning, at present and at the end of it, and places that a straight walk from the first leads to
-//! without meeting an opaque triangle: to both sides of the line between the two, and in some
-//! directions of chance, as far as the body can get.
+//! beginning, at present and at the end of it, and places that a straight way from the first leads to
+//! without meeting an opaque triangle: to both sides of the line between the two, level and as high as
+//! the body can rise, and in some directions of chance. What the body can do in the time, by the velocity that
+//! it had at first, bounds them all ([`Agility`]).
 //!
 //! Samples find too little, never too much: what is held for each pair found is an upper bound of what an exact
 //! oracle would say.
@@ -14,7 +15,7 @@ use std::time::Duration;
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_shared::motion::Body;
+use sightline_shared::motion::{Agility, Body};
 
 use crate::sight::Sight;
 
@@ -32,8 +33,27 @@ pub(super) struct Walk {
     pub(super) now: Vec3,
     /// When the word of the next tick stands.
     pub(super) last: Vec3,
-    /// How far it can get from the first place, in metres.
-    pub(super) way_m: f32,
+    /// Where it can be in all that time, as it moved at first.
+    pub(super) able: Able,
+}
+
+/// Where a body can be some time after it was at a place: level, in a ball; and so far up.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Able {
+    centre: Vec3,
+    radius_m: f32,
+    up_m: f32,
+}
+
+impl Able {
+    /// By its velocity and what bodies can do. The box of [`Agility::eyes`] is the one around it.
+    pub(super) fn new(agility: &Agility, eye: Vec3, velocity: Vec3, time: Duration) -> Self {
+        let eyes = agility.eyes(eye, velocity, time);
+        let centre = eye + velocity.with_y(0.0) * (0.5 * time.as_secs_f32());
+        let radius_m = (eyes.max - centre).min(centre - eyes.min).with_y(f32::INFINITY);
+        let (radius_m, up_m) = (radius_m.min_element().max(0.0), eyes.max.y - eye.y);
+        Self { centre, radius_m, up_m }
+    }
 }
 
 /// Whether one walker's eye could come to see the other's body.
@@ -66,22 +86,29 @@ fn places(sight: &Sight, body: &Body, walk: &Walk, other: Vec3, rng: &mut SmallR
         Vec3::new(angle.cos(), 0.0, angle.sin())
     });
     let mut found = vec![walk.now, walk.first, walk.last];
-    let directions: Vec<Vec3> = chances.chain([across, -across]).collect();
-    found.extend(directions.into_iter().map(|direction| walked(sight, body, walk, direction)));
+    let Able { centre, radius_m, up_m } = walk.able;
+    let rise = Vec3::Y * up_m;
+    let sides = [across, -across];
+    let level = chances.chain(sides).map(|side| centre + side * radius_m);
+    let goals: Vec<Vec3> =
+        sides.map(|side| centre + side * radius_m + rise).into_iter().chain(level).collect();
+    found.extend(goals.into_iter().map(|goal| walked(sight, body, walk.first, goal)));
     found
 }
 
-/// As far as a straight walk leads without the body's sticking into a wall, or nearly.
-fn walked(sight: &Sight, body: &Body, walk: &Walk, direction: Vec3) -> Vec3 {
-    let wall_m = sight.distance(walk.first, direction).unwrap_or(f32::INFINITY);
-    let free_m = walk.way_m.min((wall_m - body.half_width).max(0.0));
+/// As far as a straight way leads without the body's sticking into a wall, or nearly.
+fn walked(sight: &Sight, body: &Body, first: Vec3, goal: Vec3) -> Vec3 {
+    let way = goal - first;
+    let Some(direction) = way.try_normalize() else { return first };
+    let wall_m = sight.distance(first, direction).unwrap_or(f32::INFINITY);
+    let free_m = way.length().min((wall_m - body.half_width).max(0.0));
     let is_free = |at: &Vec3| {
         [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z]
             .into_iter()
             .all(|side| sight.distance(*at, side).is_none_or(|wall_m| wall_m >= body.half_width))
     };
-    let parts = [1.0, 0.75, 0.5, 0.25].map(|part| walk.first + direction * free_m * part);
-    parts.into_iter().find(is_free).unwrap_or(walk.first)
+    let parts = [1.0, 0.75, 0.5, 0.25].map(|part| first + direction * free_m * part);
+    parts.into_iter().find(is_free).unwrap_or(first)
 }
 
 #[cfg(test)]
@@ -97,9 +124,10 @@ mod tests {
         Sight::new(&Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]] })
     }
 
-    fn standing(x: f32, z: f32, way_m: f32) -> Walk {
+    fn standing(x: f32, z: f32, radius_m: f32) -> Walk {
         let eye = Vec3::new(x, 1.6, z);
-        Walk { first: eye, now: eye, last: eye, way_m }
+        let able = Able { centre: eye, radius_m, up_m: 0.0 };
+        Walk { first: eye, now: eye, last: eye, able }
     }
 
     fn check(viewer: Walk, avatar: Walk, expected: bool) {
@@ -116,6 +144,23 @@ mod tests {
         check(standing(-30.0, -2.0, 2.0), standing(-30.0, 2.0, 2.0), false);
         let comes = Walk { last: Vec3::new(0.5, 1.6, 2.0), ..standing(-1.0, 2.0, 0.0) };
         check(standing(0.5, -2.0, 0.0), comes, true);
+    }
+
+    #[test]
+    fn whoever_moves_gets_further_ahead_than_back_and_never_beyond_what_is_told_of_regions() {
+        let agility = Agility::of(&Body::PERSON, 3.0);
+        let time = Duration::from_millis(200);
+        for velocity in [Vec3::ZERO, Vec3::X, Vec3::new(-1.0, 0.5, 2.5), Vec3::Z * 9.0] {
+            let eyes = agility.eyes(Vec3::ZERO, velocity, time).grown(1e-4);
+            let able = Able::new(&agility, Vec3::ZERO, velocity, time);
+            for angle in (0..64).map(|i| i as f32 * 0.1) {
+                let side = Vec3::new(angle.cos(), 0.0, angle.sin()) * able.radius_m;
+                assert!(eyes.contains(able.centre + side) && eyes.contains(Vec3::Y * able.up_m));
+            }
+            assert!(able.centre.dot(velocity) >= 0.0);
+            let has_room = able.radius_m > 0.2 || velocity.length() > agility.speed_max;
+            assert!(has_room, "{velocity}: {able:?}");
+        }
     }
 
     #[test]

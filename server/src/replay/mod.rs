@@ -3,8 +3,8 @@
 //! Every walker of the trace has a simulated client whose messages take half of the round trip
 //! each way and are coded as on the wire. It does what a real one does: it reports at every tick
 //! while it is live; while quiet only when asked or about to leave its TBV; and when it moves in a
-//! way that no body can, from one sample to the next, it announces the jump, as the host of a game
-//! does for a respawn.
+//! way that no body can from one sample to the next, or further than the server would believe, the jump is
+//! announced, as the host of a game does for a respawn or a rocket's push.
 //!
 //! In the dump, times are the trace's own, at the server: when it sent what it sent, and when it
 //! took in a report. A `t_ms` is rounded down to a whole millisecond.
@@ -19,13 +19,9 @@ mod report;
 mod tally;
 mod wire;
 
-use std::{
-    collections::BTreeMap,
-    io,
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::{collections::BTreeMap, io, sync::Arc, time::Duration};
 
+use cpu_time::ProcessTime;
 use glam::Vec3;
 use rayon::prelude::*;
 use sightline_shared::{
@@ -189,7 +185,7 @@ struct Replay<'a> {
     oracle: Option<Oracle>,
     dump: Dump<'a>,
     tally: Tally,
-    /// Spent in the engine since the last tick.
+    /// Spent in the engine since the last tick, by all threads.
     cpu: Duration,
 }
 
@@ -218,7 +214,7 @@ impl<'a> Replay<'a> {
         }
         self.deliver(now)?;
         let mut outputs = Vec::new();
-        let start = Instant::now();
+        let start = ProcessTime::now();
         self.engine.tick(now, &mut outputs);
         self.cpu += start.elapsed();
         self.tally.tick(std::mem::take(&mut self.cpu), &self.engine);
@@ -289,7 +285,7 @@ impl<'a> Replay<'a> {
     }
 
     fn feed(&mut self, at: Duration, input: Input) {
-        let start = Instant::now();
+        let start = ProcessTime::now();
         self.engine.handle(at, input);
         self.cpu += start.elapsed();
     }
@@ -344,12 +340,12 @@ impl<'a> Replay<'a> {
         match output {
             Output::Appear { to, avatar, .. } => {
                 self.tally.updates += 1;
-                self.tally.enters += 1;
+                self.tally.enter(now, *to, *avatar);
                 self.note_pair(now, *to, *avatar, What::Enter)?;
                 self.note_pair(now, *to, *avatar, What::Update)?;
             }
             Output::Vanish { to, avatar } => {
-                self.tally.leaves += 1;
+                self.tally.leave(now, *to, *avatar);
                 self.note_pair(now, *to, *avatar, What::Leave)?;
             }
             Output::Poses { to, poses, .. } => {

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use sightline_shared::{
     geometry::Aabb,
-    motion::{AvatarId, Body},
+    motion::{Agility, AvatarId, Body},
     rooms::{RoomIndex, Seal},
     world::World,
 };
@@ -19,7 +19,7 @@ use sightline_shared::{
 use super::{
     Options, OracleReport, OracleStride,
     clients::{Client, Clients},
-    foresight::{Walk, foresees},
+    foresight::{Able, Walk, foresees},
     wire::Wire,
 };
 use crate::{sight::Sight, trace::Trace};
@@ -47,9 +47,9 @@ pub(super) struct Oracle {
     hidden: u64,
     hidden_reports: u64,
     hidden_held: u64,
-    /// For each walk: how far ahead, and how fast it may be.
+    /// For each walk: how far ahead, and what a body can do.
     tick: Duration,
-    speed_max: f32,
+    agility: Agility,
     foresight: bool,
 }
 
@@ -147,6 +147,7 @@ impl Oracle {
             OracleStride::Auto => stride(trace, options),
         };
         let tick = options.config.tick;
+        let speed_max = options.config.speed_max.unwrap_or(world.speed_max);
         let round_trip_max = options.round_trip + options.network.spread;
         let mut unsettled = 2 * (round_trip_max + options.network.jitter) + 4 * tick;
         if options.network.loss > 0.0 {
@@ -174,7 +175,7 @@ impl Oracle {
             hidden_held: 0,
             tick,
             foresight: options.foresight,
-            speed_max: options.config.speed_max.unwrap_or(world.speed_max),
+            agility: Agility::of(&world.body, speed_max),
         })
     }
 
@@ -220,19 +221,20 @@ impl Oracle {
     fn walk(&self, now: Duration, client: &Client, clients: &Clients<'_>, wire: &Wire) -> Walk {
         let behind = wire.round_trip(client.avatar) / 2;
         let ahead = self.tick + wire.round_trip_max() / 2;
-        let eye_at = |at: Duration| clients.eye_at(client.avatar, at).unwrap_or(client.eye);
+        let pose_at = |at: Duration| clients.pose_at(client.avatar, at);
+        let first = pose_at(now.saturating_sub(behind)).unwrap_or_else(|| client.pose());
         Walk {
-            first: eye_at(now.saturating_sub(behind)),
+            first: first.eye,
             now: client.eye,
-            last: eye_at(now + ahead),
-            way_m: self.speed_max * (behind + ahead).as_secs_f32(),
+            last: pose_at(now + ahead).map_or(client.eye, |pose| pose.eye),
+            able: Able::new(&self.agility, first.eye, first.velocity, behind + ahead),
         }
     }
 
     fn seals(&self, now: Duration, client: &Client, clients: &Clients<'_>) -> [Seal; 2] {
         let Some(author) = &self.author else { return Default::default() };
-        let before = clients.eye_at(client.avatar, now.saturating_sub(self.unsettled / 2));
-        [client.eye, before.unwrap_or(client.eye)].map(|eye| author.rooms.seal(eye))
+        let before = clients.pose_at(client.avatar, now.saturating_sub(self.unsettled / 2));
+        [client.eye, before.map_or(client.eye, |pose| pose.eye)].map(|eye| author.rooms.seal(eye))
     }
 
     fn look_from(

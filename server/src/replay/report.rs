@@ -65,6 +65,8 @@ pub struct Report {
     pub enters: u64,
     /// How often a client was told that it cannot see an avatar any more.
     pub leaves: u64,
+    /// Enters less than half a second after a leave of the same two.
+    pub flickers: u64,
     /// States sent in a second to all clients together.
     pub states_per_s: f64,
     /// Asks in a second, of all clients together.
@@ -80,9 +82,9 @@ pub struct Report {
     /// Times that a quiet client reported unasked, as it was about to leave its TBV: where TBVs hold all that a
     /// body can do, 0 unless somebody jumps, or something is wrong.
     pub left_tbv: u64,
-    /// Moves that no body can make, announced by their clients.
+    /// Moves that no body can make, or that the server would not believe, and so announced.
     pub jumps: u64,
-    /// Corrections sent; 0 unless something is wrong.
+    /// Corrections sent: 0 unless something is wrong, or the network so bad that honest clients seem too fast.
     pub corrections: u64,
     /// Samples of the trace that are outside the world.
     pub outside: u64,
@@ -196,6 +198,7 @@ impl fmt::Display for Report {
         ] {
             row(name, format!("{count} ({rate:.2} a second)"))?;
         }
+        row("enters within 0.5 s of a leave", self.flickers.to_string())?;
         row("jumps", self.jumps.to_string())?;
         if self.left_tbv > 0 {
             row("reports on leaving a TBV", self.left_tbv.to_string())?;

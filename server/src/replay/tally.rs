@@ -9,6 +9,8 @@ use crate::engine::{ClientState, Engine, Stats};
 
 /// Clients that were there for less time tell no rates, in seconds.
 const PRESENCE_MIN_S: f64 = 1.0;
+/// Whoever comes back sooner flickers.
+const FLICKER: Duration = Duration::from_millis(500);
 
 /// Messages one way.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,8 +41,11 @@ pub(super) struct ClientTally {
 pub(super) struct Tally {
     clients: BTreeMap<AvatarId, ClientTally>,
     pub(super) updates: u64,
-    pub(super) enters: u64,
-    pub(super) leaves: u64,
+    enters: u64,
+    leaves: u64,
+    /// When each client was told last that it cannot see an avatar any more.
+    left: BTreeMap<(AvatarId, AvatarId), Duration>,
+    flickers: u64,
     pub(super) reports: u64,
     pub(super) asks: u64,
     pub(super) corrections: u64,
@@ -51,6 +56,19 @@ impl Tally {
     /// What is counted of a client.
     pub(super) fn client(&mut self, client: AvatarId) -> &mut ClientTally {
         self.clients.entry(client).or_default()
+    }
+
+    /// A client was told of an avatar.
+    pub(super) fn enter(&mut self, now: Duration, to: AvatarId, avatar: AvatarId) {
+        self.enters += 1;
+        let left = self.left.remove(&(to, avatar));
+        self.flickers += u64::from(left.is_some_and(|at| now < at + FLICKER));
+    }
+
+    /// A client was told that it cannot see an avatar any more.
+    pub(super) fn leave(&mut self, now: Duration, to: AvatarId, avatar: AvatarId) {
+        self.leaves += 1;
+        self.left.insert((to, avatar), now);
     }
 
     /// Counts who is present after a tick.
@@ -118,6 +136,7 @@ impl Tally {
             reveals: stats.reveals,
             enters: self.enters,
             leaves: self.leaves,
+            flickers: self.flickers,
             states_per_s: rate(self.updates),
             asks_per_s: rate(self.asks),
             expiries_per_s: rate(stats.expiries),

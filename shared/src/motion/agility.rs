@@ -19,7 +19,7 @@ const FALL_MAX: f32 = 45.0;
 /// Stairs lift and lower it, and it falls. In no case does it get further than its speed limit, or
 /// the speed that it has, takes it.
 ///
-/// What goes beyond is an *impulse*: a rocket's push, a jump pad. It is for the client to announce.
+/// What goes beyond is an *impulse*: a rocket's push, a jump pad. It is for the host to announce.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agility {
     /// No body gets faster by its own power, in metres a second.
