@@ -156,7 +156,7 @@ impl Default for Config {
             look_budget: 300_000,
             silence_budget: 60_000,
             look_max: 10_000,
-            hold_ticks: 4,
+            hold_ticks: 2,
             silence_retry: Duration::from_millis(100),
             stall: Duration::from_secs(1),
             ask_timeout: Duration::from_secs(1),
