@@ -452,5 +452,5 @@ impl<'a> Replay<'a> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "compile"))]
 mod tests;
