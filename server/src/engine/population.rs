@@ -24,7 +24,7 @@ use super::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Slot(pub(super) u32);
 
-/// What a client has been made to do. See DESIGN.md, section 3.
+/// What a client has been made to do: to speak at every tick, to be silent, or to answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ClientState {
     /// Some viewer may see it, or it may see somebody: it reports at every tick.

@@ -448,5 +448,5 @@ impl<'a> Replay<'a> {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "compile"))]
 mod tests;
