@@ -328,6 +328,35 @@ fn why_somebody_is_told_of_is_explained() {
     assert_eq!(reason(&stage, ada, dee), Reason::Silence);
 }
 
+/// How many ticks after the last news of somebody who walks out of sight its viewer is told that it is gone.
+fn kept_for(hold_ticks: u32) -> u32 {
+    let margin = Margin::Fixed(Duration::ZERO);
+    let round_trip_initial = Duration::ZERO;
+    let config = Config { hold_ticks, margin, round_trip_initial, ..Config::default() };
+    let mut stage = Stage::new(row(8), config);
+    let (ada, bob) = (stage.join(1, 5.0), stage.join(2, 18.0));
+    stage.ticks(2);
+    let mut news = stage.engine.ticks();
+    while sees(&stage, ada) == [bob.0] {
+        let said = stage.log.len();
+        stage.clients.get_mut(&bob).unwrap().eye.x += 0.095;
+        stage.tick();
+        let is_news = |output: &Output| matches!(output, Output::Poses { to, .. } if *to == ada);
+        if stage.log[said..].iter().any(is_news) {
+            news = stage.engine.ticks();
+        } else if let Some(explanation) = stage.engine.explain(ada, bob) {
+            let reason = if explanation.is_held { Reason::Held } else { Reason::Cells };
+            assert!([reason, Reason::Shafts].contains(&explanation.reason), "{explanation}");
+        }
+    }
+    stage.engine.ticks() - news
+}
+
+#[test]
+fn who_was_in_sight_a_moment_ago_is_kept_but_not_told_of() {
+    assert_eq!([0, 1, 2, 5].map(kept_for), [1, 1, 2, 5]);
+}
+
 /// How far from a viewer's room somebody is who runs towards it, when the viewer is told of it; it claims
 /// such a part of its velocity.
 fn told_of_at(claimed: f32) -> f32 {
