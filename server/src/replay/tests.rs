@@ -1,4 +1,9 @@
-use std::{collections::BTreeMap, fmt::Write as _, fs, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -315,24 +320,35 @@ fn shared() -> Option<PathBuf> {
     found
 }
 
+/// Whether nobody is missed in some seconds of a trace, looked at every so often.
+fn nobody_is_missed(model: &Model, trace: &Path, [seconds, stride_ms]: [u64; 2]) {
+    let coarse = compile::Options { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
+    let go_on = |_, _| std::ops::ControlFlow::Continue(());
+    let world = Arc::new(compile::compile(model, &coarse, &go_on).unwrap().0);
+    let trace = Trace::open(trace).unwrap();
+    for round_trip_ms in [0, 100] {
+        let mut options = options(Policy::Tbv, round_trip_ms);
+        options.length = Some(Duration::from_secs(seconds));
+        options.oracle = OracleStride::Every(Duration::from_millis(stride_ms));
+        let (report, _) = replay(&world, &trace, &options);
+        let oracle = report.oracle.unwrap();
+        assert!(oracle.pairs_visible > 100, "there is something to miss: {oracle:?}");
+        assert_eq!((oracle.misses, report.corrections), (0, 0), "{oracle:?}");
+        assert!(oracle.age_worst_ms <= oracle.age_bound_ms, "{oracle:?}");
+    }
+}
+
 #[test]
 fn pedestrians_in_four_hundred_rooms_are_not_missed() {
     let Some(shared) = shared() else { return };
     let bytes = fs::read(shared.join("traces/rooms400.glb")).unwrap();
     let model = compile::glb::read_slice(&bytes, None, "rooms400").unwrap();
-    let options_world =
-        compile::Options { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
-    let (world, _) =
-        compile::compile(&model, &options_world, &|_, _| std::ops::ControlFlow::Continue(()))
-            .unwrap();
-    let trace = Trace::open(&shared.join("traces/rooms400-60.csv.gz")).unwrap();
-    for round_trip_ms in [0, 100] {
-        let mut options = options(Policy::Tbv, round_trip_ms);
-        options.length = Some(Duration::from_secs(6));
-        options.oracle = OracleStride::Every(Duration::from_secs(1));
-        let (report, _) = replay(&Arc::new(world.clone()), &trace, &options);
-        let oracle = report.oracle.unwrap();
-        assert_eq!((oracle.misses, report.corrections), (0, 0));
-        assert!(oracle.age_worst_ms <= oracle.age_bound_ms, "{oracle:?}");
-    }
+    nobody_is_missed(&model, &shared.join("traces/rooms400-60.csv.gz"), [6, 200]);
+}
+
+#[test]
+fn bots_that_jump_and_are_thrown_about_are_not_missed() {
+    let Some(shared) = shared() else { return };
+    let model = compile::bsp::read(&shared.join("maps/oa_dm2.bsp"), &[]).unwrap();
+    nobody_is_missed(&model, &shared.join("traces/oa_dm2-32.csv.gz"), [4, 100]);
 }
