@@ -46,6 +46,10 @@ pub struct Args {
     /// sphere (maximum speed times validity, whatever is in between).
     #[arg(long, default_value = "reach")]
     shape: Shape,
+    /// What looks from region to region may cost in a tick, in units of which 100,000 take one to five
+    /// milliseconds: what it does not suffice to decide is sent.
+    #[arg(long, value_name = "UNITS", default_value_t = Config::default().look_budget)]
+    look_budget: u32,
     /// Leaves aside what the building's author says of rooms and windows.
     #[arg(long)]
     no_rooms: bool,
@@ -228,6 +232,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         options.config.validity = validity;
     }
     options.config.shape = args.shape;
+    options.config = options.config.with_look_budget(args.look_budget);
     options.length = args.seconds.map(|seconds| Duration::from_secs(seconds.into()));
     options.oracle = args.oracle;
     Ok(options)

@@ -99,6 +99,14 @@ impl Default for Sabotage {
 }
 
 impl Config {
+    /// With another budget for looks, and with as great a share of it for one look as before.
+    #[must_use]
+    pub fn with_look_budget(self, look_budget: u32) -> Self {
+        let share = u64::from(self.look_max) * u64::from(look_budget);
+        let look_max = share / u64::from(self.look_budget.max(1));
+        Self { look_budget, look_max: u32::try_from(look_max).unwrap_or(u32::MAX), ..self }
+    }
+
     /// With all within bounds, so that no sum of times overflows, and nothing is worked out for ever.
     pub(super) fn bounded(self) -> Self {
         let time = |time: Duration| time.min(TIME_MAX);

@@ -33,6 +33,9 @@ pub struct ServeConfig {
     /// What bounds TBVs in space: `reach` or `sphere`.
     #[serde(deserialize_with = "parsed")]
     pub shape: Shape,
+    /// What looks from region to region may cost in a tick, in units of which 100,000 take one to five
+    /// milliseconds: 0 to 100,000,000. What it does not suffice to decide is sent.
+    pub look_budget: u32,
     /// No TBV lasts longer, in seconds: 0.1 to 60.
     pub validity_max_s: f64,
     /// Threads that share a tick of the engine, 1 to 64. It pays for a second one from about a thousand clients on.
@@ -77,6 +80,7 @@ impl Default for ServeConfig {
             horizon_max_ms: 400,
             validity: Validity::UntilLeft,
             shape: Shape::Reach,
+            look_budget: engine::Config::default().look_budget,
             validity_max_s: 8.0,
             threads: 1,
             hello_s: 10.0,
@@ -106,6 +110,7 @@ impl ServeConfig {
             ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
             (per_address, "clients_per_address_max", "1 to 16384"),
             ((50..=2_000).contains(&self.horizon_max_ms), "horizon_max_ms", "50 to 2000"),
+            (self.look_budget <= 100_000_000, "look_budget", "0 to 100000000"),
             (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
             ((1..=64).contains(&self.threads), "threads", "1 to 64"),
             (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
@@ -125,6 +130,7 @@ impl ServeConfig {
 
     /// What the engine is told.
     pub fn engine(&self) -> engine::Config {
+        let usual = engine::Config::default().with_look_budget(self.look_budget);
         engine::Config {
             tick: self.tick_interval(),
             horizon_max: Duration::from_millis(self.horizon_max_ms.into()),
@@ -134,7 +140,7 @@ impl ServeConfig {
             // Some that left may not be out yet when others come in.
             avatars_max: self.clients_max + 64,
             threads: self.threads,
-            ..engine::Config::default()
+            ..usual
         }
     }
 }
@@ -166,6 +172,10 @@ mod tests {
         let (plain, usual) = (ServeConfig::default().engine(), engine::Config::default());
         assert_eq!((plain.validity, plain.shape), (usual.validity, usual.shape));
         assert_eq!(plain.horizon_max, usual.horizon_max);
+        let looks = |config: &engine::Config| (config.look_budget, config.look_max);
+        assert_eq!(looks(&plain), looks(&usual));
+        let double = ServeConfig::from_toml("look_budget = 600000").unwrap().engine();
+        assert_eq!(looks(&double), (2 * usual.look_budget, 2 * usual.look_max));
         for (text, expected) in [
             ("ticks = 3", "unknown field `ticks`"),
             ("tick_hz = 0", "tick_hz must be 1 to 128"),
