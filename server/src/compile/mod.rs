@@ -185,7 +185,8 @@ pub fn compile(
         })
         .ok_or(CompileError::Cancelled)?;
     listener.tell(Stage::Cells, 0.0)?;
-    let eyes: Vec<Vec3> = model.spawns.iter().map(|spawn| axes.own(spawn.eye)).collect();
+    let places = model.spawns.iter().map(|spawn| spawn.eye).chain(model.places.iter().copied());
+    let eyes: Vec<Vec3> = places.map(|place| axes.own(place)).collect();
     let spaces = watch.time(Stage::Cells, || {
         let planes = occluders::planes(&opaque(&carved));
         let occluders = Occluders { planes: &planes, solids: &model.solids, eyes: &eyes };
@@ -435,6 +436,7 @@ mod tests {
             opaque,
             solids: Vec::new(),
             spawns: Vec::new(),
+            places: Vec::new(),
             body: Body::PERSON,
             speed_max: 5.0,
             movers: Vec::new(),

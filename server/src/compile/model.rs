@@ -48,6 +48,9 @@ pub struct Model {
     pub nodes: Vec<(String, Aabb)>,
     /// Where avatars can begin; the compiler finds a place when there is none.
     pub spawns: Vec<Spawn>,
+    /// Other places where things are that avatars get to, such as the ends of teleporters: what is solid all
+    /// through does not hold them.
+    pub places: Vec<Vec3>,
     /// The shape of every body.
     pub body: Body,
     /// No avatar moves faster, in metres a second.

@@ -86,15 +86,20 @@ pub struct Config {
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sabotage {
-    /// TBVs are made for so much of the speed limit.
+    /// The region of each TBV is so many times as large, about its avatar's place.
     pub tbv_scale: f32,
+    /// The notice of those that last until they are left is so many times as long.
+    pub notice_scale: f32,
+    /// Where live avatars can be soon is taken to be so many times as large, about their places.
+    pub region_scale: f32,
     /// Expiries are asked so much too late.
     pub expiry_late: Duration,
 }
 
 impl Default for Sabotage {
     fn default() -> Self {
-        Self { tbv_scale: 1.0, expiry_late: Duration::ZERO }
+        let expiry_late = Duration::ZERO;
+        Self { tbv_scale: 1.0, notice_scale: 1.0, region_scale: 1.0, expiry_late }
     }
 }
 

@@ -344,6 +344,21 @@ impl Engine {
         self.population.find(avatar).map(|a| a.pose)
     }
 
+    /// The round trip that the engine was told of an avatar's client last.
+    pub fn round_trip(&self, avatar: AvatarId) -> Option<Duration> {
+        self.population.find(avatar).map(|a| a.round_trip)
+    }
+
+    /// How much longer than half of that the client's messages are allowed to take.
+    pub fn margin(&self, avatar: AvatarId) -> Option<Duration> {
+        self.population.find(avatar).map(|a| a.jitter.margin())
+    }
+
+    /// Whether an avatar has moved otherwise than its claims allow, a short while before a moment.
+    pub fn is_doubted(&self, now: Duration, avatar: AvatarId) -> bool {
+        self.population.find(avatar).is_some_and(|a| !a.pledges.are_kept(now))
+    }
+
     /// Everyone present, ascending.
     pub fn avatars(&self) -> impl Iterator<Item = AvatarId> + '_ {
         self.population.all().map(|(id, _)| id)

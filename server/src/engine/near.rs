@@ -50,11 +50,17 @@ pub(super) struct Leeway {
 }
 
 impl Leeway {
-    pub(super) fn scale(&mut self, by: f32) {
-        self.within.min = self.from + (self.within.min - self.from) * by;
-        self.within.max = self.from + (self.within.max - self.from) * by;
-        self.way_m *= by;
+    pub(super) fn scaled(self, by: f32) -> Self {
+        if by == 1.0 {
+            return self;
+        }
+        Self { within: scaled(&self.within, self.from, by), way_m: self.way_m * by, ..self }
     }
+}
+
+/// A box that is so many times as large about a point in it.
+pub(super) fn scaled(region: &Aabb, about: Vec3, by: f32) -> Aabb {
+    Aabb::new(about + (region.min - about) * by, about + (region.max - about) * by)
 }
 
 /// Where an avatar's body can be, and thereby its eye, with much to spare: this lasts for about ten steps.
@@ -303,7 +309,8 @@ impl Engine {
         let age = now.saturating_sub(live.heard);
         let within = |delay: Duration, is_believed: bool| {
             let time = self.horizons.near(age, live.link, delay);
-            self.leeway(&live.pose, is_believed, time).within
+            let leeway = self.leeway(&live.pose, is_believed, time);
+            leeway.scaled(self.config.sabotage.region_scale).within
         };
         let (near, spare_m) = (&mut live.near, self.config.spare_m);
         near.prepare(own, delays);

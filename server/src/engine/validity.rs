@@ -7,7 +7,7 @@ use sightline_shared::{geometry::Aabb, motion::Tbv};
 use super::{
     ClientState, Engine, Shape, Validity,
     looks::Found,
-    near::{Leeway, ROUNDING_M},
+    near::{Leeway, ROUNDING_M, scaled},
     parts::Parts,
     population::Slot,
     reach::{Reach, Start},
@@ -71,7 +71,10 @@ impl Engine {
                 found
             }
             Validity::Maximal => self.longest(slot, least, wanted, most),
-            Validity::UntilLeft => self.widest_stay(slot, age, most),
+            Validity::UntilLeft => {
+                let found = self.widest_stay(slot, age, most)?;
+                self.narrowed(slot, found)
+            }
         }
     }
 
@@ -81,7 +84,7 @@ impl Engine {
         let notice = self.horizons.notice(avatar.link());
         let told = age + self.horizons.one_way(avatar.round_trip) + self.config.tick;
         let least = self.leeway(&avatar.pose, true, told + notice).within.grown(ROUNDING_M);
-        let notice = notice.mul_f64(self.config.sabotage.tbv_scale.into());
+        let notice = notice.mul_f64(self.config.sabotage.notice_scale.into());
         let expiry = self.made_at(slot) + validity;
         let tbv = Tbv { within: least, axes: self.world.cells.axes, expiry, notice };
         let mut found = self.stay(slot, tbv, validity)?;
@@ -116,6 +119,17 @@ impl Engine {
         let reach = Reach::within(&mut self.scratch, &start, &tbv.within);
         let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
+    }
+
+    /// The same, smaller than it must be where a test has broken that.
+    fn narrowed(&mut self, slot: Slot, found: Silence) -> Option<Silence> {
+        let by = self.config.sabotage.tbv_scale;
+        if by == 1.0 {
+            return Some(found);
+        }
+        let Silence { tbv, validity, .. } = found;
+        let from = tbv.axes.own(self.population.at(slot).pose.eye);
+        self.stay(slot, Tbv { within: scaled(&tbv.within, from, by), ..tbv }, validity)
     }
 
     /// Finds the longest validity by doubling, from the one that the last TBV had, and bisection.
@@ -227,8 +241,7 @@ impl Engine {
     /// A TBV, and how far its avatar gets in it.
     fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Leeway) {
         let pose = &self.population.at(slot).pose;
-        let mut leeway = self.leeway(pose, true, validity);
-        leeway.scale(self.config.sabotage.tbv_scale);
+        let mut leeway = self.leeway(pose, true, validity).scaled(self.config.sabotage.tbv_scale);
         if self.config.shape == Shape::Sphere {
             leeway.within = Aabb::around(leeway.from, leeway.way_m);
         }

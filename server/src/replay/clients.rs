@@ -176,6 +176,12 @@ impl<'a> Clients<'a> {
         self.present.values()
     }
 
+    /// When somebody came, or jumped last.
+    pub(super) fn settled(&self, avatar: AvatarId) -> Option<Duration> {
+        let client = self.present.get(&self.walker(avatar));
+        client.filter(|client| client.avatar == avatar).map(|client| client.settled)
+    }
+
     /// How often somebody moved as no body can, or further than would be believed.
     pub(super) fn jumps(&self) -> u64 {
         self.jumps

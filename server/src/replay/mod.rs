@@ -155,9 +155,14 @@ impl<'a> Moment<'a> {
         self.clients.present().map(|client| (client.avatar, client.eye))
     }
 
-    /// A client's round trip, without jitter and loss.
+    /// A client's round trip, without jitter and loss, as far as the engine knows it.
     pub fn round_trip(&self, avatar: AvatarId) -> Duration {
-        self.wire.round_trip(avatar)
+        self.engine.round_trip(avatar).unwrap_or_else(|| self.wire.known(avatar))
+    }
+
+    /// When somebody came, or was last put where no body gets by itself.
+    pub fn settled(&self, avatar: AvatarId) -> Option<Duration> {
+        self.clients.settled(avatar)
     }
 
     /// When the engine last accepted a report of an avatar, or let it in.
@@ -209,6 +214,9 @@ impl<'a> Replay<'a> {
     /// One tick: what has arrived, what the clients do, what the engine decides.
     fn step(&mut self, now: Duration) -> io::Result<Vec<Output>> {
         self.deliver(now)?;
+        if self.wire.go_on(now) {
+            self.tell_round_trips(now);
+        }
         for uplink in self.clients.step(now) {
             self.send_up(now, uplink);
         }
@@ -224,6 +232,14 @@ impl<'a> Replay<'a> {
             oracle.look(now, &self.clients, &self.wire);
         }
         Ok(outputs)
+    }
+
+    fn tell_round_trips(&mut self, now: Duration) {
+        let clients: Vec<AvatarId> = self.encoders.keys().copied().collect();
+        for avatar in clients {
+            let round_trip = self.wire.known(avatar);
+            self.feed(now, Input::RoundTrip { avatar, round_trip });
+        }
     }
 
     fn deliver(&mut self, now: Duration) -> io::Result<()> {
@@ -243,7 +259,13 @@ impl<'a> Replay<'a> {
     fn send_up(&mut self, now: Duration, uplink: Uplink) {
         let traffic = self.tally.client(uplink.avatar);
         uplink.lengths().iter().for_each(|bytes| traffic.from.add(*bytes));
-        self.wire.send(now, Packet::Up(uplink));
+        let margin = self.margin(uplink.avatar);
+        self.wire.send(now, margin, Packet::Up(uplink));
+    }
+
+    /// What the engine allows a client's messages to take longer than half of its round trip.
+    fn margin(&self, avatar: AvatarId) -> Duration {
+        self.engine.margin(avatar).unwrap_or_else(|| self.engine.config().margin.first())
     }
 
     /// A message has reached the server.
@@ -260,7 +282,7 @@ impl<'a> Replay<'a> {
                 self.encoders.insert(avatar, PoseEncoder::default());
                 let (colour, place) = ([128; 3], Some(eye));
                 self.feed(at, Input::Join { avatar, name, colour, place });
-                let round_trip = self.wire.round_trip(avatar);
+                let round_trip = self.wire.known(avatar);
                 self.feed(at, Input::RoundTrip { avatar, round_trip });
             }
             Request::Leave => self.leave(at, avatar)?,
@@ -394,7 +416,7 @@ impl<'a> Replay<'a> {
         if let Some(message) = coding::message(now, output, since) {
             self.tally.client(to).to.add(frame::encode(&message).len());
         }
-        self.wire.send(now, Packet::Down(to, order));
+        self.wire.send(now, self.margin(to), Packet::Down(to, order));
     }
 
     /// Encodes every client's datagrams. One without news may hold what is to be sent again; and
@@ -424,7 +446,8 @@ impl<'a> Replay<'a> {
             let sampled = |id: &AvatarId| self.sampled.get(id).copied().unwrap_or(now);
             let poses = poses.iter().map(|(id, _)| (*id, sampled(id))).collect();
             let sequences = next - lengths.len() as u32..next;
-            self.wire.send(now, Packet::Down(to, Order::Poses { sequences, poses }));
+            let order = Order::Poses { sequences, poses };
+            self.wire.send(now, self.margin(to), Packet::Down(to, order));
         }
     }
 

@@ -148,7 +148,8 @@ impl Oracle {
         };
         let tick = options.config.tick;
         let speed_max = options.config.speed_max.unwrap_or(world.speed_max);
-        let round_trip_max = options.round_trip + options.network.spread;
+        let network = &options.network;
+        let round_trip_max = options.round_trip + network.spread + network.drift;
         let mut unsettled = 2 * (round_trip_max + options.network.jitter) + 4 * tick;
         if options.network.loss > 0.0 {
             // The first reports after a join may be lost, and before them there are none.

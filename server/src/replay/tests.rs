@@ -57,6 +57,7 @@ impl House {
             opaque,
             solids: Vec::new(),
             spawns: vec![Spawn { eye: Vec3::new(3.0, 1.6, 3.0), yaw: 0.0 }],
+            places: Vec::new(),
             body: Body::PERSON,
             speed_max: 2.0,
             movers: Vec::new(),
@@ -265,7 +266,8 @@ fn loss_and_jitter_make_late_but_not_blind() {
     let even = options(Policy::Pvs, 20);
     let mut options = options(Policy::Tbv, 20);
     let (spread, jitter) = (Duration::from_millis(200), Duration::from_millis(20));
-    options.network = Network { spread, jitter, loss: 0.05, duplication: 0.05, seed: 1 };
+    let network = Network::default();
+    options.network = Network { spread, jitter, loss: 0.05, duplication: 0.05, seed: 1, ..network };
     options.config.margin = Margin::Fixed(jitter);
     let (report, dump) = replay(&house.world, &trace, &options);
     let (_, again) = replay(&house.world, &trace, &options);

@@ -29,6 +29,9 @@ const STREAK_MAX: u32 = 3;
 pub struct Network {
     /// Each client's round trip is longer than [`Options::round_trip`] by up to this.
     pub spread: Duration,
+    /// Besides, each client's is longer by up to this, from second to second by another part of it. The engine
+    /// is told what it was in the second before.
+    pub drift: Duration,
     /// Each message takes longer than half a round trip by up to this.
     pub jitter: Duration,
     /// The share of messages that is lost, from 0 to less than 1.
@@ -70,8 +73,9 @@ impl Packet {
 pub(super) struct Wire {
     network: Network,
     round_trip: Duration,
-    margin: Duration,
     tick: Duration,
+    /// Whole seconds that have begun.
+    second: u64,
     rng: SmallRng,
     /// By arrival, then in the order of sending.
     packets: BTreeMap<(Duration, u64), Packet>,
@@ -96,8 +100,8 @@ impl Wire {
         Self {
             network: options.network,
             round_trip: options.round_trip,
-            margin: options.config.margin.first(),
             tick: options.config.tick,
+            second: 0,
             rng: SmallRng::seed_from_u64(options.network.seed),
             packets: BTreeMap::new(),
             sent: 0,
@@ -106,19 +110,35 @@ impl Wire {
         }
     }
 
+    /// Goes on to a moment. Gives whether round trips are not what they were.
+    pub(super) fn go_on(&mut self, now: Duration) -> bool {
+        let before = std::mem::replace(&mut self.second, now.as_secs());
+        !self.network.drift.is_zero() && before != self.second
+    }
+
     /// A client's, without jitter and loss.
     pub(super) fn round_trip(&self, client: AvatarId) -> Duration {
-        if self.network.spread.is_zero() {
-            return self.round_trip;
-        }
+        self.round_trip_in(self.second, client)
+    }
+
+    /// What the engine knows of it.
+    pub(super) fn known(&self, client: AvatarId) -> Duration {
+        self.round_trip_in(self.second.saturating_sub(1), client)
+    }
+
+    fn round_trip_in(&self, second: u64, client: AvatarId) -> Duration {
         let seed = self.network.seed ^ (u64::from(client.0) << 32 | 0x5eed);
-        let part = SmallRng::seed_from_u64(seed).random::<f64>();
-        self.round_trip + self.network.spread.mul_f64(part)
+        let share = |of: Duration, seed: u64| match of {
+            Duration::ZERO => Duration::ZERO,
+            most => most.mul_f64(SmallRng::seed_from_u64(seed).random::<f64>()),
+        };
+        let drift = share(self.network.drift, seed ^ (second + 1) << 16);
+        self.round_trip + share(self.network.spread, seed) + drift
     }
 
     /// No client's is longer.
     pub(super) fn round_trip_max(&self) -> Duration {
-        self.round_trip + self.network.spread
+        self.round_trip + self.network.spread + self.network.drift
     }
 
     /// From tick to tick.
@@ -128,8 +148,9 @@ impl Wire {
 
     /// How old a position may be when it stands at a viewer, if nothing is lost in between.
     pub(super) fn age_max(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
-        let ways = self.round_trip(viewer) / 2 + self.round_trip(avatar) / 2;
-        ways + 2 * (self.network.jitter + self.tick)
+        // What it holds may have been sent in the second before.
+        let way = |client: AvatarId| self.round_trip(client).max(self.known(client)) / 2;
+        way(viewer) + way(avatar) + 2 * (self.network.jitter + self.tick)
     }
 
     /// How many datagrams between an avatar's client and a viewer were lost since a moment.
@@ -152,15 +173,16 @@ impl Wire {
         (at <= now).then(|| (at, entry.remove()))
     }
 
-    pub(super) fn send(&mut self, now: Duration, packet: Packet) {
+    /// Sends a message that is allowed to take so much longer than half of its client's round trip.
+    pub(super) fn send(&mut self, now: Duration, margin: Duration, packet: Packet) {
         if packet.is_datagram() {
-            self.send_datagram(now, packet);
+            self.send_datagram(now, margin, packet);
         } else {
-            self.send_on_stream(now, packet);
+            self.send_on_stream(now, margin, packet);
         }
     }
 
-    fn send_datagram(&mut self, now: Duration, packet: Packet) {
+    fn send_datagram(&mut self, now: Duration, margin: Duration, packet: Packet) {
         let key = (packet.client(), packet.is_up());
         if self.chance(self.network.loss) {
             let link = self.links.entry(key).or_default();
@@ -170,7 +192,7 @@ impl Wire {
             link.lost.push_back(now);
             link.streak += 1;
             if link.is_silent() {
-                self.note_late(now, key.0);
+                self.note_late(now, margin, key.0);
             }
             return;
         }
@@ -180,10 +202,14 @@ impl Wire {
             self.put(arrival, packet.clone());
         }
         let arrival = now + self.way(key.0);
+        // Poses that come late are only older.
+        if packet.is_up() && arrival > now + self.known(key.0) / 2 + margin {
+            self.note_late(arrival, margin, key.0);
+        }
         self.put(arrival, packet);
     }
 
-    fn send_on_stream(&mut self, now: Duration, packet: Packet) {
+    fn send_on_stream(&mut self, now: Duration, margin: Duration, packet: Packet) {
         let key = (packet.client(), packet.is_up());
         let mut arrival = now + self.way(key.0);
         while self.chance(self.network.loss) {
@@ -192,15 +218,15 @@ impl Wire {
         let link = self.links.entry(key).or_default();
         link.stream = link.stream.max(arrival);
         let arrival = link.stream;
-        if arrival > now + self.round_trip(key.0) / 2 + self.margin {
-            self.note_late(arrival, key.0);
+        if arrival > now + self.known(key.0) / 2 + margin {
+            self.note_late(arrival, margin, key.0);
         }
         self.put(arrival, packet);
     }
 
     /// What came late, or not at all, is answered, acted upon and told to the slowest.
-    fn note_late(&mut self, arrival: Duration, client: AvatarId) {
-        let until = arrival + 2 * self.round_trip_max() + 4 * self.tick + 2 * self.margin;
+    fn note_late(&mut self, arrival: Duration, margin: Duration, client: AvatarId) {
+        let until = arrival + 2 * self.round_trip_max() + 4 * self.tick + 2 * margin;
         let late = self.late_until.entry(client).or_default();
         *late = until.max(*late);
     }
@@ -255,7 +281,7 @@ mod tests {
     /// Sends a report every 50 ms and gives each one's number and how long it took.
     fn taken(wire: &mut Wire, on_stream: bool) -> Vec<(u32, Duration)> {
         for i in 0..1_000 {
-            wire.send(ms(50) * i, report(i, on_stream));
+            wire.send(ms(50) * i, ms(0), report(i, on_stream));
         }
         let mut taken = Vec::new();
         while let Some((at, packet)) = wire.next(Duration::MAX) {
@@ -274,6 +300,23 @@ mod tests {
             let expected: Vec<_> = (0..1_000).map(|i| (i, ms(50))).collect();
             assert_eq!(taken(&mut wire(Network::default()), on_stream), expected);
         }
+    }
+
+    #[test]
+    fn round_trips_drift_and_are_known_a_second_later() {
+        let mut wire = wire(Network { drift: ms(80), ..Network::default() });
+        let (mut before, mut changes) = (wire.round_trip(CLIENT), 0);
+        for tick in 1..200 {
+            let has_changed = wire.go_on(ms(50) * tick);
+            assert_eq!(has_changed, tick % 20 == 0);
+            if has_changed {
+                assert_eq!(wire.known(CLIENT), before);
+                changes += u32::from(wire.round_trip(CLIENT) != before);
+            }
+            before = wire.round_trip(CLIENT);
+            assert!((ms(100)..=wire.round_trip_max()).contains(&before));
+        }
+        assert_eq!(changes, 9);
     }
 
     #[test]

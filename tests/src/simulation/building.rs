@@ -286,6 +286,7 @@ impl Draft {
             opaque,
             solids: Vec::new(),
             spawns: vec![Spawn { eye: moved(eye), yaw: 0.0 }],
+            places: Vec::new(),
             body: Body::PERSON,
             speed_max: 4.0,
             origin: None,

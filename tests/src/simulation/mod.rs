@@ -16,7 +16,13 @@ mod building;
 mod walkers;
 mod watch;
 
-use std::{collections::BTreeMap, fmt, ops::ControlFlow, sync::Arc, time::Duration};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt,
+    ops::ControlFlow,
+    sync::Arc,
+    time::Duration,
+};
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
@@ -29,10 +35,14 @@ use sightline_server::{
 use sightline_shared::world::{CellId, Portal, World};
 
 pub use building::Building;
-pub use watch::{Breach, Watch};
+pub use watch::{Breach, SMALL, Seen, Watch};
 
 /// No round trip is longer, in milliseconds.
 const ROUND_TRIP_MAX_MS: u64 = 300;
+/// By more they do not drift.
+const DRIFT_MAX_MS: u64 = 80;
+/// The chance of being put elsewhere in a step, where that happens.
+const THROWS: f64 = 0.005;
 
 /// What is broken on purpose, to see that it is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,17 +50,97 @@ pub enum Fault {
     /// Nothing.
     #[default]
     None,
-    /// TBVs are made for nine tenths of the speed limit.
+    /// TBVs have nine tenths of their size.
     SmallTbv,
+    /// Clients that stay in a TBV until they leave it give nine tenths of the notice that is needed.
+    ShortNotice,
     /// The compiler has lost the portal that walkers go through most.
     LostPortal,
     /// Expiries are asked a tick late.
     LateExpiry,
+    /// Where live avatars can be is taken to be half as large again: too much is told.
+    WideRegions,
 }
 
 impl Fault {
     /// All that can be broken.
-    pub const ALL: [Self; 3] = [Self::SmallTbv, Self::LostPortal, Self::LateExpiry];
+    pub const ALL: [Self; 5] =
+        [Self::SmallTbv, Self::ShortNotice, Self::LostPortal, Self::LateExpiry, Self::WideRegions];
+
+    /// Whether it made a difference, or must have: by how a simulation went without it, and with it.
+    pub fn could_act(self, whole: &Outcome, broken: &Outcome) -> bool {
+        match self {
+            Self::None => false,
+            Self::SmallTbv => whole.seen.tight > 0,
+            Self::ShortNotice => whole.seen.stays > 0,
+            Self::LostPortal => broken.has_lost_portal,
+            Self::LateExpiry => broken.report.expiries > 0,
+            Self::WideRegions => broken.seen.told > whole.seen.told,
+        }
+    }
+
+    /// In what part of the simulations in which it could act it must be found.
+    fn found_min(self) -> f64 {
+        match self {
+            // Where another way leads round that is hardly longer, whoever goes through is believed and seen.
+            Self::LostPortal => 0.85,
+            // In buildings as small as these most cells see each other, so that the PVS allows what shafts had
+            // ruled out: found is what cells rule out too, in every fourth seed or so.
+            Self::WideRegions => 0.1,
+            // What goes before in a simulation may go otherwise, so that what could act does not come about.
+            _ => 0.95,
+        }
+    }
+
+    fn sabotage(self, tick: Duration) -> Sabotage {
+        let part = |fault: Self, part: f32| if self == fault { part } else { 1.0 };
+        Sabotage {
+            tbv_scale: part(Self::SmallTbv, SMALL),
+            notice_scale: part(Self::ShortNotice, 0.9),
+            region_scale: part(Self::WideRegions, 1.5),
+            expiry_late: if self == Self::LateExpiry { tick } else { Duration::ZERO },
+        }
+    }
+}
+
+/// In how many simulations a fault could act, and in how many of these it was found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Findings {
+    /// Of those in which it could act.
+    pub found: usize,
+    /// In which it could act.
+    pub acted: usize,
+    /// All.
+    pub all: usize,
+}
+
+impl Findings {
+    /// Of simulations of the same seeds, without a fault and with it.
+    pub fn of<'a>(
+        fault: Fault,
+        outcomes: impl IntoIterator<Item = (&'a Outcome, &'a Outcome)>,
+    ) -> Self {
+        let mut findings = Self::default();
+        for (whole, broken) in outcomes {
+            let acted = fault.could_act(whole, broken);
+            findings.all += 1;
+            findings.acted += usize::from(acted);
+            findings.found += usize::from(acted && !broken.is_good());
+        }
+        findings
+    }
+
+    /// Whether that is as often as a fault can be made visible.
+    pub fn are_enough(self, fault: Fault) -> bool {
+        self.found as f64 >= fault.found_min() * self.acted as f64
+    }
+}
+
+impl fmt::Display for Findings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { found, acted, all } = self;
+        write!(f, "found in {found} of {acted} seeds in which it could act (of {all})")
+    }
 }
 
 /// The buildings of many simulations. Which one a seed gets depends on how many there are.
@@ -96,8 +186,10 @@ pub struct Outcome {
     pub breaches: Vec<String>,
     /// What replay tells of it.
     pub report: Report,
-    /// Ticks of avatars that were hidden in a TBV.
-    pub hidden_ticks: u64,
+    /// What was seen on the way.
+    pub seen: Seen,
+    /// A portal that walkers go through was lost.
+    pub has_lost_portal: bool,
 }
 
 impl Outcome {
@@ -123,18 +215,24 @@ pub fn run(seed: u64, pool: &Pool, fault: Fault) -> Outcome {
     let mut rng = SmallRng::seed_from_u64(seed);
     let speed_max = [1.5, 2.0, 4.0, 7.0][rng.random_range(0..4)];
     let (walkers, steps) = (rng.random_range(3..=8), rng.random_range(120..=240));
-    let trace = walkers::trace(building, &mut rng, walkers, steps, speed_max);
+    let throws = if rng.random_bool(0.2) { THROWS } else { 0.0 };
+    let trace = walkers::trace(building, &mut rng, (walkers, steps), speed_max, throws);
     let options = options(seed, &mut rng, speed_max, fault);
-    let Options { round_trip, network, config: Config { validity, .. }, .. } = &options;
-    let network = format!("{speed_max} m/s, {validity}, round trip {round_trip:?}, {network:?}");
+    let Options { round_trip, network, config: Config { validity, margin, .. }, .. } = &options;
+    let network = format!(
+        "{speed_max} m/s, {throws} throws, {validity}, round trip {round_trip:?}, {network:?}, {margin:?}"
+    );
     let lost = (fault == Fault::LostPortal).then(|| without_portal(building, &trace, speed_max));
+    let lost = lost.flatten();
+    let has_lost_portal = lost.is_some();
     let world = lost.unwrap_or_else(|| Arc::clone(&building.world));
     let mut watch = Watch::new(&building.world, &options);
     let run = replay::run_watched(&world, &trace, &options, None, &mut |now| watch.look(now));
     let report = run.expect("there is no dump to write");
-    let (mut breaches, hidden_ticks) = watch.end();
+    let seen = watch.end();
+    let mut breaches = seen.breaches.clone();
     breaches.extend(of_report(&report, &options));
-    Outcome { seed, buildings: pool.size, network, breaches, report, hidden_ticks }
+    Outcome { seed, buildings: pool.size, network, breaches, report, seen, has_lost_portal }
 }
 
 /// All that the engine says in a simulation with so many walkers, tick by tick, as so many threads decide
@@ -147,7 +245,7 @@ pub fn said(
 ) -> Vec<Vec<Output>> {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
-    let trace = walkers::trace(building, &mut rng, walkers, 120, 4.0);
+    let trace = walkers::trace(building, &mut rng, (walkers, 120), 4.0, THROWS);
     let mut options = options(seed, &mut rng, 4.0, Fault::None);
     options.oracle = OracleStride::Off;
     options.config = Config { threads: threads as usize, look_budget, ..options.config };
@@ -168,21 +266,27 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Optio
     options.network = Network {
         spread: Duration::from_millis(if rng.random_bool(0.7) { spread_ms } else { 0 }),
         jitter,
+        drift: Duration::ZERO,
         loss: if is_lossy { 0.05 } else { 0.0 },
         duplication: if is_lossy { 0.02 } else { 0.0 },
         seed,
     };
     options.oracle = OracleStride::Every(options.config.tick);
     options.foresight = false;
-    let sabotage = Sabotage {
-        tbv_scale: if fault == Fault::SmallTbv { 0.9 } else { 1.0 },
-        expiry_late: if fault == Fault::LateExpiry { options.config.tick } else { Duration::ZERO },
-    };
+    let sabotage = fault.sabotage(options.config.tick);
     let validities =
         [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal, Validity::Adaptive];
     let validity = validities[rng.random_range(0..validities.len())];
-    let config =
-        Config { margin: Margin::Fixed(jitter), speed_max: Some(speed_max), ..options.config };
+    let mut margin = Margin::Fixed(jitter);
+    if rng.random_bool(1.0 / 3.0) {
+        margin = Config::default().margin;
+        let left_ms = ROUND_TRIP_MAX_MS - round_trip_ms - options.network.spread.as_millis() as u64;
+        let drift_ms = if rng.random_bool(0.5) { left_ms.min(DRIFT_MAX_MS) } else { 0 };
+        options.network.drift = Duration::from_millis(rng.random_range(0..=drift_ms));
+    }
+    // Those that end early are asked before they do, even where clients say when they leave.
+    let validity_max = Duration::from_secs([2, 4, 8][rng.random_range(0..3)]);
+    let config = Config { margin, validity_max, speed_max: Some(speed_max), ..options.config };
     options.config = Config { validity, sabotage, ..config };
     options
 }
@@ -194,18 +298,22 @@ fn of_report(report: &Report, options: &Options) -> Vec<String> {
         breaches.extend(oracle.first_misses.iter().map(|miss| format!("missed: {miss:?}")));
         breaches.extend(oracle.first_stale.iter().map(|stale| format!("too old: {stale:?}")));
     }
-    // Nobody leaves a TBV that was made for all that a body can do; who is asked late may come to the edge.
-    let may_leave = options.config.validity == Validity::UntilLeft || options.network.loss > 0.0;
+    // Nobody leaves a TBV that was made for all that a body can do; who is asked late may come to the edge, and who
+    // is put elsewhere leaves one of which it is told only then.
+    let is_even =
+        options.network.loss == 0.0 && options.network.drift.is_zero() && report.jumps == 0;
+    let may_leave = options.config.validity == Validity::UntilLeft || !is_even;
     if report.left_tbv > 0 && !may_leave {
         breaches.push(format!("{} times somebody came to the edge of its TBV", report.left_tbv));
     }
     breaches
 }
 
-/// The world as it would be compiled without what joins two spaces, where walkers go through most.
-fn without_portal(building: &Building, trace: &Trace, speed_max: f32) -> Arc<World> {
+/// The world as it would be compiled without what joins two spaces, where walkers go through most; none if they go
+/// through nothing.
+fn without_portal(building: &Building, trace: &Trace, speed_max: f32) -> Option<Arc<World>> {
     let mut world = World::clone(&building.world);
-    let Some(lost) = most_crossed(&world, trace, speed_max) else { return Arc::new(world) };
+    let lost = most_crossed(&world, trace, speed_max)?;
     let cells = &mut world.cells;
     let space_of: Vec<u32> = cells.cells.iter().map(|cell| cell.space).collect();
     let joins = |a: u32, b: u32| [a.min(b), a.max(b)] == lost;
@@ -226,12 +334,15 @@ fn without_portal(building: &Building, trace: &Trace, speed_max: f32) -> Arc<Wor
     let go_on = |_: f32| ControlFlow::Continue(());
     let seen = pvs::spaces_seen(cells, &go_on).expect("nobody cancels");
     cells.pvs = pvs::potentially_visible(cells, &seen, &go_on).expect("nobody cancels");
-    Arc::new(world)
+    Some(Arc::new(world))
 }
 
 /// The two spaces between which walkers go most.
 fn most_crossed(world: &World, trace: &Trace, speed_max: f32) -> Option<[u32; 2]> {
     let mut crossed: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+    // Whoever is put elsewhere has gone through nothing, and some are in two spaces within a step.
+    let ends = world.cells.gates.iter().map(|gate| gate.spaces);
+    let joined: BTreeSet<[u32; 2]> = ends.map(|[a, b]| [a.min(b), a.max(b)]).collect();
     let (first, last) = trace.span();
     for id in trace.ids() {
         let mut before: Option<u32> = None;
@@ -242,6 +353,7 @@ fn most_crossed(world: &World, trace: &Trace, speed_max: f32) -> Option<[u32; 2]
             let space = cell.map(|cell| world.cells.cells[cell.0 as usize].space);
             if let (Some(a), Some(b)) = (before, space)
                 && a != b
+                && joined.contains(&[a.min(b), a.max(b)])
             {
                 *crossed.entry([a.min(b), a.max(b)]).or_insert(0) += 1;
             }

@@ -16,6 +16,9 @@ pub const STEP_S: f32 = 0.05;
 /// Whoever comes stands still until it is let in, and that may be lost once: in seconds.
 const WAITS_S: f32 = 1.0;
 
+/// Nobody is put nearer than this to where it was, in metres: no body gets so far in a step.
+const THROW_MIN_M: f32 = 1.0;
+
 /// What somebody does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Habit {
@@ -42,13 +45,14 @@ struct Walker {
     present: std::ops::Range<u32>,
 }
 
-/// So many walkers for so many steps, none of them faster than a limit in metres a second.
+/// So many walkers for so many steps, none of them faster than a limit in metres a second. With some chance the
+/// host puts each elsewhere in a step.
 pub fn trace(
     building: &Building,
     rng: &mut SmallRng,
-    walkers: usize,
-    steps: u32,
+    (walkers, steps): (usize, u32),
     speed_max: f32,
+    throws: f64,
 ) -> Trace {
     let mut all: Vec<Walker> =
         (0..walkers).filter_map(|_| Walker::new(building, rng, steps, speed_max)).collect();
@@ -58,7 +62,11 @@ pub fn trace(
             if !walker.present.contains(&step) {
                 continue;
             }
-            walker.step(building, rng);
+            if throws > 0.0 && rng.random_bool(throws) {
+                walker.throw(building, rng);
+            } else {
+                walker.step(building, rng);
+            }
             let eye = building.world_point(walker.eye(building));
             let v = building.world_point(Vec3::new(walker.velocity.x, 0.0, walker.velocity.y));
             let t_ms = (step as f32 * STEP_S * 1e3).round();
@@ -129,6 +137,15 @@ impl Walker {
                 self.rests_s = rng.random_range(0.0..2.0);
             }
         }
+    }
+
+    /// It is somewhere else, and stands.
+    fn throw(&mut self, building: &Building, rng: &mut SmallRng) {
+        let room = rng.random_range(0..building.rooms.len());
+        let place = building.place(room, rng).filter(|at| at.distance(self.at) >= THROW_MIN_M);
+        let Some(at) = place else { return };
+        (self.room, self.at, self.velocity) = (room, at, Vec2::ZERO);
+        self.way.clear();
     }
 
     /// Chooses where to go next; the way's end comes first.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use sightline_shared::world::Spawn;
 
 use super::placed;
@@ -10,6 +10,10 @@ use crate::compile::model::{SPAWNS_MAX, is_sane};
 
 /// The eye of a player above the origin of its box, in Quake units.
 const EYE: f64 = 26.0;
+/// What stands on a floor is so much above it, in Quake units.
+const FLOOR: f64 = 1.0;
+/// More places than these are not needed to find out what is inside of a map.
+const PLACES_MAX: usize = 1 << 14;
 const SPAWN_CLASSES: [&str; 6] = [
     "info_player_deathmatch",
     "info_player_start",
@@ -24,6 +28,9 @@ const SPAWN_CLASSES: [&str; 6] = [
 pub(super) struct Entities {
     pub title: Option<String>,
     pub spawns: Vec<Spawn>,
+    /// Where anything is: a map's inside, as its own compiler finds it. Players come to some of that by teleporters
+    /// only.
+    pub places: Vec<Vec3>,
     /// Those that have a brush model.
     pub brush_models: Vec<Keys>,
     /// Corners of the ways of trains, by their names. Of several with one name the first counts.
@@ -92,6 +99,10 @@ impl Entities {
     fn take(&mut self, pairs: &HashMap<String, &str>) {
         let get = |key: &str| pairs.get(key).copied();
         let class = get("classname").unwrap_or_default().to_ascii_lowercase();
+        let has_model = get("model").is_some_and(|model| model.starts_with('*'));
+        if !has_model && self.places.len() < PLACES_MAX {
+            self.places.extend(place(&get));
+        }
         if class == "worldspawn" {
             self.title = get("message").filter(|m| !m.trim().is_empty()).map(str::to_owned);
         } else if SPAWN_CLASSES.contains(&class.as_str()) && self.spawns.len() < SPAWNS_MAX {
@@ -99,7 +110,7 @@ impl Entities {
         } else if class == "path_corner" {
             let name = get("targetname").unwrap_or_default().to_owned();
             self.corners.entry(name).or_insert_with(|| keys(pairs));
-        } else if get("model").is_some_and(|model| model.starts_with('*')) {
+        } else if has_model {
             self.brush_models.push(keys(pairs));
         }
     }
@@ -121,6 +132,13 @@ fn spawn<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Spawn> {
     // Quake measures from +x towards +y, which is -z here.
     let yaw = (-turn.cos()).atan2(turn.sin()) as f32;
     is_sane(eye).then_some(Spawn { eye, yaw })
+}
+
+/// Where an entity is; nothing where that was not set.
+fn place<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Vec3> {
+    let origin = DVec3::from(numbers::<3>(get("origin")?)?);
+    let place = placed(origin + DVec3::Z * FLOOR);
+    (origin != DVec3::ZERO && is_sane(place)).then_some(place)
 }
 
 /// The first numbers of a text, all finite.
@@ -176,12 +194,17 @@ mod tests {
             r#"{ "classname" "worldspawn" "message" "The Keep" }
             { "origin" "100 -200 24" "classname" "info_player_deathmatch" "angle" "90" }
             { "classname" "team_CTF_redspawn" "origin" "0 0 0" "angles" "0 180 0" }
-            { "classname" "item_quad" "origin" "1 2 3" }"#,
+            { "classname" "item_quad" "origin" "100 0 99" }
+            { "classname" "func_rotating" "origin" "1 2 3" "model" "*1" }
+            { "classname" "light" }"#,
         );
         assert_eq!(entities.title.as_deref(), Some("The Keep"));
         let [first, second] = entities.spawns[..] else { panic!("{entities:?}") };
-        let expected = glam::Vec3::new(2.54, 1.27, 5.08);
+        let expected = Vec3::new(2.54, 1.27, 5.08);
         assert!((first.eye - expected).length() < 1e-5, "{first:?}");
+        let [at_first, at_item] = entities.places[..] else { panic!("{entities:?}") };
+        assert!((first.eye - at_first - Vec3::Y * 0.635).length() < 1e-5, "{at_first}");
+        assert!((at_item - Vec3::new(2.54, 2.54, 0.0)).length() < 1e-5, "{at_item}");
         // 90° looks along +y, our -z; 180° along -x, a quarter turn to the left of that.
         assert!(first.yaw.abs() < 1e-6);
         assert!((second.yaw - FRAC_PI_2).abs() < 1e-6, "{second:?}");

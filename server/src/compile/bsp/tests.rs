@@ -194,6 +194,30 @@ fn a_map_tells_its_own_brushes_clusters_and_pvs() {
 }
 
 #[test]
+fn where_teleporters_lead_is_inside_and_what_nothing_is_in_is_not() {
+    // Three chambers side by side along x in one block of stone; one may see from none into another.
+    let mut draft = Draft::room();
+    let shader = draft.shader("textures/wall", 0, SOLID);
+    for chamber in 0..3 {
+        let x = 200.0 * chamber as f32 + 1_000.0;
+        draft.brush(shader, [x - 100.0, -100.0, -100.0], [x + 100.0, 100.0, -50.0]);
+        draft.brush(shader, [x - 100.0, -100.0, 50.0], [x + 100.0, 100.0, 100.0]);
+        for [min, max] in [[-100.0, -50.0], [50.0, 100.0]] {
+            draft.brush(shader, [x - 100.0, min, -50.0], [x + 100.0, max, 50.0]);
+            draft.brush(shader, [x + min, -50.0, -50.0], [x + max, 50.0, 50.0]);
+        }
+    }
+    draft.lumps[0] = br#"{ "classname" "info_player_start" "origin" "1000 0 -20" }
+        { "classname" "misc_teleporter_dest" "origin" "1400 0 -20" }"#
+        .to_vec();
+    let options = crate::compile::Options { voxel: Some(1.0), ..Default::default() };
+    let go_on = |_, _| std::ops::ControlFlow::Continue(());
+    let (world, _) = crate::compile::compile(&draft.model(), &options, &go_on).unwrap();
+    let has_cell = |x: f64| world.cells.at(metres([x, 0.0, 0.0])).is_some();
+    assert_eq!([1_000.0, 1_200.0, 1_400.0, 1_100.0].map(has_cell), [true, false, true, false]);
+}
+
+#[test]
 fn glass_water_and_the_parts_of_doors_do_not_block_sight() {
     for (contents, blocks) in [(SOLID, true), (SOLID | CONTENTS_TRANSLUCENT, false), (0x20, false)]
     {

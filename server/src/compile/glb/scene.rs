@@ -68,6 +68,7 @@ impl<'a> Reader<'a> {
             opaque: Vec::new(),
             solids: Vec::new(),
             spawns: Vec::new(),
+            places: Vec::new(),
             body: Body::PERSON,
             speed_max: SPEED_MAX,
             movers: Vec::new(),

@@ -49,6 +49,7 @@ fn house() -> Model {
         rooms: Vec::new(),
         nodes: vec![("table".into(), Aabb::around(Vec3::new(6.0, 0.4, 3.0), 0.4))],
         spawns: vec![Spawn { eye: Vec3::new(2.0, 1.6, 2.0), yaw: 0.0 }],
+        places: Vec::new(),
         body: Body::PERSON,
         speed_max: 4.0,
         origin: None,
