@@ -41,7 +41,7 @@ const SHARES: u32 = 8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Regions {
     /// Which of [`SPARES`](super::near::SPARES) they have.
-    level: usize,
+    level: u8,
     eyes: u32,
     bodies: u32,
 }
@@ -237,13 +237,16 @@ impl Engine {
             pair.look = Look::Together;
             return false;
         }
+        if pair.look.is_open() && self.cells_hide(work, viewer, other, pair) {
+            return false;
+        }
         let holds = match pair.look {
             Look::Unknown | Look::Together | Look::Undecided { .. } => false,
             Look::HiddenIn(then) => {
                 let now = eyes_of(viewer, other);
                 then.iter().zip(&now).all(|(then, now)| then.contains_box(now))
             }
-            Look::Hidden(then) => then == regions(viewer, other, then.level),
+            Look::Hidden(then) => then == regions(viewer, other, then.level.into()),
             Look::Free(line) => {
                 rules && self.is_closed(work, viewer, other, pair)
                     || self.joins(viewer, other, &line)
@@ -263,6 +266,25 @@ impl Engine {
             }
         }
         !matches!(pair.look, Look::Undecided { again } if self.ticks < again)
+    }
+
+    /// Whether no cells of a pair's regions see each other, where these have changed since it was asked. A line that
+    /// was free may end where only walls keep an eye or a body from being by now; and nobody is told of whom cells
+    /// hide, however much there is to do.
+    fn cells_hide(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+        let regions = regions(viewer, other, 0);
+        let Some([eyes, bodies]) =
+            (pair.seen != Some(regions)).then(|| self.grounds(work, viewer, other, 0)).flatten()
+        else {
+            return false;
+        };
+        let sees = eyes.sees(bodies, &self.world.cells, &self.sectors);
+        if sees {
+            pair.seen = Some(regions);
+        } else {
+            pair.look = Look::Hidden(regions);
+        }
+        !sees
     }
 
     /// Whether a line is free from where the viewer's eye will soon be to where the avatar will, as far as they
@@ -397,5 +419,5 @@ fn regions(viewer: &Live, other: &Live, level: usize) -> Regions {
     let version =
         |live: &Live, part: Part| live.near.get(part).map_or(0, |near| near.versions[level]);
     let eyes = version(viewer, Part::EYES);
-    Regions { level, eyes, bodies: version(other, viewer.near.shown) }
+    Regions { level: level as u8, eyes, bodies: version(other, viewer.near.shown) }
 }

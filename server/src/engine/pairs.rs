@@ -30,6 +30,8 @@ pub(super) struct Pair {
     /// The [`Avatar::version`](super::population::Avatar::version) that was sent last.
     pub(super) version: u32,
     pub(super) look: Look,
+    /// Cells of these regions see each other.
+    pub(super) seen: Option<Regions>,
     /// Between these regions, gates and cells left it open.
     pub(super) open: Option<Regions>,
     /// Before that tick gates and cells are not asked again.
@@ -49,6 +51,7 @@ impl Pair {
             held_until: 0,
             version: 0,
             look,
+            seen: None,
             open: None,
             gates_from: 0,
             spare_from: 0,

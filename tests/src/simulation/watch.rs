@@ -18,11 +18,6 @@ use sightline_shared::{
 const BREACHES_TOLD: usize = 5;
 /// Delays are rounded up to a multiple of this, so that viewers share regions.
 const DELAY_STEP: Duration = Duration::from_millis(25);
-/// Lines that were found free are kept while they join the boxes in which both can be, be there walls in these or
-/// not. No more of what is told than such a part, where it is more than so many, is of whom walls hide: in 700
-/// simulations it was never more than 0.2 %, and nothing at all in 696 of them.
-const BEHIND_WALLS_MAX: f64 = 0.005;
-const BEHIND_WALLS_MIN: u64 = 10;
 /// An eye may be so far in what is solid, in metres.
 const POKE_M: f32 = 0.06;
 /// Whoever would need a longer TBV is not silenced.
@@ -76,14 +71,6 @@ struct Region {
     within: Aabb,
 }
 
-/// What hides somebody.
-enum Hidden {
-    /// It is too far from wherever the one can be to where the other can, be there walls or not.
-    ByDistance,
-    /// No portals lead to where one would see the other.
-    ByWalls,
-}
-
 /// Watches a simulation.
 pub struct Watch {
     world: Arc<World>,
@@ -113,8 +100,6 @@ pub struct Seen {
     pub tight: u64,
     /// Avatars of which viewers were told, over all ticks.
     pub told: u64,
-    /// Of these, those who can be seen only from where no portals lead, or only there.
-    pub told_behind_walls: u64,
 }
 
 impl Watch {
@@ -143,11 +128,7 @@ impl Watch {
     }
 
     /// What was seen.
-    pub fn end(mut self) -> Seen {
-        let Seen { told, told_behind_walls: behind, .. } = self.seen;
-        if behind > BEHIND_WALLS_MIN && behind as f64 > BEHIND_WALLS_MAX * told as f64 {
-            self.seen.breaches.push(format!("told of whom walls hide {behind} times of {told}"));
-        }
+    pub fn end(self) -> Seen {
         self.seen
     }
 
@@ -206,22 +187,18 @@ impl Watch {
             let (to, avatars) = concerned(output);
             self.seen.told += avatars.len() as u64;
             for avatar in avatars {
-                match self.hidden_by(moment, to, avatar) {
-                    Some(Hidden::ByDistance) => {
-                        let more = format!(" (walker {})", moment.walker(avatar));
-                        self.note(moment, &Breach::Leak, to, &more);
-                    }
-                    Some(Hidden::ByWalls) => self.seen.told_behind_walls += 1,
-                    None => {}
+                if self.could_see(moment, to, avatar) == Some(false) {
+                    let more = format!(" (walker {})", moment.walker(avatar));
+                    self.note(moment, &Breach::Leak, to, &more);
                 }
             }
         }
     }
 
-    /// What hides an avatar's body from a viewer's eye wherever these can be by what bodies can do, as far as cells
-    /// and the PVS tell. What looks leave undecided, and what is kept for some ticks, is told all the same, but
-    /// never of whom cells hide.
-    fn hidden_by(&self, moment: &Moment<'_>, viewer: AvatarId, avatar: AvatarId) -> Option<Hidden> {
+    /// Whether a viewer's eye could see an avatar's body wherever these can be by what bodies can do and by where
+    /// portals lead, as far as cells and the PVS tell; nothing of those who are not known. What looks leave undecided is
+    /// told all the same, but never of whom cells hide.
+    fn could_see(&self, moment: &Moment<'_>, viewer: AvatarId, avatar: AvatarId) -> Option<bool> {
         let cells = &self.world.cells;
         let one_way = moment.round_trip(viewer).min(self.cap) / 2;
         let steps = one_way.as_nanos().div_ceil(DELAY_STEP.as_nanos());
@@ -233,21 +210,12 @@ impl Watch {
         let dash = if is_doubted { agility.speed_max } else { agility.dash };
         let others = self.region(moment, avatar, delay, &Agility { dash, ..agility })?;
         let body = cells.axes.own_body(&self.world.body);
-        let overlapping = |parts: &[Aabb]| {
-            let mut found = Vec::new();
-            parts.iter().for_each(|part| cells.overlapping(part, &mut found));
-            found
-        };
-        let sees = |eyes: &[CellId], bodies: &[CellId]| {
-            eyes.iter().any(|from| bodies.iter().any(|to| cells.sees(*from, *to)))
-        };
-        if !sees(&overlapping(&[eyes.within]), &overlapping(&[body.around_box(&others.within)])) {
-            return Some(Hidden::ByDistance);
-        }
         let [eyes, others] = [eyes, others].map(|region| self.flooded(&region));
-        let parts: Vec<Aabb> = others.iter().map(|(_, part)| body.around_box(part)).collect();
-        let eyes: Vec<CellId> = eyes.iter().map(|(cell, _)| *cell).collect();
-        (!sees(&eyes, &overlapping(&parts))).then_some(Hidden::ByWalls)
+        let mut bodies = Vec::new();
+        let parts = others.iter().map(|(_, part)| body.around_box(part));
+        parts.for_each(|part| cells.overlapping(&part, &mut bodies));
+        let sees = |from: CellId| bodies.iter().any(|to| cells.sees(from, *to));
+        Some(eyes.iter().any(|(cell, _)| sees(*cell)))
     }
 
     /// Where somebody's eye can be by what bodies can do, until a word that takes so long to its viewer does not

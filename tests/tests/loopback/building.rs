@@ -71,6 +71,7 @@ fn model() -> Model {
         opaque,
         solids: Vec::new(),
         spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],
+        places: Vec::new(),
         body: Body::PERSON,
         speed_max: SPEED_MAX,
         movers: Vec::new(),
