@@ -258,8 +258,11 @@ impl Engine {
         if self.ticks >= pair.gates_from {
             // What was hidden will rather be hidden again; and rooms come before all else.
             let is_free_first = !rules && !pair.look.is_hidden();
-            if is_free_first && self.is_free(work, viewer, other, pair)
-                || self.is_hidden_by_cells(work, viewer, other, pair)
+            if is_free_first && self.is_free(work, viewer, other, pair) {
+                self.cells_hide(work, viewer, other, pair);
+                return false;
+            }
+            if self.is_hidden_by_cells(work, viewer, other, pair)
                 || !is_free_first && self.is_free(work, viewer, other, pair)
             {
                 return false;

@@ -139,7 +139,7 @@ impl Engine {
             let pairs = self.population.at_mut(viewer).pairs.iter_mut();
             pairs
                 .filter(|pair| viewer == slot || pair.id == id)
-                .for_each(|pair| pair.look = Look::Unknown);
+                .for_each(|pair| *pair = Pair { look: Look::Unknown, gates_from: 0, ..*pair });
         }
     }
 
