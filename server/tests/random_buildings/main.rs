@@ -248,6 +248,7 @@ fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<Convex>) -> Model {
         opaque,
         solids,
         spawns: vec![Spawn { eye: Vec3::new(0.43, 1.6, 4.1), yaw: 0.0 }],
+        places: Vec::new(),
         body: Body::PERSON,
         speed_max: 5.0,
         movers: Vec::new(),
