@@ -12,8 +12,8 @@
 
 use cpu_time::ThreadTime;
 use glam::{UVec3, Vec3};
-use sightline_client::render::{Camera, Frame, Mode, Renderer};
-use sightline_shared::octree::{Octree, Voxel, morton};
+use sightline_renderer::{Camera, Frame, Mode, Renderer};
+use sightline_world::octree::{Octree, Voxel, morton};
 
 const SIZE: (usize, usize) = (1920, 1080);
 const ROUNDS: usize = 15;

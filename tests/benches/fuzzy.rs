@@ -20,10 +20,8 @@ use std::time::Duration;
 use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::{Mat3, Vec2, Vec3};
-use sightline_shared::{
-    fuzzy::{Buffer, Class, Lists, Surfaces, Viewpoints, classify},
-    geometry::{Aabb, Frustum},
-};
+use sightline_visibility::fuzzy::{Buffer, Class, Lists, Surfaces, Viewpoints, classify};
+use sightline_world::geometry::{Aabb, Frustum};
 
 /// Half of the angle that a picture spans each way.
 const HALF_ANGLE: f32 = 40.0;

@@ -1,4 +1,4 @@
-//! How much the test of two boxes ([`sightline_shared::shaft`]) excludes of what the PVS lets through,
+//! How much the test of two boxes ([`sightline_visibility::box_visibility`]) excludes of what the PVS lets through,
 //! and what that costs.
 //!
 //! ```text
@@ -20,19 +20,16 @@ use anyhow::Context;
 use clap::Parser;
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_server::{
-    compile::{
-        compile, demo_building, glb,
-        model::{self, Model},
-    },
-    sight::Sight,
-    trace::Trace,
+use sightline_cli::trace::Trace;
+use sightline_compiler::{
+    compile,
+    import::{self, glb},
+    model::Model,
 };
-use sightline_shared::{
-    geometry::Aabb,
-    shaft::{Occluders, Outcome, Scratch},
-    world::World,
-};
+use sightline_demo_building as demo_building;
+use sightline_oracle::Sight;
+use sightline_visibility::box_visibility::{Occluders, Outcome, Scratch};
+use sightline_world::{World, geometry::Aabb};
 
 /// Buildings and their traces, in the folder `shared`.
 const TRACED: [[&str; 2]; 3] = [
@@ -109,14 +106,14 @@ fn world(path: &Path) -> anyhow::Result<World> {
     let read = || -> anyhow::Result<World> {
         match path.extension() {
             Some(extension) if extension == "slw" => Ok(World::read(path)?),
-            _ => compiled(&model::read(path, &[])?),
+            _ => compiled(&import::read(path, &[])?),
         }
     };
     read().with_context(|| path.display().to_string())
 }
 
 fn compiled(model: &Model) -> anyhow::Result<World> {
-    let options = sightline_server::compile::Options { voxel: Some(1.0), ..Default::default() };
+    let options = sightline_compiler::Options { voxel: Some(1.0), ..Default::default() };
     Ok(compile(model, &options, &|_, _| ControlFlow::Continue(()))?.0)
 }
 
@@ -184,7 +181,7 @@ impl Subject {
         let cells = &self.world.cells;
         let eyes = self.free_around(eye, radius);
         let bodies =
-            cells.axes.own_body(&self.world.body).around_box(&self.free_around(other, radius));
+            self.world.body.in_axes(&cells.axes).around_box(&self.free_around(other, radius));
         let bodies = bodies.intersection(&self.free_around(other, radius + 2.0).grown(POKE));
         let is_seen = self.sees(&eyes, &bodies);
         row.seen += usize::from(is_seen);

@@ -15,14 +15,14 @@ use std::{fmt::Write, ops::ControlFlow, path::PathBuf, time::Instant};
 use anyhow::Context;
 use clap::Parser;
 use serde::Serialize;
-use sightline_server::{
-    compile::{
-        self, Stage, demo_building, glb,
-        model::{self, Model},
-    },
+use sightline_compiler::{
+    self as compile, Stage,
+    import::{self, glb},
+    model::Model,
     verify::{self, Pairs, Principal, Tally},
 };
-use sightline_shared::world::{Pvs, World};
+use sightline_demo_building as demo_building;
+use sightline_world::{Pvs, World};
 
 /// The median CPU time of q3map2's full vis for a portal of a map, over 33 maps, in ms.
 const Q3MAP2_MEDIAN_MS: f64 = 0.79;
@@ -86,7 +86,7 @@ fn main() -> anyhow::Result<()> {
     let found = if args.bench && !args.no_maps { found_maps()? } else { Vec::new() };
     for path in found.iter().chain(&args.map) {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        rows.push(Row::new(name, None, Some(args.voxel), &args, || Ok(model::read(path, &[])?))?);
+        rows.push(Row::new(name, None, Some(args.voxel), &args, || Ok(import::read(path, &[])?))?);
     }
     for i in 1..rows.len() {
         rows[i].growth = rows[i].growth_since(&rows[i - 1]);

@@ -2,28 +2,23 @@
 
 use std::{ops::ControlFlow, time::Duration};
 
-use sightline_client::{
-    bench::Crowd,
-    in_sight::InSight,
-    path::Path,
-    render::{
-        Camera, Frame, Renderer, movers,
-        moving::{Culling, Moving},
-    },
-    replica::Told,
-};
-use sightline_server::{
-    compile::{
-        self, Options, demo_building, glb,
-        rooms::{self, Known, text},
-    },
+use sightline_client::{bench::Crowd, path::Path};
+use sightline_client_core::replica::Told;
+use sightline_compiler::{
+    self as compile, Options,
+    import::glb,
+    rooms::{self, Known, text},
     suggest,
 };
-use sightline_shared::{
-    motion::Pose,
-    rooms::{RoomIndex, Rooms},
-    world::World,
+use sightline_demo_building as demo_building;
+use sightline_renderer::{
+    Camera, Frame, Renderer,
+    mover_visibility::InSight,
+    movers,
+    moving::{Culling, Moving},
 };
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::{World, motion::Pose, rooms::Rooms};
 
 /// A building with doors and a lift that move, and the rooms that it suggests.
 fn building() -> World {

@@ -8,20 +8,18 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_client::{
     bench::{Comparison, Depths, Fault, Rays, Views},
     path::Path,
-    render::{
-        Camera, Frame, Mode, Renderer,
-        hidden::{Hidden, Walls},
-    },
 };
-use sightline_server::compile::{
-    demo_building, glb,
-    model::{self, Model},
+use sightline_compiler::{
+    import::{self, glb},
+    model::Model,
     voxelise,
 };
-use sightline_shared::{
-    geometry::Aabb,
-    world::{Cells, Mesh, World},
+use sightline_demo_building as demo_building;
+use sightline_renderer::{
+    Camera, Frame, Mode, Renderer,
+    hidden::{Hidden, Walls},
 };
+use sightline_world::{Cells, Mesh, World, geometry::Aabb};
 
 /// This part of the pixels must agree with triangles, at every view.
 const AGREEING: f64 = 0.999;
@@ -163,7 +161,7 @@ fn real_maps_are_drawn_where_their_triangles_are() {
         return;
     }
     for name in ["aggressor", "delta", "oa_dm2", "oa_dm4"] {
-        let model = model::read(&maps.join(name).with_extension("bsp"), &[]).expect("a map");
+        let model = import::read(&maps.join(name).with_extension("bsp"), &[]).expect("a map");
         check(name, &model, 0.1);
     }
 }

@@ -10,22 +10,21 @@ use std::{
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_client::{
+use sightline_client_core::{
     navigation::Navigation,
     walker::{Walker, Wish},
 };
-use sightline_server::{
-    compile::{self, Options, demo_building, glb},
-    engine::{Config, Engine, Input, Policy},
-    sight::Sight,
-};
-use sightline_shared::{
+use sightline_compiler::{self as compile, Options, import::glb};
+use sightline_demo_building as demo_building;
+use sightline_engine::{Config, Engine, Input, Policy};
+use sightline_oracle::Sight;
+use sightline_protocol::quantise::WirePose;
+use sightline_tests::simulation::Building;
+use sightline_world::{
+    Spawn, World,
     geometry::Aabb,
     motion::{AvatarId, Pose},
-    protocol::quantise::WirePose,
-    world::{Spawn, World},
 };
-use sightline_tests::simulation::Building;
 
 const TICK: Duration = Duration::from_millis(50);
 

@@ -3,10 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use sightline_shared::{
-    geometry::Aabb,
-    world::{Cell, CellId, Cells, Node, Space, World},
-};
+use sightline_world::{Cell, CellId, Cells, Node, Space, World, geometry::Aabb};
 
 /// From room to room, in metres.
 const PITCH_M: f32 = 4.0;

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use glam::{Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, rngs::SmallRng};
 use rayon::prelude::*;
-use sightline_server::compile::demo_building::{Door, Plan, Rect, SpaceKind, UNITS_PER_METRE};
-use sightline_shared::{geometry::Aabb, motion::Pose, world::World};
+use sightline_demo_building::{Door, Plan, Rect, SpaceKind, UNITS_PER_METRE};
+use sightline_world::{World, geometry::Aabb, motion::Pose};
 
 /// How fast speed changes at most, in metres a second squared.
 const ACCELERATION: f32 = 3.0;

@@ -26,11 +26,10 @@ use std::{
 
 use anyhow::Context;
 use clap::Parser;
-use sightline_server::{
-    compile::{self, demo_building, glb},
-    engine::Policy,
-};
-use sightline_shared::world::World;
+use sightline_compiler::{self as compile, import::glb};
+use sightline_demo_building as demo_building;
+use sightline_engine::Policy;
+use sightline_world::World;
 
 use run::Row;
 

@@ -11,13 +11,11 @@ use anyhow::Context;
 use cpu_time::ProcessTime;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use serde::{Deserialize, Serialize};
-use sightline_server::{
-    compile::demo_building,
-    engine::{Config, Engine, Input, Margin, Output},
-};
-use sightline_shared::{
+use sightline_demo_building as demo_building;
+use sightline_engine::{Config, Engine, Input, Margin, Output};
+use sightline_world::{
+    World,
     motion::{AvatarId, Pose, Tbv},
-    world::World,
 };
 
 use super::{

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use glam::Vec3;
-use sightline_shared::{
+use sightline_world::{
     geometry::Aabb,
     octree::{
         DEPTH_MAX,

@@ -2,7 +2,7 @@
 //! it, in metres.
 
 use glam::Vec3;
-use sightline_shared::geometry::Aabb;
+use sightline_world::geometry::Aabb;
 
 /// The foot of one of the two candlesticks.
 pub const CANDLESTICK: Vec3 = Vec3::new(0.24, TOP, 0.03);

@@ -15,20 +15,16 @@ use std::{
 };
 
 use anyhow::{Context, anyhow};
+use sightline_cli::progress::Progress;
 use sightline_client::{
     net::{self, Session, Trust},
     swarm::{self, Snapshot},
 };
-use sightline_server::{
-    compile::{self, demo_building, glb},
-    net::{Identity, ServeConfig, ServedWorld, Server},
-    progress::Progress,
-};
-use sightline_shared::{
-    motion::Pose,
-    protocol::text::Name,
-    world::{Spawn, World},
-};
+use sightline_compiler::{self as compile, import::glb};
+use sightline_demo_building as demo_building;
+use sightline_protocol::text::Name;
+use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
+use sightline_world::{Spawn, World, motion::Pose};
 use tokio::runtime::Runtime;
 
 /// How often the truth and what everybody knows of it is written down.

@@ -10,20 +10,16 @@ use std::{
 
 use anyhow::Context;
 use image::RgbImage;
-use sightline_client::{
-    net::Session,
-    render::{
-        Camera, Frame, Renderer,
-        avatars::{self, Figure},
-        movers,
-    },
-    replica::VisibleAvatar,
+use sightline_cli::progress::Progress;
+use sightline_client::net::Session;
+use sightline_client_core::replica::VisibleAvatar;
+use sightline_compiler::plan::{self, Mark, Overlay};
+use sightline_renderer::{
+    Camera, Frame, Renderer,
+    avatars::{self, Figure},
+    movers,
 };
-use sightline_server::{
-    plan::{self, Mark, Overlay},
-    progress::Progress,
-};
-use sightline_shared::{motion::Pose, world::World};
+use sightline_world::{World, motion::Pose};
 
 use super::{Crowd, Frames, Options, lock};
 

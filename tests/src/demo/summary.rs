@@ -4,16 +4,13 @@
 use std::{fmt::Write, io::BufReader, sync::Arc, time::Duration};
 
 use rayon::prelude::*;
+use sightline_cli::{progress::Progress, trace::Trace};
 use sightline_client::swarm::{self, Snapshot};
-use sightline_server::{
-    engine::Policy,
-    net::Stats,
-    progress::Progress,
-    replay::{self, OracleStride},
-    sight::Sight,
-    trace::Trace,
-};
-use sightline_shared::{motion::AvatarId, world::World};
+use sightline_engine::Policy;
+use sightline_oracle::Sight;
+use sightline_replay::{self as replay, OracleStride};
+use sightline_server::net::Stats;
+use sightline_world::{World, motion::AvatarId};
 
 use super::Frames;
 

@@ -4,15 +4,11 @@ use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
 
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_server::compile::{
-    self,
+use sightline_compiler::{
+    self as compile,
     model::{Material, Model, Surface},
 };
-use sightline_shared::{
-    geometry::Aabb,
-    motion::Body,
-    world::{Spawn, World},
-};
+use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
 
 /// From a floor to its ceiling, in metres.
 const CEILING_M: f32 = 2.6;

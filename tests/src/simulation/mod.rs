@@ -26,13 +26,11 @@ use std::{
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
-use sightline_server::{
-    compile::pvs,
-    engine::{Config, Margin, Output, Policy, Sabotage, Validity},
-    replay::{self, Network, Options, OracleStride, Report},
-    trace::Trace,
-};
-use sightline_shared::world::{CellId, Portal, World};
+use sightline_cli::trace::Trace;
+use sightline_compiler::pvs;
+use sightline_engine::{Config, Margin, Output, Policy, Sabotage, Validity};
+use sightline_replay::{self as replay, Network, Options, OracleStride, Report};
+use sightline_world::{CellId, Portal, World};
 
 pub use building::Building;
 pub use watch::{Breach, SMALL, Seen, Watch};

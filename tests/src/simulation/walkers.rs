@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use glam::{Vec2, Vec3};
 use rand::{Rng, rngs::SmallRng};
-use sightline_server::trace::Trace;
+use sightline_cli::trace::Trace;
 
 use super::building::{Building, Room};
 

@@ -3,15 +3,13 @@
 use std::{collections::BTreeMap, fmt, sync::Arc, time::Duration};
 
 use glam::Vec3;
-use sightline_server::{
-    engine::{ClientState, Output},
-    replay::{Moment, Options},
-    sight::Sight,
-};
-use sightline_shared::{
+use sightline_engine::{ClientState, Output};
+use sightline_oracle::Sight;
+use sightline_replay::{Moment, Options};
+use sightline_world::{
+    CellId, World,
     geometry::Aabb,
     motion::{Agility, AvatarId, Tbv},
-    world::{CellId, World},
 };
 
 /// Breaches that are told one by one.
@@ -209,7 +207,7 @@ impl Watch {
         let is_doubted = moment.engine.is_doubted(moment.now, avatar);
         let dash = if is_doubted { agility.speed_max } else { agility.dash };
         let others = self.region(moment, avatar, delay, &Agility { dash, ..agility })?;
-        let body = cells.axes.own_body(&self.world.body);
+        let body = self.world.body.in_axes(&cells.axes);
         let [eyes, others] = [eyes, others].map(|region| self.flooded(&region));
         let mut bodies = Vec::new();
         let parts = others.iter().map(|(_, part)| body.around_box(part));

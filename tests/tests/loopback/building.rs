@@ -4,14 +4,12 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
-use sightline_server::{
-    compile::{
-        self,
-        model::{Material, Model, Surface},
-    },
-    net::ServedWorld,
+use sightline_compiler::{
+    self as compile,
+    model::{Material, Model, Surface},
 };
-use sightline_shared::{geometry::Aabb, motion::Body, world::Spawn};
+use sightline_server::net::ServedWorld;
+use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 
 /// No avatar moves faster, in metres a second.
 pub const SPEED_MAX: f32 = 12.0;

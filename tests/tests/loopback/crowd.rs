@@ -6,11 +6,9 @@ use sightline_client::{
     net::Trust,
     swarm::{self, Options, Snapshot},
 };
-use sightline_server::{
-    net::{Identity, ServeConfig, Server},
-    sight::Sight,
-};
-use sightline_shared::motion::AvatarId;
+use sightline_oracle::Sight;
+use sightline_server::net::{Identity, ServeConfig, Server};
+use sightline_world::motion::AvatarId;
 
 use crate::building;
 

@@ -8,20 +8,16 @@ use std::{net::SocketAddr, time::Duration};
 
 use building::{EAST, SPEED_MAX, WAY, WEST};
 use glam::Vec3;
-use sightline_client::{
-    net::{ConnectError, Dialer, Options, Session, Trust, TrustError},
-    replica::{Event, Standing, VisibleAvatar},
+use sightline_client::net::{ConnectError, Dialer, Options, Session, Trust, TrustError};
+use sightline_client_core::replica::{Event, Standing, VisibleAvatar};
+use sightline_protocol::{
+    VERSION,
+    fingerprint::Fingerprint,
+    message::{Refusal, ServerMessage},
+    text::Name,
 };
 use sightline_server::net::{Identity, ServeConfig, Server};
-use sightline_shared::{
-    motion::{AvatarId, Pose},
-    protocol::{
-        VERSION,
-        fingerprint::Fingerprint,
-        message::{Refusal, ServerMessage},
-        text::Name,
-    },
-};
+use sightline_world::motion::{AvatarId, Pose};
 use stranger::{Stranger, hello, hello_and_enter};
 
 fn config() -> ServeConfig {

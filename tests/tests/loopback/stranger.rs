@@ -8,7 +8,7 @@ use rustls::{
     client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier},
     pki_types::{CertificateDer, ServerName, UnixTime},
 };
-use sightline_shared::protocol::{
+use sightline_protocol::{
     ALPN, VERSION,
     frame::{self, FrameBuffer},
     message::{ClientMessage, ServerMessage},

@@ -1,0 +1,122 @@
+//! How well what a picture shows agrees with where rays through triangles end.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::{Rays, Tree, rays::Lens};
+use sightline_renderer::{Camera, Frame};
+
+/// How what a picture shows agrees with rays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Depths {
+    /// The part of the pixels that agree, from 0 to 1.
+    pub agreeing: f64,
+    /// The part that shows what is farther away than where the ray ends: a hole.
+    pub beyond: f64,
+    /// The part that shows something where no triangle is near.
+    pub before: f64,
+    /// The part whose depth is right within the tolerance along the ray. A ray that grazes a surface meets its voxels
+    /// long before it, so this is less.
+    pub along: f64,
+}
+
+/// What is wrong with a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// It shows what is farther away than where the ray ends.
+    Beyond,
+    /// It shows something where no triangle is near.
+    Before,
+}
+
+impl Depths {
+    /// Looks at a frame of voxels with such an edge, in metres. The tolerance is the diagonal of a voxel, or, where a
+    /// pixel spans more than a voxel, of a cube as wide as the pixel. A pixel agrees
+    ///
+    /// * when it shows what is not farther away than where the ray through its centre ends, or that of one of
+    ///   its eight neighbours: at an edge either side is right;
+    /// * and when there is a triangle within the tolerance of what it shows.
+    ///
+    /// Also what is wrong with which pixel.
+    pub fn of(
+        frame: &Frame,
+        camera: &Camera,
+        rays: &Rays,
+        voxel: f32,
+    ) -> (Self, Vec<(usize, Fault)>) {
+        let (width, height) = (frame.width(), frame.height());
+        let mut traced = vec![0.0; width * height];
+        rays.trace(Tree::Bvh2, camera, width, &mut traced);
+        let lens = Lens::new(camera, width, height);
+        let tolerance = |depth: f32| 3f32.sqrt() * voxel.max(depth * lens.pixel);
+        let is_along =
+            |shown: f32, end: f32| shown == end || (shown - end).abs() <= tolerance(shown.min(end));
+        let look = |i: usize| {
+            let shown = frame.depth[i];
+            let is_within = |end: f32| shown <= end + tolerance(end);
+            if !is_within(traced[i]) && !around(i, width, height).any(|j| is_within(traced[j])) {
+                return Some((i, Fault::Beyond));
+            }
+            if is_along(shown, traced[i]) || !shown.is_finite() {
+                return None;
+            }
+            let point = lens.eye + lens.ray(i % width, i / width) * shown;
+            (!rays.is_near(point.into(), tolerance(shown))).then_some((i, Fault::Before))
+        };
+        let faults: Vec<(usize, Fault)> =
+            (0..frame.depth.len()).into_par_iter().filter_map(look).collect();
+        let pixels = frame.depth.len().max(1) as f64;
+        let part =
+            |which| faults.iter().filter(|(_, fault)| *fault == which).count() as f64 / pixels;
+        let (beyond, before) = (part(Fault::Beyond), part(Fault::Before));
+        let along = frame.depth.iter().zip(&traced);
+        let along = along.filter(|&(&shown, &end)| is_along(shown, end)).count();
+        let agreeing = 1.0 - beyond - before;
+        (Self { agreeing, beyond, before, along: along as f64 / pixels }, faults)
+    }
+}
+
+/// The pixels next to one, and itself.
+fn around(i: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let span = |at: usize, side: usize| at.saturating_sub(1)..=(at + 1).min(side - 1);
+    let (x, y) = (i % width, i / width);
+    span(y, height).flat_map(move |j| span(x, width).map(move |k| j * width + k))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use sightline_world::Mesh;
+
+    /// A wall 5 m ahead that ends in the middle of the picture.
+    #[test]
+    fn holes_and_ghosts_are_found_and_edges_may_be_a_pixel_off() {
+        let mesh = Mesh {
+            positions: vec![
+                Vec3::new(0.0, -99.0, -5.0),
+                Vec3::new(0.0, 99.0, -5.0),
+                Vec3::new(-999.0, 0.0, -5.0),
+            ],
+            triangles: vec![[0, 1, 2]],
+        };
+        let rays = Rays::new(&mesh).unwrap();
+        let camera = Camera { eye: Vec3::ZERO, yaw: 0.0, pitch: 0.0, fov_y: 0.2 };
+        let shown = |edge: usize, depth: f32| {
+            let mut frame = Frame::new(40, 30);
+            for (i, shown) in frame.depth.iter_mut().enumerate() {
+                *shown = if i % 40 < edge { depth } else { f32::INFINITY };
+            }
+            Depths::of(&frame, &camera, &rays, 0.06).0
+        };
+        let good = Depths { agreeing: 1.0, along: 1.0, ..Depths::default() };
+        assert_eq!(shown(20, 5.05), good);
+        assert_eq!(shown(19, 4.95).agreeing, 1.0);
+        // What is shown past the edge is in the wall's plane, but not of it: a pixel is 33 mm there, a diagonal 104 mm.
+        assert_eq!(shown(30, 5.0).before, 7.0 / 40.0);
+        assert_eq!(shown(16, 5.0).beyond, 3.0 / 40.0);
+        // But for the column at the edge, beside which nothing is.
+        assert_eq!(shown(20, 5.2).beyond, 19.0 / 40.0);
+        assert_eq!(shown(20, 4.8).before, 0.5);
+    }
+}

@@ -1,0 +1,360 @@
+//! What a frame costs.
+
+use std::{
+    io,
+    time::{Duration, Instant},
+};
+
+use cpu_time::{ProcessTime, ThreadTime};
+use serde::Serialize;
+use sightline_world::World;
+
+use super::{Rays, Tree, Views};
+use sightline_renderer::{Camera, Counters, Frame, Mode, Renderer};
+
+/// A way to get a picture, or its depths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Contender {
+    /// The renderer, in one of its modes.
+    Octree(Mode),
+    /// The renderer in orthogonal mode, with smooth edges: [`Renderer::antialias`].
+    Smooth,
+    /// A ray for each pixel.
+    Rays(Tree),
+}
+
+impl Contender {
+    /// All of them: those that draw, then those to compare with.
+    pub const ALL: [Self; 5] = [
+        Self::Octree(Mode::Orthogonal),
+        Self::Octree(Mode::Perspective),
+        Self::Smooth,
+        Self::Rays(Tree::Bvh2),
+        Self::Rays(Tree::Cwbvh),
+    ];
+
+    /// What tables call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Octree(Mode::Orthogonal) => "orthogonal",
+            Self::Octree(Mode::Perspective) => "perspective",
+            Self::Smooth => "smooth edges",
+            Self::Rays(Tree::Bvh2) => "rays, BVH2",
+            Self::Rays(Tree::Cwbvh) => "rays, CWBVH",
+        }
+    }
+
+    /// Makes a renderer draw in this way. Rays take none.
+    pub fn prepare(self, renderer: &mut Renderer) {
+        renderer.antialias = self == Self::Smooth;
+        renderer.mode = match self {
+            Self::Octree(mode) => mode,
+            Self::Smooth | Self::Rays(_) => Mode::Orthogonal,
+        };
+    }
+}
+
+/// How to measure.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Columns and rows of pixels.
+    pub size: (usize, usize),
+    /// How many threads draw.
+    pub threads: usize,
+    /// How often each frame is drawn in each way; the least time counts.
+    pub repeats: usize,
+}
+
+/// What was measured with one size and one number of threads.
+#[derive(Clone, Debug, Serialize)]
+pub struct Run {
+    /// Columns of pixels.
+    pub width: usize,
+    /// Rows of pixels.
+    pub height: usize,
+    /// How many threads drew.
+    pub threads: usize,
+    /// A row for each contender.
+    pub rows: Vec<Row>,
+}
+
+/// What a contender costs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// See [`Contender::name`].
+    pub name: &'static str,
+    /// Milliseconds of CPU time for a frame, all threads together.
+    pub cpu_ms: Timing,
+    /// Milliseconds of CPU time of the thread that worked most for a frame: what a frame takes where nothing else runs.
+    pub busiest_ms: Timing,
+    /// Milliseconds for a frame by the clock, whatever else ran.
+    pub wall_ms: Timing,
+    /// Millions of pixels a second of CPU time, from the spawn points: for rays, as many rays.
+    pub rays_per_us: f64,
+    /// How many times as much CPU time rays through the BVH2 take, the median over the spawn points. None without rays.
+    pub ratio_bvh2: Option<f64>,
+    /// The same for the CWBVH.
+    pub ratio_cwbvh: Option<f64>,
+    /// What the renderer did for a frame, the mean over the spawn points. None for rays.
+    pub counts: Option<Counts>,
+    /// CPU milliseconds from each spawn point.
+    pub spawns_cpu_ms: Vec<f64>,
+    /// CPU milliseconds of each frame of the path.
+    pub path_cpu_ms: Vec<f64>,
+}
+
+/// What the renderer did for a frame, in the mean.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Counts {
+    /// Nodes projected from space to the picture.
+    pub projections: f64,
+    /// Nodes looked at.
+    pub nodes: f64,
+    /// Nodes tested against the mask buffer.
+    pub mask_tests: f64,
+    /// Pixels written.
+    pub pixels: f64,
+}
+
+impl Counts {
+    /// The mean of what several frames took.
+    pub(super) fn mean(counters: &[Counters]) -> Self {
+        let mean = |figure: fn(&Counters) -> u64| {
+            counters.iter().map(figure).sum::<u64>() as f64 / counters.len().max(1) as f64
+        };
+        Self {
+            projections: mean(|counters| counters.projections),
+            nodes: mean(|counters| counters.nodes),
+            mask_tests: mean(|counters| counters.mask_tests),
+            pixels: mean(|counters| counters.pixels),
+        }
+    }
+}
+
+/// What frames cost.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Timing {
+    /// From the spawn points.
+    pub spawns: Spread,
+    /// Along the path.
+    pub path: Spread,
+}
+
+/// Of many figures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// As many are less as are greater.
+    pub median: f64,
+    /// The greatest.
+    pub worst: f64,
+}
+
+impl Spread {
+    /// Of some figures; zero when there is none.
+    pub fn of(figures: &[f64]) -> Self {
+        let mut sorted = figures.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let middle = |i: usize| sorted.get(i).copied().unwrap_or(0.0);
+        let half = sorted.len() / 2;
+        let median = match sorted.len() % 2 {
+            0 => 0.5 * (middle(half.saturating_sub(1)) + middle(half)),
+            _ => middle(half),
+        };
+        Self { median, worst: sorted.last().copied().unwrap_or(0.0) }
+    }
+}
+
+/// Draws all views in all ways. `hear` is told the share done, from 0 to 1.
+///
+/// # Errors
+/// When there can be no such threads, or the system does not tell CPU time.
+pub fn measure(
+    world: &World,
+    rays: Option<&Rays>,
+    views: &Views,
+    options: &Options,
+    hear: &mut dyn FnMut(f32),
+) -> io::Result<Run> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
+    let pool = pool.map_err(io::Error::other)?;
+    let (width, height) = options.size;
+    let mut stage =
+        Stage { world, rays, renderer: Renderer::default(), frame: Frame::new(width, height) };
+    let has_rays = |way: &Contender| rays.is_some() || !matches!(way, Contender::Rays(_));
+    let ways: Vec<Contender> = Contender::ALL.into_iter().filter(has_rays).collect();
+    let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); ways.len()];
+    let cameras = views.spawns.iter().chain(&views.path);
+    let count = views.spawns.len() + views.path.len();
+    for (i, camera) in cameras.enumerate() {
+        let mut best = vec![Sample::WORST; ways.len()];
+        for _ in 0..options.repeats.max(1) {
+            for (way, best) in ways.iter().zip(&mut best) {
+                *best = best.least(stage.time(&pool, *way, camera)?);
+            }
+        }
+        samples.iter_mut().zip(best).for_each(|(samples, best)| samples.push(best));
+        hear((i + 1) as f32 / count as f32);
+    }
+    let spawns = views.spawns.len();
+    let of = |way| ways.iter().position(|other| *other == way).map(|i| &samples[i][..spawns]);
+    let trees = [Tree::Bvh2, Tree::Cwbvh].map(|tree| of(Contender::Rays(tree)));
+    let row = |(way, samples): (&Contender, &Vec<Sample>)| {
+        Row::new(*way, samples, spawns, (width * height) as f64, trees)
+    };
+    let rows = ways.iter().zip(&samples).map(row).collect();
+    Ok(Run { width, height, threads: options.threads.max(1), rows })
+}
+
+/// What a frame took, in milliseconds, and what was done for it.
+#[derive(Clone, Copy)]
+struct Sample {
+    cpu: f64,
+    busiest: f64,
+    wall: f64,
+    counters: Option<Counters>,
+}
+
+impl Sample {
+    const WORST: Self =
+        Self { cpu: f64::INFINITY, busiest: f64::INFINITY, wall: f64::INFINITY, counters: None };
+
+    fn least(self, other: Self) -> Self {
+        Self {
+            cpu: self.cpu.min(other.cpu),
+            busiest: self.busiest.min(other.busiest),
+            wall: self.wall.min(other.wall),
+            counters: other.counters,
+        }
+    }
+}
+
+struct Stage<'a> {
+    world: &'a World,
+    rays: Option<&'a Rays>,
+    renderer: Renderer,
+    frame: Frame,
+}
+
+impl Stage<'_> {
+    fn time(
+        &mut self,
+        pool: &rayon::ThreadPool,
+        way: Contender,
+        camera: &Camera,
+    ) -> io::Result<Sample> {
+        let threads = || {
+            let times = pool.broadcast(|_| ThreadTime::try_now().map(|time| time.as_duration()));
+            times.into_iter().collect::<io::Result<Vec<Duration>>>()
+        };
+        let milliseconds = |time: Duration| time.as_secs_f64() * 1e3;
+        // Waking the pool is no part of a frame.
+        pool.install(|| {
+            let before = threads()?;
+            let (wall, cpu) = (Instant::now(), ProcessTime::try_now()?);
+            self.draw(way, camera);
+            let cpu = milliseconds(ProcessTime::try_now()?.duration_since(cpu));
+            let wall = milliseconds(wall.elapsed());
+            let worked = threads()?.into_iter().zip(before).map(|(after, before)| after - before);
+            let busiest = milliseconds(worked.max().unwrap_or_default());
+            let drew = !matches!(way, Contender::Rays(_));
+            let counters = drew.then(|| self.renderer.counters());
+            Ok(Sample { cpu, busiest, wall, counters })
+        })
+    }
+
+    fn draw(&mut self, way: Contender, camera: &Camera) {
+        match (way, self.rays) {
+            (Contender::Octree(_) | Contender::Smooth, _) => {
+                way.prepare(&mut self.renderer);
+                self.renderer.draw(&self.world.octree, camera, &mut self.frame);
+            }
+            (Contender::Rays(tree), Some(rays)) => {
+                rays.trace(tree, camera, self.frame.width(), &mut self.frame.depth);
+            }
+            (Contender::Rays(_), None) => {}
+        }
+    }
+}
+
+impl Row {
+    fn new(
+        way: Contender,
+        samples: &[Sample],
+        spawns: usize,
+        pixels: f64,
+        trees: [Option<&[Sample]>; 2],
+    ) -> Self {
+        let timing = |figure: fn(&Sample) -> f64| {
+            let figures: Vec<f64> = samples.iter().map(figure).collect();
+            let (spawns, path) = figures.split_at(spawns);
+            Timing { spawns: Spread::of(spawns), path: Spread::of(path) }
+        };
+        let cpu: Vec<f64> = samples.iter().map(|sample| sample.cpu).collect();
+        let (spawns_cpu_ms, path_cpu_ms) = cpu.split_at(spawns);
+        let cpu_ms = timing(|sample| sample.cpu);
+        let ratio = |tree: &[Sample]| {
+            let ratios = tree.iter().zip(spawns_cpu_ms).map(|(tree, own)| tree.cpu / own);
+            Spread::of(&ratios.collect::<Vec<_>>()).median
+        };
+        let counters: Vec<Counters> = samples[..spawns].iter().filter_map(|s| s.counters).collect();
+        let counts = (!counters.is_empty()).then(|| Counts::mean(&counters));
+        let [ratio_bvh2, ratio_cwbvh] = trees.map(|tree| tree.map(ratio));
+        Self {
+            name: way.name(),
+            rays_per_us: pixels / (cpu_ms.spawns.median * 1e3),
+            busiest_ms: timing(|sample| sample.busiest),
+            wall_ms: timing(|sample| sample.wall),
+            cpu_ms,
+            ratio_bvh2,
+            ratio_cwbvh,
+            counts,
+            spawns_cpu_ms: spawns_cpu_ms.to_vec(),
+            path_cpu_ms: path_cpu_ms.to_vec(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path::Path;
+    use glam::Vec3;
+    use sightline_fixtures::voxel_floor::world;
+    use sightline_world::Mesh;
+
+    #[test]
+    fn the_median_is_in_the_middle() {
+        assert_eq!(Spread::of(&[]), Spread::default());
+        assert_eq!(Spread::of(&[3.0]), Spread { median: 3.0, worst: 3.0 });
+        assert_eq!(Spread::of(&[9.0, 1.0, 2.0, 4.0]), Spread { median: 3.0, worst: 9.0 });
+    }
+
+    #[test]
+    fn every_contender_gets_a_row_and_is_its_own_measure() {
+        let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
+        let views = Views::new(&world, &Path::through(&world), 3);
+        let options = Options { size: (64, 48), threads: 2, repeats: 2 };
+        let run = measure(&world, None, &views, &options, &mut |_| {}).unwrap();
+        assert!(run.rows.len() == 3 && run.rows[0].ratio_bvh2.is_none());
+        world.mesh = Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X * 8.0, Vec3::new(8.0, 0.0, 8.0)],
+            triangles: vec![[0, 1, 2]],
+        };
+        let rays = Rays::new(&world.mesh);
+        let mut told = Vec::new();
+        let run = measure(&world, rays.as_ref(), &views, &options, &mut |share| told.push(share))
+            .unwrap();
+        assert_eq!(run.rows.len(), Contender::ALL.len());
+        for row in &run.rows {
+            assert!(row.cpu_ms.path.worst > 0.0 && row.wall_ms.spawns.median > 0.0, "{row:?}");
+            assert!(row.busiest_ms.spawns.median > 0.0, "{row:?}");
+            assert_eq!((row.spawns_cpu_ms.len(), row.path_cpu_ms.len()), (1, 3));
+            assert_eq!(row.counts.is_some(), !row.name.starts_with("rays"));
+            assert!(row.counts.is_none_or(|counts| counts.nodes > 1.0 && counts.pixels > 1.0));
+        }
+        let own = run.rows.iter().find(|row| row.name == "rays, BVH2").unwrap();
+        assert_eq!(own.ratio_bvh2, Some(1.0));
+        assert_eq!(told.len(), 4);
+        assert_eq!(told.last(), Some(&1.0));
+    }
+}

@@ -1,0 +1,70 @@
+//! What a server would tell of people, without the server.
+
+use std::time::Duration;
+
+use sightline_protocol::{message::ServerMessage, pose_stream::PoseEncoder, text::Name};
+use sightline_world::motion::{Agility, AvatarId, Body, Pose};
+
+use sightline_client_core::replica::Replica;
+
+const TICK: Duration = Duration::from_millis(50);
+/// What who looks on could do, in metres a second; but it stays.
+const SPEED_MAX: f32 = 4.0;
+const NAME: &str = "somebody";
+
+/// People of whom a client is told at each tick, by datagrams.
+pub struct Crowd {
+    count: usize,
+    encoder: PoseEncoder,
+    replica: Replica,
+    tick: u32,
+}
+
+impl Crowd {
+    /// So many people, with the least numbers.
+    pub fn new(count: usize) -> Self {
+        let agility = Agility::of(&Body::PERSON, SPEED_MAX);
+        let replica = Replica::new(AvatarId(u32::MAX), TICK, agility);
+        Self { count, encoder: PoseEncoder::default(), replica, tick: 0 }
+    }
+
+    /// What the client knows.
+    pub fn replica(&mut self) -> &mut Replica {
+        &mut self.replica
+    }
+
+    /// Goes on to a time: tells where people are, by number and time, at each tick up to it.
+    pub fn hear(&mut self, now: Duration, pose: impl Fn(usize, Duration) -> Pose) {
+        while TICK * self.tick <= now {
+            let time = TICK * self.tick;
+            if self.tick == 0 {
+                (0..self.count).for_each(|at| self.appear(at, time, &pose(at, time)));
+            }
+            let poses = (0..self.count).map(|at| (AvatarId(at as u32), pose(at, time)));
+            for datagram in self.encoder.encode(self.tick, &poses.collect::<Vec<_>>()) {
+                // Nobody has garbled it.
+                let _ = self.replica.datagram(time, &datagram);
+            }
+            self.tick += 1;
+        }
+    }
+
+    /// Lets one of them vanish, and appear again.
+    pub fn reappear(&mut self, at: usize, now: Duration, pose: &Pose) {
+        let vanish = ServerMessage::Vanish { avatar: AvatarId(at as u32) };
+        let _ = self.replica.message(now, vanish);
+        self.appear(at, now, pose);
+    }
+
+    fn appear(&mut self, at: usize, now: Duration, pose: &Pose) {
+        let Ok(name) = Name::new(NAME) else { return };
+        let appear = ServerMessage::Appear {
+            avatar: AvatarId(at as u32),
+            name,
+            colour: [200, at as u8, 90],
+            pose: pose.into(),
+            since_sequence: self.encoder.next_sequence(),
+        };
+        let _ = self.replica.message(now, appear);
+    }
+}

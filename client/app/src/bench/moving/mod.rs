@@ -1,0 +1,297 @@
+//! What moving things cost a picture: Fig. 6 of Sudarsky and Gotsman's *Output-Sensitive Visibility Algorithms for
+//! Dynamic Scenes*, with real pictures.
+
+mod crowd;
+mod furniture;
+
+use std::{collections::BTreeSet, io, time::Duration};
+
+use cpu_time::ProcessTime;
+use serde::Serialize;
+use sightline_world::{Mover, World};
+use thiserror::Error;
+
+pub use self::crowd::Crowd;
+use self::furniture::{Places, Way};
+use super::Options;
+use sightline_client_core::replica::Told;
+use sightline_renderer::{
+    Camera, Frame, Renderer,
+    moving::{Culling, Effort, Moving},
+};
+
+/// Between two pictures.
+const STEP: Duration = Duration::from_millis(33);
+/// The eye looks down a little, in radians.
+const PITCH: f32 = -0.1;
+/// Shares of the greatest number of things.
+const SHARES: [usize; 4] = [8, 4, 2, 1];
+
+/// What moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    /// Movers of 72 triangles, each to and fro.
+    Chairs,
+    /// Avatars of whom the client is told at each tick of a server, though no server would tell of the hidden ones.
+    People,
+}
+
+/// What so many things cost.
+#[derive(Clone, Debug, Serialize)]
+pub struct MovingRow {
+    /// What moves.
+    pub kind: Kind,
+    /// How many.
+    pub count: usize,
+    /// Whether all of them stay in cells that the PVS hides from the eye.
+    pub hidden: bool,
+    /// A row's cost by way.
+    pub ways: [MovingCost; 3],
+}
+
+/// What a way of culling costs, by [`Culling::ALL`]; per picture, the first left out.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct MovingCost {
+    /// Milliseconds of CPU time, the building left out.
+    pub cpu_ms: f64,
+    /// Those with the building, by those of the building alone.
+    pub ratio: f64,
+    /// Things that were drawn.
+    pub drawn: f64,
+    /// Things whose place was worked out.
+    pub placed: f64,
+    /// Boxes that were tested against the picture.
+    pub tested: f64,
+}
+
+/// All that was measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct MovingRun {
+    /// Milliseconds of CPU time for the building alone, the mean of all pictures.
+    pub building_ms: f64,
+    /// Chairs before people, those everywhere before hidden ones, fewer before more. Where too few places are hidden,
+    /// such rows are missing.
+    pub rows: Vec<MovingRow>,
+}
+
+/// Why nothing is measured.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum MovingError {
+    /// No body can walk there.
+    #[error("there is nowhere to walk in this world")]
+    Nowhere,
+    /// Pictures of one way are not those of another.
+    #[error("{0:?} culling draws another picture")]
+    Differs(Culling),
+    /// There can be no such threads, or the system does not tell CPU time.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+/// Draws from the first spawn point, where the eye turns round once in so many pictures, with ever more things that
+/// move, `most` at the most, in the three ways of culling; of `options.repeats` rounds the cheapest counts. The movers
+/// that the world has are left out. `hear` is told the share done, from 0 to 1.
+///
+/// # Errors
+/// See [`MovingError`].
+pub fn moving(
+    mut world: World,
+    most: usize,
+    pictures: usize,
+    options: &Options,
+    hear: &mut dyn FnMut(f32),
+) -> Result<MovingRun, MovingError> {
+    world.movers.clear();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
+    let pool = pool.map_err(io::Error::other)?;
+    let mut acts = acts(&world, most)?;
+    let (pictures, rounds) = (pictures.max(2), options.repeats.max(1));
+    let mut stage = Stage::new(world, options.size);
+    let mut building = vec![f64::INFINITY; pictures];
+    for round in 0..rounds {
+        acts.iter_mut().for_each(|act| act.begin(&mut stage.world));
+        for (at, building) in building.iter_mut().enumerate() {
+            let share = at as f64 / pictures as f64;
+            let camera = stage.camera(share * std::f64::consts::TAU);
+            *building = building.min(pool.install(|| stage.draw_building(&camera))?);
+            for act in &mut acts {
+                pool.install(|| stage.draw_all(act, &camera, STEP * (at as u32 + 30), at > 0))?;
+            }
+            hear((round as f64 + share) as f32 / rounds as f32);
+        }
+        acts.iter_mut().for_each(Act::end);
+    }
+    let building_ms = building[1..].iter().sum::<f64>() / (pictures - 1) as f64;
+    let rows = acts.into_iter().map(|act| act.row(building_ms, pictures - 1)).collect();
+    Ok(MovingRun { building_ms, rows })
+}
+
+/// All that is to be measured.
+fn acts(world: &World, most: usize) -> Result<Vec<Act>, MovingError> {
+    let places = Places::new(world).ok_or(MovingError::Nowhere)?;
+    let counts: BTreeSet<usize> = SHARES.iter().map(|share| (most / share).max(1)).collect();
+    let mut acts = Vec::new();
+    for kind in [Kind::Chairs, Kind::People] {
+        for hidden in [false, true] {
+            let ways = places.ways(world, most, hidden);
+            let there = counts.iter().filter(|count| **count <= ways.len());
+            acts.extend(there.map(|&count| Act::new(world, kind, hidden, &ways[..count])));
+        }
+    }
+    Ok(acts)
+}
+
+/// Things that move, and how each way of culling does with them.
+struct Act {
+    kind: Kind,
+    hidden: bool,
+    count: usize,
+    movers: Vec<Mover>,
+    ways: Vec<Way>,
+    turns: Vec<Turn>,
+    best: [MovingCost; 3],
+}
+
+/// A round of one way of culling.
+struct Turn {
+    moving: Moving,
+    crowd: Option<Crowd>,
+    sum: MovingCost,
+}
+
+impl Act {
+    fn new(world: &World, kind: Kind, hidden: bool, ways: &[Way]) -> Self {
+        let movers = match kind {
+            Kind::Chairs => ways.iter().filter_map(|way| way.chair(&world.body)).collect(),
+            Kind::People => Vec::new(),
+        };
+        let worst = MovingCost { cpu_ms: f64::INFINITY, ..MovingCost::default() };
+        let (count, ways, best) = (ways.len(), ways.to_vec(), [worst; 3]);
+        Self { kind, hidden, count, movers, ways, turns: Vec::new(), best }
+    }
+
+    fn begin(&mut self, world: &mut World) {
+        std::mem::swap(&mut world.movers, &mut self.movers);
+        self.turns = Culling::ALL
+            .iter()
+            .map(|culling| Turn {
+                moving: Moving::new(world, *culling),
+                crowd: (self.kind == Kind::People).then(|| Crowd::new(self.count)),
+                sum: MovingCost::default(),
+            })
+            .collect();
+        std::mem::swap(&mut world.movers, &mut self.movers);
+    }
+
+    fn end(&mut self) {
+        for (turn, best) in self.turns.drain(..).zip(&mut self.best) {
+            if turn.sum.cpu_ms < best.cpu_ms {
+                *best = turn.sum;
+            }
+        }
+    }
+
+    fn row(self, building_ms: f64, pictures: usize) -> MovingRow {
+        let ways = self.best.map(|MovingCost { cpu_ms, drawn, placed, tested, .. }| {
+            let [cpu_ms, drawn, placed, tested] =
+                [cpu_ms, drawn, placed, tested].map(|sum| sum / pictures as f64);
+            MovingCost { cpu_ms, ratio: 1.0 + cpu_ms / building_ms, drawn, placed, tested }
+        });
+        MovingRow { kind: self.kind, count: self.count, hidden: self.hidden, ways }
+    }
+}
+
+/// What is drawn into.
+struct Stage {
+    world: World,
+    renderer: Renderer,
+    /// The building alone.
+    building: Frame,
+    first: Frame,
+    other: Frame,
+}
+
+impl Stage {
+    fn new(world: World, (width, height): (usize, usize)) -> Self {
+        let [building, first, other] = [(); 3].map(|()| Frame::new(width, height));
+        Self { world, renderer: Renderer::default(), building, first, other }
+    }
+
+    fn camera(&self, turn: f64) -> Camera {
+        let (eye, yaw) =
+            self.world.spawns.first().map_or_else(Default::default, |s| (s.eye, s.yaw));
+        Camera { eye, yaw: yaw + turn as f32, pitch: PITCH, fov_y: Camera::FOV_Y }
+    }
+
+    fn draw_building(&mut self, camera: &Camera) -> io::Result<f64> {
+        let start = ProcessTime::try_now()?;
+        self.renderer.draw(&self.world.octree, camera, &mut self.building);
+        Ok(ProcessTime::try_now()?.duration_since(start).as_secs_f64() * 1e3)
+    }
+
+    /// Draws a picture in all ways, which must be one picture.
+    fn draw_all(
+        &mut self,
+        act: &mut Act,
+        camera: &Camera,
+        now: Duration,
+        counts: bool,
+    ) -> Result<(), MovingError> {
+        std::mem::swap(&mut self.world.movers, &mut act.movers);
+        for (at, turn) in act.turns.iter_mut().enumerate() {
+            let frame = if at == 0 { &mut self.first } else { &mut self.other };
+            frame.clone_from(&self.building);
+            if let Some(crowd) = &mut turn.crowd {
+                crowd.hear(now, |avatar, time| act.ways[avatar].pose(time));
+            }
+            let start = ProcessTime::try_now()?;
+            let told = turn.crowd.as_mut().map(|crowd| crowd.replica() as &mut dyn Told);
+            turn.moving.draw(frame, camera, &self.world, told, now);
+            let taken = ProcessTime::try_now()?.duration_since(start);
+            if counts {
+                turn.sum.add(taken, turn.moving.effort());
+            }
+            if at > 0 && self.first.colour != self.other.colour {
+                return Err(MovingError::Differs(Culling::ALL[at]));
+            }
+        }
+        std::mem::swap(&mut self.world.movers, &mut act.movers);
+        Ok(())
+    }
+}
+
+impl MovingCost {
+    fn add(&mut self, taken: Duration, effort: Effort) {
+        self.cpu_ms += taken.as_secs_f64() * 1e3;
+        self.drawn += effort.drawn as f64;
+        self.placed += effort.placed as f64;
+        self.tested += effort.tested as f64;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sightline_fixtures::voxel_floor::world;
+
+    #[test]
+    fn every_act_is_played_in_all_ways() {
+        let world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
+        let options = Options { size: (64, 48), threads: 2, repeats: 2 };
+        let mut told = Vec::new();
+        let run = moving(world, 8, 5, &options, &mut |share| told.push(share)).unwrap();
+        // There is one cell only, which hides nobody.
+        let rows: Vec<_> = run.rows.iter().map(|row| (row.kind, row.count, row.hidden)).collect();
+        let all =
+            [Kind::Chairs, Kind::People].map(|kind| [1, 2, 4, 8].map(|count| (kind, count, false)));
+        assert_eq!(rows, all.concat());
+        for MovingRow { ways: [plain, hierarchical, temporal], count, .. } in &run.rows {
+            assert!(plain.drawn == *count as f64 && hierarchical.placed >= plain.drawn);
+            assert!(temporal.placed < plain.placed && hierarchical.drawn < plain.drawn);
+            assert!(plain.cpu_ms > 0.0 && plain.ratio > 1.0);
+        }
+        assert_eq!(told.len(), 10);
+    }
+}

@@ -1,0 +1,71 @@
+//! `sightline-client bench --moving`.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use sightline_client::bench::{self, Kind, MovingCost, MovingRow, MovingRun, Options};
+use sightline_world::World;
+
+use super::{Args, sizes, table};
+use crate::cli::progress::Progress;
+
+/// All figures.
+#[derive(Serialize)]
+struct Report<'a> {
+    world: &'a PathBuf,
+    width: usize,
+    height: usize,
+    threads: usize,
+    pictures: usize,
+    #[serde(flatten)]
+    run: MovingRun,
+}
+
+/// Measures with up to so many things; gives the text and the figures for machines.
+pub fn run(
+    args: &Args,
+    world: World,
+    most: usize,
+    progress: &Progress,
+) -> anyhow::Result<(String, String)> {
+    let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
+    let options = Options { size, threads, repeats: args.repeats.into() };
+    let pictures = args.frames.max(2);
+    let hear = &mut |share| progress.tell("moving things", share, "");
+    let run = bench::moving(world, most, pictures, &options, hear)?;
+    let text = text(&run, &table::stage(size, threads), pictures);
+    let (width, height) = size;
+    let report = Report { world: &args.world, width, height, threads, pictures, run };
+    Ok((text, serde_json::to_string_pretty(&report)? + "\n"))
+}
+
+fn text(run: &MovingRun, stage: &str, pictures: usize) -> String {
+    let mut out = format!(
+        "{stage}, {pictures} pictures round the first spawn point: the building alone takes {:.2} ms of CPU\n\n{:24}",
+        run.building_ms, ""
+    );
+    let groups = ["all drawn", "by the pyramid", "and by volumes"];
+    groups.iter().for_each(|group| out += &format!("{group:>30}"));
+    out += &format!("\n{:24}", "");
+    for _ in groups {
+        ["ratio", "ms", "drawn", "placed"].iter().zip([9, 7, 7, 7]).for_each(|(head, width)| {
+            out += &format!("{head:>width$}");
+        });
+    }
+    out += "\n";
+    run.rows.iter().for_each(|row| out += &line(row));
+    out
+}
+
+fn line(row: &MovingRow) -> String {
+    let kind = match row.kind {
+        Kind::Chairs => "chairs",
+        Kind::People => "people",
+    };
+    let place = if row.hidden { ", hidden" } else { "" };
+    let mut out = format!("{:<24}", format!("{:>6} {kind}{place}", row.count));
+    for MovingCost { ratio, cpu_ms, drawn, placed, .. } in row.ways {
+        out += &format!("{ratio:>9.3}{cpu_ms:>7.2}{drawn:>7.1}{placed:>7.1}");
+    }
+    out + "\n"
+}

@@ -1,0 +1,187 @@
+//! `sightline-client shot`.
+
+use std::{
+    path::PathBuf,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use anyhow::{bail, ensure};
+use glam::Vec3;
+use sightline_renderer::{
+    Camera, Frame, Renderer,
+    hidden::{self, Hidden, Walls},
+    mover_visibility::InSight,
+    movers,
+    rooms::Wires,
+};
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::{Mover, World, motion::Pose};
+
+use super::{
+    flags::{self, Way},
+    picture::{self, FRAMES_MAX, Sequence},
+    progress::Progress,
+};
+
+/// Draws a view of a world as a PNG, or a film as many of them.
+///
+/// A film follows a path: `shot house.slw --frames 240 -o film/` walks through the building;
+/// `shot house.slw --path trace.csv --frames 600 -o film-%04d.png` looks out of a recorded avatar's eyes.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The world (.slw).
+    world: PathBuf,
+    /// Where the eye is, in metres; a spawn point when absent.
+    #[arg(long, value_name = "X,Y,Z", value_parser = flags::point, allow_hyphen_values = true)]
+    eye: Option<Vec3>,
+    /// A point to look at, in metres; straight ahead when absent.
+    #[arg(long, value_name = "X,Y,Z", value_parser = flags::point, allow_hyphen_values = true)]
+    look: Option<Vec3>,
+    /// Which spawn point to stand at, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "eye")]
+    spawn: usize,
+    /// The picture's size in pixels.
+    #[arg(long, value_name = "WxH", value_parser = flags::size, default_value = "960x540")]
+    size: (usize, usize),
+    /// Smooth edges; takes more than twice as long.
+    #[arg(long)]
+    aa: bool,
+    /// Draw rooms as wire frames, with their names and windows.
+    #[arg(long)]
+    rooms: bool,
+    /// The angle between the lowest and the highest line of sight, in degrees.
+    #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
+    fov: f32,
+    /// When: seconds on the server's clock, by which doors and lifts move. A film begins then.
+    #[arg(long, value_name = "S", value_parser = flags::time, default_value = "0")]
+    time: Duration,
+    #[command(flatten)]
+    way: Way,
+    /// Draw a film of so many frames, at equal intervals along the path.
+    #[arg(long, value_name = "N", conflicts_with_all = ["eye", "look", "spawn"])]
+    frames: Option<usize>,
+    /// Leave out what cannot be seen from around the eye. The picture is the same, and finding it out does not count; `bench
+    /// --fuzzy` tells what that takes.
+    #[arg(long)]
+    fuzzy: bool,
+    /// The picture to write; for a film, a folder or a pattern such as film-%04d.png.
+    #[arg(short, long, value_name = "OUT.png")]
+    output: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    ensure!((1.0..=170.0).contains(&args.fov), "--fov must be between 1 and 170 degrees");
+    let frames = args.frames.unwrap_or(1);
+    ensure!((1..=FRAMES_MAX).contains(&frames), "--frames must be between 1 and {FRAMES_MAX}");
+    ensure!(args.frames.is_some() || !args.way.is_named(), "--path makes a film: give --frames");
+    let world = World::read(&args.world)?;
+    match args.frames {
+        Some(frames) => film(args, &world, frames),
+        None => picture(args, &world),
+    }
+}
+
+fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
+    let (width, height) = args.size;
+    let mut frame = Frame::new(width, height);
+    let camera = camera(args, world)?;
+    let movers: Vec<&Mover> = world.movers.iter().collect();
+    let mut scene = Scene::new(args, world)?;
+    let milliseconds = scene.draw(camera, &movers, args.time, &mut frame);
+    picture::save(&args.output, &[(width, &frame.colour)])?;
+    let output = args.output.display();
+    super::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
+}
+
+fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
+    let (path, from, until) = args.way.read(world)?;
+    let sequence = Sequence::new(&args.output)?;
+    let (width, height) = args.size;
+    let (mut scene, mut frame) = (Scene::new(args, world)?, Frame::new(width, height));
+    let (rooms, fov_y) = (RoomIndex::new(world), args.fov.to_radians());
+    let (mut in_sight, mut drawn) = (InSight::new(args.size, fov_y), 0);
+    let progress = Progress::new();
+    let mut total = 0.0;
+    for (i, (seconds, pose)) in path.frames_between(from, until, frames).enumerate() {
+        let now = args.time + Duration::from_secs_f64(seconds - from);
+        let movers = in_sight.movers(world, &rooms, &pose);
+        drawn += movers.len();
+        total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
+        picture::save(&sequence.frame(i), &[(width, &frame.colour)])?;
+        progress.tell("frames", (i + 1) as f32 / frames as f32, "");
+    }
+    progress.finish();
+    let movers = match world.movers.len() {
+        0 => String::new(),
+        all => format!(
+            ", {:.1} of {all} movers each by {} visibility sets",
+            drawn as f64 / frames as f64,
+            in_sight.made()
+        ),
+    };
+    super::print(&format!(
+        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{movers}\n",
+        sequence.frame(0).display(),
+        sequence.frame(frames - 1).display(),
+        until - from,
+        total / frames as f64
+    ))
+}
+
+/// What pictures are drawn with.
+struct Scene<'a> {
+    world: &'a World,
+    renderer: Renderer,
+    wires: Option<Wires>,
+    /// What hides the rest of the building, where that is wanted.
+    walls: Option<Walls>,
+    fov_y: f32,
+}
+
+impl<'a> Scene<'a> {
+    fn new(args: &Args, world: &'a World) -> anyhow::Result<Self> {
+        let mut renderer = Renderer::default();
+        renderer.antialias = args.aa;
+        let wires = args.rooms.then(|| Wires::new(world));
+        let walls = args.fuzzy.then(|| Walls::new(&world.octree)).transpose()?;
+        Ok(Self { world, renderer, wires, walls, fov_y: args.fov.to_radians() })
+    }
+
+    /// Draws and tells how many milliseconds the building took.
+    fn draw(&mut self, camera: Camera, movers: &[&Mover], now: Duration, frame: &mut Frame) -> f64 {
+        let camera = Camera { fov_y: self.fov_y, ..camera };
+        if let Some(walls) = &self.walls {
+            let known = self.renderer.hidden.take().filter(|it| it.eyes().contains(camera.eye));
+            let find = |eyes| Arc::new(Hidden::new(walls, eyes, camera.focal(frame.height())));
+            let eyes = hidden::wanted(camera.eye, Vec3::ZERO).into_iter().next();
+            self.renderer.hidden = known.or_else(|| eyes.map(find));
+        }
+        let start = Instant::now();
+        self.renderer.draw(&self.world.octree, &camera, frame);
+        let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
+        movers::draw_those(frame, &camera, movers, now);
+        if let Some(wires) = &self.wires {
+            wires.draw(frame, &camera);
+        }
+        milliseconds
+    }
+}
+
+fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
+    let (eye, yaw) = match args.eye {
+        Some(eye) => (eye, 0.0),
+        None => {
+            let Some(spawn) = world.spawns.get(args.spawn) else {
+                let last = world.spawns.len().saturating_sub(1);
+                bail!("there is no spawn point {}: they go from 0 to {last}", args.spawn);
+            };
+            (spawn.eye, spawn.yaw)
+        }
+    };
+    Ok(match args.look {
+        Some(target) => Camera::looking_at(eye, target),
+        None => Camera::at(&Pose { eye, yaw, ..Pose::default() }),
+    })
+}

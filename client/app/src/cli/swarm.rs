@@ -1,0 +1,106 @@
+//! `sightline-client swarm`.
+
+use std::{path::PathBuf, time::Duration};
+
+use anyhow::{Context, ensure};
+use sightline_cli::trace::Trace;
+use sightline_client::{
+    net::{self, Trust},
+    swarm::{self, Options, Report},
+};
+use sightline_protocol::fingerprint::Fingerprint;
+
+use super::progress::Progress;
+
+/// Sends simulated visitors to a server, and reports what they received.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The server, as host:port.
+    #[arg(value_name = "ADDR", default_value = "localhost:4777")]
+    address: String,
+    /// How many visitors.
+    #[arg(long, value_name = "N", default_value_t = 16,
+          value_parser = clap::value_parser!(u32).range(1..=16_384))]
+    clients: u32,
+    /// For how long they walk, in seconds.
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    seconds: f64,
+    /// Walk as recorded in a trace, gzipped or not, instead of wandering.
+    #[arg(long, value_name = "TRACE.csv")]
+    trace: Option<PathBuf>,
+    /// The server's fingerprint; when absent, the one it had when it was first met.
+    #[arg(long, value_name = "HEX")]
+    fingerprint: Option<Fingerprint>,
+    /// The same seed gives the same goals.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Writes the figures for machines.
+    #[arg(long, value_name = "F")]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    super::show_log();
+    ensure!(
+        args.seconds.is_finite() && (0.1..=86_400.0).contains(&args.seconds),
+        "--seconds must be between 0.1 and 86400"
+    );
+    let address = super::resolve(&args.address)?;
+    let trust = match args.fingerprint {
+        Some(fingerprint) => Trust::Pinned(fingerprint),
+        None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
+    };
+    let trace = args.trace.as_deref().map(Trace::open).transpose()?;
+    let duration = Duration::from_secs_f64(args.seconds);
+    let options = Options {
+        seed: args.seed,
+        trace,
+        world_folder: net::world_folder_of_user(),
+        ..Options::new(args.clients as usize, duration, trust)
+    };
+    let progress = Progress::new();
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let walk = swarm::run(address, &options, |snapshot| {
+        let share = snapshot.elapsed.as_secs_f32() / duration.as_secs_f32();
+        progress.tell("walk", share, &format!("({} visitors)", snapshot.visitors.len()));
+    });
+    let report = runtime.block_on(async {
+        tokio::select! {
+            report = walk => report.map_err(anyhow::Error::from),
+            _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted")),
+        }
+    })?;
+    progress.finish();
+    super::print(&table(&report))?;
+    if let Some(path) = &args.json {
+        let text = serde_json::to_string_pretty(&report)? + "\n";
+        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let (clients, disconnected) = (report.clients, report.disconnected);
+    ensure!(disconnected == 0, "{disconnected} of {clients} visitors were disconnected");
+    Ok(())
+}
+
+fn table(report: &Report) -> String {
+    let rows = [
+        ("visitors", format!("{}", report.clients)),
+        ("refused", format!("{}", report.refused)),
+        ("disconnected", format!("{}", report.disconnected)),
+        ("seconds", format!("{:.1}", report.seconds)),
+        ("others in view", format!("{:.2}", report.visible_mean)),
+        ("time quiet", format!("{:.1} %", report.quiet_share * 100.0)),
+        ("messages to a client", format!("{:.1} /s", report.messages_in_per_s)),
+        ("messages from a client", format!("{:.1} /s", report.messages_out_per_s)),
+        ("bytes to a client", format!("{:.0} /s", report.bytes_in_per_s)),
+        ("bytes from a client", format!("{:.0} /s", report.bytes_out_per_s)),
+        ("with QUIC, to a client", format!("{:.0} /s", report.udp_bytes_in_per_s)),
+        ("with QUIC, from a client", format!("{:.0} /s", report.udp_bytes_out_per_s)),
+        ("age of poses, mean", format!("{:.0} ms", report.age_mean_ms)),
+        ("age of poses, 99 of 100", format!("{:.0} ms", report.age_p99_ms)),
+        ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
+        ("round trip", format!("{:.1} ms", report.round_trip_ms)),
+        ("corrections", format!("{}", report.corrections)),
+    ];
+    rows.into_iter().map(|(what, figure)| format!("{what:<26}{figure:>12}\n")).collect()
+}

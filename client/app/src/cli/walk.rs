@@ -1,0 +1,135 @@
+//! `sightline-client walk`.
+
+use std::{path::PathBuf, sync::Arc, time::Duration};
+
+use anyhow::{Context, bail, ensure};
+use indicatif::{ProgressBar, ProgressStyle};
+use sightline_client::{
+    desktop::{self, Visit, WalkSummary},
+    net::{self, Trust},
+};
+use sightline_protocol::{fingerprint::Fingerprint, text::Name};
+use sightline_world::World;
+
+/// Opens a window on a shared building.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The server, as host:port.
+    #[arg(value_name = "ADDR", default_value = "localhost:4777")]
+    address: String,
+    /// How the others see you called; your user name when absent.
+    #[arg(long)]
+    name: Option<String>,
+    /// Trust only the server with this fingerprint; when absent, the one that was first met at this
+    /// address.
+    #[arg(long, value_name = "HEX")]
+    fingerprint: Option<Fingerprint>,
+    /// Walk alone in a world file (.slw), without a server.
+    #[arg(long, value_name = "WORLD.slw", conflicts_with_all = ["address", "fingerprint"])]
+    world: Option<PathBuf>,
+    /// Find out ahead of the eye, on a thread of its own, what cannot be seen from around a place, and leave it out. The
+    /// picture is the same; `bench --fuzzy` tells what it takes.
+    #[arg(long)]
+    fuzzy: bool,
+    /// Leave after so many seconds.
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    super::show_log();
+    ensure!(desktop::has_display(), "there is no display to open a window on");
+    let end = match args.seconds.map(Duration::try_from_secs_f64) {
+        None => None,
+        Some(Ok(end)) => Some(end),
+        Some(Err(_)) => bail!("--seconds must be a time from now on"),
+    };
+    let summary = match &args.world {
+        Some(path) => {
+            let world = World::read(path)?;
+            let spawn = *world.spawns.first().context("the world has no spawn point")?;
+            desktop::run(Visit::Alone(&world, spawn), options(args, &world.title, end))?
+        }
+        None => visit(args, end)?,
+    };
+    tell(&summary)
+}
+
+fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
+    let name = match &args.name {
+        Some(name) => Name::new(name).context("--name")?,
+        None => {
+            let user = std::env::var("USER").or_else(|_| std::env::var("USERNAME"));
+            Name::new(&user.unwrap_or_default()).or_else(|_| Name::new("visitor"))?
+        }
+    };
+    let trust = match args.fingerprint {
+        Some(fingerprint) => Trust::Pinned(fingerprint),
+        None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
+    };
+    let bar = ProgressBar::no_length().with_style(
+        ProgressStyle::with_template("world {bar:40} {bytes}/{total_bytes}")
+            .context("the progress bar's form")?,
+    );
+    let progress = bar.clone();
+    let options_net = net::Options {
+        colour: colour_of(name.as_str()),
+        name,
+        place: None,
+        trust,
+        progress: Some(Arc::new(move |done, all| {
+            progress.set_length(all);
+            progress.set_position(done);
+        })),
+    };
+    let address = super::resolve(&args.address)?;
+    let session = net::connect_blocking(address, &options_net, net::world_folder_of_user());
+    bar.finish_and_clear();
+    let session = session?;
+    let title = format!("{} – Sightline", session.world().title);
+    let summary = desktop::run(Visit::Shared(&session), options(args, &title, end))?;
+    session.leave_blocking();
+    Ok(summary)
+}
+
+fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::Options<'a> {
+    desktop::Options { title, end, stop: None, fuzzy: args.fuzzy }
+}
+
+/// A strong colour that stays the same for a name.
+fn colour_of(name: &str) -> [u8; 3] {
+    let hash = blake3::hash(name.as_bytes());
+    let hue = f32::from(hash.as_bytes()[0]) / 256.0 * 6.0;
+    let ramp = |shift: f32| ((hue + shift).rem_euclid(6.0) - 3.0).abs() - 1.0;
+    [0.0, 4.0, 2.0].map(|shift| (60.0 + 180.0 * ramp(shift).clamp(0.0, 1.0)) as u8)
+}
+
+fn tell(summary: &WalkSummary) -> anyhow::Result<()> {
+    let (width, height) = summary.size;
+    super::print(&format!(
+        "{} frames in {:.1} s ({:.1} a second, {:.1} ms each to draw) at {width} × {height}\n",
+        summary.frames,
+        summary.seconds,
+        summary.frames_per_s(),
+        summary.draw_ms,
+    ))?;
+    if let Some(reason) = &summary.ended {
+        super::print(&format!("the session ended: {reason}\n"))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_have_strong_colours() {
+        for name in ["Ada", "Bob", "visitor", ""] {
+            let colour = colour_of(name);
+            let (min, max) = (colour.iter().min(), colour.iter().max());
+            assert!(min == Some(&60) && max == Some(&240), "{colour:?}");
+        }
+    }
+}

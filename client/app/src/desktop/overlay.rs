@@ -1,0 +1,109 @@
+//! The status line, what was said, and what is being typed.
+
+use std::{
+    collections::VecDeque,
+    time::{Duration, Instant},
+};
+
+use sightline_renderer::{Frame, text};
+
+/// What was said lately.
+#[derive(Default)]
+pub(super) struct Log {
+    lines: VecDeque<(Instant, String)>,
+}
+
+/// A line is shown so long.
+const SHOWN: Duration = Duration::from_secs(20);
+
+/// No more lines are shown.
+const LINES_MAX: usize = 8;
+
+const STATUS: u32 = 0x00f0_f4f8;
+const SAID: u32 = 0x00ff_f6d8;
+const TYPED: u32 = 0x00b8_f0c0;
+
+impl Log {
+    pub(super) fn add(&mut self, now: Instant, line: String) {
+        self.lines.push_back((now, line));
+        if self.lines.len() > LINES_MAX {
+            self.lines.pop_front();
+        }
+    }
+
+    /// Draws what was said from the bottom upward, above what is being typed.
+    pub(super) fn draw(&self, frame: &mut Frame, now: Instant, typed: Option<&str>) {
+        let height = line_height(frame);
+        let mut y = frame.height() as i32 - height as i32;
+        if let Some(typed) = typed {
+            // The end is what one looks at while typing.
+            let room = letters_in(frame).saturating_sub(4);
+            let hidden = typed.chars().count().saturating_sub(room);
+            let end: String = typed.chars().skip(hidden).collect();
+            line(frame, y, TYPED, &format!("> {end}_"));
+            y -= height as i32;
+        }
+        let fresh = |at: &Instant| now.saturating_duration_since(*at) < SHOWN;
+        for (_, said) in self.lines.iter().rev().filter(|(at, _)| fresh(at)) {
+            for part in wrapped(said, letters_in(frame)).into_iter().rev() {
+                line(frame, y, SAID, &part);
+                y -= height as i32;
+            }
+        }
+    }
+}
+
+/// Draws the line at the top.
+pub(super) fn status(frame: &mut Frame, status: &str) {
+    line(frame, 0, STATUS, status);
+}
+
+fn line(frame: &mut Frame, y: i32, colour: u32, said: &str) {
+    let (scale, height) = (scale(frame), line_height(frame));
+    let width = text::width(said, scale) + 8 * scale;
+    text::darken(frame, [0, y], [width, height]);
+    text::draw(frame, [4 * scale as i32, y + 2 * scale as i32], scale, colour, said);
+}
+
+/// Letters are twice as large where they would be tiny.
+fn scale(frame: &Frame) -> usize {
+    1 + frame.height() / 900
+}
+
+fn line_height(frame: &Frame) -> usize {
+    (text::LETTER + 4) * scale(frame)
+}
+
+fn letters_in(frame: &Frame) -> usize {
+    (frame.width() / (text::LETTER * scale(frame))).saturating_sub(1).max(1)
+}
+
+/// A line cut into parts that fit.
+fn wrapped(said: &str, letters: usize) -> Vec<String> {
+    let letters_all: Vec<char> = said.chars().collect();
+    letters_all.chunks(letters).map(|part| part.iter().collect()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_wrapped_and_old_ones_go() {
+        assert_eq!(wrapped("abcdefgh", 3), ["abc", "def", "gh"]);
+        let now = Instant::now();
+        let mut log = Log::default();
+        for i in 0..20 {
+            log.add(now, format!("{i}"));
+        }
+        assert_eq!(log.lines.len(), LINES_MAX);
+        let drawn = |at: Instant, typed: Option<&str>| {
+            let mut frame = Frame::new(80, 160);
+            log.draw(&mut frame, at, typed);
+            frame.colour.iter().filter(|&&pixel| pixel == SAID || pixel == TYPED).count()
+        };
+        assert!(drawn(now, None) > 50);
+        assert_eq!(drawn(now + SHOWN, None), 0);
+        assert!(drawn(now + SHOWN, Some(&"é".repeat(300))) > 10);
+    }
+}

@@ -1,0 +1,328 @@
+//! One frame after another: the walker's step, the building, the others, and what is written.
+
+use std::time::{Duration, Instant};
+
+use glam::Vec3;
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::{Spawn, World, motion::Pose};
+
+use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::Log, pace::Pace};
+use sightline_client_core::{
+    replica::{Event, Standing, Told, VisibleAvatar},
+    walker::Walker,
+};
+use sightline_renderer::{
+    Camera, Frame, Renderer,
+    hidden::Ahead,
+    mover_visibility::InSight,
+    movers,
+    moving::{Culling, Moving},
+    rooms::Wires,
+};
+
+/// All that a window shows, without the window.
+pub(super) struct Scene<'a> {
+    visit: Visit<'a>,
+    walker: Walker,
+    rooms: RoomIndex,
+    /// Made when they are first asked for.
+    wires: Option<Wires>,
+    bookmarks: Bookmarks,
+    /// Of the flight that is on.
+    in_sight: Option<InSight>,
+    renderer: Renderer,
+    moving: Moving,
+    /// If it is wanted.
+    ahead: Option<Ahead>,
+    drawn: Frame,
+    shown: Frame,
+    log: Log,
+    pace: Pace,
+    rate: Rate,
+    /// Where the clock begins for who is alone.
+    start: Instant,
+    before: Option<Instant>,
+    draw_time: Duration,
+}
+
+const HELP: &str =
+    "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
+
+impl<'a> Scene<'a> {
+    pub(super) fn new(visit: Visit<'a>, fuzzy: bool) -> Self {
+        let spawn = match visit {
+            Visit::Alone(_, spawn) => spawn,
+            Visit::Shared(session) => {
+                let pose = session.pose();
+                Spawn { eye: pose.eye, yaw: pose.yaw }
+            }
+        };
+        let mut log = Log::default();
+        log.add(Instant::now(), HELP.into());
+        let world = visit.world();
+        let ahead = if fuzzy {
+            let ahead = Ahead::new(&world.octree);
+            ahead.inspect_err(|error| tracing::warn!(%error, "everything is drawn")).ok()
+        } else {
+            None
+        };
+        let moving = Moving::new(world, Culling::default());
+        Self {
+            visit,
+            walker: Walker::new(visit.world(), spawn),
+            rooms: RoomIndex::new(visit.world()),
+            wires: None,
+            bookmarks: Bookmarks::default(),
+            in_sight: None,
+            renderer: Renderer::default(),
+            moving,
+            ahead,
+            drawn: Frame::default(),
+            shown: Frame::default(),
+            log,
+            pace: Pace::default(),
+            rate: Rate::default(),
+            start: Instant::now(),
+            before: None,
+            draw_time: Duration::ZERO,
+        }
+    }
+
+    pub(super) fn walker(&self) -> &Walker {
+        &self.walker
+    }
+
+    /// How long all frames took to draw.
+    pub(super) fn draw_time(&self) -> Duration {
+        self.draw_time
+    }
+
+    /// Why the session ended; `None` while it runs.
+    pub(super) fn ended(&self) -> Option<String> {
+        match self.visit {
+            Visit::Shared(session) => session.end(),
+            Visit::Alone(..) => None,
+        }
+    }
+
+    /// Says something to the others.
+    pub(super) fn say(&mut self, now: Instant, line: &str) {
+        let refused = match self.visit {
+            Visit::Shared(session) => session.chat(line).err().map(|error| error.to_string()),
+            Visit::Alone(..) => Some("nobody else is here".into()),
+        };
+        if let Some(reason) = refused {
+            self.log.add(now, format!("not said: {reason}"));
+        }
+    }
+
+    /// Keeps the view.
+    pub(super) fn keep(&mut self, now: Instant, number: usize) {
+        self.bookmarks.keep(number, self.walker.pose());
+        self.log.add(now, format!("view {} is kept", number + 1));
+    }
+
+    /// Sets out to a view that was kept. Among others one walks.
+    pub(super) fn fly(&mut self, now: Instant, number: usize) {
+        let refused = match self.visit {
+            Visit::Shared(_) => Some("only who is alone flies to views".to_owned()),
+            Visit::Alone(..) if self.bookmarks.fly(number, self.walker.pose(), now) => None,
+            Visit::Alone(..) => {
+                Some(format!("no view {0} is kept: Ctrl and {0} keeps one", number + 1))
+            }
+        };
+        if let Some(reason) = refused {
+            self.log.add(now, reason);
+        }
+    }
+
+    /// Where one is now: on a flight, or as the keys want it.
+    fn go(
+        &mut self,
+        controls: &mut Controls,
+        now: Instant,
+        dt_s: f32,
+        size: (usize, usize),
+    ) -> Pose {
+        if let Some(pose) = self.bookmarks.flight(now) {
+            self.walker.place(pose);
+            controls.face(&pose);
+            self.in_sight.get_or_insert_with(|| InSight::new(size, Camera::FOV_Y));
+            return pose;
+        }
+        self.in_sight = None;
+        self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s)
+    }
+
+    /// Goes on to `now` and draws a picture of this size.
+    pub(super) fn frame(
+        &mut self,
+        controls: &mut Controls,
+        (width, height): (usize, usize),
+        now: Instant,
+    ) -> &Frame {
+        self.hear(now);
+        let dt_s = self.before.map_or(0.0, |before| (now - before).as_secs_f32());
+        self.before = Some(now);
+        self.rate.count(now);
+        let pose = self.go(controls, now, dt_s, (width, height));
+        if let Visit::Shared(session) = self.visit {
+            session.set_pose(pose);
+        }
+        let divisor = self.pace.divisor();
+        self.drawn.resize(width.div_ceil(divisor), height.div_ceil(divisor));
+        let start = Instant::now();
+        let time = match self.visit {
+            Visit::Shared(session) => session.server_time(),
+            Visit::Alone(..) => now - self.start,
+        };
+        let camera = Camera::at(&pose);
+        let seen = self.draw(&pose, time);
+        if controls.shows_rooms() {
+            let wires = self.wires.get_or_insert_with(|| Wires::new(self.visit.world()));
+            wires.draw(&mut self.drawn, &camera);
+        }
+        self.draw_time += start.elapsed();
+        self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
+        let status = self.status(pose.eye, &seen);
+        let shown = if divisor == 1 {
+            &mut self.drawn
+        } else {
+            self.shown.resize(width, height);
+            enlarge(&self.drawn, &mut self.shown, divisor);
+            &mut self.shown
+        };
+        overlay::status(shown, &status);
+        self.log.draw(shown, now, controls.line());
+        shown
+    }
+
+    /// Takes in what the server said.
+    fn hear(&mut self, now: Instant) {
+        let Visit::Shared(session) = self.visit else { return };
+        for event in session.events() {
+            match event {
+                Event::Entered(pose) | Event::Corrected(pose) => self.walker.place(pose),
+                Event::Chat { name, text, .. } => self.log.add(now, format!("{name}: {text}")),
+                Event::Goodbye(reason) => self.log.add(now, format!("goodbye: {reason}")),
+                Event::Appeared(_) | Event::Vanished(_) => (),
+            }
+        }
+    }
+
+    /// Draws the building, what moves in it at a time of the server's clock, and the others; tells
+    /// which of these can be seen. On a flight there is nobody else.
+    fn draw(&mut self, pose: &Pose, time: Duration) -> Vec<VisibleAvatar> {
+        let (world, camera) = (self.visit.world(), &Camera::at(pose));
+        let focal = camera.focal(self.drawn.height());
+        let hidden = |ahead: &Ahead| ahead.at(pose.eye, pose.velocity, focal);
+        self.renderer.hidden = self.ahead.as_ref().and_then(hidden);
+        self.renderer.draw(&world.octree, camera, &mut self.drawn);
+        if let Some(in_sight) = &mut self.in_sight {
+            let movers = in_sight.movers(world, &self.rooms, pose);
+            movers::draw_those(&mut self.drawn, camera, &movers, time);
+            return Vec::new();
+        }
+        let mut session = match self.visit {
+            Visit::Shared(session) => Some(session),
+            Visit::Alone(..) => None,
+        };
+        let told = session.as_mut().map(|session| session as &mut dyn Told);
+        self.moving.draw(&mut self.drawn, camera, world, told, time)
+    }
+
+    /// What the building is called, and the room that an eye is in.
+    fn whereabouts(&self, eye: Vec3) -> String {
+        let world = self.visit.world();
+        let room = self.rooms.room_at(eye).and_then(|room| world.rooms.get(room));
+        let room = room.map(|room| format!(", {}", room.title())).unwrap_or_default();
+        format!("{}{room}", world.title)
+    }
+
+    fn status(&self, eye: Vec3, seen: &[VisibleAvatar]) -> String {
+        let title = self.whereabouts(eye);
+        let fps = self.rate.per_s;
+        let Visit::Shared(session) = self.visit else {
+            return format!("{title} | {fps:.0} fps | alone");
+        };
+        let stats = session.stats();
+        let standing = match stats.standing {
+            Standing::Outside => "outside",
+            Standing::Live => "live",
+            Standing::Quiet => "quiet",
+            Standing::Asked => "asked",
+        };
+        let [rate_in, rate_out] = [stats.udp_rate_in, stats.udp_rate_out].map(|rate| rate / 1.0e3);
+        let names: Vec<&str> = seen.iter().map(|other| other.name.as_str()).collect();
+        let told_of = stats.visible;
+        format!(
+            "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s \
+             | told of {told_of}, see {}{}{}",
+            names.len(),
+            if names.is_empty() { "" } else { ": " },
+            names.join(", ")
+        )
+    }
+}
+
+impl<'a> Visit<'a> {
+    fn world(self) -> &'a World {
+        match self {
+            Self::Shared(session) => session.world(),
+            Self::Alone(world, _) => world,
+        }
+    }
+}
+
+/// Frames a second, taken each half second.
+#[derive(Default)]
+struct Rate {
+    since: Option<Instant>,
+    frames: u32,
+    per_s: f32,
+}
+
+impl Rate {
+    fn count(&mut self, now: Instant) {
+        self.frames += 1;
+        let since = *self.since.get_or_insert(now);
+        let elapsed_s = (now - since).as_secs_f32();
+        if elapsed_s >= 0.5 {
+            *self = Self { since: Some(now), frames: 0, per_s: self.frames as f32 / elapsed_s };
+        }
+    }
+}
+
+/// Makes `divisor` × `divisor` pixels of each.
+fn enlarge(small: &Frame, large: &mut Frame, divisor: usize) {
+    let width = large.width();
+    for (y, row) in large.colour.chunks_mut(width.max(1)).enumerate() {
+        let start = y / divisor * small.width();
+        let source = &small.colour[start..start + small.width()];
+        for (pixels, &colour) in row.chunks_mut(divisor).zip(source) {
+            pixels.fill(colour);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn enlarged_pictures_fill_odd_windows() {
+        let mut small = Frame::new(3, 2);
+        small.colour.copy_from_slice(&[1, 2, 3, 4, 5, 6]);
+        let mut large = Frame::new(5, 3);
+        enlarge(&small, &mut large, 2);
+        assert_eq!(large.colour, [1, 1, 2, 2, 3, 1, 1, 2, 2, 3, 4, 4, 5, 5, 6]);
+    }
+
+    #[test]
+    fn the_rate_is_that_of_the_last_half_second() {
+        let start = Instant::now();
+        let mut rate = Rate::default();
+        (0..=40).for_each(|i| rate.count(start + Duration::from_millis(25 * i)));
+        assert!((rate.per_s - 40.0).abs() < 3.0, "{}", rate.per_s);
+    }
+}

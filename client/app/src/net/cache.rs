@@ -1,0 +1,156 @@
+//! Worlds on disk and in memory, by content id.
+
+use std::{
+    collections::HashMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::{Arc, Weak},
+};
+
+use sightline_world::{self as world, ContentId, ReadError, World};
+
+/// Worlds that were fetched. Each is read once for all connections that need it at the same time.
+#[derive(Debug, Default)]
+pub(super) struct WorldCache {
+    /// Where files are kept; nowhere when `None`.
+    folder: Option<PathBuf>,
+    open: tokio::sync::Mutex<HashMap<[u8; 32], Weak<World>>>,
+}
+
+impl WorldCache {
+    /// A cache in a folder, which is made when the first world comes.
+    pub fn new(folder: Option<PathBuf>) -> Self {
+        Self { folder, open: tokio::sync::Mutex::default() }
+    }
+
+    /// The world of an id: the one that is open, or from disk, or what `fetch` brings. Those who
+    /// want the same meanwhile wait.
+    pub async fn get<E: From<ReadError>>(
+        &self,
+        id: ContentId,
+        fetch: impl Future<Output = Result<Vec<u8>, E>>,
+    ) -> Result<Arc<World>, E> {
+        let mut open = self.open.lock().await;
+        if let Some(world) = open.get(&id.0).and_then(Weak::upgrade) {
+            return Ok(world);
+        }
+        let path = self.folder.as_ref().map(|folder| folder.join(format!("{id}.slw")));
+        let kept = match path.clone() {
+            Some(path) => blocking(move || Ok(load(&path, id))).await?,
+            None => None,
+        };
+        let world = match kept {
+            Some(world) => world,
+            None => {
+                let bytes = fetch.await?;
+                blocking(move || receive(&bytes, id, path.as_deref())).await?
+            }
+        };
+        let world = Arc::new(world);
+        open.retain(|_, world| world.strong_count() > 0);
+        open.insert(id.0, Arc::downgrade(&world));
+        Ok(world)
+    }
+}
+
+/// Reading a world takes a while, which must not hold up connections.
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, ReadError> + Send + 'static,
+) -> Result<T, ReadError> {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(result) => result,
+        Err(_) => Err(ReadError::Malformed("reading it failed")),
+    }
+}
+
+/// The world in a file; none when there is no such file or it is damaged, in which case it goes.
+fn load(path: &Path, id: ContentId) -> Option<World> {
+    let bytes = fs::read(path).ok()?;
+    match check(&bytes, id) {
+        Ok(world) => Some(world),
+        Err(error) => {
+            tracing::warn!(path = %path.display(), %error, "a cached world is of no use: fetched again");
+            let _ = fs::remove_file(path);
+            None
+        }
+    }
+}
+
+/// The world in what a server sent; kept when there is a place for it.
+fn receive(bytes: &[u8], id: ContentId, path: Option<&Path>) -> Result<World, ReadError> {
+    let world = check(bytes, id)?;
+    if let Some(path) = path {
+        let folder_made = path.parent().map_or(Ok(()), fs::create_dir_all);
+        if let Err(error) = folder_made.and_then(|()| world::write_whole(path, bytes)) {
+            tracing::warn!(path = %path.display(), %error, "the world cannot be kept");
+        }
+    }
+    Ok(world)
+}
+
+fn check(bytes: &[u8], id: ContentId) -> Result<World, ReadError> {
+    if world::content_id(bytes)? != id {
+        return Err(ReadError::Damaged);
+    }
+    World::from_bytes(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use glam::Vec3;
+    use sightline_world::{Cells, Mesh, Spawn, geometry::Aabb, motion::Body, octree::Octree};
+
+    use super::*;
+
+    /// A world of one empty cell.
+    fn world() -> World {
+        let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(4.0));
+        World {
+            title: "one cell".to_owned(),
+            octree: Octree::empty(Vec3::ZERO, 4.0, 4),
+            cells: Cells::whole(bounds),
+            mesh: Mesh::default(),
+            spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],
+            body: Body::PERSON,
+            speed_max: 5.0,
+            movers: Vec::new(),
+            rooms: Default::default(),
+            origin: None,
+        }
+    }
+
+    #[tokio::test]
+    async fn it_is_fetched_once_and_again_when_it_was_damaged() {
+        let folder = tempfile::tempdir().unwrap();
+        let bytes = world().to_bytes();
+        let id = world::content_id(&bytes).unwrap();
+        let fetches = Cell::new(0);
+        let get = async || {
+            let cache = WorldCache::new(Some(folder.path().join("worlds")));
+            let fetch = async {
+                fetches.set(fetches.get() + 1);
+                Ok::<_, ReadError>(bytes.clone())
+            };
+            *cache.get(id, fetch).await.unwrap() == world()
+        };
+        assert!(get().await && get().await);
+        assert_eq!(fetches.get(), 1);
+        let path = folder.path().join("worlds").join(format!("{id}.slw"));
+        let mut damaged = fs::read(&path).unwrap();
+        let middle = damaged.len() / 2;
+        damaged[middle] ^= 1;
+        fs::write(&path, damaged).unwrap();
+        assert!(get().await && get().await);
+        assert_eq!(fetches.get(), 2);
+    }
+
+    #[tokio::test]
+    async fn another_world_than_was_announced_is_refused() {
+        let bytes = world().to_bytes();
+        let cache = WorldCache::new(None);
+        let fetch = async { Ok::<_, ReadError>(bytes) };
+        assert!(matches!(cache.get(ContentId([7; 32]), fetch).await, Err(ReadError::Damaged)));
+    }
+}

@@ -1,0 +1,278 @@
+//! A way for a camera: through a recorded walk, or through a building where people can walk.
+//!
+//! Between samples a path follows monotone cubics (Fritsch and Carlson 1980), coordinate by coordinate. So it is smooth,
+//! and never leaves the box of the two samples that it is between: it cuts no corner that was walked round.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::Vec3;
+use rand::{SeedableRng, rngs::SmallRng};
+use sightline_world::{World, motion::Pose};
+
+use sightline_cli::trace::Track;
+use sightline_client_core::navigation::Navigation;
+
+/// Who is faster than this between two samples, in metres a second, was put there …
+const LEAP_M_PER_S: f32 = 40.0;
+/// … and who is absent for longer, in seconds, may have been.
+const ABSENCE_S: f64 = 0.4;
+/// How fast a path through a building is walked, in metres a second.
+const WALK_M_PER_S: f32 = 1.5;
+/// A path through a building is no longer, in metres.
+const LENGTH_MAX: f32 = 120.0;
+/// Its way is measured out in steps of so many metres …
+const STEP: f32 = 0.1;
+/// … rounded off over so many of them on either side …
+const ROUNDED: usize = 3;
+/// … looks so many ahead …
+const AHEAD: usize = 12;
+/// … and every so many of them becomes a sample.
+const STEPS_A_SAMPLE: usize = 3;
+/// For how long one looks round where there is nowhere to go, in seconds.
+const TURN_S: f64 = 8.0;
+
+/// Where a camera is, and where it looks, from one time to another.
+#[derive(Clone, Debug)]
+pub struct Path {
+    /// Never empty, and none of the pieces is.
+    pieces: Vec<Piece>,
+}
+
+/// Samples between leaps.
+#[derive(Clone, Debug)]
+struct Piece {
+    /// Seconds, strictly ascending from the first sample of the path.
+    times: Vec<f64>,
+    /// Eye, yaw and pitch, and how fast each changes, per second. Yaw goes on beyond half a turn.
+    samples: Vec<([f32; 5], [f32; 5])>,
+}
+
+impl Path {
+    /// The walk of a recorded avatar. None when it has no sample.
+    pub fn of_track(track: &Track) -> Option<Self> {
+        Self::of_samples(&track.samples)
+    }
+
+    /// A walk from spawn point to spawn point, each time to the nearest that is left; to places taken at random where there
+    /// are too few; and all round where one cannot walk.
+    pub fn through(world: &World) -> Self {
+        let way = walked(world);
+        let walk = (way.len() > 2 * AHEAD).then(|| Self::of_samples(&ambling(&way))).flatten();
+        walk.unwrap_or_else(|| Self::round(world))
+    }
+
+    /// How long it takes, in seconds.
+    pub fn duration_s(&self) -> f64 {
+        self.pieces.last().and_then(|piece| piece.times.last()).copied().unwrap_or(0.0)
+    }
+
+    /// The pose at a time, in seconds; at its ends before and after.
+    pub fn at(&self, seconds: f64) -> Pose {
+        let piece = self.pieces.partition_point(|piece| piece.times[0] <= seconds);
+        self.pieces[piece.saturating_sub(1)].at(seconds)
+    }
+
+    /// Poses at equal intervals, the first and the last of the path included, and when they are.
+    pub fn frames(&self, count: usize) -> impl Iterator<Item = (f64, Pose)> + '_ {
+        self.frames_between(0.0, self.duration_s(), count)
+    }
+
+    /// The same of a part of the path, from one time to another.
+    pub fn frames_between(
+        &self,
+        from_s: f64,
+        until_s: f64,
+        count: usize,
+    ) -> impl Iterator<Item = (f64, Pose)> + '_ {
+        let step = (until_s - from_s) / count.saturating_sub(1).max(1) as f64;
+        (0..count).map(move |i| from_s + i as f64 * step).map(|t| (t, self.at(t)))
+    }
+
+    /// All round at the first spawn point.
+    fn round(world: &World) -> Self {
+        let (eye, yaw) = world.spawns.first().map_or((Vec3::ZERO, 0.0), |s| (s.eye, s.yaw));
+        let turned = |quarter: u8| {
+            let pose = Pose { eye, yaw: yaw + f32::from(quarter) * PI / 2.0, ..Pose::default() };
+            (f64::from(quarter) * TURN_S / 4.0, pose)
+        };
+        let piece = Piece::new(&[0, 1, 2, 3, 4].map(turned));
+        Self { pieces: vec![piece] }
+    }
+
+    fn of_samples(samples: &[(f64, Pose)]) -> Option<Self> {
+        let (start, _) = *samples.first()?;
+        let samples: Vec<(f64, Pose)> =
+            samples.iter().map(|(t, pose)| (t - start, *pose)).collect();
+        let is_together = |a: &(f64, Pose), b: &(f64, Pose)| {
+            let gap = b.0 - a.0;
+            let way = a.1.eye.distance(b.1.eye);
+            gap <= ABSENCE_S && f64::from(way) <= gap * f64::from(LEAP_M_PER_S)
+        };
+        Some(Self { pieces: samples.chunk_by(is_together).map(Piece::new).collect() })
+    }
+}
+
+impl Piece {
+    fn new(poses: &[(f64, Pose)]) -> Self {
+        let mut times = Vec::with_capacity(poses.len());
+        let mut values: Vec<[f32; 5]> = Vec::with_capacity(poses.len());
+        for (time, Pose { eye, yaw, pitch, .. }) in poses {
+            // Of several samples at one time the first counts.
+            if times.last().is_some_and(|last| time <= last) {
+                continue;
+            }
+            let before = values.last().map_or(*yaw, |value| value[3]);
+            let turn = (yaw - before + PI).rem_euclid(TAU) - PI;
+            times.push(*time);
+            values.push([eye.x, eye.y, eye.z, before + turn, *pitch]);
+        }
+        let slopes =
+            (0..times.len()).map(|i| std::array::from_fn(|k| slope(&times, &values, i, k)));
+        let samples = values.iter().copied().zip(slopes).collect();
+        Self { times, samples }
+    }
+
+    fn at(&self, seconds: f64) -> Pose {
+        let after = self.times.partition_point(|time| *time <= seconds);
+        let [before, after] = [after.saturating_sub(1), after.min(self.times.len() - 1)];
+        let span = (self.times[after] - self.times[before]) as f32;
+        let t = (seconds - self.times[before]) as f32 / span.max(f32::MIN_POSITIVE);
+        let t = t.clamp(0.0, 1.0);
+        let ((a, slopes_a), (b, slopes_b)) = (self.samples[before], self.samples[after]);
+        let [x, y, z, yaw, pitch] = std::array::from_fn(|k| {
+            let (da, db) = (slopes_a[k] * span, slopes_b[k] * span);
+            let rise = b[k] - a[k];
+            a[k] + t * (da + t * ((3.0 * rise - 2.0 * da - db) + t * (da + db - 2.0 * rise)))
+        });
+        Pose { eye: Vec3::new(x, y, z), yaw, pitch, ..Pose::default() }
+    }
+}
+
+/// How fast a coordinate changes at a sample, so that the cubics on both sides rise or fall all the way: the harmonic mean
+/// of the chords' slopes, and none where it turns back.
+fn slope(times: &[f64], values: &[[f32; 5]], i: usize, k: usize) -> f32 {
+    let chord = |a: usize, b: usize| (values[b][k] - values[a][k]) / (times[b] - times[a]) as f32;
+    match (i.checked_sub(1), i + 1 < times.len()) {
+        (Some(before), true) => {
+            let (a, b) = (chord(before, i), chord(i, i + 1));
+            if a * b > 0.0 { 2.0 * a * b / (a + b) } else { 0.0 }
+        }
+        (Some(before), false) => chord(before, i),
+        (None, true) => chord(i, i + 1),
+        (None, false) => 0.0,
+    }
+}
+
+/// The eyes of somebody who walks from place to place, a step apart.
+fn walked(world: &World) -> Vec<Vec3> {
+    let navigation = Navigation::new(world);
+    let mut left: Vec<Vec3> = world.spawns.iter().map(|spawn| spawn.eye).collect();
+    if left.is_empty() || navigation.is_empty() {
+        return Vec::new();
+    }
+    let mut at = left.remove(0);
+    let mut random = SmallRng::seed_from_u64(1);
+    let mut steps = Vec::new();
+    // Each goal but the last few is reached, so this ends soon; the bound is for islands.
+    for _ in 0..64 {
+        let nearest =
+            (0..left.len()).min_by(|&a, &b| left[a].distance(at).total_cmp(&left[b].distance(at)));
+        let goal = nearest.map(|i| left.swap_remove(i)).or_else(|| navigation.random(&mut random));
+        let Some(goal) = goal else { break };
+        for place in navigation.way(at, goal).unwrap_or_default() {
+            let count = (at.distance(place) / STEP).ceil().max(1.0);
+            steps.extend((0..count as usize).map(|i| at.lerp(place, i as f32 / count)));
+            at = place;
+        }
+        if steps.len() as f32 * STEP >= LENGTH_MAX {
+            steps.truncate((LENGTH_MAX / STEP) as usize);
+            break;
+        }
+    }
+    steps
+}
+
+/// The same way with its corners rounded off, looking ahead.
+fn ambling(way: &[Vec3]) -> Vec<(f64, Pose)> {
+    let rounded = |i: usize, by: usize| {
+        let around = &way[i.saturating_sub(by)..(i + by + 1).min(way.len())];
+        around.iter().sum::<Vec3>() / around.len() as f32
+    };
+    let sample = |i: usize| {
+        let eye = rounded(i, ROUNDED);
+        let ahead = rounded(i + AHEAD, AHEAD) - eye;
+        let yaw = (-ahead.x).atan2(-ahead.z);
+        (f64::from(i as f32 * STEP / WALK_M_PER_S), Pose { eye, yaw, ..Pose::default() })
+    };
+    (0..way.len() - AHEAD).step_by(STEPS_A_SAMPLE).map(sample).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sightline_fixtures::voxel_floor::world;
+
+    fn sample(t: f64, x: f32, yaw: f32) -> (f64, Pose) {
+        (t, Pose { eye: Vec3::new(x, 1.0, 0.0), yaw, ..Pose::default() })
+    }
+
+    #[test]
+    fn a_path_meets_its_samples_and_never_overshoots() {
+        let samples: Vec<_> = [0.0, 1.0, 1.0, 4.0, 3.5, 3.5].into_iter().zip(0..).collect();
+        let samples: Vec<_> =
+            samples.iter().map(|&(x, i)| sample(5.0 + f64::from(i) * 0.2, x, 0.0)).collect();
+        let path = Path::of_samples(&samples).unwrap();
+        assert!((path.duration_s() - 1.0).abs() < 1e-9);
+        let x = |seconds: f64| path.at(seconds).eye.x;
+        for (t, pose) in &samples {
+            assert!((x(t - 5.0) - pose.eye.x).abs() < 1e-5);
+        }
+        for i in 0..1_000 {
+            let t = f64::from(i) * 1e-3;
+            let pair = (t / 0.2) as usize;
+            let (a, b) = (samples[pair].1.eye.x, samples[pair + 1].1.eye.x);
+            assert!((a.min(b) - 1e-5..=a.max(b) + 1e-5).contains(&x(t)), "{} at {t}", x(t));
+            // Smooth: no speed changes at once.
+            let accelerated = x(t + 2e-3) - 2.0 * x(t + 1e-3) + x(t);
+            assert!(t > 0.99 || accelerated.abs() < 2e-3, "{accelerated} at {t}");
+        }
+        assert_eq!([x(-9.0), x(99.0)], [0.0, 3.5]);
+    }
+
+    #[test]
+    fn a_turn_goes_the_short_way_and_a_leap_is_none() {
+        let samples = [sample(0.0, 0.0, 3.0), sample(0.1, 0.1, -3.0), sample(0.2, 99.0, 0.0)];
+        let path = Path::of_samples(&samples).unwrap();
+        let yaw = path.at(0.05).yaw;
+        assert!((3.0..3.3).contains(&yaw), "{yaw}");
+        assert_eq!([path.at(0.15).eye.x, path.at(0.2).eye.x], [0.1, 99.0]);
+        assert_eq!(path.frames(3).map(|(t, _)| t).collect::<Vec<_>>(), [0.0, 0.1, 0.2]);
+        assert!(Path::of_samples(&[]).is_none());
+        assert_eq!(path.frames(0).count(), 0);
+    }
+
+    #[test]
+    fn a_building_is_walked_through_without_touching_it() {
+        // A wall across the middle, with a gap of 1 m at one end.
+        let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
+        let east = sightline_world::Spawn { eye: Vec3::new(7.0, 1.725, 4.0), yaw: 0.0 };
+        world.spawns.push(east);
+        let path = Path::through(&world);
+        assert!(path.duration_s() > 5.0, "{}", path.duration_s());
+        for (t, pose) in path.frames(500) {
+            let near = sightline_world::geometry::Aabb::around(pose.eye, 0.1);
+            assert!(!world.octree.solid_in(&near), "{} at {t}", pose.eye);
+        }
+        let crossed = path.frames(500).any(|(_, pose)| pose.eye.x > 5.0);
+        assert!(crossed);
+    }
+
+    #[test]
+    fn where_nobody_can_walk_one_looks_round() {
+        // Solid but for the head.
+        let world = world(&[([0, 1, 0], [64, 12, 64], 0)]);
+        let path = Path::through(&world);
+        let turned = path.at(path.duration_s()).yaw - path.at(0.0).yaw;
+        assert!((turned - TAU).abs() < 1e-4, "{turned}");
+    }
+}

@@ -1,0 +1,296 @@
+//! Simulated visitors, many in one process: they wander from room to room, or walk as recorded,
+//! each with a connection and a replica of its own, and what they receive is counted.
+
+mod report;
+mod visitor;
+
+use std::{collections::VecDeque, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
+
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_protocol::text::Name;
+use sightline_world::{
+    World,
+    motion::{AvatarId, Pose},
+};
+use tokio::{
+    task::JoinSet,
+    time::{Instant, MissedTickBehavior},
+};
+
+use crate::net::{ConnectError, Dialer, Options as ConnectOptions, Session, Trust};
+use report::Tally;
+use sightline_cli::trace::{Trace, Track};
+use sightline_client_core::{
+    navigation::Navigation,
+    replica::{Event, HeldAvatar, Standing},
+};
+use visitor::{Visitor, Wanderer};
+
+pub use report::Report;
+
+/// Visitors move so often.
+const STEP: Duration = Duration::from_millis(25);
+/// So many connect at the same time.
+const CONNECTING_MAX: usize = 16;
+
+/// Whom to send, and for how long.
+#[derive(Clone)]
+pub struct Options {
+    /// How many.
+    pub clients: usize,
+    /// For how long, once all are in.
+    pub duration: Duration,
+    /// The same seed gives the same goals.
+    pub seed: u64,
+    /// Which servers to trust.
+    pub trust: Trust,
+    /// Where worlds are kept; only in memory when `None`.
+    pub world_folder: Option<PathBuf>,
+    /// Walk as recorded instead of wandering: the first visitor as the first avatar, and so on.
+    pub trace: Option<Trace>,
+    /// How often the observer is called.
+    pub snapshot_interval: Duration,
+}
+
+impl Options {
+    /// Visitors who wander, observed four times a second.
+    pub fn new(clients: usize, duration: Duration, trust: Trust) -> Self {
+        Self {
+            clients,
+            duration,
+            seed: 1,
+            trust,
+            world_folder: None,
+            trace: None,
+            snapshot_interval: Duration::from_millis(250),
+        }
+    }
+}
+
+/// The truth and what each visitor knows of it, at one moment.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// Since all were in.
+    pub elapsed: Duration,
+    /// Those who are connected.
+    pub visitors: Vec<VisitorView>,
+}
+
+/// One visitor at one moment.
+#[derive(Clone, Debug)]
+pub struct VisitorView {
+    /// Who.
+    pub avatar: AvatarId,
+    /// Where it truly is.
+    pub pose: Pose,
+    /// What the server expects of it.
+    pub standing: Standing,
+    /// Whom its replica holds.
+    pub held: Vec<HeldAvatar>,
+}
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SwarmError {
+    /// Not one visitor could come in.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// More visitors than recorded walks.
+    #[error("the trace has {tracks} avatars, not {clients}")]
+    TraceTooSmall {
+        /// Walks that are recorded.
+        tracks: usize,
+        /// Visitors that were asked for.
+        clients: usize,
+    },
+    /// The building has no floor on which a body could walk.
+    #[error("no floor to walk on was found near the spawn points")]
+    NoFloor,
+}
+
+/// A visitor and its connection.
+struct Member {
+    session: Session,
+    visitor: Visitor,
+    pose: Pose,
+    has_ended: bool,
+}
+
+/// Sends visitors to a server and tells what they received. The observer is called now and then
+/// with the truth and what each visitor knows. Must be called within a tokio runtime.
+///
+/// # Errors
+/// When nobody can come in, or there is nowhere to walk.
+pub async fn run(
+    address: SocketAddr,
+    options: &Options,
+    mut observer: impl FnMut(&Snapshot),
+) -> Result<Report, SwarmError> {
+    let (mut members, ways, refused) = gather(address, options).await?;
+    let world = members.first().map(|member| member.session.world().clone());
+    let mut tally = Tally::new(members.iter().map(|member| &member.session), refused);
+    let mut steps = tokio::time::interval(STEP);
+    steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let start = Instant::now();
+    let (mut before, mut next_snapshot) = (Duration::ZERO, Duration::ZERO);
+    while let Some(world) = &world {
+        steps.tick().await;
+        let elapsed = start.elapsed();
+        if elapsed >= options.duration || members.iter().all(|member| member.has_ended) {
+            break;
+        }
+        let dt_s = (elapsed - before).as_secs_f32();
+        before = elapsed;
+        for member in &mut members {
+            member.step(world, &ways, dt_s, elapsed, &mut tally);
+        }
+        if elapsed >= next_snapshot {
+            next_snapshot += options.snapshot_interval;
+            let snapshot = snapshot(&members, elapsed);
+            tally.observe(&snapshot);
+            observer(&snapshot);
+        }
+    }
+    let report = tally.report(members.iter().map(|member| &member.session), start.elapsed());
+    let mut leaving = JoinSet::new();
+    for member in members {
+        leaving.spawn(member.session.leave());
+    }
+    leaving.join_all().await;
+    Ok(report)
+}
+
+impl Member {
+    fn step(
+        &mut self,
+        world: &World,
+        ways: &Navigation,
+        dt_s: f32,
+        elapsed: Duration,
+        tally: &mut Tally,
+    ) {
+        if self.has_ended {
+            return;
+        }
+        if let Some(reason) = self.session.end() {
+            tracing::warn!(avatar = self.session.avatar().0, reason, "a visitor was disconnected");
+            tally.disconnected += 1;
+            self.has_ended = true;
+            return;
+        }
+        for event in self.session.events() {
+            if let Event::Corrected(pose) = event {
+                tally.corrections += 1;
+                self.visitor.correct(pose);
+            }
+        }
+        self.pose = self.visitor.step(world, ways, dt_s, elapsed.as_secs_f64());
+        self.session.set_pose(self.pose);
+        tally.moved(self.session.avatar(), elapsed, self.pose.eye);
+    }
+}
+
+fn snapshot(members: &[Member], elapsed: Duration) -> Snapshot {
+    let visitors = members.iter().filter(|member| !member.has_ended).map(|member| VisitorView {
+        avatar: member.session.avatar(),
+        pose: member.pose,
+        standing: member.session.stats().standing,
+        held: member.session.held(),
+    });
+    Snapshot { elapsed, visitors: visitors.collect() }
+}
+
+/// Brings everybody in: the first alone, who fetches the world, then the others. Also tells how
+/// many were refused.
+async fn gather(
+    address: SocketAddr,
+    options: &Options,
+) -> Result<(Vec<Member>, Arc<Navigation>, usize), SwarmError> {
+    let tracks: Option<Vec<Track>> = options.trace.as_ref().map(Trace::tracks);
+    let tracks = tracks.as_deref();
+    if let Some(tracks) = tracks
+        && tracks.len() < options.clients
+    {
+        return Err(SwarmError::TraceTooSmall { tracks: tracks.len(), clients: options.clients });
+    }
+    let start = |i: usize| tracks.and_then(|tracks| Some(tracks.get(i)?.at(0.0).eye));
+    let dialer = Arc::new(Dialer::new(options.world_folder.clone()));
+    // The first stands at a spawn point, since nothing is known of the building before.
+    let first = dialer.connect(address, &hello(options, 0, start(0))).await?;
+    let world = first.world().clone();
+    let ways = if tracks.is_some() { Arc::default() } else { find_ways(&world).await? };
+    let mut random = SmallRng::seed_from_u64(options.seed);
+    let hellos = (1..options.clients)
+        .map(|i| (i, hello(options, i, start(i).or_else(|| ways.random(&mut random)))))
+        .collect();
+    let (mut sessions, refused) = connect_all(&dialer, address, hellos).await;
+    sessions.insert(0, (0, first));
+    let members = sessions.into_iter().map(|(i, session)| {
+        let pose = session.pose();
+        let visitor = match tracks.and_then(|tracks| tracks.get(i)) {
+            Some(track) => Visitor::Actor(track.clone()),
+            None => {
+                let seed = options.seed.wrapping_mul(0x9e37_79b9).wrapping_add(i as u64);
+                Visitor::Wanderer(Box::new(Wanderer::new(&world, pose.eye, seed)))
+            }
+        };
+        Member { session, visitor, pose, has_ended: false }
+    });
+    Ok((members.collect(), ways, refused))
+}
+
+async fn find_ways(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmError> {
+    let world = world.clone();
+    match tokio::task::spawn_blocking(move || Navigation::new(&world)).await {
+        Ok(ways) if !ways.is_empty() => Ok(Arc::new(ways)),
+        _ => Err(SwarmError::NoFloor),
+    }
+}
+
+/// Connects with each of many hellos, a few at a time. Those that came in, in order, and how many
+/// did not.
+async fn connect_all(
+    dialer: &Arc<Dialer>,
+    address: SocketAddr,
+    mut hellos: VecDeque<(usize, ConnectOptions)>,
+) -> (Vec<(usize, Session)>, usize) {
+    let (mut sessions, mut refused) = (Vec::new(), 0);
+    let mut connecting = JoinSet::new();
+    loop {
+        while connecting.len() < CONNECTING_MAX
+            && let Some((i, hello)) = hellos.pop_front()
+        {
+            let dialer = dialer.clone();
+            connecting.spawn(async move { (i, dialer.connect(address, &hello).await) });
+        }
+        match connecting.join_next().await {
+            Some(Ok((i, Ok(session)))) => sessions.push((i, session)),
+            Some(Ok((i, Err(error)))) => {
+                tracing::warn!(visitor = i + 1, %error, "a visitor could not come in");
+                refused += 1;
+            }
+            Some(Err(_)) => refused += 1,
+            None => break,
+        }
+    }
+    sessions.sort_by_key(|(i, _)| *i);
+    (sessions, refused)
+}
+
+fn hello(options: &Options, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {
+    let mut random = SmallRng::seed_from_u64(options.seed ^ i as u64);
+    // Bright, and seldom the same.
+    let mut colour = [255, random.random_range(40..=255), 40];
+    colour.rotate_right(random.random_range(0..3));
+    if random.random_bool(0.5) {
+        colour.swap(0, 1);
+    }
+    ConnectOptions {
+        name: Name::clipped(&format!("Visitor {}", i + 1)),
+        colour,
+        place,
+        trust: options.trust.clone(),
+        progress: None,
+    }
+}

@@ -1,0 +1,213 @@
+//! What visitors received.
+
+use std::{
+    collections::{HashMap, VecDeque},
+    time::Duration,
+};
+
+use glam::Vec3;
+use serde::Serialize;
+use sightline_world::motion::AvatarId;
+
+use super::{STEP, Snapshot};
+use crate::net::{Session, SessionStats};
+use sightline_client_core::replica::Standing;
+
+/// A visitor's last places are remembered for so long.
+const HISTORY: Duration = Duration::from_secs(3);
+/// A held pose is of the time when the visitor was so near to it, in metres.
+const SAME_PLACE: f32 = 0.006;
+/// Ages are counted in bins of so many milliseconds.
+const AGE_BIN_MS: f64 = 5.0;
+
+/// What the visitors of a swarm received. Figures for a client are means over all that came in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Report {
+    /// Visitors that came in.
+    pub clients: usize,
+    /// Visitors that could not come in.
+    pub refused: usize,
+    /// Visitors whose connection ended too early.
+    pub disconnected: usize,
+    /// Reports that the server refused.
+    pub corrections: usize,
+    /// How long it was measured, in seconds.
+    pub seconds: f64,
+    /// Application messages to a client, a second.
+    pub messages_in_per_s: f64,
+    /// Application messages from a client, a second.
+    pub messages_out_per_s: f64,
+    /// Bytes of application messages to a client, a second.
+    pub bytes_in_per_s: f64,
+    /// Bytes of application messages from a client, a second.
+    pub bytes_out_per_s: f64,
+    /// UDP payload to a client, a second.
+    pub udp_bytes_in_per_s: f64,
+    /// UDP payload from a client, a second.
+    pub udp_bytes_out_per_s: f64,
+    /// How many others a client holds.
+    pub visible_mean: f64,
+    /// The part of the time for which a client is expected to be silent, from 0 to 1.
+    pub quiet_share: f64,
+    /// How old held poses are, against where the visitors truly were, in milliseconds.
+    pub age_mean_ms: f64,
+    /// 99 of 100 are no older, in milliseconds.
+    pub age_p99_ms: f64,
+    /// None is older, in milliseconds; 3,000 when it is older than what is remembered.
+    pub age_max_ms: f64,
+    /// The mean round trip, in milliseconds.
+    pub round_trip_ms: f64,
+}
+
+/// What is counted while a swarm walks.
+pub struct Tally {
+    pub corrections: usize,
+    pub disconnected: usize,
+    refused: usize,
+    start: Vec<SessionStats>,
+    history: HashMap<AvatarId, VecDeque<(Duration, Vec3)>>,
+    ages: Vec<u64>,
+    age_sum_ms: f64,
+    age_max_ms: f64,
+    held: u64,
+    quiet: u64,
+    views: u64,
+}
+
+impl Tally {
+    /// Starts to count.
+    pub fn new<'a>(sessions: impl Iterator<Item = &'a Session>, refused: usize) -> Self {
+        Self {
+            corrections: 0,
+            disconnected: 0,
+            refused,
+            start: sessions.map(Session::stats).collect(),
+            history: HashMap::new(),
+            ages: vec![0; (HISTORY.as_secs_f64() * 1e3 / AGE_BIN_MS) as usize + 1],
+            age_sum_ms: 0.0,
+            age_max_ms: 0.0,
+            held: 0,
+            quiet: 0,
+            views: 0,
+        }
+    }
+
+    /// A visitor is at a place from now on.
+    pub fn moved(&mut self, avatar: AvatarId, elapsed: Duration, eye: Vec3) {
+        let history = self.history.entry(avatar).or_default();
+        history.push_back((elapsed, eye));
+        while history.front().is_some_and(|(t, _)| elapsed.saturating_sub(*t) > HISTORY) {
+            history.pop_front();
+        }
+    }
+
+    /// Counts what everybody holds.
+    pub fn observe(&mut self, snapshot: &Snapshot) {
+        for view in &snapshot.visitors {
+            self.views += 1;
+            self.quiet += u64::from(view.standing == Standing::Quiet);
+            for held in &view.held {
+                self.held += 1;
+                let Some(history) = self.history.get(&held.id) else { continue };
+                let age_ms = age_ms(history, snapshot.elapsed, held.pose.eye);
+                let bin = ((age_ms / AGE_BIN_MS) as usize).min(self.ages.len() - 1);
+                self.ages[bin] += 1;
+                self.age_sum_ms += age_ms;
+                self.age_max_ms = self.age_max_ms.max(age_ms);
+            }
+        }
+    }
+
+    /// What it all comes to.
+    pub fn report<'a>(
+        &self,
+        sessions: impl Iterator<Item = &'a Session>,
+        elapsed: Duration,
+    ) -> Report {
+        let end: Vec<SessionStats> = sessions.map(Session::stats).collect();
+        let seconds = elapsed.as_secs_f64();
+        let client_seconds = (seconds * end.len() as f64).max(1e-9);
+        let rate = |figure: fn(&SessionStats) -> u64| {
+            let pairs = end.iter().zip(&self.start);
+            let sum: u64 = pairs.map(|(e, s)| figure(e).saturating_sub(figure(s))).sum();
+            sum as f64 / client_seconds
+        };
+        let views = self.views.max(1) as f64;
+        let aged: u64 = self.ages.iter().sum();
+        let round_trips = end.iter().map(|stats| stats.round_trip.as_secs_f64() * 1e3);
+        Report {
+            clients: end.len(),
+            refused: self.refused,
+            disconnected: self.disconnected,
+            corrections: self.corrections,
+            seconds,
+            messages_in_per_s: rate(|s| s.messages_in),
+            messages_out_per_s: rate(|s| s.messages_out),
+            bytes_in_per_s: rate(|s| s.bytes_in),
+            bytes_out_per_s: rate(|s| s.bytes_out),
+            udp_bytes_in_per_s: rate(|s| s.udp_bytes_in),
+            udp_bytes_out_per_s: rate(|s| s.udp_bytes_out),
+            visible_mean: self.held as f64 / views,
+            quiet_share: self.quiet as f64 / views,
+            age_mean_ms: self.age_sum_ms / aged.max(1) as f64,
+            age_p99_ms: self.age_percentile(aged, 0.99),
+            age_max_ms: self.age_max_ms,
+            round_trip_ms: round_trips.sum::<f64>() / end.len().max(1) as f64,
+        }
+    }
+
+    fn age_percentile(&self, aged: u64, share: f64) -> f64 {
+        let mut left = (aged as f64 * share).ceil() as u64;
+        for (bin, count) in self.ages.iter().enumerate() {
+            if *count >= left {
+                return if aged == 0 { 0.0 } else { (bin + 1) as f64 * AGE_BIN_MS };
+            }
+            left -= count;
+        }
+        HISTORY.as_secs_f64() * 1e3
+    }
+}
+
+/// How long ago the visitor left the place at which it is held to be.
+fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, held: Vec3) -> f64 {
+    let was_there = |(_, eye): &&(Duration, Vec3)| eye.distance(held) < SAME_PLACE;
+    match history.iter().rev().find(was_there) {
+        // It was there until it moved on.
+        Some((t, _)) => {
+            let until =
+                history.iter().find(|(later, _)| later > t).map_or(now, |(later, _)| *later);
+            now.saturating_sub(until).as_secs_f64() * 1e3
+        }
+        None if history.front().is_some_and(|(t, _)| now.saturating_sub(*t) + STEP >= HISTORY) => {
+            HISTORY.as_secs_f64() * 1e3
+        }
+        // From before anything was remembered.
+        None => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_is_as_old_as_the_next_step_away_from_it() {
+        let ms = Duration::from_millis;
+        let steps = [(0, 1.0), (50, 2.0), (100, 2.0), (150, 3.0), (200, 4.0)];
+        let history = steps.map(|(t, x)| (ms(t), Vec3::X * x)).into();
+        for (x, age) in [(4.0, 0.0), (3.0, 10.0), (2.0, 60.0), (1.0, 160.0), (9.0, 0.0)] {
+            assert_eq!(age_ms(&history, ms(210), Vec3::X * x), age, "at {x}");
+        }
+        assert_eq!(age_ms(&history, ms(3_000), Vec3::X * 9.0), 3_000.0);
+    }
+
+    #[test]
+    fn percentiles_are_of_the_counted() {
+        let mut tally = Tally::new([].into_iter(), 0);
+        assert_eq!(tally.age_percentile(0, 0.99), 0.0);
+        tally.ages[0] = 98;
+        tally.ages[10] = 2;
+        assert_eq!(tally.age_percentile(100, 0.5), AGE_BIN_MS);
+        assert_eq!(tally.age_percentile(100, 0.99), 11.0 * AGE_BIN_MS);
+    }
+}

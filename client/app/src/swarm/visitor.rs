@@ -1,0 +1,139 @@
+//! One simulated visitor: it goes somewhere, stays a while, and goes on.
+
+use std::collections::VecDeque;
+
+use glam::Vec3;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_world::{Spawn, World, motion::Pose};
+
+use sightline_cli::trace::Track;
+use sightline_client_core::{
+    navigation::Navigation,
+    walker::{Walker, Wish},
+};
+
+/// A place is reached when it is so near, in metres.
+const NEAR: f32 = 0.12;
+/// A visitor that got no nearer to its next place for so long goes elsewhere, in seconds.
+const STUCK_S: f32 = 2.0;
+/// How far goals are, in metres, where there are such.
+const GOAL_DISTANCE: std::ops::Range<f32> = 4.0..40.0;
+
+/// What moves a visitor.
+pub enum Visitor {
+    /// Its own will.
+    Wanderer(Box<Wanderer>),
+    /// A recorded walk.
+    Actor(Track),
+}
+
+impl Visitor {
+    /// Where it is after `dt_s` more seconds, `elapsed_s` after the start.
+    pub fn step(&mut self, world: &World, ways: &Navigation, dt_s: f32, elapsed_s: f64) -> Pose {
+        match self {
+            Self::Wanderer(wanderer) => wanderer.step(world, ways, dt_s),
+            Self::Actor(track) => track.at(elapsed_s),
+        }
+    }
+
+    /// The server says that it is elsewhere.
+    pub fn correct(&mut self, pose: Pose) {
+        match self {
+            Self::Wanderer(wanderer) => {
+                wanderer.walker.place(pose);
+                wanderer.way.clear();
+            }
+            Self::Actor(_) => {}
+        }
+    }
+}
+
+/// A visitor of its own will.
+pub struct Wanderer {
+    walker: Walker,
+    random: SmallRng,
+    way: VecDeque<Vec3>,
+    /// How long it stays where it is, in seconds.
+    rest_s: f32,
+    /// How fast it is: a part of the world's limit.
+    haste: f32,
+    /// How near it has come to its next place, in metres, and how long ago, in seconds.
+    nearest: (f32, f32),
+}
+
+impl Wanderer {
+    /// A visitor that stands at an eye's place.
+    pub fn new(world: &World, eye: Vec3, seed: u64) -> Self {
+        let mut random = SmallRng::seed_from_u64(seed);
+        let spawn = Spawn { eye, yaw: random.random_range(0.0..std::f32::consts::TAU) };
+        let haste = random.random_range(0.45..0.95);
+        let rest_s = random.random_range(0.0..2.0);
+        let (walker, nearest) = (Walker::new(world, spawn), (f32::MAX, 0.0));
+        Self { walker, random, way: VecDeque::new(), rest_s, haste, nearest }
+    }
+
+    fn step(&mut self, world: &World, ways: &Navigation, dt_s: f32) -> Pose {
+        let pose = self.walker.pose();
+        let stay = Wish { yaw: pose.yaw, pitch: pose.pitch, ..Wish::default() };
+        if self.rest_s > 0.0 {
+            self.rest_s -= dt_s;
+            return self.walker.step(&world.octree, stay, dt_s);
+        }
+        let Some(next) = self.next_place(pose.eye) else {
+            self.choose(ways, pose.eye);
+            return self.walker.step(&world.octree, stay, dt_s);
+        };
+        let way = (next - pose.eye).with_y(0.0);
+        self.watch_progress(way.length(), dt_s);
+        let speed = world.speed_max.max(0.1);
+        let wish = Wish {
+            // Slower over the last stretch, so that it does not overshoot.
+            forward: self.haste.min(way.length() / (speed * dt_s.max(1e-3))),
+            yaw: (-way.x).atan2(-way.z),
+            ..Wish::default()
+        };
+        self.walker.step(&world.octree, wish, dt_s)
+    }
+
+    /// The place to go to, once those that were reached are done with.
+    fn next_place(&mut self, eye: Vec3) -> Option<Vec3> {
+        while let Some(next) = self.way.front().copied() {
+            if (next - eye).with_y(0.0).length() > NEAR {
+                return Some(next);
+            }
+            self.way.pop_front();
+            self.nearest = (f32::MAX, 0.0);
+            if self.way.is_empty() && self.random.random_bool(0.7) {
+                self.rest_s = self.random.random_range(0.5..4.0);
+            }
+        }
+        None
+    }
+
+    /// A visitor that does not get on chooses another goal.
+    fn watch_progress(&mut self, distance: f32, dt_s: f32) {
+        let (nearest, since_s) = &mut self.nearest;
+        if distance < *nearest - 0.05 {
+            (*nearest, *since_s) = (distance, 0.0);
+            return;
+        }
+        *since_s += dt_s;
+        if *since_s > STUCK_S {
+            self.way.clear();
+            self.nearest = (f32::MAX, 0.0);
+        }
+    }
+
+    fn choose(&mut self, ways: &Navigation, eye: Vec3) {
+        self.nearest = (f32::MAX, 0.0);
+        let goals: Vec<Vec3> = (0..8).filter_map(|_| ways.random(&mut self.random)).collect();
+        let is_near = |goal: &&Vec3| GOAL_DISTANCE.contains(&goal.distance(eye));
+        let goal = goals.iter().find(is_near).or(goals.first()).copied();
+        let way = goal.and_then(|goal| ways.way(eye, goal)).filter(|way| !way.is_empty());
+        match way {
+            Some(way) => self.way = way.into(),
+            // Nowhere to go from here: not at every tick again.
+            None => self.rest_s = 0.5,
+        }
+    }
+}

@@ -1,0 +1,392 @@
+//! What this client knows of the others, and what the server expects of it. No socket, no clock.
+//!
+//! Feed a [`Replica`] each [`ServerMessage`] and each datagram with the client's own time, tell it
+//! where its own avatar is, and ask it at each tick what to send and at each frame whom to draw.
+
+mod timeline;
+mod told;
+
+use std::{collections::BTreeMap, time::Duration};
+
+use sightline_protocol::{
+    DecodeError,
+    message::{ClientMessage, ServerMessage},
+    pose_stream::{ClientDatagram, PoseDecoder},
+    quantise::WirePose,
+};
+use sightline_world::motion::{Agility, AvatarId, Pose, Tbv};
+
+use timeline::{Clock, Timeline};
+pub use told::{News, Told};
+
+/// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
+/// bytes.
+const AVATARS_MAX: usize = 16_384;
+/// Reports to get out of a TBV are at least so far apart, in ticks.
+const LEAVING_TICKS: u32 = 2;
+
+/// What one client knows.
+#[derive(Clone, Debug)]
+pub struct Replica {
+    avatar: AvatarId,
+    tick_interval: Duration,
+    agility: Agility,
+    others: BTreeMap<AvatarId, Other>,
+    /// Of them, those that [`Told::news`] has not told of.
+    news: BTreeMap<AvatarId, News>,
+    decoder: PoseDecoder,
+    clock: Clock,
+    own: Own,
+}
+
+/// Another avatar, as it is to be drawn now.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VisibleAvatar {
+    /// Who.
+    pub id: AvatarId,
+    /// How it is called.
+    pub name: String,
+    /// sRGB.
+    pub colour: [u8; 3],
+    /// Where, between what was told.
+    pub pose: Pose,
+}
+
+/// Another avatar, as it was last told of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldAvatar {
+    /// Who.
+    pub id: AvatarId,
+    /// The newest pose that arrived.
+    pub pose: Pose,
+    /// How long ago it arrived. An avatar that stands still is not told of again.
+    pub age: Duration,
+}
+
+/// What somebody should know.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// You are in the world, here.
+    Entered(Pose),
+    /// Somebody may come into view.
+    Appeared(AvatarId),
+    /// Somebody cannot be seen any more, or has left.
+    Vanished(AvatarId),
+    /// Somebody said something.
+    Chat {
+        /// Who.
+        from: AvatarId,
+        /// How it is called, as far as is known.
+        name: String,
+        /// What.
+        text: String,
+    },
+    /// A report was refused: you are here.
+    Corrected(Pose),
+    /// The server ends the connection, and why.
+    Goodbye(String),
+}
+
+/// What the server expects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Standing {
+    /// Nothing: not in yet.
+    #[default]
+    Outside,
+    /// A report at every tick.
+    Live,
+    /// Silence.
+    Quiet,
+    /// One report, now.
+    Asked,
+}
+
+/// What to send.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outgoing {
+    /// As a datagram.
+    Datagram(Vec<u8>),
+    /// On the stream.
+    Message(ClientMessage),
+}
+
+/// The server does what no server does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReplicaError {
+    /// A message that has no place here.
+    #[error("the server sent a message out of place")]
+    OutOfPlace,
+    /// More avatars than there can be.
+    #[error("the server tells of too many avatars")]
+    TooMany,
+}
+
+#[derive(Clone, Debug)]
+struct Other {
+    name: String,
+    colour: [u8; 3],
+    since_sequence: u32,
+    newest_sequence: u32,
+    timeline: Timeline,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Own {
+    pose: Pose,
+    is_inside: bool,
+    /// Silence is expected while in there.
+    tbv: Option<Tbv>,
+    is_asked: bool,
+    /// Of the newest report.
+    sequence: u32,
+    /// Ticks until a report to get out of the TBV may be repeated.
+    leaving: u32,
+    owes_ack: bool,
+    quiet_since: Option<Duration>,
+    quiet_before: Duration,
+}
+
+impl Replica {
+    /// A client that was welcomed as an avatar, whose body can do so much.
+    pub fn new(avatar: AvatarId, tick_interval: Duration, agility: Agility) -> Self {
+        Self {
+            avatar,
+            tick_interval,
+            agility,
+            others: BTreeMap::new(),
+            news: BTreeMap::new(),
+            decoder: PoseDecoder::default(),
+            clock: Clock::new(tick_interval),
+            own: Own::default(),
+        }
+    }
+
+    /// Takes in a message.
+    pub fn message(
+        &mut self,
+        now: Duration,
+        message: ServerMessage,
+    ) -> Result<Option<Event>, ReplicaError> {
+        let event = match message {
+            ServerMessage::Welcome { .. } | ServerMessage::Refused { .. } => {
+                return Err(ReplicaError::OutOfPlace);
+            }
+            ServerMessage::Entered { pose } => {
+                self.own.is_inside = true;
+                self.own.pose = pose.into();
+                Some(Event::Entered(self.own.pose))
+            }
+            ServerMessage::Appear { avatar, name, colour, pose, since_sequence } => {
+                if self.others.len() >= AVATARS_MAX {
+                    return Err(ReplicaError::TooMany);
+                }
+                self.appear(now, avatar, (name.into(), colour), pose, since_sequence);
+                Some(Event::Appeared(avatar))
+            }
+            ServerMessage::Vanish { avatar } => {
+                self.news.remove(&avatar);
+                self.others.remove(&avatar).map(|_| Event::Vanished(avatar))
+            }
+            ServerMessage::Ask => {
+                self.own.is_asked = true;
+                None
+            }
+            ServerMessage::Quiet { tbv } => {
+                self.own.expect_silence(tbv.at(now), now);
+                None
+            }
+            ServerMessage::Live => {
+                self.own.expect_reports(now);
+                None
+            }
+            ServerMessage::Correct { pose } => {
+                self.own.pose = pose.into();
+                Some(Event::Corrected(self.own.pose))
+            }
+            ServerMessage::Chat { from, text } => {
+                let name = self.others.get(&from).map_or_else(String::new, |o| o.name.clone());
+                Some(Event::Chat { from, name, text: text.into() })
+            }
+            ServerMessage::Goodbye { reason } => Some(Event::Goodbye(reason.into())),
+        };
+        Ok(event)
+    }
+
+    /// Takes in a datagram. Poses of avatars that have not appeared, or have vanished, are of no
+    /// interest; after an error all is as if the datagram had been lost.
+    pub fn datagram(&mut self, now: Duration, bytes: &[u8]) -> Result<(), DecodeError> {
+        let Some(update) = self.decoder.decode(bytes)? else { return Ok(()) };
+        self.own.owes_ack = true;
+        self.clock.heard(update.tick, now);
+        for (avatar, pose) in &update.poses {
+            if let Some(other) = self.others.get_mut(avatar) {
+                other.hear(now, update.sequence, update.tick, *pose);
+                self.news.entry(*avatar).or_insert(News::Moved);
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells where the own avatar is. What is not finite is ignored.
+    pub fn set_pose(&mut self, pose: Pose) {
+        if pose.is_finite() {
+            self.own.pose = pose;
+        }
+    }
+
+    /// Where the own avatar is.
+    pub fn pose(&self) -> Pose {
+        self.own.pose
+    }
+
+    /// The answer to an ask, if one was asked. To be sent at once.
+    pub fn answer(&mut self) -> Option<ClientMessage> {
+        (self.own.is_inside && std::mem::take(&mut self.own.is_asked)).then(|| self.report())
+    }
+
+    /// What to send at a tick. While quiet that is nothing, unless the avatar has left its TBV, or
+    /// could have before long.
+    pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
+        if !self.own.is_inside {
+            return None;
+        }
+        if let Some(answer) = self.answer() {
+            return Some(Outgoing::Message(answer));
+        }
+        let Some(tbv) = self.own.tbv else {
+            self.own.sequence += 1;
+            let report = Some((self.own.sequence, WirePose::from(&self.own.pose)));
+            return Some(self.datagram_with(report));
+        };
+        self.own.leaving = self.own.leaving.saturating_sub(1);
+        let is_held = tbv.holds(&self.own.pose, self.tick_interval, &self.agility);
+        if self.own.leaving == 0 && !is_held {
+            let round_trip_ticks = round_trip.div_duration_f32(self.tick_interval).ceil();
+            self.own.leaving = (round_trip_ticks as u32).saturating_add(LEAVING_TICKS);
+            return Some(Outgoing::Message(self.report()));
+        }
+        self.own.owes_ack.then(|| self.datagram_with(None))
+    }
+
+    /// What the server expects.
+    pub fn standing(&self) -> Standing {
+        match &self.own {
+            own if !own.is_inside => Standing::Outside,
+            own if own.is_asked => Standing::Asked,
+            own if own.tbv.is_some() => Standing::Quiet,
+            _ => Standing::Live,
+        }
+    }
+
+    /// The region in which silence is expected.
+    pub fn tbv(&self) -> Option<Tbv> {
+        self.own.tbv
+    }
+
+    /// For how long silence was expected, up to now.
+    pub fn quiet_time(&self, now: Duration) -> Duration {
+        let this_time = self.own.quiet_since.map_or(Duration::ZERO, |s| now.saturating_sub(s));
+        self.own.quiet_before + this_time
+    }
+
+    /// What the server's clock says of the moment that is to be drawn now: movers are where they are
+    /// then. Until a message tells the server's time, that of this client stands for it.
+    pub fn server_time(&self, now: Duration) -> Duration {
+        let shown_s = self.clock.shown_time_s(now).map(|shown_s| shown_s.max(0.0));
+        shown_s.and_then(|shown_s| Duration::try_from_secs_f64(shown_s).ok()).unwrap_or(now)
+    }
+
+    /// Everybody that may be in view, where it is to be drawn now; ascending.
+    pub fn visible(&self, now: Duration) -> Vec<VisibleAvatar> {
+        let at = self.clock.shown_tick(now);
+        let visible = |(id, other): (&AvatarId, &Other)| VisibleAvatar {
+            id: *id,
+            name: other.name.clone(),
+            colour: other.colour,
+            pose: other.timeline.at(at, self.tick_interval),
+        };
+        self.others.iter().map(visible).collect()
+    }
+
+    /// Everybody that may be in view, as last told of; ascending.
+    pub fn held(&self, now: Duration) -> impl Iterator<Item = HeldAvatar> + '_ {
+        self.others.iter().map(move |(id, other)| {
+            let (pose, heard_at) = other.timeline.newest();
+            HeldAvatar { id: *id, pose, age: now.saturating_sub(heard_at) }
+        })
+    }
+
+    /// How many may be in view.
+    pub fn held_len(&self) -> usize {
+        self.others.len()
+    }
+
+    /// From tick to tick.
+    pub fn tick_interval(&self) -> Duration {
+        self.tick_interval
+    }
+
+    /// Who the own avatar is.
+    pub fn avatar(&self) -> AvatarId {
+        self.avatar
+    }
+
+    fn appear(
+        &mut self,
+        now: Duration,
+        avatar: AvatarId,
+        (name, colour): (String, [u8; 3]),
+        pose: WirePose,
+        since_sequence: u32,
+    ) {
+        let timeline = Timeline::new(self.clock.newest_tick(), pose.into(), now);
+        let mut other = Other { name, colour, since_sequence, newest_sequence: 0, timeline };
+        // A datagram may have overtaken this message; it will not come again.
+        if let Some((sequence, tick, pose)) = self.decoder.newest(avatar, since_sequence) {
+            other.hear(now, sequence, tick, pose);
+        }
+        self.others.insert(avatar, other);
+        self.news.insert(avatar, News::Appeared);
+    }
+
+    fn report(&mut self) -> ClientMessage {
+        self.own.sequence += 1;
+        let pose = WirePose::from(&self.own.pose);
+        ClientMessage::Report { sequence: self.own.sequence, pose }
+    }
+
+    fn datagram_with(&mut self, report: Option<(u32, WirePose)>) -> Outgoing {
+        self.own.owes_ack = false;
+        Outgoing::Datagram(ClientDatagram { ack: self.decoder.ack(), report }.encode())
+    }
+}
+
+impl Other {
+    fn hear(&mut self, now: Duration, sequence: u32, tick: u32, pose: WirePose) {
+        if sequence >= self.since_sequence && sequence > self.newest_sequence {
+            self.newest_sequence = sequence;
+            self.timeline.push(tick, pose.into(), now);
+        }
+    }
+}
+
+impl Own {
+    fn expect_silence(&mut self, tbv: Tbv, now: Duration) {
+        self.tbv = Some(tbv);
+        self.is_asked = false;
+        self.leaving = 0;
+        self.quiet_since.get_or_insert(now);
+    }
+
+    fn expect_reports(&mut self, now: Duration) {
+        self.tbv = None;
+        self.is_asked = false;
+        if let Some(since) = self.quiet_since.take() {
+            self.quiet_before += now.saturating_sub(since);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

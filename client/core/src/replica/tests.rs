@@ -1,0 +1,266 @@
+use glam::Vec3;
+use proptest::prelude::*;
+use sightline_protocol::{
+    pose_stream::PoseEncoder,
+    quantise::WireTbv,
+    text::{Line, Name},
+};
+use sightline_world::{
+    geometry::{Aabb, Axes},
+    motion::Body,
+};
+
+use super::*;
+
+const TICK: Duration = Duration::from_millis(50);
+
+fn replica() -> Replica {
+    Replica::new(AvatarId(1), TICK, Agility::of(&Body::PERSON, 4.0))
+}
+
+fn at(x: f32) -> Pose {
+    Pose { eye: Vec3::new(x, 1.5, -x), ..Pose::default() }
+}
+
+fn entered() -> Replica {
+    let mut replica = replica();
+    let entered = ServerMessage::Entered { pose: (&at(0.0)).into() };
+    assert_eq!(replica.message(TICK, entered), Ok(Some(Event::Entered(at(0.0)))));
+    replica
+}
+
+fn quiet(radius: f32, now: Duration) -> ServerMessage {
+    quiet_with_notice(radius, now, Duration::ZERO)
+}
+
+fn quiet_with_notice(radius: f32, now: Duration, notice: Duration) -> ServerMessage {
+    let within = Aabb::around(at(0.0).eye, radius);
+    let tbv = Tbv { within, axes: Axes::WORLD, expiry: now + Duration::from_secs(1), notice };
+    ServerMessage::Quiet { tbv: WireTbv::new(&tbv, now) }
+}
+
+fn report(outgoing: Option<Outgoing>) -> (u32, f32) {
+    match outgoing {
+        Some(Outgoing::Datagram(bytes)) => {
+            let (sequence, pose) = ClientDatagram::decode(&bytes).unwrap().report.unwrap();
+            (sequence, Pose::from(pose).eye.x)
+        }
+        Some(Outgoing::Message(ClientMessage::Report { sequence, pose })) => {
+            (sequence, Pose::from(pose).eye.x)
+        }
+        other => panic!("no report: {other:?}"),
+    }
+}
+
+#[test]
+fn who_is_outside_says_nothing() {
+    let mut replica = replica();
+    assert_eq!(replica.tick(TICK), None);
+    replica.message(TICK, ServerMessage::Ask).unwrap();
+    assert_eq!((replica.tick(TICK), replica.answer()), (None, None));
+}
+
+#[test]
+fn who_is_live_reports_at_every_tick() {
+    let mut replica = entered();
+    for i in 1..100 {
+        replica.set_pose(at(i as f32));
+        assert_eq!(report(replica.tick(TICK)), (i, i as f32));
+    }
+    replica.set_pose(Pose { yaw: f32::NAN, ..at(5.0) });
+    assert_eq!(replica.pose(), at(99.0));
+}
+
+#[test]
+fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
+    let mut replica = entered();
+    replica.tick(TICK);
+    replica.message(TICK, quiet(5.0, TICK)).unwrap();
+    assert_eq!(replica.standing(), Standing::Quiet);
+    for _ in 0..1_000 {
+        assert_eq!(replica.tick(TICK), None);
+    }
+    replica.message(TICK, ServerMessage::Ask).unwrap();
+    assert_eq!(replica.standing(), Standing::Asked);
+    assert_eq!(report(replica.answer().map(Outgoing::Message)), (2, 0.0));
+    assert_eq!((replica.answer(), replica.tick(TICK)), (None, None), "once");
+    // The next tick is as far as it looks ahead: a fifth of a metre at 4 m/s.
+    let place = |metres: f32| Pose {
+        eye: at(0.0).eye + Vec3::X * metres,
+        velocity: Vec3::X * 4.0,
+        ..Pose::default()
+    };
+    replica.set_pose(place(4.75));
+    assert_eq!(replica.tick(TICK), None);
+    replica.set_pose(place(4.85));
+    assert_eq!(report(replica.tick(TICK)).0, 3);
+    assert_eq!(replica.tick(TICK), None, "the answer is on its way");
+    assert_eq!(replica.tick(TICK), None);
+    assert_eq!(report(replica.tick(TICK)).0, 4, "no answer came");
+    replica.message(TICK, ServerMessage::Live).unwrap();
+    assert_eq!(report(replica.tick(TICK)).0, 5);
+}
+
+#[test]
+fn who_stays_by_its_word_says_in_time_that_it_leaves() {
+    let mut replica = entered();
+    replica.tick(TICK);
+    let notice = Duration::from_millis(200);
+    replica.message(TICK, quiet_with_notice(5.0, TICK, notice)).unwrap();
+    let mut tick_at = |metres: f32, speed: f32| {
+        let eye = at(0.0).eye + Vec3::X * metres;
+        replica.set_pose(Pose { eye, velocity: Vec3::X * speed, ..Pose::default() });
+        replica.tick(TICK)
+    };
+    // In that time one who stands gets 0.4 m away, one who walks at 2 m/s 0.8 m.
+    assert_eq!((tick_at(4.55, 0.0), tick_at(4.15, 2.0), tick_at(4.15, -2.0)), (None, None, None));
+    assert_eq!(report(tick_at(4.25, 2.0)).0, 2);
+}
+
+#[test]
+fn time_in_silence_is_counted() {
+    let mut replica = entered();
+    let second = Duration::from_secs(1);
+    replica.message(second, quiet(5.0, second)).unwrap();
+    replica.message(second * 2, quiet(5.0, second)).unwrap();
+    replica.message(second * 4, ServerMessage::Live).unwrap();
+    assert_eq!(replica.quiet_time(second * 9), second * 3);
+    replica.message(second * 10, quiet(5.0, second)).unwrap();
+    assert_eq!(replica.quiet_time(second * 11), second * 4);
+}
+
+fn appear(avatar: u32, x: f32, since_sequence: u32) -> ServerMessage {
+    ServerMessage::Appear {
+        avatar: AvatarId(avatar),
+        name: Name::new("Bo").unwrap(),
+        colour: [1, 2, 3],
+        pose: (&at(x)).into(),
+        since_sequence,
+    }
+}
+
+fn held(replica: &Replica) -> Vec<(u32, f32)> {
+    replica.held(TICK).map(|held| (held.id.0, held.pose.eye.x)).collect()
+}
+
+#[test]
+fn an_old_datagram_brings_nobody_back_and_an_early_one_is_not_lost() {
+    let (mut replica, mut encoder) = (entered(), PoseEncoder::default());
+    let first = encoder.encode(1, &[(AvatarId(7), at(1.0))]).remove(0);
+    let since = encoder.next_sequence();
+    let second = encoder.encode(2, &[(AvatarId(7), at(2.0))]).remove(0);
+    replica.datagram(TICK, &second).unwrap();
+    assert_eq!(held(&replica), [], "it has not appeared");
+    replica.message(TICK, appear(7, 1.5, since)).unwrap();
+    assert_eq!(held(&replica), [(7, 2.0)], "its pose was there before it");
+    replica.datagram(TICK, &first).unwrap();
+    assert_eq!(held(&replica), [(7, 2.0)], "of an earlier appearance");
+    replica.message(TICK, ServerMessage::Vanish { avatar: AvatarId(7) }).unwrap();
+    let third = encoder.encode(3, &[(AvatarId(7), at(3.0))]).remove(0);
+    replica.datagram(TICK, &third).unwrap();
+    assert_eq!(held(&replica), []);
+}
+
+#[test]
+fn events_tell_what_happened() {
+    let mut replica = entered();
+    let text = Line::new("hello").unwrap();
+    let said = ServerMessage::Chat { from: AvatarId(7), text };
+    replica.message(TICK, appear(7, 0.0, 1)).unwrap();
+    let chat = replica.message(TICK, said).unwrap().unwrap();
+    assert!(matches!(chat, Event::Chat { name, text, .. } if name == "Bo" && text == "hello"));
+    let correct = ServerMessage::Correct { pose: (&at(9.0)).into() };
+    assert_eq!(replica.message(TICK, correct), Ok(Some(Event::Corrected(at(9.0)))));
+    assert_eq!(replica.pose(), at(9.0));
+    let refused = ServerMessage::Refused { reason: sightline_protocol::message::Refusal::Full };
+    assert_eq!(replica.message(TICK, refused), Err(ReplicaError::OutOfPlace));
+}
+
+/// What a server does in the course of a test.
+#[derive(Clone, Debug)]
+enum Step {
+    Move(u8, i16),
+    Toggle(u8),
+    Tick,
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        3 => (0u8..6, any::<i16>()).prop_map(|(who, x)| Step::Move(who, x)),
+        1 => (0u8..6).prop_map(Step::Toggle),
+        3 => Just(Step::Tick),
+    ]
+}
+
+proptest! {
+    /// Messages arrive in order and late; datagrams are lost, late and doubled. At the end the
+    /// replica holds just what the server holds: whom, and where.
+    #[test]
+    fn it_comes_to_hold_what_the_server_tells(
+        steps in proptest::collection::vec(step(), 1..300),
+        fates in proptest::collection::vec((0u8..100, 0u32..8, 0u32..8), 1..200),
+        loss_percent in 0u8..60,
+    ) {
+        let (mut replica, mut encoder) = (entered(), PoseEncoder::default());
+        let mut twin: BTreeMap<u32, f32> = BTreeMap::new();
+        let mut poses = [0f32; 6];
+        let mut stream = std::collections::VecDeque::new();
+        let mut datagrams: Vec<(u32, Vec<u8>)> = Vec::new();
+        let mut acks: Vec<(u32, Vec<u8>)> = Vec::new();
+        let (mut tick, mut news) = (0u32, BTreeMap::new());
+        let settle = std::iter::repeat_n(Step::Tick, 60);
+        let lossy = steps.len();
+        for (i, step) in steps.into_iter().chain(settle).enumerate() {
+            let (luck, late, stream_late) = fates[i % fates.len()];
+            let late = if i < lossy { late } else { 0 };
+            match step {
+                Step::Move(who, x) => {
+                    poses[who as usize] = f32::from(x) / 16.0;
+                    if let Some(known) = twin.get_mut(&who.into()) {
+                        *known = poses[who as usize];
+                        news.insert(AvatarId(who.into()), at(*known));
+                    }
+                }
+                Step::Toggle(who) => {
+                    let (id, x) = (AvatarId(who.into()), poses[who as usize]);
+                    let message = if twin.remove(&id.0).is_some() {
+                        encoder.forget(id);
+                        news.remove(&id);
+                        ServerMessage::Vanish { avatar: id }
+                    } else {
+                        twin.insert(id.0, x);
+                        appear(id.0, x, encoder.next_sequence())
+                    };
+                    stream.push_back((tick + stream_late, message));
+                }
+                Step::Tick => {
+                    tick += 1;
+                    let poses: Vec<_> = std::mem::take(&mut news).into_iter().collect();
+                    for datagram in encoder.encode(tick, &poses) {
+                        if i >= lossy || luck >= loss_percent {
+                            datagrams.push((tick + late, datagram.clone()));
+                        }
+                        if luck % 5 == 0 {
+                            datagrams.push((tick + late / 2, datagram));
+                        }
+                    }
+                    while stream.front().is_some_and(|(due, _)| *due <= tick) {
+                        replica.message(TICK * tick, stream.pop_front().unwrap().1).unwrap();
+                    }
+                    for (_, datagram) in datagrams.extract_if(.., |(due, _)| *due <= tick) {
+                        let _ = replica.datagram(TICK * tick, &datagram);
+                    }
+                    if let Some(Outgoing::Datagram(ack)) = replica.tick(TICK)
+                        && (i >= lossy || luck >= loss_percent)
+                    {
+                        acks.push((tick + late, ack));
+                    }
+                    for (_, ack) in acks.extract_if(.., |(due, _)| *due <= tick) {
+                        encoder.acknowledge(ClientDatagram::decode(&ack).unwrap().ack);
+                    }
+                }
+            }
+        }
+        prop_assert_eq!(held(&replica), twin.into_iter().collect::<Vec<_>>());
+    }
+}

@@ -1,0 +1,388 @@
+//! The others, as simple figures: a body, a head with a face, and a name above.
+
+use std::{
+    ops::Range,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use glam::Vec3;
+use pulp::WithSimd;
+use rayon::prelude::*;
+use sightline_world::{
+    geometry::Aabb,
+    motion::{Body, Pose},
+};
+
+use super::{BAND, Camera, Frame, panes::Panes, shade, text, view::View};
+
+/// One avatar as it is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figure<'a> {
+    /// Where, and where it looks.
+    pub pose: Pose,
+    /// Its shape: what is drawn stays inside.
+    pub body: Body,
+    /// sRGB.
+    pub colour: [u8; 3],
+    /// Written above the head.
+    pub name: &'a str,
+}
+
+/// How far above the head the foot of a name is, in metres.
+const NAME_ABOVE_M: f32 = 0.08;
+
+/// Nearer, in metres, there is no room for a name.
+const NAME_FROM_M: f32 = 0.3;
+
+/// Farther away, in metres, names cannot be read and are left out.
+const NAME_WITHIN_M: f32 = 40.0;
+
+/// No more letters of a name are shown.
+const NAME_LETTERS_MAX: usize = 24;
+
+const FACE: Vec3 = Vec3::new(250.0, 240.0, 228.0);
+
+/// Draws figures into a frame that shows the building from the same camera, where nothing in the
+/// frame is nearer, and their names. Tells which of them can be seen: for each figure, whether at
+/// least one pixel shows it.
+pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool> {
+    let seen: Vec<AtomicBool> = figures.iter().map(|_| AtomicBool::new(false)).collect();
+    let (width, height) = (frame.width(), frame.height());
+    if width == 0 || height == 0 || figures.is_empty() {
+        return vec![false; figures.len()];
+    }
+    let view = View::new(camera, width, height);
+    let mut parts: Vec<Part> = figures
+        .iter()
+        .zip(&seen)
+        .filter(|(figure, _)| figure.pose.is_finite())
+        .flat_map(|(figure, seen)| parts(figure, &view, seen))
+        .filter(|part| part.is_in(width, height))
+        .collect();
+    // What is hidden by others is not coloured.
+    parts.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
+    let bands = frame.colour.par_chunks_mut(BAND * width);
+    let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
+    let (panes, processor) = (&frame.panes, pulp::Arch::new());
+    bands.for_each(|(band, (colour, depth))| {
+        let (parts, view, first) = (&parts[..], &view, band * BAND);
+        processor.dispatch(Drawing { parts, view, panes, width, first, colour, depth });
+    });
+    let mut named: Vec<&Figure> = figures.iter().filter(|figure| figure.pose.is_finite()).collect();
+    let depth = |figure: &Figure| view.depth(figure.pose.eye);
+    named.sort_by(|a, b| depth(b).total_cmp(&depth(a)));
+    for figure in named {
+        name(frame, &view, figure);
+    }
+    seen.into_iter().map(AtomicBool::into_inner).collect()
+}
+
+/// Pixels that are worked out side by side.
+const LANES: usize = 8;
+
+/// The work on a band, for each kind of processor.
+struct Drawing<'a> {
+    parts: &'a [Part<'a>],
+    view: &'a View,
+    panes: &'a Panes,
+    width: usize,
+    /// The first row.
+    first: usize,
+    colour: &'a mut [u32],
+    depth: &'a mut [f32],
+}
+
+impl WithSimd for Drawing<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let rows = self.colour.chunks_mut(self.width).zip(self.depth.chunks_mut(self.width));
+        // One more than the part that each pixel of a row shows; zero where it shows none.
+        let mut shown = vec![0; self.width];
+        for (y, (colour, depth)) in (self.first..).zip(rows) {
+            let mut drawn = self.width..0;
+            for (part, number) in self.parts.iter().zip(1..) {
+                let mut row = Row { y, colour, depth, shown: &mut shown };
+                let columns = part.draw_row(self.view, self.panes, number, &mut row);
+                drawn = drawn.start.min(columns.start)..drawn.end.max(columns.end);
+            }
+            let mut last = 0;
+            for number in shown.get_mut(drawn).unwrap_or_default() {
+                if *number != last && *number != 0 {
+                    self.parts[*number as usize - 1].seen.store(true, Ordering::Relaxed);
+                }
+                last = std::mem::take(number);
+            }
+        }
+    }
+}
+
+/// A row of the picture.
+struct Row<'a> {
+    y: usize,
+    colour: &'a mut [u32],
+    depth: &'a mut [f32],
+    shown: &'a mut [u32],
+}
+
+/// An ellipsoid with upright axes.
+struct Part<'a> {
+    /// Set when a pixel shows it in the end.
+    seen: &'a AtomicBool,
+    /// Relative to the eye.
+    centre: Vec3,
+    radii: Vec3,
+    colour: Vec3,
+    /// Where the face is, for a head; zero without one.
+    face: Vec3,
+    /// Least and greatest column and row, in pixels.
+    columns: [f32; 2],
+    rows: [f32; 2],
+    /// No depth is less.
+    nearest: f32,
+}
+
+fn parts<'a>(figure: &Figure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2] {
+    let body = &figure.body;
+    let height = body.above_eye + body.below_eye;
+    let colour = Vec3::from(figure.colour.map(f32::from));
+    let top = figure.pose.eye + Vec3::Y * body.above_eye;
+    let head = Vec3::new(body.half_width * 0.56, height * 0.085, body.half_width * 0.56);
+    let trunk = Vec3::new(body.half_width, height * 0.5 - head.y * 0.9, body.half_width);
+    let soles = figure.pose.eye - Vec3::Y * body.below_eye;
+    [
+        Part::new(view, soles + Vec3::Y * trunk.y, trunk, colour, seen),
+        Part {
+            face: figure.pose.forward(),
+            ..Part::new(view, top - Vec3::Y * head.y, head, colour * 0.8, seen)
+        },
+    ]
+}
+
+impl<'a> Part<'a> {
+    fn new(view: &View, centre: Vec3, radii: Vec3, colour: Vec3, seen: &'a AtomicBool) -> Self {
+        let (columns, rows) = view.bounds(centre, radii);
+        let nearest = view.depth(centre) - view.depth_reach(radii);
+        let centre = centre - view.eye;
+        Self { seen, centre, radii, colour, face: Vec3::ZERO, columns, rows, nearest }
+    }
+
+    fn is_in(&self, width: usize, height: usize) -> bool {
+        let meets = |[min, max]: [f32; 2], side: usize| min < side as f32 && max >= 0.0;
+        meets(self.columns, width) && meets(self.rows, height)
+    }
+
+    /// Tells which columns of a row may have changed.
+    #[inline(always)]
+    fn draw_row(&self, view: &View, panes: &Panes, number: u32, row: &mut Row) -> Range<usize> {
+        let y = row.y;
+        if !(self.rows[0]..=self.rows[1]).contains(&(y as f32)) {
+            return row.depth.len()..0;
+        }
+        let first = self.columns[0].max(0.0).ceil() as usize;
+        let last = self.columns[1].min(row.depth.len() as f32 - 1.0);
+        let after = (last + 1.0).max(0.0) as usize;
+        let step = view.ray_step();
+        for from in (first..after).step_by(LANES) {
+            let columns = from..after.min(from + LANES);
+            let behind = &row.depth[columns.clone()];
+            if behind.iter().all(|behind| *behind <= self.nearest) {
+                continue;
+            }
+            let entries = self.entries(view.ray(from as f32, y as f32), step);
+            if !behind.iter().zip(entries).any(|(behind, entry)| entry < *behind) {
+                continue;
+            }
+            let looks = self.looks(view.ray(from as f32, y as f32), step, &entries);
+            for (x, (entry, look)) in columns.zip(entries.into_iter().zip(looks)) {
+                if entry < row.depth[x] {
+                    (row.depth[x], row.shown[x]) = (entry, number);
+                    row.colour[x] = panes.over([x, y], entry, look);
+                }
+            }
+        }
+        first..after
+    }
+
+    /// Where rays from the eye enter, each by a step beside the one before, in their own lengths; infinite for those
+    /// that do not.
+    #[inline(always)]
+    fn entries(&self, ray: Vec3, step: Vec3) -> [f32; LANES] {
+        // In units of the radii it is a sphere.
+        let [ray, step, centre] = [ray, step, self.centre].map(|of| (of / self.radii).to_array());
+        let mut entries = [f32::INFINITY; LANES];
+        for (i, entry) in entries.iter_mut().enumerate() {
+            let [x, y, z] = [0, 1, 2].map(|axis| ray[axis] + step[axis] * i as f32);
+            let a = x * x + y * y + z * z;
+            // Where the ray is nearest to the centre, and how near: far away no difference of squares would tell.
+            let middle = (x * centre[0] + y * centre[1] + z * centre[2]) / a;
+            let [u, v, w] =
+                [centre[0] - x * middle, centre[1] - y * middle, centre[2] - z * middle];
+            let inside = 1.0 - (u * u + v * v + w * w);
+            let met = if inside > 0.0 { inside } else { 0.0 };
+            let t = middle - (met / a).sqrt();
+            *entry = if inside >= 0.0 && t > 0.0 { t } else { f32::INFINITY };
+        }
+        entries
+    }
+
+    /// The colours of what these rays meet.
+    #[inline(always)]
+    fn looks(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
+        let [ray, step, centre] = [ray, step, self.centre].map(|of| of.to_array());
+        let [radii, face, colour] = [self.radii, self.face, self.colour].map(|of| of.to_array());
+        let mut looks = [0; LANES];
+        for (i, (look, &t)) in looks.iter_mut().zip(entries).enumerate() {
+            let out = [0, 1, 2]
+                .map(|axis| ((ray[axis] + step[axis] * i as f32) * t - centre[axis]) / radii[axis]);
+            let normal = [0, 1, 2].map(|axis| out[axis] / radii[axis]);
+            let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+            let light = shade::light_outside(normal, 1.0 / length.sqrt());
+            let is_face = face[0] * out[0] + face[1] * out[1] + face[2] * out[2] > 0.55;
+            for channel in 0..3 {
+                let own = if is_face { FACE[channel] } else { colour[channel] };
+                let level = if own * light < 255.0 { own * light } else { 255.0 };
+                // The lowest bits of so large a number count ones, which takes less than a cast.
+                *look = *look << 8 | (level + 8_388_608.0).to_bits() & 0xff;
+            }
+        }
+        looks
+    }
+}
+
+/// The box that figures and the feet of their names fill, when their eyes are in a box.
+pub(super) fn bounds(body: &Body, eyes: &Aabb) -> Aabb {
+    let bounds = body.around_box(eyes);
+    Aabb { max: bounds.max + Vec3::Y * NAME_ABOVE_M, ..bounds }
+}
+
+/// How many letters of a name are shown.
+pub(super) fn letters(name: &str) -> usize {
+    name.chars().take(NAME_LETTERS_MAX).count()
+}
+
+/// How many pixels, across and up or down, a name of so many letters reaches from its foot, which is
+/// no nearer than that.
+pub(super) fn name_reach(view: &View, nearest: f32, letters: usize) -> [f32; 2] {
+    if letters == 0 || nearest >= NAME_WITHIN_M {
+        return [0.0; 2];
+    }
+    let scale = name_scale(view, nearest.max(NAME_FROM_M));
+    // Its shade, and a pixel for what is rounded.
+    let (side, more) = (text::LETTER * scale, scale + 1);
+    [letters * side / 2 + more, side + more].map(|pixels| pixels as f32)
+}
+
+/// Pixels of the picture to one of a letter.
+fn name_scale(view: &View, depth: f32) -> usize {
+    ((view.focal() * 0.012 / depth).round() as usize).clamp(1, 3)
+}
+
+/// Writes the name above the head.
+fn name(frame: &mut Frame, view: &View, figure: &Figure) {
+    let above = figure.pose.eye + Vec3::Y * (figure.body.above_eye + NAME_ABOVE_M);
+    let at = view.project(above);
+    if !(at.z > NAME_FROM_M && at.z < NAME_WITHIN_M && at.abs().max_element() < 1.0e6) {
+        return;
+    }
+    let shown: String = figure.name.chars().take(NAME_LETTERS_MAX).collect();
+    let scale = name_scale(view, at.z);
+    let (width, height) = (text::width(&shown, scale), text::LETTER * scale);
+    let corner = [at.x as i32 - width as i32 / 2, at.y as i32 - height as i32];
+    let shade = corner.map(|place| place + scale as i32);
+    text::draw_at_depth(frame, shade, scale, 0x0010_1418, &shown, at.z);
+    text::draw_at_depth(frame, corner, scale, 0x00ff_ffff, &shown, at.z);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Camera =
+        Camera { eye: Vec3::new(1.0, 1.6, 5.0), yaw: 0.0, pitch: 0.0, fov_y: 1.0 };
+
+    fn figure(eye: Vec3, colour: [u8; 3]) -> Figure<'static> {
+        let pose = Pose { eye, yaw: 0.5, ..Pose::default() };
+        Figure { pose, body: Body::PERSON, colour, name: "Ada" }
+    }
+
+    fn drawn(figures: &[Figure], wall: f32) -> Frame {
+        let mut frame = Frame::new(200, 160);
+        frame.depth.fill(wall);
+        let seen = draw(&mut frame, &CAMERA, figures);
+        assert_eq!(seen.contains(&true), frame.depth.iter().any(|&depth| depth != wall));
+        frame
+    }
+
+    fn pixels(frame: &Frame) -> usize {
+        frame.colour.iter().filter(|&&pixel| pixel != 0).count()
+    }
+
+    #[test]
+    fn a_figure_stays_inside_its_body() {
+        let figure = figure(Vec3::new(1.3, 1.7, 1.0), [200, 30, 30]);
+        let frame = drawn(&[Figure { name: "", ..figure }], f32::INFINITY);
+        let view = View::new(&CAMERA, 200, 160);
+        let body = figure.body.around(figure.pose.eye).grown(1.0e-3);
+        let mut seen = 0;
+        for (i, &depth) in frame.depth.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
+            let hit = CAMERA.eye + view.ray((i % 200) as f32, (i / 200) as f32) * depth;
+            assert!(body.contains(hit), "{hit}");
+            seen += 1;
+        }
+        assert!(seen > 500 && seen == pixels(&frame), "{seen}");
+    }
+
+    #[test]
+    fn walls_hide_figures_and_their_names() {
+        let figure = figure(Vec3::new(1.3, 1.7, 1.0), [200, 30, 30]);
+        assert_eq!(pixels(&drawn(&[figure], 2.0)), 0);
+        assert!(pixels(&drawn(&[figure], 9.0)) > 500);
+    }
+
+    #[test]
+    fn the_nearer_figure_is_in_front_whatever_the_order() {
+        let near = Figure { name: "", ..figure(Vec3::new(1.0, 1.6, 2.0), [255, 0, 0]) };
+        let far = Figure { name: "", ..figure(Vec3::new(1.1, 1.6, 0.0), [0, 255, 0]) };
+        let frame = drawn(&[near, far], f32::INFINITY);
+        assert_eq!(frame, drawn(&[far, near], f32::INFINITY));
+    }
+
+    #[test]
+    fn who_is_behind_others_in_all_pixels_is_not_seen() {
+        let camera = Camera { eye: Vec3::Y * 1.6, yaw: 0.0, pitch: -0.8, fov_y: Camera::FOV_Y };
+        let eyes = [Vec3::new(0.0, 2.1, -3.0), Vec3::new(0.0, 1.6, -2.6)];
+        let both = eyes.map(|eye| Figure { name: "", ..figure(eye, [9; 3]) });
+        let seen = |figures: &[Figure]| draw(&mut Frame::new(960, 540), &camera, figures);
+        // Part of the first is nearer than any of the second, and drawn before it.
+        assert_eq!((seen(&both[..1]), seen(&both)), (vec![true], vec![false, true]));
+    }
+
+    #[test]
+    fn who_is_far_away_has_no_holes_and_is_no_nearer() {
+        let mut frame = Frame::new(1200, 900);
+        let eye = Vec3::new(31.0, 1.6, -400.0);
+        let narrow = Camera { fov_y: 0.03, ..Camera::looking_at(Vec3::Y, eye) };
+        assert_eq!(draw(&mut frame, &narrow, &[figure(eye, [200; 3])]), [true]);
+        let shown = frame.depth.iter().filter(|depth| depth.is_finite()).count();
+        assert!(shown > 2_000, "{shown}");
+        let view = View::new(&narrow, 1200, 900);
+        let around = Body::PERSON.around(eye);
+        let nearest = view.depth(around.centre()) - view.depth_reach(around.size() * 0.5);
+        for row in frame.depth.chunks(1200) {
+            assert!(row.iter().all(|depth| *depth >= nearest - 1e-3));
+            // The head's sides are beside the trunk's nowhere: one run of pixels in each row.
+            let edges = row.windows(2).filter(|two| two[0].is_finite() != two[1].is_finite());
+            assert!(edges.count() <= 2);
+        }
+    }
+
+    #[test]
+    fn odd_figures_are_survived() {
+        let beside = [Vec3::NAN, Vec3::splat(1.0e30), CAMERA.eye, CAMERA.eye + Vec3::Z * 0.1];
+        let figures: Vec<Figure> = beside.map(|eye| figure(eye, [9; 3])).to_vec();
+        drawn(&figures, f32::INFINITY);
+        draw(&mut Frame::new(0, 0), &CAMERA, &figures);
+    }
+}

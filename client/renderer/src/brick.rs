@@ -1,0 +1,305 @@
+//! The last two levels in orthogonal mode: 4 × 4 × 4 cells, drawn pixel by pixel.
+//!
+//! Look-ups tell which cells a line of sight may meet (see [`lines`](super::lines)): some too many, since
+//! the look-ups are rounded and perspective inside of the brick is left out. The first of them, in the order
+//! in which lines of sight meet cells, is tested exactly, eight pixels at a time; where it is not met the others are.
+
+use glam::{Vec2, Vec3A, Vec3Swizzles, Vec4};
+use sightline_world::octree::{Inner, Octree};
+
+use super::{
+    band::Band,
+    form::{BrickForm, Flat},
+    lines::PLANES,
+    mask::{Area, BLOCK, bits, lines},
+    view::BandView,
+};
+
+/// What a brick needs to be drawn with.
+pub(super) struct Bricks<'a> {
+    pub(super) octree: &'a Octree,
+    pub(super) view: &'a BandView,
+    pub(super) form: &'a BrickForm,
+    /// The first look that is glass.
+    pub(super) glass_from: usize,
+    /// Whether cells are voxels.
+    pub(super) leaves: bool,
+}
+
+impl Bricks<'_> {
+    /// Draws the cells of a brick: each open pixel shows the first of them that the line of sight meets.
+    #[inline(always)]
+    pub(super) fn draw<const GLASS: bool>(&self, band: &mut Band, brick: &Brick, area: &Area) {
+        let [columns, rows] = area.blocks();
+        for row in rows {
+            for column in columns.clone() {
+                let block = row * band.mask.across() + column;
+                let open = area.word(column, row) & !band.mask.word(block);
+                if open == 0 {
+                    continue;
+                }
+                let places = self.form.places(brick.middle, [column * BLOCK, row * BLOCK]);
+                let mut written = 0u64;
+                for y in bits(lines(open)) {
+                    let line = self.form.line(places, y);
+                    let wanted = open >> (BLOCK * y) & 0xff;
+                    let mut met = [0; BLOCK];
+                    let mut any = 0;
+                    for x in bits(wanted) {
+                        met[x] = self.form.cells(line, x) & brick.cells;
+                        any |= met[x];
+                    }
+                    if any == 0 {
+                        continue;
+                    }
+                    let sight = Sight::new(self.view, brick, column * BLOCK, row * BLOCK + y);
+                    let first = met.map(|met| met.trailing_zeros());
+                    let is_met = brick.meets(&sight, &first);
+                    for x in bits(wanted) {
+                        let pixel = BLOCK * y + x;
+                        let mut met = met[x];
+                        if brick.beside_eye {
+                            let sorted = brick.sorted(&sight, x, met);
+                            written |= self.draw_sorted(band, brick, [block, pixel], &sorted);
+                            continue;
+                        }
+                        let mut is_met = is_met[x];
+                        while met != 0 {
+                            let cell = met.trailing_zeros() as usize;
+                            met &= met - 1;
+                            if !is_met {
+                                is_met =
+                                    met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
+                                continue;
+                            }
+                            let look = brick.look(self.octree, cell, self.leaves);
+                            if GLASS && usize::from(look) >= self.glass_from {
+                                let depth = brick.depth + self.form.deeper(cell);
+                                band.tint(block, 1 << pixel, look, depth);
+                                is_met =
+                                    met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
+                                continue;
+                            }
+                            band.looks[block][pixel] = look;
+                            band.depths[block][pixel] = brick.depth + self.form.deeper(cell);
+                            written |= 1 << pixel;
+                            break;
+                        }
+                    }
+                }
+                if written != 0 {
+                    band.pixels += u64::from(written.count_ones());
+                    band.mask.cover(block, written);
+                }
+            }
+        }
+    }
+
+    /// Draws a pixel that meets cells, nearest first, and tells whether it is written.
+    fn draw_sorted(
+        &self,
+        band: &mut Band,
+        brick: &Brick,
+        [block, pixel]: [usize; 2],
+        cells: &[(f32, u8)],
+    ) -> u64 {
+        for &(_, cell) in cells {
+            let look = brick.look(self.octree, usize::from(cell), self.leaves);
+            let depth = brick.depth + self.form.deeper(usize::from(cell));
+            if usize::from(look) < self.glass_from {
+                band.looks[block][pixel] = look;
+                band.depths[block][pixel] = depth;
+                return 1 << pixel;
+            }
+            band.tint(block, 1 << pixel, look, depth);
+        }
+        0
+    }
+}
+
+/// The lines of sight of eight pixels in a row, mirrored as the cells of a brick are.
+struct Sight {
+    rays: [[f32; BLOCK]; 3],
+}
+
+impl Sight {
+    #[inline(always)]
+    fn new(view: &BandView, brick: &Brick, x: usize, y: usize) -> Self {
+        let (first, step) = (view.ray(x, y) * brick.sign, view.ray_step[0] * brick.sign);
+        let mut rays = [[0.0; BLOCK]; 3];
+        for (axis, rays) in rays.iter_mut().enumerate() {
+            for (i, ray) in rays.iter_mut().enumerate() {
+                *ray = first[axis] + step[axis] * i as f32;
+            }
+        }
+        Self { rays }
+    }
+
+    #[inline(always)]
+    fn ray(&self, x: usize) -> Vec3A {
+        Vec3A::new(self.rays[0][x], self.rays[1][x], self.rays[2][x])
+    }
+}
+
+/// The cells of a node, two levels below.
+pub(super) struct Brick {
+    /// Which are there, in mirrored order.
+    cells: u64,
+    /// For each octant, in mirrored order, the index of its first cell.
+    firsts: [u32; 8],
+    /// Likewise which cells it has, not mirrored.
+    masks: [u8; 8],
+    flip: usize,
+    /// Whether any cell is glass.
+    pub(super) some_glass: bool,
+    /// Whether the eye is between two opposite sides, so that lines of sight go both ways along an axis and meet cells
+    /// in another order than theirs.
+    beside_eye: bool,
+    /// Where the centre is seen, and its depth.
+    middle: Vec2,
+    depth: f32,
+    /// What mirrors.
+    sign: Vec3A,
+    /// The corner of the first cell, relative to the eye and mirrored: no coordinate of any cell's is negative, unless the
+    /// eye is beside the brick.
+    low: Vec3A,
+    /// From a cell to the next.
+    step: f32,
+    /// The edge of a cell, drawn larger by a seam.
+    edge: f32,
+}
+
+impl Brick {
+    #[inline(always)]
+    pub(super) fn new(
+        inner: &[Inner],
+        view: &BandView,
+        flat: &Flat,
+        form: &BrickForm,
+        middle: Vec2,
+        half: f32,
+    ) -> Self {
+        let node = &inner[flat.index as usize];
+        let cell = half * 0.5;
+        let seam = view.seam(flat.centre.w);
+        let sign = |axis: usize| if form.flip >> axis & 1 != 0 { -1.0 } else { 1.0 };
+        let sign = Vec3A::new(sign(0), sign(1), sign(2));
+        let mut brick = Self {
+            cells: 0,
+            firsts: [0; 8],
+            masks: [0; 8],
+            flip: usize::from(form.flip),
+            some_glass: node.flags & Inner::SOME_GLASS != 0,
+            beside_eye: is_beside_eye(flat.centre, half),
+            middle,
+            depth: flat.centre.w,
+            sign,
+            low: Vec3A::from_vec4(flat.centre) * sign - (half + seam),
+            step: cell,
+            edge: cell + 2.0 * seam,
+        };
+        let first = node.first as usize;
+        let children = &inner[first..first + node.mask.count_ones() as usize];
+        for (child, octant) in children.iter().zip(bits(u64::from(node.mask))) {
+            let place = (octant ^ brick.flip) & 7;
+            brick.firsts[place] = child.first;
+            brick.masks[place] = child.mask;
+        }
+        brick.cells = mirrored(u64::from_le_bytes(brick.masks), form.flip);
+        brick
+    }
+
+    /// Whether each line of sight meets the cell that is asked for. All of what a line of sight has before it in the brick lies
+    /// in the same direction along each axis, so that two stretches between planes have a point in common when two products tell.
+    #[inline(always)]
+    fn meets(&self, sight: &Sight, cells: &[u32; BLOCK]) -> [bool; BLOCK] {
+        let mut low = [[0.0; BLOCK]; 3];
+        for (axis, low) in low.iter_mut().enumerate() {
+            for (low, cell) in low.iter_mut().zip(cells) {
+                *low = self.low[axis] + self.step * place(*cell, axis);
+            }
+        }
+        let mut met = [true; BLOCK];
+        for [a, b] in PLANES {
+            let (ray_a, ray_b) = (&sight.rays[a], &sight.rays[b]);
+            for i in 0..BLOCK {
+                let (high_a, high_b) = (low[a][i] + self.edge, low[b][i] + self.edge);
+                met[i] &= (low[a][i] * ray_b[i] <= high_b * ray_a[i])
+                    & (low[b][i] * ray_a[i] <= high_a * ray_b[i]);
+            }
+        }
+        met
+    }
+
+    /// Whether the line of sight of a pixel of the row meets a cell.
+    #[inline(always)]
+    fn meets_one(&self, sight: &Sight, x: usize, cell: u32) -> bool {
+        let (ray, low) = (sight.ray(x), self.corner(cell));
+        let high = low + self.edge;
+        let before = (low * ray.yzx()).cmple(high.yzx() * ray);
+        (before & (low.yzx() * ray).cmple(high * ray.yzx())).all()
+    }
+
+    /// The corner of a cell, mirrored.
+    #[inline(always)]
+    fn corner(&self, cell: u32) -> Vec3A {
+        self.low + Vec3A::new(place(cell, 0), place(cell, 1), place(cell, 2)) * self.step
+    }
+
+    /// The cells that a line of sight meets, of those that it may meet, nearest first.
+    fn sorted(&self, sight: &Sight, x: usize, met: u64) -> Vec<(f32, u8)> {
+        // What is added changes nothing but a zero, whose inverse would be of no use.
+        let inverse = (sight.ray(x) + 1.0e-20).recip();
+        let met = bits(met).filter_map(|cell| {
+            let low = self.corner(cell as u32);
+            let (a, b) = (low * inverse, (low + self.edge) * inverse);
+            let enters = a.min(b).max_element();
+            (enters <= a.max(b).min_element()).then_some((enters, cell as u8))
+        });
+        let mut sorted: Vec<_> = met.collect();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sorted
+    }
+
+    /// The looks of a cell that is there.
+    #[inline(always)]
+    fn look(&self, octree: &Octree, cell: usize, leaves: bool) -> u16 {
+        let index = self.index(cell);
+        if leaves { octree.leaves[index] } else { octree.inner[index].look }
+    }
+
+    /// The index of a cell that is there.
+    #[inline(always)]
+    fn index(&self, cell: usize) -> usize {
+        let place = cell >> 3 & 7;
+        let before = self.masks[place] & ((1u8 << ((cell ^ self.flip) & 7)) - 1);
+        self.firsts[place] as usize + before.count_ones() as usize
+    }
+}
+
+/// Whether the eye is between the planes of two opposite sides of a cube.
+#[inline(always)]
+pub(super) fn is_beside_eye(centre: Vec4, half: f32) -> bool {
+    Vec3A::from_vec4(centre).abs().cmple(Vec3A::splat(half)).any()
+}
+
+/// Where a cell lies along an axis, from 0 to 3.
+#[inline(always)]
+fn place(cell: u32, axis: usize) -> f32 {
+    ((cell >> axis & 1) + (cell >> (axis + 2) & 2)) as f32
+}
+
+/// Mirrors the order of the bits in each byte, which are cells of an octant.
+#[inline(always)]
+fn mirrored(mut cells: u64, flip: u8) -> u64 {
+    if flip & 1 != 0 {
+        cells = cells >> 1 & 0x5555_5555_5555_5555 | (cells & 0x5555_5555_5555_5555) << 1;
+    }
+    if flip & 2 != 0 {
+        cells = cells >> 2 & 0x3333_3333_3333_3333 | (cells & 0x3333_3333_3333_3333) << 2;
+    }
+    if flip & 4 != 0 {
+        cells = cells >> 4 & 0x0f0f_0f0f_0f0f_0f0f | (cells & 0x0f0f_0f0f_0f0f_0f0f) << 4;
+    }
+    cells
+}

@@ -1,0 +1,288 @@
+//! What moves by itself, as coloured triangles where nothing in the frame is nearer.
+//!
+//! A triangle is drawn as the cone of lines of sight that meet it: for each side a plane through the
+//! eye. So nothing is clipped, however near it is or however far behind the eye it reaches.
+
+use std::time::Duration;
+
+use glam::Vec3;
+use rayon::prelude::*;
+use sightline_world::Mover;
+
+use super::{
+    BAND, Camera, Frame,
+    panes::Panes,
+    shade,
+    view::{NEAR, View},
+};
+
+/// Draws movers as they are at a time of the server's clock into a frame that shows the building
+/// from the same camera. Those that something sets off rest where they begin.
+pub fn draw(frame: &mut Frame, camera: &Camera, movers: &[Mover], now: Duration) {
+    draw_those(frame, camera, &movers.iter().collect::<Vec<_>>(), now);
+}
+
+/// The same of some movers: those that a visibility set has.
+pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Duration) {
+    let (width, height) = (frame.width(), frame.height());
+    if width == 0 || height == 0 {
+        return;
+    }
+    let view = View::new(camera, width, height);
+    let facets: Vec<Facet> = movers
+        .par_iter()
+        .filter(|mover| is_in(mover, now, &view, frame))
+        .flat_map_iter(|mover| facets(mover, now, &view))
+        .filter(|facet| facet.area.meets(width, height))
+        .collect();
+    if facets.is_empty() {
+        return;
+    }
+    let bands = frame.colour.par_chunks_mut(BAND * width);
+    let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
+    let panes = &frame.panes;
+    bands.for_each(|(band, (colour, depth))| {
+        let rows = band * BAND..band * BAND + colour.len() / width;
+        for facet in &facets {
+            for y in facet.area.rows_within(&rows) {
+                let row = (y - rows.start) * width..(y - rows.start + 1) * width;
+                facet.draw_row(&view, panes, y, (&mut colour[row.clone()], &mut depth[row]));
+            }
+        }
+    });
+}
+
+/// When one that runs is, or one that rests.
+fn time_of(mover: &Mover, now: Duration) -> Duration {
+    use sightline_world::motion::trajectory::Course;
+    match mover.trajectory.course() {
+        Course::Triggered => Duration::ZERO,
+        _ => now,
+    }
+}
+
+/// Whether any of a mover's box may be in the picture.
+fn is_in(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool {
+    let now = time_of(mover, now);
+    let bounds = mover.swept(now, now);
+    let (columns, rows) = view.bounds(bounds.centre(), bounds.size() * 0.5);
+    Area { columns, rows }.meets(frame.width(), frame.height())
+}
+
+fn facets<'a>(
+    mover: &'a Mover,
+    now: Duration,
+    view: &'a View,
+) -> impl Iterator<Item = Facet> + use<'a> {
+    let place = mover.trajectory.at(time_of(mover, now));
+    let mesh = mover.mesh();
+    let eye = view.eye.as_dvec3();
+    let positions: Vec<Vec3> = mesh
+        .positions
+        .iter()
+        .map(|position| (place.transform_point3(position.as_dvec3()) - eye).as_vec3())
+        .collect();
+    mesh.triangles.iter().zip(mover.colours()).filter_map(move |(triangle, &colour)| {
+        Facet::new(triangle.map(|index| positions[index as usize]), colour, view)
+    })
+}
+
+/// Least and greatest column and row, in pixels.
+struct Area {
+    columns: [f32; 2],
+    rows: [f32; 2],
+}
+
+impl Area {
+    fn meets(&self, width: usize, height: usize) -> bool {
+        let meets = |[min, max]: [f32; 2], side: usize| min < side as f32 && max >= 0.0;
+        meets(self.columns, width) && meets(self.rows, height)
+    }
+
+    fn rows_within(&self, rows: &std::ops::Range<usize>) -> std::ops::Range<usize> {
+        whole(self.rows, rows.start, rows.end)
+    }
+}
+
+/// The whole numbers between two others that lie in a range.
+fn whole([min, max]: [f32; 2], start: usize, end: usize) -> std::ops::Range<usize> {
+    // Casts hold infinities and what is no number to what fits.
+    let (first, after) = (min.max(0.0).ceil() as usize, (max.max(-1.0) + 1.0).floor() as usize);
+    first.clamp(start, end)..after.clamp(start, end)
+}
+
+/// A triangle as seen from the eye.
+struct Facet {
+    /// Inwards from the planes through the eye and a side. A line of sight meets the triangle when
+    /// its product with none of them is negative.
+    sides: [Vec3; 3],
+    /// The product of all three corners.
+    volume: f32,
+    colour: u32,
+    area: Area,
+}
+
+impl Facet {
+    /// `None` when it is seen from the edge, or is nowhere.
+    fn new([a, b, c]: [Vec3; 3], colour: [u8; 3], view: &View) -> Option<Self> {
+        let volume = a.dot(b.cross(c));
+        if !(volume.abs() > 0.0 && volume.is_finite()) {
+            return None;
+        }
+        let sign = volume.signum();
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let middle = (a + b + c) / 3.0;
+        Some(Self {
+            sides: [b.cross(c), c.cross(a), a.cross(b)].map(|side| side * sign),
+            volume: volume.abs(),
+            colour: shade::lit(Vec3::from(colour.map(f32::from)), normal, middle),
+            area: Area::of([a, b, c], view),
+        })
+    }
+
+    fn draw_row(
+        &self,
+        view: &View,
+        panes: &Panes,
+        y: usize,
+        (colour, depth): (&mut [u32], &mut [f32]),
+    ) {
+        let ray = view.ray(0.0, y as f32);
+        let step = view.ray(1.0, y as f32) - ray;
+        let start = self.sides.map(|side| side.dot(ray));
+        let step = self.sides.map(|side| side.dot(step));
+        for x in whole(self.area.columns, 0, colour.len()) {
+            let [a, b, c] = [0, 1, 2].map(|i| start[i] + step[i] * x as f32);
+            if a < 0.0 || b < 0.0 || c < 0.0 {
+                continue;
+            }
+            let t = self.volume / (a + b + c);
+            if t >= NEAR && t < depth[x] {
+                depth[x] = t;
+                colour[x] = panes.over([x, y], t, self.colour);
+            }
+        }
+    }
+}
+
+impl Area {
+    /// Of a triangle, by its corners as seen from the eye.
+    fn of(corners: [Vec3; 3], view: &View) -> Self {
+        let at = corners.map(|corner| view.project(view.eye + corner));
+        if at.iter().any(|corner| corner.z < NEAR) {
+            let all = [f32::NEG_INFINITY, f32::INFINITY];
+            let none = [0.0, -1.0];
+            let is_behind = at.iter().all(|corner| corner.z < NEAR) || view.are_beside(corners);
+            let span = if is_behind { none } else { all };
+            return Self { columns: span, rows: span };
+        }
+        let span = |axis: usize| {
+            let values = at.map(|corner| corner[axis]);
+            [values[0].min(values[1]).min(values[2]), values[0].max(values[1]).max(values[2])]
+        };
+        Self { columns: span(0), rows: span(1) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3, Quat};
+    use sightline_world::{
+        Mesh,
+        motion::trajectory::{Course, Joint, Track, Trajectory},
+    };
+
+    use super::*;
+
+    const CAMERA: Camera =
+        Camera { eye: Vec3::new(1.0, 1.6, 5.0), yaw: 0.2, pitch: -0.1, fov_y: 1.0 };
+    const SIZE: (usize, usize) = (120, 90);
+
+    fn mover(corners: &[[f32; 3]], joint: Joint, course: Course) -> Mover {
+        let positions: Vec<Vec3> = corners.iter().map(|&corner| Vec3::from(corner)).collect();
+        let count = positions.len() as u32 / 3;
+        let triangles: Vec<_> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let colours = vec![[200, 40, 40]; triangles.len()];
+        let trajectory = Trajectory::new(vec![joint], 4.0, course).unwrap();
+        Mover::new("it".into(), Mesh { positions, triangles }, colours, trajectory).unwrap()
+    }
+
+    fn drawn(movers: &[Mover], wall: f32, now_s: f64) -> Frame {
+        let mut frame = Frame::new(SIZE.0, SIZE.1);
+        frame.depth.fill(wall);
+        draw(&mut frame, &CAMERA, movers, Duration::from_secs_f64(now_s));
+        frame
+    }
+
+    /// Where a ray meets a triangle, in its own lengths, by the formula of Möller and Trumbore.
+    fn hit(ray: Vec3, [a, b, c]: [Vec3; 3]) -> Option<f32> {
+        let (u, v, origin) = (b - a, c - a, -a);
+        let p = ray.cross(v);
+        let q = origin.cross(u);
+        let det = u.dot(p);
+        let (s, t) = (origin.dot(p) / det, ray.dot(q) / det);
+        (s >= 0.0 && t >= 0.0 && s + t <= 1.0).then_some(v.dot(q) / det)
+    }
+
+    #[test]
+    fn a_pixel_shows_what_its_ray_meets_first() {
+        // One of them reaches from before the eye to behind it.
+        let corners = [
+            [-1.0, 0.5, -2.0],
+            [2.0, 0.7, -1.0],
+            [0.5, 3.0, 1.0],
+            [-3.0, 0.4, 3.0],
+            [4.0, 0.5, 2.0],
+            [1.0, 1.0, 9.0],
+            [0.9, 1.5, 4.6],
+            [1.0, 1.5, 4.6],
+            [0.9, 1.6, 4.7],
+        ];
+        let still = Joint::still(DAffine3::from_translation(DVec3::new(0.1, 0.0, 0.0)));
+        let frame = drawn(&[mover(&corners, still, Course::Loop)], f32::INFINITY, 1.0);
+        let view = View::new(&CAMERA, SIZE.0, SIZE.1);
+        let (mut seen, mut differ) = (0, 0);
+        for (i, &depth) in frame.depth.iter().enumerate() {
+            let ray = view.ray((i % SIZE.0) as f32, (i / SIZE.0) as f32);
+            let place = |corner: [f32; 3]| Vec3::from(corner) + Vec3::X * 0.1 - CAMERA.eye;
+            let hits = corners.as_chunks::<3>().0.iter().filter_map(|t| hit(ray, t.map(place)));
+            let nearest = hits.filter(|&t| t >= NEAR).fold(f32::INFINITY, f32::min);
+            seen += usize::from(nearest.is_finite());
+            // On an edge the two may differ.
+            let same = depth == nearest || (depth - nearest).abs() < 1e-3 * depth;
+            differ += usize::from(!same);
+            assert_eq!(depth.is_finite(), frame.colour[i] != 0);
+        }
+        assert!(seen > 1_000 && differ <= 5, "{seen} seen, {differ} differ");
+    }
+
+    #[test]
+    fn movers_are_where_they_are_at_the_time_and_behind_what_is_nearer() {
+        let corners = [[-0.5, 1.0, 0.0], [0.5, 1.0, 0.0], [0.0, 2.0, 0.0]];
+        let mut joint = Joint::still(DAffine3::IDENTITY);
+        joint.translation = Track::linear(vec![(0.0, Vec3::ZERO), (4.0, Vec3::X * 40.0)]);
+        joint.rotation = Track::constant(Quat::IDENTITY);
+        let seen = |course: Course, wall: f32, now_s: f64| {
+            let frame = drawn(&[mover(&corners, joint.clone(), course)], wall, now_s);
+            frame.colour.iter().any(|&colour| colour != 0)
+        };
+        for (course, wall, now_s, expected) in [
+            (Course::Loop, f32::INFINITY, 0.0, true),
+            (Course::Loop, 3.0, 0.0, false),
+            (Course::Loop, f32::INFINITY, 3.0, false),
+            (Course::Loop, f32::INFINITY, 4.01, true),
+            (Course::Once, f32::INFINITY, 4.01, false),
+            (Course::Triggered, f32::INFINITY, 3.0, true),
+        ] {
+            assert_eq!(seen(course, wall, now_s), expected, "{course:?}, {wall}, {now_s}");
+        }
+    }
+
+    #[test]
+    fn odd_pictures_are_survived() {
+        let corners = [[1.0, 1.6, 5.0], [1.0, 1.6, 5.0], [1e6, -1e6, 1e6]];
+        let odd = mover(&corners, Joint::still(DAffine3::IDENTITY), Course::Loop);
+        drawn(std::slice::from_ref(&odd), f32::INFINITY, 0.0);
+        draw(&mut Frame::new(0, 0), &CAMERA, &[odd], Duration::MAX);
+    }
+}

@@ -1,0 +1,47 @@
+//! Whether some of a box may be in a picture.
+
+use sightline_world::geometry::Aabb;
+
+use super::cast::ROUNDING;
+use crate::{
+    Camera, Frame, avatars,
+    pyramid::{Pyramid, Span},
+    view::{NEAR, View},
+};
+
+/// What a picture hides.
+pub(super) struct Sight<'a> {
+    view: View,
+    frame: &'a Frame,
+    pyramid: &'a mut Pyramid,
+    pub(super) tested: usize,
+}
+
+impl<'a> Sight<'a> {
+    pub(super) fn new(camera: &Camera, frame: &'a Frame, pyramid: &'a mut Pyramid) -> Self {
+        pyramid.begin(frame);
+        let view = View::new(camera, frame.width(), frame.height());
+        Self { view, frame, pyramid, tested: 0 }
+    }
+
+    /// Whether some of a box may be in the picture, or of names of so many letters at most that have
+    /// their foot in it.
+    pub(super) fn shows(&mut self, bounds: &Aabb, letters: usize) -> bool {
+        self.tested += 1;
+        let depths = bounds.corners().map(|corner| self.view.project(corner).z);
+        let nearest = depths.into_iter().fold(f32::INFINITY, f32::min) * (1.0 - ROUNDING);
+        // A pixel more on each side, for what rounding does.
+        let [across, down] = avatars::name_reach(&self.view, nearest, letters).map(|px| px + 1.0);
+        let (centre, half) = (bounds.centre(), bounds.size() * 0.5);
+        let (columns, rows) = self.view.bounds_within(centre, half, across.max(down));
+        let span = |[low, high]: [f32; 2], reach: f32, side: usize| -> Option<Span> {
+            let first = (low - reach).floor().max(0.0) as usize;
+            let after = ((high + reach + 1.0).ceil().max(0.0) as usize).min(side);
+            (low <= high && first < after).then_some([first, after])
+        };
+        let columns = span(columns, across, self.frame.width());
+        let spans = columns.zip(span(rows, down, self.frame.height()));
+        let Some((columns, rows)) = spans else { return false };
+        nearest < NEAR || !self.pyramid.hides(&self.frame.depth, columns, rows, nearest)
+    }
+}

@@ -1,0 +1,292 @@
+//! The front-to-back walk through the octree: in perspective, and then by form patterns.
+//!
+//! The steps are those of the paper's Figs. 26 to 28 (seeds: orthogonal octree). A node is clipped
+//! to the picture, tested against the mask buffer and halved; the octants come in the order of the
+//! eye's sector, nearest first. What comes after that in orthogonal mode is in [`orthogonal`](super::orthogonal).
+
+use glam::{Vec3A, Vec4};
+use sightline_world::octree::Octree;
+
+use super::{
+    Counters, Mode,
+    band::Band,
+    form::Flat,
+    hull::Hull,
+    mask::Area,
+    view::{BandView, NEAR},
+};
+
+/// Bounding boxes are taken larger by more than what is in them is drawn larger and what is rounded, in pixels.
+pub(super) const SPARE_PX: f32 = 1.0 / 64.0;
+
+/// No more octants wait to be drawn: seven on each level, and one.
+const WAITING_MAX: usize = 128;
+
+/// What a walk needs beside the picture, kept from one to the next.
+pub(super) struct Walker {
+    waiting: Vec<Cube>,
+    pub(super) flats: Vec<Flat>,
+}
+
+impl Default for Walker {
+    fn default() -> Self {
+        Self { waiting: Vec::with_capacity(WAITING_MAX), flats: Vec::with_capacity(WAITING_MAX) }
+    }
+}
+
+/// A node in perspective.
+#[derive(Clone, Copy)]
+pub(super) struct Cube {
+    /// In the leaves when the level is the tree's depth.
+    pub(super) index: u32,
+    pub(super) level: u8,
+    /// The level at which nodes are drawn as a whole; [`UNDECIDED`] while the node is large.
+    last: u8,
+    /// Whether nothing is before it.
+    pub(super) clear: bool,
+    /// Relative to the eye.
+    pub(super) centre: Vec3A,
+    pub(super) projected: Vec4,
+}
+
+const UNDECIDED: u8 = u8::MAX;
+
+/// What is known of the octree's inner nodes from around the eye: a bit for each.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    /// These are left out.
+    pub(super) hidden: &'a [u64],
+    /// What is in these is not tested against the mask buffer. Where that is wrong it takes time, and nothing else.
+    pub(super) clear: &'a [u64],
+    /// Down to this level anything is hidden, and on it anything is clear.
+    pub(super) level: u8,
+}
+
+impl Known<'_> {
+    /// Nothing.
+    pub(super) const NOTHING: Self = Self { hidden: &[0], clear: &[0], level: 0 };
+
+    #[inline(always)]
+    fn is_in(nodes: &[u64], index: u32) -> bool {
+        nodes[index as usize / 64] >> (index % 64) & 1 == 1
+    }
+
+    /// Whether a node is known to be hidden.
+    #[inline(always)]
+    pub(super) fn is_hidden(&self, index: u32, level: u8) -> bool {
+        level <= self.level && Self::is_in(self.hidden, index)
+    }
+
+    /// Whether nothing is known to be before a node.
+    #[inline(always)]
+    pub(super) fn is_clear(&self, index: u32, level: u8) -> bool {
+        level == self.level && Self::is_in(self.clear, index)
+    }
+}
+
+/// One walk.
+pub(super) struct Walk<'a> {
+    pub(super) octree: &'a Octree,
+    pub(super) view: &'a BandView,
+    pub(super) mode: Mode,
+    pub(super) known: Known<'a>,
+    /// The first look that is glass.
+    pub(super) glass_from: usize,
+    pub(super) band: &'a mut Band,
+    pub(super) walker: &'a mut Walker,
+    pub(super) counters: &'a mut Counters,
+}
+
+impl Walk<'_> {
+    /// Draws all that is in view.
+    #[inline(always)]
+    pub(super) fn run(&mut self) {
+        if self.octree.inner.is_empty() {
+            return;
+        }
+        self.walker.waiting.clear();
+        self.walker.waiting.push(Cube {
+            index: 0,
+            level: 0,
+            last: UNDECIDED,
+            clear: false,
+            centre: self.view.centre,
+            projected: self.view.projected,
+        });
+        while let Some(cube) = self.walker.waiting.pop() {
+            self.consider(cube);
+            if self.band.mask.is_full() {
+                return;
+            }
+        }
+    }
+
+    /// Draws a node, or puts its octants on the stack, unless it is out of view or covered.
+    #[inline(always)]
+    fn consider(&mut self, mut cube: Cube) {
+        if self.known.is_hidden(cube.index, cube.level) {
+            return;
+        }
+        cube.clear |= self.known.is_clear(cube.index, cube.level);
+        self.counters.nodes += 1;
+        if self.mode == Mode::Perspective {
+            self.consider_in_perspective(cube);
+        } else if cube.projected.z + self.reach(cube.level).z < NEAR || self.is_beside(&cube) {
+            // Out of view.
+        } else if self.is_large(&cube) {
+            self.descend(&cube);
+        } else if let Some(area) = self.open_area(&cube) {
+            let centre = cube.centre.extend(cube.projected.z);
+            if cube.level == self.octree.depth {
+                self.fill(centre, cube.level, self.look(cube.index, cube.level), &area);
+            } else if self.has_ratio(centre.w, cube.level, self.view.coarse_ratio_min) {
+                self.draw_orthogonal(&cube);
+            } else if !self.draw_near_layer(cube.index, cube.level, centre, &area) {
+                self.descend(&cube);
+            }
+        }
+    }
+
+    /// The same, where every node is projected.
+    #[inline(always)]
+    fn consider_in_perspective(&mut self, mut cube: Cube) {
+        let Some(area) = self.open_area(&cube) else { return };
+        let depth = cube.projected.z;
+        if cube.last == UNDECIDED && self.has_ratio(depth, cube.level, self.view.ratio_min) {
+            cube.last = self.last_level(depth, cube.level);
+        }
+        if cube.level >= cube.last.min(self.octree.depth) {
+            let look = self.look(cube.index, cube.level);
+            self.fill(cube.centre.extend(depth), cube.level, look, &area);
+        } else {
+            self.descend(&cube);
+        }
+    }
+
+    /// How far the corners of a level's nodes are from the centre, projected.
+    #[inline(always)]
+    fn reach(&self, level: u8) -> Vec4 {
+        self.view.patterns[usize::from(level)].reach
+    }
+
+    /// Whether a node is neither a voxel nor a layer and so near that nothing is gained by knowing where it is seen.
+    #[inline(always)]
+    fn is_large(&self, cube: &Cube) -> bool {
+        cube.level < self.octree.depth
+            && !self.has_ratio(cube.projected.z, cube.level, self.view.coarse_ratio_min)
+            && self.octree.inner[cube.index as usize].flat().is_none()
+    }
+
+    /// The pixels that a node's bounding box meets; none when it is out of view or covered.
+    #[inline(always)]
+    fn open_area(&mut self, cube: &Cube) -> Option<Area> {
+        let area = self.area(cube)?;
+        self.is_open(&area, cube.clear).then_some(area)
+    }
+
+    /// Whether a node may be seen in an area: known to be clear, or not covered.
+    #[inline(always)]
+    pub(super) fn is_open(&mut self, area: &Area, clear: bool) -> bool {
+        if clear {
+            return true;
+        }
+        self.counters.mask_tests += 1;
+        self.band.mask.is_open(area)
+    }
+
+    /// Whether the ratio of nearest to farthest distance of a node at a depth is no less than that.
+    #[inline(always)]
+    pub(super) fn has_ratio(&self, depth: f32, level: u8, ratio_min: f32) -> bool {
+        let reach = self.reach(level).z;
+        let (nearest, farthest) = (depth - reach, depth + reach);
+        nearest >= NEAR && nearest >= farthest * ratio_min
+    }
+
+    /// The pixels that a node's bounding box meets; none when it is out of view.
+    #[inline(always)]
+    fn area(&mut self, cube: &Cube) -> Option<Area> {
+        let pattern = &self.view.patterns[usize::from(cube.level)];
+        let (z, reach) = (cube.projected.z, pattern.reach.z);
+        if z + reach < NEAR {
+            return None;
+        }
+        if z - reach >= NEAR {
+            self.counters.projections += 1;
+            let [left, right, top, bottom] = pattern.bounds(cube.projected);
+            // Casts hold what is far outside to what fits.
+            let span = |low: f32, high: f32| {
+                [
+                    (low - SPARE_PX).ceil() as i32,
+                    ((high + SPARE_PX).floor() as i32).saturating_add(1),
+                ]
+            };
+            return self.band.clip([span(left, right), span(top, bottom)]);
+        }
+        let all = [[0, self.band.width as i32], [0, self.band.height as i32]];
+        if self.is_beside(cube) { None } else { self.band.clip(all) }
+    }
+
+    /// Whether a node surely lies beside all lines of sight.
+    #[inline(always)]
+    fn is_beside(&self, cube: &Cube) -> bool {
+        let reach = self.reach(cube.level);
+        let [x, y, z, _] = cube.projected.to_array();
+        let far = z + reach.z;
+        x + reach.x < 0.0
+            || y + reach.y < 0.0
+            || x - reach.x > (self.band.width - 1) as f32 * far
+            || y - reach.y > (self.band.height - 1) as f32 * far
+    }
+
+    /// The first level, from a node's on, at which nodes are no larger than a pixel at its depth, or that of the leaves.
+    #[inline(always)]
+    pub(super) fn last_level(&self, depth: f32, level: u8) -> u8 {
+        let is_small = |&level: &u8| depth > self.view.patterns[usize::from(level)].small_from;
+        (level..self.octree.depth).find(is_small).unwrap_or(self.octree.depth)
+    }
+
+    /// Puts the octants on the stack so that the one towards the eye comes off first: among octants
+    /// that differ in one axis only, the nearer one always comes before the other.
+    #[inline(always)]
+    fn descend(&mut self, cube: &Cube) {
+        let pattern = &self.view.patterns[usize::from(cube.level)];
+        let node = &self.octree.inner[cube.index as usize];
+        let nearest = cube.centre.cmplt(Vec3A::ZERO).bitmask() as u8;
+        for octant in (0..8).rev().map(|order| order ^ nearest) {
+            let Some(index) = node.child(octant) else { continue };
+            let octant = usize::from(octant);
+            self.walker.waiting.push(Cube {
+                index,
+                level: cube.level + 1,
+                last: cube.last,
+                clear: cube.clear,
+                centre: cube.centre + pattern.octants[octant],
+                projected: cube.projected + pattern.octants_projected[octant],
+            });
+        }
+    }
+
+    /// Writes the pixels whose lines of sight meet a node, which has its depth with its centre.
+    #[inline(always)]
+    pub(super) fn fill(&mut self, centre: Vec4, level: u8, look: u16, area: &Area) {
+        let half = self.view.patterns[usize::from(level)].half;
+        let (centre, depth) = (Vec3A::from_vec4(centre), centre.w);
+        if centre.abs().max_element() <= half {
+            // The eye is inside: better to look out of it than to see nothing.
+            return;
+        }
+        let grown = half + self.view.seam(depth);
+        let hull = Hull::new(self.view, centre - grown, centre + grown);
+        let is_glass = usize::from(look) >= self.glass_from;
+        self.band.fill(area, &hull, look, depth.max(NEAR), is_glass);
+    }
+
+    #[inline(always)]
+    pub(super) fn look(&self, index: u32, level: u8) -> u16 {
+        if level == self.octree.depth {
+            self.octree.leaves[index as usize]
+        } else {
+            self.octree.inner[index as usize].look
+        }
+    }
+}

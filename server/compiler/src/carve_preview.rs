@@ -1,0 +1,234 @@
+//! Pictures of a carved model: what it was, what it became, and what was cut out.
+
+use std::time::Duration;
+
+use glam::{DVec3, Vec3, Vec3A};
+use image::{Rgb, RgbImage};
+use obvhs::{
+    BvhBuildParams,
+    bvh2::{Bvh2, builder::build_bvh2_from_tris},
+    ray::{Ray, RayHit},
+    triangle::Triangle,
+};
+use rayon::prelude::*;
+use sightline_world::{Mesh, geometry::Axes};
+
+use crate::{
+    carve::{self, Carved, Class},
+    plan::{self, INK, PAPER},
+};
+
+/// One panel, in pixels.
+const WIDTH: u32 = 400;
+const HEIGHT: u32 = 400;
+const CAPTION: u32 = 20;
+const GAP: u32 = 8;
+/// From the left edge to the right one: half of it as a tangent, 70 degrees in all.
+const HALF_VIEW: f32 = 0.7;
+/// Rays for a pixel along one of its sides, both ends included: what runs between two pixels is
+/// seen from both.
+const RAYS: u32 = 3;
+
+const SKY: [f32; 3] = [196.0, 214.0, 232.0];
+const AXIAL: [f32; 3] = [216.0, 213.0, 206.0];
+const SEMI_AXIAL: [f32; 3] = [188.0, 202.0, 214.0];
+const NON_AXIAL: [f32; 3] = [232.0, 212.0, 170.0];
+const ADDED: [f32; 3] = [74.0, 76.0, 84.0];
+/// For cuttings, in turn.
+const CUTTINGS: [[f32; 3]; 6] = [
+    [214.0, 84.0, 62.0],
+    [62.0, 130.0, 190.0],
+    [96.0, 160.0, 72.0],
+    [208.0, 150.0, 40.0],
+    [142.0, 92.0, 172.0],
+    [48.0, 160.0, 156.0],
+];
+
+/// From where to where one looks, in metres.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// The eye.
+    pub eye: Vec3,
+    /// What is in the middle of the picture.
+    pub look: Vec3,
+}
+
+/// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the
+/// model, what is non-axial of what will be cut tinted; the carved model with the cuttings in colour; the carved model
+/// alone, what was added to close it dark.
+pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, Carved) {
+    let corner = |i: u32| mesh.positions[i as usize];
+    let opaque: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
+    let turn = carve::dominant_turn(&opaque);
+    let axes = Axes::turned(turn);
+    let own = |p: Vec3| axes.own_exact(p.as_dvec3());
+    let triangles: Vec<[DVec3; 3]> = opaque.iter().map(|t| t.map(own)).collect();
+    let carved = carve::carve(&triangles, &[], &carve::Options::default());
+    let eye = View { eye: own(view.eye).as_vec3(), look: own(view.look).as_vec3() };
+    let panels = [
+        ("the model", Scene::model(&carved)),
+        ("carved, with its cuttings", Scene::carved(&carved, true)),
+        ("carved, without them", Scene::carved(&carved, false)),
+    ];
+    let width = panels.len() as u32 * (WIDTH + GAP) - GAP;
+    let mut picture = RgbImage::from_pixel(width, HEIGHT + CAPTION, Rgb(PAPER));
+    for (i, (caption, scene)) in (0..).zip(&panels) {
+        let left = i * (WIDTH + GAP);
+        scene.draw(&eye, left, &mut picture);
+        plan::write(&mut picture, left as i32, 6, caption, INK);
+    }
+    (picture, carved)
+}
+
+/// Triangles with a colour and the number of the polygon that each is of.
+struct Scene {
+    triangles: Vec<Triangle>,
+    looks: Vec<([f32; 3], u32)>,
+    bvh: Bvh2,
+}
+
+impl Scene {
+    fn new<'a>(parts: impl Iterator<Item = (&'a [[DVec3; 3]], [f32; 3])>) -> Self {
+        let (mut triangles, mut looks) = (Vec::new(), Vec::new());
+        for (number, (part, colour)) in (0..).zip(parts) {
+            for corners in part {
+                let [v0, v1, v2] = corners.map(|p| Vec3A::from(p.as_vec3()));
+                triangles.push(Triangle { v0, v1, v2 });
+                looks.push((colour, number));
+            }
+        }
+        let params = BvhBuildParams::medium_build();
+        let bvh = build_bvh2_from_tris(&triangles, params, &mut Duration::default());
+        Self { triangles, looks, bvh }
+    }
+
+    fn model(carved: &Carved) -> Self {
+        let kept = carved.polygons.iter().map(|p| (&p.triangles[..], grey(p.class)));
+        let cut = carved.cuttings.iter().map(|p| (&p.triangles[..], grey(p.class)));
+        Self::new(kept.chain(cut))
+    }
+
+    fn carved(carved: &Carved, with_cuttings: bool) -> Self {
+        let kept = carved.polygons.iter().map(|p| (&p.triangles[..], grey(p.class)));
+        // With the cuttings back in place, what was added lies within the solid.
+        let added = carved.added.iter().filter(|_| !with_cuttings);
+        let added = added.map(|a| (&a.triangles[..], ADDED));
+        let cut = carved.cuttings.iter().filter(|_| with_cuttings).map(|p| {
+            let colour = CUTTINGS[p.unit.unwrap_or(0) as usize % CUTTINGS.len()];
+            (&p.triangles[..], colour)
+        });
+        Self::new(kept.chain(added).chain(cut))
+    }
+
+    fn draw(&self, view: &View, left: u32, picture: &mut RgbImage) {
+        let rays = Rays::new(view);
+        let rows: Vec<Vec<[u8; 3]>> = (0..HEIGHT)
+            .into_par_iter()
+            .map(|y| (0..WIDTH).map(|x| self.pixel(&rays, x, y)).collect())
+            .collect();
+        for (y, row) in (0..).zip(rows) {
+            for (x, colour) in (0..).zip(row) {
+                picture.put_pixel(left + x, CAPTION + y, Rgb(colour));
+            }
+        }
+    }
+
+    /// The mean over its rays; darker where two polygons meet.
+    fn pixel(&self, rays: &Rays, x: u32, y: u32) -> [u8; 3] {
+        let mut sum = Vec3::ZERO;
+        let mut first = None;
+        let mut is_edge = false;
+        for ray in 0..RAYS * RAYS {
+            let (dx, dy) = (ray % RAYS, ray / RAYS);
+            let step = |at: u32, part: u32| at as f32 + part as f32 / (RAYS - 1) as f32;
+            let (colour, number) = self.seen(rays, step(x, dx), step(y, dy));
+            sum += Vec3::from_array(colour);
+            is_edge |= *first.get_or_insert(number) != number;
+        }
+        let mean = sum / (RAYS * RAYS) as f32;
+        (mean * if is_edge { 0.8 } else { 1.0 }).to_array().map(|c| c as u8)
+    }
+
+    fn seen(&self, rays: &Rays, x: f32, y: f32) -> ([f32; 3], u32) {
+        let towards = rays.towards(x, y);
+        let ray = Ray::new_inf(rays.eye.into(), towards.into());
+        let mut hit = RayHit::none();
+        let triangle = |id: usize| self.bvh.primitive_indices[id] as usize;
+        if !self
+            .bvh
+            .ray_traverse(ray, &mut hit, |ray, id| self.triangles[triangle(id)].intersect(ray))
+        {
+            return (SKY, u32::MAX);
+        }
+        let index = triangle(hit.primitive_id as usize);
+        let Triangle { v0, v1, v2 } = self.triangles[index];
+        let normal = Vec3::from((v1 - v0).cross(v2 - v0)).normalize_or_zero();
+        let (colour, number) = self.looks[index];
+        (colour.map(|c| c * lit(normal)), number)
+    }
+}
+
+/// How bright a face is, from either side.
+fn lit(normal: Vec3) -> f32 {
+    let n = normal.abs();
+    0.62 * n.x * n.x + 0.96 * n.y * n.y + 0.8 * n.z * n.z
+}
+
+fn grey(class: Class) -> [f32; 3] {
+    match class {
+        Class::Axial => AXIAL,
+        Class::SemiAxial => SEMI_AXIAL,
+        Class::NonAxial => NON_AXIAL,
+    }
+}
+
+/// The way from the eye through every place of a panel.
+struct Rays {
+    eye: Vec3,
+    forward: Vec3,
+    right: Vec3,
+    up: Vec3,
+}
+
+impl Rays {
+    fn new(view: &View) -> Self {
+        let forward = (view.look - view.eye).normalize_or(Vec3::NEG_Z);
+        let right = forward.cross(Vec3::Y).normalize_or(Vec3::X);
+        Self { eye: view.eye, forward, right, up: right.cross(forward) }
+    }
+
+    fn towards(&self, x: f32, y: f32) -> Vec3 {
+        let (u, v) = (x / WIDTH as f32 * 2.0 - 1.0, 1.0 - y / HEIGHT as f32 * 2.0);
+        let tall = HALF_VIEW * HEIGHT as f32 / WIDTH as f32;
+        (self.forward + self.right * u * HALF_VIEW + self.up * v * tall).normalize()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::import::glb;
+    use sightline_demo_building::arched_floor;
+
+    /// How many pixels of each panel show the sky, and whether in the first two it is the same.
+    #[test]
+    fn only_without_the_cuttings_more_of_the_sky_is_seen() {
+        let model = glb::read_slice(&arched_floor().glb, None::<&Path>, "floor").unwrap();
+        let positions = model.opaque.concat();
+        let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+        let mesh = Mesh { triangles: triangles.collect(), positions };
+        let view = View { eye: Vec3::new(27.6, 1.5, 3.1), look: Vec3::new(26.36, 1.75, 0.2) };
+        let (picture, carved) = draw(&mesh, &view);
+        assert_eq!(carved.report.clusters, 8);
+        let is_sky = |panel: u32, x: u32, y: u32| {
+            picture.get_pixel(panel * (WIDTH + GAP) + x, CAPTION + y).0 == SKY.map(|c| c as u8)
+        };
+        let places = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+        assert!(places().all(|(x, y)| is_sky(0, x, y) == is_sky(1, x, y)));
+        let count = |panel| places().filter(|&(x, y)| is_sky(panel, x, y)).count();
+        let (with, without) = (count(1), count(2));
+        assert!(with > 20_000 && without > with + 3_000, "{with} {without}");
+    }
+}

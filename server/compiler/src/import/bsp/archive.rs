@@ -1,0 +1,142 @@
+//! Archives (pk3): where the game keeps images and shader scripts.
+
+use std::{
+    collections::HashMap,
+    fs::File,
+    io::{BufReader, Read},
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use image::{ImageFormat, RgbImage, imageops};
+use zip::ZipArchive;
+
+use super::{BspError, shader_script::Scripts};
+use crate::import::limits;
+
+/// The most files of all archives together.
+const FILES_MAX: usize = 1 << 20;
+/// The largest file that is taken out: 32 MiB.
+const FILE_BYTES_MAX: u64 = 32 << 20;
+/// The longest text of all shader scripts together: 32 MiB.
+const SCRIPT_BYTES_MAX: usize = 32 << 20;
+/// What one image may take while it is decoded.
+const DECODE_BYTES_MAX: usize = 256 << 20;
+/// Larger images are made smaller: no voxel is so fine that one would see more.
+const TEXTURE_EDGE: u32 = 128;
+const EXTENSIONS: [(&str, Option<ImageFormat>); 4] =
+    [("jpg", None), ("tga", Some(ImageFormat::Tga)), ("png", None), ("jpeg", None)];
+
+/// Open archives and what they hold, by name in lower case.
+pub(super) struct Archives {
+    archives: Vec<ZipArchive<BufReader<File>>>,
+    files: HashMap<String, (usize, usize)>,
+    scripts: Scripts,
+}
+
+impl Archives {
+    /// Opens archives; where several hold a file, the last one counts.
+    pub fn open(paths: &[PathBuf]) -> Result<Self, BspError> {
+        let mut all =
+            Self { archives: Vec::new(), files: HashMap::new(), scripts: Scripts::default() };
+        for path in paths {
+            all.add(path)?;
+        }
+        all.read_scripts();
+        Ok(all)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.archives.is_empty()
+    }
+
+    /// The image of a shader, if it has one that can be read.
+    pub fn texture(&mut self, shader: &str) -> Option<Arc<RgbImage>> {
+        let shown = self.scripts.image(shader).map(str::to_owned);
+        let image = self.image(shader).or_else(|| self.image(&shown?))?;
+        let (width, height) = image.dimensions();
+        let scaled = width.max(height) > TEXTURE_EDGE;
+        let mut image = if scaled {
+            let edge = |size: u32| size.min(TEXTURE_EDGE);
+            imageops::thumbnail(&image, edge(width), edge(height))
+        } else {
+            image
+        };
+        image.iter_mut().for_each(|channel| *channel = lifted(*channel));
+        Some(Arc::new(image))
+    }
+
+    /// An image by its name, whatever its extension.
+    fn image(&mut self, name: &str) -> Option<RgbImage> {
+        let (stem, _) = split_extension(name);
+        EXTENSIONS.iter().find_map(|&(extension, format)| {
+            let bytes = self.file(&format!("{stem}.{extension}"))?;
+            limits::decode_image(&bytes, format, DECODE_BYTES_MAX).ok()
+        })
+    }
+
+    fn add(&mut self, path: &Path) -> Result<(), BspError> {
+        let fault = |reason: String| BspError::Archive { path: path.to_owned(), reason };
+        let file = File::open(path).map_err(|error| fault(error.to_string()))?;
+        let archive =
+            ZipArchive::new(BufReader::new(file)).map_err(|error| fault(error.to_string()))?;
+        if self.files.len() + archive.len() > FILES_MAX {
+            return Err(BspError::TooMany("files in archives"));
+        }
+        for index in 0..archive.len() {
+            if let Some(name) = archive.name_for_index(index) {
+                let place = (self.archives.len(), index);
+                self.files.insert(name.to_ascii_lowercase(), place);
+            }
+        }
+        self.archives.push(archive);
+        Ok(())
+    }
+
+    fn read_scripts(&mut self) {
+        let is_script = |name: &&String| name.starts_with("scripts/") && name.ends_with(".shader");
+        let mut names: Vec<String> = self.files.keys().filter(is_script).cloned().collect();
+        names.sort();
+        let mut bytes_left = SCRIPT_BYTES_MAX;
+        for name in names {
+            let Some(bytes) = self.file(&name).filter(|bytes| bytes.len() <= bytes_left) else {
+                continue;
+            };
+            bytes_left -= bytes.len();
+            self.scripts.read(&String::from_utf8_lossy(&bytes));
+        }
+    }
+
+    fn file(&mut self, name: &str) -> Option<Vec<u8>> {
+        let &(archive, index) = self.files.get(name)?;
+        let entry = self.archives.get_mut(archive)?.by_index(index).ok()?;
+        let mut bytes = Vec::new();
+        entry.take(FILE_BYTES_MAX).read_to_end(&mut bytes).ok()?;
+        Some(bytes)
+    }
+}
+
+/// The game shows all at twice its brightness, and cuts off what gets too bright. This doubles what is
+/// dark, and what is bright less and less.
+fn lifted(channel: u8) -> u8 {
+    let dark = 255 - u32::from(channel);
+    (255 - (dark * dark + 127) / 255) as u8
+}
+
+fn split_extension(name: &str) -> (&str, &str) {
+    match name.rsplit_once('.') {
+        Some((stem, extension)) if !extension.contains('/') => (stem, extension),
+        _ => (name, ""),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_dark_is_doubled_and_nothing_is_cut_off() {
+        assert_eq!([0, 10, 128, 254, 255].map(lifted), [0, 20, 192, 255, 255]);
+        assert!((0..255).all(|channel| lifted(channel) <= lifted(channel + 1)));
+    }
+}

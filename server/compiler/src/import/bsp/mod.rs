@@ -1,0 +1,184 @@
+//! Quake III BSP, version 46: drawn surfaces with textures and light, brushes that block sight.
+//!
+//! What is drawn and what blocks sight are different things in these maps: faces and patches are
+//! drawn; the solid, not translucent brushes of the world model, and its patches, block sight.
+//! Doors and lifts block nothing; they become movers.
+
+mod archive;
+mod brush;
+mod draw;
+mod entities;
+mod file;
+mod light;
+mod movers;
+mod origin;
+mod shader_script;
+mod tree;
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec3};
+use sightline_world::{Origin, Solid, motion::Body};
+
+use super::{limits, movers::Fleet};
+use crate::model::{Convex, ConvexFace, Model};
+use archive::Archives;
+use file::{Map, Shader};
+use movers::Moving;
+
+/// Metres in a Quake unit.
+const UNIT: f64 = 0.0254;
+const SPEED_MAX: f32 = 15.0;
+const CONTENTS_SOLID: i32 = 1;
+const CONTENTS_TRANSLUCENT: i32 = 0x2000_0000;
+/// Sky, nodraw, hint and skip.
+const SURFACE_NOT_DRAWN: i32 = 0x4 | 0x80 | 0x100 | 0x200;
+
+/// Why a BSP file cannot be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BspError {
+    /// The file itself cannot be had.
+    #[error("cannot read {path}")]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// An archive with textures cannot be had.
+    #[error("{path}: {reason}")]
+    Archive {
+        /// Which archive.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Shorter than its header.
+    #[error("truncated BSP")]
+    Truncated,
+    /// Another format.
+    #[error("not a Quake III BSP")]
+    Magic,
+    /// Another version.
+    #[error("BSP version {0}; only version 46 can be read")]
+    Version(i32),
+    /// A lump reaches beyond the file or holds a broken record.
+    #[error("lump {lump} reaches beyond the file or is cut off")]
+    Lump {
+        /// Which of the seventeen.
+        lump: usize,
+    },
+    /// A record refers to something that is not there.
+    #[error("a {what} refers to something that is not there")]
+    Index {
+        /// What kind of record.
+        what: &'static str,
+    },
+    /// A coordinate is not a number, infinite, or further out than anything real.
+    #[error("a vertex is not finite or beyond {} km", limits::EXTENT_MAX / 1000.0)]
+    Coordinate,
+    /// There is no world model.
+    #[error("there is no world model")]
+    NoWorld,
+    /// More than this reader takes.
+    #[error("too many {0}")]
+    TooMany(&'static str),
+}
+
+/// Reads a map, with textures from the archives in which the game keeps them; where several hold
+/// a file, the last one counts.
+pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, BspError> {
+    let io = |source| BspError::Io { path: path.to_owned(), source };
+    let bytes = limits::read_file(path).map_err(io)?;
+    read_slice(&bytes, pk3s, &limits::title_of(path))
+}
+
+/// Reads the bytes of a map.
+pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, BspError> {
+    let map = Map::parse(bytes)?;
+    let entities = entities::parse(&map.entities);
+    let mut model = Model {
+        title: limits::tidy_title(entities.title.as_deref().unwrap_or(title)),
+        surfaces: Vec::new(),
+        is_lit: true,
+        opaque: Vec::new(),
+        solids: Vec::new(),
+        spawns: entities.spawns.clone(),
+        places: entities.places.clone(),
+        body: Body::QUAKE,
+        speed_max: SPEED_MAX,
+        warnings: Vec::new(),
+        movers: Vec::new(),
+        rooms: Vec::new(),
+        nodes: Vec::new(),
+        origin: None,
+    };
+    let mut archives = Archives::open(pk3s)?;
+    let moving = movers::moving(&map, &entities, &mut model.warnings);
+    draw::surfaces(&map, &moving, &mut archives, &mut model)?;
+    let mut fleet = Fleet::default();
+    for Moving { name, faces, trajectory } in moving {
+        fleet.add(&name, &draw::apart(&map, faces, &mut archives)?, trajectory);
+    }
+    model.movers = fleet.finish(&mut model.warnings);
+    let mut origin = origin::origin(&map)?;
+    brushes(&map, &mut model, &mut origin)?;
+    model.origin = Some(origin);
+    Ok(model)
+}
+
+impl Shader {
+    fn is_drawn(&self) -> bool {
+        self.surface_flags & SURFACE_NOT_DRAWN == 0
+    }
+
+    fn is_opaque(&self) -> bool {
+        self.contents & CONTENTS_SOLID != 0 && self.contents & CONTENTS_TRANSLUCENT == 0
+    }
+}
+
+/// Adds the faces of the brushes that block sight, and the brushes themselves.
+fn brushes(map: &Map<'_>, model: &mut Model, origin: &mut Origin) -> Result<(), BspError> {
+    let mut left_out = 0;
+    for brush in map.world_brushes.iter().filter(|b| map.shaders[b.shader].is_opaque()) {
+        let Some(faces) = brush::faces(brush) else {
+            left_out += 1;
+            continue;
+        };
+        if !faces.is_empty() {
+            origin.solids.push(Solid {
+                bounds: origin::bounds(faces.iter().flat_map(|(_, winding)| winding).copied()),
+                sides: brush.sides.iter().map(|&side| side as u32).collect(),
+            });
+        }
+        let mut solid = Convex { faces: Vec::with_capacity(faces.len()) };
+        for (plane, winding) in &faces {
+            let corners: Vec<Vec3> = winding.iter().map(|&p| placed(p)).collect();
+            let fan = (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]);
+            model.opaque.extend(fan.filter(|&triangle| limits::has_area(triangle)));
+            let DVec3 { x, y, z } = plane.normal;
+            let (normal, distance) = (DVec3::new(x, z, -y), plane.distance * UNIT);
+            solid.faces.push(ConvexFace { normal, distance, corners });
+        }
+        if !solid.faces.is_empty() {
+            model.solids.push(solid);
+        }
+        if model.opaque.len() > draw::TRIANGLES_MAX {
+            return Err(BspError::TooMany("triangles"));
+        }
+    }
+    if left_out > 0 {
+        model.warnings.push(format!("{left_out} brushes without bounds left out"));
+    }
+    Ok(())
+}
+
+/// From Quake's units and axes to metres, y up. Equal coordinates stay equal, bit for bit.
+fn placed(point: DVec3) -> Vec3 {
+    // Adding to zero makes no negative zero.
+    (DVec3::ZERO + DVec3::new(point.x, point.z, -point.y) * UNIT).as_vec3()
+}
+
+#[cfg(test)]
+pub(super) mod tests;

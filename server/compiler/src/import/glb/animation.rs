@@ -1,0 +1,291 @@
+//! How nodes move: the translations, rotations and scales of a document's animations.
+
+use std::collections::HashMap;
+
+use glam::{DAffine3, DMat4, Quat, Vec3};
+use gltf::{
+    Accessor, Document, Node,
+    animation::{Interpolation, Property},
+    json::{self, validation::Checked},
+    scene::Transform,
+};
+use sightline_world::motion::trajectory::{
+    Course, JOINTS_MAX, Joint, KEYS_MAX, LENGTH_S_MAX, Track, Trajectory, Value,
+};
+
+use super::{GlbError, accessor, resources::Resources};
+
+/// All motions of a document, instances counted one by one, have no more keys: some 80 MB of them.
+const KEYS_OF_ALL_MAX: usize = 4 << 20;
+/// More would tell nothing new.
+const WARNINGS_MAX: usize = 1_000;
+/// A cubic piece between two keys becomes so many straight ones.
+const CUBIC_PIECES: usize = 16;
+
+/// What moves in a document, by the index of the node. Every animation plays from the beginning of
+/// the server's clock, again and again; of several that move one node the first counts.
+#[derive(Default)]
+pub(super) struct Animations {
+    nodes: HashMap<usize, Motion>,
+    /// Keys read or instanced so far.
+    keys: usize,
+}
+
+/// What an animation does to one node; the rest stays as the node has it.
+#[derive(Default)]
+struct Motion {
+    animation: usize,
+    /// Of the whole animation.
+    length_s: f32,
+    translation: Option<Track<Vec3>>,
+    rotation: Option<Track<Quat>>,
+    scale: Option<Track<Vec3>>,
+}
+
+/// What a node that moves, and all that hangs on it, hangs on.
+#[derive(Clone, Default)]
+pub(super) struct Chain {
+    joints: Vec<Joint>,
+    length_s: f32,
+    /// Joints whose lengths differ, or that make no sense.
+    faulty: bool,
+}
+
+/// What moves which property of which node. The `gltf` crate has one too, but does not check that
+/// all of it is there, and looks it up in linear time.
+struct Channel<'a> {
+    node: usize,
+    property: Option<Property>,
+    how: Option<Interpolation>,
+    input: &'a Accessor<'a>,
+    output: &'a Accessor<'a>,
+}
+
+impl<'a> Channel<'a> {
+    /// `None` when something that it refers to is not there.
+    fn find(
+        channel: &json::animation::Channel,
+        animation: &json::Animation,
+        accessors: &'a [Accessor<'a>],
+        document: &Document,
+    ) -> Option<Self> {
+        let sampler = animation.samplers.get(channel.sampler.value())?;
+        let node = channel.target.node.value();
+        let valid = node < document.as_json().nodes.len();
+        valid.then_some(Self {
+            node,
+            property: match channel.target.path {
+                Checked::Valid(property) => Some(property),
+                Checked::Invalid => None,
+            },
+            how: match sampler.interpolation {
+                Checked::Valid(how) => Some(how),
+                Checked::Invalid => None,
+            },
+            input: accessors.get(sampler.input.value())?,
+            output: accessors.get(sampler.output.value())?,
+        })
+    }
+}
+
+impl Animations {
+    /// Reads all of a document's animations.
+    pub fn read(
+        document: &Document,
+        resources: &Resources,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self, GlbError> {
+        let mut animations = Self::default();
+        let accessors: Vec<Accessor<'_>> = document.accessors().collect();
+        for (index, animation) in document.as_json().animations.iter().enumerate() {
+            let (mut faulty, mut twice, mut length_s) = (0, 0, 0.0f32);
+            for channel in &animation.channels {
+                let channel = Channel::find(channel, animation, &accessors, document)
+                    .ok_or(GlbError::Animation { index })?;
+                animations.count(CUBIC_PIECES * channel.input.count().min(KEYS_MAX))?;
+                let known = animations.nodes.get(&channel.node);
+                if known.is_some_and(|motion| motion.animation != index) {
+                    twice += 1;
+                    continue;
+                }
+                let motion = animations.nodes.entry(channel.node).or_default();
+                motion.animation = index;
+                match motion.add(&channel, resources)? {
+                    Some(end_s) => length_s = length_s.max(end_s),
+                    None => faulty += 1,
+                }
+            }
+            for node in animation.channels.iter().map(|channel| channel.target.node.value()) {
+                let motion = animations.nodes.get_mut(&node);
+                if let Some(motion) = motion.filter(|motion| motion.animation == index) {
+                    motion.length_s = length_s;
+                }
+            }
+            for (count, what) in [(faulty, "make no sense"), (twice, "move what moves already")] {
+                if count > 0 && warnings.len() < WARNINGS_MAX {
+                    let all = format!("animation {index}: {count} channels left out: they {what}");
+                    warnings.push(all);
+                }
+            }
+        }
+        Ok(animations)
+    }
+
+    fn count(&mut self, keys: usize) -> Result<(), GlbError> {
+        self.keys += keys;
+        if self.keys > KEYS_OF_ALL_MAX { Err(GlbError::TooMany("keys of motions")) } else { Ok(()) }
+    }
+
+    /// What a node hangs on, if it moves: the chain above, which its parent is placed in, and a joint
+    /// more.
+    pub fn chain(
+        &mut self,
+        node: &Node<'_>,
+        above: Option<&Chain>,
+        parent: &DMat4,
+    ) -> Result<Option<Chain>, GlbError> {
+        let Some(motion) = self.nodes.get(&node.index()) else { return Ok(None) };
+        let mut chain = above.cloned().unwrap_or_default();
+        let frame = DAffine3::from_mat4(*parent);
+        chain.faulty |= !chain.joints.is_empty() && chain.length_s != motion.length_s;
+        chain.faulty |= chain.joints.len() == JOINTS_MAX;
+        chain.length_s = chain.length_s.max(motion.length_s);
+        if chain.joints.len() < JOINTS_MAX {
+            chain.joints.push(motion.joint(&node.transform(), frame));
+        }
+        let keys = |joint: &Joint| {
+            joint.translation.keys.len() + joint.rotation.keys.len() + joint.scale.keys.len()
+        };
+        self.count(chain.joints.iter().map(keys).sum())?;
+        Ok(Some(chain))
+    }
+}
+
+impl Chain {
+    /// The motion; one that makes no sense is replaced by none. Tells whether that was so.
+    pub fn trajectory(&self) -> (Trajectory, bool) {
+        let course = if self.length_s > 0.0 { Course::Loop } else { Course::Once };
+        match Trajectory::new(self.joints.clone(), self.length_s, course) {
+            Ok(trajectory) => (trajectory, self.faulty),
+            Err(_) => (self.still(), true),
+        }
+    }
+
+    /// Where everything is at the beginning, for ever.
+    fn still(&self) -> Trajectory {
+        let place = self.joints.iter().fold(DAffine3::IDENTITY, |above, joint| {
+            let (turn, place) = (joint.rotation.keys[0].1, joint.translation.keys[0].1);
+            let scale = joint.scale.keys[0].1.as_dvec3();
+            let turn = turn.as_dquat().normalize();
+            above
+                * joint.frame
+                * DAffine3::from_scale_rotation_translation(scale, turn, place.as_dvec3())
+        });
+        let place = if place.is_finite() { place } else { DAffine3::IDENTITY };
+        let reach = place.to_cols_array().into_iter().fold(0.0f64, |most, v| most.max(v.abs()));
+        let place = if reach <= 1e6 { place } else { DAffine3::IDENTITY };
+        Trajectory::new(vec![Joint::still(place)], 0.0, Course::Once)
+            .expect("a joint that is finite and still makes sense")
+    }
+}
+
+impl Motion {
+    /// Takes in a channel; tells when it ends, unless it makes no sense.
+    fn add(
+        &mut self,
+        channel: &Channel<'_>,
+        resources: &Resources,
+    ) -> Result<Option<f32>, GlbError> {
+        let Channel { property, how, input, output, .. } = *channel;
+        let (Some(property), Some(how)) = (property, how) else { return Ok(None) };
+        if input.count() > KEYS_MAX || output.count() > 3 * KEYS_MAX {
+            return Ok(None);
+        }
+        let times = accessor::scalars(input, resources)?;
+        if property == Property::Rotation {
+            let values = accessor::vectors::<4>(output, resources, 4)?;
+            let turn = |value: [f32; 4]| Quat::from_array(value).normalize();
+            self.rotation = keys(&times, &values, how, turn);
+            return Ok(end_s(self.rotation.as_ref()));
+        }
+        let slot = match property {
+            Property::Translation => &mut self.translation,
+            Property::Scale => &mut self.scale,
+            _ => return Ok(None),
+        };
+        let values = accessor::vectors::<3>(output, resources, 3)?;
+        *slot = keys(&times, &values, how, Vec3::from_array);
+        Ok(end_s(slot.as_ref()))
+    }
+
+    fn joint(&self, rest: &Transform, frame: DAffine3) -> Joint {
+        let (translation, rotation, scale) = rest.clone().decomposed();
+        let rotation = Quat::from_array(rotation);
+        let rotation = if rotation.length() > 0.1 { rotation.normalize() } else { Quat::IDENTITY };
+        Joint {
+            frame,
+            translation: self
+                .translation
+                .clone()
+                .unwrap_or_else(|| Track::constant(Vec3::from(translation))),
+            rotation: self.rotation.clone().unwrap_or_else(|| Track::constant(rotation)),
+            scale: self.scale.clone().unwrap_or_else(|| Track::constant(Vec3::from(scale))),
+        }
+    }
+}
+
+fn end_s<V>(track: Option<&Track<V>>) -> Option<f32> {
+    track.and_then(|track| track.keys.last()).map(|&(at_s, _)| at_s)
+}
+
+/// The keys of a track; `None` when they make no sense.
+fn keys<const N: usize, V: Value>(
+    times: &[f32],
+    values: &[[f32; N]],
+    how: Interpolation,
+    value: impl Fn([f32; N]) -> V,
+) -> Option<Track<V>> {
+    let keys: Vec<(f32, V)> = match how {
+        Interpolation::CubicSpline => {
+            cubic(times, values).map(|(at_s, v)| (at_s, value(v))).collect()
+        }
+        _ => times.iter().zip(values).map(|(&at_s, &v)| (at_s, value(v))).collect(),
+    };
+    let ascend = keys.windows(2).all(|pair| pair[0].0 < pair[1].0);
+    let in_time = keys.iter().all(|(at_s, _)| (0.0..=LENGTH_S_MAX).contains(at_s));
+    let sane = keys.iter().all(|(_, value)| value.is_sane());
+    let track = Track { keys, steps: how == Interpolation::Step };
+    (!track.keys.is_empty() && ascend && in_time && sane).then_some(track)
+}
+
+/// Points on a cubic spline, of which each key has the tangent before it, the value, and the one
+/// after it. What stands for the curve is what both server and client take for the motion.
+fn cubic<'a, const N: usize>(
+    times: &'a [f32],
+    values: &'a [[f32; N]],
+) -> impl Iterator<Item = (f32, [f32; N])> + 'a {
+    let count = times.len().min(values.len() / 3);
+    (0..count).flat_map(move |i| {
+        let pieces = if i + 1 < count { CUBIC_PIECES } else { 1 };
+        (0..pieces).map(move |piece| {
+            let next = (i + 1).min(count - 1);
+            let share = piece as f32 / CUBIC_PIECES as f32;
+            let span_s = times[next] - times[i];
+            let [from, leaving] = [values[3 * i + 1], values[3 * i + 2]];
+            let [arriving, to] = [values[3 * next], values[3 * next + 1]];
+            let value = std::array::from_fn(|k| {
+                hermite(share, [from[k], leaving[k] * span_s, to[k], arriving[k] * span_s])
+            });
+            (times[i] + span_s * share, value)
+        })
+    })
+}
+
+/// The curve through two values with their slopes.
+fn hermite(t: f32, [from, leaving, to, arriving]: [f32; 4]) -> f32 {
+    let (t2, t3) = (t * t, t * t * t);
+    (2.0 * t3 - 3.0 * t2 + 1.0) * from
+        + (t3 - 2.0 * t2 + t) * leaving
+        + (3.0 * t2 - 2.0 * t3) * to
+        + (t3 - t2) * arriving
+}

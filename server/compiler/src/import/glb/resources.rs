@@ -1,0 +1,132 @@
+//! The bytes behind a document: buffers and images, inside the file or beside it.
+
+use std::{
+    borrow::Cow,
+    path::{Component, Path, PathBuf},
+    sync::Arc,
+};
+
+use gltf::{Document, buffer};
+use image::RgbImage;
+
+use super::GlbError;
+use crate::import::limits;
+
+/// What all textures of a model may take, decoded: 256 MB.
+const TEXTURE_BYTES_MAX: usize = 256 << 20;
+/// What all buffers of a model may take: 1 GiB.
+const BUFFER_BYTES_MAX: usize = 1 << 30;
+
+/// Buffers, and images by index as far as they are needed.
+pub(super) struct Resources {
+    buffers: Vec<Vec<u8>>,
+    folder: Option<PathBuf>,
+    images: Vec<Option<Option<Arc<RgbImage>>>>,
+    texture_bytes_left: usize,
+}
+
+impl Resources {
+    /// Loads every buffer of a document.
+    pub fn load(
+        document: &Document,
+        mut blob: Option<Vec<u8>>,
+        folder: Option<&Path>,
+    ) -> Result<Self, GlbError> {
+        let mut left = BUFFER_BYTES_MAX;
+        let mut buffers = Vec::new();
+        for buffer in document.buffers() {
+            let fault = |reason| GlbError::Buffer { index: buffer.index(), reason };
+            let bytes = match buffer.source() {
+                buffer::Source::Bin => blob.take().ok_or_else(|| fault("is missing".into()))?,
+                buffer::Source::Uri(uri) => fetch(uri, folder).map_err(fault)?,
+            };
+            if bytes.len() < buffer.length() {
+                let (has, says) = (bytes.len(), buffer.length());
+                return Err(fault(format!("has {has} bytes where {says} were promised")));
+            }
+            left = left.checked_sub(bytes.len()).ok_or(GlbError::TooMany("bytes in buffers"))?;
+            buffers.push(bytes);
+        }
+        Ok(Self {
+            buffers,
+            folder: folder.map(Path::to_owned),
+            images: vec![None; document.images().len()],
+            texture_bytes_left: TEXTURE_BYTES_MAX,
+        })
+    }
+
+    /// The bytes of a view; `None` when it reaches beyond its buffer.
+    pub fn view(&self, view: &buffer::View<'_>) -> Option<&[u8]> {
+        let end = view.offset().checked_add(view.length())?;
+        self.buffers.get(view.buffer().index())?.get(view.offset()..end)
+    }
+
+    /// An image, decoded once. One that cannot be had becomes `None`, with a warning.
+    pub fn image(
+        &mut self,
+        document: &Document,
+        index: usize,
+        warnings: &mut Vec<String>,
+    ) -> Option<Arc<RgbImage>> {
+        if let Some(Some(known)) = self.images.get(index) {
+            return known.clone();
+        }
+        let loaded = self.load_image(document, index).map(Arc::new);
+        if let Err(reason) = &loaded {
+            warnings.push(format!("image {index} left out: {reason}"));
+        }
+        let loaded = loaded.ok();
+        if let Some(slot) = self.images.get_mut(index) {
+            *slot = Some(loaded.clone());
+        }
+        loaded
+    }
+
+    fn load_image(&mut self, document: &Document, index: usize) -> Result<RgbImage, String> {
+        // The crate's own view of an image takes for granted that it has a source.
+        let source = document.as_json().images.get(index).ok_or("it is not there")?;
+        let view = source.buffer_view.and_then(|view| document.views().nth(view.value()));
+        let bytes = match (&source.uri, view) {
+            (Some(uri), _) => Cow::Owned(fetch(uri, self.folder.as_deref())?),
+            (None, Some(view)) => {
+                Cow::Borrowed(self.view(&view).ok_or("it reaches beyond its buffer")?)
+            }
+            (None, None) => return Err("it has no source".into()),
+        };
+        let picture = limits::decode_image(&bytes, None, self.texture_bytes_left)?;
+        self.texture_bytes_left -= picture.as_raw().len().min(self.texture_bytes_left);
+        Ok(picture)
+    }
+}
+
+/// What a URI names: data within it, or a file in the folder or below it.
+fn fetch(uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, String> {
+    if uri.starts_with("data:") {
+        // The crate decodes this form without touching files.
+        let data = buffer::Data::from_source(buffer::Source::Uri(uri), None);
+        return data.map(|data| data.0).map_err(|error| format!("bad data URI: {error}"));
+    }
+    let name = percent_decoded(uri).ok_or("its URI is not text")?;
+    let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+    let path = Path::new(&name);
+    if name.contains("://") || name.contains('\\') || !path.components().all(inside) {
+        return Err(format!("{uri:.200} is outside the model's folder"));
+    }
+    let folder = folder.ok_or("there is no folder to look in")?;
+    limits::read_file(&folder.join(path)).map_err(|error| format!("{uri:.200}: {error}"))
+}
+
+fn percent_decoded(uri: &str) -> Option<String> {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let Some((&first, tail)) = rest.split_first() {
+        rest = tail;
+        let hex = (first == b'%').then(|| tail.get(..2)).flatten();
+        let byte = hex.and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
+        if byte.is_some() {
+            rest = &tail[2..];
+        }
+        bytes.push(byte.unwrap_or(first));
+    }
+    String::from_utf8(bytes).ok()
+}

@@ -1,0 +1,416 @@
+//! Nodes, meshes and materials: from a document to a model.
+
+use std::time::Duration;
+
+use glam::{DMat4, DVec3, Mat4, Vec2, Vec3};
+use gltf::{
+    Document, Node, Primitive, Semantic,
+    material::{AlphaMode, Material as GltfMaterial},
+    mesh::Mode,
+};
+use sightline_world::{Spawn, geometry::Aabb, motion::Body};
+
+use super::{
+    DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX, accessor,
+    animation::{Animations, Chain},
+    resources::Resources,
+};
+use crate::{
+    import::{
+        limits::{self, SPAWNS_MAX},
+        movers::Fleet,
+    },
+    model::{Material, Model, Surface},
+    rooms,
+};
+
+const SPEED_MAX: f32 = 4.0;
+/// A spawn point is where feet stand.
+const EYE_HEIGHT: f64 = Body::PERSON.below_eye as f64;
+
+/// Walks the scene and fills the model.
+pub(super) struct Reader<'a> {
+    document: &'a Document,
+    resources: Resources,
+    model: Model,
+    vertices: usize,
+    triangles: usize,
+    animations: Animations,
+    /// What moves.
+    hangers: Vec<Hanger>,
+    /// For each of the model's nodes, the one that it hangs on.
+    above: Vec<Option<usize>>,
+}
+
+/// A node that moves, and what hangs on it and not on another below.
+struct Hanger {
+    name: String,
+    chain: Chain,
+    /// As it has them.
+    surfaces: Vec<Surface>,
+}
+
+/// A node to visit.
+#[derive(Clone)]
+struct Visit<'a> {
+    node: Node<'a>,
+    /// Where its parent is: in the world, or on a hanger.
+    parent: DMat4,
+    depth: usize,
+    hanger: Option<usize>,
+    /// Index into the model's nodes of the nearest one with a name that it hangs on.
+    within: Option<usize>,
+}
+
+impl<'a> Reader<'a> {
+    pub fn new(document: &'a Document, resources: Resources, title: &str) -> Self {
+        let model = Model {
+            title: limits::tidy_title(title),
+            surfaces: Vec::new(),
+            is_lit: false,
+            opaque: Vec::new(),
+            solids: Vec::new(),
+            spawns: Vec::new(),
+            places: Vec::new(),
+            body: Body::PERSON,
+            speed_max: SPEED_MAX,
+            movers: Vec::new(),
+            rooms: Vec::new(),
+            nodes: Vec::new(),
+            origin: None,
+            warnings: Vec::new(),
+        };
+        Self {
+            document,
+            resources,
+            model,
+            vertices: 0,
+            triangles: 0,
+            animations: Animations::default(),
+            hangers: Vec::new(),
+            above: Vec::new(),
+        }
+    }
+
+    /// Reads the default scene, or all of them when none is.
+    pub fn read(mut self) -> Result<Model, GlbError> {
+        let scenes: Vec<_> = match self.document.default_scene() {
+            Some(scene) => vec![scene],
+            None => self.document.scenes().collect(),
+        };
+        if let [scene] = &scenes[..]
+            && let Some(name) = scene.name().filter(|name| !matches!(*name, "" | "Scene"))
+        {
+            self.model.title = limits::tidy_title(name);
+        }
+        self.animations =
+            Animations::read(self.document, &self.resources, &mut self.model.warnings)?;
+        let visit =
+            |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, hanger: None, within: None };
+        let mut stack: Vec<Visit<'a>> =
+            scenes.iter().flat_map(|scene| scene.nodes()).map(visit).collect();
+        stack.reverse();
+        let mut visited = 0;
+        while let Some(visit) = stack.pop() {
+            visited += 1;
+            if visited > NODES_MAX || stack.len() > NODES_MAX {
+                return Err(GlbError::TooMany("nodes"));
+            }
+            if visit.depth > DEPTH_MAX {
+                return Err(GlbError::Depth);
+            }
+            self.visit(&visit, &mut stack)?;
+        }
+        self.launch();
+        self.model.nodes.retain(|(_, bounds)| !bounds.is_empty());
+        rooms::nodes::in_order(&mut self.model.rooms);
+        Ok(self.model)
+    }
+
+    fn visit(&mut self, visit: &Visit<'a>, stack: &mut Vec<Visit<'a>>) -> Result<(), GlbError> {
+        let Visit { node, parent, depth, mut hanger, mut within } = visit.clone();
+        let above = hanger.and_then(|index| self.hangers.get(index)).map(|above| &above.chain);
+        let mut place = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
+        if let Some(chain) = self.animations.chain(&node, above, &parent)? {
+            let name = node.name().map_or_else(|| format!("node {}", node.index()), str::to_owned);
+            hanger = Some(self.hangers.len());
+            self.hangers.push(Hanger { name, chain, surfaces: Vec::new() });
+            place = DMat4::IDENTITY;
+        }
+        if let Some(role) = node.name().and_then(rooms::nodes::role) {
+            self.room(&node, &role, &tidied(place), hanger)?;
+        } else {
+            if let Some(name) = node.name().filter(|_| hanger.is_none()) {
+                self.model.nodes.push((name.to_owned(), Aabb::EMPTY));
+                self.above.push(within);
+                within = Some(self.above.len() - 1);
+            }
+            self.node(&node, &tidied(place), hanger, within)?;
+        }
+        let child = |node| Visit { node, parent: place, depth: depth + 1, hanger, within };
+        stack.extend(node.children().map(child));
+        Ok(())
+    }
+
+    /// Makes movers of all that hangs somewhere.
+    fn launch(&mut self) {
+        let mut fleet = Fleet::default();
+        for Hanger { name, chain, surfaces } in self.hangers.drain(..) {
+            let (trajectory, faulty) = chain.trajectory();
+            if faulty && !surfaces.is_empty() {
+                let what = "moves as several animations say, too deeply, or nowhere";
+                self.model.warnings.push(format!("{}: {what}", limits::tidy_title(&name)));
+            }
+            fleet.add(&name, &surfaces, trajectory);
+        }
+        self.model.movers = fleet.finish(&mut self.model.warnings);
+    }
+
+    fn node(
+        &mut self,
+        node: &Node<'a>,
+        place: &DMat4,
+        hanger: Option<usize>,
+        within: Option<usize>,
+    ) -> Result<(), GlbError> {
+        if node.extension_value("OMI_spawn_point").is_some() {
+            let above = hanger.and_then(|index| self.hangers.get(index));
+            let start = above.map(|above| above.chain.trajectory().0.at(Duration::ZERO));
+            self.spawn(&start.map_or(*place, |start| DMat4::from(start) * *place));
+        }
+        let Some(mesh) = node.mesh() else { return Ok(()) };
+        for primitive in mesh.primitives() {
+            let Some(surface) = self.primitive(mesh.index(), &primitive, place)? else { continue };
+            if let Some(hanger) = hanger.and_then(|index| self.hangers.get_mut(index)) {
+                hanger.surfaces.push(surface);
+                continue;
+            }
+            if !surface.material.glass {
+                self.model.opaque.extend(surface.corners());
+            }
+            let bounds = Aabb::from_points(surface.corners().flatten());
+            let mut at = within;
+            while let Some(around) = at {
+                let (_, known) = &mut self.model.nodes[around];
+                *known = known.union(&bounds);
+                at = self.above[around];
+            }
+            self.model.surfaces.push(surface);
+        }
+        Ok(())
+    }
+
+    /// A node that stands for a part of a room, or for a window.
+    fn room(
+        &mut self,
+        node: &Node<'a>,
+        role: &rooms::nodes::Role<'_>,
+        place: &DMat4,
+        hanger: Option<usize>,
+    ) -> Result<(), GlbError> {
+        let name = node.name().unwrap_or_default();
+        if hanger.is_some() {
+            self.model.warnings.push(format!("{name}: rooms do not move; left out"));
+            return Ok(());
+        }
+        let mut corners = Vec::new();
+        for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
+            let index = node.mesh().map_or(0, |mesh| mesh.index());
+            if let Some(surface) = self.primitive(index, &primitive, place)? {
+                corners.extend(surface.corners().flatten());
+            }
+        }
+        let extras = node.extras().as_ref().map(|extras| extras.get());
+        let added = rooms::nodes::add(&mut self.model.rooms, name, role, &corners, extras);
+        Ok(added?)
+    }
+
+    fn spawn(&mut self, to_world: &DMat4) {
+        let feet = to_world.transform_point3(DVec3::ZERO);
+        let forward = to_world.transform_vector3(DVec3::NEG_Z);
+        let eye = (feet + DVec3::Y * EYE_HEIGHT).as_vec3();
+        if self.model.spawns.len() >= SPAWNS_MAX || !limits::is_sane(eye) {
+            self.model.warnings.push("a spawn point left out".into());
+            return;
+        }
+        let yaw = (-forward.x).atan2(-forward.z) as f32;
+        self.model.spawns.push(Spawn { eye, yaw: if yaw.is_finite() { yaw } else { 0.0 } });
+    }
+
+    /// What a primitive shows, if it shows triangles.
+    fn primitive(
+        &mut self,
+        mesh: usize,
+        primitive: &Primitive<'a>,
+        to_world: &DMat4,
+    ) -> Result<Option<Surface>, GlbError> {
+        let mode = primitive.mode();
+        if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
+            let warning = format!("mesh {mesh}: {mode:?} left out, not triangles");
+            self.model.warnings.push(warning);
+            return Ok(None);
+        }
+        let Some(positions) = primitive.get(&Semantic::Positions) else {
+            self.model.warnings.push(format!("mesh {mesh}: a primitive without positions"));
+            return Ok(None);
+        };
+        self.vertices += positions.count();
+        if self.vertices > VERTICES_MAX {
+            return Err(GlbError::TooMany("vertices"));
+        }
+        let local = accessor::vectors::<3>(&positions, &self.resources, 3)?;
+        let positions = placed(mesh, &local, to_world)?;
+        let triangles = self.triangles(mesh, primitive, mode, &positions)?;
+        if triangles.is_empty() {
+            return Ok(None);
+        }
+        let (material, uvs) = self.material(primitive, positions.len())?;
+        let colours = self.colours(primitive, positions.len())?;
+        Ok(Some(Surface { positions, uvs, colours, triangles, material }))
+    }
+
+    /// Triples of indices within the positions, those without area left out.
+    fn triangles(
+        &mut self,
+        mesh: usize,
+        primitive: &Primitive<'a>,
+        mode: Mode,
+        positions: &[Vec3],
+    ) -> Result<Vec<[u32; 3]>, GlbError> {
+        let vertices = positions.len();
+        let indices = match primitive.indices() {
+            Some(accessor) => accessor::indices(&accessor, &self.resources)?,
+            None => (0..vertices as u32).collect(),
+        };
+        if let Some(&index) = indices.iter().find(|&&i| i as usize >= vertices) {
+            return Err(GlbError::Index { mesh, index, vertices });
+        }
+        let triples: Vec<[u32; 3]> = match mode {
+            Mode::TriangleStrip => {
+                let flip = |(i, w): (usize, &[u32])| [w[i % 2], w[1 - i % 2], w[2]];
+                indices.windows(3).enumerate().map(flip).collect()
+            }
+            Mode::TriangleFan => match indices.split_first() {
+                Some((&first, rest)) => rest.windows(2).map(|w| [first, w[0], w[1]]).collect(),
+                None => Vec::new(),
+            },
+            _ => indices.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
+        };
+        self.triangles += triples.len();
+        if self.triangles > TRIANGLES_MAX {
+            return Err(GlbError::TooMany("triangles"));
+        }
+        let has_area = |t: &[u32; 3]| limits::has_area(t.map(|i| positions[i as usize]));
+        Ok(triples.into_iter().filter(has_area).collect())
+    }
+
+    /// How a primitive looks, and its texture coordinates if it has a texture.
+    fn material(
+        &mut self,
+        primitive: &Primitive<'a>,
+        vertices: usize,
+    ) -> Result<(Material, Vec<Vec2>), GlbError> {
+        let source = primitive.material();
+        let looks = source.pbr_metallic_roughness();
+        let [r, g, b, alpha] = looks.base_color_factor();
+        let glass = source.alpha_mode() != AlphaMode::Opaque || alpha < 1.0;
+        let mut material =
+            Material { colour: [r, g, b].map(limits::srgb_byte), texture: None, glass };
+        let Some(mapping) = Mapping::of(&source) else { return Ok((material, Vec::new())) };
+        let Some(accessor) = primitive.get(&Semantic::TexCoords(mapping.set)) else {
+            return Ok((material, Vec::new()));
+        };
+        let image = mapping.texture.source().index();
+        let warnings = &mut self.model.warnings;
+        material.texture = self.resources.image(self.document, image, warnings);
+        if material.texture.is_none() {
+            return Ok((material, Vec::new()));
+        }
+        let mut uvs: Vec<Vec2> = accessor::vectors::<2>(&accessor, &self.resources, 2)?
+            .into_iter()
+            .map(|uv| mapping.apply(Vec2::from(uv)))
+            .collect();
+        uvs.resize(vertices, Vec2::ZERO);
+        Ok((material, uvs))
+    }
+
+    fn colours(
+        &self,
+        primitive: &Primitive<'a>,
+        vertices: usize,
+    ) -> Result<Vec<[u8; 3]>, GlbError> {
+        let Some(accessor) = primitive.get(&Semantic::Colors(0)) else { return Ok(Vec::new()) };
+        let linear = accessor::vectors::<3>(&accessor, &self.resources, 3)?;
+        let mut colours: Vec<[u8; 3]> =
+            linear.into_iter().map(|colour| colour.map(limits::srgb_byte)).collect();
+        colours.resize(vertices, [255; 3]);
+        Ok(colours)
+    }
+}
+
+/// How the base-colour texture lies on the surface, `KHR_texture_transform` included.
+struct Mapping<'a> {
+    texture: gltf::Texture<'a>,
+    set: u32,
+    offset: Vec2,
+    rotation: f32,
+    scale: Vec2,
+}
+
+impl<'a> Mapping<'a> {
+    fn of(material: &GltfMaterial<'a>) -> Option<Self> {
+        let info = material.pbr_metallic_roughness().base_color_texture()?;
+        let (texture, set) = (info.texture(), info.tex_coord());
+        let mut mapping =
+            Self { texture, set, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE };
+        let Some(transform) = info.extension_value("KHR_texture_transform") else {
+            return Some(mapping);
+        };
+        let pair = |name: &str, otherwise: Vec2| {
+            let number = |i: usize| Some(transform.get(name)?.get(i)?.as_f64()? as f32);
+            Vec2::new(number(0).unwrap_or(otherwise.x), number(1).unwrap_or(otherwise.y))
+        };
+        mapping.offset = pair("offset", Vec2::ZERO);
+        mapping.scale = pair("scale", Vec2::ONE);
+        mapping.rotation = transform.get("rotation").and_then(|v| v.as_f64()).unwrap_or(0.0) as f32;
+        if let Some(set) = transform.get("texCoord").and_then(|v| v.as_u64()) {
+            mapping.set = u32::try_from(set).unwrap_or(u32::MAX);
+        }
+        Some(mapping)
+    }
+
+    fn apply(&self, uv: Vec2) -> Vec2 {
+        // In texture space, with v downwards, the extension turns the other way round.
+        let turned = Vec2::from_angle(-self.rotation).rotate(uv * self.scale) + self.offset;
+        if turned.is_finite() { turned } else { Vec2::ZERO }
+    }
+}
+
+/// Makes what is a quarter turn but for rounding exactly one, so that axial faces stay axial.
+fn tidied(mut transform: DMat4) -> DMat4 {
+    const TOLERANCE: f64 = 1e-6;
+    for column in [&mut transform.x_axis, &mut transform.y_axis, &mut transform.z_axis] {
+        let length = column.truncate().length();
+        for axis in 0..3 {
+            if column[axis].abs() < TOLERANCE * length {
+                column[axis] = 0.0;
+            } else if (column[axis].abs() - 1.0).abs() < TOLERANCE {
+                column[axis] = column[axis].signum();
+            }
+        }
+    }
+    transform
+}
+
+/// Positions in the world.
+fn placed(mesh: usize, local: &[[f32; 3]], to_world: &DMat4) -> Result<Vec<Vec3>, GlbError> {
+    let place = |(vertex, &position): (usize, &[f32; 3])| {
+        let placed = to_world.transform_point3(Vec3::from(position).as_dvec3()).as_vec3();
+        if limits::is_sane(placed) {
+            Ok(placed)
+        } else {
+            Err(GlbError::Coordinate { mesh, vertex })
+        }
+    };
+    local.iter().enumerate().map(place).collect()
+}

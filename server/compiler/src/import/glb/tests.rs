@@ -1,0 +1,330 @@
+mod movers;
+
+use std::f32::consts::FRAC_PI_2;
+
+use glam::Vec3;
+use serde_json::{Value, json};
+
+use super::*;
+
+/// A document under construction: accessors on one buffer, one mesh, nodes as a test wants them.
+pub(crate) struct Draft {
+    pub root: Value,
+    bin: Vec<u8>,
+}
+
+impl Draft {
+    /// One scene with one node that shows mesh 0, which has no primitive yet.
+    pub fn new() -> Self {
+        let root = json!({
+            "asset": { "version": "2.0" },
+            "scene": 0,
+            "scenes": [{ "nodes": [0] }],
+            "nodes": [{ "mesh": 0 }],
+            "meshes": [{ "primitives": [] }],
+            "materials": [],
+            "accessors": [],
+            "bufferViews": [],
+            "buffers": [{ "byteLength": 0 }],
+        });
+        Self { root, bin: Vec::new() }
+    }
+
+    /// Two triangles that make a square of 1 m in the plane z = 0.
+    pub fn square() -> Self {
+        let mut draft = Self::new();
+        let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0];
+        let positions = draft.floats("VEC3", &corners);
+        let indices = draft.accessor(5123, "SCALAR", 6, &[0, 0, 1, 0, 2, 0, 0, 0, 2, 0, 3, 0]);
+        draft.primitive(json!({ "attributes": { "POSITION": positions }, "indices": indices }));
+        draft
+    }
+
+    fn list(&mut self, name: &str, item: Value) -> usize {
+        let list = self.root[name].as_array_mut().unwrap();
+        list.push(item);
+        list.len() - 1
+    }
+
+    fn primitive(&mut self, primitive: Value) {
+        self.root["meshes"][0]["primitives"].as_array_mut().unwrap().push(primitive);
+    }
+
+    fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
+        let components = if kind == "VEC3" { 3 } else { 2 };
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        self.accessor(5126, kind, values.len() / components, &bytes)
+    }
+
+    fn view(&mut self, bytes: &[u8]) -> usize {
+        let offset = self.bin.len();
+        self.bin.extend_from_slice(bytes);
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        self.root["buffers"][0]["byteLength"] = json!(self.bin.len());
+        let view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() });
+        self.list("bufferViews", view)
+    }
+
+    fn accessor(&mut self, component: u32, kind: &str, count: usize, bytes: &[u8]) -> usize {
+        let view = self.view(bytes);
+        self.list(
+            "accessors",
+            json!({
+                "bufferView": view, "componentType": component, "type": kind, "count": count,
+                "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0],
+            }),
+        )
+    }
+
+    pub fn bytes(&self) -> Vec<u8> {
+        let header = gltf::binary::Header { magic: *b"glTF", version: 2, length: 0 };
+        let json = self.root.to_string().into_bytes().into();
+        gltf::binary::Glb { header, json, bin: Some(self.bin.as_slice().into()) }.to_vec().unwrap()
+    }
+
+    fn read(&self) -> Result<Model, GlbError> {
+        read_slice(&self.bytes(), None, "draft")
+    }
+
+    fn model(&self) -> Model {
+        self.read().unwrap()
+    }
+
+    fn error(&self) -> String {
+        self.read().expect_err("read without an error").to_string()
+    }
+}
+
+#[test]
+fn a_square_is_two_opaque_triangles() {
+    let model = Draft::square().model();
+    assert_eq!(model.title, "draft");
+    assert_eq!(model.opaque.len(), 2);
+    assert_eq!(model.surfaces[0].triangles, [[0, 1, 2], [0, 2, 3]]);
+    assert_eq!(model.surfaces[0].material.colour, [255; 3]);
+    assert!(model.warnings.is_empty() && model.solids.is_empty());
+}
+
+#[test]
+fn transforms_of_all_ancestors_apply_and_quarter_turns_stay_exact() {
+    let mut draft = Draft::square();
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    draft.root["nodes"] = json!([
+        { "children": [1], "translation": [10.0, 0.0, 0.0] },
+        { "mesh": 0, "rotation": [0.0, half, 0.0, half], "scale": [2.0, 3.0, 1.0] },
+    ]);
+    let model = draft.model();
+    // A quarter turn to the left takes +x to -z.
+    let expected = [
+        Vec3::new(10.0, 0.0, 0.0),
+        Vec3::new(10.0, 0.0, -2.0),
+        Vec3::new(10.0, 3.0, -2.0),
+        Vec3::new(10.0, 3.0, 0.0),
+    ];
+    for (position, expected) in model.surfaces[0].positions.iter().zip(expected) {
+        assert_eq!(position.x, 10.0);
+        assert!((*position - expected).length() < 1e-5, "{position} {expected}");
+    }
+}
+
+#[test]
+fn indices_of_every_width_and_none_give_the_same_triangles() {
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0];
+    let bytes = |width: usize| -> Vec<u8> {
+        (0..3u32).flat_map(|i| i.to_le_bytes()[..width].to_vec()).collect()
+    };
+    for component in [None, Some((5121, 1)), Some((5123, 2)), Some((5125, 4))] {
+        let mut draft = Draft::new();
+        let positions = draft.floats("VEC3", &corners);
+        let mut primitive = json!({ "attributes": { "POSITION": positions } });
+        if let Some((component, width)) = component {
+            primitive["indices"] = json!(draft.accessor(component, "SCALAR", 3, &bytes(width)));
+        }
+        draft.primitive(primitive);
+        assert_eq!(draft.model().surfaces[0].triangles, [[0, 1, 2]], "{component:?}");
+    }
+}
+
+#[test]
+fn strips_and_fans_become_triangles_and_lines_are_left_out_with_a_warning() {
+    for (mode, expected) in [
+        (5, vec![[0, 1, 2], [2, 1, 3]]),
+        (6, vec![[0, 1, 2], [0, 2, 3]]),
+        (0, vec![]),
+        (1, vec![]),
+        (3, vec![]),
+    ] {
+        let mut draft = Draft::new();
+        let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0];
+        let positions = draft.floats("VEC3", &corners);
+        draft.primitive(json!({ "attributes": { "POSITION": positions }, "mode": mode }));
+        let model = draft.model();
+        let triangles: Vec<[u32; 3]> =
+            model.surfaces.iter().flat_map(|s| s.triangles.clone()).collect();
+        let sorted = |mut t: [u32; 3]| {
+            t.sort_unstable();
+            t
+        };
+        let sets = |t: &[[u32; 3]]| t.iter().copied().map(sorted).collect::<Vec<_>>();
+        assert_eq!(sets(&triangles), sets(&expected), "mode {mode}");
+        assert_eq!(model.warnings.len(), usize::from(expected.is_empty()), "mode {mode}");
+    }
+}
+
+#[test]
+fn a_strip_keeps_its_winding() {
+    let mut draft = Draft::new();
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
+    let positions = draft.floats("VEC3", &corners);
+    draft.primitive(json!({ "attributes": { "POSITION": positions }, "mode": 5 }));
+    for [a, b, c] in draft.model().opaque {
+        assert!((b - a).cross(c - a).z > 0.0);
+    }
+}
+
+#[test]
+fn what_blocks_sight_follows_the_material() {
+    let looks = |alpha: f32| json!({ "baseColorFactor": [1.0, 0.5, 0.0, alpha] });
+    for (material, opaque) in [
+        (json!({ "pbrMetallicRoughness": looks(1.0) }), true),
+        (json!({ "pbrMetallicRoughness": looks(0.5) }), false),
+        (json!({ "pbrMetallicRoughness": looks(1.0), "alphaMode": "BLEND" }), false),
+        (json!({ "pbrMetallicRoughness": looks(1.0), "alphaMode": "MASK" }), false),
+    ] {
+        let mut draft = Draft::square();
+        draft.root["materials"] = json!([material]);
+        draft.root["meshes"][0]["primitives"][0]["material"] = json!(0);
+        let model = draft.model();
+        assert_eq!(model.opaque.len(), if opaque { 2 } else { 0 }, "{material}");
+        assert_eq!(model.surfaces[0].material.glass, !opaque, "{material}");
+        // A linear half is 188 in sRGB.
+        assert_eq!(model.surfaces[0].material.colour, [255, 188, 0]);
+    }
+}
+
+#[test]
+fn textures_and_vertex_colours_come_along() {
+    let mut picture = Vec::new();
+    let pixels = image::RgbImage::from_pixel(2, 2, image::Rgb([10, 20, 30]));
+    pixels.write_to(&mut std::io::Cursor::new(&mut picture), image::ImageFormat::Png).unwrap();
+    let mut draft = Draft::square();
+    let view = draft.view(&picture);
+    let uvs = draft.floats("VEC2", &[0.0, 0.0, 4.0, 0.0, 4.0, 4.0, 0.0, 4.0]);
+    let colours = draft.accessor(5121, "VEC4", 4, &[255; 16]);
+    draft.root["accessors"][colours]["normalized"] = json!(true);
+    draft.root["images"] = json!([{ "bufferView": view, "mimeType": "image/png" }]);
+    draft.root["textures"] = json!([{ "source": 0 }]);
+    let texture = json!({ "index": 0, "texCoord": 1, "extensions": {
+        "KHR_texture_transform": { "scale": [0.5, 1.0], "offset": [0.25, 0.0] },
+    } });
+    draft.root["materials"] = json!([{ "pbrMetallicRoughness": { "baseColorTexture": texture } }]);
+    let primitive = &mut draft.root["meshes"][0]["primitives"][0];
+    primitive["material"] = json!(0);
+    primitive["attributes"]["TEXCOORD_0"] = json!(uvs);
+    primitive["attributes"]["TEXCOORD_1"] = json!(uvs);
+    primitive["attributes"]["COLOR_0"] = json!(colours);
+    let model = draft.model();
+    let surface = &model.surfaces[0];
+    assert_eq!(surface.material.texture.as_deref(), Some(&pixels));
+    assert_eq!(surface.uvs[2].to_array(), [2.25, 4.0]);
+    assert_eq!(surface.colours, [[255; 3]; 4]);
+
+    for image in [json!({ "uri": "missing.png" }), json!({}), json!({ "bufferView": 0 })] {
+        draft.root["images"][0] = image;
+        let model = draft.model();
+        assert!(model.surfaces[0].material.texture.is_none());
+        assert_eq!(model.warnings.len(), 1, "{:?}", model.warnings);
+    }
+}
+
+#[test]
+fn a_spawn_point_is_where_feet_stand() {
+    let mut draft = Draft::square();
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    draft.root["extensionsUsed"] = json!(["OMI_spawn_point"]);
+    draft.root["scenes"] = json!([{ "nodes": [0, 1], "name": "Town hall" }]);
+    draft.list(
+        "nodes",
+        json!({
+            "translation": [1.0, 2.0, 3.0], "rotation": [0.0, half, 0.0, half],
+            "extensions": { "OMI_spawn_point": { "title": "gate" } },
+        }),
+    );
+    let model = draft.model();
+    assert_eq!(model.title, "Town hall");
+    assert_eq!(model.spawns.len(), 1);
+    assert!((model.spawns[0].eye - Vec3::new(1.0, 3.6, 3.0)).length() < 1e-6);
+    assert!((model.spawns[0].yaw - FRAC_PI_2).abs() < 1e-6, "{:?}", model.spawns);
+}
+
+#[test]
+fn triangles_without_area_are_dropped() {
+    let mut draft = Draft::new();
+    let positions = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
+    draft.primitive(json!({ "attributes": { "POSITION": positions } }));
+    let model = draft.model();
+    assert!(model.opaque.is_empty() && model.surfaces.is_empty());
+}
+
+#[test]
+fn hostile_documents_are_refused_with_a_reason() {
+    let check = |edit: &dyn Fn(&mut Value), expected: &str| {
+        let mut draft = Draft::square();
+        edit(&mut draft.root);
+        let error = draft.error();
+        assert!(error.contains(expected), "{error:?} does not contain {expected:?}");
+    };
+    check(&|root| root["accessors"][0]["count"] = json!(5), "beyond its bytes");
+    check(&|root| root["accessors"][0]["count"] = json!(u32::MAX), "too many");
+    check(&|root| root["accessors"][1]["count"] = json!(u64::MAX / 2), "too many");
+    check(&|root| root["accessors"][0]["byteOffset"] = json!(u64::MAX), "beyond its bytes");
+    check(&|root| root["bufferViews"][0]["byteOffset"] = json!(u64::MAX), "beyond its bytes");
+    check(&|root| root["bufferViews"][0]["byteLength"] = json!(1u64 << 40), "beyond its bytes");
+    check(&|root| root["accessors"][0]["type"] = json!("VEC2"), "too few components");
+    check(&|root| root["accessors"][1]["componentType"] = json!(5126), "not made of indices");
+    check(&|root| root["buffers"][0]["byteLength"] = json!(1 << 30), "bytes where");
+    check(&|root| root["nodes"][0]["scale"] = json!([1e30, 1.0, 1.0]), "not finite or beyond");
+    check(&|root| root["nodes"][0]["children"] = json!([0]), "nest deeper");
+    check(&|root| root["nodes"][0]["children"] = json!([0, 0, 0]), "nest deeper");
+    let attributes = json!({ "POSITION": 99 });
+    check(
+        &|root| root["meshes"][0]["primitives"][0]["attributes"] = attributes.clone(),
+        "accessor 99: is not there",
+    );
+    check(&|root| root["nodes"][0]["mesh"] = json!(7), "not valid glTF");
+    check(&|root| root["asset"]["version"] = json!(7), "not valid glTF");
+}
+
+#[test]
+fn indices_beyond_the_vertices_are_refused() {
+    let mut draft = Draft::new();
+    let positions = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0]);
+    let indices = draft.accessor(5121, "SCALAR", 3, &[0, 1, 3]);
+    draft.primitive(json!({ "attributes": { "POSITION": positions }, "indices": indices }));
+    assert_eq!(draft.error(), "mesh 0: index 3 is beyond its 3 vertices");
+}
+
+#[test]
+fn files_beside_the_model_are_read_and_those_elsewhere_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut draft = Draft::square();
+    std::fs::create_dir(folder.path().join("models")).unwrap();
+    std::fs::write(folder.path().join("models/my data.bin"), &draft.bin).unwrap();
+    std::fs::write(folder.path().join("data.bin"), &draft.bin).unwrap();
+    let path = folder.path().join("models/square.gltf");
+    let mut read_with = |uri: &str| {
+        draft.root["buffers"][0]["uri"] = json!(uri);
+        std::fs::write(&path, draft.root.to_string()).unwrap();
+        read(&path)
+    };
+    assert_eq!(read_with("my%20data.bin").unwrap().opaque.len(), 2);
+    let absolute = folder.path().join("data.bin").display().to_string();
+    for uri in ["../data.bin", "models/../../data.bin", "..%2Fdata.bin", &absolute] {
+        let error = read_with(uri).unwrap_err().to_string();
+        assert!(error.contains("outside the model's folder"), "{uri}: {error}");
+    }
+    for uri in ["http://localhost/data.bin", "file:///etc/passwd", "%FF", "nothing.bin", "data:,x"]
+    {
+        assert!(read_with(uri).is_err(), "{uri}");
+    }
+}

@@ -1,0 +1,89 @@
+//! What every importer holds its input to.
+
+use std::{
+    fs::File,
+    io::{self, Cursor, Read},
+    path::Path,
+};
+
+use glam::Vec3;
+use image::{ImageFormat, ImageReader, RgbImage};
+
+/// No coordinate is further from the origin, in metres.
+pub(crate) const EXTENT_MAX: f32 = 100_000.0;
+/// The most places to begin that a model keeps.
+pub(crate) const SPAWNS_MAX: usize = 10_000;
+/// The largest file that is read: 1 GiB.
+const FILE_BYTES_MAX: u64 = 1 << 30;
+/// The widest or highest texture, in pixels.
+const TEXTURE_EDGE_MAX: u32 = 8192;
+const TITLE_CHARS_MAX: usize = 64;
+
+/// The bytes of a regular file of a size that can be dealt with.
+pub(crate) fn read_file(path: &Path) -> io::Result<Vec<u8>> {
+    let metadata = std::fs::metadata(path)?;
+    if !metadata.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > FILE_BYTES_MAX {
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, "larger than 1 GiB"));
+    }
+    Ok(bytes)
+}
+
+/// A title for a model that has none: the file's name without its extension.
+pub(crate) fn title_of(path: &Path) -> String {
+    path.file_stem().map_or_else(|| "building".into(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// A title on one line, of bounded length.
+pub(crate) fn tidy_title(title: &str) -> String {
+    let printable = title.chars().map(|c| if c.is_control() { ' ' } else { c });
+    printable.take(TITLE_CHARS_MAX).collect::<String>().trim().to_owned()
+}
+
+/// Whether a point is finite and within [`EXTENT_MAX`].
+pub(crate) fn is_sane(point: Vec3) -> bool {
+    // A comparison with NaN is false.
+    point.abs().cmple(Vec3::splat(EXTENT_MAX)).all()
+}
+
+/// Whether a triangle is more than a line or a point, by far less than one can see.
+pub(crate) fn has_area([a, b, c]: [Vec3; 3]) -> bool {
+    (b - a).as_dvec3().cross((c - a).as_dvec3()).length_squared() > 1e-18
+}
+
+/// From a linear colour component to an sRGB byte; what is no number becomes 0.
+pub(crate) fn srgb_byte(linear: f32) -> u8 {
+    let value = linear.clamp(0.0, 1.0);
+    let encoded =
+        if value <= 0.003_130_8 { value * 12.92 } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 };
+    (encoded * 255.0).round() as u8
+}
+
+/// Decodes a PNG or JPEG, or a TGA when `format` says so, that takes at most `bytes_max` as RGB.
+pub(crate) fn decode_image(
+    bytes: &[u8],
+    format: Option<ImageFormat>,
+    bytes_max: usize,
+) -> Result<RgbImage, String> {
+    let mut reader = match format {
+        Some(format) => ImageReader::with_format(Cursor::new(bytes), format),
+        None => ImageReader::new(Cursor::new(bytes))
+            .with_guessed_format()
+            .map_err(|error| error.to_string())?,
+    };
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(TEXTURE_EDGE_MAX);
+    limits.max_image_height = Some(TEXTURE_EDGE_MAX);
+    limits.max_alloc = Some(bytes_max as u64);
+    reader.limits(limits);
+    let picture = reader.decode().map_err(|error| error.to_string())?.into_rgb8();
+    match picture.as_raw().len() {
+        0 => Err("it has no pixels".into()),
+        size if size > bytes_max => Err("the textures take too much memory".into()),
+        _ => Ok(picture),
+    }
+}

@@ -1,0 +1,64 @@
+//! From animated surfaces to movers, for every importer.
+
+use glam::Vec3;
+use sightline_world::{
+    MOVER_TRIANGLES_MAX, MOVERS_MAX, Mesh, Mover, motion::trajectory::Trajectory,
+};
+
+use super::limits::tidy_title;
+use crate::{model::Surface, voxelise::Palette};
+
+/// The movers of a model under construction, within the limits of a world.
+#[derive(Default)]
+pub(super) struct Fleet {
+    movers: Vec<Mover>,
+    triangles: usize,
+    left_out: usize,
+}
+
+impl Fleet {
+    /// Adds a mover of surfaces in its own coordinates. What is too much, or has no triangle, is
+    /// left out.
+    pub(super) fn add(&mut self, name: &str, surfaces: &[Surface], trajectory: Trajectory) {
+        let triangles: usize = surfaces.iter().map(|surface| surface.triangles.len()).sum();
+        if self.movers.len() == MOVERS_MAX || self.triangles + triangles > MOVER_TRIANGLES_MAX {
+            self.left_out += 1;
+            return;
+        }
+        let (mesh, colours) = coloured(surfaces);
+        if let Some(mover) = Mover::new(tidy_title(name), mesh, colours, trajectory) {
+            self.triangles += mover.colours().len();
+            self.movers.push(mover);
+        }
+    }
+
+    /// All of them; a warning tells what was left out.
+    pub(super) fn finish(self, warnings: &mut Vec<String>) -> Vec<Mover> {
+        if self.left_out > 0 {
+            warnings.push(format!("{} movers left out: more than a world takes", self.left_out));
+        }
+        self.movers
+    }
+}
+
+/// All triangles, each in the colour that it has about its middle.
+fn coloured(surfaces: &[Surface]) -> (Mesh, Vec<[u8; 3]>) {
+    let palette = Palette::new(surfaces);
+    let (mut mesh, mut colours) = (Mesh::default(), Vec::new());
+    for surface in surfaces {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend_from_slice(&surface.positions);
+        for (index, (indices, corners)) in
+            surface.triangles.iter().zip(surface.corners()).enumerate()
+        {
+            let [a, b, c] = corners;
+            let width = ((b - a).cross(c - a).length() / 2.0).sqrt();
+            let sample = palette.sample_of(surface, index, width);
+            let colour = sample.map_or(Vec3::ONE, |sample| sample.colour([1.0 / 3.0; 3]));
+            let colour = colour.clamp(Vec3::ZERO, Vec3::ONE) * 255.0;
+            mesh.triangles.push(indices.map(|i| first + i));
+            colours.push(colour.to_array().map(|channel| channel.round() as u8));
+        }
+    }
+    (mesh, colours)
+}

@@ -1,0 +1,121 @@
+//! Below the storeys: how long a metre is, and what marks and colours mean.
+
+use glam::Vec2;
+use image::{Rgb, RgbImage};
+use sightline_world::rooms::RoomId;
+
+use super::{
+    GLASS, INK, Mark, PAPER, PORTAL, Sheet, draw_mark, heat,
+    ink::{line, mixed, put, write_sized},
+};
+
+const ROW_PX: i32 = 30;
+const LETTER_PX: i32 = 16;
+/// The ramp's length, in pixels.
+const RAMP_PX: i32 = 240;
+
+/// Draws the legend of a sheet.
+pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImage {
+    let width = sheet.size().0.max(520);
+    let mut rows = 2 + names.len() as i32;
+    if sheet.overlay.cells {
+        rows += 2;
+    }
+    if sheet.overlay.density {
+        rows += 2;
+    }
+    let has_rooms = sheet.overlay.rooms && !sheet.world.rooms.list().is_empty();
+    rows += 2 * i32::from(has_rooms);
+    let mut picture = RgbImage::from_pixel(width, (rows * ROW_PX + 8) as u32, Rgb(PAPER));
+    let mut pen = Pen { picture: &mut picture, top: 4 };
+    pen.scale_bar(sheet.px_per_m);
+    for (name, mark) in names {
+        pen.row(name, |picture, centre| draw_mark(picture, centre, 7.0, mark));
+    }
+    if sheet.overlay.cells {
+        pen.row("portal", |picture, at| stroke(picture, at, PORTAL));
+        pen.row("boundary of a cell", |picture, at| stroke(picture, at, mixed(PAPER, INK, 0.3)));
+    }
+    if has_rooms {
+        let colour = RoomId(0).colour();
+        pen.row("boundary of a room", |picture, at| {
+            for dy in [-1.0, 0.0, 1.0] {
+                stroke(picture, at + Vec2::Y * dy, colour);
+            }
+        });
+        pen.row("window of a room", |picture, at| {
+            for dy in [-3.0, 3.0] {
+                stroke(picture, at + Vec2::Y * dy, colour);
+            }
+            for dx in (-16..16).step_by(5).map(|dx| dx as f32) {
+                for dy in [3.0, -3.0] {
+                    let [from, to] = [(dx, dy), (dx + 5.0, -dy)].map(|(x, y)| at + Vec2::new(x, y));
+                    line(picture, from, to, colour);
+                }
+            }
+        });
+    }
+    pen.row("cut, and glass", |picture, at| {
+        for dx in -16..16 {
+            let colour = if dx < 4 { INK } else { GLASS };
+            (-6..6).for_each(|dy| put(picture, at.x as i32 + dx, at.y as i32 + dy, colour));
+        }
+    });
+    if sheet.overlay.density {
+        pen.ramp(sheet.density_max);
+    }
+    picture
+}
+
+struct Pen<'a> {
+    picture: &'a mut RgbImage,
+    top: i32,
+}
+
+impl Pen<'_> {
+    /// A sign and what it means.
+    fn row(&mut self, name: &str, sign: impl FnOnce(&mut RgbImage, Vec2)) {
+        sign(self.picture, Vec2::new(28.0, (self.top + ROW_PX / 2) as f32));
+        self.text(60, name);
+        self.top += ROW_PX;
+    }
+
+    fn text(&mut self, left: i32, text: &str) {
+        let top = self.top + (ROW_PX - LETTER_PX) / 2;
+        write_sized(self.picture, [left, top], 2, text, INK);
+    }
+
+    /// A bar of a round length, about a fifth of the picture.
+    fn scale_bar(&mut self, px_per_m: f32) {
+        let wish = self.picture.width() as f32 / 5.0 / px_per_m;
+        let power = 10.0f32.powf(wish.max(1e-3).log10().floor());
+        let step = [5.0, 2.0, 1.0].into_iter().find(|step| step * power <= wish);
+        let metres = step.unwrap_or(1.0) * power;
+        let (left, y) = (12.0, (self.top + ROW_PX / 2) as f32);
+        let right = left + metres * px_per_m;
+        for dy in [-1.0, 0.0, 1.0] {
+            line(self.picture, Vec2::new(left, y + dy), Vec2::new(right, y + dy), INK);
+        }
+        for x in [left, right] {
+            line(self.picture, Vec2::new(x, y - 7.0), Vec2::new(x, y + 7.0), INK);
+        }
+        self.text(right as i32 + 12, &format!("{metres} m"));
+        self.top += ROW_PX;
+    }
+
+    fn ramp(&mut self, most: f32) {
+        self.text(12, "part of all cells that a cell may see:");
+        self.top += ROW_PX;
+        for x in 0..RAMP_PX {
+            let colour = heat(x as f32 / (RAMP_PX - 1) as f32);
+            (4..ROW_PX - 4).for_each(|y| put(self.picture, 60 + x, self.top + y, colour));
+        }
+        self.text(12, "0 %");
+        self.text(60 + RAMP_PX + 12, &format!("{:.0} %", most * 100.0));
+        self.top += ROW_PX;
+    }
+}
+
+fn stroke(picture: &mut RgbImage, at: Vec2, colour: [u8; 3]) {
+    line(picture, at - Vec2::X * 16.0, at + Vec2::X * 16.0, colour);
+}

@@ -1,0 +1,68 @@
+use std::sync::OnceLock;
+
+use super::*;
+use crate::{import::glb, plan::floors::storeys};
+use sightline_demo_building as demo_building;
+
+fn building() -> World {
+    static BUILDING: OnceLock<World> = OnceLock::new();
+    BUILDING.get_or_init(compiled).clone()
+}
+
+fn compiled() -> World {
+    let model = glb::read_slice(&demo_building::glb(12, 1), None, "demo").unwrap();
+    let options =
+        crate::Options { voxel: Some(0.125), cell: Some(3.0), ..crate::Options::default() };
+    let go_on = |_, _| std::ops::ControlFlow::Continue(());
+    crate::compile(&model, &options, &go_on).unwrap().0
+}
+
+fn count(picture: &RgbImage, colour: [u8; 3]) -> usize {
+    picture.pixels().filter(|pixel| pixel.0 == colour).count()
+}
+
+#[test]
+fn every_floor_is_on_a_picture_however_few_the_spawn_points() {
+    let mut world = building();
+    let all = storeys(&world, &area(&world));
+    assert!(all.len() >= 2, "the building has storeys: {all:?}");
+    world.spawns.truncate(1);
+    let found = storeys(&world, &area(&world));
+    for storey in all {
+        let nearest = found.iter().map(|at| (at - storey).abs()).fold(f32::MAX, f32::min);
+        assert!(nearest < FLOOR_DEPTH, "{storey} is not in {found:?}");
+    }
+    assert!(found.is_sorted(), "{found:?}");
+}
+
+#[test]
+fn what_is_asked_for_is_drawn() {
+    let world = building();
+    let red = [255, 0, 0];
+    let eye = world.spawns[0].eye;
+    let mark = Mark { eye, forward: None, colour: red, filled: true };
+    let plain = draw(&world, &Overlay::default());
+    let marked = draw(&world, &Overlay { marks: vec![mark.clone()], ..Overlay::default() });
+    assert_eq!(plain.dimensions(), marked.dimensions());
+    assert_eq!(count(&plain, red), 0);
+    assert!(count(&marked, red) > 10);
+
+    let with_cells = draw(&world, &Overlay { cells: true, ..Overlay::default() });
+    assert_ne!(plain, with_cells);
+    let dense = draw(&world, &Overlay { density: true, ..Overlay::default() });
+    assert!(dense.width() > plain.width() || dense.height() > plain.height());
+
+    let seen = world.cells.pvs[world.cells.cells.len() / 2].clone();
+    let dim = draw(&world, &Overlay { visible: Some(seen), ..Overlay::default() });
+    assert_ne!(plain, dim);
+    let legend = Some(vec![("mark", mark)]);
+    let legend =
+        draw(&world, &Overlay { legend, cells: true, density: true, ..Overlay::default() });
+    assert!(legend.height() > dense.height() && count(&legend, red) > 10);
+}
+
+#[test]
+fn colours_of_density_darken_all_the_way() {
+    let light = |share| heat(share).iter().map(|&c| u32::from(c)).sum::<u32>();
+    assert!((0..50).all(|i| light(i as f32 / 50.0) > light((i + 1) as f32 / 50.0)));
+}

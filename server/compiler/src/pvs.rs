@@ -1,0 +1,356 @@
+//! Cell-to-cell visibility: who sees whom.
+//!
+//! Sight lines are sought by [`sightline_visibility::portal_flow`], in two rounds. The first one is quick
+//! and coarse: from each space, which other spaces. Sight goes both ways, so a pair counts only when
+//! each has found the other. The second one goes from each cell, through those spaces alone, and
+//! tests every cell of a space against the sight lines that get into it. Again a pair counts when
+//! each has found the other.
+
+use std::{
+    ops::ControlFlow,
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
+};
+
+use rayon::prelude::*;
+use roaring::RoaringBitmap;
+use sightline_visibility::portal_flow::{Extent, Query, Scratch, Sightlines, WIDENING};
+use sightline_world::{Cells, Pvs, Space};
+
+use super::subdivide::Grain;
+
+/// For each space, the spaces that may be visible from it, ascending.
+pub type SpacesSeen = Vec<Vec<u32>>;
+
+/// The first round. `progress` is told the share done, from 0 to 1, from any thread; none when it
+/// breaks.
+pub fn spaces_seen(
+    cells: &Cells,
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Option<SpacesSeen> {
+    let lines = Sightlines::new(cells);
+    let from_spaces = |scratch: &mut Scratch, space: usize| {
+        let source = Extent::around(&cells.spaces[space].bounds, WIDENING);
+        let query = Query { space: space as u32, source, spaces: None, frustum: &[] };
+        lines.spaces(scratch, &query)
+    };
+    Some(mutual(sorted(each(cells.spaces.len(), from_spaces, progress)?)))
+}
+
+/// How finely to split so that about so many pairs of cells see each other; but no finer than
+/// `WIDTH_MIN`.
+pub fn grain_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> Grain {
+    let pairs_at = |grain: &Grain| {
+        let count: Vec<f64> =
+            spaces.iter().map(|space| grain.cells_in(space.bounds.size())).collect();
+        let visible = |row: &Vec<u32>| row.iter().map(|&to| count[to as usize]).sum::<f64>();
+        count.iter().zip(seen).map(|(from, row)| from * visible(row)).sum::<f64>()
+    };
+    let widths = std::iter::successors(Some(WIDTH_MIN), |width| Some(width * 1.1));
+    let mut grains = widths.take_while(|&width| width < WIDTH_MAX).map(Grain::of_width);
+    grains.find(|grain| pairs_at(grain) <= pairs).unwrap_or(Grain::of_width(WIDTH_MAX))
+}
+
+/// Bodies are about as wide as this, in metres: what is finer tells little more.
+const WIDTH_MIN: f32 = 1.0;
+/// Nor need cells be wider than this, in metres.
+const WIDTH_MAX: f32 = 12.0;
+
+/// The second round: finds the PVS of a subdivision whose spaces see each other so. `progress` is
+/// told the share done, from 0 to 1, from any thread; none when it breaks.
+pub fn potentially_visible(
+    cells: &Cells,
+    seen: &SpacesSeen,
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Option<Pvs> {
+    let lines = Sightlines::new(cells);
+    let blocks = lines.blocks();
+    let from_blocks = |scratch: &mut Scratch, block: usize| {
+        let block = &blocks[block];
+        lines.rows(scratch, block, &seen[block.space as usize])
+    };
+    // Blocks come in the order of their cells.
+    let rows = each(blocks.len(), from_blocks, progress)?.into_iter().flatten().collect();
+    let rows = mutual(sorted(rows));
+    Some(rows.into_par_iter().map(compressed).collect())
+}
+
+fn sorted(mut rows: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
+    rows.par_iter_mut().for_each(|row| row.sort_unstable());
+    rows
+}
+
+/// What is found for each of some things, on all cores.
+fn each<T: Default + Send>(
+    count: usize,
+    seen_from: impl Fn(&mut Scratch, usize) -> T + Sync,
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Option<Vec<T>> {
+    let done = AtomicUsize::new(0);
+    let cancelled = AtomicBool::new(false);
+    let found = (0..count)
+        .into_par_iter()
+        .map_init(Scratch::default, |scratch, index| {
+            let before = done.fetch_add(1, Relaxed);
+            if before.is_multiple_of(64) && progress(before as f32 / count as f32).is_break() {
+                cancelled.store(true, Relaxed);
+            }
+            if cancelled.load(Relaxed) {
+                return T::default();
+            }
+            seen_from(scratch, index)
+        })
+        .collect();
+    (!cancelled.load(Relaxed)).then_some(found)
+}
+
+/// The pairs of which each sees the other.
+fn mutual(seen: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
+    let is_mutual = |from: u32, to: u32| seen[to as usize].binary_search(&from).is_ok();
+    seen.par_iter()
+        .enumerate()
+        .map(|(from, row)| row.iter().copied().filter(|&to| is_mutual(from as u32, to)).collect())
+        .collect()
+}
+
+fn compressed(row: Vec<u32>) -> RoaringBitmap {
+    let mut row = RoaringBitmap::from_sorted_iter(row).expect("rows are sorted");
+    row.optimize();
+    row
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use rand::{Rng, SeedableRng, rngs::SmallRng};
+    use sightline_world::{
+        CellId, Gate, Mesh,
+        geometry::{Aabb, Axes},
+    };
+
+    use super::*;
+    use crate::{
+        occluders::{Opaque, planes},
+        subdivide::{Occluders, Spaces},
+    };
+    use sightline_oracle::Sight;
+
+    /// A grid of rooms whose walls are full, have a hole, or are missing; and a few slanted panes.
+    fn random_building(rng: &mut SmallRng) -> (Aabb, Vec<[Vec3; 3]>) {
+        let bounds = Aabb::new(Vec3::ZERO, Vec3::new(9.0, 6.0, 9.0));
+        let mut opaque = Vec::new();
+        for axis in 0..3 {
+            for at in 1..=2 {
+                for u in 0..3 {
+                    for v in 0..3 {
+                        let at =
+                            at as f32 * [3.0, 2.0, 3.0][axis] + [0.0, 1e-3][rng.random_range(0..2)];
+                        wall(rng, axis, at, u, v, &mut opaque);
+                    }
+                }
+            }
+        }
+        for _ in 0..4 {
+            opaque.push(std::array::from_fn(|_| {
+                Vec3::from_array(std::array::from_fn(|i| rng.random_range(0.0..bounds.max[i])))
+            }));
+        }
+        (bounds, opaque)
+    }
+
+    fn wall(
+        rng: &mut SmallRng,
+        axis: usize,
+        at: f32,
+        u: usize,
+        v: usize,
+        out: &mut Vec<[Vec3; 3]>,
+    ) {
+        let steps = [3.0, 2.0, 3.0];
+        let (axis_u, axis_v) = crate::occluders::other_axes(axis);
+        let mut panel = |u0: f32, v0: f32, u1: f32, v1: f32| {
+            let corner = |cu: f32, cv: f32| {
+                let mut p = Vec3::splat(at);
+                p[axis_u] = (u as f32 + cu) * steps[axis_u];
+                p[axis_v] = (v as f32 + cv) * steps[axis_v];
+                p
+            };
+            let [a, b, c, d] = [corner(u0, v0), corner(u1, v0), corner(u1, v1), corner(u0, v1)];
+            out.extend([[a, b, c], [a, c, d]]);
+        };
+        let hole = [0.1, 0.3, 0.5, 0.9].map(|at: f32| at + rng.random_range(-0.05..0.05));
+        match rng.random_range(0..10) {
+            0..6 => panel(0.0, 0.0, 1.0, 1.0),
+            6..9 => {
+                panel(0.0, 0.0, hole[1], 1.0);
+                panel(hole[2], 0.0, 1.0, 1.0);
+                panel(hole[1], 0.0, hole[2], hole[0]);
+                panel(hole[1], hole[3], hole[2], 1.0);
+            }
+            _ => {}
+        }
+    }
+
+    /// Without a PVS.
+    fn subdivided(bounds: &Aabb, all: &[[Vec3; 3]], axes: Axes) -> Cells {
+        let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
+        let opaque = |t: &[Vec3; 3]| Opaque { corners: t.map(own), is_last: false };
+        let planes = planes(&all.iter().map(opaque).collect::<Vec<_>>());
+        let occluders = Occluders { planes: &planes, solids: &[], eyes: &[] };
+        Spaces::new(&axes.own_box(bounds), axes, &occluders).cells(&Grain::of_width(2.0))
+    }
+
+    fn compiled(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> Cells {
+        let mut cells = subdivided(bounds, opaque, Axes::WORLD);
+        cells.pvs = seen(&cells);
+        cells
+    }
+
+    fn seen(cells: &Cells) -> Pvs {
+        let go_on = |_| ControlFlow::Continue(());
+        potentially_visible(cells, &spaces_seen(cells, &go_on).unwrap(), &go_on).unwrap()
+    }
+
+    fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {
+        Mesh {
+            positions: opaque.as_flattened().to_vec(),
+            triangles: (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| i * 3 + k)).collect(),
+        }
+    }
+
+    fn point(rng: &mut SmallRng, within: &Aabb) -> Vec3 {
+        Vec3::from_array(std::array::from_fn(|i| rng.random_range(within.min[i]..within.max[i])))
+    }
+
+    /// How many sight lines were tried and found, and how many of those the PVS denies.
+    fn misses(rng: &mut SmallRng, cells: &Cells, sight: &Sight, lines: usize) -> (usize, usize) {
+        let (mut found, mut missed) = (0, 0);
+        for i in 0..lines {
+            let any = &cells.cells[rng.random_range(0..cells.cells.len())].bounds;
+            // By cell, so that small ones are tried, and by volume.
+            let within = if i % 2 == 0 { any } else { &cells.bounds };
+            let (a, b) = (point(rng, within), point(rng, &cells.bounds));
+            let (a, b) = (cells.axes.world(a), cells.axes.world(b));
+            if sight.between(a, b) {
+                found += 1;
+                // What is in a wall is in no cell.
+                let (Some(a), Some(b)) = (cells.at(a), cells.at(b)) else { continue };
+                missed += usize::from(!cells.sees(a, b));
+            }
+        }
+        (found, missed)
+    }
+
+    #[test]
+    fn no_sight_line_is_missed_in_random_buildings() {
+        let (mut found, mut dense) = (0, 0.0);
+        for seed in 0..60 {
+            let mut rng = SmallRng::seed_from_u64(seed);
+            let (bounds, opaque) = random_building(&mut rng);
+            let cells = compiled(&bounds, &opaque);
+            let sight = Sight::new(&mesh(&opaque));
+            let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
+            assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
+            found += lines;
+            dense += cells.density() / 60.0;
+        }
+        assert!(found > 10_000, "the buildings have sight lines to miss: {found}");
+        assert!(dense < 0.6, "and much that is hidden: density {dense}");
+    }
+
+    /// A building turned about the vertical, its cells in its own axes.
+    #[test]
+    fn no_sight_line_is_missed_in_turned_buildings() {
+        let mut dense = 0.0;
+        for seed in 0..20 {
+            let mut rng = SmallRng::seed_from_u64(seed);
+            let (bounds, opaque) = random_building(&mut rng);
+            let axes = Axes::turned(rng.random_range(0.0..1.5));
+            let turned: Vec<_> = opaque.iter().map(|t| t.map(|p| axes.world(p))).collect();
+            let mut cells = subdivided(&axes.world_box(&bounds), &turned, axes);
+            cells.pvs = seen(&cells);
+            let sight = Sight::new(&mesh(&turned));
+            let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
+            assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
+            dense += cells.density() / 20.0;
+        }
+        assert!(dense < 0.7, "walls hide: {dense}");
+    }
+
+    /// The proof that the tests above can fail.
+    #[test]
+    fn a_lost_portal_is_noticed() {
+        let mut noticed = 0;
+        for seed in 0..20 {
+            let mut rng = SmallRng::seed_from_u64(seed);
+            let (bounds, opaque) = random_building(&mut rng);
+            let mut cells = subdivided(&bounds, &opaque, Axes::WORLD);
+            let area = |gate: &Gate| {
+                let size = gate.polygon.bounds().size();
+                (size.x * size.y).max(size.y * size.z).max(size.z * size.x)
+            };
+            let gates = 0..cells.gates.len() as u32;
+            let wider = |a: &u32, b: &u32| {
+                area(&cells.gates[*a as usize]).total_cmp(&area(&cells.gates[*b as usize]))
+            };
+            let lost = gates.max_by(wider).unwrap();
+            cells.spaces.iter_mut().for_each(|space| space.gates.retain(|&gate| gate != lost));
+            cells.pvs = seen(&cells);
+            let sight = Sight::new(&mesh(&opaque));
+            noticed += usize::from(misses(&mut rng, &cells, &sight, 20_000).1 > 0);
+        }
+        assert!(noticed >= 10, "only {noticed} of 20");
+    }
+
+    #[test]
+    fn the_pvs_is_symmetric_reflexive_and_the_same_on_any_number_of_threads() {
+        let mut rng = SmallRng::seed_from_u64(7);
+        let (bounds, opaque) = random_building(&mut rng);
+        let cells = subdivided(&bounds, &opaque, Axes::WORLD);
+        let pvs = seen(&cells);
+        for (cell, row) in (0u32..).zip(&pvs) {
+            assert!(row.contains(cell));
+            assert!(row.iter().all(|other| pvs[other as usize].contains(cell)));
+        }
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(alone.install(|| seen(&cells)), pvs);
+    }
+
+    /// Four rooms in a row with three doors: the first and the last see each other only when one
+    /// line goes through all doors.
+    #[test]
+    fn a_bend_is_not_seen_through() {
+        let check = |doors: [f32; 3], expected: bool| {
+            let mut opaque = Vec::new();
+            for (x, door) in [4.0, 8.0, 12.0].into_iter().zip(doors) {
+                for (z0, z1) in [(0.0, door), (door + 1.0, 30.0)] {
+                    let c = |y: f32, z: f32| Vec3::new(x, y, z);
+                    opaque.push([c(0.0, z0), c(3.0, z0), c(3.0, z1)]);
+                    opaque.push([c(0.0, z0), c(3.0, z1), c(0.0, z1)]);
+                }
+            }
+            let bounds = Aabb::new(Vec3::ZERO, Vec3::new(16.0, 3.0, 30.0));
+            let cells = compiled(&bounds, &opaque);
+            let rooms: Vec<Vec<u32>> = (0..4)
+                .map(|i| {
+                    let is_in = |place: &u32| {
+                        let x = cells.cells[*place as usize].bounds.centre().x;
+                        (x / 4.0) as usize == i
+                    };
+                    (0..cells.cells.len() as u32).filter(is_in).collect()
+                })
+                .collect();
+            let sees = |from: usize, to: usize| {
+                let pairs = rooms[from].iter().flat_map(|a| rooms[to].iter().map(move |b| (a, b)));
+                pairs.into_iter().any(|(&a, &b)| cells.sees(CellId(a), CellId(b)))
+            };
+            assert!((0..3).all(|i| sees(i, i + 1)) && sees(0, 2) && sees(1, 3));
+            assert_eq!(sees(0, 3), expected, "doors at {doors:?}");
+        };
+        check([1.0, 1.0, 1.0], true);
+        check([1.0, 12.0, 23.0], true);
+        check([1.0, 12.0, 24.9], true);
+        check([1.0, 12.0, 25.1], false);
+        check([1.0, 12.0, 1.0], false);
+        check([12.0, 1.0, 12.0], false);
+    }
+}

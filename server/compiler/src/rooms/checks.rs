@@ -1,0 +1,168 @@
+//! What is not wrong in rooms, but probably not meant: rooms that overlap, and what is declared hidden though
+//! one sees it plainly.
+
+use glam::Vec3;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_visibility::rooms::{Place as RoomPlace, RoomIndex, pieces::Piece};
+use sightline_world::{
+    Cells,
+    geometry::Aabb,
+    rooms::{RoomId, Rooms, Sees},
+};
+
+use super::{Declared, Fault};
+use sightline_oracle::Sight;
+
+/// Rooms that share no more than this overlap by rounding, in metres.
+const OVERLAP_M: f32 = 0.05;
+/// So many lines of sight are tried for each member of a hidden set.
+const LINES: u32 = 4_000;
+/// Points are looked for so often in a shape that fills little of its box.
+const TRIES: u32 = 200;
+
+/// All that there is to say of rooms that are not wrong.
+pub fn warnings(
+    declared: &[Declared],
+    rooms: &Rooms,
+    cells: &Cells,
+    sight: &dyn Fn() -> Sight,
+) -> Vec<Fault> {
+    let index = RoomIndex::of(rooms, cells);
+    let mut found = overlaps(declared, &index);
+    let hides = |room: &sightline_world::rooms::Room| matches!(room.sees, Sees::AllBut(_));
+    if rooms.list().iter().any(hides) {
+        let sight = sight();
+        let checker = Checker { declared, rooms, index: &index, cells, sight: &sight };
+        found.extend((0..rooms.list().len()).flat_map(|at| checker.plainly_visible(at)));
+    }
+    found
+}
+
+/// Pairs of rooms of which one does not hold the other, and that do not say that they overlap.
+fn overlaps(declared: &[Declared], index: &RoomIndex) -> Vec<Fault> {
+    let mut found = Vec::new();
+    for (j, second) in declared.iter().enumerate() {
+        for (i, first) in declared[..j].iter().enumerate() {
+            let says =
+                |a: &Declared, b: &Declared| a.overlaps.iter().any(|n| n.text == b.name.text);
+            let [a, b] = [i, j].map(|at| RoomId(at as u16));
+            let apart = !index.bounds(a).grown(-OVERLAP_M).intersects(&index.bounds(b));
+            if apart || says(first, second) || says(second, first) {
+                continue;
+            }
+            let shared = index
+                .pieces(a)
+                .iter()
+                .find_map(|piece| index.pieces(b).iter().find_map(|other| shared(piece, other)));
+            let holds = |a: RoomId, b: RoomId| {
+                let corners = index.pieces(b).iter().flat_map(|piece| piece.faces.iter().flatten());
+                let near = |at: &Vec3| index.pieces(a).iter().any(|piece| is_near(piece, *at));
+                corners.into_iter().all(near)
+            };
+            if let Some(at) = shared.filter(|_| !holds(a, b) && !holds(b, a)) {
+                let [one, other] = [second, first].map(|room| &room.name.text);
+                let what = format!("room {one:?} overlaps room {other:?} at {at}");
+                let how = format!("if that is meant, give it overlaps = [{other:?}]");
+                found.push(Fault::new(&second.name.place, format!("{what}; {how}")));
+            }
+        }
+    }
+    found
+}
+
+/// A point that is well inside of both.
+fn shared(a: &Piece, b: &Piece) -> Option<Vec3> {
+    let region = a.bounds.intersection(&b.bounds);
+    if region.size().min_element() <= OVERLAP_M {
+        return None;
+    }
+    let within = |at: Vec3| {
+        let deep = |piece: &Piece| {
+            piece.all_sides().all(|side| side.holds(at, -f64::from(OVERLAP_M) * 0.5))
+        };
+        deep(a) && deep(b)
+    };
+    let mut rng = SmallRng::seed_from_u64(1);
+    std::iter::once(region.centre())
+        .chain((0..TRIES).map(|_| inside(&mut rng, &region)))
+        .find(|at| within(*at))
+}
+
+fn is_near(piece: &Piece, at: Vec3) -> bool {
+    piece.all_sides().all(|side| side.holds(at, OVERLAP_M.into()))
+}
+
+fn inside(rng: &mut SmallRng, region: &Aabb) -> Vec3 {
+    let mut share = || rng.random_range(0.0..=1.0f32);
+    region.min + region.size() * Vec3::new(share(), share(), share())
+}
+
+struct Checker<'a> {
+    declared: &'a [Declared],
+    rooms: &'a Rooms,
+    index: &'a RoomIndex,
+    cells: &'a Cells,
+    sight: &'a Sight,
+}
+
+impl Checker<'_> {
+    /// What a room hides though there is a free line to it that goes through no window of the room.
+    fn plainly_visible(&self, at: usize) -> Vec<Fault> {
+        let id = RoomId(at as u16);
+        let Sees::AllBut(set) = &self.rooms.list()[at].sees else { return Vec::new() };
+        let rooms = set.rooms.iter().filter(|other| **other != id).map(|other| {
+            let name = format!("room {:?}", self.rooms.list()[usize::from(other.0)].name);
+            (name, self.index.pieces(*other).iter().map(|piece| piece.bounds).collect::<Vec<_>>())
+        });
+        let objects = set.objects.iter().filter_map(|object| {
+            let object = self.rooms.objects().get(*object as usize)?;
+            Some((
+                format!("object {:?}", object.name),
+                vec![self.cells.axes.own_box(&object.bounds)],
+            ))
+        });
+        let cells = set.cells.iter().filter_map(|cell| {
+            let bounds = self.cells.cells.get(cell.0 as usize)?.bounds;
+            Some((format!("cell {}", cell.0), vec![bounds]))
+        });
+        let place = &self.declared[at].name.place;
+        let hidden = rooms.chain(objects).chain(cells);
+        hidden
+            .filter_map(|(name, boxes)| {
+                let [eye, point] = self.line(id, &boxes)?;
+                let room = &self.rooms.list()[at].name;
+                let what =
+                    format!("room {room:?} hides {name}, but from {eye} one sees {point} in it");
+                Some(Fault::new(place, what))
+            })
+            .collect()
+    }
+
+    /// A free line from a room to some boxes of what it hides: its ends, in the world.
+    fn line(&self, room: RoomId, targets: &[Aabb]) -> Option<[Vec3; 2]> {
+        let mut rng = SmallRng::seed_from_u64(u64::from(room.0));
+        let pieces = self.index.pieces(room);
+        (0..LINES).find_map(|_| {
+            let piece = &pieces[rng.random_range(0..pieces.len())];
+            let eye = self.open(&mut rng, &piece.bounds)?;
+            let target = &targets[rng.random_range(0..targets.len())];
+            let point = self.open(&mut rng, target)?;
+            let place =
+                |at: Vec3| -> RoomPlace { self.index.place(self.cells, &[Aabb::new(at, at)]) };
+            let (from, to) = (place(eye), place(point));
+            let is_hidden = from.touched().contains(&room) && !self.index.may_see(&from, &to);
+            let ends = [eye, point].map(|at| self.cells.axes.world(at));
+            (is_hidden && self.sight.between(ends[0], ends[1])).then_some(ends)
+        })
+    }
+
+    /// A point of a box where somebody can be, in own axes.
+    fn open(&self, rng: &mut SmallRng, region: &Aabb) -> Option<Vec3> {
+        let region = region.intersection(&self.cells.bounds);
+        if region.is_empty() {
+            return None;
+        }
+        let at = inside(rng, &region);
+        self.cells.at_own(at).map(|_| at)
+    }
+}

@@ -1,0 +1,361 @@
+//! Rooms as an author writes them: in a TOML file beside the model, or as named nodes of a glTF.
+//!
+//! * [`text`]: the TOML, and the extras of nodes.
+//! * [`nodes`]: meshes of nodes as shapes and windows.
+//! * [`checks`]: what is not wrong, but probably not meant.
+//!
+//! Here names become what they mean, once cells are known. Every fault names the line, or the node.
+
+pub mod checks;
+pub mod nodes;
+#[cfg(test)]
+mod tests;
+pub mod text;
+
+use std::{collections::HashMap, fmt};
+
+use glam::Vec3;
+use serde::Serialize;
+use sightline_visibility::rooms::pieces::Piece;
+use sightline_world::{
+    Cells, Mover, Spawn,
+    geometry::Aabb,
+    rooms::{Members, Object, Room, RoomId, Rooms, Sees, Shape, Window},
+};
+
+/// A corner of a window is no further from its plane, and from the boundary of its room, in metres.
+const OFF_MAX_M: f32 = 0.05;
+
+/// Where something is written.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub enum Place {
+    /// In a file, at a line that is counted from 1.
+    Line(String, usize),
+    /// In a model, at a node of this name.
+    Node(String),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(file, line) => write!(f, "{file}:{line}"),
+            Self::Node(name) => write!(f, "node {name:?}"),
+        }
+    }
+}
+
+/// What is wrong with a room, in one line.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize)]
+#[error("{place}: {what}")]
+pub struct Fault {
+    /// Where.
+    pub place: Place,
+    /// What.
+    pub what: String,
+}
+
+impl Fault {
+    fn new(place: &Place, what: impl Into<String>) -> Self {
+        Self { place: place.clone(), what: what.into() }
+    }
+}
+
+/// All that is wrong with the rooms of a model.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("{}", summary(.0))]
+pub struct Faults(pub Vec<Fault>);
+
+fn summary(faults: &[Fault]) -> String {
+    match faults {
+        [only] => only.to_string(),
+        [first, rest @ ..] => format!("{first} (and {} more faults in rooms)", rest.len()),
+        [] => "no fault in rooms".into(),
+    }
+}
+
+/// A name, and where it is written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Name {
+    /// The name.
+    pub text: String,
+    /// Where it is.
+    pub place: Place,
+}
+
+/// A cell, as an author says which.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CellName {
+    /// The cell that this point of the world is in.
+    At(Vec3),
+    /// By its number, which holds for as long as the model is not compiled anew.
+    Number(u32),
+}
+
+/// A set, as it is written.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Names {
+    /// Rooms.
+    pub rooms: Vec<Name>,
+    /// Movers and nodes of the model.
+    pub objects: Vec<Name>,
+    /// Cells.
+    pub cells: Vec<CellName>,
+}
+
+/// A room as it is written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Declared {
+    /// Its name, and where it begins.
+    pub name: Name,
+    /// What it takes up.
+    pub shapes: Vec<Shape>,
+    /// Its windows.
+    pub windows: Vec<DeclaredWindow>,
+    /// The potentially visible set.
+    pub visible: Option<Names>,
+    /// The potentially hidden set; not both.
+    pub hidden: Option<Names>,
+    /// Rooms that it overlaps on purpose.
+    pub overlaps: Vec<Name>,
+    /// As in [`Room::title`].
+    pub title: Option<String>,
+    /// As in [`Room::sealed`].
+    pub sealed: bool,
+    /// As in [`Room::opaque`].
+    pub opaque: bool,
+    /// As in [`Room::spawn`].
+    pub spawn: Option<Spawn>,
+    /// As in [`Room::capacity`].
+    pub capacity: Option<u32>,
+    /// As in [`Room::tag`].
+    pub tag: Option<String>,
+}
+
+impl Declared {
+    /// A room that is nothing but a name.
+    pub fn named(name: Name) -> Self {
+        Self {
+            name,
+            shapes: Vec::new(),
+            windows: Vec::new(),
+            visible: None,
+            hidden: None,
+            overlaps: Vec::new(),
+            title: None,
+            sealed: false,
+            opaque: false,
+            spawn: None,
+            capacity: None,
+            tag: None,
+        }
+    }
+}
+
+/// A window as it is written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeclaredWindow {
+    /// Its name, and where it begins.
+    pub name: Name,
+    /// A polygon, in the world.
+    pub corners: Vec<Vec3>,
+    /// The window through which one sees it from outside.
+    pub behind: Option<Name>,
+}
+
+/// What names in sets can mean.
+pub struct Known<'a> {
+    /// The subdivision.
+    pub cells: &'a Cells,
+    /// What moves.
+    pub movers: &'a [Mover],
+    /// Named nodes of the model that do not move, each with the box around its triangles.
+    pub nodes: &'a [(String, Aabb)],
+}
+
+/// Makes rooms of what is written.
+///
+/// # Errors
+/// All faults at once: names that are taken or unknown, shapes that are flat, windows that are not in one plane
+/// or off the boundary of their room.
+pub fn resolve(declared: &[Declared], known: &Known<'_>) -> Result<Rooms, Faults> {
+    let mut resolver =
+        Resolver { known, ids: HashMap::new(), objects: Vec::new(), faults: Vec::new() };
+    for (id, room) in (0u16..).zip(declared.iter().take(usize::from(u16::MAX))) {
+        let Name { text, place } = &room.name;
+        if resolver.ids.insert(text, RoomId(id)).is_some() {
+            resolver.fault(place, format!("there is a room {text:?} already"));
+        }
+    }
+    let list: Vec<Room> = declared.iter().map(|room| resolver.room(room)).collect();
+    let Resolver { objects, mut faults, .. } = resolver;
+    if !faults.is_empty() {
+        return Err(Faults(faults));
+    }
+    Rooms::new(list, objects).map_err(|error| {
+        let place =
+            declared.first().map_or(Place::Node(String::new()), |room| room.name.place.clone());
+        faults.push(Fault { place, what: format!("the rooms: {error}") });
+        Faults(faults)
+    })
+}
+
+struct Resolver<'a> {
+    known: &'a Known<'a>,
+    ids: HashMap<&'a str, RoomId>,
+    objects: Vec<Object>,
+    faults: Vec<Fault>,
+}
+
+impl<'a> Resolver<'a> {
+    fn fault(&mut self, place: &Place, what: String) {
+        self.faults.push(Fault::new(place, what));
+    }
+
+    fn room(&mut self, declared: &'a Declared) -> Room {
+        let Name { text, place } = &declared.name;
+        let mut room = Room {
+            name: text.clone(),
+            title: declared.title.clone(),
+            shapes: declared.shapes.clone(),
+            sealed: declared.sealed,
+            opaque: declared.opaque,
+            spawn: declared.spawn,
+            capacity: declared.capacity,
+            tag: declared.tag.clone(),
+            ..Room::default()
+        };
+        // Alone, its own faults are found at its own place.
+        if let Err(error) = Rooms::new(vec![room.clone()], Vec::new()) {
+            self.fault(place, format!("room {text:?}: {error}"));
+            return room;
+        }
+        let axes = &self.known.cells.axes;
+        if room.shapes.iter().any(|shape| Piece::of(shape, axes).is_empty()) {
+            self.fault(place, format!("room {text:?}: a shape of it is flat"));
+        }
+        room.sees = match (&declared.visible, &declared.hidden) {
+            (Some(_), Some(_)) => {
+                let what = "has a visible and a hidden set: a room has one of the two";
+                self.fault(place, format!("room {text:?} {what}"));
+                Sees::Unsaid
+            }
+            (Some(names), None) => Sees::Only(self.members(names, place)),
+            (None, Some(names)) => Sees::AllBut(self.members(names, place)),
+            (None, None) => Sees::Unsaid,
+        };
+        for other in &declared.overlaps {
+            self.room_id(other);
+        }
+        room.windows = self.windows(declared, &room);
+        room
+    }
+
+    fn room_id(&mut self, name: &Name) -> Option<RoomId> {
+        let id = self.ids.get(name.text.as_str()).copied();
+        if id.is_none() {
+            self.fault(&name.place, format!("there is no room {:?}", name.text));
+        }
+        id
+    }
+
+    fn members(&mut self, names: &Names, place: &Place) -> Members {
+        let rooms = names.rooms.iter().filter_map(|name| self.room_id(name)).collect();
+        let objects = names.objects.iter().flat_map(|name| self.named(name)).collect();
+        let mut cells = Vec::new();
+        for name in &names.cells {
+            let cell = match *name {
+                CellName::At(point) => self.known.cells.at(point),
+                CellName::Number(number) => {
+                    let is_there = (number as usize) < self.known.cells.cells.len();
+                    is_there.then_some(sightline_world::CellId(number))
+                }
+            };
+            match (cell, name) {
+                (Some(cell), _) => cells.push(cell),
+                (None, CellName::At(at)) => self.fault(place, format!("there is no cell at {at}")),
+                (None, CellName::Number(n)) => self.fault(place, format!("there is no cell {n}")),
+            }
+        }
+        Members { rooms, cells, objects }
+    }
+
+    /// All movers and nodes of a name, as indices of objects.
+    fn named(&mut self, name: &Name) -> Vec<u32> {
+        let text = name.text.as_str();
+        let movers = self.known.movers.iter().zip(0u32..).filter(|(mover, _)| mover.name == text);
+        let movers = movers.map(|(mover, at)| (mover.everywhere(), Some(at)));
+        let nodes = self.known.nodes.iter().filter(|(node, _)| node == text);
+        let found: Vec<_> = movers.chain(nodes.map(|(_, bounds)| (*bounds, None))).collect();
+        if found.is_empty() {
+            self.fault(&name.place, format!("the model has no mover and no node {text:?}"));
+        }
+        let mut numbers = Vec::new();
+        for (bounds, mover) in found {
+            let object = Object { name: text.to_owned(), bounds, mover };
+            let known = self.objects.iter().position(|other| *other == object);
+            numbers.push(known.unwrap_or(self.objects.len()) as u32);
+            if known.is_none() {
+                self.objects.push(object);
+            }
+        }
+        numbers
+    }
+
+    fn windows(&mut self, declared: &'a Declared, room: &Room) -> Vec<Window> {
+        let mut windows: Vec<Window> = Vec::new();
+        for window in &declared.windows {
+            let Name { text, place } = &window.name;
+            let full = format!("window {:?} of room {:?}", text, room.name);
+            let behind = window.behind.as_ref().and_then(|name| {
+                let at = windows.iter().position(|before| before.name == name.text);
+                if at.is_none() {
+                    let what =
+                        format!("{full} is behind {:?}, which is no window before it", name.text);
+                    self.fault(&name.place, what);
+                }
+                at.map(|at| at as u32)
+            });
+            let made = Window { name: text.clone(), corners: window.corners.clone(), behind };
+            let alone =
+                Room { windows: vec![Window { behind: None, ..made.clone() }], ..room.clone() };
+            if let Err(error) = Rooms::new(vec![Room { sees: Sees::Unsaid, ..alone }], Vec::new()) {
+                self.fault(place, format!("{full}: {error}"));
+            } else if windows.iter().any(|before| before.name == *text) {
+                self.fault(place, format!("room {:?} has a window {text:?} already", room.name));
+            } else if let Some(what) = misplaced(&made, room, self.known.cells) {
+                self.fault(place, format!("{full} {what}"));
+            }
+            windows.push(made);
+        }
+        windows
+    }
+}
+
+/// What is wrong with where a window is.
+fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
+    let corners = &window.corners;
+    let Some(plane) = nodes::plane_of(corners) else { return Some("has no area".into()) };
+    let off = |at: &Vec3| (plane.0.dot(*at) - plane.1).abs();
+    if let Some(corner) = corners.iter().find(|at| off(at) > OFF_MAX_M) {
+        return Some(format!(
+            "is not flat: its corner {corner} is {:.2} m off its plane",
+            off(corner)
+        ));
+    }
+    let axes = &cells.axes;
+    let pieces: Vec<_> = room.shapes.iter().flat_map(|shape| Piece::of(shape, axes)).collect();
+    let middle = corners.iter().sum::<Vec3>() / corners.len() as f32;
+    let ring = corners.iter().zip(corners.iter().cycle().skip(1));
+    // Corners, and points between them, all a little towards the middle.
+    let probes = ring.flat_map(|(a, b)| [*a, a.midpoint(*b)]).map(|at| at.lerp(middle, 0.02));
+    let is_in = |at: Vec3| pieces.iter().any(|piece| piece.contains(axes.own(at)));
+    for probe in probes {
+        let beside = [OFF_MAX_M, -OFF_MAX_M].map(|far| is_in(probe + plane.0 * far));
+        match beside {
+            [true, true] => return Some(format!("is inside of its room at {probe}")),
+            [false, false] => return Some(format!("is off the boundary of its room at {probe}")),
+            _ => (),
+        }
+    }
+    None
+}

@@ -1,0 +1,187 @@
+//! Nodes of a glTF as rooms and windows: `room:NAME` and `window:ROOM/NAME`. Their meshes are not drawn and
+//! hide nobody.
+//!
+//! The room is the convex hull of its node's mesh; a mesh that is level and flat is a piece of the plan. Several
+//! nodes of one name are parts of one room. Extras of a room's node say the rest, with the
+//! keys of the TOML; `behind` in the extras of a window names another window of the room.
+
+use glam::{Vec2, Vec3};
+use sightline_world::rooms::Shape;
+
+use super::{Declared, DeclaredWindow, Fault, Name, Place, text};
+
+/// Points that are nearer to each other are one, in metres.
+const SAME_M: f32 = 1e-3;
+
+/// What a node stands for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Role<'a> {
+    /// A part of the room of this name.
+    Room(&'a str),
+    /// A window of a room.
+    Window(&'a str, &'a str),
+}
+
+/// What a node of this name stands for, if not for itself.
+pub fn role(node: &str) -> Option<Role<'_>> {
+    if let Some(name) = node.strip_prefix("room:") {
+        return Some(Role::Room(untwinned(name)));
+    }
+    let (room, name) = node.strip_prefix("window:")?.split_once('/')?;
+    Some(Role::Window(room, name))
+}
+
+/// Modellers allow a name once and number what is named alike: `hall.001` is a part of `hall`.
+fn untwinned(name: &str) -> &str {
+    match name.rsplit_once('.') {
+        Some((stem, number)) if number.len() == 3 && number.bytes().all(|b| b.is_ascii_digit()) => {
+            stem
+        }
+        _ => name,
+    }
+}
+
+/// Adds what a node stands for to the rooms so far. `corners` are those of its triangles, in the world.
+///
+/// # Errors
+/// When it has no mesh, or one that is no shape, or extras that mean nothing.
+pub fn add(
+    rooms: &mut Vec<Declared>,
+    node: &str,
+    role: &Role<'_>,
+    corners: &[Vec3],
+    extras: Option<&str>,
+) -> Result<(), Fault> {
+    let place = Place::Node(node.to_owned());
+    let named = |text: &str| Name { text: text.to_owned(), place: place.clone() };
+    let points = distinct(corners);
+    if points.len() < 3 {
+        return Err(Fault::new(&place, "it has no mesh to take a shape from"));
+    }
+    let (Role::Room(name) | Role::Window(name, _)) = role;
+    let at = rooms.iter().position(|room| room.name.text == *name).unwrap_or_else(|| {
+        rooms.push(Declared::named(named(name)));
+        rooms.len() - 1
+    });
+    let room = &mut rooms[at];
+    match role {
+        Role::Room(_) => {
+            room.name.place = place.clone();
+            room.shapes.push(shape(&points));
+            extras.map_or(Ok(()), |extras| text::tell_extras(extras, room))
+        }
+        Role::Window(_, name) => {
+            let behind = extras.and_then(|extras| {
+                let value: serde_json::Value = serde_json::from_str(extras).ok()?;
+                value.get("behind")?.as_str().map(named)
+            });
+            let Some((normal, _)) = widest_plane(&points) else {
+                return Err(Fault::new(&place, "its mesh has no area"));
+            };
+            let (u, v) = normal.any_orthonormal_pair();
+            let corners = hull2(&points, &|at| Vec2::new(u.dot(at), v.dot(at)));
+            room.windows.push(DeclaredWindow { name: named(name), corners, behind });
+            Ok(())
+        }
+    }
+}
+
+/// Puts windows after those that they are behind.
+pub fn in_order(rooms: &mut [Declared]) {
+    for room in rooms {
+        let mut left = std::mem::take(&mut room.windows);
+        while !left.is_empty() {
+            let is_next = |window: &DeclaredWindow| {
+                let known = |name: &Name| room.windows.iter().any(|w| w.name.text == name.text);
+                window.behind.as_ref().is_none_or(known)
+            };
+            // What is behind nothing that there is stays as it is, and is found to be a fault.
+            let next = left.iter().position(is_next).unwrap_or(0);
+            let window = left.remove(next);
+            room.windows.push(window);
+        }
+    }
+}
+
+/// A plane's normal and distance, by a polygon's corners; none without area.
+pub(super) fn plane_of(corners: &[Vec3]) -> Option<(Vec3, f32)> {
+    let first = *corners.first()?;
+    let sum: Vec3 = corners.windows(2).map(|two| (two[0] - first).cross(two[1] - first)).sum();
+    let normal = sum.try_normalize()?;
+    let middle = corners.iter().sum::<Vec3>() / corners.len() as f32;
+    Some((normal, normal.dot(middle)))
+}
+
+fn shape(points: &[Vec3]) -> Shape {
+    let level = points[0].y;
+    if points.iter().all(|at| (at.y - level).abs() < SAME_M) {
+        let plan = |at: Vec3| Vec2::new(at.x, at.z);
+        let corners = hull2(points, &plan).into_iter().map(plan).collect();
+        return Shape::Plan { corners, heights: None };
+    }
+    Shape::Hull(extreme(points))
+}
+
+/// Points, each once.
+fn distinct(points: &[Vec3]) -> Vec<Vec3> {
+    let mut kept: Vec<Vec3> = Vec::new();
+    for point in points {
+        // A mesh with so many corners is no shape; it is found to have too many later.
+        if kept.len() > 1_000 {
+            break;
+        }
+        if !kept.iter().any(|other| other.distance(*point) < SAME_M) {
+            kept.push(*point);
+        }
+    }
+    kept
+}
+
+/// Without the points that are between others along some direction: those that no direction of many has as its
+/// furthest. Only used when there are more than a hull may have.
+fn extreme(points: &[Vec3]) -> Vec<Vec3> {
+    use sightline_world::rooms::HULL_POINTS_MAX;
+    if points.len() <= HULL_POINTS_MAX {
+        return points.to_vec();
+    }
+    let mut kept: Vec<Vec3> = Vec::new();
+    for i in 0..2_000 {
+        let (t, z) = (i as f32 * 2.399_963, 1.0 - (i as f32 + 0.5) / 1_000.0);
+        let r = (1.0 - z * z).sqrt();
+        let along = Vec3::new(r * t.cos(), z, r * t.sin());
+        let furthest = points.iter().max_by(|a, b| along.dot(**a).total_cmp(&along.dot(**b)));
+        kept.extend(furthest.filter(|at| !kept.contains(at)));
+    }
+    kept
+}
+
+/// The plane of three of the points that are far from each other.
+fn widest_plane(points: &[Vec3]) -> Option<(Vec3, f32)> {
+    let a = points[0];
+    let b = *points.iter().max_by(|p, q| p.distance(a).total_cmp(&q.distance(a)))?;
+    let away = |p: &Vec3| (*p - a).cross(b - a).length();
+    let c = *points.iter().max_by(|p, q| away(p).total_cmp(&away(q)))?;
+    plane_of(&[a, b, c])
+}
+
+/// The corners of the convex hull in a plane, in order around it.
+fn hull2(points: &[Vec3], flat: &dyn Fn(Vec3) -> Vec2) -> Vec<Vec3> {
+    let mut sorted: Vec<(Vec2, Vec3)> = points.iter().map(|at| (flat(*at), *at)).collect();
+    sorted.sort_by(|(a, _), (b, _)| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    let half = |points: &mut dyn Iterator<Item = &(Vec2, Vec3)>| {
+        let mut chain: Vec<(Vec2, Vec3)> = Vec::new();
+        for next in points {
+            while let [.., (a, _), (b, _)] = chain[..]
+                && (b - a).perp_dot(next.0 - b) <= SAME_M * SAME_M
+            {
+                chain.pop();
+            }
+            chain.push(*next);
+        }
+        chain.pop();
+        chain
+    };
+    let lower = half(&mut sorted.iter());
+    let upper = half(&mut sorted.iter().rev());
+    lower.into_iter().chain(upper).map(|(_, at)| at).collect()
+}

@@ -1,0 +1,202 @@
+//! A convex part of space in the making, and convex polygons in it.
+
+use glam::DVec3;
+use sightline_world::geometry::Aabb;
+
+/// Corners this close to a plane, in metres, lie on it: what single precision leaves.
+pub const ON_PLANE: f64 = 1e-5;
+/// What is thinner than this, in metres, is none.
+const THIN: f64 = 1e-7;
+
+/// A plane to split along.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cut {
+    /// The points where one coordinate has a value, in metres.
+    Axial {
+        /// 0, 1 or 2.
+        axis: usize,
+        /// In metres.
+        at: f32,
+    },
+    /// The points where `normal · point = distance`.
+    Plane {
+        /// Of unit length.
+        normal: DVec3,
+        /// In metres.
+        distance: f64,
+    },
+}
+
+impl Cut {
+    /// How far on the greater side of the plane a point is, in metres.
+    pub fn height(&self, point: DVec3) -> f64 {
+        match *self {
+            Self::Axial { axis, at } => point[axis] - f64::from(at),
+            Self::Plane { normal, distance } => normal.dot(point) - distance,
+        }
+    }
+
+    /// Towards the greater side, of unit length.
+    pub fn normal(&self) -> DVec3 {
+        match *self {
+            Self::Axial { axis, .. } => DVec3::AXES[axis],
+            Self::Plane { normal, .. } => normal,
+        }
+    }
+}
+
+/// A box, less what is behind some planes that are not axial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Region {
+    /// The box, in metres.
+    pub bounds: Aabb,
+    /// Planes, and whether the region is on the greater side.
+    slants: Vec<(Cut, bool)>,
+}
+
+impl Region {
+    /// A box.
+    pub fn new(bounds: Aabb) -> Self {
+        Self { bounds, slants: Vec::new() }
+    }
+
+    /// Whether it is all of its box.
+    pub fn is_box(&self) -> bool {
+        self.slants.is_empty()
+    }
+
+    /// The parts on the lesser and on the greater side of a plane.
+    pub fn halves(&self, cut: &Cut) -> [Self; 2] {
+        [false, true].map(|is_greater| {
+            let mut half = self.clone();
+            match *cut {
+                Cut::Axial { axis, at } if is_greater => half.bounds.min[axis] = at,
+                Cut::Axial { axis, at } => half.bounds.max[axis] = at,
+                Cut::Plane { .. } => half.slants.push((*cut, is_greater)),
+            }
+            half
+        })
+    }
+
+    /// What a plane shares with the region: a convex polygon, or nothing.
+    pub fn section(&self, cut: &Cut) -> Vec<DVec3> {
+        let mut polygon = match *cut {
+            Cut::Axial { axis, at } => rectangle(&self.bounds, axis, at),
+            Cut::Plane { .. } => {
+                let mut whole = square(cut, &self.bounds);
+                for axis in 0..3 {
+                    let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
+                    whole = part(&whole, &Cut::Axial { axis, at: min }, true);
+                    whole = part(&whole, &Cut::Axial { axis, at: max }, false);
+                }
+                whole
+            }
+        };
+        // What lies in a side of the region has no width on either side of that.
+        for (slant, is_greater) in self.slants.iter().filter(|(slant, _)| slant != cut) {
+            polygon = part(&polygon, slant, *is_greater);
+        }
+        polygon
+    }
+
+    /// The smallest box around it, and a point inside; none when it has no volume to speak of.
+    pub fn extent(&self) -> Option<(Aabb, DVec3)> {
+        if self.is_box() {
+            let has_volume = self.bounds.size().cmpgt(glam::Vec3::ZERO).all();
+            return has_volume.then(|| (self.bounds, self.bounds.centre().as_dvec3()));
+        }
+        let sides = (0..3).flat_map(|axis| {
+            [self.bounds.min[axis], self.bounds.max[axis]].map(|at| Cut::Axial { axis, at })
+        });
+        let mut corners: Vec<DVec3> = Vec::new();
+        for side in sides.chain(self.slants.iter().map(|(cut, _)| *cut)) {
+            corners.extend(self.section(&side));
+        }
+        if corners.len() < 4 {
+            return None;
+        }
+        let (min, max) = corners
+            .iter()
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), &c| (a.min(c), b.max(c)));
+        let bounds = Aabb::new(min.as_vec3(), max.as_vec3()).intersection(&self.bounds);
+        let inside = corners.iter().sum::<DVec3>() / corners.len() as f64;
+        ((max - min).min_element() > THIN && !bounds.is_empty()).then_some((bounds, inside))
+    }
+
+    /// The box shrunk to what the slanted planes leave.
+    pub fn tightened(mut self) -> Self {
+        if !self.is_box()
+            && let Some((bounds, _)) = self.extent()
+        {
+            self.bounds = bounds;
+        }
+        self
+    }
+}
+
+/// The section of a box perpendicular to an axis.
+fn rectangle(bounds: &Aabb, axis: usize, at: f32) -> Vec<DVec3> {
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
+    let corner = |a: f64, b: f64| {
+        let mut corner = DVec3::splat(f64::from(at));
+        (corner[u], corner[v]) = (a, b);
+        corner
+    };
+    vec![
+        corner(min[u], min[v]),
+        corner(max[u], min[v]),
+        corner(max[u], max[v]),
+        corner(min[u], max[v]),
+    ]
+}
+
+/// A square on a plane that holds all the plane shares with a box.
+fn square(cut: &Cut, bounds: &Aabb) -> Vec<DVec3> {
+    let centre = bounds.centre().as_dvec3();
+    let normal = cut.normal();
+    let centre = centre - normal * cut.height(centre);
+    let reach = f64::from(bounds.size().length()) + 1.0;
+    let (u, v) = normal.any_orthonormal_pair();
+    let (u, v) = (u * reach, v * reach);
+    vec![centre - u - v, centre + u - v, centre + u + v, centre - u + v]
+}
+
+/// What of a convex polygon lies on one side of a plane, boundary included; nothing when that has
+/// no width.
+pub fn part(polygon: &[DVec3], cut: &Cut, is_greater: bool) -> Vec<DVec3> {
+    let sign = if is_greater { 1.0 } else { -1.0 };
+    let height = |p: DVec3| cut.height(p) * sign;
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    let mut deepest = f64::NEG_INFINITY;
+    for (i, &here) in polygon.iter().enumerate() {
+        let next = polygon[(i + 1) % polygon.len()];
+        let (a, b) = (height(here), height(next));
+        deepest = deepest.max(a);
+        if a >= 0.0 {
+            kept.push(here);
+        }
+        if a * b < 0.0 {
+            let mut crossing = here.lerp(next, a / (a - b));
+            if let Cut::Axial { axis, at } = *cut {
+                crossing[axis] = f64::from(at);
+            }
+            kept.push(crossing);
+        }
+    }
+    if deepest <= THIN || kept.len() < 3 { Vec::new() } else { kept }
+}
+
+/// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE`] of it.
+pub fn sides(polygon: &[DVec3], cut: &Cut) -> [bool; 2] {
+    polygon.iter().fold([false; 2], |[low, high], &corner| {
+        let height = cut.height(corner);
+        [low || height < -ON_PLANE, high || height > ON_PLANE]
+    })
+}
+
+/// The area of a convex polygon, in square metres.
+pub fn area(polygon: &[DVec3]) -> f64 {
+    let fan = |i: usize| (polygon[i] - polygon[0]).cross(polygon[i + 1] - polygon[0]);
+    (1..polygon.len().saturating_sub(1)).map(fan).sum::<DVec3>().length() * 0.5
+}

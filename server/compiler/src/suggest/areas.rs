@@ -1,0 +1,331 @@
+//! The plan of a storey, and the areas that it falls apart into.
+//!
+//! It is sampled on a grid. What a body cannot pass is closed; from how far each open place is from what is
+//! closed follows how wide it is there. Places are taken from the widest to the narrowest (a watershed): one
+//! next to an area belongs to it, and one between two joins them, unless it is much narrower than both.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use sightline_world::{World, geometry::Aabb};
+
+/// The grid's step, in metres, or more where a building is large …
+const STEP_M: f32 = 0.125;
+/// … so that it has no more places along a side.
+const SIDE_MAX: f32 = 2_400.0;
+/// A place is closed where there is something at all of these heights above the floor, in metres: tables are
+/// lower, and lintels higher.
+const HEIGHTS_M: [f32; 3] = [1.0, 1.4, 1.8];
+/// What is walked on is no further from the storey's floor, in metres: below it, and above.
+const FLOOR_M: [f32; 2] = [0.4, 0.9];
+/// An opening is a door when it is narrower than this part of the narrower of the areas that it joins.
+const NECK: f32 = 0.7;
+/// A roof is at least so far above the floor, in metres.
+const ROOF_M: f32 = 1.9;
+/// Smaller areas are no rooms, in square metres.
+const AREA_MIN_M2: f32 = 1.5;
+
+/// The area that a place belongs to.
+type Label = Option<u32>;
+
+/// What most of the plan under a cell is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ground {
+    /// A part of this area.
+    Area(u32),
+    /// Closed: a wall, or furniture.
+    Closed,
+    /// Anything else, such as what is outside.
+    Elsewhere,
+}
+
+/// The areas of one storey.
+pub(super) struct Areas {
+    from: Vec3,
+    step: f32,
+    columns: usize,
+    rows: usize,
+    open: Vec<bool>,
+    labels: Vec<Label>,
+    pub(super) count: usize,
+}
+
+impl Areas {
+    /// The areas of the storey on whose floor feet are at a height.
+    pub(super) fn of_storey(world: &World, feet: f32) -> Self {
+        let bounds = &world.cells.bounds;
+        let size = bounds.size();
+        let step = STEP_M.max(size.x.max(size.z) / SIDE_MAX);
+        let count = |size: f32| (size / step).ceil().max(1.0) as usize;
+        let (columns, rows) = (count(size.x), count(size.z));
+        let from = bounds.min.with_y(feet);
+        let (open, labels) = (Vec::new(), Vec::new());
+        let mut areas = Self { from, step, columns, rows, open, labels, count: 0 };
+        areas.open =
+            (0..columns * rows).into_par_iter().map(|at| areas.is_open(world, at)).collect();
+        let width = distances(&areas.open, columns, rows);
+        areas.labels = watershed(&width, columns, rows);
+        areas.keep_rooms(world);
+        areas
+    }
+
+    fn point(&self, at: usize) -> Vec3 {
+        let (x, z) = (at % self.columns, at / self.columns);
+        self.from + Vec3::new(x as f32 + 0.5, 0.0, z as f32 + 0.5) * self.step
+    }
+
+    fn is_open(&self, world: &World, at: usize) -> bool {
+        let foot = self.point(at);
+        let solid = |low: f32, high: f32| {
+            let middle = world.cells.axes.world(foot + Vec3::Y * (low + high) * 0.5);
+            let half = Vec3::new(self.step, high - low, self.step) * 0.5;
+            world.octree.solid_in(&Aabb::new(middle - half, middle + half))
+        };
+        let is_cell = world.cells.at_own(foot + Vec3::Y * HEIGHTS_M[1]).is_some();
+        is_cell
+            && !HEIGHTS_M.iter().all(|height| solid(height - 0.05, height + 0.05))
+            && solid(-FLOOR_M[0], FLOOR_M[1])
+    }
+
+    /// Whether there is something above a place. Maps made for Quake are closed all around, and their
+    /// skies are not drawn.
+    fn is_roofed(&self, world: &World, at: usize) -> bool {
+        let foot = world.cells.axes.world(self.point(at));
+        let bounds = world.octree.bounds();
+        let half = Vec3::new(0.02, 0.0, 0.02);
+        let low = foot + Vec3::Y * ROOF_M;
+        let column = Aabb::new(low - half, low.with_y(bounds.max.y) + half);
+        world.origin.is_some() || world.octree.solid_in(&column)
+    }
+
+    /// Drops what is outside, without a roof or reaching the edge of the plan, and what is tiny.
+    fn keep_rooms(&mut self, world: &World) {
+        let labels =
+            self.labels.iter().flatten().map(|label| *label as usize + 1).max().unwrap_or(0);
+        let roofed: Vec<bool> = (0..self.labels.len())
+            .into_par_iter()
+            .map(|at| self.labels[at].is_some() && self.is_roofed(world, at))
+            .collect();
+        let mut sizes = vec![0usize; labels];
+        let mut roofs = vec![0usize; labels];
+        let mut is_outside = vec![false; labels];
+        for (at, label) in self.labels.iter().enumerate() {
+            let Some(label) = label else { continue };
+            let (x, z) = (at % self.columns, at / self.columns);
+            sizes[*label as usize] += 1;
+            roofs[*label as usize] += usize::from(roofed[at]);
+            is_outside[*label as usize] |=
+                x == 0 || z == 0 || x + 1 == self.columns || z + 1 == self.rows;
+        }
+        let enough = (AREA_MIN_M2 / (self.step * self.step)) as usize;
+        let mut next = 0;
+        let kept: Vec<Label> = (0..labels)
+            .map(|label| {
+                let is_roofed = roofs[label] * 2 >= sizes[label];
+                let is_room = is_roofed && !is_outside[label] && sizes[label] >= enough;
+                is_room.then(|| {
+                    next += 1;
+                    next - 1
+                })
+            })
+            .collect();
+        self.count = next as usize;
+        for label in &mut self.labels {
+            *label = label.and_then(|label| kept[label as usize]);
+        }
+    }
+
+    /// What most of the plan under a box in own axes is.
+    pub(super) fn under(&self, region: &Aabb) -> Ground {
+        let range = |min: f32, max: f32, from: f32, count: usize| {
+            let at = |x: f32| (((x - from) / self.step).max(0.0) as usize).min(count);
+            // Places whose middle is inside, or the one at the middle of what is narrower than a step.
+            let (low, high) = (at(min + self.step * 0.5), at(max + self.step * 0.5));
+            let middle = at((min + max) * 0.5);
+            if low < high { low..high } else { middle..(middle + 1).min(count) }
+        };
+        let xs = range(region.min.x, region.max.x, self.from.x, self.columns);
+        let zs = range(region.min.z, region.max.z, self.from.z, self.rows);
+        let mut votes: Vec<(u32, usize)> = Vec::new();
+        let (mut all, mut closed) = (0, 0);
+        for at in zs.flat_map(|z| xs.clone().map(move |x| z * self.columns + x)) {
+            all += 1;
+            closed += usize::from(!self.open[at]);
+            let Some(label) = self.labels[at] else { continue };
+            match votes.iter_mut().find(|(known, _)| *known == label) {
+                Some((_, count)) => *count += 1,
+                None => votes.push((label, 1)),
+            }
+        }
+        match votes.into_iter().max_by_key(|(_, count)| *count) {
+            Some((label, count)) if count * 2 > all => Ground::Area(label),
+            _ if closed * 2 >= all => Ground::Closed,
+            _ => Ground::Elsewhere,
+        }
+    }
+}
+
+/// How far each open place is from what is closed, in steps: exact, after Felzenszwalb and Huttenlocher (2012).
+fn distances(open: &[bool], columns: usize, rows: usize) -> Vec<f32> {
+    let far = (columns + rows) as f32;
+    let mut squares: Vec<f32> =
+        open.iter().map(|open| if *open { far * far } else { 0.0 }).collect();
+    let mut line = Vec::new();
+    for x in 0..columns {
+        line.clear();
+        line.extend((0..rows).map(|z| squares[z * columns + x]));
+        for (z, value) in lower_envelope(&line).into_iter().enumerate() {
+            squares[z * columns + x] = value;
+        }
+    }
+    for row in squares.chunks_mut(columns) {
+        let found = lower_envelope(row);
+        row.copy_from_slice(&found);
+    }
+    squares.iter().map(|square| square.sqrt()).collect()
+}
+
+/// For each place, the least of all values there are, each plus the square of how far away it is.
+fn lower_envelope(values: &[f32]) -> Vec<f32> {
+    let mut roots: Vec<(usize, f32)> = Vec::with_capacity(values.len());
+    for (at, value) in values.iter().enumerate() {
+        let height = |at: usize, value: f32| value + (at * at) as f32;
+        let mut start = f32::NEG_INFINITY;
+        while let Some(&(root, since)) = roots.last() {
+            start = (height(at, *value) - height(root, values[root])) / (2 * (at - root)) as f32;
+            if start > since {
+                break;
+            }
+            roots.pop();
+            start = f32::NEG_INFINITY;
+        }
+        roots.push((at, start));
+    }
+    let mut current = 0;
+    (0..values.len())
+        .map(|at| {
+            while current + 1 < roots.len() && roots[current + 1].1 < at as f32 {
+                current += 1;
+            }
+            let away = at.abs_diff(roots[current].0);
+            values[roots[current].0] + (away * away) as f32
+        })
+        .collect()
+}
+
+/// Gives each open place the area that it belongs to.
+fn watershed(width: &[f32], columns: usize, rows: usize) -> Vec<Label> {
+    let mut order: Vec<usize> = (0..width.len()).filter(|at| width[*at] > 0.0).collect();
+    order.sort_by(|a, b| width[*b].total_cmp(&width[*a]).then(a.cmp(b)));
+    let mut labels: Vec<Label> = vec![None; width.len()];
+    let mut basins = Basins::default();
+    for at in order {
+        let (x, z) = (at % columns, at / columns);
+        let beside = [
+            (x > 0).then(|| at - 1),
+            (x + 1 < columns).then(|| at + 1),
+            (z > 0).then(|| at.wrapping_sub(columns)),
+            (z + 1 < rows).then(|| at + columns),
+        ];
+        let mut near: Vec<u32> = beside
+            .into_iter()
+            .flatten()
+            .filter_map(|next| labels[next])
+            .map(|label| basins.root(label))
+            .collect();
+        near.sort_by(|a, b| basins.peak(*b).total_cmp(&basins.peak(*a)).then(a.cmp(b)));
+        near.dedup();
+        let Some((first, others)) = near.split_first() else {
+            labels[at] = Some(basins.add(width[at]));
+            continue;
+        };
+        labels[at] = Some(*first);
+        for other in others {
+            if width[at] >= NECK * basins.peak(*other) {
+                basins.join(*first, *other);
+            }
+        }
+    }
+    let root = |label: u32| basins.root(label);
+    labels.into_iter().map(|label| label.map(root)).collect()
+}
+
+/// Areas while they grow together.
+#[derive(Default)]
+struct Basins {
+    above: Vec<u32>,
+    peaks: Vec<f32>,
+}
+
+impl Basins {
+    fn add(&mut self, peak: f32) -> u32 {
+        self.above.push(self.above.len() as u32);
+        self.peaks.push(peak);
+        self.above.len() as u32 - 1
+    }
+
+    fn root(&self, mut at: u32) -> u32 {
+        while self.above[at as usize] != at {
+            at = self.above[at as usize];
+        }
+        at
+    }
+
+    /// How wide it is where it is widest.
+    fn peak(&self, root: u32) -> f32 {
+        self.peaks[root as usize]
+    }
+
+    /// The first has the higher peak.
+    fn join(&mut self, first: u32, other: u32) {
+        self.above[other as usize] = first;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_are_those_to_the_nearest_closed_place() {
+        let (columns, rows) = (23, 17);
+        let open: Vec<bool> = (0..columns * rows).map(|i| (i * 7919) % 31 > 1).collect();
+        let found = distances(&open, columns, rows);
+        for (at, found) in found.into_iter().enumerate() {
+            let to = |other: usize| {
+                let x = (at % columns).abs_diff(other % columns);
+                let z = (at / columns).abs_diff(other / columns);
+                ((x * x + z * z) as f32).sqrt()
+            };
+            let nearest =
+                (0..columns * rows).filter(|other| !open[*other]).map(to).fold(f32::MAX, f32::min);
+            assert!((found - nearest).abs() < 1e-3, "{at}: {found} {nearest}");
+        }
+    }
+
+    /// Two rooms and a corridor that bends.
+    #[test]
+    fn a_neck_divides_and_a_bend_does_not() {
+        let plan = [
+            "####################",
+            "#.......#..........#",
+            "#.......#..........#",
+            "#.......#..........#",
+            "#.......#..........#",
+            "#.......#..........#",
+            "###..####..........#",
+            "#......#####..######",
+            "#......#############",
+            "#......#############",
+            "####################",
+        ];
+        let open: Vec<bool> = plan.iter().flat_map(|row| row.bytes().map(|b| b == b'.')).collect();
+        let (columns, rows) = (20, plan.len());
+        let labels = watershed(&distances(&open, columns, rows), columns, rows);
+        let at = |x: usize, z: usize| labels[z * columns + x];
+        assert!(at(2, 2).is_some() && at(2, 2) == at(7, 5));
+        assert_ne!(at(2, 2), at(2, 8));
+        assert_ne!(at(2, 2), at(12, 2));
+        assert_eq!(at(10, 1), at(18, 5));
+        assert_eq!(at(8, 3), None);
+    }
+}

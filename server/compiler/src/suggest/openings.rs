@@ -1,0 +1,118 @@
+//! Where one sees out of a room: the portals from its cells to others, joined to few windows.
+
+use std::collections::{BTreeMap, HashMap};
+
+use glam::Vec3;
+use sightline_world::{Polygon, World, geometry::Aabb};
+
+use super::{Opening, Suggestion};
+
+/// Rectangles that are no further apart are one window, in metres.
+const APART_M: f32 = 0.02;
+
+/// Where openings lie, and what they are to: joined when it is the same.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Wall {
+    axis: u8,
+    at_mm: i64,
+    to: Option<usize>,
+}
+
+/// The windows of a room that has some cells. `taken` tells for each cell which room has it.
+pub(super) fn windows(
+    world: &World,
+    taken: &[Option<usize>],
+    room: usize,
+    own: &Suggestion,
+    names: &[String],
+) -> Vec<Opening> {
+    let cells = &world.cells;
+    let boxes = &own.boxes;
+    let mut walls: BTreeMap<Wall, Vec<Aabb>> = BTreeMap::new();
+    let mut slanted: Vec<(Option<usize>, Vec<Vec3>)> = Vec::new();
+    for cell in &own.cells {
+        for portal in &cells.cells[cell.0 as usize].portals {
+            let portal = &cells.portals[*portal as usize];
+            let beyond = portal.cells[usize::from(portal.cells[0] == *cell)];
+            let to = taken[beyond.0 as usize];
+            if to == Some(room) {
+                continue;
+            }
+            let bounds = portal.polygon.bounds();
+            let flat = (0..3u8).find(|axis| bounds.size()[usize::from(*axis)] < 1e-4);
+            match (flat, &portal.polygon) {
+                (Some(axis), _) => {
+                    let at_mm = (f64::from(bounds.min[usize::from(axis)]) * 1e3).round() as i64;
+                    walls.entry(Wall { axis, at_mm, to }).or_default().push(bounds);
+                }
+                (None, Polygon::Other { corners, .. }) => slanted.push((to, corners.to_vec())),
+                (None, Polygon::Rectangle { .. }) => (),
+            }
+        }
+    }
+    let flat = walls.into_iter().flat_map(|(wall, parts)| {
+        let is_on = |part: &Aabb| is_on_boundary(boxes, part, wall.axis);
+        joined(parts, is_on).into_iter().map(move |part| (wall.to, corners(&part, wall.axis)))
+    });
+    let mut count: HashMap<Option<usize>, usize> = HashMap::new();
+    flat.chain(slanted)
+        .map(|(to, own)| {
+            let number = count.entry(to).or_default();
+            *number += 1;
+            let to = to.and_then(|to| names.get(to)).map_or("elsewhere", String::as_str);
+            let name = if *number == 1 { format!("to {to}") } else { format!("to {to}, {number}") };
+            Opening { name, corners: own.into_iter().map(|at| cells.axes.world(at)).collect() }
+        })
+        .collect()
+}
+
+/// Rectangles of one plane, those that touch as the one around them, where that is on the boundary of the room
+/// too: larger, never smaller.
+fn joined(mut parts: Vec<Aabb>, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
+    let mut at = 0;
+    while at < parts.len() {
+        let touching = (at + 1..parts.len()).find(|other| {
+            parts[at].grown(APART_M).intersects(&parts[*other])
+                && is_on(&parts[at].union(&parts[*other]))
+        });
+        match touching {
+            Some(other) => {
+                let other = parts.swap_remove(other);
+                parts[at] = parts[at].union(&other);
+                // It may touch now what it did not before.
+                at = 0;
+            }
+            None => at += 1,
+        }
+    }
+    parts
+}
+
+/// Whether a rectangle that is flat along an axis is part of one side of one box, and not inside of another.
+fn is_on_boundary(boxes: &[Aabb], part: &Aabb, axis: u8) -> bool {
+    let axis = usize::from(axis);
+    let beside = |far: f32| {
+        let mut beside = part.grown(-APART_M * 0.5);
+        (beside.min[axis], beside.max[axis]) = (part.min[axis] + far, part.max[axis] + far);
+        beside
+    };
+    let sides = [beside(APART_M), beside(-APART_M)];
+    let holds = |side: &Aabb| boxes.iter().any(|region| region.contains_box(side));
+    let meets = |side: &Aabb| boxes.iter().any(|region| region.intersects(side));
+    (holds(&sides[0]) && !meets(&sides[1])) || (holds(&sides[1]) && !meets(&sides[0]))
+}
+
+/// The corners of a rectangle that is flat along an axis, in order around it.
+fn corners(part: &Aabb, axis: u8) -> Vec<Vec3> {
+    let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(usize::from);
+    let ends = [part.min, part.max];
+    [(0, 0), (1, 0), (1, 1), (0, 1)]
+        .into_iter()
+        .map(|(i, j): (usize, usize)| {
+            let mut at = part.min;
+            at[u] = ends[i][u];
+            at[v] = ends[j][v];
+            at
+        })
+        .collect()
+}

@@ -1,0 +1,64 @@
+//! Suggested rooms as TOML, in the world's axes.
+
+use std::fmt::Write;
+
+use glam::Vec3;
+use sightline_world::{World, geometry::Aabb};
+
+use super::Suggestion;
+
+const HEAD: &str = "\
+# Rooms as the building suggests them. What is here is where they are and where one sees out of them: a room with
+# windows shows itself, and what its windows show. Name them, take out what is no room, and say what only you know:
+#
+#   title = \"Board room\"        what people are told that it is called
+#   visible = { rooms = [], objects = [], cells = [] }    all that may be seen from inside, windows apart; or
+#   hidden = { rooms = [], objects = [], cells = [] }     what may not, all else may
+#   sealed = true               nobody inside is told of anybody outside, nor the other way round
+#   opaque = true               nobody sees through it but through its windows
+#   capacity = 12, tag = \"...\", spawn = { eye = [x, y, z], yaw = degrees }
+";
+
+/// All rooms.
+pub(super) fn write(world: &World, rooms: &[Suggestion]) -> String {
+    let mut text = String::from(HEAD);
+    let is_turned = world.cells.axes.turn() != 0.0;
+    for room in rooms {
+        let _ = writeln!(text, "\n[[room]]\nname = {:?}", room.name);
+        match (&room.boxes[..], is_turned) {
+            ([Aabb { min, max }], false) => {
+                let _ = writeln!(text, "box = [{}, {}]", point(min), point(max));
+            }
+            (boxes, false) => {
+                let boxes = boxes.iter().map(|Aabb { min, max }| list(&[*min, *max]));
+                let _ = writeln!(text, "boxes = [{}]", boxes.collect::<Vec<_>>().join(", "));
+            }
+            (boxes, true) => {
+                let world = |at: &Vec3| world.cells.axes.world(*at);
+                let hulls =
+                    boxes.iter().map(|region| list(&region.corners().each_ref().map(world)));
+                let _ = writeln!(text, "hulls = [{}]", hulls.collect::<Vec<_>>().join(", "));
+            }
+        }
+        for window in &room.windows {
+            let polygon = list(&window.corners);
+            let _ =
+                writeln!(text, "[[room.window]]\nname = {:?}\npolygon = {polygon}", window.name);
+        }
+    }
+    text
+}
+
+fn list(points: &[Vec3]) -> String {
+    format!("[{}]", points.iter().map(point).collect::<Vec<_>>().join(", "))
+}
+
+/// To a hundredth of a millimetre: exact enough for walls to meet.
+fn point(at: &Vec3) -> String {
+    let number = |x: f32| {
+        let rounded = (f64::from(x) * 1e5).round() / 1e5;
+        // No minus before a nought.
+        format!("{}", rounded + 0.0)
+    };
+    format!("[{}, {}, {}]", number(at.x), number(at.y), number(at.z))
+}

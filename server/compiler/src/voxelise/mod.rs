@@ -1,0 +1,317 @@
+//! From surfaces to the octree: every voxel that a triangle touches, with the mean of its looks.
+//!
+//! The grid is cut into the octree's blocks. Triangles are first scattered to the blocks they touch,
+//! then each block is halved down to voxels and packed on its own, on any thread, so that
+//! voxels in the making are held for a block at a time; blocks follow one another in the
+//! order of their keys, so the result does not depend on the threads.
+
+mod overlap;
+mod paint;
+
+use std::{
+    collections::BTreeMap,
+    ops::ControlFlow,
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
+};
+
+use glam::{UVec3, Vec3};
+use rayon::prelude::*;
+use sightline_world::{
+    geometry::Aabb,
+    octree::{BLOCK_LEVELS, Block as Part, DEPTH_MAX, Octree, OctreeError, Voxel, morton},
+};
+use thiserror::Error;
+
+pub(super) use self::paint::Palette;
+use self::{
+    overlap::Overlap,
+    paint::{Looks, Sample},
+};
+use super::model::Surface;
+
+/// No world has more voxels: the octree of so many takes about 640 MiB, and to make it 2 GiB.
+pub const VOXELS_MAX: usize = 128 << 20;
+
+/// What [`default_voxel`] aims to stay below: an octree of about 100 MiB.
+const VOXELS_DEFAULT: f64 = 20.0e6;
+
+/// The least edge that makes sense, in metres.
+const EDGE_MIN: f32 = 0.001;
+
+/// The greatest edge that makes sense, in metres.
+const EDGE_MAX: f32 = 100.0;
+
+/// No more pairs of block and triangle are kept: 8 bytes each.
+const SCATTERED_MAX: usize = 64 << 20;
+
+/// Where the grid's lines lie between whole multiples of the voxel. Authors put walls and floors at
+/// round places; a surface exactly between two voxels would fill both. Upward, voxels reach just
+/// above the surfaces, so that one stands on the floor and not over it.
+const GRID_SHIFT: Vec3 = Vec3::new(0.37, 0.87, 0.37);
+
+/// Why there are no voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum VoxeliseError {
+    /// More than memory should hold.
+    #[error("voxels of {voxel} m are too many for this model; --voxel {enough} would do")]
+    TooMany {
+        /// What was asked for, in metres.
+        voxel: f32,
+        /// An edge that would do, in metres.
+        enough: f32,
+    },
+    /// No such edge.
+    #[error("--voxel must be between {EDGE_MIN} and {EDGE_MAX} metres, not {0}")]
+    Edge(f32),
+    /// The progress callback said so.
+    #[error("cancelled")]
+    Cancelled,
+    /// The octree cannot be made.
+    #[error(transparent)]
+    Octree(#[from] OctreeError),
+}
+
+/// An edge that suits a model, in metres: 1/32, or as many times 4/3 and 3/2 in turn as a large
+/// building needs. Every second one is a power of two.
+pub fn default_voxel(surfaces: &[Surface], bounds: &Aabb) -> f32 {
+    let powers = std::iter::successors(Some(1.0 / 32.0), |power| Some(power * 2.0));
+    let mut edges = powers.flat_map(|power| [power, power * 4.0 / 3.0]);
+    edges.find(|&edge| fits(surfaces, bounds, edge, VOXELS_DEFAULT)).unwrap_or(EDGE_MAX)
+}
+
+/// The least double, fourfold and so on of an edge that does.
+fn enough(surfaces: &[Surface], bounds: &Aabb, voxel: f32) -> f32 {
+    let mut edges = std::iter::successors(Some(voxel * 2.0), |edge| Some(edge * 2.0));
+    let edge = edges.find(|&edge| fits(surfaces, bounds, edge, 0.8 * VOXELS_MAX as f64));
+    edge.unwrap_or(EDGE_MAX)
+}
+
+/// Whether about so many voxels are enough, or the edge cannot be larger anyway.
+fn fits(surfaces: &[Surface], bounds: &Aabb, edge: f32, voxels: f64) -> bool {
+    let can_be_larger = edge < EDGE_MAX * 0.5;
+    let is_small = voxels_about(surfaces, edge) <= voxels && depth_for(bounds, edge) <= DEPTH_MAX;
+    is_small || !can_be_larger
+}
+
+/// A slanted plane fills more voxels than its area, and overlapping ones fill fewer.
+fn voxels_about(surfaces: &[Surface], voxel: f32) -> f64 {
+    let area = surfaces.iter().flat_map(Surface::corners).map(doubled_area).sum::<f64>() / 2.0;
+    1.2 * area / f64::from(voxel * voxel)
+}
+
+fn doubled_area([a, b, c]: [Vec3; 3]) -> f64 {
+    let area = f64::from((b - a).cross(c - a).length());
+    if area.is_finite() { area } else { 0.0 }
+}
+
+/// The least depth with which a grid covers a box, wherever its lines lie.
+fn depth_for(bounds: &Aabb, voxel: f32) -> u8 {
+    let across = (bounds.size().max_element() / voxel).max(1.0) + 2.0;
+    across.log2().ceil().min(255.0) as u8
+}
+
+/// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches.
+/// `progress` is told the part done, from 0 to 1, from any thread; when it breaks, no more work is begun.
+///
+/// # Errors
+///
+/// When there would be too many voxels, the edge makes no sense, or `progress` breaks.
+pub fn voxelise(
+    surfaces: &[Surface],
+    bounds: &Aabb,
+    voxel: f32,
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Result<Octree, VoxeliseError> {
+    if !(EDGE_MIN..=EDGE_MAX).contains(&voxel) {
+        return Err(VoxeliseError::Edge(voxel));
+    }
+    let too_many = || VoxeliseError::TooMany { voxel, enough: enough(surfaces, bounds, voxel) };
+    let depth = depth_for(bounds, voxel);
+    // Far too many need not be tried.
+    if depth > DEPTH_MAX || voxels_about(surfaces, voxel) > 4.0 * VOXELS_MAX as f64 {
+        return Err(too_many());
+    }
+    let origin = (bounds.min / voxel).floor() * voxel - (1.0 - GRID_SHIFT) * voxel;
+    let grid = Grid { surfaces, palette: Palette::new(surfaces), origin, voxel, depth };
+    let blocks = grid.scatter().ok_or_else(too_many)?;
+    let (filled, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let cancelled = AtomicBool::new(false);
+    let parts = blocks
+        .par_iter()
+        .map(|(&key, triangles)| {
+            let mut voxels = Vec::new();
+            // Once there are too many, the rest need not be made: all is thrown away.
+            let given_up = filled.load(Ordering::Relaxed) > VOXELS_MAX;
+            if given_up || cancelled.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            grid.fill(key, triangles, &mut voxels);
+            filled.fetch_add(voxels.len(), Ordering::Relaxed);
+            let share = (done.fetch_add(1, Ordering::Relaxed) + 1) as f32 / blocks.len() as f32;
+            if progress(share).is_break() {
+                cancelled.store(true, Ordering::Relaxed);
+            }
+            Part::new(depth, &voxels)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    if cancelled.into_inner() {
+        return Err(VoxeliseError::Cancelled);
+    }
+    if filled.into_inner() > VOXELS_MAX {
+        return Err(too_many());
+    }
+    Ok(Octree::from_blocks(origin, voxel, depth, parts.into_iter().flatten().collect())?)
+}
+
+/// A triangle of a surface.
+#[derive(Clone, Copy)]
+struct Face {
+    surface: u32,
+    triangle: u32,
+}
+
+struct Grid<'a> {
+    surfaces: &'a [Surface],
+    palette: Palette,
+    origin: Vec3,
+    voxel: f32,
+    depth: u8,
+}
+
+impl Grid<'_> {
+    /// Which triangles touch which block; `None` when they are too many.
+    fn scatter(&self) -> Option<BTreeMap<u64, Vec<Face>>> {
+        let mut blocks = BTreeMap::<u64, Vec<Face>>::new();
+        let mut total = 0;
+        for (index, surface) in self.surfaces.iter().enumerate() {
+            for triangle in 0..surface.triangles.len() {
+                let corners = surface.corners_of(triangle);
+                let corners = corners.map(|corners| self.to_grid(corners, Vec3::ZERO));
+                let Some(overlap) = corners.and_then(Overlap::new) else { continue };
+                let face = Face { surface: index as u32, triangle: triangle as u32 };
+                let levels = self.depth - self.depth.min(BLOCK_LEVELS);
+                let width = (1u32 << self.depth) as f32;
+                each_block(&overlap, Vec3::ZERO, width, levels, 0, &mut |key| {
+                    total += 1;
+                    if total <= SCATTERED_MAX {
+                        blocks.entry(key).or_default().push(face);
+                    }
+                });
+            }
+        }
+        (total <= SCATTERED_MAX).then_some(blocks)
+    }
+
+    /// Corners in voxels from a corner of the grid. Through f64, since far from the origin of a
+    /// large model f32 has no digits left for parts of a voxel.
+    fn to_grid(&self, corners: [Vec3; 3], from: Vec3) -> [Vec3; 3] {
+        let (origin, from) = (self.origin.as_dvec3(), from.as_dvec3());
+        corners.map(|c| ((c.as_dvec3() - origin) / f64::from(self.voxel) - from).as_vec3())
+    }
+
+    /// Appends a block's voxels in ascending order of key.
+    fn fill(&self, key: u64, faces: &[Face], voxels: &mut Vec<Voxel>) {
+        let levels = self.depth.min(BLOCK_LEVELS);
+        let corner = unmorton(key) << u32::from(levels);
+        let corner_grid = corner.as_vec3();
+        let candidates = faces
+            .iter()
+            .filter_map(|&face| {
+                let surface = &self.surfaces[face.surface as usize];
+                let corners = surface.corners_of(face.triangle as usize)?;
+                let overlap = Overlap::new(self.to_grid(corners, corner_grid))?;
+                let sample = self.palette.sample_of(surface, face.triangle as usize, self.voxel)?;
+                Some(Candidate { overlap, sample })
+            })
+            .collect::<Vec<_>>();
+        let all = (0..candidates.len() as u32).collect::<Vec<_>>();
+        let mut block = Block { candidates, first_key: morton(corner), voxels };
+        block.descend(&all, UVec3::ZERO, levels);
+    }
+}
+
+/// Calls `found` with the key of each block that a triangle touches.
+fn each_block(
+    overlap: &Overlap,
+    corner: Vec3,
+    width: f32,
+    levels: u8,
+    key: u64,
+    found: &mut impl FnMut(u64),
+) {
+    let half = width * 0.5;
+    if !overlap.touches(corner + half, half) {
+        return;
+    }
+    if levels == 0 {
+        return found(key);
+    }
+    for octant in 0..8 {
+        let corner = corner + unmorton(octant).as_vec3() * half;
+        each_block(overlap, corner, half, levels - 1, key << 3 | octant, found);
+    }
+}
+
+/// The coordinates that [`morton`] interleaved.
+fn unmorton(key: u64) -> UVec3 {
+    let mut at = UVec3::ZERO;
+    for bit in 0..16 {
+        let octant = (key >> (3 * bit)) as u32;
+        at |= UVec3::new(octant & 1, octant >> 1 & 1, octant >> 2 & 1) << bit;
+    }
+    at
+}
+
+struct Candidate<'a> {
+    overlap: Overlap,
+    sample: Sample<'a>,
+}
+
+struct Block<'a> {
+    candidates: Vec<Candidate<'a>>,
+    first_key: u64,
+    voxels: &'a mut Vec<Voxel>,
+}
+
+impl Block<'_> {
+    fn descend(&mut self, touching: &[u32], corner: UVec3, levels: u8) {
+        if levels == 0 {
+            let voxel = self.voxel(touching, corner);
+            self.voxels.push(voxel);
+            return;
+        }
+        let width = 1u32 << (levels - 1);
+        let mut below = Vec::with_capacity(touching.len());
+        for octant in 0..8 {
+            let corner = corner + unmorton(octant) * width;
+            let half = width as f32 * 0.5;
+            let centre = corner.as_vec3() + half;
+            below.clear();
+            below.extend(touching.iter().copied().filter(|&candidate| {
+                self.candidates[candidate as usize].overlap.touches(centre, half)
+            }));
+            if !below.is_empty() {
+                self.descend(&below, corner, levels - 1);
+            }
+        }
+    }
+
+    /// The looks of a voxel: the mean of what touches it, weighted by the area inside. Glass counts
+    /// only where there is nothing else.
+    fn voxel(&self, touching: &[u32], corner: UVec3) -> Voxel {
+        let candidates = touching.iter().map(|&candidate| &self.candidates[candidate as usize]);
+        let glass = candidates.clone().all(|candidate| candidate.sample.glass);
+        let centre = corner.as_vec3() + 0.5;
+        let mut looks = Looks::default();
+        for candidate in candidates.filter(|candidate| candidate.sample.glass == glass) {
+            let area = if touching.len() == 1 { 1.0 } else { candidate.overlap.area_in(centre) };
+            let colour = candidate.sample.colour(candidate.overlap.weights(centre));
+            looks.add(area, colour, candidate.overlap.normal());
+        }
+        looks.voxel(self.first_key + morton(corner), glass)
+    }
+}
+
+#[cfg(test)]
+mod tests;

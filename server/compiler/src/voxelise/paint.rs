@@ -1,0 +1,180 @@
+//! The looks of voxels: material × texture × vertex colour, the texture averaged over a voxel.
+
+use std::{collections::HashMap, sync::Arc};
+
+use glam::{Vec2, Vec3};
+use image::RgbImage;
+use sightline_world::octree::{Look, Voxel};
+
+use super::super::model::Surface;
+
+/// The textures of a model, each with its halved copies.
+pub(crate) struct Palette {
+    /// By the address of the original, since many surfaces share one.
+    textures: HashMap<usize, Vec<RgbImage>>,
+}
+
+/// How one triangle looks.
+pub(crate) struct Sample<'a> {
+    /// Whether it can be seen through.
+    pub(super) glass: bool,
+    colours: [Vec3; 3],
+    texture: Option<(&'a RgbImage, [Vec2; 3])>,
+}
+
+impl Palette {
+    pub(crate) fn new(surfaces: &[Surface]) -> Self {
+        let mut textures = HashMap::new();
+        for texture in surfaces.iter().filter_map(|surface| surface.material.texture.as_ref()) {
+            if texture.width() > 0 && texture.height() > 0 {
+                textures.entry(address(texture)).or_insert_with(|| halvings(texture));
+            }
+        }
+        Self { textures }
+    }
+
+    /// `None` when the surface has no such triangle.
+    pub(crate) fn sample_of(
+        &self,
+        surface: &Surface,
+        triangle: usize,
+        voxel: f32,
+    ) -> Option<Sample<'_>> {
+        let corners = surface.corners_of(triangle)?;
+        let indices = *surface.triangles.get(triangle)?;
+        let tint = unit(surface.material.colour);
+        let colours = indices.map(|i| {
+            tint * surface.colours.get(i as usize).map_or(Vec3::ONE, |&colour| unit(colour))
+        });
+        let texture = surface.material.texture.as_ref().and_then(|texture| {
+            let halvings = self.textures.get(&address(texture))?;
+            let [Some(a), Some(b), Some(c)] = indices.map(|i| surface.uvs.get(i as usize).copied())
+            else {
+                return None;
+            };
+            Some((level_for(halvings, [a, b, c], corners, voxel), [a, b, c]))
+        });
+        Some(Sample { glass: surface.material.glass, colours, texture })
+    }
+}
+
+impl Sample<'_> {
+    /// sRGB from 0 to 1 at a point, given as the corners' shares in it.
+    pub(crate) fn colour(&self, weights: [f32; 3]) -> Vec3 {
+        let [a, b, c] = weights;
+        let colour = self.colours[0] * a + self.colours[1] * b + self.colours[2] * c;
+        match self.texture {
+            Some((image, uvs)) => colour * texel(image, uvs[0] * a + uvs[1] * b + uvs[2] * c),
+            None => colour,
+        }
+    }
+}
+
+/// A weighted mean of what touches a voxel.
+#[derive(Default)]
+pub(super) struct Looks {
+    weight: f32,
+    colour: Vec3,
+    normal: Vec3,
+}
+
+impl Looks {
+    pub(super) fn add(&mut self, weight: f32, colour: Vec3, normal: Vec3) {
+        self.weight += weight;
+        self.colour += colour * weight;
+        // The two sides of a thin sheet must not cancel out: what is drawn faces the eye anyway.
+        let side = if self.normal.dot(normal) < 0.0 { -1.0 } else { 1.0 };
+        self.normal += normal * (weight * side);
+    }
+
+    pub(super) fn voxel(&self, key: u64, glass: bool) -> Voxel {
+        let colour = (self.colour / self.weight).clamp(Vec3::ZERO, Vec3::ONE) * 255.0;
+        let normal = self.normal.normalize_or_zero() * 127.0;
+        Voxel {
+            key,
+            colour: colour.to_array().map(|channel| channel.round() as u8),
+            normal: normal.to_array().map(|part| part.round() as i8),
+            flags: if glass { Look::GLASS } else { 0 },
+        }
+    }
+}
+
+fn address(texture: &Arc<RgbImage>) -> usize {
+    Arc::as_ptr(texture).addr()
+}
+
+fn unit(colour: [u8; 3]) -> Vec3 {
+    Vec3::from(colour.map(f32::from)) / 255.0
+}
+
+/// An image, and copies of half the size each down to one texel.
+fn halvings(image: &RgbImage) -> Vec<RgbImage> {
+    let mut levels = vec![image.clone()];
+    while let Some(last) = levels.last().filter(|last| last.width() * last.height() > 1) {
+        let (width, height) = (last.width().div_ceil(2), last.height().div_ceil(2));
+        let halved = RgbImage::from_fn(width, height, |x, y| {
+            let at = |dx: u32, dy: u32| {
+                let x = (2 * x + dx).min(last.width() - 1);
+                let y = (2 * y + dy).min(last.height() - 1);
+                last.get_pixel(x, y).0.map(u16::from)
+            };
+            let four = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
+            let mean = |i: usize| (four.iter().map(|texel| texel[i]).sum::<u16>() + 2) / 4;
+            image::Rgb([0, 1, 2].map(|i| mean(i) as u8))
+        });
+        levels.push(halved);
+    }
+    levels
+}
+
+/// The copy of which a texel is about as large as a voxel on this triangle.
+fn level_for(levels: &[RgbImage], uvs: [Vec2; 3], corners: [Vec3; 3], voxel: f32) -> &RgbImage {
+    let size = Vec2::new(levels[0].width() as f32, levels[0].height() as f32);
+    let [a, b, c] = uvs.map(|uv| uv * size);
+    let texels = (b - a).perp_dot(c - a).abs();
+    let square_metres = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
+    let across = (texels / square_metres).sqrt() * voxel;
+    let level = if across.is_finite() { across.max(1.0).log2().round() as usize } else { 0 };
+    &levels[level.min(levels.len() - 1)]
+}
+
+/// The texture at some coordinates, which repeat; between texels it is blended.
+fn texel(image: &RgbImage, uv: Vec2) -> Vec3 {
+    let uv = if uv.is_finite() { uv - uv.floor() } else { Vec2::ZERO };
+    let (width, height) = (image.width(), image.height());
+    let at = uv * Vec2::new(width as f32, height as f32) - 0.5;
+    let (low, part) = (at.floor(), at - at.floor());
+    let wrap = |i: f32, size: u32| (i as i64).rem_euclid(i64::from(size)) as u32;
+    let get = |dx: f32, dy: f32| {
+        unit(image.get_pixel(wrap(low.x + dx, width), wrap(low.y + dy, height)).0)
+    };
+    let top = get(0.0, 0.0).lerp(get(1.0, 0.0), part.x);
+    top.lerp(get(0.0, 1.0).lerp(get(1.0, 1.0), part.x), part.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halvings_keep_the_mean() {
+        let checks = RgbImage::from_fn(8, 4, |x, y| image::Rgb([((x + y) % 2 * 200) as u8, 40, 0]));
+        let levels = halvings(&checks);
+        assert_eq!(
+            levels.iter().map(|l| l.dimensions()).collect::<Vec<_>>(),
+            [(8, 4), (4, 2), (2, 1), (1, 1)]
+        );
+        assert!(levels[1..].iter().flat_map(|l| l.pixels()).all(|p| p.0 == [100, 40, 0]));
+    }
+
+    #[test]
+    fn textures_repeat_and_blend() {
+        let image = RgbImage::from_fn(2, 1, |x, _| image::Rgb([x as u8 * 255; 3]));
+        for whole in [-3.0, 0.0, 2.0] {
+            let at = |u: f32| texel(&image, Vec2::new(whole + u, 0.3)).x;
+            assert!(at(0.25) < 1.0e-3 && at(0.75) > 0.999);
+            assert!((at(0.5) - 0.5).abs() < 1.0e-3 && (at(0.0) - 0.5).abs() < 1.0e-3);
+        }
+        assert_eq!(texel(&image, Vec2::NAN).x, texel(&image, Vec2::ZERO).x);
+    }
+}

@@ -1,0 +1,42 @@
+//! The test of two boxes in real maps: see `random_buildings/shafts.rs`.
+
+#[path = "random_buildings/shafts.rs"]
+mod shafts;
+
+use std::{ops::ControlFlow, path::PathBuf};
+
+use rand::{SeedableRng, rngs::SmallRng};
+use sightline_compiler::{Options, compile, import};
+
+#[test]
+fn nobody_is_missed_in_open_arenas() {
+    nobody_is_missed("maps/oa_dm4.bsp", 0.8);
+}
+
+#[test]
+fn nobody_is_missed_among_stairs_and_curves() {
+    nobody_is_missed("maps/oa_dm2.bsp", 0.8);
+}
+
+#[test]
+fn nobody_is_missed_between_rooms() {
+    nobody_is_missed("traces/rooms400.glb", 0.85);
+}
+
+fn nobody_is_missed(map: &str, share_min: f64) {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
+    let path = shared.join(map);
+    if !path.is_file() {
+        println!("skipped: {} is absent", path.display());
+        return;
+    }
+    let model = import::read(&path, &[]).unwrap();
+    // What the PVS knows is not asked.
+    let options = Options { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
+    let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
+    let mut tally = shafts::Tally::default();
+    let mut rng = SmallRng::seed_from_u64(4);
+    tally.add(&world, 400, &mut rng, map);
+    tally.judge(map, share_min);
+}

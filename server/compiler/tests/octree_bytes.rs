@@ -1,0 +1,41 @@
+//! What an octree takes, in memory and on the wire.
+
+use std::{ops::ControlFlow, path::PathBuf};
+
+use sightline_compiler::{
+    import::{self, glb},
+    model::Model,
+    octree_statistics::OctreeFigures,
+    voxelise,
+};
+use sightline_demo_building as demo_building;
+
+/// A leaf takes so much, with its part of inner nodes and looks.
+const MEMORY_BYTES_MAX: f64 = 6.0;
+const WIRE_BYTES_MAX: f64 = 1.0;
+
+fn check(name: &str, model: &Model, voxel: f32) {
+    let bounds = model.bounds().expect("there are triangles");
+    let go_on = |_| ControlFlow::Continue(());
+    let octree = voxelise::voxelise(&model.surfaces, &bounds, voxel, &go_on).expect("they fit");
+    let figures = OctreeFigures::of(&octree);
+    assert!(figures.voxels > 100_000, "{name}: {figures:?}");
+    assert!(figures.memory_bytes_per_voxel <= MEMORY_BYTES_MAX, "{name}: {figures:?}");
+    assert!(figures.wire_bytes_per_voxel <= WIRE_BYTES_MAX, "{name}: {figures:?}");
+}
+
+#[test]
+fn a_voxel_takes_six_bytes_in_memory_and_one_on_the_wire() {
+    let building = demo_building::glb(6, 3);
+    let model = glb::read_slice(&building, None, "demo").expect("our own");
+    check("demo building", &model, 0.06);
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
+    let map = shared.join("maps/oa_dm4.bsp");
+    if !map.exists() {
+        println!("skipped: ../shared is absent");
+        return;
+    }
+    let model = import::read(&map, &[]).expect("a real map");
+    check("oa_dm4", &model, 0.05);
+}

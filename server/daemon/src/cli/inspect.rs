@@ -1,0 +1,289 @@
+//! `sightline-server inspect`.
+
+use std::{fmt::Write, path::PathBuf, time::Duration};
+
+use anyhow::Context;
+use glam::Vec3;
+use serde::Serialize;
+use sightline_cli::progress::Progress;
+use sightline_compiler::{
+    carve_preview::{self, View},
+    octree_statistics::OctreeFigures,
+    plan::{self, Mark, Overlay},
+    suggest, verify,
+};
+use sightline_world::{
+    Mover, World, content_id, motion::trajectory::Course, rooms::Room, write_whole,
+};
+
+use super::{
+    interrupt::{Interrupt, Interrupted},
+    verification,
+};
+
+/// Movers that the table lists one by one; the JSON file has all.
+const MOVERS_SHOWN: usize = 40;
+
+/// Likewise of rooms.
+const ROOMS_SHOWN: usize = 40;
+
+/// Tells what is in a world, and draws its plan.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The world.
+    world: PathBuf,
+    /// Draw the storeys from above, with cells, portals, rooms, windows and spawn points.
+    #[arg(long, value_name = "OUT.png")]
+    map: Option<PathBuf>,
+    /// On the map, draw beside each storey how much of the building each cell may see.
+    #[arg(long, requires = "map")]
+    density: bool,
+    /// On the map, keep bright only what may be visible from this point.
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "map",
+          allow_hyphen_values = true)]
+    pvs_from: Option<Vec3>,
+    /// Draw the carved model: with its cuttings, and without them.
+    #[arg(long, value_name = "OUT.png")]
+    carved: Option<PathBuf>,
+    /// Where the eye is for that picture; at the first spawn point when absent.
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
+          allow_hyphen_values = true)]
+    eye: Option<Vec3>,
+    /// What that picture looks at; straight ahead when absent.
+    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
+          allow_hyphen_values = true)]
+    look: Option<Vec3>,
+    /// Write the rooms and windows that the building suggests as TOML: to this file, or to stdout in place of the
+    /// table. Edit it and give it to compile.
+    #[arg(long, value_name = "R.toml", num_args = 0..=1, default_missing_value = "-")]
+    suggest_rooms: Option<PathBuf>,
+    /// Compare the PVS with rays: so many random pairs of points by volume, and as many by cell.
+    /// Fails when a pair in sight is missing from it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    verify: Option<u64>,
+    /// The same seed verifies the same pairs.
+    #[arg(long, default_value_t = 1, requires = "verify")]
+    seed: u64,
+    /// How many entries of the PVS to test for looseness.
+    #[arg(long, value_name = "N", default_value_t = 2_000, requires = "verify",
+          value_parser = clap::value_parser!(u32).range(..=10_000_000))]
+    entries: u32,
+    /// An entry is loose when so many random lines find nothing.
+    #[arg(long, value_name = "N", default_value_t = 100_000, requires = "verify",
+          value_parser = clap::value_parser!(u32).range(1..))]
+    lines: u32,
+    /// Put the loose entries to fuzzy projection: how many of them it shows to be closed.
+    #[arg(long, requires = "verify")]
+    fuzzy: bool,
+    /// Write the figures to this file too.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Figures {
+    title: String,
+    content_id: String,
+    bytes: usize,
+    size_m: [f32; 3],
+    cells: usize,
+    portals: usize,
+    pvs_density: f64,
+    opaque_triangles: usize,
+    movers: Vec<MoverFigures>,
+    rooms: Vec<RoomFigures>,
+    #[serde(flatten)]
+    octree: OctreeFigures,
+    spawns: usize,
+    speed_max_m_s: f32,
+    #[serde(flatten)]
+    verified: Option<verification::Figures>,
+}
+
+#[derive(Serialize)]
+struct RoomFigures {
+    name: String,
+    title: String,
+    windows: usize,
+    sealed: bool,
+    capacity: Option<u32>,
+    tag: Option<String>,
+}
+
+impl RoomFigures {
+    fn new(room: &Room) -> Self {
+        Self {
+            name: printable(&room.name),
+            title: printable(room.title()),
+            windows: room.windows.len(),
+            sealed: room.sealed,
+            capacity: room.capacity,
+            tag: room.tag.as_deref().map(printable),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct MoverFigures {
+    name: String,
+    triangles: usize,
+    course: &'static str,
+    length_s: f32,
+    /// Of the box that it never leaves, and of the mover itself.
+    everywhere_m: [f32; 3],
+    size_m: [f32; 3],
+}
+
+impl MoverFigures {
+    fn new(mover: &Mover) -> Self {
+        let course = match mover.trajectory.course() {
+            Course::Loop => "for ever",
+            Course::Once => "once",
+            Course::Triggered => "when set off",
+        };
+        Self {
+            name: printable(&mover.name),
+            triangles: mover.colours().len(),
+            course,
+            length_s: mover.trajectory.length_s(),
+            everywhere_m: mover.everywhere().size().to_array(),
+            size_m: mover.swept(Duration::ZERO, Duration::ZERO).size().to_array(),
+        }
+    }
+}
+
+fn printable(text: &str) -> String {
+    text.chars().filter(|c| !c.is_control()).collect()
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let named = || args.world.display().to_string();
+    let bytes = std::fs::read(&args.world).with_context(|| format!("cannot read {}", named()))?;
+    let world = World::from_bytes(&bytes).with_context(named)?;
+    let suggested = args.suggest_rooms.as_ref().map(|_| suggested(&world)).transpose()?;
+    let mut figures = Figures {
+        title: world.title.clone(),
+        content_id: content_id(&bytes)?.to_string(),
+        bytes: bytes.len(),
+        size_m: world.bounds().size().to_array(),
+        cells: world.cells.cells.len(),
+        portals: world.cells.portals.len(),
+        pvs_density: world.cells.density(),
+        opaque_triangles: world.mesh.triangles.len(),
+        movers: world.movers.iter().map(MoverFigures::new).collect(),
+        rooms: world.rooms.list().iter().map(RoomFigures::new).collect(),
+        octree: OctreeFigures::of(&world.octree),
+        spawns: world.spawns.len(),
+        speed_max_m_s: world.speed_max,
+        verified: None,
+    };
+    match (&args.suggest_rooms, &suggested) {
+        (Some(path), Some(toml)) if path.as_os_str() == "-" => super::print(toml)?,
+        (Some(path), Some(toml)) => {
+            write_whole(path, toml.as_bytes())
+                .with_context(|| format!("cannot write {}", path.display()))?;
+            super::print(&table(&figures))?;
+        }
+        _ => super::print(&table(&figures))?,
+    }
+    if let Some(path) = &args.map {
+        let picture = plan::draw(&world, &overlay(&world, args));
+        picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(path) = &args.carved {
+        let (picture, carved) = carve_preview::draw(&world.mesh, &view(&world, args)?);
+        let rows = super::carving_rows(&carved.report);
+        let rows = rows.map(|(name, value)| format!("{name:<18} {value}\n"));
+        super::print(&rows.concat())?;
+        picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(pairs) = args.verify {
+        let Args { entries, lines, seed, fuzzy, .. } = *args;
+        let options = verify::Options { pairs, entries, lines, seed, fuzzy };
+        let found = verification::Figures::find(&world, &options).with_context(named)?;
+        super::print(&found.table())?;
+        figures.verified = Some(found);
+    }
+    super::write_json(args.json.as_deref(), &figures)?;
+    figures.verified.as_ref().map_or(Ok(()), verification::Figures::verdict).with_context(named)
+}
+
+/// The rooms that the building suggests, as TOML.
+fn suggested(world: &World) -> anyhow::Result<String> {
+    let interrupt = Interrupt::listen()?;
+    let progress = Progress::new();
+    let rooms = suggest::suggest(world, &mut |share| {
+        progress.show("rooms", share);
+        interrupt.flow()
+    });
+    progress.finish();
+    let rooms = rooms.ok_or(Interrupted)?;
+    let windows: usize = rooms.iter().map(|room| room.windows.len()).sum();
+    super::note(&format!("{} rooms and {windows} windows", rooms.len()));
+    Ok(suggest::to_toml(world, &rooms))
+}
+
+fn view(world: &World, args: &Args) -> anyhow::Result<View> {
+    let spawn = world.spawns.first().context("the world has no place to begin")?;
+    let eye = args.eye.unwrap_or(spawn.eye);
+    let (sin, cos) = spawn.yaw.sin_cos();
+    let look = args.look.unwrap_or(eye + Vec3::new(-sin, 0.0, -cos));
+    Ok(View { eye, look })
+}
+
+fn overlay(world: &World, args: &Args) -> Overlay {
+    let mark = |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled };
+    let mut marks: Vec<_> = world.spawns.iter().map(|spawn| mark(spawn.eye, false)).collect();
+    let mut legend = vec![("spawn point", mark(Vec3::ZERO, false))];
+    if let Some(eye) = args.pvs_from {
+        marks.push(mark(eye, true));
+        legend.push(("eye; what it cannot see is grey", mark(eye, true)));
+    }
+    Overlay {
+        marks,
+        visible: args.pvs_from.map(|eye| world.cells.visible_from_point(eye)),
+        cells: true,
+        rooms: true,
+        density: args.density,
+        legend: Some(legend),
+    }
+}
+
+fn table(figures: &Figures) -> String {
+    let mut table = String::new();
+    let mut row = |name: &str, value: String| {
+        let _ = writeln!(table, "{name:<18} {value}");
+    };
+    let [x, y, z] = figures.size_m;
+    row("title", printable(&figures.title));
+    row("content id", figures.content_id.clone());
+    row("bytes", figures.bytes.to_string());
+    row("size", format!("{x:.1} x {y:.1} x {z:.1} m"));
+    row("cells", figures.cells.to_string());
+    row("portals", figures.portals.to_string());
+    row("PVS density", format!("{:.1} %", figures.pvs_density * 100.0));
+    row("opaque triangles", figures.opaque_triangles.to_string());
+    for (name, value) in super::octree_rows(&figures.octree) {
+        row(name, value);
+    }
+    row("movers", figures.movers.len().to_string());
+    for mover in figures.movers.iter().take(MOVERS_SHOWN) {
+        let [[x, y, z], [a, b, c]] = [mover.size_m, mover.everywhere_m];
+        let MoverFigures { name, course, length_s, .. } = mover;
+        let sizes = format!("{x:.1} x {y:.1} x {z:.1} m in {a:.1} x {b:.1} x {c:.1} m");
+        row(&format!("  {name}"), format!("{sizes}, {course}, {length_s:.1} s"));
+    }
+    row("rooms", figures.rooms.len().to_string());
+    for room in figures.rooms.iter().take(ROOMS_SHOWN) {
+        let sealed = if room.sealed { ", sealed" } else { "" };
+        let what = match room.windows {
+            1 => format!("1 window{sealed}"),
+            windows => format!("{windows} windows{sealed}"),
+        };
+        row(&format!("  {}", room.title), what);
+    }
+    row("spawn points", figures.spawns.to_string());
+    row("speed limit", format!("{} m/s", figures.speed_max_m_s));
+    table
+}

@@ -1,0 +1,150 @@
+//! `sightline-server serve`.
+
+use std::{
+    io::IsTerminal,
+    net::SocketAddr,
+    ops::ControlFlow,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use anyhow::Context;
+use sightline_cli::progress::Progress;
+use sightline_compiler::{self as compile, import::glb};
+use sightline_demo_building as demo_building;
+use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
+use sightline_world::{self as world, World};
+use tracing_subscriber::EnvFilter;
+
+/// Serves a world to clients; the demo building when no world is given.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The world to serve, made by `compile`.
+    #[arg(value_name = "WORLD.slw")]
+    world: Option<PathBuf>,
+    /// Where clients come in; port 0 picks a free one.
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<SocketAddr>,
+    /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, horizon_max_ms, validity, shape,
+    /// look_budget, validity_max_s, threads, hello_s, silence_s, free_entry, data, world.
+    #[arg(long, value_name = "F.toml")]
+    config: Option<PathBuf>,
+    /// The folder in which the certificate and the demo building are kept.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+}
+
+/// How often it says how it is.
+const STATUS_INTERVAL: Duration = Duration::from_secs(60);
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_writer(std::io::stderr)
+        .init();
+    let config = config(args)?;
+    let data = match &config.data {
+        Some(folder) => folder.clone(),
+        None => data_folder()?,
+    };
+    let identity = Identity::keep(&data)?;
+    let world = match &config.world {
+        Some(path) => read(path)?,
+        None => demo_building(&data)?,
+    };
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    runtime.block_on(serve(world, config, &identity))
+}
+
+/// What the file says, and over it what the flags say.
+fn config(args: &Args) -> anyhow::Result<ServeConfig> {
+    let mut config = match &args.config {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            ServeConfig::from_toml(&text).with_context(|| path.display().to_string())?
+        }
+        None => ServeConfig::default(),
+    };
+    config.listen = args.listen.unwrap_or(config.listen);
+    config.data = args.data.clone().or(config.data);
+    config.world = args.world.clone().or(config.world);
+    Ok(config)
+}
+
+fn data_folder() -> anyhow::Result<PathBuf> {
+    directories::ProjectDirs::from("", "", "sightline")
+        .map(|folders| folders.data_dir().to_owned())
+        .context("there is no home folder: give a data folder with --data DIR")
+}
+
+fn read(path: &Path) -> anyhow::Result<ServedWorld> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    ServedWorld::from_bytes(bytes).with_context(|| path.display().to_string())
+}
+
+/// The demo building, compiled once into the data folder.
+fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
+    const ROOMS: usize = 60;
+    const SEED: u64 = 1;
+    // The model is in the name, so that a newer program does not serve an older building.
+    let model = demo_building::glb(ROOMS, SEED);
+    let hash = blake3::hash(&model).to_hex();
+    let path = data.join(format!("demo-building-{}.slw", &hash[..16]));
+    if path.exists()
+        && let Ok(world) = read(&path)
+    {
+        return Ok(world);
+    }
+    super::note(&format!("compiling the demo building, once, into {}", path.display()));
+    let model = glb::read_slice(&model, None, "demo building")?;
+    let progress = Progress::new();
+    let (world, _) = compile::compile(&model, &compile::Options::default(), &|stage, share| {
+        progress.show(stage.name(), share);
+        ControlFlow::Continue(())
+    })?;
+    progress.finish();
+    let bytes = World::to_bytes(&world);
+    world::write_whole(&path, &bytes)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(ServedWorld::from_bytes(bytes)?)
+}
+
+async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> anyhow::Result<()> {
+    let title = world.world().title.clone();
+    let mut server = Server::bind(world, config, identity)?;
+    super::print(&format!(
+        "serving {title:?} on {}\nfingerprint {}\n",
+        server.local_addr()?,
+        server.fingerprint()
+    ))?;
+    let mut status = tokio::time::interval(STATUS_INTERVAL);
+    status.tick().await;
+    loop {
+        tokio::select! {
+            signal = super::interrupt::ended() => {
+                signal?;
+                tracing::info!("closing");
+                server.shutdown().await;
+                return Ok(());
+            }
+            () = server.failed() => anyhow::bail!("the engine failed"),
+            _ = status.tick() => say_how_it_is(&server),
+        }
+    }
+}
+
+fn say_how_it_is(server: &Server) {
+    let stats = server.stats();
+    tracing::info!(
+        live = stats.counts.live,
+        quiet = stats.counts.quiet,
+        asked = stats.counts.asked,
+        tick_median_us = stats.ticks.median_us,
+        tick_p99_us = stats.ticks.p99_us,
+        "serving"
+    );
+}

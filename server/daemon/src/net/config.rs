@@ -1,0 +1,196 @@
+//! How to serve: limits, intervals and places.
+
+use std::{
+    fmt::Display,
+    net::{Ipv6Addr, SocketAddr},
+    path::PathBuf,
+    str::FromStr,
+    time::Duration,
+};
+
+use serde::{Deserialize, Deserializer, de};
+
+use sightline_engine::{self as engine, Shape, Validity};
+
+/// How to serve. In a TOML file each field may be left out; an unknown one is an error.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServeConfig {
+    /// Where clients come in; port 0 picks a free one.
+    pub listen: SocketAddr,
+    /// Ticks a second: 1 to 128.
+    pub tick_hz: u32,
+    /// More clients are refused: 1 to 16,384. Each may hold 640 KiB at the worst.
+    pub clients_max: usize,
+    /// More connections from one address are refused, but for the own machine's.
+    pub clients_per_address_max: usize,
+    /// How far ahead visibility is decided at most, in milliseconds: 50 to 2000. Whoever has a longer round trip may
+    /// see others late.
+    pub horizon_max_ms: u32,
+    /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or so many milliseconds.
+    #[serde(deserialize_with = "parsed")]
+    pub validity: Validity,
+    /// What bounds TBVs in space: `reach` or `sphere`.
+    #[serde(deserialize_with = "parsed")]
+    pub shape: Shape,
+    /// What looks from region to region may cost in a tick, in units of which 100,000 take one to five
+    /// milliseconds: 0 to 100,000,000. What it does not suffice to decide is sent.
+    pub look_budget: u32,
+    /// No TBV lasts longer, in seconds: 0.1 to 60.
+    pub validity_max_s: f64,
+    /// Threads that share a tick of the engine, 1 to 64. It pays for a second one from about a thousand clients on.
+    pub threads: usize,
+    /// How long a client may take for its first message, in seconds.
+    pub hello_s: f64,
+    /// How long a client that is in may be silent beyond the validity of a TBV, in seconds.
+    pub silence_s: f64,
+    /// Whether clients may come in anywhere, as recorded walks do. Otherwise at spawn points only:
+    /// who may choose freely could look into every room by coming again and again.
+    pub free_entry: bool,
+    /// Where the certificate is kept; the user's data folder when absent.
+    pub data: Option<PathBuf>,
+    /// The world file to serve.
+    pub world: Option<PathBuf>,
+}
+
+/// Why a configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConfigError {
+    /// It is no TOML, or a field is unknown or of the wrong kind.
+    #[error("{0}")]
+    Toml(String),
+    /// A number makes no sense.
+    #[error("{field} must be {range}")]
+    Range {
+        /// Which field.
+        field: &'static str,
+        /// What would make sense.
+        range: &'static str,
+    },
+}
+
+impl Default for ServeConfig {
+    fn default() -> Self {
+        Self {
+            listen: (Ipv6Addr::UNSPECIFIED, 4777).into(),
+            tick_hz: 20,
+            clients_max: 256,
+            clients_per_address_max: 8,
+            horizon_max_ms: 400,
+            validity: Validity::UntilLeft,
+            shape: Shape::Reach,
+            look_budget: engine::Config::default().look_budget,
+            validity_max_s: 8.0,
+            threads: 1,
+            hello_s: 10.0,
+            silence_s: 30.0,
+            free_entry: false,
+            data: None,
+            world: None,
+        }
+    }
+}
+
+impl ServeConfig {
+    /// Reads a TOML file's text.
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let config: Self =
+            toml::from_str(text).map_err(|error| ConfigError::Toml(error.message().to_owned()))?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Whether all numbers make sense.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let seconds = |s: f64, max: f64| (0.1..=max).contains(&s);
+        let per_address = (1..=16_384).contains(&self.clients_per_address_max);
+        for (holds, field, range) in [
+            ((1..=128).contains(&self.tick_hz), "tick_hz", "1 to 128"),
+            ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
+            (per_address, "clients_per_address_max", "1 to 16384"),
+            ((50..=2_000).contains(&self.horizon_max_ms), "horizon_max_ms", "50 to 2000"),
+            (self.look_budget <= 100_000_000, "look_budget", "0 to 100000000"),
+            (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
+            ((1..=64).contains(&self.threads), "threads", "1 to 64"),
+            (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
+            (seconds(self.silence_s, 3_600.0), "silence_s", "0.1 to 3600"),
+        ] {
+            if !holds {
+                return Err(ConfigError::Range { field, range });
+            }
+        }
+        Ok(())
+    }
+
+    /// From tick to tick.
+    pub fn tick_interval(&self) -> Duration {
+        Duration::from_secs(1) / self.tick_hz.max(1)
+    }
+
+    /// What the engine is told.
+    pub fn engine(&self) -> engine::Config {
+        let usual = engine::Config::default().with_look_budget(self.look_budget);
+        engine::Config {
+            tick: self.tick_interval(),
+            horizon_max: Duration::from_millis(self.horizon_max_ms.into()),
+            validity: self.validity,
+            shape: self.shape,
+            validity_max: Duration::from_secs_f64(self.validity_max_s),
+            // Some that left may not be out yet when others come in.
+            avatars_max: self.clients_max + 64,
+            threads: self.threads,
+            ..usual
+        }
+    }
+}
+
+/// What is written as on the command line.
+fn parsed<'de, D, T>(deserializer: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: FromStr<Err: Display>,
+{
+    let text = String::deserialize(deserializer)?;
+    text.parse().map_err(|error| de::Error::custom(format!("{text}: {error}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_may_say_little_but_nothing_unknown_or_absurd() {
+        let config = ServeConfig::from_toml("tick_hz = 30\nlisten = '127.0.0.1:0'").unwrap();
+        assert_eq!((config.tick_hz, config.listen.port()), (30, 0));
+        assert_eq!(config.clients_max, ServeConfig::default().clients_max);
+        let text = "horizon_max_ms = 250\nvalidity = '500'\nshape = 'sphere'";
+        let engine = ServeConfig::from_toml(text).unwrap().engine();
+        assert_eq!(engine.horizon_max, Duration::from_millis(250));
+        assert_eq!(engine.validity, Validity::Constant(Duration::from_millis(500)));
+        assert_eq!(engine.shape, Shape::Sphere);
+        let (plain, usual) = (ServeConfig::default().engine(), engine::Config::default());
+        assert_eq!((plain.validity, plain.shape), (usual.validity, usual.shape));
+        assert_eq!(plain.horizon_max, usual.horizon_max);
+        let looks = |config: &engine::Config| (config.look_budget, config.look_max);
+        assert_eq!(looks(&plain), looks(&usual));
+        let double = ServeConfig::from_toml("look_budget = 600000").unwrap().engine();
+        assert_eq!(looks(&double), (2 * usual.look_budget, 2 * usual.look_max));
+        for (text, expected) in [
+            ("ticks = 3", "unknown field `ticks`"),
+            ("tick_hz = 0", "tick_hz must be 1 to 128"),
+            ("threads = 0", "threads must be 1 to 64"),
+            ("horizon_max_ms = 10", "horizon_max_ms must be 50 to 2000"),
+            ("validity = 'long'", "long: use until-left, maximal, adaptive"),
+            ("shape = 'cube'", "cube: use sphere or reach"),
+            ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),
+            ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
+            ("clients_max = -1", "invalid"),
+            ("listen = 'nowhere'", "invalid"),
+            ("tick_hz = ", ""),
+        ] {
+            let error = ServeConfig::from_toml(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+    }
+}

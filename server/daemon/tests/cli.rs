@@ -1,0 +1,155 @@
+//! The program as a shell runs it: a reader that goes away, and Ctrl-C.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use sightline_world::World;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline-server");
+
+fn building(folder: &Path, rooms: u32) {
+    let rooms = rooms.to_string();
+    let made = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(["demo-building", "-o", "b.glb", "--rooms", &rooms])
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(made.success());
+}
+
+/// Runs a command nobody listens to; its exit code.
+fn unheard(folder: &Path, arguments: &[&str]) -> Option<i32> {
+    let mut child = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop((child.stdout.take(), child.stderr.take()));
+    child.wait().unwrap().code()
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let check =
+        |arguments: &[&str]| assert_eq!(unheard(folder, arguments), Some(0), "{arguments:?}");
+    check(&["demo-building", "-o", "b.glb", "--rooms", "2"]);
+    check(&["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]);
+    check(&["inspect", "b.slw"]);
+    assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
+}
+
+#[test]
+fn a_world_that_misses_somebody_fails_its_verification() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 2);
+    assert_eq!(unheard(folder, &["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]), Some(0));
+    let verify = || {
+        let arguments = ["inspect", "b.slw", "--verify", "2000", "--entries", "5", "--lines", "99"];
+        Command::new(PROGRAM)
+            .current_dir(folder)
+            .args(arguments)
+            .args(["--json", "f.json"])
+            .output()
+            .unwrap()
+    };
+    let misses = || {
+        let text = fs::read_to_string(folder.join("f.json")).unwrap();
+        let figures: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert!(figures["over_send"].is_f64() && figures["own_misses"].is_null(), "{text}");
+        figures["misses"].as_u64().unwrap()
+    };
+    let output = verify();
+    assert_eq!((output.status.code(), misses()), (Some(0), 0));
+
+    let path = folder.join("b.slw");
+    let mut world = World::read(&path).unwrap();
+    for (cell, row) in (0..).zip(&mut world.cells.pvs) {
+        row.clear();
+        row.insert(cell);
+    }
+    world.write(&path).unwrap();
+    let output = verify();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(misses() > 0);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let expected = format!("sightline-server: b.slw: the PVS denies {} of", misses());
+    assert!(errors.lines().last().unwrap().starts_with(&expected), "{errors}");
+    assert!(String::from_utf8(output.stdout).unwrap().contains("missed, by cell: "));
+}
+
+/// What inspect suggests, compile finds beside the model; a mistake in it is a line that tells where.
+#[test]
+fn rooms_are_suggested_edited_and_compiled() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 4);
+    let run = |arguments: &[&str]| {
+        let output = Command::new(PROGRAM).current_dir(folder).args(arguments).output().unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (output.status.code(), text(output.stdout), text(output.stderr))
+    };
+    let compile = |more: &[&str]| {
+        let arguments = ["compile", "b.glb", "-o", "b.slw", "--voxel", "0.1", "--cell", "3"];
+        run(&[&arguments[..], more].concat())
+    };
+    assert_eq!(compile(&[]).0, Some(0));
+    let (code, toml, _) = run(&["inspect", "b.slw", "--suggest-rooms"]);
+    assert_eq!(code, Some(0));
+    let rooms = toml.matches("[[room]]").count();
+    assert!((4..=6).contains(&rooms), "{toml}");
+    fs::write(folder.join("b.rooms.toml"), &toml).unwrap();
+    let (code, table, _) = compile(&[]);
+    assert_eq!(code, Some(0));
+    assert!(
+        table
+            .lines()
+            .any(|line| line.starts_with("rooms ") && line.ends_with(&format!(" {rooms}")))
+    );
+    let (_, table, _) = run(&["inspect", "b.slw", "--map", "b.png"]);
+    assert!(table.contains("  room 0.1 ") && table.contains(" windows"), "{table}");
+
+    let sealed = "title = \"Private\"\nsealed = true\nvisible = { rooms = [\"rom 0.2\"] }";
+    let line = 3 + toml.lines().position(|line| line == "[[room]]").unwrap();
+    let name = "name = \"room 0.1\"";
+    fs::write(folder.join("r.toml"), toml.replace(name, &format!("{name}\n{sealed}"))).unwrap();
+    let (code, _, errors) = compile(&["--rooms", "r.toml"]);
+    assert_eq!(code, Some(1));
+    let expected = format!("sightline-server: r.toml:{}: there is no room \"rom 0.2\"", line + 2);
+    assert_eq!(errors.lines().last(), Some(expected.as_str()));
+    assert_eq!(compile(&["--rooms", "absent.toml"]).0, Some(1));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 30);
+    let mut child = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(["compile", "b.glb", "-o", "b.slw"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    // The first sign of progress: now it is at work.
+    lines.next().unwrap().unwrap();
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let last = lines.map(Result::unwrap).last().unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{last}");
+    assert_eq!(last, "sightline-server: interrupted; nothing was written");
+    let left: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["b.glb"]);
+}

@@ -1,0 +1,201 @@
+//! Which gates a body fits through: not window panes, slits, and what is left open over lintels.
+
+use glam::Vec3;
+use sightline_world::{Cells, Polygon, World, geometry::Aabb, motion::Body};
+
+use super::bits::Bits;
+
+/// Places at which an eye goes through a gate are told apart along the ground, and in height, in
+/// metres.
+const ASIDE_M: f32 = 0.05;
+const UP_M: f32 = 0.2;
+/// A body goes so far between two looks at what is in its way, in metres.
+const STRIDE_M: f32 = 0.04;
+/// What is lost on the wire, in metres.
+const ROUNDING_M: f32 = 0.01;
+/// Gates at which more places would have to be looked at count as wide enough: 10 m² and more.
+const PLACES_MAX: usize = 1_000;
+/// No number of places is a multiple of it.
+const PRIME: usize = 7_919;
+
+/// Whether a body may fit through gates; yes, where that is not sure.
+///
+/// A body does not fit if at every place of the gate something solid is in the box of it that is
+/// sure to be free: less than the body by what is uncertain about it. Others may collide with
+/// surfaces rather than with the voxels in which these lie; knees and feet may be on a step. In
+/// Quake maps, where voxels are of all that is drawn, cobwebs and water too, all gates count as
+/// wide enough, and so do those that are slanted.
+///
+/// The same gates hold for what [reaches](super::reach) go through and for what [ways](super::ways)
+/// claims may have taken, so that nobody is believed to be where it was not taken to get to. All are
+/// looked at when the engine is made: 30 µs each in the mean, of which a bit is kept.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Fit {
+    /// What of a body is free wherever it walked to, about its eye; nothing where voxels are too coarse to tell.
+    free: Option<Aabb>,
+    narrow_gates: Bits,
+    narrow_portals: Bits,
+}
+
+impl Fit {
+    pub(super) fn new(world: &World) -> Self {
+        let margin_m = world.octree.voxel().max(STRIDE_M) + ROUNDING_M;
+        let sure = sure_part(&world.body, margin_m);
+        if sure.is_empty() || world.origin.is_some() {
+            return Self::default();
+        }
+        let mut narrow_gates = Bits::default();
+        for (gate, index) in world.cells.gates.iter().zip(0..) {
+            if !may_pass(world, &gate.polygon, &sure) {
+                narrow_gates.insert(index);
+            }
+        }
+        let free = standing(&world.body).around(Vec3::ZERO).grown(-ROUNDING_M);
+        Self { free: Some(free), ..Self::narrow(&world.cells, narrow_gates) }
+    }
+
+    /// Bodies fit through all gates but some.
+    pub(super) fn narrow(cells: &Cells, narrow_gates: Bits) -> Self {
+        let mut narrow_portals = Bits::default();
+        for (portal, index) in cells.portals.iter().zip(0..) {
+            let spaces = portal.cells.map(|cell| cells.cells[cell.0 as usize].space);
+            let bounds = portal.polygon.bounds();
+            let is_in = |gate: &&u32| {
+                let of = &cells.gates[**gate as usize];
+                of.spaces.contains(&spaces[1]) && of.polygon.bounds().intersects(&bounds)
+            };
+            let mut gates = cells.spaces[spaces[0] as usize].gates.iter().filter(is_in).peekable();
+            // What is in no gate is within a space.
+            let is_in_one = gates.peek().is_some() && spaces[0] != spaces[1];
+            if is_in_one && gates.all(|gate| narrow_gates.contains(*gate)) {
+                narrow_portals.insert(index);
+            }
+        }
+        Self { free: None, narrow_gates, narrow_portals }
+    }
+
+    /// Whether it may fit through a gate.
+    pub(super) fn through_gate(&self, gate: u32) -> bool {
+        !self.narrow_gates.contains(gate)
+    }
+
+    /// Whether it may fit through the gate that a portal is a part of.
+    pub(super) fn through_portal(&self, portal: u32) -> bool {
+        !self.narrow_portals.contains(portal)
+    }
+
+    /// Whether a body that walks can be with its eye at a place of the world: one that cannot was put there.
+    pub(super) fn has_room(&self, world: &World, eye: Vec3) -> bool {
+        let around = |free: &Aabb| Aabb::new(free.min + eye, free.max + eye);
+        !self.free.as_ref().is_some_and(|free| world.octree.solid_in(&around(free)))
+    }
+}
+
+/// A body without knees and feet, which may be on a step.
+fn standing(body: &Body) -> Body {
+    Body { below_eye: body.below_eye - body.step_height(), ..*body }
+}
+
+/// What of a body is sure to be free of voxels wherever it goes, about its eye, and about all places
+/// around that which are not told apart from it.
+fn sure_part(body: &Body, margin_m: f32) -> Aabb {
+    let Aabb { min, max } = standing(body).around(Vec3::ZERO);
+    // Gates may be turned against the world's axes, and level ones have places in two directions.
+    let aside = 0.5 * ASIDE_M * std::f32::consts::SQRT_2;
+    let less = Vec3::new(aside, 0.5 * UP_M, aside) + margin_m;
+    Aabb::new(min + less, max - less)
+}
+
+fn may_pass(world: &World, polygon: &Polygon, sure: &Aabb) -> bool {
+    let Polygon::Rectangle { bounds, .. } = polygon else { return true };
+    let size = bounds.size();
+    let steps = Vec3::new(ASIDE_M, UP_M, ASIDE_M);
+    let counts = (size / steps).ceil().max(Vec3::ONE).as_usizevec3();
+    let places = counts.element_product();
+    if places > PLACES_MAX {
+        return true;
+    }
+    let step = size / counts.as_vec3();
+    // In an order that soon comes to every part.
+    (0..places).map(|i| i * PRIME % places).any(|i| {
+        let [x, y] = [i % counts.x, i / counts.x % counts.y];
+        let z = i / counts.x / counts.y;
+        let own = bounds.min + (Vec3::new(x as f32, y as f32, z as f32) + 0.5) * step;
+        let eye = world.cells.axes.world(own);
+        !world.octree.solid_in(&Aabb::new(sure.min + eye, sure.max + eye))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::UVec3;
+    use proptest::prelude::*;
+    use sightline_world::octree::{Look, Octree, Voxel, morton};
+
+    use super::{super::tests::stage, *};
+
+    const VOXEL_M: f32 = 0.05;
+    /// The gate's rectangle, in voxels: z and y.
+    const GATE: [u32; 2] = [20, 60];
+
+    /// Two rooms with a gate of 1 m by 3 m, and a pane in it but for some rectangles: z and y from and to,
+    /// in voxels.
+    fn with_pane(holes: &[[[u32; 2]; 2]]) -> World {
+        let mut world = stage::row(2);
+        stage::narrow(&mut world, 0, 2, [0.0, 1.0]);
+        let is_open = |z: u32, y: u32| {
+            holes
+                .iter()
+                .any(|[along, up]| (along[0]..along[1]).contains(&z) && (up[0]..up[1]).contains(&y))
+        };
+        let places = (0..GATE[0]).flat_map(|z| (0..GATE[1]).map(move |y| (z, y)));
+        let voxels = places.filter(|(z, y)| !is_open(*z, *y)).map(|(z, y)| {
+            let key = morton(UVec3::new(200, y, z));
+            Voxel { key, flags: Look::GLASS, ..Voxel::default() }
+        });
+        world.octree =
+            Octree::from_voxels(Vec3::ZERO, VOXEL_M, 9, voxels.collect()).expect("small");
+        world
+    }
+
+    fn fits(world: &World) -> bool {
+        let fit = Fit::new(world);
+        assert_eq!(fit.through_gate(0), fit.through_portal(0));
+        fit.through_gate(0)
+    }
+
+    #[test]
+    fn bodies_fit_through_doors_and_not_through_panes_slits_and_gaps() {
+        for (hole, is_wide) in [
+            ([[0, 0], [0, 0]], false),
+            ([[0, 20], [0, 60]], true),
+            // 40 cm, as wide as a body; and a few less.
+            ([[6, 14], [0, 60]], true),
+            ([[8, 11], [0, 60]], false),
+            // A hatch, what is open over a lintel, a window, and one down to the floor.
+            ([[0, 20], [14, 28]], false),
+            ([[0, 20], [50, 60]], false),
+            ([[0, 20], [20, 38]], false),
+            ([[0, 20], [7, 42]], true),
+        ] {
+            assert_eq!(fits(&with_pane(&[hole])), is_wide, "{hole:?}");
+        }
+    }
+
+    proptest! {
+        /// Wherever the twin, which looks at every other centimetre, finds room for a body, there is room.
+        #[test]
+        fn where_a_body_fits_it_may_pass(
+            holes in prop::collection::vec((0..20_u32, 0..20_u32, 0..40_u32, 10..60_u32), 1..4),
+        ) {
+            let hole = |(z, wide, y, high): (u32, u32, u32, u32)| [[z, z + wide], [y, y + high]];
+            let world = with_pane(&holes.into_iter().map(hole).collect::<Vec<_>>());
+            let mut places = (0..50).flat_map(|z| (0..150).map(move |y| [z, y]));
+            let has_room = places.any(|[z, y]| {
+                let eye = Vec3::new(10.0, y as f32 * 0.02, z as f32 * 0.02);
+                !world.octree.solid_in(&world.body.around(eye))
+            });
+            prop_assert!(!has_room || fits(&world));
+        }
+    }
+}

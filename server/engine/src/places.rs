@@ -1,0 +1,265 @@
+//! The places that servers without walls divide a world into: squares of a grid, and rooms.
+
+use glam::{IVec2, Vec2, Vec3, Vec3Swizzles};
+use roaring::RoaringBitmap;
+use sightline_world::{Cells, Gate, Polygon, Space, World, geometry::Aabb};
+
+use super::Policy;
+
+/// A gate of which both sides are longer than this is no door, in metres.
+const DOOR_M: f32 = 1.6;
+/// A gate that is so much of the sides of both its spaces is no door, but where a corridor or a hall
+/// was cut, from 0 to 1.
+const OPEN_SHARE: f32 = 0.5;
+/// What has less floor is no room of its own, in square metres, such as the way through a wall.
+const ROOM_M2: f32 = 2.0;
+
+/// Where an avatar is taken to be by a policy that divides the world.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) enum Place {
+    /// Nowhere: the policy does not divide the world, or the avatar has never been in a room.
+    #[default]
+    None,
+    /// In a square of a horizontal grid.
+    Square(IVec2),
+    /// In a room, by number.
+    Room(u32),
+}
+
+/// What a policy that divides the world knows of it.
+#[derive(Clone, Debug)]
+pub(super) enum Places {
+    /// Nothing.
+    None,
+    /// Squares of an edge, each of which holds on to whoever is within a margin of it, in metres.
+    Squares { edge: f32, margin: f32 },
+    /// Rooms.
+    Rooms(Rooms),
+}
+
+impl Places {
+    pub(super) fn new(policy: Policy, world: &World) -> Self {
+        match policy {
+            Policy::Region { edge, margin } => Self::Squares { edge, margin },
+            Policy::Room { doors } => Self::Rooms(Rooms::new(&world.cells, doors)),
+            _ => Self::None,
+        }
+    }
+
+    /// Where an avatar is that was somewhere before. In a wall or beyond, it is where it was.
+    pub(super) fn place(&self, world: &World, before: Place, eye: Vec3) -> Place {
+        match self {
+            Self::None => Place::None,
+            Self::Squares { edge, margin } => square(*edge, *margin, before, eye.xz()),
+            Self::Rooms(rooms) => {
+                let cell = world.cells.near(eye);
+                cell.map_or(before, |cell| {
+                    let space = world.cells.cells[cell.0 as usize].space;
+                    Place::Room(rooms.of_space[space as usize])
+                })
+            }
+        }
+    }
+
+    /// Whether a viewer in one place is told of an avatar in another.
+    pub(super) fn tells(&self, viewer: Place, avatar: Place) -> bool {
+        match (self, viewer, avatar) {
+            (Self::Squares { .. }, Place::Square(a), Place::Square(b)) => {
+                let apart = a.saturating_sub(b);
+                (apart.cmpge(IVec2::NEG_ONE) & apart.cmple(IVec2::ONE)).all()
+            }
+            (Self::Rooms(rooms), Place::Room(a), Place::Room(b)) => {
+                rooms.near[a as usize].contains(b)
+            }
+            _ => false,
+        }
+    }
+}
+
+/// The square of an avatar: the one it was in, until it is further from it than the margin.
+fn square(edge: f32, margin: f32, before: Place, at: Vec2) -> Place {
+    if let Place::Square(square) = before {
+        let corner = square.as_vec2();
+        let (low, high) = (corner * edge - margin, (corner + 1.0) * edge + margin);
+        if at.cmpge(low).all() && at.cmple(high).all() {
+            return before;
+        }
+    }
+    Place::Square((at / edge).floor().as_ivec2())
+}
+
+/// Rooms that nobody named: the world's spaces, merged where what parts them is wider than a door.
+///
+/// Two spaces are in one room when a gate between them is longer than [`DOOR_M`] both ways, or is at
+/// least [`OPEN_SHARE`] of the side that it is on of both. What is left with a floor below
+/// [`ROOM_M2`] joins the room that its largest gate leads to.
+#[derive(Clone, Debug)]
+pub(super) struct Rooms {
+    /// By space.
+    of_space: Vec<u32>,
+    /// By room: those that are so many doors away at most, itself among them.
+    near: Vec<RoaringBitmap>,
+}
+
+impl Rooms {
+    /// The rooms of a world, and for each those that so many doors or fewer lead to.
+    fn new(cells: &Cells, doors: u32) -> Self {
+        let spaces = &cells.spaces;
+        let mut sets = Sets((0..spaces.len() as u32).collect());
+        for gate in cells.gates.iter().filter(|gate| is_open(spaces, gate)) {
+            sets.join(gate.spaces);
+        }
+        let mut floors = vec![0.0; spaces.len()];
+        for (space, of) in (0..).zip(spaces) {
+            floors[sets.find(space) as usize] += of.bounds.size().x * of.bounds.size().z;
+        }
+        let mut gates: Vec<&Gate> = cells.gates.iter().collect();
+        gates.sort_by(|a, b| area(&b.polygon).total_cmp(&area(&a.polygon)));
+        for gate in gates {
+            let [a, b] = gate.spaces.map(|space| sets.find(space));
+            if a != b && floors[a as usize].min(floors[b as usize]) < ROOM_M2 {
+                let together = floors[a as usize] + floors[b as usize];
+                floors[sets.join([a, b]) as usize] = together;
+            }
+        }
+        let of_space: Vec<u32> = (0..spaces.len() as u32).map(|space| sets.find(space)).collect();
+        let near = near(&of_space, &cells.gates, doors);
+        Self { of_space, near }
+    }
+}
+
+/// Whether a gate is more than a door.
+fn is_open(spaces: &[Space], gate: &Gate) -> bool {
+    let sides = sides(&gate.polygon);
+    if sides[0] > DOOR_M {
+        return true;
+    }
+    let Polygon::Rectangle { axis, bounds } = &gate.polygon else { return false };
+    let across = |of: &Aabb| {
+        let size = of.size();
+        let [u, v] = [1, 2].map(|next| size[(usize::from(*axis) + next) % 3]);
+        u * v
+    };
+    let side_of = |space: u32| across(&spaces[space as usize].bounds);
+    gate.spaces.iter().all(|space| across(bounds) >= OPEN_SHARE * side_of(*space))
+}
+
+/// The lengths of a polygon's sides, the lesser first; of a slanted one, how wide and high it is.
+fn sides(polygon: &Polygon) -> [f32; 2] {
+    let size = polygon.bounds().size();
+    let sides = match polygon {
+        Polygon::Rectangle { axis, .. } => [1, 2].map(|next| size[(usize::from(*axis) + next) % 3]),
+        Polygon::Other { .. } => [size.xz().length(), size.y],
+    };
+    [sides[0].min(sides[1]), sides[0].max(sides[1])]
+}
+
+fn area(polygon: &Polygon) -> f32 {
+    let [lesser, greater] = sides(polygon);
+    lesser * greater
+}
+
+/// For each room, those that so many doors or fewer lead to.
+fn near(of_space: &[u32], gates: &[Gate], doors: u32) -> Vec<RoaringBitmap> {
+    let mut next = vec![RoaringBitmap::new(); of_space.len()];
+    for gate in gates {
+        let [a, b] = gate.spaces.map(|space| of_space[space as usize]);
+        next[a as usize].insert(b);
+        next[b as usize].insert(a);
+    }
+    let reached = |room: u32| {
+        let mut all = RoaringBitmap::from_iter([room]);
+        let mut edge = all.clone();
+        for _ in 0..doors {
+            let beyond = edge.iter().fold(RoaringBitmap::new(), |sum, r| sum | &next[r as usize]);
+            edge = beyond - &all;
+            if edge.is_empty() {
+                break;
+            }
+            all |= &edge;
+        }
+        all
+    };
+    (0..of_space.len() as u32).map(reached).collect()
+}
+
+/// Sets that are joined and told apart: each names the next one up, the last itself.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn find(&mut self, mut one: u32) -> u32 {
+        while self.0[one as usize] != one {
+            let up = self.0[one as usize];
+            self.0[one as usize] = self.0[up as usize];
+            one = up;
+        }
+        one
+    }
+
+    /// Joins two sets and names the one that they are now: the lesser.
+    fn join(&mut self, two: [u32; 2]) -> u32 {
+        let [a, b] = two.map(|one| self.find(one));
+        let (lesser, greater) = (a.min(b), a.max(b));
+        self.0[greater as usize] = lesser;
+        lesser
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::tests::stage, *};
+
+    #[test]
+    fn a_square_is_left_only_past_the_margin() {
+        let places = Places::Squares { edge: 10.0, margin: 2.0 };
+        let world = stage::row(3);
+        let mut place = Place::None;
+        for (x, square) in [(9.0, 0), (11.9, 0), (12.1, 1), (8.1, 1), (7.9, 0), (35.0, 3)] {
+            place = places.place(&world, place, Vec3::new(x, 1.6, 5.0));
+            assert_eq!(place, Place::Square(IVec2::new(square, 0)), "{x}");
+        }
+        let at = |x, z| Place::Square(IVec2::new(x, z));
+        assert!(places.tells(at(0, 0), at(1, -1)) && !places.tells(at(0, 0), at(2, 0)));
+        assert!(!places.tells(Place::None, at(0, 0)));
+    }
+
+    #[test]
+    fn rooms_end_at_doors() {
+        let mut world = stage::row(5);
+        // A door between the rooms 1 and 2, and a narrow piece of wall beyond it; the rest is open.
+        for (gate, width) in [(1, 1.0), (2, 1.5)] {
+            let Polygon::Rectangle { bounds, .. } = &mut world.cells.gates[gate].polygon else {
+                unreachable!("rooms in a row join in rectangles")
+            };
+            bounds.max.z = width;
+        }
+        let spaces = &mut world.cells.spaces;
+        spaces[2].bounds.max.x = spaces[2].bounds.min.x + 0.15;
+        let check = |doors: u32, told: [bool; 5]| {
+            let places = Places::new(Policy::Room { doors }, &world);
+            let at = |x: f32| places.place(&world, Place::None, Vec3::new(x, 1.6, 5.0));
+            let from_first =
+                [0, 1, 2, 3, 4].map(|i| places.tells(at(5.0), at(5.0 + 10.0 * i as f32)));
+            assert_eq!(from_first, told, "{doors} doors");
+        };
+        check(0, [true, true, false, false, false]);
+        check(1, [true; 5]);
+    }
+
+    #[test]
+    fn a_corridor_as_narrow_as_a_door_is_one_room() {
+        let mut world = stage::row(3);
+        for space in &mut world.cells.spaces {
+            space.bounds.max.z = 1.2;
+        }
+        for gate in &mut world.cells.gates {
+            let Polygon::Rectangle { bounds, .. } = &mut gate.polygon else {
+                unreachable!("rooms in a row join in rectangles")
+            };
+            bounds.max.z = 1.2;
+        }
+        let rooms = Rooms::new(&world.cells, 0);
+        assert_eq!(rooms.of_space, [0, 0, 0]);
+        assert_eq!(rooms.near[0].len(), 1);
+    }
+}

@@ -1,0 +1,121 @@
+//! The live avatars of a tick, side by side: what is their own can be changed by one thread each while all
+//! can be looked at.
+
+use std::time::Duration;
+
+use glam::Vec3;
+use sightline_visibility::rooms::Seal;
+use sightline_world::motion::{AvatarId, Pose};
+
+use super::{
+    Engine, horizon::Link, near::Whereabouts, pairs::Pair, population::Slot, ways::Footing,
+};
+
+/// Where in the scene someone stands: by the space that it was in a tick ago, then by id.
+pub(super) type Stand = (Option<u32>, AvatarId);
+
+/// A live avatar, as all others may look at it.
+#[derive(Clone, Debug)]
+pub(super) struct Live {
+    pub(super) stand: Stand,
+    pub(super) id: AvatarId,
+    pub(super) slot: Slot,
+    pub(super) pose: Pose,
+    /// Counts accepted poses.
+    pub(super) version: u32,
+    pub(super) seal: Seal,
+    /// When the last accepted pose came in.
+    pub(super) heard: Duration,
+    pub(super) link: Link,
+    /// It moves as it says.
+    pub(super) is_believed: bool,
+    /// Where it was last, in own axes.
+    pub(super) from: Vec3,
+    pub(super) footing: Footing,
+    pub(super) near: Whereabouts,
+    /// If it has a new wide region, the cells that its eye could be in before, and those of its body.
+    pub(super) moved: Option<[Vec<u32>; 2]>,
+}
+
+/// All live avatars: neighbours side by side, since they have to do with the same others and the same gates, and so
+/// find in a cache what they need to know.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Lives {
+    all: Vec<Live>,
+    /// Of each slot that one of them has, which it is.
+    of: Vec<u32>,
+}
+
+/// The live avatars, and the pairs that each has as a viewer, in the same order.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scene {
+    pub(super) lives: Lives,
+    pub(super) pairs: Vec<Vec<Pair>>,
+}
+
+impl Lives {
+    pub(super) fn all(&self) -> &[Live] {
+        &self.all
+    }
+
+    pub(super) fn all_mut(&mut self) -> &mut [Live] {
+        &mut self.all
+    }
+
+    /// The place of a live avatar among all.
+    pub(super) fn place(&self, slot: Slot) -> usize {
+        self.of[slot.0 as usize] as usize
+    }
+
+    /// A live avatar.
+    pub(super) fn at(&self, slot: Slot) -> &Live {
+        &self.all[self.place(slot)]
+    }
+}
+
+impl Engine {
+    /// Takes out of the population what a tick changes of its live avatars.
+    pub(super) fn enter(&mut self, now: Duration, live: &[Slot]) -> Scene {
+        let mut scene = std::mem::take(&mut self.scene);
+        let stand = |slot: Slot| {
+            let avatar = self.population.at(slot);
+            (avatar.near.home(), avatar.id)
+        };
+        let mut order: Vec<(Stand, Slot)> = live.iter().map(|slot| (stand(*slot), *slot)).collect();
+        order.sort_unstable_by_key(|(stand, _)| *stand);
+        for ((stand, slot), place) in order.into_iter().zip(0..) {
+            let avatar = self.population.at_mut(slot);
+            scene.pairs.push(std::mem::take(&mut avatar.pairs));
+            scene.lives.all.push(Live {
+                stand,
+                id: avatar.id,
+                slot,
+                pose: avatar.pose,
+                version: avatar.version,
+                seal: avatar.seal,
+                heard: avatar.heard,
+                link: avatar.link(),
+                is_believed: avatar.pledges.are_kept(now),
+                from: self.world.cells.axes.own(avatar.pose.eye),
+                footing: avatar.footing,
+                near: std::mem::take(&mut avatar.near),
+                moved: None,
+            });
+            let of = &mut scene.lives.of;
+            if of.len() <= slot.0 as usize {
+                of.resize(slot.0 as usize + 1, 0);
+            }
+            of[slot.0 as usize] = place;
+        }
+        scene
+    }
+
+    /// Puts all back.
+    pub(super) fn leave(&mut self, mut scene: Scene) {
+        for (live, pairs) in scene.lives.all.drain(..).zip(scene.pairs.drain(..)) {
+            let avatar = self.population.at_mut(live.slot);
+            (avatar.near, avatar.pairs) = (live.near, pairs);
+        }
+        self.scene = scene;
+    }
+}

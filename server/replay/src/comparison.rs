@@ -1,0 +1,97 @@
+//! One trace under several policies, or with several kinds of TBVs, side by side.
+
+use std::{fmt, time::Duration};
+
+use serde::Serialize;
+
+use super::Report;
+use sightline_engine::{Policy, Shape, Validity};
+
+/// The reports of one trace, a policy or a kind of TBV each.
+#[derive(Clone, Debug, Default, Serialize)]
+#[serde(transparent)]
+pub struct Comparison {
+    /// In the order in which they are to be told.
+    pub reports: Vec<Report>,
+}
+
+impl Comparison {
+    /// What people do today, and what this does: from telling everyone to TBVs.
+    pub const POLICIES: [Policy; 8] = [
+        Policy::Broadcast,
+        Policy::Radius(20.0),
+        Policy::Grid(16.0),
+        Policy::Region { edge: 16.0, margin: 2.0 },
+        Policy::Room { doors: 0 },
+        Policy::Room { doors: 1 },
+        Policy::Pvs,
+        Policy::Tbv,
+    ];
+
+    /// What TBVs can be: by what bounds them, and by how long they last.
+    pub const TBVS: [(Shape, Validity); 7] = [
+        (Shape::Reach, Validity::UntilLeft),
+        (Shape::Reach, Validity::Maximal),
+        (Shape::Reach, Validity::Adaptive),
+        (Shape::Reach, HALF_A_SECOND),
+        (Shape::Sphere, Validity::Maximal),
+        (Shape::Sphere, Validity::Adaptive),
+        (Shape::Sphere, HALF_A_SECOND),
+    ];
+}
+
+const HALF_A_SECOND: Validity = Validity::Constant(Duration::from_millis(500));
+
+/// A column's name, and what stands in it.
+type Column = (&'static str, fn(&Report) -> String);
+
+const COLUMNS: [Column; 15] = [
+    ("held", |r| format!("{:.2}", r.held_mean)),
+    ("msg/s to", |r| format!("{:.1}", r.messages_to_client)),
+    ("B/s to", |r| format!("{:.0}", r.bytes_to_client)),
+    ("worst", |r| format!("{:.0}", r.bytes_to_client_worst)),
+    ("states/s to", |r| format!("{:.1}", r.updates_to_client)),
+    ("msg/s from", |r| format!("{:.1}", r.messages_from_client)),
+    ("B/s from", |r| format!("{:.0}", r.bytes_from_client)),
+    ("asks/s", |r| format!("{:.1}", r.asks_per_s)),
+    ("quiet %", |r| format!("{:.1}", r.quiet_share * 100.0)),
+    ("hidden reports %", |r| oracle(r, |o| format!("{:.2}", o.hidden_reports * 100.0))),
+    ("misses", |r| oracle(r, |o| o.misses.to_string())),
+    ("over-send", |r| oracle(r, |o| format!("{:.2}", o.over_send))),
+    ("horizon", |r| oracle(r, |o| format!("{:.2}", o.over_send_horizon))),
+    ("age ms", |r| oracle(r, |o| format!("{:.0}", o.age_mean_ms))),
+    ("tick ms, p99", |r| format!("{:.3}, {:.3}", r.tick_cpu_median_ms, r.tick_cpu_p99_ms)),
+];
+
+fn oracle(report: &Report, figure: impl Fn(&super::OracleReport) -> String) -> String {
+    report.oracle.as_ref().map_or_else(|| "-".to_owned(), figure)
+}
+
+/// A row for each policy, or each kind of TBV. *to* and *from* are of a client, in the mean; *worst* is the client that gets
+/// most bytes.
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let row = |report: &Report| {
+            let figures = COLUMNS.iter().map(|(_, figure)| figure(report));
+            let mut name = report.policy.clone();
+            if name == Policy::Tbv.to_string() {
+                name = format!("{name}, {}, {}", report.shape, report.validity);
+            }
+            [name].into_iter().chain(figures).collect()
+        };
+        let names = COLUMNS.iter().map(|(name, _)| (*name).to_owned());
+        let mut lines: Vec<Vec<String>> =
+            vec![["policy".to_owned()].into_iter().chain(names).collect()];
+        lines.extend(self.reports.iter().map(row));
+        let width = |column: usize| lines.iter().map(|line| line[column].len()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..=COLUMNS.len()).map(width).collect();
+        for line in &lines {
+            write!(f, "{:<1$}", line[0], widths[0])?;
+            for (figure, width) in line.iter().zip(&widths).skip(1) {
+                write!(f, "  {figure:>width$}")?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
+}

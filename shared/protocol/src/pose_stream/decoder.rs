@@ -1,0 +1,135 @@
+//! The client's end.
+
+use std::collections::VecDeque;
+
+use super::{
+    Ack, BASELINE_DISTANCE_MAX, ENTRIES_MAX, check_length,
+    entry::{self, BASELINE},
+};
+use crate::{DecodeError, quantise::WirePose, varint};
+use sightline_world::motion::AvatarId;
+
+/// Datagrams remembered as baselines. More than the server goes back, for those that overtake.
+const REMEMBERED_MAX: u32 = BASELINE_DISTANCE_MAX + 32;
+
+/// The client's end of its pose stream.
+#[derive(Clone, Debug, Default)]
+pub struct PoseDecoder {
+    /// In ascending order of sequence, none older than [`REMEMBERED_MAX`] before the newest.
+    pub(super) received: VecDeque<PoseUpdate>,
+}
+
+/// What a datagram told: the newest of some avatars as the server knew them at a tick.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PoseUpdate {
+    /// The number of the datagram.
+    pub sequence: u32,
+    /// When.
+    pub tick: u32,
+    /// In ascending order of id.
+    pub poses: Vec<(AvatarId, WirePose)>,
+}
+
+impl PoseUpdate {
+    /// What it tells of an avatar.
+    pub fn pose(&self, avatar: AvatarId) -> Option<WirePose> {
+        let found = self.poses.binary_search_by_key(&avatar, |(id, _)| *id).ok()?;
+        self.poses.get(found).map(|(_, pose)| *pose)
+    }
+}
+
+impl PoseDecoder {
+    /// Takes in a datagram. `None` when it came before or is too old. After an error all is as if
+    /// the datagram had been lost.
+    pub fn decode(&mut self, datagram: &[u8]) -> Result<Option<&PoseUpdate>, DecodeError> {
+        check_length(datagram)?;
+        let mut bytes = datagram;
+        let sequence = varint::read(&mut bytes)?;
+        if sequence == 0 {
+            return Err(DecodeError::Malformed);
+        }
+        let newest = self.received.back().map_or(0, |update| update.sequence);
+        if newest.saturating_sub(sequence) >= REMEMBERED_MAX {
+            return Ok(None);
+        }
+        let Err(place) = self.find(sequence) else { return Ok(None) };
+        let tick = varint::read(&mut bytes)?;
+        let poses = self.read_entries(bytes, sequence)?;
+        self.received.insert(place, PoseUpdate { sequence, tick, poses });
+        let newest = newest.max(sequence);
+        while self.received.front().is_some_and(|u| newest - u.sequence >= REMEMBERED_MAX) {
+            self.received.pop_front();
+        }
+        let place = self.find(sequence).ok();
+        Ok(place.and_then(|place| self.received.get(place)))
+    }
+
+    /// What to tell the server.
+    pub fn ack(&self) -> Ack {
+        let Some(newest) = self.received.back().map(|update| update.sequence) else {
+            return Ack::default();
+        };
+        let earlier = self
+            .received
+            .iter()
+            .filter_map(|update| (newest - update.sequence).checked_sub(1))
+            .filter(|back| *back < 32)
+            .fold(0, |bits, back| bits | 1 << back);
+        Ack { newest, earlier }
+    }
+
+    /// The newest word of an avatar in the datagrams at hand, of which none is older than `since`:
+    /// the tick and the pose. For poses that overtook the message that their avatar appears.
+    pub fn newest(&self, avatar: AvatarId, since: u32) -> Option<(u32, u32, WirePose)> {
+        self.received
+            .iter()
+            .rev()
+            .take_while(|update| update.sequence >= since)
+            .find_map(|update| update.pose(avatar).map(|pose| (update.sequence, update.tick, pose)))
+    }
+
+    fn find(&self, sequence: u32) -> Result<usize, usize> {
+        self.received.binary_search_by_key(&sequence, |update| update.sequence)
+    }
+
+    fn read_entries(
+        &self,
+        mut bytes: &[u8],
+        sequence: u32,
+    ) -> Result<Vec<(AvatarId, WirePose)>, DecodeError> {
+        let mut poses = Vec::new();
+        let mut next_id = Some(0u32);
+        let mut distance = 0;
+        while !bytes.is_empty() {
+            let flags = varint::read_byte(&mut bytes)?;
+            let step = varint::read(&mut bytes)?;
+            let id = next_id.and_then(|next| next.checked_add(step));
+            let avatar = AvatarId(id.ok_or(DecodeError::Malformed)?);
+            if flags & BASELINE != 0 {
+                distance = varint::read(&mut bytes)?;
+            }
+            let base = self.baseline(avatar, sequence, distance)?;
+            poses.push((avatar, entry::read_difference(&mut bytes, flags & !BASELINE, &base)?));
+            if poses.len() > ENTRIES_MAX {
+                return Err(DecodeError::Malformed);
+            }
+            next_id = avatar.0.checked_add(1);
+        }
+        Ok(poses)
+    }
+
+    fn baseline(
+        &self,
+        avatar: AvatarId,
+        sequence: u32,
+        distance: u32,
+    ) -> Result<WirePose, DecodeError> {
+        if distance == 0 {
+            return Ok(WirePose::default());
+        }
+        let from = sequence.checked_sub(distance).ok_or(DecodeError::Malformed)?;
+        let place = self.find(from).map_err(|_| DecodeError::NoBaseline)?;
+        let update = self.received.get(place).ok_or(DecodeError::NoBaseline)?;
+        update.pose(avatar).ok_or(DecodeError::NoBaseline)
+    }
+}

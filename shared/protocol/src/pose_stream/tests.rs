@@ -1,0 +1,354 @@
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::Vec3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::quantise::{COORDINATE_MAX, WirePosition};
+use sightline_world::motion::{AvatarId, Pose};
+
+/// A stream of small random numbers; the same for the same seed.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self, sides: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ (z >> 31)) % sides
+    }
+
+    fn signed(&mut self) -> f32 {
+        self.roll(2_001) as f32 / 1_000.0 - 1.0
+    }
+}
+
+fn walk(pose: &mut Pose, dice: &mut Dice) {
+    if dice.roll(4) == 0 {
+        return;
+    }
+    if dice.roll(8) == 0 {
+        pose.velocity = Vec3::new(dice.signed(), 0.0, dice.signed()) * 3.0;
+        pose.yaw += dice.signed();
+        pose.pitch = dice.signed();
+    }
+    if dice.roll(100) == 0 {
+        pose.eye = Vec3::new(dice.signed(), dice.signed(), dice.signed()) * 10_000.0;
+    }
+    pose.eye += pose.velocity * 0.05;
+}
+
+/// A path that loses, doubles and reorders; what is on the way arrives when its tick comes.
+#[derive(Default)]
+struct Path<T> {
+    on_the_way: Vec<(u32, T)>,
+}
+
+impl<T: Clone> Path<T> {
+    fn send(&mut self, item: T, tick: u32, loss_percent: u64, dice: &mut Dice) {
+        for _ in 0..1 + u64::from(dice.roll(10) == 0) {
+            if dice.roll(100) >= loss_percent {
+                self.on_the_way.push((tick + dice.roll(12) as u32, item.clone()));
+            }
+        }
+    }
+
+    fn arrivals(&mut self, tick: u32) -> Vec<T> {
+        let (now, later) =
+            std::mem::take(&mut self.on_the_way).into_iter().partition(|(due, _)| *due <= tick);
+        self.on_the_way = later;
+        let now: Vec<(u32, T)> = now;
+        now.into_iter().map(|(_, item)| item).collect()
+    }
+}
+
+/// Walks avatars under loss; checks that whatever arrives is what was sent, and that after the
+/// last step the client comes to hold the last pose of each.
+fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: usize) {
+    let mut dice = Dice(seed);
+    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    encoder.set_datagram_bytes_max(datagram_bytes_max);
+    let mut poses: Vec<(AvatarId, Pose)> =
+        (0..avatars).map(|i| (AvatarId(i * 3), Pose::default())).collect();
+    let mut truth: BTreeMap<(u32, AvatarId), WirePose> = BTreeMap::new();
+    let mut held: BTreeMap<AvatarId, (u32, WirePose)> = BTreeMap::new();
+    let (mut down, mut up) = (Path::default(), Path::default());
+    for tick in 1..400 {
+        let moving = tick < 200;
+        if moving {
+            poses.iter_mut().for_each(|(_, pose)| walk(pose, &mut dice));
+        }
+        let loss_percent = if tick < 300 { loss_percent } else { 0 };
+        poses.iter().for_each(|(id, pose)| {
+            truth.insert((tick, *id), pose.into());
+        });
+        let news = if moving { poses.as_slice() } else { &[] };
+        for datagram in encoder.encode(tick, news) {
+            assert!(datagram.len() <= datagram_bytes_max);
+            down.send(datagram, tick, loss_percent, &mut dice);
+        }
+        assert!(encoder.sent.len() <= BASELINE_DISTANCE_MAX as usize);
+        for datagram in down.arrivals(tick) {
+            let Ok(Some(update)) = decoder.decode(&datagram) else { continue };
+            for (id, pose) in &update.poses {
+                assert_eq!(
+                    truth[&(update.tick, *id)],
+                    *pose,
+                    "avatar {id:?} at tick {}",
+                    update.tick
+                );
+                let newest = held.entry(*id).or_insert((0, *pose));
+                if newest.0 <= update.sequence {
+                    *newest = (update.sequence, *pose);
+                }
+            }
+        }
+        up.send(
+            ClientDatagram { ack: decoder.ack(), report: None }.encode(),
+            tick,
+            loss_percent,
+            &mut dice,
+        );
+        for datagram in up.arrivals(tick) {
+            encoder.acknowledge(ClientDatagram::decode(&datagram).unwrap().ack);
+        }
+    }
+    for (id, pose) in &poses {
+        assert_eq!(held[id].1, WirePose::from(pose), "avatar {id:?} at the end");
+    }
+    assert!(encoder.encode(400, &[]).is_empty(), "all was acknowledged: nothing is left to say");
+}
+
+fn wire_pose() -> impl Strategy<Value = WirePose> {
+    let unit = prop_oneof![-2_000..2_000, -COORDINATE_MAX..=COORDINATE_MAX];
+    (proptest::array::uniform3(unit), any::<(u16, i16, [i16; 3])>()).prop_map(
+        |(units, (yaw, pitch, velocity))| WirePose {
+            position: WirePosition::new(units).unwrap(),
+            yaw,
+            pitch,
+            velocity,
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn what_arrives_is_what_was_sent_whatever_is_lost(
+        seed: u64,
+        avatars in 1u32..30,
+        loss_percent in 0u64..60,
+        datagram_bytes_max in prop_oneof![Just(1_200usize), 128usize..400],
+    ) {
+        check_walk(seed, avatars, loss_percent, datagram_bytes_max);
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_difference_comes_back(base in wire_pose(), pose in wire_pose()) {
+        let mut out = Vec::new();
+        entry::write_difference(&mut out, &base, &pose);
+        let mut bytes = &out[1..];
+        prop_assert_eq!(entry::read_difference(&mut bytes, out[0], &base), Ok(pose));
+        prop_assert!(bytes.is_empty());
+    }
+
+    #[test]
+    fn a_clients_datagram_comes_back(newest: u32, earlier: u32, sequence: u32, pose in wire_pose()) {
+        for report in [None, Some((sequence, pose))] {
+            let datagram = ClientDatagram { ack: Ack { newest, earlier }, report };
+            prop_assert_eq!(ClientDatagram::decode(&datagram.encode()), Ok(datagram));
+        }
+    }
+
+    #[test]
+    fn any_bytes_leave_the_decoder_as_it_was_or_are_a_datagram(
+        bytes in proptest::collection::vec(any::<u8>(), 0..1_300),
+    ) {
+        let mut decoder = primed().1;
+        let before = decoder.clone();
+        match decoder.decode(&bytes) {
+            Ok(Some(update)) => {
+                prop_assert!(update.poses.len() <= ENTRIES_MAX);
+                prop_assert!(update.poses.is_sorted_by_key(|(id, _)| *id));
+                prop_assert!(update.poses.iter().all(|(_, p)| Pose::from(*p).is_finite()));
+            }
+            Ok(None) | Err(_) => prop_assert_eq!(decoder.received, before.received),
+        }
+        let _ = ClientDatagram::decode(&bytes);
+    }
+}
+
+/// A stream under way: three avatars, all acknowledged.
+fn primed() -> (PoseEncoder, PoseDecoder) {
+    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let at = |x: f32| Pose { eye: Vec3::new(x, 1.6, -x), ..Pose::default() };
+    let poses = [(AvatarId(0), at(1.0)), (AvatarId(7), at(2.0)), (AvatarId(300), at(3.0))];
+    for datagram in encoder.encode(1, &poses) {
+        decoder.decode(&datagram).unwrap().unwrap();
+    }
+    encoder.acknowledge(decoder.ack());
+    (encoder, decoder)
+}
+
+#[test]
+fn what_is_acknowledged_late_is_not_sent_for_ever() {
+    let (mut encoder, mut decoder) = primed();
+    let mut acks = VecDeque::new();
+    let mut datagrams = 0;
+    for tick in 2..100 {
+        let poses = if tick == 2 { moved(1.0).to_vec() } else { Vec::new() };
+        for datagram in encoder.encode(tick, &poses) {
+            decoder.decode(&datagram).unwrap().unwrap();
+            acks.push_back((tick + 30, decoder.ack()));
+            datagrams += 1;
+        }
+        while acks.front().is_some_and(|(due, _)| *due <= tick) {
+            acks.pop_front().into_iter().for_each(|(_, ack)| encoder.acknowledge(ack));
+        }
+    }
+    assert!((2..12).contains(&datagrams), "{datagrams} datagrams");
+}
+
+fn moved(metres: f32) -> [(AvatarId, Pose); 2] {
+    let eye = Vec3::new(1.0 + metres, 1.6, -1.0);
+    let turned = Pose { eye, yaw: metres, velocity: Vec3::X, ..Pose::default() };
+    [(AvatarId(0), turned), (AvatarId(7), turned)]
+}
+
+#[test]
+fn every_flip_of_a_datagram_is_refused_or_valid() {
+    let (mut encoder, decoder) = primed();
+    let original = encoder.encode(2, &moved(0.2)).remove(0);
+    let report = Some((3, WirePose::from(&moved(0.2)[0].1)));
+    let from_client = ClientDatagram { ack: decoder.ack(), report }.encode();
+    for flip in 1..=255u8 {
+        for i in 0..original.len() {
+            let mut bytes = original.clone();
+            bytes[i] ^= flip;
+            let mut twin = decoder.clone();
+            if let Ok(Some(update)) = twin.decode(&bytes) {
+                assert!(update.poses.iter().all(|(_, pose)| Pose::from(*pose).is_finite()));
+            }
+        }
+        for i in 0..from_client.len() {
+            let mut bytes = from_client.clone();
+            bytes[i] ^= flip;
+            if let Ok(datagram) = ClientDatagram::decode(&bytes) {
+                assert_eq!(ClientDatagram::decode(&datagram.encode()), Ok(datagram));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_walking_avatar_takes_six_to_nine_bytes() {
+    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let mut dice = Dice(1);
+    let mut poses: Vec<_> = (0..20).map(|i| (AvatarId(i), Pose::default())).collect();
+    let mut bytes = 0;
+    let ticks = 400;
+    let mut delayed = VecDeque::new();
+    for tick in 1..=ticks {
+        for (_, pose) in &mut poses {
+            if dice.roll(20) == 0 {
+                pose.yaw += dice.signed();
+                pose.velocity = pose.forward().with_y(0.0) * 1.5;
+            }
+            pose.eye += pose.velocity * 0.05;
+        }
+        for datagram in encoder.encode(tick, &poses) {
+            bytes += datagram.len();
+            decoder.decode(&datagram).unwrap();
+        }
+        delayed.push_back(decoder.ack());
+        if delayed.len() > 2 {
+            encoder.acknowledge(delayed.pop_front().unwrap());
+        }
+    }
+    let each = bytes as f64 / f64::from(ticks) / poses.len() as f64;
+    assert!((4.0..9.0).contains(&each), "{each:.2} bytes for an avatar and tick");
+}
+
+#[test]
+fn what_is_known_is_not_said_again_and_what_is_lost_is() {
+    let (mut encoder, mut decoder) = primed();
+    let still = [(AvatarId(0), Pose { eye: Vec3::new(1.0, 1.6, -1.0), ..Pose::default() })];
+    assert!(encoder.encode(2, &still).is_empty());
+    let lost = encoder.encode(3, &moved(0.5));
+    assert_eq!(lost.len(), 1);
+    assert!(encoder.encode(4, &moved(0.5)).is_empty(), "on the way: not yet lost");
+    let again = encoder.encode(7, &[]);
+    let update = decoder.decode(&again[0]).unwrap().unwrap();
+    assert_eq!(update.tick, 7);
+    assert_eq!(update.poses.len(), 2);
+    assert_eq!(update.pose(AvatarId(7)), Some(WirePose::from(&moved(0.5)[1].1)));
+}
+
+#[test]
+fn nothing_is_said_of_the_forgotten() {
+    let (mut encoder, mut decoder) = primed();
+    encoder.encode(2, &moved(0.5));
+    encoder.forget(AvatarId(0));
+    let again = encoder.encode(9, &[]).remove(0);
+    let update = decoder.decode(&again).unwrap().unwrap();
+    assert_eq!(update.poses.iter().map(|(id, _)| id.0).collect::<Vec<_>>(), [7]);
+}
+
+#[test]
+fn duplicates_and_stale_datagrams_tell_nothing() {
+    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let datagrams: Vec<_> = (1..=200)
+        .flat_map(|tick| encoder.encode(tick, &[(AvatarId(1), moved(tick as f32)[0].1)]))
+        .collect();
+    assert!(decoder.decode(&datagrams[5]).unwrap().is_some());
+    assert!(decoder.decode(&datagrams[5]).unwrap().is_none());
+    assert!(decoder.decode(&datagrams[2]).unwrap().is_some(), "late but new");
+    assert!(decoder.decode(&datagrams[199]).unwrap().is_some());
+    assert!(decoder.decode(&datagrams[3]).unwrap().is_none(), "too old");
+    assert_eq!(decoder.received.len(), 1);
+    assert_eq!(decoder.newest(AvatarId(1), 200).map(|(_, tick, _)| tick), Some(200));
+    assert_eq!(decoder.newest(AvatarId(1), 201), None);
+}
+
+#[test]
+fn acks_tell_exactly_what_came() {
+    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let came = [1, 2, 5, 9, 20, 33, 40];
+    for tick in 1..=40 {
+        let datagram = encoder.encode(tick, &[(AvatarId(1), moved(tick as f32)[0].1)]).remove(0);
+        if came.contains(&tick) {
+            decoder.decode(&datagram).unwrap().unwrap();
+        }
+    }
+    let ack = decoder.ack();
+    let covered: Vec<u32> = (0..=50).filter(|sequence| ack.covers(*sequence)).collect();
+    assert_eq!(covered, [9, 20, 33, 40], "what lies within 32 of the newest");
+    assert!(!Ack::default().covers(0));
+}
+
+#[test]
+fn an_ack_of_what_was_never_sent_is_ignored() {
+    let (mut encoder, mut decoder) = primed();
+    encoder.encode(2, &moved(0.5));
+    encoder.acknowledge(Ack { newest: 99, earlier: u32::MAX });
+    let resent = encoder.encode(8, &[]).remove(0);
+    assert!(decoder.decode(&resent).is_ok());
+}
+
+#[test]
+fn a_client_that_never_acknowledges_costs_bounded_memory() {
+    let mut encoder = PoseEncoder::default();
+    let crowd = |tick: u32| -> Vec<_> {
+        (0..500).map(|i| (AvatarId(i), moved((tick + i) as f32)[0].1)).collect()
+    };
+    for tick in 1..100 {
+        encoder.encode(tick, &crowd(tick));
+        let held: usize = encoder.sent.iter().map(|sent| sent.poses.len()).sum();
+        assert_eq!(held, encoder.sent_poses);
+        assert!(held <= 4_096 && encoder.told.len() == 500);
+    }
+}

@@ -1,0 +1,178 @@
+//! Boxes in a tree, so that a line meets few of them.
+
+use std::ops::ControlFlow;
+
+use glam::{Vec3A, Vec4};
+
+use super::Line;
+use sightline_world::geometry::Aabb;
+
+/// Leaves hold no more.
+const LEAF_MAX: usize = 4;
+/// Boxes are this much larger, in metres, than single precision in [`Tree::along`] may lose.
+const SLACK: f32 = 1e-4;
+
+/// A binary tree of boxes. It takes no more than two nodes of 32 bytes for each.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tree {
+    nodes: Vec<Node>,
+    /// Indices of the boxes, in the order of the leaves.
+    order: Vec<u32>,
+}
+
+/// The corners of the box around all that is in it; the last lanes are whole numbers.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    low: Vec4,
+    high: Vec4,
+}
+
+impl Node {
+    fn new(bounds: &Aabb, at: u32, count: u32) -> Self {
+        let number = f32::from_bits;
+        Self { low: bounds.min.extend(number(at)), high: bounds.max.extend(number(count)) }
+    }
+
+    /// Of a leaf, where it begins in the order; else the second child. The first comes next.
+    fn at(&self) -> u32 {
+        self.low.w.to_bits()
+    }
+
+    /// How many a leaf holds; 0 for any other node.
+    fn count(&self) -> u32 {
+        self.high.w.to_bits()
+    }
+}
+
+impl Tree {
+    pub fn new(boxes: &[Aabb]) -> Self {
+        let mut tree = Self { nodes: Vec::new(), order: (0..boxes.len() as u32).collect() };
+        if !boxes.is_empty() {
+            let mut order = std::mem::take(&mut tree.order);
+            tree.grow(boxes, &mut order, 0);
+            tree.order = order;
+        }
+        tree
+    }
+
+    fn grow(&mut self, boxes: &[Aabb], order: &mut [u32], at: u32) {
+        let of = |&index: &u32| &boxes[index as usize];
+        let bounds = order.iter().map(of).fold(Aabb::EMPTY, |all, one| all.union(one));
+        let node = self.nodes.len();
+        let count = order.len();
+        let bounds = bounds.grown(SLACK);
+        self.nodes.push(Node::new(&bounds, at, count as u32));
+        if count <= LEAF_MAX {
+            return;
+        }
+        let middles = Aabb::from_points(order.iter().map(|index| of(index).centre()));
+        let axis = middles.size().max_position();
+        let middle = |index: &u32| of(index).centre()[axis];
+        order.select_nth_unstable_by(count / 2, |a, b| {
+            middle(a).total_cmp(&middle(b)).then(a.cmp(b))
+        });
+        let (low, high) = order.split_at_mut(count / 2);
+        self.grow(boxes, low, at);
+        let second = self.nodes.len() as u32;
+        self.grow(boxes, high, at + (count / 2) as u32);
+        self.nodes[node] = Node::new(&bounds, second, 0);
+    }
+
+    /// Tells every box near a line until told to stop; counts the nodes looked at on the way.
+    pub fn along<B>(
+        &self,
+        line: &Line,
+        looked: &mut u32,
+        mut tell: impl FnMut(u32, &mut u32) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let (from, to) = (Vec3A::from(line.from), Vec3A::from(line.to));
+        let inverse = (to - from).recip();
+        self.visit(
+            |low, high| {
+                let (a, b) = ((low - from) * inverse, (high - from) * inverse);
+                // What a line in the plane of a face may lose here only makes it free.
+                let enter = a.min(b).max_element().max(0.0);
+                let leave = a.max(b).min_element().min(1.0);
+                enter <= leave * (1.0 + 1e-5)
+            },
+            looked,
+            &mut tell,
+        )
+    }
+
+    /// Tells every box that touches a region, until told to stop.
+    pub fn touching<B>(
+        &self,
+        region: &Aabb,
+        mut tell: impl FnMut(u32) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let mut tell = |index: u32, _: &mut u32| tell(index);
+        let (min, max) = (Vec3A::from(region.min), Vec3A::from(region.max));
+        let touches = |low: Vec3A, high: Vec3A| (low.cmple(max) & high.cmpge(min)).all();
+        self.visit(touches, &mut 0, &mut tell)
+    }
+
+    fn visit<B>(
+        &self,
+        enters: impl Fn(Vec3A, Vec3A) -> bool,
+        looked: &mut u32,
+        tell: &mut impl FnMut(u32, &mut u32) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        // Halving 2³² boxes takes 32 steps.
+        let (mut stack, mut height) = ([0u32; 34], usize::from(!self.nodes.is_empty()));
+        while height > 0 {
+            height -= 1;
+            let index = stack[height];
+            let node = &self.nodes[index as usize];
+            *looked += 1;
+            if !enters(Vec3A::from_vec4(node.low), Vec3A::from_vec4(node.high)) {
+                continue;
+            }
+            if node.count() == 0 {
+                (stack[height], stack[height + 1]) = (node.at(), index + 1);
+                height += 2;
+                continue;
+            }
+            let (at, count) = (node.at() as usize, node.count() as usize);
+            for &index in &self.order[at..at + count] {
+                tell(index, looked)?;
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// In memory, without its own head.
+    pub fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Node>() + self.order.len() * size_of::<u32>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use rand::{Rng, SeedableRng, rngs::SmallRng};
+
+    use super::*;
+
+    #[test]
+    fn every_box_on_a_line_is_told() {
+        let mut rng = SmallRng::seed_from_u64(3);
+        let mut point = || Vec3::new(rng.random(), rng.random(), rng.random()) * 30.0;
+        let boxes: Vec<Aabb> = (0..300).map(|i| Aabb::around(point(), (i % 7) as f32)).collect();
+        let tree = Tree::new(&boxes);
+        for _ in 0..300 {
+            let line = Line { from: point(), to: point() };
+            let (mut found, mut looked) = (vec![false; boxes.len()], 0);
+            let flow = tree.along(&line, &mut looked, |index, _| {
+                found[index as usize] = true;
+                ControlFlow::<()>::Continue(())
+            });
+            assert!(flow.is_continue() && looked > 0);
+            for (region, found) in boxes.iter().zip(found) {
+                let is_on = (0..=1_000)
+                    .any(|i| region.contains(line.from.lerp(line.to, i as f32 / 1_000.0)));
+                assert!(found || !is_on);
+            }
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Cells that are searched from together.
+
+use std::ops::Range;
+
+use super::extent::Extent;
+use sightline_world::{CellId, Cells, Node};
+
+/// The most cells in a block.
+pub(super) const BLOCK_CELLS_MAX: u32 = 8;
+
+/// Cells of one space that lie close together.
+#[derive(Clone, Debug)]
+pub struct Block {
+    /// The smallest box around them, widened.
+    pub bounds: Extent,
+    /// Indices into [`Cells::cells`].
+    pub cells: Range<u32>,
+    /// Index into [`Cells::spaces`].
+    pub space: u32,
+}
+
+/// The blocks that the subtrees of the tree make.
+pub(super) fn blocks(cells: &Cells, targets: &[Extent]) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    if let Some(all) = block(cells, targets, 0, &mut blocks) {
+        blocks.push(all);
+    }
+    blocks.sort_unstable_by_key(|block| block.cells.start);
+    blocks
+}
+
+/// The cells of a subtree as one block, if they make one; else adds those blocks that they make.
+pub(super) fn block(
+    cells: &Cells,
+    targets: &[Extent],
+    node: u32,
+    found: &mut Vec<Block>,
+) -> Option<Block> {
+    let sides = match cells.tree[node as usize] {
+        Node::Solid => return None,
+        Node::Leaf(CellId(cell)) => {
+            let space = cells.cells[cell as usize].space;
+            let bounds = targets[cell as usize];
+            return Some(Block { bounds, cells: cell..cell + 1, space });
+        }
+        Node::Axial { sides, .. } | Node::Plane { sides, .. } => sides,
+    };
+    let [lesser, greater] = sides.map(|side| block(cells, targets, side, found));
+    if let (Some(lesser), Some(greater)) = (&lesser, &greater) {
+        let bounds = lesser.bounds.union(&greater.bounds);
+        if lesser.space == greater.space
+            && lesser.cells.end == greater.cells.start
+            && greater.cells.end - lesser.cells.start <= BLOCK_CELLS_MAX
+        {
+            let cells = lesser.cells.start..greater.cells.end;
+            return Some(Block { bounds, cells, space: lesser.space });
+        }
+    }
+    found.extend(lesser.into_iter().chain(greater));
+    None
+}

@@ -1,0 +1,451 @@
+//! One small scene for each way in which rooms and windows can be used, and for each claim of the paper;
+//! their answers can be checked by hand. Each leaves a picture: the eye is red, what shows at its height
+//! green, windows blue; boxes that must show are dark green, those that must not are grey.
+
+use glam::Vec3;
+use sightline_visibility::rooms::{
+    RoomIndex, depth,
+    region::{Region, Side},
+    sight::Viewpoint,
+};
+use sightline_world::{
+    CellId, World,
+    geometry::{Aabb, Frustum},
+    rooms::{Members, Object, Room, RoomId, Rooms, Sees, Shape, Window},
+};
+
+use crate::{
+    picture::Picture,
+    stage::{at, block, may_see, plan, room, seeing, window, world},
+};
+
+const AREA: [[f32; 2]; 2] = [[-10.0, -10.0], [10.0, 10.0]];
+
+/// Checks what shows from eyes, all round, and draws it.
+fn check(name: &str, rooms: Rooms, eyes: Aabb, targets: &[(Aabb, bool)]) {
+    let world = world(rooms, 0.0);
+    let index = RoomIndex::new(&world);
+    let shows = |point: Vec3| may_see(&world, &index, eyes, at(point));
+    Picture { rooms: &world.rooms, eyes, targets, area: AREA, shows: &shows }.save(name);
+    for (target, expected) in targets {
+        assert_eq!(may_see(&world, &index, eyes, *target), *expected, "{name}: {target:?}");
+    }
+}
+
+fn rooms(list: Vec<Room>) -> Rooms {
+    Rooms::new(list, Vec::new()).unwrap()
+}
+
+fn cube(x: f32, z: f32) -> Aabb {
+    Aabb::around(Vec3::new(x, 1.5, z), 0.4)
+}
+
+fn eye(x: f32, z: f32) -> Aabb {
+    at(Vec3::new(x, 1.5, z))
+}
+
+fn named(name: &str, bounds: Aabb) -> Object {
+    Object { name: name.into(), bounds, mover: None }
+}
+
+fn only_rooms(ids: &[u16]) -> Sees {
+    Sees::Only(Members { rooms: ids.iter().copied().map(RoomId).collect(), ..Members::default() })
+}
+
+fn hall() -> Shape {
+    block([-3.0, 0.0, -3.0], [3.0, 3.0, 3.0])
+}
+
+/// Claims 1, 4, 9, 12 and Fig. 4: a room that is a volume, with a beam, a pipe and a pump, of which
+/// only the first two are of its visible set; and the set need not lie in the room.
+#[test]
+fn a_visible_set_of_objects() {
+    let [beam, pipe, pump] = [cube(-1.0, -1.0), cube(7.0, 7.0), cube(-7.0, 1.0)];
+    let objects = vec![named("beam", beam), named("pipe", pipe)];
+    let set = Members { objects: vec![0, 1], ..Members::default() };
+    let a = seeing(room("A", vec![hall()]), Sees::Only(set), vec![]);
+    let targets = [(beam, true), (pipe, true), (pump, false)];
+    check("visible-set", Rooms::new(vec![a], objects).unwrap(), eye(0.0, 0.0), &targets);
+}
+
+/// Claim 1 the other way round: what is hidden is named, and hides only who is all in it.
+#[test]
+fn a_hidden_set() {
+    let pump = Aabb::around(Vec3::new(-7.0, 1.5, 1.0), 1.0);
+    let set = Members { objects: vec![0], ..Members::default() };
+    let a = seeing(room("A", vec![hall()]), Sees::AllBut(set), vec![]);
+    let targets = [(cube(7.0, 7.0), true), (cube(-7.0, 1.0), false), (cube(-6.0, 1.0), true)];
+    let rooms = Rooms::new(vec![a], vec![named("pump", pump)]).unwrap();
+    check("hidden-set", rooms, eye(0.0, 0.0), &targets);
+}
+
+/// A set of rooms: all of another room shows, however far; and one of cells.
+#[test]
+fn a_set_of_rooms() {
+    let a = seeing(room("A", vec![hall()]), only_rooms(&[1]), vec![]);
+    let b = room("B", vec![block([5.0, 0.0, 5.0], [9.0, 3.0, 9.0])]);
+    let targets = [(cube(7.0, 7.0), true), (cube(5.0, 7.0), true), (cube(-7.0, 7.0), false)];
+    check("set-of-rooms", rooms(vec![a, b]), eye(0.0, 0.0), &targets);
+}
+
+#[test]
+fn a_set_of_cells() {
+    let set = |cell| Members { cells: vec![CellId(cell)], ..Members::default() };
+    let a = seeing(room("A", vec![hall()]), Sees::Only(set(0)), vec![]);
+    // The one cell is everywhere.
+    check("set-of-cells", rooms(vec![a]), eye(0.0, 0.0), &[(cube(7.0, 7.0), true)]);
+    let b = seeing(room("A", vec![hall()]), Sees::AllBut(set(0)), vec![]);
+    check("set-of-hidden-cells", rooms(vec![b]), eye(0.0, 0.0), &[(cube(7.0, 7.0), false)]);
+}
+
+/// Claims 2, 3, 10 and 11: a rectangle of the plan is a room at every height.
+#[test]
+fn a_rectangle_of_the_plan() {
+    let corners = [[-3.0, -2.0], [3.0, -2.0], [3.0, 2.0], [-3.0, 2.0]];
+    let a = seeing(room("A", vec![plan(&corners, None)]), only_rooms(&[]), vec![]);
+    let rooms = rooms(vec![a]);
+    for height in [-20.0, 1.5, 25.0] {
+        let eyes = at(Vec3::new(0.0, height, 0.0));
+        check("rectangle", rooms.clone(), eyes, &[(cube(1.0, 1.0), true), (cube(7.0, 1.0), false)]);
+    }
+    check("rectangle-outside", rooms, eye(0.0, 4.0), &[(cube(7.0, 1.0), true)]);
+}
+
+/// A polygon with a height need not be convex; above it one is not in it.
+#[test]
+fn a_polygon_with_a_height() {
+    let l = [[-4.0, -4.0], [4.0, -4.0], [4.0, -1.0], [-1.0, -1.0], [-1.0, 4.0], [-4.0, 4.0]];
+    let a = seeing(room("L", vec![plan(&l, Some([0.0, 3.0]))]), only_rooms(&[]), vec![]);
+    let rooms = rooms(vec![a]);
+    let targets = [(cube(3.0, -3.0), true), (cube(2.0, 2.0), false)];
+    check("polygon", rooms.clone(), eye(-3.0, 3.0), &targets);
+    check("polygon-notch", rooms.clone(), eye(2.0, 2.0), &[(cube(7.0, 7.0), true)]);
+    let above = at(Vec3::new(-3.0, 4.0, 3.0));
+    check("polygon-above", rooms, above, &[(cube(2.0, 2.0), true)]);
+}
+
+/// A volume with slanted sides: a pyramid.
+#[test]
+fn a_convex_hull() {
+    let base = [[-4.0, -4.0], [4.0, -4.0], [4.0, 4.0], [-4.0, 4.0]];
+    let mut points: Vec<Vec3> = base.iter().map(|[x, z]| Vec3::new(*x, 0.0, *z)).collect();
+    points.push(Vec3::new(0.0, 4.0, 0.0));
+    let a = seeing(room("tent", vec![Shape::Hull(points)]), only_rooms(&[]), vec![]);
+    let rooms = rooms(vec![a]);
+    check("hull", rooms.clone(), eye(1.0, 1.0), &[(cube(7.0, 7.0), false)]);
+    // In the box around it, but beside its slope.
+    check("hull-beside", rooms, eye(3.5, 3.5), &[(cube(7.0, 7.0), true)]);
+}
+
+/// Who is outside of a room is not concerned by it, nor by its windows.
+#[test]
+fn outside_a_room_says_nothing() {
+    let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [1.0, 2.0]);
+    let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![east]);
+    let targets = [(cube(0.0, 0.0), true), (cube(-7.0, 7.0), true), (cube(7.0, 7.0), true)];
+    check("outside", rooms(vec![a]), eye(6.0, 0.0), &targets);
+}
+
+/// Who is in several rooms gets what any of them shows.
+#[test]
+fn in_several_rooms_the_union() {
+    let a = seeing(room("A", vec![hall()]), only_rooms(&[2]), vec![]);
+    let east = block([0.0, 0.0, -2.0], [6.0, 3.0, 2.0]);
+    let b = seeing(room("B", vec![east]), only_rooms(&[3]), vec![]);
+    let c = room("C", vec![block([-9.0, 0.0, 5.0], [-5.0, 3.0, 9.0])]);
+    let d = room("D", vec![block([5.0, 0.0, 5.0], [9.0, 3.0, 9.0])]);
+    let rooms = rooms(vec![a, b, c, d]);
+    let [c, d, elsewhere] = [cube(-7.0, 7.0), cube(7.0, 7.0), cube(0.0, -7.0)];
+    let both = [(c, true), (d, true), (elsewhere, false)];
+    check("several-rooms", rooms.clone(), eye(1.0, 0.0), &both);
+    check("several-rooms-a", rooms.clone(), eye(-1.0, 0.0), &[(c, true), (d, false)]);
+    check("several-rooms-b", rooms, eye(5.0, 0.0), &[(c, false), (d, true)]);
+}
+
+/// Claims 5 and 13, Fig. 6(A): through a square window one sees what lies beyond it, and no more.
+#[test]
+fn a_window() {
+    let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
+    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    // From three metres away the window is 2 m wide at 3 m, and so 6 m at 9 m.
+    let targets = [
+        (cube(1.0, -2.0), true),
+        (cube(9.0, 0.0), true),
+        (cube(9.0, 3.3), true),
+        (cube(9.0, 3.6), false),
+        (cube(9.0, -3.3), true),
+        (cube(9.0, -3.6), false),
+        (cube(-9.0, 0.0), false),
+    ];
+    check("window", rooms(vec![a.clone()]), eye(0.0, 0.0), &targets);
+    // What may be seen from a box of eyes is more.
+    let eyes = Aabb::new(Vec3::new(-1.0, 1.0, -1.0), Vec3::new(1.0, 2.0, 1.0));
+    let targets = [(cube(9.0, 7.3), true), (cube(9.0, 7.9), false), (cube(-9.0, 0.0), false)];
+    check("window-eye-box", rooms(vec![a]), eyes, &targets);
+}
+
+/// Who is partly in a room into which no window leads may show beyond it.
+#[test]
+fn part_of_a_body_may_be_where_no_window_leads() {
+    let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
+    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    let shed = room("shed", vec![block([1.0, 0.0, 3.2], [2.9, 3.0, 6.0])]);
+    let body = |x: f32| Aabb::new(Vec3::new(1.5, 1.1, 3.3), Vec3::new(x, 1.9, 3.7));
+    // Along the wall of the shed and out to where the window shows it; or not so far.
+    let targets = [(body(10.5), true), (body(2.8), false), (cube(2.0, 5.0), false)];
+    check("window-partly", rooms(vec![a, shed]), eye(0.0, 0.0), &targets);
+}
+
+/// Claims 6, 7, 14 and 15, Fig. 6(B): only the part of the window that is in the field of view counts, and
+/// the region is a boolean combination of planes.
+#[test]
+fn a_window_in_a_field_of_view() {
+    let east = window("east", [[3.0, -3.0], [3.0, 3.0]], [0.5, 2.5]);
+    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    let world = world(rooms(vec![a]), 0.0);
+    let index = RoomIndex::new(&world);
+    let look = |yaw: f32| {
+        let field = Frustum::new(yaw, 0.0, 1.0, 1.2);
+        Viewpoint::looking(eye(0.0, 0.0), &field, &world.cells.axes)
+    };
+    // To the east and to the south at once.
+    let viewpoint = look(-2.2);
+    let seen = index.seen(RoomId(0), &viewpoint);
+    let targets = [(cube(8.0, 7.0), true), (cube(8.0, 0.0), false), (cube(2.0, 8.0), false)];
+    let shows = |point: Vec3| seen.contains(point);
+    let eyes = eye(0.0, 0.0);
+    Picture { rooms: &world.rooms, eyes, targets: &targets, area: AREA, shows: &shows }
+        .save("field");
+    for (target, expected) in targets {
+        assert_eq!(seen.meets(&target), expected, "{target:?}");
+    }
+    assert!(matches!(&seen, Region::Any(parts) if parts.len() == 1), "{seen:?}");
+    assert_eq!(index.windows_in_view(RoomId(0), &viewpoint), [0]);
+    let away = look(std::f32::consts::FRAC_PI_2);
+    assert_eq!(index.windows_in_view(RoomId(0), &away), [] as [u32; 0]);
+    assert_eq!(index.seen(RoomId(0), &away), Region::NOWHERE);
+    the_simplified_region_is_larger(&seen);
+}
+
+fn the_simplified_region_is_larger(seen: &Region) {
+    for planes in 0..=seen.planes() {
+        let simple = seen.simplified(planes);
+        assert!(simple.planes() <= planes);
+        let inside = (0..20_000u64).filter(|i| {
+            let share = |step: u64| (i * step % 9973) as f32 / 9973.0 * 40.0 - 20.0;
+            let point = Vec3::new(share(7919), share(104_729) * 0.3, share(1_299_709));
+            assert!(!seen.contains(point) || simple.contains(point), "{planes} planes, {point}");
+            seen.contains(point)
+        });
+        assert!(inside.count() > 500);
+    }
+    assert_eq!(seen.simplified(0), Region::EVERYWHERE);
+    assert_eq!(seen.simplified(99), *seen);
+}
+
+/// Fig. 9: a room like a C, open to the east: its mouth is between two arms. From the upper arm one looks down
+/// through B out of the room, through C into the lower arm, and through D out of that.
+fn c_shaped(tree: bool) -> Rooms {
+    let outline = [
+        [-8.0, -8.0],
+        [8.0, -8.0],
+        [8.0, -4.0],
+        [-4.0, -4.0],
+        [-4.0, 2.0],
+        [8.0, 2.0],
+        [8.0, 6.0],
+        [-8.0, 6.0],
+    ];
+    let behind = |at: u32| tree.then_some(at);
+    let a = window("A", [[8.0, -7.0], [8.0, -5.0]], [0.0, 3.0]);
+    let b = window("B", [[-2.0, -4.0], [6.0, -4.0]], [0.0, 3.0]);
+    let c = Window { behind: behind(1), ..window("C", [[-3.0, 2.0], [7.0, 2.0]], [0.0, 3.0]) };
+    let d = Window { behind: behind(2), ..window("D", [[0.0, 6.0], [3.0, 6.0]], [0.0, 3.0]) };
+    let shape = plan(&outline, Some([0.0, 3.0]));
+    rooms(vec![seeing(room("R", vec![shape]), Sees::Unsaid, vec![a, b, c, d])])
+}
+
+#[test]
+fn the_tree_of_windows_of_a_room_that_is_not_convex() {
+    let targets = [
+        // Between the arms, seen through B.
+        (cube(2.0, -1.0), true),
+        // In the lower arm: the room itself always shows.
+        (cube(2.0, 4.0), true),
+        // Beyond the lower arm, through B, C and D …
+        (cube(1.4, 8.0), true),
+        // … and beside D, where the wall of the lower arm is.
+        (cube(6.0, 9.0), false),
+        (cube(-2.0, 9.0), false),
+        // Through A.
+        (cube(9.0, -6.0), true),
+        (cube(9.0, 9.0), false),
+    ];
+    check("tree", c_shaped(true), eye(2.0, -6.0), &targets);
+    // Without the tree, all that is beyond B counts: more, not less.
+    let targets = targets.map(|(target, seen)| (target, seen || target.min.x > -3.0));
+    check("tree-flat", c_shaped(false), eye(2.0, -6.0), &targets[..6]);
+    let world = world(c_shaped(true), 0.0);
+    let index = RoomIndex::new(&world);
+    let viewpoint = Viewpoint::all_round(eye(2.0, -6.0));
+    assert_eq!(index.windows_in_view(RoomId(0), &viewpoint), [1, 0], "the nearest first");
+    // The region says the same of points as the engine's question.
+    let seen = index.seen(RoomId(0), &viewpoint);
+    let mut inside = 0;
+    for i in 0..4_000 {
+        let place = |step: u32| (i * step % 997) as f32 / 997.0 * 20.0 - 10.0;
+        let point = Vec3::new(place(631), 1.5, place(389));
+        let is_room = index.pieces(RoomId(0)).iter().any(|piece| piece.contains(point));
+        let asked = may_see(&world, &index, viewpoint.eyes, at(point));
+        assert_eq!(is_room || seen.contains(point), asked, "{point}");
+        inside += u32::from(asked);
+    }
+    assert!((500..3_500).contains(&inside), "{inside}");
+}
+
+/// Steps 703 and 705: rooms sorted by depth, and those dropped that a nearer one hides.
+#[test]
+fn rooms_in_depth() {
+    let screen = |windows| Room {
+        opaque: true,
+        windows,
+        ..room("screen", vec![block([2.0, 0.0, -3.0], [3.0, 3.0, 3.0])])
+    };
+    let far = room("far", vec![block([6.0, 0.5, -1.0], [8.0, 2.5, 1.0])]);
+    let beside = room("beside", vec![block([6.0, 0.5, 7.0], [8.0, 2.5, 9.0])]);
+    let here = room("here", vec![block([-1.0, 0.0, -1.0], [1.0, 3.0, 1.0])]);
+    let order = |windows| {
+        let world =
+            world(rooms(vec![far.clone(), screen(windows), beside.clone(), here.clone()]), 0.0);
+        let index = RoomIndex::new(&world);
+        let eyes = eye(0.0, 0.0);
+        let found = depth::in_depth(&world.rooms, &index, eyes.min);
+        let shows = |point: Vec3| {
+            let hidden = found.iter().filter(|room| room.hidden_by.is_some());
+            let mut hidden = hidden.flat_map(|room| index.pieces(room.room));
+            !hidden.any(|piece| piece.contains(point))
+        };
+        let name = format!("depth-{}", found[2].hidden_by.is_some());
+        Picture { rooms: &world.rooms, eyes, targets: &[], area: AREA, shows: &shows }.save(&name);
+        found
+    };
+    let closed = order(vec![]);
+    let names: Vec<u16> = closed.iter().map(|room| room.room.0).collect();
+    assert_eq!(names, [3, 1, 0, 2]);
+    assert_eq!(closed[0].distance_m, 0.0);
+    assert_eq!(closed[1].distance_m, 2.0);
+    let hidden: Vec<_> = closed.iter().map(|room| room.hidden_by).collect();
+    assert_eq!(hidden, [None, None, Some(RoomId(1)), None]);
+    // A window that faces the eye lets it through; one that does not face it changes nothing.
+    let facing = order(vec![window("w", [[2.0, -1.0], [2.0, 1.0]], [0.5, 2.5])]);
+    assert!(facing.iter().all(|room| room.hidden_by.is_none()), "{facing:?}");
+    let back = order(vec![window("w", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5])]);
+    assert_eq!(back[2].hidden_by, Some(RoomId(1)));
+}
+
+/// Nothing inside is told to anybody outside, nor the other way round; whatever sets and windows say. A region
+/// across the wall is told of by where somebody truly is.
+#[test]
+fn a_sealed_room() {
+    let glass = window("glass", [[3.0, -2.0], [3.0, 2.0]], [0.5, 2.5]);
+    let sealed = Room {
+        sealed: true,
+        ..seeing(room("meeting", vec![hall()]), Sees::AllBut(Members::default()), vec![glass])
+    };
+    let world = world(rooms(vec![sealed]), 0.0);
+    let index = RoomIndex::new(&world);
+    let [inside, outside] = [cube(1.0, 1.0), cube(6.0, 0.0)];
+    let across = Aabb::new(Vec3::new(2.0, 1.0, 0.0), Vec3::new(4.0, 2.0, 1.0));
+    let rows = [
+        (inside, inside, true),
+        (inside, outside, false),
+        (outside, inside, false),
+        (outside, cube(-7.0, 7.0), true),
+        (across, inside, true),
+        (across, outside, true),
+        (inside, across, true),
+    ];
+    for (eyes, body, expected) in rows {
+        assert_eq!(may_see(&world, &index, eyes, body), expected, "{eyes:?} {body:?}");
+    }
+    let eyes = eye(0.0, 0.0);
+    let shows = |point: Vec3| may_see(&world, &index, eyes, at(point));
+    let targets = [(inside, true), (outside, false)];
+    Picture { rooms: &world.rooms, eyes, targets: &targets, area: AREA, shows: &shows }
+        .save("sealed");
+    let seal = |x: f32| index.seal(Vec3::new(x, 1.5, 0.0));
+    assert!(seal(2.9).agrees(&seal(-2.9)) && seal(3.1).agrees(&seal(-9.0)));
+    assert!(!seal(2.9).agrees(&seal(3.1)) && !seal(3.1).agrees(&seal(2.9)));
+    assert!(seal(3.1).is_open() && !seal(2.9).is_open());
+}
+
+/// A sealed room in another: three kinds of places, no two of which know of each other.
+#[test]
+fn sealed_rooms_within_each_other() {
+    let sealed = |name: &str, half: f32| Room {
+        sealed: true,
+        ..room(name, vec![block([-half, 0.0, -half], [half, 3.0, half])])
+    };
+    let list: Vec<Room> = (1..=6u8).map(|i| sealed(&format!("{i}"), f32::from(i))).collect();
+    let index = |list: &[Room]| RoomIndex::new(&world(rooms(list.to_vec()), 0.0));
+    let three = index(&list[..3]);
+    for (i, a) in [0.5, 1.5, 2.5, 3.5].into_iter().enumerate() {
+        for (j, b) in [-0.5, -1.5, -2.5, -3.5].into_iter().enumerate() {
+            let seal = |x: f32| three.seal(Vec3::new(x, 1.5, 0.0));
+            assert_eq!(seal(a).agrees(&seal(b)), i == j, "{a} {b}");
+        }
+    }
+    // In too many at once one agrees with nobody, so that none is forgotten.
+    let six = index(&list);
+    let seal = |x: f32| six.seal(Vec3::new(x, 1.5, 0.0));
+    assert!(!seal(0.5).agrees(&seal(0.5)) && seal(5.5).agrees(&seal(-5.5)));
+}
+
+/// A room whose set is empty and that has no windows still shows itself; one that hides itself does not.
+#[test]
+fn a_room_shows_itself_unless_it_says_not() {
+    let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![]);
+    check("itself", rooms(vec![a]), eye(0.0, 0.0), &[(cube(2.0, 2.0), true)]);
+    let set = Members { rooms: vec![RoomId(0)], ..Members::default() };
+    let b = seeing(room("confessional", vec![hall()]), Sees::AllBut(set), vec![]);
+    let targets = [(cube(2.0, 2.0), false), (cube(2.9, 2.0), true), (cube(7.0, 2.0), true)];
+    check("not-itself", rooms(vec![b]), eye(0.0, 0.0), &targets);
+}
+
+/// A room that only carries a title takes part in nothing.
+#[test]
+fn a_room_that_says_nothing() {
+    let office = room("office", vec![block([-9.0, 0.0, -9.0], [9.0, 9.0, 9.0])]);
+    let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![]);
+    let list = rooms(vec![office, a]);
+    check("nothing-said", list.clone(), eye(0.0, 0.0), &[(cube(7.0, 2.0), false)]);
+    check("nothing-said-outside", list.clone(), eye(5.0, 0.0), &[(cube(7.0, 2.0), true)]);
+    let index = RoomIndex::new(&world(list, 0.0));
+    assert_eq!(index.room_at(Vec3::new(0.0, 1.0, 0.0)), Some(RoomId(1)), "the smallest");
+    assert_eq!(index.room_at(Vec3::new(5.0, 1.0, 0.0)), Some(RoomId(0)));
+    assert_eq!(index.room_at(Vec3::new(15.0, 1.0, 0.0)), None);
+}
+
+/// A window that is no rectangle, nor convex.
+#[test]
+fn a_window_like_an_arrow() {
+    let corners = [[0.5, -2.0], [2.5, 0.0], [0.5, 2.0], [1.2, 0.0]];
+    let corners = corners.iter().map(|[y, z]| Vec3::new(3.0, *y, *z)).collect();
+    let arrow = Window { name: "arrow".into(), corners, behind: None };
+    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![arrow]);
+    let low = |z: f32| Aabb::around(Vec3::new(6.0, 0.7, z), 0.1);
+    // Through the notch between the wings there is nothing to see.
+    let targets = [(cube(6.0, 0.0), true), (low(0.0), false), (low(-2.6), true), (low(2.6), true)];
+    check("arrow", rooms(vec![a]), eye(0.0, 0.0), &targets);
+}
+
+/// A region of space knows whether a box is inside, outside, or neither.
+#[test]
+fn boxes_are_inside_outside_or_both() {
+    let world: World = world(c_shaped(true), 0.0);
+    let index = RoomIndex::new(&world);
+    let seen = index.seen(RoomId(0), &Viewpoint::all_round(eye(2.0, -6.0)));
+    assert_eq!(seen.side(&cube(2.0, -1.0)), Side::Inside);
+    assert_eq!(seen.side(&cube(6.0, 9.0)), Side::Outside);
+    assert_eq!(seen.side(&Aabb::around(Vec3::ZERO, 9.0)), Side::Both);
+}

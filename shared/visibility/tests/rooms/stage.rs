@@ -1,0 +1,77 @@
+//! Rooms, worlds without a wall, and questions about points and boxes.
+
+use glam::{Vec2, Vec3};
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::{
+    Cells, Mesh, Spawn, World,
+    geometry::{Aabb, Axes},
+    motion::Body,
+    octree::Octree,
+    rooms::{Room, Rooms, Sees, Shape, Window},
+};
+
+/// All that there is.
+pub const EVERYTHING: Aabb = Aabb::new(Vec3::splat(-30.0), Vec3::splat(30.0));
+
+/// A room of some shapes.
+pub fn room(name: &str, shapes: Vec<Shape>) -> Room {
+    Room { name: name.into(), shapes, ..Room::default() }
+}
+
+/// A box between two corners.
+pub fn block(min: [f32; 3], max: [f32; 3]) -> Shape {
+    Shape::Box(Aabb::new(min.into(), max.into()))
+}
+
+/// A piece of the plan from the floor up.
+pub fn plan(corners: &[[f32; 2]], heights: Option<[f32; 2]>) -> Shape {
+    Shape::Plan { corners: corners.iter().copied().map(Vec2::from).collect(), heights }
+}
+
+/// An upright rectangle over a line of the plan.
+pub fn window(name: &str, [from, to]: [[f32; 2]; 2], [low, high]: [f32; 2]) -> Window {
+    let at = |[x, z]: [f32; 2], y: f32| Vec3::new(x, y, z);
+    let corners = vec![at(from, low), at(to, low), at(to, high), at(from, high)];
+    Window { name: name.into(), corners, behind: None }
+}
+
+/// With windows and a set.
+pub fn seeing(room: Room, sees: Sees, windows: Vec<Window>) -> Room {
+    Room { sees, windows, ..room }
+}
+
+/// One cell, so that cells let everybody see everybody.
+pub fn world(rooms: Rooms, turn: f64) -> World {
+    let cells = Cells { axes: Axes::turned(turn), ..Cells::whole(EVERYTHING) };
+    World {
+        title: "nothing but rooms".into(),
+        octree: Octree::empty(Vec3::ZERO, 1.0, 1),
+        cells,
+        mesh: Mesh::default(),
+        movers: Vec::new(),
+        rooms,
+        spawns: vec![Spawn { eye: Vec3::ZERO, yaw: 0.0 }],
+        body: Body::PERSON,
+        speed_max: 4.0,
+        origin: None,
+    }
+}
+
+/// Whether rooms let somebody in one box of own axes see something of another.
+pub fn may_see(world: &World, index: &RoomIndex, eyes: Aabb, body: Aabb) -> bool {
+    let place = |region| index.place(&world.cells, &[region]);
+    let asked = index.may_see(&place(eyes), &place(body));
+    // By the cells that they overlap, which are all that there are, places say no more.
+    let in_cells = |region| {
+        let mut found = Vec::new();
+        world.cells.overlapping(&region, &mut found);
+        index.place_in(&world.cells, &[region], &found)
+    };
+    assert!(asked || !index.may_see(&in_cells(eyes), &in_cells(body)), "{eyes:?} {body:?}");
+    asked
+}
+
+/// A point as a box.
+pub fn at(point: Vec3) -> Aabb {
+    Aabb::new(point, point)
+}

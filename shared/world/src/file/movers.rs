@@ -1,0 +1,133 @@
+//! The section of movers: for each its name, mesh, colours, and trajectory.
+
+use glam::{DAffine3, DMat3, DVec3, Quat};
+
+use super::{
+    Input, ReadError, TITLE_CHARS_MAX, mesh_bytes, put_f32, put_f64, put_u32, put_vec3, read_mesh,
+};
+use crate::{
+    MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover,
+    motion::trajectory::{Course, JOINTS_MAX, Joint, Track, Trajectory},
+};
+
+/// The least that a mover takes: two counts of its mesh, a name's length, course, length, joints.
+const MOVER_BYTES_MIN: usize = 18;
+
+pub(super) fn to_bytes(movers: &[Mover]) -> Vec<u8> {
+    let mut out = Vec::new();
+    put_u32(&mut out, movers.len() as u32);
+    for mover in movers {
+        let name: String = mover.name.chars().take(TITLE_CHARS_MAX).collect();
+        put_u32(&mut out, name.len() as u32);
+        out.extend_from_slice(name.as_bytes());
+        out.extend_from_slice(&mesh_bytes(mover.mesh()));
+        out.extend_from_slice(mover.colours().as_flattened());
+        put_trajectory(&mut out, &mover.trajectory);
+    }
+    out
+}
+
+pub(super) fn read(input: &mut Input) -> Result<Vec<Mover>, ReadError> {
+    let count = input.count(MOVER_BYTES_MIN)?;
+    if count > MOVERS_MAX {
+        return Err(ReadError::Malformed("too many movers"));
+    }
+    let mut movers = Vec::with_capacity(count);
+    let mut triangles = 0;
+    for _ in 0..count {
+        let mover = read_mover(input)?;
+        triangles += mover.mesh().triangles.len();
+        if triangles > MOVER_TRIANGLES_MAX {
+            return Err(ReadError::Malformed("too many triangles that move"));
+        }
+        movers.push(mover);
+    }
+    if input.is_empty() { Ok(movers) } else { Err(ReadError::Malformed("the movers")) }
+}
+
+fn read_mover(input: &mut Input) -> Result<Mover, ReadError> {
+    let length = input.count(1)?;
+    let name =
+        std::str::from_utf8(input.take(length)?).map_err(|_| ReadError::Malformed("a name"))?;
+    if name.chars().count() > TITLE_CHARS_MAX {
+        return Err(ReadError::Malformed("a name"));
+    }
+    let mesh = read_mesh(input)?;
+    let colours = input.take(3 * mesh.triangles.len())?.as_chunks::<3>().0.to_vec();
+    let trajectory = read_trajectory(input)?;
+    Mover::new(name.to_owned(), mesh, colours, trajectory).ok_or(ReadError::Malformed("a mover"))
+}
+
+fn put_trajectory(out: &mut Vec<u8>, trajectory: &Trajectory) {
+    out.push(match trajectory.course() {
+        Course::Loop => 0,
+        Course::Once => 1,
+        Course::Triggered => 2,
+    });
+    put_f32(out, trajectory.length_s());
+    out.push(trajectory.joints().len() as u8);
+    for joint in trajectory.joints() {
+        joint.frame.to_cols_array().into_iter().for_each(|value| put_f64(out, value));
+        put_track(out, &joint.translation, put_vec3);
+        put_track(out, &joint.rotation, |out, value| {
+            value.to_array().into_iter().for_each(|part| put_f32(out, part));
+        });
+        put_track(out, &joint.scale, put_vec3);
+    }
+}
+
+fn read_trajectory(input: &mut Input) -> Result<Trajectory, ReadError> {
+    let course = match input.u8()? {
+        0 => Course::Loop,
+        1 => Course::Once,
+        2 => Course::Triggered,
+        _ => return Err(ReadError::Malformed("the course of a mover")),
+    };
+    let length_s = input.f32()?;
+    let count = usize::from(input.u8()?);
+    if count > JOINTS_MAX {
+        return Err(ReadError::Malformed("the joints of a mover"));
+    }
+    let joints = (0..count).map(|_| read_joint(input)).collect::<Result<_, _>>()?;
+    let bad = |_| ReadError::Malformed("the motion of a mover");
+    Trajectory::new(joints, length_s, course).map_err(bad)
+}
+
+fn read_joint(input: &mut Input) -> Result<Joint, ReadError> {
+    let mut column =
+        || -> Result<DVec3, ReadError> { Ok(DVec3::new(input.f64()?, input.f64()?, input.f64()?)) };
+    let matrix3 = DMat3::from_cols(column()?, column()?, column()?);
+    let frame = DAffine3 { matrix3, translation: column()? };
+    Ok(Joint {
+        frame,
+        translation: read_track(input, 16, |input| input.vec3())?,
+        rotation: read_track(input, 20, |input| {
+            Ok(Quat::from_xyzw(input.f32()?, input.f32()?, input.f32()?, input.f32()?))
+        })?,
+        scale: read_track(input, 16, |input| input.vec3())?,
+    })
+}
+
+fn put_track<V: Copy>(out: &mut Vec<u8>, track: &Track<V>, put: impl Fn(&mut Vec<u8>, V)) {
+    out.push(track.steps.into());
+    put_u32(out, track.keys.len() as u32);
+    for &(at_s, value) in &track.keys {
+        put_f32(out, at_s);
+        put(out, value);
+    }
+}
+
+fn read_track<V>(
+    input: &mut Input,
+    key_bytes: usize,
+    read: impl Fn(&mut Input) -> Result<V, ReadError>,
+) -> Result<Track<V>, ReadError> {
+    let steps = match input.u8()? {
+        0 => false,
+        1 => true,
+        _ => return Err(ReadError::Malformed("the keys of a mover")),
+    };
+    let count = input.count(key_bytes)?;
+    let keys: Result<_, ReadError> = (0..count).map(|_| Ok((input.f32()?, read(input)?))).collect();
+    Ok(Track { keys: keys?, steps })
+}
