@@ -27,7 +27,7 @@ use sightline_compiler::{
     model::Model,
 };
 use sightline_demo_building as demo_building;
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 use sightline_visibility::box_visibility::{Occluders, Outcome, Scratch};
 use sightline_world::{World, geometry::Aabb};
 
@@ -121,7 +121,7 @@ fn compiled(model: &Model) -> anyhow::Result<World> {
 struct Subject {
     name: String,
     world: World,
-    sight: Sight,
+    sight: Oracle,
     trace: Option<Trace>,
 }
 
@@ -139,7 +139,7 @@ struct Row {
 
 impl Subject {
     fn new(name: String, world: World, trace: Option<Trace>) -> Self {
-        Self { name, sight: Sight::new(&world.mesh), world, trace }
+        Self { name, sight: Oracle::new(&world.mesh), world, trace }
     }
 
     fn measure(&self, args: &Args) -> anyhow::Result<()> {

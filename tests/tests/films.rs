@@ -3,7 +3,7 @@
 use std::{ops::ControlFlow, time::Duration};
 
 use sightline_client::{bench::Crowd, path::Path};
-use sightline_client_core::replica::Told;
+use sightline_client_core::replica::AvatarSource;
 use sightline_compiler::{
     self as compile, Options,
     import::glb,
@@ -97,7 +97,7 @@ fn what_volumes_stand_for_is_not_in_the_picture() {
             }
             let mut frame = building.clone();
             let time = crowd.replica().server_time(now);
-            let told = Some(crowd.replica() as &mut dyn Told);
+            let told = Some(crowd.replica() as &mut dyn AvatarSource);
             let seen = moving.draw(&mut frame, &camera, &world, told, time);
             (frame, seen)
         });

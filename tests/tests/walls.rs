@@ -17,7 +17,7 @@ use sightline_client_core::{
 use sightline_compiler::{self as compile, Options, import::glb};
 use sightline_demo_building as demo_building;
 use sightline_engine::{Config, Engine, Input, Policy};
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 use sightline_protocol::quantise::WirePose;
 use sightline_tests::simulation::Building;
 use sightline_world::{
@@ -130,7 +130,7 @@ fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
     let mut far_m = Vec::new();
     for seed in (0..24).filter(|seed| seed / 2 % 2 == 0) {
         let world = Building::new(seed).world;
-        let (navigation, sight) = (Navigation::new(&world), Sight::new(&world.mesh));
+        let (navigation, sight) = (Navigation::new(&world), Oracle::new(&world.mesh));
         let random = &mut SmallRng::seed_from_u64(seed);
         for turn in 0..60 {
             let free = navigation.random(random).expect("there is a floor");
@@ -155,7 +155,7 @@ struct Wall {
 }
 
 fn walls(world: &World, count: usize) -> Vec<Wall> {
-    let (navigation, sight) = (Navigation::new(world), Sight::new(&world.mesh));
+    let (navigation, sight) = (Navigation::new(world), Oracle::new(&world.mesh));
     let random = &mut SmallRng::seed_from_u64(7);
     let mut found = Vec::new();
     for _ in 0..200_000 {

@@ -194,8 +194,8 @@ impl<'a> Part<'a> {
             if !behind.iter().zip(entries).any(|(behind, entry)| entry < *behind) {
                 continue;
             }
-            let looks = self.looks(view.ray(from as f32, y as f32), step, &entries);
-            for (x, (entry, look)) in columns.zip(entries.into_iter().zip(looks)) {
+            let materials = self.materials(view.ray(from as f32, y as f32), step, &entries);
+            for (x, (entry, look)) in columns.zip(entries.into_iter().zip(materials)) {
                 if entry < row.depth[x] {
                     (row.depth[x], row.shown[x]) = (entry, number);
                     row.colour[x] = panes.over([x, y], entry, look);
@@ -229,11 +229,11 @@ impl<'a> Part<'a> {
 
     /// The colours of what these rays meet.
     #[inline(always)]
-    fn looks(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
+    fn materials(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
         let [ray, step, centre] = [ray, step, self.centre].map(|of| of.to_array());
         let [radii, face, colour] = [self.radii, self.face, self.colour].map(|of| of.to_array());
-        let mut looks = [0; LANES];
-        for (i, (look, &t)) in looks.iter_mut().zip(entries).enumerate() {
+        let mut materials = [0; LANES];
+        for (i, (look, &t)) in materials.iter_mut().zip(entries).enumerate() {
             let out = [0, 1, 2]
                 .map(|axis| ((ray[axis] + step[axis] * i as f32) * t - centre[axis]) / radii[axis]);
             let normal = [0, 1, 2].map(|axis| out[axis] / radii[axis]);
@@ -247,7 +247,7 @@ impl<'a> Part<'a> {
                 *look = *look << 8 | (level + 8_388_608.0).to_bits() & 0xff;
             }
         }
-        looks
+        materials
     }
 }
 

@@ -28,7 +28,7 @@ pub(super) struct Band {
     pub(super) height: usize,
     pub(super) mask: Mask,
     /// The index of the looks that each pixel of a block shows, where it is written.
-    pub(super) looks: Vec<[u16; PIXELS]>,
+    pub(super) materials: Vec<[u16; PIXELS]>,
     /// Likewise how far away that is.
     pub(super) depths: Vec<[f32; PIXELS]>,
     /// Pixels with glass in front.
@@ -46,7 +46,7 @@ impl Band {
         (self.width, self.height) = (width, height);
         self.mask.clear(width, height);
         let blocks = width.div_ceil(BLOCK) * height.div_ceil(BLOCK);
-        self.looks.resize(blocks, [0; PIXELS]);
+        self.materials.resize(blocks, [0; PIXELS]);
         self.depths.resize(blocks, [0.0; PIXELS]);
         self.tinted.clear();
         self.tinted.resize(blocks, 0);
@@ -98,7 +98,7 @@ impl Band {
         view: &BandView,
         area: &Area,
         layer: &Layer,
-        looks: &[u16],
+        materials: &[u16],
     ) {
         let [columns, rows] = area.blocks();
         for row in rows {
@@ -112,14 +112,14 @@ impl Band {
                 if open == 0 {
                     continue;
                 }
-                let to = if GLASS { &mut self.glass[block] } else { &mut self.looks[block] };
+                let to = if GLASS { &mut self.glass[block] } else { &mut self.materials[block] };
                 let depths =
                     if GLASS { &mut self.glass_depths[block] } else { &mut self.depths[block] };
                 for y in bits(lines(open)) {
                     let wanted = LINES_WANTED[(open >> (BLOCK * y)) as usize & 0xff];
                     let (voxels, line_depths) =
                         layer.voxels(view, [column * BLOCK, row * BLOCK + y], &wanted);
-                    let line_looks = voxels.map(|voxel| looks[voxel as usize]);
+                    let line_looks = voxels.map(|voxel| materials[voxel as usize]);
                     // All pixels of the line, without a branch.
                     for x in 0..BLOCK {
                         let pixel = BLOCK * y + x;
@@ -141,12 +141,12 @@ impl Band {
     #[inline(always)]
     fn write(&mut self, block: usize, pixels: u64, look: u16, depth: f32) {
         if pixels == !0 {
-            self.looks[block] = [look; PIXELS];
+            self.materials[block] = [look; PIXELS];
             self.depths[block] = [depth; PIXELS];
         } else {
-            let (looks, depths) = (&mut self.looks[block], &mut self.depths[block]);
+            let (materials, depths) = (&mut self.materials[block], &mut self.depths[block]);
             for pixel in bits(pixels) {
-                looks[pixel] = look;
+                materials[pixel] = look;
                 depths[pixel] = depth;
             }
         }

@@ -80,7 +80,7 @@ impl Bricks<'_> {
                                     met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
                                 continue;
                             }
-                            band.looks[block][pixel] = look;
+                            band.materials[block][pixel] = look;
                             band.depths[block][pixel] = brick.depth + self.form.deeper(cell);
                             written |= 1 << pixel;
                             break;
@@ -107,7 +107,7 @@ impl Bricks<'_> {
             let look = brick.look(self.octree, usize::from(cell), self.leaves);
             let depth = brick.depth + self.form.deeper(usize::from(cell));
             if usize::from(look) < self.glass_from {
-                band.looks[block][pixel] = look;
+                band.materials[block][pixel] = look;
                 band.depths[block][pixel] = depth;
                 return 1 << pixel;
             }

@@ -41,7 +41,7 @@ use pulp::WithSimd;
 use rayon::prelude::*;
 use sightline_world::{
     motion::Pose,
-    octree::{LOOKS_MAX, Octree},
+    octree::{MATERIALS_MAX, Octree},
 };
 
 use self::{
@@ -106,8 +106,8 @@ pub struct Frame {
     /// Metres along the line of sight's share in the camera's direction; infinite in the sky. What is drawn into a picture
     /// of the building makes it nearer, never farther.
     pub depth: Vec<f32>,
-    /// The index in [`Octree::looks`] of what is seen, glass aside; of no meaning in the sky.
-    pub looks: Vec<u16>,
+    /// The index in [`Octree::materials`] of what is seen, glass aside; of no meaning in the sky.
+    pub materials: Vec<u16>,
     /// For each block of pixels, row by row from the top: none of its depths is greater.
     farthest: Vec<f32>,
     /// The glass in front.
@@ -129,7 +129,7 @@ impl Frame {
             (self.width, self.height) = (width, height);
             self.colour = vec![0; width * height];
             self.depth = vec![f32::INFINITY; width * height];
-            self.looks = vec![u16::MAX; width * height];
+            self.materials = vec![u16::MAX; width * height];
             self.farthest = vec![f32::INFINITY; width.div_ceil(BLOCK) * height.div_ceil(BLOCK)];
             self.panes = Panes::default();
         }
@@ -139,7 +139,7 @@ impl Frame {
     /// The octree must be the one that was drawn.
     pub fn normal(&self, pixel: usize, octree: &Octree) -> Vec3 {
         let seen = self.depth[pixel].is_finite();
-        let look = octree.looks.get(usize::from(self.looks[pixel])).filter(|_| seen);
+        let look = octree.materials.get(usize::from(self.materials[pixel])).filter(|_| seen);
         look.map_or(Vec3::ZERO, |look| Vec3::from(look.normal.map(f32::from)) / 127.0)
     }
 
@@ -167,8 +167,8 @@ impl Frame {
         }
         let rows = self.colour.par_chunks_mut(width.max(1));
         let rows = rows.zip(self.depth.par_chunks_mut(width.max(1)));
-        let rows = rows.zip(self.looks.par_chunks_mut(width.max(1))).enumerate();
-        rows.for_each(|(y, ((colour, depth), looks))| {
+        let rows = rows.zip(self.materials.par_chunks_mut(width.max(1))).enumerate();
+        rows.for_each(|(y, ((colour, depth), materials))| {
             for x in 0..width {
                 let corner = 2 * y * fine.width + 2 * x;
                 let four = [0, 1, fine.width, fine.width + 1].map(|step| corner + step);
@@ -179,7 +179,7 @@ impl Frame {
                 let nearer = |a: usize, b: usize| if fine.depth[b] < fine.depth[a] { b } else { a };
                 let nearest = four.into_iter().fold(corner, nearer);
                 colour[x] = channel(0) | channel(8) | channel(16);
-                (depth[x], looks[x]) = (fine.depth[nearest], fine.looks[nearest]);
+                (depth[x], materials[x]) = (fine.depth[nearest], fine.materials[nearest]);
             }
         });
     }
@@ -237,7 +237,7 @@ pub struct Renderer {
     portable: bool,
     fine: Frame,
     counters: Counters,
-    /// For each of [`Octree::looks`], and black for all other indices.
+    /// For each of [`Octree::materials`], and black for all other indices.
     colours: Vec<u32>,
     bands: Vec<(Band, Walker, Counters)>,
 }
@@ -264,8 +264,8 @@ impl Renderer {
             return;
         }
         self.colours.clear();
-        self.colours.extend(octree.looks.iter().map(shade::surface));
-        self.colours.resize(LOOKS_MAX, 0);
+        self.colours.extend(octree.materials.iter().map(shade::surface));
+        self.colours.resize(MATERIALS_MAX, 0);
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
         let hidden = self.hidden.as_deref();
@@ -275,7 +275,7 @@ impl Renderer {
         self.bands.resize_with(height.div_ceil(BAND), Default::default);
         let rows = frame.colour.par_chunks_mut(BAND * width);
         let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
-        let rows = rows.zip(frame.looks.par_chunks_mut(BAND * width));
+        let rows = rows.zip(frame.materials.par_chunks_mut(BAND * width));
         let blocks = BAND / BLOCK * width.div_ceil(BLOCK);
         let rows = rows.zip(frame.farthest.par_chunks_mut(blocks));
         frame.panes.finer = false;
@@ -283,11 +283,11 @@ impl Renderer {
         let rows = rows.zip(&mut frame.panes.bands);
         let bands = self.bands.par_iter_mut().zip(rows).enumerate();
         bands.for_each(
-            |(i, ((band, walker, counters), ((((colour, depth), looks), farthest), panes)))| {
+            |(i, ((band, walker, counters), ((((colour, depth), materials), farthest), panes)))| {
                 let view = view.band(i * BAND, octree);
                 *counters = Counters::default();
                 band.clear(width, BAND.min(height - i * BAND));
-                let rows = Rows { colour, depth, looks, farthest, panes };
+                let rows = Rows { colour, depth, materials, farthest, panes };
                 let walk =
                     Walk { octree, view: &view, mode, known, glass_from, band, walker, counters };
                 let drawing = Drawing { walk, colours, rows };

@@ -54,9 +54,9 @@ pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Du
 
 /// When one that runs is, or one that rests.
 fn time_of(mover: &Mover, now: Duration) -> Duration {
-    use sightline_world::motion::trajectory::Course;
+    use sightline_world::motion::trajectory::Playback;
     match mover.trajectory.course() {
-        Course::Triggered => Duration::ZERO,
+        Playback::Triggered => Duration::ZERO,
         _ => now,
     }
 }
@@ -189,7 +189,7 @@ mod tests {
     use glam::{DAffine3, DVec3, Quat};
     use sightline_world::{
         Mesh,
-        motion::trajectory::{Course, Joint, Track, Trajectory},
+        motion::trajectory::{Joint, Playback, Track, Trajectory},
     };
 
     use super::*;
@@ -198,7 +198,7 @@ mod tests {
         Camera { eye: Vec3::new(1.0, 1.6, 5.0), yaw: 0.2, pitch: -0.1, fov_y: 1.0 };
     const SIZE: (usize, usize) = (120, 90);
 
-    fn mover(corners: &[[f32; 3]], joint: Joint, course: Course) -> Mover {
+    fn mover(corners: &[[f32; 3]], joint: Joint, course: Playback) -> Mover {
         let positions: Vec<Vec3> = corners.iter().map(|&corner| Vec3::from(corner)).collect();
         let count = positions.len() as u32 / 3;
         let triangles: Vec<_> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
@@ -239,7 +239,7 @@ mod tests {
             [0.9, 1.6, 4.7],
         ];
         let still = Joint::still(DAffine3::from_translation(DVec3::new(0.1, 0.0, 0.0)));
-        let frame = drawn(&[mover(&corners, still, Course::Loop)], f32::INFINITY, 1.0);
+        let frame = drawn(&[mover(&corners, still, Playback::Loop)], f32::INFINITY, 1.0);
         let view = View::new(&CAMERA, SIZE.0, SIZE.1);
         let (mut seen, mut differ) = (0, 0);
         for (i, &depth) in frame.depth.iter().enumerate() {
@@ -262,17 +262,17 @@ mod tests {
         let mut joint = Joint::still(DAffine3::IDENTITY);
         joint.translation = Track::linear(vec![(0.0, Vec3::ZERO), (4.0, Vec3::X * 40.0)]);
         joint.rotation = Track::constant(Quat::IDENTITY);
-        let seen = |course: Course, wall: f32, now_s: f64| {
+        let seen = |course: Playback, wall: f32, now_s: f64| {
             let frame = drawn(&[mover(&corners, joint.clone(), course)], wall, now_s);
             frame.colour.iter().any(|&colour| colour != 0)
         };
         for (course, wall, now_s, expected) in [
-            (Course::Loop, f32::INFINITY, 0.0, true),
-            (Course::Loop, 3.0, 0.0, false),
-            (Course::Loop, f32::INFINITY, 3.0, false),
-            (Course::Loop, f32::INFINITY, 4.01, true),
-            (Course::Once, f32::INFINITY, 4.01, false),
-            (Course::Triggered, f32::INFINITY, 3.0, true),
+            (Playback::Loop, f32::INFINITY, 0.0, true),
+            (Playback::Loop, 3.0, 0.0, false),
+            (Playback::Loop, f32::INFINITY, 3.0, false),
+            (Playback::Loop, f32::INFINITY, 4.01, true),
+            (Playback::Once, f32::INFINITY, 4.01, false),
+            (Playback::Triggered, f32::INFINITY, 3.0, true),
         ] {
             assert_eq!(seen(course, wall, now_s), expected, "{course:?}, {wall}, {now_s}");
         }
@@ -281,7 +281,7 @@ mod tests {
     #[test]
     fn odd_pictures_are_survived() {
         let corners = [[1.0, 1.6, 5.0], [1.0, 1.6, 5.0], [1e6, -1e6, 1e6]];
-        let odd = mover(&corners, Joint::still(DAffine3::IDENTITY), Course::Loop);
+        let odd = mover(&corners, Joint::still(DAffine3::IDENTITY), Playback::Loop);
         drawn(std::slice::from_ref(&odd), f32::INFINITY, 0.0);
         draw(&mut Frame::new(0, 0), &CAMERA, &[odd], Duration::MAX);
     }

@@ -186,11 +186,11 @@ impl Walk<'_> {
         };
         let layer = Layer::new(self.view, &whole, axis, place);
         let first = self.first_leaf(node, whole.levels);
-        let looks = &self.octree.leaves[first..];
+        let materials = &self.octree.leaves[first..];
         if glass == 0 {
-            self.band.fill_layer::<false>(self.view, area, &layer, looks);
+            self.band.fill_layer::<false>(self.view, area, &layer, materials);
         } else {
-            self.band.fill_layer::<true>(self.view, area, &layer, looks);
+            self.band.fill_layer::<true>(self.view, area, &layer, materials);
         }
         true
     }

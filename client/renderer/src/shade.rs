@@ -1,7 +1,7 @@
 //! Light, sky and glass.
 
 use glam::{Vec3, Vec3A};
-use sightline_world::octree::Look;
+use sightline_world::octree::Material;
 
 use super::{
     band::Band,
@@ -31,7 +31,7 @@ const GROUND: Vec3 = Vec3::new(132.0, 128.0, 122.0);
 const GLASS_SHARE: f32 = 0.3;
 
 /// A look, as 0x00RRGGBB: the light is in it.
-pub(super) fn surface(look: &Look) -> u32 {
+pub(super) fn surface(look: &Material) -> u32 {
     let [r, g, b] = look.colour;
     u32::from_be_bytes([0, r, g, b])
 }
@@ -40,7 +40,7 @@ pub(super) fn surface(look: &Look) -> u32 {
 pub(super) struct Rows<'a> {
     pub(super) colour: &'a mut [u32],
     pub(super) depth: &'a mut [f32],
-    pub(super) looks: &'a mut [u16],
+    pub(super) materials: &'a mut [u16],
     /// The greatest depth of each block.
     pub(super) farthest: &'a mut [f32],
     pub(super) panes: &'a mut BandPanes,
@@ -57,19 +57,19 @@ pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Row
             // Within a block the air is as thick all over.
             let ray = view.ray(column * BLOCK + BLOCK / 2, row * BLOCK + BLOCK / 2);
             let length = ray.length();
-            let looks = band.looks[block].as_chunks::<BLOCK>().0;
+            let materials = band.materials[block].as_chunks::<BLOCK>().0;
             let depths = band.depths[block].as_chunks::<BLOCK>().0;
             let count = BLOCK.min(width - column * BLOCK);
             let mut farthest = [0.0f32; BLOCK];
             for y in 0..BLOCK.min(band.height - row * BLOCK) {
                 let at = (row * BLOCK + y) * width + column * BLOCK;
-                let mut pixels = looks[y].map(|look| colours[usize::from(look)]);
+                let mut pixels = materials[y].map(|look| colours[usize::from(look)]);
                 for (pixel, depth) in pixels.iter_mut().zip(depths[y]) {
                     *pixel = hazed(*pixel, length * depth);
                 }
                 put(&mut rows.colour[at..at + count], &pixels);
                 put(&mut rows.depth[at..at + count], &depths[y]);
-                put(&mut rows.looks[at..at + count], &looks[y]);
+                put(&mut rows.materials[at..at + count], &materials[y]);
                 for (farthest, depth) in farthest.iter_mut().zip(depths[y]) {
                     *farthest = if depth > *farthest { depth } else { *farthest };
                 }

@@ -1,6 +1,6 @@
 use glam::UVec3;
 use proptest::prelude::*;
-use sightline_world::octree::{Look, Voxel, morton};
+use sightline_world::octree::{Material, Voxel, morton};
 
 use super::*;
 
@@ -13,11 +13,11 @@ type Placed = (Voxel, Vec3);
 
 fn voxels(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Placed>> {
     let at = prop::array::uniform3(0u32..1 << DEPTH);
-    let looks = (any::<[u8; 3]>(), any::<[i8; 3]>(), 0u8..4);
-    prop::collection::btree_map(at, looks, count).prop_map(|voxels| {
+    let materials = (any::<[u8; 3]>(), any::<[i8; 3]>(), 0u8..4);
+    prop::collection::btree_map(at, materials, count).prop_map(|voxels| {
         let place = |(at, (colour, normal, kind)): ([u32; 3], ([u8; 3], [i8; 3], u8))| {
             let at = UVec3::from(at);
-            let flags = if kind == 0 { Look::GLASS } else { 0 };
+            let flags = if kind == 0 { Material::GLASS } else { 0 };
             let voxel = Voxel { key: morton(at), colour, normal, flags };
             (voxel, ORIGIN + at.as_vec3() * VOXEL)
         };
@@ -31,7 +31,7 @@ fn octree_of(voxels: &[Placed]) -> Octree {
 }
 
 /// What a ray meets first among all voxels, each tried: colour and depth.
-fn cast(voxels: &[(Look, Vec3)], eye: Vec3, ray: Vec3, forward: Vec3) -> (u32, f32) {
+fn cast(voxels: &[(Material, Vec3)], eye: Vec3, ray: Vec3, forward: Vec3) -> (u32, f32) {
     let mut first = (shade::sky(ray), f32::INFINITY);
     let mut first_enters = f32::INFINITY;
     let mut glass = (0, f32::INFINITY);
@@ -201,7 +201,7 @@ fn of_each_block_it_is_known_how_far_away_it_is() {
 #[test]
 fn glass_is_in_front_of_figures_behind_it_alone() {
     let pane = (0..64).map(|i| UVec3::new(i % 8, i / 8, 4));
-    let glass = |at| Voxel { key: morton(at), flags: Look::GLASS, ..Voxel::default() };
+    let glass = |at| Voxel { key: morton(at), flags: Material::GLASS, ..Voxel::default() };
     let octree = Octree::from_voxels(ORIGIN, VOXEL, DEPTH, pane.map(glass).collect());
     let octree = octree.expect("small");
     let camera = Camera::looking_at(Vec3::new(0.0, 0.0, 3.0), Vec3::ZERO);

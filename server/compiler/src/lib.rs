@@ -25,8 +25,8 @@ use sightline_world::{
     rooms::Rooms,
 };
 
-use crate::octree_statistics::OctreeFigures;
-use sightline_oracle::Sight;
+use crate::octree_statistics::OctreeStatistics;
+use sightline_oracle::Oracle;
 use subdivide::{Grain, Occluders, Spaces};
 
 pub mod carve;
@@ -150,7 +150,7 @@ pub struct Report {
     pub room_warnings: Vec<rooms::Fault>,
     /// The octree that clients draw.
     #[serde(flatten)]
-    pub octree: OctreeFigures,
+    pub octree: OctreeStatistics,
     /// Wall-clock time for each stage.
     pub seconds: Vec<(Stage, f64)>,
     /// What all threads of the process together worked during each stage; empty where the system
@@ -219,7 +219,7 @@ pub fn compile(
         rooms: rooms.list().len(),
         windows: rooms.list().iter().map(|room| room.windows.len()).sum(),
         room_warnings,
-        octree: OctreeFigures::of(&octree),
+        octree: OctreeStatistics::of(&octree),
         seconds: watch.seconds,
         cpu_seconds: watch.cpu_seconds,
     };
@@ -251,7 +251,7 @@ fn rooms_of(
 ) -> Result<(Rooms, Vec<rooms::Fault>), rooms::Faults> {
     let known = rooms::Known { cells, movers: &model.movers, nodes: &model.nodes };
     let made = rooms::resolve(&model.rooms, &known)?;
-    let warnings = rooms::checks::warnings(&model.rooms, &made, cells, &|| Sight::new(mesh));
+    let warnings = rooms::checks::warnings(&model.rooms, &made, cells, &|| Oracle::new(mesh));
     Ok((made, warnings))
 }
 
@@ -377,7 +377,7 @@ fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {
 /// A place to stand in a model that names none: under a roof if possible, on a floor, in a cell as
 /// large as can be.
 fn find_spawn(model: &Model, cells: &Cells, mesh: &Mesh) -> Spawn {
-    let sight = Sight::new(mesh);
+    let sight = Oracle::new(mesh);
     let stand = |at: Vec3| {
         let floor = sight.distance(at, Vec3::NEG_Y)?;
         let roofed = sight.distance(at, Vec3::Y).is_some();
@@ -402,7 +402,7 @@ fn find_spawn(model: &Model, cells: &Cells, mesh: &Mesh) -> Spawn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use model::Material;
+    use model::SurfaceMaterial;
     use sightline_world::motion::Body;
 
     /// A hollow box with a table in it.
@@ -429,7 +429,7 @@ mod tests {
             }
         }
         let opaque = triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
-        let material = Material { colour: [180, 90, 60], texture: None, glass: false };
+        let material = SurfaceMaterial { colour: [180, 90, 60], texture: None, glass: false };
         let surface =
             Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
         Model {

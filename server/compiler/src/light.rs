@@ -272,7 +272,7 @@ fn divide(triangle: [Corner; 3], edge_max: f32, divisions: u32, pieces: &mut Sur
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Material;
+    use crate::model::SurfaceMaterial;
 
     /// A room of 6 × 3 × 6 m whose sides face inwards.
     fn room() -> Vec<[Vec3; 3]> {
@@ -295,7 +295,7 @@ mod tests {
             uvs: Vec::new(),
             colours: Vec::new(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-            material: Material { colour: [255; 3], texture: None, glass: false },
+            material: SurfaceMaterial { colour: [255; 3], texture: None, glass: false },
         }
     }
 

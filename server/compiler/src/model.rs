@@ -101,7 +101,7 @@ pub struct Surface {
     /// Three indices for each triangle; all are within `positions`.
     pub triangles: Vec<[u32; 3]>,
     /// How it looks.
-    pub material: Material,
+    pub material: SurfaceMaterial,
 }
 
 impl Surface {
@@ -119,7 +119,7 @@ impl Surface {
 
 /// How a surface looks.
 #[derive(Clone, Debug)]
-pub struct Material {
+pub struct SurfaceMaterial {
     /// sRGB.
     pub colour: [u8; 3],
     /// sRGB, multiplied with the colour; coordinates repeat.

@@ -5,7 +5,7 @@ use sightline_world::octree::Octree;
 
 /// How large an octree is, in memory and on the wire.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct OctreeFigures {
+pub struct OctreeStatistics {
     /// Leaves.
     pub voxels: usize,
     /// The edge of a leaf, in metres.
@@ -13,10 +13,10 @@ pub struct OctreeFigures {
     /// Nodes that are no leaves.
     pub inner_nodes: usize,
     /// Looks that are told apart.
-    pub looks: usize,
+    pub materials: usize,
     /// Levels below the root.
     pub depth: u8,
-    /// Nodes and looks, as a client holds them.
+    /// Nodes and materials, as a client holds them.
     pub memory_bytes: usize,
     /// The same for each leaf.
     pub memory_bytes_per_voxel: f64,
@@ -26,7 +26,7 @@ pub struct OctreeFigures {
     pub wire_bytes_per_voxel: f64,
 }
 
-impl OctreeFigures {
+impl OctreeStatistics {
     /// Measures an octree; it is coded for that.
     pub fn of(octree: &Octree) -> Self {
         let voxels = octree.leaves.len();
@@ -36,7 +36,7 @@ impl OctreeFigures {
             voxels,
             voxel_m: octree.voxel(),
             inner_nodes: octree.inner.len(),
-            looks: octree.looks.len(),
+            materials: octree.materials.len(),
             depth: octree.depth,
             memory_bytes,
             memory_bytes_per_voxel: per_voxel(memory_bytes),

@@ -132,7 +132,7 @@ mod tests {
         occluders::{Opaque, planes},
         subdivide::{Occluders, Spaces},
     };
-    use sightline_oracle::Sight;
+    use sightline_oracle::Oracle;
 
     /// A grid of rooms whose walls are full, have a hole, or are missing; and a few slanted panes.
     fn random_building(rng: &mut SmallRng) -> (Aabb, Vec<[Vec3; 3]>) {
@@ -222,7 +222,7 @@ mod tests {
     }
 
     /// How many sight lines were tried and found, and how many of those the PVS denies.
-    fn misses(rng: &mut SmallRng, cells: &Cells, sight: &Sight, lines: usize) -> (usize, usize) {
+    fn misses(rng: &mut SmallRng, cells: &Cells, sight: &Oracle, lines: usize) -> (usize, usize) {
         let (mut found, mut missed) = (0, 0);
         for i in 0..lines {
             let any = &cells.cells[rng.random_range(0..cells.cells.len())].bounds;
@@ -247,7 +247,7 @@ mod tests {
             let mut rng = SmallRng::seed_from_u64(seed);
             let (bounds, opaque) = random_building(&mut rng);
             let cells = compiled(&bounds, &opaque);
-            let sight = Sight::new(&mesh(&opaque));
+            let sight = Oracle::new(&mesh(&opaque));
             let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
             assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
             found += lines;
@@ -268,7 +268,7 @@ mod tests {
             let turned: Vec<_> = opaque.iter().map(|t| t.map(|p| axes.world(p))).collect();
             let mut cells = subdivided(&axes.world_box(&bounds), &turned, axes);
             cells.pvs = seen(&cells);
-            let sight = Sight::new(&mesh(&turned));
+            let sight = Oracle::new(&mesh(&turned));
             let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
             assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
             dense += cells.density() / 20.0;
@@ -295,7 +295,7 @@ mod tests {
             let lost = gates.max_by(wider).unwrap();
             cells.spaces.iter_mut().for_each(|space| space.gates.retain(|&gate| gate != lost));
             cells.pvs = seen(&cells);
-            let sight = Sight::new(&mesh(&opaque));
+            let sight = Oracle::new(&mesh(&opaque));
             noticed += usize::from(misses(&mut rng, &cells, &sight, 20_000).1 > 0);
         }
         assert!(noticed >= 10, "only {noticed} of 20");

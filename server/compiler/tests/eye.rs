@@ -11,7 +11,7 @@ use sightline_compiler::{
     model::Model,
 };
 use sightline_demo_building as demo_building;
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 use sightline_visibility::portal_flow::{Scratch, Sightlines};
 use sightline_world::{
     Cells, World,
@@ -81,7 +81,7 @@ fn rows(cells: &Cells, viewpoint: &Aabb) -> RoaringBitmap {
 /// Tells how many sight lines there were.
 fn check(world: &World, seed: u64, boxes: usize) -> usize {
     let mut rng = SmallRng::seed_from_u64(seed);
-    let (cells, sight) = (&world.cells, Sight::new(&world.mesh));
+    let (cells, sight) = (&world.cells, Oracle::new(&world.mesh));
     let (lines, mut scratch) = (Sightlines::new(cells), Scratch::default());
     let mut found = 0;
     for _ in 0..boxes {

@@ -5,7 +5,7 @@ use std::{ops::ControlFlow, path::PathBuf};
 use sightline_compiler::{
     import::{self, glb},
     model::Model,
-    octree_statistics::OctreeFigures,
+    octree_statistics::OctreeStatistics,
     voxelise,
 };
 use sightline_demo_building as demo_building;
@@ -18,7 +18,7 @@ fn check(name: &str, model: &Model, voxel: f32) {
     let bounds = model.bounds().expect("there are triangles");
     let go_on = |_| ControlFlow::Continue(());
     let octree = voxelise::voxelise(&model.surfaces, &bounds, voxel, &go_on).expect("they fit");
-    let figures = OctreeFigures::of(&octree);
+    let figures = OctreeStatistics::of(&octree);
     assert!(figures.voxels > 100_000, "{name}: {figures:?}");
     assert!(figures.memory_bytes_per_voxel <= MEMORY_BYTES_MAX, "{name}: {figures:?}");
     assert!(figures.wire_bytes_per_voxel <= WIRE_BYTES_MAX, "{name}: {figures:?}");

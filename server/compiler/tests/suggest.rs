@@ -12,8 +12,8 @@ use sightline_compiler::{
     suggest::{self, Suggestion},
 };
 use sightline_demo_building::{self as demo_building, SpaceKind, UNITS_PER_METRE};
-use sightline_oracle::Sight;
-use sightline_visibility::rooms::{RoomIndex, Verdict};
+use sightline_oracle::Oracle;
+use sightline_visibility::rooms::{RoomIndex, RoomVerdict};
 use sightline_world::{World, geometry::Aabb, rooms::RoomId};
 
 /// A room is found when a suggestion shares so much of its plan with it, as a part of what either has.
@@ -66,21 +66,21 @@ fn is_sound(model: &Model, world: &mut World, suggested: &[Suggestion]) {
     let known = Known { cells: &world.cells, movers: &model.movers, nodes: &model.nodes };
     let made = rooms::resolve(&declared, &known).unwrap();
     let warnings =
-        rooms::checks::warnings(&declared, &made, &world.cells, &|| Sight::new(&world.mesh));
+        rooms::checks::warnings(&declared, &made, &world.cells, &|| Oracle::new(&world.mesh));
     assert!(warnings.is_empty(), "{warnings:?}");
     world.rooms = made;
     let index = RoomIndex::new(world);
     let count = suggested.len() as u16;
     let windows: usize = suggested.iter().map(|room| room.windows.len()).sum();
     let pairs = (0..count).flat_map(|a| (0..count).map(move |b| (a, b)));
-    let never = pairs.filter(|(a, b)| index.verdict(RoomId(*a), RoomId(*b)) == Verdict::Never);
+    let never = pairs.filter(|(a, b)| index.verdict(RoomId(*a), RoomId(*b)) == RoomVerdict::Never);
     println!("  {windows} windows, {} pairs of rooms that never see each other", never.count());
     no_line_is_denied(world, &index);
 }
 
 /// Whoever sees somebody by rays is not ruled out by rooms.
 fn no_line_is_denied(world: &World, index: &RoomIndex) {
-    let sight = Sight::new(&world.mesh);
+    let sight = Oracle::new(&world.mesh);
     let mut rng = SmallRng::seed_from_u64(5);
     let bounds = &world.cells.bounds;
     let mut point = || loop {

@@ -22,7 +22,7 @@ const WAY_SPARE_M: f64 = 0.05;
 
 /// What is accepted from clients.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct ClaimLimits {
     /// No eye leaves it.
     pub confines: Confines,
     /// In metres a second.
@@ -37,7 +37,7 @@ pub struct Limits {
 
 /// How far one client can be believed.
 #[derive(Clone, Debug)]
-pub struct Ledger {
+pub struct MovementBudget {
     sequence: Option<u32>,
     accepted: Duration,
     unused_m: f64,
@@ -51,7 +51,7 @@ pub struct Ledger {
 
 /// What becomes of a claim.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Verdict {
+pub enum ClaimVerdict {
     /// It enters the world.
     Accepted,
     /// It is older than one that was taken in before.
@@ -65,7 +65,7 @@ pub enum Verdict {
     Expelled,
 }
 
-impl Ledger {
+impl MovementBudget {
     /// A client that has just been put in its place.
     pub fn new(now: Duration) -> Self {
         Self {
@@ -87,7 +87,7 @@ impl Ledger {
     }
 
     /// The part of a velocity that its client can have, given what was accepted last.
-    pub fn plausible(&self, velocity: Vec3, limits: &Limits) -> Vec3 {
+    pub fn plausible(&self, velocity: Vec3, limits: &ClaimLimits) -> Vec3 {
         let speed_max = limits.speed_max.max(self.given);
         let aside = velocity.with_y(velocity.y.max(0.0)).clamp_length_max(speed_max);
         let fall = velocity.y.clamp(-limits.fall_max.max(speed_max), 0.0);
@@ -103,11 +103,11 @@ impl Ledger {
         (sequence, claim): (u32, &Pose),
         (at, tbv): (Vec3, Option<&Tbv>),
         round_trip: Duration,
-        limits: &Limits,
+        limits: &ClaimLimits,
         lead: impl FnOnce(f64) -> Option<f64>,
-    ) -> Verdict {
+    ) -> ClaimVerdict {
         if self.sequence.is_some_and(|newest| sequence <= newest) {
-            return Verdict::Old;
+            return ClaimVerdict::Old;
         }
         self.sequence = Some(sequence);
         let elapsed = now.saturating_sub(self.accepted);
@@ -128,18 +128,23 @@ impl Ledger {
         self.accepted = now;
         self.refusals = 0;
         self.given = self.given.min(claim.velocity.length());
-        Verdict::Accepted
+        ClaimVerdict::Accepted
     }
 
     /// How far the client can have come so long after its last accepted claim.
-    fn allowed_m(&self, elapsed: Duration, limits: &Limits) -> f64 {
+    fn allowed_m(&self, elapsed: Duration, limits: &ClaimLimits) -> f64 {
         let speed = f64::from(limits.speed_max.max(self.given));
         self.unused_m + speed * TOLERANCE * elapsed.as_secs_f64()
     }
 
     /// Counts refusals in a row. Those that were on their way when the first correction left
     /// expel nobody, and call for no further correction.
-    fn refuse(&mut self, now: Duration, round_trip: Duration, limits: &Limits) -> Verdict {
+    fn refuse(
+        &mut self,
+        now: Duration,
+        round_trip: Duration,
+        limits: &ClaimLimits,
+    ) -> ClaimVerdict {
         if self.refusals == 0 || now.saturating_sub(self.last_refusal) > limits.refusal_window {
             self.refusals = 0;
             self.first_refusal = now;
@@ -148,18 +153,18 @@ impl Ledger {
         self.last_refusal = now;
         let heard = now.saturating_sub(self.first_refusal) >= 2 * round_trip;
         if self.refusals >= limits.refusals_max && heard {
-            return Verdict::Expelled;
+            return ClaimVerdict::Expelled;
         }
         let correct = self.corrected.is_none_or(|at| now.saturating_sub(at) >= round_trip);
         if correct {
             self.corrected = Some(now);
         }
-        Verdict::Refused { correct }
+        ClaimVerdict::Refused { correct }
     }
 }
 
 /// How far it is from one place to another, where falls count for less: in metres.
-fn way_m(from: Vec3, to: Vec3, limits: &Limits) -> f64 {
+fn way_m(from: Vec3, to: Vec3, limits: &ClaimLimits) -> f64 {
     let mut way = to.as_dvec3() - from.as_dvec3();
     if way.y < 0.0 {
         way.y *= f64::from(limits.speed_max / limits.fall_max.max(limits.speed_max));
@@ -168,7 +173,7 @@ fn way_m(from: Vec3, to: Vec3, limits: &Limits) -> f64 {
 }
 
 /// Whether an eye can be somewhere by what its TBV says; one that has expired goes on growing.
-fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &Limits) -> bool {
+fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &ClaimLimits) -> bool {
     let beyond = now.saturating_sub(tbv.expiry).as_secs_f64() * f64::from(limits.speed_max);
     let margin_m = (beyond * TOLERANCE + ROUNDING_M) as f32;
     tbv.grown(margin_m).contains(eye)
@@ -180,7 +185,7 @@ mod tests {
 
     use super::*;
 
-    const LIMITS: Limits = Limits {
+    const LIMITS: ClaimLimits = ClaimLimits {
         confines: Confines {
             axes: Axes::WORLD,
             bounds: Aabb::new(Vec3::splat(-1_000.0), Vec3::splat(1_000.0)),
@@ -202,7 +207,7 @@ mod tests {
 
     /// Feeds (milliseconds, place) claims and says which were accepted.
     fn accepted(claims: &[(u64, f32)]) -> Vec<bool> {
-        let mut ledger = Ledger::new(ms(0));
+        let mut ledger = MovementBudget::new(ms(0));
         let mut place = Vec3::ZERO;
         let mut judge = |(i, &(t, x)): (usize, &(u64, f32))| {
             let verdict = ledger.judge(
@@ -213,10 +218,10 @@ mod tests {
                 &LIMITS,
                 |_| Some(0.0),
             );
-            if verdict == Verdict::Accepted {
+            if verdict == ClaimVerdict::Accepted {
                 place = at(x).eye;
             }
-            verdict == Verdict::Accepted
+            verdict == ClaimVerdict::Accepted
         };
         claims.iter().enumerate().map(&mut judge).collect()
     }
@@ -236,7 +241,7 @@ mod tests {
     #[test]
     fn over_a_long_time_nobody_gains_more_than_one_in_a_hundred() {
         for step in [1, 7, 50, 333] {
-            let mut ledger = Ledger::new(ms(0));
+            let mut ledger = MovementBudget::new(ms(0));
             let (mut x, mut t) = (0.0_f32, 0);
             for i in 0..2_000 {
                 t += step;
@@ -245,7 +250,7 @@ mod tests {
                 let claim = at(x + hop);
                 let verdict =
                     ledger.judge(ms(t), (i, &claim), (place, None), RTT, &LIMITS, |_| Some(0.0));
-                if verdict == Verdict::Accepted {
+                if verdict == ClaimVerdict::Accepted {
                     x += hop;
                 }
             }
@@ -262,27 +267,27 @@ mod tests {
             Vec3::new(0.0, f32::INFINITY, 0.0),
             Vec3::new(0.0, 0.0, 1_001.0),
         ] {
-            let mut ledger = Ledger::new(ms(0));
+            let mut ledger = MovementBudget::new(ms(0));
             let claim = Pose { eye, ..Pose::default() };
             let verdict =
                 ledger
                     .judge(ms(4_000), (0, &claim), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0));
-            assert_eq!(verdict, Verdict::Refused { correct: true }, "{eye}");
+            assert_eq!(verdict, ClaimVerdict::Refused { correct: true }, "{eye}");
         }
     }
 
     #[test]
     fn old_reports_are_ignored_even_after_a_refusal() {
-        let mut ledger = Ledger::new(ms(0));
+        let mut ledger = MovementBudget::new(ms(0));
         let mut judge = |t, sequence, x| {
             ledger.judge(ms(t), (sequence, &at(x)), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0))
         };
-        assert_eq!(judge(50, 5, 0.0), Verdict::Accepted);
-        assert_eq!(judge(60, 5, 0.0), Verdict::Old);
-        assert_eq!(judge(70, 4, 0.0), Verdict::Old);
-        assert_eq!(judge(80, 9, 99.0), Verdict::Refused { correct: true });
-        assert_eq!(judge(90, 8, 0.0), Verdict::Old);
-        assert_eq!(judge(100, 10, 0.0), Verdict::Accepted);
+        assert_eq!(judge(50, 5, 0.0), ClaimVerdict::Accepted);
+        assert_eq!(judge(60, 5, 0.0), ClaimVerdict::Old);
+        assert_eq!(judge(70, 4, 0.0), ClaimVerdict::Old);
+        assert_eq!(judge(80, 9, 99.0), ClaimVerdict::Refused { correct: true });
+        assert_eq!(judge(90, 8, 0.0), ClaimVerdict::Old);
+        assert_eq!(judge(100, 10, 0.0), ClaimVerdict::Accepted);
     }
 
     #[test]
@@ -295,12 +300,12 @@ mod tests {
         };
         let tbv = region(Vec3::ZERO, 2.0, ms(1_000));
         for (t, x, verdict) in [
-            (900, 1.7, Verdict::Accepted),
-            (1_000, 2.0, Verdict::Accepted),
-            (1_500, 2.9, Verdict::Accepted),
-            (1_500, 3.3, Verdict::Refused { correct: true }),
+            (900, 1.7, ClaimVerdict::Accepted),
+            (1_000, 2.0, ClaimVerdict::Accepted),
+            (1_500, 2.9, ClaimVerdict::Accepted),
+            (1_500, 3.3, ClaimVerdict::Refused { correct: true }),
         ] {
-            let mut ledger = Ledger::new(ms(0));
+            let mut ledger = MovementBudget::new(ms(0));
             let got =
                 ledger.judge(ms(t), (0, &at(x)), (Vec3::ZERO, Some(&tbv)), RTT, &LIMITS, |_| {
                     Some(0.0)
@@ -308,31 +313,31 @@ mod tests {
             assert_eq!(got, verdict, "{t} ms, {x} m");
         }
         // Way saved up does not lead out of the region.
-        let mut ledger = Ledger::new(ms(0));
+        let mut ledger = MovementBudget::new(ms(0));
         let start = Vec3::new(-1.0, 0.0, 0.0);
         let small = region(start, 0.2, ms(3_100));
         let got =
             ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS, |_| {
                 Some(0.0)
             });
-        assert_eq!(got, Verdict::Refused { correct: true });
+        assert_eq!(got, ClaimVerdict::Refused { correct: true });
     }
 
     #[test]
     fn who_was_pushed_coasts_and_who_falls_falls() {
-        let limits = Limits { fall_max: 20.0, ..LIMITS };
+        let limits = ClaimLimits { fall_max: 20.0, ..LIMITS };
         let pose = |x: f32, y: f32, velocity: f32| Pose {
             eye: Vec3::new(x, y, 0.0),
             velocity: Vec3::X * velocity,
             ..Pose::default()
         };
-        let mut ledger = Ledger::new(ms(0));
+        let mut ledger = MovementBudget::new(ms(0));
         ledger.relocate(ms(0), Vec3::X * 10.0);
         let mut judge = |t, sequence, claim: Pose, at: Pose| {
             let verdict =
                 ledger
                     .judge(ms(t), (sequence, &claim), (at.eye, None), RTT, &limits, |_| Some(0.0));
-            verdict == Verdict::Accepted
+            verdict == ClaimVerdict::Accepted
         };
         assert!(judge(100, 1, pose(1.0, 0.0, 8.0), pose(0.0, 0.0, 10.0)));
         assert!(!judge(200, 2, pose(2.3, 0.0, 8.0), pose(1.0, 0.0, 8.0)), "it was 8 m/s by now");
@@ -347,24 +352,24 @@ mod tests {
 
     #[test]
     fn a_way_round_a_wall_is_used_up_like_a_straight_one() {
-        let mut ledger = Ledger::new(ms(0));
+        let mut ledger = MovementBudget::new(ms(0));
         let mut round = |t, sequence, way_m: f64| {
             let lead = |most_m: f64| (way_m <= most_m).then_some(way_m);
             ledger.judge(ms(t), (sequence, &at(0.01)), (Vec3::ZERO, None), RTT, &LIMITS, lead)
         };
-        assert_eq!(round(500, 1, 0.9), Verdict::Accepted);
-        assert_eq!(round(550, 2, 0.9), Verdict::Refused { correct: true });
-        assert_eq!(round(550, 3, 0.2), Verdict::Accepted);
-        assert_eq!(round(1_000, 4, 0.9), Verdict::Accepted);
+        assert_eq!(round(500, 1, 0.9), ClaimVerdict::Accepted);
+        assert_eq!(round(550, 2, 0.9), ClaimVerdict::Refused { correct: true });
+        assert_eq!(round(550, 3, 0.2), ClaimVerdict::Accepted);
+        assert_eq!(round(1_000, 4, 0.9), ClaimVerdict::Accepted);
         // Longer than any straight way can be believed: it may have gone to and fro.
-        assert_eq!(round(9_000, 5, 16.0), Verdict::Accepted);
-        assert_eq!(round(9_050, 6, 0.2), Verdict::Refused { correct: true });
+        assert_eq!(round(9_000, 5, 16.0), ClaimVerdict::Accepted);
+        assert_eq!(round(9_050, 6, 0.2), ClaimVerdict::Refused { correct: true });
     }
 
     #[test]
     fn who_persists_is_expelled_and_who_stumbles_is_not() {
         let run = |every_ms: u64, round_trip: Duration, good: u64| {
-            let mut ledger = Ledger::new(ms(0));
+            let mut ledger = MovementBudget::new(ms(0));
             (1..200_u64).position(|i| {
                 let x = if good > 0 && i % good == 0 { 0.0 } else { 500.0 };
                 let claim = at(x);
@@ -375,7 +380,7 @@ mod tests {
                     round_trip,
                     &LIMITS,
                     |_| Some(0.0),
-                ) == Verdict::Expelled
+                ) == ClaimVerdict::Expelled
             })
         };
         assert_eq!(run(50, RTT, 0), Some(19));
@@ -386,14 +391,14 @@ mod tests {
 
     #[test]
     fn one_correction_a_round_trip() {
-        let mut ledger = Ledger::new(ms(0));
+        let mut ledger = MovementBudget::new(ms(0));
         let corrected: Vec<bool> = (1..10_u32)
             .map(|i| {
                 let claim = at(500.0);
                 let now = ms(u64::from(i) * 25);
                 let verdict =
                     ledger.judge(now, (i, &claim), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0));
-                verdict == Verdict::Refused { correct: true }
+                verdict == ClaimVerdict::Refused { correct: true }
             })
             .collect();
         assert_eq!(corrected, [true, false, false, false, true, false, false, false, true]);

@@ -5,16 +5,16 @@ use std::{fmt, time::Duration};
 use sightline_visibility::box_visibility::Line;
 use sightline_world::{geometry::Aabb, motion::AvatarId};
 
-use super::{ClientState, Engine, looks::Look, near::Part, pairs::Pair, population::Avatar};
+use super::{Engine, ReportingState, looks::Look, near::Part, pairs::Pair, population::Avatar};
 
 /// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
 /// axes, in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
     /// What the viewer's client does.
-    pub viewer: ClientState,
+    pub viewer: ReportingState,
     /// What the avatar's client does.
-    pub avatar: ClientState,
+    pub avatar: ReportingState,
     /// Whether the viewer's client has been told of the avatar.
     pub is_held: bool,
     /// Where the viewer's eye can be until the next tick's word stands; nowhere while it is hidden.
@@ -63,7 +63,7 @@ impl Engine {
             |avatar: &Avatar, part: Part| avatar.near.just(part, &self.body).boxes().to_vec();
         let reason = match pair {
             _ if !self.config.policy.uses_cells() => Reason::Policy,
-            _ if [from, to].iter().any(|a| a.state != ClientState::Live) => Reason::Silence,
+            _ if [from, to].iter().any(|a| a.state != ReportingState::Live) => Reason::Silence,
             _ if !from.seal.agrees(&to.seal) => Reason::Sealed,
             _ if self.is_ruled_out(from, to, delay) => Reason::Rooms,
             None => Reason::Cells,
@@ -150,11 +150,11 @@ impl fmt::Display for Reason {
     }
 }
 
-fn state(state: &ClientState) -> String {
+fn state(state: &ReportingState) -> String {
     match state {
-        ClientState::Live => "live".to_owned(),
-        ClientState::Quiet(tbv) => format!("quiet until {:.3} s", tbv.expiry.as_secs_f64()),
-        ClientState::Asked(_) => "asked".to_owned(),
+        ReportingState::Live => "live".to_owned(),
+        ReportingState::Quiet(tbv) => format!("quiet until {:.3} s", tbv.expiry.as_secs_f64()),
+        ReportingState::Asked(_) => "asked".to_owned(),
     }
 }
 

@@ -130,7 +130,7 @@ fn may_pass(world: &World, polygon: &Polygon, sure: &Aabb) -> bool {
 mod tests {
     use glam::UVec3;
     use proptest::prelude::*;
-    use sightline_world::octree::{Look, Octree, Voxel, morton};
+    use sightline_world::octree::{Material, Octree, Voxel, morton};
 
     use super::{super::tests::stage, *};
 
@@ -151,7 +151,7 @@ mod tests {
         let places = (0..GATE[0]).flat_map(|z| (0..GATE[1]).map(move |y| (z, y)));
         let voxels = places.filter(|(z, y)| !is_open(*z, *y)).map(|(z, y)| {
             let key = morton(UVec3::new(200, y, z));
-            Voxel { key, flags: Look::GLASS, ..Voxel::default() }
+            Voxel { key, flags: Material::GLASS, ..Voxel::default() }
         });
         world.octree =
             Octree::from_voxels(Vec3::ZERO, VOXEL_M, 9, voxels.collect()).expect("small");

@@ -126,11 +126,11 @@ use sightline_world::{
     motion::{Agility, AvatarId, Body, Pose, Tbv},
 };
 
-pub use authority::{Ledger, Limits, Verdict};
+pub use authority::{ClaimLimits, ClaimVerdict, MovementBudget};
 pub use config::{Config, Margin, Policy, PolicyError, Sabotage, Shape, Validity};
 pub use explain::{Explanation, Reason};
 pub use messages::{Input, Output};
-pub use population::ClientState;
+pub use population::ReportingState;
 
 use crew::Crew;
 use expiry::ExpiryQueue;
@@ -151,7 +151,7 @@ const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
 pub struct Engine {
     world: Arc<World>,
     config: Config,
-    limits: Limits,
+    limits: ClaimLimits,
     horizons: Horizons,
     population: Population,
     places: Places,
@@ -236,7 +236,7 @@ impl Engine {
         let occluders = Arc::new(Occluders::new(&world));
         let agility = Agility::of(&world.body, speed_max);
         Self {
-            limits: Limits {
+            limits: ClaimLimits {
                 confines: world.confines(),
                 speed_max,
                 fall_max: agility.fall_max,
@@ -327,7 +327,7 @@ impl Engine {
     }
 
     /// What an avatar's client does; `None` when there is no such avatar.
-    pub fn state(&self, avatar: AvatarId) -> Option<ClientState> {
+    pub fn state(&self, avatar: AvatarId) -> Option<ReportingState> {
         self.population.find(avatar).map(|a| a.state)
     }
 
@@ -394,7 +394,7 @@ impl Engine {
     }
 
     /// What claims are held against.
-    pub fn limits(&self) -> Limits {
+    pub fn limits(&self) -> ClaimLimits {
         self.limits
     }
 

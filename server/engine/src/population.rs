@@ -9,7 +9,7 @@ use sightline_world::{
 };
 
 use super::{
-    authority::Ledger,
+    authority::MovementBudget,
     horizon::Link,
     jitter::Jitter,
     near::Whereabouts,
@@ -26,7 +26,7 @@ pub(super) struct Slot(pub(super) u32);
 
 /// What a client has been made to do: to speak at every tick, to be silent, or to answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ClientState {
+pub enum ReportingState {
     /// Some viewer may see it, or it may see somebody: it reports at every tick.
     Live,
     /// Nobody can see it and it can see nobody while it is in its TBV: it is silent.
@@ -35,7 +35,7 @@ pub enum ClientState {
     Asked(Tbv),
 }
 
-impl ClientState {
+impl ReportingState {
     /// The TBV, unless live.
     pub fn tbv(&self) -> Option<&Tbv> {
         match self {
@@ -61,11 +61,11 @@ pub(super) struct Avatar {
     pub(super) heard: Duration,
     pub(super) round_trip: Duration,
     pub(super) jitter: Jitter,
-    pub(super) ledger: Ledger,
+    pub(super) ledger: MovementBudget,
     /// Where ways to its next place begin.
     pub(super) footing: Footing,
     pub(super) pledges: Pledges,
-    pub(super) state: ClientState,
+    pub(super) state: ReportingState,
     /// Asks since the last accepted report.
     pub(super) unanswered: u32,
     /// Whether the client's last order was to be quiet.
@@ -116,7 +116,7 @@ impl Population {
     /// Whether somebody is there, and not live.
     pub(super) fn is_hidden(&self, (id, slot): Member) -> bool {
         let avatar = self.slots.get(slot.0 as usize).and_then(Option::as_ref);
-        avatar.is_some_and(|avatar| avatar.id == id && avatar.state != ClientState::Live)
+        avatar.is_some_and(|avatar| avatar.id == id && avatar.state != ReportingState::Live)
     }
 
     pub(super) fn len(&self) -> usize {
@@ -182,12 +182,12 @@ impl Population {
     }
 
     /// Sets what an avatar's client does.
-    pub(super) fn set_state(&mut self, slot: Slot, state: ClientState) {
+    pub(super) fn set_state(&mut self, slot: Slot, state: ReportingState) {
         let avatar = self.at_mut(slot);
         avatar.state = state;
         let id = avatar.id;
         match state {
-            ClientState::Live => self.live.insert(id, slot),
+            ReportingState::Live => self.live.insert(id, slot),
             _ => self.live.remove(&id),
         };
     }

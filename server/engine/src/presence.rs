@@ -9,8 +9,8 @@ use sightline_world::{
 };
 
 use super::{
-    ClientState, Engine, Output,
-    authority::{Ledger, Verdict},
+    Engine, Output, ReportingState,
+    authority::{ClaimVerdict, MovementBudget},
     jitter::Jitter,
     near::Whereabouts,
     places::Place,
@@ -54,10 +54,10 @@ impl Engine {
             heard: now,
             round_trip,
             jitter: Jitter::new(self.config.margin),
-            ledger: Ledger::new(now),
+            ledger: MovementBudget::new(now),
             footing: self.ways.footing(&self.world, self.world.cells.axes.own(pose.eye)),
             pledges: Pledges::default(),
-            state: ClientState::Live,
+            state: ReportingState::Live,
             unanswered: 0,
             told_quiet: false,
             silence_from: now,
@@ -104,7 +104,7 @@ impl Engine {
         let Some((slot, gone)) = self.population.remove(id) else { return };
         self.horizons.remove(gone.round_trip);
         match gone.state {
-            ClientState::Live => self.live_zones.remove((id, slot), &gone.zone),
+            ReportingState::Live => self.live_zones.remove((id, slot), &gone.zone),
             _ => self.hidden_zones.remove((id, slot), &gone.zone),
         }
         for pair in gone.pairs.iter().filter(|pair| pair.is_held) {
@@ -127,22 +127,22 @@ impl Engine {
             Some(f64::from(led_m))
         };
         match avatar.ledger.judge(now, (sequence, &pose), believed, trip, &self.limits, lead) {
-            Verdict::Old => {}
-            Verdict::Accepted => {
+            ClaimVerdict::Old => {}
+            ClaimVerdict::Accepted => {
                 self.stats.reports += 1;
-                if avatar.state == ClientState::Live {
+                if avatar.state == ReportingState::Live {
                     avatar.jitter.hear(now, sequence, self.config.tick);
                 }
                 self.accept(now, slot, pose);
             }
-            Verdict::Refused { correct } => {
+            ClaimVerdict::Refused { correct } => {
                 self.stats.refusals += 1;
                 let pose = avatar.pose;
                 if correct {
                     self.pending.push(Output::Correct { to: id, pose });
                 }
             }
-            Verdict::Expelled => {
+            ClaimVerdict::Expelled => {
                 self.stats.refusals += 1;
                 self.expel(id, "its movements could not be believed");
             }
@@ -162,9 +162,9 @@ impl Engine {
         avatar.heard = now;
         avatar.unanswered = 0;
         match avatar.state {
-            ClientState::Live => {}
-            ClientState::Asked(_) => self.wake(now, slot),
-            ClientState::Quiet(tbv) => self.refresh(now, slot, &tbv),
+            ReportingState::Live => {}
+            ReportingState::Asked(_) => self.wake(now, slot),
+            ReportingState::Quiet(tbv) => self.refresh(now, slot, &tbv),
         }
     }
 
@@ -184,7 +184,7 @@ impl Engine {
         avatar.zone_box = None;
         self.unlook(slot);
         let avatar = self.population.at_mut(slot);
-        if avatar.state != ClientState::Live {
+        if avatar.state != ReportingState::Live {
             self.wake(now, slot);
         }
         self.accept(now, slot, pose);

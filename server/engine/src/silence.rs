@@ -5,7 +5,7 @@ use std::time::Duration;
 use sightline_world::motion::{AvatarId, Tbv};
 
 use super::{
-    ClientState, Engine, Output, Policy,
+    Engine, Output, Policy, ReportingState,
     horizon::SILENT_MAX,
     near::{Leeway, ROUNDING_M, ahead},
     population::{Avatar, Slot},
@@ -39,7 +39,7 @@ impl Engine {
     /// deadline was set gets another.
     fn look_into(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at_mut(slot);
-        let (id, live) = (avatar.id, avatar.state == ClientState::Live);
+        let (id, live) = (avatar.id, avatar.state == ReportingState::Live);
         let silence = now.saturating_sub(avatar.heard);
         if live && silence + self.config.tick < self.config.stall {
             self.wait(now, id, self.config.stall - silence);
@@ -64,12 +64,12 @@ impl Engine {
     /// From quiet to asked. The order itself is the caller's to send.
     fn ask(&mut self, now: Duration, slot: Slot) {
         let avatar = self.population.at_mut(slot);
-        let ClientState::Quiet(tbv) = avatar.state else { return };
+        let ReportingState::Quiet(tbv) = avatar.state else { return };
         avatar.unanswered = 1;
         let (id, trip) = (avatar.id, avatar.round_trip);
         self.expiries.cancel(id);
         self.wait(now, id, trip + self.config.ask_timeout);
-        self.population.set_state(slot, ClientState::Asked(tbv));
+        self.population.set_state(slot, ReportingState::Asked(tbv));
     }
 
     /// From hidden to live: there is fresh word of the avatar. The next tick decides whether it
@@ -82,7 +82,7 @@ impl Engine {
         self.hidden_zones.remove((id, slot), &zone);
         self.expiries.cancel(id);
         self.wait(now, id, self.config.stall);
-        self.population.set_state(slot, ClientState::Live);
+        self.population.set_state(slot, ReportingState::Live);
     }
 
     /// A quiet client reported unasked: when it is about to leave, or would be asked at the next tick, it
@@ -153,7 +153,7 @@ impl Engine {
     /// Orders hidden clients to report from now on.
     fn ask_to_stay(&mut self, now: Duration, found: Vec<Member>, outputs: &mut Vec<Output>) {
         for (to, slot) in found {
-            if matches!(self.population.at(slot).state, ClientState::Quiet(_)) {
+            if matches!(self.population.at(slot).state, ReportingState::Quiet(_)) {
                 self.stats.reveals += 1;
                 self.ended(now, slot, End::Revealed);
                 self.ask(now, slot);
@@ -255,7 +255,7 @@ impl Engine {
         let old = std::mem::replace(&mut avatar.zone, zone);
         self.live_zones.remove(member, &old);
         self.hidden_zones.insert(member, &self.population.at(slot).zone);
-        self.population.set_state(slot, ClientState::Quiet(tbv));
+        self.population.set_state(slot, ReportingState::Quiet(tbv));
         self.watch(member);
         self.patience.cancel(member.0);
         let late = self.config.sabotage.expiry_late;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use sightline_world::{geometry::Aabb, motion::Tbv};
 
 use super::{
-    ClientState, Engine, Shape, Validity,
+    Engine, ReportingState, Shape, Validity,
     looks::Found,
     near::{Leeway, ROUNDING_M, scaled},
     parts::Parts,
@@ -219,7 +219,7 @@ impl Engine {
     /// Whether a line from a zone to where an avatar can be now may be free, either way.
     pub(super) fn may_see_each_other(&mut self, zone: &Zone, other: Slot) -> bool {
         let avatar = self.population.at_mut(other);
-        let (far, is_live) = (avatar.far, avatar.state == ClientState::Live);
+        let (far, is_live) = (avatar.far, avatar.state == ReportingState::Live);
         let theirs = std::mem::take(&mut avatar.zone);
         let now = is_live.then(|| theirs.parts_within([far, self.body.around_box(&far)]));
         let sees = self.lets_see(zone, (&theirs, now.as_ref().unwrap_or(&theirs.parts)));

@@ -68,7 +68,7 @@ pub(super) struct Ground {
     /// The cells, ascending: those of a space follow one another.
     cells: Vec<CellId>,
     /// What of it is in which rooms; empty where rooms rule nothing out.
-    rooms: rooms::Place,
+    rooms: rooms::RoomOverlap,
 }
 
 impl Ground {
@@ -135,11 +135,11 @@ impl Ground {
 }
 
 /// The rooms of a region's boxes in some cells, which are ascending, where rooms rule anything out.
-fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts, found: &[CellId]) -> rooms::Place {
+fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts, found: &[CellId]) -> rooms::RoomOverlap {
     if rooms.rules() {
         rooms.place_in(cells, parts.boxes(), found)
     } else {
-        rooms::Place::default()
+        rooms::RoomOverlap::default()
     }
 }
 
@@ -153,7 +153,7 @@ pub(super) struct Zone {
     /// Around all places of its eye, and around all of its body.
     pub(super) parts: [Parts; 2],
     /// The rooms of both.
-    rooms: [rooms::Place; 2],
+    rooms: [rooms::RoomOverlap; 2],
 }
 
 impl Zone {

@@ -16,7 +16,7 @@ use sightline_world::{
 };
 
 use sightline_cli::trace::Trace;
-use sightline_engine::{Engine, Ledger, Limits, Verdict};
+use sightline_engine::{ClaimLimits, ClaimVerdict, Engine, MovementBudget};
 
 /// A body may be so far beyond what it can do by rounding, in metres: places and velocities are
 /// rounded on the wire.
@@ -108,7 +108,7 @@ pub(super) struct Client {
     jumped: bool,
     /// What it said last, and how far it can be believed, as its host knows.
     claimed: Vec3,
-    ledger: Ledger,
+    ledger: MovementBudget,
     sequence: u32,
     ack: Ack,
     /// How many reports it made between its last two ticks.
@@ -118,12 +118,12 @@ pub(super) struct Client {
 
 impl Client {
     /// Whether the server would believe what it is about to say.
-    fn is_believed(&mut self, now: Duration, claim: &Pose, limits: &Limits) -> bool {
+    fn is_believed(&mut self, now: Duration, claim: &Pose, limits: &ClaimLimits) -> bool {
         self.sequence += 1;
         let believed = (self.claimed, None);
         let said = (self.sequence, claim);
         let verdict = self.ledger.judge(now, said, believed, Duration::ZERO, limits, |_| Some(0.0));
-        verdict == Verdict::Accepted
+        verdict == ClaimVerdict::Accepted
     }
 
     /// Where the walker truly is, and how it moves.
@@ -136,7 +136,7 @@ impl Client {
 pub(super) struct Clients<'a> {
     trace: &'a Trace,
     agility: Agility,
-    limits: Limits,
+    limits: ClaimLimits,
     confines: Confines,
     tick: Duration,
     /// By the trace's ids.
@@ -279,7 +279,7 @@ impl<'a> Clients<'a> {
             tbv: None,
             jumped: false,
             claimed: pose.eye,
-            ledger: Ledger::new(now),
+            ledger: MovementBudget::new(now),
             sequence: 0,
             ack: Ack::default(),
             reports: 0,

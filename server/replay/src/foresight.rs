@@ -17,7 +17,7 @@ use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_world::motion::{Agility, Body};
 
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
 /// Points looked for on each axis of a body's box.
 const SAMPLES: u32 = 2;
@@ -58,7 +58,7 @@ impl Able {
 
 /// Whether one walker's eye could come to see the other's body.
 pub(super) fn foresees(
-    sight: &Sight,
+    sight: &Oracle,
     body: &Body,
     at: Duration,
     viewer: &Walk,
@@ -79,7 +79,7 @@ pub(super) fn foresees(
 }
 
 /// Places that a walker can be at, the likeliest to change what is in sight last.
-fn places(sight: &Sight, body: &Body, walk: &Walk, other: Vec3, rng: &mut SmallRng) -> Vec<Vec3> {
+fn places(sight: &Oracle, body: &Body, walk: &Walk, other: Vec3, rng: &mut SmallRng) -> Vec<Vec3> {
     let across = (other - walk.first).cross(Vec3::Y).normalize_or(Vec3::X);
     let chances = (0..CHANCES).map(|_| {
         let angle = rng.random_range(0.0..std::f32::consts::TAU);
@@ -97,7 +97,7 @@ fn places(sight: &Sight, body: &Body, walk: &Walk, other: Vec3, rng: &mut SmallR
 }
 
 /// As far as a straight way leads without the body's sticking into a wall, or nearly.
-fn walked(sight: &Sight, body: &Body, first: Vec3, goal: Vec3) -> Vec3 {
+fn walked(sight: &Oracle, body: &Body, first: Vec3, goal: Vec3) -> Vec3 {
     let way = goal - first;
     let Some(direction) = way.try_normalize() else { return first };
     let wall_m = sight.distance(first, direction).unwrap_or(f32::INFINITY);
@@ -118,10 +118,10 @@ mod tests {
     use super::*;
 
     /// An endless wall along x at z = 0 that ends at x = 0.
-    fn wall() -> Sight {
+    fn wall() -> Oracle {
         let positions = [(-90.0, -9.0), (0.0, -9.0), (0.0, 9.0), (-90.0, 9.0)];
         let positions = positions.map(|(x, y)| Vec3::new(x, y, 0.0)).to_vec();
-        Sight::new(&Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]] })
+        Oracle::new(&Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]] })
     }
 
     fn standing(x: f32, z: f32, radius_m: f32) -> Walk {

@@ -9,12 +9,12 @@
 //! In the dump, times are the trace's own, at the server: when it sent what it sent, and when it
 //! took in a report. A `t_ms` is rounded down to a whole millisecond.
 
+mod audit;
 mod clients;
 mod coding;
 mod comparison;
 mod dump;
 mod foresight;
-mod oracle;
 mod report;
 mod tally;
 mod wire;
@@ -30,16 +30,16 @@ use sightline_world::{
     motion::{AvatarId, Pose},
 };
 
+pub use audit::{Miss, Stale};
 pub use comparison::Comparison;
-pub use oracle::{Miss, Stale};
 pub use report::{ClientReport, OracleReport, Report};
 pub use wire::Network;
 
+use audit::Audit;
 use clients::{Clients, Order, Request, Uplink};
 use dump::{Dump, What};
-use oracle::Oracle;
 use sightline_cli::trace::Trace;
-use sightline_engine::{ClientState, Config, Engine, Input, Margin, Output, Policy};
+use sightline_engine::{Config, Engine, Input, Margin, Output, Policy, ReportingState};
 use tally::Tally;
 use wire::{Packet, Wire};
 
@@ -185,7 +185,7 @@ struct Replay<'a> {
     sampled: BTreeMap<AvatarId, Duration>,
     /// When it came in.
     heard: BTreeMap<AvatarId, Duration>,
-    oracle: Option<Oracle>,
+    oracle: Option<Audit>,
     dump: Dump<'a>,
     tally: Tally,
     /// Spent in the engine since the last tick, by all threads.
@@ -197,7 +197,7 @@ impl<'a> Replay<'a> {
         let engine = Engine::new(Arc::clone(world), options.config.clone());
         Self {
             clients: Clients::new(trace, &engine),
-            oracle: Oracle::new(world, trace, options),
+            oracle: Audit::new(world, trace, options),
             engine,
             wire: Wire::new(options),
             encoders: BTreeMap::new(),
@@ -377,7 +377,7 @@ impl<'a> Replay<'a> {
             Output::Ask { to } => self.note_ask(now, *to)?,
             // To a client whose TBV was revealed this is an ask as well.
             Output::Live { to }
-                if matches!(self.engine.state(*to), Some(ClientState::Asked(_))) =>
+                if matches!(self.engine.state(*to), Some(ReportingState::Asked(_))) =>
             {
                 self.note_ask(now, *to)?;
             }

@@ -12,7 +12,7 @@ use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 use super::*;
 use sightline_compiler::{
     self as compile,
-    model::{Material, Model, Surface},
+    model::{Model, Surface, SurfaceMaterial},
 };
 
 /// A building of rooms in a square, compiled for real: inner walls with a door each, thick outer
@@ -75,7 +75,7 @@ impl House {
 
     /// A trace of people who walk about and turn where they would bump into something.
     fn trace(&self, rng: &mut SmallRng, people: u32, seconds: u32) -> Trace {
-        let sight = sightline_oracle::Sight::new(&self.world.mesh);
+        let sight = sightline_oracle::Oracle::new(&self.world.mesh);
         let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
         let mut walkers: BTreeMap<u32, (Vec3, Vec3)> = (0..people)
             .map(|id| {
@@ -139,7 +139,7 @@ fn surface(triangles: &[[Vec3; 3]]) -> Surface {
         uvs: Vec::new(),
         colours: Vec::new(),
         triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        material: Material { colour: [200; 3], texture: None, glass: false },
+        material: SurfaceMaterial { colour: [200; 3], texture: None, glass: false },
     }
 }
 

@@ -18,12 +18,12 @@ use sightline_world::{Mesh, geometry::Aabb};
 const BESIDE: f32 = 2e-5;
 
 /// A building's opaque triangles, ready for rays.
-pub struct Sight {
+pub struct Oracle {
     bvh: Bvh2,
     triangles: Vec<Triangle>,
 }
 
-impl Sight {
+impl Oracle {
     /// Prepares the triangles of a mesh.
     pub fn new(mesh: &Mesh) -> Self {
         let triangle = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
@@ -92,9 +92,9 @@ fn box_samples(target: &Aabb, samples: u32) -> impl Iterator<Item = Vec3> + use<
 mod tests {
     use super::*;
 
-    fn wall() -> Sight {
+    fn wall() -> Oracle {
         // A square at z = 0 from (-1, -1) to (1, 1).
-        Sight::new(&Mesh {
+        Oracle::new(&Mesh {
             positions: vec![
                 Vec3::new(-1.0, -1.0, 0.0),
                 Vec3::new(1.0, -1.0, 0.0),

@@ -254,17 +254,17 @@ mod tests {
         carve::{Carved, Class, Options, carve},
         import::glb,
     };
-    use sightline_oracle::Sight;
+    use sightline_oracle::Oracle;
 
     fn opaque() -> Vec<[DVec3; 3]> {
         let model = glb::read_slice(&arched_floor().glb, None::<&Path>, "floor").unwrap();
         model.opaque.iter().map(|corners| corners.map(|p| p.as_dvec3())).collect()
     }
 
-    fn sight<'a>(triangles: impl Iterator<Item = &'a [DVec3; 3]>) -> Sight {
+    fn sight<'a>(triangles: impl Iterator<Item = &'a [DVec3; 3]>) -> Oracle {
         let positions: Vec<Vec3> = triangles.flatten().map(|p| p.as_vec3()).collect();
         let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-        Sight::new(&Mesh { triangles: triangles.collect(), positions })
+        Oracle::new(&Mesh { triangles: triangles.collect(), positions })
     }
 
     fn carved() -> (Vec<[DVec3; 3]>, Carved) {
@@ -311,7 +311,7 @@ mod tests {
             );
             let towards = Vec3::from_array([0; 3].map(|_| random.random_range(-1.0..1.0f32)));
             let towards = towards.normalize_or(Vec3::NEG_Z);
-            let at = |sight: &Sight| sight.distance(eye, towards).unwrap_or(1e4);
+            let at = |sight: &Oracle| sight.distance(eye, towards).unwrap_or(1e4);
             assert!((at(&original) - at(&whole)).abs() < 1e-3, "{eye} {towards}");
             assert!(at(&holed) >= at(&original) - 1e-3, "{eye} {towards}");
             holes += usize::from(at(&holed) > at(&original) + 0.01);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use sightline_cli::{progress::Progress, trace::Trace};
 use sightline_client::swarm::{self, Snapshot};
 use sightline_engine::Policy;
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 use sightline_replay::{self as replay, OracleStride};
 use sightline_server::net::Stats;
 use sightline_world::{World, motion::AvatarId};
@@ -111,7 +111,7 @@ struct Live {
 /// A visible avatar that is not held yet at one moment may be on its way; one that is still not
 /// held when somebody looks again is missed.
 fn check(world: &World, snapshots: &[Snapshot]) -> Live {
-    let sight = Sight::new(&world.mesh);
+    let sight = Oracle::new(&world.mesh);
     let looks = every(snapshots, ORACLE_INTERVAL);
     looks
         .par_iter()
@@ -142,7 +142,7 @@ fn check(world: &World, snapshots: &[Snapshot]) -> Live {
 
 fn misses(
     world: &World,
-    sight: &Sight,
+    sight: &Oracle,
     snapshot: &Snapshot,
     viewer: AvatarId,
     other: AvatarId,

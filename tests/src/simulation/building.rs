@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
     self as compile,
-    model::{Material, Model, Surface},
+    model::{Model, Surface, SurfaceMaterial},
 };
 use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
 
@@ -270,7 +270,7 @@ impl Draft {
         let opaque: Vec<[Vec3; 3]> = faces.map(|triangle| triangle.map(moved)).collect();
         let positions = opaque.as_flattened().to_vec();
         let triangles = (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| 3 * i + k)).collect();
-        let material = Material { colour: [200; 3], texture: None, glass: false };
+        let material = SurfaceMaterial { colour: [200; 3], texture: None, glass: false };
         let surface =
             Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
         let room = &self.rooms[0];

@@ -3,8 +3,8 @@
 use std::{collections::BTreeMap, fmt, sync::Arc, time::Duration};
 
 use glam::Vec3;
-use sightline_engine::{ClientState, Output};
-use sightline_oracle::Sight;
+use sightline_engine::{Output, ReportingState};
+use sightline_oracle::Oracle;
 use sightline_replay::{Moment, Options};
 use sightline_world::{
     CellId, World,
@@ -72,7 +72,7 @@ struct Region {
 /// Watches a simulation.
 pub struct Watch {
     world: Arc<World>,
-    sight: Sight,
+    sight: Oracle,
     speed_max: f32,
     tick: Duration,
     /// What regions have to spare on each side at most, in metres.
@@ -106,7 +106,7 @@ impl Watch {
         let config = &options.config;
         Self {
             world: Arc::clone(world),
-            sight: Sight::new(&world.mesh),
+            sight: Oracle::new(&world.mesh),
             speed_max: config.speed_max.unwrap_or(world.speed_max),
             tick: config.tick,
             spare_m: 2.0 * config.spare_m,
@@ -141,7 +141,7 @@ impl Watch {
     /// answer to its own word, and looked at for itself.
     fn look_for_noise(&mut self, moment: &Moment<'_>) {
         let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.state(*id)) {
-            (Some((before, true, _)), Some(ClientState::Quiet(tbv))) => *before == tbv,
+            (Some((before, true, _)), Some(ReportingState::Quiet(tbv))) => *before == tbv,
             _ => false,
         };
         let mut noisy = Vec::new();
@@ -270,7 +270,7 @@ impl Watch {
             let Some(state) = moment.engine.state(id) else { continue };
             let Some(tbv) = state.tbv().copied() else { continue };
             self.seen.hidden_ticks += 1;
-            let is_quiet = matches!(state, ClientState::Quiet(_));
+            let is_quiet = matches!(state, ReportingState::Quiet(_));
             let known = before.get(&id).filter(|(known, ..)| *known == tbv);
             let ask_by =
                 known.map_or_else(|| self.ask_by(moment, id, &tbv), |(.., ask_by)| *ask_by);

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use glam::Vec3;
 use sightline_compiler::{
     self as compile,
-    model::{Material, Model, Surface},
+    model::{Model, Surface, SurfaceMaterial},
 };
 use sightline_server::net::ServedWorld;
 use sightline_world::{Spawn, geometry::Aabb, motion::Body};
@@ -59,7 +59,7 @@ fn model() -> Model {
     let opaque: Vec<[Vec3; 3]> = boxes.iter().flat_map(triangles).collect();
     let positions: Vec<Vec3> = opaque.iter().flatten().copied().collect();
     let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    let material = Material { colour: [200, 180, 160], texture: None, glass: false };
+    let material = SurfaceMaterial { colour: [200, 180, 160], texture: None, glass: false };
     let triangles = triangles.collect();
     let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
     Model {

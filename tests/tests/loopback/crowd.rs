@@ -6,7 +6,7 @@ use sightline_client::{
     net::Trust,
     swarm::{self, Options, Snapshot},
 };
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 use sightline_server::net::{Identity, ServeConfig, Server};
 use sightline_world::motion::AvatarId;
 
@@ -21,7 +21,7 @@ const LATE_MAX: u32 = 8;
 #[tokio::test(flavor = "multi_thread")]
 async fn a_swarm_holds_whoever_is_in_view() {
     let world = building::world();
-    let sight = Sight::new(&world.world().mesh);
+    let sight = Oracle::new(&world.world().mesh);
     let body = world.world().body;
     let listen = "127.0.0.1:0".parse().unwrap();
     let config = ServeConfig { listen, validity_max_s: 0.3, ..ServeConfig::default() };

@@ -8,7 +8,7 @@ use sightline_world::{Spawn, World, motion::Pose};
 
 use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::Log, pace::Pace};
 use sightline_client_core::{
-    replica::{Event, Standing, Told, VisibleAvatar},
+    replica::{AvatarSource, Event, Standing, VisibleAvatar},
     walker::Walker,
 };
 use sightline_renderer::{
@@ -227,7 +227,7 @@ impl<'a> Scene<'a> {
             Visit::Shared(session) => Some(session),
             Visit::Alone(..) => None,
         };
-        let told = session.as_mut().map(|session| session as &mut dyn Told);
+        let told = session.as_mut().map(|session| session as &mut dyn AvatarSource);
         self.moving.draw(&mut self.drawn, camera, world, told, time)
     }
 

@@ -86,9 +86,9 @@ impl<'a> Shell<'a> {
     }
 
     fn open(&mut self, events: &ActiveEventLoop) -> Result<(), DesktopError> {
-        let looks =
+        let materials =
             Window::default_attributes().with_title(self.options.title).with_inner_size(SIZE);
-        let window = events.create_window(looks).map_err(super::display_error)?;
+        let window = events.create_window(materials).map_err(super::display_error)?;
         let window = Rc::new(window);
         let surface = Surface::new(&self.context, window.clone()).map_err(surface_error)?;
         self.screen = Some(Screen { window, surface });

@@ -29,7 +29,7 @@ use tokio::{
 
 use super::dialer::{ConnectError, lost};
 use sightline_client_core::replica::{
-    Event, HeldAvatar, News, Outgoing, Replica, Standing, Told, VisibleAvatar,
+    AvatarSource, Event, HeldAvatar, Outgoing, Replica, Standing, Update, VisibleAvatar,
 };
 
 /// Events that nobody collects: the oldest go.
@@ -248,8 +248,8 @@ impl Session {
     }
 }
 
-impl Told for &Session {
-    fn news(&mut self) -> Vec<(AvatarId, News)> {
+impl AvatarSource for &Session {
+    fn news(&mut self) -> Vec<(AvatarId, Update)> {
         self.shared.state().replica.news()
     }
 

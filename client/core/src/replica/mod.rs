@@ -17,7 +17,7 @@ use sightline_protocol::{
 use sightline_world::motion::{Agility, AvatarId, Pose, Tbv};
 
 use timeline::{Clock, Timeline};
-pub use told::{News, Told};
+pub use told::{AvatarSource, Update};
 
 /// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
 /// bytes.
@@ -32,8 +32,8 @@ pub struct Replica {
     tick_interval: Duration,
     agility: Agility,
     others: BTreeMap<AvatarId, Other>,
-    /// Of them, those that [`Told::news`] has not told of.
-    news: BTreeMap<AvatarId, News>,
+    /// Of them, those that [`AvatarSource::news`] has not told of.
+    news: BTreeMap<AvatarId, Update>,
     decoder: PoseDecoder,
     clock: Clock,
     own: Own,
@@ -222,7 +222,7 @@ impl Replica {
         for (avatar, pose) in &update.poses {
             if let Some(other) = self.others.get_mut(avatar) {
                 other.hear(now, update.sequence, update.tick, *pose);
-                self.news.entry(*avatar).or_insert(News::Moved);
+                self.news.entry(*avatar).or_insert(Update::Moved);
             }
         }
         Ok(())
@@ -347,7 +347,7 @@ impl Replica {
             other.hear(now, sequence, tick, pose);
         }
         self.others.insert(avatar, other);
-        self.news.insert(avatar, News::Appeared);
+        self.news.insert(avatar, Update::Appeared);
     }
 
     fn report(&mut self) -> ClientMessage {

@@ -11,7 +11,7 @@ use super::{Replica, VisibleAvatar};
 
 /// What a client was told of an avatar since it asked last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum News {
+pub enum Update {
     /// It is there, or there again.
     Appeared,
     /// Where it is.
@@ -19,10 +19,10 @@ pub enum News {
 }
 
 /// The avatars that a client is told of. Times are [`Replica::server_time`]'s.
-pub trait Told {
+pub trait AvatarSource {
     /// Those that appeared, or were told of, since this was asked last; all of them at first. Who
     /// vanished is not among them.
-    fn news(&mut self) -> Vec<(AvatarId, News)>;
+    fn news(&mut self) -> Vec<(AvatarId, Update)>;
 
     /// Where an avatar is to be drawn at a time, and a box that its eye stays in from then until another
     /// time, unless there is news of it; `None` once it has vanished.
@@ -32,8 +32,8 @@ pub trait Told {
     fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar>;
 }
 
-impl Told for Replica {
-    fn news(&mut self) -> Vec<(AvatarId, News)> {
+impl AvatarSource for Replica {
+    fn news(&mut self) -> Vec<(AvatarId, Update)> {
         std::mem::take(&mut self.news).into_iter().collect()
     }
 

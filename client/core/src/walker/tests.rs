@@ -1,6 +1,6 @@
 use proptest::prelude::*;
 use sightline_fixtures::voxel_floor::{SPAWN, world};
-use sightline_world::octree::Look;
+use sightline_world::octree::Material;
 
 use super::*;
 
@@ -20,7 +20,7 @@ const WALK: Wish =
 
 #[test]
 fn walls_and_glass_stop_the_body() {
-    for flags in [0, Look::GLASS] {
+    for flags in [0, Material::GLASS] {
         let world = world(&[([32, 0, 0], [33, 64, 64], flags)]);
         for wish in [WALK, Wish { fly: true, ..WALK }, Wish { jump: true, ..WALK }] {
             let eye = go_east(&world, wish, 3.0).pose().eye;
@@ -117,7 +117,7 @@ proptest! {
         let world = world(&[
             ([20, 0, 20], [24, 20, 40], 0),
             ([40, 0, 10], [44, 3, 60], 0),
-            ([44, 0, 10], [48, 5, 60], Look::GLASS),
+            ([44, 0, 10], [48, 5, 60], Material::GLASS),
         ]);
         let mut walker = Walker::new(&world, Spawn { eye: Vec3::from(start), yaw: 0.0 });
         let is_stuck = |eye: Vec3| world.octree.solid_in(&world.body.around(eye));

@@ -16,7 +16,7 @@ const HOUSE: [([u32; 3], [u32; 3], u8); 6] = [
     ([20, 1, 34], [21, 40, 64], 0),
     ([40, 1, 10], [44, 64, 60], 0),
     ([0, 40, 0], [64, 41, 64], 0),
-    ([30, 1, 0], [31, 20, 64], sightline_world::octree::Look::GLASS),
+    ([30, 1, 0], [31, 20, 64], sightline_world::octree::Material::GLASS),
     ([50, 5, 20], [53, 9, 29], 0),
 ];
 
@@ -56,7 +56,7 @@ fn pictures_are_the_same_without_what_is_hidden() {
             untested += renderer.counters().mask_tests - tests;
         }
     }
-    assert!(left_out > 1_000 && saved > 1_000, "{left_out} nodes, {saved} looks");
+    assert!(left_out > 1_000 && saved > 1_000, "{left_out} nodes, {saved} materials");
     assert!(untested > 1_000, "{untested} tests");
 }
 

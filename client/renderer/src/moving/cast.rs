@@ -5,11 +5,11 @@ use std::time::Duration;
 use sightline_world::{
     Mover, World,
     geometry::Aabb,
-    motion::{Agility, AvatarId, Pose, trajectory::Course},
+    motion::{Agility, AvatarId, Pose, trajectory::Playback},
 };
 
 use crate::avatars;
-use sightline_client_core::replica::{News, Told, VisibleAvatar};
+use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 
 /// Boxes are taken to be so much larger on each side, for what rounding does, as a part of their
 /// distance from the origin.
@@ -26,13 +26,13 @@ pub(super) enum What {
 /// All that moves, at one time.
 pub(super) struct Cast<'a> {
     pub(super) world: &'a World,
-    pub(super) told: &'a dyn Told,
+    pub(super) told: &'a dyn AvatarSource,
     pub(super) now: Duration,
     agility: Agility,
 }
 
 impl<'a> Cast<'a> {
-    pub(super) fn new(world: &'a World, told: &'a dyn Told, now: Duration) -> Self {
+    pub(super) fn new(world: &'a World, told: &'a dyn AvatarSource, now: Duration) -> Self {
         let agility = Agility::of(&world.body, world.speed_max);
         Self { world, told, now, agility }
     }
@@ -82,7 +82,7 @@ impl<'a> Cast<'a> {
 /// The box that a mover stays in from one time to another. One that something sets off rests.
 fn swept(mover: &Mover, from: Duration, until: Duration) -> Aabb {
     rounded(&match mover.trajectory.course() {
-        Course::Triggered => mover.swept(Duration::ZERO, Duration::ZERO),
+        Playback::Triggered => mover.swept(Duration::ZERO, Duration::ZERO),
         _ => mover.swept(from, until),
     })
 }
@@ -95,8 +95,8 @@ fn rounded(bounds: &Aabb) -> Aabb {
 /// Who is alone.
 pub(super) struct Nobody;
 
-impl Told for Nobody {
-    fn news(&mut self) -> Vec<(AvatarId, News)> {
+impl AvatarSource for Nobody {
+    fn news(&mut self) -> Vec<(AvatarId, Update)> {
         Vec::new()
     }
 

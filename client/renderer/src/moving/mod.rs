@@ -13,7 +13,7 @@
 //!
 //! A mover's volume is what it sweeps. An avatar's follows from its pose and what a body can do; it
 //! need not keep to that, so what the server tells of a hidden avatar is held against its
-//! volume when it comes ([`Told::news`]).
+//! volume when it comes ([`AvatarSource::news`]).
 //!
 //! All three draw the same pixels. What moves does not hide what else does: walls do most of that.
 
@@ -44,7 +44,7 @@ use super::{
     movers,
     pyramid::Pyramid,
 };
-use sightline_client_core::replica::{News, Told, VisibleAvatar};
+use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 
 /// The edge of the smallest nodes, in metres: about what stands in a room.
 const NODE_M: f32 = 1.0;
@@ -156,11 +156,11 @@ impl Moving {
         frame: &mut Frame,
         camera: &Camera,
         world: &World,
-        told: Option<&mut dyn Told>,
+        told: Option<&mut dyn AvatarSource>,
         now: Duration,
     ) -> Vec<VisibleAvatar> {
         self.effort = Effort::default();
-        let nobody: &mut dyn Told = &mut Nobody;
+        let nobody: &mut dyn AvatarSource = &mut Nobody;
         let told = told.unwrap_or(nobody);
         let news = told.news();
         let cast = Cast::new(world, told, now);
@@ -187,9 +187,9 @@ impl Moving {
     }
 
     /// Takes in what was told of avatars since the last picture.
-    fn hear(&mut self, news: &[(AvatarId, News)], cast: &Cast<'_>) {
+    fn hear(&mut self, news: &[(AvatarId, Update)], cast: &Cast<'_>) {
         for &(avatar, news) in news {
-            if news == News::Appeared {
+            if news == Update::Appeared {
                 self.appear(avatar, cast);
             }
             let Some(&number) = self.avatars.get(&avatar) else { continue };

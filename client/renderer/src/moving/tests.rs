@@ -4,7 +4,7 @@ use sightline_world::{
     Mesh,
     motion::{
         Pose,
-        trajectory::{Course, Joint, Track, Trajectory},
+        trajectory::{Joint, Playback, Track, Trajectory},
     },
     octree::Octree,
 };
@@ -29,9 +29,9 @@ fn mover(random: &mut SmallRng) -> Mover {
     let keys = vec![(0.0, at), (length_s * 0.5, there), (length_s, back)];
     joint.translation = Track::linear(keys);
     let course = match random.random_range(0..4) {
-        0 => Course::Once,
-        1 => Course::Triggered,
-        _ => Course::Loop,
+        0 => Playback::Once,
+        1 => Playback::Triggered,
+        _ => Playback::Loop,
     };
     let trajectory = Trajectory::new(vec![joint], length_s, course).unwrap();
     let colours = (0..3).map(|i| [200, 40 * i, random.random()]).collect();
@@ -78,7 +78,7 @@ impl Person {
 #[derive(Clone, Default)]
 struct Crowd {
     people: BTreeMap<AvatarId, Person>,
-    news: BTreeMap<AvatarId, News>,
+    news: BTreeMap<AvatarId, Update>,
 }
 
 impl Crowd {
@@ -95,7 +95,7 @@ impl Crowd {
                     let pose = Pose { eye: at(random, 1.0, 31.0), ..Pose::default() };
                     let name = "x".repeat(letters);
                     self.people.insert(id, Person { name, start: now, pose });
-                    self.news.insert(id, News::Appeared);
+                    self.news.insert(id, Update::Appeared);
                 }
                 4..60 => {
                     let Some(person) = self.people.get_mut(&id) else { continue };
@@ -103,7 +103,7 @@ impl Crowd {
                     let velocity = at(random, -1.5, 1.5);
                     person.pose = Pose { eye, velocity, ..person.pose };
                     person.start = now;
-                    self.news.entry(id).or_insert(News::Moved);
+                    self.news.entry(id).or_insert(Update::Moved);
                 }
                 _ => {}
             }
@@ -111,8 +111,8 @@ impl Crowd {
     }
 }
 
-impl Told for Crowd {
-    fn news(&mut self) -> Vec<(AvatarId, News)> {
+impl AvatarSource for Crowd {
+    fn news(&mut self) -> Vec<(AvatarId, Update)> {
         std::mem::take(&mut self.news).into_iter().collect()
     }
 
@@ -165,7 +165,7 @@ fn all_ways_draw_the_same_pixels() {
             let empty = building(random);
             let pictures = [0, 1, 2].map(|way: usize| {
                 let mut frame = empty.clone();
-                let told = Some(&mut crowds[way] as &mut dyn Told);
+                let told = Some(&mut crowds[way] as &mut dyn AvatarSource);
                 let seen = ways[way].draw(&mut frame, &camera, &world, told, now);
                 (frame, seen)
             });
@@ -191,15 +191,15 @@ fn who_is_hidden_is_left_alone() {
         let eye = Vec3::new(4.0, 1.7, 1.0 + id.0 as f32 * 0.01);
         let pose = Pose { eye, velocity: Vec3::X * 0.1, ..Pose::default() };
         crowd.people.insert(id, Person { name: "Ada".into(), start: Duration::ZERO, pose });
-        crowd.news.insert(id, News::Appeared);
+        crowd.news.insert(id, Update::Appeared);
     }
     let mut moving = Moving::new(&world, Culling::Temporal);
     let camera = Camera::looking_at(Vec3::new(4.0, 1.7, 7.0), Vec3::new(4.0, 1.7, 0.0));
     let mut picture = |depth: f32, ms: u64, news: Option<u32>| {
         let mut frame = Frame::new(SIZE[0], SIZE[1]);
         frame.depth.fill(depth);
-        crowd.news.extend(news.map(|id| (AvatarId(id), News::Moved)));
-        let told = Some(&mut crowd as &mut dyn Told);
+        crowd.news.extend(news.map(|id| (AvatarId(id), Update::Moved)));
+        let told = Some(&mut crowd as &mut dyn AvatarSource);
         let seen = moving.draw(&mut frame, &camera, &world, told, Duration::from_millis(ms));
         (seen.len(), moving.effort())
     };

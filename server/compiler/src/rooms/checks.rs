@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_visibility::rooms::{Place as RoomPlace, RoomIndex, pieces::Piece};
+use sightline_visibility::rooms::{RoomIndex, RoomOverlap, pieces::Piece};
 use sightline_world::{
     Cells,
     geometry::Aabb,
@@ -11,7 +11,7 @@ use sightline_world::{
 };
 
 use super::{Declared, Fault};
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
 /// Rooms that share no more than this overlap by rounding, in metres.
 const OVERLAP_M: f32 = 0.05;
@@ -25,7 +25,7 @@ pub fn warnings(
     declared: &[Declared],
     rooms: &Rooms,
     cells: &Cells,
-    sight: &dyn Fn() -> Sight,
+    sight: &dyn Fn() -> Oracle,
 ) -> Vec<Fault> {
     let index = RoomIndex::of(rooms, cells);
     let mut found = overlaps(declared, &index);
@@ -102,7 +102,7 @@ struct Checker<'a> {
     rooms: &'a Rooms,
     index: &'a RoomIndex,
     cells: &'a Cells,
-    sight: &'a Sight,
+    sight: &'a Oracle,
 }
 
 impl Checker<'_> {
@@ -148,7 +148,7 @@ impl Checker<'_> {
             let target = &targets[rng.random_range(0..targets.len())];
             let point = self.open(&mut rng, target)?;
             let place =
-                |at: Vec3| -> RoomPlace { self.index.place(self.cells, &[Aabb::new(at, at)]) };
+                |at: Vec3| -> RoomOverlap { self.index.place(self.cells, &[Aabb::new(at, at)]) };
             let (from, to) = (place(eye), place(point));
             let is_hidden = from.touched().contains(&room) && !self.index.may_see(&from, &to);
             let ends = [eye, point].map(|at| self.cells.axes.world(at));

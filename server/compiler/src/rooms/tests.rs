@@ -14,7 +14,7 @@ use super::*;
 use crate::{
     CompileError, Options, Report,
     import::glb::{self, tests::Draft},
-    model::{Material, Model, Surface},
+    model::{Model, Surface, SurfaceMaterial},
 };
 
 /// Two rooms of 4 × 3 × 4 m side by side, and a door in the wall between them, 1 m wide.
@@ -38,7 +38,7 @@ fn house() -> Model {
     wall([4.0, 2.0, 1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
     let positions: Vec<Vec3> = opaque.as_flattened().to_vec();
     let triangles = (0..opaque.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    let material = Material { colour: [200; 3], texture: None, glass: false };
+    let material = SurfaceMaterial { colour: [200; 3], texture: None, glass: false };
     let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
     Model {
         title: "house".into(),
@@ -240,7 +240,7 @@ fn what_is_hidden_though_it_is_plainly_visible_is_told_of() {
     let [eye, point] = [0, 3].map(|at| Vec3::from_slice(&numbers[at..at + 3]));
     let mesh = compiled(WEST).unwrap().0.mesh;
     assert!(
-        eye.x < 4.0 && point.x > 4.0 && sightline_oracle::Sight::new(&mesh).between(eye, point)
+        eye.x < 4.0 && point.x > 4.0 && sightline_oracle::Oracle::new(&mesh).between(eye, point)
     );
     // What is seen through a window is meant to be seen.
     assert_eq!(told(&format!("{room}{DOOR}{EAST}")), [] as [&str; 0]);

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use sightline_world::OriginTree;
 
 use super::{brushes::Brushes, locate::Locator, original::Boxes, seed_of};
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
 /// Rays from each cluster.
 const RAYS: u64 = 96;
@@ -26,7 +26,7 @@ const STEPS_MAX: usize = 800;
 pub(super) fn inside(
     tree: &OriginTree,
     locator: &Locator<'_>,
-    sight: &Sight,
+    sight: &Oracle,
     brushes: &Brushes,
 ) -> Vec<bool> {
     let is_filled = |point: Vec3| {
@@ -50,7 +50,7 @@ pub(super) fn inside(
 /// Whether a ray runs through filled space before it meets a triangle: for two steps, since the
 /// space without a cluster about a brush may be a little larger than the brush.
 fn passes_filled(
-    sight: &Sight,
+    sight: &Oracle,
     from: Vec3,
     direction: Vec3,
     is_filled: &dyn Fn(Vec3) -> bool,

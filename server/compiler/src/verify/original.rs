@@ -5,7 +5,7 @@ use rand::{Rng, rngs::SmallRng};
 use sightline_world::{Origin, OriginLeaf, OriginTree, World, geometry::Aabb};
 
 use super::{brushes::Brushes, exact, hull, locate::Locator};
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
 /// A point is empty when it is so far from every brush, in metres: an eye is never closer to a
 /// wall, and a tenth of a millimetre is far above what rounding moves points and planes by.
@@ -16,7 +16,7 @@ const TRIES_MAX: usize = 100_000;
 /// The original of a world, ready to be asked.
 pub(super) struct Original<'a> {
     world: &'a World,
-    sight: Sight,
+    sight: Oracle,
     brushes: Option<Brushes>,
     tree: Option<Tree<'a>>,
     boxes: Boxes,
@@ -40,7 +40,7 @@ pub(super) struct Spot {
 
 impl<'a> Original<'a> {
     pub fn new(world: &'a World) -> Self {
-        let sight = Sight::new(&world.mesh);
+        let sight = Oracle::new(&world.mesh);
         let mut boxes = Boxes::new([(0, world.bounds())]);
         let Some(origin) = &world.origin else {
             return Self { world, sight, brushes: None, tree: None, boxes };
@@ -110,7 +110,7 @@ impl<'a> Original<'a> {
 }
 
 impl<'a> Tree<'a> {
-    fn new(origin: &'a Origin, tree: &'a OriginTree, sight: &Sight, brushes: &Brushes) -> Self {
+    fn new(origin: &'a Origin, tree: &'a OriginTree, sight: &Oracle, brushes: &Brushes) -> Self {
         let locator = Locator::new(origin, tree);
         let inside = hull::inside(tree, &locator, sight, brushes);
         Self { tree, locator, inside }

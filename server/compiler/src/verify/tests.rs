@@ -8,7 +8,7 @@ use sightline_world::{
 
 use super::*;
 use crate::{import::bsp, model};
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
 /// Three rooms in a row, 4 m each, that fill the world: a wall without a door between the first
 /// two, and none between the last two. Cell 0 sees itself, cells 1 and 2 see each other.
@@ -124,7 +124,7 @@ fn its_figures_are_those_of_brute_force() {
         world.mesh.triangles.push([first, first + 1, first + 2]);
     }
     let world = with_pvs(world, &[&[0], &[1], &[1, 2]]);
-    let (sight, mut seen, mut held, mut missed) = (Sight::new(&world.mesh), 0.0, 0.0, 0.0);
+    let (sight, mut seen, mut held, mut missed) = (Oracle::new(&world.mesh), 0.0, 0.0, 0.0);
     for _ in 0..100_000 {
         let mut point =
             || Vec3::new(rng.random(), rng.random(), rng.random()) * world.cells.bounds.size();

@@ -303,13 +303,13 @@ impl Block<'_> {
         let candidates = touching.iter().map(|&candidate| &self.candidates[candidate as usize]);
         let glass = candidates.clone().all(|candidate| candidate.sample.glass);
         let centre = corner.as_vec3() + 0.5;
-        let mut looks = Looks::default();
+        let mut materials = Looks::default();
         for candidate in candidates.filter(|candidate| candidate.sample.glass == glass) {
             let area = if touching.len() == 1 { 1.0 } else { candidate.overlap.area_in(centre) };
             let colour = candidate.sample.colour(candidate.overlap.weights(centre));
-            looks.add(area, colour, candidate.overlap.normal());
+            materials.add(area, colour, candidate.overlap.normal());
         }
-        looks.voxel(self.first_key + morton(corner), glass)
+        materials.voxel(self.first_key + morton(corner), glass)
     }
 }
 

@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use glam::{Vec2, Vec3};
 use image::RgbImage;
-use sightline_world::octree::{Look, Voxel};
+use sightline_world::octree::{Material, Voxel};
 
 use super::super::model::Surface;
 
@@ -94,7 +94,7 @@ impl Looks {
             key,
             colour: colour.to_array().map(|channel| channel.round() as u8),
             normal: normal.to_array().map(|part| part.round() as i8),
-            flags: if glass { Look::GLASS } else { 0 },
+            flags: if glass { Material::GLASS } else { 0 },
         }
     }
 }

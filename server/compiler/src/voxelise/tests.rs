@@ -3,10 +3,10 @@ use std::collections::BTreeSet;
 use glam::{DVec3, Vec2};
 use proptest::prelude::*;
 
-use sightline_world::octree::Look;
+use sightline_world::octree::Material;
 
 use super::*;
-use crate::model::Material;
+use crate::model::SurfaceMaterial;
 
 fn surface(triangles: &[[Vec3; 3]], colour: [u8; 3], glass: bool) -> Surface {
     Surface {
@@ -14,7 +14,7 @@ fn surface(triangles: &[[Vec3; 3]], colour: [u8; 3], glass: bool) -> Surface {
         uvs: Vec::new(),
         colours: Vec::new(),
         triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        material: Material { colour, texture: None, glass },
+        material: SurfaceMaterial { colour, texture: None, glass },
     }
 }
 
@@ -115,7 +115,7 @@ fn looks_come_from_what_is_there() {
     let at = |x, y, z| *octree.leaf_at(Vec3::new(x, y, z)).expect("filled");
     let floor = at(2.5, 0.0, 3.5);
     assert_eq!((floor.colour, floor.normal, floor.flags), ([140, 100, 200], [0, 127, 0], 0));
-    assert_eq!(at(2.0, 0.5, 1.1).flags, Look::GLASS);
+    assert_eq!(at(2.0, 0.5, 1.1).flags, Material::GLASS);
     // Where the pane stands on the floor, the floor is seen.
     let foot = at(2.0, 0.0, 1.1);
     assert_eq!((foot.colour[1], foot.flags), (100, 0));
@@ -142,7 +142,7 @@ fn a_texture_gives_its_mean_to_what_is_coarser() {
     floor.material.texture = Some(std::sync::Arc::new(fine));
     let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(2.0));
     let octree = voxelise(&[floor], &bounds, 0.125, &|_| ControlFlow::Continue(())).expect("small");
-    assert!(octree.looks.iter().all(|look| look.colour == [100; 3]));
+    assert!(octree.materials.iter().all(|look| look.colour == [100; 3]));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
     self as compile, compile,
     import::glb,
-    model::{Convex, ConvexFace, Material, Model, Surface},
+    model::{Convex, ConvexFace, Model, Surface, SurfaceMaterial},
     verify::{self, verify},
 };
 use sightline_demo_building as demo_building;
@@ -236,7 +236,7 @@ fn point(rng: &mut SmallRng) -> Vec3 {
 fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<Convex>) -> Model {
     let positions = opaque.as_flattened().to_vec();
     let triangles = (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| i * 3 + k)).collect();
-    let material = Material { colour: [90, 120, 150], texture: None, glass: false };
+    let material = SurfaceMaterial { colour: [90, 120, 150], texture: None, glass: false };
     let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
     Model {
         title: "random".into(),

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 use sightline_visibility::box_visibility::{Line, Occluders, Outcome, Scratch};
 use sightline_world::{CellId, World, geometry::Aabb};
 
@@ -31,7 +31,7 @@ pub struct Tally {
 impl Tally {
     /// Tries pairs of boxes in a building.
     pub fn add(&mut self, world: &World, pairs: usize, rng: &mut SmallRng, place: &str) {
-        let (occluders, sight) = (Occluders::new(world), Sight::new(&world.mesh));
+        let (occluders, sight) = (Occluders::new(world), Oracle::new(&world.mesh));
         let is_free = |line: &Line| {
             sight.between(world.cells.axes.world(line.from), world.cells.axes.world(line.to))
         };

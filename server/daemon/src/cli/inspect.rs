@@ -8,12 +8,12 @@ use serde::Serialize;
 use sightline_cli::progress::Progress;
 use sightline_compiler::{
     carve_preview::{self, View},
-    octree_statistics::OctreeFigures,
+    octree_statistics::OctreeStatistics,
     plan::{self, Mark, Overlay},
     suggest, verify,
 };
 use sightline_world::{
-    Mover, World, content_id, motion::trajectory::Course, rooms::Room, write_whole,
+    Mover, World, content_id, motion::trajectory::Playback, rooms::Room, write_whole,
 };
 
 use super::{
@@ -93,7 +93,7 @@ struct Figures {
     movers: Vec<MoverFigures>,
     rooms: Vec<RoomFigures>,
     #[serde(flatten)]
-    octree: OctreeFigures,
+    octree: OctreeStatistics,
     spawns: usize,
     speed_max_m_s: f32,
     #[serde(flatten)]
@@ -137,9 +137,9 @@ struct MoverFigures {
 impl MoverFigures {
     fn new(mover: &Mover) -> Self {
         let course = match mover.trajectory.course() {
-            Course::Loop => "for ever",
-            Course::Once => "once",
-            Course::Triggered => "when set off",
+            Playback::Loop => "for ever",
+            Playback::Once => "once",
+            Playback::Triggered => "when set off",
         };
         Self {
             name: printable(&mover.name),
@@ -173,7 +173,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         opaque_triangles: world.mesh.triangles.len(),
         movers: world.movers.iter().map(MoverFigures::new).collect(),
         rooms: world.rooms.list().iter().map(RoomFigures::new).collect(),
-        octree: OctreeFigures::of(&world.octree),
+        octree: OctreeStatistics::of(&world.octree),
         spawns: world.spawns.len(),
         speed_max_m_s: world.speed_max,
         verified: None,

@@ -15,7 +15,7 @@ use std::{
 
 use anyhow::Context;
 use serde::Serialize;
-use sightline_compiler::{carve::CarveReport, octree_statistics::OctreeFigures};
+use sightline_compiler::{carve::CarveReport, octree_statistics::OctreeStatistics};
 
 /// Writes to stdout. When nobody reads it any more, that is no fault: the work is done.
 ///
@@ -61,12 +61,12 @@ pub fn carving_rows(report: &CarveReport) -> [(&'static str, String); 9] {
 }
 
 /// What an octree takes, for the tables of `compile` and `inspect`.
-pub fn octree_rows(figures: &OctreeFigures) -> [(&'static str, String); 5] {
+pub fn octree_rows(figures: &OctreeStatistics) -> [(&'static str, String); 5] {
     let bytes = |total: usize, each: f64| format!("{total} bytes, {each:.3} a voxel");
     [
         ("voxels", format!("{} of {:.1} mm", figures.voxels, figures.voxel_m * 1000.0)),
         ("  depth", format!("{}, {} inner nodes", figures.depth, figures.inner_nodes)),
-        ("  looks", figures.looks.to_string()),
+        ("  materials", figures.materials.to_string()),
         ("  in memory", bytes(figures.memory_bytes, figures.memory_bytes_per_voxel)),
         ("  on the wire", bytes(figures.wire_bytes, figures.wire_bytes_per_voxel)),
     ]

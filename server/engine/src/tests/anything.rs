@@ -15,7 +15,7 @@ use sightline_world::{
 };
 
 use super::{rooms, stage, twin};
-use crate::{ClientState, Config, Engine, Input, Margin, Output, Policy, Shape, Validity};
+use crate::{Config, Engine, Input, Margin, Output, Policy, ReportingState, Shape, Validity};
 
 /// What is done to an engine.
 #[derive(Clone, Debug)]
@@ -265,7 +265,7 @@ impl Outside {
 
     fn all_report(&mut self, way: Vec3) {
         let is_heard = |id: &AvatarId| {
-            matches!(self.engine.state(*id), Some(ClientState::Live | ClientState::Asked(_)))
+            matches!(self.engine.state(*id), Some(ReportingState::Live | ReportingState::Asked(_)))
         };
         let heard: Vec<AvatarId> = self.engine.avatars().filter(is_heard).collect();
         for (turn, avatar) in (0..).zip(heard) {

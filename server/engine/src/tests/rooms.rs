@@ -13,7 +13,7 @@ use sightline_world::{
 };
 
 use super::stage::{Stage, row};
-use crate::{ClientState, Config, Input, Output, Policy, Reason};
+use crate::{Config, Input, Output, Policy, Reason, ReportingState};
 
 fn room(name: &str, min: [f32; 3], max: [f32; 3]) -> Room {
     let shapes = vec![Shape::Box(Aabb::new(Vec3::from(min), Vec3::from(max)))];
@@ -93,12 +93,12 @@ fn nobody_in_sight_but_by_a_sealed_wall_keeps_anybody_from_falling_silent() {
     let (ada, bob) = (stage.join(1, 15.0), stage.join(2, 24.0));
     stage.ticks(40);
     for avatar in [ada, bob] {
-        assert!(matches!(stage.engine.state(avatar), Some(ClientState::Quiet(_))), "{avatar:?}");
+        assert!(matches!(stage.engine.state(avatar), Some(ReportingState::Quiet(_))), "{avatar:?}");
     }
     let mut plain = Stage::new(row(5), stage.engine.config().clone());
     let (ada, _) = (plain.join(1, 15.0), plain.join(2, 24.0));
     plain.ticks(40);
-    assert_eq!(plain.engine.state(ada), Some(ClientState::Live));
+    assert_eq!(plain.engine.state(ada), Some(ReportingState::Live));
 }
 
 /// Eight people who walk about, in and out of the corner, and talk.

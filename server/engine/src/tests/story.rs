@@ -9,7 +9,7 @@ use sightline_world::{
 };
 
 use super::stage::{Stage, TICK, row};
-use crate::{ClientState, Config, Input, Margin, Output, Policy, Reason, Shape, Validity};
+use crate::{Config, Input, Margin, Output, Policy, Reason, ReportingState, Shape, Validity};
 
 fn sees(stage: &Stage, viewer: AvatarId) -> Vec<u32> {
     let told: Vec<u32> = stage.client(viewer).sees.keys().map(|id| id.0).collect();
@@ -19,7 +19,7 @@ fn sees(stage: &Stage, viewer: AvatarId) -> Vec<u32> {
 }
 
 fn is_quiet(stage: &Stage, avatar: AvatarId) -> bool {
-    let quiet = matches!(stage.engine.state(avatar), Some(ClientState::Quiet(_)));
+    let quiet = matches!(stage.engine.state(avatar), Some(ReportingState::Quiet(_)));
     assert_eq!(stage.client(avatar).quiet, stage.engine.tbv(avatar).filter(|_| quiet));
     quiet
 }
@@ -52,7 +52,7 @@ fn two_meet_part_fall_silent_meet_again_and_leave() {
     // Bob comes back; Ada is asked before she can be seen and then reports again.
     stage.walk(bob, 15.0);
     assert_eq!((sees(&stage, ada), sees(&stage, bob)), (vec![2], vec![1]));
-    assert_eq!(stage.engine.state(ada), Some(ClientState::Live));
+    assert_eq!(stage.engine.state(ada), Some(ReportingState::Live));
     assert!(stage.client(ada).quiet.is_none());
     assert!(stage.engine.stats().reveals > 0);
 
@@ -86,11 +86,15 @@ fn a_tbv_in_view_is_asked_and_its_avatar_not_sent_unless_it_is_there() {
     let cy = stage.join(3, 15.0);
     stage.tick();
     assert_eq!(stage.engine.stats().reveals, 1, "his TBV meets room 2");
-    assert!(matches!(stage.engine.state(bob), Some(ClientState::Asked(_))));
+    assert!(matches!(stage.engine.state(bob), Some(ReportingState::Asked(_))));
     assert_eq!(sees(&stage, cy), Vec::<u32>::new());
     stage.ticks(5);
     assert_eq!(sees(&stage, cy), Vec::<u32>::new(), "his place was not sent");
-    assert_eq!(stage.engine.state(bob), Some(ClientState::Live), "his next TBV would be in view");
+    assert_eq!(
+        stage.engine.state(bob),
+        Some(ReportingState::Live),
+        "his next TBV would be in view"
+    );
 }
 
 #[test]

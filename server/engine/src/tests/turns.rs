@@ -6,7 +6,7 @@ use glam::Vec3;
 use sightline_world::{CellId, Node, World, geometry::Aabb, motion::AvatarId};
 
 use super::stage::{Stage, world};
-use crate::{ClientState, Config, Margin};
+use crate::{Config, Margin, ReportingState};
 
 const CELL_M: f32 = 10.0;
 /// Between two rooms.
@@ -74,7 +74,7 @@ fn crowd(silence_budget: u32) -> Stage {
 /// Of those with some ids, how many are silent.
 fn quiet(stage: &Stage, ids: Range<u32>) -> usize {
     let is_quiet =
-        |id: &u32| matches!(stage.engine.state(AvatarId(*id)), Some(ClientState::Quiet(_)));
+        |id: &u32| matches!(stage.engine.state(AvatarId(*id)), Some(ReportingState::Quiet(_)));
     ids.filter(is_quiet).count()
 }
 

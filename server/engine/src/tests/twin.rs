@@ -15,7 +15,7 @@ use sightline_world::{
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::{ClientState, Config, Input, Margin, Validity, bits::Bits, fit::Fit};
+use crate::{Config, Input, Margin, ReportingState, Validity, bits::Bits, fit::Fit};
 
 const MARGIN: Duration = Duration::from_millis(25);
 
@@ -181,7 +181,7 @@ impl Crowd {
                 held.iter().all(|id| may.contains(id)),
                 "{viewer:?} at {at:?}: {held:?} {may:?}"
             );
-            if matches!(engine.state(*viewer), Some(ClientState::Quiet(_))) {
+            if matches!(engine.state(*viewer), Some(ReportingState::Quiet(_))) {
                 self.check_hidden(at, *viewer);
             }
         }
@@ -190,7 +190,7 @@ impl Crowd {
     }
 
     fn live(&self, avatar: AvatarId) -> bool {
-        self.stage.engine.state(avatar) == Some(ClientState::Live)
+        self.stage.engine.state(avatar) == Some(ReportingState::Live)
     }
 
     /// Whom a viewer must be told of, and whom it may be told of: regions have something to spare.

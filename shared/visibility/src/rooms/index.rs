@@ -4,7 +4,7 @@ use glam::Vec3;
 use roaring::RoaringBitmap;
 
 use super::{
-    Place, Seal,
+    RoomOverlap, Seal,
     pieces::{Piece, ROUNDING_M, cover},
     region::Region,
     sight::{Panes, Viewpoint},
@@ -79,7 +79,7 @@ struct Named {
 
 /// What somebody in one room may see of somebody in another, by rooms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum RoomVerdict {
     /// Whatever cells give.
     Always,
     /// Nothing.
@@ -132,26 +132,26 @@ impl RoomIndex {
     }
 
     /// The rooms of a region, which is some boxes in own axes.
-    pub fn place(&self, cells: &Cells, boxes: &[Aabb]) -> Place {
+    pub fn place(&self, cells: &Cells, boxes: &[Aabb]) -> RoomOverlap {
         if self.halls.is_empty() {
-            return Place { is_bare: true, ..Place::default() };
+            return RoomOverlap { is_bare: true, ..RoomOverlap::default() };
         }
-        Place::new(self, cells, boxes)
+        RoomOverlap::new(self, cells, boxes)
     }
 
     /// The rooms of what some cells, ascending, have of a region: of somebody who can be in these cells only,
     /// whatever walls the boxes reach through.
-    pub fn place_in(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> Place {
+    pub fn place_in(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> RoomOverlap {
         if self.halls.is_empty() {
-            return Place { is_bare: true, ..Place::default() };
+            return RoomOverlap { is_bare: true, ..RoomOverlap::default() };
         }
-        Place::within_cells(self, cells, boxes, found)
+        RoomOverlap::within_cells(self, cells, boxes, found)
     }
 
     /// Whether somebody whose eye is somewhere in one region may, by rooms, see something of a body
     /// that is somewhere in another: not denied unless it is for all places in them. A region that is
     /// part of another is denied wherever that is.
-    pub fn may_see(&self, eyes: &Place, body: &Place) -> bool {
+    pub fn may_see(&self, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
         if !eyes.may_share_seals(body) {
             return false;
         }
@@ -160,7 +160,7 @@ impl RoomIndex {
 
     /// What somebody who is all in one room, and in no other, may see of somebody who is all in
     /// another, and in no other.
-    pub fn verdict(&self, from: RoomId, to: RoomId) -> Verdict {
+    pub fn verdict(&self, from: RoomId, to: RoomId) -> RoomVerdict {
         let hall = &self.halls[usize::from(from.0)];
         let is_sealed = from != to && (hall.sealed || self.halls[usize::from(to.0)].sealed);
         let named = hall.named();
@@ -170,13 +170,13 @@ impl RoomIndex {
         };
         let may_be = !named.cells.is_empty() || !named.objects.is_empty();
         if is_sealed {
-            Verdict::Never
+            RoomVerdict::Never
         } else if is_shown || !hall.restricts {
-            Verdict::Always
+            RoomVerdict::Always
         } else if hall.through.contains(to.0.into()) || may_be {
-            Verdict::Windows
+            RoomVerdict::Windows
         } else {
-            Verdict::Never
+            RoomVerdict::Never
         }
     }
 
@@ -242,7 +242,7 @@ impl RoomIndex {
     }
 
     /// Whether somebody in a room is shown some of a body by its set, or through its windows.
-    pub(super) fn shows(&self, id: RoomId, eyes: &Place, body: &Place) -> bool {
+    pub(super) fn shows(&self, id: RoomId, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
         let hall = &self.halls[usize::from(id.0)];
         if self.shows_by_set(id, body) {
             return true;
@@ -260,7 +260,7 @@ impl RoomIndex {
     }
 
     /// Whether some of a body may belong to what a room shows by its set.
-    pub(super) fn shows_by_set(&self, id: RoomId, body: &Place) -> bool {
+    pub(super) fn shows_by_set(&self, id: RoomId, body: &RoomOverlap) -> bool {
         match &self.halls[usize::from(id.0)].rule {
             Rule::Only(named) => {
                 body.touched.iter().any(|room| named.rooms.contains(room.0.into()))
@@ -271,11 +271,11 @@ impl RoomIndex {
                         .any(|body| self.named_near(named).any(|at| at.intersects(body)))
             }
             Rule::AllBut(named) => {
-                let in_cells = |place: &Place| {
+                let in_cells = |place: &RoomOverlap| {
                     !place.cells.is_empty()
                         && place.cells.iter().all(|cell| named.cells.contains(cell.0))
                 };
-                let in_objects = |place: &Place| {
+                let in_objects = |place: &RoomOverlap| {
                     let holds =
                         |body: &Aabb| self.named_near(named).any(|at| at.contains_box(body));
                     !place.boxes.is_empty() && place.boxes.iter().all(holds)

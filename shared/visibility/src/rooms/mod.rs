@@ -24,11 +24,11 @@
 
 pub mod depth;
 mod index;
+mod overlap;
 pub mod pieces;
-mod place;
 pub mod region;
 pub mod sets;
 pub mod sight;
 
-pub use index::{RoomIndex, Verdict};
-pub use place::{Place, Seal};
+pub use index::{RoomIndex, RoomVerdict};
+pub use overlap::{RoomOverlap, Seal};

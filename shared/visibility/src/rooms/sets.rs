@@ -74,7 +74,7 @@ struct Looker<'a> {
     world: &'a World,
     index: &'a RoomIndex,
     field: Region,
-    eyes: super::Place,
+    eyes: super::RoomOverlap,
     /// For each room that some eye is in, what its windows show.
     windows: Vec<(RoomId, Region)>,
 }

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover,
-    motion::trajectory::{Course, JOINTS_MAX, Joint, Track, Trajectory},
+    motion::trajectory::{JOINTS_MAX, Joint, Playback, Track, Trajectory},
 };
 
 /// The least that a mover takes: two counts of its mesh, a name's length, course, length, joints.
@@ -60,9 +60,9 @@ fn read_mover(input: &mut Input) -> Result<Mover, ReadError> {
 
 fn put_trajectory(out: &mut Vec<u8>, trajectory: &Trajectory) {
     out.push(match trajectory.course() {
-        Course::Loop => 0,
-        Course::Once => 1,
-        Course::Triggered => 2,
+        Playback::Loop => 0,
+        Playback::Once => 1,
+        Playback::Triggered => 2,
     });
     put_f32(out, trajectory.length_s());
     out.push(trajectory.joints().len() as u8);
@@ -78,9 +78,9 @@ fn put_trajectory(out: &mut Vec<u8>, trajectory: &Trajectory) {
 
 fn read_trajectory(input: &mut Input) -> Result<Trajectory, ReadError> {
     let course = match input.u8()? {
-        0 => Course::Loop,
-        1 => Course::Once,
-        2 => Course::Triggered,
+        0 => Playback::Loop,
+        1 => Playback::Once,
+        2 => Playback::Triggered,
         _ => return Err(ReadError::Malformed("the course of a mover")),
     };
     let length_s = input.f32()?;

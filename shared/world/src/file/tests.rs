@@ -8,8 +8,8 @@ use crate::{
     Cell, CellId, Cells, Gate, Mover, Node, Origin, OriginLeaf, OriginNode, OriginPlane,
     OriginSide, OriginTree, Polygon, Portal, Solid, Space,
     geometry::Axes,
-    motion::trajectory::{Course, Joint, Track, Trajectory},
-    octree::{Look, Voxel, morton},
+    motion::trajectory::{Joint, Playback, Track, Trajectory},
+    octree::{Material, Voxel, morton},
     rooms::{Members, Object, Room, RoomId, Sees, Shape, Window},
 };
 
@@ -33,7 +33,7 @@ fn small_world() -> World {
             Vec3::ZERO,
             2.0,
             2,
-            vec![voxel(0, 0), voxel(1, Look::GLASS), voxel(3, 0)],
+            vec![voxel(0, 0), voxel(1, Material::GLASS), voxel(3, 0)],
         )
         .expect("small"),
         cells: Cells {
@@ -104,7 +104,7 @@ fn swing_door() -> Mover {
     let mut hinge = Joint::still(DAffine3::IDENTITY);
     let turned = |angle: f32| Quat::from_rotation_y(angle);
     hinge.rotation = Track::steps(vec![(0.0, turned(0.0)), (1.0, turned(1.0)), (2.0, turned(0.0))]);
-    let trajectory = Trajectory::new(vec![lift, hinge], 2.0, Course::Loop).unwrap();
+    let trajectory = Trajectory::new(vec![lift, hinge], 2.0, Playback::Loop).unwrap();
     let mesh =
         Mesh { positions: vec![Vec3::ZERO, Vec3::Y * 2.0, Vec3::X], triangles: vec![[0, 1, 2]] };
     Mover::new("door".into(), mesh, vec![[90, 60, 30]], trajectory).unwrap()

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::{
-    Inner, Look, flat,
+    Inner, Material, flat,
     palette::{Palette, unit},
     shape,
 };
@@ -34,7 +34,7 @@ pub(super) fn average(
             for child in node.first as usize..(node.first + node.mask.count_ones()) as usize {
                 if index >= block.bottom {
                     let leaf = leaves[child];
-                    blend.add(leaf, Blend::of(&palette.looks[usize::from(leaf)], 1), false);
+                    blend.add(leaf, Blend::of(&palette.materials[usize::from(leaf)], 1), false);
                 } else {
                     let child_node = &inner[child];
                     let glassy = child_node.flags & Inner::SOME_GLASS != 0;
@@ -54,7 +54,7 @@ pub(super) fn average(
         let mut blend = Children::default();
         for child in node.first as usize..(node.first + node.mask.count_ones()) as usize {
             let Inner { look, flags, .. } = inner[child];
-            let mean = Blend::of(&palette.looks[usize::from(look)], weights[child]);
+            let mean = Blend::of(&palette.materials[usize::from(look)], weights[child]);
             blend.add(look, mean, flags & Inner::SOME_GLASS != 0);
         }
         weights[index] = blend.finish(&mut inner[index], palette)?.weight;
@@ -110,7 +110,7 @@ struct Blend {
 }
 
 impl Blend {
-    fn of(look: &Look, weight: u32) -> Self {
+    fn of(look: &Material, weight: u32) -> Self {
         let light = look.colour.map(|channel| u64::from(weight) * u64::from(channel).pow(2));
         let normal = look.normal.map(|part| i64::from(weight) * i64::from(part));
         Self { is_glass: look.is_glass(), weight, light, normal }
@@ -130,12 +130,12 @@ impl Blend {
         }
     }
 
-    fn look(&self) -> Look {
+    fn look(&self) -> Material {
         let weight = f64::from(self.weight.max(1));
         // A root is exactly rounded, so that all machines agree.
         let colour = self.light.map(|sum| ((sum as f64 / weight).sqrt() + 0.5) as u8);
         let normal = unit(self.normal.map(|part| part as f64));
-        Look { colour, normal, flags: if self.is_glass { Look::GLASS } else { 0 } }
+        Material { colour, normal, flags: if self.is_glass { Material::GLASS } else { 0 } }
     }
 }
 
@@ -147,7 +147,7 @@ mod tests {
     fn light_is_averaged_and_not_srgb() {
         let mut blend = Blend::default();
         for shade in [0, 255] {
-            blend.add(&Blend::of(&Look { colour: [shade; 3], ..Look::default() }, 1));
+            blend.add(&Blend::of(&Material { colour: [shade; 3], ..Material::default() }, 1));
         }
         assert_eq!(blend.look().colour, [180; 3]);
     }
@@ -156,7 +156,7 @@ mod tests {
     fn opposite_normals_do_not_cancel() {
         let mut blend = Blend::default();
         for x in [127, -127] {
-            blend.add(&Blend::of(&Look { normal: [x, 0, 0], ..Look::default() }, 1));
+            blend.add(&Blend::of(&Material { normal: [x, 0, 0], ..Material::default() }, 1));
         }
         assert_eq!(blend.look().normal, [127, 0, 0]);
     }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::{UVec3, Vec3};
 
 use super::{
-    BLOCK_LEVELS, DEPTH_MAX, INNER_MAX, LEAVES_MAX, Look, Octree, OctreeError,
+    BLOCK_LEVELS, DEPTH_MAX, INNER_MAX, LEAVES_MAX, Material, Octree, OctreeError,
     blend::average,
     census::Census,
     palette::Palette,
@@ -17,18 +17,18 @@ use super::{
 pub struct Voxel {
     /// Where: see [`morton`].
     pub key: u64,
-    /// As in [`Look::colour`].
+    /// As in [`Material::colour`].
     pub colour: [u8; 3],
-    /// As in [`Look::normal`].
+    /// As in [`Material::normal`].
     pub normal: [i8; 3],
-    /// As in [`Look::flags`].
+    /// As in [`Material::flags`].
     pub flags: u8,
 }
 
 impl Voxel {
     /// How it looks.
-    pub fn look(&self) -> Look {
-        Look { colour: self.colour, normal: self.normal, flags: self.flags & Look::GLASS }
+    pub fn look(&self) -> Material {
+        Material { colour: self.colour, normal: self.normal, flags: self.flags & Material::GLASS }
     }
 }
 
@@ -54,7 +54,7 @@ pub struct Block {
     key: u64,
     /// Child masks, breadth-first, the root's first.
     masks: Vec<u8>,
-    looks: Vec<Look>,
+    materials: Vec<Material>,
 }
 
 impl Block {
@@ -73,13 +73,13 @@ impl Block {
             return Err(OctreeError::Outside);
         }
         let keys = voxels.iter().map(|voxel| voxel.key).collect();
-        let looks = voxels.iter().map(Voxel::look).collect();
-        Ok(Some(Self { key, masks: masks_above(keys, below), looks }))
+        let materials = voxels.iter().map(Voxel::look).collect();
+        Ok(Some(Self { key, masks: masks_above(keys, below), materials }))
     }
 
     /// How many voxels it has.
     pub fn voxels(&self) -> usize {
-        self.looks.len()
+        self.materials.len()
     }
 }
 
@@ -166,7 +166,7 @@ impl Octree {
         let mut octree = Self::empty(origin, edge, depth);
         octree.inner = shape.inner;
         let mut census = Census::default();
-        blocks.iter().for_each(|block| census.count(&block.looks, leaves));
+        blocks.iter().for_each(|block| census.count(&block.materials, leaves));
         let mut palettes = census.palettes();
         let painted =
             palettes.any(|palette| octree.paint(palette, &shape.roots, &blocks).is_some());
@@ -182,14 +182,14 @@ impl Octree {
     ) -> Option<()> {
         self.leaves.clear();
         self.leaves.reserve_exact(blocks.iter().map(Block::voxels).sum());
-        for look in blocks.iter().flat_map(|block| &block.looks) {
+        for look in blocks.iter().flat_map(|block| &block.materials) {
             self.leaves.push(palette.index(look)?);
         }
         average(&mut self.inner, roots, &self.leaves, self.depth, &mut palette)?;
         let places = palette.sort();
         let inner = self.inner.iter_mut().map(|node| &mut node.look);
         inner.chain(&mut self.leaves).for_each(|look| *look = places[usize::from(*look)]);
-        (self.keys, self.looks) = (palette.keys, palette.looks);
+        (self.keys, self.materials) = (palette.keys, palette.materials);
         Some(())
     }
 }
@@ -207,7 +207,7 @@ fn masks_of(blocks: &mut [Block], above: u8) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::octree::{Inner, LOOKS_MAX};
+    use crate::octree::{Inner, MATERIALS_MAX};
 
     #[test]
     fn keys_interleave_the_bits() {
@@ -235,8 +235,8 @@ mod tests {
                 voxel(0, [100, 0, 0], 0),
                 voxel(1, [200, 0, 50], 0),
                 voxel(2, [0, 90, 0], 0),
-                voxel(3, [0, 0, 255], Look::GLASS),
-                voxel(far + 1, [9, 9, 9], Look::GLASS),
+                voxel(3, [0, 0, 255], Material::GLASS),
+                voxel(far + 1, [9, 9, 9], Material::GLASS),
             ];
             let octree = Octree::from_voxels(Vec3::ZERO, 1.0, levels + 1, voxels).expect("small");
             let root = octree.root().expect("filled");
@@ -256,12 +256,12 @@ mod tests {
         let voxels = (0..300_000u32).map(|i| {
             let [x, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
             let normal = [x as i8, r as i8, i as i8];
-            Voxel { key: u64::from(i), colour: [r, g, b], normal, flags: x & Look::GLASS }
+            Voxel { key: u64::from(i), colour: [r, g, b], normal, flags: x & Material::GLASS }
         });
         let octree = Octree::from_voxels(Vec3::ZERO, 1.0, 7, voxels.collect()).expect("fits");
-        assert!((1_000..=LOOKS_MAX).contains(&octree.looks.len()));
+        assert!((1_000..=MATERIALS_MAX).contains(&octree.materials.len()));
         let glass = octree.first_glass();
-        assert!(octree.looks[..glass].iter().all(|look| !look.is_glass()));
+        assert!(octree.materials[..glass].iter().all(|look| !look.is_glass()));
         // Whoever reads it finds the same entries for inner nodes.
         assert!(Octree::from_bytes(&octree.to_bytes()) == Ok(octree));
     }

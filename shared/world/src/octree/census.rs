@@ -3,7 +3,7 @@
 use rustc_hash::FxHashMap;
 
 use super::{
-    Look,
+    Material,
     palette::{GRAINS, Key, Palette, key_of, look_of, to_ycocg},
 };
 
@@ -27,14 +27,14 @@ const KINDS_MAX: usize = 4 << 20;
 #[derive(Default)]
 pub(super) struct Census {
     counts: FxHashMap<Key, u32>,
-    last: Option<(Look, Key)>,
-    trial: Vec<Look>,
+    last: Option<(Material, Key)>,
+    trial: Vec<Material>,
 }
 
 impl Census {
     /// Counts some neighbours. A part of them is kept; `total` is how many will come.
-    pub(super) fn count(&mut self, looks: &[Look], total: usize) {
-        for look in looks {
+    pub(super) fn count(&mut self, materials: &[Material], total: usize) {
+        for look in materials {
             let key = match self.last {
                 Some((known, key)) if known == *look => key,
                 _ => key_of(look, 0),
@@ -44,8 +44,9 @@ impl Census {
             *count = count.saturating_add(1);
         }
         // From every so many neighbours, so that these stay together.
-        let kept = (looks.len() as u64 * TRIAL as u64).div_ceil(total.max(TRIAL) as u64) as usize;
-        self.trial.extend(&looks[..kept.min(looks.len())]);
+        let kept =
+            (materials.len() as u64 * TRIAL as u64).div_ceil(total.max(TRIAL) as u64) as usize;
+        self.trial.extend(&materials[..kept.min(materials.len())]);
     }
 
     /// Palettes, the best first, to which looks can be added while there is room. The last one has
@@ -63,8 +64,10 @@ impl Census {
     /// The finest grain that packs well enough.
     fn finest(&self) -> usize {
         let packs_well = |&grain: &usize| {
-            let looks = self.trial.iter().map(|look| to_ycocg(look_of(key_of(look, grain)).colour));
-            let colours: Vec<[u8; 3]> = looks.map(|colour| colour.map(|part| part as u8)).collect();
+            let materials =
+                self.trial.iter().map(|look| to_ycocg(look_of(key_of(look, grain)).colour));
+            let colours: Vec<[u8; 3]> =
+                materials.map(|colour| colour.map(|part| part as u8)).collect();
             let lumas =
                 colours.windows(2).map(|pair| pair[1][0].wrapping_sub(pair[0][0])).collect();
             let plane = |plane: usize| colours.iter().map(|colour| colour[plane]).collect();
@@ -137,11 +140,11 @@ fn choice(kinds: &[Kind], finest: usize, coarsest: usize, threshold: u64) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::octree::LOOKS_MAX;
+    use crate::octree::MATERIALS_MAX;
 
-    fn shade(i: u32) -> Look {
+    fn shade(i: u32) -> Material {
         let [_, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
-        Look { colour: [r, g, b], normal: [0, 127, 0], flags: 0 }
+        Material { colour: [r, g, b], normal: [0, 127, 0], flags: 0 }
     }
 
     #[test]
@@ -150,7 +153,7 @@ mod tests {
         let lumas = 255 / usize::from(coarsest.luma) + 2;
         let chromas = 2 * (255 / usize::from(coarsest.chroma) + 1) + 1;
         let normals = 4 * usize::from(coarsest.normal).pow(2) + 2 + 1;
-        assert!(CHOSEN + lumas * chromas * chromas * normals * 2 <= LOOKS_MAX);
+        assert!(CHOSEN + lumas * chromas * chromas * normals * 2 <= MATERIALS_MAX);
     }
 
     #[test]
@@ -162,9 +165,9 @@ mod tests {
         let filled = |mut palette: Palette| {
             let indices: Option<Vec<u16>> =
                 (0..200_000).map(|i| palette.index(&shade(i))).collect();
-            Some(indices?.iter().map(|&index| palette.looks[usize::from(index)]).collect())
+            Some(indices?.iter().map(|&index| palette.materials[usize::from(index)]).collect())
         };
-        let found: Vec<Look> = census.palettes().find_map(filled).expect("the last has room");
+        let found: Vec<Material> = census.palettes().find_map(filled).expect("the last has room");
         let error = |i: usize| {
             let wanted = shade(i as u32).colour;
             found[i].colour.iter().zip(wanted).map(|(&a, b)| a.abs_diff(b)).max().unwrap_or(0)
@@ -183,7 +186,7 @@ mod tests {
         let mut palette = census.palettes().next().expect("there is one");
         for i in 0..1_000 {
             let index = palette.index(&shade(i)).expect("room");
-            assert_eq!(palette.looks[usize::from(index)], shade(i));
+            assert_eq!(palette.materials[usize::from(index)], shade(i));
         }
     }
 }

@@ -23,7 +23,7 @@ use thiserror::Error;
 use zstd::stream::read::Decoder;
 
 use super::{
-    DEPTH_MAX, INNER_MAX, LEAVES_MAX, LOOKS_MAX, Look, Octree,
+    DEPTH_MAX, INNER_MAX, LEAVES_MAX, MATERIALS_MAX, Material, Octree,
     blend::average,
     palette::{KEY_MAX, Key, Palette, to_ycocg},
     shape::Shape,
@@ -73,12 +73,12 @@ impl Octree {
             bytes.extend(number.to_le_bytes());
         }
         bytes.push(self.depth);
-        for count in [self.looks.len(), self.inner.len(), self.leaves.len()] {
+        for count in [self.materials.len(), self.inner.len(), self.leaves.len()] {
             bytes.extend((count as u32).to_le_bytes());
         }
         put_frame(&mut bytes, &palette_planes(&self.keys));
         put_frame(&mut bytes, &self.inner.iter().map(|node| node.mask).collect::<Vec<_>>());
-        let coded = coded(&self.looks);
+        let coded = coded(&self.materials);
         let plane = |plane: usize| {
             let value = |&leaf: &u16| coded[usize::from(leaf)][plane];
             self.leaves.iter().map(value).collect::<Vec<u8>>()
@@ -100,8 +100,9 @@ impl Octree {
             let count = u32::from_le_bytes(take(&mut rest)?) as usize;
             if count <= max { Ok(count) } else { Err(OctreeError::TooLarge) }
         };
-        let (looks, inner, leaves) = (count(LOOKS_MAX)?, count(INNER_MAX)?, count(LEAVES_MAX)?);
-        let keys = read_palette(&mut Plane::take(&mut rest)?, looks)?;
+        let (materials, inner, leaves) =
+            (count(MATERIALS_MAX)?, count(INNER_MAX)?, count(LEAVES_MAX)?);
+        let keys = read_palette(&mut Plane::take(&mut rest)?, materials)?;
         let masks = Plane::take(&mut rest)?.all(inner)?;
         let shape = Shape::link(&masks, octree.depth)?;
         drop(masks);
@@ -116,7 +117,7 @@ impl Octree {
         }
         average(&mut octree.inner, &shape.roots, &octree.leaves, octree.depth, &mut palette)
             .ok_or(OctreeError::Nonsense("palette"))?;
-        (octree.looks, octree.keys) = (palette.looks, palette.keys);
+        (octree.materials, octree.keys) = (palette.materials, palette.keys);
         Ok(octree)
     }
 }
@@ -170,45 +171,45 @@ fn palette_planes(keys: &[Key]) -> Vec<u8> {
     (0..KEY_BYTES).flat_map(plane).collect()
 }
 
-fn read_palette(plane: &mut Plane<'_>, looks: usize) -> Result<Vec<Key>, OctreeError> {
-    let mut bytes = vec![0; KEY_BYTES * looks];
+fn read_palette(plane: &mut Plane<'_>, materials: usize) -> Result<Vec<Key>, OctreeError> {
+    let mut bytes = vec![0; KEY_BYTES * materials];
     plane.fill(&mut bytes)?;
     plane.end()?;
     let mut key = 0;
     let mut next = |i: usize| {
         key += (0..KEY_BYTES)
-            .map(|byte| Key::from(bytes[byte * looks + i]) << (8 * byte))
+            .map(|byte| Key::from(bytes[byte * materials + i]) << (8 * byte))
             .sum::<Key>();
         key
     };
-    let keys: Vec<Key> = (0..looks).map(&mut next).collect();
+    let keys: Vec<Key> = (0..materials).map(&mut next).collect();
     let is_sound =
         keys.is_sorted_by(|a, b| a < b) && keys.last().is_none_or(|&last| last <= KEY_MAX);
     if is_sound { Ok(keys) } else { Err(OctreeError::Nonsense("palette")) }
 }
 
-/// A look but for its colour.
-type Material = ([i8; 3], u8);
+/// A material but for its colour: the normal and the flags.
+type Finish = ([i8; 3], u8);
 
-/// What looks have but for colour, each once.
-fn materials(looks: &[Look]) -> Vec<Material> {
-    let mut materials: Vec<_> = looks.iter().map(|look| (look.normal, look.flags)).collect();
-    materials.sort_unstable();
-    materials.dedup();
-    materials
+/// The finishes of all materials, each once.
+fn finishes(materials: &[Material]) -> Vec<Finish> {
+    let mut finishes: Vec<_> = materials.iter().map(|m| (m.normal, m.flags)).collect();
+    finishes.sort_unstable();
+    finishes.dedup();
+    finishes
 }
 
-/// Luma, the chromas' low bytes, the material's low byte, and what is left of these.
-fn to_plane_bytes(look: &Look, materials: &[Material]) -> [u8; PLANES] {
-    let [luma, orange, green] = to_ycocg(look.colour);
-    let material = materials.partition_point(|&known| known < (look.normal, look.flags));
-    let high = (material >> 8) as u8 | (orange >> 8 << 6 & 0x40) as u8 | (green >> 8 << 7) as u8;
-    [luma as u8, orange as u8, green as u8, material as u8, high]
+/// Luma, the low bytes of both chromas, the low byte of the finish, and what is left of these.
+fn to_plane_bytes(material: &Material, finishes: &[Finish]) -> [u8; PLANES] {
+    let [luma, orange, green] = to_ycocg(material.colour);
+    let finish = finishes.partition_point(|&known| known < (material.normal, material.flags));
+    let high = (finish >> 8) as u8 | (orange >> 8 << 6 & 0x40) as u8 | (green >> 8 << 7) as u8;
+    [luma as u8, orange as u8, green as u8, finish as u8, high]
 }
 
-fn coded(looks: &[Look]) -> Vec<[u8; PLANES]> {
-    let materials = materials(looks);
-    looks.iter().map(|look| to_plane_bytes(look, &materials)).collect()
+fn coded(materials: &[Material]) -> Vec<[u8; PLANES]> {
+    let finishes = finishes(materials);
+    materials.iter().map(|material| to_plane_bytes(material, &finishes)).collect()
 }
 
 fn differences(mut lumas: Vec<u8>) -> Vec<u8> {
@@ -220,8 +221,8 @@ fn differences(mut lumas: Vec<u8>) -> Vec<u8> {
 }
 
 fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<u16>, OctreeError> {
-    let coded = coded(&palette.looks).into_iter().zip(&palette.looks);
-    let first = |(coded, look)| Some((coded, palette.first_like(look)?));
+    let coded = coded(&palette.materials).into_iter().zip(&palette.materials);
+    let first = |(coded, material)| Some((coded, palette.first_like(material)?));
     let known: FxHashMap<[u8; PLANES], u16> = coded.filter_map(first).collect();
     let mut planes = Vec::with_capacity(PLANES);
     for _ in 0..PLANES {
@@ -283,11 +284,15 @@ mod tests {
     use crate::octree::{Voxel, morton};
 
     fn octree() -> impl Strategy<Value = Octree> {
-        let looks = (any::<[u8; 3]>(), any::<[i8; 3]>(), 0u8..2);
-        let voxel =
-            (prop::array::uniform3(0u32..500), looks).prop_map(|(at, (colour, normal, flags))| {
-                Voxel { key: morton(UVec3::from(at)), colour, normal, flags }
-            });
+        let materials = (any::<[u8; 3]>(), any::<[i8; 3]>(), 0u8..2);
+        let voxel = (prop::array::uniform3(0u32..500), materials).prop_map(
+            |(at, (colour, normal, flags))| Voxel {
+                key: morton(UVec3::from(at)),
+                colour,
+                normal,
+                flags,
+            },
+        );
         // Shallow trees are one block or less.
         (1u8..=9, prop::collection::vec(voxel, 0..100)).prop_map(|(depth, mut voxels)| {
             voxels.iter_mut().for_each(|voxel| voxel.key &= (1 << (3 * depth)) - 1);

@@ -1,6 +1,6 @@
 //! A place in the tree, for walks that need not be the fastest.
 
-use super::{Inner, Look, Octree};
+use super::{Inner, Material, Octree};
 
 /// A node: its children, and how it looks.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,7 @@ impl<'a> Cursor<'a> {
         (0..8).filter_map(move |octant| Some((octant, self.child(octant)?)))
     }
 
-    /// The index of its looks in [`Octree::looks`].
+    /// The index of its looks in [`Octree::materials`].
     pub fn look_index(self) -> u16 {
         match self.inner() {
             Some(inner) => inner.look,
@@ -51,8 +51,8 @@ impl<'a> Cursor<'a> {
     }
 
     /// How it looks; an inner node as the mean of what is below.
-    pub fn look(self) -> &'a Look {
-        &self.octree.looks[usize::from(self.look_index())]
+    pub fn look(self) -> &'a Material {
+        &self.octree.materials[usize::from(self.look_index())]
     }
 
     /// Whether everything in it can be seen through.

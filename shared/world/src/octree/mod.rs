@@ -2,7 +2,7 @@
 //! one of their own, over a cube as well: [`occupants`].
 //!
 //! All leaves are at the greatest depth. An inner node takes eight bytes ([`Inner`]); a leaf is
-//! two, an index into the palette of looks ([`Look`]), and inner nodes have the averaged looks of
+//! two, an index into the palette of looks ([`Material`]), and inner nodes have the averaged looks of
 //! what is below them, from the same palette. So what lies behind a node or a voxel is one look-up
 //! away, and whoever draws shades the palette once in place of every pixel.
 //!
@@ -24,7 +24,7 @@ mod census;
 mod codec;
 mod cursor;
 mod flat;
-mod look;
+mod material;
 pub mod occupants;
 mod palette;
 mod shape;
@@ -34,7 +34,7 @@ use glam::Vec3;
 pub use build::{Block, Voxel, morton};
 pub use codec::OctreeError;
 pub use cursor::Cursor;
-pub use look::Look;
+pub use material::Material;
 
 use crate::geometry::Aabb;
 
@@ -45,7 +45,7 @@ pub const INNER_MAX: usize = 1 << 26;
 pub const LEAVES_MAX: usize = 1 << 27;
 
 /// No octree has more looks: what an index of 16 bits can tell apart.
-pub const LOOKS_MAX: usize = 1 << 16;
+pub const MATERIALS_MAX: usize = 1 << 16;
 
 /// No octree is deeper.
 pub const DEPTH_MAX: u8 = 16;
@@ -59,7 +59,7 @@ pub struct Inner {
     /// Index of the first child: in [`Octree::leaves`] for a node just above the leaves, else in
     /// [`Octree::inner`].
     pub first: u32,
-    /// Its averaged looks, in [`Octree::looks`].
+    /// Its averaged looks, in [`Octree::materials`].
     pub look: u16,
     /// Bit `i` is set when the child in octant `i` is not empty. Never zero.
     pub mask: u8,
@@ -69,7 +69,7 @@ pub struct Inner {
 
 impl Inner {
     /// Everything below is glass.
-    pub const GLASS: u8 = Look::GLASS;
+    pub const GLASS: u8 = Material::GLASS;
     /// Something below is glass.
     pub const SOME_GLASS: u8 = 2;
 
@@ -95,7 +95,7 @@ pub struct Octree {
     /// Indices into the looks.
     pub leaves: Vec<u16>,
     /// The palette. Glass comes last.
-    pub looks: Vec<Look>,
+    pub materials: Vec<Material>,
     /// The looks as the file has them.
     keys: Vec<palette::Key>,
 }
@@ -104,8 +104,8 @@ impl Octree {
     /// A tree without voxels.
     pub fn empty(origin: Vec3, edge: f32, depth: u8) -> Self {
         let depth = depth.clamp(1, DEPTH_MAX);
-        let (inner, leaves, looks, keys) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { origin, edge, depth, inner, leaves, looks, keys }
+        let (inner, leaves, materials, keys) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { origin, edge, depth, inner, leaves, materials, keys }
     }
 
     /// The edge of a leaf voxel, in metres.
@@ -122,13 +122,13 @@ impl Octree {
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.inner.as_slice())
             + size_of_val(self.leaves.as_slice())
-            + size_of_val(self.looks.as_slice())
+            + size_of_val(self.materials.as_slice())
             + size_of_val(self.keys.as_slice())
     }
 
     /// The index of the first look that is glass: leaves are glass from there on.
     pub fn first_glass(&self) -> usize {
-        self.looks.partition_point(|look| !look.is_glass())
+        self.materials.partition_point(|look| !look.is_glass())
     }
 
     /// The root, if there is any voxel.
@@ -142,7 +142,7 @@ impl Octree {
     }
 
     /// The looks of the leaf voxel that a point lies in, if there is one.
-    pub fn leaf_at(&self, point: Vec3) -> Option<&Look> {
+    pub fn leaf_at(&self, point: Vec3) -> Option<&Material> {
         let mut min = self.origin;
         let mut edge = self.edge;
         let inside = point.cmpge(min) & point.cmplt(min + edge);

@@ -9,7 +9,7 @@
 
 use rustc_hash::FxHashMap;
 
-use super::{LOOKS_MAX, Look};
+use super::{MATERIALS_MAX, Material};
 
 /// How coarsely looks are rounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub(super) const KEY_MAX: Key = (1 << 42) - 1;
 const CHROMA_ZERO: i32 = 256;
 
 /// The key of a look at a grain.
-pub(super) fn key_of(look: &Look, grain: usize) -> Key {
+pub(super) fn key_of(look: &Material, grain: usize) -> Key {
     let Grain { luma, chroma, normal } = GRAINS[grain];
     let colour = to_ycocg(look.colour);
     let [u, v] = fold(look.normal.map(i32::from), normal.into());
@@ -60,15 +60,15 @@ pub(super) fn key_of(look: &Look, grain: usize) -> Key {
 }
 
 /// What is drawn for a key. Any number is fine.
-pub(super) fn look_of(key: Key) -> Look {
+pub(super) fn look_of(key: Key) -> Material {
     let fields = Fields::split(key);
     let grain = GRAINS[fields.grain.min(GRAINS.len() - 1)];
     let chroma = |value: u32| (value as i32 - CHROMA_ZERO) * i32::from(grain.chroma);
     let luma = (fields.luma as i32 * i32::from(grain.luma)).min(255);
-    Look {
+    Material {
         colour: from_ycocg([luma, chroma(fields.orange), chroma(fields.green)]),
         normal: unfold([fields.u, fields.v], grain.normal.into()),
-        flags: if fields.glass { Look::GLASS } else { 0 },
+        flags: if fields.glass { Material::GLASS } else { 0 },
     }
 }
 
@@ -185,16 +185,16 @@ fn rounded_ratio(value: i32, by: i32) -> i32 {
 /// Looks by their keys. Where entries look alike, the index of the first one stands for all.
 pub(super) struct Palette {
     pub(super) keys: Vec<Key>,
-    pub(super) looks: Vec<Look>,
+    pub(super) materials: Vec<Material>,
     known: FxHashMap<Key, u16>,
-    firsts: FxHashMap<Look, u16>,
+    firsts: FxHashMap<Material, u16>,
     is_used: Vec<bool>,
     /// Whether there are entries of a grain: the others need not be tried.
     has_grain: [bool; GRAINS.len()],
     /// The grain at which looks are added; none are when there is none.
     added: Option<usize>,
     /// What was asked for lately, by a part of its hash: neighbours are alike.
-    lately: Vec<(Look, u16)>,
+    lately: Vec<(Material, u16)>,
 }
 
 /// A power of two.
@@ -209,10 +209,10 @@ impl Palette {
     /// One of given keys, to which none is added.
     pub(super) fn closed(keys: Vec<Key>) -> Self {
         // No look is like this one.
-        let nothing = Look { flags: !0, ..Look::default() };
+        let nothing = Material { flags: !0, ..Material::default() };
         let mut palette = Self {
             keys: Vec::with_capacity(keys.len()),
-            looks: Vec::with_capacity(keys.len()),
+            materials: Vec::with_capacity(keys.len()),
             known: FxHashMap::default(),
             firsts: FxHashMap::default(),
             is_used: Vec::with_capacity(keys.len()),
@@ -227,12 +227,12 @@ impl Palette {
     }
 
     /// The index of a look that an entry has.
-    pub(super) fn first_like(&self, look: &Look) -> Option<u16> {
+    pub(super) fn first_like(&self, look: &Material) -> Option<u16> {
         self.firsts.get(look).copied()
     }
 
     /// The index of the entry for a look; `None` when there is neither one nor room for it.
-    pub(super) fn index(&mut self, look: &Look) -> Option<u16> {
+    pub(super) fn index(&mut self, look: &Material) -> Option<u16> {
         let slot = slot(look);
         if self.lately[slot].0 == *look {
             return Some(self.lately[slot].1);
@@ -247,21 +247,21 @@ impl Palette {
             None => self.add(key_of(look, self.added?))?,
         };
         self.is_used[usize::from(entry)] = true;
-        let index = self.first_like(&self.looks[usize::from(entry)])?;
+        let index = self.first_like(&self.materials[usize::from(entry)])?;
         self.lately[slot] = (*look, index);
         Some(index)
     }
 
     /// Makes an entry.
     fn add(&mut self, key: Key) -> Option<u16> {
-        if self.keys.len() >= LOOKS_MAX {
+        if self.keys.len() >= MATERIALS_MAX {
             return None;
         }
         let (entry, look) = (self.keys.len() as u16, look_of(key));
         self.known.insert(key, entry);
         self.firsts.entry(look).or_insert(entry);
         self.keys.push(key);
-        self.looks.push(look);
+        self.materials.push(look);
         self.is_used.push(false);
         if let Some(has) = self.has_grain.get_mut(Fields::split(key).grain) {
             *has = true;
@@ -276,13 +276,14 @@ impl Palette {
         let mut keys: Vec<Key> = used.map(|(&key, _)| key).collect();
         keys.sort_unstable();
         let sorted = Self::closed(keys);
-        let places = self.looks.iter().map(|look| sorted.first_like(look).unwrap_or(0)).collect();
+        let places =
+            self.materials.iter().map(|look| sorted.first_like(look).unwrap_or(0)).collect();
         *self = sorted;
         places
     }
 }
 
-fn slot(look: &Look) -> usize {
+fn slot(look: &Material) -> usize {
     let [r, g, b] = look.colour.map(u32::from);
     let [x, y, z] = look.normal.map(|part| u32::from(part as u8));
     let mixed = (r | g << 8 | b << 16 | u32::from(look.flags) << 24)
@@ -295,8 +296,8 @@ fn slot(look: &Look) -> usize {
 mod tests {
     use super::*;
 
-    fn look(colour: [u8; 3], normal: [i8; 3]) -> Look {
-        Look { colour, normal, flags: 0 }
+    fn look(colour: [u8; 3], normal: [i8; 3]) -> Material {
+        Material { colour, normal, flags: 0 }
     }
 
     #[test]
@@ -306,7 +307,7 @@ mod tests {
             for g in shades {
                 for b in shades {
                     let exact = look([r, g, b], [0, -127, 0]);
-                    let glass = Look { flags: Look::GLASS, ..exact };
+                    let glass = Material { flags: Material::GLASS, ..exact };
                     for look in [exact, glass] {
                         assert_eq!(look_of(key_of(&look, 0)), look);
                     }
@@ -356,18 +357,18 @@ mod tests {
     #[test]
     fn glass_is_last_and_what_is_unused_is_left_out() {
         let mut palette = Palette::open(Vec::new(), 0);
-        let glass = Look { flags: Look::GLASS, ..look([1; 3], [127, 0, 0]) };
-        let looks = [glass, look([255; 3], [0, 0, -127]), look([0; 3], [0; 3])];
-        for look in looks {
+        let glass = Material { flags: Material::GLASS, ..look([1; 3], [127, 0, 0]) };
+        let materials = [glass, look([255; 3], [0, 0, -127]), look([0; 3], [0; 3])];
+        for look in materials {
             palette.index(&look);
         }
         let places = palette.sort();
         assert_eq!(places, [2, 1, 0]);
-        assert!(palette.looks[2].is_glass() && palette.keys.is_sorted());
-        assert_eq!(palette.looks.len(), 3);
+        assert!(palette.materials[2].is_glass() && palette.keys.is_sorted());
+        assert_eq!(palette.materials.len(), 3);
         assert_eq!(palette.index(&look([9; 3], [0; 3])), None);
-        palette.index(&looks[1]);
+        palette.index(&materials[1]);
         palette.sort();
-        assert_eq!(palette.looks, [looks[1]]);
+        assert_eq!(palette.materials, [materials[1]]);
     }
 }

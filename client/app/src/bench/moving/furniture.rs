@@ -9,7 +9,7 @@ use sightline_world::{
     geometry::Aabb,
     motion::{
         Body, Pose,
-        trajectory::{Course, Joint, Track, Trajectory},
+        trajectory::{Joint, Playback, Track, Trajectory},
     },
 };
 
@@ -98,7 +98,7 @@ impl Way {
         joint.translation = Track::linear(keys);
         joint.rotation = Track::constant(Quat::from_rotation_y(along.x.atan2(along.z)));
         let colours = vec![[150, 100, 60]; mesh.triangles.len()];
-        let trajectory = Trajectory::new(vec![joint], self.length_s, Course::Loop).ok()?;
+        let trajectory = Trajectory::new(vec![joint], self.length_s, Playback::Loop).ok()?;
         Mover::new("chair".to_owned(), mesh, colours, trajectory)
     }
 }

@@ -14,7 +14,7 @@ use thiserror::Error;
 pub use self::crowd::Crowd;
 use self::furniture::{Places, Way};
 use super::Options;
-use sightline_client_core::replica::Told;
+use sightline_client_core::replica::AvatarSource;
 use sightline_renderer::{
     Camera, Frame, Renderer,
     moving::{Culling, Effort, Moving},
@@ -247,7 +247,7 @@ impl Stage {
                 crowd.hear(now, |avatar, time| act.ways[avatar].pose(time));
             }
             let start = ProcessTime::try_now()?;
-            let told = turn.crowd.as_mut().map(|crowd| crowd.replica() as &mut dyn Told);
+            let told = turn.crowd.as_mut().map(|crowd| crowd.replica() as &mut dyn AvatarSource);
             turn.moving.draw(frame, camera, &self.world, told, now);
             let taken = ProcessTime::try_now()?.duration_since(start);
             if counts {

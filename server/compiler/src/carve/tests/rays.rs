@@ -4,12 +4,12 @@ use proptest::prelude::*;
 use sightline_world::Mesh;
 
 use super::*;
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
-fn sight(triangles: &[Triangle]) -> Sight {
+fn sight(triangles: &[Triangle]) -> Oracle {
     let positions = triangles.as_flattened().iter().map(|p| p.as_vec3()).collect();
     let triangles = (0..triangles.len() as u32).map(|i| [i * 3, i * 3 + 1, i * 3 + 2]).collect();
-    Sight::new(&Mesh { positions, triangles })
+    Oracle::new(&Mesh { positions, triangles })
 }
 
 /// A random closed wall with an arch, somewhere, across x or z.

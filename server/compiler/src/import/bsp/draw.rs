@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     import::limits,
-    model::{Material, Model, Surface},
+    model::{Model, Surface, SurfaceMaterial},
 };
 
 /// The most triangles of a model.
@@ -168,7 +168,7 @@ impl Pieces {
         1
     }
 
-    fn into_surface(self, material: Material) -> Surface {
+    fn into_surface(self, material: SurfaceMaterial) -> Surface {
         let count = self.positions.len() as u32 / 3;
         let triangles = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let uvs = if material.texture.is_some() { self.uvs } else { Vec::new() };
@@ -176,10 +176,10 @@ impl Pieces {
     }
 }
 
-fn material(shader: &Shader, archives: &mut Archives) -> Material {
+fn material(shader: &Shader, archives: &mut Archives) -> SurfaceMaterial {
     let texture = archives.texture(&shader.name);
     let colour = if texture.is_some() { [255; 3] } else { tint(&shader.name) };
-    Material { colour, texture, glass: !shader.is_opaque() }
+    SurfaceMaterial { colour, texture, glass: !shader.is_opaque() }
 }
 
 /// A muted colour that tells one shader from another.

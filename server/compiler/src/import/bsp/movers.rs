@@ -20,7 +20,7 @@ use std::{
 };
 
 use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
-use sightline_world::motion::trajectory::{Course, Joint, Track, Trajectory};
+use sightline_world::motion::trajectory::{Joint, Playback, Track, Trajectory};
 
 use super::{
     entities::{Entities, Keys},
@@ -115,7 +115,7 @@ fn there_and_back([start, end]: [DVec3; 2], speed: f64, wait_s: f64) -> Option<T
     if wait_s >= 0.0 {
         keys.extend([(way_s + wait_s, end), (2.0 * way_s + wait_s, start)]);
     }
-    along(&keys, Course::Triggered)
+    along(&keys, Playback::Triggered)
 }
 
 fn train(keys: &Keys, corners: &HashMap<String, Keys>) -> Option<Trajectory> {
@@ -143,7 +143,7 @@ fn train(keys: &Keys, corners: &HashMap<String, Keys>) -> Option<Trajectory> {
         time_s += from.distance(to) / pair[0].number_not_0("speed", speed).max(1.0);
         places.push((time_s, to));
     }
-    along(&places, if again.is_some() && time_s > 0.0 { Course::Loop } else { Course::Once })
+    along(&places, if again.is_some() && time_s > 0.0 { Playback::Loop } else { Playback::Once })
 }
 
 fn bobbing(keys: &Keys, origin: DVec3) -> Option<Trajectory> {
@@ -155,7 +155,7 @@ fn bobbing(keys: &Keys, origin: DVec3) -> Option<Trajectory> {
     let reach = axis * keys.number("height").unwrap_or(32.0);
     let swing = swing(keys.number_not_0("speed", 4.0), keys.number("phase").unwrap_or(0.0));
     let places: Vec<_> = swing.map(|(at_s, sine)| (at_s, origin + reach * sine)).collect();
-    along(&places, Course::Loop)
+    along(&places, Playback::Loop)
 }
 
 fn pendulum(keys: &Keys, model: &SubModel, origin: DVec3) -> Option<Trajectory> {
@@ -189,7 +189,7 @@ fn swing(cycle_s: f64, phase: f64) -> impl Iterator<Item = (f64, f64)> {
 }
 
 /// A way through places, by seconds, in Quake units.
-fn along(places: &[(f64, DVec3)], course: Course) -> Option<Trajectory> {
+fn along(places: &[(f64, DVec3)], course: Playback) -> Option<Trajectory> {
     let mut keys: Vec<(f32, Vec3)> = Vec::with_capacity(places.len());
     for &(at_s, place) in places {
         let key = (at_s as f32, placed(place));
@@ -211,7 +211,7 @@ fn turning(about: DVec3, turns: impl Iterator<Item = (f64, DVec3)>) -> Option<Tr
         turns.map(|(at_s, angles)| (at_s as f32, rotation(angles).as_quat())).collect();
     let length_s = keys.last()?.0;
     let joint = Joint { rotation: Track::linear(keys), ..Joint::still(frame) };
-    Trajectory::new(vec![joint], length_s, Course::Loop).ok()
+    Trajectory::new(vec![joint], length_s, Playback::Loop).ok()
 }
 
 /// In our axes. Positive pitch looks down, yaw turns left, roll tilts to the right.

@@ -10,7 +10,7 @@ use gltf::{
     scene::Transform,
 };
 use sightline_world::motion::trajectory::{
-    Course, JOINTS_MAX, Joint, KEYS_MAX, LENGTH_S_MAX, Track, Trajectory, Value,
+    JOINTS_MAX, Joint, KEYS_MAX, LENGTH_S_MAX, Playback, Track, Trajectory, Value,
 };
 
 use super::{GlbError, accessor, resources::Resources};
@@ -164,7 +164,7 @@ impl Animations {
 impl Chain {
     /// The motion; one that makes no sense is replaced by none. Tells whether that was so.
     pub fn trajectory(&self) -> (Trajectory, bool) {
-        let course = if self.length_s > 0.0 { Course::Loop } else { Course::Once };
+        let course = if self.length_s > 0.0 { Playback::Loop } else { Playback::Once };
         match Trajectory::new(self.joints.clone(), self.length_s, course) {
             Ok(trajectory) => (trajectory, self.faulty),
             Err(_) => (self.still(), true),
@@ -184,7 +184,7 @@ impl Chain {
         let place = if place.is_finite() { place } else { DAffine3::IDENTITY };
         let reach = place.to_cols_array().into_iter().fold(0.0f64, |most, v| most.max(v.abs()));
         let place = if reach <= 1e6 { place } else { DAffine3::IDENTITY };
-        Trajectory::new(vec![Joint::still(place)], 0.0, Course::Once)
+        Trajectory::new(vec![Joint::still(place)], 0.0, Playback::Once)
             .expect("a joint that is finite and still makes sense")
     }
 }

@@ -20,7 +20,7 @@ use crate::{
         limits::{self, SPAWNS_MAX},
         movers::Fleet,
     },
-    model::{Material, Model, Surface},
+    model::{Model, Surface, SurfaceMaterial},
     rooms,
 };
 
@@ -309,13 +309,13 @@ impl<'a> Reader<'a> {
         &mut self,
         primitive: &Primitive<'a>,
         vertices: usize,
-    ) -> Result<(Material, Vec<Vec2>), GlbError> {
+    ) -> Result<(SurfaceMaterial, Vec<Vec2>), GlbError> {
         let source = primitive.material();
         let looks = source.pbr_metallic_roughness();
         let [r, g, b, alpha] = looks.base_color_factor();
         let glass = source.alpha_mode() != AlphaMode::Opaque || alpha < 1.0;
         let mut material =
-            Material { colour: [r, g, b].map(limits::srgb_byte), texture: None, glass };
+            SurfaceMaterial { colour: [r, g, b].map(limits::srgb_byte), texture: None, glass };
         let Some(mapping) = Mapping::of(&source) else { return Ok((material, Vec::new())) };
         let Some(accessor) = primitive.get(&Semantic::TexCoords(mapping.set)) else {
             return Ok((material, Vec::new()));

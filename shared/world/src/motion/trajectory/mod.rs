@@ -31,12 +31,12 @@ const VALUE_MAX: f64 = 1e6;
 pub struct Trajectory {
     joints: Vec<Joint>,
     length_s: f32,
-    course: Course,
+    course: Playback,
 }
 
 /// When a mover moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Course {
+pub enum Playback {
     /// From the beginning of the server's clock, again and again.
     Loop,
     /// From the beginning of the server's clock, once; it stays where it ends.
@@ -114,11 +114,15 @@ impl Trajectory {
     /// # Errors
     ///
     /// When something is not finite, too long, too much, or out of order.
-    pub fn new(joints: Vec<Joint>, length_s: f32, course: Course) -> Result<Self, TrajectoryError> {
+    pub fn new(
+        joints: Vec<Joint>,
+        length_s: f32,
+        course: Playback,
+    ) -> Result<Self, TrajectoryError> {
         if joints.len() > JOINTS_MAX {
             return Err(TrajectoryError::TooMany);
         }
-        let takes_time = course != Course::Loop || length_s > 0.0;
+        let takes_time = course != Playback::Loop || length_s > 0.0;
         if !(0.0..=LENGTH_S_MAX).contains(&length_s) || !takes_time {
             return Err(TrajectoryError::Length);
         }
@@ -144,7 +148,7 @@ impl Trajectory {
     }
 
     /// When it moves.
-    pub fn course(&self) -> Course {
+    pub fn course(&self) -> Playback {
         self.course
     }
 
@@ -163,7 +167,7 @@ impl Trajectory {
         }
         let (from, until) = (from.as_secs_f64(), until.as_secs_f64().max(from.as_secs_f64()));
         let length = f64::from(self.length_s);
-        if self.course == Course::Loop && until - from >= length {
+        if self.course == Playback::Loop && until - from >= length {
             return sweep::between(self, bounds, 0.0, length);
         }
         let (first, last) = (self.local_s(from), self.local_s(until));
@@ -184,8 +188,8 @@ impl Trajectory {
     fn local_s(&self, since_start_s: f64) -> f64 {
         let length = f64::from(self.length_s);
         match self.course {
-            Course::Loop => since_start_s % length,
-            Course::Once | Course::Triggered => since_start_s.min(length),
+            Playback::Loop => since_start_s % length,
+            Playback::Once | Playback::Triggered => since_start_s.min(length),
         }
     }
 

@@ -56,7 +56,7 @@ fn some_trajectory(rng: &mut SmallRng, joints: usize) -> Trajectory {
         }
         joint
     };
-    let course = [Course::Loop, Course::Once, Course::Triggered][rng.random_range(0..3)];
+    let course = [Playback::Loop, Playback::Once, Playback::Triggered][rng.random_range(0..3)];
     let joints = (0..joints).map(|_| joint(rng)).collect();
     Trajectory::new(joints, length_s, course).expect("sound")
 }
@@ -109,7 +109,7 @@ proptest! {
     }
 }
 
-fn hinged(keys: Vec<(f32, f32)>, course: Course) -> Trajectory {
+fn hinged(keys: Vec<(f32, f32)>, course: Playback) -> Trajectory {
     let length_s = keys.last().expect("some").0;
     let place = DAffine3::from_translation(DVec3::new(10.0, 0.0, 5.0));
     let keys = keys.into_iter().map(|(at, angle)| (at, Quat::from_rotation_y(angle)));
@@ -120,7 +120,7 @@ fn hinged(keys: Vec<(f32, f32)>, course: Course) -> Trajectory {
 /// A key pose at each end says nothing of the arc between: the door's edge is farthest out halfway.
 #[test]
 fn a_door_on_a_hinge_sweeps_its_arc() {
-    let half_turn = hinged(vec![(0.0, 0.0), (1.0, 3.0)], Course::Once);
+    let half_turn = hinged(vec![(0.0, 0.0), (1.0, 3.0)], Playback::Once);
     let swept = half_turn.swept(&DOOR, Duration::ZERO, seconds(1.0));
     // Turned left it opens towards -z: a metre and its thickness at the middle of its way.
     assert!((swept.min.z - (5.0 - 1.01f32.sqrt())).abs() < 1e-3, "{swept:?}");
@@ -137,12 +137,12 @@ fn courses_differ_in_what_comes_after_the_end() {
     };
     let expected = |angle: f64| -angle.sin();
     for (course, at, angle) in [
-        (Course::Loop, 1.0, 0.5),
-        (Course::Loop, 3.0, 0.5),
-        (Course::Loop, 200.5, 0.25),
-        (Course::Once, 1.0, 0.5),
-        (Course::Once, 3.0, 1.0),
-        (Course::Triggered, 1e9, 1.0),
+        (Playback::Loop, 1.0, 0.5),
+        (Playback::Loop, 3.0, 0.5),
+        (Playback::Loop, 200.5, 0.25),
+        (Playback::Once, 1.0, 0.5),
+        (Playback::Once, 3.0, 1.0),
+        (Playback::Triggered, 1e9, 1.0),
     ] {
         assert!((edge(course, at) - expected(angle)).abs() < 1e-6, "{course:?} at {at}");
     }
@@ -152,7 +152,7 @@ fn courses_differ_in_what_comes_after_the_end() {
 fn a_jump_is_held_at_both_ends() {
     let mut joint = Joint::still(DAffine3::IDENTITY);
     joint.translation = Track::steps(vec![(0.0, Vec3::ZERO), (1.0, Vec3::X * 9.0)]);
-    let lift = Trajectory::new(vec![joint], 2.0, Course::Loop).expect("sound");
+    let lift = Trajectory::new(vec![joint], 2.0, Playback::Loop).expect("sound");
     let right = |from, until| lift.swept(&DOOR, seconds(from), seconds(until)).max.x;
     assert!(right(0.0, 0.99) < 1.1);
     assert!(right(0.0, 1.0) > 9.9);
@@ -167,7 +167,7 @@ fn what_makes_no_sense_is_refused() {
         let mut joint = Joint::still(DAffine3::IDENTITY);
         let mut length_s = 1.0;
         change(&mut joint, &mut length_s);
-        assert_eq!(Trajectory::new(vec![joint], length_s, Course::Loop), Err(expected));
+        assert_eq!(Trajectory::new(vec![joint], length_s, Playback::Loop), Err(expected));
     };
     use TrajectoryError::*;
     check(&|_, length_s| *length_s = f32::NAN, Length);
@@ -183,5 +183,5 @@ fn what_makes_no_sense_is_refused() {
     let many = (0..=KEYS_MAX).map(|i| (i as f32 / 5_000.0, Vec3::ONE)).collect::<Vec<_>>();
     check(&|joint, _| joint.scale.keys = many.clone(), TooMany);
     let joints = vec![Joint::still(DAffine3::IDENTITY); JOINTS_MAX + 1];
-    assert_eq!(Trajectory::new(joints, 1.0, Course::Once), Err(TooMany));
+    assert_eq!(Trajectory::new(joints, 1.0, Playback::Once), Err(TooMany));
 }

@@ -23,7 +23,7 @@ use super::{
     wire::Wire,
 };
 use sightline_cli::trace::Trace;
-use sightline_oracle::Sight;
+use sightline_oracle::Oracle;
 
 /// Points looked for on each axis of a body's box.
 const SAMPLES: u32 = 3;
@@ -31,8 +31,8 @@ const SAMPLES: u32 = 3;
 const PAIRS_MAX: u64 = 1_000_000;
 
 /// Looks at every pair from time to time.
-pub(super) struct Oracle {
-    sight: Sight,
+pub(super) struct Audit {
+    sight: Oracle,
     /// What the building's author lets be seen, if anything is ruled out.
     author: Option<Author>,
     body: Body,
@@ -140,7 +140,7 @@ struct Sums {
     seen: Vec<usize>,
 }
 
-impl Oracle {
+impl Audit {
     pub(super) fn new(world: &Arc<World>, trace: &Trace, options: &Options) -> Option<Self> {
         let stride = match options.oracle {
             OracleStride::Off => return None,
@@ -157,7 +157,7 @@ impl Oracle {
             unsettled += round_trip_max + 4 * tick;
         }
         Some(Self {
-            sight: Sight::new(&world.mesh),
+            sight: Oracle::new(&world.mesh),
             author: Author::new(world),
             body: world.body,
             stride,

@@ -6,7 +6,7 @@ use sightline_world::{CellId, Cells, geometry::Aabb, rooms::RoomId};
 /// The rooms that a region has a part in: made when the region changes, so that asking about pairs is
 /// cheap.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct Place {
+pub struct RoomOverlap {
     /// In own axes.
     pub(super) boxes: Vec<Aabb>,
     /// The rooms that some of it may be in, ascending.
@@ -23,7 +23,7 @@ pub struct Place {
     pub(super) cells: Vec<CellId>,
 }
 
-impl Place {
+impl RoomOverlap {
     /// The place of a region, which is some boxes in own axes.
     pub(super) fn new(index: &RoomIndex, cells: &Cells, boxes: &[Aabb]) -> Self {
         let mut found: Vec<CellId> = Vec::new();
