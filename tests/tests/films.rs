@@ -13,9 +13,9 @@ use sightline_compiler::{
 use sightline_demo_building as demo_building;
 use sightline_renderer::{
     Camera, Frame, Renderer,
-    mover_visibility::InSight,
+    mover_visibility::MoverVisibility,
     movers,
-    moving::{Culling, Moving},
+    moving::{Culling, MovingRenderer},
 };
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{World, motion::Pose, rooms::Rooms};
@@ -44,7 +44,7 @@ fn what_sets_leave_out_is_not_in_the_picture() {
         }
         let index = RoomIndex::new(&world);
         let size = (160, 90);
-        let mut in_sight = InSight::new(size, Camera::FOV_Y);
+        let mut mover_visibility = MoverVisibility::new(size, Camera::FOV_Y);
         let mut renderer = Renderer::default();
         let (mut drawn, mut all) = (0, 0);
         for (seconds, pose) in Path::through(&world).frames(120) {
@@ -54,14 +54,14 @@ fn what_sets_leave_out_is_not_in_the_picture() {
             let mut some = frame.clone();
             let now = Duration::from_secs_f64(seconds);
             movers::draw(&mut frame, &camera, &world.movers, now);
-            let those = in_sight.movers(&world, &index, &pose);
+            let those = mover_visibility.movers(&world, &index, &pose);
             movers::draw_those(&mut some, &camera, &those, now);
             assert_eq!(frame, some, "at {seconds} s, with rooms: {with_rooms}");
             drawn += those.len();
             all += world.movers.len();
         }
         let share = drawn as f64 / all as f64;
-        println!("{:.1} % of the movers by {} sets", share * 100.0, in_sight.made());
+        println!("{:.1} % of the movers by {} sets", share * 100.0, mover_visibility.sets_made());
         shares.push(share);
     }
     assert!(shares[0] > 0.0 && shares[0] <= shares[1] && shares[1] < 0.5, "{shares:?}");
@@ -81,7 +81,7 @@ fn walker(path: &Path, avatar: usize, now: Duration) -> Pose {
 fn what_volumes_stand_for_is_not_in_the_picture() {
     let world = building();
     let path = Path::through(&world);
-    let mut ways = Culling::ALL.map(|way| (Moving::new(&world, way), Crowd::new(PEOPLE)));
+    let mut ways = Culling::ALL.map(|way| (MovingRenderer::new(&world, way), Crowd::new(PEOPLE)));
     let mut renderer = Renderer::default();
     let (mut placed, mut seen) = ([0; 3], 0);
     for (i, (seconds, pose)) in path.frames_between(20.0, 60.0, 800).enumerate() {
@@ -105,7 +105,7 @@ fn what_volumes_stand_for_is_not_in_the_picture() {
         assert!(pictures[0] == pictures[2], "by volumes, at {seconds} s");
         seen += pictures[0].1.len();
         for ((moving, _), placed) in ways.iter().zip(&mut placed) {
-            *placed += moving.effort().placed;
+            *placed += moving.counters().placed;
         }
     }
     println!("{seen} times somebody is in view; placed: {placed:?}");

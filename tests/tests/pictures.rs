@@ -17,7 +17,7 @@ use sightline_compiler::{
 use sightline_demo_building as demo_building;
 use sightline_renderer::{
     Camera, Frame, Mode, Renderer,
-    hidden::{Hidden, Walls},
+    node_visibility::{NodeVisibility, VoxelOccluders},
 };
 use sightline_world::{Cells, Mesh, World, geometry::Aabb};
 
@@ -107,7 +107,7 @@ fn number((name, least): (&str, usize)) -> usize {
 
 /// Looks from anywhere in boxes along a walk, and elsewhere.
 fn check_hidden(name: &str, world: &World) {
-    let walls = Walls::new(&world.octree).expect("not too many walls");
+    let walls = VoxelOccluders::new(&world.octree).expect("not too many walls");
     let random = &mut SmallRng::seed_from_u64(7);
     let path = Path::through(world);
     let [mut whole, mut less] = [(); 2].map(|()| Frame::new(192, 108));
@@ -120,19 +120,20 @@ fn check_hidden(name: &str, world: &World) {
         renderer.mode = Mode::ALL[turn % 2];
         // Every other box just for such pictures, as they are made for a window.
         let focal = Camera::looking_at(at, at + aside).focal(less.height());
-        let hidden = Arc::new(Hidden::new(&walls, eyes, if turn % 4 < 2 { focal } else { 50.0 }));
+        let hidden =
+            Arc::new(NodeVisibility::new(&walls, eyes, if turn % 4 < 2 { focal } else { 50.0 }));
         counts = [counts[0] + hidden.counts().hidden, counts[1] + hidden.counts().all];
         // Where nodes are not tested against the mask buffer, some more are looked at.
-        let tested = Arc::new(Hidden::clone(&hidden).without_clear());
+        let tested = Arc::new(NodeVisibility::clone(&hidden).without_unoccluded());
         for turn in 0..number(EYES) {
             let eye = eyes.min + size * Vec3::from([0; 3].map(|_| random.random_range(0.0..1.0)));
             let (yaw, pitch) = (random.random_range(-3.2..3.2), random.random_range(-0.9..0.9));
             let camera = Camera { eye, yaw, pitch, fov_y: Camera::FOV_Y };
-            renderer.hidden = None;
+            renderer.node_visibility = None;
             renderer.draw(&world.octree, &camera, &mut whole);
             let nodes = renderer.counters().nodes;
             for known in [&hidden, &tested].into_iter().take(if turn == 0 { 2 } else { 1 }) {
-                renderer.hidden = Some(Arc::clone(known));
+                renderer.node_visibility = Some(Arc::clone(known));
                 renderer.draw(&world.octree, &camera, &mut less);
                 assert!(whole == less, "{name}, {:?}: {camera:?} in {eyes:?}", renderer.mode);
             }

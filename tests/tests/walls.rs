@@ -12,7 +12,7 @@ use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_client_core::{
     navigation::Navigation,
-    walker::{Walker, Wish},
+    walker::{MoveInput, Walker},
 };
 use sightline_compiler::{self as compile, Options, import::glb};
 use sightline_demo_building as demo_building;
@@ -56,8 +56,8 @@ fn report(engine: &mut Engine, now: Duration, sequence: u32, pose: &Pose) {
     engine.handle(now, Input::Report { avatar: AvatarId(0), sequence, pose });
 }
 
-fn wish(random: &mut SmallRng) -> Wish {
-    Wish {
+fn wish(random: &mut SmallRng) -> MoveInput {
+    MoveInput {
         forward: random.random_range(0.3..=1.0),
         right: random.random_range(-0.5..=0.5),
         up: random.random_range(-1.0..=1.0),
@@ -177,7 +177,7 @@ fn walls(world: &World, count: usize) -> Vec<Wall> {
 }
 
 fn way_m(navigation: &Navigation, from: Vec3, to: Vec3) -> Option<f32> {
-    let way = navigation.way(from, to)?;
+    let way = navigation.path(from, to)?;
     let places: Vec<Vec3> = [from].into_iter().chain(way).chain([to]).collect();
     Some(places.windows(2).map(|pair| pair[0].distance(pair[1])).sum())
 }

@@ -179,7 +179,7 @@ fn walked(world: &World) -> Vec<Vec3> {
             (0..left.len()).min_by(|&a, &b| left[a].distance(at).total_cmp(&left[b].distance(at)));
         let goal = nearest.map(|i| left.swap_remove(i)).or_else(|| navigation.random(&mut random));
         let Some(goal) = goal else { break };
-        for place in navigation.way(at, goal).unwrap_or_default() {
+        for place in navigation.path(at, goal).unwrap_or_default() {
             let count = (at.distance(place) / STEP).ceil().max(1.0);
             steps.extend((0..count as usize).map(|i| at.lerp(place, i as f32 / count)));
             at = place;

@@ -127,7 +127,7 @@ impl Navigation {
 
     /// A short way from one eye to another, as eyes to walk to one after the other in straight
     /// lines. `None` when either is no place to stand or the way is too long to find.
-    pub fn way(&self, from: Vec3, to: Vec3) -> Option<Vec<Vec3>> {
+    pub fn path(&self, from: Vec3, to: Vec3) -> Option<Vec<Vec3>> {
         let (from, to) = (self.nearest(from)?, self.nearest(to)?);
         let places = self.search(from, to)?;
         let mut way = Vec::new();

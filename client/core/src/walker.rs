@@ -1,6 +1,6 @@
 //! One's own body in the building: walking, climbing stairs, jumping, falling, flying.
 //!
-//! No clock and no input devices: [`Walker::step`] takes a [`Wish`] and a time, and gives a pose
+//! No clock and no input devices: [`Walker::step`] takes a [`MoveInput`] and a time, and gives a pose
 //! that the server accepts: the eye is never faster than the world allows, never out of its
 //! bounds, and the body never enters a voxel.
 
@@ -14,7 +14,7 @@ use sightline_world::{
 
 /// What the person at the keyboard, or a simulated visitor, wants.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Wish {
+pub struct MoveInput {
     /// Along the look, from -1 (back) to 1; 1 is as fast as the world allows.
     pub forward: f32,
     /// To the right, from -1 to 1.
@@ -110,7 +110,7 @@ impl Walker {
     }
 
     /// Moves for `dt_s` seconds, at most a quarter of one, and tells where it is then.
-    pub fn step(&mut self, octree: &Octree, wish: Wish, dt_s: f32) -> Pose {
+    pub fn step(&mut self, octree: &Octree, wish: MoveInput, dt_s: f32) -> Pose {
         if wish.yaw.is_finite() && wish.pitch.is_finite() {
             (self.pose.yaw, self.pose.pitch) = (wish.yaw, wish.pitch);
         }
@@ -126,7 +126,7 @@ impl Walker {
         self.pose
     }
 
-    fn substep(&mut self, octree: &Octree, wish: &Wish, dt_s: f32) {
+    fn substep(&mut self, octree: &Octree, wish: &MoveInput, dt_s: f32) {
         let reach = self.speed_max * SPEED_SHARE * dt_s;
         if self.is_solid_at(octree, self.pose.eye) {
             // The server may place a body where it does not fit; it finds its way out.
@@ -172,7 +172,7 @@ impl Walker {
     }
 
     /// The velocity of a flying body: along the look.
-    fn flight(&mut self, wish: &Wish, dt_s: f32) -> Vec3 {
+    fn flight(&mut self, wish: &MoveInput, dt_s: f32) -> Vec3 {
         self.rise = 0.0;
         let right = Vec3::new(self.pose.yaw.cos(), 0.0, -self.pose.yaw.sin());
         let wanted = self.pose.forward() * share(wish.forward)
@@ -184,7 +184,7 @@ impl Walker {
     }
 
     /// The velocity of a walking, jumping or falling body.
-    fn gait(&mut self, wish: &Wish, dt_s: f32) -> Vec3 {
+    fn gait(&mut self, wish: &MoveInput, dt_s: f32) -> Vec3 {
         if wish.jump && self.grounded {
             self.rise = JUMP_SPEED.min(0.7 * self.speed_max);
             self.climb_left = 0.0;

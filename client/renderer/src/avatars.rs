@@ -17,7 +17,7 @@ use super::{BAND, Camera, Frame, panes::Panes, shade, text, view::View};
 
 /// One avatar as it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Figure<'a> {
+pub struct AvatarFigure<'a> {
     /// Where, and where it looks.
     pub pose: Pose,
     /// Its shape: what is drawn stays inside.
@@ -45,7 +45,7 @@ const FACE: Vec3 = Vec3::new(250.0, 240.0, 228.0);
 /// Draws figures into a frame that shows the building from the same camera, where nothing in the
 /// frame is nearer, and their names. Tells which of them can be seen: for each figure, whether at
 /// least one pixel shows it.
-pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool> {
+pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec<bool> {
     let seen: Vec<AtomicBool> = figures.iter().map(|_| AtomicBool::new(false)).collect();
     let (width, height) = (frame.width(), frame.height());
     if width == 0 || height == 0 || figures.is_empty() {
@@ -68,8 +68,9 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[Figure]) -> Vec<bool>
         let (parts, view, first) = (&parts[..], &view, band * BAND);
         processor.dispatch(Drawing { parts, view, panes, width, first, colour, depth });
     });
-    let mut named: Vec<&Figure> = figures.iter().filter(|figure| figure.pose.is_finite()).collect();
-    let depth = |figure: &Figure| view.depth(figure.pose.eye);
+    let mut named: Vec<&AvatarFigure> =
+        figures.iter().filter(|figure| figure.pose.is_finite()).collect();
+    let depth = |figure: &AvatarFigure| view.depth(figure.pose.eye);
     named.sort_by(|a, b| depth(b).total_cmp(&depth(a)));
     for figure in named {
         name(frame, &view, figure);
@@ -143,7 +144,7 @@ struct Part<'a> {
     nearest: f32,
 }
 
-fn parts<'a>(figure: &Figure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2] {
+fn parts<'a>(figure: &AvatarFigure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2] {
     let body = &figure.body;
     let height = body.above_eye + body.below_eye;
     let colour = Vec3::from(figure.colour.map(f32::from));
@@ -280,7 +281,7 @@ fn name_scale(view: &View, depth: f32) -> usize {
 }
 
 /// Writes the name above the head.
-fn name(frame: &mut Frame, view: &View, figure: &Figure) {
+fn name(frame: &mut Frame, view: &View, figure: &AvatarFigure) {
     let above = figure.pose.eye + Vec3::Y * (figure.body.above_eye + NAME_ABOVE_M);
     let at = view.project(above);
     if !(at.z > NAME_FROM_M && at.z < NAME_WITHIN_M && at.abs().max_element() < 1.0e6) {
@@ -302,12 +303,12 @@ mod tests {
     const CAMERA: Camera =
         Camera { eye: Vec3::new(1.0, 1.6, 5.0), yaw: 0.0, pitch: 0.0, fov_y: 1.0 };
 
-    fn figure(eye: Vec3, colour: [u8; 3]) -> Figure<'static> {
+    fn figure(eye: Vec3, colour: [u8; 3]) -> AvatarFigure<'static> {
         let pose = Pose { eye, yaw: 0.5, ..Pose::default() };
-        Figure { pose, body: Body::PERSON, colour, name: "Ada" }
+        AvatarFigure { pose, body: Body::PERSON, colour, name: "Ada" }
     }
 
-    fn drawn(figures: &[Figure], wall: f32) -> Frame {
+    fn drawn(figures: &[AvatarFigure], wall: f32) -> Frame {
         let mut frame = Frame::new(200, 160);
         frame.depth.fill(wall);
         let seen = draw(&mut frame, &CAMERA, figures);
@@ -322,7 +323,7 @@ mod tests {
     #[test]
     fn a_figure_stays_inside_its_body() {
         let figure = figure(Vec3::new(1.3, 1.7, 1.0), [200, 30, 30]);
-        let frame = drawn(&[Figure { name: "", ..figure }], f32::INFINITY);
+        let frame = drawn(&[AvatarFigure { name: "", ..figure }], f32::INFINITY);
         let view = View::new(&CAMERA, 200, 160);
         let body = figure.body.around(figure.pose.eye).grown(1.0e-3);
         let mut seen = 0;
@@ -343,8 +344,8 @@ mod tests {
 
     #[test]
     fn the_nearer_figure_is_in_front_whatever_the_order() {
-        let near = Figure { name: "", ..figure(Vec3::new(1.0, 1.6, 2.0), [255, 0, 0]) };
-        let far = Figure { name: "", ..figure(Vec3::new(1.1, 1.6, 0.0), [0, 255, 0]) };
+        let near = AvatarFigure { name: "", ..figure(Vec3::new(1.0, 1.6, 2.0), [255, 0, 0]) };
+        let far = AvatarFigure { name: "", ..figure(Vec3::new(1.1, 1.6, 0.0), [0, 255, 0]) };
         let frame = drawn(&[near, far], f32::INFINITY);
         assert_eq!(frame, drawn(&[far, near], f32::INFINITY));
     }
@@ -353,8 +354,8 @@ mod tests {
     fn who_is_behind_others_in_all_pixels_is_not_seen() {
         let camera = Camera { eye: Vec3::Y * 1.6, yaw: 0.0, pitch: -0.8, fov_y: Camera::FOV_Y };
         let eyes = [Vec3::new(0.0, 2.1, -3.0), Vec3::new(0.0, 1.6, -2.6)];
-        let both = eyes.map(|eye| Figure { name: "", ..figure(eye, [9; 3]) });
-        let seen = |figures: &[Figure]| draw(&mut Frame::new(960, 540), &camera, figures);
+        let both = eyes.map(|eye| AvatarFigure { name: "", ..figure(eye, [9; 3]) });
+        let seen = |figures: &[AvatarFigure]| draw(&mut Frame::new(960, 540), &camera, figures);
         // Part of the first is nearer than any of the second, and drawn before it.
         assert_eq!((seen(&both[..1]), seen(&both)), (vec![true], vec![false, true]));
     }
@@ -381,7 +382,7 @@ mod tests {
     #[test]
     fn odd_figures_are_survived() {
         let beside = [Vec3::NAN, Vec3::splat(1.0e30), CAMERA.eye, CAMERA.eye + Vec3::Z * 0.1];
-        let figures: Vec<Figure> = beside.map(|eye| figure(eye, [9; 3])).to_vec();
+        let figures: Vec<AvatarFigure> = beside.map(|eye| figure(eye, [9; 3])).to_vec();
         drawn(&figures, f32::INFINITY);
         draw(&mut Frame::new(0, 0), &CAMERA, &figures);
     }

@@ -28,7 +28,7 @@ pub(super) struct Band {
     pub(super) height: usize,
     pub(super) mask: Mask,
     /// The index of the looks that each pixel of a block shows, where it is written.
-    pub(super) materials: Vec<[u16; PIXELS]>,
+    pub(super) material_ids: Vec<[u16; PIXELS]>,
     /// Likewise how far away that is.
     pub(super) depths: Vec<[f32; PIXELS]>,
     /// Pixels with glass in front.
@@ -46,7 +46,7 @@ impl Band {
         (self.width, self.height) = (width, height);
         self.mask.clear(width, height);
         let blocks = width.div_ceil(BLOCK) * height.div_ceil(BLOCK);
-        self.materials.resize(blocks, [0; PIXELS]);
+        self.material_ids.resize(blocks, [0; PIXELS]);
         self.depths.resize(blocks, [0.0; PIXELS]);
         self.tinted.clear();
         self.tinted.resize(blocks, 0);
@@ -98,7 +98,7 @@ impl Band {
         view: &BandView,
         area: &Area,
         layer: &Layer,
-        materials: &[u16],
+        material_ids: &[u16],
     ) {
         let [columns, rows] = area.blocks();
         for row in rows {
@@ -112,19 +112,19 @@ impl Band {
                 if open == 0 {
                     continue;
                 }
-                let to = if GLASS { &mut self.glass[block] } else { &mut self.materials[block] };
+                let to = if GLASS { &mut self.glass[block] } else { &mut self.material_ids[block] };
                 let depths =
                     if GLASS { &mut self.glass_depths[block] } else { &mut self.depths[block] };
                 for y in bits(lines(open)) {
                     let wanted = LINES_WANTED[(open >> (BLOCK * y)) as usize & 0xff];
                     let (voxels, line_depths) =
                         layer.voxels(view, [column * BLOCK, row * BLOCK + y], &wanted);
-                    let line_looks = voxels.map(|voxel| materials[voxel as usize]);
+                    let line_ids = voxels.map(|voxel| material_ids[voxel as usize]);
                     // All pixels of the line, without a branch.
                     for x in 0..BLOCK {
                         let pixel = BLOCK * y + x;
                         let is_wanted = wanted[x] != 0;
-                        to[pixel] = if is_wanted { line_looks[x] } else { to[pixel] };
+                        to[pixel] = if is_wanted { line_ids[x] } else { to[pixel] };
                         depths[pixel] = if is_wanted { line_depths[x] } else { depths[pixel] };
                     }
                 }
@@ -141,12 +141,12 @@ impl Band {
     #[inline(always)]
     fn write(&mut self, block: usize, pixels: u64, look: u16, depth: f32) {
         if pixels == !0 {
-            self.materials[block] = [look; PIXELS];
+            self.material_ids[block] = [look; PIXELS];
             self.depths[block] = [depth; PIXELS];
         } else {
-            let (materials, depths) = (&mut self.materials[block], &mut self.depths[block]);
+            let (material_ids, depths) = (&mut self.material_ids[block], &mut self.depths[block]);
             for pixel in bits(pixels) {
-                materials[pixel] = look;
+                material_ids[pixel] = look;
                 depths[pixel] = depth;
             }
         }

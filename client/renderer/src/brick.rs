@@ -52,7 +52,7 @@ impl Bricks<'_> {
                     if any == 0 {
                         continue;
                     }
-                    let sight = Sight::new(self.view, brick, column * BLOCK, row * BLOCK + y);
+                    let sight = RayRow::new(self.view, brick, column * BLOCK, row * BLOCK + y);
                     let first = met.map(|met| met.trailing_zeros());
                     let is_met = brick.meets(&sight, &first);
                     for x in bits(wanted) {
@@ -80,7 +80,7 @@ impl Bricks<'_> {
                                     met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
                                 continue;
                             }
-                            band.materials[block][pixel] = look;
+                            band.material_ids[block][pixel] = look;
                             band.depths[block][pixel] = brick.depth + self.form.deeper(cell);
                             written |= 1 << pixel;
                             break;
@@ -107,7 +107,7 @@ impl Bricks<'_> {
             let look = brick.look(self.octree, usize::from(cell), self.leaves);
             let depth = brick.depth + self.form.deeper(usize::from(cell));
             if usize::from(look) < self.glass_from {
-                band.materials[block][pixel] = look;
+                band.material_ids[block][pixel] = look;
                 band.depths[block][pixel] = depth;
                 return 1 << pixel;
             }
@@ -118,11 +118,11 @@ impl Bricks<'_> {
 }
 
 /// The lines of sight of eight pixels in a row, mirrored as the cells of a brick are.
-struct Sight {
+struct RayRow {
     rays: [[f32; BLOCK]; 3],
 }
 
-impl Sight {
+impl RayRow {
     #[inline(always)]
     fn new(view: &BandView, brick: &Brick, x: usize, y: usize) -> Self {
         let (first, step) = (view.ray(x, y) * brick.sign, view.ray_step[0] * brick.sign);
@@ -212,7 +212,7 @@ impl Brick {
     /// Whether each line of sight meets the cell that is asked for. All of what a line of sight has before it in the brick lies
     /// in the same direction along each axis, so that two stretches between planes have a point in common when two products tell.
     #[inline(always)]
-    fn meets(&self, sight: &Sight, cells: &[u32; BLOCK]) -> [bool; BLOCK] {
+    fn meets(&self, sight: &RayRow, cells: &[u32; BLOCK]) -> [bool; BLOCK] {
         let mut low = [[0.0; BLOCK]; 3];
         for (axis, low) in low.iter_mut().enumerate() {
             for (low, cell) in low.iter_mut().zip(cells) {
@@ -233,7 +233,7 @@ impl Brick {
 
     /// Whether the line of sight of a pixel of the row meets a cell.
     #[inline(always)]
-    fn meets_one(&self, sight: &Sight, x: usize, cell: u32) -> bool {
+    fn meets_one(&self, sight: &RayRow, x: usize, cell: u32) -> bool {
         let (ray, low) = (sight.ray(x), self.corner(cell));
         let high = low + self.edge;
         let before = (low * ray.yzx()).cmple(high.yzx() * ray);
@@ -247,7 +247,7 @@ impl Brick {
     }
 
     /// The cells that a line of sight meets, of those that it may meet, nearest first.
-    fn sorted(&self, sight: &Sight, x: usize, met: u64) -> Vec<(f32, u8)> {
+    fn sorted(&self, sight: &RayRow, x: usize, met: u64) -> Vec<(f32, u8)> {
         // What is added changes nothing but a zero, whose inverse would be of no use.
         let inverse = (sight.ray(x) + 1.0e-20).recip();
         let met = bits(met).filter_map(|cell| {

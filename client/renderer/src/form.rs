@@ -14,8 +14,8 @@ use glam::{Vec2, Vec3A, Vec4};
 
 use super::{
     lines::{ENTRIES, FIRST, Lines, PLACES, PLANES, Row},
+    traversal::SPARE_PX,
     view::{BandView, NEAR},
-    walk::SPARE_PX,
 };
 
 /// How far apart, in pixels, front and back of a node may be seen that is taken to look alike all over, where perspective

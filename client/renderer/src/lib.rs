@@ -17,7 +17,6 @@ pub mod avatars;
 mod band;
 mod brick;
 mod form;
-pub mod hidden;
 mod hull;
 mod layer;
 mod lines;
@@ -25,14 +24,15 @@ mod mask;
 pub mod mover_visibility;
 pub mod movers;
 pub mod moving;
+pub mod node_visibility;
 mod orthogonal;
 mod panes;
 mod pyramid;
 pub mod rooms;
 mod shade;
 pub mod text;
+mod traversal;
 mod view;
-mod walk;
 
 use std::sync::Arc;
 
@@ -46,12 +46,12 @@ use sightline_world::{
 
 use self::{
     band::Band,
-    hidden::Hidden,
     mask::BLOCK,
+    node_visibility::NodeVisibility,
     panes::Panes,
     shade::Rows,
+    traversal::{NodeClasses, Traversal, TraversalStacks},
     view::View,
-    walk::{Known, Walk, Walker},
 };
 
 /// Rows that are drawn together: whole blocks.
@@ -107,7 +107,7 @@ pub struct Frame {
     /// of the building makes it nearer, never farther.
     pub depth: Vec<f32>,
     /// The index in [`Octree::materials`] of what is seen, glass aside; of no meaning in the sky.
-    pub materials: Vec<u16>,
+    pub material_ids: Vec<u16>,
     /// For each block of pixels, row by row from the top: none of its depths is greater.
     farthest: Vec<f32>,
     /// The glass in front.
@@ -129,7 +129,7 @@ impl Frame {
             (self.width, self.height) = (width, height);
             self.colour = vec![0; width * height];
             self.depth = vec![f32::INFINITY; width * height];
-            self.materials = vec![u16::MAX; width * height];
+            self.material_ids = vec![u16::MAX; width * height];
             self.farthest = vec![f32::INFINITY; width.div_ceil(BLOCK) * height.div_ceil(BLOCK)];
             self.panes = Panes::default();
         }
@@ -139,7 +139,7 @@ impl Frame {
     /// The octree must be the one that was drawn.
     pub fn normal(&self, pixel: usize, octree: &Octree) -> Vec3 {
         let seen = self.depth[pixel].is_finite();
-        let look = octree.materials.get(usize::from(self.materials[pixel])).filter(|_| seen);
+        let look = octree.materials.get(usize::from(self.material_ids[pixel])).filter(|_| seen);
         look.map_or(Vec3::ZERO, |look| Vec3::from(look.normal.map(f32::from)) / 127.0)
     }
 
@@ -167,8 +167,8 @@ impl Frame {
         }
         let rows = self.colour.par_chunks_mut(width.max(1));
         let rows = rows.zip(self.depth.par_chunks_mut(width.max(1)));
-        let rows = rows.zip(self.materials.par_chunks_mut(width.max(1))).enumerate();
-        rows.for_each(|(y, ((colour, depth), materials))| {
+        let rows = rows.zip(self.material_ids.par_chunks_mut(width.max(1))).enumerate();
+        rows.for_each(|(y, ((colour, depth), material_ids))| {
             for x in 0..width {
                 let corner = 2 * y * fine.width + 2 * x;
                 let four = [0, 1, fine.width, fine.width + 1].map(|step| corner + step);
@@ -179,7 +179,7 @@ impl Frame {
                 let nearer = |a: usize, b: usize| if fine.depth[b] < fine.depth[a] { b } else { a };
                 let nearest = four.into_iter().fold(corner, nearer);
                 colour[x] = channel(0) | channel(8) | channel(16);
-                (depth[x], materials[x]) = (fine.depth[nearest], fine.materials[nearest]);
+                (depth[x], material_ids[x]) = (fine.depth[nearest], fine.material_ids[nearest]);
             }
         });
     }
@@ -232,14 +232,14 @@ pub struct Renderer {
     pub antialias: bool,
     /// What is left out of pictures from a box of eyes, or is not tested, if the eye is in it. The picture is the same. It
     /// is to be made for the octree that is drawn.
-    pub hidden: Option<Arc<Hidden>>,
+    pub node_visibility: Option<Arc<NodeVisibility>>,
     /// Forgoes what only newer processors can do; the picture is the same.
     portable: bool,
     fine: Frame,
     counters: Counters,
     /// For each of [`Octree::materials`], and black for all other indices.
     colours: Vec<u32>,
-    bands: Vec<(Band, Walker, Counters)>,
+    bands: Vec<(Band, TraversalStacks, Counters)>,
 }
 
 impl Renderer {
@@ -268,14 +268,14 @@ impl Renderer {
         self.colours.resize(MATERIALS_MAX, 0);
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
-        let hidden = self.hidden.as_deref();
+        let hidden = self.node_visibility.as_deref();
         let known = hidden.and_then(|hidden| hidden.known(octree, camera.eye, view.focal()));
-        let known = known.unwrap_or(Known::NOTHING);
+        let known = known.unwrap_or(NodeClasses::NOTHING);
         let (processor, portable) = (pulp::Arch::new(), self.portable);
         self.bands.resize_with(height.div_ceil(BAND), Default::default);
         let rows = frame.colour.par_chunks_mut(BAND * width);
         let rows = rows.zip(frame.depth.par_chunks_mut(BAND * width));
-        let rows = rows.zip(frame.materials.par_chunks_mut(BAND * width));
+        let rows = rows.zip(frame.material_ids.par_chunks_mut(BAND * width));
         let blocks = BAND / BLOCK * width.div_ceil(BLOCK);
         let rows = rows.zip(frame.farthest.par_chunks_mut(blocks));
         frame.panes.finer = false;
@@ -283,13 +283,24 @@ impl Renderer {
         let rows = rows.zip(&mut frame.panes.bands);
         let bands = self.bands.par_iter_mut().zip(rows).enumerate();
         bands.for_each(
-            |(i, ((band, walker, counters), ((((colour, depth), materials), farthest), panes)))| {
+            |(
+                i,
+                ((band, walker, counters), ((((colour, depth), material_ids), farthest), panes)),
+            )| {
                 let view = view.band(i * BAND, octree);
                 *counters = Counters::default();
                 band.clear(width, BAND.min(height - i * BAND));
-                let rows = Rows { colour, depth, materials, farthest, panes };
-                let walk =
-                    Walk { octree, view: &view, mode, known, glass_from, band, walker, counters };
+                let rows = Rows { colour, depth, material_ids, farthest, panes };
+                let walk = Traversal {
+                    octree,
+                    view: &view,
+                    mode,
+                    known,
+                    glass_from,
+                    band,
+                    walker,
+                    counters,
+                };
                 let drawing = Drawing { walk, colours, rows };
                 if portable {
                     drawing.with_simd(pulp::Scalar);
@@ -311,7 +322,7 @@ impl Renderer {
 /// The work on a band. A function that is compiled for each kind of processor takes no closure, so
 /// that all of it is.
 struct Drawing<'a> {
-    walk: Walk<'a>,
+    walk: Traversal<'a>,
     colours: &'a [u32],
     rows: Rows<'a>,
 }

@@ -12,12 +12,12 @@ const TOLERANCE: Tolerance = Tolerance { eye_m: 0.5, look: 0.15 };
 const LEAP_M: f32 = 4.0;
 
 /// The visibility sets of the viewpoints of a camera's frames, and of the ways between them.
-pub struct InSight {
+pub struct MoverVisibility {
     sets: VisibilitySets,
     before: Option<Pose>,
 }
 
-impl InSight {
+impl MoverVisibility {
     /// For pictures of this size, whose lowest and highest lines of sight are this angle apart, in radians.
     pub fn new((width, height): (usize, usize), upright: f32) -> Self {
         let shape = width as f32 / height.max(1) as f32;
@@ -44,7 +44,7 @@ impl InSight {
     }
 
     /// How many sets were made so far.
-    pub fn made(&self) -> u64 {
+    pub fn sets_made(&self) -> u64 {
         self.sets.made()
     }
 }

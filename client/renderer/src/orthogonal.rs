@@ -13,7 +13,7 @@ use super::{
     form::{BrickForm, Flat, Form, halved},
     layer::{Layer, Whole},
     mask::Area,
-    walk::{Cube, Walk},
+    traversal::{Cube, Traversal},
 };
 
 /// Cells whose edge is longer, in pixels, are drawn each as a whole.
@@ -34,7 +34,7 @@ struct Fine {
     bricks: Option<BrickForm>,
 }
 
-impl Walk<'_> {
+impl Traversal<'_> {
     /// Draws a node and all below.
     #[inline(always)]
     pub(super) fn draw_orthogonal(&mut self, cube: &Cube) {

@@ -30,7 +30,7 @@ const PIXELS_MAX: f32 = 4.0 * super::SIDE_MAX as f32;
 
 /// The wire frames of all rooms.
 #[derive(Clone, Debug, Default)]
-pub struct Wires {
+pub struct RoomWireframes {
     rooms: Vec<Wire>,
 }
 
@@ -44,7 +44,7 @@ struct Wire {
     hatches: Vec<[Vec3; 2]>,
 }
 
-impl Wires {
+impl RoomWireframes {
     /// Those of a world's rooms.
     pub fn new(world: &World) -> Self {
         Self::of(&world.rooms, &world.bounds())
@@ -255,11 +255,14 @@ mod tests {
     const CAMERA: Camera =
         Camera { eye: Vec3::new(0.0, 1.5, 8.0), yaw: 0.0, pitch: 0.0, fov_y: 1.0 };
 
-    fn wires(windows: Vec<Window>) -> Wires {
+    fn wires(windows: Vec<Window>) -> RoomWireframes {
         let shapes =
             vec![Shape::Box(Aabb::new(Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 3.0, 2.0)))];
         let room = Room { name: "hall".into(), shapes, windows, ..Room::default() };
-        Wires::of(&Rooms::new(vec![room], Vec::new()).unwrap(), &Aabb::around(Vec3::ZERO, 20.0))
+        RoomWireframes::of(
+            &Rooms::new(vec![room], Vec::new()).unwrap(),
+            &Aabb::around(Vec3::ZERO, 20.0),
+        )
     }
 
     fn window() -> Window {
@@ -269,7 +272,7 @@ mod tests {
         Window { name: "w".into(), corners, behind: None }
     }
 
-    fn drawn(wires: &Wires, wall: f32, camera: &Camera) -> Frame {
+    fn drawn(wires: &RoomWireframes, wall: f32, camera: &Camera) -> Frame {
         let mut frame = Frame::new(240, 180);
         frame.depth.fill(wall);
         wires.draw(&mut frame, camera);

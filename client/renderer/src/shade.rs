@@ -40,7 +40,7 @@ pub(super) fn surface(look: &Material) -> u32 {
 pub(super) struct Rows<'a> {
     pub(super) colour: &'a mut [u32],
     pub(super) depth: &'a mut [f32],
-    pub(super) materials: &'a mut [u16],
+    pub(super) material_ids: &'a mut [u16],
     /// The greatest depth of each block.
     pub(super) farthest: &'a mut [f32],
     pub(super) panes: &'a mut BandPanes,
@@ -57,19 +57,19 @@ pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Row
             // Within a block the air is as thick all over.
             let ray = view.ray(column * BLOCK + BLOCK / 2, row * BLOCK + BLOCK / 2);
             let length = ray.length();
-            let materials = band.materials[block].as_chunks::<BLOCK>().0;
+            let material_ids = band.material_ids[block].as_chunks::<BLOCK>().0;
             let depths = band.depths[block].as_chunks::<BLOCK>().0;
             let count = BLOCK.min(width - column * BLOCK);
             let mut farthest = [0.0f32; BLOCK];
             for y in 0..BLOCK.min(band.height - row * BLOCK) {
                 let at = (row * BLOCK + y) * width + column * BLOCK;
-                let mut pixels = materials[y].map(|look| colours[usize::from(look)]);
+                let mut pixels = material_ids[y].map(|look| colours[usize::from(look)]);
                 for (pixel, depth) in pixels.iter_mut().zip(depths[y]) {
                     *pixel = hazed(*pixel, length * depth);
                 }
                 put(&mut rows.colour[at..at + count], &pixels);
                 put(&mut rows.depth[at..at + count], &depths[y]);
-                put(&mut rows.materials[at..at + count], &materials[y]);
+                put(&mut rows.material_ids[at..at + count], &material_ids[y]);
                 for (farthest, depth) in farthest.iter_mut().zip(depths[y]) {
                     *farthest = if depth > *farthest { depth } else { *farthest };
                 }

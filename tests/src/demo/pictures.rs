@@ -16,7 +16,7 @@ use sightline_client_core::replica::VisibleAvatar;
 use sightline_compiler::plan::{self, Mark, Overlay};
 use sightline_renderer::{
     Camera, Frame, Renderer,
-    avatars::{self, Figure},
+    avatars::{self, AvatarFigure},
     movers,
 };
 use sightline_world::{World, motion::Pose};
@@ -135,10 +135,10 @@ impl Moment {
         let mut frame = Frame::new(SIZE.0, SIZE.1);
         Renderer::default().draw(&world.octree, &camera, &mut frame);
         movers::draw(&mut frame, &camera, &world.movers, self.time);
-        let figures: Vec<Figure> = self
+        let figures: Vec<AvatarFigure> = self
             .visible
             .iter()
-            .map(|avatar| Figure {
+            .map(|avatar| AvatarFigure {
                 pose: avatar.pose,
                 body: world.body,
                 colour: avatar.colour,

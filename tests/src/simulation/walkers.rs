@@ -32,7 +32,7 @@ enum Habit {
     Runs,
 }
 
-struct Walker {
+struct SimulatedWalker {
     habit: Habit,
     room: usize,
     /// x and z.
@@ -54,8 +54,9 @@ pub fn trace(
     speed_max: f32,
     throws: f64,
 ) -> Trace {
-    let mut all: Vec<Walker> =
-        (0..walkers).filter_map(|_| Walker::new(building, rng, steps, speed_max)).collect();
+    let mut all: Vec<SimulatedWalker> = (0..walkers)
+        .filter_map(|_| SimulatedWalker::new(building, rng, steps, speed_max))
+        .collect();
     let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
     for step in 0..steps {
         for (id, walker) in all.iter_mut().enumerate() {
@@ -81,7 +82,7 @@ pub fn trace(
     Trace::read(rows.as_bytes()).expect("the walkers are samples")
 }
 
-impl Walker {
+impl SimulatedWalker {
     fn new(building: &Building, rng: &mut SmallRng, steps: u32, speed_max: f32) -> Option<Self> {
         let room = rng.random_range(0..building.rooms.len());
         let at = building.place(room, rng)?;

@@ -11,7 +11,7 @@ use thiserror::Error;
 use super::Options;
 use sightline_renderer::{
     Camera, Frame, Renderer,
-    hidden::{Hidden, Walls, wanted},
+    node_visibility::{NodeVisibility, VoxelOccluders, boxes_ahead},
 };
 
 /// From one picture to the next, in seconds.
@@ -67,7 +67,7 @@ pub enum FuzzyError {
     Differs(usize),
     /// There are more walls than can be numbered.
     #[error(transparent)]
-    Walls(#[from] sightline_visibility::fuzzy::SurfaceError),
+    VoxelOccluders(#[from] sightline_visibility::fuzzy::SurfaceError),
     /// There can be no such threads, or the system does not tell CPU time.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -87,7 +87,7 @@ pub fn fuzzy(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
     let pool = pool.map_err(io::Error::other)?;
     let start = ProcessTime::try_now()?;
-    let walls = Walls::new(&world.octree)?;
+    let walls = VoxelOccluders::new(&world.octree)?;
     let walls_ms = since(start)?;
     let mut worker = Worker { walls, ready: Vec::new(), free_at_s: 0.0, sum: Sum::default() };
     let mut stage = Stage::new(world, options);
@@ -112,7 +112,7 @@ fn since(start: ProcessTime) -> io::Result<f64> {
 
 /// A thread beside those that draw, by the path's clock: what takes so long is there so much later.
 struct Worker {
-    walls: Walls,
+    walls: VoxelOccluders,
     /// When boxes are there.
     ready: Vec<(f64, Known)>,
     free_at_s: f64,
@@ -120,7 +120,7 @@ struct Worker {
 }
 
 /// What is known of a box: what is hidden, and the same with what every eye sees whole.
-type Known = [Arc<Hidden>; 2];
+type Known = [Arc<NodeVisibility>; 2];
 
 #[derive(Default)]
 struct Sum {
@@ -137,7 +137,7 @@ impl Worker {
         focal: f32,
         now_s: f64,
     ) -> io::Result<Option<Known>> {
-        for eyes in wanted(eye, velocity) {
+        for eyes in boxes_ahead(eye, velocity) {
             let is_there = self.ready.iter().any(|(_, [known, _])| known.eyes() == eyes);
             if !is_there && self.free_at_s <= now_s {
                 self.prepare(eyes, focal, now_s)?;
@@ -150,7 +150,7 @@ impl Worker {
 
     fn prepare(&mut self, eyes: Aabb, focal: f32, now_s: f64) -> io::Result<()> {
         let start = ProcessTime::try_now()?;
-        let hidden = Hidden::new(&self.walls, eyes, focal);
+        let hidden = NodeVisibility::new(&self.walls, eyes, focal);
         let ms = since(start)?;
         let counts = hidden.counts();
         self.sum.boxes += 1;
@@ -159,7 +159,7 @@ impl Worker {
         self.sum.hidden += share(counts.hidden);
         self.sum.visible += share(counts.visible);
         self.free_at_s = now_s + ms * 1e-3;
-        let known = [hidden.clone().without_clear(), hidden].map(Arc::new);
+        let known = [hidden.clone().without_unoccluded(), hidden].map(Arc::new);
         self.ready.push((self.free_at_s, known));
         if self.ready.len() > KEPT_MAX {
             self.ready.remove(0);
@@ -202,7 +202,7 @@ impl<'a> Stage<'a> {
             // In turn, and each as often first as last.
             let way = (turn + turn / WAYS) % WAYS;
             let hidden = |known: &Known| (way > 0).then(|| Arc::clone(&known[way - 1]));
-            self.renderer.hidden = known.as_ref().and_then(hidden);
+            self.renderer.node_visibility = known.as_ref().and_then(hidden);
             let start = ProcessTime::try_now()?;
             self.renderer.draw(&self.world.octree, camera, &mut self.frames[way]);
             best[way] = best[way].min(since(start)?);

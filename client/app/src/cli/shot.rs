@@ -10,10 +10,10 @@ use anyhow::{bail, ensure};
 use glam::Vec3;
 use sightline_renderer::{
     Camera, Frame, Renderer,
-    hidden::{self, Hidden, Walls},
-    mover_visibility::InSight,
+    mover_visibility::MoverVisibility,
     movers,
-    rooms::Wires,
+    node_visibility::{self, NodeVisibility, VoxelOccluders},
+    rooms::RoomWireframes,
 };
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{Mover, World, motion::Pose};
@@ -101,12 +101,12 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let (width, height) = args.size;
     let (mut scene, mut frame) = (Scene::new(args, world)?, Frame::new(width, height));
     let (rooms, fov_y) = (RoomIndex::new(world), args.fov.to_radians());
-    let (mut in_sight, mut drawn) = (InSight::new(args.size, fov_y), 0);
+    let (mut mover_visibility, mut drawn) = (MoverVisibility::new(args.size, fov_y), 0);
     let progress = Progress::new();
     let mut total = 0.0;
     for (i, (seconds, pose)) in path.frames_between(from, until, frames).enumerate() {
         let now = args.time + Duration::from_secs_f64(seconds - from);
-        let movers = in_sight.movers(world, &rooms, &pose);
+        let movers = mover_visibility.movers(world, &rooms, &pose);
         drawn += movers.len();
         total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
         picture::save(&sequence.frame(i), &[(width, &frame.colour)])?;
@@ -118,7 +118,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
         all => format!(
             ", {:.1} of {all} movers each by {} visibility sets",
             drawn as f64 / frames as f64,
-            in_sight.made()
+            mover_visibility.sets_made()
         ),
     };
     super::print(&format!(
@@ -134,9 +134,9 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
 struct Scene<'a> {
     world: &'a World,
     renderer: Renderer,
-    wires: Option<Wires>,
+    wires: Option<RoomWireframes>,
     /// What hides the rest of the building, where that is wanted.
-    walls: Option<Walls>,
+    walls: Option<VoxelOccluders>,
     fov_y: f32,
 }
 
@@ -144,8 +144,8 @@ impl<'a> Scene<'a> {
     fn new(args: &Args, world: &'a World) -> anyhow::Result<Self> {
         let mut renderer = Renderer::default();
         renderer.antialias = args.aa;
-        let wires = args.rooms.then(|| Wires::new(world));
-        let walls = args.fuzzy.then(|| Walls::new(&world.octree)).transpose()?;
+        let wires = args.rooms.then(|| RoomWireframes::new(world));
+        let walls = args.fuzzy.then(|| VoxelOccluders::new(&world.octree)).transpose()?;
         Ok(Self { world, renderer, wires, walls, fov_y: args.fov.to_radians() })
     }
 
@@ -153,10 +153,12 @@ impl<'a> Scene<'a> {
     fn draw(&mut self, camera: Camera, movers: &[&Mover], now: Duration, frame: &mut Frame) -> f64 {
         let camera = Camera { fov_y: self.fov_y, ..camera };
         if let Some(walls) = &self.walls {
-            let known = self.renderer.hidden.take().filter(|it| it.eyes().contains(camera.eye));
-            let find = |eyes| Arc::new(Hidden::new(walls, eyes, camera.focal(frame.height())));
-            let eyes = hidden::wanted(camera.eye, Vec3::ZERO).into_iter().next();
-            self.renderer.hidden = known.or_else(|| eyes.map(find));
+            let known =
+                self.renderer.node_visibility.take().filter(|it| it.eyes().contains(camera.eye));
+            let find =
+                |eyes| Arc::new(NodeVisibility::new(walls, eyes, camera.focal(frame.height())));
+            let eyes = node_visibility::boxes_ahead(camera.eye, Vec3::ZERO).into_iter().next();
+            self.renderer.node_visibility = known.or_else(|| eyes.map(find));
         }
         let start = Instant::now();
         self.renderer.draw(&self.world.octree, &camera, frame);

@@ -6,7 +6,7 @@ use sightline_protocol::text::LINE_CHARS_MAX;
 use sightline_world::motion::Pose;
 use winit::keyboard::KeyCode;
 
-use sightline_client_core::walker::Wish;
+use sightline_client_core::walker::MoveInput;
 
 /// What a key does besides moving.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -126,7 +126,7 @@ impl Controls {
     }
 
     /// What is wanted for the next `dt_s` seconds.
-    pub(super) fn wish(&mut self, dt_s: f32) -> Wish {
+    pub(super) fn wish(&mut self, dt_s: f32) -> MoveInput {
         let turn = KEY_TURN * dt_s;
         let left = self.axis(KeyCode::ArrowLeft, KeyCode::ArrowRight) * turn;
         let up = self.axis(KeyCode::ArrowUp, KeyCode::ArrowDown) * turn;
@@ -137,7 +137,7 @@ impl Controls {
             (self.axis(KeyCode::KeyW, KeyCode::KeyS), self.axis(KeyCode::KeyD, KeyCode::KeyA));
         // Across is not faster than along.
         let share = share / forward.hypot(right).max(1.0);
-        Wish {
+        MoveInput {
             forward: forward * share,
             right: right * share,
             up: self.axis(KeyCode::Space, KeyCode::KeyC) * share,
@@ -195,7 +195,7 @@ mod tests {
         controls.key(KeyCode::ShiftLeft, false, None);
         assert_eq!((controls.wish(0.1).forward, controls.wish(0.1).right), (0.0, WALK_SHARE));
         controls.release();
-        assert_eq!(controls.wish(0.1), Wish::default());
+        assert_eq!(controls.wish(0.1), MoveInput::default());
     }
 
     #[test]

@@ -42,7 +42,7 @@ pub struct Options<'a> {
     /// Closes when it becomes true.
     pub stop: Option<&'a AtomicBool>,
     /// Prepares what is hidden from where the eye will be, on a thread of its own, and leaves it out: see
-    /// [`render::hidden`](sightline_renderer::hidden).
+    /// [`render::hidden`](sightline_renderer::node_visibility).
     pub fuzzy: bool,
 }
 

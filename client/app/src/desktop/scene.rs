@@ -13,11 +13,11 @@ use sightline_client_core::{
 };
 use sightline_renderer::{
     Camera, Frame, Renderer,
-    hidden::Ahead,
-    mover_visibility::InSight,
+    mover_visibility::MoverVisibility,
     movers,
-    moving::{Culling, Moving},
-    rooms::Wires,
+    moving::{Culling, MovingRenderer},
+    node_visibility::VisibilityPrefetcher,
+    rooms::RoomWireframes,
 };
 
 /// All that a window shows, without the window.
@@ -26,14 +26,14 @@ pub(super) struct Scene<'a> {
     walker: Walker,
     rooms: RoomIndex,
     /// Made when they are first asked for.
-    wires: Option<Wires>,
+    wires: Option<RoomWireframes>,
     bookmarks: Bookmarks,
     /// Of the flight that is on.
-    in_sight: Option<InSight>,
+    mover_visibility: Option<MoverVisibility>,
     renderer: Renderer,
-    moving: Moving,
+    moving: MovingRenderer,
     /// If it is wanted.
-    ahead: Option<Ahead>,
+    ahead: Option<VisibilityPrefetcher>,
     drawn: Frame,
     shown: Frame,
     log: Log,
@@ -61,19 +61,19 @@ impl<'a> Scene<'a> {
         log.add(Instant::now(), HELP.into());
         let world = visit.world();
         let ahead = if fuzzy {
-            let ahead = Ahead::new(&world.octree);
+            let ahead = VisibilityPrefetcher::new(&world.octree);
             ahead.inspect_err(|error| tracing::warn!(%error, "everything is drawn")).ok()
         } else {
             None
         };
-        let moving = Moving::new(world, Culling::default());
+        let moving = MovingRenderer::new(world, Culling::default());
         Self {
             visit,
             walker: Walker::new(visit.world(), spawn),
             rooms: RoomIndex::new(visit.world()),
             wires: None,
             bookmarks: Bookmarks::default(),
-            in_sight: None,
+            mover_visibility: None,
             renderer: Renderer::default(),
             moving,
             ahead,
@@ -147,10 +147,10 @@ impl<'a> Scene<'a> {
         if let Some(pose) = self.bookmarks.flight(now) {
             self.walker.place(pose);
             controls.face(&pose);
-            self.in_sight.get_or_insert_with(|| InSight::new(size, Camera::FOV_Y));
+            self.mover_visibility.get_or_insert_with(|| MoverVisibility::new(size, Camera::FOV_Y));
             return pose;
         }
-        self.in_sight = None;
+        self.mover_visibility = None;
         self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s)
     }
 
@@ -179,7 +179,7 @@ impl<'a> Scene<'a> {
         let camera = Camera::at(&pose);
         let seen = self.draw(&pose, time);
         if controls.shows_rooms() {
-            let wires = self.wires.get_or_insert_with(|| Wires::new(self.visit.world()));
+            let wires = self.wires.get_or_insert_with(|| RoomWireframes::new(self.visit.world()));
             wires.draw(&mut self.drawn, &camera);
         }
         self.draw_time += start.elapsed();
@@ -215,11 +215,11 @@ impl<'a> Scene<'a> {
     fn draw(&mut self, pose: &Pose, time: Duration) -> Vec<VisibleAvatar> {
         let (world, camera) = (self.visit.world(), &Camera::at(pose));
         let focal = camera.focal(self.drawn.height());
-        let hidden = |ahead: &Ahead| ahead.at(pose.eye, pose.velocity, focal);
-        self.renderer.hidden = self.ahead.as_ref().and_then(hidden);
+        let hidden = |ahead: &VisibilityPrefetcher| ahead.at(pose.eye, pose.velocity, focal);
+        self.renderer.node_visibility = self.ahead.as_ref().and_then(hidden);
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
-        if let Some(in_sight) = &mut self.in_sight {
-            let movers = in_sight.movers(world, &self.rooms, pose);
+        if let Some(mover_visibility) = &mut self.mover_visibility {
+            let movers = mover_visibility.movers(world, &self.rooms, pose);
             movers::draw_those(&mut self.drawn, camera, &movers, time);
             return Vec::new();
         }

@@ -249,8 +249,8 @@ impl Session {
 }
 
 impl AvatarSource for &Session {
-    fn news(&mut self) -> Vec<(AvatarId, Update)> {
-        self.shared.state().replica.news()
+    fn updates(&mut self) -> Vec<(AvatarId, Update)> {
+        self.shared.state().replica.updates()
     }
 
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {

@@ -9,7 +9,7 @@ use sightline_world::{Spawn, World, motion::Pose};
 use sightline_cli::trace::Track;
 use sightline_client_core::{
     navigation::Navigation,
-    walker::{Walker, Wish},
+    walker::{MoveInput, Walker},
 };
 
 /// A place is reached when it is so near, in metres.
@@ -74,7 +74,7 @@ impl Wanderer {
 
     fn step(&mut self, world: &World, ways: &Navigation, dt_s: f32) -> Pose {
         let pose = self.walker.pose();
-        let stay = Wish { yaw: pose.yaw, pitch: pose.pitch, ..Wish::default() };
+        let stay = MoveInput { yaw: pose.yaw, pitch: pose.pitch, ..MoveInput::default() };
         if self.rest_s > 0.0 {
             self.rest_s -= dt_s;
             return self.walker.step(&world.octree, stay, dt_s);
@@ -86,11 +86,11 @@ impl Wanderer {
         let way = (next - pose.eye).with_y(0.0);
         self.watch_progress(way.length(), dt_s);
         let speed = world.speed_max.max(0.1);
-        let wish = Wish {
+        let wish = MoveInput {
             // Slower over the last stretch, so that it does not overshoot.
             forward: self.haste.min(way.length() / (speed * dt_s.max(1e-3))),
             yaw: (-way.x).atan2(-way.z),
-            ..Wish::default()
+            ..MoveInput::default()
         };
         self.walker.step(&world.octree, wish, dt_s)
     }
@@ -129,7 +129,7 @@ impl Wanderer {
         let goals: Vec<Vec3> = (0..8).filter_map(|_| ways.random(&mut self.random)).collect();
         let is_near = |goal: &&Vec3| GOAL_DISTANCE.contains(&goal.distance(eye));
         let goal = goals.iter().find(is_near).or(goals.first()).copied();
-        let way = goal.and_then(|goal| ways.way(eye, goal)).filter(|way| !way.is_empty());
+        let way = goal.and_then(|goal| ways.path(eye, goal)).filter(|way| !way.is_empty());
         match way {
             Some(way) => self.way = way.into(),
             // Nowhere to go from here: not at every tick again.

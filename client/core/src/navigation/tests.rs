@@ -3,7 +3,7 @@ use rand::SeedableRng;
 use super::*;
 use sightline_fixtures::voxel_floor::world;
 
-use crate::walker::{Walker, Wish};
+use crate::walker::{MoveInput, Walker};
 
 /// Walks a way with a real body and tells where it ends.
 fn walk(world: &World, way: &[Vec3], from: Vec3) -> Vec3 {
@@ -15,7 +15,8 @@ fn walk(world: &World, way: &[Vec3], from: Vec3) -> Vec3 {
             if to.with_y(0.0).length() < 0.08 {
                 break;
             }
-            let wish = Wish { forward: 0.5, yaw: (-to.x).atan2(-to.z), ..Wish::default() };
+            let wish =
+                MoveInput { forward: 0.5, yaw: (-to.x).atan2(-to.z), ..MoveInput::default() };
             walker.step(&world.octree, wish, 1.0 / 60.0);
         }
     }
@@ -31,7 +32,7 @@ fn a_way_leads_round_a_wall_and_a_body_can_walk_it() {
     let world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
     let navigation = Navigation::new(&world);
     assert!(navigation.len() > 100);
-    let way = navigation.way(WEST, EAST).unwrap();
+    let way = navigation.path(WEST, EAST).unwrap();
     assert!(way.iter().any(|place| place.z < 1.0), "through the gap: {way:?}");
     assert!(walk(&world, &way, WEST).distance(EAST) < 0.4);
 }
@@ -39,17 +40,17 @@ fn a_way_leads_round_a_wall_and_a_body_can_walk_it() {
 #[test]
 fn a_closed_wall_has_no_way_and_stairs_have_one() {
     let closed = world(&[([31, 1, 0], [33, 30, 64], 0)]);
-    assert_eq!(Navigation::new(&closed).way(WEST, EAST), None);
+    assert_eq!(Navigation::new(&closed).path(WEST, EAST), None);
     // Five steps of 0.25 m up to a platform 1.25 m high.
     let mut boxes = vec![([40, 1, 0], [64, 11, 64], 0)];
     boxes.extend((0..4).map(|i| ([32 + 2 * i, 1, 24], [34 + 2 * i, 3 + 2 * i, 40], 0)));
     let stairs = world(&boxes);
     let navigation = Navigation::new(&stairs);
     let top = EAST + Vec3::Y * 1.25;
-    let way = navigation.way(WEST, top).unwrap();
+    let way = navigation.path(WEST, top).unwrap();
     let end = walk(&stairs, &way, WEST);
     assert!(end.distance(top) < 0.4, "ended at {end}");
-    assert!(navigation.way(top, WEST).is_some());
+    assert!(navigation.path(top, WEST).is_some());
 }
 
 #[test]
@@ -80,5 +81,5 @@ fn a_world_without_a_floor_has_no_places() {
     let navigation = Navigation::new(&world);
     assert!(navigation.is_empty());
     assert_eq!(navigation.random(&mut SmallRng::seed_from_u64(1)), None);
-    assert_eq!(navigation.way(WEST, EAST), None);
+    assert_eq!(navigation.path(WEST, EAST), None);
 }

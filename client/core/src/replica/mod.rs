@@ -3,8 +3,8 @@
 //! Feed a [`Replica`] each [`ServerMessage`] and each datagram with the client's own time, tell it
 //! where its own avatar is, and ask it at each tick what to send and at each frame whom to draw.
 
+mod avatar_source;
 mod timeline;
-mod told;
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -16,8 +16,8 @@ use sightline_protocol::{
 };
 use sightline_world::motion::{Agility, AvatarId, Pose, Tbv};
 
+pub use avatar_source::{AvatarSource, Update};
 use timeline::{Clock, Timeline};
-pub use told::{AvatarSource, Update};
 
 /// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
 /// bytes.
@@ -32,7 +32,7 @@ pub struct Replica {
     tick_interval: Duration,
     agility: Agility,
     others: BTreeMap<AvatarId, Other>,
-    /// Of them, those that [`AvatarSource::news`] has not told of.
+    /// Of them, those that [`AvatarSource::updates`] has not told of.
     news: BTreeMap<AvatarId, Update>,
     decoder: PoseDecoder,
     clock: Clock,

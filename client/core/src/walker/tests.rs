@@ -7,22 +7,22 @@ use super::*;
 /// Yaw that looks along +x.
 const EAST: f32 = -std::f32::consts::FRAC_PI_2;
 
-fn go_east(world: &World, wish: Wish, seconds: f32) -> Walker {
+fn go_east(world: &World, wish: MoveInput, seconds: f32) -> Walker {
     let mut walker = Walker::new(world, SPAWN);
     for _ in 0..(seconds * 60.0) as u32 {
-        walker.step(&world.octree, Wish { yaw: EAST, ..wish }, 1.0 / 60.0);
+        walker.step(&world.octree, MoveInput { yaw: EAST, ..wish }, 1.0 / 60.0);
     }
     walker
 }
 
-const WALK: Wish =
-    Wish { forward: 1.0, right: 0.0, up: 0.0, yaw: 0.0, pitch: 0.0, fly: false, jump: false };
+const WALK: MoveInput =
+    MoveInput { forward: 1.0, right: 0.0, up: 0.0, yaw: 0.0, pitch: 0.0, fly: false, jump: false };
 
 #[test]
 fn walls_and_glass_stop_the_body() {
     for flags in [0, Material::GLASS] {
         let world = world(&[([32, 0, 0], [33, 64, 64], flags)]);
-        for wish in [WALK, Wish { fly: true, ..WALK }, Wish { jump: true, ..WALK }] {
+        for wish in [WALK, MoveInput { fly: true, ..WALK }, MoveInput { jump: true, ..WALK }] {
             let eye = go_east(&world, wish, 3.0).pose().eye;
             assert!(eye.x > 3.7 && eye.x <= 3.8, "{eye} with {wish:?}");
         }
@@ -33,7 +33,7 @@ fn walls_and_glass_stop_the_body() {
 fn the_body_slides_along_a_wall() {
     let world = world(&[([32, 0, 0], [33, 64, 64], 0)]);
     let mut walker = Walker::new(&world, SPAWN);
-    let wish = Wish { right: 1.0, yaw: EAST, ..WALK };
+    let wish = MoveInput { right: 1.0, yaw: EAST, ..WALK };
     for _ in 0..60 {
         walker.step(&world.octree, wish, 1.0 / 60.0);
     }
@@ -47,10 +47,10 @@ fn stairs_are_climbed_and_walls_are_not() {
     let stairs = world(&[step(0, 2), step(1, 2), step(2, 2), step(3, 2)]);
     let eye = go_east(&stairs, WALK, 2.0).pose().eye;
     assert!((eye.y - 2.725).abs() < 0.02, "{eye}");
-    let back = Wish { forward: -1.0, ..WALK };
+    let back = MoveInput { forward: -1.0, ..WALK };
     let mut walker = go_east(&stairs, WALK, 2.0);
     for _ in 0..180 {
-        walker.step(&stairs.octree, Wish { yaw: EAST, ..back }, 1.0 / 60.0);
+        walker.step(&stairs.octree, MoveInput { yaw: EAST, ..back }, 1.0 / 60.0);
     }
     assert!((walker.pose().eye.y - 1.725).abs() < 0.02, "{}", walker.pose().eye);
     let high = world(&[step(0, 4)]);
@@ -64,15 +64,21 @@ fn what_is_not_held_falls_and_lands() {
     let world = world(&[]);
     let mut walker = Walker::new(&world, Spawn { eye: Vec3::new(4.0, 7.0, 4.0), yaw: 0.0 });
     let after_half_a_second =
-        (0..30).map(|_| walker.step(&world.octree, Wish::default(), 1.0 / 60.0)).last();
+        (0..30).map(|_| walker.step(&world.octree, MoveInput::default(), 1.0 / 60.0)).last();
     let eye = after_half_a_second.expect("30 steps").eye;
     assert!((eye.y - (7.0 - 0.5 * GRAVITY * 0.25)).abs() < 0.1, "{eye}");
     for _ in 0..120 {
-        walker.step(&world.octree, Wish::default(), 1.0 / 60.0);
+        walker.step(&world.octree, MoveInput::default(), 1.0 / 60.0);
     }
     assert!(walker.is_grounded() && (walker.pose().eye.y - 1.725).abs() < 0.01);
     let highest = (0..60)
-        .map(|i| walker.step(&world.octree, Wish { jump: i == 0, ..Wish::default() }, 1.0 / 60.0))
+        .map(|i| {
+            walker.step(
+                &world.octree,
+                MoveInput { jump: i == 0, ..MoveInput::default() },
+                1.0 / 60.0,
+            )
+        })
         .map(|pose| pose.eye.y)
         .fold(0.0, f32::max);
     assert!(highest > 2.0 && highest < 2.5, "{highest}");
@@ -92,7 +98,7 @@ fn a_stuck_body_gets_free_no_faster_than_it_walks() {
         for _ in 0..90 {
             let before = walker.pose().eye;
             let stuck = !is_free(&walker);
-            let way = walker.step(&world.octree, Wish::default(), 1.0 / 60.0).eye - before;
+            let way = walker.step(&world.octree, MoveInput::default(), 1.0 / 60.0).eye - before;
             assert!(!stuck || way.length() <= START_SPEED / 60.0 + 1e-3, "{way}");
         }
         assert!(is_free(&walker) && walker.is_grounded());
@@ -100,11 +106,11 @@ fn a_stuck_body_gets_free_no_faster_than_it_walks() {
     }
 }
 
-fn wish() -> impl Strategy<Value = Wish> {
+fn wish() -> impl Strategy<Value = MoveInput> {
     let number = prop_oneof![8 => -1.5f32..1.5, 1 => Just(f32::NAN)];
     (prop::array::uniform5(number), any::<bool>(), 0..4u8).prop_map(|(numbers, fly, jump)| {
         let [forward, right, up, yaw, pitch] = numbers;
-        Wish { forward, right, up, yaw: yaw * 3.0, pitch, fly, jump: jump == 0 }
+        MoveInput { forward, right, up, yaw: yaw * 3.0, pitch, fly, jump: jump == 0 }
     })
 }
 

@@ -13,12 +13,12 @@
 //!
 //! A mover's volume is what it sweeps. An avatar's follows from its pose and what a body can do; it
 //! need not keep to that, so what the server tells of a hidden avatar is held against its
-//! volume when it comes ([`AvatarSource::news`]).
+//! volume when it comes ([`AvatarSource::updates`]).
 //!
 //! All three draw the same pixels. What moves does not hide what else does: walls do most of that.
 
-mod cast;
-mod sight;
+mod moving_set;
+mod occlusion;
 #[cfg(test)]
 mod tests;
 
@@ -35,12 +35,12 @@ use sightline_world::{
 };
 
 use self::{
-    cast::{Cast, Nobody, What},
-    sight::Sight,
+    moving_set::{MovingId, MovingSet, NoAvatars},
+    occlusion::OcclusionTest,
 };
 use super::{
     Camera, Frame,
-    avatars::{self, Figure},
+    avatars::{self, AvatarFigure},
     movers,
     pyramid::Pyramid,
 };
@@ -73,7 +73,7 @@ impl Culling {
 
 /// What the last picture took, in counts that do not depend on the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Effort {
+pub struct MovingCounters {
     /// Movers and avatars that were drawn.
     pub drawn: usize,
     /// Those whose place was worked out.
@@ -90,12 +90,12 @@ pub struct Effort {
 
 /// The movers of a world, and the avatars that a client is told of, from one picture to the next.
 #[derive(Clone, Debug)]
-pub struct Moving {
+pub struct MovingRenderer {
     culling: Culling,
     /// Movers first, in their order.
     occupants: Occupants,
     /// By number.
-    things: Vec<Option<Thing>>,
+    things: Vec<Option<MovingObject>>,
     avatars: BTreeMap<AvatarId, u32>,
     /// No avatar's name has more letters.
     letters_max: usize,
@@ -105,13 +105,13 @@ pub struct Moving {
     /// Of the last picture.
     now: Duration,
     pyramid: Pyramid,
-    effort: Effort,
+    counters: MovingCounters,
 }
 
 /// What is known of something that moves.
 #[derive(Clone, Debug)]
-struct Thing {
-    what: What,
+struct MovingObject {
+    what: MovingId,
     /// Of the name above it, as it is shown.
     letters: usize,
     /// How long its volume was made to last.
@@ -120,7 +120,7 @@ struct Thing {
     until: Option<Duration>,
 }
 
-impl Moving {
+impl MovingRenderer {
     /// The movers of a world. Those whose box is nowhere are never drawn.
     pub fn new(world: &World, culling: Culling) -> Self {
         let octree = &world.octree;
@@ -135,11 +135,11 @@ impl Moving {
             expiries: BTreeSet::new(),
             now: Duration::ZERO,
             pyramid: Pyramid::default(),
-            effort: Effort::default(),
+            counters: MovingCounters::default(),
         };
-        let cast = Cast::new(world, &Nobody, Duration::ZERO);
+        let cast = MovingSet::new(world, &NoAvatars, Duration::ZERO);
         for at in 0..world.movers.len() {
-            let what = What::Mover(at as u32);
+            let what = MovingId::Mover(at as u32);
             if moving.add(what, 0, &cast).is_none() {
                 break;
             }
@@ -159,17 +159,17 @@ impl Moving {
         told: Option<&mut dyn AvatarSource>,
         now: Duration,
     ) -> Vec<VisibleAvatar> {
-        self.effort = Effort::default();
-        let nobody: &mut dyn AvatarSource = &mut Nobody;
+        self.counters = MovingCounters::default();
+        let nobody: &mut dyn AvatarSource = &mut NoAvatars;
         let told = told.unwrap_or(nobody);
-        let news = told.news();
-        let cast = Cast::new(world, told, now);
+        let news = told.updates();
+        let cast = MovingSet::new(world, told, now);
         self.hear(&news, &cast);
         if frame.width() == 0 || frame.height() == 0 {
             return Vec::new();
         }
         let seen: BTreeSet<u32> = if self.culling == Culling::Plain {
-            self.effort.placed = self.tracked.len();
+            self.counters.placed = self.tracked.len();
             self.tracked.clone()
         } else {
             self.wake(now);
@@ -182,12 +182,12 @@ impl Moving {
     }
 
     /// What the last picture took.
-    pub fn effort(&self) -> Effort {
-        self.effort
+    pub fn counters(&self) -> MovingCounters {
+        self.counters
     }
 
     /// Takes in what was told of avatars since the last picture.
-    fn hear(&mut self, news: &[(AvatarId, Update)], cast: &Cast<'_>) {
+    fn hear(&mut self, news: &[(AvatarId, Update)], cast: &MovingSet<'_>) {
         for &(avatar, news) in news {
             if news == Update::Appeared {
                 self.appear(avatar, cast);
@@ -200,32 +200,32 @@ impl Moving {
                 self.occupants.primitives(OccupantId(number)).any(|it| it.contains_box(&path))
             });
             if !holds {
-                self.effort.refuted += 1;
+                self.counters.refuted += 1;
                 self.track(number);
             }
         }
     }
 
     /// Takes in somebody, or another name.
-    fn appear(&mut self, avatar: AvatarId, cast: &Cast<'_>) {
+    fn appear(&mut self, avatar: AvatarId, cast: &MovingSet<'_>) {
         let letters = cast.letters(avatar);
         self.letters_max = self.letters_max.max(letters);
         if let Some(&number) = self.avatars.get(&avatar) {
             if let Some(thing) = &mut self.things[number as usize] {
                 thing.letters = letters;
             }
-        } else if let Some(number) = self.add(What::Avatar(avatar), letters, cast) {
+        } else if let Some(number) = self.add(MovingId::Avatar(avatar), letters, cast) {
             self.avatars.insert(avatar, number);
         }
     }
 
     /// Takes something in, and tells its number.
-    fn add(&mut self, what: What, letters: usize, cast: &Cast<'_>) -> Option<u32> {
+    fn add(&mut self, what: MovingId, letters: usize, cast: &MovingSet<'_>) -> Option<u32> {
         // What has no sane box gets a number all the same, and is met by nobody.
         let nowhere = Aabb::around(cast.world.octree.origin, 0.0);
         let inserted = self.occupants.insert(&[cast.bounds(what).unwrap_or(nowhere)]);
         let OccupantId(number) = inserted.or_else(|_| self.occupants.insert(&[nowhere])).ok()?;
-        let thing = Thing { what, letters, validity: VALIDITY_FIRST, until: None };
+        let thing = MovingObject { what, letters, validity: VALIDITY_FIRST, until: None };
         if self.things.len() <= number as usize {
             self.things.resize(number as usize + 1, None);
         }
@@ -239,7 +239,8 @@ impl Moving {
         self.track(number);
         self.tracked.remove(&number);
         self.occupants.remove(OccupantId(number));
-        if let Some(Thing { what: What::Avatar(avatar), .. }) = self.things[number as usize].take()
+        if let Some(MovingObject { what: MovingId::Avatar(avatar), .. }) =
+            self.things[number as usize].take()
         {
             self.avatars.remove(&avatar);
         }
@@ -260,7 +261,7 @@ impl Moving {
         while let Some(&(until, number)) = self.expiries.first()
             && (is_back || until < now)
         {
-            self.effort.expired += 1;
+            self.counters.expired += 1;
             if let Some(thing) = &mut self.things[number as usize] {
                 thing.validity = (thing.validity * 3 / 2).min(VALIDITY_MAX);
             }
@@ -269,8 +270,8 @@ impl Moving {
     }
 
     /// Puts something where it is now; tells its box, unless it has vanished.
-    fn place(&mut self, number: u32, cast: &Cast<'_>) -> Option<Aabb> {
-        self.effort.placed += 1;
+    fn place(&mut self, number: u32, cast: &MovingSet<'_>) -> Option<Aabb> {
+        self.counters.placed += 1;
         let what = self.things[number as usize].as_ref().map(|thing| thing.what)?;
         let bounds = cast.bounds(what);
         match bounds {
@@ -282,9 +283,9 @@ impl Moving {
     }
 
     /// Finds what to draw; and gives what is not seen a volume to be replaced by.
-    fn find(&mut self, frame: &Frame, camera: &Camera, cast: &Cast<'_>) -> BTreeSet<u32> {
+    fn find(&mut self, frame: &Frame, camera: &Camera, cast: &MovingSet<'_>) -> BTreeSet<u32> {
         let mut pyramid = std::mem::take(&mut self.pyramid);
-        let mut sight = Sight::new(camera, frame, &mut pyramid);
+        let mut sight = OcclusionTest::new(camera, frame, &mut pyramid);
         let mut met = Vec::new();
         self.occupants.front_to_back(camera.eye, |what| match what {
             Met::Node(bounds) => sight.shows(&bounds, self.letters_max),
@@ -308,15 +309,15 @@ impl Moving {
                 self.hide(&mut sight, number, cast);
             }
         }
-        self.effort.tested = sight.tested;
+        self.counters.tested = sight.tested;
         self.pyramid = pyramid;
         seen
     }
 
     /// Looks at something whose volume has come into view: whether it is in view itself. Otherwise it
     /// gets a shorter one.
-    fn reveal(&mut self, sight: &mut Sight<'_>, number: u32, cast: &Cast<'_>) -> bool {
-        self.effort.revealed += 1;
+    fn reveal(&mut self, sight: &mut OcclusionTest<'_>, number: u32, cast: &MovingSet<'_>) -> bool {
+        self.counters.revealed += 1;
         let Some(thing) = &mut self.things[number as usize] else { return false };
         thing.validity = (thing.validity / 2).max(VALIDITY_MIN);
         let letters = thing.letters;
@@ -325,7 +326,7 @@ impl Moving {
     }
 
     /// Lets a volume that is not in view stand for something, if there is one that is worth it.
-    fn hide(&mut self, sight: &mut Sight<'_>, number: u32, cast: &Cast<'_>) {
+    fn hide(&mut self, sight: &mut OcclusionTest<'_>, number: u32, cast: &MovingSet<'_>) {
         let Some(thing) = &mut self.things[number as usize] else { return };
         let mut validity = thing.validity;
         while validity >= VALIDITY_MIN {
@@ -334,7 +335,7 @@ impl Moving {
             if !sight.shows(&volume, thing.letters)
                 && self.occupants.move_to(OccupantId(number), &[volume]).is_ok()
             {
-                self.effort.placed += 1;
+                self.counters.placed += 1;
                 (thing.validity, thing.until) = (validity, Some(until));
                 self.tracked.remove(&number);
                 self.expiries.insert((until, number));
@@ -351,13 +352,13 @@ impl Moving {
         frame: &mut Frame,
         camera: &Camera,
         seen: &BTreeSet<u32>,
-        cast: &Cast<'_>,
+        cast: &MovingSet<'_>,
     ) -> Vec<VisibleAvatar> {
         let (mut doors, mut others): (Vec<&Mover>, Vec<AvatarId>) = Default::default();
         for thing in seen.iter().filter_map(|number| self.things[*number as usize].as_ref()) {
             match thing.what {
-                What::Mover(at) => doors.extend(cast.world.movers.get(at as usize)),
-                What::Avatar(avatar) => others.push(avatar),
+                MovingId::Mover(at) => doors.extend(cast.world.movers.get(at as usize)),
+                MovingId::Avatar(avatar) => others.push(avatar),
             }
         }
         movers::draw_those(frame, camera, &doors, cast.now);
@@ -370,13 +371,13 @@ impl Moving {
                 (None, None) => {}
             }
         }
-        self.effort.drawn = doors.len() + shown.len();
+        self.counters.drawn = doors.len() + shown.len();
         let body = cast.world.body;
         let figure = |avatar| {
             let VisibleAvatar { name, colour, pose, .. }: &'_ VisibleAvatar = avatar;
-            Figure { pose: *pose, body, colour: *colour, name }
+            AvatarFigure { pose: *pose, body, colour: *colour, name }
         };
-        let figures: Vec<Figure> = shown.iter().map(figure).collect();
+        let figures: Vec<AvatarFigure> = shown.iter().map(figure).collect();
         let mut is_seen = avatars::draw(frame, camera, &figures).into_iter();
         shown.retain(|_| is_seen.next() == Some(true));
         shown

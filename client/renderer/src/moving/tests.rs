@@ -112,7 +112,7 @@ impl Crowd {
 }
 
 impl AvatarSource for Crowd {
-    fn news(&mut self) -> Vec<(AvatarId, Update)> {
+    fn updates(&mut self) -> Vec<(AvatarId, Update)> {
         std::mem::take(&mut self.news).into_iter().collect()
     }
 
@@ -147,7 +147,7 @@ fn all_ways_draw_the_same_pixels() {
     for seed in 0..40 {
         let random = &mut SmallRng::seed_from_u64(seed);
         let world = stage(random);
-        let mut ways = Culling::ALL.map(|culling| Moving::new(&world, culling));
+        let mut ways = Culling::ALL.map(|culling| MovingRenderer::new(&world, culling));
         let mut crowds = [0, 1, 2].map(|_| Crowd::default());
         let mut now = Duration::ZERO;
         let mut camera = Camera::looking_at(Vec3::new(16.0, 2.0, 16.0), Vec3::ZERO);
@@ -171,9 +171,9 @@ fn all_ways_draw_the_same_pixels() {
             });
             assert!(pictures[0] == pictures[1], "by the pyramid, seed {seed} at {now:?}");
             assert!(pictures[0] == pictures[2], "by volumes, seed {seed} at {now:?}");
-            plain_placed += ways[1].effort().placed;
-            saved += ways[1].effort().placed.saturating_sub(ways[2].effort().placed);
-            refuted += ways[2].effort().refuted;
+            plain_placed += ways[1].counters().placed;
+            saved += ways[1].counters().placed.saturating_sub(ways[2].counters().placed);
+            refuted += ways[2].counters().refuted;
             drawn += usize::from(pictures[0].0 != empty);
             met += pictures[0].1.len();
         }
@@ -193,7 +193,7 @@ fn who_is_hidden_is_left_alone() {
         crowd.people.insert(id, Person { name: "Ada".into(), start: Duration::ZERO, pose });
         crowd.news.insert(id, Update::Appeared);
     }
-    let mut moving = Moving::new(&world, Culling::Temporal);
+    let mut moving = MovingRenderer::new(&world, Culling::Temporal);
     let camera = Camera::looking_at(Vec3::new(4.0, 1.7, 7.0), Vec3::new(4.0, 1.7, 0.0));
     let mut picture = |depth: f32, ms: u64, news: Option<u32>| {
         let mut frame = Frame::new(SIZE[0], SIZE[1]);
@@ -201,14 +201,14 @@ fn who_is_hidden_is_left_alone() {
         crowd.news.extend(news.map(|id| (AvatarId(id), Update::Moved)));
         let told = Some(&mut crowd as &mut dyn AvatarSource);
         let seen = moving.draw(&mut frame, &camera, &world, told, Duration::from_millis(ms));
-        (seen.len(), moving.effort())
+        (seen.len(), moving.counters())
     };
     assert_eq!(picture(1.0, 0, None).1.placed, 200, "each, and its volume");
-    let (_, effort) = picture(1.0, 20, Some(7));
-    assert_eq!((effort.placed, effort.refuted, effort.drawn), (0, 0, 0), "{effort:?}");
-    assert!(effort.tested <= 110, "nodes, and wide volumes once: {effort:?}");
-    let (seen, effort) = picture(f32::INFINITY, 40, None);
-    assert!(seen > 0 && effort.drawn == 100 && effort.revealed == 100, "{seen} {effort:?}");
+    let (_, counters) = picture(1.0, 20, Some(7));
+    assert_eq!((counters.placed, counters.refuted, counters.drawn), (0, 0, 0), "{counters:?}");
+    assert!(counters.tested <= 110, "nodes, and wide volumes once: {counters:?}");
+    let (seen, counters) = picture(f32::INFINITY, 40, None);
+    assert!(seen > 0 && counters.drawn == 100 && counters.revealed == 100, "{seen} {counters:?}");
 }
 
 #[test]
@@ -216,12 +216,12 @@ fn nobody_and_nothing_is_drawn_without_harm() {
     let random = &mut SmallRng::seed_from_u64(1);
     let mut world = World { octree: Octree::empty(Vec3::ZERO, 1.0, 2), ..world(&[]) };
     let camera = Camera::looking_at(Vec3::ONE, Vec3::ZERO);
-    let draw = |moving: &mut Moving, size: usize, world: &World, now: Duration| {
+    let draw = |moving: &mut MovingRenderer, size: usize, world: &World, now: Duration| {
         moving.draw(&mut Frame::new(size, 9), &camera, world, None, now)
     };
-    draw(&mut Moving::new(&world, Culling::Temporal), 4, &world, Duration::MAX);
+    draw(&mut MovingRenderer::new(&world, Culling::Temporal), 4, &world, Duration::MAX);
     world.movers = vec![mover(random), mover(random)];
-    let mut moving = Moving::new(&world, Culling::Temporal);
+    let mut moving = MovingRenderer::new(&world, Culling::Temporal);
     draw(&mut moving, 0, &world, Duration::ZERO);
     world.movers.truncate(1);
     draw(&mut moving, 9, &world, Duration::MAX);

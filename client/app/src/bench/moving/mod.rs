@@ -17,7 +17,7 @@ use super::Options;
 use sightline_client_core::replica::AvatarSource;
 use sightline_renderer::{
     Camera, Frame, Renderer,
-    moving::{Culling, Effort, Moving},
+    moving::{Culling, MovingCounters, MovingRenderer},
 };
 
 /// Between two pictures.
@@ -156,7 +156,7 @@ struct Act {
 
 /// A round of one way of culling.
 struct Turn {
-    moving: Moving,
+    moving: MovingRenderer,
     crowd: Option<Crowd>,
     sum: MovingCost,
 }
@@ -177,7 +177,7 @@ impl Act {
         self.turns = Culling::ALL
             .iter()
             .map(|culling| Turn {
-                moving: Moving::new(world, *culling),
+                moving: MovingRenderer::new(world, *culling),
                 crowd: (self.kind == Kind::People).then(|| Crowd::new(self.count)),
                 sum: MovingCost::default(),
             })
@@ -251,7 +251,7 @@ impl Stage {
             turn.moving.draw(frame, camera, &self.world, told, now);
             let taken = ProcessTime::try_now()?.duration_since(start);
             if counts {
-                turn.sum.add(taken, turn.moving.effort());
+                turn.sum.add(taken, turn.moving.counters());
             }
             if at > 0 && self.first.colour != self.other.colour {
                 return Err(MovingError::Differs(Culling::ALL[at]));
@@ -263,11 +263,11 @@ impl Stage {
 }
 
 impl MovingCost {
-    fn add(&mut self, taken: Duration, effort: Effort) {
+    fn add(&mut self, taken: Duration, counters: MovingCounters) {
         self.cpu_ms += taken.as_secs_f64() * 1e3;
-        self.drawn += effort.drawn as f64;
-        self.placed += effort.placed as f64;
-        self.tested += effort.tested as f64;
+        self.drawn += counters.drawn as f64;
+        self.placed += counters.placed as f64;
+        self.tested += counters.tested as f64;
     }
 }
 

@@ -23,12 +23,12 @@ pub(super) const SPARE_PX: f32 = 1.0 / 64.0;
 const WAITING_MAX: usize = 128;
 
 /// What a walk needs beside the picture, kept from one to the next.
-pub(super) struct Walker {
+pub(super) struct TraversalStacks {
     waiting: Vec<Cube>,
     pub(super) flats: Vec<Flat>,
 }
 
-impl Default for Walker {
+impl Default for TraversalStacks {
     fn default() -> Self {
         Self { waiting: Vec::with_capacity(WAITING_MAX), flats: Vec::with_capacity(WAITING_MAX) }
     }
@@ -53,7 +53,7 @@ const UNDECIDED: u8 = u8::MAX;
 
 /// What is known of the octree's inner nodes from around the eye: a bit for each.
 #[derive(Clone, Copy)]
-pub(super) struct Known<'a> {
+pub(super) struct NodeClasses<'a> {
     /// These are left out.
     pub(super) hidden: &'a [u64],
     /// What is in these is not tested against the mask buffer. Where that is wrong it takes time, and nothing else.
@@ -62,7 +62,7 @@ pub(super) struct Known<'a> {
     pub(super) level: u8,
 }
 
-impl Known<'_> {
+impl NodeClasses<'_> {
     /// Nothing.
     pub(super) const NOTHING: Self = Self { hidden: &[0], clear: &[0], level: 0 };
 
@@ -85,19 +85,19 @@ impl Known<'_> {
 }
 
 /// One walk.
-pub(super) struct Walk<'a> {
+pub(super) struct Traversal<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) mode: Mode,
-    pub(super) known: Known<'a>,
+    pub(super) known: NodeClasses<'a>,
     /// The first look that is glass.
     pub(super) glass_from: usize,
     pub(super) band: &'a mut Band,
-    pub(super) walker: &'a mut Walker,
+    pub(super) walker: &'a mut TraversalStacks,
     pub(super) counters: &'a mut Counters,
 }
 
-impl Walk<'_> {
+impl Traversal<'_> {
     /// Draws all that is in view.
     #[inline(always)]
     pub(super) fn run(&mut self) {

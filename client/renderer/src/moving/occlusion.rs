@@ -2,7 +2,7 @@
 
 use sightline_world::geometry::Aabb;
 
-use super::cast::ROUNDING;
+use super::moving_set::ROUNDING;
 use crate::{
     Camera, Frame, avatars,
     pyramid::{Pyramid, Span},
@@ -10,14 +10,14 @@ use crate::{
 };
 
 /// What a picture hides.
-pub(super) struct Sight<'a> {
+pub(super) struct OcclusionTest<'a> {
     view: View,
     frame: &'a Frame,
     pyramid: &'a mut Pyramid,
     pub(super) tested: usize,
 }
 
-impl<'a> Sight<'a> {
+impl<'a> OcclusionTest<'a> {
     pub(super) fn new(camera: &Camera, frame: &'a Frame, pyramid: &'a mut Pyramid) -> Self {
         pyramid.begin(frame);
         let view = View::new(camera, frame.width(), frame.height());

@@ -15,13 +15,13 @@
 //! **What every eye sees whole** (`clear`) is drawn without a test against the mask buffer, as such tests find nothing
 //! covered. Here being wrong would take time and change nothing, so roundings do not matter.
 //!
-//! [`Hidden`] is for one box of eyes, [`Ahead`] makes them on another thread, ahead of the eye.
+//! [`NodeVisibility`] is for one box of eyes, [`VisibilityPrefetcher`] makes them on another thread, ahead of the eye.
 
-mod ahead;
-mod clear;
+mod occluders;
+mod prefetcher;
 #[cfg(test)]
 mod tests;
-mod walls;
+mod unoccluded;
 
 use sightline_visibility::fuzzy::{Buffer, SurfaceError, Surfaces, Viewpoints};
 use sightline_world::{
@@ -29,8 +29,8 @@ use sightline_world::{
     octree::{Cursor, Octree},
 };
 
-use super::walk::Known;
-pub use ahead::{Ahead, wanted};
+use super::traversal::NodeClasses;
+pub use prefetcher::{VisibilityPrefetcher, boxes_ahead};
 
 /// Nodes are tested down to this edge, in metres.
 const NODE_M: f32 = 0.6;
@@ -43,7 +43,7 @@ const MARGIN: f32 = 0.05;
 
 /// A building as it hides itself, ready for any box of eyes.
 #[derive(Clone, Debug)]
-pub struct Walls {
+pub struct VoxelOccluders {
     surfaces: Surfaces,
     /// With what is below right behind each.
     nodes: Vec<Node>,
@@ -71,7 +71,7 @@ struct Node {
 
 /// What no eye in a box can see, and what all do.
 #[derive(Clone, Debug)]
-pub struct Hidden {
+pub struct NodeVisibility {
     eyes: Aabb,
     /// It does not hold for pictures in which a metre at a metre's distance spans fewer pixels.
     focal_min: f32,
@@ -81,12 +81,12 @@ pub struct Hidden {
     clear: Vec<u64>,
     inner: usize,
     level: u8,
-    counts: Counts,
+    counts: NodeCounts,
 }
 
 /// What became of the nodes that were tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Counts {
+pub struct NodeCounts {
     /// Nodes of the smallest size that no eye sees, or that are in nodes that none does.
     pub hidden: usize,
     /// Nodes of the smallest size that every eye sees whole.
@@ -97,7 +97,7 @@ pub struct Counts {
     pub tested: usize,
 }
 
-impl Walls {
+impl VoxelOccluders {
     /// Looks through all voxels for what hides others.
     ///
     /// # Errors
@@ -110,7 +110,7 @@ impl Walls {
             add(&mut nodes, (root, 0), octree.bounds(), (level, octree));
         }
         Ok(Self {
-            surfaces: walls::find(octree)?,
+            surfaces: occluders::find(octree)?,
             nodes,
             voxel: octree.voxel(),
             inner: octree.inner.len(),
@@ -141,7 +141,7 @@ fn add(
     if node.level() == level {
         let tight = around(node, &cube, level + FINER);
         let mut voxels = tight;
-        if let Some((axis, [from, to])) = clear::layer(node, &cube, octree) {
+        if let Some((axis, [from, to])) = unoccluded::layer(node, &cube, octree) {
             (voxels.min[axis], voxels.max[axis]) = (from, to);
             nodes[place].layer = Some(axis);
         }
@@ -176,9 +176,9 @@ fn octant_of(cube: &Aabb, octant: u8) -> Aabb {
     Aabb::new(min, min + half)
 }
 
-impl Hidden {
+impl NodeVisibility {
     /// Finds it, for pictures in which a metre at a metre's distance spans so many pixels or more.
-    pub fn new(walls: &Walls, eyes: Aabb, focal_min: f32) -> Self {
+    pub fn new(walls: &VoxelOccluders, eyes: Aabb, focal_min: f32) -> Self {
         // A voxel that an eye is in is not drawn, and hides nothing.
         let viewpoints = Viewpoints::all_round(eyes.grown(walls.voxel));
         let buffer = Buffer::new(&walls.surfaces, &viewpoints, ELEMENTS);
@@ -189,7 +189,7 @@ impl Hidden {
             clear: Vec::new(),
             inner: walls.inner,
             level: walls.level,
-            counts: Counts::default(),
+            counts: NodeCounts::default(),
         };
         let mut clear = hidden.nodes.clone();
         let (mut at, mut open) = (0, Vec::new());
@@ -212,7 +212,7 @@ impl Hidden {
             }
         }
         let mut visible = 0;
-        for node in open.into_iter().filter(|node| clear::is_clear(walls, &hidden, node)) {
+        for node in open.into_iter().filter(|node| unoccluded::is_clear(walls, &hidden, node)) {
             clear[node.index as usize / 64] |= 1 << (node.index % 64);
             visible += 1;
         }
@@ -225,7 +225,7 @@ impl Hidden {
     }
 
     /// The same, but all that is drawn is tested.
-    pub fn without_clear(mut self) -> Self {
+    pub fn without_unoccluded(mut self) -> Self {
         self.clear.fill(0);
         self.counts.visible = 0;
         self
@@ -245,14 +245,19 @@ impl Hidden {
     }
 
     /// What became of the nodes.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> NodeCounts {
         self.counts
     }
 
     /// What is known of each inner node, if it holds for an octree, an eye and a focal length.
-    pub(super) fn known(&self, octree: &Octree, eye: glam::Vec3, focal: f32) -> Option<Known<'_>> {
+    pub(super) fn known(
+        &self,
+        octree: &Octree,
+        eye: glam::Vec3,
+        focal: f32,
+    ) -> Option<NodeClasses<'_>> {
         let holds =
             self.eyes.contains(eye) && focal >= self.focal_min && octree.inner.len() == self.inner;
-        holds.then_some(Known { hidden: &self.nodes, clear: &self.clear, level: self.level })
+        holds.then_some(NodeClasses { hidden: &self.nodes, clear: &self.clear, level: self.level })
     }
 }

@@ -9,7 +9,7 @@ use std::{
 use glam::{IVec3, Vec3};
 use sightline_world::{geometry::Aabb, octree::Octree};
 
-use super::{Hidden, Walls};
+use super::{NodeVisibility, VoxelOccluders};
 
 /// The edge of a box, in metres.
 const EDGE_M: f32 = 0.5;
@@ -21,7 +21,7 @@ const STEPS: usize = 8;
 const KEPT_MAX: usize = 16;
 
 /// The boxes that an eye will want, the one that it is in first.
-pub fn wanted(eye: Vec3, velocity: Vec3) -> Vec<Aabb> {
+pub fn boxes_ahead(eye: Vec3, velocity: Vec3) -> Vec<Aabb> {
     let mut places: Vec<IVec3> = Vec::new();
     for step in 0..=STEPS {
         let at = eye + velocity * (AHEAD_S * step as f32 / STEPS as f32);
@@ -38,7 +38,7 @@ pub fn wanted(eye: Vec3, velocity: Vec3) -> Vec<Aabb> {
 }
 
 /// Prepares boxes on a thread of its own, along an eye's motion. Nobody ever waits for it.
-pub struct Ahead {
+pub struct VisibilityPrefetcher {
     desk: Arc<Desk>,
     thread: Option<JoinHandle<()>>,
 }
@@ -55,17 +55,17 @@ struct Work {
     wanted: Vec<Aabb>,
     focal_min: f32,
     /// The newest last.
-    done: VecDeque<Arc<Hidden>>,
+    done: VecDeque<Arc<NodeVisibility>>,
     is_over: bool,
 }
 
-impl Ahead {
+impl VisibilityPrefetcher {
     /// For a building. It takes a look at each voxel first.
     ///
     /// # Errors
     /// When the building is too large, or there can be no thread.
     pub fn new(octree: &Octree) -> std::io::Result<Self> {
-        let walls = Walls::new(octree).map_err(std::io::Error::other)?;
+        let walls = VoxelOccluders::new(octree).map_err(std::io::Error::other)?;
         let desk = Arc::new(Desk::default());
         let shared = Arc::clone(&desk);
         let thread = thread::Builder::new().name("boxes ahead".into());
@@ -74,13 +74,13 @@ impl Ahead {
     }
 
     /// What is hidden from a box that an eye is in, if that is known yet; and asks for the boxes ahead. `focal_min` as
-    /// for [`Hidden::new`].
-    pub fn at(&self, eye: Vec3, velocity: Vec3, focal_min: f32) -> Option<Arc<Hidden>> {
+    /// for [`NodeVisibility::new`].
+    pub fn at(&self, eye: Vec3, velocity: Vec3, focal_min: f32) -> Option<Arc<NodeVisibility>> {
         let mut work = self.desk.work();
         // In larger pictures what was found for smaller ones holds too.
         work.focal_min = focal_min;
         work.done.retain(|done| done.focal_min <= focal_min);
-        let wanted = wanted(eye, velocity);
+        let wanted = boxes_ahead(eye, velocity);
         let is_new = |eyes: &Aabb| work.done.iter().all(|done| done.eyes() != *eyes);
         let wanted: Vec<Aabb> = wanted.into_iter().filter(is_new).collect();
         if !wanted.is_empty() {
@@ -91,7 +91,7 @@ impl Ahead {
     }
 }
 
-impl Drop for Ahead {
+impl Drop for VisibilityPrefetcher {
     fn drop(&mut self) {
         self.desk.work().is_over = true;
         self.desk.called.notify_one();
@@ -108,7 +108,7 @@ impl Desk {
         self.work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn prepare(&self, walls: &Walls) {
+    fn prepare(&self, walls: &VoxelOccluders) {
         let mut work = self.work();
         while !work.is_over {
             let Some(&eyes) = work.wanted.first() else {
@@ -117,7 +117,7 @@ impl Desk {
             };
             let focal_min = work.focal_min;
             drop(work);
-            let hidden = Hidden::new(walls, eyes, focal_min);
+            let hidden = NodeVisibility::new(walls, eyes, focal_min);
             work = self.work();
             work.wanted.retain(|wanted| *wanted != eyes);
             if focal_min <= work.focal_min {

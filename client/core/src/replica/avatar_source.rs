@@ -22,7 +22,7 @@ pub enum Update {
 pub trait AvatarSource {
     /// Those that appeared, or were told of, since this was asked last; all of them at first. Who
     /// vanished is not among them.
-    fn news(&mut self) -> Vec<(AvatarId, Update)>;
+    fn updates(&mut self) -> Vec<(AvatarId, Update)>;
 
     /// Where an avatar is to be drawn at a time, and a box that its eye stays in from then until another
     /// time, unless there is news of it; `None` once it has vanished.
@@ -33,7 +33,7 @@ pub trait AvatarSource {
 }
 
 impl AvatarSource for Replica {
-    fn news(&mut self) -> Vec<(AvatarId, Update)> {
+    fn updates(&mut self) -> Vec<(AvatarId, Update)> {
         std::mem::take(&mut self.news).into_iter().collect()
     }
 

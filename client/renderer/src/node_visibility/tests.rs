@@ -27,14 +27,14 @@ fn house() -> Octree {
 #[test]
 fn pictures_are_the_same_without_what_is_hidden() {
     let octree = house();
-    let walls = Walls::new(&octree).unwrap();
+    let walls = VoxelOccluders::new(&octree).unwrap();
     let random = &mut SmallRng::seed_from_u64(4);
     let (mut renderer, mut left_out, mut saved, mut untested) = (Renderer::default(), 0, 0, 0);
     let [mut whole, mut less] = [(); 2].map(|()| Frame::new(96, 72));
     for turn in 0..60 {
         let edge = random.random_range(0.05..1.0);
         let min = Vec3::from([0; 3].map(|_| random.random_range(0.0..8.0)));
-        let hidden = Arc::new(Hidden::new(&walls, Aabb::new(min, min + edge), 40.0));
+        let hidden = Arc::new(NodeVisibility::new(&walls, Aabb::new(min, min + edge), 40.0));
         left_out += hidden.counts().hidden;
         for _ in 0..20 {
             let mut within = |low: f32, high: f32| random.random_range(low..high);
@@ -42,14 +42,15 @@ fn pictures_are_the_same_without_what_is_hidden() {
             let camera =
                 Camera { eye, yaw: within(-3.2, 3.2), pitch: within(-1.2, 1.2), fov_y: 1.1 };
             renderer.mode = Mode::ALL[turn % 2];
-            renderer.hidden = None;
+            renderer.node_visibility = None;
             renderer.draw(&octree, &camera, &mut whole);
             let nodes = renderer.counters().nodes;
-            renderer.hidden = Some(Arc::clone(&hidden));
+            renderer.node_visibility = Some(Arc::clone(&hidden));
             renderer.draw(&octree, &camera, &mut less);
             assert!(whole == less, "{:?} from {camera:?}, {edge}", renderer.mode);
             let tests = renderer.counters().mask_tests;
-            renderer.hidden = Some(Arc::new(Hidden::clone(&hidden).without_clear()));
+            renderer.node_visibility =
+                Some(Arc::new(NodeVisibility::clone(&hidden).without_unoccluded()));
             renderer.draw(&octree, &camera, &mut less);
             assert!(whole == less, "{:?} from {camera:?}, {edge}, all tested", renderer.mode);
             saved += nodes - renderer.counters().nodes;
@@ -75,13 +76,13 @@ fn meets(octree: &Octree, eye: Vec3, point: Vec3) -> f32 {
 #[test]
 fn what_is_seen_whole_is_never_covered() {
     let octree = house();
-    let walls = Walls::new(&octree).unwrap();
+    let walls = VoxelOccluders::new(&octree).unwrap();
     let random = &mut SmallRng::seed_from_u64(5);
     let (mut visible, mut all, mut lines) = (0, 0, 0);
     for _ in 0..60 {
         let edge = random.random_range(0.05..1.0);
         let min = Vec3::from([0; 3].map(|_| random.random_range(0.0..7.0)));
-        let hidden = Hidden::new(&walls, Aabb::new(min, min + edge), 40.0);
+        let hidden = NodeVisibility::new(&walls, Aabb::new(min, min + edge), 40.0);
         (visible, all) = (visible + hidden.counts().visible, all + hidden.counts().all);
         let is_clear =
             |node: &&Node| hidden.clear[node.index as usize / 64] >> (node.index % 64) & 1 == 1;
@@ -107,18 +108,18 @@ fn what_is_seen_whole_is_never_covered() {
 fn what_holds_for_others_is_not_used() {
     let octree = house();
     let eyes = Aabb::around(Vec3::new(1.0, 1.7, 1.0), 0.2);
-    let hidden = Hidden::new(&Walls::new(&octree).unwrap(), eyes, 100.0);
+    let hidden = NodeVisibility::new(&VoxelOccluders::new(&octree).unwrap(), eyes, 100.0);
     let holds = |eye: Vec3, focal: f32| hidden.known(&octree, eye, focal).is_some();
     assert!(holds(eyes.centre(), 100.0) && hidden.counts().hidden > 0);
     assert!(!holds(eyes.centre() + Vec3::X, 100.0) && !holds(eyes.centre(), 99.0));
     let other = Octree::empty(Vec3::ZERO, 0.1, 3);
     assert!(hidden.known(&other, eyes.centre(), 100.0).is_none());
-    assert!(Walls::new(&other).unwrap().is_empty());
+    assert!(VoxelOccluders::new(&other).unwrap().is_empty());
 }
 
 #[test]
 fn boxes_are_there_before_the_eye() {
-    let ahead = Ahead::new(&house()).unwrap();
+    let ahead = VisibilityPrefetcher::new(&house()).unwrap();
     let (mut eye, velocity) = (Vec3::new(1.1, 1.7, 1.1), Vec3::X);
     assert!(ahead.at(eye, velocity, 50.0).is_none(), "nobody waits");
     let end = Instant::now() + Duration::from_secs(30);
@@ -131,7 +132,7 @@ fn boxes_are_there_before_the_eye() {
     wait(eye);
     eye.x += 0.4;
     wait(eye);
-    assert!(wanted(eye, velocity)[1].contains(eye + velocity * 0.5));
+    assert!(boxes_ahead(eye, velocity)[1].contains(eye + velocity * 0.5));
     assert!(
         ahead.at(eye, velocity, 60.0).is_some(),
         "what holds for small pictures does for large ones"

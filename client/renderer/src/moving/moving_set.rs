@@ -17,31 +17,31 @@ pub(super) const ROUNDING: f32 = 1e-5;
 
 /// Something that moves.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum What {
+pub(super) enum MovingId {
     /// By its place among the world's.
     Mover(u32),
     Avatar(AvatarId),
 }
 
 /// All that moves, at one time.
-pub(super) struct Cast<'a> {
+pub(super) struct MovingSet<'a> {
     pub(super) world: &'a World,
     pub(super) told: &'a dyn AvatarSource,
     pub(super) now: Duration,
     agility: Agility,
 }
 
-impl<'a> Cast<'a> {
+impl<'a> MovingSet<'a> {
     pub(super) fn new(world: &'a World, told: &'a dyn AvatarSource, now: Duration) -> Self {
         let agility = Agility::of(&world.body, world.speed_max);
         Self { world, told, now, agility }
     }
 
     /// The box that something fills now, its name's foot included; `None` when it is gone.
-    pub(super) fn bounds(&self, what: What) -> Option<Aabb> {
+    pub(super) fn bounds(&self, what: MovingId) -> Option<Aabb> {
         match what {
-            What::Mover(_) => self.volume(what, self.now),
-            What::Avatar(avatar) => {
+            MovingId::Mover(_) => self.volume(what, self.now),
+            MovingId::Avatar(avatar) => {
                 let (Pose { eye, .. }, _) = self.told.path(avatar, self.now, self.now)?;
                 Some(self.figure(&Aabb::new(eye, eye)))
             }
@@ -49,12 +49,12 @@ impl<'a> Cast<'a> {
     }
 
     /// The box that it surely stays in up to a time, or does for all that a body can do.
-    pub(super) fn volume(&self, what: What, until: Duration) -> Option<Aabb> {
+    pub(super) fn volume(&self, what: MovingId, until: Duration) -> Option<Aabb> {
         match what {
-            What::Mover(at) => {
+            MovingId::Mover(at) => {
                 self.world.movers.get(at as usize).map(|mover| swept(mover, self.now, until))
             }
-            What::Avatar(avatar) => {
+            MovingId::Avatar(avatar) => {
                 let (pose, path) = self.told.path(avatar, self.now, until)?;
                 let time = until.saturating_sub(self.now);
                 let eyes = self.agility.eyes(pose.eye, pose.velocity, time);
@@ -93,10 +93,10 @@ fn rounded(bounds: &Aabb) -> Aabb {
 }
 
 /// Who is alone.
-pub(super) struct Nobody;
+pub(super) struct NoAvatars;
 
-impl AvatarSource for Nobody {
-    fn news(&mut self) -> Vec<(AvatarId, Update)> {
+impl AvatarSource for NoAvatars {
+    fn updates(&mut self) -> Vec<(AvatarId, Update)> {
         Vec::new()
     }
 
