@@ -22,11 +22,10 @@ use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_cli::trace::Trace;
 use sightline_compiler::{
-    compile,
+    CompileOptions, compile,
     import::{self, glb},
     model::Model,
 };
-use sightline_demo_building as demo_building;
 use sightline_oracle::Oracle;
 use sightline_visibility::box_visibility::{Occluders, Outcome, Scratch};
 use sightline_world::{World, geometry::Aabb};
@@ -75,7 +74,8 @@ fn main() -> anyhow::Result<()> {
         Subject::new(title(path), world(path)?, None).measure(&args)?;
     }
     if args.files.is_empty() {
-        let model = glb::read_slice(&demo_building::glb(args.rooms, 1), None, "generated")?;
+        let model =
+            glb::read_slice(&sightline_demo_building::glb(args.rooms, 1), None, "generated")?;
         Subject::new("generated".into(), compiled(&model)?, None).measure(&args)?;
     }
     let shared = shared();
@@ -113,7 +113,7 @@ fn world(path: &Path) -> anyhow::Result<World> {
 }
 
 fn compiled(model: &Model) -> anyhow::Result<World> {
-    let options = sightline_compiler::Options { voxel: Some(1.0), ..Default::default() };
+    let options = CompileOptions { voxel: Some(1.0), ..Default::default() };
     Ok(compile(model, &options, &|_, _| ControlFlow::Continue(()))?.0)
 }
 

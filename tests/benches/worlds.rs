@@ -16,12 +16,11 @@ use anyhow::Context;
 use clap::Parser;
 use serde::Serialize;
 use sightline_compiler::{
-    self as compile, Stage,
+    CompileOptions, Stage, compile,
     import::{self, glb},
     model::Model,
-    verify::{self, Pairs, Principal, Tally},
+    verify::{self, PairCounts, PvsTally, VerifySummary},
 };
-use sightline_demo_building as demo_building;
 use sightline_world::{Pvs, World};
 
 /// The median CPU time of q3map2's full vis for a portal of a map, over 33 maps, in ms.
@@ -76,7 +75,7 @@ fn main() -> anyhow::Result<()> {
     let mut rows = Vec::new();
     let default: &[usize] = if args.bench { &[100, 500, 2_000, 5_000] } else { &[4] };
     for &rooms in args.rooms.as_deref().unwrap_or(default) {
-        let glb = demo_building::glb(rooms, args.seed);
+        let glb = sightline_demo_building::glb(rooms, args.seed);
         let name = format!("{rooms} rooms");
         let voxel = (rooms != args.full).then_some(args.voxel);
         rows.push(Row::new(name, Some(rooms), voxel, &args, || {
@@ -154,7 +153,7 @@ struct Row {
     /// Pairs of points that counted, of both ways to sample.
     pairs: u64,
     #[serde(flatten)]
-    principal: Principal,
+    principal: VerifySummary,
 }
 
 impl Row {
@@ -169,8 +168,8 @@ impl Row {
         eprintln!("{name}: compiling");
         let start = Instant::now();
         let model = read().with_context(|| name.clone())?;
-        let options = compile::Options { voxel, ..Default::default() };
-        let (world, report) = compile::compile(&model, &options, &|_, _| ControlFlow::Continue(()))
+        let options = CompileOptions { voxel, ..Default::default() };
+        let (world, report) = compile(&model, &options, &|_, _| ControlFlow::Continue(()))
             .with_context(|| name.clone())?;
         let seconds = start.elapsed().as_secs_f64();
         let cpu_seconds = SIGHT_STAGES.map(|stage| of_stage(&report.cpu_seconds, stage));
@@ -200,7 +199,7 @@ impl Row {
             entries_per_cell: entries as f64 / report.cells.max(1) as f64,
             pvs_mb: pvs_bytes(&world.cells.pvs).map(|bytes| bytes as f64 / 1e6),
             pairs: by_volume.pairs + verified.by_cell.pairs,
-            principal: verified.principal(),
+            principal: verified.summary(),
             name,
         })
     }
@@ -215,12 +214,14 @@ impl Row {
     }
 }
 
-fn verified(world: &World, args: &Args) -> anyhow::Result<verify::Report> {
-    let mut options = verify::Options::new(args.pairs);
+fn verified(world: &World, args: &Args) -> anyhow::Result<verify::VerifyReport> {
+    let mut options = verify::VerifyOptions::new(args.pairs);
     options.entries = args.entries;
     options.seed = args.seed;
     let report = verify::verify(world, &options, &|_, _| ())?;
-    for Pairs { ours: Tally { first_misses, .. }, .. } in [&report.by_volume, &report.by_cell] {
+    for PairCounts { ours: PvsTally { first_misses, .. }, .. } in
+        [&report.by_volume, &report.by_cell]
+    {
         first_misses.iter().for_each(|miss| eprintln!("missed: {} sees {}", miss.from, miss.to));
     }
     Ok(report)

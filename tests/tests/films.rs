@@ -5,12 +5,11 @@ use std::{ops::ControlFlow, time::Duration};
 use sightline_client::{bench::Crowd, path::Path};
 use sightline_client_core::replica::AvatarSource;
 use sightline_compiler::{
-    self as compile, Options,
+    CompileOptions, compile,
     import::glb,
-    rooms::{self, Known, text},
+    rooms::{self, RoomScope, text},
     suggest,
 };
-use sightline_demo_building as demo_building;
 use sightline_renderer::{
     Camera, Frame, Renderer,
     mover_visibility::MoverVisibility,
@@ -22,13 +21,13 @@ use sightline_world::{World, motion::Pose, rooms::Rooms};
 
 /// A building with doors and a lift that move, and the rooms that it suggests.
 fn building() -> World {
-    let model = glb::read_slice(&demo_building::glb(20, 4), None, "office").unwrap();
-    let options = Options { voxel: Some(0.1), cell: Some(3.0), ..Options::default() };
+    let model = glb::read_slice(&sightline_demo_building::glb(20, 4), None, "office").unwrap();
+    let options = CompileOptions { voxel: Some(0.1), cell: Some(3.0), ..CompileOptions::default() };
     let go_on = |_, _| ControlFlow::Continue(());
-    let mut world = compile::compile(&model, &options, &go_on).unwrap().0;
+    let mut world = compile(&model, &options, &go_on).unwrap().0;
     let suggested = suggest::suggest(&world, &mut |_| ControlFlow::Continue(())).unwrap();
     let declared = text::read(&suggest::to_toml(&world, &suggested), "rooms.toml").unwrap();
-    let known = Known { cells: &world.cells, movers: &model.movers, nodes: &model.nodes };
+    let known = RoomScope { cells: &world.cells, movers: &model.movers, nodes: &model.nodes };
     world.rooms = rooms::resolve(&declared, &known).unwrap();
     world
 }

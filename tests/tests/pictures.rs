@@ -14,7 +14,6 @@ use sightline_compiler::{
     model::Model,
     voxelise,
 };
-use sightline_demo_building as demo_building;
 use sightline_renderer::{
     Camera, Frame, Mode, Renderer,
     node_visibility::{NodeVisibility, VoxelOccluders},
@@ -148,7 +147,8 @@ fn check_hidden(name: &str, world: &World) {
 
 #[test]
 fn the_demo_building_is_drawn_where_its_triangles_are() {
-    let model = glb::read_slice(&demo_building::glb(24, 1), None, "demo").expect("it is a model");
+    let model =
+        glb::read_slice(&sightline_demo_building::glb(24, 1), None, "demo").expect("it is a model");
     check("demo building", &model, 0.05);
 }
 
@@ -170,7 +170,8 @@ fn real_maps_are_drawn_where_their_triangles_are() {
 /// The measure itself: a picture with a hole, or with what is not there, does not pass.
 #[test]
 fn a_hole_is_found() {
-    let model = glb::read_slice(&demo_building::glb(6, 1), None, "demo").expect("it is a model");
+    let model =
+        glb::read_slice(&sightline_demo_building::glb(6, 1), None, "demo").expect("it is a model");
     let world = world(&model, 0.1);
     let rays = Rays::new(&drawn(&model)).expect("something is drawn");
     let views = Views::new(&world, &Path::through(&world), 1);

@@ -14,8 +14,7 @@ use sightline_client_core::{
     navigation::Navigation,
     walker::{MoveInput, Walker},
 };
-use sightline_compiler::{self as compile, Options, import::glb};
-use sightline_demo_building as demo_building;
+use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_engine::{Config, Engine, Input, Policy};
 use sightline_oracle::Oracle;
 use sightline_protocol::quantise::WirePose;
@@ -34,10 +33,12 @@ fn building() -> Arc<World> {
 }
 
 fn office(rooms: usize, seed: u64) -> Arc<World> {
-    let model = glb::read_slice(&demo_building::glb(rooms, seed), None, "office").unwrap();
-    let options = Options { voxel: Some(0.05), cell: Some(3.0), ..Options::default() };
+    let model =
+        glb::read_slice(&sightline_demo_building::glb(rooms, seed), None, "office").unwrap();
+    let options =
+        CompileOptions { voxel: Some(0.05), cell: Some(3.0), ..CompileOptions::default() };
     let go_on = |_, _| ControlFlow::Continue(());
-    Arc::new(compile::compile(&model, &options, &go_on).unwrap().0)
+    Arc::new(compile(&model, &options, &go_on).unwrap().0)
 }
 
 /// An engine with whom somebody came in, where everybody is always live.

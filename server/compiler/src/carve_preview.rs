@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use sightline_world::{Mesh, geometry::Axes};
 
 use crate::{
-    carve::{self, Carved, Class},
+    carve::{self, CarvedModel, Class},
     plan::{self, INK, PAPER},
 };
 
@@ -56,14 +56,14 @@ pub struct View {
 /// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the
 /// model, what is non-axial of what will be cut tinted; the carved model with the cuttings in colour; the carved model
 /// alone, what was added to close it dark.
-pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, Carved) {
+pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
     let corner = |i: u32| mesh.positions[i as usize];
     let opaque: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
-    let turn = carve::dominant_turn(&opaque);
+    let turn = carve::dominant_orientation(&opaque);
     let axes = Axes::turned(turn);
     let own = |p: Vec3| axes.own_exact(p.as_dvec3());
     let triangles: Vec<[DVec3; 3]> = opaque.iter().map(|t| t.map(own)).collect();
-    let carved = carve::carve(&triangles, &[], &carve::Options::default());
+    let carved = carve::carve(&triangles, &[], &carve::CarveOptions::default());
     let eye = View { eye: own(view.eye).as_vec3(), look: own(view.look).as_vec3() };
     let panels = [
         ("the model", Scene::model(&carved)),
@@ -102,13 +102,13 @@ impl Scene {
         Self { triangles, looks, bvh }
     }
 
-    fn model(carved: &Carved) -> Self {
+    fn model(carved: &CarvedModel) -> Self {
         let kept = carved.polygons.iter().map(|p| (&p.triangles[..], grey(p.class)));
         let cut = carved.cuttings.iter().map(|p| (&p.triangles[..], grey(p.class)));
         Self::new(kept.chain(cut))
     }
 
-    fn carved(carved: &Carved, with_cuttings: bool) -> Self {
+    fn carved(carved: &CarvedModel, with_cuttings: bool) -> Self {
         let kept = carved.polygons.iter().map(|p| (&p.triangles[..], grey(p.class)));
         // With the cuttings back in place, what was added lies within the solid.
         let added = carved.added.iter().filter(|_| !with_cuttings);

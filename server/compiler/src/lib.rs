@@ -27,7 +27,7 @@ use sightline_world::{
 
 use crate::octree_statistics::OctreeStatistics;
 use sightline_oracle::Oracle;
-use subdivide::{Grain, Occluders, Spaces};
+use subdivide::{CellSize, Spaces, SubdivisionInput};
 
 pub mod carve;
 pub mod carve_preview;
@@ -77,13 +77,13 @@ impl Stage {
 
 /// What the author chooses.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
+pub struct CompileOptions {
     /// The edge of a voxel, in metres; chosen by the building's size when absent.
     pub voxel: Option<f32>,
     /// The width of the widest cell, in metres; chosen by how much there is to see when absent.
     pub cell: Option<f32>,
     /// How models are carved.
-    pub carving: carve::Options,
+    pub carving: carve::CarveOptions,
 }
 
 /// Cells are as fine as lets about so many pairs of them see each other. These take some ten
@@ -107,7 +107,7 @@ pub enum CompileError {
     Voxels(voxelise::VoxeliseError),
     /// Rooms that make no sense.
     #[error(transparent)]
-    Rooms(#[from] rooms::Faults),
+    Rooms(#[from] rooms::RoomErrors),
 }
 
 impl From<voxelise::VoxeliseError> for CompileError {
@@ -121,7 +121,7 @@ impl From<voxelise::VoxeliseError> for CompileError {
 
 /// What a compilation did.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct CompileReport {
     /// All that are drawn.
     pub triangles: usize,
     /// Opaque triangles, all of which the oracle traces.
@@ -147,7 +147,7 @@ pub struct Report {
     /// All windows of these.
     pub windows: usize,
     /// What of the rooms was probably not meant.
-    pub room_warnings: Vec<rooms::Fault>,
+    pub room_warnings: Vec<rooms::RoomError>,
     /// The octree that clients draw.
     #[serde(flatten)]
     pub octree: OctreeStatistics,
@@ -165,9 +165,9 @@ pub struct Report {
 /// When the model is empty or needs more voxels than fit, and when `progress` breaks.
 pub fn compile(
     model: &Model,
-    options: &Options,
+    options: &CompileOptions,
     progress: &(dyn Fn(Stage, f32) -> ControlFlow<()> + Sync),
-) -> Result<(World, Report), CompileError> {
+) -> Result<(World, CompileReport), CompileError> {
     let listener = Listener { progress, cancelled: AtomicBool::new(false) };
     let bounds = model.bounds().ok_or(CompileError::Empty)?;
     let mut watch = Watch::default();
@@ -175,7 +175,7 @@ pub fn compile(
     listener.tell(Stage::Carving, 0.0)?;
     let has_solids = !model.solids.is_empty();
     // Solids are split along as they are, in the axes in which they were built.
-    let turn = if has_solids { 0.0 } else { carve::dominant_turn(&model.opaque) };
+    let turn = if has_solids { 0.0 } else { carve::dominant_orientation(&model.opaque) };
     let axes = Axes::turned(turn);
     let space = own_space(model, &axes);
     let carved = watch
@@ -184,7 +184,7 @@ pub fn compile(
             let surfaces = if has_solids { &[] } else { model.opaque.as_slice() };
             let triangles: Vec<_> = surfaces.iter().map(|corners| corners.map(own)).collect();
             let hear = &mut |share| listener.hear(Stage::Carving, share);
-            carve::carve_heard(&triangles, &[], &options.carving, hear)
+            carve::carve_with_progress(&triangles, &[], &options.carving, hear)
         })
         .ok_or(CompileError::Cancelled)?;
     listener.tell(Stage::Cells, 0.0)?;
@@ -192,7 +192,7 @@ pub fn compile(
     let eyes: Vec<Vec3> = places.map(|place| axes.own(place)).collect();
     let spaces = watch.time(Stage::Cells, || {
         let planes = occluders::planes(&opaque(&carved));
-        let occluders = Occluders { planes: &planes, solids: &model.solids, eyes: &eyes };
+        let occluders = SubdivisionInput { planes: &planes, solids: &model.solids, eyes: &eyes };
         Spaces::new(&space, axes, &occluders)
     });
     let cells = watch.time(Stage::Pvs, || sight_lines(&spaces, options.cell, &listener))?;
@@ -205,7 +205,7 @@ pub fn compile(
         voxelise::voxelise(&lit, &bounds, voxel, &|share| listener.hear(Stage::Voxels, share))
     })?;
 
-    let report = Report {
+    let report = CompileReport {
         triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
         opaque: model.opaque.len(),
         turn,
@@ -248,8 +248,8 @@ fn rooms_of(
     model: &Model,
     cells: &Cells,
     mesh: &Mesh,
-) -> Result<(Rooms, Vec<rooms::Fault>), rooms::Faults> {
-    let known = rooms::Known { cells, movers: &model.movers, nodes: &model.nodes };
+) -> Result<(Rooms, Vec<rooms::RoomError>), rooms::RoomErrors> {
+    let known = rooms::RoomScope { cells, movers: &model.movers, nodes: &model.nodes };
     let made = rooms::resolve(&model.rooms, &known)?;
     let warnings = rooms::checks::warnings(&model.rooms, &made, cells, &|| Oracle::new(mesh));
     Ok((made, warnings))
@@ -277,14 +277,14 @@ fn sight_lines(
     listener: &Listener<'_>,
 ) -> Result<Cells, CompileError> {
     let hear = |share: f32| listener.hear(Stage::Pvs, share);
-    let whole = spaces.cells(&Grain::WHOLE);
+    let whole = spaces.cells(&CellSize::WHOLE);
     let seen = pvs::spaces_seen(&whole, &|share| hear(share * 0.1));
     let seen = seen.ok_or(CompileError::Cancelled)?;
     let grain = match width {
-        Some(width) => Grain::of_width(width),
+        Some(width) => CellSize::of_width(width),
         None => {
             let pairs = PAIRS_ABOUT + PAIRS_A_SPACE * whole.spaces.len() as f64;
-            pvs::grain_for(pairs, &whole.spaces, &seen)
+            pvs::cell_size_for(pairs, &whole.spaces, &seen)
         }
     };
     let mut cells = spaces.cells(&grain);
@@ -295,7 +295,7 @@ fn sight_lines(
 
 /// What carving left that hides, and whether it is to be split along last: level surfaces that are
 /// turned leave no portals when everything upright is split along before them.
-pub fn opaque(carved: &carve::Carved) -> Vec<occluders::Opaque> {
+pub fn opaque(carved: &carve::CarvedModel) -> Vec<occluders::Opaque> {
     let kept = carved.polygons.iter().flat_map(|polygon| {
         let is_last = polygon.class == carve::Class::SemiAxial && polygon.plane.axis() == Some(1);
         polygon.triangles.iter().map(move |&corners| occluders::Opaque { corners, is_last })
@@ -452,7 +452,7 @@ mod tests {
 
     #[test]
     fn a_house_compiles_and_what_is_outside_does_not_see_inside() {
-        let options = Options { voxel: Some(0.25), ..Options::default() };
+        let options = CompileOptions { voxel: Some(0.25), ..CompileOptions::default() };
         let (world, report) =
             compile(&house(), &options, &|_, _| ControlFlow::Continue(())).unwrap();
         let (inside, outside) = (Vec3::new(1.0, 1.5, 1.0), Vec3::new(-1.0, 1.5, 1.0));
@@ -466,11 +466,12 @@ mod tests {
 
     #[test]
     fn a_place_to_stand_is_found_inside() {
-        let (world, _) =
-            compile(&house(), &Options { voxel: Some(0.25), ..Options::default() }, &|_, _| {
-                ControlFlow::Continue(())
-            })
-            .unwrap();
+        let (world, _) = compile(
+            &house(),
+            &CompileOptions { voxel: Some(0.25), ..CompileOptions::default() },
+            &|_, _| ControlFlow::Continue(()),
+        )
+        .unwrap();
         let eye = world.spawns[0].eye;
         assert!(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)).contains(eye), "{eye}");
         assert!((1.6..1.7).contains(&eye.y) || (2.4..2.5).contains(&eye.y), "{eye}");
@@ -478,7 +479,7 @@ mod tests {
 
     #[test]
     fn a_break_at_any_stage_ends_the_compilation() {
-        let options = Options { voxel: Some(0.25), ..Options::default() };
+        let options = CompileOptions { voxel: Some(0.25), ..CompileOptions::default() };
         for broken in [Stage::Carving, Stage::Cells, Stage::Pvs, Stage::Voxels] {
             // At once, and in the middle of the work.
             for from in [0.0, 0.3] {
@@ -504,7 +505,7 @@ mod tests {
         model.surfaces.clear();
         model.opaque.clear();
         assert!(matches!(
-            compile(&model, &Options::default(), &|_, _| ControlFlow::Continue(())),
+            compile(&model, &CompileOptions::default(), &|_, _| ControlFlow::Continue(())),
             Err(CompileError::Empty)
         ));
     }

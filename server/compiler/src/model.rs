@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3};
 use sightline_world::{Mover, Origin, Spawn, geometry::Aabb, motion::Body};
 
-use crate::rooms::Declared;
+use crate::rooms::RoomDeclaration;
 
 /// Triangles to draw, surfaces that block sight, and places to stand. In metres, y up.
 #[derive(Clone, Debug)]
@@ -21,11 +21,11 @@ pub struct Model {
     pub opaque: Vec<[Vec3; 3]>,
     /// What is opaque all through, its faces among `opaque`; empty when the source knows of
     /// surfaces only.
-    pub solids: Vec<Convex>,
+    pub solids: Vec<ConvexSolid>,
     /// What moves by itself. None of it is among the above.
     pub movers: Vec<Mover>,
     /// Rooms, as named nodes or a file beside the model declare them.
-    pub rooms: Vec<Declared>,
+    pub rooms: Vec<RoomDeclaration>,
     /// Named nodes that do not move, each with the box around its triangles: what sets can name.
     pub nodes: Vec<(String, Aabb)>,
     /// Where avatars can begin; the compiler finds a place when there is none.
@@ -61,12 +61,12 @@ impl Model {
 
 /// A convex solid: what lies behind all of its faces.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Convex {
+pub struct ConvexSolid {
     /// In no order.
     pub faces: Vec<ConvexFace>,
 }
 
-impl Convex {
+impl ConvexSolid {
     /// The smallest box around it.
     pub fn bounds(&self) -> Aabb {
         Aabb::from_points(self.faces.iter().flat_map(|face| face.corners.iter().copied()))

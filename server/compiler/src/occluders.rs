@@ -7,7 +7,7 @@ use std::collections::HashMap;
 
 use glam::{DVec2, DVec3};
 
-use super::subdivide::region::Cut;
+use super::subdivide::region::SplitPlane;
 
 /// Corners that differ by no more than this along an axis, in metres, lie in one axial plane, and
 /// so do planes that are no farther apart. It takes up what a node's rotation by a quarter turn
@@ -71,7 +71,7 @@ impl Rect {
 #[derive(Debug)]
 pub struct OccluderPlane {
     /// Where it is.
-    pub cut: Cut,
+    pub cut: SplitPlane,
     /// What is opaque, overlaps included. Corners run anticlockwise.
     pub triangles: Vec<Triangle2>,
     /// For each triangle, [`Opaque::is_last`].
@@ -80,7 +80,7 @@ pub struct OccluderPlane {
 }
 
 impl OccluderPlane {
-    fn new(cut: Cut, opaque: impl Iterator<Item = (Triangle2, bool)>) -> Self {
+    fn new(cut: SplitPlane, opaque: impl Iterator<Item = (Triangle2, bool)>) -> Self {
         let (triangles, is_last): (Vec<_>, _) = opaque.unzip();
         let mut buckets: HashMap<_, Vec<u32>> = HashMap::new();
         for (index, triangle) in triangles.iter().enumerate() {
@@ -168,7 +168,7 @@ fn planes_along(axis: usize, opaque: &[Opaque]) -> Vec<OccluderPlane> {
         .flat_map(|near| split_wide(near))
         .map(|near| {
             let triangles = near.iter().map(|&(_, triangle)| triangle);
-            OccluderPlane::new(Cut::Axial { axis, at: near[0].0 as f32 }, triangles)
+            OccluderPlane::new(SplitPlane::Axial { axis, at: near[0].0 as f32 }, triangles)
         })
         .collect()
 }
@@ -177,7 +177,7 @@ fn planes_along(axis: usize, opaque: &[Opaque]) -> Vec<OccluderPlane> {
 fn slanted(opaque: &[Opaque]) -> Vec<OccluderPlane> {
     /// Planes are sought among those alike in steps of a metre and of a hundredth of a radian.
     const STEP: [f64; 2] = [1.0, 0.01];
-    let mut found: Vec<(Cut, Vec<(Triangle2, bool)>)> = Vec::new();
+    let mut found: Vec<(SplitPlane, Vec<(Triangle2, bool)>)> = Vec::new();
     let mut alike: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
     for Opaque { corners, is_last } in opaque {
         let Some(cut) = vertical(corners) else { continue };
@@ -186,7 +186,7 @@ fn slanted(opaque: &[Opaque]) -> Vec<OccluderPlane> {
         let key = [0, 1].map(|i| (key[i] / STEP[i]).floor() as i64);
         let near = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [key[0] + i, key[1] + j]));
         let fits = |&&index: &&usize| {
-            let (other, _): &(Cut, _) = &found[index];
+            let (other, _): &(SplitPlane, _) = &found[index];
             corners.iter().all(|&corner| other.height(corner).abs() <= PLANE_TOLERANCE)
         };
         let known = near.filter_map(|key| alike.get(&key)).flatten().find(fits).copied();
@@ -206,7 +206,7 @@ fn slanted(opaque: &[Opaque]) -> Vec<OccluderPlane> {
 }
 
 /// The vertical plane of a triangle; none when that is axial, or the triangle has no area.
-fn vertical(corners: &[DVec3; 3]) -> Option<Cut> {
+fn vertical(corners: &[DVec3; 3]) -> Option<SplitPlane> {
     let [a, b, c] = *corners;
     if (0..3).any(|axis| agree(corners.map(|corner| corner[axis]))) {
         return None;
@@ -217,7 +217,7 @@ fn vertical(corners: &[DVec3; 3]) -> Option<Cut> {
     let across = DVec3::new(-along.y, 0.0, along.x).try_normalize()?;
     let across = if across.x < 0.0 { -across } else { across };
     let distance = across.dot((a + b + c) / 3.0);
-    let cut = Cut::Plane { normal: across, distance };
+    let cut = SplitPlane::Plane { normal: across, distance };
     corners.iter().all(|&corner| cut.height(corner).abs() <= PLANE_TOLERANCE).then_some(cut)
 }
 
@@ -239,7 +239,7 @@ pub fn in_plane(point: DVec3, axis: usize) -> DVec2 {
     DVec2::new(point[u], point[v])
 }
 
-impl Cut {
+impl SplitPlane {
     /// A point of an axial or vertical plane in the plane's coordinates: the two other axes, or
     /// along the horizontal and up.
     pub fn flat(&self, point: DVec3) -> DVec2 {
@@ -518,7 +518,7 @@ mod tests {
         };
         let near = planes(&[flat(1.0, 0.0), flat(1.00002, 0.0), flat(1.0, 0.00002)]);
         assert_eq!(near.len(), 1);
-        assert_eq!(near[0].cut, Cut::Axial { axis: 1, at: 1.0 });
+        assert_eq!(near[0].cut, SplitPlane::Axial { axis: 1, at: 1.0 });
         assert_eq!(near[0].triangles.len(), 3);
         assert_eq!(planes(&[flat(1.0, 0.0), flat(1.001, 0.0), flat(1.0, 0.001)]).len(), 2);
     }

@@ -16,7 +16,7 @@ use roaring::RoaringBitmap;
 use sightline_visibility::portal_flow::{Extent, Query, Scratch, Sightlines, WIDENING};
 use sightline_world::{Cells, Pvs, Space};
 
-use super::subdivide::Grain;
+use super::subdivide::CellSize;
 
 /// For each space, the spaces that may be visible from it, ascending.
 pub type SpacesSeen = Vec<Vec<u32>>;
@@ -38,16 +38,16 @@ pub fn spaces_seen(
 
 /// How finely to split so that about so many pairs of cells see each other; but no finer than
 /// `WIDTH_MIN`.
-pub fn grain_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> Grain {
-    let pairs_at = |grain: &Grain| {
+pub fn cell_size_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> CellSize {
+    let pairs_at = |grain: &CellSize| {
         let count: Vec<f64> =
             spaces.iter().map(|space| grain.cells_in(space.bounds.size())).collect();
         let visible = |row: &Vec<u32>| row.iter().map(|&to| count[to as usize]).sum::<f64>();
         count.iter().zip(seen).map(|(from, row)| from * visible(row)).sum::<f64>()
     };
     let widths = std::iter::successors(Some(WIDTH_MIN), |width| Some(width * 1.1));
-    let mut grains = widths.take_while(|&width| width < WIDTH_MAX).map(Grain::of_width);
-    grains.find(|grain| pairs_at(grain) <= pairs).unwrap_or(Grain::of_width(WIDTH_MAX))
+    let mut grains = widths.take_while(|&width| width < WIDTH_MAX).map(CellSize::of_width);
+    grains.find(|grain| pairs_at(grain) <= pairs).unwrap_or(CellSize::of_width(WIDTH_MAX))
 }
 
 /// Bodies are about as wide as this, in metres: what is finer tells little more.
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
     use crate::{
         occluders::{Opaque, planes},
-        subdivide::{Occluders, Spaces},
+        subdivide::{Spaces, SubdivisionInput},
     };
     use sightline_oracle::Oracle;
 
@@ -195,8 +195,8 @@ mod tests {
         let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
         let opaque = |t: &[Vec3; 3]| Opaque { corners: t.map(own), is_last: false };
         let planes = planes(&all.iter().map(opaque).collect::<Vec<_>>());
-        let occluders = Occluders { planes: &planes, solids: &[], eyes: &[] };
-        Spaces::new(&axes.own_box(bounds), axes, &occluders).cells(&Grain::of_width(2.0))
+        let occluders = SubdivisionInput { planes: &planes, solids: &[], eyes: &[] };
+        Spaces::new(&axes.own_box(bounds), axes, &occluders).cells(&CellSize::of_width(2.0))
     }
 
     fn compiled(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> Cells {

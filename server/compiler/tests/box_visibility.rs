@@ -6,7 +6,7 @@ mod shafts;
 use std::{ops::ControlFlow, path::PathBuf};
 
 use rand::{SeedableRng, rngs::SmallRng};
-use sightline_compiler::{Options, compile, import};
+use sightline_compiler::{CompileOptions, compile, import};
 
 #[test]
 fn nobody_is_missed_in_open_arenas() {
@@ -33,9 +33,9 @@ fn nobody_is_missed(map: &str, share_min: f64) {
     }
     let model = import::read(&path, &[]).unwrap();
     // What the PVS knows is not asked.
-    let options = Options { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
+    let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
     let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
-    let mut tally = shafts::Tally::default();
+    let mut tally = shafts::PvsTally::default();
     let mut rng = SmallRng::seed_from_u64(4);
     tally.add(&world, 400, &mut rng, map);
     tally.judge(map, share_min);

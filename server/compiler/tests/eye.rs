@@ -6,11 +6,10 @@ use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use roaring::RoaringBitmap;
 use sightline_compiler::{
-    Options, compile,
+    CompileOptions, compile,
     import::{self, glb},
     model::Model,
 };
-use sightline_demo_building as demo_building;
 use sightline_oracle::Oracle;
 use sightline_visibility::portal_flow::{Scratch, Sightlines};
 use sightline_world::{
@@ -20,12 +19,12 @@ use sightline_world::{
 };
 
 fn compiled(model: &Model) -> World {
-    let options = Options { voxel: Some(0.5), cell: Some(3.0), ..Options::default() };
+    let options = CompileOptions { voxel: Some(0.5), cell: Some(3.0), ..CompileOptions::default() };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
 }
 
 fn building(rooms: usize, seed: u64) -> Model {
-    glb::read_slice(&demo_building::glb(rooms, seed), None, "demo").unwrap()
+    glb::read_slice(&sightline_demo_building::glb(rooms, seed), None, "demo").unwrap()
 }
 
 fn map(name: &str) -> Option<Model> {

@@ -8,7 +8,6 @@ use sightline_compiler::{
     octree_statistics::OctreeStatistics,
     voxelise,
 };
-use sightline_demo_building as demo_building;
 
 /// A leaf takes so much, with its part of inner nodes and looks.
 const MEMORY_BYTES_MAX: f64 = 6.0;
@@ -26,7 +25,7 @@ fn check(name: &str, model: &Model, voxel: f32) {
 
 #[test]
 fn a_voxel_takes_six_bytes_in_memory_and_one_on_the_wire() {
-    let building = demo_building::glb(6, 3);
+    let building = sightline_demo_building::glb(6, 3);
     let model = glb::read_slice(&building, None, "demo").expect("our own");
     check("demo building", &model, 0.06);
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");

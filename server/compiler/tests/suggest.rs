@@ -5,13 +5,13 @@ use std::{fs, ops::ControlFlow, path::Path};
 use glam::{Vec2, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
-    self as compile, Options,
+    CompileOptions, compile,
     import::glb,
     model::Model,
-    rooms::{self, Known, text},
-    suggest::{self, Suggestion},
+    rooms::{self, RoomScope, text},
+    suggest::{self, SuggestedRoom},
 };
-use sightline_demo_building::{self as demo_building, SpaceKind, UNITS_PER_METRE};
+use sightline_demo_building::{SpaceKind, UNITS_PER_METRE};
 use sightline_oracle::Oracle;
 use sightline_visibility::rooms::{RoomIndex, RoomVerdict};
 use sightline_world::{World, geometry::Aabb, rooms::RoomId};
@@ -22,16 +22,17 @@ const SHARED: f32 = 0.8;
 const FOUND: f32 = 0.95;
 
 fn compiled(model: &Model, voxel: f32) -> World {
-    let options = Options { voxel: Some(voxel), cell: Some(3.0), ..Options::default() };
-    compile::compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
+    let options =
+        CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..CompileOptions::default() };
+    compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap().0
 }
 
-fn suggested(world: &World) -> Vec<Suggestion> {
+fn suggested(world: &World) -> Vec<SuggestedRoom> {
     suggest::suggest(world, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
 /// What a room shares with a rectangle of the plan at a height, as a part of what either has.
-fn shared(world: &World, room: &Suggestion, [min, max]: [Vec2; 2], height: f32) -> f32 {
+fn shared(world: &World, room: &SuggestedRoom, [min, max]: [Vec2; 2], height: f32) -> f32 {
     let area = |min: Vec2, max: Vec2| (max - min).max(Vec2::ZERO).element_product();
     let boxes = room.boxes.iter().map(|region| world.cells.axes.world_box(region));
     let at_height: Vec<Aabb> =
@@ -43,7 +44,7 @@ fn shared(world: &World, room: &Suggestion, [min, max]: [Vec2; 2], height: f32) 
 }
 
 /// Checks how many of some rooms, each a rectangle of the plan and a height, are suggested.
-fn check(world: &World, real: &[([Vec2; 2], f32)], name: &str) -> Vec<Suggestion> {
+fn check(world: &World, real: &[([Vec2; 2], f32)], name: &str) -> Vec<SuggestedRoom> {
     let rooms = suggested(world);
     let best = |(rect, height): &([Vec2; 2], f32)| {
         rooms.iter().map(|room| shared(world, room, *rect, *height)).fold(0.0, f32::max)
@@ -60,10 +61,10 @@ fn check(world: &World, real: &[([Vec2; 2], f32)], name: &str) -> Vec<Suggestion
 }
 
 /// What is suggested is read without a word, and rules out nobody whom rays show.
-fn is_sound(model: &Model, world: &mut World, suggested: &[Suggestion]) {
+fn is_sound(model: &Model, world: &mut World, suggested: &[SuggestedRoom]) {
     let toml = suggest::to_toml(world, suggested);
     let declared = text::read(&toml, "suggested.toml").unwrap();
-    let known = Known { cells: &world.cells, movers: &model.movers, nodes: &model.nodes };
+    let known = RoomScope { cells: &world.cells, movers: &model.movers, nodes: &model.nodes };
     let made = rooms::resolve(&declared, &known).unwrap();
     let warnings =
         rooms::checks::warnings(&declared, &made, &world.cells, &|| Oracle::new(&world.mesh));
@@ -110,7 +111,7 @@ fn no_line_is_denied(world: &World, index: &RoomIndex) {
 #[test]
 fn the_demo_building_has_the_rooms_that_were_planned() {
     let (rooms, seed, voxel) = (60, 1, 0.1);
-    let plan = demo_building::plan(rooms, seed);
+    let plan = sightline_demo_building::plan(rooms, seed);
     let metres = |units: i32| units as f32 / UNITS_PER_METRE as f32;
     let real: Vec<_> = plan
         .spaces
@@ -123,7 +124,7 @@ fn the_demo_building_has_the_rooms_that_were_planned() {
         })
         .collect();
     assert_eq!(real.len(), rooms);
-    let model = glb::read_slice(&demo_building::glb(rooms, seed), None, "demo").unwrap();
+    let model = glb::read_slice(&sightline_demo_building::glb(rooms, seed), None, "demo").unwrap();
     let mut world = compiled(&model, voxel);
     let found = check(&world, &real, "demo building");
     is_sound(&model, &mut world, &found);
@@ -132,7 +133,7 @@ fn the_demo_building_has_the_rooms_that_were_planned() {
 /// Rooms of a building that is turned are hulls, and as good.
 #[test]
 fn a_turned_building_has_its_rooms_too() {
-    let mut model = glb::read_slice(&demo_building::glb(6, 3), None, "demo").unwrap();
+    let mut model = glb::read_slice(&sightline_demo_building::glb(6, 3), None, "demo").unwrap();
     let (sine, cosine) = 0.4f32.sin_cos();
     let turned = |at: &mut Vec3| {
         *at = Vec3::new(cosine * at.x + sine * at.z, at.y, cosine * at.z - sine * at.x);

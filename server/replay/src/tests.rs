@@ -11,7 +11,8 @@ use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 
 use super::*;
 use sightline_compiler::{
-    self as compile,
+    CompileOptions, compile,
+    import::{bsp, glb},
     model::{Model, Surface, SurfaceMaterial},
 };
 
@@ -66,10 +67,9 @@ impl House {
             origin: None,
             warnings: Vec::new(),
         };
-        let options = compile::Options { voxel: Some(0.5), cell: Some(3.0), ..Default::default() };
+        let options = CompileOptions { voxel: Some(0.5), cell: Some(3.0), ..Default::default() };
         let (world, _) =
-            compile::compile(&model, &options, &|_, _| std::ops::ControlFlow::Continue(()))
-                .unwrap();
+            compile(&model, &options, &|_, _| std::ops::ControlFlow::Continue(())).unwrap();
         Self { world: Arc::new(world), rooms }
     }
 
@@ -324,9 +324,9 @@ fn shared() -> Option<PathBuf> {
 
 /// Whether nobody is missed in some seconds of a trace, looked at every so often.
 fn nobody_is_missed(model: &Model, trace: &Path, [seconds, stride_ms]: [u64; 2]) {
-    let coarse = compile::Options { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
+    let coarse = CompileOptions { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
     let go_on = |_, _| std::ops::ControlFlow::Continue(());
-    let world = Arc::new(compile::compile(model, &coarse, &go_on).unwrap().0);
+    let world = Arc::new(compile(model, &coarse, &go_on).unwrap().0);
     let trace = Trace::open(trace).unwrap();
     for round_trip_ms in [0, 100] {
         let mut options = options(Policy::Tbv, round_trip_ms);
@@ -344,13 +344,13 @@ fn nobody_is_missed(model: &Model, trace: &Path, [seconds, stride_ms]: [u64; 2])
 fn pedestrians_in_four_hundred_rooms_are_not_missed() {
     let Some(shared) = shared() else { return };
     let bytes = fs::read(shared.join("traces/rooms400.glb")).unwrap();
-    let model = compile::import::glb::read_slice(&bytes, None, "rooms400").unwrap();
+    let model = glb::read_slice(&bytes, None, "rooms400").unwrap();
     nobody_is_missed(&model, &shared.join("traces/rooms400-60.csv.gz"), [6, 200]);
 }
 
 #[test]
 fn bots_that_jump_and_are_thrown_about_are_not_missed() {
     let Some(shared) = shared() else { return };
-    let model = compile::import::bsp::read(&shared.join("maps/oa_dm2.bsp"), &[]).unwrap();
+    let model = bsp::read(&shared.join("maps/oa_dm2.bsp"), &[]).unwrap();
     nobody_is_missed(&model, &shared.join("traces/oa_dm2-32.csv.gz"), [4, 100]);
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use glam::{Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, rngs::SmallRng};
 use rayon::prelude::*;
-use sightline_demo_building::{Door, Plan, Rect, SpaceKind, UNITS_PER_METRE};
+use sightline_demo_building::{LatticeRect, Plan, PlanDoor, SpaceKind, UNITS_PER_METRE};
 use sightline_world::{World, geometry::Aabb, motion::Pose};
 
 /// How fast speed changes at most, in metres a second squared.
@@ -60,7 +60,7 @@ impl Floors {
         let open =
             |space: usize| matches!(plan.spaces[space].kind, SpaceKind::Room | SpaceKind::Corridor);
         for door in &plan.doors {
-            if let Door { spaces: (a, Some(b)), .. } = *door
+            if let PlanDoor { spaces: (a, Some(b)), .. } = *door
                 && open(a)
                 && open(b)
             {
@@ -79,12 +79,12 @@ impl Floors {
     }
 }
 
-fn ends(rect: &Rect) -> [Vec2; 2] {
+fn ends(rect: &LatticeRect) -> [Vec2; 2] {
     let metres = |[x, z]: [i32; 2]| Vec2::new(x as f32, z as f32) / UNITS_PER_METRE as f32;
     [metres(rect.min), metres(rect.max)]
 }
 
-fn passage(door: &Door, from: &Floor, to: usize) -> Passage {
+fn passage(door: &PlanDoor, from: &Floor, to: usize) -> Passage {
     let [min, max] = ends(&door.rect);
     let (middle, size) = ((min + max) * 0.5, max - min);
     let through = if size.x < size.y { Vec2::X } else { Vec2::Y };

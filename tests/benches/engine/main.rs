@@ -26,8 +26,7 @@ use std::{
 
 use anyhow::Context;
 use clap::Parser;
-use sightline_compiler::{self as compile, import::glb};
-use sightline_demo_building as demo_building;
+use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_engine::Policy;
 use sightline_world::World;
 
@@ -176,11 +175,11 @@ fn building(args: &Args) -> anyhow::Result<PathBuf> {
     let compiles = args.row.is_none() && (args.fresh || World::read(&path).is_err());
     if compiles {
         eprintln!("compiling {} rooms", args.rooms());
-        let glb = demo_building::glb(args.rooms(), args.seed);
+        let glb = sightline_demo_building::glb(args.rooms(), args.seed);
         let model = glb::read_slice(&glb, None, "generated")?;
         // Nobody draws it.
-        let options = compile::Options { voxel: Some(1.0), ..Default::default() };
-        let (world, _) = compile::compile(&model, &options, &|_, _| ControlFlow::Continue(()))?;
+        let options = CompileOptions { voxel: Some(1.0), ..Default::default() };
+        let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(()))?;
         std::fs::create_dir_all(folder)?;
         world.write(&path)?;
     }

@@ -11,7 +11,6 @@ use anyhow::Context;
 use cpu_time::ProcessTime;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use serde::{Deserialize, Serialize};
-use sightline_demo_building as demo_building;
 use sightline_engine::{Config, Engine, Input, Margin, Output};
 use sightline_world::{
     World,
@@ -124,7 +123,7 @@ impl fmt::Display for Row {
 pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Row> {
     let (world, closed) = annex::with_annex(world, hidden);
     annex::check(&world, &closed);
-    let plan = demo_building::plan(args.rooms(), args.seed);
+    let plan = sightline_demo_building::plan(args.rooms(), args.seed);
     let mut seeds = SmallRng::seed_from_u64(args.seed);
     let mut rng = || SmallRng::seed_from_u64(seeds.random());
     let before = resident_bytes();

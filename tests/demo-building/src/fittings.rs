@@ -8,8 +8,10 @@ use glam::Vec3;
 use super::{
     layout::srgb,
     mesh::{Face, Paint, Scene, metres},
-    plan::{CEILING, Opening, OpeningKind, Plan, RISE, RUN, STEPS, STOREY, SpaceKind, Stair, WALL},
-    rect::Rect,
+    plan::{
+        CEILING, OpeningKind, Plan, RISE, RUN, STEPS, STOREY, SpaceKind, Stair, WALL, WallOpening,
+    },
+    rect::LatticeRect,
 };
 
 const STEP: Paint = Paint::opaque([176, 172, 164]);
@@ -72,7 +74,7 @@ fn steps(plan: &Plan, stair: &Stair, scene: &mut Scene) {
 
 /// The points of an opening: along its wall, up, and through it.
 struct Frame<'a> {
-    opening: &'a Opening,
+    opening: &'a WallOpening,
     floor: i32,
 }
 
@@ -95,7 +97,7 @@ impl Frame<'_> {
     }
 
     fn bar(&self, scene: &mut Scene, along: [i32; 2], up: [i32; 2], through: [i32; 2]) {
-        let rect = Rect::spanning(self.opening.axis, through, along);
+        let rect = LatticeRect::spanning(self.opening.axis, through, along);
         let floor = self.floor;
         let min = [rect.min[0], floor + up[0], rect.min[1]];
         scene.block(scene.shell(), FRAME, min, [rect.max[0], floor + up[1], rect.max[1]]);
@@ -103,7 +105,7 @@ impl Frame<'_> {
 }
 
 /// Fills the upper corners of an opening with spandrels below half an ellipse.
-fn arch(opening: &Opening, floor: i32, scene: &mut Scene) {
+fn arch(opening: &WallOpening, floor: i32, scene: &mut Scene) {
     let frame = Frame { opening, floor };
     let [start, end] = frame.along().map(metres);
     let (head, rise) = (metres(opening.head), metres(ARCH_RISE));
@@ -138,7 +140,7 @@ fn arch(opening: &Opening, floor: i32, scene: &mut Scene) {
 }
 
 /// A pane in the middle of the wall, a thin frame around it and mullions across it.
-fn glazing(opening: &Opening, floor: i32, scene: &mut Scene) {
+fn glazing(opening: &WallOpening, floor: i32, scene: &mut Scene) {
     let frame = Frame { opening, floor };
     let [near, far] = frame.through();
     let ([start, end], middle) = (frame.along(), (near + far) / 2);
@@ -158,7 +160,7 @@ fn glazing(opening: &Opening, floor: i32, scene: &mut Scene) {
     scene.polygon(scene.shell(), Paint::GLASS, &pane);
 }
 
-fn hall(plan: &Plan, void: &Rect, scene: &mut Scene) {
+fn hall(plan: &Plan, void: &LatticeRect, scene: &mut Scene) {
     for storey in 0..plan.storeys {
         columns(void, plan.floor(storey), scene);
         if storey > 0 {
@@ -171,7 +173,7 @@ fn hall(plan: &Plan, void: &Rect, scene: &mut Scene) {
 }
 
 /// Two rows of round columns, just outside the edges of the galleries.
-fn columns(void: &Rect, floor: i32, scene: &mut Scene) {
+fn columns(void: &LatticeRect, floor: i32, scene: &mut Scene) {
     let count = (void.size(0) / 256).max(1);
     for i in 0..=count {
         let x = metres(void.min[0] + 40) + metres(void.size(0) - 80) * i as f32 / count as f32;
@@ -200,7 +202,7 @@ fn prism(scene: &mut Scene, paint: Paint, foot: Vec3, below: f32, above: f32, he
 }
 
 /// A handrail on posts with glass below, along one edge of the void.
-fn balustrade(void: &Rect, z: i32, floor: i32, scene: &mut Scene) {
+fn balustrade(void: &LatticeRect, z: i32, floor: i32, scene: &mut Scene) {
     let shell = scene.shell();
     let [start, end] = void.span(0);
     scene.block(shell, RAIL, [start, floor + 64, z - 3], [end, floor + 68, z + 3]);
@@ -214,7 +216,7 @@ fn balustrade(void: &Rect, z: i32, floor: i32, scene: &mut Scene) {
 }
 
 /// Glass over the hall, on beams.
-fn skylight(void: &Rect, roof: i32, scene: &mut Scene) {
+fn skylight(void: &LatticeRect, roof: i32, scene: &mut Scene) {
     let shell = scene.shell();
     let beams = (void.size(0) / 128).max(1);
     for i in 0..=beams {
@@ -227,7 +229,7 @@ fn skylight(void: &Rect, roof: i32, scene: &mut Scene) {
 
 /// A striped column in the middle of the hall, as high as the building, and a disc at each storey
 /// in the colour of its floor: one knows how high one is from afar.
-fn landmark(void: &Rect, storeys: usize, scene: &mut Scene) {
+fn landmark(void: &LatticeRect, storeys: usize, scene: &mut Scene) {
     let [x, z] = void.centre();
     let shell = scene.shell();
     scene.block(shell, FRAME, [x - 48, 0, z - 48], [x + 48, 24, z + 48]);
@@ -288,7 +290,7 @@ fn spawns(plan: &Plan, scene: &mut Scene) {
 }
 
 /// A place in a room half a metre behind its door, and the yaw that looks into the room.
-fn behind(door: &Rect, room: &Rect) -> ([i32; 2], f32) {
+fn behind(door: &LatticeRect, room: &LatticeRect) -> ([i32; 2], f32) {
     let [x, z] = door.centre();
     let step = WALL / 2 + 36;
     if door.min[0] >= room.max[0] {

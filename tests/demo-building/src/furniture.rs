@@ -8,8 +8,8 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use super::{
     layout::srgb,
     mesh::{Paint, Scene, metres},
-    plan::{Plan, Space, SpaceKind, WALL},
-    rect::Rect,
+    plan::{Plan, PlanSpace, SpaceKind, WALL},
+    rect::LatticeRect,
 };
 
 const WOOD: Paint = Paint::opaque([168, 122, 78]);
@@ -46,7 +46,7 @@ pub(super) fn build(plan: &Plan, seed: u64, scene: &mut Scene) {
 
 struct Furnishing<'a> {
     plan: &'a Plan,
-    space: &'a Space,
+    space: &'a PlanSpace,
     node: usize,
     scene: &'a mut Scene,
     floor: i32,
@@ -71,27 +71,27 @@ impl Furnishing<'_> {
             let [min, max] = self.space.rect.span(axis);
             if rng.random_bool(0.5) { min + 20 } else { max - 20 }
         });
-        if self.is_free(&Rect::new(corner, corner).grown(18)) {
+        if self.is_free(&LatticeRect::new(corner, corner).grown(18)) {
             self.plant(corner, rng.random_range(0.7..1.1));
         }
     }
 
     /// Whether something may stand here: inside, and away from every door.
-    fn is_free(&self, rect: &Rect) -> bool {
+    fn is_free(&self, rect: &LatticeRect) -> bool {
         let inside =
             self.space.rect.contains(rect.min) && self.space.rect.contains(rect.max.map(|v| v - 1));
         let mut doors = self.plan.doors_on(self.space.storey);
         inside && doors.all(|door| !door.rect.grown(DOOR_CLEARANCE).overlaps(rect))
     }
 
-    fn block(&mut self, paint: Paint, rect: Rect, up: [i32; 2]) {
+    fn block(&mut self, paint: Paint, rect: LatticeRect, up: [i32; 2]) {
         let floor = self.floor;
         let min = [rect.min[0], floor + up[0], rect.min[1]];
         self.scene.block(self.node, paint, min, [rect.max[0], floor + up[1], rect.max[1]]);
     }
 
     /// A top on two panels.
-    fn table(&mut self, rect: Rect, paint: Paint) {
+    fn table(&mut self, rect: LatticeRect, paint: Paint) {
         self.block(paint, rect, [45, 48]);
         let axis = usize::from(rect.size(1) > rect.size(0));
         let [min, max] = rect.span(axis);
@@ -106,7 +106,7 @@ impl Furnishing<'_> {
 
     /// A seat on a foot, with its back against `axis`.
     fn chair(&mut self, centre: [i32; 2], axis: usize, back_at_max: bool) {
-        let seat = Rect::new(centre, centre).grown(14);
+        let seat = LatticeRect::new(centre, centre).grown(14);
         let paint = Paint::opaque(self.space.colours[1]);
         self.block(paint, seat, [27, 30]);
         self.block(STEEL, seat.grown(-10), [0, 27]);
@@ -116,7 +116,7 @@ impl Furnishing<'_> {
     }
 
     /// One long table with chairs on both sides.
-    fn meeting(&mut self, middle: Rect) {
+    fn meeting(&mut self, middle: LatticeRect) {
         let axis = usize::from(middle.size(1) > middle.size(0));
         let across = 1 - axis;
         let centre = middle.centre()[across];
@@ -134,7 +134,7 @@ impl Furnishing<'_> {
     }
 
     /// Rows of desks with a screen and a chair each.
-    fn desks(&mut self, middle: Rect) {
+    fn desks(&mut self, middle: LatticeRect) {
         let count = [middle.size(0) / 128, middle.size(1) / 128].map(|n| n.clamp(1, 4));
         for i in 0..count[0] * count[1] {
             let (column, row) = (i % count[0], i / count[0]);
@@ -142,17 +142,20 @@ impl Furnishing<'_> {
                 middle.min[0] + (2 * column + 1) * middle.size(0) / (2 * count[0]),
                 middle.min[1] + (2 * row + 1) * middle.size(1) / (2 * count[1]),
             ];
-            let desk = Rect::new([centre[0] - 32, centre[1] - 20], [centre[0] + 32, centre[1] + 6]);
+            let desk =
+                LatticeRect::new([centre[0] - 32, centre[1] - 20], [centre[0] + 32, centre[1] + 6]);
             self.table(desk, WOOD);
-            let screen =
-                Rect::new([centre[0] - 12, desk.min[1] + 5], [centre[0] + 12, desk.min[1] + 7]);
+            let screen = LatticeRect::new(
+                [centre[0] - 12, desk.min[1] + 5],
+                [centre[0] + 12, desk.min[1] + 7],
+            );
             self.block(STEEL, screen, [50, 72]);
             self.chair([centre[0], centre[1] + 18], 1, true);
         }
     }
 
     /// Sofas round a low round table.
-    fn lounge(&mut self, middle: Rect, rng: &mut SmallRng) {
+    fn lounge(&mut self, middle: LatticeRect, rng: &mut SmallRng) {
         let paint = Paint::opaque(srgb(rng.random(), 0.6, 0.7));
         let axis = usize::from(middle.size(1) > middle.size(0));
         for at_max in [false, true] {
@@ -171,12 +174,12 @@ impl Furnishing<'_> {
     }
 
     /// Stacked boxes.
-    fn store(&mut self, middle: Rect, rng: &mut SmallRng) {
+    fn store(&mut self, middle: LatticeRect, rng: &mut SmallRng) {
         for x in (middle.min[0]..middle.max[0] - 36).step_by(44) {
             for z in (middle.min[1]..middle.max[1] - 36).step_by(44) {
                 let size = rng.random_range(24..40);
                 let stack = rng.random_range(0..4);
-                let rect = Rect::new([x, z], [x + size, z + size]);
+                let rect = LatticeRect::new([x, z], [x + size, z + size]);
                 if stack > 0 {
                     let paint =
                         if stack == 3 { Paint::opaque(self.space.colours[1]) } else { CARTON };
@@ -187,10 +190,10 @@ impl Furnishing<'_> {
     }
 
     /// Rows of tables towards a board on the wall.
-    fn class(&mut self, middle: Rect) {
+    fn class(&mut self, middle: LatticeRect) {
         for z in (middle.min[1]..middle.max[1] - 52).step_by(76) {
             for x in (middle.min[0]..=middle.max[0] - 64).step_by(84) {
-                self.table(Rect::new([x, z], [x + 64, z + 24]), WOOD);
+                self.table(LatticeRect::new([x, z], [x + 64, z + 24]), WOOD);
                 self.chair([x + 18, z + 34], 1, true);
                 self.chair([x + 46, z + 34], 1, true);
             }
@@ -204,7 +207,7 @@ impl Furnishing<'_> {
     }
 
     /// Whether the wall beside a strip of a room has no opening there.
-    fn wall_is_whole(&self, strip: &Rect) -> bool {
+    fn wall_is_whole(&self, strip: &LatticeRect) -> bool {
         let behind = strip.grown(WALL);
         self.plan.openings[self.space.storey].iter().all(|opening| !opening.rect.overlaps(&behind))
     }

@@ -9,8 +9,8 @@ mod hall;
 use rand::{Rng, SeedableRng, rngs::SmallRng, seq::IndexedRandom};
 
 use super::{
-    plan::{CEILING, Door, Opening, OpeningKind, Plan, Space, SpaceKind, WALL},
-    rect::Rect,
+    plan::{CEILING, OpeningKind, Plan, PlanDoor, PlanSpace, SpaceKind, WALL, WallOpening},
+    rect::LatticeRect,
 };
 
 const CORRIDOR: i32 = 144;
@@ -59,7 +59,7 @@ struct Layout {
 /// A part of a wing that still has to be divided.
 #[derive(Clone, Copy)]
 struct Region {
-    rect: Rect,
+    rect: LatticeRect,
     /// The axis of the depth: at right angles to the corridor that leads here.
     axis: usize,
     /// Whether that corridor is on the side of greater coordinates.
@@ -78,13 +78,13 @@ impl Region {
     }
 
     /// The piece of the wall towards the corridor with this extent along it.
-    fn opening(&self, along: [i32; 2]) -> Rect {
+    fn opening(&self, along: [i32; 2]) -> LatticeRect {
         let through = if self.at_max {
             [self.rect.max[self.axis], self.rect.max[self.axis] + WALL]
         } else {
             [self.rect.min[self.axis] - WALL, self.rect.min[self.axis]]
         };
-        Rect::spanning(self.axis, through, along)
+        LatticeRect::spanning(self.axis, through, along)
     }
 }
 
@@ -107,35 +107,47 @@ impl Layout {
     /// One storey: a corridor, and rooms along it.
     fn cottage(&mut self, rooms: usize) {
         let (length, depth) = wing_size(rooms);
-        let corridor = Rect::new([0, 0], [length, CORRIDOR]);
-        let rect = Rect::new([0, -WALL - depth], [length, -WALL]);
+        let corridor = LatticeRect::new([0, 0], [length, CORRIDOR]);
+        let rect = LatticeRect::new([0, -WALL - depth], [length, -WALL]);
         self.plan.outlines = vec![corridor.grown(WALL), rect.grown(WALL)];
         let corridor = self.space("corridor".into(), SpaceKind::Corridor, corridor, (1, true));
         let middle = length / 2;
-        let entrance = Rect::new([middle - 48, CORRIDOR], [middle + 48, CORRIDOR + WALL]);
+        let entrance = LatticeRect::new([middle - 48, CORRIDOR], [middle + 48, CORRIDOR + WALL]);
         self.door(entrance, 1, OpeningKind::Arch, (corridor, None));
         self.divide(Region { rect, axis: 1, at_max: true, corridor, rooms });
     }
 
-    fn space(&mut self, name: String, kind: SpaceKind, rect: Rect, accent: (usize, bool)) -> usize {
+    fn space(
+        &mut self,
+        name: String,
+        kind: SpaceKind,
+        rect: LatticeRect,
+        accent: (usize, bool),
+    ) -> usize {
         let hue = self.hue + self.rng.random_range(-0.09..0.09);
         let colours = match kind {
             SpaceKind::Room => [srgb(hue, 0.2, 0.95), srgb(hue, 0.8, 0.85)],
             _ => [srgb(self.hue, 0.05, 0.93), srgb(self.hue, 0.55, 0.8)],
         };
-        self.plan.spaces.push(Space { name, kind, storey: self.storey, rect, colours, accent });
+        self.plan.spaces.push(PlanSpace { name, kind, storey: self.storey, rect, colours, accent });
         self.plan.spaces.len() - 1
     }
 
-    fn door(&mut self, rect: Rect, axis: usize, kind: OpeningKind, spaces: (usize, Option<usize>)) {
+    fn door(
+        &mut self,
+        rect: LatticeRect,
+        axis: usize,
+        kind: OpeningKind,
+        spaces: (usize, Option<usize>),
+    ) {
         let head = if kind == OpeningKind::Arch { ARCH_HEAD } else { DOOR_HEAD };
-        self.plan.doors.push(Door { spaces, rect, storey: self.storey });
-        self.plan.openings[self.storey].push(Opening { rect, axis, sill: 0, head, kind });
+        self.plan.doors.push(PlanDoor { spaces, rect, storey: self.storey });
+        self.plan.openings[self.storey].push(WallOpening { rect, axis, sill: 0, head, kind });
     }
 
-    fn glaze(&mut self, rect: Rect, axis: usize, sill: i32, head: i32) {
+    fn glaze(&mut self, rect: LatticeRect, axis: usize, sill: i32, head: i32) {
         let kind = OpeningKind::Glazed;
-        self.plan.openings[self.storey].push(Opening { rect, axis, sill, head, kind });
+        self.plan.openings[self.storey].push(WallOpening { rect, axis, sill, head, kind });
     }
 
     fn divide(&mut self, region: Region) {
@@ -207,7 +219,7 @@ impl Layout {
         }
     }
 
-    fn room(&mut self, region: &Region, rect: Rect) -> usize {
+    fn room(&mut self, region: &Region, rect: LatticeRect) -> usize {
         let across = 1 - region.axis;
         let [start, end] = rect.span(across);
         self.rooms_named += 1;
@@ -228,12 +240,12 @@ impl Layout {
     }
 
     /// A door through the wall before `rect`, between two rooms that lie along `axis`.
-    fn connect(&mut self, before: usize, after: usize, rect: Rect, axis: usize) {
+    fn connect(&mut self, before: usize, after: usize, rect: LatticeRect, axis: usize) {
         let across = 1 - axis;
         let [start, end] = rect.span(across);
         let at = self.rng.random_range(start + JAMB..=(end - JAMB - DOOR_WIDTH).max(start + JAMB));
         let wall = [rect.min[axis] - WALL, rect.min[axis]];
-        let door = Rect::spanning(axis, wall, [at, at + DOOR_WIDTH]);
+        let door = LatticeRect::spanning(axis, wall, [at, at + DOOR_WIDTH]);
         self.door(door, axis, OpeningKind::Door, (before, Some(after)));
     }
 
@@ -260,7 +272,7 @@ impl Layout {
     /// Windows wherever a wall has the open air behind it.
     fn windows(&mut self) {
         for index in 0..self.plan.spaces.len() {
-            let Space { rect, storey, kind, .. } = self.plan.spaces[index];
+            let PlanSpace { rect, storey, kind, .. } = self.plan.spaces[index];
             self.storey = storey;
             let heights = match kind {
                 SpaceKind::Room => {
@@ -300,7 +312,7 @@ impl Layout {
         }
         for i in 0..count {
             let start = along[0] + JAMB + i * pitch + (pitch - width) / 2;
-            let rect = Rect::spanning(axis, through, [start, start + width]);
+            let rect = LatticeRect::spanning(axis, through, [start, start + width]);
             let beyond = rect.with_span(axis, through.map(|v| v + out));
             let is_free =
                 self.plan.openings[self.storey].iter().all(|o| !o.rect.overlaps(&rect.grown(8)));

@@ -15,8 +15,8 @@ mod rect;
 mod shell;
 
 pub use arched_floor::{ArchedFloor, arched_floor};
-pub use plan::{Door, Plan, Space, SpaceKind, Stair};
-pub use rect::Rect;
+pub use plan::{Plan, PlanDoor, PlanSpace, SpaceKind, Stair};
+pub use rect::LatticeRect;
 
 /// Lattice units in a metre. Every wall, slab and opening lies on the lattice.
 pub const UNITS_PER_METRE: i32 = 64;

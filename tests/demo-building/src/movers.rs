@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::{
     mesh::{Paint, Scene, metres},
-    plan::{Opening, OpeningKind, Plan, STOREY, SpaceKind},
+    plan::{OpeningKind, Plan, STOREY, SpaceKind, WallOpening},
 };
 
 const CABIN: Paint = Paint::opaque([198, 160, 58]);
@@ -60,8 +60,8 @@ fn lift(plan: &Plan, scene: &mut Scene) {
     }
 }
 
-fn leads_to_room(plan: &Plan, storey: usize, opening: &Opening) -> bool {
-    let is_there = |door: &&super::Door| door.rect == opening.rect;
+fn leads_to_room(plan: &Plan, storey: usize, opening: &WallOpening) -> bool {
+    let is_there = |door: &&super::PlanDoor| door.rect == opening.rect;
     opening.kind == OpeningKind::Door
         && plan.doors_on(storey).find(is_there).is_some_and(|door| {
             door.spaces.1.is_some() && plan.spaces[door.spaces.0].kind == SpaceKind::Room
@@ -69,7 +69,7 @@ fn leads_to_room(plan: &Plan, storey: usize, opening: &Opening) -> bool {
 }
 
 /// A leaf that slides into the wall beside its opening; each opens at a time of its own.
-fn door(plan: &Plan, storey: usize, number: usize, opening: &Opening, scene: &mut Scene) {
+fn door(plan: &Plan, storey: usize, number: usize, opening: &WallOpening, scene: &mut Scene) {
     let (through, along) = (opening.axis, 1 - opening.axis);
     let [start, end] = opening.rect.span(along);
     let middle = (opening.rect.min[through] + opening.rect.max[through]) / 2;

@@ -1,6 +1,6 @@
 //! What a plan consists of.
 
-use super::rect::Rect;
+use super::rect::LatticeRect;
 
 /// From one floor to the next: twenty steps.
 pub(super) const STOREY: i32 = STEPS * RISE;
@@ -23,24 +23,24 @@ pub struct Plan {
     /// How many floors there are.
     pub storeys: usize,
     /// Every space, on every storey.
-    pub spaces: Vec<Space>,
+    pub spaces: Vec<PlanSpace>,
     /// Where one can walk from one space to another on the same storey.
-    pub doors: Vec<Door>,
+    pub doors: Vec<PlanDoor>,
     /// Where one can walk from one storey to the next.
     pub stairs: Vec<Stair>,
     /// The hall that is open over all storeys; its walkable floor is that of its galleries.
-    pub void: Option<Rect>,
+    pub void: Option<LatticeRect>,
     /// The building's outline, the same on every storey: the union of these.
-    pub(super) outlines: Vec<Rect>,
+    pub(super) outlines: Vec<LatticeRect>,
     /// Solid parts inside spaces, storey by storey.
-    pub(super) blocks: Vec<Vec<Rect>>,
+    pub(super) blocks: Vec<Vec<LatticeRect>>,
     /// Holes through walls, doors among them, storey by storey.
-    pub(super) openings: Vec<Vec<Opening>>,
+    pub(super) openings: Vec<Vec<WallOpening>>,
 }
 
 /// A part of one storey that one can stand in.
 #[derive(Clone, Debug)]
-pub struct Space {
+pub struct PlanSpace {
     /// What it is called: storey, wing and number for a room.
     pub name: String,
     /// What it is for.
@@ -48,7 +48,7 @@ pub struct Space {
     /// Which floor it is on; 0 is at ground level.
     pub storey: usize,
     /// Between its walls.
-    pub rect: Rect,
+    pub rect: LatticeRect,
     /// sRGB colours of its walls: most of them, and the one that stands out.
     pub colours: [[u8; 3]; 2],
     /// The axis and the sense in which the wall that stands out faces.
@@ -70,11 +70,11 @@ pub enum SpaceKind {
 
 /// A passage between two spaces of one storey.
 #[derive(Clone, Copy, Debug)]
-pub struct Door {
+pub struct PlanDoor {
     /// Indices of the spaces; the second is `None` when the door leads outside.
     pub spaces: (usize, Option<usize>),
     /// The part of the wall that it takes.
-    pub rect: Rect,
+    pub rect: LatticeRect,
     /// Which floor it is on.
     pub storey: usize,
 }
@@ -85,7 +85,7 @@ pub struct Stair {
     /// Indices of the lower and the upper space.
     pub spaces: [usize; 2],
     /// What the steps cover.
-    pub flight: Rect,
+    pub flight: LatticeRect,
     /// Whether one goes up towards greater z.
     pub towards_z: bool,
     /// The storey of the lower space.
@@ -94,9 +94,9 @@ pub struct Stair {
 
 /// A hole through a wall.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Opening {
+pub(super) struct WallOpening {
     /// The part of the wall that it takes.
-    pub rect: Rect,
+    pub rect: LatticeRect,
     /// Which way one goes through: 0 along x, 1 along z.
     pub axis: usize,
     /// Heights above the floor.
@@ -124,12 +124,12 @@ impl Plan {
     }
 
     /// Whether a rectangle lies outside the building.
-    pub(super) fn is_outside(&self, rect: &Rect) -> bool {
+    pub(super) fn is_outside(&self, rect: &LatticeRect) -> bool {
         !self.outlines.iter().any(|outline| outline.overlaps(rect))
     }
 
     /// The doors and arches of one storey that a body needs to get through.
-    pub(super) fn doors_on(&self, storey: usize) -> impl Iterator<Item = &Door> {
+    pub(super) fn doors_on(&self, storey: usize) -> impl Iterator<Item = &PlanDoor> {
         self.doors.iter().filter(move |door| door.storey == storey)
     }
 }

@@ -2,14 +2,14 @@
 
 /// A rectangle in the floor plan, in lattice units: index 0 is x, index 1 is z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rect {
+pub struct LatticeRect {
     /// The corner with the least coordinates.
     pub min: [i32; 2],
     /// The corner with the greatest coordinates.
     pub max: [i32; 2],
 }
 
-impl Rect {
+impl LatticeRect {
     pub(super) const fn new(min: [i32; 2], max: [i32; 2]) -> Self {
         Self { min, max }
     }
@@ -70,7 +70,7 @@ pub(super) struct Patches<T> {
 impl<T: Copy> Patches<T> {
     /// Paints the rectangles over each other in order, on a ground of `outside`. A margin of one
     /// patch of `outside` is left all round.
-    pub fn paint(layers: &[(Rect, T)], outside: T) -> Self {
+    pub fn paint(layers: &[(LatticeRect, T)], outside: T) -> Self {
         let cuts = [0, 1].map(|axis| {
             let mut cuts: Vec<i32> = layers.iter().flat_map(|(rect, _)| rect.span(axis)).collect();
             let (least, greatest) = (cuts.iter().min().copied(), cuts.iter().max().copied());
@@ -86,7 +86,7 @@ impl<T: Copy> Patches<T> {
         patches
     }
 
-    fn fill(&mut self, rect: &Rect, value: T) {
+    fn fill(&mut self, rect: &LatticeRect, value: T) {
         if rect.is_empty() {
             return;
         }

@@ -4,7 +4,7 @@ use super::{
     layout::srgb,
     mesh::{Face, Paint, Scene},
     plan::{CEILING, Plan, SLAB, SpaceKind},
-    rect::{Patches, Rect, merge},
+    rect::{LatticeRect, Patches, merge},
 };
 
 const OUTSIDE_WALL: Paint = Paint::opaque([214, 205, 190]);
@@ -23,8 +23,8 @@ const TILE: i32 = 96;
 enum Patch {
     Outside,
     Wall,
-    Space(usize),
-    Opening(usize),
+    PlanSpace(usize),
+    WallOpening(usize),
 }
 
 /// Adds walls and slabs to the scene.
@@ -49,11 +49,12 @@ impl<'a> Walls<'a> {
     fn new(plan: &'a Plan, storey: usize) -> Self {
         let openings = &plan.openings[storey];
         let spaces = plan.spaces.iter().enumerate().filter(|(_, space)| space.storey == storey);
-        let layers: Vec<(Rect, Patch)> = (plan.outlines.iter().map(|&rect| (rect, Patch::Wall)))
-            .chain(spaces.map(|(index, space)| (space.rect, Patch::Space(index))))
-            .chain(plan.blocks[storey].iter().map(|&rect| (rect, Patch::Wall)))
-            .chain(openings.iter().enumerate().map(|(i, o)| (o.rect, Patch::Opening(i))))
-            .collect();
+        let layers: Vec<(LatticeRect, Patch)> =
+            (plan.outlines.iter().map(|&rect| (rect, Patch::Wall)))
+                .chain(spaces.map(|(index, space)| (space.rect, Patch::PlanSpace(index))))
+                .chain(plan.blocks[storey].iter().map(|&rect| (rect, Patch::Wall)))
+                .chain(openings.iter().enumerate().map(|(i, o)| (o.rect, Patch::WallOpening(i))))
+                .collect();
         let mut heights: Vec<i32> =
             openings.iter().flat_map(|o| [o.sill, o.head]).chain([0, CEILING]).collect();
         heights.sort_unstable();
@@ -69,7 +70,7 @@ impl<'a> Walls<'a> {
         }
         let floor = self.plan.floor(self.storey);
         for opening in &self.plan.openings[self.storey] {
-            let Rect { min, max } = opening.rect;
+            let LatticeRect { min, max } = opening.rect;
             let (min, max) = ([min[1], min[0]], [max[1], max[0]]);
             for (at, positive) in [(opening.sill, true), (opening.head, false)] {
                 if at > 0 && at < CEILING {
@@ -121,8 +122,8 @@ impl<'a> Walls<'a> {
     fn is_solid(&self, patch: Patch, band: usize) -> bool {
         match patch {
             Patch::Wall => true,
-            Patch::Outside | Patch::Space(_) => false,
-            Patch::Opening(index) => {
+            Patch::Outside | Patch::PlanSpace(_) => false,
+            Patch::WallOpening(index) => {
                 let opening = &self.plan.openings[self.storey][index];
                 !(opening.sill..opening.head).contains(&self.heights[band])
             }
@@ -132,12 +133,12 @@ impl<'a> Walls<'a> {
     /// The node and the paint of a wall's face towards what is open.
     fn looks(&self, open: Patch, axis: usize, positive: bool, shell: usize) -> (usize, Paint) {
         match open {
-            Patch::Space(index) => {
+            Patch::PlanSpace(index) => {
                 let space = &self.plan.spaces[index];
                 let stands_out = space.accent == (axis, positive);
                 (index, Paint::opaque(space.colours[usize::from(stands_out)]))
             }
-            Patch::Opening(_) => (shell, TRIM),
+            Patch::WallOpening(_) => (shell, TRIM),
             Patch::Outside | Patch::Wall => (shell, OUTSIDE_WALL),
         }
     }
@@ -153,7 +154,7 @@ struct Slab {
 
 impl Slab {
     fn new(plan: &Plan, level: usize) -> Self {
-        let mut layers: Vec<(Rect, Option<Paint>)> = Vec::new();
+        let mut layers: Vec<(LatticeRect, Option<Paint>)> = Vec::new();
         if level == 0 {
             layers.push((ground(plan), Some(LAWN)));
         }
@@ -232,18 +233,18 @@ fn floor_paint(storey: usize, saturation: f32) -> Paint {
 }
 
 /// The ground that the building stands on.
-fn ground(plan: &Plan) -> Rect {
-    let around = plan.outlines.iter().fold(None, |all: Option<Rect>, rect| {
+fn ground(plan: &Plan) -> LatticeRect {
+    let around = plan.outlines.iter().fold(None, |all: Option<LatticeRect>, rect| {
         let Some(all) = all else { return Some(*rect) };
         let min = [0, 1].map(|axis| all.min[axis].min(rect.min[axis]));
         let max = [0, 1].map(|axis| all.max[axis].max(rect.max[axis]));
-        Some(Rect::new(min, max))
+        Some(LatticeRect::new(min, max))
     });
-    around.unwrap_or(Rect::new([0, 0], [0, 0])).grown(GROUND_MARGIN)
+    around.unwrap_or(LatticeRect::new([0, 0], [0, 0])).grown(GROUND_MARGIN)
 }
 
 /// The chequered floor of the hall.
-fn tiles(void: &Rect) -> impl Iterator<Item = (Rect, Option<Paint>)> + use<> {
+fn tiles(void: &LatticeRect) -> impl Iterator<Item = (LatticeRect, Option<Paint>)> + use<> {
     let void = *void;
     let count = [0, 1].map(|axis| (void.size(axis) + TILE - 1) / TILE);
     (0..count[0] * count[1]).map(move |i| {
@@ -251,6 +252,6 @@ fn tiles(void: &Rect) -> impl Iterator<Item = (Rect, Option<Paint>)> + use<> {
         let min = [void.min[0] + column * TILE, void.min[1] + row * TILE];
         let max = [0, 1].map(|axis| (min[axis] + TILE).min(void.max[axis]));
         let colour = if (column + row) % 2 == 0 { [232, 228, 214] } else { [70, 78, 92] };
-        (Rect::new(min, max), Some(Paint::opaque(colour)))
+        (LatticeRect::new(min, max), Some(Paint::opaque(colour)))
     })
 }

@@ -40,8 +40,9 @@ fn every_space_can_be_reached_from_every_other() {
 fn spaces_and_doors_fit_together() {
     for (rooms, seed) in SIZES.into_iter().flat_map(|rooms| [(rooms, 3), (rooms, 4)]) {
         let plan = plan(rooms, seed);
-        let divided = |space: &&Space| matches!(space.kind, SpaceKind::Room | SpaceKind::Corridor);
-        let spaces: Vec<&Space> = plan.spaces.iter().filter(divided).collect();
+        let divided =
+            |space: &&PlanSpace| matches!(space.kind, SpaceKind::Room | SpaceKind::Corridor);
+        let spaces: Vec<&PlanSpace> = plan.spaces.iter().filter(divided).collect();
         for (i, a) in spaces.iter().enumerate() {
             assert!(a.rect.size(0).min(a.rect.size(1)) >= 116, "{rooms} rooms, seed {seed}: {a:?}");
             for b in spaces[..i].iter().filter(|b| b.storey == a.storey) {

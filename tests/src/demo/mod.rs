@@ -20,8 +20,7 @@ use sightline_client::{
     net::{self, Session, Trust},
     swarm::{self, Snapshot},
 };
-use sightline_compiler::{self as compile, import::glb};
-use sightline_demo_building as demo_building;
+use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_protocol::text::Name;
 use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
 use sightline_world::{Spawn, World, motion::Pose};
@@ -83,14 +82,13 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
 /// The demo building, through the same importer and compiler as any other.
 fn build(options: &Options) -> anyhow::Result<Arc<World>> {
     let start = Instant::now();
-    let file = demo_building::glb(options.rooms, options.seed);
+    let file = sightline_demo_building::glb(options.rooms, options.seed);
     let model = glb::read_slice(&file, None, "demo building")?;
     let progress = Progress::new();
-    let (world, report) =
-        compile::compile(&model, &compile::Options::default(), &|stage, share| {
-            progress.show(stage.name(), share);
-            std::ops::ControlFlow::Continue(())
-        })?;
+    let (world, report) = compile(&model, &CompileOptions::default(), &|stage, share| {
+        progress.show(stage.name(), share);
+        std::ops::ControlFlow::Continue(())
+    })?;
     progress.finish();
     println!(
         "the demo building: {} rooms, {} cells, {} portals, {} voxels, compiled in {:.1} s",

@@ -5,7 +5,7 @@ use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
-    self as compile,
+    CompileOptions, compile,
     model::{Model, Surface, SurfaceMaterial},
 };
 use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
@@ -79,9 +79,8 @@ impl Building {
         let half_width = Body::PERSON.half_width * wider;
         let model = draft.model(&turn);
         let voxel = VOXELS_M[(seed / 2 % 2) as usize];
-        let options =
-            compile::Options { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
-        let compiled = compile::compile(&model, &options, &|_, _| ControlFlow::Continue(()));
+        let options = CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
+        let compiled = compile(&model, &options, &|_, _| ControlFlow::Continue(()));
         let (world, _) = compiled.expect("a closed house compiles");
         Self {
             world: Arc::new(world),

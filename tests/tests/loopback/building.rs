@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
 use sightline_compiler::{
-    self as compile,
+    CompileOptions, compile,
     model::{Model, Surface, SurfaceMaterial},
 };
 use sightline_server::net::ServedWorld;
@@ -24,10 +24,9 @@ pub const WAY: [Vec3; 5] =
 pub fn world() -> ServedWorld {
     static WORLD: OnceLock<ServedWorld> = OnceLock::new();
     let make = || {
-        let options = compile::Options { voxel: Some(0.1), cell: Some(3.0), ..Default::default() };
+        let options = CompileOptions { voxel: Some(0.1), cell: Some(3.0), ..Default::default() };
         let (world, _) =
-            compile::compile(&model(), &options, &|_, _| std::ops::ControlFlow::Continue(()))
-                .unwrap();
+            compile(&model(), &options, &|_, _| std::ops::ControlFlow::Continue(())).unwrap();
         ServedWorld::from_world(Arc::new(world))
     };
     WORLD.get_or_init(make).clone()

@@ -10,12 +10,12 @@
 //!
 //! ```
 //! use glam::DVec3;
-//! use crate::carve::{self, Class, Options};
+//! use sightline_compiler::carve::{self, CarveOptions, Class};
 //!
 //! // A gable: a wall of two triangles, and a third on top of it.
 //! let [a, b, c, d, top] = [[0., 0.], [4., 0.], [4., 3.], [0., 3.], [2., 4.]]
 //!     .map(|[x, y]| DVec3::new(x, y, 0.0));
-//! let carved = carve::carve(&[[a, b, c], [a, c, d], [d, c, top]], &[], &Options::default());
+//! let carved = carve::carve(&[[a, b, c], [a, c, d], [d, c, top]], &[], &CarveOptions::default());
 //! assert_eq!(carved.report.before, Class::NonAxial);
 //! assert_eq!(carved.report.after, Class::Axial);
 //! assert_eq!((carved.report.elements, carved.report.clusters), (1, 1));
@@ -23,12 +23,12 @@
 //!
 //! # What may be used as an occluder
 //!
-//! [`Carved::polygons`] always: each is a part of the original polygons, to within the tolerance
+//! [`CarvedModel::polygons`] always: each is a part of the original polygons, to within the tolerance
 //! of welding, so whatever it blocks was blocked before. Merging moves no corner of what is handed
 //! out. Cuttings whose plane is axial, too, for who can use them; to leave them out makes the PVS
 //! larger, never wrong.
 //!
-//! [`Carved::added`] only where [`Added::sealed`]. These polygons close the hole that a box leaves
+//! [`CarvedModel::added`] only where [`CapPolygon::sealed`]. These polygons close the hole that a box leaves
 //! in a solid, and lie inside of what was solid. In a model whose surfaces do not close, inside and
 //! outside are a guess, and the polygon may stand in the open. It is sealed where the surface that
 //! was cut is a closed 2-manifold, and all of the polygon is inside of the model's closed surfaces,
@@ -60,7 +60,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 pub use classify::Class;
-pub use turn::dominant_turn;
+pub use turn::dominant_orientation;
 
 use classify::{Groups, classes};
 use polygons::Polygons;
@@ -77,14 +77,14 @@ const GROUPED: f32 = 0.7;
 
 /// What the author chooses.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
+pub struct CarveOptions {
     /// What is carved at a time.
-    pub units: Units,
+    pub units: CarvingUnits,
 }
 
 /// How large carving units are (carving, Fig. 6).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Units {
+pub enum CarvingUnits {
     /// As large as possible: fewer portals.
     #[default]
     Clusters,
@@ -94,11 +94,11 @@ pub enum Units {
 
 /// A model after carving. Coordinates are those of the triangles that were carved.
 #[derive(Clone, Debug)]
-pub struct Carved {
+pub struct CarvedModel {
     /// AoutB: what is left of the model's polygons; axial and semi-axial.
     pub polygons: Vec<Polygon>,
-    /// BinA: what closes the holes; see [`Added::sealed`].
-    pub added: Vec<Added>,
+    /// BinA: what closes the holes; see [`CapPolygon::sealed`].
+    pub added: Vec<CapPolygon>,
     /// AinB and AonB: what was in the boxes.
     pub cuttings: Vec<Polygon>,
     /// How many of what.
@@ -120,7 +120,7 @@ pub struct Polygon {
 
 /// A polygon of a carving volume that lies inside of what was solid.
 #[derive(Clone, Debug)]
-pub struct Added {
+pub struct CapPolygon {
     /// In which it lies; the normal points out of what is still solid, into the box.
     pub plane: Plane,
     /// What it covers, without overlap.
@@ -214,18 +214,18 @@ pub struct CarveReport {
 /// `surfaces` tells which surface each is of, or is empty: triangles of two surfaces do not merge.
 ///
 /// Corners closer than 0.02 mm count as one. The time is nearly linear in the triangles.
-pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &Options) -> Carved {
-    carve_heard(triangles, surfaces, options, &mut |_| ControlFlow::Continue(()))
+pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &CarveOptions) -> CarvedModel {
+    carve_with_progress(triangles, surfaces, options, &mut |_| ControlFlow::Continue(()))
         .expect("nobody breaks it")
 }
 
 /// The same, with `progress` told the share done, from 0 to 1. None when it breaks.
-pub fn carve_heard(
+pub fn carve_with_progress(
     triangles: &[[DVec3; 3]],
     surfaces: &[u32],
-    options: &Options,
+    options: &CarveOptions,
     progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
-) -> Option<Carved> {
+) -> Option<CarvedModel> {
     let mut goes_on = |share| progress(share).is_continue().then_some(());
     let polygons = Polygons::merge(triangles, surfaces);
     goes_on(MERGED)?;
@@ -233,8 +233,8 @@ pub fn carve_heard(
     let groups = Groups::of(&polygons, &classes);
     let mut carver = Carver::new(triangles, &polygons, &classes);
     let units = match options.units {
-        Units::Clusters => &groups.clusters,
-        Units::Elements => &groups.elements,
+        CarvingUnits::Clusters => &groups.clusters,
+        CarvingUnits::Elements => &groups.elements,
     };
     let element_of = groups.element_of(polygons.len());
     goes_on(GROUPED)?;
@@ -247,7 +247,7 @@ pub fn carve_heard(
     let carving = carver.finish();
     let report = report(&polygons, &classes, &groups, &carving);
     let Carving { kept, cuttings, added, .. } = carving;
-    Some(Carved { polygons: kept, added, cuttings, report })
+    Some(CarvedModel { polygons: kept, added, cuttings, report })
 }
 
 /// Carves a unit as a whole if that does not cost others too much, else element by element.

@@ -126,7 +126,7 @@ fn covered(polygons: &[Polygon]) -> f64 {
 }
 
 /// All of it that is a model: what is left, and what was added.
-fn carved_model(carved: &Carved) -> Vec<Triangle> {
+fn carved_model(carved: &CarvedModel) -> Vec<Triangle> {
     let kept = carved.polygons.iter().flat_map(|p| &p.triangles);
     kept.chain(carved.added.iter().flat_map(|a| &a.triangles)).copied().collect()
 }
@@ -147,7 +147,7 @@ fn contains(&[a, b, c]: &Triangle, point: DVec3) -> bool {
 }
 
 /// What must hold of every carving.
-fn check_sound(model: &[Triangle], carved: &Carved) {
+fn check_sound(model: &[Triangle], carved: &CarvedModel) {
     let (before, after) = (area(model), covered(&carved.polygons) + covered(&carved.cuttings));
     assert!((before - after).abs() < 1e-6 * before.max(1.0), "{before} {after}");
     assert!(carved.report.after < Class::NonAxial, "{:?}", carved.report);
@@ -170,7 +170,7 @@ fn check_sound(model: &[Triangle], carved: &Carved) {
 fn the_arch_of_figure_4() {
     let model = arch(6, 1.0);
     assert!(is_closed(&model));
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     let CarveReport { polygons, axial, semi_axial, non_axial, elements, clusters, .. } =
         carved.report;
@@ -195,8 +195,8 @@ fn the_arch_of_figure_4() {
 #[test]
 fn elements_as_units_cut_less() {
     let model = arch(6, 1.0);
-    let clusters = carve(&model, &[], &Options::default());
-    let elements = carve(&model, &[], &Options { units: Units::Elements });
+    let clusters = carve(&model, &[], &CarveOptions::default());
+    let elements = carve(&model, &[], &CarveOptions { units: CarvingUnits::Elements });
     check_sound(&model, &elements);
     assert_eq!((elements.report.units, elements.report.added, elements.report.sealed), (6, 12, 12));
     assert!(covered(&elements.polygons) > covered(&clusters.polygons) + 0.3);
@@ -208,7 +208,7 @@ fn elements_as_units_cut_less() {
 fn an_octagonal_passage_becomes_square() {
     let model = passage(false);
     assert!(is_closed(&model));
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     assert_eq!((carved.report.clusters, carved.report.added, carved.report.sealed), (1, 4, 4));
     assert!(carved.added.iter().all(|a| (area(&a.triangles) - 4.0).abs() < 1e-9));
@@ -220,7 +220,7 @@ fn an_octagonal_passage_becomes_square() {
 fn a_shaft_in_the_roof_of_a_passage_stays_open() {
     let model = passage(true);
     assert!(is_closed(&model));
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     let roof = carved.added.iter().find(|a| a.plane.normal == DVec3::NEG_Y).unwrap();
     assert!((area(&roof.triangles) - (4.0 - 0.16)).abs() < 1e-6, "{}", area(&roof.triangles));
@@ -234,7 +234,7 @@ fn what_only_passes_through_the_box_is_not_split() {
     let mut model = arch(6, 1.0);
     let beam = cuboid(DVec3::new(-1.0, 1.8, 0.2), DVec3::new(5.0, 2.0, 0.3));
     model.extend(&beam);
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     assert_eq!((carved.report.cuttings, carved.report.added), (18, 3));
     let is_of_beam = |p: &&Polygon| p.triangles.iter().flatten().any(|c| c.x < -0.5 || c.x > 4.5);
@@ -247,12 +247,12 @@ fn what_only_passes_through_the_box_is_not_split() {
 fn nothing_is_sealed_in_an_open_surface() {
     let mut model = arch(6, 1.0);
     model.retain(|t| !t.iter().all(|p| p.z == 0.0));
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     assert_eq!(carved.report.sealed, 0);
     // Nor in one that is inside out.
     let turned: Vec<Triangle> = arch(6, 1.0).into_iter().map(|[a, b, c]| [a, c, b]).collect();
-    assert_eq!(carve(&turned, &[], &Options::default()).report.sealed, 0);
+    assert_eq!(carve(&turned, &[], &CarveOptions::default()).report.sealed, 0);
 }
 
 /// A cavity in the block that reaches through one of the sides that are added.
@@ -261,7 +261,7 @@ fn nothing_is_sealed_across_a_cavity() {
     let mut model = passage(false);
     let hole = cuboid(DVec3::new(1.05, 2.85, 0.5), DVec3::new(1.2, 3.2, 1.0));
     model.extend(hole.iter().map(|&[a, b, c]| [a, c, b]));
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     let open: Vec<DVec3> =
         carved.added.iter().filter(|a| !a.sealed).map(|a| a.plane.normal).collect();
@@ -271,7 +271,7 @@ fn nothing_is_sealed_across_a_cavity() {
     let mut hewn = passage(false);
     let room = cuboid(DVec3::splat(-5.0), DVec3::splat(9.0));
     hewn.extend(room.iter().map(|&[a, b, c]| [a, c, b]));
-    assert_eq!(carve(&hewn, &[], &Options::default()).report.sealed, 0);
+    assert_eq!(carve(&hewn, &[], &CarveOptions::default()).report.sealed, 0);
 }
 
 /// A corridor with chamfered edges: the box of all chamfers is the corridor, and carving it would
@@ -289,7 +289,7 @@ fn a_cluster_does_not_take_all_that_is_joined_to_it() {
         [0.0, 0.1],
     ];
     let model: Vec<Triangle> = extruded(&chamfered, &[chamfered.into()], 30.0);
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     assert_eq!(carved.report.clusters, 1);
     assert!(
@@ -325,7 +325,7 @@ fn house_on_terrain() -> (Vec<Triangle>, Vec<Triangle>) {
 fn a_terrain_does_not_take_the_house_that_stands_on_it() {
     let (terrain, house) = house_on_terrain();
     let model = [&terrain[..], &house].concat();
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     let is_wall = |p: &&Polygon| p.plane.normal.y.abs() < 0.5;
     let left: f64 = carved.polygons.iter().filter(is_wall).map(|p| area(&p.triangles)).sum();
@@ -343,12 +343,12 @@ fn a_turned_building_is_carved_like_one_that_is_not() {
         let turned = |p: &glam::Vec3| axes.world(*p);
         let opaque: Vec<[glam::Vec3; 3]> =
             model.opaque.iter().map(|corners| corners.each_ref().map(turned)).collect();
-        let turn = dominant_turn(&opaque);
+        let turn = dominant_orientation(&opaque);
         assert!((turn - degrees.to_radians()).abs() < 1e-6, "{degrees} {turn}");
         let axes = Axes::turned(turn);
         let own = |p: glam::Vec3| axes.own_exact(p.as_dvec3());
         let triangles: Vec<Triangle> = opaque.iter().map(|corners| corners.map(own)).collect();
-        let carved = carve(&triangles, &[], &Options::default());
+        let carved = carve(&triangles, &[], &CarveOptions::default());
         (carved.report.clone(), covered(&carved.polygons))
     };
     let (straight, left) = carved_at(0.0);
@@ -362,7 +362,7 @@ fn a_turned_building_is_carved_like_one_that_is_not() {
 
 #[test]
 fn odd_input_is_carved_too() {
-    assert_eq!(carve(&[], &[], &Options::default()).report.after, Class::Axial);
+    assert_eq!(carve(&[], &[], &CarveOptions::default()).report.after, Class::Axial);
     let p = |x: f64, y: f64| DVec3::new(x, y, 0.0);
     let model = [
         [p(0., 0.), p(0., 0.), p(0., 0.)],
@@ -372,7 +372,7 @@ fn odd_input_is_carved_too() {
         [p(0., 0.), p(4., 3.), p(4., 0.)],
         [p(0., 0.), p(1e-5, 2.), p(4., 3.)],
     ];
-    let carved = carve(&model, &[], &Options::default());
+    let carved = carve(&model, &[], &CarveOptions::default());
     assert_eq!(carved.report.degenerate, 2);
     check_sound(&model, &carved);
 }

@@ -17,7 +17,7 @@ const STRAY_M: f64 = 2e-5;
 /// The direction with the most wall area wins, to half a degree, quarter turns being the same. The
 /// angle is then the mean of the walls near it, where a wall counts with its area times the square
 /// of its length, because that is how well its corners tell a direction.
-pub fn dominant_turn(opaque: &[[Vec3; 3]]) -> f64 {
+pub fn dominant_orientation(opaque: &[[Vec3; 3]]) -> f64 {
     let walls: Vec<Wall> = opaque.iter().filter_map(Wall::of).collect();
     let mut bins = vec![0.0; BINS];
     for wall in &walls {
@@ -99,8 +99,8 @@ mod tests {
     fn an_axial_building_is_not_turned_at_all() {
         let mut all = walls(Vec3::new(20.0, 3.0, 12.0), 0.0, Vec3::new(3.3, 0.0, -70.1));
         all.extend(walls(Vec3::new(1.0, 1.0, 2.0), 0.7, Vec3::ZERO));
-        assert_eq!(dominant_turn(&all), 0.0);
-        assert_eq!(dominant_turn(&[]), 0.0);
+        assert_eq!(dominant_orientation(&all), 0.0);
+        assert_eq!(dominant_orientation(&[]), 0.0);
     }
 
     proptest! {
@@ -111,7 +111,7 @@ mod tests {
             let house = walls(Vec3::new(40.0, 3.0, 25.0), turn, Vec3::new(-20.0, 0.0, 31.0));
             let mut all = house.clone();
             all.extend(walls(Vec3::new(9.0, 3.0, 7.0), other.to_radians(), Vec3::ONE));
-            let found = dominant_turn(&all);
+            let found = dominant_orientation(&all);
             prop_assert!((0.0..FRAC_PI_2).contains(&found));
             // Where the two are all but parallel, the mean may lie between.
             let apart = (f64::from(degrees - other) + 45.0).rem_euclid(90.0) - 45.0;

@@ -5,7 +5,7 @@ use std::collections::{HashSet, VecDeque};
 use glam::DVec3;
 
 use super::{
-    Added, Class, FREE_LOSS_M2, LOSS_MAX, Plane, Polygon,
+    CapPolygon, Class, FREE_LOSS_M2, LOSS_MAX, Plane, Polygon,
     bin_a::compute_bin_a,
     classify::{Facing, is_irregular},
     polygons::{Border, Polygons},
@@ -132,7 +132,7 @@ pub(super) struct Carver<'a> {
 pub(super) struct Carving {
     pub kept: Vec<Polygon>,
     pub cuttings: Vec<Polygon>,
-    pub added: Vec<Added>,
+    pub added: Vec<CapPolygon>,
     pub units: usize,
     pub confined: usize,
 }
@@ -172,7 +172,7 @@ impl<'a> Carver<'a> {
         true
     }
 
-    fn added(&self, volume: &Volume, splits: &[Split]) -> Vec<Added> {
+    fn added(&self, volume: &Volume, splits: &[Split]) -> Vec<CapPolygon> {
         let unit = self.carving.units as u32;
         let cutting: Vec<Triangle> =
             splits.iter().flat_map(|split| split.inside.iter().copied()).collect();
@@ -181,7 +181,7 @@ impl<'a> Carver<'a> {
         let added = compute_bin_a(volume, &cutting, self.polygons.tolerance).into_iter();
         let seal = |(plane, triangles): (Plane, Vec<Triangle>)| {
             let sealed = is_closed && self.sealing.holds(&triangles, plane.normal, &cut);
-            Added { plane, triangles, unit, sealed }
+            CapPolygon { plane, triangles, unit, sealed }
         };
         added.map(seal).collect()
     }

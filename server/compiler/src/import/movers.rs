@@ -10,13 +10,13 @@ use crate::{model::Surface, voxelise::Palette};
 
 /// The movers of a model under construction, within the limits of a world.
 #[derive(Default)]
-pub(super) struct Fleet {
+pub(super) struct MoverList {
     movers: Vec<Mover>,
     triangles: usize,
     left_out: usize,
 }
 
-impl Fleet {
+impl MoverList {
     /// Adds a mover of surfaces in its own coordinates. What is too much, or has no triangle, is
     /// left out.
     pub(super) fn add(&mut self, name: &str, surfaces: &[Surface], trajectory: Trajectory) {

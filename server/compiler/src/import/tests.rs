@@ -1,8 +1,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::model::Convex;
-use sightline_demo_building as demo_building;
+use crate::model::ConvexSolid;
 
 /// The one line that `read` gives for a file with these bytes.
 fn error_of(name: &str, bytes: &[u8]) -> String {
@@ -20,7 +19,7 @@ fn line(error: ReadError) -> String {
 
 #[test]
 fn what_is_no_building_is_refused_with_one_clear_line() {
-    let glb = demo_building::glb(1, 1);
+    let glb = sightline_demo_building::glb(1, 1);
     let mut nan = glb.clone();
     // The binary chunk is mostly positions: fill its first half.
     let json_length = u32::from_le_bytes(nan[12..16].try_into().unwrap()) as usize;
@@ -111,7 +110,7 @@ fn real_maps_have_what_they_should() {
         assert!(model.solids.len() >= solids_min, "{map}: {} solids", model.solids.len());
         assert!(!model.spawns.is_empty(), "{map}");
         for spawn in &model.spawns {
-            let inside = |solid: &&Convex| solid.contains(spawn.eye.as_dvec3(), -1e-3);
+            let inside = |solid: &&ConvexSolid| solid.contains(spawn.eye.as_dvec3(), -1e-3);
             assert!(model.solids.iter().find(inside).is_none(), "{map}: {spawn:?}");
         }
         let bounds = model.bounds().unwrap();
@@ -129,7 +128,7 @@ fn the_building_of_the_crowd_trace_is_read_without_a_warning() {
 
 #[test]
 fn the_demo_building_is_read_back_whole() {
-    let building = demo_building::build(12, 3);
+    let building = sightline_demo_building::build(12, 3);
     let model = glb::read_slice(&building.glb, None, "demo").unwrap();
     assert_eq!(model.title, "Demo building");
     assert!(model.warnings.is_empty(), "{:?}", model.warnings);

@@ -2,7 +2,6 @@ use std::sync::OnceLock;
 
 use super::*;
 use crate::{import::glb, plan::floors::storeys};
-use sightline_demo_building as demo_building;
 
 fn building() -> World {
     static BUILDING: OnceLock<World> = OnceLock::new();
@@ -10,9 +9,12 @@ fn building() -> World {
 }
 
 fn compiled() -> World {
-    let model = glb::read_slice(&demo_building::glb(12, 1), None, "demo").unwrap();
-    let options =
-        crate::Options { voxel: Some(0.125), cell: Some(3.0), ..crate::Options::default() };
+    let model = glb::read_slice(&sightline_demo_building::glb(12, 1), None, "demo").unwrap();
+    let options = crate::CompileOptions {
+        voxel: Some(0.125),
+        cell: Some(3.0),
+        ..crate::CompileOptions::default()
+    };
     let go_on = |_, _| std::ops::ControlFlow::Continue(());
     crate::compile(&model, &options, &go_on).unwrap().0
 }

@@ -10,7 +10,7 @@ use sightline_world::{
     rooms::{RoomId, Rooms, Sees},
 };
 
-use super::{Declared, Fault};
+use super::{RoomDeclaration, RoomError};
 use sightline_oracle::Oracle;
 
 /// Rooms that share no more than this overlap by rounding, in metres.
@@ -22,11 +22,11 @@ const TRIES: u32 = 200;
 
 /// All that there is to say of rooms that are not wrong.
 pub fn warnings(
-    declared: &[Declared],
+    declared: &[RoomDeclaration],
     rooms: &Rooms,
     cells: &Cells,
     sight: &dyn Fn() -> Oracle,
-) -> Vec<Fault> {
+) -> Vec<RoomError> {
     let index = RoomIndex::of(rooms, cells);
     let mut found = overlaps(declared, &index);
     let hides = |room: &sightline_world::rooms::Room| matches!(room.sees, Sees::AllBut(_));
@@ -39,12 +39,13 @@ pub fn warnings(
 }
 
 /// Pairs of rooms of which one does not hold the other, and that do not say that they overlap.
-fn overlaps(declared: &[Declared], index: &RoomIndex) -> Vec<Fault> {
+fn overlaps(declared: &[RoomDeclaration], index: &RoomIndex) -> Vec<RoomError> {
     let mut found = Vec::new();
     for (j, second) in declared.iter().enumerate() {
         for (i, first) in declared[..j].iter().enumerate() {
-            let says =
-                |a: &Declared, b: &Declared| a.overlaps.iter().any(|n| n.text == b.name.text);
+            let says = |a: &RoomDeclaration, b: &RoomDeclaration| {
+                a.overlaps.iter().any(|n| n.text == b.name.text)
+            };
             let [a, b] = [i, j].map(|at| RoomId(at as u16));
             let apart = !index.bounds(a).grown(-OVERLAP_M).intersects(&index.bounds(b));
             if apart || says(first, second) || says(second, first) {
@@ -63,7 +64,7 @@ fn overlaps(declared: &[Declared], index: &RoomIndex) -> Vec<Fault> {
                 let [one, other] = [second, first].map(|room| &room.name.text);
                 let what = format!("room {one:?} overlaps room {other:?} at {at}");
                 let how = format!("if that is meant, give it overlaps = [{other:?}]");
-                found.push(Fault::new(&second.name.place, format!("{what}; {how}")));
+                found.push(RoomError::new(&second.name.place, format!("{what}; {how}")));
             }
         }
     }
@@ -98,7 +99,7 @@ fn inside(rng: &mut SmallRng, region: &Aabb) -> Vec3 {
 }
 
 struct Checker<'a> {
-    declared: &'a [Declared],
+    declared: &'a [RoomDeclaration],
     rooms: &'a Rooms,
     index: &'a RoomIndex,
     cells: &'a Cells,
@@ -107,7 +108,7 @@ struct Checker<'a> {
 
 impl Checker<'_> {
     /// What a room hides though there is a free line to it that goes through no window of the room.
-    fn plainly_visible(&self, at: usize) -> Vec<Fault> {
+    fn plainly_visible(&self, at: usize) -> Vec<RoomError> {
         let id = RoomId(at as u16);
         let Sees::AllBut(set) = &self.rooms.list()[at].sees else { return Vec::new() };
         let rooms = set.rooms.iter().filter(|other| **other != id).map(|other| {
@@ -133,7 +134,7 @@ impl Checker<'_> {
                 let room = &self.rooms.list()[at].name;
                 let what =
                     format!("room {room:?} hides {name}, but from {eye} one sees {point} in it");
-                Some(Fault::new(place, what))
+                Some(RoomError::new(place, what))
             })
             .collect()
     }

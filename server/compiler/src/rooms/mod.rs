@@ -28,14 +28,14 @@ const OFF_MAX_M: f32 = 0.05;
 
 /// Where something is written.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub enum Place {
+pub enum SourceLocation {
     /// In a file, at a line that is counted from 1.
     Line(String, usize),
     /// In a model, at a node of this name.
     Node(String),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for SourceLocation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Line(file, line) => write!(f, "{file}:{line}"),
@@ -47,15 +47,15 @@ impl fmt::Display for Place {
 /// What is wrong with a room, in one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize)]
 #[error("{place}: {what}")]
-pub struct Fault {
+pub struct RoomError {
     /// Where.
-    pub place: Place,
+    pub place: SourceLocation,
     /// What.
     pub what: String,
 }
 
-impl Fault {
-    fn new(place: &Place, what: impl Into<String>) -> Self {
+impl RoomError {
+    fn new(place: &SourceLocation, what: impl Into<String>) -> Self {
         Self { place: place.clone(), what: what.into() }
     }
 }
@@ -63,9 +63,9 @@ impl Fault {
 /// All that is wrong with the rooms of a model.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{}", summary(.0))]
-pub struct Faults(pub Vec<Fault>);
+pub struct RoomErrors(pub Vec<RoomError>);
 
-fn summary(faults: &[Fault]) -> String {
+fn summary(faults: &[RoomError]) -> String {
     match faults {
         [only] => only.to_string(),
         [first, rest @ ..] => format!("{first} (and {} more faults in rooms)", rest.len()),
@@ -75,16 +75,16 @@ fn summary(faults: &[Fault]) -> String {
 
 /// A name, and where it is written.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Name {
+pub struct LocatedName {
     /// The name.
     pub text: String,
     /// Where it is.
-    pub place: Place,
+    pub place: SourceLocation,
 }
 
 /// A cell, as an author says which.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum CellName {
+pub enum CellReference {
     /// The cell that this point of the world is in.
     At(Vec3),
     /// By its number, which holds for as long as the model is not compiled anew.
@@ -93,30 +93,30 @@ pub enum CellName {
 
 /// A set, as it is written.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub struct Names {
+pub struct SetDeclaration {
     /// Rooms.
-    pub rooms: Vec<Name>,
+    pub rooms: Vec<LocatedName>,
     /// Movers and nodes of the model.
-    pub objects: Vec<Name>,
+    pub objects: Vec<LocatedName>,
     /// Cells.
-    pub cells: Vec<CellName>,
+    pub cells: Vec<CellReference>,
 }
 
 /// A room as it is written.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Declared {
+pub struct RoomDeclaration {
     /// Its name, and where it begins.
-    pub name: Name,
+    pub name: LocatedName,
     /// What it takes up.
     pub shapes: Vec<Shape>,
     /// Its windows.
-    pub windows: Vec<DeclaredWindow>,
+    pub windows: Vec<WindowDeclaration>,
     /// The potentially visible set.
-    pub visible: Option<Names>,
+    pub visible: Option<SetDeclaration>,
     /// The potentially hidden set; not both.
-    pub hidden: Option<Names>,
+    pub hidden: Option<SetDeclaration>,
     /// Rooms that it overlaps on purpose.
-    pub overlaps: Vec<Name>,
+    pub overlaps: Vec<LocatedName>,
     /// As in [`Room::title`].
     pub title: Option<String>,
     /// As in [`Room::sealed`].
@@ -131,9 +131,9 @@ pub struct Declared {
     pub tag: Option<String>,
 }
 
-impl Declared {
+impl RoomDeclaration {
     /// A room that is nothing but a name.
-    pub fn named(name: Name) -> Self {
+    pub fn named(name: LocatedName) -> Self {
         Self {
             name,
             shapes: Vec::new(),
@@ -153,17 +153,17 @@ impl Declared {
 
 /// A window as it is written.
 #[derive(Clone, Debug, PartialEq)]
-pub struct DeclaredWindow {
+pub struct WindowDeclaration {
     /// Its name, and where it begins.
-    pub name: Name,
+    pub name: LocatedName,
     /// A polygon, in the world.
     pub corners: Vec<Vec3>,
     /// The window through which one sees it from outside.
-    pub behind: Option<Name>,
+    pub behind: Option<LocatedName>,
 }
 
 /// What names in sets can mean.
-pub struct Known<'a> {
+pub struct RoomScope<'a> {
     /// The subdivision.
     pub cells: &'a Cells,
     /// What moves.
@@ -177,11 +177,11 @@ pub struct Known<'a> {
 /// # Errors
 /// All faults at once: names that are taken or unknown, shapes that are flat, windows that are not in one plane
 /// or off the boundary of their room.
-pub fn resolve(declared: &[Declared], known: &Known<'_>) -> Result<Rooms, Faults> {
+pub fn resolve(declared: &[RoomDeclaration], known: &RoomScope<'_>) -> Result<Rooms, RoomErrors> {
     let mut resolver =
         Resolver { known, ids: HashMap::new(), objects: Vec::new(), faults: Vec::new() };
     for (id, room) in (0u16..).zip(declared.iter().take(usize::from(u16::MAX))) {
-        let Name { text, place } = &room.name;
+        let LocatedName { text, place } = &room.name;
         if resolver.ids.insert(text, RoomId(id)).is_some() {
             resolver.fault(place, format!("there is a room {text:?} already"));
         }
@@ -189,30 +189,31 @@ pub fn resolve(declared: &[Declared], known: &Known<'_>) -> Result<Rooms, Faults
     let list: Vec<Room> = declared.iter().map(|room| resolver.room(room)).collect();
     let Resolver { objects, mut faults, .. } = resolver;
     if !faults.is_empty() {
-        return Err(Faults(faults));
+        return Err(RoomErrors(faults));
     }
     Rooms::new(list, objects).map_err(|error| {
-        let place =
-            declared.first().map_or(Place::Node(String::new()), |room| room.name.place.clone());
-        faults.push(Fault { place, what: format!("the rooms: {error}") });
-        Faults(faults)
+        let place = declared
+            .first()
+            .map_or(SourceLocation::Node(String::new()), |room| room.name.place.clone());
+        faults.push(RoomError { place, what: format!("the rooms: {error}") });
+        RoomErrors(faults)
     })
 }
 
 struct Resolver<'a> {
-    known: &'a Known<'a>,
+    known: &'a RoomScope<'a>,
     ids: HashMap<&'a str, RoomId>,
     objects: Vec<Object>,
-    faults: Vec<Fault>,
+    faults: Vec<RoomError>,
 }
 
 impl<'a> Resolver<'a> {
-    fn fault(&mut self, place: &Place, what: String) {
-        self.faults.push(Fault::new(place, what));
+    fn fault(&mut self, place: &SourceLocation, what: String) {
+        self.faults.push(RoomError::new(place, what));
     }
 
-    fn room(&mut self, declared: &'a Declared) -> Room {
-        let Name { text, place } = &declared.name;
+    fn room(&mut self, declared: &'a RoomDeclaration) -> Room {
+        let LocatedName { text, place } = &declared.name;
         let mut room = Room {
             name: text.clone(),
             title: declared.title.clone(),
@@ -250,7 +251,7 @@ impl<'a> Resolver<'a> {
         room
     }
 
-    fn room_id(&mut self, name: &Name) -> Option<RoomId> {
+    fn room_id(&mut self, name: &LocatedName) -> Option<RoomId> {
         let id = self.ids.get(name.text.as_str()).copied();
         if id.is_none() {
             self.fault(&name.place, format!("there is no room {:?}", name.text));
@@ -258,29 +259,33 @@ impl<'a> Resolver<'a> {
         id
     }
 
-    fn members(&mut self, names: &Names, place: &Place) -> Members {
+    fn members(&mut self, names: &SetDeclaration, place: &SourceLocation) -> Members {
         let rooms = names.rooms.iter().filter_map(|name| self.room_id(name)).collect();
         let objects = names.objects.iter().flat_map(|name| self.named(name)).collect();
         let mut cells = Vec::new();
         for name in &names.cells {
             let cell = match *name {
-                CellName::At(point) => self.known.cells.at(point),
-                CellName::Number(number) => {
+                CellReference::At(point) => self.known.cells.at(point),
+                CellReference::Number(number) => {
                     let is_there = (number as usize) < self.known.cells.cells.len();
                     is_there.then_some(sightline_world::CellId(number))
                 }
             };
             match (cell, name) {
                 (Some(cell), _) => cells.push(cell),
-                (None, CellName::At(at)) => self.fault(place, format!("there is no cell at {at}")),
-                (None, CellName::Number(n)) => self.fault(place, format!("there is no cell {n}")),
+                (None, CellReference::At(at)) => {
+                    self.fault(place, format!("there is no cell at {at}"))
+                }
+                (None, CellReference::Number(n)) => {
+                    self.fault(place, format!("there is no cell {n}"))
+                }
             }
         }
         Members { rooms, cells, objects }
     }
 
     /// All movers and nodes of a name, as indices of objects.
-    fn named(&mut self, name: &Name) -> Vec<u32> {
+    fn named(&mut self, name: &LocatedName) -> Vec<u32> {
         let text = name.text.as_str();
         let movers = self.known.movers.iter().zip(0u32..).filter(|(mover, _)| mover.name == text);
         let movers = movers.map(|(mover, at)| (mover.everywhere(), Some(at)));
@@ -301,10 +306,10 @@ impl<'a> Resolver<'a> {
         numbers
     }
 
-    fn windows(&mut self, declared: &'a Declared, room: &Room) -> Vec<Window> {
+    fn windows(&mut self, declared: &'a RoomDeclaration, room: &Room) -> Vec<Window> {
         let mut windows: Vec<Window> = Vec::new();
         for window in &declared.windows {
-            let Name { text, place } = &window.name;
+            let LocatedName { text, place } = &window.name;
             let full = format!("window {:?} of room {:?}", text, room.name);
             let behind = window.behind.as_ref().and_then(|name| {
                 let at = windows.iter().position(|before| before.name == name.text);

@@ -8,14 +8,14 @@
 use glam::{Vec2, Vec3};
 use sightline_world::rooms::Shape;
 
-use super::{Declared, DeclaredWindow, Fault, Name, Place, text};
+use super::{LocatedName, RoomDeclaration, RoomError, SourceLocation, WindowDeclaration, text};
 
 /// Points that are nearer to each other are one, in metres.
 const SAME_M: f32 = 1e-3;
 
 /// What a node stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Role<'a> {
+pub enum NodeRole<'a> {
     /// A part of the room of this name.
     Room(&'a str),
     /// A window of a room.
@@ -23,12 +23,12 @@ pub enum Role<'a> {
 }
 
 /// What a node of this name stands for, if not for itself.
-pub fn role(node: &str) -> Option<Role<'_>> {
+pub fn role(node: &str) -> Option<NodeRole<'_>> {
     if let Some(name) = node.strip_prefix("room:") {
-        return Some(Role::Room(untwinned(name)));
+        return Some(NodeRole::Room(untwinned(name)));
     }
     let (room, name) = node.strip_prefix("window:")?.split_once('/')?;
-    Some(Role::Window(room, name))
+    Some(NodeRole::Window(room, name))
 }
 
 /// Modellers allow a name once and number what is named alike: `hall.001` is a part of `hall`.
@@ -46,53 +46,54 @@ fn untwinned(name: &str) -> &str {
 /// # Errors
 /// When it has no mesh, or one that is no shape, or extras that mean nothing.
 pub fn add(
-    rooms: &mut Vec<Declared>,
+    rooms: &mut Vec<RoomDeclaration>,
     node: &str,
-    role: &Role<'_>,
+    role: &NodeRole<'_>,
     corners: &[Vec3],
     extras: Option<&str>,
-) -> Result<(), Fault> {
-    let place = Place::Node(node.to_owned());
-    let named = |text: &str| Name { text: text.to_owned(), place: place.clone() };
+) -> Result<(), RoomError> {
+    let place = SourceLocation::Node(node.to_owned());
+    let named = |text: &str| LocatedName { text: text.to_owned(), place: place.clone() };
     let points = distinct(corners);
     if points.len() < 3 {
-        return Err(Fault::new(&place, "it has no mesh to take a shape from"));
+        return Err(RoomError::new(&place, "it has no mesh to take a shape from"));
     }
-    let (Role::Room(name) | Role::Window(name, _)) = role;
+    let (NodeRole::Room(name) | NodeRole::Window(name, _)) = role;
     let at = rooms.iter().position(|room| room.name.text == *name).unwrap_or_else(|| {
-        rooms.push(Declared::named(named(name)));
+        rooms.push(RoomDeclaration::named(named(name)));
         rooms.len() - 1
     });
     let room = &mut rooms[at];
     match role {
-        Role::Room(_) => {
+        NodeRole::Room(_) => {
             room.name.place = place.clone();
             room.shapes.push(shape(&points));
             extras.map_or(Ok(()), |extras| text::tell_extras(extras, room))
         }
-        Role::Window(_, name) => {
+        NodeRole::Window(_, name) => {
             let behind = extras.and_then(|extras| {
                 let value: serde_json::Value = serde_json::from_str(extras).ok()?;
                 value.get("behind")?.as_str().map(named)
             });
             let Some((normal, _)) = widest_plane(&points) else {
-                return Err(Fault::new(&place, "its mesh has no area"));
+                return Err(RoomError::new(&place, "its mesh has no area"));
             };
             let (u, v) = normal.any_orthonormal_pair();
             let corners = hull2(&points, &|at| Vec2::new(u.dot(at), v.dot(at)));
-            room.windows.push(DeclaredWindow { name: named(name), corners, behind });
+            room.windows.push(WindowDeclaration { name: named(name), corners, behind });
             Ok(())
         }
     }
 }
 
 /// Puts windows after those that they are behind.
-pub fn in_order(rooms: &mut [Declared]) {
+pub fn in_order(rooms: &mut [RoomDeclaration]) {
     for room in rooms {
         let mut left = std::mem::take(&mut room.windows);
         while !left.is_empty() {
-            let is_next = |window: &DeclaredWindow| {
-                let known = |name: &Name| room.windows.iter().any(|w| w.name.text == name.text);
+            let is_next = |window: &WindowDeclaration| {
+                let known =
+                    |name: &LocatedName| room.windows.iter().any(|w| w.name.text == name.text);
                 window.behind.as_ref().is_none_or(known)
             };
             // What is behind nothing that there is stays as it is, and is found to be a fault.

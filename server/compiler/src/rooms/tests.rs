@@ -12,7 +12,7 @@ use sightline_world::{
 
 use super::*;
 use crate::{
-    CompileError, Options, Report,
+    CompileError, CompileOptions, CompileReport,
     import::glb::{self, tests::Draft},
     model::{Model, Surface, SurfaceMaterial},
 };
@@ -58,10 +58,10 @@ fn house() -> Model {
     }
 }
 
-fn compiled(toml: &str) -> Result<(World, Report), CompileError> {
+fn compiled(toml: &str) -> Result<(World, CompileReport), CompileError> {
     let mut model = house();
     model.rooms = text::read(toml, "house.rooms.toml")?;
-    let options = Options { voxel: Some(0.2), ..Options::default() };
+    let options = CompileOptions { voxel: Some(0.2), ..CompileOptions::default() };
     crate::compile(&model, &options, &|_, _| ControlFlow::Continue(()))
 }
 
@@ -302,7 +302,7 @@ fn a_round_room_keeps_its_corners() {
     let mut points: Vec<Vec3> = cube.to_vec();
     points.extend((0..200).map(|i| Vec3::splat((i as f32 * 0.1).sin() * 0.5)));
     let mut rooms = Vec::new();
-    nodes::add(&mut rooms, "room:a", &nodes::Role::Room("a"), &points, None).unwrap();
+    nodes::add(&mut rooms, "room:a", &nodes::NodeRole::Room("a"), &points, None).unwrap();
     let Shape::Hull(kept) = &rooms[0].shapes[0] else { panic!("a hull") };
     assert_eq!(kept.len(), 8);
     assert!(cube.iter().all(|corner| kept.contains(corner)));
@@ -310,11 +310,11 @@ fn a_round_room_keeps_its_corners() {
 
 #[test]
 fn names_of_nodes_tell_what_they_stand_for() {
-    use nodes::{Role, role};
-    assert_eq!(role("room:hall"), Some(Role::Room("hall")));
-    assert_eq!(role("room:hall.001"), Some(Role::Room("hall")));
-    assert_eq!(role("room:hall.1"), Some(Role::Room("hall.1")));
-    assert_eq!(role("window:hall/door"), Some(Role::Window("hall", "door")));
+    use nodes::{NodeRole, role};
+    assert_eq!(role("room:hall"), Some(NodeRole::Room("hall")));
+    assert_eq!(role("room:hall.001"), Some(NodeRole::Room("hall")));
+    assert_eq!(role("room:hall.1"), Some(NodeRole::Room("hall.1")));
+    assert_eq!(role("window:hall/door"), Some(NodeRole::Window("hall", "door")));
     assert_eq!(role("window:hall"), None);
     assert_eq!(role("bedroom:hall"), None);
 }

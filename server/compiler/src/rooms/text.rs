@@ -31,7 +31,10 @@ use serde::{Deserialize, de::DeserializeOwned};
 use sightline_world::{Spawn, geometry::Aabb, rooms::Shape};
 use toml::Spanned;
 
-use super::{CellName, Declared, DeclaredWindow, Fault, Faults, Name, Names, Place};
+use super::{
+    CellReference, LocatedName, RoomDeclaration, RoomError, RoomErrors, SetDeclaration,
+    SourceLocation, WindowDeclaration,
+};
 
 /// No file with rooms is longer, in bytes.
 pub const BYTES_MAX: u64 = 16 << 20;
@@ -50,14 +53,14 @@ pub enum FileError {
     },
     /// What it says makes no sense.
     #[error(transparent)]
-    Faults(#[from] Faults),
+    RoomErrors(#[from] RoomErrors),
 }
 
 /// Reads a file with rooms.
 ///
 /// # Errors
 /// When it cannot be read, is too long, or makes no sense.
-pub fn read_file(path: &Path) -> Result<Vec<Declared>, FileError> {
+pub fn read_file(path: &Path) -> Result<Vec<RoomDeclaration>, FileError> {
     let io = |source| FileError::Io { path: path.display().to_string(), source };
     let mut bytes = Vec::new();
     let file = fs::File::open(path).map_err(io)?;
@@ -73,16 +76,16 @@ pub fn read_file(path: &Path) -> Result<Vec<Declared>, FileError> {
 ///
 /// # Errors
 /// When it is no TOML, or has keys or values that mean nothing.
-pub fn read(text: &str, file: &str) -> Result<Vec<Declared>, Faults> {
+pub fn read(text: &str, file: &str) -> Result<Vec<RoomDeclaration>, RoomErrors> {
     let line = |at: usize| {
         let before = text.as_bytes().iter().take(at);
-        Place::Line(file.to_owned(), 1 + before.filter(|byte| **byte == b'\n').count())
+        SourceLocation::Line(file.to_owned(), 1 + before.filter(|byte| **byte == b'\n').count())
     };
     let read: File = toml::from_str(text).map_err(|error| {
         let place = line(error.span().map_or(0, |span| span.start));
-        Faults(vec![Fault::new(&place, error.message().replace('\n', ", "))])
+        RoomErrors(vec![RoomError::new(&place, error.message().replace('\n', ", "))])
     })?;
-    let name = |said: &Spanned<String>| Name {
+    let name = |said: &Spanned<String>| LocatedName {
         text: said.get_ref().clone(),
         place: line(said.span().start),
     };
@@ -92,24 +95,26 @@ pub fn read(text: &str, file: &str) -> Result<Vec<Declared>, Faults> {
         let at = line(entry.span().start);
         let entry = entry.into_inner();
         let Some(said) = entry.name.as_ref() else {
-            faults.push(Fault::new(&at, "a room without a name"));
+            faults.push(RoomError::new(&at, "a room without a name"));
             continue;
         };
-        let mut room = Declared::named(name(said));
+        let mut room = RoomDeclaration::named(name(said));
         match entry.shapes() {
             Ok(shapes) => room.shapes = shapes,
-            Err(what) => faults.push(Fault::new(&at, format!("room {:?}: {what}", said.get_ref()))),
+            Err(what) => {
+                faults.push(RoomError::new(&at, format!("room {:?}: {what}", said.get_ref())))
+            }
         }
         entry.tell(&mut room, &name);
         rooms.push(room);
     }
-    if faults.is_empty() { Ok(rooms) } else { Err(Faults(faults)) }
+    if faults.is_empty() { Ok(rooms) } else { Err(RoomErrors(faults)) }
 }
 
 /// Gives a room what the extras of a node say; other keys are somebody else's.
-pub(super) fn tell_extras(json: &str, room: &mut Declared) -> Result<(), Fault> {
+pub(super) fn tell_extras(json: &str, room: &mut RoomDeclaration) -> Result<(), RoomError> {
     let place = room.name.place.clone();
-    let fault = |error: serde_json::Error| Fault::new(&place, format!("its extras: {error}"));
+    let fault = |error: serde_json::Error| RoomError::new(&place, format!("its extras: {error}"));
     let mut value: serde_json::Value = serde_json::from_str(json).map_err(fault)?;
     if let Some(extras) = value.as_object_mut() {
         const KEYS: [&str; 11] = [
@@ -127,7 +132,7 @@ pub(super) fn tell_extras(json: &str, room: &mut Declared) -> Result<(), Fault> 
             }
         }
     }
-    entry.tell(room, &|text: &String| Name { text: text.clone(), place: place.clone() });
+    entry.tell(room, &|text: &String| LocatedName { text: text.clone(), place: place.clone() });
     Ok(())
 }
 
@@ -227,11 +232,11 @@ impl<S: DeserializeOwned> Entry<S> {
     }
 
     /// Gives a room all but its shapes.
-    fn tell(self, room: &mut Declared, name: &dyn Fn(&S) -> Name) {
-        let set = |set: Set<S>| Names {
+    fn tell(self, room: &mut RoomDeclaration, name: &dyn Fn(&S) -> LocatedName) {
+        let set = |set: Set<S>| SetDeclaration {
             rooms: set.rooms.iter().map(name).collect(),
             objects: set.objects.iter().map(name).collect(),
-            cells: set.cells.iter().map(CellName::from).collect(),
+            cells: set.cells.iter().map(CellReference::from).collect(),
         };
         room.title = self.title.or(room.title.take());
         room.visible = self.visible.map(set).or(room.visible.take());
@@ -243,7 +248,7 @@ impl<S: DeserializeOwned> Entry<S> {
         room.spawn = spawn.or(room.spawn.take());
         room.capacity = self.capacity.or(room.capacity);
         room.tag = self.tag.or(room.tag.take());
-        room.windows.extend(self.window.iter().map(|window| DeclaredWindow {
+        room.windows.extend(self.window.iter().map(|window| WindowDeclaration {
             name: name(&window.name),
             corners: window.polygon.clone(),
             behind: window.behind.as_ref().map(name),
@@ -251,7 +256,7 @@ impl<S: DeserializeOwned> Entry<S> {
     }
 }
 
-impl From<&Cell> for CellName {
+impl From<&Cell> for CellReference {
     fn from(cell: &Cell) -> Self {
         match *cell {
             Cell::Number(number) => Self::Number(number),

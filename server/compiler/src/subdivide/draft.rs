@@ -2,15 +2,15 @@
 
 use glam::DVec3;
 
-use super::region::{Cut, ON_PLANE, Region, part};
+use super::region::{ON_PLANE, Region, SplitPlane, part};
 
 /// A node of the draft.
 #[derive(Clone, Debug)]
-pub enum DraftNode {
+pub enum BspNode {
     /// A plane, and the nodes on its lesser and greater side.
     Split {
         /// The plane.
-        cut: Cut,
+        cut: SplitPlane,
         /// Index of the occluder plane of which it is made, where one lies in it.
         plane: Option<u32>,
         /// Both greater than the node's own index.
@@ -24,31 +24,31 @@ pub enum DraftNode {
 
 /// A tree of planes whose leaves are regions.
 #[derive(Clone, Debug, Default)]
-pub struct Draft {
+pub struct BspTree {
     /// The root comes first.
-    pub nodes: Vec<DraftNode>,
+    pub nodes: Vec<BspNode>,
     /// The regions of the leaves, in the order of the tree.
     pub leaves: Vec<Region>,
 }
 
 /// A convex polygon where two leaves join, the one on the lesser side of its plane first.
-pub struct Join {
+pub struct SharedFace {
     pub leaves: [u32; 2],
-    pub cut: Cut,
+    pub cut: SplitPlane,
     pub plane: Option<u32>,
     pub polygon: Vec<DVec3>,
 }
 
-impl Draft {
+impl BspTree {
     /// A node to be set later; its children come after it.
     pub fn reserve(&mut self) -> u32 {
-        self.nodes.push(DraftNode::Solid);
+        self.nodes.push(BspNode::Solid);
         self.nodes.len() as u32 - 1
     }
 
     /// Makes a reserved node a split.
-    pub fn set_split(&mut self, index: u32, cut: Cut, plane: Option<u32>, sides: [u32; 2]) {
-        self.nodes[index as usize] = DraftNode::Split { cut, plane, sides };
+    pub fn set_split(&mut self, index: u32, cut: SplitPlane, plane: Option<u32>, sides: [u32; 2]) {
+        self.nodes[index as usize] = BspNode::Split { cut, plane, sides };
     }
 
     /// Adds a solid leaf.
@@ -58,7 +58,7 @@ impl Draft {
 
     /// Adds a leaf.
     pub fn space(&mut self, region: Region) -> u32 {
-        self.nodes.push(DraftNode::Leaf(self.leaves.len() as u32));
+        self.nodes.push(BspNode::Leaf(self.leaves.len() as u32));
         self.leaves.push(region);
         self.nodes.len() as u32 - 1
     }
@@ -68,9 +68,9 @@ impl Draft {
         let mut node = 0;
         loop {
             match self.nodes[node] {
-                DraftNode::Leaf(leaf) => return Some(leaf),
-                DraftNode::Solid => return None,
-                DraftNode::Split { cut, sides, .. } => {
+                BspNode::Leaf(leaf) => return Some(leaf),
+                BspNode::Solid => return None,
+                BspNode::Split { cut, sides, .. } => {
                     node = sides[usize::from(cut.height(point) >= 0.0)] as usize;
                 }
             }
@@ -78,14 +78,14 @@ impl Draft {
     }
 
     /// The polygons where leaves of a subtree join.
-    pub fn joins(&self, root: u32, region: &Region) -> Vec<Join> {
+    pub fn joins(&self, root: u32, region: &Region) -> Vec<SharedFace> {
         let mut found = Vec::new();
         self.join_below(root, region, &mut found);
         found
     }
 
-    fn join_below(&self, node: u32, region: &Region, found: &mut Vec<Join>) {
-        if let DraftNode::Split { cut, plane, sides } = &self.nodes[node as usize] {
+    fn join_below(&self, node: u32, region: &Region, found: &mut Vec<SharedFace>) {
+        if let BspNode::Split { cut, plane, sides } = &self.nodes[node as usize] {
             let [low, high] = region.halves(cut).map(Region::tightened);
             self.join_across(*sides, cut, *plane, region.section(cut), found);
             self.join_below(sides[0], &low, found);
@@ -97,16 +97,16 @@ impl Draft {
     pub fn join_across(
         &self,
         nodes: [u32; 2],
-        cut: &Cut,
+        cut: &SplitPlane,
         plane: Option<u32>,
         polygon: Vec<DVec3>,
-        found: &mut Vec<Join>,
+        found: &mut Vec<SharedFace>,
     ) {
         if polygon.len() < 3 {
             return;
         }
         for below in 0..2 {
-            let DraftNode::Split { cut: other, sides, .. } = &self.nodes[nodes[below] as usize]
+            let BspNode::Split { cut: other, sides, .. } = &self.nodes[nodes[below] as usize]
             else {
                 continue;
             };
@@ -132,11 +132,11 @@ impl Draft {
             return;
         }
         let leaf = |node: u32| match self.nodes[node as usize] {
-            DraftNode::Leaf(leaf) => Some(leaf),
+            BspNode::Leaf(leaf) => Some(leaf),
             _ => None,
         };
         if let [Some(low), Some(high)] = nodes.map(leaf) {
-            found.push(Join { leaves: [low, high], cut: *cut, plane, polygon });
+            found.push(SharedFace { leaves: [low, high], cut: *cut, plane, polygon });
         }
     }
 }

@@ -15,11 +15,11 @@ use sightline_world::{
 };
 
 use super::{
-    model::Convex,
+    model::ConvexSolid,
     occluders::{OccluderPlane, Rect, uncovered},
 };
-use draft::{Draft, DraftNode, Join};
-use region::{Cut, Region, part};
+use draft::{BspNode, BspTree, SharedFace};
+use region::{Region, SplitPlane, part};
 
 mod draft;
 pub mod region;
@@ -35,11 +35,11 @@ const CLOSED: f64 = 5e-5;
 const DEPTH_MAX: u16 = 256;
 
 /// What occludes.
-pub struct Occluders<'a> {
+pub struct SubdivisionInput<'a> {
     /// Opaque surfaces, by plane, in own axes.
     pub planes: &'a [OccluderPlane],
     /// What is opaque all through. When there is any, surfaces do not count: they are its faces.
-    pub solids: &'a [Convex],
+    pub solids: &'a [ConvexSolid],
     /// Eyes are sure to be in some of these places; spaces between solids that no sight line from
     /// there gets into count as solid.
     pub eyes: &'a [Vec3],
@@ -47,14 +47,14 @@ pub struct Occluders<'a> {
 
 /// How finely spaces are split into cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Grain {
+pub struct CellSize {
     /// No cell is wider, in metres.
     pub width_max: f32,
     /// No cell is higher, in metres.
     pub height_max: f32,
 }
 
-impl Grain {
+impl CellSize {
     /// Every space is one cell.
     pub const WHOLE: Self = Self { width_max: f32::INFINITY, height_max: f32::INFINITY };
 
@@ -74,22 +74,22 @@ impl Grain {
 pub struct Spaces {
     bounds: Aabb,
     axes: Axes,
-    draft: Draft,
+    draft: BspTree,
     /// Which leaves of the draft are spaces.
     kept: Vec<bool>,
-    gates: Vec<(Join, Polygon)>,
+    gates: Vec<(SharedFace, Polygon)>,
 }
 
 impl Spaces {
     /// Splits a region, given in own axes.
-    pub fn new(bounds: &Aabb, axes: Axes, occluders: &Occluders<'_>) -> Self {
+    pub fn new(bounds: &Aabb, axes: Axes, occluders: &SubdivisionInput<'_>) -> Self {
         let draft = if occluders.solids.is_empty() {
             surfaces::split(bounds, occluders.planes)
         } else {
             solids::split(bounds, occluders.solids)
         };
         let joins = draft.joins(0, &Region::new(*bounds));
-        let gates: Vec<(Join, Polygon)> = joins
+        let gates: Vec<(SharedFace, Polygon)> = joins
             .into_par_iter()
             .flat_map_iter(|join| open_parts(join, occluders.planes))
             .collect();
@@ -98,11 +98,11 @@ impl Spaces {
     }
 
     /// Splits the spaces into cells, and finds the portals between these. The PVS is left empty.
-    pub fn cells(&self, grain: &Grain) -> Cells {
+    pub fn cells(&self, grain: &CellSize) -> Cells {
         let mut builder = Builder {
             spaces_in: self,
             grain: *grain,
-            fine: Draft::default(),
+            fine: BspTree::default(),
             spaces: Vec::new(),
             space_of: vec![u32::MAX; self.draft.leaves.len()],
             roots: Vec::new(),
@@ -113,7 +113,7 @@ impl Spaces {
 }
 
 /// The open parts of where two spaces join.
-fn open_parts(join: Join, planes: &[OccluderPlane]) -> Vec<(Join, Polygon)> {
+fn open_parts(join: SharedFace, planes: &[OccluderPlane]) -> Vec<(SharedFace, Polygon)> {
     let Some(plane) = join.plane else {
         let polygon = polygon(&join.cut, &join.polygon);
         return polygon.map(|polygon| (join, polygon)).into_iter().collect();
@@ -129,14 +129,14 @@ fn open_parts(join: Join, planes: &[OccluderPlane]) -> Vec<(Join, Polygon)> {
         .filter_map(|free| {
             let corners = within(&join, &free);
             let polygon = polygon(&join.cut, &corners)?;
-            let Join { leaves, cut, plane, .. } = join;
-            Some((Join { leaves, cut, plane, polygon: corners }, polygon))
+            let SharedFace { leaves, cut, plane, .. } = join;
+            Some((SharedFace { leaves, cut, plane, polygon: corners }, polygon))
         })
         .collect()
 }
 
 /// What a rectangle in a join's plane and the join's polygon share.
-fn within(join: &Join, free: &Rect) -> Vec<DVec3> {
+fn within(join: &SharedFace, free: &Rect) -> Vec<DVec3> {
     let corners = free.corners().map(|corner| join.cut.upright(corner));
     let normal = join.cut.normal();
     let centre = join.polygon.iter().sum::<DVec3>() / join.polygon.len() as f64;
@@ -145,7 +145,7 @@ fn within(join: &Join, free: &Rect) -> Vec<DVec3> {
         let along = join.polygon[(i + 1) % join.polygon.len()] - from;
         let Some(inwards) = normal.cross(along).try_normalize() else { continue };
         let inwards = if inwards.dot(centre - from) < 0.0 { -inwards } else { inwards };
-        let edge = Cut::Plane { normal: inwards, distance: inwards.dot(from) - 1e-9 };
+        let edge = SplitPlane::Plane { normal: inwards, distance: inwards.dot(from) - 1e-9 };
         kept = part(&kept, &edge, true);
     }
     kept
@@ -164,12 +164,12 @@ fn width(corners: &[DVec3]) -> f64 {
 }
 
 /// A convex polygon as the world has it; none when it counts as closed.
-fn polygon(cut: &Cut, corners: &[DVec3]) -> Option<Polygon> {
+fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
     if corners.len() < 3 || width(corners) < CLOSED {
         return None;
     }
     let bounds = Aabb::from_points(corners.iter().map(|corner| corner.as_vec3()));
-    if let Cut::Axial { axis, .. } = *cut {
+    if let SplitPlane::Axial { axis, .. } = *cut {
         let flat: Vec<DVec2> = corners.iter().map(|&corner| cut.flat(corner)).collect();
         let on_side = |&corner: &DVec2| {
             let (min, max) = (cut.flat(bounds.min.as_dvec3()), cut.flat(bounds.max.as_dvec3()));
@@ -185,9 +185,13 @@ fn polygon(cut: &Cut, corners: &[DVec3]) -> Option<Polygon> {
 }
 
 /// Which leaves of the draft are spaces in which somebody can be.
-fn kept(draft: &Draft, gates: &[(Join, Polygon)], occluders: &Occluders<'_>) -> Vec<bool> {
+fn kept(
+    draft: &BspTree,
+    gates: &[(SharedFace, Polygon)],
+    occluders: &SubdivisionInput<'_>,
+) -> Vec<bool> {
     let mut next = vec![Vec::new(); draft.leaves.len()];
-    for (Join { leaves: [a, b], .. }, _) in gates {
+    for (SharedFace { leaves: [a, b], .. }, _) in gates {
         next[*a as usize].push(*b);
         next[*b as usize].push(*a);
     }
@@ -218,9 +222,9 @@ fn kept(draft: &Draft, gates: &[(Join, Polygon)], occluders: &Occluders<'_>) -> 
 
 struct Builder<'a> {
     spaces_in: &'a Spaces,
-    grain: Grain,
+    grain: CellSize,
     /// The final tree. Its leaves are the cells.
-    fine: Draft,
+    fine: BspTree,
     spaces: Vec<(Range<u32>, Region)>,
     /// For each leaf of the draft, its space.
     space_of: Vec<u32>,
@@ -232,13 +236,13 @@ impl Builder<'_> {
     /// Adds a subtree of the draft, its spaces split into cells.
     fn refine(&mut self, node: u32) -> u32 {
         match &self.spaces_in.draft.nodes[node as usize] {
-            DraftNode::Split { cut, plane, sides } => {
+            BspNode::Split { cut, plane, sides } => {
                 let index = self.fine.reserve();
                 let sides = sides.map(|side| self.refine(side));
                 self.fine.set_split(index, *cut, *plane, sides);
                 index
             }
-            DraftNode::Leaf(leaf) if self.spaces_in.kept[*leaf as usize] => {
+            BspNode::Leaf(leaf) if self.spaces_in.kept[*leaf as usize] => {
                 let region = &self.spaces_in.draft.leaves[*leaf as usize];
                 let start = self.fine.leaves.len() as u32;
                 self.space_of[*leaf as usize] = self.spaces.len() as u32;
@@ -247,7 +251,7 @@ impl Builder<'_> {
                 self.roots.push(root);
                 root
             }
-            DraftNode::Leaf(_) | DraftNode::Solid => self.fine.solid(),
+            BspNode::Leaf(_) | BspNode::Solid => self.fine.solid(),
         }
     }
 
@@ -261,7 +265,7 @@ impl Builder<'_> {
         if too[axis] <= 1.0 || size.min_element() <= WALL_MAX && too[axis] <= 2.0 {
             return self.fine.space(region);
         }
-        let cut = Cut::Axial { axis, at: bounds.centre()[axis] };
+        let cut = SplitPlane::Axial { axis, at: bounds.centre()[axis] };
         let index = self.fine.reserve();
         let sides = region.halves(&cut).map(|half| self.split_open(half.tightened()));
         self.fine.set_split(index, cut, None, sides);
@@ -317,16 +321,16 @@ impl Builder<'_> {
     }
 }
 
-fn world_node(node: &DraftNode) -> Node {
+fn world_node(node: &BspNode) -> Node {
     match *node {
-        DraftNode::Split { cut: Cut::Axial { axis, at }, sides, .. } => {
+        BspNode::Split { cut: SplitPlane::Axial { axis, at }, sides, .. } => {
             Node::Axial { axis: axis as u8, at, sides }
         }
-        DraftNode::Split { cut: Cut::Plane { normal, distance }, sides, .. } => {
+        BspNode::Split { cut: SplitPlane::Plane { normal, distance }, sides, .. } => {
             Node::Plane { normal, distance, sides }
         }
-        DraftNode::Leaf(leaf) => Node::Leaf(CellId(leaf)),
-        DraftNode::Solid => Node::Solid,
+        BspNode::Leaf(leaf) => Node::Leaf(CellId(leaf)),
+        BspNode::Solid => Node::Solid,
     }
 }
 
@@ -338,7 +342,7 @@ mod tests {
     /// A rectangle perpendicular to an axis, as two triangles.
     fn rect(axis: usize, at: f32, min: [f64; 2], max: [f64; 2]) -> [[DVec3; 3]; 2] {
         let corners = Rect { min: min.into(), max: max.into() }.corners();
-        let [a, b, c, d] = corners.map(|p| Cut::Axial { axis, at }.upright(p));
+        let [a, b, c, d] = corners.map(|p| SplitPlane::Axial { axis, at }.upright(p));
         [[a, b, c], [a, c, d]]
     }
 
@@ -346,16 +350,16 @@ mod tests {
         Aabb::new(Vec3::ZERO, Vec3::new(10.0, 3.0, 4.0))
     }
 
-    fn split(opaque: &[[DVec3; 3]], grain: &Grain) -> Cells {
+    fn split(opaque: &[[DVec3; 3]], grain: &CellSize) -> Cells {
         let opaque = opaque.iter().map(|&corners| Opaque { corners, is_last: false });
         let planes = planes(&opaque.collect::<Vec<_>>());
-        let occluders = Occluders { planes: &planes, solids: &[], eyes: &[] };
+        let occluders = SubdivisionInput { planes: &planes, solids: &[], eyes: &[] };
         Spaces::new(&bounds(), Axes::WORLD, &occluders).cells(grain)
     }
 
     #[test]
     fn an_empty_region_is_one_cell() {
-        let cells = split(&[], &Grain::WHOLE);
+        let cells = split(&[], &CellSize::WHOLE);
         assert_eq!((cells.cells.len(), cells.portals.len()), (1, 0));
         assert_eq!(cells.at(Vec3::ONE), Some(CellId(0)));
     }
@@ -367,7 +371,7 @@ mod tests {
             rect(0, 5.0, [0.0, 2.5], [3.0, 4.0]),
             rect(0, 5.0, [2.0, 1.5], [3.0, 2.5]),
         ];
-        let cells = split(wall.as_flattened(), &Grain::WHOLE);
+        let cells = split(wall.as_flattened(), &CellSize::WHOLE);
         assert_eq!(cells.cells.len(), 2);
         let door = Aabb::new(Vec3::new(5.0, 0.0, 1.5), Vec3::new(5.0, 2.0, 2.5));
         assert_eq!(
@@ -383,14 +387,14 @@ mod tests {
     #[test]
     fn something_small_makes_no_cell() {
         let shelf = rect(1, 1.0, [1.0, 1.0], [2.0, 1.5]);
-        assert_eq!(split(&shelf, &Grain::WHOLE).cells.len(), 1);
+        assert_eq!(split(&shelf, &CellSize::WHOLE).cells.len(), 1);
     }
 
     #[test]
     fn cells_lie_in_one_space_each_and_are_not_wide() {
         let wall = [rect(0, 5.0, [0.0, 0.0], [3.0, 1.5]), rect(0, 5.0, [0.0, 2.5], [3.0, 4.0])];
-        let large = split(wall.as_flattened(), &Grain::WHOLE);
-        let small = split(wall.as_flattened(), &Grain { width_max: 3.0, height_max: 4.0 });
+        let large = split(wall.as_flattened(), &CellSize::WHOLE);
+        let small = split(wall.as_flattened(), &CellSize { width_max: 3.0, height_max: 4.0 });
         assert_eq!((large.cells.len(), small.cells.len()), (2, 8));
         assert_eq!((large.spaces.len(), small.spaces.len()), (2, 2));
         for place in &small.cells {

@@ -10,7 +10,7 @@ const THIN: f64 = 1e-7;
 
 /// A plane to split along.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Cut {
+pub enum SplitPlane {
     /// The points where one coordinate has a value, in metres.
     Axial {
         /// 0, 1 or 2.
@@ -27,7 +27,7 @@ pub enum Cut {
     },
 }
 
-impl Cut {
+impl SplitPlane {
     /// How far on the greater side of the plane a point is, in metres.
     pub fn height(&self, point: DVec3) -> f64 {
         match *self {
@@ -51,7 +51,7 @@ pub struct Region {
     /// The box, in metres.
     pub bounds: Aabb,
     /// Planes, and whether the region is on the greater side.
-    slants: Vec<(Cut, bool)>,
+    slants: Vec<(SplitPlane, bool)>,
 }
 
 impl Region {
@@ -66,28 +66,28 @@ impl Region {
     }
 
     /// The parts on the lesser and on the greater side of a plane.
-    pub fn halves(&self, cut: &Cut) -> [Self; 2] {
+    pub fn halves(&self, cut: &SplitPlane) -> [Self; 2] {
         [false, true].map(|is_greater| {
             let mut half = self.clone();
             match *cut {
-                Cut::Axial { axis, at } if is_greater => half.bounds.min[axis] = at,
-                Cut::Axial { axis, at } => half.bounds.max[axis] = at,
-                Cut::Plane { .. } => half.slants.push((*cut, is_greater)),
+                SplitPlane::Axial { axis, at } if is_greater => half.bounds.min[axis] = at,
+                SplitPlane::Axial { axis, at } => half.bounds.max[axis] = at,
+                SplitPlane::Plane { .. } => half.slants.push((*cut, is_greater)),
             }
             half
         })
     }
 
     /// What a plane shares with the region: a convex polygon, or nothing.
-    pub fn section(&self, cut: &Cut) -> Vec<DVec3> {
+    pub fn section(&self, cut: &SplitPlane) -> Vec<DVec3> {
         let mut polygon = match *cut {
-            Cut::Axial { axis, at } => rectangle(&self.bounds, axis, at),
-            Cut::Plane { .. } => {
+            SplitPlane::Axial { axis, at } => rectangle(&self.bounds, axis, at),
+            SplitPlane::Plane { .. } => {
                 let mut whole = square(cut, &self.bounds);
                 for axis in 0..3 {
                     let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
-                    whole = part(&whole, &Cut::Axial { axis, at: min }, true);
-                    whole = part(&whole, &Cut::Axial { axis, at: max }, false);
+                    whole = part(&whole, &SplitPlane::Axial { axis, at: min }, true);
+                    whole = part(&whole, &SplitPlane::Axial { axis, at: max }, false);
                 }
                 whole
             }
@@ -106,7 +106,7 @@ impl Region {
             return has_volume.then(|| (self.bounds, self.bounds.centre().as_dvec3()));
         }
         let sides = (0..3).flat_map(|axis| {
-            [self.bounds.min[axis], self.bounds.max[axis]].map(|at| Cut::Axial { axis, at })
+            [self.bounds.min[axis], self.bounds.max[axis]].map(|at| SplitPlane::Axial { axis, at })
         });
         let mut corners: Vec<DVec3> = Vec::new();
         for side in sides.chain(self.slants.iter().map(|(cut, _)| *cut)) {
@@ -152,7 +152,7 @@ fn rectangle(bounds: &Aabb, axis: usize, at: f32) -> Vec<DVec3> {
 }
 
 /// A square on a plane that holds all the plane shares with a box.
-fn square(cut: &Cut, bounds: &Aabb) -> Vec<DVec3> {
+fn square(cut: &SplitPlane, bounds: &Aabb) -> Vec<DVec3> {
     let centre = bounds.centre().as_dvec3();
     let normal = cut.normal();
     let centre = centre - normal * cut.height(centre);
@@ -164,7 +164,7 @@ fn square(cut: &Cut, bounds: &Aabb) -> Vec<DVec3> {
 
 /// What of a convex polygon lies on one side of a plane, boundary included; nothing when that has
 /// no width.
-pub fn part(polygon: &[DVec3], cut: &Cut, is_greater: bool) -> Vec<DVec3> {
+pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3> {
     let sign = if is_greater { 1.0 } else { -1.0 };
     let height = |p: DVec3| cut.height(p) * sign;
     let mut kept = Vec::with_capacity(polygon.len() + 1);
@@ -178,7 +178,7 @@ pub fn part(polygon: &[DVec3], cut: &Cut, is_greater: bool) -> Vec<DVec3> {
         }
         if a * b < 0.0 {
             let mut crossing = here.lerp(next, a / (a - b));
-            if let Cut::Axial { axis, at } = *cut {
+            if let SplitPlane::Axial { axis, at } = *cut {
                 crossing[axis] = f64::from(at);
             }
             kept.push(crossing);
@@ -188,7 +188,7 @@ pub fn part(polygon: &[DVec3], cut: &Cut, is_greater: bool) -> Vec<DVec3> {
 }
 
 /// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE`] of it.
-pub fn sides(polygon: &[DVec3], cut: &Cut) -> [bool; 2] {
+pub fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
     polygon.iter().fold([false; 2], |[low, high], &corner| {
         let height = cut.height(corner);
         [low || height < -ON_PLANE, high || height > ON_PLANE]

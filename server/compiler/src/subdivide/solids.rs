@@ -8,10 +8,10 @@ use sightline_world::geometry::Aabb;
 
 use super::{
     DEPTH_MAX,
-    draft::Draft,
-    region::{Cut, Region, area, part, sides},
+    draft::BspTree,
+    region::{Region, SplitPlane, area, part, sides},
 };
-use crate::model::Convex;
+use crate::model::ConvexSolid;
 
 /// A solid of which no face is larger, in square metres, is furniture: it hides little, and
 /// splitting along it would make many spaces.
@@ -28,13 +28,13 @@ struct Face {
 
 /// A solid that hides.
 struct Occluder<'a> {
-    solid: &'a Convex,
+    solid: &'a ConvexSolid,
     bounds: Aabb,
 }
 
 /// Splits a region along the faces of solids.
-pub fn split(bounds: &Aabb, solids: &[Convex]) -> Draft {
-    let large = |solid: &&Convex| {
+pub fn split(bounds: &Aabb, solids: &[ConvexSolid]) -> BspTree {
+    let large = |solid: &&ConvexSolid| {
         solid.faces.iter().any(|face| {
             let corners: Vec<DVec3> = face.corners.iter().map(|c| c.as_dvec3()).collect();
             area(&corners) >= FACE_AREA_MIN
@@ -46,14 +46,14 @@ pub fn split(bounds: &Aabb, solids: &[Convex]) -> Draft {
         .map(|solid| Occluder { solid, bounds: solid.bounds() })
         .collect();
     let (cuts, faces) = cuts_and_faces(&occluders);
-    let mut builder = Builder { cuts, occluders: &occluders, draft: Draft::default() };
+    let mut builder = Builder { cuts, occluders: &occluders, draft: BspTree::default() };
     let all = (0..occluders.len() as u32).collect();
     builder.split(Region::new(*bounds), faces, all, 0);
     builder.draft
 }
 
 /// The planes of all faces, each once, and the faces on them.
-fn cuts_and_faces(occluders: &[Occluder<'_>]) -> (Vec<Cut>, Vec<Face>) {
+fn cuts_and_faces(occluders: &[Occluder<'_>]) -> (Vec<SplitPlane>, Vec<Face>) {
     let mut known: HashMap<[u64; 4], u32> = HashMap::new();
     let mut cuts = Vec::new();
     let mut faces = Vec::new();
@@ -63,8 +63,10 @@ fn cuts_and_faces(occluders: &[Occluder<'_>]) -> (Vec<Cut>, Vec<Face>) {
         let flip = face.normal.to_array().into_iter().find(|&n| n != 0.0).is_some_and(|n| n < 0.0);
         let sign = if flip { -1.0 } else { 1.0 };
         let cut = match axis {
-            Some(axis) => Cut::Axial { axis, at: face.corners[0][axis] },
-            None => Cut::Plane { normal: face.normal * sign, distance: face.distance * sign },
+            Some(axis) => SplitPlane::Axial { axis, at: face.corners[0][axis] },
+            None => {
+                SplitPlane::Plane { normal: face.normal * sign, distance: face.distance * sign }
+            }
         };
         let height = cut.height(DVec3::ZERO);
         let key = [cut.normal().x, cut.normal().y, cut.normal().z, height];
@@ -79,9 +81,9 @@ fn cuts_and_faces(occluders: &[Occluder<'_>]) -> (Vec<Cut>, Vec<Face>) {
 }
 
 struct Builder<'a> {
-    cuts: Vec<Cut>,
+    cuts: Vec<SplitPlane>,
     occluders: &'a [Occluder<'a>],
-    draft: Draft,
+    draft: BspTree,
 }
 
 impl Builder<'_> {
@@ -134,9 +136,9 @@ impl Builder<'_> {
             *areas.entry(face.plane).or_default() += area(&face.polygon);
         }
         let rank = |plane: u32| match self.cuts[plane as usize] {
-            Cut::Axial { .. } => 2,
-            Cut::Plane { normal, .. } if normal.y == 0.0 => 1,
-            Cut::Plane { .. } => 0,
+            SplitPlane::Axial { .. } => 2,
+            SplitPlane::Plane { normal, .. } if normal.y == 0.0 => 1,
+            SplitPlane::Plane { .. } => 0,
         };
         let first = areas.keys().map(|&plane| rank(plane)).max()?;
         let mut planes: Vec<(u32, f64)> = areas

@@ -6,8 +6,8 @@ use sightline_world::geometry::Aabb;
 
 use super::{
     DEPTH_MAX, WALL_MAX,
-    draft::Draft,
-    region::{Cut, ON_PLANE, Region},
+    draft::BspTree,
+    region::{ON_PLANE, Region, SplitPlane},
 };
 use crate::occluders::{OccluderPlane, Rect, Triangle2};
 
@@ -32,8 +32,8 @@ const THIN_MAX: f32 = 0.1;
 
 /// Splits a region along opaque surfaces: axial planes first, then those that are vertical at other
 /// angles, then level ones whose edges are turned, of which only the covered part is left by then.
-pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> Draft {
-    let mut builder = Builder { planes, draft: Draft::default() };
+pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
+    let mut builder = Builder { planes, draft: BspTree::default() };
     let all = planes
         .iter()
         .enumerate()
@@ -45,7 +45,7 @@ pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> Draft {
 
 struct Builder<'a> {
     planes: &'a [OccluderPlane],
-    draft: Draft,
+    draft: BspTree,
 }
 
 /// A triangle of a plane: both as indices.
@@ -76,7 +76,7 @@ impl Builder<'_> {
     /// Whether an occluder has a part in the interior of a region.
     fn crosses(&self, (plane, triangle): OccluderRef, region: &Region) -> bool {
         let OccluderPlane { cut, ref triangles, .. } = self.planes[plane as usize];
-        if let Cut::Axial { axis, at } = cut
+        if let SplitPlane::Axial { axis, at } = cut
             && !(region.bounds.min[axis] < at && at < region.bounds.max[axis])
         {
             return false;
@@ -94,9 +94,13 @@ impl Builder<'_> {
                 let plane = on_plane[0].0;
                 let OccluderPlane { cut, is_last, .. } = &self.planes[plane as usize];
                 let rank = match cut {
-                    Cut::Axial { .. } if on_plane.iter().any(|&(_, t)| !is_last[t as usize]) => 2,
-                    Cut::Axial { .. } => 0,
-                    Cut::Plane { .. } => 1,
+                    SplitPlane::Axial { .. }
+                        if on_plane.iter().any(|&(_, t)| !is_last[t as usize]) =>
+                    {
+                        2
+                    }
+                    SplitPlane::Axial { .. } => 0,
+                    SplitPlane::Plane { .. } => 1,
                 };
                 Some((plane, rank, self.worth(region, on_plane)?))
             })
@@ -124,17 +128,17 @@ impl Builder<'_> {
             return None;
         }
         let off_middle = match cut {
-            Cut::Axial { axis, at } => {
+            SplitPlane::Axial { axis, at } => {
                 ((at - region.bounds.min[axis]) / region.bounds.size()[axis] - 0.5).abs() * 2.0
             }
-            Cut::Plane { .. } => 0.0,
+            SplitPlane::Plane { .. } => 0.0,
         };
         Some(share - 0.1 * f64::from(off_middle))
     }
 
     /// Whether a plane lies so close to a side of the region that hides as much.
-    fn repeats_boundary(&self, region: &Region, cut: &Cut, area: f64) -> bool {
-        let Cut::Axial { axis, at } = *cut else { return false };
+    fn repeats_boundary(&self, region: &Region, cut: &SplitPlane, area: f64) -> bool {
+        let SplitPlane::Axial { axis, at } = *cut else { return false };
         let near = |side: f32| (side - at).abs() <= THIN_MAX;
         [region.bounds.min[axis], region.bounds.max[axis]]
             .into_iter()
@@ -151,11 +155,11 @@ impl Builder<'_> {
     fn plane_at(&self, axis: usize, at: f32) -> Option<&OccluderPlane> {
         // The axial planes come first, by axis, then ascending.
         let before = |p: &OccluderPlane| match p.cut {
-            Cut::Axial { axis: a, at: there } => (a, there) < (axis, at),
-            Cut::Plane { .. } => false,
+            SplitPlane::Axial { axis: a, at: there } => (a, there) < (axis, at),
+            SplitPlane::Plane { .. } => false,
         };
         let index = self.planes.partition_point(before);
-        self.planes.get(index).filter(|p| p.cut == Cut::Axial { axis, at })
+        self.planes.get(index).filter(|p| p.cut == SplitPlane::Axial { axis, at })
     }
 }
 
@@ -169,7 +173,7 @@ struct Section {
 }
 
 impl Section {
-    fn new(region: &Region, cut: &Cut) -> Self {
+    fn new(region: &Region, cut: &SplitPlane) -> Self {
         let polygon: Vec<DVec2> =
             region.section(cut).iter().map(|&corner: &DVec3| cut.flat(corner)).collect();
         let around = polygon.iter().fold(

@@ -21,20 +21,20 @@ use crate::plan;
 
 /// A room that is suggested.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Suggestion {
+pub struct SuggestedRoom {
     /// Storey and number.
     pub name: String,
     /// What it takes up, in own axes.
     pub boxes: Vec<Aabb>,
     /// Where one sees out of it.
-    pub windows: Vec<Opening>,
+    pub windows: Vec<SuggestedWindow>,
     /// The cells that it consists of, ascending.
     pub cells: Vec<CellId>,
 }
 
 /// A window that is suggested.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Opening {
+pub struct SuggestedWindow {
     /// Where it leads.
     pub name: String,
     /// In the world, in order around it.
@@ -45,10 +45,10 @@ pub struct Opening {
 pub fn suggest(
     world: &World,
     hear: &mut dyn FnMut(f32) -> ControlFlow<()>,
-) -> Option<Vec<Suggestion>> {
+) -> Option<Vec<SuggestedRoom>> {
     let storeys = plan::storeys(world);
     let mut taken = vec![None; world.cells.cells.len()];
-    let mut rooms: Vec<Suggestion> = Vec::new();
+    let mut rooms: Vec<SuggestedRoom> = Vec::new();
     for (number, feet) in storeys.iter().enumerate() {
         if hear(number as f32 / storeys.len() as f32).is_break() {
             return None;
@@ -68,7 +68,7 @@ pub fn suggest(
                 taken[cell.0 as usize] = Some(rooms.len());
             }
             let name = format!("room {number}.{}", place + 1);
-            rooms.push(Suggestion {
+            rooms.push(SuggestedRoom {
                 name,
                 boxes: room.boxes,
                 windows: Vec::new(),
@@ -88,6 +88,6 @@ pub fn suggest(
 }
 
 /// Suggested rooms as TOML.
-pub fn to_toml(world: &World, rooms: &[Suggestion]) -> String {
+pub fn to_toml(world: &World, rooms: &[SuggestedRoom]) -> String {
     text::write(world, rooms)
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use glam::Vec3;
 use sightline_world::{Polygon, World, geometry::Aabb};
 
-use super::{Opening, Suggestion};
+use super::{SuggestedRoom, SuggestedWindow};
 
 /// Rectangles that are no further apart are one window, in metres.
 const APART_M: f32 = 0.02;
@@ -23,9 +23,9 @@ pub(super) fn windows(
     world: &World,
     taken: &[Option<usize>],
     room: usize,
-    own: &Suggestion,
+    own: &SuggestedRoom,
     names: &[String],
-) -> Vec<Opening> {
+) -> Vec<SuggestedWindow> {
     let cells = &world.cells;
     let boxes = &own.boxes;
     let mut walls: BTreeMap<Wall, Vec<Aabb>> = BTreeMap::new();
@@ -61,7 +61,10 @@ pub(super) fn windows(
             *number += 1;
             let to = to.and_then(|to| names.get(to)).map_or("elsewhere", String::as_str);
             let name = if *number == 1 { format!("to {to}") } else { format!("to {to}, {number}") };
-            Opening { name, corners: own.into_iter().map(|at| cells.axes.world(at)).collect() }
+            SuggestedWindow {
+                name,
+                corners: own.into_iter().map(|at| cells.axes.world(at)).collect(),
+            }
         })
         .collect()
 }

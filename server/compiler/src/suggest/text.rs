@@ -5,7 +5,7 @@ use std::fmt::Write;
 use glam::Vec3;
 use sightline_world::{World, geometry::Aabb};
 
-use super::Suggestion;
+use super::SuggestedRoom;
 
 const HEAD: &str = "\
 # Rooms as the building suggests them. What is here is where they are and where one sees out of them: a room with
@@ -20,7 +20,7 @@ const HEAD: &str = "\
 ";
 
 /// All rooms.
-pub(super) fn write(world: &World, rooms: &[Suggestion]) -> String {
+pub(super) fn write(world: &World, rooms: &[SuggestedRoom]) -> String {
     let mut text = String::from(HEAD);
     let is_turned = world.cells.axes.turn() != 0.0;
     for room in rooms {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Options,
+    VerifyOptions,
     fuzzy::Fuzzy,
     original::Original,
     seed_of,
@@ -19,7 +19,7 @@ const DRAWS_MAX: usize = 1_000_000;
 
 /// How many entries are loose.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Looseness {
+pub struct LooseEntries {
     /// Entries that were tested: pairs of two places that the PVS holds.
     pub entries: u32,
     /// Those for which no line was free.
@@ -36,7 +36,7 @@ pub struct Looseness {
     pub(super) pairs: Vec<[u32; 2]>,
 }
 
-impl Looseness {
+impl LooseEntries {
     /// The part of the entries that is loose; none when there were none.
     pub fn share(&self) -> Option<f64> {
         (self.entries > 0).then(|| f64::from(self.loose) / f64::from(self.entries))
@@ -71,11 +71,11 @@ pub(super) fn looseness(
     subject: &dyn Subject,
     original: &Original<'_>,
     places: &[Populated],
-    options: &Options,
+    options: &VerifyOptions,
     progress: &(dyn Fn(f32) + Sync),
-) -> Looseness {
+) -> LooseEntries {
     let done = AtomicU32::new(0);
-    let nothing = || Looseness { lines_max: options.lines, ..Looseness::default() };
+    let nothing = || LooseEntries { lines_max: options.lines, ..LooseEntries::default() };
     let one = |entry: u32| {
         let mut rng = SmallRng::seed_from_u64(seed_of(options.seed, 3, entry.into()));
         let found = entry_between(subject, places, &mut rng).map_or_else(nothing, |[from, to]| {
@@ -84,7 +84,7 @@ pub(super) fn looseness(
                 original.in_sight(point(from), point(to))
             };
             let free_at = (0..options.lines).find(|_| is_free());
-            Looseness {
+            LooseEntries {
                 entries: 1,
                 loose: u32::from(free_at.is_none()),
                 lines_max: options.lines,
@@ -98,7 +98,7 @@ pub(super) fn looseness(
     };
     // One at a time, since the loose ones take far longer than the others.
     let all = (0..options.entries).into_par_iter().with_max_len(1).map(one);
-    all.reduce(nothing, Looseness::and)
+    all.reduce(nothing, LooseEntries::and)
 }
 
 /// A random entry of two places that have empty space in them.

@@ -26,8 +26,8 @@ use glam::Vec3;
 use serde::Serialize;
 use sightline_world::World;
 
-pub use entries::Looseness;
-pub use pairs::{Pairs, Tally};
+pub use entries::LooseEntries;
+pub use pairs::{PairCounts, PvsTally};
 
 use fuzzy::Fuzzy;
 use original::Original;
@@ -35,7 +35,7 @@ use subject::{Lump, Ours, Subject};
 
 /// How much is sampled.
 #[derive(Clone, Copy, Debug)]
-pub struct Options {
+pub struct VerifyOptions {
     /// Pairs of points, for each of the two ways to sample them.
     pub pairs: u64,
     /// Entries of the PVS that are tested for looseness.
@@ -48,7 +48,7 @@ pub struct Options {
     pub fuzzy: bool,
 }
 
-impl Options {
+impl VerifyOptions {
     /// As many pairs, and enough entries to know the looseness to a third of a per cent.
     pub fn new(pairs: u64) -> Self {
         Self { pairs, entries: 2_000, lines: 100_000, seed: 1, fuzzy: false }
@@ -69,24 +69,24 @@ pub enum VerifyError {
 
 /// What was found.
 #[derive(Clone, Debug, Serialize)]
-pub struct Report {
+pub struct VerifyReport {
     /// What space was sampled, in words.
     pub sampled: &'static str,
     /// Pairs uniform in space.
-    pub by_volume: Pairs,
+    pub by_volume: PairCounts,
     /// Pairs of which each cell is as likely as another.
-    pub by_cell: Pairs,
+    pub by_cell: PairCounts,
     /// Cells in which there is empty space; only these are sampled by cell, and for entries.
     pub cells_sampled: usize,
     /// Of the PVS.
-    pub entries: Looseness,
+    pub entries: LooseEntries,
     /// Of the map's own vis lump.
-    pub own_entries: Option<Looseness>,
+    pub own_entries: Option<LooseEntries>,
 }
 
 /// What decides whether a PVS is right, and how good it is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Principal {
+pub struct VerifySummary {
     /// Pairs in sight that the PVS denies, of both ways to sample.
     pub misses: u64,
     /// By volume; none when no pair is in sight.
@@ -101,18 +101,18 @@ pub struct Principal {
     pub own_looseness: Option<f64>,
 }
 
-impl Report {
+impl VerifyReport {
     /// Its principal figures.
-    pub fn principal(&self) -> Principal {
+    pub fn summary(&self) -> VerifySummary {
         let (by_volume, by_cell) = (&self.by_volume, &self.by_cell);
         let own = by_volume.own.as_ref();
-        Principal {
+        VerifySummary {
             misses: by_volume.ours.misses + by_cell.ours.misses,
             over_send: by_volume.over_send(&by_volume.ours),
             looseness: self.entries.share(),
             own_misses: own.zip(by_cell.own.as_ref()).map(|(a, b)| a.misses + b.misses),
             own_over_send: own.and_then(|own| by_volume.over_send(own)),
-            own_looseness: self.own_entries.as_ref().and_then(Looseness::share),
+            own_looseness: self.own_entries.as_ref().and_then(LooseEntries::share),
         }
     }
 }
@@ -135,9 +135,9 @@ pub struct Miss {
 /// When there is no empty space in it, or fuzzy projection was asked for and cannot be.
 pub fn verify(
     world: &World,
-    options: &Options,
+    options: &VerifyOptions,
     progress: &(dyn Fn(&str, f32) + Sync),
-) -> Result<Report, VerifyError> {
+) -> Result<VerifyReport, VerifyError> {
     let original = Original::new(world);
     let ours = Ours::new(&world.cells);
     let lump = world.origin.as_ref().and_then(|origin| Lump::new(origin, &original));
@@ -169,7 +169,7 @@ pub fn verify(
     });
     let sampled = original.sampled();
     let cells_sampled = cells.len();
-    Ok(Report { sampled, by_volume, by_cell, cells_sampled, entries, own_entries })
+    Ok(VerifyReport { sampled, by_volume, by_cell, cells_sampled, entries, own_entries })
 }
 
 /// A seed for one piece of work, so that no two threads share a generator.

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{
-    Miss, Options,
+    Miss, VerifyOptions,
     original::{Original, Spot},
     seed_of,
     subject::Subject,
@@ -20,7 +20,7 @@ const MISSES_SHOWN: usize = 5;
 
 /// What was found of some pairs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Pairs {
+pub struct PairCounts {
     /// How many.
     pub pairs: u64,
     /// Further pairs that do not count, since a point of them is in no cell and they are not in sight.
@@ -30,14 +30,14 @@ pub struct Pairs {
     /// Pairs that rays took to be in sight and a PVS denied, but that are blocked without rounding.
     pub grazing: u64,
     /// Of the world's PVS.
-    pub ours: Tally,
+    pub ours: PvsTally,
     /// Of the map's own vis lump.
-    pub own: Option<Tally>,
+    pub own: Option<PvsTally>,
 }
 
 /// How a PVS did.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Tally {
+pub struct PvsTally {
     /// Pairs that it holds.
     pub pvs: u64,
     /// Pairs in sight that it denies.
@@ -46,9 +46,9 @@ pub struct Tally {
     pub first_misses: Vec<Miss>,
 }
 
-impl Pairs {
+impl PairCounts {
     /// P(PVS) / P(sight); none when nothing was in sight.
-    pub fn over_send(&self, tally: &Tally) -> Option<f64> {
+    pub fn over_send(&self, tally: &PvsTally) -> Option<f64> {
         (self.sight > 0).then(|| tally.pvs as f64 / self.sight as f64)
     }
 
@@ -67,7 +67,7 @@ impl Pairs {
     }
 }
 
-impl Tally {
+impl PvsTally {
     fn and(mut self, later: Self) -> Self {
         self.pvs += later.pvs;
         self.misses += later.misses;
@@ -89,7 +89,7 @@ pub(super) struct Survey<'a> {
     pub original: &'a Original<'a>,
     pub ours: &'a dyn Subject,
     pub own: Option<&'a dyn Subject>,
-    pub options: &'a Options,
+    pub options: &'a VerifyOptions,
 }
 
 impl Survey<'_> {
@@ -99,10 +99,11 @@ impl Survey<'_> {
         stage: u64,
         draw: &(dyn Fn(&mut SmallRng) -> Option<Spot> + Sync),
         progress: &(dyn Fn(f32) + Sync),
-    ) -> Pairs {
-        let Options { pairs, seed, .. } = *self.options;
+    ) -> PairCounts {
+        let VerifyOptions { pairs, seed, .. } = *self.options;
         let done = AtomicU64::new(0);
-        let nothing = || Pairs { own: self.own.map(|_| Tally::default()), ..Pairs::default() };
+        let nothing =
+            || PairCounts { own: self.own.map(|_| PvsTally::default()), ..PairCounts::default() };
         let pieces = (0..pairs.div_ceil(PIECE)).into_par_iter().map(|piece| {
             let mut rng = SmallRng::seed_from_u64(seed_of(seed, stage, piece));
             let mut found = nothing();
@@ -116,10 +117,10 @@ impl Survey<'_> {
             found
         });
         // Sums in the order of the pieces, so that the same misses are shown each time.
-        pieces.reduce(nothing, Pairs::and)
+        pieces.reduce(nothing, PairCounts::and)
     }
 
-    fn pair(&self, from: &Spot, to: &Spot, found: &mut Pairs) {
+    fn pair(&self, from: &Spot, to: &Spot, found: &mut PairCounts) {
         let ours = Verdict::of(self.ours, from, to);
         let outside = ours.places.iter().filter(|place| place.is_none()).count();
         if outside == 2 {
@@ -140,7 +141,7 @@ impl Survey<'_> {
         }
         found.pairs += 1;
         found.sight += u64::from(sight);
-        let note = |tally: &mut Tally, verdict: Verdict| {
+        let note = |tally: &mut PvsTally, verdict: Verdict| {
             tally.pvs += u64::from(verdict.sees);
             if sight && !verdict.sees {
                 tally.miss(Miss { from, to, places: verdict.places });
@@ -225,7 +226,7 @@ mod tests {
         let check = |has_wall: bool, misses: bool| {
             let world = world(has_wall);
             let original = Original::new(&world);
-            let options = Options { seed: 1, ..Options::new(1_000) };
+            let options = VerifyOptions { seed: 1, ..VerifyOptions::new(1_000) };
             let survey = Survey { original: &original, ours: &Right, own: None, options: &options };
             let found = survey.run(0, &|rng| original.draw(rng), &|_| ());
             assert_eq!(found.pairs + found.closed, 1_000);

@@ -54,11 +54,11 @@ fn with_pvs(mut world: World, rows: &[&[u32]]) -> World {
     world
 }
 
-fn options(pairs: u64) -> Options {
-    Options { entries: 100, lines: 1_000, ..Options::new(pairs) }
+fn options(pairs: u64) -> VerifyOptions {
+    VerifyOptions { entries: 100, lines: 1_000, ..VerifyOptions::new(pairs) }
 }
 
-fn verified(world: &World, options: &Options) -> Report {
+fn verified(world: &World, options: &VerifyOptions) -> VerifyReport {
     verify(world, options, &|_, _| ()).unwrap()
 }
 
@@ -90,7 +90,7 @@ fn an_entry_taken_out_is_missed_and_one_put_in_is_loose_and_sent_too_much() {
     }
     let report = verified(&with_pvs(rooms(), &[&[0, 1], &[0, 1, 2], &[1, 2]]), &options(50_000));
     let over_send = report.by_volume.over_send(&report.by_volume.ours).unwrap();
-    assert_eq!(report.principal().misses, 0);
+    assert_eq!(report.summary().misses, 0);
     assert!((over_send - 7.0 / 5.0).abs() < 0.03, "{over_send}");
     // Of the four entries between two rooms, the two through the wall.
     let share = report.entries.share().unwrap();
@@ -102,7 +102,7 @@ fn the_report_depends_on_the_seed_but_not_on_the_threads() {
     let world = with_pvs(rooms(), &[&[0], &[1], &[1, 2]]);
     let with = |threads, seed| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let options = Options { seed, ..options(20_000) };
+        let options = VerifyOptions { seed, ..options(20_000) };
         let report = pool.install(|| verified(&world, &options));
         (report.by_volume, report.by_cell, report.entries)
     };
@@ -199,9 +199,9 @@ fn in_one_cell(model: model::Model) -> World {
 fn the_vis_lumps_of_real_maps_have_no_miss_and_little_that_is_loose() {
     for map in ["oa_dm4.bsp", "aggressor.bsp"] {
         let Some(world) = uncompiled(map) else { return };
-        let report = verified(&world, &Options { entries: 200, ..options(20_000) });
-        assert_eq!(report.principal().own_misses, Some(0), "{map}");
-        assert_eq!(report.principal().misses, 0, "{map}");
+        let report = verified(&world, &VerifyOptions { entries: 200, ..options(20_000) });
+        assert_eq!(report.summary().own_misses, Some(0), "{map}");
+        assert_eq!(report.summary().misses, 0, "{map}");
         // Figures of a tracer written apart, from other points: 2.2 for both maps.
         let by_volume = &report.by_volume;
         let over_send = by_volume.over_send(by_volume.own.as_ref().unwrap()).unwrap();
@@ -216,9 +216,9 @@ fn holes_in_a_vis_lump_are_found() {
     let Some(mut world) = uncompiled("oa_dm4.bsp") else { return };
     let tree = world.origin.as_mut().and_then(|origin| origin.tree.as_mut()).unwrap();
     tree.visible.iter_mut().step_by(7).for_each(|byte| *byte &= 0b1110_1111);
-    let report = verified(&world, &Options { entries: 1, ..options(20_000) });
-    assert!(report.principal().own_misses.unwrap() > 0);
-    assert_eq!(report.principal().misses, 0);
+    let report = verified(&world, &VerifyOptions { entries: 1, ..options(20_000) });
+    assert!(report.summary().own_misses.unwrap() > 0);
+    assert_eq!(report.summary().misses, 0);
 }
 
 /// Two maps of Debian's openarena-081-maps were published with a PVS that is too small.
@@ -233,7 +233,7 @@ fn the_holes_of_published_maps_are_found() {
         let mut bytes = Vec::new();
         archive.by_name(map).unwrap().read_to_end(&mut bytes).unwrap();
         let world = in_one_cell(bsp::read_slice(&bytes, &[], map).unwrap());
-        let report = verified(&world, &Options { entries: 1, ..options(pairs) });
-        assert!(report.principal().own_misses.unwrap() > 0, "{map}");
+        let report = verified(&world, &VerifyOptions { entries: 1, ..options(pairs) });
+        assert!(report.summary().own_misses.unwrap() > 0, "{map}");
     }
 }

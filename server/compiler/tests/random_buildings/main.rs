@@ -7,12 +7,11 @@ use std::ops::ControlFlow;
 use glam::{DMat3, DVec3, Quat, Vec2, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
-    self as compile, compile,
+    CompileOptions, CompileReport, compile,
     import::glb,
-    model::{Convex, ConvexFace, Model, Surface, SurfaceMaterial},
+    model::{ConvexFace, ConvexSolid, Model, Surface, SurfaceMaterial},
     verify::{self, verify},
 };
-use sightline_demo_building as demo_building;
 use sightline_world::{Spawn, World, motion::Body};
 
 /// Of each of the five kinds; every second one is turned.
@@ -64,13 +63,13 @@ fn a_turned_building_is_as_good_as_it_was() {
     assert!(ratio(turned_cells as f64, cells as f64) < 0.02, "{turned_cells}, was {cells}");
     let (dense, turned_dense) = (report.pvs_density, turned_report.pvs_density);
     assert!(ratio(turned_dense, dense) < 0.02, "{turned_dense}, was {dense}");
-    assert_eq!(verified(&turned_world, 10 * PAIRS).principal().misses, 0);
+    assert_eq!(verified(&turned_world, 10 * PAIRS).summary().misses, 0);
 }
 
 /// Compiles and verifies buildings of a kind, one for each seed.
 fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
     let (mut sight, mut seen, mut pairs) = (0, 0, 0);
-    let mut shafts = shafts::Tally::default();
+    let mut shafts = shafts::PvsTally::default();
     for seed in 0..BUILDINGS {
         let mut rng = SmallRng::seed_from_u64(seed);
         let mut model = build(&mut rng);
@@ -81,7 +80,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
         shafts.add(&world, 60, &mut rng, &format!("among {kind}, seed {seed}"));
         let report = verified(&world, PAIRS);
         let missed = [&report.by_volume, &report.by_cell].map(|pairs| &pairs.ours.first_misses);
-        assert_eq!(report.principal().misses, 0, "among {kind}, seed {seed}: {missed:?}");
+        assert_eq!(report.summary().misses, 0, "among {kind}, seed {seed}: {missed:?}");
         // By volume, most points are outside.
         sight += report.by_cell.sight;
         seen += report.by_cell.ours.pvs;
@@ -92,18 +91,18 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
     assert!(seen * 10 < pairs * 9, "and much is hidden: {} of {pairs}", pairs - seen);
 }
 
-fn compiled(model: &Model) -> (World, compile::Report) {
-    let options = compile::Options { voxel: Some(2.0), cell: Some(3.0), ..Default::default() };
+fn compiled(model: &Model) -> (World, CompileReport) {
+    let options = CompileOptions { voxel: Some(2.0), cell: Some(3.0), ..Default::default() };
     compile(model, &options, &|_, _| ControlFlow::Continue(())).unwrap()
 }
 
-fn verified(world: &World, pairs: u64) -> verify::Report {
-    let options = verify::Options { entries: 0, ..verify::Options::new(pairs) };
+fn verified(world: &World, pairs: u64) -> verify::VerifyReport {
+    let options = verify::VerifyOptions { entries: 0, ..verify::VerifyOptions::new(pairs) };
     verify(world, &options, &|_, _| ()).unwrap()
 }
 
 fn office(rooms: usize, seed: u64) -> Model {
-    glb::read_slice(&demo_building::glb(rooms, seed), None, "office").unwrap()
+    glb::read_slice(&sightline_demo_building::glb(rooms, seed), None, "office").unwrap()
 }
 
 /// Rooms in a grid whose walls are full, have a hole, or are missing.
@@ -154,7 +153,7 @@ fn slanted_walls(rng: &mut SmallRng) -> Model {
 }
 
 /// A closed room with boxes in it, some of which reach into each other or to the ceiling.
-fn boxes(rng: &mut SmallRng) -> Vec<Convex> {
+fn boxes(rng: &mut SmallRng) -> Vec<ConvexSolid> {
     let mut solids = shell();
     for _ in 0..rng.random_range(4..12) {
         let [a, b] = [(); 2].map(|()| point(rng));
@@ -169,7 +168,7 @@ fn boxes(rng: &mut SmallRng) -> Vec<Convex> {
 }
 
 /// An upright prism, or one that has fallen over.
-fn prism(rng: &mut SmallRng) -> Convex {
+fn prism(rng: &mut SmallRng) -> ConvexSolid {
     let corners = rng.random_range(3..7);
     let (width, phase) = (rng.random_range(0.2..1.5), rng.random_range(0.0..6.0));
     let base = (0..corners).map(|i| {
@@ -183,7 +182,7 @@ fn prism(rng: &mut SmallRng) -> Convex {
 }
 
 /// Floor, ceiling and four walls.
-fn shell() -> Vec<Convex> {
+fn shell() -> Vec<ConvexSolid> {
     let (min, max) = (Vec3::splat(-WALL), ROOM + WALL);
     let walls = (0..3).flat_map(|axis| {
         let (mut inner, mut outer) = (max, min);
@@ -193,13 +192,13 @@ fn shell() -> Vec<Convex> {
     walls.collect()
 }
 
-fn cuboid(min: Vec3, max: Vec3) -> Convex {
+fn cuboid(min: Vec3, max: Vec3) -> ConvexSolid {
     let base = [[min.x, min.z], [min.x, max.z], [max.x, max.z], [max.x, min.z]].map(Vec2::from);
     extruded(&base, [min.y, max.y], |p| p)
 }
 
 /// A convex base, (x, z) anticlockwise from above, raised and then moved.
-fn extruded(base: &[Vec2], [low, high]: [f32; 2], moved: impl Fn(Vec3) -> Vec3) -> Convex {
+fn extruded(base: &[Vec2], [low, high]: [f32; 2], moved: impl Fn(Vec3) -> Vec3) -> ConvexSolid {
     let ring = |y: f32| base.iter().map(move |p| Vec3::new(p.x, y, p.y));
     let mut faces = vec![ring(high).collect::<Vec<_>>(), ring(low).rev().collect()];
     let (lower, upper): (Vec<_>, Vec<_>) = (ring(low).collect(), ring(high).collect());
@@ -208,7 +207,7 @@ fn extruded(base: &[Vec2], [low, high]: [f32; 2], moved: impl Fn(Vec3) -> Vec3) 
         faces.push(vec![lower[i], lower[next], upper[next], upper[i]]);
     }
     let face = |corners: Vec<Vec3>| face(corners.into_iter().map(&moved).collect());
-    Convex { faces: faces.into_iter().map(face).collect() }
+    ConvexSolid { faces: faces.into_iter().map(face).collect() }
 }
 
 fn face(corners: Vec<Vec3>) -> ConvexFace {
@@ -218,7 +217,7 @@ fn face(corners: Vec<Vec3>) -> ConvexFace {
 }
 
 /// The triangles around solids.
-fn outlines(solids: &[Convex]) -> Vec<[Vec3; 3]> {
+fn outlines(solids: &[ConvexSolid]) -> Vec<[Vec3; 3]> {
     let faces = solids.iter().flat_map(|solid| &solid.faces);
     let fan = |face: &ConvexFace| {
         let corners = face.corners.clone();
@@ -233,7 +232,7 @@ fn point(rng: &mut SmallRng) -> Vec3 {
     from + (ROOM - from) * Vec3::new(rng.random(), rng.random(), rng.random())
 }
 
-fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<Convex>) -> Model {
+fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<ConvexSolid>) -> Model {
     let positions = opaque.as_flattened().to_vec();
     let triangles = (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| i * 3 + k)).collect();
     let material = SurfaceMaterial { colour: [90, 120, 150], texture: None, glass: false };

@@ -19,7 +19,7 @@ const WALL_MAX: f32 = 0.6;
 
 /// What became of pairs of boxes between which no line was free.
 #[derive(Default)]
-pub struct Tally {
+pub struct PvsTally {
     hidden: usize,
     unknown: usize,
     visible: usize,
@@ -28,7 +28,7 @@ pub struct Tally {
     free: [usize; 2],
 }
 
-impl Tally {
+impl PvsTally {
     /// Tries pairs of boxes in a building.
     pub fn add(&mut self, world: &World, pairs: usize, rng: &mut SmallRng, place: &str) {
         let (occluders, sight) = (Occluders::new(world), Oracle::new(&world.mesh));

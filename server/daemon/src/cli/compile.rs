@@ -5,9 +5,9 @@ use std::{fmt::Write, path::PathBuf};
 use anyhow::Context;
 use sightline_cli::progress::Progress;
 use sightline_compiler::{
-    self as compile, CompileError, Report,
-    carve::{self, Units},
-    import,
+    CompileError, CompileOptions, CompileReport,
+    carve::{self, CarvingUnits},
+    compile, import,
     rooms::{self, text},
 };
 use sightline_world::write_whole;
@@ -31,7 +31,7 @@ pub struct Args {
     voxel: Option<f32>,
     /// What is carved at a time: clusters of non-axial polygons, or elements, which are smaller.
     #[arg(long, value_name = "UNITS", default_value = "clusters", value_parser = carving_units)]
-    carving_units: Units,
+    carving_units: CarvingUnits,
     /// An archive with the textures of a Quake III map; may be given several times.
     #[arg(long, value_name = "FILE.pk3")]
     pk3: Vec<PathBuf>,
@@ -58,10 +58,10 @@ fn voxel_size(text: &str) -> Result<f32, String> {
     }
 }
 
-fn carving_units(text: &str) -> Result<Units, String> {
+fn carving_units(text: &str) -> Result<CarvingUnits, String> {
     match text {
-        "clusters" => Ok(Units::Clusters),
-        "elements" => Ok(Units::Elements),
+        "clusters" => Ok(CarvingUnits::Clusters),
+        "elements" => Ok(CarvingUnits::Elements),
         _ => Err("clusters or elements".into()),
     }
 }
@@ -77,13 +77,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     for warning in &model.warnings {
         super::note(&format!("warning: {warning}"));
     }
-    let options = compile::Options {
+    let options = CompileOptions {
         voxel: args.voxel,
         cell: args.cell,
-        carving: carve::Options { units: args.carving_units },
+        carving: carve::CarveOptions { units: args.carving_units },
     };
     let progress = Progress::new();
-    let outcome = compile::compile(&model, &options, &|stage, share| {
+    let outcome = compile(&model, &options, &|stage, share| {
         progress.show(stage.name(), share);
         interrupt.flow()
     });
@@ -110,16 +110,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// The rooms of a file, or each of its faults on a line of its own, and an error.
 fn told(
-    read: Result<Vec<rooms::Declared>, text::FileError>,
-) -> anyhow::Result<Vec<rooms::Declared>> {
+    read: Result<Vec<rooms::RoomDeclaration>, text::FileError>,
+) -> anyhow::Result<Vec<rooms::RoomDeclaration>> {
     match read {
-        Err(text::FileError::Faults(faults)) => Err(tell(faults)),
+        Err(text::FileError::RoomErrors(faults)) => Err(tell(faults)),
         other => Ok(other?),
     }
 }
 
 /// All faults but the last are told here: that one is the error.
-fn tell(rooms::Faults(mut faults): rooms::Faults) -> anyhow::Error {
+fn tell(rooms::RoomErrors(mut faults): rooms::RoomErrors) -> anyhow::Error {
     let last = faults.pop();
     for fault in &faults {
         super::note(&format!("error: {fault}"));
@@ -127,7 +127,7 @@ fn tell(rooms::Faults(mut faults): rooms::Faults) -> anyhow::Error {
     last.map_or_else(|| anyhow::anyhow!("the rooms are faulty"), anyhow::Error::new)
 }
 
-fn table(report: &Report) -> String {
+fn table(report: &CompileReport) -> String {
     let mut table = String::new();
     let mut row = |name: &str, value: String| {
         let _ = writeln!(table, "{name:<20} {value:>12}");

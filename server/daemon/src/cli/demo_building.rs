@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use sightline_demo_building::{self as demo_building, ROOMS_MAX};
+use sightline_demo_building::ROOMS_MAX;
 use sightline_world::write_whole;
 
 /// Writes the demo building, of any size, as a GLB.
@@ -26,10 +26,10 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let (glb, told) = if args.arched_floor {
-        let floor = demo_building::arched_floor();
+        let floor = sightline_demo_building::arched_floor();
         (floor.glb, format!("{} polygons, {} triangles", floor.polygons, floor.triangles))
     } else {
-        let building = demo_building::build(args.rooms as usize, args.seed);
+        let building = sightline_demo_building::build(args.rooms as usize, args.seed);
         let (rooms, storeys) = (building.plan.room_count(), building.plan.storeys);
         let told = format!("{rooms} rooms on {storeys} storeys, {} triangles", building.triangles);
         (building.glb, told)

@@ -200,7 +200,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     if let Some(pairs) = args.verify {
         let Args { entries, lines, seed, fuzzy, .. } = *args;
-        let options = verify::Options { pairs, entries, lines, seed, fuzzy };
+        let options = verify::VerifyOptions { pairs, entries, lines, seed, fuzzy };
         let found = verification::Figures::find(&world, &options).with_context(named)?;
         super::print(&found.table())?;
         figures.verified = Some(found);

@@ -10,8 +10,7 @@ use std::{
 
 use anyhow::Context;
 use sightline_cli::progress::Progress;
-use sightline_compiler::{self as compile, import::glb};
-use sightline_demo_building as demo_building;
+use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
 use sightline_world::{self as world, World};
 use tracing_subscriber::EnvFilter;
@@ -91,7 +90,7 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     const ROOMS: usize = 60;
     const SEED: u64 = 1;
     // The model is in the name, so that a newer program does not serve an older building.
-    let model = demo_building::glb(ROOMS, SEED);
+    let model = sightline_demo_building::glb(ROOMS, SEED);
     let hash = blake3::hash(&model).to_hex();
     let path = data.join(format!("demo-building-{}.slw", &hash[..16]));
     if path.exists()
@@ -102,7 +101,7 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     super::note(&format!("compiling the demo building, once, into {}", path.display()));
     let model = glb::read_slice(&model, None, "demo building")?;
     let progress = Progress::new();
-    let (world, _) = compile::compile(&model, &compile::Options::default(), &|stage, share| {
+    let (world, _) = compile(&model, &CompileOptions::default(), &|stage, share| {
         progress.show(stage.name(), share);
         ControlFlow::Continue(())
     })?;

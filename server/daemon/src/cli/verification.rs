@@ -4,42 +4,44 @@ use std::{fmt::Write, time::Instant};
 
 use serde::Serialize;
 use sightline_cli::progress::Progress;
-use sightline_compiler::verify::{self, Looseness, Miss, Options, Pairs, Principal, Report, Tally};
+use sightline_compiler::verify::{
+    self, LooseEntries, Miss, PairCounts, PvsTally, VerifyOptions, VerifyReport, VerifySummary,
+};
 use sightline_world::World;
 
 /// What was found, for machines: the principal figures, then all of them.
 #[derive(Serialize)]
 pub struct Figures {
     #[serde(flatten)]
-    principal: Principal,
+    principal: VerifySummary,
     verification: Details,
 }
 
 #[derive(Serialize)]
 struct Details {
     #[serde(flatten)]
-    report: Report,
+    report: VerifyReport,
     seed: u64,
     seconds: f64,
 }
 
 impl Figures {
     /// Verifies a world.
-    pub fn find(world: &World, options: &Options) -> anyhow::Result<Self> {
+    pub fn find(world: &World, options: &VerifyOptions) -> anyhow::Result<Self> {
         let (progress, start) = (Progress::new(), Instant::now());
         let report = verify::verify(world, options, &|stage, share| progress.show(stage, share));
         progress.finish();
         let report = report?;
         let seconds = start.elapsed().as_secs_f64();
         Ok(Self {
-            principal: report.principal(),
+            principal: report.summary(),
             verification: Details { report, seed: options.seed, seconds },
         })
     }
 
     /// An error when there is a miss.
     pub fn verdict(&self) -> anyhow::Result<()> {
-        let Report { by_volume, by_cell, .. } = &self.verification.report;
+        let VerifyReport { by_volume, by_cell, .. } = &self.verification.report;
         let (misses, sight) = (self.principal.misses, by_volume.sight + by_cell.sight);
         anyhow::ensure!(misses == 0, "the PVS denies {misses} of {sight} pairs in sight");
         Ok(())
@@ -56,7 +58,7 @@ impl Figures {
         let _ = writeln!(table, "{:<18} {:>14} {own:>14}", "", "ours");
         put_pairs(&mut table, "by volume", &report.by_volume);
         put_pairs(&mut table, "by cell", &report.by_cell);
-        let entries = |what: &dyn Fn(&Looseness) -> String| {
+        let entries = |what: &dyn Fn(&LooseEntries) -> String| {
             let own = report.own_entries.as_ref().map(what);
             [what(&report.entries), own.unwrap_or_default()]
         };
@@ -76,10 +78,10 @@ impl Figures {
     }
 }
 
-fn put_pairs(table: &mut String, how: &str, pairs: &Pairs) {
+fn put_pairs(table: &mut String, how: &str, pairs: &PairCounts) {
     let share =
         |count: u64| percent((pairs.pairs > 0).then(|| count as f64 / pairs.pairs as f64), 3);
-    let both = |what: &dyn Fn(&Tally) -> String| {
+    let both = |what: &dyn Fn(&PvsTally) -> String| {
         [what(&pairs.ours), pairs.own.as_ref().map(what).unwrap_or_default()]
     };
     let alone = |what: String| [what, String::new()];
@@ -89,7 +91,7 @@ fn put_pairs(table: &mut String, how: &str, pairs: &Pairs) {
     }
     put(table, "  P(sight)", alone(share(pairs.sight)));
     put(table, "  P(PVS)", both(&|tally| share(tally.pvs)));
-    let over_send = |tally: &Tally| match pairs.over_send(tally) {
+    let over_send = |tally: &PvsTally| match pairs.over_send(tally) {
         Some(ratio) => format!("{ratio:.3}"),
         None => "-".to_owned(),
     };
@@ -105,7 +107,7 @@ fn put(table: &mut String, name: &str, [ours, own]: [String; 2]) {
     let _ = writeln!(table, "{}", line.trim_end());
 }
 
-fn put_misses(table: &mut String, name: &str, tally: Option<&Tally>) {
+fn put_misses(table: &mut String, name: &str, tally: Option<&PvsTally>) {
     for Miss { from, to, places } in tally.iter().flat_map(|tally| &tally.first_misses) {
         let [a, b] = places.map(|place| place.map_or("none".to_owned(), |place| place.to_string()));
         let _ = writeln!(

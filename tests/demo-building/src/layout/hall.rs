@@ -4,8 +4,8 @@ use rand::Rng;
 
 use super::{
     super::{
-        plan::{OpeningKind, RUN, STEPS, Space, SpaceKind, Stair, WALL},
-        rect::Rect,
+        plan::{OpeningKind, PlanSpace, RUN, STEPS, SpaceKind, Stair, WALL},
+        rect::LatticeRect,
     },
     CORRIDOR, DOOR_WIDTH, JAMB, Layout, Region, share_out, wing_size,
 };
@@ -32,7 +32,7 @@ impl Layout {
 
         let void_width = 640 + 64 * (busiest as i32 / 24).min(10);
         let hall = hall_rect(void_width);
-        let wings: Vec<Rect> = sizes
+        let wings: Vec<LatticeRect> = sizes
             .iter()
             .enumerate()
             .map(|(east, &(length, depth))| self.place_wing(east == 1, length, depth, &hall))
@@ -40,7 +40,7 @@ impl Layout {
         self.plan.outlines.push(hall.grown(WALL));
         self.plan.outlines.extend(wings.iter().map(|wing| wing.grown(WALL)));
         let core_width = CORE_SIZE[0] + 2 * WALL;
-        self.plan.void = Some(Rect::new(
+        self.plan.void = Some(LatticeRect::new(
             [GALLERY + core_width, GALLERY],
             [GALLERY + core_width + void_width, hall.max[1] - GALLERY],
         ));
@@ -56,23 +56,30 @@ impl Layout {
     }
 
     /// Where a wing lies: beside the hall, shifted along it.
-    fn place_wing(&mut self, east: bool, length: i32, depth: i32, hall: &Rect) -> Rect {
+    fn place_wing(
+        &mut self,
+        east: bool,
+        length: i32,
+        depth: i32,
+        hall: &LatticeRect,
+    ) -> LatticeRect {
         let slack = (length / 3).min(256);
         let middle = hall.centre()[1] - length / 2;
         let z = middle + self.rng.random_range(-slack..=slack);
         let width = CORRIDOR + WALL + depth;
         let x = if east { hall.max[0] + WALL } else { -WALL - width };
-        Rect::new([x, z], [x + width, z + length])
+        LatticeRect::new([x, z], [x + width, z + length])
     }
 
     /// The hall on one storey; gives its space.
-    fn hall(&mut self, hall: Rect) -> usize {
+    fn hall(&mut self, hall: LatticeRect) -> usize {
         (self.wing, self.hue) = ('H', 0.12);
         let name = format!("{} {}", if self.storey == 0 { "hall" } else { "gallery" }, self.storey);
         let gallery = self.space(name, SpaceKind::Gallery, hall, (1, true));
         if self.storey == 0 {
             let middle = hall.centre()[0];
-            let entrance = Rect::new([middle - 64, hall.max[1]], [middle + 64, hall.max[1] + WALL]);
+            let entrance =
+                LatticeRect::new([middle - 64, hall.max[1]], [middle + 64, hall.max[1] + WALL]);
             self.door(entrance, 1, OpeningKind::Arch, (gallery, None));
         }
         for east in [false, true] {
@@ -83,10 +90,10 @@ impl Layout {
 
     /// A staircase on one storey: two lanes, of which flights take turns, landings at both ends.
     /// One arrives and goes on at the same end, so that the other end is walled up.
-    fn staircase(&mut self, east: bool, hall: &Rect, gallery: usize) {
+    fn staircase(&mut self, east: bool, hall: &LatticeRect, gallery: usize) {
         let x = if east { hall.max[0] - GALLERY - WALL - CORE_SIZE[0] } else { GALLERY + WALL };
         let z = GALLERY + WALL;
-        let core = Rect::new([x, z], [x + CORE_SIZE[0], z + CORE_SIZE[1]]);
+        let core = LatticeRect::new([x, z], [x + CORE_SIZE[0], z + CORE_SIZE[1]]);
         let even = self.storey.is_multiple_of(2);
         let landings = [[z, z + LANDING], [core.max[1] - LANDING, core.max[1]]];
         let (landing, walled_up) =
@@ -100,7 +107,7 @@ impl Layout {
             core.with_span(1, [outer.min[1], core.min[1]]),
             core.with_span(1, [core.max[1], outer.max[1]]),
             core.with_span(1, walled_up),
-            Rect::new([x + LANE, flights[0]], [x + LANE + WALL, flights[1]]),
+            LatticeRect::new([x + LANE, flights[0]], [x + LANE + WALL, flights[1]]),
         ]);
         let name = format!("stairs {}{}", self.storey, if east { 'E' } else { 'W' });
         let space = self.space(name, SpaceKind::Stairs, core, (1, even));
@@ -110,26 +117,33 @@ impl Layout {
         let (entry, view) =
             if east { (towards_void, towards_gallery) } else { (towards_gallery, towards_void) };
         let at = landing[0] + JAMB;
-        let door = Rect::new([entry[0], at], [entry[1], at + DOOR_WIDTH]);
+        let door = LatticeRect::new([entry[0], at], [entry[1], at + DOOR_WIDTH]);
         self.door(door, 0, OpeningKind::Door, (space, Some(gallery)));
-        let panel = Rect::new([view[0], flights[0] + 32], [view[1], flights[1] - 32]);
+        let panel = LatticeRect::new([view[0], flights[0] + 32], [view[1], flights[1] - 32]);
         self.glaze(panel, 0, 64, 176);
         self.flight_below(&core, flights, space);
     }
 
     /// The flight that arrives in a staircase from the storey below, if there is one.
-    fn flight_below(&mut self, core: &Rect, span: [i32; 2], upper: usize) {
+    fn flight_below(&mut self, core: &LatticeRect, span: [i32; 2], upper: usize) {
         let Some(storey) = self.storey.checked_sub(1) else { return };
-        let below = |space: &Space| space.storey == storey && space.rect == *core;
+        let below = |space: &PlanSpace| space.storey == storey && space.rect == *core;
         let Some(lower) = self.plan.spaces.iter().position(below) else { return };
         let towards_z = storey.is_multiple_of(2);
         let x = core.min[0] + if towards_z { 0 } else { LANE + WALL };
-        let flight = Rect::new([x, span[0]], [x + LANE, span[1]]);
+        let flight = LatticeRect::new([x, span[0]], [x + LANE, span[1]]);
         self.plan.stairs.push(Stair { spaces: [lower, upper], flight, towards_z, storey });
     }
 
     /// One storey of a wing: its spine, and all that lies beyond.
-    fn wing(&mut self, east: bool, wing: Rect, hall: &Rect, gallery: usize, rooms: usize) {
+    fn wing(
+        &mut self,
+        east: bool,
+        wing: LatticeRect,
+        hall: &LatticeRect,
+        gallery: usize,
+        rooms: usize,
+    ) {
         (self.wing, self.hue) = if east { ('E', 0.58) } else { ('W', 0.04) };
         self.hue += 0.13 * self.storey as f32;
         let (spine, rest, through) = if east {
@@ -144,14 +158,14 @@ impl Layout {
         let width = 112;
         let shared = [wing.min[1].max(hall.min[1]) + JAMB, wing.max[1].min(hall.max[1]) - JAMB];
         let at = self.rng.random_range(shared[0]..=(shared[1] - width).max(shared[0]));
-        let opening = Rect::new([through[0], at], [through[1], at + width]);
+        let opening = LatticeRect::new([through[0], at], [through[1], at + width]);
         self.door(opening, 0, OpeningKind::Arch, (corridor, Some(gallery)));
         let rect = wing.with_span(0, rest);
         self.divide(Region { rect, axis: 0, at_max: !east, corridor, rooms });
     }
 }
 
-fn hall_rect(void_width: i32) -> Rect {
+fn hall_rect(void_width: i32) -> LatticeRect {
     let core = [CORE_SIZE[0] + 2 * WALL, CORE_SIZE[1] + 2 * WALL];
-    Rect::new([0, 0], [2 * (GALLERY + core[0]) + void_width, 2 * GALLERY + core[1]])
+    LatticeRect::new([0, 0], [2 * (GALLERY + core[0]) + void_width, 2 * GALLERY + core[1]])
 }

@@ -44,8 +44,8 @@ proptest! {
         rays in prop::collection::vec((any::<[u16; 3]>(), any::<[u16; 3]>()), 200),
     ) {
         let model: Vec<Triangle> = arches.concat();
-        let units = if smallest { Units::Elements } else { Units::Clusters };
-        let carved = carve(&model, &[], &Options { units });
+        let units = if smallest { CarvingUnits::Elements } else { CarvingUnits::Clusters };
+        let carved = carve(&model, &[], &CarveOptions { units });
         check_sound(&model, &carved);
         let kept: Vec<Triangle> =
             carved.polygons.iter().flat_map(|p| p.triangles.clone()).collect();
@@ -73,8 +73,8 @@ proptest! {
     /// One arch alone is a closed solid, and stays one; what is added lies inside of it.
     #[test]
     fn what_is_sealed_lies_in_the_solid(model in moved_arch(), smallest in any::<bool>()) {
-        let units = if smallest { Units::Elements } else { Units::Clusters };
-        let carved = carve(&model, &[], &Options { units });
+        let units = if smallest { CarvingUnits::Elements } else { CarvingUnits::Clusters };
+        let carved = carve(&model, &[], &CarveOptions { units });
         prop_assert!(carved.report.added > 0 && carved.report.sealed == carved.report.added);
         prop_assert!(is_closed(&carved_model(&carved)));
         let solid = sight(&model);

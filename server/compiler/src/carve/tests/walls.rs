@@ -96,12 +96,12 @@ proptest! {
         let edges = |t: &Triangle| [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
         let level = triangles.iter().flat_map(edges).filter(|edge| edge.y.abs() < 1e-6);
         prop_assume!(!level.into_iter().any(is_along_axis));
-        let carved = carve(&triangles, &[], &Options::default());
+        let carved = carve(&triangles, &[], &CarveOptions::default());
         prop_assert_eq!(carved.report.before, Class::SemiAxial);
         prop_assert_eq!(carved.report.clusters, 0);
         let own: Vec<Triangle> =
             triangles.iter().map(|t| t.map(|p| Axes::turned(wall.turn).own_exact(p))).collect();
-        prop_assert_eq!(carve(&own, &[], &Options::default()).report.before, Class::Axial);
+        prop_assert_eq!(carve(&own, &[], &CarveOptions::default()).report.before, Class::Axial);
     }
 
     /// Surfaces stay apart.

@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 use sightline_world::{Origin, Solid, motion::Body};
 
-use super::{limits, movers::Fleet};
-use crate::model::{Convex, ConvexFace, Model};
+use super::{limits, movers::MoverList};
+use crate::model::{ConvexFace, ConvexSolid, Model};
 use archive::Archives;
 use file::{Map, Shader};
 use movers::Moving;
@@ -117,7 +117,7 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
     let mut archives = Archives::open(pk3s)?;
     let moving = movers::moving(&map, &entities, &mut model.warnings);
     draw::surfaces(&map, &moving, &mut archives, &mut model)?;
-    let mut fleet = Fleet::default();
+    let mut fleet = MoverList::default();
     for Moving { name, faces, trajectory } in moving {
         fleet.add(&name, &draw::apart(&map, faces, &mut archives)?, trajectory);
     }
@@ -152,7 +152,7 @@ fn brushes(map: &Map<'_>, model: &mut Model, origin: &mut Origin) -> Result<(), 
                 sides: brush.sides.iter().map(|&side| side as u32).collect(),
             });
         }
-        let mut solid = Convex { faces: Vec::with_capacity(faces.len()) };
+        let mut solid = ConvexSolid { faces: Vec::with_capacity(faces.len()) };
         for (plane, winding) in &faces {
             let corners: Vec<Vec3> = winding.iter().map(|&p| placed(p)).collect();
             let fan = (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]);

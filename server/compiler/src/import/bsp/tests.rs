@@ -210,7 +210,7 @@ fn where_teleporters_lead_is_inside_and_what_nothing_is_in_is_not() {
     draft.lumps[0] = br#"{ "classname" "info_player_start" "origin" "1000 0 -20" }
         { "classname" "misc_teleporter_dest" "origin" "1400 0 -20" }"#
         .to_vec();
-    let options = crate::Options { voxel: Some(1.0), ..Default::default() };
+    let options = crate::CompileOptions { voxel: Some(1.0), ..Default::default() };
     let go_on = |_, _| std::ops::ControlFlow::Continue(());
     let (world, _) = crate::compile(&draft.model(), &options, &go_on).unwrap();
     let has_cell = |x: f64| world.cells.at(metres([x, 0.0, 0.0])).is_some();

@@ -18,7 +18,7 @@ use gltf::{
 };
 
 use super::limits;
-use crate::{model::Model, rooms::Fault};
+use crate::{model::Model, rooms::RoomError};
 use resources::Resources;
 
 /// The most vertices and the most triangles of a model, instances counted one by one: 8 Mi of
@@ -95,7 +95,7 @@ pub enum GlbError {
     },
     /// A node that stands for a room or a window, and cannot.
     #[error(transparent)]
-    Room(#[from] Fault),
+    Room(#[from] RoomError),
     /// More than this reader takes.
     #[error("too many {0}")]
     TooMany(&'static str),

@@ -18,7 +18,7 @@ use super::{
 use crate::{
     import::{
         limits::{self, SPAWNS_MAX},
-        movers::Fleet,
+        movers::MoverList,
     },
     model::{Model, Surface, SurfaceMaterial},
     rooms,
@@ -154,7 +154,7 @@ impl<'a> Reader<'a> {
 
     /// Makes movers of all that hangs somewhere.
     fn launch(&mut self) {
-        let mut fleet = Fleet::default();
+        let mut fleet = MoverList::default();
         for Hanger { name, chain, surfaces } in self.hangers.drain(..) {
             let (trajectory, faulty) = chain.trajectory();
             if faulty && !surfaces.is_empty() {
@@ -204,7 +204,7 @@ impl<'a> Reader<'a> {
     fn room(
         &mut self,
         node: &Node<'a>,
-        role: &rooms::nodes::Role<'_>,
+        role: &rooms::nodes::NodeRole<'_>,
         place: &DMat4,
         hanger: Option<usize>,
     ) -> Result<(), GlbError> {
