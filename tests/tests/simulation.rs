@@ -38,12 +38,12 @@ fn promises_are_kept_and_what_is_broken_is_found() {
 fn any_number_of_threads_says_the_same() {
     let pool = Pool::new(4, &|| ());
     // With enough for all looks, and with so little that most go without.
-    for (seed, look_budget) in (0..4).zip([300_000, 5_000].into_iter().cycle()) {
-        let one = said(seed, &pool, 70, [1, look_budget]);
+    for (seed, sight_test_budget) in (0..4).zip([300_000, 5_000].into_iter().cycle()) {
+        let one = said(seed, &pool, 70, [1, sight_test_budget]);
         let told: usize = one.iter().map(Vec::len).sum();
         assert!(told > 5_000, "seed {seed}: there is something to tell: {told}");
         for threads in [2, 3] {
-            let several = said(seed, &pool, 70, [threads, look_budget]);
+            let several = said(seed, &pool, 70, [threads, sight_test_budget]);
             let differs = one.iter().zip(&several).position(|(one, several)| one != several);
             assert_eq!(differs, None, "seed {seed}: {threads} threads differ at that tick");
             assert_eq!(one.len(), several.len());

@@ -31,7 +31,7 @@ pub struct Config {
     /// No TBV lasts longer.
     pub validity_max: Duration,
     /// What bounds a TBV in space.
-    pub shape: Shape,
+    pub shape: TbvShape,
     /// What a message may take longer than half of its client's measured round trip.
     pub margin: Margin,
     /// A client that takes longer than this for a round trip, or falls silent for longer while
@@ -47,11 +47,11 @@ pub struct Config {
     /// What all looks from regions to regions may cost in a tick, in units of
     /// [`Occluders::between`](sightline_visibility::box_visibility::Occluders::between): 100,000 take one to
     /// five milliseconds.
-    pub look_budget: u32,
+    pub sight_test_budget: u32,
     /// The same, to find out who can be silent.
     pub silence_budget: u32,
     /// What one look may cost.
-    pub look_max: u32,
+    pub sight_test_max: u32,
     /// For so many ticks after an avatar was last found in sight its viewer keeps it, though nothing is said
     /// of it, so that nobody flickers at a door post.
     pub hold_ticks: u32,
@@ -79,13 +79,13 @@ pub struct Config {
     /// Threads that share a tick: 1 is the caller's own. The outputs are the same with any number.
     pub threads: usize,
     #[doc(hidden)]
-    pub sabotage: Sabotage,
+    pub faults: FaultInjection,
 }
 
 /// What a test breaks, to see that it is found.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sabotage {
+pub struct FaultInjection {
     /// The region of each TBV is so many times as large, about its avatar's place.
     pub tbv_scale: f32,
     /// The notice of those that last until they are left is so many times as long.
@@ -96,7 +96,7 @@ pub struct Sabotage {
     pub expiry_late: Duration,
 }
 
-impl Default for Sabotage {
+impl Default for FaultInjection {
     fn default() -> Self {
         let expiry_late = Duration::ZERO;
         Self { tbv_scale: 1.0, notice_scale: 1.0, region_scale: 1.0, expiry_late }
@@ -106,10 +106,14 @@ impl Default for Sabotage {
 impl Config {
     /// With another budget for looks, and with as great a share of it for one look as before.
     #[must_use]
-    pub fn with_look_budget(self, look_budget: u32) -> Self {
-        let share = u64::from(self.look_max) * u64::from(look_budget);
-        let look_max = share / u64::from(self.look_budget.max(1));
-        Self { look_budget, look_max: u32::try_from(look_max).unwrap_or(u32::MAX), ..self }
+    pub fn with_sight_test_budget(self, sight_test_budget: u32) -> Self {
+        let share = u64::from(self.sight_test_max) * u64::from(sight_test_budget);
+        let sight_test_max = share / u64::from(self.sight_test_budget.max(1));
+        Self {
+            sight_test_budget,
+            sight_test_max: u32::try_from(sight_test_max).unwrap_or(u32::MAX),
+            ..self
+        }
     }
 
     /// With all within bounds, so that no sum of times overflows, and nothing is worked out for ever.
@@ -135,9 +139,9 @@ impl Config {
             round_trip_initial: time(self.round_trip_initial),
             speed_max: self.speed_max.filter(|s| !s.is_nan()).map(|s| s.clamp(0.0, SPEED_MAX)),
             spare_m: if spare_m.is_nan() { Self::default().spare_m } else { spare_m },
-            look_budget: self.look_budget.min(BUDGET_MAX),
+            sight_test_budget: self.sight_test_budget.min(BUDGET_MAX),
             silence_budget: self.silence_budget.min(BUDGET_MAX),
-            look_max: self.look_max.min(BUDGET_MAX),
+            sight_test_max: self.sight_test_max.min(BUDGET_MAX),
             hold_ticks: self.hold_ticks.min(HOLD_TICKS_MAX),
             silence_retry: time(self.silence_retry),
             stall: time(self.stall),
@@ -157,7 +161,7 @@ impl Default for Config {
             tick: Duration::from_millis(50),
             validity: Validity::UntilLeft,
             validity_max: Duration::from_secs(8),
-            shape: Shape::Reach,
+            shape: TbvShape::Reach,
             margin: Margin::Measured {
                 first: Duration::from_millis(25),
                 most: Duration::from_millis(100),
@@ -166,9 +170,9 @@ impl Default for Config {
             round_trip_initial: Duration::from_millis(100),
             speed_max: None,
             spare_m: 0.125,
-            look_budget: 300_000,
+            sight_test_budget: 300_000,
             silence_budget: 60_000,
-            look_max: 10_000,
+            sight_test_max: 10_000,
             hold_ticks: 2,
             silence_retry: Duration::from_millis(100),
             stall: Duration::from_secs(1),
@@ -181,7 +185,7 @@ impl Default for Config {
             name_chars_max: 32,
             chat_chars_max: 256,
             threads: 1,
-            sabotage: Sabotage::default(),
+            faults: FaultInjection::default(),
         }
     }
 }
@@ -313,20 +317,20 @@ impl Margin {
 
 /// What bounds a TBV in space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
+pub enum TbvShape {
     /// How fast a body can be, whatever is in between: a sphere of maximum speed times validity.
     Sphere,
     /// What a body can do from its present velocity, and what portals lead to on ways so long.
     Reach,
 }
 
-impl fmt::Display for Shape {
+impl fmt::Display for TbvShape {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if *self == Self::Sphere { "sphere" } else { "reach" })
     }
 }
 
-impl FromStr for Shape {
+impl FromStr for TbvShape {
     type Err = &'static str;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {

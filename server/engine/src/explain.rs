@@ -3,18 +3,25 @@
 use std::{fmt, time::Duration};
 
 use sightline_visibility::box_visibility::Line;
-use sightline_world::{geometry::Aabb, motion::AvatarId};
+use sightline_world::{
+    geometry::Aabb,
+    motion::{AvatarId, ReportingState, Tbv},
+};
 
-use super::{Engine, ReportingState, looks::Look, near::Part, pairs::Pair, population::Avatar};
+use super::{Engine, looks::Look, near::Part, pairs::Pair, population::Avatar};
 
 /// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
 /// axes, in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
-    /// What the viewer's client does.
+    /// What is expected of the viewer's client.
     pub viewer: ReportingState,
-    /// What the avatar's client does.
+    /// The viewer's TBV, unless it is live.
+    pub viewer_tbv: Option<Tbv>,
+    /// What is expected of the avatar's client.
     pub avatar: ReportingState,
+    /// The avatar's TBV, unless it is live.
+    pub avatar_tbv: Option<Tbv>,
     /// Whether the viewer's client has been told of the avatar.
     pub is_held: bool,
     /// Where the viewer's eye can be until the next tick's word stands; nowhere while it is hidden.
@@ -78,7 +85,9 @@ impl Engine {
         };
         Some(Explanation {
             viewer: from.state,
+            viewer_tbv: from.tbv,
             avatar: to.state,
+            avatar_tbv: to.tbv,
             is_held: pair.is_some_and(|pair| pair.is_held),
             eyes: boxes(from, Part::EYES),
             bodies: boxes(to, to.near.bodies(delay)),
@@ -103,15 +112,15 @@ impl Engine {
 impl fmt::Display for Explanation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut row = |name: &str, value: String| writeln!(f, "{name:<34} {value}");
-        row("the viewer's client is", state(&self.viewer))?;
-        row("the avatar's client is", state(&self.avatar))?;
+        row("the viewer's client is", state(self.viewer, self.viewer_tbv))?;
+        row("the avatar's client is", state(self.avatar, self.avatar_tbv))?;
         row(
             "the viewer's client",
             if self.is_held { "is told" } else { "is not told" }.to_owned(),
         )?;
         row("because", self.reason.to_string())?;
-        for (whose, state) in [("the viewer's", &self.viewer), ("the avatar's", &self.avatar)] {
-            if let Some(tbv) = state.tbv() {
+        for (whose, tbv) in [("the viewer's", self.viewer_tbv), ("the avatar's", self.avatar_tbv)] {
+            if let Some(tbv) = tbv {
                 row(&format!("{whose} TBV is"), region(&tbv.within))?;
             }
         }
@@ -150,11 +159,12 @@ impl fmt::Display for Reason {
     }
 }
 
-fn state(state: &ReportingState) -> String {
-    match state {
-        ReportingState::Live => "live".to_owned(),
-        ReportingState::Quiet(tbv) => format!("quiet until {:.3} s", tbv.expiry.as_secs_f64()),
-        ReportingState::Asked(_) => "asked".to_owned(),
+fn state(state: ReportingState, tbv: Option<Tbv>) -> String {
+    match (state, tbv) {
+        (ReportingState::Quiet, Some(tbv)) => {
+            format!("quiet until {:.3} s", tbv.expiry.as_secs_f64())
+        }
+        _ => state.to_string(),
     }
 }
 

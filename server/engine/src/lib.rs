@@ -123,14 +123,13 @@ use std::{sync::Arc, time::Duration};
 use sightline_visibility::{box_visibility::Occluders, rooms::RoomIndex};
 use sightline_world::{
     World,
-    motion::{Agility, AvatarId, Body, Pose, Tbv},
+    motion::{Agility, AvatarId, Body, Pose, ReportingState, Tbv},
 };
 
 pub use authority::{ClaimLimits, ClaimVerdict, MovementBudget};
-pub use config::{Config, Margin, Policy, PolicyError, Sabotage, Shape, Validity};
+pub use config::{Config, FaultInjection, Margin, Policy, PolicyError, TbvShape, Validity};
 pub use explain::{Explanation, Reason};
 pub use messages::{Input, Output};
-pub use population::ReportingState;
 
 use crew::Crew;
 use expiry::ExpiryQueue;
@@ -326,14 +325,14 @@ impl Engine {
         self.population.held_by(viewer)
     }
 
-    /// What an avatar's client does; `None` when there is no such avatar.
+    /// What is expected of an avatar's client; `None` when there is no such avatar.
     pub fn state(&self, avatar: AvatarId) -> Option<ReportingState> {
         self.population.find(avatar).map(|a| a.state)
     }
 
     /// Where a quiet or asked avatar is sure to be.
     pub fn tbv(&self, avatar: AvatarId) -> Option<Tbv> {
-        self.population.find(avatar).and_then(|a| a.state.tbv().copied())
+        self.population.find(avatar).and_then(|a| a.tbv)
     }
 
     /// The last accepted pose of an avatar.

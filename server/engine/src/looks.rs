@@ -173,14 +173,16 @@ impl Engine {
         });
         let count = u32::try_from(all.len()).unwrap_or(u32::MAX);
         let wanted = u64::from(count) * u64::from(LOOK_UNITS);
-        let load = wanted / u64::from(self.config.look_budget.max(1));
+        let load = wanted / u64::from(self.config.sight_test_budget.max(1));
         self.load = load.clamp(1, u64::from(UNDECIDED_TICKS)) as u32;
-        let each = self.config.look_budget / count.max(1);
-        let most = (SHARES * each).clamp(self.config.look_max / SHARES, self.config.look_max);
+        let each = self.config.sight_test_budget / count.max(1);
+        let most =
+            (SHARES * each).clamp(self.config.sight_test_max / SHARES, self.config.sight_test_max);
         let (held, new) = all.into_iter().partition(|open| open.pair(pairs).is_held);
         let mut budget = 0;
         for (place, open) in [new, held].into_iter().enumerate() {
-            budget += self.config.look_budget / 100 * [NEW_PER_CENT, 100 - NEW_PER_CENT][place];
+            budget +=
+                self.config.sight_test_budget / 100 * [NEW_PER_CENT, 100 - NEW_PER_CENT][place];
             self.look_from(place, open, (lives, &mut *pairs), most, &mut budget);
         }
     }
@@ -298,7 +300,7 @@ impl Engine {
         };
         let (cells, line) = (&self.world.cells, Line { from, to });
         let spaces = [start, goal].map(|cell| cells.cells[cell.0 as usize].space);
-        let is_free = self.config.look_budget > 0
+        let is_free = self.config.sight_test_budget > 0
             && cells.sees(start, goal)
             && work.shafts.occluders.lead(&line, spaces);
         if is_free {
@@ -355,7 +357,7 @@ impl Engine {
         other: &Live,
         left: &mut u32,
     ) -> Option<Look> {
-        let hurry = self.config.look_max / (*left).max(1);
+        let hurry = self.config.sight_test_max / (*left).max(1);
         let eyes = self.exact(work, viewer, Part::EYES)?;
         let bodies = self.exact(work, other, viewer.near.shown)?;
         Some(match work.shafts.between(eyes, bodies, u32::MAX, left) {
@@ -371,7 +373,7 @@ impl Engine {
     /// another, or be seen.
     pub(super) fn may_meet(&self, work: &mut Work, one: &Wide, other: &Wide) -> bool {
         let Work { shafts, seen, .. } = work;
-        let by_gates = self.config.look_budget > 0;
+        let by_gates = self.config.sight_test_budget > 0;
         let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.grounds, &other.grounds);
         let mut may =
             |eyes: &Ground, bodies: &Ground| !(by_gates && shafts.are_apart(eyes, bodies));
@@ -383,7 +385,7 @@ impl Engine {
     /// Whether a viewer may see an avatar as far as rooms, cells and gates tell.
     fn may_see(&self, work: &mut Work, viewer: &Live, other: &Live, level: usize) -> bool {
         let Some([eyes, bodies]) = self.grounds(work, viewer, other, level) else { return false };
-        !(self.config.look_budget > 0 && work.shafts.are_apart(eyes, bodies))
+        !(self.config.sight_test_budget > 0 && work.shafts.are_apart(eyes, bodies))
             && eyes.sees(bodies, &self.world.cells, &self.sectors)
             && eyes.shows(bodies, &self.rooms)
     }

@@ -310,7 +310,7 @@ impl Engine {
         let within = |delay: Duration, is_believed: bool| {
             let time = self.horizons.near(age, live.link, delay);
             let leeway = self.leeway(&live.pose, is_believed, time);
-            leeway.scaled(self.config.sabotage.region_scale).within
+            leeway.scaled(self.config.faults.region_scale).within
         };
         let (near, spare_m) = (&mut live.near, self.config.spare_m);
         near.prepare(own, delays);

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use sightline_visibility::rooms::Seal;
 use sightline_world::{
     geometry::Aabb,
-    motion::{AvatarId, Pose, Tbv},
+    motion::{AvatarId, Pose, ReportingState, Tbv},
 };
 
 use super::{
@@ -23,27 +23,6 @@ use super::{
 /// Where an avatar is kept; free again when it has left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Slot(pub(super) u32);
-
-/// What a client has been made to do: to speak at every tick, to be silent, or to answer.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ReportingState {
-    /// Some viewer may see it, or it may see somebody: it reports at every tick.
-    Live,
-    /// Nobody can see it and it can see nobody while it is in its TBV: it is silent.
-    Quiet(Tbv),
-    /// Its TBV expired or was revealed; its answer is on the way.
-    Asked(Tbv),
-}
-
-impl ReportingState {
-    /// The TBV, unless live.
-    pub fn tbv(&self) -> Option<&Tbv> {
-        match self {
-            Self::Live => None,
-            Self::Quiet(tbv) | Self::Asked(tbv) => Some(tbv),
-        }
-    }
-}
 
 /// A participant, as seen and as seeing.
 #[derive(Clone, Debug)]
@@ -65,7 +44,10 @@ pub(super) struct Avatar {
     /// Where ways to its next place begin.
     pub(super) footing: Footing,
     pub(super) pledges: Pledges,
+    /// What is expected of its client.
     pub(super) state: ReportingState,
+    /// Where it is sure to be while it is quiet or asked; `None` while live.
+    pub(super) tbv: Option<Tbv>,
     /// Asks since the last accepted report.
     pub(super) unanswered: u32,
     /// Whether the client's last order was to be quiet.
@@ -181,14 +163,27 @@ impl Population {
         self.slots[slot.0 as usize].take().map(|avatar| (slot, avatar))
     }
 
-    /// Sets what an avatar's client does.
-    pub(super) fn set_state(&mut self, slot: Slot, state: ReportingState) {
+    /// Has a hidden avatar report at every tick from now on.
+    pub(super) fn set_live(&mut self, slot: Slot) {
         let avatar = self.at_mut(slot);
-        avatar.state = state;
+        (avatar.state, avatar.tbv) = (ReportingState::Live, None);
         let id = avatar.id;
-        match state {
-            ReportingState::Live => self.live.insert(id, slot),
-            _ => self.live.remove(&id),
-        };
+        self.live.insert(id, slot);
+    }
+
+    /// Silences a live avatar in a TBV.
+    pub(super) fn set_quiet(&mut self, slot: Slot, tbv: Tbv) {
+        let avatar = self.at_mut(slot);
+        debug_assert!(avatar.state == ReportingState::Live, "only live avatars are silenced");
+        (avatar.state, avatar.tbv) = (ReportingState::Quiet, Some(tbv));
+        let id = avatar.id;
+        self.live.remove(&id);
+    }
+
+    /// Has a quiet avatar owe a report. Its TBV stands until the answer is there.
+    pub(super) fn set_asked(&mut self, slot: Slot) {
+        let avatar = self.at_mut(slot);
+        debug_assert!(avatar.tbv.is_some(), "only quiet avatars are asked");
+        avatar.state = ReportingState::Asked;
     }
 }

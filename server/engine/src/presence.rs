@@ -5,11 +5,11 @@ use std::time::Duration;
 use glam::Vec3;
 use sightline_world::{
     geometry::Aabb,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, ReportingState},
 };
 
 use super::{
-    Engine, Output, ReportingState,
+    Engine, Output,
     authority::{ClaimVerdict, MovementBudget},
     jitter::Jitter,
     near::Whereabouts,
@@ -58,6 +58,7 @@ impl Engine {
             footing: self.ways.footing(&self.world, self.world.cells.axes.own(pose.eye)),
             pledges: Pledges::default(),
             state: ReportingState::Live,
+            tbv: None,
             unanswered: 0,
             told_quiet: false,
             silence_from: now,
@@ -115,7 +116,7 @@ impl Engine {
     pub(super) fn report(&mut self, now: Duration, id: AvatarId, sequence: u32, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
         let avatar = self.population.at_mut(slot);
-        let believed = (avatar.pose.eye, avatar.state.tbv());
+        let believed = (avatar.pose.eye, avatar.tbv.as_ref());
         let trip = avatar.round_trip;
         let (world, footing) = (&self.world, &mut avatar.footing);
         let lead = |way_m: f64| {
@@ -161,10 +162,10 @@ impl Engine {
         avatar.seal = self.rooms.seal(pose.eye);
         avatar.heard = now;
         avatar.unanswered = 0;
-        match avatar.state {
-            ReportingState::Live => {}
-            ReportingState::Asked(_) => self.wake(now, slot),
-            ReportingState::Quiet(tbv) => self.refresh(now, slot, &tbv),
+        match (avatar.state, avatar.tbv) {
+            (ReportingState::Quiet, Some(tbv)) => self.refresh(now, slot, &tbv),
+            (ReportingState::Quiet | ReportingState::Asked, _) => self.wake(now, slot),
+            (ReportingState::Live, _) => {}
         }
     }
 

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use sightline_world::motion::{AvatarId, Tbv};
+use sightline_world::motion::{AvatarId, ReportingState, Tbv};
 
 use super::{
-    Engine, Output, Policy, ReportingState,
+    Engine, Output, Policy,
     horizon::SILENT_MAX,
     near::{Leeway, ROUNDING_M, ahead},
     population::{Avatar, Slot},
@@ -64,12 +64,14 @@ impl Engine {
     /// From quiet to asked. The order itself is the caller's to send.
     fn ask(&mut self, now: Duration, slot: Slot) {
         let avatar = self.population.at_mut(slot);
-        let ReportingState::Quiet(tbv) = avatar.state else { return };
+        if avatar.state != ReportingState::Quiet {
+            return;
+        }
         avatar.unanswered = 1;
         let (id, trip) = (avatar.id, avatar.round_trip);
         self.expiries.cancel(id);
         self.wait(now, id, trip + self.config.ask_timeout);
-        self.population.set_state(slot, ReportingState::Asked(tbv));
+        self.population.set_asked(slot);
     }
 
     /// From hidden to live: there is fresh word of the avatar. The next tick decides whether it
@@ -82,7 +84,7 @@ impl Engine {
         self.hidden_zones.remove((id, slot), &zone);
         self.expiries.cancel(id);
         self.wait(now, id, self.config.stall);
-        self.population.set_state(slot, ReportingState::Live);
+        self.population.set_live(slot);
     }
 
     /// A quiet client reported unasked: when it is about to leave, or would be asked at the next tick, it
@@ -153,7 +155,7 @@ impl Engine {
     /// Orders hidden clients to report from now on.
     fn ask_to_stay(&mut self, now: Duration, found: Vec<Member>, outputs: &mut Vec<Output>) {
         for (to, slot) in found {
-            if matches!(self.population.at(slot).state, ReportingState::Quiet(_)) {
+            if self.population.at(slot).state == ReportingState::Quiet {
                 self.stats.reveals += 1;
                 self.ended(now, slot, End::Revealed);
                 self.ask(now, slot);
@@ -255,10 +257,10 @@ impl Engine {
         let old = std::mem::replace(&mut avatar.zone, zone);
         self.live_zones.remove(member, &old);
         self.hidden_zones.insert(member, &self.population.at(slot).zone);
-        self.population.set_state(slot, ReportingState::Quiet(tbv));
+        self.population.set_quiet(slot, tbv);
         self.watch(member);
         self.patience.cancel(member.0);
-        let late = self.config.sabotage.expiry_late;
+        let late = self.config.faults.expiry_late;
         let deadline = (tbv.expiry + late).saturating_sub(self.horizons.lead(link));
         self.expiries.set(member.0, now, deadline, self.expiries_max());
     }

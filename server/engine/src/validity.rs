@@ -2,10 +2,13 @@
 
 use std::time::Duration;
 
-use sightline_world::{geometry::Aabb, motion::Tbv};
+use sightline_world::{
+    geometry::Aabb,
+    motion::{ReportingState, Tbv},
+};
 
 use super::{
-    Engine, ReportingState, Shape, Validity,
+    Engine, TbvShape, Validity,
     looks::Found,
     near::{Leeway, ROUNDING_M, scaled},
     parts::Parts,
@@ -84,7 +87,7 @@ impl Engine {
         let notice = self.horizons.notice(avatar.link());
         let told = age + self.horizons.one_way(avatar.round_trip) + self.config.tick;
         let least = self.leeway(&avatar.pose, true, told + notice).within.grown(ROUNDING_M);
-        let notice = notice.mul_f64(self.config.sabotage.notice_scale.into());
+        let notice = notice.mul_f64(self.config.faults.notice_scale.into());
         let expiry = self.made_at(slot) + validity;
         let tbv = Tbv { within: least, axes: self.world.cells.axes, expiry, notice };
         let mut found = self.stay(slot, tbv, validity)?;
@@ -123,7 +126,7 @@ impl Engine {
 
     /// The same, smaller than it must be where a test has broken that.
     fn narrowed(&mut self, slot: Slot, found: Silence) -> Option<Silence> {
-        let by = self.config.sabotage.tbv_scale;
+        let by = self.config.faults.tbv_scale;
         if by == 1.0 {
             return Some(found);
         }
@@ -183,7 +186,7 @@ impl Engine {
         let (tbv, leeway) = self.tbv_for(slot, made, validity);
         let fit = self.ways.fit_of(self.population.at(slot).footing);
         let start = Start { cells: &self.world.cells, fit, from: leeway.from };
-        let zone = if self.config.shape == Shape::Sphere {
+        let zone = if self.config.shape == TbvShape::Sphere {
             Zone::of_box(&leeway.within, &self.world, &self.rooms, &self.sectors)
         } else {
             let reach = Reach::new(&mut self.scratch, &start, &leeway.within, leeway.way_m);
@@ -241,8 +244,8 @@ impl Engine {
     /// A TBV, and how far its avatar gets in it.
     fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Leeway) {
         let pose = &self.population.at(slot).pose;
-        let mut leeway = self.leeway(pose, true, validity).scaled(self.config.sabotage.tbv_scale);
-        if self.config.shape == Shape::Sphere {
+        let mut leeway = self.leeway(pose, true, validity).scaled(self.config.faults.tbv_scale);
+        if self.config.shape == TbvShape::Sphere {
             leeway.within = Aabb::around(leeway.from, leeway.way_m);
         }
         let (within, axes) = (leeway.within, self.world.cells.axes);

@@ -5,7 +5,7 @@ use std::{fmt, time::Duration};
 use serde::Serialize;
 
 use super::Report;
-use sightline_engine::{Policy, Shape, Validity};
+use sightline_engine::{Policy, TbvShape, Validity};
 
 /// The reports of one trace, a policy or a kind of TBV each.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -29,14 +29,14 @@ impl Comparison {
     ];
 
     /// What TBVs can be: by what bounds them, and by how long they last.
-    pub const TBVS: [(Shape, Validity); 7] = [
-        (Shape::Reach, Validity::UntilLeft),
-        (Shape::Reach, Validity::Maximal),
-        (Shape::Reach, Validity::Adaptive),
-        (Shape::Reach, HALF_A_SECOND),
-        (Shape::Sphere, Validity::Maximal),
-        (Shape::Sphere, Validity::Adaptive),
-        (Shape::Sphere, HALF_A_SECOND),
+    pub const TBVS: [(TbvShape, Validity); 7] = [
+        (TbvShape::Reach, Validity::UntilLeft),
+        (TbvShape::Reach, Validity::Maximal),
+        (TbvShape::Reach, Validity::Adaptive),
+        (TbvShape::Reach, HALF_A_SECOND),
+        (TbvShape::Sphere, Validity::Maximal),
+        (TbvShape::Sphere, Validity::Adaptive),
+        (TbvShape::Sphere, HALF_A_SECOND),
     ];
 }
 

@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use sightline_protocol::{frame, pose_stream::PoseEncoder};
 use sightline_world::{
     World,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, ReportingState},
 };
 
 pub use audit::{Miss, Stale};
@@ -39,7 +39,7 @@ use audit::Audit;
 use clients::{Clients, Order, Request, Uplink};
 use dump::{Dump, What};
 use sightline_cli::trace::Trace;
-use sightline_engine::{Config, Engine, Input, Margin, Output, Policy, ReportingState};
+use sightline_engine::{Config, Engine, Input, Margin, Output, Policy};
 use tally::Tally;
 use wire::{Packet, Wire};
 
@@ -376,9 +376,7 @@ impl<'a> Replay<'a> {
             }
             Output::Ask { to } => self.note_ask(now, *to)?,
             // To a client whose TBV was revealed this is an ask as well.
-            Output::Live { to }
-                if matches!(self.engine.state(*to), Some(ReportingState::Asked(_))) =>
-            {
+            Output::Live { to } if self.engine.state(*to) == Some(ReportingState::Asked) => {
                 self.note_ask(now, *to)?;
             }
             Output::Correct { .. } => self.tally.corrections += 1,

@@ -2,10 +2,10 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, ReportingState};
 
 use super::{ClientReport, Options, Report};
-use sightline_engine::{Engine, ReportingState, Stats};
+use sightline_engine::{Engine, Stats};
 
 /// Clients that were there for less time tell no rates, in seconds.
 const PRESENCE_MIN_S: f64 = 1.0;
@@ -77,7 +77,7 @@ impl Tally {
             let client = self.client(id);
             client.ticks += 1;
             client.held += engine.held_by(id).count() as u64;
-            client.quiet += u64::from(matches!(engine.state(id), Some(ReportingState::Quiet(_))));
+            client.quiet += u64::from(engine.state(id) == Some(ReportingState::Quiet));
         }
         self.cpu.push(cpu);
     }

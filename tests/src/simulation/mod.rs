@@ -28,7 +28,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
 use sightline_cli::trace::Trace;
 use sightline_compiler::pvs;
-use sightline_engine::{Config, Margin, Output, Policy, Sabotage, Validity};
+use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity};
 use sightline_replay::{self as replay, Network, Options, OracleStride, Report};
 use sightline_world::{CellId, Portal, World};
 
@@ -90,9 +90,9 @@ impl Fault {
         }
     }
 
-    fn sabotage(self, tick: Duration) -> Sabotage {
+    fn injection(self, tick: Duration) -> FaultInjection {
         let part = |fault: Self, part: f32| if self == fault { part } else { 1.0 };
-        Sabotage {
+        FaultInjection {
             tbv_scale: part(Self::SmallTbv, SMALL),
             notice_scale: part(Self::ShortNotice, 0.9),
             region_scale: part(Self::WideRegions, 1.5),
@@ -239,14 +239,14 @@ pub fn said(
     seed: u64,
     pool: &Pool,
     walkers: usize,
-    [threads, look_budget]: [u32; 2],
+    [threads, sight_test_budget]: [u32; 2],
 ) -> Vec<Vec<Output>> {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
     let trace = walkers::trace(building, &mut rng, (walkers, 120), 4.0, THROWS);
     let mut options = options(seed, &mut rng, 4.0, Fault::None);
     options.oracle = OracleStride::Off;
-    options.config = Config { threads: threads as usize, look_budget, ..options.config };
+    options.config = Config { threads: threads as usize, sight_test_budget, ..options.config };
     let mut said = Vec::new();
     let watch = &mut |now: &replay::Moment<'_>| said.push(now.outputs.to_vec());
     replay::run_watched(&building.world, &trace, &options, None, watch)
@@ -271,7 +271,7 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Optio
     };
     options.oracle = OracleStride::Every(options.config.tick);
     options.foresight = false;
-    let sabotage = fault.sabotage(options.config.tick);
+    let faults = fault.injection(options.config.tick);
     let validities =
         [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal, Validity::Adaptive];
     let validity = validities[rng.random_range(0..validities.len())];
@@ -285,7 +285,7 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Optio
     // Those that end early are asked before they do, even where clients say when they leave.
     let validity_max = Duration::from_secs([2, 4, 8][rng.random_range(0..3)]);
     let config = Config { margin, validity_max, speed_max: Some(speed_max), ..options.config };
-    options.config = Config { validity, sabotage, ..config };
+    options.config = Config { validity, faults, ..config };
     options
 }
 

@@ -3,13 +3,13 @@
 use std::{collections::BTreeMap, fmt, sync::Arc, time::Duration};
 
 use glam::Vec3;
-use sightline_engine::{Output, ReportingState};
+use sightline_engine::Output;
 use sightline_oracle::Oracle;
 use sightline_replay::{Moment, Options};
 use sightline_world::{
     CellId, World,
     geometry::Aabb,
-    motion::{Agility, AvatarId, Tbv},
+    motion::{Agility, AvatarId, ReportingState, Tbv},
 };
 
 /// Breaches that are told one by one.
@@ -140,8 +140,9 @@ impl Watch {
     /// Whoever is quiet in the same TBV as a tick ago is neither spoken to nor spoken of. What was refused is an
     /// answer to its own word, and looked at for itself.
     fn look_for_noise(&mut self, moment: &Moment<'_>) {
-        let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.state(*id)) {
-            (Some((before, true, _)), Some(ReportingState::Quiet(tbv))) => *before == tbv,
+        let is_quiet = |id| moment.engine.state(id) == Some(ReportingState::Quiet);
+        let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.tbv(*id)) {
+            (Some((before, true, _)), Some(tbv)) => *before == tbv && is_quiet(*id),
             _ => false,
         };
         let mut noisy = Vec::new();
@@ -267,10 +268,9 @@ impl Watch {
     fn look_at_tbvs(&mut self, moment: &Moment<'_>) {
         let before = std::mem::take(&mut self.hidden);
         for (id, eye) in moment.eyes() {
-            let Some(state) = moment.engine.state(id) else { continue };
-            let Some(tbv) = state.tbv().copied() else { continue };
+            let Some(tbv) = moment.engine.tbv(id) else { continue };
             self.seen.hidden_ticks += 1;
-            let is_quiet = matches!(state, ReportingState::Quiet(_));
+            let is_quiet = moment.engine.state(id) == Some(ReportingState::Quiet);
             let known = before.get(&id).filter(|(known, ..)| *known == tbv);
             let ask_by =
                 known.map_or_else(|| self.ask_by(moment, id, &tbv), |(.., ask_by)| *ask_by);

@@ -9,7 +9,7 @@ use std::{net::SocketAddr, time::Duration};
 use building::{EAST, SPEED_MAX, WAY, WEST};
 use glam::Vec3;
 use sightline_client::net::{ConnectError, Dialer, Options, Session, Trust, TrustError};
-use sightline_client_core::replica::{Event, Standing, VisibleAvatar};
+use sightline_client_core::replica::{Event, VisibleAvatar};
 use sightline_protocol::{
     VERSION,
     fingerprint::Fingerprint,
@@ -17,7 +17,7 @@ use sightline_protocol::{
     text::Name,
 };
 use sightline_server::net::{Identity, ServeConfig, Server};
-use sightline_world::motion::{AvatarId, Pose};
+use sightline_world::motion::{AvatarId, Pose, ReportingState};
 use stranger::{Stranger, hello, hello_and_enter};
 
 fn config() -> ServeConfig {
@@ -86,7 +86,7 @@ async fn walk(session: &Session, to: Vec3) {
 }
 
 fn is_quiet(session: &Session) -> bool {
-    session.stats().standing == Standing::Quiet
+    session.stats().reporting_state == Some(ReportingState::Quiet)
 }
 
 /// Waits until one hears the other say something.
@@ -138,7 +138,7 @@ async fn two_fall_silent_are_asked_meet_part_meet_again_and_leave() {
     assert!(said <= heard, "{said} messages while quiet, though only {heard} came");
 
     meet(&ada, &bo).await;
-    let is_live = |session: &Session| session.stats().standing == Standing::Live;
+    let is_live = |session: &Session| session.stats().reporting_state == Some(ReportingState::Live);
     until("both are live", || is_live(&ada) && is_live(&bo)).await;
     let is_ada = |shown: &VisibleAvatar| shown.pose.eye.distance(WAY[2]) < 0.01;
     until("Bo knows just where Ada is", || bo.visible().iter().any(is_ada)).await;

@@ -8,7 +8,7 @@ use sightline_world::{Spawn, World, motion::Pose};
 
 use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::Log, pace::Pace};
 use sightline_client_core::{
-    replica::{AvatarSource, Event, Standing, VisibleAvatar},
+    replica::{AvatarSource, Event, VisibleAvatar},
     walker::Walker,
 };
 use sightline_renderer::{
@@ -246,17 +246,13 @@ impl<'a> Scene<'a> {
             return format!("{title} | {fps:.0} fps | alone");
         };
         let stats = session.stats();
-        let standing = match stats.standing {
-            Standing::Outside => "outside",
-            Standing::Live => "live",
-            Standing::Quiet => "quiet",
-            Standing::Asked => "asked",
-        };
+        let state =
+            stats.reporting_state.map_or_else(|| "outside".to_owned(), |state| state.to_string());
         let [rate_in, rate_out] = [stats.udp_rate_in, stats.udp_rate_out].map(|rate| rate / 1.0e3);
         let names: Vec<&str> = seen.iter().map(|other| other.name.as_str()).collect();
         let told_of = stats.visible;
         format!(
-            "{title} | {fps:.0} fps | {standing} | in {rate_in:.1} out {rate_out:.1} kB/s \
+            "{title} | {fps:.0} fps | {state} | in {rate_in:.1} out {rate_out:.1} kB/s \
              | told of {told_of}, see {}{}{}",
             names.len(),
             if names.is_empty() { "" } else { ": " },

@@ -18,7 +18,7 @@ use sightline_protocol::{
 use sightline_world::{
     World,
     geometry::Aabb,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, ReportingState},
 };
 use tokio::{
     runtime::Runtime,
@@ -29,7 +29,7 @@ use tokio::{
 
 use super::dialer::{ConnectError, lost};
 use sightline_client_core::replica::{
-    AvatarSource, Event, HeldAvatar, Outgoing, Replica, Standing, Update, VisibleAvatar,
+    AvatarSource, Event, HeldAvatar, Outgoing, Replica, Update, VisibleAvatar,
 };
 
 /// Events that nobody collects: the oldest go.
@@ -53,8 +53,8 @@ pub struct Session {
 /// What [`Session::stats`] tells.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SessionStats {
-    /// What the server expects.
-    pub standing: Standing,
+    /// What the server expects of this client; `None` before it is in the world.
+    pub reporting_state: Option<ReportingState>,
     /// How many may be in view.
     pub visible: usize,
     /// Application messages that came: control messages and datagrams.
@@ -134,7 +134,7 @@ impl Session {
             bytes_out: AtomicU64::new(0),
         });
         let mut driver = Driver { wire, shared: shared.clone() };
-        while shared.state().replica.standing() == Standing::Outside {
+        while shared.state().replica.reporting_state().is_none() {
             let message = driver.wire.receive().await?;
             if let ServerMessage::Goodbye { reason } = message {
                 return Err(ConnectError::Goodbye(reason.into()));
@@ -216,7 +216,7 @@ impl Session {
         let quic = self.shared.connection.stats();
         let state = self.shared.state();
         SessionStats {
-            standing: state.replica.standing(),
+            reporting_state: state.replica.reporting_state(),
             visible: state.replica.held_len(),
             messages_in: self.shared.messages_in.load(Relaxed),
             messages_out: self.shared.messages_out.load(Relaxed),

@@ -10,7 +10,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_protocol::text::Name;
 use sightline_world::{
     World,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, ReportingState},
 };
 use tokio::{
     task::JoinSet,
@@ -22,7 +22,7 @@ use report::Tally;
 use sightline_cli::trace::{Trace, Track};
 use sightline_client_core::{
     navigation::Navigation,
-    replica::{Event, HeldAvatar, Standing},
+    replica::{Event, HeldAvatar},
 };
 use visitor::{Visitor, Wanderer};
 
@@ -83,8 +83,8 @@ pub struct VisitorView {
     pub avatar: AvatarId,
     /// Where it truly is.
     pub pose: Pose,
-    /// What the server expects of it.
-    pub standing: Standing,
+    /// What the server expects of it; `None` before it is in the world.
+    pub reporting_state: Option<ReportingState>,
     /// Whom its replica holds.
     pub held: Vec<HeldAvatar>,
 }
@@ -195,7 +195,7 @@ fn snapshot(members: &[Member], elapsed: Duration) -> Snapshot {
     let visitors = members.iter().filter(|member| !member.has_ended).map(|member| VisitorView {
         avatar: member.session.avatar(),
         pose: member.pose,
-        standing: member.session.stats().standing,
+        reporting_state: member.session.stats().reporting_state,
         held: member.session.held(),
     });
     Snapshot { elapsed, visitors: visitors.collect() }

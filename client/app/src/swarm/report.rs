@@ -7,11 +7,10 @@ use std::{
 
 use glam::Vec3;
 use serde::Serialize;
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, ReportingState};
 
 use super::{STEP, Snapshot};
 use crate::net::{Session, SessionStats};
-use sightline_client_core::replica::Standing;
 
 /// A visitor's last places are remembered for so long.
 const HISTORY: Duration = Duration::from_secs(3);
@@ -105,7 +104,7 @@ impl Tally {
     pub fn observe(&mut self, snapshot: &Snapshot) {
         for view in &snapshot.visitors {
             self.views += 1;
-            self.quiet += u64::from(view.standing == Standing::Quiet);
+            self.quiet += u64::from(view.reporting_state == Some(ReportingState::Quiet));
             for held in &view.held {
                 self.held += 1;
                 let Some(history) = self.history.get(&held.id) else { continue };

@@ -14,7 +14,7 @@ use sightline_protocol::{
     pose_stream::{ClientDatagram, PoseDecoder},
     quantise::WirePose,
 };
-use sightline_world::motion::{Agility, AvatarId, Pose, Tbv};
+use sightline_world::motion::{Agility, AvatarId, Pose, ReportingState, Tbv};
 
 pub use avatar_source::{AvatarSource, Update};
 use timeline::{Clock, Timeline};
@@ -85,20 +85,6 @@ pub enum Event {
     Corrected(Pose),
     /// The server ends the connection, and why.
     Goodbye(String),
-}
-
-/// What the server expects.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Standing {
-    /// Nothing: not in yet.
-    #[default]
-    Outside,
-    /// A report at every tick.
-    Live,
-    /// Silence.
-    Quiet,
-    /// One report, now.
-    Asked,
 }
 
 /// What to send.
@@ -269,13 +255,13 @@ impl Replica {
         self.own.owes_ack.then(|| self.datagram_with(None))
     }
 
-    /// What the server expects.
-    pub fn standing(&self) -> Standing {
+    /// What the server expects of this client; `None` before it is in the world.
+    pub fn reporting_state(&self) -> Option<ReportingState> {
         match &self.own {
-            own if !own.is_inside => Standing::Outside,
-            own if own.is_asked => Standing::Asked,
-            own if own.tbv.is_some() => Standing::Quiet,
-            _ => Standing::Live,
+            own if !own.is_inside => None,
+            own if own.is_asked => Some(ReportingState::Asked),
+            own if own.tbv.is_some() => Some(ReportingState::Quiet),
+            _ => Some(ReportingState::Live),
         }
     }
 

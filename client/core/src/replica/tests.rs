@@ -76,12 +76,12 @@ fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
     let mut replica = entered();
     replica.tick(TICK);
     replica.message(TICK, quiet(5.0, TICK)).unwrap();
-    assert_eq!(replica.standing(), Standing::Quiet);
+    assert_eq!(replica.reporting_state(), Some(ReportingState::Quiet));
     for _ in 0..1_000 {
         assert_eq!(replica.tick(TICK), None);
     }
     replica.message(TICK, ServerMessage::Ask).unwrap();
-    assert_eq!(replica.standing(), Standing::Asked);
+    assert_eq!(replica.reporting_state(), Some(ReportingState::Asked));
     assert_eq!(report(replica.answer().map(Outgoing::Message)), (2, 0.0));
     assert_eq!((replica.answer(), replica.tick(TICK)), (None, None), "once");
     // The next tick is as far as it looks ahead: a fifth of a metre at 4 m/s.

@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::Context;
 use sightline_cli::{progress::Progress, trace::Trace};
-use sightline_engine::{Config, Policy, PolicyError, Shape, Validity};
+use sightline_engine::{Config, Policy, PolicyError, TbvShape, Validity};
 use sightline_replay::{self as replay, Comparison, Moment, Options, OracleStride};
 use sightline_world::{World, rooms::Rooms};
 
@@ -42,11 +42,11 @@ pub struct Args {
     /// What bounds a TBV in space: reach (what the body can do, and what portals lead to), or
     /// sphere (maximum speed times validity, whatever is in between).
     #[arg(long, default_value = "reach")]
-    shape: Shape,
-    /// What looks from region to region may cost in a tick, in units of which 100,000 take one to five
-    /// milliseconds: what it does not suffice to decide is sent.
-    #[arg(long, value_name = "UNITS", default_value_t = Config::default().look_budget)]
-    look_budget: u32,
+    shape: TbvShape,
+    /// What all sight tests between regions may cost in a tick, in units of which 100,000 take one to
+    /// five milliseconds. A pair that the budget does not decide is sent.
+    #[arg(long, alias = "look-budget", value_name = "UNITS", default_value_t = Config::default().sight_test_budget)]
+    sight_test_budget: u32,
     /// Leaves aside what the building's author says of rooms and windows.
     #[arg(long)]
     no_rooms: bool,
@@ -229,7 +229,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         options.config.validity = validity;
     }
     options.config.shape = args.shape;
-    options.config = options.config.with_look_budget(args.look_budget);
+    options.config = options.config.with_sight_test_budget(args.sight_test_budget);
     options.length = args.seconds.map(|seconds| Duration::from_secs(seconds.into()));
     options.oracle = args.oracle;
     Ok(options)

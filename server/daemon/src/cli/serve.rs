@@ -25,7 +25,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
     /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, horizon_max_ms, validity, shape,
-    /// look_budget, validity_max_s, threads, hello_s, silence_s, free_entry, data, world.
+    /// sight_test_budget, validity_max_s, threads, hello_s, silence_s, free_entry, data, world.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
     /// The folder in which the certificate and the demo building are kept.

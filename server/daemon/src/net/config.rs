@@ -10,7 +10,7 @@ use std::{
 
 use serde::{Deserialize, Deserializer, de};
 
-use sightline_engine::{self as engine, Shape, Validity};
+use sightline_engine::{self as engine, TbvShape, Validity};
 
 /// How to serve. In a TOML file each field may be left out; an unknown one is an error.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -32,10 +32,11 @@ pub struct ServeConfig {
     pub validity: Validity,
     /// What bounds TBVs in space: `reach` or `sphere`.
     #[serde(deserialize_with = "parsed")]
-    pub shape: Shape,
-    /// What looks from region to region may cost in a tick, in units of which 100,000 take one to five
-    /// milliseconds: 0 to 100,000,000. What it does not suffice to decide is sent.
-    pub look_budget: u32,
+    pub shape: TbvShape,
+    /// What all sight tests between regions may cost in a tick, in units of which 100,000 take one to
+    /// five milliseconds: 0 to 100,000,000. A pair that the budget does not decide is sent.
+    #[serde(alias = "look_budget")]
+    pub sight_test_budget: u32,
     /// No TBV lasts longer, in seconds: 0.1 to 60.
     pub validity_max_s: f64,
     /// Threads that share a tick of the engine, 1 to 64. It pays for a second one from about a thousand clients on.
@@ -79,8 +80,8 @@ impl Default for ServeConfig {
             clients_per_address_max: 8,
             horizon_max_ms: 400,
             validity: Validity::UntilLeft,
-            shape: Shape::Reach,
-            look_budget: engine::Config::default().look_budget,
+            shape: TbvShape::Reach,
+            sight_test_budget: engine::Config::default().sight_test_budget,
             validity_max_s: 8.0,
             threads: 1,
             hello_s: 10.0,
@@ -110,7 +111,7 @@ impl ServeConfig {
             ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
             (per_address, "clients_per_address_max", "1 to 16384"),
             ((50..=2_000).contains(&self.horizon_max_ms), "horizon_max_ms", "50 to 2000"),
-            (self.look_budget <= 100_000_000, "look_budget", "0 to 100000000"),
+            (self.sight_test_budget <= 100_000_000, "sight_test_budget", "0 to 100000000"),
             (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
             ((1..=64).contains(&self.threads), "threads", "1 to 64"),
             (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
@@ -130,7 +131,7 @@ impl ServeConfig {
 
     /// What the engine is told.
     pub fn engine(&self) -> engine::Config {
-        let usual = engine::Config::default().with_look_budget(self.look_budget);
+        let usual = engine::Config::default().with_sight_test_budget(self.sight_test_budget);
         engine::Config {
             tick: self.tick_interval(),
             horizon_max: Duration::from_millis(self.horizon_max_ms.into()),
@@ -168,14 +169,16 @@ mod tests {
         let engine = ServeConfig::from_toml(text).unwrap().engine();
         assert_eq!(engine.horizon_max, Duration::from_millis(250));
         assert_eq!(engine.validity, Validity::Constant(Duration::from_millis(500)));
-        assert_eq!(engine.shape, Shape::Sphere);
+        assert_eq!(engine.shape, TbvShape::Sphere);
         let (plain, usual) = (ServeConfig::default().engine(), engine::Config::default());
         assert_eq!((plain.validity, plain.shape), (usual.validity, usual.shape));
         assert_eq!(plain.horizon_max, usual.horizon_max);
-        let looks = |config: &engine::Config| (config.look_budget, config.look_max);
-        assert_eq!(looks(&plain), looks(&usual));
-        let double = ServeConfig::from_toml("look_budget = 600000").unwrap().engine();
-        assert_eq!(looks(&double), (2 * usual.look_budget, 2 * usual.look_max));
+        let budget = |config: &engine::Config| (config.sight_test_budget, config.sight_test_max);
+        assert_eq!(budget(&plain), budget(&usual));
+        let double = ServeConfig::from_toml("sight_test_budget = 600000").unwrap().engine();
+        assert_eq!(budget(&double), (2 * usual.sight_test_budget, 2 * usual.sight_test_max));
+        let by_old_name = ServeConfig::from_toml("look_budget = 600000").unwrap().engine();
+        assert_eq!(by_old_name, double);
         for (text, expected) in [
             ("ticks = 3", "unknown field `ticks`"),
             ("tick_hz = 0", "tick_hz must be 1 to 128"),

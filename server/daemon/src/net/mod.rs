@@ -38,7 +38,10 @@ use sightline_protocol::{
     fingerprint::Fingerprint,
     message::{Refusal, ServerMessage},
 };
-use sightline_world::{self as world, ContentId, ReadError, World, motion::AvatarId};
+use sightline_world::{
+    self as world, ContentId, ReadError, World,
+    motion::{AvatarId, ReportingState},
+};
 use tokio::{
     sync::{mpsc, watch},
     task::{JoinHandle, JoinSet},
@@ -54,7 +57,6 @@ use stats::{Counters, Pulse};
 
 pub use config::{ConfigError, ServeConfig};
 pub use identity::{Identity, IdentityError};
-pub use outbox::Expectation;
 pub use stats::{TickSummary, Traffic};
 
 /// Connections beyond those of clients: in their handshake, or about to be refused with a reason.
@@ -148,9 +150,9 @@ pub struct Stats {
 pub struct ClientStats {
     /// What went and came.
     pub traffic: Traffic,
-    /// What is expected of it.
+    /// What is expected of it; `None` before it is in the world.
     #[serde(skip)]
-    pub expectation: Expectation,
+    pub reporting_state: Option<ReportingState>,
     /// Its round trip, in milliseconds.
     pub round_trip_ms: f64,
 }
@@ -266,7 +268,7 @@ impl Client {
     fn stats(&self) -> ClientStats {
         ClientStats {
             traffic: self.counters.traffic(),
-            expectation: self.outbox.expectation(),
+            reporting_state: self.outbox.reporting_state(),
             round_trip_ms: self.connection.rtt().as_secs_f64() * 1e3,
         }
     }

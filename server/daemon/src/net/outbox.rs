@@ -13,7 +13,7 @@ use sightline_protocol::{
     quantise::WireTbv,
     text::{Line, Name},
 };
-use sightline_world::motion::{AvatarId, Pose};
+use sightline_world::motion::{AvatarId, Pose, ReportingState};
 use tokio::sync::Notify;
 
 use sightline_engine::Output;
@@ -27,20 +27,6 @@ const CONTROL_BYTES_MAX: usize = 256 * 1_024;
 pub struct Outbox {
     state: Mutex<State>,
     filled: Notify,
-}
-
-/// What the server expects of a client.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Expectation {
-    /// It is not in yet.
-    #[default]
-    Outside,
-    /// It reports at every tick.
-    Live,
-    /// It is silent.
-    Quiet,
-    /// It was asked and has not been told since what to do.
-    Asked,
 }
 
 /// What to send now.
@@ -65,7 +51,8 @@ struct State {
     tick: u32,
     /// Counts up to `tick` when poses were encoded.
     encoded_tick: u32,
-    expectation: Expectation,
+    /// What the server expects of the client; `None` before it is in the world.
+    reporting: Option<ReportingState>,
     has_ended: bool,
 }
 
@@ -81,7 +68,7 @@ impl Outbox {
         let mut state = self.state();
         match output {
             Output::Entered { pose, .. } => {
-                state.expectation = Expectation::Live;
+                state.reporting = Some(ReportingState::Live);
                 state.push(&ServerMessage::Entered { pose: (&pose).into() });
             }
             Output::Appear { avatar, name, colour, pose, .. } => {
@@ -95,12 +82,12 @@ impl Outbox {
                 state.push(&ServerMessage::Vanish { avatar });
             }
             Output::Poses { poses, .. } => state.poses.extend(poses),
-            Output::Live { .. } => state.expect(Expectation::Live, &ServerMessage::Live),
+            Output::Live { .. } => state.expect(ReportingState::Live, &ServerMessage::Live),
             Output::Quiet { tbv, .. } => {
                 let tbv = WireTbv::new(&tbv, now);
-                state.expect(Expectation::Quiet, &ServerMessage::Quiet { tbv });
+                state.expect(ReportingState::Quiet, &ServerMessage::Quiet { tbv });
             }
-            Output::Ask { .. } => state.expect(Expectation::Asked, &ServerMessage::Ask),
+            Output::Ask { .. } => state.expect(ReportingState::Asked, &ServerMessage::Ask),
             Output::Correct { pose, .. } => {
                 state.push(&ServerMessage::Correct { pose: (&pose).into() });
             }
@@ -128,9 +115,9 @@ impl Outbox {
         self.state().encoder.acknowledge(ack);
     }
 
-    /// What the server expects of the client.
-    pub fn expectation(&self) -> Expectation {
-        self.state().expectation
+    /// What the server expects of the client; `None` before it is in the world.
+    pub fn reporting_state(&self) -> Option<ReportingState> {
+        self.state().reporting
     }
 
     /// Waits until there may be something to send. One task may wait.
@@ -182,8 +169,8 @@ impl State {
         self.frames += 1;
     }
 
-    fn expect(&mut self, expectation: Expectation, message: &ServerMessage) {
-        self.expectation = expectation;
+    fn expect(&mut self, reporting: ReportingState, message: &ServerMessage) {
+        self.reporting = Some(reporting);
         self.push(message);
     }
 

@@ -11,11 +11,11 @@ use glam::Vec3;
 use proptest::{prelude::*, sample::select};
 use sightline_world::{
     World,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, ReportingState},
 };
 
 use super::{rooms, stage, twin};
-use crate::{Config, Engine, Input, Margin, Output, Policy, ReportingState, Shape, Validity};
+use crate::{Config, Engine, Input, Margin, Output, Policy, TbvShape, Validity};
 
 /// What is done to an engine.
 #[derive(Clone, Debug)]
@@ -155,9 +155,9 @@ fn config() -> impl Strategy<Value = Config> {
     let count =
         |usual: u32| prop_oneof![24 => Just(usual), 1 => select(vec![0, 1, 7, 100, u32::MAX])];
     let counts = (
-        count(usual.look_budget),
+        count(usual.sight_test_budget),
         count(usual.silence_budget),
-        count(usual.look_max),
+        count(usual.sight_test_max),
         count(usual.hold_ticks),
         count(usual.asks_max),
         count(usual.refusals_max),
@@ -167,7 +167,7 @@ fn config() -> impl Strategy<Value = Config> {
     let others = (
         prop_oneof![20 => Just(None), 1 => coordinate().prop_map(Some)],
         prop_oneof![20 => Just(usual.spare_m), 1 => coordinate()],
-        select(vec![Shape::Reach, Shape::Reach, Shape::Sphere]),
+        select(vec![TbvShape::Reach, TbvShape::Reach, TbvShape::Sphere]),
     );
     (policy(), validity, margin, spans, counts, others).prop_map(
         |(policy, validity, margin, spans, counts, (speed_max, spare_m, shape))| Config {
@@ -182,9 +182,9 @@ fn config() -> impl Strategy<Value = Config> {
             stall: spans.5,
             ask_timeout: spans.6,
             refusal_window: spans.7,
-            look_budget: counts.0,
+            sight_test_budget: counts.0,
             silence_budget: counts.1,
-            look_max: counts.2,
+            sight_test_max: counts.2,
             hold_ticks: counts.3,
             asks_max: counts.4,
             refusals_max: counts.5,
@@ -265,7 +265,7 @@ impl Outside {
 
     fn all_report(&mut self, way: Vec3) {
         let is_heard = |id: &AvatarId| {
-            matches!(self.engine.state(*id), Some(ReportingState::Live | ReportingState::Asked(_)))
+            matches!(self.engine.state(*id), Some(ReportingState::Live | ReportingState::Asked))
         };
         let heard: Vec<AvatarId> = self.engine.avatars().filter(is_heard).collect();
         for (turn, avatar) in (0..).zip(heard) {

@@ -11,7 +11,7 @@ use sightline_world::{
     octree::Octree,
 };
 
-use crate::{Config, Engine, Input, Margin, Output, Shape, Validity};
+use crate::{Config, Engine, Input, Margin, Output, TbvShape, Validity};
 
 pub const TICK: Duration = Duration::from_millis(50);
 
@@ -174,7 +174,7 @@ impl Stage {
     pub fn prompt(world: World) -> Self {
         let config = Config {
             validity: Validity::Constant(Duration::from_secs(1)),
-            shape: Shape::Sphere,
+            shape: TbvShape::Sphere,
             margin: Margin::Fixed(Duration::ZERO),
             round_trip_initial: Duration::ZERO,
             ..Config::default()

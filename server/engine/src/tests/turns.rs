@@ -3,10 +3,14 @@
 use std::{ops::Range, time::Duration};
 
 use glam::Vec3;
-use sightline_world::{CellId, Node, World, geometry::Aabb, motion::AvatarId};
+use sightline_world::{
+    CellId, Node, World,
+    geometry::Aabb,
+    motion::{AvatarId, ReportingState},
+};
 
 use super::stage::{Stage, world};
-use crate::{Config, Margin, ReportingState};
+use crate::{Config, Margin};
 
 const CELL_M: f32 = 10.0;
 /// Between two rooms.
@@ -73,8 +77,7 @@ fn crowd(silence_budget: u32) -> Stage {
 
 /// Of those with some ids, how many are silent.
 fn quiet(stage: &Stage, ids: Range<u32>) -> usize {
-    let is_quiet =
-        |id: &u32| matches!(stage.engine.state(AvatarId(*id)), Some(ReportingState::Quiet(_)));
+    let is_quiet = |id: &u32| stage.engine.state(AvatarId(*id)) == Some(ReportingState::Quiet);
     ids.filter(is_quiet).count()
 }
 

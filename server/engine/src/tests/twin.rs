@@ -11,11 +11,11 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_world::{
     CellId, Node, Polygon, World,
     geometry::Aabb,
-    motion::{AvatarId, Pose, Tbv},
+    motion::{AvatarId, Pose, ReportingState, Tbv},
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::{Config, Input, Margin, ReportingState, Validity, bits::Bits, fit::Fit};
+use crate::{Config, Input, Margin, Validity, bits::Bits, fit::Fit};
 
 const MARGIN: Duration = Duration::from_millis(25);
 
@@ -82,7 +82,7 @@ impl Crowd {
         let validities = [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal];
         let validity = validities[rng.random_range(0..validities.len())];
         let margin = Margin::Fixed(MARGIN);
-        let budgets = Config { look_budget: 0, silence_budget: 0, ..Config::default() };
+        let budgets = Config { sight_test_budget: 0, silence_budget: 0, ..Config::default() };
         let config = Config { validity, margin, ..budgets };
         let share = if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..0.6) };
         let portals = 0..world.cells.portals.len() as u32;
@@ -181,7 +181,7 @@ impl Crowd {
                 held.iter().all(|id| may.contains(id)),
                 "{viewer:?} at {at:?}: {held:?} {may:?}"
             );
-            if matches!(engine.state(*viewer), Some(ReportingState::Quiet(_))) {
+            if engine.state(*viewer) == Some(ReportingState::Quiet) {
                 self.check_hidden(at, *viewer);
             }
         }

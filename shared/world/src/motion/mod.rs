@@ -3,7 +3,7 @@
 mod agility;
 pub mod trajectory;
 
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -86,6 +86,28 @@ impl Body {
             min: eyes.min - Vec3::new(self.half_width, self.below_eye, self.half_width),
             max: eyes.max + Vec3::new(self.half_width, self.above_eye, self.half_width),
         }
+    }
+}
+
+/// What the server expects of the client of an avatar that is in the world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum ReportingState {
+    /// The client reports at every tick: some viewer may see its avatar, or it may see somebody.
+    #[default]
+    Live,
+    /// The client is silent: while its avatar is inside its TBV nobody can see it and it can see nobody.
+    Quiet,
+    /// The client owes one report: its TBV expired or was revealed.
+    Asked,
+}
+
+impl fmt::Display for ReportingState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Live => "live",
+            Self::Quiet => "quiet",
+            Self::Asked => "asked",
+        })
     }
 }
 
