@@ -20,7 +20,9 @@ use std::time::Duration;
 use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::{Mat3, Vec2, Vec3};
-use sightline_visibility::fuzzy::{Buffer, Class, Lists, Surfaces, Viewpoints, classify};
+use sightline_visibility::fuzzy::{
+    FuzzyBuffer, PackedVisibility, PatchVisibility, Surfaces, ViewpointBox, classify,
+};
 use sightline_world::geometry::{Aabb, Frustum};
 
 /// Half of the angle that a picture spans each way.
@@ -94,15 +96,15 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
     // A yaw of -90 degrees looks along x.
     let angle = 2.0 * HALF_ANGLE.to_radians();
     let view = Frustum::new(-std::f32::consts::FRAC_PI_2, 0.0, angle, angle);
-    let eyes = Viewpoints::within(around, &view);
-    let everything = vec![Class::Remaining; surfaces.len()];
+    let eyes = ViewpointBox::within(around, &view);
+    let everything = vec![PatchVisibility::Remaining; surfaces.len()];
     let [mut sorting, mut normal, mut ours, mut sorting_both, mut with_both] = [Duration::MAX; 5];
     let (mut classes, mut both) = (everything.clone(), Vec::new());
     let mut ways = [(); 3].map(|()| cameras.iter().map(ZBuffer::new).collect::<Vec<_>>());
     for _ in 0..runs {
         let start = ThreadTime::now();
-        classes.fill(Class::Remaining);
-        Buffer::new(&surfaces, &eyes, ELEMENTS).find_hidden(&surfaces, &mut classes);
+        classes.fill(PatchVisibility::Remaining);
+        FuzzyBuffer::new(&surfaces, &eyes, ELEMENTS).find_hidden(&surfaces, &mut classes);
         sorting = sorting.min(start.elapsed());
         normal = normal.min(draw(&scene, &mut ways[0], &everything));
         ours = ours.min(draw(&scene, &mut ways[1], &classes));
@@ -115,7 +117,9 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
         let [one, other, third] = [0, 1, 2].map(|way| ways[way].iter().map(picture));
         anyhow::ensure!(one.clone().eq(other) && one.eq(third), "the pictures are not the same");
     }
-    let count = |classes: &[Class], class: Class| classes.iter().filter(|of| **of == class).count();
+    let count = |classes: &[PatchVisibility], class: PatchVisibility| {
+        classes.iter().filter(|of| **of == class).count()
+    };
     let ms = |time: Duration| time.as_secs_f64() * 1e3;
     let ratio = |time: Duration| ms(normal) / ms(time);
     let [his_normal, his, his_sorting] = LIM[example][rooms - 1];
@@ -126,7 +130,7 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
         size,
         rooms,
         surfaces.len(),
-        count(&classes, Class::Invisible),
+        count(&classes, PatchVisibility::Invisible),
         ms(normal),
         ms(ours),
         ratio(ours),
@@ -134,10 +138,10 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
         ms(sorting),
         ratio(sorting + ours),
         his_normal / (his + his_sorting),
-        count(&both, Class::Visible),
+        count(&both, PatchVisibility::Visible),
         ms(sorting_both),
         ratio(sorting_both + with_both),
-        Lists::new(&both, None).len(),
+        PackedVisibility::new(&both, None).len(),
     );
     Ok(())
 }
@@ -149,7 +153,7 @@ struct Camera {
 }
 
 /// Draws the patches of a scene in each view.
-fn draw(scene: &Scene, views: &mut [ZBuffer], classes: &[Class]) -> Duration {
+fn draw(scene: &Scene, views: &mut [ZBuffer], classes: &[PatchVisibility]) -> Duration {
     let start = ThreadTime::now();
     views.iter_mut().for_each(|view| view.draw(scene, classes));
     start.elapsed()
@@ -179,14 +183,14 @@ impl<'a> ZBuffer<'a> {
         }
     }
 
-    fn draw(&mut self, scene: &Scene, classes: &[Class]) {
+    fn draw(&mut self, scene: &Scene, classes: &[PatchVisibility]) {
         self.depths.fill(0.0);
         self.picture.fill(u32::MAX);
         for (patch, class) in classes.iter().enumerate() {
             match class {
-                Class::Invisible => {}
-                Class::Visible => self.fill::<false>(scene, patch),
-                Class::Remaining => self.fill::<true>(scene, patch),
+                PatchVisibility::Invisible => {}
+                PatchVisibility::Visible => self.fill::<false>(scene, patch),
+                PatchVisibility::Remaining => self.fill::<true>(scene, patch),
             }
         }
     }

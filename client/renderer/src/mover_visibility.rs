@@ -2,12 +2,12 @@
 
 use sightline_visibility::rooms::{
     RoomIndex,
-    sets::{Tolerance, VisibilitySets},
+    sets::{ViewpointTolerance, VisibilitySets},
 };
 use sightline_world::{Mover, World, motion::Pose};
 
 /// Viewpoints that are so near to each other share a visibility set.
-const TOLERANCE: Tolerance = Tolerance { eye_m: 0.5, look: 0.15 };
+const TOLERANCE: ViewpointTolerance = ViewpointTolerance { eye_m: 0.5, look: 0.15 };
 /// A camera that is so far from where it was in the frame before was put there, in metres.
 const LEAP_M: f32 = 4.0;
 

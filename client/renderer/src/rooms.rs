@@ -2,7 +2,7 @@
 //! author declared. What the building hides of them is drawn faintly, if it is near.
 
 use glam::{Vec2, Vec3};
-use sightline_visibility::rooms::pieces::Piece;
+use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{
     World,
     geometry::{Aabb, Axes},
@@ -77,7 +77,7 @@ impl Wire {
     /// None for a room without volume.
     fn new(room: &Room, id: RoomId, bounds: &Aabb) -> Option<Self> {
         let pieces: Vec<_> =
-            room.shapes.iter().flat_map(|shape| Piece::of(shape, &Axes::WORLD)).collect();
+            room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, &Axes::WORLD)).collect();
         // Rooms of the plan are as high as anything.
         let within = |at: Vec3| at.clamp(bounds.min, bounds.max);
         let mut edges: Vec<[Vec3; 2]> = Vec::new();

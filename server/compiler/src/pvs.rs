@@ -13,7 +13,7 @@ use std::{
 
 use rayon::prelude::*;
 use roaring::RoaringBitmap;
-use sightline_visibility::portal_flow::{Extent, Query, Scratch, Sightlines, WIDENING};
+use sightline_visibility::portal_flow::{DAabb, FlowScratch, Query, Sightlines, WIDENING};
 use sightline_world::{Cells, Pvs, Space};
 
 use super::subdivide::CellSize;
@@ -28,8 +28,8 @@ pub fn spaces_seen(
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Option<SpacesSeen> {
     let lines = Sightlines::new(cells);
-    let from_spaces = |scratch: &mut Scratch, space: usize| {
-        let source = Extent::around(&cells.spaces[space].bounds, WIDENING);
+    let from_spaces = |scratch: &mut FlowScratch, space: usize| {
+        let source = DAabb::around(&cells.spaces[space].bounds, WIDENING);
         let query = Query { space: space as u32, source, spaces: None, frustum: &[] };
         lines.spaces(scratch, &query)
     };
@@ -64,7 +64,7 @@ pub fn potentially_visible(
 ) -> Option<Pvs> {
     let lines = Sightlines::new(cells);
     let blocks = lines.blocks();
-    let from_blocks = |scratch: &mut Scratch, block: usize| {
+    let from_blocks = |scratch: &mut FlowScratch, block: usize| {
         let block = &blocks[block];
         lines.rows(scratch, block, &seen[block.space as usize])
     };
@@ -82,14 +82,14 @@ fn sorted(mut rows: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
 /// What is found for each of some things, on all cores.
 fn each<T: Default + Send>(
     count: usize,
-    seen_from: impl Fn(&mut Scratch, usize) -> T + Sync,
+    seen_from: impl Fn(&mut FlowScratch, usize) -> T + Sync,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Option<Vec<T>> {
     let done = AtomicUsize::new(0);
     let cancelled = AtomicBool::new(false);
     let found = (0..count)
         .into_par_iter()
-        .map_init(Scratch::default, |scratch, index| {
+        .map_init(FlowScratch::default, |scratch, index| {
             let before = done.fetch_add(1, Relaxed);
             if before.is_multiple_of(64) && progress(before as f32 / count as f32).is_break() {
                 cancelled.store(true, Relaxed);

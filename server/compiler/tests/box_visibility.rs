@@ -1,7 +1,7 @@
-//! The test of two boxes in real maps: see `random_buildings/shafts.rs`.
+//! The test of two boxes in real maps: see `random_buildings/box_visibility.rs`.
 
-#[path = "random_buildings/shafts.rs"]
-mod shafts;
+#[path = "random_buildings/box_visibility.rs"]
+mod pairs;
 
 use std::{ops::ControlFlow, path::PathBuf};
 
@@ -35,7 +35,7 @@ fn nobody_is_missed(map: &str, share_min: f64) {
     // What the PVS knows is not asked.
     let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
     let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
-    let mut tally = shafts::PvsTally::default();
+    let mut tally = pairs::BoxPairTally::default();
     let mut rng = SmallRng::seed_from_u64(4);
     tally.add(&world, 400, &mut rng, map);
     tally.judge(map, share_min);

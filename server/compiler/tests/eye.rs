@@ -11,7 +11,7 @@ use sightline_compiler::{
     model::Model,
 };
 use sightline_oracle::Oracle;
-use sightline_visibility::portal_flow::{Scratch, Sightlines};
+use sightline_visibility::portal_flow::{FlowScratch, Sightlines};
 use sightline_world::{
     Cells, World,
     geometry::{Aabb, Axes, Frustum},
@@ -81,7 +81,7 @@ fn rows(cells: &Cells, viewpoint: &Aabb) -> RoaringBitmap {
 fn check(world: &World, seed: u64, boxes: usize) -> usize {
     let mut rng = SmallRng::seed_from_u64(seed);
     let (cells, sight) = (&world.cells, Oracle::new(&world.mesh));
-    let (lines, mut scratch) = (Sightlines::new(cells), Scratch::default());
+    let (lines, mut scratch) = (Sightlines::new(cells), FlowScratch::default());
     let mut found = 0;
     for _ in 0..boxes {
         let half = point(&mut rng, &Aabb::new(Vec3::ZERO, Vec3::ONE));
@@ -119,7 +119,7 @@ fn check(world: &World, seed: u64, boxes: usize) -> usize {
 fn figures(world: &World, boxes: usize) -> [(f64, f64); 2] {
     let mut rng = SmallRng::seed_from_u64(1);
     let cells = &world.cells;
-    let (lines, mut scratch) = (Sightlines::new(cells), Scratch::default());
+    let (lines, mut scratch) = (Sightlines::new(cells), FlowScratch::default());
     let mut places = Vec::new();
     while places.len() < boxes {
         let eye = cells.axes.world(point(&mut rng, &cells.bounds));
@@ -138,7 +138,7 @@ fn figures(world: &World, boxes: usize) -> [(f64, f64); 2] {
 
 /// Whole cells see what their rows hold, nearly; a hair less, lest their neighbours do too.
 fn part_seen_by_whole_cells(world: &World, count: usize) -> f64 {
-    let (lines, mut scratch) = (Sightlines::new(&world.cells), Scratch::default());
+    let (lines, mut scratch) = (Sightlines::new(&world.cells), FlowScratch::default());
     let cells = world.cells.cells.iter().enumerate();
     let parts = cells.step_by(world.cells.cells.len().div_ceil(count)).map(|(cell, of)| {
         let viewpoint = of.bounds.grown(-1e-3);
@@ -191,7 +191,7 @@ fn a_map_from_boxes_of_eyes() {
 #[test]
 fn odd_boxes() {
     let world = compiled(&building(1, 1));
-    let (lines, mut scratch) = (Sightlines::new(&world.cells), Scratch::default());
+    let (lines, mut scratch) = (Sightlines::new(&world.cells), FlowScratch::default());
     let mut from = |viewpoint: Aabb| lines.visible_from(&mut scratch, &viewpoint, None);
     for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         assert!(from(Aabb::around(Vec3::splat(odd), 1.0)).is_empty());

@@ -94,7 +94,7 @@ fn no_line_is_denied(world: &World, index: &RoomIndex) {
     let (mut seen, mut denied) = (0, 0);
     for _ in 0..200_000 {
         let [eye, body] = [point(), point()];
-        let place = |at: Vec3| index.place(&world.cells, &[Aabb::new(at, at)]);
+        let place = |at: Vec3| index.overlap(&world.cells, &[Aabb::new(at, at)]);
         let may = index.may_see(&place(eye), &place(body));
         let [from, to] = [eye, body].map(|at| world.cells.axes.world(at));
         if !may {

@@ -2,7 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use sightline_visibility::box_visibility::Line;
+use sightline_visibility::box_visibility::SightLine;
 use sightline_world::{
     geometry::Aabb,
     motion::{AvatarId, ReportingState, Tbv},
@@ -54,7 +54,7 @@ pub enum Reason {
     /// The same, but some line was not until a moment ago.
     Held,
     /// This line between their regions is free.
-    Free(Line),
+    Free(SightLine),
     /// A line may be free: the budget did not suffice to tell.
     Undecided,
 }
@@ -77,7 +77,7 @@ impl Engine {
             Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
             Some(Pair { look: Look::Together, .. }) => {
                 let [from, to] = [from, to].map(|a| self.world.cells.axes.own(a.pose.eye));
-                Reason::Free(Line { from, to })
+                Reason::Free(SightLine { from, to })
             }
             Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
             Some(Pair { is_held: true, .. }) => Reason::Held,
@@ -150,7 +150,7 @@ impl fmt::Display for Reason {
                 f.write_str("it was in sight a moment ago, though no line is free any more")
             }
             Self::Undecided => f.write_str("a line may be free: too little budget to tell"),
-            Self::Free(Line { from, to }) => write!(
+            Self::Free(SightLine { from, to }) => write!(
                 f,
                 "the line from {:.2}, {:.2}, {:.2} to {:.2}, {:.2}, {:.2} is free",
                 from.x, from.y, from.z, to.x, to.y, to.z

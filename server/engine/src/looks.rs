@@ -8,7 +8,9 @@
 
 use std::sync::Arc;
 
-use sightline_visibility::box_visibility::{Line, Occluders, Outcome, Scratch};
+use sightline_visibility::box_visibility::{
+    BoxInSpaces, BoxScratch, BoxVisibility, Occluders, SightLine,
+};
 use sightline_world::geometry::Aabb;
 
 use super::{
@@ -55,7 +57,7 @@ pub(super) enum Look {
         again: u32,
     },
     /// One is free, as far as occluders go.
-    Free(Line),
+    Free(SightLine),
     /// Both are in one convex space.
     Together,
     /// All are blocked, and stay so as long as these regions last.
@@ -67,7 +69,7 @@ pub(super) enum Look {
 
 /// What two regions turned out to be to each other.
 pub(super) enum Found {
-    Free(Line),
+    Free(SightLine),
     Hidden,
     Undecided,
 }
@@ -76,17 +78,18 @@ pub(super) enum Found {
 #[derive(Clone, Debug)]
 pub(super) struct Shafts {
     occluders: Arc<Occluders>,
-    scratch: Scratch,
+    scratch: BoxScratch,
 }
 
 impl Shafts {
     pub(super) fn new(occluders: Arc<Occluders>) -> Self {
-        Self { occluders, scratch: Scratch::default() }
+        Self { occluders, scratch: BoxScratch::default() }
     }
 
     /// Whether no gates lead from one to another.
     fn are_apart(&mut self, one: &Ground, other: &Ground) -> bool {
-        let [one, other] = [one, other].map(|ground| (&ground.around, &ground.spaces[..]));
+        let [one, other] = [one, other]
+            .map(|ground| BoxInSpaces { bounds: &ground.around, spaces: &ground.spaces });
         self.occluders.are_apart(&mut self.scratch, one, other)
     }
 
@@ -107,10 +110,10 @@ impl Shafts {
     }
 
     /// Whether a line is free, as far as gates and occluders tell.
-    fn is_free(&mut self, line: &Line, budget: &mut u32) -> bool {
+    fn is_free(&mut self, line: &SightLine, budget: &mut u32) -> bool {
         let [from, to] = [line.from, line.to].map(|end| Aabb::new(end, end));
         let outcome = self.occluders.between(&mut self.scratch, &from, &to, budget);
-        matches!(outcome, Outcome::Visible(_))
+        matches!(outcome, BoxVisibility::Visible(_))
     }
 
     fn look(&mut self, eyes: &Parts, bodies: &Parts, budget: &mut u32) -> Found {
@@ -118,10 +121,10 @@ impl Shafts {
         for from in eyes.boxes() {
             for to in bodies.boxes() {
                 match self.occluders.between(&mut self.scratch, from, to, budget) {
-                    Outcome::Visible(line) => return Found::Free(line),
-                    Outcome::Hidden => {}
+                    BoxVisibility::Visible(line) => return Found::Free(line),
+                    BoxVisibility::Hidden => {}
                     // Another part may still be in sight for good.
-                    Outcome::Unknown => found = Found::Undecided,
+                    BoxVisibility::Unknown => found = Found::Undecided,
                 }
             }
         }
@@ -298,11 +301,11 @@ impl Engine {
         else {
             return false;
         };
-        let (cells, line) = (&self.world.cells, Line { from, to });
+        let (cells, line) = (&self.world.cells, SightLine { from, to });
         let spaces = [start, goal].map(|cell| cells.cells[cell.0 as usize].space);
         let is_free = self.config.sight_test_budget > 0
             && cells.sees(start, goal)
-            && work.shafts.occluders.lead(&line, spaces);
+            && work.shafts.occluders.is_free_through_gates(&line, spaces);
         if is_free {
             pair.look = Look::Free(line);
         }
@@ -404,7 +407,7 @@ impl Engine {
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.
-    fn joins(&self, viewer: &Live, other: &Live, line: &Line) -> bool {
+    fn joins(&self, viewer: &Live, other: &Live, line: &SightLine) -> bool {
         viewer.near.may_hold(Part::EYES, line.from, &self.body)
             && other.near.may_hold(viewer.near.shown, line.to, &self.body)
     }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use sightline_visibility::rooms::Seal;
+use sightline_visibility::rooms::SealedRooms;
 use sightline_world::{
     geometry::Aabb,
     motion::{AvatarId, Pose, ReportingState, Tbv},
@@ -33,7 +33,7 @@ pub(super) struct Avatar {
     /// The last accepted one.
     pub(super) pose: Pose,
     /// The sealed rooms that it is in there.
-    pub(super) seal: Seal,
+    pub(super) seal: SealedRooms,
     /// Counts accepted poses.
     pub(super) version: u32,
     /// When the last accepted pose came in.

@@ -49,7 +49,7 @@ impl Engine {
             name: name.chars().take(self.config.name_chars_max).collect(),
             colour,
             pose,
-            seal: self.rooms.seal(pose.eye),
+            seal: self.rooms.sealed_rooms_at(pose.eye),
             version: 0,
             heard: now,
             round_trip,
@@ -159,7 +159,7 @@ impl Engine {
         avatar.pledges.keep(now, avatar.pose, &self.agility, slack);
         avatar.version = avatar.version.wrapping_add(1);
         avatar.place = self.places.place(&self.world, avatar.place, pose.eye);
-        avatar.seal = self.rooms.seal(pose.eye);
+        avatar.seal = self.rooms.sealed_rooms_at(pose.eye);
         avatar.heard = now;
         avatar.unanswered = 0;
         match (avatar.state, avatar.tbv) {

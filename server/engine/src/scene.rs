@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use glam::Vec3;
-use sightline_visibility::rooms::Seal;
+use sightline_visibility::rooms::SealedRooms;
 use sightline_world::motion::{AvatarId, Pose};
 
 use super::{
@@ -23,7 +23,7 @@ pub(super) struct Live {
     pub(super) pose: Pose,
     /// Counts accepted poses.
     pub(super) version: u32,
-    pub(super) seal: Seal,
+    pub(super) seal: SealedRooms,
     /// When the last accepted pose came in.
     pub(super) heard: Duration,
     pub(super) link: Link,

@@ -137,7 +137,7 @@ impl Ground {
 /// The rooms of a region's boxes in some cells, which are ascending, where rooms rule anything out.
 fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts, found: &[CellId]) -> rooms::RoomOverlap {
     if rooms.rules() {
-        rooms.place_in(cells, parts.boxes(), found)
+        rooms.overlap_in_cells(cells, parts.boxes(), found)
     } else {
         rooms::RoomOverlap::default()
     }

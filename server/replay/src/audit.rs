@@ -9,7 +9,7 @@ use std::{
 use glam::Vec3;
 use rayon::prelude::*;
 use serde::Serialize;
-use sightline_visibility::rooms::{RoomIndex, Seal};
+use sightline_visibility::rooms::{RoomIndex, SealedRooms};
 use sightline_world::{
     World,
     geometry::Aabb,
@@ -70,7 +70,7 @@ impl Author {
     /// knows, so both must have been there for a while.
     fn lets(&self, viewer: &Looker<'_>, other: &Looker<'_>, body: &Aabb) -> bool {
         let cells = &self.world.cells;
-        let place = |region: &Aabb| self.rooms.place(cells, &[cells.axes.own_box(region)]);
+        let place = |region: &Aabb| self.rooms.overlap(cells, &[cells.axes.own_box(region)]);
         let eye = place(&Aabb::around(viewer.eye, 0.0));
         let mut seals = viewer.seals.iter().chain(&other.seals);
         seals.all(|seal| seal.agrees(&viewer.seals[0])) && self.rooms.may_see(&eye, &place(body))
@@ -119,7 +119,7 @@ struct Looker<'a> {
     reports: u32,
     walk: Walk,
     /// The sealed rooms that it is in, and was in before the server can have heard and told of it.
-    seals: [Seal; 2],
+    seals: [SealedRooms; 2],
     replica: &'a BTreeMap<AvatarId, Duration>,
 }
 
@@ -233,10 +233,11 @@ impl Audit {
         }
     }
 
-    fn seals(&self, now: Duration, client: &Client, clients: &Clients<'_>) -> [Seal; 2] {
+    fn seals(&self, now: Duration, client: &Client, clients: &Clients<'_>) -> [SealedRooms; 2] {
         let Some(author) = &self.author else { return Default::default() };
         let before = clients.pose_at(client.avatar, now.saturating_sub(self.unsettled / 2));
-        [client.eye, before.map_or(client.eye, |pose| pose.eye)].map(|eye| author.rooms.seal(eye))
+        [client.eye, before.map_or(client.eye, |pose| pose.eye)]
+            .map(|eye| author.rooms.sealed_rooms_at(eye))
     }
 
     fn look_from(

@@ -23,7 +23,7 @@ mod prefetcher;
 mod tests;
 mod unoccluded;
 
-use sightline_visibility::fuzzy::{Buffer, SurfaceError, Surfaces, Viewpoints};
+use sightline_visibility::fuzzy::{FuzzyBuffer, SurfaceError, Surfaces, ViewpointBox};
 use sightline_world::{
     geometry::Aabb,
     octree::{Cursor, Octree},
@@ -180,8 +180,8 @@ impl NodeVisibility {
     /// Finds it, for pictures in which a metre at a metre's distance spans so many pixels or more.
     pub fn new(walls: &VoxelOccluders, eyes: Aabb, focal_min: f32) -> Self {
         // A voxel that an eye is in is not drawn, and hides nothing.
-        let viewpoints = Viewpoints::all_round(eyes.grown(walls.voxel));
-        let buffer = Buffer::new(&walls.surfaces, &viewpoints, ELEMENTS);
+        let viewpoints = ViewpointBox::all_round(eyes.grown(walls.voxel));
+        let buffer = FuzzyBuffer::new(&walls.surfaces, &viewpoints, ELEMENTS);
         let mut hidden = Self {
             eyes,
             focal_min,

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use image::RgbImage;
-use sightline_visibility::rooms::pieces::Piece;
+use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{
     geometry::Axes,
     rooms::{Room, RoomId},
@@ -25,10 +25,10 @@ pub(super) fn draw(storey: &Storey<'_>, picture: &mut RgbImage) {
     let rooms = storey.sheet.world.rooms.list();
     for (room, id) in rooms.iter().zip((0u16..).map(RoomId)) {
         let colour = mixed(id.colour(), INK, 0.25);
-        let pieces: Vec<Piece> =
-            room.shapes.iter().flat_map(|shape| Piece::of(shape, &Axes::WORLD)).collect();
+        let pieces: Vec<ConvexPiece> =
+            room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, &Axes::WORLD)).collect();
         let cut = storey.cut();
-        let met: Vec<&Piece> =
+        let met: Vec<&ConvexPiece> =
             pieces.iter().filter(|p| p.bounds.min.y <= cut && cut < p.bounds.max.y).collect();
         for [from, to] in met.iter().flat_map(|piece| section(piece, cut)) {
             let across = Vec3::Y.cross(to - from).normalize_or_zero() * BESIDE_M;
@@ -41,7 +41,7 @@ pub(super) fn draw(storey: &Storey<'_>, picture: &mut RgbImage) {
         if !met.is_empty() {
             windows(storey, room, colour, picture);
         }
-        let size = |piece: &&&Piece| piece.bounds.size().x * piece.bounds.size().z;
+        let size = |piece: &&&ConvexPiece| piece.bounds.size().x * piece.bounds.size().z;
         if let Some(widest) = met.iter().max_by(|a, b| size(a).total_cmp(&size(b))) {
             name(storey, room.title(), widest, picture);
         }
@@ -49,7 +49,7 @@ pub(super) fn draw(storey: &Storey<'_>, picture: &mut RgbImage) {
 }
 
 /// The lines in which a level plane meets the faces of a piece.
-fn section(piece: &Piece, height: f32) -> impl Iterator<Item = [Vec3; 2]> {
+fn section(piece: &ConvexPiece, height: f32) -> impl Iterator<Item = [Vec3; 2]> {
     piece.faces.iter().filter_map(move |face| {
         let edges = face.iter().zip(face.iter().cycle().skip(1));
         let mut ends = edges.filter_map(|(a, b)| {
@@ -91,7 +91,7 @@ fn windows(storey: &Storey<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbI
 }
 
 /// A name where the room is widest, if there is room for it.
-fn name(storey: &Storey<'_>, title: &str, widest: &Piece, picture: &mut RgbImage) {
+fn name(storey: &Storey<'_>, title: &str, widest: &ConvexPiece, picture: &mut RgbImage) {
     let bounds = &widest.bounds;
     let (from, to) = (storey.place(bounds.min), storey.place(bounds.max));
     let letters = (((to.x - from.x).max(24.0) - 4.0) / 8.0) as usize;

@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_visibility::rooms::{RoomIndex, RoomOverlap, pieces::Piece};
+use sightline_visibility::rooms::{RoomIndex, RoomOverlap, pieces::ConvexPiece};
 use sightline_world::{
     Cells,
     geometry::Aabb,
@@ -72,13 +72,13 @@ fn overlaps(declared: &[RoomDeclaration], index: &RoomIndex) -> Vec<RoomError> {
 }
 
 /// A point that is well inside of both.
-fn shared(a: &Piece, b: &Piece) -> Option<Vec3> {
+fn shared(a: &ConvexPiece, b: &ConvexPiece) -> Option<Vec3> {
     let region = a.bounds.intersection(&b.bounds);
     if region.size().min_element() <= OVERLAP_M {
         return None;
     }
     let within = |at: Vec3| {
-        let deep = |piece: &Piece| {
+        let deep = |piece: &ConvexPiece| {
             piece.all_sides().all(|side| side.holds(at, -f64::from(OVERLAP_M) * 0.5))
         };
         deep(a) && deep(b)
@@ -89,7 +89,7 @@ fn shared(a: &Piece, b: &Piece) -> Option<Vec3> {
         .find(|at| within(*at))
 }
 
-fn is_near(piece: &Piece, at: Vec3) -> bool {
+fn is_near(piece: &ConvexPiece, at: Vec3) -> bool {
     piece.all_sides().all(|side| side.holds(at, OVERLAP_M.into()))
 }
 
@@ -149,7 +149,7 @@ impl Checker<'_> {
             let target = &targets[rng.random_range(0..targets.len())];
             let point = self.open(&mut rng, target)?;
             let place =
-                |at: Vec3| -> RoomOverlap { self.index.place(self.cells, &[Aabb::new(at, at)]) };
+                |at: Vec3| -> RoomOverlap { self.index.overlap(self.cells, &[Aabb::new(at, at)]) };
             let (from, to) = (place(eye), place(point));
             let is_hidden = from.touched().contains(&room) && !self.index.may_see(&from, &to);
             let ends = [eye, point].map(|at| self.cells.axes.world(at));

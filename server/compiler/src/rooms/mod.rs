@@ -16,7 +16,7 @@ use std::{collections::HashMap, fmt};
 
 use glam::Vec3;
 use serde::Serialize;
-use sightline_visibility::rooms::pieces::Piece;
+use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{
     Cells, Mover, Spawn,
     geometry::Aabb,
@@ -231,7 +231,7 @@ impl<'a> Resolver<'a> {
             return room;
         }
         let axes = &self.known.cells.axes;
-        if room.shapes.iter().any(|shape| Piece::of(shape, axes).is_empty()) {
+        if room.shapes.iter().any(|shape| ConvexPiece::of(shape, axes).is_empty()) {
             self.fault(place, format!("room {text:?}: a shape of it is flat"));
         }
         room.sees = match (&declared.visible, &declared.hidden) {
@@ -348,7 +348,8 @@ fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
         ));
     }
     let axes = &cells.axes;
-    let pieces: Vec<_> = room.shapes.iter().flat_map(|shape| Piece::of(shape, axes)).collect();
+    let pieces: Vec<_> =
+        room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, axes)).collect();
     let middle = corners.iter().sum::<Vec3>() / corners.len() as f32;
     let ring = corners.iter().zip(corners.iter().cycle().skip(1));
     // Corners, and points between them, all a little towards the middle.

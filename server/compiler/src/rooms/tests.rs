@@ -128,7 +128,7 @@ boxes = [[[5, 0, 2], [6, 1, 3]], [[6, 0, 2], [7, 1, 3]]]
     // And it is what the rooms are asked.
     let index = RoomIndex::new(&world);
     assert_eq!(index.room_at(Vec3::new(2.0, 1.0, 2.0)), Some(RoomId(0)));
-    assert!(!index.seal(Vec3::new(2.0, 1.0, 2.0)).is_open());
+    assert!(!index.sealed_rooms_at(Vec3::new(2.0, 1.0, 2.0)).is_open());
 }
 
 /// Each fault is one line that tells the line of the file.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use sightline_visibility::fuzzy::{Buffer, SurfaceError, Surfaces, Viewpoints};
+use sightline_visibility::fuzzy::{FuzzyBuffer, SurfaceError, Surfaces, ViewpointBox};
 use sightline_world::{Mesh, World, geometry::Aabb};
 
 /// Elements of a face of the fuzzy buffer, each way.
@@ -35,7 +35,7 @@ impl<'a> Fuzzy<'a> {
 
 fn parts(surfaces: &Surfaces, one: Aabb, other: Aabb) -> bool {
     let hides = |eyes: Aabb, what: &Aabb| {
-        Buffer::new(surfaces, &Viewpoints::all_round(eyes), ELEMENTS).hides(what)
+        FuzzyBuffer::new(surfaces, &ViewpointBox::all_round(eyes), ELEMENTS).hides(what)
     };
     hides(one, &other) || hides(other, &one)
 }

@@ -1,6 +1,6 @@
 //! Buildings that nobody designed: whatever is compiled, nobody who is in sight may be missed.
 
-mod shafts;
+mod box_visibility;
 
 use std::ops::ControlFlow;
 
@@ -69,7 +69,7 @@ fn a_turned_building_is_as_good_as_it_was() {
 /// Compiles and verifies buildings of a kind, one for each seed.
 fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
     let (mut sight, mut seen, mut pairs) = (0, 0, 0);
-    let mut shafts = shafts::PvsTally::default();
+    let mut tally = box_visibility::BoxPairTally::default();
     for seed in 0..BUILDINGS {
         let mut rng = SmallRng::seed_from_u64(seed);
         let mut model = build(&mut rng);
@@ -77,7 +77,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
             model = turned(&model, rng.random_range(0.0..std::f64::consts::TAU));
         }
         let world = compiled(&model).0;
-        shafts.add(&world, 60, &mut rng, &format!("among {kind}, seed {seed}"));
+        tally.add(&world, 60, &mut rng, &format!("among {kind}, seed {seed}"));
         let report = verified(&world, PAIRS);
         let missed = [&report.by_volume, &report.by_cell].map(|pairs| &pairs.ours.first_misses);
         assert_eq!(report.summary().misses, 0, "among {kind}, seed {seed}: {missed:?}");
@@ -86,7 +86,7 @@ fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
         seen += report.by_cell.ours.pvs;
         pairs += report.by_cell.pairs;
     }
-    shafts.judge(kind, 0.6);
+    tally.judge(kind, 0.6);
     assert!(sight * 20 > pairs, "there is somebody to miss among {kind}: {sight} of {pairs}");
     assert!(seen * 10 < pairs * 9, "and much is hidden: {} of {pairs}", pairs - seen);
 }

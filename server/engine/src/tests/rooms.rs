@@ -148,7 +148,8 @@ impl Crowd {
     }
 
     fn agree(&self, one: AvatarId, other: AvatarId) -> bool {
-        let seal = |id: AvatarId| self.index.seal(self.stage.engine.pose(id).unwrap().eye);
+        let seal =
+            |id: AvatarId| self.index.sealed_rooms_at(self.stage.engine.pose(id).unwrap().eye);
         seal(one).agrees(&seal(other))
     }
 
@@ -168,7 +169,7 @@ impl Crowd {
             }
         }
         let world = self.stage.engine.world();
-        let place = |region: &Aabb| self.index.place(&world.cells, &[*region]);
+        let place = |region: &Aabb| self.index.overlap(&world.cells, &[*region]);
         for (id, client) in &self.stage.clients {
             assert!(client.sees.keys().all(|other| self.agree(*id, *other)), "nobody is kept");
             for (other, seen) in self.stage.clients.iter().filter(|(other, _)| *other != id) {
@@ -198,7 +199,11 @@ fn a_sealed_room_leaks_nothing_in_a_thousand_walks() {
         for _ in 0..40 {
             crowd.step();
             let stage = &crowd.stage;
-            inside += stage.clients.values().filter(|c| !crowd.index.seal(c.eye).is_open()).count();
+            inside += stage
+                .clients
+                .values()
+                .filter(|c| !crowd.index.sealed_rooms_at(c.eye).is_open())
+                .count();
             told += stage.clients.values().map(|client| client.sees.len()).sum::<usize>();
         }
     }

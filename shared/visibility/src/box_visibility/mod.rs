@@ -28,23 +28,23 @@
 //! Boxes are given in the building's own axes ([`Cells::axes`](sightline_world::Cells::axes)), as
 //! regions and cells are.
 
-mod convex;
-mod matter;
-mod passages;
+mod bvh;
+mod convex_occluder;
+mod portal_flood;
 mod search;
-mod sheets;
-mod tree;
+mod solid_occluders;
+mod surface_occluders;
 
 use std::ops::ControlFlow;
 
 use glam::Vec3;
 
-use convex::{Convex, Plane};
-use matter::Matter;
-use passages::Passages;
-pub use search::Scratch;
+use bvh::Bvh;
+use convex_occluder::{ConvexOccluder, Plane};
+use portal_flood::PortalFlood;
+pub use search::BoxScratch;
 use sightline_world::{Origin, World, geometry::Aabb};
-use tree::Tree;
+use solid_occluders::SolidOccluders;
 
 /// Convex pieces of what blocks sight, ready to be asked.
 ///
@@ -69,32 +69,41 @@ use tree::Tree;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Occluders {
-    pieces: Vec<Convex>,
-    tree: Tree,
-    passages: Passages,
+    pieces: Vec<ConvexOccluder>,
+    tree: Bvh,
+    passages: PortalFlood,
+}
+
+/// A box of eyes or bodies, and the spaces that they can be in.
+#[derive(Clone, Copy, Debug)]
+pub struct BoxInSpaces<'a> {
+    /// In the building's own axes.
+    pub bounds: &'a Aabb,
+    /// Indices into [`Cells::spaces`](sightline_world::Cells::spaces).
+    pub spaces: &'a [u32],
 }
 
 /// What is known of the lines between two boxes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Outcome {
+pub enum BoxVisibility {
     /// All are blocked.
     Hidden,
     /// This one meets no occluder. While it joins two boxes, nothing else can be found of them.
-    Visible(Line),
+    Visible(SightLine),
     /// Some may be free: the budget was used up, or there are seams.
     Unknown,
 }
 
 /// A line from a point to another, in own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Line {
+pub struct SightLine {
     /// The eye.
     pub from: Vec3,
     /// What it sees.
     pub to: Vec3,
 }
 
-impl Line {
+impl SightLine {
     /// Whether it joins two boxes.
     pub fn joins(&self, eyes: &Aabb, bodies: &Aabb) -> bool {
         eyes.contains(self.from) && bodies.contains(self.to)
@@ -104,29 +113,30 @@ impl Line {
 impl Occluders {
     /// Finds the occluders of a world.
     pub fn new(world: &World) -> Self {
-        let matter = Matter::new(world);
-        let mut pieces: Vec<Convex> = matter.boxes(world).iter().map(Convex::solid).collect();
+        let matter = SolidOccluders::new(world);
+        let mut pieces: Vec<ConvexOccluder> =
+            matter.boxes(world).iter().map(ConvexOccluder::solid).collect();
         pieces.extend(world.origin.iter().flat_map(|origin| brushes(world, origin)));
-        let sheets = sheets::sheets(world, &matter);
-        pieces.extend(sheets.iter().filter_map(|corners| Convex::sheet(corners)));
+        let sheets = surface_occluders::sheets(world, &matter);
+        pieces.extend(sheets.iter().filter_map(|corners| ConvexOccluder::sheet(corners)));
         let boxes: Vec<Aabb> = pieces.iter().map(|piece| *piece.bounds()).collect();
-        Self { pieces, tree: Tree::new(&boxes), passages: Passages::new(&world.cells) }
+        Self { pieces, tree: Bvh::new(&boxes), passages: PortalFlood::new(&world.cells) }
     }
 
     /// Whether some occluder meets a line.
-    pub fn blocks(&self, line: &Line) -> bool {
+    pub fn blocks(&self, line: &SightLine) -> bool {
         self.meets_counted(line, &mut 0)
     }
 
     /// Whether gates lead a line that begins in one space and ends in another, given by their indices, and no
     /// occluder meets it. What is answered of other lines means nothing. Most that are blocked take a fraction of
     /// a microsecond.
-    pub fn lead(&self, line: &Line, spaces: [u32; 2]) -> bool {
-        self.passages.lead(line, spaces) && !self.blocks(line)
+    pub fn is_free_through_gates(&self, line: &SightLine, spaces: [u32; 2]) -> bool {
+        self.passages.is_free_through_gates(line, spaces) && !self.blocks(line)
     }
 
     /// As [`Occluders::blocks`], and counts what was compared with the line.
-    fn meets_counted(&self, line: &Line, compared: &mut u32) -> bool {
+    fn meets_counted(&self, line: &SightLine, compared: &mut u32) -> bool {
         let flow = self.tree.along(line, compared, |index, compared| {
             *compared += 1;
             match self.pieces[index as usize].meets(line.from, line.to) {
@@ -149,16 +159,16 @@ impl Occluders {
 
     /// What they take in memory, about.
     pub fn bytes(&self) -> usize {
-        self.pieces.iter().map(Convex::bytes).sum::<usize>()
+        self.pieces.iter().map(ConvexOccluder::bytes).sum::<usize>()
             + self.tree.bytes()
             + self.passages.bytes()
     }
 }
 
 /// The brushes of a map that are no boxes.
-fn brushes(world: &World, origin: &Origin) -> impl Iterator<Item = Convex> {
+fn brushes(world: &World, origin: &Origin) -> impl Iterator<Item = ConvexOccluder> {
     let axes = world.cells.axes;
-    let others = origin.solids.iter().filter(|solid| !matter::is_box(origin, solid));
+    let others = origin.solids.iter().filter(|solid| !solid_occluders::is_box(origin, solid));
     others.filter_map(move |solid| {
         let sides = origin.sides(solid).map(|side| {
             let normal = axes.own_exact(side.normal.as_dvec3());
@@ -169,6 +179,6 @@ fn brushes(world: &World, origin: &Origin) -> impl Iterator<Item = Convex> {
         });
         // What has a side that is no plane is no brush.
         let sides = sides.collect::<Option<Vec<Plane>>>()?;
-        (!sides.is_empty()).then(|| Convex::behind(axes.own_box(&solid.bounds), sides))
+        (!sides.is_empty()).then(|| ConvexOccluder::behind(axes.own_box(&solid.bounds), sides))
     })
 }

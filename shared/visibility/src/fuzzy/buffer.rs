@@ -3,13 +3,13 @@
 use glam::{DVec2, DVec3, USizeVec2};
 
 use super::{
-    Class, Surfaces, Viewpoints,
-    depths::{Depths, Hidden},
-    faces::{Face, projected, region, spans},
+    PatchVisibility, Surfaces, ViewpointBox,
+    depths::{DepthPyramid, Occlusion},
+    faces::{CubeFace, projected, region, spans},
     raster::{ROUNDING, elements, rows},
-    scan::{Plane, Rows},
-    sheets::{Sheet, Sheets},
-    surfaces::{Group, RUN},
+    scan::{FacePlane, FaceRows},
+    sub_surfaces::{SubSurface, SubSurfaces},
+    surfaces::{PatchSurface, RUN},
 };
 use sightline_world::geometry::Aabb;
 
@@ -21,11 +21,11 @@ const BEHIND_SHARE: f64 = 1e-5;
 /// For every direction, how far the nearest surface is at the most that hides what is behind it from
 /// all eyes of a box, as seen from the middle of it.
 #[derive(Clone, Debug)]
-pub struct Buffer {
+pub struct FuzzyBuffer {
     size: usize,
     middle: DVec3,
-    /// By [`Face::index`]; `None` where a face is inactive.
-    faces: [Option<Depths>; 6],
+    /// By [`CubeFace::index`]; `None` where a face is inactive.
+    faces: [Option<DepthPyramid>; 6],
     /// There are no eyes to see anything.
     is_blind: bool,
 }
@@ -40,10 +40,10 @@ const WIDER_MIN: f32 = 4.0;
 /// Columns and rows of a face, and two depths.
 type Shown = ([usize; 2], [usize; 2], [f32; 2]);
 
-impl Buffer {
+impl FuzzyBuffer {
     /// Projects all surfaces that are wide enough to hide anything. Faces have `size` × `size` elements, from
     /// 1 to 4,096 each way.
-    pub fn new(surfaces: &Surfaces, viewpoints: &Viewpoints, size: usize) -> Self {
+    pub fn new(surfaces: &Surfaces, viewpoints: &ViewpointBox, size: usize) -> Self {
         let size = size.clamp(1, 4_096);
         let mut buffer = Self {
             size,
@@ -55,7 +55,7 @@ impl Buffer {
             return buffer;
         }
         let width_m = viewpoints.eyes().size().min_element();
-        let mut worthy: Vec<(f64, &Group)> = surfaces
+        let mut worthy: Vec<(f64, &PatchSurface)> = surfaces
             .groups()
             .iter()
             .map(|group| (buffer.distance(&group.bounds), group))
@@ -64,7 +64,7 @@ impl Buffer {
             })
             .collect();
         worthy.sort_by(|one, other| one.0.total_cmp(&other.0));
-        let mut sheets = Sheets::new(surfaces, viewpoints, width_m, size);
+        let mut sheets = SubSurfaces::new(surfaces, viewpoints, width_m, size);
         for face in viewpoints.faces() {
             buffer.project_all(face, &worthy, &mut sheets);
         }
@@ -89,15 +89,20 @@ impl Buffer {
 
     /// Fills in a face: first with what is around the eyes, then with the rest, nearest first, as far
     /// as that does not hide it.
-    fn project_all(&mut self, face: Face, worthy: &[(f64, &Group)], sheets: &mut Sheets<'_>) {
-        let mut depths = Depths::new(self.size);
+    fn project_all(
+        &mut self,
+        face: CubeFace,
+        worthy: &[(f64, &PatchSurface)],
+        sheets: &mut SubSurfaces<'_>,
+    ) {
+        let mut depths = DepthPyramid::new(self.size);
         let around = worthy.partition_point(|(distance, _)| *distance == 0.0);
         for (_, group) in &worthy[..around] {
             self.project_group(face, group, sheets, &mut depths, |_, _| true);
         }
         depths.find_levels();
-        let is_open = |depths: &Depths, bounds: &Aabb| {
-            self.look_at(face, bounds, depths).is_some_and(|hidden| hidden != Hidden::All)
+        let is_open = |depths: &DepthPyramid, bounds: &Aabb| {
+            self.look_at(face, bounds, depths).is_some_and(|hidden| hidden != Occlusion::All)
         };
         for (_, group) in &worthy[around..] {
             if is_open(&depths, &group.bounds) {
@@ -111,11 +116,11 @@ impl Buffer {
     /// Projects those sheets of a surface that are worth it.
     fn project_group(
         &self,
-        face: Face,
-        group: &Group,
-        of: &mut Sheets<'_>,
-        depths: &mut Depths,
-        is_open: impl Fn(&Depths, &Aabb) -> bool,
+        face: CubeFace,
+        group: &PatchSurface,
+        of: &mut SubSurfaces<'_>,
+        depths: &mut DepthPyramid,
+        is_open: impl Fn(&DepthPyramid, &Aabb) -> bool,
     ) {
         let surfaces = of.surfaces;
         let found = of.take(group);
@@ -142,49 +147,49 @@ impl Buffer {
 
     /// Whether no eye sees anything of a box, since what is nearer hides it.
     pub fn hides(&self, bounds: &Aabb) -> bool {
-        self.is_blind || bounds.is_empty() || self.look(bounds) == Hidden::All
+        self.is_blind || bounds.is_empty() || self.look(bounds) == Occlusion::All
     }
 
-    fn look(&self, bounds: &Aabb) -> Hidden {
+    fn look(&self, bounds: &Aabb) -> Occlusion {
         if !(bounds.min.is_finite() && bounds.max.is_finite()) {
-            return Hidden::Nothing;
+            return Occlusion::Nothing;
         }
-        let mut all = Hidden::All;
+        let mut all = Occlusion::All;
         let mut is_one = true;
         for face in self.faces_towards(bounds) {
             let Some(found) = self.look_on(face, bounds) else { continue };
-            all = if is_one || all == found { found } else { Hidden::Perhaps };
+            all = if is_one || all == found { found } else { Occlusion::Perhaps };
             is_one = false;
         }
         all
     }
 
     /// The faces that something of a box may project onto.
-    fn faces_towards(&self, bounds: &Aabb) -> impl Iterator<Item = Face> {
+    fn faces_towards(&self, bounds: &Aabb) -> impl Iterator<Item = CubeFace> {
         let [low, high] = [bounds.min, bounds.max].map(|at| at.as_dvec3() - self.middle);
         let aside = low.max(-high).max(DVec3::ZERO).max_element();
-        let is_towards = move |face: &Face| {
+        let is_towards = move |face: &CubeFace| {
             let ahead = face.most(low, high);
             ahead > 0.0 && aside <= ahead
         };
-        Face::ALL.into_iter().filter(is_towards)
+        CubeFace::ALL.into_iter().filter(is_towards)
     }
 
     /// The same of what projects onto one face; `None` when nothing does.
-    fn look_on(&self, face: Face, bounds: &Aabb) -> Option<Hidden> {
+    fn look_on(&self, face: CubeFace, bounds: &Aabb) -> Option<Occlusion> {
         let (columns, rows, depths) = self.shown(face, bounds)?;
-        let found = |at: &Depths| at.look(columns, rows, depths);
-        Some(self.faces[face.index()].as_ref().map_or(Hidden::Nothing, found))
+        let found = |at: &DepthPyramid| at.look(columns, rows, depths);
+        Some(self.faces[face.index()].as_ref().map_or(Occlusion::Nothing, found))
     }
 
     /// The same with other depths.
-    fn look_at(&self, face: Face, bounds: &Aabb, at: &Depths) -> Option<Hidden> {
+    fn look_at(&self, face: CubeFace, bounds: &Aabb, at: &DepthPyramid) -> Option<Occlusion> {
         let (columns, rows, depths) = self.shown(face, bounds)?;
         Some(at.look(columns, rows, depths))
     }
 
     /// Where the eye in the middle sees what is in a box, and from where to where it is deep; `None` when it is not on a face.
-    fn shown(&self, face: Face, bounds: &Aabb) -> Option<Shown> {
+    fn shown(&self, face: CubeFace, bounds: &Aabb) -> Option<Shown> {
         let [low, high] =
             [bounds.min, bounds.max].map(|at| face.turned(at.as_dvec3() - self.middle));
         let (low, high) = (low.with_z(low.z.min(high.z)), high.with_z(low.z.max(high.z)));
@@ -214,7 +219,7 @@ impl Buffer {
                     return true;
                 }
                 let Some(depths) = &self.faces[face.index()] else { return false };
-                let plane = Plane::of(surfaces, patch, self.middle, face);
+                let plane = FacePlane::of(surfaces, patch, self.middle, face);
                 plane.is_behind(&polygon, &depths.nearest, self.size)
             })
     }
@@ -223,7 +228,7 @@ impl Buffer {
     fn hides_point(&self, point: DVec3) -> bool {
         let way = point - self.middle;
         let depth = way.abs().max_element();
-        let on = Face::ALL.into_iter().find(|face| face.turned(way).z == depth);
+        let on = CubeFace::ALL.into_iter().find(|face| face.turned(way).z == depth);
         let Some(face) = on.filter(|_| depth > 0.0) else { return false };
         let Some(depths) = &self.faces[face.index()] else { return false };
         let at = (face.turned(way).truncate() / depth + 1.0) * (0.5 * self.size as f64);
@@ -233,31 +238,32 @@ impl Buffer {
 
     /// Marks the patches that no eye sees, of those that are not settled. `classes` are those of all
     /// patches, in their order.
-    pub fn find_hidden(&self, surfaces: &Surfaces, classes: &mut [Class]) {
+    pub fn find_hidden(&self, surfaces: &Surfaces, classes: &mut [PatchVisibility]) {
         let mut spare = Vec::new();
         let top = surfaces.runs().len() - 1;
         let mut waiting: Vec<(usize, usize)> =
             (0..surfaces.runs()[top].len()).map(|place| (top, place)).collect();
         while let Some((level, place)) = waiting.pop() {
             let bounds = &surfaces.runs()[level][place];
-            let found = if self.is_blind { Hidden::All } else { self.look(bounds) };
+            let found = if self.is_blind { Occlusion::All } else { self.look(bounds) };
             let width = RUN.pow(level as u32);
             let patches = place * width..((place + 1) * width).min(surfaces.len());
             match found {
-                Hidden::Nothing => {}
-                Hidden::All => {
+                Occlusion::Nothing => {}
+                Occlusion::All => {
                     let classes = classes.get_mut(patches).unwrap_or_default();
-                    let open = classes.iter_mut().filter(|class| **class == Class::Remaining);
-                    open.for_each(|class| *class = Class::Invisible);
+                    let open =
+                        classes.iter_mut().filter(|class| **class == PatchVisibility::Remaining);
+                    open.for_each(|class| *class = PatchVisibility::Invisible);
                 }
-                Hidden::Perhaps if level == 0 => {
-                    if classes.get(place) == Some(&Class::Remaining)
+                Occlusion::Perhaps if level == 0 => {
+                    if classes.get(place) == Some(&PatchVisibility::Remaining)
                         && self.hides_patch(surfaces, place, &mut spare)
                     {
-                        classes[place] = Class::Invisible;
+                        classes[place] = PatchVisibility::Invisible;
                     }
                 }
-                Hidden::Perhaps => {
+                Occlusion::Perhaps => {
                     let last = ((place + 1) * RUN).min(surfaces.runs()[level - 1].len());
                     waiting.extend((place * RUN..last).map(|place| (level - 1, place)));
                 }
@@ -268,7 +274,7 @@ impl Buffer {
     /// What of a patch the eye in the middle sees on a face, in elements.
     fn project(
         &self,
-        face: Face,
+        face: CubeFace,
         surfaces: &Surfaces,
         patch: usize,
         spare: &mut Vec<DVec3>,
@@ -280,10 +286,10 @@ impl Buffer {
     /// Puts the facets of a sheet into rows.
     fn scan(
         &self,
-        face: Face,
-        sheet: &Sheet,
+        face: CubeFace,
+        sheet: &SubSurface,
         surfaces: &Surfaces,
-        rows_of: &mut Rows,
+        rows_of: &mut FaceRows,
         spare: &mut Vec<DVec3>,
     ) {
         for facet in sheet.facets.iter().map(|facet| surfaces.facet(*facet)) {
@@ -291,7 +297,7 @@ impl Buffer {
                 facet.edges.iter().map(|edge| edge.ends.map(|end| face.turned(end - self.middle)));
             let plane = rows_of.planes.len() as u32;
             let depths = ends.clone().flatten().map(|end| end.z);
-            rows_of.planes.push(Plane {
+            rows_of.planes.push(FacePlane {
                 normal: face.turned(facet.normal),
                 offset: facet.offset - facet.normal.dot(self.middle),
                 nearest: depths.clone().fold(f64::INFINITY, f64::min),

@@ -2,16 +2,16 @@
 
 /// Depths along a face's axis, and of 2 × 2 of them the least and the greatest, and so on.
 #[derive(Clone, Debug)]
-pub(super) struct Depths {
+pub(super) struct DepthPyramid {
     /// Row by row.
     pub(super) nearest: Vec<f32>,
     size: usize,
     /// From 2 × 2 on.
-    levels: Vec<Level>,
+    levels: Vec<PyramidLevel>,
 }
 
 #[derive(Clone, Debug)]
-struct Level {
+struct PyramidLevel {
     width: usize,
     /// The least and the greatest.
     entries: Vec<[f32; 2]>,
@@ -19,13 +19,13 @@ struct Level {
 
 /// What a buffer says of what is in a box.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Hidden {
+pub(super) enum Occlusion {
     All,
     Nothing,
     Perhaps,
 }
 
-impl Depths {
+impl DepthPyramid {
     /// Nothing is near.
     pub(super) fn new(size: usize) -> Self {
         Self { nearest: vec![f32::INFINITY; size * size], size, levels: Vec::new() }
@@ -34,9 +34,9 @@ impl Depths {
     /// Makes it fit to be looked at. When depths become less thereafter, what is found is right and less than there is.
     pub(super) fn find_levels(&mut self) {
         self.levels.clear();
-        let mut level = Level::above(self.size, &self.nearest, |depth| [*depth; 2]);
+        let mut level = PyramidLevel::above(self.size, &self.nearest, |depth| [*depth; 2]);
         while level.width > 1 {
-            let next = Level::above(level.width, &level.entries, |ends| *ends);
+            let next = PyramidLevel::above(level.width, &level.entries, |ends| *ends);
             self.levels.push(std::mem::replace(&mut level, next));
         }
         self.levels.push(level);
@@ -46,7 +46,7 @@ impl Depths {
         match level.checked_sub(1) {
             None => [self.nearest[row * self.size + column]; 2],
             Some(above) => {
-                let Level { width, entries } = &self.levels[above];
+                let PyramidLevel { width, entries } = &self.levels[above];
                 entries[row * width + column]
             }
         }
@@ -58,7 +58,7 @@ impl Depths {
         columns: [usize; 2],
         rows: [usize; 2],
         [near, far]: [f32; 2],
-    ) -> Hidden {
+    ) -> Occlusion {
         // Where the rectangle is no more than two or three wide.
         let widest = (columns[1] - columns[0]).max(rows[1] - rows[0]) + 1;
         let level = (widest.ilog2() as usize).min(self.levels.len());
@@ -72,9 +72,9 @@ impl Depths {
             }
         }
         match (all, none) {
-            (true, _) => Hidden::All,
-            (false, true) => Hidden::Nothing,
-            (false, false) => Hidden::Perhaps,
+            (true, _) => Occlusion::All,
+            (false, true) => Occlusion::Nothing,
+            (false, false) => Occlusion::Perhaps,
         }
     }
 
@@ -109,7 +109,7 @@ impl Depths {
     }
 }
 
-impl Level {
+impl PyramidLevel {
     /// That above some entries, so many to a row.
     fn above<T>(width: usize, below: &[T], ends: impl Fn(&T) -> [f32; 2]) -> Self {
         let half = width.div_ceil(2);

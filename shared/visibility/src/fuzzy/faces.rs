@@ -12,12 +12,12 @@ pub(super) const NEAR_DEPTH_M: f64 = 0.5 * NEAR_M;
 
 /// Eyes anywhere in a box, each with the same field of view.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Viewpoints {
+pub struct ViewpointBox {
     eyes: Aabb,
     active: [bool; 6],
 }
 
-impl Viewpoints {
+impl ViewpointBox {
     /// Eyes that look everywhere. A box that is empty or not finite holds no eyes, and everything is
     /// hidden from them.
     pub fn all_round(eyes: Aabb) -> Self {
@@ -27,7 +27,7 @@ impl Viewpoints {
     /// Eyes that look in some directions only: faces that no such direction meets stay inactive,
     /// and cost nothing. What may project onto one counts as not hidden.
     pub fn within(eyes: Aabb, directions: &Frustum) -> Self {
-        let active = Face::ALL.map(|face| {
+        let active = CubeFace::ALL.map(|face| {
             let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
             let corners = corners.map(|[x, y]| face.unturned(DVec3::new(x, y, 1.0)));
             let excludes = |out: &DVec3| corners.iter().all(|corner| out.dot(*corner) > 0.0);
@@ -44,8 +44,8 @@ impl Viewpoints {
     }
 
     /// The faces that are active.
-    pub(super) fn faces(&self) -> impl Iterator<Item = Face> + '_ {
-        Face::ALL.into_iter().filter(|face| self.active[face.index()])
+    pub(super) fn faces(&self) -> impl Iterator<Item = CubeFace> + '_ {
+        CubeFace::ALL.into_iter().filter(|face| self.active[face.index()])
     }
 
     /// Whether there are any eyes at all.
@@ -66,12 +66,12 @@ impl Viewpoints {
 /// A face of the cube: the directions nearest to one way along one axis. Its own coordinates have
 /// that way as z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Face {
+pub(super) struct CubeFace {
     axis: usize,
     backwards: bool,
 }
 
-impl Face {
+impl CubeFace {
     pub(super) const ALL: [Self; 6] = [
         Self { axis: 0, backwards: false },
         Self { axis: 0, backwards: true },
@@ -149,7 +149,7 @@ fn clip(polygon: &mut Vec<DVec3>, height: impl Fn(DVec3) -> f64, spare: &mut Vec
 /// The directions from any eye to any of some points' convex hull, on a face: a convex polygon in
 /// elements, in order; none when they miss the face.
 pub(super) fn region(
-    face: Face,
+    face: CubeFace,
     points: &[DVec3],
     eyes: &[DVec3; 8],
     size: f64,
@@ -205,8 +205,13 @@ fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
 /// The fuzzy extent of a box: the least and the greatest X and Y, from -1 to 1 on a face, at which any
 /// eye of a box may see it, when the face looks along `axis`, `backwards` or not. Equations (1) and (2) with the
 /// corners of both boxes. `None` when no eye sees it there.
-pub fn extent(bounds: &Aabb, eyes: &Aabb, axis: usize, backwards: bool) -> Option<[[f64; 2]; 2]> {
-    let face = Face { axis: axis % 3, backwards };
+pub fn fuzzy_extent(
+    bounds: &Aabb,
+    eyes: &Aabb,
+    axis: usize,
+    backwards: bool,
+) -> Option<[[f64; 2]; 2]> {
+    let face = CubeFace { axis: axis % 3, backwards };
     let [low, high] = [bounds.min, bounds.max].map(|corner| corner.as_dvec3());
     let [from, to] = [eyes.min, eyes.max].map(|corner| corner.as_dvec3());
     let (one, other) = (face.turned(low - to), face.turned(high - from));

@@ -9,17 +9,17 @@ use sightline_world::geometry::Aabb;
 
 /// Interconnected patches in one plane.
 #[derive(Clone, Debug)]
-pub(super) struct Facet {
+pub(super) struct PlanarFacet {
     /// Of unit length.
     pub(super) normal: DVec3,
     pub(super) offset: f64,
     pub(super) bounds: Aabb,
     /// Its outline, and those of its holes.
-    pub(super) edges: Vec<Edge>,
+    pub(super) edges: Vec<FacetEdge>,
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Edge {
+pub(super) struct FacetEdge {
     pub(super) ends: [DVec3; 2],
     /// The facet of the same surface that it shares the edge with, if it is one; and whether both
     /// normals are on the same side of the surface.
@@ -27,14 +27,14 @@ pub(super) struct Edge {
 }
 
 /// The other patch that an edge belongs to, and whether their corners go round the same way.
-type Join = Option<(u32, bool)>;
+type PatchJoin = Option<(u32, bool)>;
 
 /// A patch's place: its facet, and whether it goes round the other way.
-type Place = (u32, bool);
+type FacetPlacement = (u32, bool);
 
 /// An edge of an outline, by the numbers of its corners.
 #[derive(Clone, Copy)]
-struct Piece {
+struct OutlineEdge {
     from: u32,
     to: u32,
     join: Option<(u32, bool)>,
@@ -43,7 +43,7 @@ struct Piece {
 /// Finds the facets of one surface's patches.
 pub(super) fn find(surfaces: &mut Surfaces, patches: &[u32]) {
     let joins = joins(surfaces, patches);
-    let mut places: FxHashMap<u32, Place> = FxHashMap::default();
+    let mut places: FxHashMap<u32, FacetPlacement> = FxHashMap::default();
     let (start, mut found) = (surfaces.facets(), Vec::new());
     for &first in patches {
         if surfaces.patch(first as usize).normal != DVec3::ZERO && !places.contains_key(&first) {
@@ -56,7 +56,7 @@ pub(super) fn find(surfaces: &mut Surfaces, patches: &[u32]) {
         let pieces = outline(surfaces, &joins, &places, members, number);
         let first = surfaces.patch(members[0] as usize);
         let bounds = |all: Aabb, patch: &u32| all.union(&surfaces.patch(*patch as usize).bounds);
-        let facet = Facet {
+        let facet = PlanarFacet {
             normal: first.normal,
             offset: first.offset,
             bounds: members.iter().fold(Aabb::EMPTY, bounds),
@@ -67,7 +67,7 @@ pub(super) fn find(surfaces: &mut Surfaces, patches: &[u32]) {
 }
 
 /// For each edge that belongs to just two patches, the other one.
-fn joins(surfaces: &Surfaces, patches: &[u32]) -> FxHashMap<(u32, usize), Join> {
+fn joins(surfaces: &Surfaces, patches: &[u32]) -> FxHashMap<(u32, usize), PatchJoin> {
     let mut found: FxHashMap<[u32; 2], Vec<(u32, usize, bool)>> = FxHashMap::default();
     for &patch in patches {
         for edge in surfaces.edges(patch as usize) {
@@ -92,10 +92,10 @@ fn joins(surfaces: &Surfaces, patches: &[u32]) -> FxHashMap<(u32, usize), Join> 
 /// All patches that are joined to one within its plane.
 fn spread(
     surfaces: &Surfaces,
-    joins: &FxHashMap<(u32, usize), Join>,
+    joins: &FxHashMap<(u32, usize), PatchJoin>,
     first: u32,
     number: u32,
-    places: &mut FxHashMap<u32, Place>,
+    places: &mut FxHashMap<u32, FacetPlacement>,
 ) -> Vec<u32> {
     let (mut members, mut next) = (vec![first], 0);
     let plane = surfaces.patch(first as usize);
@@ -125,11 +125,11 @@ fn spread(
 /// The edges that a facet's patches do not share with each other.
 fn outline(
     surfaces: &Surfaces,
-    joins: &FxHashMap<(u32, usize), Join>,
-    places: &FxHashMap<u32, Place>,
+    joins: &FxHashMap<(u32, usize), PatchJoin>,
+    places: &FxHashMap<u32, FacetPlacement>,
     members: &[u32],
     number: u32,
-) -> Vec<Piece> {
+) -> Vec<OutlineEdge> {
     let mut pieces = Vec::new();
     for &patch in members {
         let (_, is_turned) = places[&patch];
@@ -146,14 +146,14 @@ fn outline(
             // Joined to itself some other way: a fold.
             let join = join.filter(|(facet, _)| *facet != number);
             let (from, to) = if is_turned { (to, from) } else { (from, to) };
-            pieces.push(Piece { from, to, join });
+            pieces.push(OutlineEdge { from, to, join });
         }
     }
     pieces
 }
 
 /// Makes one edge of those that follow each other on a line and lead to the same facet.
-fn merged(surfaces: &Surfaces, pieces: Vec<Piece>) -> Vec<Edge> {
+fn merged(surfaces: &Surfaces, pieces: Vec<OutlineEdge>) -> Vec<FacetEdge> {
     let mut leaving: FxHashMap<u32, Vec<usize>> = FxHashMap::default();
     let mut arriving: FxHashMap<u32, usize> = FxHashMap::default();
     for (i, piece) in pieces.iter().enumerate() {
@@ -161,7 +161,7 @@ fn merged(surfaces: &Surfaces, pieces: Vec<Piece>) -> Vec<Edge> {
         *arriving.entry(piece.to).or_default() += 1;
     }
     // The one that goes on where a piece ends, if nothing else does.
-    let next = |piece: &Piece| {
+    let next = |piece: &OutlineEdge| {
         let follows = match leaving.get(&piece.to).map(Vec::as_slice) {
             Some([only]) if arriving.get(&piece.to) == Some(&1) => *only,
             _ => return None,
@@ -182,7 +182,7 @@ fn merged(surfaces: &Surfaces, pieces: Vec<Piece>) -> Vec<Edge> {
                 last = next;
             }
             let ends = [pieces[start].from, pieces[last].to].map(|at| surfaces.corner(at));
-            Edge { ends, join: pieces[start].join }
+            FacetEdge { ends, join: pieces[start].join }
         })
         .collect()
 }

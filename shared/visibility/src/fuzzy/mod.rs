@@ -1,6 +1,6 @@
 //! Fuzzy projection: what no eye in a box can see, and what every eye in it sees unhindered.
 //!
-//! **Directions, not places.** All eyes of a [viewpoint box](Viewpoints) look at the six faces of one
+//! **Directions, not places.** All eyes of a [viewpoint box](ViewpointBox) look at the six faces of one
 //! cube. A cell of a face (an *element*) stands for the directions that it covers, whichever eye
 //! looks there. Seen from all eyes at once the outline of a surface is no line but a band, its
 //! *fuzzy boundary*. A direction outside of all such bands, in which one eye sees the surface, is one in
@@ -12,7 +12,7 @@
 //! the surface, so in the plane of the two eyes and the point it is a curve from the one line to the other,
 //! with the second eye before it and the point behind it. The line from that eye to the point crosses it.
 //! So the buffer keeps, for each element, how far the nearest such surface is at the most, seen from
-//! the middle of the box, and what is farther from there is hidden from all eyes ([`Buffer::hides`]).
+//! the middle of the box, and what is farther from there is hidden from all eyes ([`FuzzyBuffer::hides`]).
 //! Nothing need be added for the size of the box: that is in the bands alone.
 //!
 //! **Surfaces** are patches that share edges: flat, convex polygons of which an edge belongs to two at
@@ -21,13 +21,13 @@
 //!
 //! **The band of an edge** is exact: the differences between its points and the eyes fill the convex hull
 //! of sixteen points, whose projection is the hull of theirs. The paper's fuzzy extent, the rectangle
-//! around it by equations (1) and (2), is [`extent`], for whoever wants less work and a looser answer: nothing here does.
+//! around it by equations (1) and (2), is [`fuzzy_extent`], for whoever wants less work and a looser answer: nothing here does.
 //!
 //! **What every eye sees** ([`classify`]): a patch all of whose elements are met by the fuzzy regions of
 //! no surface but its own. It hides nothing, and nothing hides it, if its surface does not hide itself;
 //! those that are flat or convex do not, and others are taken as one surface for each plane.
 //!
-//! [`Lists`] keep what was found: the smallest two of the three lists, as differences between ids or
+//! [`PackedVisibility`] keep what was found: the smallest two of the three lists, as differences between ids or
 //! as changes to a neighbour's. What is settled for a box is settled for every box inside of it.
 //!
 //! A cache for elements, as the patent has it, is left out: a face of 400² elements is 640 kB, and what is
@@ -37,21 +37,21 @@ mod buffer;
 mod depths;
 mod faces;
 mod facets;
-mod lists;
+mod packed;
 mod raster;
 mod scan;
-mod sheets;
+mod sub_surfaces;
 mod surfaces;
 mod visible;
 
-pub use buffer::Buffer;
-pub use faces::{Viewpoints, extent};
-pub use lists::{ListError, Lists};
+pub use buffer::FuzzyBuffer;
+pub use faces::{ViewpointBox, fuzzy_extent};
+pub use packed::{PackedVisibility, UnpackError};
 pub use surfaces::{SurfaceError, Surfaces};
 
 /// What a box of eyes makes of a patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Class {
+pub enum PatchVisibility {
     /// No eye sees any of it.
     Invisible,
     /// Every eye sees all of it, and it hides nothing that is not invisible.
@@ -61,7 +61,7 @@ pub enum Class {
 }
 
 /// Sorts the patches of all surfaces, in their order, with faces of `size` × `size` elements.
-/// [`Buffer::find_hidden`] does the first half of it, which is the cheaper and mostly the better one.
+/// [`FuzzyBuffer::find_hidden`] does the first half of it, which is the cheaper and mostly the better one.
 ///
 /// What was settled for a box around this one may be given, and stays settled.
 ///
@@ -85,15 +85,15 @@ pub enum Class {
 /// ```
 pub fn classify(
     surfaces: &Surfaces,
-    viewpoints: &Viewpoints,
+    viewpoints: &ViewpointBox,
     size: usize,
-    settled: Option<&[Class]>,
-) -> Vec<Class> {
+    settled: Option<&[PatchVisibility]>,
+) -> Vec<PatchVisibility> {
     let mut classes = match settled {
         Some(settled) if settled.len() == surfaces.len() => settled.to_vec(),
-        _ => vec![Class::Remaining; surfaces.len()],
+        _ => vec![PatchVisibility::Remaining; surfaces.len()],
     };
-    let buffer = Buffer::new(surfaces, viewpoints, size);
+    let buffer = FuzzyBuffer::new(surfaces, viewpoints, size);
     buffer.find_hidden(surfaces, &mut classes);
     visible::find(surfaces, viewpoints, buffer.size(), &mut classes);
     classes

@@ -7,19 +7,19 @@ use glam::{DVec2, DVec3};
 use super::{
     Surfaces,
     buffer::hidden_from,
-    faces::{Face, NEAR_DEPTH_M},
+    faces::{CubeFace, NEAR_DEPTH_M},
     raster::{ROUNDING, elements, rows},
 };
 
 /// A run of elements of a row, and the plane whose depths they have.
-pub(super) struct Span {
+pub(super) struct ElementRun {
     pub(super) from: u32,
     pub(super) to: u32,
     pub(super) plane: u32,
 }
 
 /// A patch's plane in a face's coordinates, relative to the middle of the eyes.
-pub(super) struct Plane {
+pub(super) struct FacePlane {
     pub(super) normal: DVec3,
     pub(super) offset: f64,
     pub(super) nearest: f64,
@@ -27,14 +27,14 @@ pub(super) struct Plane {
 }
 
 /// A plane's depths along a row.
-pub(super) struct Inverse {
+pub(super) struct RowDepths {
     pub(super) ends: [f64; 2],
     pub(super) growth: f64,
     pub(super) nearest: f64,
     pub(super) farthest: f64,
 }
 
-impl Inverse {
+impl RowDepths {
     /// The least depth in an element; less where the plane is seen from along it.
     #[inline]
     pub(super) fn least(&self, column: usize) -> f64 {
@@ -52,18 +52,18 @@ impl Inverse {
 }
 
 /// One face's rows while a sheet is projected, kept from one to the next.
-pub(super) struct Rows {
-    pub(super) spans: Vec<Vec<Span>>,
+pub(super) struct FaceRows {
+    pub(super) spans: Vec<Vec<ElementRun>>,
     pub(super) border: Vec<Vec<[u32; 2]>>,
     pub(super) touched: Range<usize>,
     /// Where the outline of a facet crosses each row, and how far along the facet.
     pub(super) crossings: Vec<Vec<(f64, DVec3)>>,
-    pub(super) planes: Vec<Plane>,
+    pub(super) planes: Vec<FacePlane>,
     pub(super) depths: Vec<f64>,
 }
 
-impl Plane {
-    pub(super) fn of(surfaces: &Surfaces, patch: usize, middle: DVec3, face: Face) -> Self {
+impl FacePlane {
+    pub(super) fn of(surfaces: &Surfaces, patch: usize, middle: DVec3, face: CubeFace) -> Self {
         let depths = surfaces.corners(patch).map(|corner| face.turned(corner - middle).z);
         let patch = surfaces.patch(patch);
         Self {
@@ -76,7 +76,7 @@ impl Plane {
 
     /// What one through the depth is in a row: at its left end, the least and the most, and by how much
     /// it grows to the right from element to element.
-    pub(super) fn row(&self, row: usize, size: usize) -> Inverse {
+    pub(super) fn row(&self, row: usize, size: usize) -> RowDepths {
         let step = 2.0 / size as f64;
         let at = |column: f64, row: f64| {
             let direction = DVec3::new(column * step - 1.0, row * step - 1.0, 1.0);
@@ -85,7 +85,7 @@ impl Plane {
         let [above, below] = [row as f64, (row + 1) as f64].map(|row| at(0.0, row));
         let growth = self.normal.x * step / self.offset;
         let ends = [above.min(below) + growth.min(0.0), above.max(below) + growth.max(0.0)];
-        Inverse { ends, growth, nearest: self.nearest.max(0.0), farthest: self.farthest }
+        RowDepths { ends, growth, nearest: self.nearest.max(0.0), farthest: self.farthest }
     }
 
     /// Whether in all elements that a patch in this plane meets something is before it.
@@ -103,7 +103,7 @@ impl Plane {
     }
 }
 
-impl Rows {
+impl FaceRows {
     pub(super) fn new(size: usize) -> Self {
         Self {
             spans: (0..size).map(|_| Vec::new()).collect(),
@@ -116,7 +116,7 @@ impl Rows {
     }
 
     pub(super) fn add(&mut self, row: usize, [from, to]: [usize; 2], plane: u32) {
-        self.spans[row].push(Span { from: from as u32, to: to as u32, plane });
+        self.spans[row].push(ElementRun { from: from as u32, to: to as u32, plane });
         self.touch(row);
     }
 
@@ -127,7 +127,7 @@ impl Rows {
         ends: impl Iterator<Item = [DVec3; 2]>,
         size: usize,
     ) {
-        let Plane { normal, .. } = self.planes[plane as usize];
+        let FacePlane { normal, .. } = self.planes[plane as usize];
         let place = |row: usize| (row as f64 + 0.5) * (2.0 / size as f64) - 1.0;
         let mut touched = size..0;
         for [from, to] in ends {
@@ -184,7 +184,7 @@ impl Rows {
             let spans = &mut self.spans[row];
             let first = spans.iter().map(|span| span.from as usize).min().unwrap_or(size);
             let last = spans.iter().map(|span| span.to as usize).max().unwrap_or(0);
-            for Span { from, to, plane } in spans.drain(..) {
+            for ElementRun { from, to, plane } in spans.drain(..) {
                 let inverse = self.planes[plane as usize].row(row, size);
                 let columns = from as usize..=to as usize;
                 for (column, depth) in columns.clone().zip(&mut self.depths[columns]) {

@@ -5,7 +5,7 @@ use rustc_hash::FxHashMap;
 
 use super::{
     faces::NEAR_M,
-    facets::{self, Facet},
+    facets::{self, PlanarFacet},
 };
 use sightline_world::geometry::Aabb;
 
@@ -22,23 +22,23 @@ pub struct Surfaces {
     corners: Vec<DVec3>,
     /// Of `corners`, patch by patch; that to the next is an edge.
     indices: Vec<u32>,
-    patches: Vec<Patch>,
-    facets: Vec<Facet>,
+    patches: Vec<SurfacePatch>,
+    facets: Vec<PlanarFacet>,
     /// Around each patch, around each run of [`RUN`] of these, and so on: up to a few in all.
     runs: Vec<Vec<Aabb>>,
-    groups: Vec<Group>,
+    groups: Vec<PatchSurface>,
 }
 
 /// A surface.
 #[derive(Clone, Debug)]
-pub(super) struct Group {
+pub(super) struct PatchSurface {
     pub(super) bounds: Aabb,
     /// The first and the last of its facets.
     pub(super) facets: std::ops::Range<usize>,
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Patch {
+pub(super) struct SurfacePatch {
     start: u32,
     end: u32,
     /// Of unit length; zero when the patch has no area.
@@ -111,7 +111,7 @@ impl Surfaces {
             let around =
                 |all: Aabb, patch: &u32| all.union(&surfaces.patch(*patch as usize).bounds);
             let bounds = patches.iter().fold(Aabb::EMPTY, around);
-            surfaces.groups.push(Group { bounds, facets: start..surfaces.facets.len() });
+            surfaces.groups.push(PatchSurface { bounds, facets: start..surfaces.facets.len() });
             surfaces.find_kin(&patches, &mut kin);
         }
         let mut level: Vec<Aabb> = surfaces.patches.iter().map(|patch| patch.bounds).collect();
@@ -135,11 +135,11 @@ impl Surfaces {
     }
 
     /// The surfaces.
-    pub(super) fn groups(&self) -> &[Group] {
+    pub(super) fn groups(&self) -> &[PatchSurface] {
         &self.groups
     }
 
-    pub(super) fn patch(&self, patch: usize) -> &Patch {
+    pub(super) fn patch(&self, patch: usize) -> &SurfacePatch {
         &self.patches[patch]
     }
 
@@ -169,7 +169,7 @@ impl Surfaces {
         self.corners[corner as usize]
     }
 
-    pub(super) fn facet(&self, facet: usize) -> &Facet {
+    pub(super) fn facet(&self, facet: usize) -> &PlanarFacet {
         &self.facets[facet]
     }
 
@@ -177,13 +177,13 @@ impl Surfaces {
         self.facets.len()
     }
 
-    pub(super) fn push(&mut self, facet: Facet) {
+    pub(super) fn push(&mut self, facet: PlanarFacet) {
         self.facets.push(facet);
     }
 
     /// On which side of a patch's plane all eyes are.
     pub(super) fn side(&self, patch: usize, eyes: &[DVec3; 8]) -> i8 {
-        let Patch { normal, offset, .. } = self.patches[patch];
+        let SurfacePatch { normal, offset, .. } = self.patches[patch];
         side(normal, offset, eyes)
     }
 
@@ -210,7 +210,7 @@ impl Surfaces {
         }
         let bounds = Aabb::from_points(corners.iter().map(|corner| corner.as_vec3()));
         let (start, end) = (start as u32, self.indices.len() as u32);
-        self.patches.push(Patch { start, end, normal, offset, bounds, kin: 0 });
+        self.patches.push(SurfacePatch { start, end, normal, offset, bounds, kin: 0 });
         Ok(())
     }
 
@@ -220,7 +220,7 @@ impl Surfaces {
         let mut planes: FxHashMap<[i64; 4], u32> = FxHashMap::default();
         let is_one = self.does_not_hide_itself(patches);
         for &patch in patches {
-            let Patch { normal, offset, .. } = self.patches[patch as usize];
+            let SurfacePatch { normal, offset, .. } = self.patches[patch as usize];
             let key = normal.extend(offset).to_array().map(|part| (part * 1e4).round() as i64);
             let number = *planes.entry(if is_one { [0; 4] } else { key }).or_insert_with(|| {
                 *kin += 1;
@@ -240,7 +240,7 @@ impl Surfaces {
             patches.iter().flat_map(|patch| self.corners(*patch as usize)).collect();
         [1.0, -1.0].into_iter().any(|side| {
             patches.iter().all(|patch| {
-                let Patch { normal, offset, .. } = &self.patches[*patch as usize];
+                let SurfacePatch { normal, offset, .. } = &self.patches[*patch as usize];
                 corners.iter().all(|corner| side * (normal.dot(*corner) - offset) <= FLAT_M)
             })
         })

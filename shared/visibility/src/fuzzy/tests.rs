@@ -197,7 +197,7 @@ struct Tally {
 fn check(
     scene: &Scene,
     bounds: &Aabb,
-    classes: &[Class],
+    classes: &[PatchVisibility],
     random: &mut SmallRng,
     tally: &mut Tally,
 ) {
@@ -206,22 +206,22 @@ fn check(
         let points = points(&scene.corners_of(patch), random);
         let mut lines = eyes.iter().flat_map(|eye| points.iter().map(move |point| (*eye, *point)));
         let is_seen = match class {
-            Class::Visible => {
+            PatchVisibility::Visible => {
                 let hidden = lines.find(|(eye, point)| !sees(&triangles, *eye, *point));
                 assert!(hidden.is_none(), "patch {patch}, visible, is hidden: {hidden:?}");
                 true
             }
-            Class::Invisible | Class::Remaining => {
+            PatchVisibility::Invisible | PatchVisibility::Remaining => {
                 let seen = lines.find(|(eye, point)| sees(&triangles, *eye, *point));
-                let is_sound = *class != Class::Invisible || seen.is_none();
+                let is_sound = *class != PatchVisibility::Invisible || seen.is_none();
                 assert!(is_sound, "patch {patch}, invisible, is seen: {seen:?}");
                 seen.is_some()
             }
         };
         tally.patches += 1;
         tally.unseen += usize::from(!is_seen);
-        tally.invisible += usize::from(*class == Class::Invisible);
-        tally.visible += usize::from(*class == Class::Visible);
+        tally.invisible += usize::from(*class == PatchVisibility::Invisible);
+        tally.visible += usize::from(*class == PatchVisibility::Visible);
     }
 }
 
@@ -237,7 +237,7 @@ fn nothing_seen_is_invisible_and_nothing_hidden_is_visible() {
             let middle = direction(random) * random.random_range(0.0..1.5);
             let bounds = Aabb::around(middle, half);
             let size = random.random_range(24..160);
-            let classes = classify(&scene.surfaces(), &Viewpoints::all_round(bounds), size, None);
+            let classes = classify(&scene.surfaces(), &ViewpointBox::all_round(bounds), size, None);
             check(&scene, &bounds, &classes, random, &mut tally);
         }
         let Tally { patches, unseen, invisible, visible } = tally;
@@ -273,8 +273,8 @@ fn a_wall_hides_what_stands_behind_it_from_a_box_and_not_what_a_doorway_shows() 
     let scene = rooms();
     let surfaces = scene.surfaces();
     let bounds = Aabb::around(Vec3::new(-1.0, 1.5, -1.5), 0.25);
-    let eyes = Viewpoints::all_round(bounds);
-    let buffer = Buffer::new(&surfaces, &eyes, 256);
+    let eyes = ViewpointBox::all_round(bounds);
+    let buffer = FuzzyBuffer::new(&surfaces, &eyes, 256);
     assert!(buffer.hides(&Aabb::around(Vec3::new(6.0, 1.0, -1.0), 0.5)), "the ball next door");
     assert!(!buffer.hides(&Aabb::around(Vec3::new(1.5, 1.0, 0.5), 0.3)), "the ball in the room");
     assert!(!buffer.hides(&Aabb::around(Vec3::new(4.5, 1.5, 2.2), 0.2)), "through the doorway");
@@ -291,18 +291,19 @@ fn a_box_inside_inherits_what_was_settled_around_it() {
     let (scene, random) = (rooms(), &mut SmallRng::seed_from_u64(2));
     let surfaces = scene.surfaces();
     let outer = Aabb::around(Vec3::new(-1.0, 1.5, -1.5), 0.5);
-    let settled = classify(&surfaces, &Viewpoints::all_round(outer), 200, None);
+    let settled = classify(&surfaces, &ViewpointBox::all_round(outer), 200, None);
     for _ in 0..8 {
         let share = Vec3::from_array(std::array::from_fn(|_| random.random_range(0.2..0.8)));
         let inner = Aabb::around(outer.min + outer.size() * share, 0.1);
-        let eyes = Viewpoints::all_round(inner);
+        let eyes = ViewpointBox::all_round(inner);
         let classes = classify(&surfaces, &eyes, 200, Some(&settled));
         for (now, then) in classes.iter().zip(&settled) {
-            assert!(*then == Class::Remaining || now == then);
+            assert!(*then == PatchVisibility::Remaining || now == then);
         }
         check(&scene, &inner, &classes, random, &mut Tally::default());
-        let count =
-            |classes: &[Class]| classes.iter().filter(|class| **class != Class::Remaining).count();
+        let count = |classes: &[PatchVisibility]| {
+            classes.iter().filter(|class| **class != PatchVisibility::Remaining).count()
+        };
         assert!(count(&classes) >= count(&settled));
     }
 }
@@ -313,18 +314,20 @@ fn a_field_of_view_leaves_faces_out_and_says_nothing_of_what_is_beyond() {
     let bounds = Aabb::around(Vec3::new(-1.0, 1.5, -1.5), 0.25);
     // A yaw of -90 degrees looks along x.
     let ahead = Frustum::new(-std::f32::consts::FRAC_PI_2, 0.0, 0.8, 0.6);
-    let eyes = Viewpoints::within(bounds, &ahead);
+    let eyes = ViewpointBox::within(bounds, &ahead);
     assert_eq!(eyes.faces().count(), 1);
     let (some, all) = (
         classify(&surfaces, &eyes, 200, None),
-        classify(&surfaces, &Viewpoints::all_round(bounds), 200, None),
+        classify(&surfaces, &ViewpointBox::all_round(bounds), 200, None),
     );
-    assert!(some.contains(&Class::Invisible) && some.contains(&Class::Remaining));
+    assert!(
+        some.contains(&PatchVisibility::Invisible) && some.contains(&PatchVisibility::Remaining)
+    );
     for (some, all) in some.iter().zip(&all) {
-        assert!(*some == Class::Remaining || some == all);
+        assert!(*some == PatchVisibility::Remaining || some == all);
     }
-    let nobody = Viewpoints::all_round(Aabb::EMPTY);
-    assert!(Buffer::new(&surfaces, &nobody, 16).hides(&bounds));
+    let nobody = ViewpointBox::all_round(Aabb::EMPTY);
+    assert!(FuzzyBuffer::new(&surfaces, &nobody, 16).hides(&bounds));
 }
 
 #[test]
@@ -338,12 +341,12 @@ fn what_is_no_patch_is_refused() {
     assert_eq!(of(&[0, 1, 4]), Err(SurfaceError::Corner { patch: 0 }));
     // One without an area hides nothing.
     let thin = Surfaces::new(&corners, &[(0, vec![0, 1, 1])]).unwrap();
-    let buffer = Buffer::new(&thin, &Viewpoints::all_round(Aabb::around(-Vec3::Z, 0.0)), 64);
+    let buffer = FuzzyBuffer::new(&thin, &ViewpointBox::all_round(Aabb::around(-Vec3::Z, 0.0)), 64);
     assert!(!buffer.hides(&Aabb::around(Vec3::new(0.5, 0.0, 3.0), 0.01)));
 }
 
-fn class() -> impl Strategy<Value = Class> {
-    prop_oneof![3 => Just(Class::Invisible), 1 => Just(Class::Visible), 2 => Just(Class::Remaining)]
+fn class() -> impl Strategy<Value = PatchVisibility> {
+    prop_oneof![3 => Just(PatchVisibility::Invisible), 1 => Just(PatchVisibility::Visible), 2 => Just(PatchVisibility::Remaining)]
 }
 
 proptest! {
@@ -352,7 +355,7 @@ proptest! {
         classes in prop::collection::vec(class(), 0..400),
         flips in prop::collection::vec((any::<prop::sample::Index>(), class()), 0..20),
     ) {
-        let alone = Lists::new(&classes, None);
+        let alone = PackedVisibility::new(&classes, None);
         prop_assert_eq!(alone.classes(None), Ok(classes.clone()));
         let mut next = classes.clone();
         for (place, class) in flips {
@@ -361,11 +364,11 @@ proptest! {
                 next[place] = class;
             }
         }
-        let change = Lists::new(&next, Some(&classes));
-        prop_assert!(change.len() <= Lists::new(&next, None).len());
+        let change = PackedVisibility::new(&next, Some(&classes));
+        prop_assert!(change.len() <= PackedVisibility::new(&next, None).len());
         prop_assert_eq!(change.classes(Some(&classes)), Ok(next));
         if change.is_change() {
-            prop_assert_eq!(change.classes(None), Err(ListError::Neighbour));
+            prop_assert_eq!(change.classes(None), Err(UnpackError::Neighbour));
         }
     }
 
@@ -392,7 +395,7 @@ proptest! {
                     if depth <= 1e-3 || at.iter().any(|at| at.abs() > 1.0) {
                         continue;
                     }
-                    let found = extent(&bounds, &eyes, axis, backwards);
+                    let found = fuzzy_extent(&bounds, &eyes, axis, backwards);
                     prop_assert!(found.is_some(), "{way} on {axis}");
                     for (at, [least, most]) in at.into_iter().zip(found.unwrap_or_default()) {
                         prop_assert!(least - 1e-5 <= at && at <= most + 1e-5);

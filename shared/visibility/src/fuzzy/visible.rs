@@ -3,14 +3,14 @@
 use glam::DVec3;
 
 use super::{
-    Class, Surfaces, Viewpoints,
-    faces::{Face, NEAR_M, region},
+    PatchVisibility, Surfaces, ViewpointBox,
+    faces::{CubeFace, NEAR_M, region},
     raster::{ROUNDING, rows},
 };
 
 /// What the fuzzy regions of patches make of an element.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Met {
+enum ElementContent {
     /// No patch's is here.
     Nothing,
     /// Those of one surface only; the patches that may be visible are in a list that ends with the
@@ -27,7 +27,7 @@ const END: u32 = u32::MAX;
 /// A face, and for each element what was met.
 struct Homogeneity {
     size: usize,
-    elements: Vec<Met>,
+    elements: Vec<ElementContent>,
     /// Projected patches, and the entry before in the same list.
     entries: Vec<(u32, u32)>,
 }
@@ -36,16 +36,17 @@ struct Homogeneity {
 /// settled.
 pub(super) fn find(
     surfaces: &Surfaces,
-    viewpoints: &Viewpoints,
+    viewpoints: &ViewpointBox,
     size: usize,
-    classes: &mut [Class],
+    classes: &mut [PatchVisibility],
 ) {
     if viewpoints.is_empty() {
         return;
     }
     let eyes = viewpoints.corners();
     let around = viewpoints.eyes().grown(NEAR_M as f32);
-    let mut is_clear: Vec<bool> = classes.iter().map(|class| *class != Class::Invisible).collect();
+    let mut is_clear: Vec<bool> =
+        classes.iter().map(|class| *class != PatchVisibility::Invisible).collect();
     let there: Vec<(usize, i8)> = (0..surfaces.len())
         .filter(|patch| is_clear[*patch])
         .map(|patch| (patch, surfaces.side(patch, &eyes)))
@@ -57,7 +58,7 @@ pub(super) fn find(
             return;
         }
     }
-    let faces: Vec<Face> = viewpoints.faces().collect();
+    let faces: Vec<CubeFace> = viewpoints.faces().collect();
     let mut spare = Vec::new();
     for face in &faces {
         let mut homogeneity = Homogeneity::new(size);
@@ -76,22 +77,23 @@ pub(super) fn find(
             });
         }
     }
-    let inactive: Vec<Face> = Face::ALL.into_iter().filter(|face| !faces.contains(face)).collect();
+    let inactive: Vec<CubeFace> =
+        CubeFace::ALL.into_iter().filter(|face| !faces.contains(face)).collect();
     for (patch, _) in there.into_iter().filter(|(patch, _)| is_clear[*patch]) {
         let corners: Vec<DVec3> = surfaces.corners(patch).collect();
         // What reaches beyond the field of view was not looked at in whole.
-        let reaches = |face: &Face| {
+        let reaches = |face: &CubeFace| {
             !region(*face, &corners, &eyes, size as f64, &mut spare.clone()).is_empty()
         };
         if !inactive.iter().any(reaches) {
-            classes[patch] = Class::Visible;
+            classes[patch] = PatchVisibility::Visible;
         }
     }
 }
 
 impl Homogeneity {
     fn new(size: usize) -> Self {
-        Self { size, elements: vec![Met::Nothing; size * size], entries: Vec::new() }
+        Self { size, elements: vec![ElementContent::Nothing; size * size], entries: Vec::new() }
     }
 
     /// Takes in that a patch's fuzzy region meets an element.
@@ -99,15 +101,15 @@ impl Homogeneity {
         debug_assert!(element < self.size * self.size);
         let met = &mut self.elements[element];
         let list = match *met {
-            Met::Nothing => END,
-            Met::One { kin: known, list } if known == kin => list,
-            Met::One { list, .. } => {
-                *met = Met::Several;
+            ElementContent::Nothing => END,
+            ElementContent::One { kin: known, list } if known == kin => list,
+            ElementContent::One { list, .. } => {
+                *met = ElementContent::Several;
                 self.reset(list, is_clear);
                 is_clear[patch] = false;
                 return;
             }
-            Met::Several => {
+            ElementContent::Several => {
                 is_clear[patch] = false;
                 return;
             }
@@ -118,7 +120,7 @@ impl Homogeneity {
         } else {
             list
         };
-        *met = Met::One { kin, list };
+        *met = ElementContent::One { kin, list };
     }
 
     /// None of the patches of a list is visible in whole.

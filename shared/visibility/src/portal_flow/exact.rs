@@ -30,7 +30,7 @@
 
 use glam::DVec3;
 
-use super::Extent;
+use super::DAabb;
 
 /// After so many directions what is left is too thin to matter, and counts as met.
 const TRIES_MAX: usize = 24;
@@ -44,11 +44,16 @@ const LITTLE: f64 = 1e-5;
 const ROUNDING: f64 = 1e-9;
 
 /// For each axis, whether a line goes towards greater coordinates; none when it may do either.
-pub type Signs = [Option<bool>; 3];
+pub type DirectionSigns = [Option<bool>; 3];
 
 /// Whether some line with the given signs meets all boxes. Boxes touch when they share a boundary.
 /// `towards` is a likely direction. `room` is used for reflected boxes.
-pub fn is_stabbed(boxes: &[Extent], signs: Signs, towards: DVec3, room: &mut Vec<Extent>) -> bool {
+pub fn is_stabbed(
+    boxes: &[DAabb],
+    signs: DirectionSigns,
+    towards: DVec3,
+    room: &mut Vec<DAabb>,
+) -> bool {
     let choices = |axis: usize| match signs[axis] {
         Some(rises) => [Some(rises), None],
         // The likely one first.
@@ -67,24 +72,24 @@ pub fn is_stabbed(boxes: &[Extent], signs: Signs, towards: DVec3, room: &mut Vec
     })
 }
 
-fn reflected(extent: &Extent, flip: DVec3) -> Extent {
+fn reflected(extent: &DAabb, flip: DVec3) -> DAabb {
     let (a, b) = (extent.min * flip, extent.max * flip);
-    Extent { min: a.min(b), max: a.max(b) }
+    DAabb { min: a.min(b), max: a.max(b) }
 }
 
 /// Likewise, of lines that rise along all axes.
-fn is_stabbed_rising(boxes: &[Extent], towards: DVec3) -> bool {
+fn is_stabbed_rising(boxes: &[DAabb], towards: DVec3) -> bool {
     let shortest = towards.abs().max_element().max(1e-9) * 1e-3;
     let weights = towards.max(DVec3::splat(shortest)).recip();
     let mut at = weights / weights.element_sum();
-    let mut left = Directions::all();
+    let mut left = DirectionPolygon::all();
     for _ in 0..TRIES_MAX {
         let Some(failed) = failure(boxes, at) else { return true };
         match left.cut(failed) {
-            Left::Middle(middle) => at = middle,
-            Left::Nothing => return false,
-            Left::Corner { axis, rises } => return is_stabbed_flat(boxes, axis, rises),
-            Left::TooMany => return true,
+            CutResult::Middle(middle) => at = middle,
+            CutResult::Nothing => return false,
+            CutResult::Corner { axis, rises } => return is_stabbed_flat(boxes, axis, rises),
+            CutResult::TooMany => return true,
         }
     }
     true
@@ -92,7 +97,7 @@ fn is_stabbed_rising(boxes: &[Extent], towards: DVec3) -> bool {
 
 /// Whether a line that hardly rises along one axis, but along the two others, meets all boxes: for
 /// each metre along these, by no more than `rises`.
-fn is_stabbed_flat(boxes: &[Extent], axis: usize, rises: [f64; 2]) -> bool {
+fn is_stabbed_flat(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let (mut lowest, mut highest) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -111,7 +116,7 @@ fn is_stabbed_flat(boxes: &[Extent], axis: usize, rises: [f64; 2]) -> bool {
         let t = (from + to) * 0.5;
         let mut low = (f64::NEG_INFINITY, 0.0, 0.0);
         let mut high = (f64::INFINITY, 0.0, 0.0);
-        for Extent { min, max } in boxes {
+        for DAabb { min, max } in boxes {
             let below = min[u] * t - max[v] * (1.0 - t);
             let above = max[u] * t - min[v] * (1.0 - t);
             if below > low.0 {
@@ -144,7 +149,7 @@ fn is_stabbed_flat(boxes: &[Extent], axis: usize, rises: [f64; 2]) -> bool {
 
 /// The condition that fails most at a direction, as coefficients of `w`: it wants their product
 /// with `w` not to be positive.
-fn failure(boxes: &[Extent], w: DVec3) -> Option<DVec3> {
+fn failure(boxes: &[DAabb], w: DVec3) -> Option<DVec3> {
     let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
     for extent in boxes {
         let (from, to) = moments(extent, w);
@@ -166,13 +171,13 @@ fn failure(boxes: &[Extent], w: DVec3) -> Option<DVec3> {
     }
     // Which boxes gave the bounds matters only now: most directions do not fail.
     let from = |axis: usize| {
-        let gives = |extent: &&Extent| moments(extent, w).0[axis] >= low[axis];
-        let Extent { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
+        let gives = |extent: &&DAabb| moments(extent, w).0[axis] >= low[axis];
+        let DAabb { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
         row(axis, min, max)
     };
     let to = |axis: usize| {
-        let gives = |extent: &&Extent| moments(extent, w).1[axis] <= high[axis];
-        let Extent { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
+        let gives = |extent: &&DAabb| moments(extent, w).1[axis] <= high[axis];
+        let DAabb { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
         row(axis, max, min)
     };
     Some(match worst.1? {
@@ -194,7 +199,7 @@ enum Condition {
 
 /// The bounds that a box puts on the moments.
 #[inline]
-fn moments(extent: &Extent, w: DVec3) -> (DVec3, DVec3) {
+fn moments(extent: &DAabb, w: DVec3) -> (DVec3, DVec3) {
     let (a, b) = (extent.min * w, extent.max * w);
     (DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y), DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y))
 }
@@ -209,12 +214,12 @@ fn row(axis: usize, plus: &DVec3, minus: &DVec3) -> DVec3 {
 }
 
 /// A convex polygon of directions that remain.
-struct Directions {
+struct DirectionPolygon {
     corners: [DVec3; CORNERS_MAX],
     count: usize,
 }
 
-enum Left {
+enum CutResult {
     Middle(DVec3),
     /// All are nearly level along an axis: for each metre along the two others they rise by so much.
     Corner {
@@ -226,7 +231,7 @@ enum Left {
     Nothing,
 }
 
-impl Directions {
+impl DirectionPolygon {
     fn all() -> Self {
         let mut corners = [DVec3::ZERO; CORNERS_MAX];
         corners[..3].copy_from_slice(&DVec3::AXES);
@@ -234,7 +239,7 @@ impl Directions {
     }
 
     /// Keeps the directions at which a condition does not fail.
-    fn cut(&mut self, condition: DVec3) -> Left {
+    fn cut(&mut self, condition: DVec3) -> CutResult {
         let old = self.corners;
         let old = &old[..self.count];
         self.count = 0;
@@ -259,17 +264,17 @@ impl Directions {
             }
         }
         if self.count == 0 {
-            Left::Nothing
+            CutResult::Nothing
         } else if self.count > CORNERS_MAX {
-            Left::TooMany
+            CutResult::TooMany
         } else {
             let is_little = (max - min).max_element() < LITTLE;
             match (0..3).find(|&axis| is_little && max[axis] > 1.0 - LITTLE) {
                 Some(axis) => {
                     let rises = [1, 2].map(|on| max[(axis + on) % 3] / min[axis]);
-                    Left::Corner { axis, rises }
+                    CutResult::Corner { axis, rises }
                 }
-                None => Left::Middle(sum / self.count as f64),
+                None => CutResult::Middle(sum / self.count as f64),
             }
         }
     }

@@ -5,7 +5,7 @@ use std::{borrow::Cow, ops::Range};
 use glam::{DVec3, Vec3};
 use roaring::RoaringBitmap;
 
-use super::{Extent, HalfSpace, Query, Scratch, Sightlines, WIDENING};
+use super::{DAabb, FlowScratch, HalfSpace, Query, Sightlines, WIDENING};
 use sightline_world::{
     CellId,
     cells::ASTRAY_M,
@@ -14,7 +14,7 @@ use sightline_world::{
 
 /// What a call needs memory for; kept from one to the next.
 #[derive(Default)]
-pub(super) struct Room {
+pub(super) struct EyeScratch {
     /// That the viewpoint box overlaps.
     cells: Vec<CellId>,
     /// That these see.
@@ -53,7 +53,7 @@ impl Sightlines<'_> {
     /// ```
     pub fn visible_from(
         &self,
-        scratch: &mut Scratch,
+        scratch: &mut FlowScratch,
         viewpoint: &Aabb,
         frustum: Option<&Frustum>,
     ) -> RoaringBitmap {
@@ -99,8 +99,8 @@ impl Sightlines<'_> {
     /// Likewise, of the part of the box in one space: in `room.cells[part]`.
     fn visible_from_space(
         &self,
-        scratch: &mut Scratch,
-        room: &mut Room,
+        scratch: &mut FlowScratch,
+        room: &mut EyeScratch,
         space: u32,
         part: Range<usize>,
         eyes: &Aabb,
@@ -128,7 +128,7 @@ impl Sightlines<'_> {
                 room.spaces.push(of);
             }
         }
-        let source = Extent::around(&source, WIDENING);
+        let source = DAabb::around(&source, WIDENING);
         room.frustum.clear();
         for &outwards in frustum.map_or(&[][..], Frustum::outwards) {
             room.frustum.push(swept(self.cells.axes.own_exact(outwards), &source));
@@ -142,7 +142,7 @@ impl Sightlines<'_> {
 }
 
 /// What a side of a frustum leaves, wherever in a box its apex is.
-fn swept(outwards: DVec3, apexes: &Extent) -> HalfSpace {
+fn swept(outwards: DVec3, apexes: &DAabb) -> HalfSpace {
     let limit = (outwards * apexes.min).max(outwards * apexes.max).element_sum();
     HalfSpace { normal: outwards, limit }
 }

@@ -16,10 +16,10 @@
 //! gate has `STEPS_AT_GATE_MAX` steps, further ones are joined: the box around both stands for both.
 //! That is larger than either, so nothing is missed, and it bounds the work by the number of gates.
 
-mod block;
-mod door;
+mod cell_block;
+mod daabb;
+mod directed_gate;
 mod exact;
-mod extent;
 mod eye;
 mod scratch;
 #[cfg(test)]
@@ -27,14 +27,14 @@ mod tests;
 
 use std::ops::Range;
 
-pub use block::Block;
-pub use extent::{Extent, HalfSpace};
-pub use scratch::Scratch;
+pub use cell_block::CellBlock;
+pub use daabb::{DAabb, HalfSpace};
+pub use scratch::FlowScratch;
 
-use block::blocks;
-use door::{Door, cut_polygon, edge_separators};
-use extent::{HalfSpaces, separators};
-use scratch::{CHAINS_MAX, Chain, Parents, Step, Waiting};
+use cell_block::blocks;
+use daabb::{HalfSpaces, separators};
+use directed_gate::{DirectedGate, cut_polygon, edge_separators};
+use scratch::{CHAINS_MAX, FlowStep, PortalSequence, QueuedStep, StepParents};
 use sightline_world::Cells;
 
 /// Gates and sources are widened by this much on each side, in metres: more than what importers
@@ -53,7 +53,7 @@ pub struct Query<'a> {
     /// The space that the source lies in.
     pub space: u32,
     /// From where one looks, widened already.
-    pub source: Extent,
+    pub source: DAabb,
     /// No other spaces are looked into; all when absent.
     pub spaces: Option<&'a [u32]>,
     /// What is seen lies within all of these.
@@ -61,21 +61,21 @@ pub struct Query<'a> {
 }
 
 impl Query<'_> {
-    fn holds(&self, target: &Extent) -> bool {
+    fn holds(&self, target: &DAabb) -> bool {
         self.frustum.iter().all(|half| target.meets(half))
     }
 }
 
 /// A search with several sources, and what it has found.
-struct Look<'a, 'b> {
+struct CellSearch<'a, 'b> {
     query: &'a Query<'b>,
-    sources: &'a [Extent],
+    sources: &'a [DAabb],
     found: &'a mut [Vec<u32>],
-    scratch: &'a mut Scratch,
+    scratch: &'a mut FlowScratch,
     halves: HalfSpaces,
 }
 
-impl Look<'_, '_> {
+impl CellSearch<'_, '_> {
     fn index(&self, source: usize, cell: u32) -> u32 {
         cell * self.sources.len() as u32 + source as u32
     }
@@ -96,9 +96,9 @@ impl Look<'_, '_> {
 pub struct Sightlines<'a> {
     cells: &'a Cells,
     /// Two for each gate: `2i` leads to its greater side, `2i + 1` to its lesser side.
-    doors: Vec<Door>,
-    targets: Vec<Extent>,
-    blocks: Vec<Block>,
+    doors: Vec<DirectedGate>,
+    targets: Vec<DAabb>,
+    blocks: Vec<CellBlock>,
     /// For each space, its blocks.
     blocks_of: Vec<Range<u32>>,
 }
@@ -111,11 +111,14 @@ impl<'a> Sightlines<'a> {
             .iter()
             .flat_map(|gate| {
                 let [lesser, greater] = gate.spaces;
-                [Door::new(&gate.polygon, greater, 1.0), Door::new(&gate.polygon, lesser, -1.0)]
+                [
+                    DirectedGate::new(&gate.polygon, greater, 1.0),
+                    DirectedGate::new(&gate.polygon, lesser, -1.0),
+                ]
             })
             .collect();
-        let targets: Vec<Extent> =
-            cells.cells.iter().map(|cell| Extent::around(&cell.bounds, WIDENING)).collect();
+        let targets: Vec<DAabb> =
+            cells.cells.iter().map(|cell| DAabb::around(&cell.bounds, WIDENING)).collect();
         let blocks = blocks(cells, &targets);
         let starting = |cell: u32| blocks.partition_point(|block| block.cells.start < cell) as u32;
         let blocks_of = cells
@@ -135,7 +138,7 @@ impl<'a> Sightlines<'a> {
     }
 
     /// The spaces of which some point may be visible from some point of the source: its own first.
-    pub fn spaces(&self, scratch: &mut Scratch, query: &Query<'_>) -> Vec<u32> {
+    pub fn spaces(&self, scratch: &mut FlowScratch, query: &Query<'_>) -> Vec<u32> {
         scratch.begin(self, 1, query);
         let mut found = vec![query.space];
         scratch.see(query.space);
@@ -150,7 +153,7 @@ impl<'a> Sightlines<'a> {
     }
 
     /// The cells of which some point may be visible from some point of the source.
-    pub fn cells(&self, scratch: &mut Scratch, query: &Query<'_>) -> Vec<u32> {
+    pub fn cells(&self, scratch: &mut FlowScratch, query: &Query<'_>) -> Vec<u32> {
         let mut found = [Vec::new()];
         self.look(scratch, query, &[query.source], &mut found);
         let [found] = found;
@@ -159,30 +162,35 @@ impl<'a> Sightlines<'a> {
 
     /// For each cell of a block, the cells of which some point may be visible from some point of it.
     /// Only the given spaces are looked into.
-    pub fn rows(&self, scratch: &mut Scratch, block: &Block, spaces: &[u32]) -> Vec<Vec<u32>> {
-        let Block { bounds, ref cells, space } = *block;
+    pub fn rows(
+        &self,
+        scratch: &mut FlowScratch,
+        block: &CellBlock,
+        spaces: &[u32],
+    ) -> Vec<Vec<u32>> {
+        let CellBlock { bounds, ref cells, space } = *block;
         let query = Query { space, source: bounds, spaces: Some(spaces), frustum: &[] };
-        let sources: Vec<Extent> = cells.clone().map(|cell| self.targets[cell as usize]).collect();
+        let sources: Vec<DAabb> = cells.clone().map(|cell| self.targets[cell as usize]).collect();
         let mut found = vec![Vec::new(); sources.len()];
         self.look(scratch, &query, &sources, &mut found);
         found
     }
 
     /// The cells, in blocks that lie close together and see much the same.
-    pub fn blocks(&self) -> &[Block] {
+    pub fn blocks(&self) -> &[CellBlock] {
         &self.blocks
     }
 
     /// Finds, for each of some parts of a query's source, the cells that it may see.
     fn look(
         &self,
-        scratch: &mut Scratch,
+        scratch: &mut FlowScratch,
         query: &Query<'_>,
-        sources: &[Extent],
+        sources: &[DAabb],
         found: &mut [Vec<u32>],
     ) {
         scratch.begin(self, sources.len(), query);
-        let mut look = Look { query, sources, found, scratch, halves: HalfSpaces::none() };
+        let mut look = CellSearch { query, sources, found, scratch, halves: HalfSpaces::none() };
         for cell in self.cells.spaces[query.space as usize].cells.clone() {
             if query.holds(&self.targets[cell as usize]) {
                 (0..sources.len()).for_each(|source| look.see(source, cell));
@@ -225,7 +233,7 @@ impl<'a> Sightlines<'a> {
 
     /// Finds which parts of the source may see which cells of a block by a step that shows some of
     /// the block to some of the source.
-    fn look_at(&self, look: &mut Look<'_, '_>, step: &Step, source: &Extent, number: u32) {
+    fn look_at(&self, look: &mut CellSearch<'_, '_>, step: &FlowStep, source: &DAabb, number: u32) {
         let block = &self.blocks[number as usize];
         if look.sources.len() == 1 && block.cells.len() == 1 {
             look.see(0, block.cells.start);
@@ -270,16 +278,16 @@ impl<'a> Sightlines<'a> {
     }
 
     /// Finds all steps.
-    fn search(&self, scratch: &mut Scratch, query: &Query<'_>) {
+    fn search(&self, scratch: &mut FlowScratch, query: &Query<'_>) {
         let mut halves = HalfSpaces::none();
         for door in self.doors_of(query.space) {
             let gate = &self.doors[door as usize];
             let mut source = query.source;
             if gate.is_before(&source) && source.keep(&gate.before()) {
-                let step = Step {
+                let step = FlowStep {
                     is_covered: false,
                     is_first: true,
-                    parents: Parents::NONE,
+                    parents: StepParents::NONE,
                     door,
                     source,
                     pass: gate.bounds,
@@ -287,7 +295,7 @@ impl<'a> Sightlines<'a> {
                 self.add(scratch, query, step);
             }
         }
-        while let Some(Waiting { step: index, .. }) = scratch.waiting.pop() {
+        while let Some(QueuedStep { step: index, .. }) = scratch.waiting.pop() {
             let step = scratch.steps[index as usize];
             if step.is_covered {
                 continue;
@@ -307,9 +315,9 @@ impl<'a> Sightlines<'a> {
 
     /// Lists, for every sequence of steps that ends with the given one, what a line must meet to get
     /// along it. Where there are too many sequences, their beginnings are left out.
-    fn gather(&self, scratch: &mut Scratch, last: &Step) {
-        let Scratch { steps, chains, .. } = scratch;
-        let begin = |chain: &mut Chain| {
+    fn gather(&self, scratch: &mut FlowScratch, last: &FlowStep) {
+        let FlowScratch { steps, chains, .. } = scratch;
+        let begin = |chain: &mut PortalSequence| {
             chain.met.clear();
             chain.gates.clear();
             chain.is_whole = true;
@@ -352,7 +360,7 @@ impl<'a> Sightlines<'a> {
         }
     }
 
-    fn put(&self, chain: &mut Chain, step: &Step) {
+    fn put(&self, chain: &mut PortalSequence, step: &FlowStep) {
         chain.met.push(step.pass);
         let door = &self.doors[step.door as usize];
         chain.gates.push(door.bounds);
@@ -366,7 +374,13 @@ impl<'a> Sightlines<'a> {
     }
 
     /// What of the next gate can be seen through the last one, and from where; none when nothing.
-    fn step(&self, index: u32, last: &Step, door: u32, halves: &HalfSpaces) -> Option<Step> {
+    fn step(
+        &self,
+        index: u32,
+        last: &FlowStep,
+        door: u32,
+        halves: &HalfSpaces,
+    ) -> Option<FlowStep> {
         let (gate, before) = (&self.doors[door as usize], &self.doors[last.door as usize]);
         let (mut pass, mut source) = (gate.bounds, last.source);
         if !gate.is_before(&source)
@@ -384,8 +398,8 @@ impl<'a> Sightlines<'a> {
         edge_separators(&pass, before, -before.normal, &mut back);
         back.push(gate.before());
         back.push(before.before());
-        let parents = Parents::one(index);
-        back.cut(&mut source).then_some(Step {
+        let parents = StepParents::one(index);
+        back.cut(&mut source).then_some(FlowStep {
             is_covered: false,
             is_first: false,
             parents,
@@ -396,7 +410,7 @@ impl<'a> Sightlines<'a> {
     }
 
     /// Adds a step, unless it shows nothing new.
-    fn add(&self, scratch: &mut Scratch, query: &Query<'_>, mut step: Step) {
+    fn add(&self, scratch: &mut FlowScratch, query: &Query<'_>, mut step: FlowStep) {
         let door = &self.doors[step.door as usize];
         if query.spaces.is_some() && scratch.allowed[door.to as usize] != scratch.search
             || query.frustum.iter().any(|half| !step.pass.meets(half))
@@ -422,13 +436,13 @@ impl<'a> Sightlines<'a> {
             if at.joins > JOINS_MAX {
                 step.pass = door.bounds;
                 step.source = query.source;
-                step.parents = Parents::NONE;
+                step.parents = StepParents::NONE;
             }
         }
         let index = scratch.steps.len() as u32;
         at.steps.push(index);
         scratch.steps.push(step);
         let distance = query.source.distance_squared(&step.pass);
-        scratch.waiting.push(Waiting { distance, step: index });
+        scratch.waiting.push(QueuedStep { distance, step: index });
     }
 }

@@ -2,18 +2,18 @@
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
-use super::{Query, Sightlines, door::is_between, exact, extent::Extent, eye};
+use super::{Query, Sightlines, daabb::DAabb, directed_gate::is_between, exact, eye};
 
 /// So many sequences to one step are told apart.
 pub(super) const CHAINS_MAX: usize = 6;
 
 /// What a search needs memory for; kept from one search to the next.
 #[derive(Default)]
-pub struct Scratch {
-    pub(super) steps: Vec<Step>,
-    pub(super) waiting: BinaryHeap<Waiting>,
+pub struct FlowScratch {
+    pub(super) steps: Vec<FlowStep>,
+    pub(super) waiting: BinaryHeap<QueuedStep>,
     /// For each door, its steps and how often they were joined; those with `touched` hold some.
-    pub(super) at_door: Vec<AtDoor>,
+    pub(super) at_door: Vec<GateSteps>,
     pub(super) touched: Vec<u32>,
     /// For each part of the source and each cell, or for each space, the last search that found it.
     pub(super) seen: Vec<u32>,
@@ -21,33 +21,33 @@ pub struct Scratch {
     /// For each block, the last search that found all of it from all parts of the source.
     pub(super) full: Vec<u32>,
     pub(super) search: u32,
-    pub(super) chains: Chains,
-    pub(super) room: Vec<Extent>,
-    pub(super) room_of_eye: eye::Room,
+    pub(super) chains: PortalSequences,
+    pub(super) room: Vec<DAabb>,
+    pub(super) room_of_eye: eye::EyeScratch,
 }
 
 /// A step of a search: a line from `source` came through `pass`, a part of a gate.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Step {
+pub(super) struct FlowStep {
     /// A later step at the same door shows all that this one does.
     pub(super) is_covered: bool,
     /// It goes through a gate of the source's own space.
     pub(super) is_first: bool,
     /// The steps before: none when it is the first, or stands for too many sequences.
-    pub(super) parents: Parents,
+    pub(super) parents: StepParents,
     pub(super) door: u32,
-    pub(super) source: Extent,
-    pub(super) pass: Extent,
+    pub(super) source: DAabb,
+    pub(super) pass: DAabb,
 }
 
 /// The steps that come before a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Parents {
+pub(super) struct StepParents {
     pub(super) steps: [u32; Self::MAX],
     pub(super) count: u8,
 }
 
-impl Parents {
+impl StepParents {
     pub(super) const MAX: usize = 4;
     pub(super) const NONE: Self = Self { steps: [0; Self::MAX], count: 0 };
 
@@ -80,44 +80,44 @@ impl Parents {
 }
 
 /// A step that waits; the one nearest to the source goes first.
-pub(super) struct Waiting {
+pub(super) struct QueuedStep {
     pub(super) distance: f64,
     pub(super) step: u32,
 }
 
-impl PartialEq for Waiting {
+impl PartialEq for QueuedStep {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Waiting {}
+impl Eq for QueuedStep {}
 
-impl PartialOrd for Waiting {
+impl PartialOrd for QueuedStep {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl Ord for Waiting {
+impl Ord for QueuedStep {
     fn cmp(&self, other: &Self) -> Ordering {
         other.distance.total_cmp(&self.distance).then(other.step.cmp(&self.step))
     }
 }
 
 #[derive(Clone, Default)]
-pub(super) struct AtDoor {
+pub(super) struct GateSteps {
     pub(super) steps: Vec<u32>,
     pub(super) joins: u8,
 }
 
 /// What a line has to meet along a sequence of steps, and which way it goes.
 #[derive(Default)]
-pub(super) struct Chain {
-    pub(super) met: Vec<Extent>,
-    pub(super) signs: exact::Signs,
+pub(super) struct PortalSequence {
+    pub(super) met: Vec<DAabb>,
+    pub(super) signs: exact::DirectionSigns,
     /// All of the gates on the way; axial rectangles when `is_whole`, from the source on.
-    pub(super) gates: Vec<Extent>,
+    pub(super) gates: Vec<DAabb>,
     pub(super) is_whole: bool,
     /// The step to go on with.
     pub(super) next: Option<u32>,
@@ -125,15 +125,15 @@ pub(super) struct Chain {
 
 /// Chains, of which the first `count` are in use.
 #[derive(Default)]
-pub(super) struct Chains {
-    pub(super) all: Vec<Chain>,
+pub(super) struct PortalSequences {
+    pub(super) all: Vec<PortalSequence>,
     pub(super) count: usize,
 }
 
-impl Chains {
-    pub(super) fn begin(&mut self, set: impl FnOnce(&mut Chain)) {
+impl PortalSequences {
+    pub(super) fn begin(&mut self, set: impl FnOnce(&mut PortalSequence)) {
         if self.all.is_empty() {
-            self.all.resize_with(CHAINS_MAX, Chain::default);
+            self.all.resize_with(CHAINS_MAX, PortalSequence::default);
         }
         self.count = 1;
         set(&mut self.all[0]);
@@ -152,7 +152,7 @@ impl Chains {
     }
 }
 
-impl Scratch {
+impl FlowScratch {
     /// Makes ready for a search.
     pub(super) fn begin(&mut self, lines: &Sightlines<'_>, sources: usize, query: &Query<'_>) {
         let (doors, spaces) = (lines.doors.len(), lines.cells.spaces.len());
@@ -162,7 +162,7 @@ impl Scratch {
             at.steps.clear();
             at.joins = 0;
         }
-        self.at_door.resize(doors.max(self.at_door.len()), AtDoor::default());
+        self.at_door.resize(doors.max(self.at_door.len()), GateSteps::default());
         self.seen.resize(seen.max(self.seen.len()), 0);
         self.allowed.resize(spaces.max(self.allowed.len()), 0);
         self.full.resize(lines.blocks.len().max(self.full.len()), 0);
@@ -182,7 +182,7 @@ impl Scratch {
 
     /// Whether a step shows nothing new, because another step at its door does. That one then stands
     /// for both sequences.
-    pub(super) fn has_known(&mut self, step: &Step) -> bool {
+    pub(super) fn has_known(&mut self, step: &FlowStep) -> bool {
         let at = &self.at_door[step.door as usize];
         let holds = |of: &&u32| {
             let of = &self.steps[**of as usize];
@@ -195,8 +195,8 @@ impl Scratch {
     }
 
     /// Whether some line that meets all that was gathered meets a target too.
-    pub(super) fn is_stabbed(&mut self, source: &Extent, target: &Extent) -> bool {
-        let mut certain: exact::Signs = [None; 3];
+    pub(super) fn is_stabbed(&mut self, source: &DAabb, target: &DAabb) -> bool {
+        let mut certain: exact::DirectionSigns = [None; 3];
         for (axis, sign) in certain.iter_mut().enumerate() {
             if target.min[axis] > source.max[axis] {
                 *sign = Some(true);
@@ -216,7 +216,7 @@ impl Scratch {
     }
 
     /// Whether every line from a source to a target goes along one of the sequences gathered.
-    pub(super) fn is_open(&self, source: &Extent, target: &Extent) -> bool {
+    pub(super) fn is_open(&self, source: &DAabb, target: &DAabb) -> bool {
         self.chains.all[..self.chains.count].iter().any(|chain| {
             chain.is_whole && chain.gates.iter().all(|gate| is_between(source, gate, target))
         })

@@ -15,7 +15,7 @@ fn coarse(rng: &mut SmallRng, within: f64) -> f64 {
 }
 
 /// Whether a line meets a box that is larger by a little.
-fn meets(from: DVec3, along: DVec3, extent: &Extent, margin: f64) -> bool {
+fn meets(from: DVec3, along: DVec3, extent: &DAabb, margin: f64) -> bool {
     let (mut first, mut last) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
         let (low, high) = (extent.min[axis] - margin, extent.max[axis] + margin);
@@ -32,14 +32,14 @@ fn meets(from: DVec3, along: DVec3, extent: &Extent, margin: f64) -> bool {
 }
 
 /// A box that a point is in or on: often flat, and often with the point on its boundary.
-fn around(rng: &mut SmallRng, point: DVec3, size: f64) -> Extent {
+fn around(rng: &mut SmallRng, point: DVec3, size: f64) -> DAabb {
     let below = vector(rng, |rng| if rng.random_bool(0.4) { 0.0 } else { coarse(rng, size).abs() });
     let above = vector(rng, |rng| if rng.random_bool(0.4) { 0.0 } else { coarse(rng, size).abs() });
-    Extent { min: point - below, max: point + above }
+    DAabb { min: point - below, max: point + above }
 }
 
 /// The signs of a direction, some of which are left open; where it is level either will do.
-fn signs(rng: &mut SmallRng, along: DVec3) -> exact::Signs {
+fn signs(rng: &mut SmallRng, along: DVec3) -> exact::DirectionSigns {
     std::array::from_fn(|axis| match rng.random_range(0..3) {
         0 => None,
         _ if along[axis] == 0.0 => Some(rng.random_bool(0.5)),
@@ -92,7 +92,7 @@ fn nearly_level_lines_through_thin_gaps_are_found() {
                 for level in 0..3 {
                     let (u, v) = ((level + 1) % 3, (level + 2) % 3);
                     let slit = |height: f64, along: f64| {
-                        let mut extent = Extent { min: DVec3::splat(at), max: DVec3::splat(at) };
+                        let mut extent = DAabb { min: DVec3::splat(at), max: DVec3::splat(at) };
                         extent.min[level] += height;
                         extent.max[level] += height;
                         extent.min[u] += along;
@@ -115,9 +115,9 @@ fn nearly_level_lines_through_thin_gaps_are_found() {
 }
 
 /// The bounds that boxes put on the moments of lines with an inverse direction.
-fn moments(boxes: &[Extent], w: DVec3) -> (DVec3, DVec3) {
+fn moments(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
     let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
-    for Extent { min, max } in boxes {
+    for DAabb { min, max } in boxes {
         for axis in 0..3 {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
             low[axis] = low[axis].max(min[u] * w[u] - max[v] * w[v]);
@@ -130,7 +130,7 @@ fn moments(boxes: &[Extent], w: DVec3) -> (DVec3, DVec3) {
 /// By how much the best direction, of those that rise, fails: nothing or less when a line meets all
 /// boxes. What fails is the greatest of functions linear in the inverse direction, and so is convex:
 /// two nested searches by thirds find the least.
-fn best_rising(boxes: &[Extent]) -> (f64, DVec3) {
+fn best_rising(boxes: &[DAabb]) -> (f64, DVec3) {
     let fails = |w: DVec3| {
         let (low, high) = moments(boxes, w);
         (low - high).max_element().max(low.element_sum()).max(-high.element_sum())
@@ -151,7 +151,7 @@ fn best_rising(boxes: &[Extent]) -> (f64, DVec3) {
 }
 
 /// The line with an inverse direction that meets all boxes, if `w` is well inside.
-fn line(boxes: &[Extent], w: DVec3) -> (DVec3, DVec3) {
+fn line(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
     let (low, high) = moments(boxes, w);
     // Between the bounds, such that the sum is nothing.
     let share = -low.element_sum() / (high.element_sum() - low.element_sum()).max(1e-300);
@@ -178,14 +178,14 @@ fn the_exact_test_agrees_with_a_slow_search() {
                     let size = vector(rng, |rng| {
                         if rng.random_bool(0.3) { 0.0 } else { coarse(rng, 3.0).abs() }
                     });
-                    Extent { min: place, max: place + size }
+                    DAabb { min: place, max: place + size }
                 })
                 .collect();
         let boxes: Vec<_> = rising
             .iter()
             .map(|b| {
                 let (a, b) = (b.min * flip, b.max * flip);
-                Extent { min: a.min(b), max: a.max(b) }
+                DAabb { min: a.min(b), max: a.max(b) }
             })
             .collect();
         let (fails, w) = best_rising(&rising);
@@ -210,17 +210,17 @@ fn the_exact_test_agrees_with_a_slow_search() {
 }
 
 /// A point of a box, often on its boundary.
-fn point_in(rng: &mut SmallRng, extent: &Extent) -> DVec3 {
+fn point_in(rng: &mut SmallRng, extent: &DAabb) -> DVec3 {
     let mut place = vector(rng, |rng| rng.random_range(-0.3..1.3f64).clamp(0.0, 1.0));
     place = extent.min + (extent.max - extent.min) * place;
     place
 }
 
-fn random_box(rng: &mut SmallRng, offset: f64) -> Extent {
+fn random_box(rng: &mut SmallRng, offset: f64) -> DAabb {
     let min = vector(rng, |rng| rng.random_range(-5.0..5.0) + offset);
     let size =
         vector(rng, |rng| if rng.random_bool(0.3) { 0.0 } else { rng.random_range(0.0..4.0) });
-    Extent { min, max: min + size }
+    DAabb { min, max: min + size }
 }
 
 #[test]
@@ -238,7 +238,7 @@ fn lines_stay_between_the_separating_planes() {
             assert!((half.normal.length() - 1.0).abs() < 1e-9);
             // It touches both, from the two sides: it cannot be moved or turned inwards.
             let heights =
-                |extent: &Extent| extent.corners().map(|c| half.normal.dot(c) - half.limit);
+                |extent: &DAabb| extent.corners().map(|c| half.normal.dot(c) - half.limit);
             let nearest = heights(&source).into_iter().fold(f64::INFINITY, f64::min);
             let farthest = heights(&pass).into_iter().fold(f64::NEG_INFINITY, f64::max);
             assert!(nearest.abs() < 1e-8 && farthest.abs() < 1e-8, "case {case}: {half:?}");
@@ -246,7 +246,7 @@ fn lines_stay_between_the_separating_planes() {
         for _ in 0..50 {
             let (from, through) = (point_in(rng, &source), point_in(rng, &pass));
             let beyond = through + (through - from) * rng.random_range(0.0..10.0f64);
-            let around = Extent { min: beyond, max: beyond };
+            let around = DAabb { min: beyond, max: beyond };
             assert!(halves.meet(&around), "case {case}: from {from} through {through}");
             assert!(halves.cut(&mut around.clone()), "case {case}");
         }
@@ -264,7 +264,7 @@ fn what_is_outside_of_a_separating_plane_is_on_no_line() {
         let rng = &mut rng;
         let wide = |rng: &mut SmallRng| {
             let extent = random_box(rng, 0.0);
-            Extent { max: extent.max + 0.1, ..extent }
+            DAabb { max: extent.max + 0.1, ..extent }
         };
         let (source, mut pass) = (wide(rng), wide(rng));
         // Ahead along one axis, as the next gate always is.
@@ -275,7 +275,7 @@ fn what_is_outside_of_a_separating_plane_is_on_no_line() {
         for _ in 0..20 {
             let mut point = vector(rng, |rng| rng.random_range(-20.0..20.0));
             point[axis] = pass.max[axis] + rng.random_range(0.01..10.0);
-            let target = Extent { min: point, max: point };
+            let target = DAabb { min: point, max: point };
             let stabbed = exact::is_stabbed(
                 &[source, pass, target],
                 [None; 3],
@@ -311,7 +311,7 @@ fn lines_stay_between_the_planes_through_slanted_edges() {
                 Some(((u * cosine + v * sine) * 2.0).as_vec3())
             })
             .collect();
-        let door = Door::slanted(normal, &corners, 0);
+        let door = DirectedGate::slanted(normal, &corners, 0);
         let source = random_box(rng, 0.0);
         let mut halves = HalfSpaces::none();
         edge_separators(&source, &door, normal, &mut halves);
@@ -326,7 +326,7 @@ fn lines_stay_between_the_planes_through_slanted_edges() {
                 continue;
             }
             let beyond = through + (through - from) * rng.random_range(0.0..10.0f64);
-            let around = Extent { min: beyond, max: beyond };
+            let around = DAabb { min: beyond, max: beyond };
             assert!(halves.meet(&around), "case {case}: from {from} through {through}: {source:?}");
         }
     }

@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 
 use super::{
     RoomIndex,
-    sight::{Panes, Viewpoint},
+    sight::{RoomWindows, Viewpoint},
 };
 use sightline_world::{
     geometry::Aabb,
@@ -19,7 +19,7 @@ use sightline_world::{
 
 /// A room as an eye finds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InDepth {
+pub struct RoomAtDepth {
     /// Which.
     pub room: RoomId,
     /// From the eye to what is nearest of it, in metres; 0 for rooms that the eye is in.
@@ -29,7 +29,7 @@ pub struct InDepth {
 }
 
 /// All rooms, nearest first, as an eye in the world finds them.
-pub fn in_depth(rooms: &Rooms, index: &RoomIndex, eye: Vec3) -> Vec<InDepth> {
+pub fn depth_order(rooms: &Rooms, index: &RoomIndex, eye: Vec3) -> Vec<RoomAtDepth> {
     let own = index.axes().own(eye);
     let away = |id: RoomId| {
         let near = index.pieces(id).iter().map(|piece| {
@@ -43,13 +43,13 @@ pub fn in_depth(rooms: &Rooms, index: &RoomIndex, eye: Vec3) -> Vec<InDepth> {
         near.fold(f32::INFINITY, f32::min)
     };
     let ids = (0..index.len() as u16).map(RoomId);
-    let mut found: Vec<InDepth> =
-        ids.map(|room| InDepth { room, distance_m: away(room), hidden_by: None }).collect();
+    let mut found: Vec<RoomAtDepth> =
+        ids.map(|room| RoomAtDepth { room, distance_m: away(room), hidden_by: None }).collect();
     found.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.room.cmp(&b.room)));
-    let blinds: Vec<Option<Blind>> =
-        found.iter().map(|at| Blind::new(rooms, index, at.room, own)).collect();
+    let blinds: Vec<Option<OpaqueRoom>> =
+        found.iter().map(|at| OpaqueRoom::new(rooms, index, at.room, own)).collect();
     for at in 0..found.len() {
-        let hides = |blind: &&Blind| blind.hides(own, &index.bounds(found[at].room));
+        let hides = |blind: &&OpaqueRoom| blind.hides(own, &index.bounds(found[at].room));
         let nearer = blinds[..at].iter().flatten();
         found[at].hidden_by =
             nearer.filter(|_| found[at].distance_m > 0.0).find(hides).map(|b| b.room);
@@ -58,19 +58,19 @@ pub fn in_depth(rooms: &Rooms, index: &RoomIndex, eye: Vec3) -> Vec<InDepth> {
 }
 
 /// An opaque room that an eye is not in.
-struct Blind<'a> {
+struct OpaqueRoom<'a> {
     room: RoomId,
     index: &'a RoomIndex,
     /// Its windows, as one looks into it.
-    inward: Panes,
+    inward: RoomWindows,
 }
 
-impl<'a> Blind<'a> {
+impl<'a> OpaqueRoom<'a> {
     fn new(rooms: &Rooms, index: &'a RoomIndex, room: RoomId, eye: Vec3) -> Option<Self> {
         let pieces = index.pieces(room);
         let is_outside = pieces.iter().all(|piece| !piece.contains(eye));
         let described = rooms.get(room).filter(|room| room.opaque && is_outside)?;
-        Some(Self { room, index, inward: Panes::inward(described, pieces, index.axes()) })
+        Some(Self { room, index, inward: RoomWindows::inward(described, pieces, index.axes()) })
     }
 
     fn hides(&self, eye: Vec3, other: &Aabb) -> bool {

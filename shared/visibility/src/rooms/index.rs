@@ -4,10 +4,10 @@ use glam::Vec3;
 use roaring::RoaringBitmap;
 
 use super::{
-    RoomOverlap, Seal,
-    pieces::{Piece, ROUNDING_M, cover},
-    region::Region,
-    sight::{Panes, Viewpoint},
+    RoomOverlap, SealedRooms,
+    pieces::{ConvexPiece, ROUNDING_M, cover},
+    region::BooleanRegion,
+    sight::{RoomWindows, Viewpoint},
 };
 use sightline_world::{
     CellId, Cells, World,
@@ -17,9 +17,9 @@ use sightline_world::{
 
 /// The rooms of a world, ready to be asked. All places are in own axes, but where the world is named.
 ///
-/// Ask [`RoomIndex::place`] once for each region, whenever that changes, and [`RoomIndex::may_see`]
+/// Ask [`RoomIndex::overlap`] once for each region, whenever that changes, and [`RoomIndex::may_see`]
 /// for each pair: a comparison of short lists, and windows only where those leave it open. Both
-/// decide for regions, on their safe side. What is *told* goes through [`RoomIndex::seal`] besides:
+/// decide for regions, on their safe side. What is *told* goes through [`RoomIndex::sealed_rooms_at`] besides:
 /// people whose last accepted places differ in their sealed rooms are never told of each other,
 /// however near to the wall they are.
 ///
@@ -28,15 +28,15 @@ use sightline_world::{
 /// # use sightline_shared::{geometry::Aabb, octree::Octree, rooms::*, world::*};
 /// # fn example(world: &World, eyes: Aabb, body: Aabb) -> bool {
 /// let rooms = RoomIndex::new(world);
-/// let viewer = rooms.place(&world.cells, &[eyes]);
-/// let avatar = rooms.place(&world.cells, &[body]);
+/// let viewer = rooms.overlap(&world.cells, &[eyes]);
+/// let avatar = rooms.overlap(&world.cells, &[body]);
 /// rooms.may_see(&viewer, &avatar)
 /// # }
 /// ```
 #[derive(Clone, Debug)]
 pub struct RoomIndex {
     axes: Axes,
-    halls: Vec<Hall>,
+    halls: Vec<IndexedRoom>,
     /// The places of [`Rooms::objects`].
     objects: Vec<Aabb>,
     /// For each cell the rooms that have a part in it, ascending.
@@ -52,26 +52,26 @@ pub struct RoomIndex {
 
 /// A room, ready to be asked.
 #[derive(Clone, Debug)]
-struct Hall {
+struct IndexedRoom {
     bounds: Aabb,
-    pieces: Vec<Piece>,
-    panes: Panes,
+    pieces: Vec<ConvexPiece>,
+    panes: RoomWindows,
     restricts: bool,
     sealed: bool,
-    rule: Rule,
+    rule: VisibilityRule,
     /// The rooms that something of may show through the windows, if not by the set.
     through: RoaringBitmap,
 }
 
 /// What a set says.
 #[derive(Clone, Debug)]
-enum Rule {
-    Only(Named),
-    AllBut(Named),
+enum VisibilityRule {
+    Only(NamedMembers),
+    AllBut(NamedMembers),
 }
 
 #[derive(Clone, Debug, Default)]
-struct Named {
+struct NamedMembers {
     rooms: RoaringBitmap,
     cells: RoaringBitmap,
     objects: Vec<u32>,
@@ -97,11 +97,11 @@ impl RoomIndex {
     /// Rooms in a subdivision.
     pub fn of(rooms: &Rooms, cells: &Cells) -> Self {
         let axes = cells.axes;
-        let halls: Vec<Hall> = rooms
+        let halls: Vec<IndexedRoom> = rooms
             .list()
             .iter()
             .zip(0u16..)
-            .map(|(room, id)| Hall::new(room, RoomId(id), &axes))
+            .map(|(room, id)| IndexedRoom::new(room, RoomId(id), &axes))
             .collect();
         let objects = rooms.objects().iter().map(|object| axes.own_box(&object.bounds)).collect();
         let sealed = (0u16..).zip(&halls).filter(|(_, hall)| hall.sealed);
@@ -132,7 +132,7 @@ impl RoomIndex {
     }
 
     /// The rooms of a region, which is some boxes in own axes.
-    pub fn place(&self, cells: &Cells, boxes: &[Aabb]) -> RoomOverlap {
+    pub fn overlap(&self, cells: &Cells, boxes: &[Aabb]) -> RoomOverlap {
         if self.halls.is_empty() {
             return RoomOverlap { is_bare: true, ..RoomOverlap::default() };
         }
@@ -141,7 +141,7 @@ impl RoomIndex {
 
     /// The rooms of what some cells, ascending, have of a region: of somebody who can be in these cells only,
     /// whatever walls the boxes reach through.
-    pub fn place_in(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> RoomOverlap {
+    pub fn overlap_in_cells(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> RoomOverlap {
         if self.halls.is_empty() {
             return RoomOverlap { is_bare: true, ..RoomOverlap::default() };
         }
@@ -165,8 +165,8 @@ impl RoomIndex {
         let is_sealed = from != to && (hall.sealed || self.halls[usize::from(to.0)].sealed);
         let named = hall.named();
         let is_shown = match &hall.rule {
-            Rule::Only(named) => named.rooms.contains(to.0.into()),
-            Rule::AllBut(named) => !named.rooms.contains(to.0.into()),
+            VisibilityRule::Only(named) => named.rooms.contains(to.0.into()),
+            VisibilityRule::AllBut(named) => !named.rooms.contains(to.0.into()),
         };
         let may_be = !named.cells.is_empty() || !named.objects.is_empty();
         if is_sealed {
@@ -181,9 +181,9 @@ impl RoomIndex {
     }
 
     /// The sealed rooms that a point of the world is in.
-    pub fn seal(&self, point: Vec3) -> Seal {
+    pub fn sealed_rooms_at(&self, point: Vec3) -> SealedRooms {
         let own = self.axes.own(point);
-        Seal::of(
+        SealedRooms::of(
             self.sealed.iter().copied().filter(|id| self.halls[usize::from(id.0)].contains(own)),
         )
     }
@@ -208,7 +208,7 @@ impl RoomIndex {
 
     /// What is seen from a viewpoint through the windows of a room that it is in: around all that any
     /// of the eyes sees.
-    pub fn seen(&self, room: RoomId, viewpoint: &Viewpoint) -> Region {
+    pub fn seen(&self, room: RoomId, viewpoint: &Viewpoint) -> BooleanRegion {
         self.halls[usize::from(room.0)].panes.seen(viewpoint)
     }
 
@@ -218,7 +218,7 @@ impl RoomIndex {
     }
 
     /// The convex pieces of a room.
-    pub fn pieces(&self, room: RoomId) -> &[Piece] {
+    pub fn pieces(&self, room: RoomId) -> &[ConvexPiece] {
         &self.halls[usize::from(room.0)].pieces
     }
 
@@ -262,7 +262,7 @@ impl RoomIndex {
     /// Whether some of a body may belong to what a room shows by its set.
     pub(super) fn shows_by_set(&self, id: RoomId, body: &RoomOverlap) -> bool {
         match &self.halls[usize::from(id.0)].rule {
-            Rule::Only(named) => {
+            VisibilityRule::Only(named) => {
                 body.touched.iter().any(|room| named.rooms.contains(room.0.into()))
                     || body.cells.iter().any(|cell| named.cells.contains(cell.0))
                     || body
@@ -270,15 +270,15 @@ impl RoomIndex {
                         .iter()
                         .any(|body| self.named_near(named).any(|at| at.intersects(body)))
             }
-            Rule::AllBut(named) => {
-                let in_cells = |place: &RoomOverlap| {
-                    !place.cells.is_empty()
-                        && place.cells.iter().all(|cell| named.cells.contains(cell.0))
+            VisibilityRule::AllBut(named) => {
+                let in_cells = |overlap: &RoomOverlap| {
+                    !overlap.cells.is_empty()
+                        && overlap.cells.iter().all(|cell| named.cells.contains(cell.0))
                 };
-                let in_objects = |place: &RoomOverlap| {
+                let in_objects = |overlap: &RoomOverlap| {
                     let holds =
                         |body: &Aabb| self.named_near(named).any(|at| at.contains_box(body));
-                    !place.boxes.is_empty() && place.boxes.iter().all(holds)
+                    !overlap.boxes.is_empty() && overlap.boxes.iter().all(holds)
                 };
                 let in_rooms = body.within.iter().any(|room| named.rooms.contains(room.0.into()));
                 !in_rooms && !in_cells(body) && !in_objects(body)
@@ -286,7 +286,7 @@ impl RoomIndex {
         }
     }
 
-    fn named_near<'a>(&'a self, named: &'a Named) -> impl Iterator<Item = &'a Aabb> {
+    fn named_near<'a>(&'a self, named: &'a NamedMembers) -> impl Iterator<Item = &'a Aabb> {
         named.objects.iter().filter_map(|at| self.objects.get(*at as usize))
     }
 
@@ -396,16 +396,16 @@ impl RoomIndex {
     }
 }
 
-impl Hall {
+impl IndexedRoom {
     fn new(room: &Room, id: RoomId, axes: &Axes) -> Self {
-        let pieces: Vec<Piece> =
-            room.shapes.iter().flat_map(|shape| Piece::of(shape, axes)).collect();
-        let panes = Panes::new(room, &pieces, axes);
+        let pieces: Vec<ConvexPiece> =
+            room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, axes)).collect();
+        let panes = RoomWindows::new(room, &pieces, axes);
         let rule = match &room.sees {
             // With windows and without a set, a room shows itself.
-            Sees::Unsaid => Rule::Only(Named::with(&Members::default(), Some(id))),
-            Sees::Only(members) => Rule::Only(Named::with(members, Some(id))),
-            Sees::AllBut(members) => Rule::AllBut(Named::with(members, None)),
+            Sees::Unsaid => VisibilityRule::Only(NamedMembers::with(&Members::default(), Some(id))),
+            Sees::Only(members) => VisibilityRule::Only(NamedMembers::with(members, Some(id))),
+            Sees::AllBut(members) => VisibilityRule::AllBut(NamedMembers::with(members, None)),
         };
         Self {
             bounds: pieces.iter().fold(Aabb::EMPTY, |all, piece| all.union(&piece.bounds)),
@@ -423,14 +423,14 @@ impl Hall {
         self.bounds.contains(own) && self.pieces.iter().any(|piece| piece.contains(own))
     }
 
-    fn named(&self) -> &Named {
+    fn named(&self) -> &NamedMembers {
         match &self.rule {
-            Rule::Only(named) | Rule::AllBut(named) => named,
+            VisibilityRule::Only(named) | VisibilityRule::AllBut(named) => named,
         }
     }
 }
 
-impl Named {
+impl NamedMembers {
     fn with(members: &Members, own: Option<RoomId>) -> Self {
         Self {
             rooms: members.rooms.iter().chain(&own).map(|id| u32::from(id.0)).collect(),

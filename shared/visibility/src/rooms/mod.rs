@@ -31,4 +31,4 @@ pub mod sets;
 pub mod sight;
 
 pub use index::{RoomIndex, RoomVerdict};
-pub use overlap::{RoomOverlap, Seal};
+pub use overlap::{RoomOverlap, SealedRooms};

@@ -120,9 +120,9 @@ fn parts(cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> Vec<Aabb> {
 /// The sealed rooms that a point is in. Two people are told of each other only where theirs
 /// [agree](Self::agrees).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Seal([Option<RoomId>; Self::MAX]);
+pub struct SealedRooms([Option<RoomId>; Self::MAX]);
 
-impl Seal {
+impl SealedRooms {
     /// Who is in more sealed rooms at once agrees with nobody.
     pub const MAX: usize = 4;
 

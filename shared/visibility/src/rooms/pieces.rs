@@ -6,7 +6,7 @@ use sightline_world::{
     rooms::{EXTENT_MAX, Shape},
 };
 
-use super::region::{HalfSpace, Side};
+use super::region::{Containment, HalfSpace};
 
 /// What is nearer to a boundary may be on either side of it, in metres: more than single precision
 /// loses within a kilometre.
@@ -16,7 +16,7 @@ const SPLITS_MAX: u32 = 48;
 
 /// A convex piece of a room, in own axes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Piece {
+pub struct ConvexPiece {
     /// The smallest box around it.
     pub bounds: Aabb,
     /// It is the part of that box that is in all of these: its sides that are not axial.
@@ -25,7 +25,7 @@ pub struct Piece {
     pub faces: Vec<Vec<Vec3>>,
 }
 
-impl Piece {
+impl ConvexPiece {
     /// Convex pieces in own axes, which together are a shape. None when that is flat.
     pub fn of(shape: &Shape, axes: &Axes) -> Vec<Self> {
         let own = |points: Vec<Vec3>| points.into_iter().map(|point| axes.own(point)).collect();
@@ -96,13 +96,15 @@ impl Piece {
 
     /// Whether all of a box is inside, but for what rounding may add.
     pub fn contains_box(&self, region: &Aabb) -> bool {
-        let within = |side: &HalfSpace| side.moved(ROUNDING_M.into()).side(region) == Side::Inside;
+        let within =
+            |side: &HalfSpace| side.moved(ROUNDING_M.into()).side(region) == Containment::Inside;
         self.bounds.grown(ROUNDING_M).contains_box(region) && self.sides.iter().all(within)
     }
 
     /// Whether some of a box may be inside: never wrongly denied.
     pub fn meets(&self, region: &Aabb) -> bool {
-        let apart = |side: &HalfSpace| side.moved(ROUNDING_M.into()).side(region) == Side::Outside;
+        let apart =
+            |side: &HalfSpace| side.moved(ROUNDING_M.into()).side(region) == Containment::Outside;
         self.bounds.grown(ROUNDING_M).intersects(region) && !self.sides.iter().any(apart)
     }
 
@@ -131,8 +133,8 @@ impl Piece {
 }
 
 /// Whether pieces together hold all of a box. Sometimes denied though they do.
-pub(super) fn cover<'a>(pieces: impl Iterator<Item = &'a Piece>, region: &Aabb) -> bool {
-    let pieces: Vec<&Piece> = pieces.filter(|piece| piece.meets(region)).collect();
+pub(super) fn cover<'a>(pieces: impl Iterator<Item = &'a ConvexPiece>, region: &Aabb) -> bool {
+    let pieces: Vec<&ConvexPiece> = pieces.filter(|piece| piece.meets(region)).collect();
     let mut open = vec![*region];
     let mut splits = 0;
     while let Some(part) = open.pop() {

@@ -15,11 +15,11 @@ pub struct HalfSpace {
 
 /// Where a box is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum Containment {
     /// No point of it is inside.
     Outside,
     /// Some may be.
-    Both,
+    Partial,
     /// Every point of it is inside.
     Inside,
 }
@@ -31,15 +31,15 @@ impl HalfSpace {
     }
 
     /// Where a box is.
-    pub fn side(&self, region: &Aabb) -> Side {
+    pub fn side(&self, region: &Aabb) -> Containment {
         let ahead = self.normal.dot(region.centre().as_dvec3()) - self.distance;
         let reach = self.normal.abs().dot(region.size().as_dvec3() * 0.5);
         if ahead > reach {
-            Side::Outside
+            Containment::Outside
         } else if ahead <= -reach {
-            Side::Inside
+            Containment::Inside
         } else {
-            Side::Both
+            Containment::Partial
         }
     }
 
@@ -67,18 +67,18 @@ impl HalfSpace {
 
 /// A region of space.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Region {
+pub enum BooleanRegion {
     /// One side of a plane.
     Half(HalfSpace),
     /// What is in all of these; all of space when there are none.
-    All(Vec<Region>),
+    All(Vec<BooleanRegion>),
     /// What is in some of these; nothing when there are none.
-    Any(Vec<Region>),
+    Any(Vec<BooleanRegion>),
     /// What is not in that.
-    Not(Box<Region>),
+    Not(Box<BooleanRegion>),
 }
 
-impl Region {
+impl BooleanRegion {
     /// All of space.
     pub const EVERYWHERE: Self = Self::All(Vec::new());
     /// No point.
@@ -99,43 +99,43 @@ impl Region {
         }
     }
 
-    /// Where a box is. [`Side::Both`] is also what is not known.
-    pub fn side(&self, region: &Aabb) -> Side {
+    /// Where a box is. [`Containment::Partial`] is also what is not known.
+    pub fn side(&self, region: &Aabb) -> Containment {
         match self {
             Self::Half(half) => half.side(region),
             Self::All(parts) => {
-                let mut all = Side::Inside;
+                let mut all = Containment::Inside;
                 for part in parts {
                     match part.side(region) {
-                        Side::Outside => return Side::Outside,
-                        Side::Both => all = Side::Both,
-                        Side::Inside => (),
+                        Containment::Outside => return Containment::Outside,
+                        Containment::Partial => all = Containment::Partial,
+                        Containment::Inside => (),
                     }
                 }
                 all
             }
             Self::Any(parts) => {
-                let mut any = Side::Outside;
+                let mut any = Containment::Outside;
                 for part in parts {
                     match part.side(region) {
-                        Side::Inside => return Side::Inside,
-                        Side::Both => any = Side::Both,
-                        Side::Outside => (),
+                        Containment::Inside => return Containment::Inside,
+                        Containment::Partial => any = Containment::Partial,
+                        Containment::Outside => (),
                     }
                 }
                 any
             }
             Self::Not(part) => match part.side(region) {
-                Side::Outside => Side::Inside,
-                Side::Both => Side::Both,
-                Side::Inside => Side::Outside,
+                Containment::Outside => Containment::Inside,
+                Containment::Partial => Containment::Partial,
+                Containment::Inside => Containment::Outside,
             },
         }
     }
 
     /// Whether some of a box may be inside: never wrongly denied.
     pub fn meets(&self, region: &Aabb) -> bool {
-        self.side(region) != Side::Outside
+        self.side(region) != Containment::Outside
     }
 
     /// How many planes it has.
@@ -168,10 +168,10 @@ impl Region {
 }
 
 /// Some of what a region must be in: half-spaces, and one thing besides if there is room.
-fn fewer(parts: &[Region], planes_max: usize) -> Vec<Region> {
+fn fewer(parts: &[BooleanRegion], planes_max: usize) -> Vec<BooleanRegion> {
     let halves: Vec<HalfSpace> = parts
         .iter()
-        .filter_map(|part| if let Region::Half(half) = part { Some(*half) } else { None })
+        .filter_map(|part| if let BooleanRegion::Half(half) = part { Some(*half) } else { None })
         .collect();
     let mut kept: Vec<HalfSpace> = halves.first().copied().into_iter().collect();
     kept.truncate(planes_max);
@@ -185,8 +185,10 @@ fn fewer(parts: &[Region], planes_max: usize) -> Vec<Region> {
         kept.push(*next);
     }
     let mut room = planes_max - kept.len();
-    let mut fewer: Vec<Region> = kept.into_iter().map(Region::Half).collect();
-    for part in parts.iter().filter(|part| matches!(part, Region::All(_) | Region::Any(_))) {
+    let mut fewer: Vec<BooleanRegion> = kept.into_iter().map(BooleanRegion::Half).collect();
+    for part in
+        parts.iter().filter(|part| matches!(part, BooleanRegion::All(_) | BooleanRegion::Any(_)))
+    {
         let part = part.simplified(room);
         room -= part.planes().min(room);
         fewer.push(part);

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 
 use roaring::RoaringBitmap;
 
-use super::{RoomIndex, region::Region, sight::Viewpoint};
+use super::{RoomIndex, region::BooleanRegion, sight::Viewpoint};
 use sightline_world::{
     World,
     geometry::{Aabb, Frustum},
@@ -30,7 +30,7 @@ impl VisibilitySet {
     /// What may be visible from a viewpoint.
     pub fn of(world: &World, index: &RoomIndex, viewpoint: &Viewpoint) -> Self {
         let cells = &world.cells;
-        let looker = Looker::new(world, index, viewpoint);
+        let looker = ViewpointSight::new(world, index, viewpoint);
         let mut near = Vec::new();
         cells.overlapping(&viewpoint.eyes, &mut near);
         let given = cells.visible_from(&viewpoint.eyes);
@@ -70,29 +70,29 @@ impl VisibilitySet {
 }
 
 /// What rooms show of boxes, from one viewpoint.
-struct Looker<'a> {
+struct ViewpointSight<'a> {
     world: &'a World,
     index: &'a RoomIndex,
-    field: Region,
+    field: BooleanRegion,
     eyes: super::RoomOverlap,
     /// For each room that some eye is in, what its windows show.
-    windows: Vec<(RoomId, Region)>,
+    windows: Vec<(RoomId, BooleanRegion)>,
 }
 
-impl<'a> Looker<'a> {
+impl<'a> ViewpointSight<'a> {
     fn new(world: &'a World, index: &'a RoomIndex, viewpoint: &Viewpoint) -> Self {
-        let eyes = index.place(&world.cells, &[viewpoint.eyes]);
+        let eyes = index.overlap(&world.cells, &[viewpoint.eyes]);
         let seen = |id: &RoomId| (*id, index.seen(*id, viewpoint));
         let windows = eyes.restricting.iter().map(seen).collect();
-        Self { world, index, field: Region::within(viewpoint.field()), eyes, windows }
+        Self { world, index, field: BooleanRegion::within(viewpoint.field()), eyes, windows }
     }
 
     fn sees(&self, region: &Aabb) -> bool {
         if !self.field.meets(region) {
             return false;
         }
-        let place = self.index.place(&self.world.cells, &[*region]);
-        let shows = |(id, windows): &(RoomId, Region)| {
+        let place = self.index.overlap(&self.world.cells, &[*region]);
+        let shows = |(id, windows): &(RoomId, BooleanRegion)| {
             self.index.shows_by_set(*id, &place) || windows.meets(region)
         };
         self.eyes.may_share_seals(&place) && (self.eyes.is_bare || self.windows.iter().any(shows))
@@ -101,7 +101,7 @@ impl<'a> Looker<'a> {
 
 /// How near to each other viewpoints are that share a set.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerance {
+pub struct ViewpointTolerance {
     /// Between their eyes, along each axis, in metres.
     pub eye_m: f32,
     /// Between their looks, sideways and upwards, in radians.
@@ -111,7 +111,7 @@ pub struct Tolerance {
 /// The visibility sets of some viewpoints, each good for all viewpoints within a tolerance.
 #[derive(Clone, Debug)]
 pub struct VisibilitySets {
-    tolerance: Tolerance,
+    tolerance: ViewpointTolerance,
     /// The angles that a picture spans, across and upright, in radians.
     field: [f32; 2],
     /// The one used last comes last.
@@ -124,7 +124,7 @@ impl VisibilitySets {
     pub const KEPT_MAX: usize = 64;
 
     /// For pictures that span these angles, across and upright, in radians.
-    pub fn new(tolerance: Tolerance, field: [f32; 2]) -> Self {
+    pub fn new(tolerance: ViewpointTolerance, field: [f32; 2]) -> Self {
         Self { tolerance, field, kept: Vec::new(), made: 0 }
     }
 

@@ -19,8 +19,8 @@
 use glam::{DVec3, Vec3};
 
 use super::{
-    pieces::{Piece, ROUNDING_M, convex_polygons, normal},
-    region::{HalfSpace, Region, Side},
+    pieces::{ConvexPiece, ROUNDING_M, convex_polygons, normal},
+    region::{BooleanRegion, Containment, HalfSpace},
 };
 use sightline_world::{
     geometry::{Aabb, Axes, Frustum},
@@ -61,13 +61,13 @@ impl Viewpoint {
 
 /// The windows of a room, in own axes.
 #[derive(Clone, Debug, Default)]
-pub struct Panes {
-    panes: Vec<Pane>,
+pub struct RoomWindows {
+    panes: Vec<WindowPart>,
 }
 
 /// A convex part of a window.
 #[derive(Clone, Debug)]
-struct Pane {
+struct WindowPart {
     /// Index of the window in [`Room::windows`].
     window: u32,
     /// Panes one level further down.
@@ -81,19 +81,19 @@ struct Pane {
 
 /// Which planes to take of a box of eyes.
 #[derive(Clone, Copy, PartialEq)]
-enum Bound {
+enum EyeBound {
     Outer,
     Inner,
 }
 
-impl Panes {
+impl RoomWindows {
     /// The windows of a room that consists of some pieces, as one looks out.
-    pub fn new(room: &Room, pieces: &[Piece], axes: &Axes) -> Self {
+    pub fn new(room: &Room, pieces: &[ConvexPiece], axes: &Axes) -> Self {
         Self::looking(room, pieces, axes, true)
     }
 
     /// The same as one looks in; all are of the first level.
-    pub fn inward(room: &Room, pieces: &[Piece], axes: &Axes) -> Self {
+    pub fn inward(room: &Room, pieces: &[ConvexPiece], axes: &Axes) -> Self {
         let mut panes = Self::looking(room, pieces, axes, false);
         for pane in &mut panes.panes {
             pane.is_first = true;
@@ -102,12 +102,12 @@ impl Panes {
         panes
     }
 
-    fn looking(room: &Room, pieces: &[Piece], axes: &Axes, outwards: bool) -> Self {
-        let mut panes: Vec<Pane> = Vec::new();
+    fn looking(room: &Room, pieces: &[ConvexPiece], axes: &Axes, outwards: bool) -> Self {
+        let mut panes: Vec<WindowPart> = Vec::new();
         for (window, at) in room.windows.iter().zip(0u32..) {
             let own: Vec<Vec3> = window.corners.iter().map(|corner| axes.own(*corner)).collect();
-            let parents = |panes: &[Pane]| -> Vec<usize> {
-                let of = |(_, pane): &(usize, &Pane)| Some(pane.window) == window.behind;
+            let parents = |panes: &[WindowPart]| -> Vec<usize> {
+                let of = |(_, pane): &(usize, &WindowPart)| Some(pane.window) == window.behind;
                 panes.iter().enumerate().filter(of).map(|(at, _)| at).collect()
             };
             let is_inward = !outwards || level(room, at).is_multiple_of(2);
@@ -121,7 +121,13 @@ impl Panes {
                 let (place, parents) = (panes.len(), parents(&panes));
                 parents.into_iter().for_each(|parent| panes[parent].children.push(place));
                 let is_first = window.behind.is_none();
-                panes.push(Pane { window: at, children: Vec::new(), is_first, corners, normal });
+                panes.push(WindowPart {
+                    window: at,
+                    children: Vec::new(),
+                    is_first,
+                    corners,
+                    normal,
+                });
             }
         }
         Self { panes }
@@ -141,20 +147,21 @@ impl Panes {
 
     fn pane_shows(&self, at: usize, eyes: &Aabb, body: &Aabb) -> bool {
         let pane = &self.panes[at];
-        pane.side(eyes, body, Bound::Outer) != Side::Outside
+        pane.side(eyes, body, EyeBound::Outer) != Containment::Outside
             && !pane.children.iter().any(|child| {
                 let child = &self.panes[*child];
-                child.side(eyes, body, Bound::Inner) == Side::Inside
+                child.side(eyes, body, EyeBound::Inner) == Containment::Inside
                     && !child.children.iter().any(|out| self.pane_shows(*out, eyes, body))
             })
     }
 
     /// What is seen through the windows: around all that any of the eyes sees.
-    pub fn seen(&self, viewpoint: &Viewpoint) -> Region {
+    pub fn seen(&self, viewpoint: &Viewpoint) -> BooleanRegion {
         let first = self.in_order(viewpoint, 0..self.panes.len());
         let first = first.into_iter().filter(|at| self.panes[*at].is_first);
-        let parts: Vec<Region> = first.filter_map(|at| self.seen_through(at, viewpoint)).collect();
-        if parts.is_empty() { Region::NOWHERE } else { Region::Any(parts) }
+        let parts: Vec<BooleanRegion> =
+            first.filter_map(|at| self.seen_through(at, viewpoint)).collect();
+        if parts.is_empty() { BooleanRegion::NOWHERE } else { BooleanRegion::Any(parts) }
     }
 
     /// The windows of the first level that are in the field of view, nearest first: indices into
@@ -163,7 +170,7 @@ impl Panes {
         let all = self.in_order(viewpoint, 0..self.panes.len());
         let seen = |at: &usize| {
             let pane = &self.panes[*at];
-            pane.is_first && pane.planes(viewpoint, Bound::Outer).is_some()
+            pane.is_first && pane.planes(viewpoint, EyeBound::Outer).is_some()
         };
         let mut windows: Vec<u32> = Vec::new();
         for window in all.into_iter().filter(seen).map(|at| self.panes[at].window) {
@@ -174,25 +181,27 @@ impl Panes {
         windows
     }
 
-    fn seen_through(&self, at: usize, viewpoint: &Viewpoint) -> Option<Region> {
+    fn seen_through(&self, at: usize, viewpoint: &Viewpoint) -> Option<BooleanRegion> {
         let pane = &self.panes[at];
-        let mut parts = match pane.planes(viewpoint, Bound::Outer)? {
-            Region::All(parts) => parts,
+        let mut parts = match pane.planes(viewpoint, EyeBound::Outer)? {
+            BooleanRegion::All(parts) => parts,
             other => vec![other],
         };
         let children = self.in_order(viewpoint, pane.children.iter().copied());
         for child in children {
-            let Some(inner) = self.panes[child].planes(viewpoint, Bound::Inner) else { continue };
+            let Some(inner) = self.panes[child].planes(viewpoint, EyeBound::Inner) else {
+                continue;
+            };
             let out = self.in_order(viewpoint, self.panes[child].children.iter().copied());
             let out: Vec<_> =
                 out.into_iter().filter_map(|out| self.seen_through(out, viewpoint)).collect();
             let mut hidden = vec![inner];
             if !out.is_empty() {
-                hidden.push(Region::Not(Box::new(Region::Any(out))));
+                hidden.push(BooleanRegion::Not(Box::new(BooleanRegion::Any(out))));
             }
-            parts.push(Region::Not(Box::new(Region::All(hidden))));
+            parts.push(BooleanRegion::Not(Box::new(BooleanRegion::All(hidden))));
         }
-        Some(Region::All(parts))
+        Some(BooleanRegion::All(parts))
     }
 
     /// Panes from the nearest to the furthest.
@@ -210,83 +219,85 @@ impl Panes {
     }
 }
 
-impl Pane {
+impl WindowPart {
     /// Where a box is, of what is seen through it.
-    fn side(&self, eyes: &Aabb, body: &Aabb, bound: Bound) -> Side {
+    fn side(&self, eyes: &Aabb, body: &Aabb, bound: EyeBound) -> Containment {
         let Some(normal) = self.normal else { return unknown(bound) };
         let beyond = beyond(normal, self.corners[0]);
         let where_eyes = touching(&beyond, eyes);
         // From beyond one does not look through it in this direction.
-        if where_eyes == Side::Inside {
-            return Side::Outside;
+        if where_eyes == Containment::Inside {
+            return Containment::Outside;
         }
         let mut all = beyond.moved(slack(bound)).side(body);
-        if where_eyes == Side::Both {
+        if where_eyes == Containment::Partial {
             // Some eye is at the window or beyond it: where it looks is not bounded by its edges.
-            return if bound == Bound::Inner { Side::Outside } else { all };
+            return if bound == EyeBound::Inner { Containment::Outside } else { all };
         }
         for edge in self.edges() {
-            if all == Side::Outside {
+            if all == Containment::Outside {
                 break;
             }
             match edge.plane(normal, eyes, bound).side(body) {
-                Side::Outside => all = Side::Outside,
-                Side::Both => all = Side::Both,
-                Side::Inside => (),
+                Containment::Outside => all = Containment::Outside,
+                Containment::Partial => all = Containment::Partial,
+                Containment::Inside => (),
             }
         }
         all
     }
 
     /// The same as a region; none when nothing is seen through it.
-    fn planes(&self, viewpoint: &Viewpoint, bound: Bound) -> Option<Region> {
+    fn planes(&self, viewpoint: &Viewpoint, bound: EyeBound) -> Option<BooleanRegion> {
         let eyes = &viewpoint.eyes;
         let Some(normal) = self.normal else {
-            return (bound == Bound::Outer).then_some(Region::EVERYWHERE);
+            return (bound == EyeBound::Outer).then_some(BooleanRegion::EVERYWHERE);
         };
         let beyond = beyond(normal, self.corners[0]);
         let where_eyes = touching(&beyond, eyes);
-        if where_eyes == Side::Inside || (where_eyes == Side::Both && bound == Bound::Inner) {
+        if where_eyes == Containment::Inside
+            || (where_eyes == Containment::Partial && bound == EyeBound::Inner)
+        {
             return None;
         }
         let mut planes = vec![beyond.moved(slack(bound))];
-        if where_eyes == Side::Both {
+        if where_eyes == Containment::Partial {
             planes.extend(viewpoint.field());
-            return Some(Region::within(planes));
+            return Some(BooleanRegion::within(planes));
         }
         // Only the part of it that is in the field of view.
         let cut = match bound {
-            Bound::Outer => {
+            EyeBound::Outer => {
                 Self { corners: clipped(&self.corners, viewpoint.field()), ..self.clone() }
             }
-            Bound::Inner => self.clone(),
+            EyeBound::Inner => self.clone(),
         };
         if cut.corners.len() < 3 {
             return None;
         }
         planes.extend(cut.edges().map(|edge| edge.plane(normal, eyes, bound)));
-        if bound == Bound::Outer {
+        if bound == EyeBound::Outer {
             planes.extend(viewpoint.field());
         }
-        Some(Region::within(planes))
+        Some(BooleanRegion::within(planes))
     }
 
-    fn edges(&self) -> impl Iterator<Item = Edge> + '_ {
+    fn edges(&self) -> impl Iterator<Item = WindowEdge> + '_ {
         let ends = self.corners.iter().zip(self.corners.iter().cycle().skip(1));
-        ends.map(|(from, to)| Edge { from: *from, along: *to - *from })
+        ends.map(|(from, to)| WindowEdge { from: *from, along: *to - *from })
     }
 }
 
 /// An edge of a pane, its inside on the left as seen from where one looks to.
-struct Edge {
+struct WindowEdge {
     from: DVec3,
     along: DVec3,
 }
 
-impl Edge {
+impl WindowEdge {
     /// The plane through it and the eye that looks furthest past it, or least. All eyes are on the
     /// near side of the pane.
-    fn plane(&self, normal: DVec3, eyes: &Aabb, bound: Bound) -> HalfSpace {
+    fn plane(&self, normal: DVec3, eyes: &Aabb, bound: EyeBound) -> HalfSpace {
         // Away from the inside of the pane, in its plane.
         let out = self.along.cross(normal).normalize_or_zero();
         // How far a line of sight gets out for each metre that it gets on.
@@ -296,8 +307,8 @@ impl Edge {
         };
         let slopes = eyes.corners().map(slope);
         let slope = match bound {
-            Bound::Outer => slopes.into_iter().fold(f64::NEG_INFINITY, f64::max),
-            Bound::Inner => slopes.into_iter().fold(f64::INFINITY, f64::min),
+            EyeBound::Outer => slopes.into_iter().fold(f64::NEG_INFINITY, f64::max),
+            EyeBound::Inner => slopes.into_iter().fold(f64::INFINITY, f64::min),
         };
         let side = out - normal * slope;
         let side = side.normalize();
@@ -306,13 +317,13 @@ impl Edge {
 }
 
 /// What is not known is seen by some, and not by all.
-fn unknown(bound: Bound) -> Side {
-    if bound == Bound::Outer { Side::Both } else { Side::Outside }
+fn unknown(bound: EyeBound) -> Containment {
+    if bound == EyeBound::Outer { Containment::Partial } else { Containment::Outside }
 }
 
-fn slack(bound: Bound) -> f64 {
+fn slack(bound: EyeBound) -> f64 {
     let slack = f64::from(ROUNDING_M);
-    if bound == Bound::Outer { slack } else { -slack }
+    if bound == EyeBound::Outer { slack } else { -slack }
 }
 
 /// What lies beyond a plane that one looks through along a normal.
@@ -321,12 +332,12 @@ fn beyond(normal: DVec3, at: DVec3) -> HalfSpace {
 }
 
 /// Whether eyes are beyond: those that rounding may have put there count as at the plane.
-fn touching(beyond: &HalfSpace, eyes: &Aabb) -> Side {
+fn touching(beyond: &HalfSpace, eyes: &Aabb) -> Containment {
     let slack = f64::from(ROUNDING_M);
     match [beyond.moved(slack).side(eyes), beyond.moved(-slack).side(eyes)] {
-        [Side::Outside, _] => Side::Outside,
-        [_, Side::Inside] => Side::Inside,
-        _ => Side::Both,
+        [Containment::Outside, _] => Containment::Outside,
+        [_, Containment::Inside] => Containment::Inside,
+        _ => Containment::Partial,
     }
 }
 
@@ -364,7 +375,7 @@ fn level(room: &Room, window: u32) -> u32 {
 }
 
 /// The normal of a pane that points out of the room; none when the room is on both sides, or on none.
-fn outward(corners: &[DVec3], pieces: &[Piece]) -> Option<DVec3> {
+fn outward(corners: &[DVec3], pieces: &[ConvexPiece]) -> Option<DVec3> {
     let normal = normal(corners)?;
     let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;
     BESIDE_M.into_iter().find_map(|beside| {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{Vec2, Vec3};
 use image::{Rgb, RgbImage};
-use sightline_visibility::rooms::pieces::Piece;
+use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{geometry::Aabb, rooms::Rooms};
 
 const SIDE_PX: u32 = 520;
@@ -45,7 +45,8 @@ impl Picture<'_> {
         }
         for (id, room) in self.rooms.list().iter().enumerate() {
             let colour = [[180, 90, 20], [120, 40, 150], [20, 130, 130], [90, 90, 20]][id % 4];
-            for piece in room.shapes.iter().flat_map(|shape| Piece::of(shape, &Default::default()))
+            for piece in
+                room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, &Default::default()))
             {
                 for face in &piece.faces {
                     self.ring(&mut picture, face, colour, 1);

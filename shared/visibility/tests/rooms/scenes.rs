@@ -5,7 +5,7 @@
 use glam::Vec3;
 use sightline_visibility::rooms::{
     RoomIndex, depth,
-    region::{Region, Side},
+    region::{BooleanRegion, Containment},
     sight::Viewpoint,
 };
 use sightline_world::{
@@ -219,15 +219,15 @@ fn a_window_in_a_field_of_view() {
     for (target, expected) in targets {
         assert_eq!(seen.meets(&target), expected, "{target:?}");
     }
-    assert!(matches!(&seen, Region::Any(parts) if parts.len() == 1), "{seen:?}");
+    assert!(matches!(&seen, BooleanRegion::Any(parts) if parts.len() == 1), "{seen:?}");
     assert_eq!(index.windows_in_view(RoomId(0), &viewpoint), [0]);
     let away = look(std::f32::consts::FRAC_PI_2);
     assert_eq!(index.windows_in_view(RoomId(0), &away), [] as [u32; 0]);
-    assert_eq!(index.seen(RoomId(0), &away), Region::NOWHERE);
+    assert_eq!(index.seen(RoomId(0), &away), BooleanRegion::NOWHERE);
     the_simplified_region_is_larger(&seen);
 }
 
-fn the_simplified_region_is_larger(seen: &Region) {
+fn the_simplified_region_is_larger(seen: &BooleanRegion) {
     for planes in 0..=seen.planes() {
         let simple = seen.simplified(planes);
         assert!(simple.planes() <= planes);
@@ -239,7 +239,7 @@ fn the_simplified_region_is_larger(seen: &Region) {
         });
         assert!(inside.count() > 500);
     }
-    assert_eq!(seen.simplified(0), Region::EVERYWHERE);
+    assert_eq!(seen.simplified(0), BooleanRegion::EVERYWHERE);
     assert_eq!(seen.simplified(99), *seen);
 }
 
@@ -319,7 +319,7 @@ fn rooms_in_depth() {
             world(rooms(vec![far.clone(), screen(windows), beside.clone(), here.clone()]), 0.0);
         let index = RoomIndex::new(&world);
         let eyes = eye(0.0, 0.0);
-        let found = depth::in_depth(&world.rooms, &index, eyes.min);
+        let found = depth::depth_order(&world.rooms, &index, eyes.min);
         let shows = |point: Vec3| {
             let hidden = found.iter().filter(|room| room.hidden_by.is_some());
             let mut hidden = hidden.flat_map(|room| index.pieces(room.room));
@@ -373,7 +373,7 @@ fn a_sealed_room() {
     let targets = [(inside, true), (outside, false)];
     Picture { rooms: &world.rooms, eyes, targets: &targets, area: AREA, shows: &shows }
         .save("sealed");
-    let seal = |x: f32| index.seal(Vec3::new(x, 1.5, 0.0));
+    let seal = |x: f32| index.sealed_rooms_at(Vec3::new(x, 1.5, 0.0));
     assert!(seal(2.9).agrees(&seal(-2.9)) && seal(3.1).agrees(&seal(-9.0)));
     assert!(!seal(2.9).agrees(&seal(3.1)) && !seal(3.1).agrees(&seal(2.9)));
     assert!(seal(3.1).is_open() && !seal(2.9).is_open());
@@ -391,13 +391,13 @@ fn sealed_rooms_within_each_other() {
     let three = index(&list[..3]);
     for (i, a) in [0.5, 1.5, 2.5, 3.5].into_iter().enumerate() {
         for (j, b) in [-0.5, -1.5, -2.5, -3.5].into_iter().enumerate() {
-            let seal = |x: f32| three.seal(Vec3::new(x, 1.5, 0.0));
+            let seal = |x: f32| three.sealed_rooms_at(Vec3::new(x, 1.5, 0.0));
             assert_eq!(seal(a).agrees(&seal(b)), i == j, "{a} {b}");
         }
     }
     // In too many at once one agrees with nobody, so that none is forgotten.
     let six = index(&list);
-    let seal = |x: f32| six.seal(Vec3::new(x, 1.5, 0.0));
+    let seal = |x: f32| six.sealed_rooms_at(Vec3::new(x, 1.5, 0.0));
     assert!(!seal(0.5).agrees(&seal(0.5)) && seal(5.5).agrees(&seal(-5.5)));
 }
 
@@ -445,7 +445,7 @@ fn boxes_are_inside_outside_or_both() {
     let world: World = world(c_shaped(true), 0.0);
     let index = RoomIndex::new(&world);
     let seen = index.seen(RoomId(0), &Viewpoint::all_round(eye(2.0, -6.0)));
-    assert_eq!(seen.side(&cube(2.0, -1.0)), Side::Inside);
-    assert_eq!(seen.side(&cube(6.0, 9.0)), Side::Outside);
-    assert_eq!(seen.side(&Aabb::around(Vec3::ZERO, 9.0)), Side::Both);
+    assert_eq!(seen.side(&cube(2.0, -1.0)), Containment::Inside);
+    assert_eq!(seen.side(&cube(6.0, 9.0)), Containment::Outside);
+    assert_eq!(seen.side(&Aabb::around(Vec3::ZERO, 9.0)), Containment::Partial);
 }

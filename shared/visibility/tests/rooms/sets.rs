@@ -3,7 +3,7 @@
 use glam::Vec3;
 use sightline_visibility::rooms::{
     RoomIndex,
-    sets::{Tolerance, VisibilitySet, VisibilitySets},
+    sets::{ViewpointTolerance, VisibilitySet, VisibilitySets},
 };
 use sightline_world::{
     World,
@@ -50,7 +50,7 @@ fn objects(set: &VisibilitySet) -> Vec<u32> {
 fn sets_are_kept_and_joined() {
     let world = pair();
     let index = RoomIndex::new(&world);
-    let tolerance = Tolerance { eye_m: 0.25, look: 0.1 };
+    let tolerance = ViewpointTolerance { eye_m: 0.25, look: 0.1 };
     let mut sets = VisibilitySets::new(tolerance, [7.0, 7.0]);
     let (first, second) = (pose(-3.0, 0.0), pose(3.0, 0.0));
     assert_eq!(objects(sets.at(&world, &index, &first)), [0]);
@@ -83,9 +83,9 @@ fn a_set_is_good_for_all_viewpoints_that_share_it() {
     let mut seen = [0, 0];
     for step in 0..60 {
         let angle = step as f32 * 0.7;
-        let tolerance = Tolerance { eye_m: 0.3, look: 0.08 };
+        let tolerance = ViewpointTolerance { eye_m: 0.3, look: 0.08 };
         let mut sets = VisibilitySets::new(tolerance, field);
-        let mut exact = VisibilitySets::new(Tolerance { eye_m: 0.0, look: 0.0 }, field);
+        let mut exact = VisibilitySets::new(ViewpointTolerance { eye_m: 0.0, look: 0.0 }, field);
         let from = Pose { pitch: angle.sin(), ..pose(-5.0 + step as f32 * 0.15, angle) };
         let near = Pose {
             eye: from.eye + Vec3::new(0.29, -0.29, 0.29),

@@ -59,13 +59,13 @@ pub fn world(rooms: Rooms, turn: f64) -> World {
 
 /// Whether rooms let somebody in one box of own axes see something of another.
 pub fn may_see(world: &World, index: &RoomIndex, eyes: Aabb, body: Aabb) -> bool {
-    let place = |region| index.place(&world.cells, &[region]);
+    let place = |region| index.overlap(&world.cells, &[region]);
     let asked = index.may_see(&place(eyes), &place(body));
     // By the cells that they overlap, which are all that there are, places say no more.
     let in_cells = |region| {
         let mut found = Vec::new();
         world.cells.overlapping(&region, &mut found);
-        index.place_in(&world.cells, &[region], &found)
+        index.overlap_in_cells(&world.cells, &[region], &found)
     };
     assert!(asked || !index.may_see(&in_cells(eyes), &in_cells(body)), "{eyes:?} {body:?}");
     asked

@@ -147,7 +147,7 @@ impl Scene {
         let place = |region: Aabb| {
             let mut found = Vec::new();
             self.world.cells.overlapping(&region, &mut found);
-            self.index.place_in(&self.world.cells, &[region], &found)
+            self.index.overlap_in_cells(&self.world.cells, &[region], &found)
         };
         self.index.may_see(&place(eyes), &place(body))
     }
@@ -460,7 +460,7 @@ fn seals_agree_with_the_rooms_that_a_point_is_in() {
         };
         for _ in 0..200 {
             let [a, b] = [0, 1].map(|_| point(&mut rng, 9.0));
-            let agrees = scene.index.seal(a).agrees(&scene.index.seal(b));
+            let agrees = scene.index.sealed_rooms_at(a).agrees(&scene.index.sealed_rooms_at(b));
             assert!(!agrees || sealed(a) == sealed(b), "seed {seed}: {a} {b}");
             assert!(
                 agrees || sealed(a) != sealed(b) || sealed(a).len() >= 4,

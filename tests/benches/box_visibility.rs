@@ -2,7 +2,7 @@
 //! and what that costs.
 //!
 //! ```text
-//! cargo bench -p sightline-tests --bench shafts -- --pairs 2000 --budget 5000 house.glb
+//! cargo bench -p sightline-tests --bench box_visibility -- --pairs 2000 --budget 5000 house.glb
 //! ```
 //!
 //! Buildings are files (.glb, .gltf, .bsp, or compiled: .slw); without any they are a generated one,
@@ -27,7 +27,7 @@ use sightline_compiler::{
     model::Model,
 };
 use sightline_oracle::Oracle;
-use sightline_visibility::box_visibility::{Occluders, Outcome, Scratch};
+use sightline_visibility::box_visibility::{BoxScratch, BoxVisibility, Occluders};
 use sightline_world::{World, geometry::Aabb};
 
 /// Buildings and their traces, in the folder `shared`.
@@ -192,14 +192,14 @@ impl Subject {
             return;
         }
         row.pvs += 1;
-        let (mut scratch, mut left) = (Scratch::default(), budget);
+        let (mut scratch, mut left) = (BoxScratch::default(), budget);
         let start = Instant::now();
         let outcome = occluders.between(&mut scratch, &eyes, &bodies, &mut left);
         row.micros.push(start.elapsed().as_secs_f64() * 1e6);
         row.spent.push(budget - left);
-        row.left += usize::from(outcome != Outcome::Hidden);
-        row.unknown += usize::from(outcome == Outcome::Unknown);
-        row.wrong += usize::from(outcome == Outcome::Hidden && is_seen);
+        row.left += usize::from(outcome != BoxVisibility::Hidden);
+        row.unknown += usize::from(outcome == BoxVisibility::Unknown);
+        row.wrong += usize::from(outcome == BoxVisibility::Hidden && is_seen);
     }
 
     /// Two places where somebody's eyes are; none when there seem to be no two.

@@ -11,7 +11,7 @@
 
 use glam::{BVec3A, Vec3A, Vec4};
 
-use super::Line;
+use super::{BoxInSpaces, SightLine};
 use sightline_world::{Cells, Node, Polygon, geometry::Aabb};
 
 /// Gates are so much larger here, in metres: more than the compiler moves corners by.
@@ -31,18 +31,18 @@ const WAYS_MAX: usize = 3;
 
 /// Spaces and gates, ready to be asked. 32 bytes for each side of a gate.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Passages {
+pub(super) struct PortalFlood {
     /// Planes as in [`Cells::tree`], but that leaves are spaces.
-    tree: Vec<Branch>,
+    tree: Vec<SpaceNode>,
     /// For each space, where its ways begin; and where the last ones end.
     starts: Vec<u32>,
-    ways: Vec<Way>,
+    ways: Vec<Exit>,
     /// Of those that are along no axis.
     normals: Vec<Vec3A>,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Branch {
+enum SpaceNode {
     Axial { axis: u8, at: f32, sides: [u32; 2] },
     Plane { normal: Vec3A, distance: f32, sides: [u32; 2] },
     Space(u32),
@@ -51,14 +51,14 @@ enum Branch {
 
 /// A box.
 #[derive(Clone, Copy, Debug)]
-struct Span {
+struct SimdBox {
     low: Vec3A,
     high: Vec3A,
 }
 
 /// Out of a space: half a cache line.
 #[derive(Clone, Copy, Debug)]
-struct Way {
+struct Exit {
     /// The corners of the box around the gate. The last lanes, as whole numbers, are the space beyond, and where
     /// the way goes.
     low: Vec4,
@@ -66,38 +66,38 @@ struct Way {
 }
 
 /// Where a way goes: along an axis, down or up, through a gate that fills its box; or else across
-/// [`Passages::normals`] at this number less [`AXIAL`].
-type Towards = u32;
+/// [`PortalFlood::normals`] at this number less [`AXIAL`].
+type ExitDirection = u32;
 /// There are so many ways along axes: down and up the first, then the second, then the third.
-const AXIAL: Towards = 6;
+const AXIAL: ExitDirection = 6;
 
 /// Lines that have come into a space.
 #[derive(Clone, Copy, Debug)]
-struct Step {
+struct FloodStep {
     space: u32,
     /// No line has come there at a lesser share of its way.
-    come: f32,
-    from: Span,
-    to: Span,
+    entry_t: f32,
+    from: SimdBox,
+    to: SimdBox,
     /// Another step into the same space.
     next: Option<u32>,
 }
 
 /// What a search keeps memory for.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Steps {
+pub(super) struct FloodScratch {
     search: u32,
     /// For each space, the search that came to it last, and its last step there.
     reached: Vec<(u32, u32)>,
     /// For each space, the last search for which it was a goal.
     goals: Vec<u32>,
-    steps: Vec<Step>,
+    steps: Vec<FloodStep>,
     open: Vec<u32>,
     nodes: Vec<u32>,
     ends: [Vec<u32>; 2],
 }
 
-impl Passages {
+impl PortalFlood {
     pub fn new(cells: &Cells) -> Self {
         let mut passages = Self { tree: tree(cells), ..Self::default() };
         for (index, space) in (0..).zip(&cells.spaces) {
@@ -114,7 +114,7 @@ impl Passages {
                     }
                 };
                 let beyond = gate.spaces[usize::from(is_lesser)];
-                passages.ways.push(Way::new(&gate.polygon.bounds(), beyond, towards));
+                passages.ways.push(Exit::new(&gate.polygon.bounds(), beyond, towards));
             }
         }
         passages.starts.push(passages.ways.len() as u32);
@@ -122,14 +122,25 @@ impl Passages {
     }
 
     /// Whether no line leads from one box to another, in own axes; counts the nodes and gates looked at.
-    pub fn are_closed(&self, steps: &mut Steps, from: &Aabb, to: &Aabb, looked: &mut u32) -> bool {
+    pub fn are_closed(
+        &self,
+        steps: &mut FloodScratch,
+        from: &Aabb,
+        to: &Aabb,
+        looked: &mut u32,
+    ) -> bool {
         if self.tree.is_empty() {
             return false;
         }
         let [mut starts, mut goals] = std::mem::take(&mut steps.ends);
         self.spaces(from, steps, &mut starts, looked);
         self.spaces(to, steps, &mut goals, looked);
-        let is_closed = self.are_apart(steps, (from, &starts), (to, &goals), looked);
+        let is_closed = self.are_apart(
+            steps,
+            BoxInSpaces { bounds: from, spaces: &starts },
+            BoxInSpaces { bounds: to, spaces: &goals },
+            looked,
+        );
         steps.ends = [starts, goals];
         is_closed
     }
@@ -137,44 +148,45 @@ impl Passages {
     /// The same for lines that begin and end in some spaces only.
     pub fn are_apart(
         &self,
-        steps: &mut Steps,
-        (from, starts): (&Aabb, &[u32]),
-        (to, goals): (&Aabb, &[u32]),
+        steps: &mut FloodScratch,
+        from: BoxInSpaces<'_>,
+        to: BoxInSpaces<'_>,
         looked: &mut u32,
     ) -> bool {
-        if self.tree.is_empty() || starts.is_empty() {
+        if self.tree.is_empty() || from.spaces.is_empty() {
             // Eyes are in no wall; where they seem to be, nothing is known.
             return false;
         }
         steps.begin(self.starts.len());
-        goals.iter().for_each(|goal| steps.goals[*goal as usize] = steps.search);
-        let (from, to) = (Span::new(from), Span::new(to));
+        to.spaces.iter().for_each(|goal| steps.goals[*goal as usize] = steps.search);
+        let starts = from.spaces;
+        let (from, to) = (SimdBox::new(from.bounds), SimdBox::new(to.bounds));
         for &space in starts {
             if steps.goals[space as usize] == steps.search {
                 return false;
             }
-            steps.come(Step { space, come: 0.0, from, to, next: None });
+            steps.enter(FloodStep { space, entry_t: 0.0, from, to, next: None });
         }
         let most = *looked + GATES_MAX;
         while let Some(step) = steps.open.pop() {
-            let Step { space, come, from, to, .. } = steps.steps[step as usize];
+            let FloodStep { space, entry_t, from, to, .. } = steps.steps[step as usize];
             if *looked > most {
                 return false;
             }
-            let between = Between::new(&from, &to);
+            let between = SweptBox::new(&from, &to);
             let (first, end) = (self.starts[space as usize], self.starts[space as usize + 1]);
             *looked += end - first;
             for way in &self.ways[first as usize..end as usize] {
                 let (towards, gate) = (way.towards(), way.gate());
                 if between.goes(towards, &self.normals)
-                    && let Some(shares) = between.meets(&gate, come)
+                    && let Some(shares) = between.meets(&gate, entry_t)
                     && let Some([from, to]) = between.narrowed(&gate, shares)
                 {
-                    let (space, come) = (way.beyond(), shares[0]);
+                    let (space, entry_t) = (way.beyond(), shares[0]);
                     if steps.goals[space as usize] == steps.search {
                         return false;
                     }
-                    steps.come(Step { space, come, from, to, next: None });
+                    steps.enter(FloodStep { space, entry_t, from, to, next: None });
                 }
             }
         }
@@ -183,10 +195,10 @@ impl Passages {
 
     /// Whether gates lead a line from the space that it begins in to the one that it ends in, as far as the boxes
     /// around them tell.
-    pub fn lead(&self, line: &Line, [start, goal]: [u32; 2]) -> bool {
+    pub fn is_free_through_gates(&self, line: &SightLine, [start, goal]: [u32; 2]) -> bool {
         let (from, way) = (Vec3A::from(line.from), Vec3A::from(line.to - line.from));
         let inverse = way.recip();
-        let (mut space, mut come) = (start, 0.0);
+        let (mut space, mut entry_t) = (start, 0.0);
         for _ in 0..SPACES_MAX {
             if space == goal {
                 return true;
@@ -205,18 +217,24 @@ impl Passages {
                 // Along an axis in which the line does not go, both are infinite: it is between them or nowhere.
                 let gate = out.gate();
                 let (a, b) = ((gate.low - from) * inverse, (gate.high - from) * inverse);
-                let first = a.min(b).max_element().max(come);
+                let first = a.min(b).max_element().max(entry_t);
                 let last = a.max(b).min_element().min(1.0);
                 (first <= last).then(|| (out.beyond(), first))
             });
             let Some(next) = next else { return false };
-            (space, come) = next;
+            (space, entry_t) = next;
         }
         false
     }
 
     /// Finds the spaces that a box reaches into; some twice.
-    fn spaces(&self, region: &Aabb, steps: &mut Steps, found: &mut Vec<u32>, looked: &mut u32) {
+    fn spaces(
+        &self,
+        region: &Aabb,
+        steps: &mut FloodScratch,
+        found: &mut Vec<u32>,
+        looked: &mut u32,
+    ) {
         found.clear();
         let (centre, half) = (Vec3A::from(region.centre()), Vec3A::from(region.size() * 0.5));
         let open = &mut steps.nodes;
@@ -224,16 +242,16 @@ impl Passages {
         while let Some(node) = open.pop() {
             *looked += 1;
             let (away, reach, sides) = match self.tree[node as usize] {
-                Branch::Space(space) => {
+                SpaceNode::Space(space) => {
                     found.push(space);
                     continue;
                 }
-                Branch::Solid => continue,
-                Branch::Axial { axis, at, sides } => {
+                SpaceNode::Solid => continue,
+                SpaceNode::Axial { axis, at, sides } => {
                     let axis = usize::from(axis);
                     (centre[axis] - at, half[axis], sides)
                 }
-                Branch::Plane { normal, distance, sides } => {
+                SpaceNode::Plane { normal, distance, sides } => {
                     (normal.dot(centre) - distance, normal.abs().dot(half), sides)
                 }
             };
@@ -248,15 +266,15 @@ impl Passages {
 
     /// In memory, without its own head.
     pub fn bytes(&self) -> usize {
-        self.tree.len() * size_of::<Branch>()
+        self.tree.len() * size_of::<SpaceNode>()
             + self.starts.len() * size_of::<u32>()
-            + self.ways.len() * size_of::<Way>()
+            + self.ways.len() * size_of::<Exit>()
             + self.normals.len() * size_of::<Vec3A>()
     }
 }
 
 /// The tree of cells, cut off where all that is below is of one space.
-fn tree(cells: &Cells) -> Vec<Branch> {
+fn tree(cells: &Cells) -> Vec<SpaceNode> {
     let mut whole: Vec<Option<u32>> = vec![None; cells.tree.len()];
     for (index, node) in cells.tree.iter().enumerate().rev() {
         whole[index] = match *node {
@@ -268,33 +286,33 @@ fn tree(cells: &Cells) -> Vec<Branch> {
             }
         };
     }
-    let (mut tree, mut open) = (vec![Branch::Solid], vec![(0, 0)]);
+    let (mut tree, mut open) = (vec![SpaceNode::Solid], vec![(0, 0)]);
     while let Some((from, to)) = open.pop() {
         let node = cells.tree[from as usize];
         let mut sides_of = |sides: [u32; 2]| {
             let first = tree.len() as u32;
-            tree.extend([Branch::Solid; 2]);
+            tree.extend([SpaceNode::Solid; 2]);
             open.extend([(sides[0], first), (sides[1], first + 1)]);
             [first, first + 1]
         };
         tree[to as usize] = match (whole[from as usize], node) {
-            (Some(space), _) => Branch::Space(space),
+            (Some(space), _) => SpaceNode::Space(space),
             (None, Node::Axial { axis, at, sides }) => {
-                Branch::Axial { axis, at, sides: sides_of(sides) }
+                SpaceNode::Axial { axis, at, sides: sides_of(sides) }
             }
-            (None, Node::Plane { normal, distance, sides }) => Branch::Plane {
+            (None, Node::Plane { normal, distance, sides }) => SpaceNode::Plane {
                 normal: normal.as_vec3a(),
                 distance: distance as f32,
                 sides: sides_of(sides),
             },
-            (None, Node::Leaf(_) | Node::Solid) => Branch::Solid,
+            (None, Node::Leaf(_) | Node::Solid) => SpaceNode::Solid,
         };
     }
     tree
 }
 
-impl Way {
-    fn new(gate: &Aabb, beyond: u32, towards: Towards) -> Self {
+impl Exit {
+    fn new(gate: &Aabb, beyond: u32, towards: ExitDirection) -> Self {
         let gate = gate.grown(SLACK_M);
         Self {
             low: gate.min.extend(f32::from_bits(beyond)),
@@ -302,20 +320,20 @@ impl Way {
         }
     }
 
-    fn gate(&self) -> Span {
-        Span { low: Vec3A::from_vec4(self.low), high: Vec3A::from_vec4(self.high) }
+    fn gate(&self) -> SimdBox {
+        SimdBox { low: Vec3A::from_vec4(self.low), high: Vec3A::from_vec4(self.high) }
     }
 
     fn beyond(&self) -> u32 {
         self.low.w.to_bits()
     }
 
-    fn towards(&self) -> Towards {
+    fn towards(&self) -> ExitDirection {
         self.high.w.to_bits()
     }
 }
 
-impl Steps {
+impl FloodScratch {
     fn begin(&mut self, spaces: usize) {
         self.search = self.search.wrapping_add(1);
         if self.search == 0 || self.goals.len() < spaces {
@@ -329,7 +347,7 @@ impl Steps {
 
     /// Takes in lines that have come into a space, unless such have come there before. When they have
     /// come there in many ways, these are joined.
-    fn come(&mut self, step: Step) {
+    fn enter(&mut self, step: FloodStep) {
         let known = &mut self.reached[step.space as usize];
         let mut next = (known.0 == self.search).then_some(known.1);
         let (first, mut count) = (next, 0);
@@ -343,7 +361,7 @@ impl Steps {
         match first {
             Some(place) if count >= WAYS_MAX => {
                 let joined = &mut self.steps[place as usize];
-                joined.come = joined.come.min(step.come);
+                joined.entry_t = joined.entry_t.min(step.entry_t);
                 joined.from = joined.from.union(&step.from);
                 joined.to = joined.to.union(&step.to);
                 self.open.push(place);
@@ -351,21 +369,21 @@ impl Steps {
             _ => {
                 let place = self.steps.len() as u32;
                 *known = (self.search, place);
-                self.steps.push(Step { next: first, ..step });
+                self.steps.push(FloodStep { next: first, ..step });
                 self.open.push(place);
             }
         }
     }
 }
 
-impl Step {
+impl FloodStep {
     /// Whether all lines of another one are among its own.
     fn holds(&self, other: &Self) -> bool {
-        self.come <= other.come && self.from.holds(&other.from) && self.to.holds(&other.to)
+        self.entry_t <= other.entry_t && self.from.holds(&other.from) && self.to.holds(&other.to)
     }
 }
 
-impl Span {
+impl SimdBox {
     fn new(region: &Aabb) -> Self {
         Self { low: region.min.into(), high: region.max.into() }
     }
@@ -380,9 +398,9 @@ impl Span {
 }
 
 /// The boxes between two, by their share of the way: planes that move.
-struct Between {
-    from: Span,
-    to: Span,
+struct SweptBox {
+    from: SimdBox,
+    to: SimdBox,
     /// By how much the planes move, inverted; never infinite.
     low_inverse: Vec3A,
     high_inverse: Vec3A,
@@ -392,8 +410,8 @@ struct Between {
     goes: u32,
 }
 
-impl Between {
-    fn new(from: &Span, to: &Span) -> Self {
+impl SweptBox {
+    fn new(from: &SimdBox, to: &SimdBox) -> Self {
         // What moves by less than this does not move.
         let least = Vec3A::splat(1e-9);
         let sane = |by: Vec3A| Vec3A::select(by.abs().cmplt(least), least, by);
@@ -415,7 +433,7 @@ impl Between {
     }
 
     /// The least and the greatest share of the way, from some share on, at which a box meets a gate.
-    fn meets(&self, gate: &Span, come: f32) -> Option<[f32; 2]> {
+    fn meets(&self, gate: &SimdBox, entry_t: f32) -> Option<[f32; 2]> {
         let below = (gate.high - self.from.low) * self.low_inverse;
         let above = (gate.low - self.from.high) * self.high_inverse;
         // The lower planes must not be above the gate, nor the upper ones below it.
@@ -423,7 +441,7 @@ impl Between {
         let first = Vec3A::select(self.low_rises, none, below)
             .max(Vec3A::select(self.high_rises, above, none))
             .max_element()
-            .max(come);
+            .max(entry_t);
         let last = Vec3A::select(self.low_rises, below, all)
             .min(Vec3A::select(self.high_rises, all, above))
             .min_element()
@@ -432,7 +450,7 @@ impl Between {
     }
 
     /// Whether some line goes this way.
-    fn goes(&self, towards: Towards, normals: &[Vec3A]) -> bool {
+    fn goes(&self, towards: ExitDirection, normals: &[Vec3A]) -> bool {
         if towards < AXIAL {
             return self.goes >> towards & 1 == 1;
         }
@@ -443,13 +461,13 @@ impl Between {
     }
 
     /// Where the lines begin and end that go through a gate between some shares of the way.
-    fn narrowed(&self, gate: &Span, [first, last]: [f32; 2]) -> Option<[Span; 2]> {
+    fn narrowed(&self, gate: &SimdBox, [first, last]: [f32; 2]) -> Option<[SimdBox; 2]> {
         let from = self.from.narrowed(&self.to, gate, [1.0 - last, 1.0 - first])?;
         Some([from, self.to.narrowed(&self.from, gate, [first, last])?])
     }
 }
 
-impl Span {
+impl SimdBox {
     /// The far ends of lines that begin in another box and go through a gate between some shares of their way.
     fn narrowed(&self, near: &Self, gate: &Self, [first, last]: [f32; 2]) -> Option<Self> {
         if first < NEAR {
@@ -475,7 +493,7 @@ mod tests {
     use sightline_world::{Cell, CellId, Gate, Polygon, Space, geometry::Axes};
 
     /// Rooms side by side along x, each 10 m wide, with a door of so much of z in each wall between.
-    fn row(doors: &[[f32; 2]]) -> Passages {
+    fn row(doors: &[[f32; 2]]) -> PortalFlood {
         let room = |i: usize| {
             Aabb::new(
                 Vec3::new(i as f32 * 10.0, 0.0, 0.0),
@@ -498,7 +516,7 @@ mod tests {
         });
         let near =
             |i: usize| (i.saturating_sub(1)..(i + 1).min(doors.len())).map(|gate| gate as u32);
-        Passages::new(&Cells {
+        PortalFlood::new(&Cells {
             axes: Axes::WORLD,
             bounds: room(0).union(&room(doors.len())),
             tree,
@@ -521,7 +539,7 @@ mod tests {
     #[track_caller]
     fn check(doors: &[[f32; 2]], from: [f32; 2], to: [f32; 2], expected: bool) {
         let [from, to] = [from, to].map(|[x, z]| Aabb::around(Vec3::new(x, 1.0, z), 0.5));
-        let (passages, mut steps) = (row(doors), Steps::default());
+        let (passages, mut steps) = (row(doors), FloodScratch::default());
         for (from, to) in [(&from, &to), (&to, &from)] {
             assert_eq!(passages.are_closed(&mut steps, from, to, &mut 0), expected);
         }
@@ -554,13 +572,13 @@ mod tests {
             // A gate somewhere about a point of the line.
             let through = from.lerp(to, share);
             let gate = Aabb::new(through.min(through + e * 0.1), through.max(through + f * 0.1));
-            let between = Between::new(&Span::new(&start), &Span::new(&end));
-            let gate = Span::new(&gate.grown(SLACK_M));
+            let between = SweptBox::new(&SimdBox::new(&start), &SimdBox::new(&end));
+            let gate = SimdBox::new(&gate.grown(SLACK_M));
             let shares = between.meets(&gate, 0.0);
             prop_assert!(shares.is_some_and(|[least, most]| least <= share && share <= most));
             let narrowed = shares.and_then(|shares| between.narrowed(&gate, shares));
-            let holds = |span: &Span, point: Vec3| {
-                span.holds(&Span { low: point.into(), high: point.into() })
+            let holds = |span: &SimdBox, point: Vec3| {
+                span.holds(&SimdBox { low: point.into(), high: point.into() })
             };
             prop_assert!(narrowed.is_some_and(|[a, b]| holds(&a, from) && holds(&b, to)));
         }
@@ -573,8 +591,8 @@ mod tests {
             let [a, b, c, d, e, f] = corners.map(|at| Vec3::from(at.map(f32::from)));
             let [start, end, gate] =
                 [(a, b), (c, d), (e, f)].map(|(a, b)| Aabb::new(a.min(b), a.max(b)));
-            let between = Between::new(&Span::new(&start), &Span::new(&end));
-            let met = between.meets(&Span::new(&gate.grown(1e-4)), from);
+            let between = SweptBox::new(&SimdBox::new(&start), &SimdBox::new(&end));
+            let met = between.meets(&SimdBox::new(&gate.grown(1e-4)), from);
             for share in (0..=200).map(|i| i as f32 / 200.0).filter(|share| *share >= from) {
                 let between = Aabb::new(
                     start.min.lerp(end.min, share),

@@ -7,7 +7,7 @@ use std::{
 
 use glam::Vec3;
 
-use super::tree::Tree;
+use super::bvh::Bvh;
 use sightline_world::{CellId, Cells, Node, Origin, Solid, World, geometry::Aabb};
 
 /// What reaches no further into a box touches it only, in metres.
@@ -20,13 +20,13 @@ const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2,
 const SEEDS_MAX: usize = 1 << 18;
 
 /// The solid parts of a subdivision.
-pub(super) struct Matter<'a> {
+pub(super) struct SolidOccluders<'a> {
     cells: &'a Cells,
     /// For each space, whether it is the inside of a wall.
     walls: Vec<bool>,
 }
 
-impl<'a> Matter<'a> {
+impl<'a> SolidOccluders<'a> {
     pub fn new(world: &'a World) -> Self {
         Self { cells: &world.cells, walls: walls(world) }
     }
@@ -188,7 +188,7 @@ fn bits(region: &Aabb) -> [[u32; 3]; 2] {
 
 /// Those boxes that are not inside of another.
 fn outermost(boxes: &[Aabb]) -> Vec<Aabb> {
-    let tree = Tree::new(boxes);
+    let tree = Bvh::new(boxes);
     let is_inside = |index: u32, region: &Aabb| {
         let middle = Aabb::new(region.centre(), region.centre());
         let found = tree.touching(&middle, |other| {

@@ -11,14 +11,14 @@ pub(super) const APART_MIN: f64 = 1e-7;
 
 /// A box in double precision, in metres and own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Extent {
+pub struct DAabb {
     /// The corner with the least coordinates.
     pub min: DVec3,
     /// The corner with the greatest coordinates.
     pub max: DVec3,
 }
 
-impl Extent {
+impl DAabb {
     /// A box, grown on every side, in metres.
     pub fn around(region: &Aabb, margin: f64) -> Self {
         Self { min: region.min.as_dvec3() - margin, max: region.max.as_dvec3() + margin }
@@ -103,18 +103,18 @@ impl HalfSpaces {
         &self.all[..self.count]
     }
 
-    pub(super) fn cut(&self, extent: &mut Extent) -> bool {
+    pub(super) fn cut(&self, extent: &mut DAabb) -> bool {
         self.as_slice().iter().all(|half| extent.keep(half))
     }
 
-    pub(super) fn meet(&self, extent: &Extent) -> bool {
+    pub(super) fn meet(&self, extent: &DAabb) -> bool {
         self.as_slice().iter().all(|half| extent.meets(half))
     }
 }
 
 /// The half-spaces that every line from a box through another stays in, from the second on: those
 /// with the first on the outside or the boundary, and the second inside or on the boundary.
-pub(super) fn separators(source: &Extent, pass: &Extent, found: &mut HalfSpaces) {
+pub(super) fn separators(source: &DAabb, pass: &DAabb, found: &mut HalfSpaces) {
     found.count = 0;
     for (u, v) in [(0, 1), (1, 2), (2, 0)] {
         // The axis along which the projections are furthest apart.
@@ -131,8 +131,8 @@ pub(super) fn separators(source: &Extent, pass: &Extent, found: &mut HalfSpaces)
 /// The two lines that touch both of two rectangles and pass between them; the rectangles are the
 /// projections of two boxes that are apart on the axis `along`.
 pub(super) fn tangents(
-    source: &Extent,
-    pass: &Extent,
+    source: &DAabb,
+    pass: &DAabb,
     along: usize,
     across: usize,
     found: &mut HalfSpaces,
@@ -140,7 +140,7 @@ pub(super) fn tangents(
     let is_ahead = pass.min[along] > source.max[along];
     // As if `pass` were always on the greater side.
     let sign = if is_ahead { 1.0 } else { -1.0 };
-    let near_far = |extent: &Extent| {
+    let near_far = |extent: &DAabb| {
         if is_ahead {
             (extent.min[along], extent.max[along])
         } else {

@@ -10,7 +10,7 @@ const MARGIN_M: f64 = 2e-4;
 
 /// What blocks sight, in own axes.
 #[derive(Clone, Debug)]
-pub(super) enum Convex {
+pub(super) enum ConvexOccluder {
     /// A box along the axes, which may be flat.
     Box(Aabb),
     /// What is behind all of some planes.
@@ -42,7 +42,7 @@ pub(super) struct Gap {
     pub axes: usize,
 }
 
-impl Convex {
+impl ConvexOccluder {
     /// A box that is solid.
     pub fn solid(region: &Aabb) -> Self {
         let inset = inset(region);
@@ -253,13 +253,13 @@ mod tests {
     }
 
     /// The same box as planes.
-    fn as_planes(bounds: &Aabb) -> Convex {
+    fn as_planes(bounds: &Aabb) -> ConvexOccluder {
         let sides = (0..3).flat_map(|axis| {
             let normal = DVec3::AXES[axis];
             let [min, max] = [bounds.min[axis], bounds.max[axis]].map(f64::from);
             [Plane { normal, distance: max }, Plane { normal: -normal, distance: -min }]
         });
-        Convex::Behind { bounds: *bounds, sides: sides.collect() }
+        ConvexOccluder::Behind { bounds: *bounds, sides: sides.collect() }
     }
 
     #[test]
@@ -274,7 +274,7 @@ mod tests {
                 let axis = rng.random_range(0..3);
                 bounds.max[axis] = bounds.min[axis];
             }
-            let convex = Convex::Box(bounds);
+            let convex = ConvexOccluder::Box(bounds);
             let answer = convex.blocks_all(&from, &to);
             let other = as_planes(&bounds).blocks_all(&from, &to);
             assert_eq!(answer.is_ok(), other.is_ok(), "{bounds:?} {from:?} {to:?}");
@@ -302,17 +302,18 @@ mod tests {
     #[test]
     fn sheets_block_inside_of_their_edges_only() {
         let corners = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
-        let turned = Convex::sheet(&corners.map(|(y, z)| DVec3::new(0.3 * y, y, z))).unwrap();
+        let turned =
+            ConvexOccluder::sheet(&corners.map(|(y, z)| DVec3::new(0.3 * y, y, z))).unwrap();
         let meets = |y: f32, z: f32| turned.meets(Vec3::new(9.0, y, z), Vec3::new(-9.0, y, z));
         assert!((meets(0.0, 0.0).unwrap() - 0.5).abs() < 1e-6);
         assert!(meets(0.49, 0.5).is_some() && meets(0.51, 0.5).is_none());
         assert!(meets(0.4999, 0.5).is_none(), "it is set back");
         assert!(turned.meets(Vec3::new(9.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.0)).is_none());
         let corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)];
-        let upright = Convex::sheet(&corners.map(|(y, z)| DVec3::new(2.0, y, z))).unwrap();
-        assert!(matches!(upright, Convex::Box(_)));
+        let upright = ConvexOccluder::sheet(&corners.map(|(y, z)| DVec3::new(2.0, y, z))).unwrap();
+        assert!(matches!(upright, ConvexOccluder::Box(_)));
         assert!(upright.meets(Vec3::new(0.0, 0.5, 0.5), Vec3::new(3.0, 0.9, 0.5)).is_some());
         assert!(upright.meets(Vec3::new(2.0, -1.0, 0.5), Vec3::new(2.0, 2.0, 0.5)).is_none());
-        assert!(Convex::sheet(&[DVec3::ZERO; 4]).is_none());
+        assert!(ConvexOccluder::sheet(&[DVec3::ZERO; 4]).is_none());
     }
 }

@@ -4,30 +4,30 @@ use std::ops::ControlFlow;
 
 use glam::{Vec3A, Vec4};
 
-use super::Line;
+use super::SightLine;
 use sightline_world::geometry::Aabb;
 
 /// Leaves hold no more.
 const LEAF_MAX: usize = 4;
-/// Boxes are this much larger, in metres, than single precision in [`Tree::along`] may lose.
+/// Boxes are this much larger, in metres, than single precision in [`Bvh::along`] may lose.
 const SLACK: f32 = 1e-4;
 
 /// A binary tree of boxes. It takes no more than two nodes of 32 bytes for each.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tree {
-    nodes: Vec<Node>,
+pub(super) struct Bvh {
+    nodes: Vec<BvhNode>,
     /// Indices of the boxes, in the order of the leaves.
     order: Vec<u32>,
 }
 
 /// The corners of the box around all that is in it; the last lanes are whole numbers.
 #[derive(Clone, Copy, Debug)]
-struct Node {
+struct BvhNode {
     low: Vec4,
     high: Vec4,
 }
 
-impl Node {
+impl BvhNode {
     fn new(bounds: &Aabb, at: u32, count: u32) -> Self {
         let number = f32::from_bits;
         Self { low: bounds.min.extend(number(at)), high: bounds.max.extend(number(count)) }
@@ -44,7 +44,7 @@ impl Node {
     }
 }
 
-impl Tree {
+impl Bvh {
     pub fn new(boxes: &[Aabb]) -> Self {
         let mut tree = Self { nodes: Vec::new(), order: (0..boxes.len() as u32).collect() };
         if !boxes.is_empty() {
@@ -61,7 +61,7 @@ impl Tree {
         let node = self.nodes.len();
         let count = order.len();
         let bounds = bounds.grown(SLACK);
-        self.nodes.push(Node::new(&bounds, at, count as u32));
+        self.nodes.push(BvhNode::new(&bounds, at, count as u32));
         if count <= LEAF_MAX {
             return;
         }
@@ -75,13 +75,13 @@ impl Tree {
         self.grow(boxes, low, at);
         let second = self.nodes.len() as u32;
         self.grow(boxes, high, at + (count / 2) as u32);
-        self.nodes[node] = Node::new(&bounds, second, 0);
+        self.nodes[node] = BvhNode::new(&bounds, second, 0);
     }
 
     /// Tells every box near a line until told to stop; counts the nodes looked at on the way.
     pub fn along<B>(
         &self,
-        line: &Line,
+        line: &SightLine,
         looked: &mut u32,
         mut tell: impl FnMut(u32, &mut u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
@@ -143,7 +143,7 @@ impl Tree {
 
     /// In memory, without its own head.
     pub fn bytes(&self) -> usize {
-        self.nodes.len() * size_of::<Node>() + self.order.len() * size_of::<u32>()
+        self.nodes.len() * size_of::<BvhNode>() + self.order.len() * size_of::<u32>()
     }
 }
 
@@ -159,9 +159,9 @@ mod tests {
         let mut rng = SmallRng::seed_from_u64(3);
         let mut point = || Vec3::new(rng.random(), rng.random(), rng.random()) * 30.0;
         let boxes: Vec<Aabb> = (0..300).map(|i| Aabb::around(point(), (i % 7) as f32)).collect();
-        let tree = Tree::new(&boxes);
+        let tree = Bvh::new(&boxes);
         for _ in 0..300 {
-            let line = Line { from: point(), to: point() };
+            let line = SightLine { from: point(), to: point() };
             let (mut found, mut looked) = (vec![false; boxes.len()], 0);
             let flow = tree.along(&line, &mut looked, |index, _| {
                 found[index as usize] = true;

@@ -4,15 +4,15 @@ use glam::DVec3;
 use rustc_hash::FxHashMap;
 
 use super::{
-    Surfaces, Viewpoints,
-    facets::Facet,
-    scan::Rows,
-    surfaces::{Group, side},
+    Surfaces, ViewpointBox,
+    facets::PlanarFacet,
+    scan::FaceRows,
+    surfaces::{PatchSurface, side},
 };
 use sightline_world::geometry::Aabb;
 
 /// Interconnected facets that all face all eyes.
-pub(super) struct Sheet {
+pub(super) struct SubSurface {
     pub(super) bounds: Aabb,
     pub(super) facets: Vec<usize>,
     /// Its border.
@@ -20,23 +20,23 @@ pub(super) struct Sheet {
 }
 
 /// Interconnected patches of a surface that all face all eyes, on either side, found when they are needed.
-pub(super) struct Sheets<'a> {
+pub(super) struct SubSurfaces<'a> {
     pub(super) surfaces: &'a Surfaces,
     pub(super) eyes: [DVec3; 8],
     pub(super) width_m: f32,
     /// By the first facet of a surface.
-    pub(super) found: FxHashMap<usize, Vec<Sheet>>,
+    pub(super) found: FxHashMap<usize, Vec<SubSurface>>,
     /// Of each facet, where the eyes are.
     pub(super) sides: Vec<i8>,
     pub(super) is_done: Vec<bool>,
-    pub(super) rows: Rows,
+    pub(super) rows: FaceRows,
     pub(super) spare: Vec<DVec3>,
 }
 
-impl<'a> Sheets<'a> {
+impl<'a> SubSurfaces<'a> {
     pub(super) fn new(
         surfaces: &'a Surfaces,
-        viewpoints: &Viewpoints,
+        viewpoints: &ViewpointBox,
         width_m: f32,
         size: usize,
     ) -> Self {
@@ -47,17 +47,17 @@ impl<'a> Sheets<'a> {
             found: FxHashMap::default(),
             sides: vec![0; surfaces.facets()],
             is_done: vec![false; surfaces.facets()],
-            rows: Rows::new(size),
+            rows: FaceRows::new(size),
             spare: Vec::new(),
         }
     }
 
-    pub(super) fn take(&mut self, group: &Group) -> Vec<Sheet> {
+    pub(super) fn take(&mut self, group: &PatchSurface) -> Vec<SubSurface> {
         if let Some(found) = self.found.remove(&group.facets.start) {
             return found;
         }
         for facet in group.facets.clone() {
-            let Facet { normal, offset, .. } = self.surfaces.facet(facet);
+            let PlanarFacet { normal, offset, .. } = self.surfaces.facet(facet);
             self.sides[facet] = side(*normal, *offset, &self.eyes);
         }
         let mut sheets = Vec::new();
@@ -70,8 +70,8 @@ impl<'a> Sheets<'a> {
     }
 
     /// All that is joined to a facet and faces the eyes as it does.
-    pub(super) fn grow(&mut self, first: usize) -> Sheet {
-        let mut sheet = Sheet { bounds: Aabb::EMPTY, facets: vec![first], border: Vec::new() };
+    pub(super) fn grow(&mut self, first: usize) -> SubSurface {
+        let mut sheet = SubSurface { bounds: Aabb::EMPTY, facets: vec![first], border: Vec::new() };
         let mut next = 0;
         while let Some(&number) = sheet.facets.get(next) {
             next += 1;

@@ -4,7 +4,7 @@ use std::{collections::HashMap, ops::ControlFlow};
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::{matter::Matter, tree::Tree};
+use super::{bvh::Bvh, solid_occluders::SolidOccluders};
 use sightline_world::{World, geometry::Aabb};
 
 /// Triangles lie in one plane when their corners are no further from it, in metres.
@@ -22,25 +22,25 @@ const SEED_M: f64 = 1e-3;
 const WORK_MAX: usize = 20_000_000;
 
 /// A triangle in the coordinates of its plane, anticlockwise.
-type Flat = [DVec2; 3];
+type PlaneTriangle = [DVec2; 3];
 
 /// A plane, and what lies in it.
-struct Plane {
+struct TrianglePlane {
     origin: DVec3,
     u: DVec3,
     v: DVec3,
-    triangles: Vec<Flat>,
+    triangles: Vec<PlaneTriangle>,
 }
 
 /// A rectangle along a plane's two directions.
 #[derive(Clone, Copy)]
-struct Rect {
+struct PlaneRect {
     min: DVec2,
     max: DVec2,
 }
 
 /// Convex polygons, their corners in order, in what is opaque but not the face of something solid.
-pub(super) fn sheets(world: &World, matter: &Matter<'_>) -> Vec<Vec<DVec3>> {
+pub(super) fn sheets(world: &World, matter: &SolidOccluders<'_>) -> Vec<Vec<DVec3>> {
     let axes = &world.cells.axes;
     let corner = |index: u32| axes.own_exact(world.mesh.positions[index as usize].as_dvec3());
     let triangles = world.mesh.triangles.iter().map(|triangle| triangle.map(corner));
@@ -53,7 +53,7 @@ pub(super) fn sheets(world: &World, matter: &Matter<'_>) -> Vec<Vec<DVec3>> {
 
 /// Whether a triangle is not the face of something solid that is an occluder itself. Of what is
 /// neither axial nor a brush there are none.
-fn is_thin(corners: &[DVec3; 3], matter: &Matter<'_>, has_brushes: bool) -> bool {
+fn is_thin(corners: &[DVec3; 3], matter: &SolidOccluders<'_>, has_brushes: bool) -> bool {
     let [a, b, c] = *corners;
     let Some(normal) = (b - a).cross(c - a).try_normalize() else { return false };
     if !has_brushes && axis_of(corners).is_none() {
@@ -64,8 +64,8 @@ fn is_thin(corners: &[DVec3; 3], matter: &Matter<'_>, has_brushes: bool) -> bool
 }
 
 /// Triangles by plane, in the order of the model.
-fn planes(triangles: &[[DVec3; 3]]) -> Vec<Plane> {
-    let mut found: Vec<(DVec3, Plane)> = Vec::new();
+fn planes(triangles: &[[DVec3; 3]]) -> Vec<TrianglePlane> {
+    let mut found: Vec<(DVec3, TrianglePlane)> = Vec::new();
     let mut alike: HashMap<[i64; 4], Vec<usize>> = HashMap::new();
     for corners in triangles {
         let [a, b, c] = *corners;
@@ -86,7 +86,7 @@ fn planes(triangles: &[[DVec3; 3]]) -> Vec<Plane> {
         let index = known.unwrap_or_else(|| {
             alike.entry(key(0.0)).or_default().push(found.len());
             let [u, v] = directions(normal, axis, corners);
-            found.push((normal, Plane { origin: a, u, v, triangles: Vec::new() }));
+            found.push((normal, TrianglePlane { origin: a, u, v, triangles: Vec::new() }));
             found.len() - 1
         });
         let plane = &mut found[index].1;
@@ -119,19 +119,19 @@ fn directions(normal: DVec3, axis: Option<usize>, corners: &[DVec3; 3]) -> [DVec
     [u, normal.cross(u)]
 }
 
-impl Plane {
+impl TrianglePlane {
     fn sheets(&self, work: &mut usize) -> Vec<Vec<DVec3>> {
         let flat = |point: DVec2| Vec3::new(point.x as f32, point.y as f32, 0.0);
         let boxes: Vec<Aabb> =
             self.triangles.iter().map(|t| Aabb::from_points(t.map(flat))).collect();
-        let cover = Cover { triangles: &self.triangles, tree: Tree::new(&boxes) };
+        let cover = PlaneCover { triangles: &self.triangles, tree: Bvh::new(&boxes) };
         let all = boxes.iter().fold(Aabb::EMPTY, |all, one| all.union(one));
-        let limits = Rect {
+        let limits = PlaneRect {
             min: DVec2::new(all.min.x.into(), all.min.y.into()) - 1.0,
             max: DVec2::new(all.max.x.into(), all.max.y.into()) + 1.0,
         };
         let mut sheets = Vec::new();
-        let mut rects: [Vec<Rect>; 2] = [Vec::new(), Vec::new()];
+        let mut rects: [Vec<PlaneRect>; 2] = [Vec::new(), Vec::new()];
         for triangle in &self.triangles {
             let [a, b, c] = *triangle;
             let middle = (a + b + c) / 3.0;
@@ -141,7 +141,7 @@ impl Plane {
                     if known.iter().any(|rect| rect.holds(seed)) || *work == 0 {
                         continue;
                     }
-                    let mut rect = Rect { min: seed - SEED_M, max: seed + SEED_M };
+                    let mut rect = PlaneRect { min: seed - SEED_M, max: seed + SEED_M };
                     for axis in [axis, 1 - axis] {
                         cover.grow(&mut rect, axis, true, &limits, work);
                         cover.grow(&mut rect, axis, false, &limits, work);
@@ -149,16 +149,17 @@ impl Plane {
                     known.push(rect);
                 }
             }
-            let is_in =
-                |rect: &Rect| triangle.iter().all(|&corner| rect.grown(CLOSED_M).holds(corner));
+            let is_in = |rect: &PlaneRect| {
+                triangle.iter().all(|&corner| rect.grown(CLOSED_M).holds(corner))
+            };
             let doubled = (b - a).perp_dot(c - a);
             if doubled > 2.0 * AREA_MIN_M2 && !rects.iter().flatten().any(is_in) {
                 sheets.push(self.placed(triangle));
             }
         }
-        let rects: Vec<Rect> = rects.into_iter().flatten().filter(|r| r.is_large()).collect();
+        let rects: Vec<PlaneRect> = rects.into_iter().flatten().filter(|r| r.is_large()).collect();
         for (index, rect) in rects.iter().enumerate() {
-            let inside = |(other, of): (usize, &Rect)| {
+            let inside = |(other, of): (usize, &PlaneRect)| {
                 let holds = of.grown(CLOSED_M).contains(rect);
                 other != index && holds && (other < index || !rect.grown(CLOSED_M).contains(of))
             };
@@ -176,14 +177,21 @@ impl Plane {
 }
 
 /// What triangles cover of a plane.
-struct Cover<'a> {
-    triangles: &'a [Flat],
-    tree: Tree,
+struct PlaneCover<'a> {
+    triangles: &'a [PlaneTriangle],
+    tree: Bvh,
 }
 
-impl Cover<'_> {
+impl PlaneCover<'_> {
     /// Moves a face of a rectangle outwards as far as all of it stays covered.
-    fn grow(&self, rect: &mut Rect, axis: usize, up: bool, limits: &Rect, work: &mut usize) {
+    fn grow(
+        &self,
+        rect: &mut PlaneRect,
+        axis: usize,
+        up: bool,
+        limits: &PlaneRect,
+        work: &mut usize,
+    ) {
         let mut step = 2.0;
         loop {
             let mut strip = *rect;
@@ -209,7 +217,13 @@ impl Cover<'_> {
     }
 
     /// Where along a strip the first gap is; none when all of it is covered.
-    fn covered_to(&self, strip: &Rect, axis: usize, up: bool, work: &mut usize) -> Option<f64> {
+    fn covered_to(
+        &self,
+        strip: &PlaneRect,
+        axis: usize,
+        up: bool,
+        work: &mut usize,
+    ) -> Option<f64> {
         let flat = |point: DVec2| Vec3::new(point.x as f32, point.y as f32, 0.0);
         let region = Aabb::new(flat(strip.min), flat(strip.max));
         let mut left = vec![strip.corners().to_vec()];
@@ -229,7 +243,7 @@ impl Cover<'_> {
 }
 
 /// The parts of a convex polygon outside of a triangle, slivers left out.
-fn outside(mut piece: Vec<DVec2>, triangle: &Flat) -> Vec<Vec<DVec2>> {
+fn outside(mut piece: Vec<DVec2>, triangle: &PlaneTriangle) -> Vec<Vec<DVec2>> {
     let mut parts = Vec::new();
     for (from, to) in [(0, 1), (1, 2), (2, 0)] {
         let (from, to) = (triangle[from], triangle[to]);
@@ -276,7 +290,7 @@ fn width(piece: &[DVec2]) -> f64 {
     doubled.abs() / longest
 }
 
-impl Rect {
+impl PlaneRect {
     fn corners(&self) -> [DVec2; 4] {
         let (a, b) = (self.min, self.max);
         [a, DVec2::new(b.x, a.y), b, DVec2::new(a.x, b.y)]

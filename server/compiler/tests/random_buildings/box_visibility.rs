@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
 use sightline_oracle::Oracle;
-use sightline_visibility::box_visibility::{Line, Occluders, Outcome, Scratch};
+use sightline_visibility::box_visibility::{BoxScratch, BoxVisibility, Occluders, SightLine};
 use sightline_world::{CellId, World, geometry::Aabb};
 
 /// Lines in each pair of boxes.
@@ -19,7 +19,7 @@ const WALL_MAX: f32 = 0.6;
 
 /// What became of pairs of boxes between which no line was free.
 #[derive(Default)]
-pub struct PvsTally {
+pub struct BoxPairTally {
     hidden: usize,
     unknown: usize,
     visible: usize,
@@ -28,15 +28,15 @@ pub struct PvsTally {
     free: [usize; 2],
 }
 
-impl PvsTally {
+impl BoxPairTally {
     /// Tries pairs of boxes in a building.
     pub fn add(&mut self, world: &World, pairs: usize, rng: &mut SmallRng, place: &str) {
         let (occluders, sight) = (Occluders::new(world), Oracle::new(&world.mesh));
-        let is_free = |line: &Line| {
+        let is_free = |line: &SightLine| {
             sight.between(world.cells.axes.world(line.from), world.cells.axes.world(line.to))
         };
         let open = open_cells(world);
-        let mut scratch = Scratch::default();
+        let mut scratch = BoxScratch::default();
         for _ in 0..pairs {
             let eyes = region(world, &open, rng, 0.7);
             let mut bodies = region(world, &open, rng, 1.5);
@@ -48,24 +48,24 @@ impl PvsTally {
             let in_open =
                 |eye: Vec3| world.cells.at_own(eye).is_some_and(|c| open.binary_search(&c).is_ok());
             let free = (0..LINES).find_map(|_| {
-                let line = Line { from: point(&eyes, rng), to: point(&bodies, rng) };
+                let line = SightLine { from: point(&eyes, rng), to: point(&bodies, rng) };
                 (in_open(line.from) && is_free(&line)).then_some(line)
             });
             for _ in 0..LINES / 10 {
-                let line = Line { from: point(&eyes, rng), to: point(&bodies, rng) };
+                let line = SightLine { from: point(&eyes, rng), to: point(&bodies, rng) };
                 self.follow(world, &occluders, &line, is_free(&line), place);
             }
             let outcome = occluders.between(&mut scratch, &eyes, &bodies, &mut { BUDGET });
-            if let Outcome::Visible(line) = outcome {
+            if let BoxVisibility::Visible(line) = outcome {
                 assert!(line.joins(&eyes, &bodies) && !occluders.blocks(&line), "{place}");
             }
             match (outcome, free) {
-                (Outcome::Hidden, Some(line)) => {
+                (BoxVisibility::Hidden, Some(line)) => {
                     panic!("{place}: {line:?} is free between {eyes:?} and {bodies:?}")
                 }
-                (Outcome::Hidden, None) => self.hidden += 1,
-                (Outcome::Unknown, None) => self.unknown += 1,
-                (Outcome::Visible(_), None) => self.visible += 1,
+                (BoxVisibility::Hidden, None) => self.hidden += 1,
+                (BoxVisibility::Unknown, None) => self.unknown += 1,
+                (BoxVisibility::Visible(_), None) => self.visible += 1,
                 (_, Some(_)) => self.seen += 1,
             }
         }
@@ -76,13 +76,13 @@ impl PvsTally {
         &mut self,
         world: &World,
         occluders: &Occluders,
-        line: &Line,
+        line: &SightLine,
         is_free: bool,
         at: &str,
     ) {
         let space = |end: Vec3| Some(world.cells.cells[world.cells.at_own(end)?.0 as usize].space);
         let (Some(start), Some(goal)) = (space(line.from), space(line.to)) else { return };
-        let is_led = occluders.lead(line, [start, goal]);
+        let is_led = occluders.is_free_through_gates(line, [start, goal]);
         assert!(!is_led || !occluders.blocks(line), "{at}: {line:?}");
         self.free[0] += usize::from(is_free);
         self.free[1] += usize::from(is_free && !is_led);

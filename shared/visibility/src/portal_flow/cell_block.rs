@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::extent::Extent;
+use super::daabb::DAabb;
 use sightline_world::{CellId, Cells, Node};
 
 /// The most cells in a block.
@@ -10,9 +10,9 @@ pub(super) const BLOCK_CELLS_MAX: u32 = 8;
 
 /// Cells of one space that lie close together.
 #[derive(Clone, Debug)]
-pub struct Block {
+pub struct CellBlock {
     /// The smallest box around them, widened.
-    pub bounds: Extent,
+    pub bounds: DAabb,
     /// Indices into [`Cells::cells`].
     pub cells: Range<u32>,
     /// Index into [`Cells::spaces`].
@@ -20,7 +20,7 @@ pub struct Block {
 }
 
 /// The blocks that the subtrees of the tree make.
-pub(super) fn blocks(cells: &Cells, targets: &[Extent]) -> Vec<Block> {
+pub(super) fn blocks(cells: &Cells, targets: &[DAabb]) -> Vec<CellBlock> {
     let mut blocks = Vec::new();
     if let Some(all) = block(cells, targets, 0, &mut blocks) {
         blocks.push(all);
@@ -32,16 +32,16 @@ pub(super) fn blocks(cells: &Cells, targets: &[Extent]) -> Vec<Block> {
 /// The cells of a subtree as one block, if they make one; else adds those blocks that they make.
 pub(super) fn block(
     cells: &Cells,
-    targets: &[Extent],
+    targets: &[DAabb],
     node: u32,
-    found: &mut Vec<Block>,
-) -> Option<Block> {
+    found: &mut Vec<CellBlock>,
+) -> Option<CellBlock> {
     let sides = match cells.tree[node as usize] {
         Node::Solid => return None,
         Node::Leaf(CellId(cell)) => {
             let space = cells.cells[cell as usize].space;
             let bounds = targets[cell as usize];
-            return Some(Block { bounds, cells: cell..cell + 1, space });
+            return Some(CellBlock { bounds, cells: cell..cell + 1, space });
         }
         Node::Axial { sides, .. } | Node::Plane { sides, .. } => sides,
     };
@@ -53,7 +53,7 @@ pub(super) fn block(
             && greater.cells.end - lesser.cells.start <= BLOCK_CELLS_MAX
         {
             let cells = lesser.cells.start..greater.cells.end;
-            return Some(Block { bounds, cells, space: lesser.space });
+            return Some(CellBlock { bounds, cells, space: lesser.space });
         }
     }
     found.extend(lesser.into_iter().chain(greater));

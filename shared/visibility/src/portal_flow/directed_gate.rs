@@ -4,24 +4,24 @@ use glam::{DVec3, Vec3};
 
 use super::{
     WIDENING,
-    extent::{APART_MIN, Extent, HalfSpace, HalfSpaces, ON_PLANE},
+    daabb::{APART_MIN, DAabb, HalfSpace, HalfSpaces, ON_PLANE},
 };
 use sightline_world::Polygon;
 
 /// A gate, taken one way.
-pub(super) struct Door {
+pub(super) struct DirectedGate {
     pub(super) to: u32,
     /// Towards `to`.
     pub(super) normal: DVec3,
     pub(super) distance: f64,
-    pub(super) bounds: Extent,
+    pub(super) bounds: DAabb,
     /// For a gate that is no axial rectangle: a point of each edge, and the direction in the
     /// gate's plane that leads out over it.
     pub(super) edges: Box<[(DVec3, DVec3)]>,
     pub(super) corners: Box<[DVec3]>,
 }
 
-impl Door {
+impl DirectedGate {
     pub(super) fn new(polygon: &Polygon, to: u32, sign: f64) -> Self {
         match polygon {
             Polygon::Rectangle { axis, bounds } => {
@@ -29,7 +29,7 @@ impl Door {
                 let mut normal = DVec3::ZERO;
                 normal[axis] = sign;
                 let at = f64::from(bounds.min[axis]);
-                let mut extent = Extent::around(bounds, WIDENING);
+                let mut extent = DAabb::around(bounds, WIDENING);
                 (extent.min[axis], extent.max[axis]) = (at, at);
                 let none = (Box::default(), Box::default());
                 Self {
@@ -70,7 +70,7 @@ impl Door {
         );
         // Where the corners lie along the normal, and not where the widened ones do.
         let distance = normal.dot(centre);
-        let bounds = Extent { min: min - WIDENING, max: max + WIDENING };
+        let bounds = DAabb { min: min - WIDENING, max: max + WIDENING };
         Self { to, normal, distance, bounds, edges: edges.into(), corners: wide.into() }
     }
 
@@ -80,20 +80,25 @@ impl Door {
     }
 
     /// Whether something has a part on the near side.
-    pub(super) fn is_before(&self, extent: &Extent) -> bool {
+    pub(super) fn is_before(&self, extent: &DAabb) -> bool {
         let nearest = (self.normal * extent.min).min(self.normal * extent.max).element_sum();
         nearest < self.distance - ON_PLANE
     }
 
     /// Whether something has a part on the far side.
-    pub(super) fn is_beyond(&self, extent: &Extent) -> bool {
+    pub(super) fn is_beyond(&self, extent: &DAabb) -> bool {
         let farthest = (self.normal * extent.min).max(self.normal * extent.max).element_sum();
         farthest > self.distance + ON_PLANE
     }
 }
 
 /// Likewise, through the edges of a gate that is no axial rectangle.
-pub(super) fn edge_separators(source: &Extent, door: &Door, normal: DVec3, found: &mut HalfSpaces) {
+pub(super) fn edge_separators(
+    source: &DAabb,
+    door: &DirectedGate,
+    normal: DVec3,
+    found: &mut HalfSpaces,
+) {
     if door.edges.is_empty() {
         return;
     }
@@ -135,7 +140,7 @@ pub(super) fn least_lean(heights: &[(f64, f64); 8]) -> f64 {
 
 /// Cuts a box about a polygon to what holds the polygon's part within some half-spaces; false when
 /// there is none.
-pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut Extent) -> bool {
+pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut DAabb) -> bool {
     let mut polygon = corners.to_vec();
     let mut kept = Vec::with_capacity(polygon.len() + 2);
     for half in halves.as_slice() {
@@ -158,12 +163,12 @@ pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut E
     }
     let min = polygon.iter().fold(DVec3::INFINITY, |a, &b| a.min(b)) - WIDENING;
     let max = polygon.iter().fold(DVec3::NEG_INFINITY, |a, &b| a.max(b)) + WIDENING;
-    *around = Extent { min: around.min.max(min), max: around.max.min(max) };
+    *around = DAabb { min: around.min.max(min), max: around.max.min(max) };
     around.min.cmple(around.max).all()
 }
 
 /// Whether every line from a box to another goes through a gate, an axial rectangle between them.
-pub(super) fn is_between(source: &Extent, gate: &Extent, target: &Extent) -> bool {
+pub(super) fn is_between(source: &DAabb, gate: &DAabb, target: &DAabb) -> bool {
     let Some(axis) = (0..3).find(|&axis| gate.min[axis] == gate.max[axis]) else { return false };
     let at = gate.min[axis];
     let is_ahead = target.min[axis] + target.max[axis] > source.min[axis] + source.max[axis];

@@ -1,15 +1,16 @@
 //! What was found for a box of eyes, as few bytes.
 
-use super::Class;
+use super::PatchVisibility;
 
 /// The three classes.
-const CLASSES: [Class; 3] = [Class::Invisible, Class::Visible, Class::Remaining];
+const CLASSES: [PatchVisibility; 3] =
+    [PatchVisibility::Invisible, PatchVisibility::Visible, PatchVisibility::Remaining];
 
 /// The classes of all patches for one box of eyes, packed: two of the three lists of patches, the
 /// smallest, by the differences from one patch to the next; or, when that is less, which patches are
 /// in another class than they were for a neighbouring box.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lists {
+pub struct PackedVisibility {
     count: u32,
     bytes: Vec<u8>,
     /// It says what is different from a neighbour.
@@ -19,7 +20,7 @@ pub struct Lists {
 /// Why no classes can be read from packed lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ListError {
+pub enum UnpackError {
     /// They were packed as changes to a neighbour's, which is not the one given.
     #[error("these lists are changes to those of a neighbour, which must be given with them")]
     Neighbour,
@@ -28,9 +29,9 @@ pub enum ListError {
     Damaged,
 }
 
-impl Lists {
+impl PackedVisibility {
     /// Packs classes, if it pays as changes to those of a neighbouring box.
-    pub fn new(classes: &[Class], neighbour: Option<&[Class]>) -> Self {
+    pub fn new(classes: &[PatchVisibility], neighbour: Option<&[PatchVisibility]>) -> Self {
         let count = u32::try_from(classes.len()).unwrap_or(u32::MAX);
         let whole = Self { count, bytes: whole(classes), is_change: false };
         let Some(before) = neighbour.filter(|before| before.len() == classes.len()) else {
@@ -59,32 +60,36 @@ impl Lists {
     ///
     /// # Errors
     /// When they are changes to a neighbour's, and that is not given; or damaged.
-    pub fn classes(&self, neighbour: Option<&[Class]>) -> Result<Vec<Class>, ListError> {
+    pub fn classes(
+        &self,
+        neighbour: Option<&[PatchVisibility]>,
+    ) -> Result<Vec<PatchVisibility>, UnpackError> {
         let mut bytes = self.bytes.as_slice();
         let mut classes;
         if self.is_change {
             let before = neighbour.filter(|before| before.len() == self.count as usize);
-            classes = before.ok_or(ListError::Neighbour)?.to_vec();
+            classes = before.ok_or(UnpackError::Neighbour)?.to_vec();
             for class in CLASSES {
                 read(&mut bytes, &mut classes, class)?;
             }
         } else {
-            let (&left_out, rest) = bytes.split_first().ok_or(ListError::Damaged)?;
+            let (&left_out, rest) = bytes.split_first().ok_or(UnpackError::Damaged)?;
             bytes = rest;
-            let most = *CLASSES.get(usize::from(left_out)).ok_or(ListError::Damaged)?;
+            let most = *CLASSES.get(usize::from(left_out)).ok_or(UnpackError::Damaged)?;
             classes = vec![most; self.count as usize];
             for class in CLASSES.into_iter().filter(|class| *class != most) {
                 read(&mut bytes, &mut classes, class)?;
             }
         }
-        if bytes.is_empty() { Ok(classes) } else { Err(ListError::Damaged) }
+        if bytes.is_empty() { Ok(classes) } else { Err(UnpackError::Damaged) }
     }
 }
 
 /// The class that is left out, which has most patches, and the lists of the others.
-fn whole(classes: &[Class]) -> Vec<u8> {
-    let count = |class: Class| classes.iter().filter(|of| **of == class).count();
-    let most = CLASSES.into_iter().max_by_key(|class| count(*class)).unwrap_or(Class::Remaining);
+fn whole(classes: &[PatchVisibility]) -> Vec<u8> {
+    let count = |class: PatchVisibility| classes.iter().filter(|of| **of == class).count();
+    let most =
+        CLASSES.into_iter().max_by_key(|class| count(*class)).unwrap_or(PatchVisibility::Remaining);
     let mut bytes: Vec<u8> =
         (0..).zip(CLASSES).filter(|(_, class)| *class == most).map(|(place, _)| place).collect();
     for class in CLASSES.into_iter().filter(|class| *class != most) {
@@ -94,7 +99,7 @@ fn whole(classes: &[Class]) -> Vec<u8> {
 }
 
 /// For each class the patches that have come into it.
-fn change(classes: &[Class], before: &[Class]) -> Vec<u8> {
+fn change(classes: &[PatchVisibility], before: &[PatchVisibility]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for class in CLASSES {
         let is_new = classes.iter().zip(before).map(|(now, then)| *now == class && *then != class);
@@ -113,11 +118,15 @@ fn write(bytes: &mut Vec<u8>, count: usize, members: impl Iterator<Item = bool>)
     }
 }
 
-fn read(bytes: &mut &[u8], classes: &mut [Class], class: Class) -> Result<(), ListError> {
+fn read(
+    bytes: &mut &[u8],
+    classes: &mut [PatchVisibility],
+    class: PatchVisibility,
+) -> Result<(), UnpackError> {
     let mut next = 0usize;
     for _ in 0..read_number(bytes)? {
-        let place = next.checked_add(read_number(bytes)?).ok_or(ListError::Damaged)?;
-        *classes.get_mut(place).ok_or(ListError::Damaged)? = class;
+        let place = next.checked_add(read_number(bytes)?).ok_or(UnpackError::Damaged)?;
+        *classes.get_mut(place).ok_or(UnpackError::Damaged)? = class;
         next = place + 1;
     }
     Ok(())
@@ -132,15 +141,15 @@ fn number(bytes: &mut Vec<u8>, mut value: usize) {
     bytes.push(value as u8);
 }
 
-fn read_number(bytes: &mut &[u8]) -> Result<usize, ListError> {
+fn read_number(bytes: &mut &[u8]) -> Result<usize, UnpackError> {
     let mut value = 0;
     for shift in (0..32).step_by(7) {
-        let (&byte, rest) = bytes.split_first().ok_or(ListError::Damaged)?;
+        let (&byte, rest) = bytes.split_first().ok_or(UnpackError::Damaged)?;
         *bytes = rest;
         value |= usize::from(byte & 0x7f) << shift;
         if byte & 0x80 == 0 {
             return Ok(value);
         }
     }
-    Err(ListError::Damaged)
+    Err(UnpackError::Damaged)
 }
