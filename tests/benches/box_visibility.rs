@@ -71,12 +71,12 @@ fn main() -> anyhow::Result<()> {
         (args.rooms, args.pairs, args.radii) = (4, 20, vec![0.5]);
     }
     for path in &args.files {
-        Subject::new(title(path), world(path)?, None).measure(&args)?;
+        TestBuilding::new(title(path), world(path)?, None).measure(&args)?;
     }
     if args.files.is_empty() {
         let model =
             glb::read_slice(&sightline_demo_building::glb(args.rooms, 1), None, "generated")?;
-        Subject::new("generated".into(), compiled(&model)?, None).measure(&args)?;
+        TestBuilding::new("generated".into(), compiled(&model)?, None).measure(&args)?;
     }
     let shared = shared();
     if args.files.is_empty() && args.bench {
@@ -86,7 +86,8 @@ fn main() -> anyhow::Result<()> {
         for [building, trace] in TRACED.map(|paths| paths.map(|path| shared.join(path))) {
             if building.is_file() && trace.is_file() {
                 let trace = Trace::open(&trace)?;
-                Subject::new(title(&building), world(&building)?, Some(trace)).measure(&args)?;
+                TestBuilding::new(title(&building), world(&building)?, Some(trace))
+                    .measure(&args)?;
             }
         }
     }
@@ -118,7 +119,7 @@ fn compiled(model: &Model) -> anyhow::Result<World> {
 }
 
 /// A building, and who is in it.
-struct Subject {
+struct TestBuilding {
     name: String,
     world: World,
     sight: Oracle,
@@ -127,7 +128,7 @@ struct Subject {
 
 /// What was found for boxes of one size.
 #[derive(Default)]
-struct Row {
+struct RadiusRow {
     seen: usize,
     pvs: usize,
     left: usize,
@@ -137,7 +138,7 @@ struct Row {
     micros: Vec<f64>,
 }
 
-impl Subject {
+impl TestBuilding {
     fn new(name: String, world: World, trace: Option<Trace>) -> Self {
         Self { name, sight: Oracle::new(&world.mesh), world, trace }
     }
@@ -159,7 +160,7 @@ impl Subject {
         );
         for &radius in &args.radii {
             let mut rng = SmallRng::seed_from_u64(7);
-            let mut row = Row::default();
+            let mut row = RadiusRow::default();
             for _ in 0..args.pairs {
                 let pair = self.pair(&mut rng).context("nobody is there")?;
                 self.try_pair(pair, radius, &occluders, args.budget, &mut row);
@@ -176,7 +177,7 @@ impl Subject {
         radius: f32,
         occluders: &Occluders,
         budget: u32,
-        row: &mut Row,
+        row: &mut RadiusRow,
     ) {
         let cells = &self.world.cells;
         let eyes = self.free_around(eye, radius);
@@ -270,7 +271,7 @@ fn points(region: &Aabb) -> impl Iterator<Item = Vec3> {
     })
 }
 
-impl Row {
+impl RadiusRow {
     fn print(&mut self, radius: f32, pairs: usize) {
         self.spent.sort_unstable();
         self.micros.sort_unstable_by(f64::total_cmp);

@@ -17,13 +17,13 @@ const ROUNDS: usize = 15;
 type Edges = [[i32; 2]; 3];
 
 /// Adds up the places of all below a form.
-type Way = fn(&Edges) -> i64;
+type PlacingMethod = fn(&Edges) -> i64;
 
 fn main() {
     let forms: Vec<Edges> = (0..FORMS as i32).map(edges).collect();
     let nodes = FORMS as f64 * (1..=LEVELS).map(|level| 8f64.powi(level as i32)).sum::<f64>();
     println!("{:<44} {:>8}", "way", "ns/node");
-    let ways: [(&str, Way); 3] = [
+    let ways: [(&str, PlacingMethod); 3] = [
         ("offsets from the corner, shifted", by_corner),
         ("four offsets from the centre, and reversed", by_halves),
         ("multiplied and added", by_product),
@@ -39,7 +39,7 @@ fn edges(i: i32) -> Edges {
     [[part(1), part(2)], [part(3), part(4)], [part(5), part(6)]]
 }
 
-fn time_ns(forms: &[Edges], way: Way) -> f64 {
+fn time_ns(forms: &[Edges], way: PlacingMethod) -> f64 {
     let start = Instant::now();
     for form in forms {
         black_box(way(black_box(form)));

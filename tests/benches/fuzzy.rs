@@ -86,12 +86,12 @@ const LIM: [[[f32; 3]; 4]; 4] = [
 ];
 
 fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> anyhow::Result<()> {
-    let scene = Scene::rooms(rooms, is_fine);
+    let scene = RoomScene::rooms(rooms, is_fine);
     let surfaces = Surfaces::new(&scene.corners, &scene.polygons)?;
     let around = Aabb::around(Vec3::new(1.2, 1.6, 2.0), 0.1);
-    let cameras: Vec<Camera> =
+    let cameras: Vec<FixedCamera> =
         [[0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [0.5, 1.0, -1.0]]
-            .map(|at| Camera { eye: around.centre() + Vec3::from(at) * 0.1, size })
+            .map(|at| FixedCamera { eye: around.centre() + Vec3::from(at) * 0.1, size })
             .into();
     // A yaw of -90 degrees looks along x.
     let angle = 2.0 * HALF_ANGLE.to_radians();
@@ -147,20 +147,20 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
 }
 
 /// An eye that looks along x.
-struct Camera {
+struct FixedCamera {
     eye: Vec3,
     size: usize,
 }
 
 /// Draws the patches of a scene in each view.
-fn draw(scene: &Scene, views: &mut [ZBuffer], classes: &[PatchVisibility]) -> Duration {
+fn draw(scene: &RoomScene, views: &mut [ZBuffer], classes: &[PatchVisibility]) -> Duration {
     let start = ThreadTime::now();
     views.iter_mut().for_each(|view| view.draw(scene, classes));
     start.elapsed()
 }
 
 struct ZBuffer<'a> {
-    camera: &'a Camera,
+    camera: &'a FixedCamera,
     /// One through the depth, which is linear in the picture.
     depths: Vec<f32>,
     /// The nearest patch of each pixel, or none.
@@ -171,7 +171,7 @@ struct ZBuffer<'a> {
 }
 
 impl<'a> ZBuffer<'a> {
-    fn new(camera: &'a Camera) -> Self {
+    fn new(camera: &'a FixedCamera) -> Self {
         let pixels = camera.size * camera.size;
         Self {
             camera,
@@ -183,7 +183,7 @@ impl<'a> ZBuffer<'a> {
         }
     }
 
-    fn draw(&mut self, scene: &Scene, classes: &[PatchVisibility]) {
+    fn draw(&mut self, scene: &RoomScene, classes: &[PatchVisibility]) {
         self.depths.fill(0.0);
         self.picture.fill(u32::MAX);
         for (patch, class) in classes.iter().enumerate() {
@@ -196,7 +196,7 @@ impl<'a> ZBuffer<'a> {
     }
 
     /// Draws a patch, with or without a test of depth.
-    fn fill<const TEST: bool>(&mut self, scene: &Scene, patch: usize) {
+    fn fill<const TEST: bool>(&mut self, scene: &RoomScene, patch: usize) {
         let eye = self.camera.eye;
         let corner = |i: &u32| scene.corners[*i as usize] - eye;
         let indices = &scene.polygons[patch].1;
@@ -289,7 +289,7 @@ impl<'a> ZBuffer<'a> {
 
 /// Patches that go round their corners anticlockwise as seen from where they are seen.
 #[derive(Default)]
-struct Scene {
+struct RoomScene {
     corners: Vec<Vec3>,
     normals: Vec<Vec3>,
     polygons: Vec<(u32, Vec<u32>)>,
@@ -300,7 +300,7 @@ struct Scene {
 const ROOM: Vec3 = Vec3::new(6.0, 3.0, 5.0);
 const DOORWAY: [f32; 2] = [2.0, 1.0];
 
-impl Scene {
+impl RoomScene {
     /// Furnished rooms in a row along x.
     fn rooms(count: usize, is_fine: bool) -> Self {
         let mut scene = Self::default();

@@ -16,7 +16,7 @@ use std::{
 
 use clap::{Parser, ValueEnum};
 use rayon::prelude::*;
-use sightline_tests::simulation::{Fault, Findings, Outcome, Pool, run};
+use sightline_tests::simulation::{BuildingPool, DetectionRate, Fault, SimulationOutcome, run};
 
 /// Failures that are told one by one.
 const TOLD: usize = 10;
@@ -38,7 +38,7 @@ struct Args {
     buildings: u64,
     /// Break the engine.
     #[arg(long, default_value = "none")]
-    fault: Broken,
+    fault: FaultFlag,
     /// What `cargo bench` passes. Without it (as when all targets are tested), and unless told
     /// otherwise, there are few, to show that this works.
     #[arg(long, hide = true)]
@@ -46,7 +46,7 @@ struct Args {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum Broken {
+enum FaultFlag {
     None,
     SmallTbv,
     ShortNotice,
@@ -55,15 +55,15 @@ enum Broken {
     WideRegions,
 }
 
-impl From<Broken> for Fault {
-    fn from(broken: Broken) -> Self {
+impl From<FaultFlag> for Fault {
+    fn from(broken: FaultFlag) -> Self {
         match broken {
-            Broken::None => Self::None,
-            Broken::SmallTbv => Self::SmallTbv,
-            Broken::ShortNotice => Self::ShortNotice,
-            Broken::LostPortal => Self::LostPortal,
-            Broken::LateExpiry => Self::LateExpiry,
-            Broken::WideRegions => Self::WideRegions,
+            FaultFlag::None => Self::None,
+            FaultFlag::SmallTbv => Self::SmallTbv,
+            FaultFlag::ShortNotice => Self::ShortNotice,
+            FaultFlag::LostPortal => Self::LostPortal,
+            FaultFlag::LateExpiry => Self::LateExpiry,
+            FaultFlag::WideRegions => Self::WideRegions,
         }
     }
 }
@@ -72,7 +72,7 @@ fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let fault = Fault::from(args.fault);
     if let Some(seed) = args.seed {
-        let outcome = run(seed, &Pool::only(seed, args.buildings), fault);
+        let outcome = run(seed, &BuildingPool::only(seed, args.buildings), fault);
         println!("{outcome}\n\n{}", outcome.report);
         anyhow::ensure!(outcome.is_good(), "a promise is broken");
         return Ok(());
@@ -80,7 +80,7 @@ fn main() -> anyhow::Result<()> {
     let seeds = args.seeds.unwrap_or(if args.bench { 10_000 } else { 4 });
     let buildings = args.buildings.min(seeds.max(1));
     let progress = Counter::new("buildings", buildings);
-    let pool = Pool::new(buildings, &|| progress.count());
+    let pool = BuildingPool::new(buildings, &|| progress.count());
     let progress = Counter::new("simulations", seeds);
     let simulated = (args.from..args.from + seeds).into_par_iter().map(|seed| {
         let outcome = run(seed, &pool, Fault::None);
@@ -88,7 +88,8 @@ fn main() -> anyhow::Result<()> {
         progress.count();
         (outcome, broken)
     });
-    let (outcomes, broken): (Vec<Outcome>, Vec<Option<Outcome>>) = simulated.unzip();
+    let (outcomes, broken): (Vec<SimulationOutcome>, Vec<Option<SimulationOutcome>>) =
+        simulated.unzip();
     conclude(&outcomes)?;
     if fault == Fault::None {
         return Ok(());
@@ -97,14 +98,15 @@ fn main() -> anyhow::Result<()> {
     let missed = pairs().filter(|(whole, broken)| fault.could_act(whole, broken));
     let missed = missed.filter(|(_, broken)| broken.is_good()).map(|(_, broken)| broken.seed);
     println!("not found in seeds   {:?} ...", missed.take(TOLD).collect::<Vec<_>>());
-    let findings = Findings::of(fault, pairs());
+    let findings = DetectionRate::of(fault, pairs());
     println!("{fault:?} was {findings}");
     anyhow::ensure!(findings.are_enough(fault), "that is too seldom");
     Ok(())
 }
 
-fn conclude(outcomes: &[Outcome]) -> anyhow::Result<()> {
-    let bad: Vec<&Outcome> = outcomes.iter().filter(|outcome| !outcome.is_good()).collect();
+fn conclude(outcomes: &[SimulationOutcome]) -> anyhow::Result<()> {
+    let bad: Vec<&SimulationOutcome> =
+        outcomes.iter().filter(|outcome| !outcome.is_good()).collect();
     bad.iter().take(TOLD).for_each(|outcome| println!("{outcome}\n"));
     let oracles = || outcomes.iter().filter_map(|outcome| outcome.report.oracle.as_ref());
     let visible: u64 = oracles().map(|oracle| oracle.pairs_visible).sum();

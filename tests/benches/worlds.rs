@@ -78,14 +78,16 @@ fn main() -> anyhow::Result<()> {
         let glb = sightline_demo_building::glb(rooms, args.seed);
         let name = format!("{rooms} rooms");
         let voxel = (rooms != args.full).then_some(args.voxel);
-        rows.push(Row::new(name, Some(rooms), voxel, &args, || {
+        rows.push(WorldRow::new(name, Some(rooms), voxel, &args, || {
             Ok(glb::read_slice(&glb, None, "generated")?)
         })?);
     }
     let found = if args.bench && !args.no_maps { found_maps()? } else { Vec::new() };
     for path in found.iter().chain(&args.map) {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        rows.push(Row::new(name, None, Some(args.voxel), &args, || Ok(import::read(path, &[])?))?);
+        rows.push(WorldRow::new(name, None, Some(args.voxel), &args, || {
+            Ok(import::read(path, &[])?)
+        })?);
     }
     for i in 1..rows.len() {
         rows[i].growth = rows[i].growth_since(&rows[i - 1]);
@@ -122,7 +124,7 @@ fn found_maps() -> anyhow::Result<Vec<PathBuf>> {
 
 /// What is told of a building.
 #[derive(Serialize)]
-struct Row {
+struct WorldRow {
     name: String,
     /// Of a generated building.
     rooms: Option<usize>,
@@ -156,7 +158,7 @@ struct Row {
     principal: VerifySummary,
 }
 
-impl Row {
+impl WorldRow {
     /// Compiles a building and verifies it; with voxels of the default size when none is given.
     fn new(
         name: String,
@@ -254,7 +256,7 @@ fn pvs_bytes(pvs: &Pvs) -> [u64; 2] {
     [memory, file]
 }
 
-fn report(rows: &[Row], args: &Args) -> String {
+fn report(rows: &[WorldRow], args: &Args) -> String {
     let mut text = String::from("\nCPU seconds of all threads; ms are of all three stages.\n");
     let names = "|spaces|gates|cells|portals|carving s|cells s|PVS s|together s|ms/portal|/0.79|\
                  ms/gate|growth|q3map2 s|its ms/portal";

@@ -2,7 +2,7 @@
 
 use std::{ops::ControlFlow, time::Duration};
 
-use sightline_client::{bench::Crowd, path::Path};
+use sightline_client::{bench::SimulatedPeople, camera_path::CameraPath};
 use sightline_client_core::replica::AvatarSource;
 use sightline_compiler::{
     CompileOptions, compile,
@@ -46,7 +46,7 @@ fn what_sets_leave_out_is_not_in_the_picture() {
         let mut mover_visibility = MoverVisibility::new(size, Camera::FOV_Y);
         let mut renderer = Renderer::default();
         let (mut drawn, mut all) = (0, 0);
-        for (seconds, pose) in Path::through(&world).frames(120) {
+        for (seconds, pose) in CameraPath::through(&world).frames(120) {
             let camera = Camera::at(&pose);
             let mut frame = Frame::new(size.0, size.1);
             renderer.draw(&world.octree, &camera, &mut frame);
@@ -69,7 +69,7 @@ fn what_sets_leave_out_is_not_in_the_picture() {
 /// People who walk through the building on one way, far apart.
 const PEOPLE: usize = 15;
 
-fn walker(path: &Path, avatar: usize, now: Duration) -> Pose {
+fn walker(path: &CameraPath, avatar: usize, now: Duration) -> Pose {
     let share = avatar as f64 / PEOPLE as f64;
     let at = share * path.duration_s() + now.as_secs_f64();
     let at = [0.0, 1e-2].map(|later| path.at((at + later) % path.duration_s()));
@@ -79,8 +79,9 @@ fn walker(path: &Path, avatar: usize, now: Duration) -> Pose {
 #[test]
 fn what_volumes_stand_for_is_not_in_the_picture() {
     let world = building();
-    let path = Path::through(&world);
-    let mut ways = Culling::ALL.map(|way| (MovingRenderer::new(&world, way), Crowd::new(PEOPLE)));
+    let path = CameraPath::through(&world);
+    let mut ways =
+        Culling::ALL.map(|way| (MovingRenderer::new(&world, way), SimulatedPeople::new(PEOPLE)));
     let mut renderer = Renderer::default();
     let (mut placed, mut seen) = ([0; 3], 0);
     for (i, (seconds, pose)) in path.frames_between(20.0, 60.0, 800).enumerate() {

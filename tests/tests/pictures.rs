@@ -6,8 +6,8 @@ use std::{ops::ControlFlow, path::PathBuf, sync::Arc};
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_client::{
-    bench::{Comparison, Depths, Fault, Rays, Views},
-    path::Path,
+    bench::{DepthAgreement, DepthFault, ModeComparison, RayCaster, Views},
+    camera_path::CameraPath,
 };
 use sightline_compiler::{
     import::{self, glb},
@@ -63,8 +63,8 @@ fn drawn(model: &Model) -> Mesh {
 /// Looks from every spawn point and along a walk.
 fn check(name: &str, model: &Model, voxel: f32) {
     let world = world(model, voxel);
-    let rays = Rays::new(&drawn(model)).expect("something is drawn");
-    let views = Views::new(&world, &Path::through(&world), 8);
+    let rays = RayCaster::new(&drawn(model)).expect("something is drawn");
+    let views = Views::new(&world, &CameraPath::through(&world), 8);
     let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
     let mut frame = Frame::new(SIZE.0, SIZE.1);
     for mode in Mode::ALL {
@@ -72,7 +72,7 @@ fn check(name: &str, model: &Model, voxel: f32) {
         renderer.mode = mode;
         for (i, camera) in cameras.iter().enumerate() {
             renderer.draw(&world.octree, camera, &mut frame);
-            let (depths, faults) = Depths::of(&frame, camera, &rays, world.octree.voxel());
+            let (depths, faults) = DepthAgreement::of(&frame, camera, &rays, world.octree.voxel());
             let at = faults.first().map(|(i, fault)| (i % SIZE.0, i / SIZE.0, *fault));
             assert!(
                 depths.agreeing >= AGREEING,
@@ -81,8 +81,8 @@ fn check(name: &str, model: &Model, voxel: f32) {
             );
         }
     }
-    let compared = Comparison::of(&world.octree, &cameras, SIZE, &mut |_| {});
-    let Comparison { differing, unlike, shifted, shift_max, projections, .. } = &compared;
+    let compared = ModeComparison::of(&world.octree, &cameras, SIZE, &mut |_| {});
+    let ModeComparison { differing, unlike, shifted, shift_max, projections, .. } = &compared;
     println!("{name}: {} views agree", cameras.len());
     println!("  differing {differing:?}, unlike {unlike:?}");
     println!("  shifted {shifted:?} by {shift_max}, projections {projections:?}");
@@ -108,7 +108,7 @@ fn number((name, least): (&str, usize)) -> usize {
 fn check_hidden(name: &str, world: &World) {
     let walls = VoxelOccluders::new(&world.octree).expect("not too many walls");
     let random = &mut SmallRng::seed_from_u64(7);
-    let path = Path::through(world);
+    let path = CameraPath::through(world);
     let [mut whole, mut less] = [(); 2].map(|()| Frame::new(192, 108));
     let (mut renderer, mut counts, mut looks) = (Renderer::default(), [0; 2], [0; 2]);
     for turn in 0..number(BOXES) {
@@ -173,15 +173,17 @@ fn a_hole_is_found() {
     let model =
         glb::read_slice(&sightline_demo_building::glb(6, 1), None, "demo").expect("it is a model");
     let world = world(&model, 0.1);
-    let rays = Rays::new(&drawn(&model)).expect("something is drawn");
-    let views = Views::new(&world, &Path::through(&world), 1);
+    let rays = RayCaster::new(&drawn(&model)).expect("something is drawn");
+    let views = Views::new(&world, &CameraPath::through(&world), 1);
     let mut frame = Frame::new(SIZE.0, SIZE.1);
     Renderer::default().draw(&world.octree, &views.path[0], &mut frame);
     let middle = (SIZE.1 / 2 * SIZE.0) + SIZE.0 / 2;
     let shown = frame.depth[middle];
-    for (depth, expected) in [(f32::INFINITY, Fault::Beyond), (shown * 0.5, Fault::Before)] {
+    for (depth, expected) in
+        [(f32::INFINITY, DepthFault::Beyond), (shown * 0.5, DepthFault::Before)]
+    {
         frame.depth[middle] = depth;
-        let (_, faults) = Depths::of(&frame, &views.path[0], &rays, 0.1);
+        let (_, faults) = DepthAgreement::of(&frame, &views.path[0], &rays, 0.1);
         assert!(faults.contains(&(middle, expected)), "{expected:?} at {shown}");
     }
 }

@@ -18,7 +18,7 @@ use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_engine::{Config, Engine, Input, Policy};
 use sightline_oracle::Oracle;
 use sightline_protocol::quantise::WirePose;
-use sightline_tests::simulation::Building;
+use sightline_tests::simulation::SimulatedBuilding;
 use sightline_world::{
     Spawn, World,
     geometry::Aabb,
@@ -110,7 +110,8 @@ fn no_body_that_walks_jumps_and_flies_is_taken_to_go_through_walls() {
 fn nor_is_anybody_in_buildings_that_nobody_designed() {
     let offices = [6, 9].map(|rooms| office(rooms, 100 + rooms as u64));
     // Those whose voxels tell which gates a body fits through.
-    let houses = (0..24).filter(|seed| seed / 2 % 2 == 0).map(|seed| Building::new(seed).world);
+    let houses =
+        (0..24).filter(|seed| seed / 2 % 2 == 0).map(|seed| SimulatedBuilding::new(seed).world);
     let mut far_m = Vec::new();
     for (number, world) in offices.into_iter().chain(houses).enumerate() {
         let navigation = Navigation::new(&world);
@@ -130,7 +131,7 @@ fn nor_is_anybody_in_buildings_that_nobody_designed() {
 fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
     let mut far_m = Vec::new();
     for seed in (0..24).filter(|seed| seed / 2 % 2 == 0) {
-        let world = Building::new(seed).world;
+        let world = SimulatedBuilding::new(seed).world;
         let (navigation, sight) = (Navigation::new(&world), Oracle::new(&world.mesh));
         let random = &mut SmallRng::seed_from_u64(seed);
         for turn in 0..60 {
@@ -150,12 +151,12 @@ fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
 }
 
 /// Two places on both sides of a wall, between which the way is long.
-struct Wall {
+struct ThinWall {
     near: Vec3,
     far: Vec3,
 }
 
-fn walls(world: &World, count: usize) -> Vec<Wall> {
+fn walls(world: &World, count: usize) -> Vec<ThinWall> {
     let (navigation, sight) = (Navigation::new(world), Oracle::new(&world.mesh));
     let random = &mut SmallRng::seed_from_u64(7);
     let mut found = Vec::new();
@@ -168,7 +169,7 @@ fn walls(world: &World, count: usize) -> Vec<Wall> {
         let is_parted = || !sight.between(near, far) && !sight.between(far, near);
         let is_far = || way_m(&navigation, near, far).is_some_and(|way_m| way_m > 8.0);
         if is_free && is_parted() && is_far() {
-            found.push(Wall { near, far });
+            found.push(ThinWall { near, far });
             if found.len() == count {
                 break;
             }
@@ -184,7 +185,7 @@ fn way_m(navigation: &Navigation, from: Vec3, to: Vec3) -> Option<f32> {
 }
 
 /// Whether somebody who claims to be on the other side half a second later is believed.
-fn jumps_through(world: &Arc<World>, wall: &Wall) -> bool {
+fn jumps_through(world: &Arc<World>, wall: &ThinWall) -> bool {
     let mut engine = with_somebody(world, wall.near);
     let pose = Pose { eye: wall.far, ..Pose::default() };
     let claim = |i: u32| {
@@ -195,7 +196,7 @@ fn jumps_through(world: &Arc<World>, wall: &Wall) -> bool {
 }
 
 /// Whether somebody gets to the other side who claims a little more each time.
-fn creeps_through(world: &Arc<World>, Wall { near, far }: &Wall) -> bool {
+fn creeps_through(world: &Arc<World>, ThinWall { near, far }: &ThinWall) -> bool {
     let mut engine = with_somebody(world, *near);
     let (mut eye, mut tick) = (*near, 0);
     for step in 1..=100 {

@@ -95,7 +95,7 @@ fn passage(door: &PlanDoor, from: &Floor, to: usize) -> Passage {
 
 /// One of the crowd.
 #[derive(Clone, Debug)]
-pub struct CrowdWalker {
+pub struct Pedestrian {
     /// Where it is.
     pub eye: Vec3,
     /// In metres a second.
@@ -107,7 +107,7 @@ pub struct CrowdWalker {
     rng: SmallRng,
 }
 
-impl CrowdWalker {
+impl Pedestrian {
     /// As it would report.
     pub fn pose(&self) -> Pose {
         let yaw = if self.velocity == Vec3::ZERO {
@@ -124,7 +124,7 @@ impl CrowdWalker {
 pub struct Crowd {
     floors: Floors,
     /// All who walk.
-    pub walkers: Vec<CrowdWalker>,
+    pub walkers: Vec<Pedestrian>,
 }
 
 impl Crowd {
@@ -149,7 +149,7 @@ impl Crowd {
             let speed = rng.random_range(SPEEDS[0]..SPEEDS[1]);
             let eye = Vec3::new(at.x, of.eye, at.y);
             let (velocity, way, stays_s) = (Vec3::ZERO, VecDeque::new(), 0.0);
-            CrowdWalker { eye, velocity, floor, way, speed, stays_s, rng }
+            Pedestrian { eye, velocity, floor, way, speed, stays_s, rng }
         });
         let walkers = walkers.collect();
         Self { floors, walkers }
@@ -162,7 +162,7 @@ impl Crowd {
     }
 }
 
-fn step(walker: &mut CrowdWalker, floors: &Floors, world: &World, time_s: f32) {
+fn step(walker: &mut Pedestrian, floors: &Floors, world: &World, time_s: f32) {
     walker.stays_s -= time_s;
     if walker.way.is_empty() && walker.stays_s <= 0.0 {
         choose(walker, floors, world);
@@ -188,7 +188,7 @@ fn step(walker: &mut CrowdWalker, floors: &Floors, world: &World, time_s: f32) {
 }
 
 /// Sets out for another place on the same floor, or through a door.
-fn choose(walker: &mut CrowdWalker, floors: &Floors, world: &World) {
+fn choose(walker: &mut Pedestrian, floors: &Floors, world: &World) {
     let floor = &floors.spaces[walker.floor];
     let rng = &mut walker.rng;
     let mut to = walker.floor;

@@ -30,7 +30,7 @@ use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_engine::Policy;
 use sightline_world::World;
 
-use run::Row;
+use run::EngineRow;
 
 /// Measures the engine in a generated building.
 #[derive(Parser, Clone)]
@@ -103,8 +103,8 @@ fn main() -> anyhow::Result<()> {
         println!("{}", serde_json::to_string(&row)?);
         return Ok(());
     }
-    let mut rows: Vec<Row> = Vec::new();
-    println!("{}", Row::heading());
+    let mut rows: Vec<EngineRow> = Vec::new();
+    println!("{}", EngineRow::heading());
     for walkers in args.avatars() {
         let hidden =
             if walkers <= args.hidden_max { vec![0, walkers, 2 * walkers] } else { vec![0] };
@@ -133,12 +133,12 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// What twice as many hidden avatars cost.
-fn findings(rows: &[Row]) -> String {
+fn findings(rows: &[EngineRow]) -> String {
     let mut lines = String::new();
     for pair in rows.windows(2) {
         let [once, twice] = pair else { continue };
         if once.hidden > 0 && twice.hidden == 2 * once.hidden {
-            let more = |of: fn(&Row) -> f64| 100.0 * (of(twice) / of(once).max(1e-9) - 1.0);
+            let more = |of: fn(&EngineRow) -> f64| 100.0 * (of(twice) / of(once).max(1e-9) - 1.0);
             lines += &format!(
                 "{} walk: with {} hidden in place of {}, the mean tick costs {:+.1} %, the median {:+.1} %\n",
                 once.walkers,
@@ -153,7 +153,7 @@ fn findings(rows: &[Row]) -> String {
 }
 
 /// A row, from a process of its own.
-fn measured(args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Row> {
+fn measured(args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<EngineRow> {
     let mut child = Command::new(std::env::current_exe()?)
         .args(["--row", &format!("{walkers},{hidden}"), "--policy", &args.policy.to_string()])
         .args(["--threads", &args.threads.to_string()])

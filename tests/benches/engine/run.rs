@@ -24,7 +24,7 @@ use super::{
 
 /// What is told of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Row {
+pub struct EngineRow {
     /// As on the command line of `replay`.
     pub policy: String,
     /// Threads that share a tick.
@@ -64,7 +64,7 @@ pub struct Row {
     pub memory_mb: f64,
 }
 
-impl Row {
+impl EngineRow {
     /// The names of the columns.
     pub fn heading() -> String {
         format!(
@@ -91,7 +91,7 @@ impl Row {
     }
 }
 
-impl fmt::Display for Row {
+impl fmt::Display for EngineRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -120,7 +120,7 @@ impl fmt::Display for Row {
 }
 
 /// Measures one row.
-pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Row> {
+pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<EngineRow> {
     let (world, closed) = annex::with_annex(world, hidden);
     annex::check(&world, &closed);
     let plan = sightline_demo_building::plan(args.rooms(), args.seed);
@@ -128,10 +128,10 @@ pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow:
     let mut rng = || SmallRng::seed_from_u64(seeds.random());
     let before = resident_bytes();
     let crowd = Crowd::new(Floors::new(&plan), walkers, &closed, &mut rng);
-    let mut run = Run::new(&world, args, crowd);
+    let mut run = EngineRun::new(&world, args, crowd);
     let wanted = args.seconds.max(1) * 20;
     run.steps(wanted as usize, args.patience);
-    run.count = Count::default();
+    run.count = TickSums::default();
     let stats = run.engine.stats();
     run.steps(wanted as usize, args.patience);
     let memory = resident_bytes().saturating_sub(before);
@@ -139,12 +139,12 @@ pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow:
     let ended = [now.expiries - stats.expiries, now.reveals - stats.reveals];
     let policy = args.policy.to_string();
     let row = run.count.row(policy, [walkers, hidden], ended, memory);
-    Ok(Row { threads: args.threads, ..row.context("nothing was measured")? })
+    Ok(EngineRow { threads: args.threads, ..row.context("nothing was measured")? })
 }
 
 /// What a tick adds to.
 #[derive(Default)]
-struct Count {
+struct TickSums {
     cpu: Vec<f64>,
     wall: Vec<f64>,
     held: u64,
@@ -154,20 +154,20 @@ struct Count {
     reports: u64,
 }
 
-impl Count {
+impl TickSums {
     fn row(
         mut self,
         policy: String,
         [walkers, hidden]: [usize; 2],
         ended: [u64; 2],
         memory_bytes: u64,
-    ) -> Option<Row> {
+    ) -> Option<EngineRow> {
         let ticks = self.cpu.len();
         let of = |count: u64| count as f64 / ticks as f64;
         self.cpu.sort_unstable_by(f64::total_cmp);
         self.wall.sort_unstable_by(f64::total_cmp);
         let at = |times: &[f64], part: usize| times.get((ticks * part).div_ceil(100) - 1).copied();
-        Some(Row {
+        Some(EngineRow {
             policy,
             threads: 1,
             walkers,
@@ -192,35 +192,35 @@ impl Count {
 
 /// What a client was told to do.
 #[derive(Clone, Copy, Debug)]
-enum Order {
+enum ClientOrder {
     Live,
     Quiet(Tbv),
     Ask,
 }
 
 #[derive(Clone, Debug, Default)]
-struct Client {
+struct BenchClient {
     /// Where it must stay to be silent; `None` when live.
     tbv: Option<Tbv>,
     sequence: u32,
 }
 
-struct Run {
+struct EngineRun {
     world: Arc<World>,
     engine: Engine,
     crowd: Crowd,
     /// By avatar, as the crowd is.
-    clients: Vec<Client>,
+    clients: Vec<BenchClient>,
     one_way: Duration,
     now: Duration,
     /// By arrival.
     up: VecDeque<(Duration, Input)>,
-    down: VecDeque<(Duration, AvatarId, Order)>,
+    down: VecDeque<(Duration, AvatarId, ClientOrder)>,
     outputs: Vec<Output>,
-    count: Count,
+    count: TickSums,
 }
 
-impl Run {
+impl EngineRun {
     fn new(world: &Arc<World>, args: &Args, crowd: Crowd) -> Self {
         let config = Config {
             policy: args.policy,
@@ -240,14 +240,14 @@ impl Run {
         Self {
             world: Arc::clone(world),
             engine,
-            clients: vec![Client::default(); crowd.walkers.len()],
+            clients: vec![BenchClient::default(); crowd.walkers.len()],
             crowd,
             one_way: round_trip / 2,
             now: Duration::ZERO,
             up: VecDeque::new(),
             down: VecDeque::new(),
             outputs: Vec::new(),
-            count: Count::default(),
+            count: TickSums::default(),
         }
     }
 
@@ -290,10 +290,10 @@ impl Run {
         for (_, to, order) in orders {
             let client = &mut self.clients[to.0 as usize];
             match order {
-                Order::Live => client.tbv = None,
-                Order::Quiet(tbv) => client.tbv = Some(tbv),
-                Order::Ask if client.tbv.is_some() => self.send(to),
-                Order::Ask => {}
+                ClientOrder::Live => client.tbv = None,
+                ClientOrder::Quiet(tbv) => client.tbv = Some(tbv),
+                ClientOrder::Ask if client.tbv.is_some() => self.send(to),
+                ClientOrder::Ask => {}
             }
         }
     }
@@ -321,9 +321,9 @@ impl Run {
     fn take_in(&mut self) {
         for output in &self.outputs {
             let (to, order) = match output {
-                Output::Live { to } => (*to, Order::Live),
-                Output::Quiet { to, tbv } => (*to, Order::Quiet(*tbv)),
-                Output::Ask { to } => (*to, Order::Ask),
+                Output::Live { to } => (*to, ClientOrder::Live),
+                Output::Quiet { to, tbv } => (*to, ClientOrder::Quiet(*tbv)),
+                Output::Ask { to } => (*to, ClientOrder::Ask),
                 Output::Appear { .. } => {
                     self.count.states += 1;
                     continue;

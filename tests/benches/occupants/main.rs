@@ -61,7 +61,7 @@ fn scene_1(budget: Duration) {
             insert_cube(&mut scene, Vec3::ZERO, side);
             compare(scene, &track, 1.0, budget / 4)
         });
-        let mean = |of: fn(&Comparison) -> f64| results.iter().map(of).sum::<f64>() / 4.0;
+        let mean = |of: fn(&MethodComparison) -> f64| results.iter().map(of).sum::<f64>() / 4.0;
         let (naive_ns, ours_ns) = (mean(|r| r.naive.ns), mean(|r| r.ours.ns));
         let visited = mean(|r| r.naive.visited) / mean(|r| r.ours.visited);
         println!(
@@ -161,20 +161,20 @@ struct Cost {
     visited: f64,
 }
 
-struct Comparison {
+struct MethodComparison {
     naive: Cost,
     ours: Cost,
     depth: u8,
 }
 
-impl Comparison {
+impl MethodComparison {
     fn speed_up(&self) -> f64 {
         self.naive.ns / self.ours.ns
     }
 }
 
 /// Moves a cube along a track by both methods, and checks that the trees stay of one size.
-fn compare(mut scene: Occupants, track: &[Vec3], side: f32, budget: Duration) -> Comparison {
+fn compare(mut scene: Occupants, track: &[Vec3], side: f32, budget: Duration) -> MethodComparison {
     let id = insert_cube(&mut scene, track[0], side);
     let boxes: Vec<[Aabb; 6]> = track.iter().map(|&at| cube(at, side)).collect();
     let (mut ours, mut naive) = (scene.clone(), scene);
@@ -189,7 +189,7 @@ fn compare(mut scene: Occupants, track: &[Vec3], side: f32, budget: Duration) ->
     let naive =
         cost(naive, &there_and_back, budget, |scene, boxes| scene.move_naively(id, boxes).is_ok());
     let ours = cost(ours, &there_and_back, budget, |scene, boxes| scene.move_to(id, boxes).is_ok());
-    Comparison { naive, ours, depth }
+    MethodComparison { naive, ours, depth }
 }
 
 /// The cost of a step in the fastest of many rounds.

@@ -12,7 +12,7 @@ const TOP: f32 = 0.75;
 
 /// All of them.
 pub fn polygons() -> Vec<Aabb> {
-    let mut model = Model(Vec::with_capacity(5_745));
+    let mut model = TableModel(Vec::with_capacity(5_745));
     model.table();
     for quarter in 0..4 {
         let (sine, cosine) = (quarter as f32 * std::f32::consts::FRAC_PI_2).sin_cos();
@@ -81,9 +81,9 @@ fn candlestick() -> Vec<(f32, f32)> {
     outline
 }
 
-struct Model(Vec<Aabb>);
+struct TableModel(Vec<Aabb>);
 
-impl Model {
+impl TableModel {
     fn polygon(&mut self, corners: &[Vec3]) {
         self.0.push(Aabb::from_points(corners.iter().copied()));
     }

@@ -4,7 +4,7 @@
 use std::{path::PathBuf, process::ExitCode, time::Duration};
 
 use clap::Parser;
-use sightline_tests::demo::{self, Options};
+use sightline_tests::demo::{self, DemoOptions};
 
 /// Fills a building with simulated visitors, puts your window among them where there is a
 /// display, or writes pictures, and ends with a table of what each client was told.
@@ -36,7 +36,7 @@ struct Args {
 
 fn main() -> ExitCode {
     let args = Args::parse();
-    let options = Options {
+    let options = DemoOptions {
         visitors: args.visitors as usize,
         duration: Duration::from_secs(args.seconds),
         rooms: args.rooms as usize,

@@ -34,7 +34,7 @@ const AHEAD: f32 = 0.7;
 
 /// What to show.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct DemoOptions {
     /// Simulated visitors.
     pub visitors: usize,
     /// How long they walk.
@@ -55,7 +55,7 @@ pub struct Options {
 ///
 /// # Errors
 /// When a part of it cannot start.
-pub fn run(options: &Options) -> anyhow::Result<()> {
+pub fn run(options: &DemoOptions) -> anyhow::Result<()> {
     let world = match &options.world {
         Some(path) => Arc::new(World::read(path)?),
         None => build(options)?,
@@ -67,7 +67,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let you = join(&runtime, address, trust.clone(), &world)?;
 
     println!("{} visitors walk for {} s", options.visitors, options.duration.as_secs());
-    let crowd = Crowd::send(&runtime, address, trust, options)?;
+    let crowd = Visitors::send(&runtime, address, trust, options)?;
     let frames = show(&you, &crowd, &world, options)?;
     let (snapshots, report) = crowd.end()?;
 
@@ -80,7 +80,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
 }
 
 /// The demo building, through the same importer and compiler as any other.
-fn build(options: &Options) -> anyhow::Result<Arc<World>> {
+fn build(options: &DemoOptions) -> anyhow::Result<Arc<World>> {
     let start = Instant::now();
     let file = sightline_demo_building::glb(options.rooms, options.seed);
     let model = glb::read_slice(&file, None, "demo building")?;
@@ -124,7 +124,7 @@ fn join(
         cells.filter(|cell| (cell - eye).normalize_or_zero().dot(ahead) > AHEAD).count()
     };
     let place = world.spawns.iter().max_by_key(shown).map(|spawn| spawn.eye);
-    let options = net::Options {
+    let options = net::ConnectOptions {
         name: Name::new("you")?,
         colour: [255, 255, 255],
         place,
@@ -136,17 +136,22 @@ fn join(
 
 /// Stays until the visitors are done, you leave, or somebody interrupts: in a window where there is
 /// a display, else with pictures.
-fn show(you: &Session, crowd: &Crowd, world: &World, options: &Options) -> anyhow::Result<Frames> {
+fn show(
+    you: &Session,
+    crowd: &Visitors,
+    world: &World,
+    options: &DemoOptions,
+) -> anyhow::Result<FrameRate> {
     #[cfg(feature = "desktop")]
     if options.window && sightline_client::desktop::has_display() {
-        use sightline_client::desktop::{self, Visit};
+        use sightline_client::desktop::{self, WorldSource};
         println!("your window: WASD and the mouse, F to fly, Enter to chat, Escape to leave");
         let title = "Sightline demo";
         let window =
-            desktop::Options { title, end: None, stop: Some(&crowd.is_over), fuzzy: false };
-        let summary = desktop::run(Visit::Shared(you), window)?;
+            desktop::WindowOptions { title, end: None, stop: Some(&crowd.is_over), fuzzy: false };
+        let summary = desktop::run(WorldSource::Shared(you), window)?;
         crowd.stop();
-        return Ok(Frames {
+        return Ok(FrameRate {
             per_s: summary.frames_per_s(),
             draw_ms: summary.draw_ms,
             size: summary.size,
@@ -157,7 +162,7 @@ fn show(you: &Session, crowd: &Crowd, world: &World, options: &Options) -> anyho
 }
 
 /// How fast the building was drawn.
-struct Frames {
+struct FrameRate {
     per_s: f64,
     draw_ms: f64,
     size: (usize, usize),
@@ -165,26 +170,26 @@ struct Frames {
 }
 
 /// The simulated visitors, on a thread of their own.
-struct Crowd {
-    thread: JoinHandle<anyhow::Result<swarm::Report>>,
+struct Visitors {
+    thread: JoinHandle<anyhow::Result<swarm::SwarmReport>>,
     stop: mpsc::Sender<()>,
     snapshots: Arc<Mutex<Vec<Snapshot>>>,
     /// Set when they have ended.
     is_over: Arc<AtomicBool>,
 }
 
-impl Crowd {
+impl Visitors {
     /// Sends them in. The first error is told when they end.
     fn send(
         runtime: &Runtime,
         address: std::net::SocketAddr,
         trust: Trust,
-        options: &Options,
+        options: &DemoOptions,
     ) -> anyhow::Result<Self> {
-        let swarm_options = swarm::Options {
+        let swarm_options = swarm::SwarmOptions {
             seed: options.seed,
             snapshot_interval: SNAPSHOT_INTERVAL,
-            ..swarm::Options::new(options.visitors, options.duration, trust)
+            ..swarm::SwarmOptions::new(options.visitors, options.duration, trust)
         };
         let snapshots: Arc<Mutex<Vec<Snapshot>>> = Arc::default();
         let is_over = Arc::new(AtomicBool::new(false));
@@ -199,7 +204,7 @@ impl Crowd {
                 let report = handle.block_on(async {
                     tokio::select! {
                         report = walk => report.map_err(anyhow::Error::from),
-                        () = interrupted(stopped) => Ok(swarm::Report::default()),
+                        () = interrupted(stopped) => Ok(swarm::SwarmReport::default()),
                     }
                 });
                 is_over.store(true, Relaxed);
@@ -220,7 +225,7 @@ impl Crowd {
     }
 
     /// Waits for the end. The report is empty when they were interrupted.
-    fn end(self) -> anyhow::Result<(Vec<Snapshot>, swarm::Report)> {
+    fn end(self) -> anyhow::Result<(Vec<Snapshot>, swarm::SwarmReport)> {
         let report = self.thread.join().map_err(|_| anyhow!("the visitors' thread failed"))??;
         let snapshots = std::mem::take(&mut *lock(&self.snapshots));
         snapshots.first().context("the visitors were stopped before they were in")?;

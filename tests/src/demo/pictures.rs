@@ -21,7 +21,7 @@ use sightline_renderer::{
 };
 use sightline_world::{World, motion::Pose};
 
-use super::{Crowd, Frames, Options, lock};
+use super::{DemoOptions, FrameRate, Visitors, lock};
 
 const SIZE: (usize, usize) = (960, 540);
 /// Frames drawn to see how fast it goes.
@@ -30,19 +30,19 @@ const TIMED_FRAMES: usize = 60;
 /// Stays until the visitors are done, and keeps the moment at which most of them could be seen.
 pub(super) fn take(
     you: &Session,
-    crowd: &Crowd,
+    crowd: &Visitors,
     world: &World,
-    options: &Options,
-) -> anyhow::Result<Frames> {
+    options: &DemoOptions,
+) -> anyhow::Result<FrameRate> {
     let progress = Progress::new();
     let start = Instant::now();
     let pose = best_view(you, world);
-    let mut best: Option<Moment> = None;
+    let mut best: Option<PictureMoment> = None;
     while !crowd.has_ended() {
         thread::sleep(Duration::from_millis(200));
         let share = start.elapsed().as_secs_f32() / options.duration.as_secs_f32();
         progress.show("walking", share);
-        let moment = Moment::now(you, crowd, pose);
+        let moment = PictureMoment::now(you, crowd, pose);
         // The first seconds, when all stand where they came in, are not worth a picture.
         let is_settled = share > 0.3 || best.is_none();
         if is_settled && best.as_ref().is_none_or(|b| moment.in_front() >= b.in_front()) {
@@ -86,7 +86,7 @@ fn best_view(you: &Session, world: &World) -> Pose {
 }
 
 /// Draws a turn on the spot.
-fn time_frames(world: &World, pose: &Pose) -> Frames {
+fn time_frames(world: &World, pose: &Pose) -> FrameRate {
     let mut renderer = Renderer::default();
     let mut frame = Frame::new(SIZE.0, SIZE.1);
     let start = Instant::now();
@@ -96,7 +96,7 @@ fn time_frames(world: &World, pose: &Pose) -> Frames {
         renderer.draw(&world.octree, &camera, &mut frame);
     }
     let seconds = start.elapsed().as_secs_f64();
-    Frames {
+    FrameRate {
         per_s: TIMED_FRAMES as f64 / seconds,
         draw_ms: seconds * 1e3 / TIMED_FRAMES as f64,
         size: SIZE,
@@ -105,7 +105,7 @@ fn time_frames(world: &World, pose: &Pose) -> Frames {
 }
 
 /// What you saw at one moment, and where everybody truly was.
-struct Moment {
+struct PictureMoment {
     pose: Pose,
     /// On the server's clock.
     time: Duration,
@@ -113,8 +113,8 @@ struct Moment {
     everybody: Vec<(u32, Pose)>,
 }
 
-impl Moment {
-    fn now(you: &Session, crowd: &Crowd, pose: Pose) -> Self {
+impl PictureMoment {
+    fn now(you: &Session, crowd: &Visitors, pose: Pose) -> Self {
         let snapshots = lock(&crowd.snapshots);
         let visitors = snapshots.last().map_or(&[][..], |snapshot| &snapshot.visitors);
         let everybody = visitors.iter().map(|v| (v.avatar.0, v.pose)).collect();

@@ -12,7 +12,7 @@ use sightline_replay::{self as replay, OracleStride};
 use sightline_server::net::Stats;
 use sightline_world::{World, motion::AvatarId};
 
-use super::Frames;
+use super::FrameRate;
 
 /// Everybody is compared with rays so often.
 const ORACLE_INTERVAL: Duration = Duration::from_secs(1);
@@ -23,9 +23,9 @@ const BODY_SAMPLES: u32 = 3;
 pub(super) fn print(
     world: &Arc<World>,
     snapshots: &[Snapshot],
-    report: &swarm::Report,
+    report: &swarm::SwarmReport,
     server: &Stats,
-    frames: &Frames,
+    frames: &FrameRate,
 ) -> anyhow::Result<()> {
     let trace = trace(snapshots)?;
     let progress = Progress::new();
@@ -49,7 +49,7 @@ pub(super) fn print(
     Ok(())
 }
 
-fn round_trip(report: &swarm::Report) -> Duration {
+fn round_trip(report: &swarm::SwarmReport) -> Duration {
     Duration::from_secs_f64((report.round_trip_ms / 1e3).clamp(0.0, 1.0))
 }
 
@@ -101,7 +101,7 @@ fn print_policies(columns: &[replay::Report]) {
 
 /// What rays say of what the clients held.
 #[derive(Default)]
-struct Live {
+struct LiveCheck {
     visible: u64,
     held: u64,
     /// Visible, but not held, at a look and at the one before.
@@ -110,13 +110,13 @@ struct Live {
 
 /// A visible avatar that is not held yet at one moment may be on its way; one that is still not
 /// held when somebody looks again is missed.
-fn check(world: &World, snapshots: &[Snapshot]) -> Live {
+fn check(world: &World, snapshots: &[Snapshot]) -> LiveCheck {
     let sight = Oracle::new(&world.mesh);
     let looks = every(snapshots, ORACLE_INTERVAL);
     looks
         .par_iter()
         .map(|&index| {
-            let mut live = Live::default();
+            let mut live = LiveCheck::default();
             let again = snapshots.get(index + 1);
             for (viewer, other) in pairs(&snapshots[index]) {
                 let body = world.body.around(other.pose.eye);
@@ -133,7 +133,7 @@ fn check(world: &World, snapshots: &[Snapshot]) -> Live {
             }
             live
         })
-        .reduce(Live::default, |a, b| Live {
+        .reduce(LiveCheck::default, |a, b| LiveCheck {
             visible: a.visible + b.visible,
             held: a.held + b.held,
             missed: a.missed + b.missed,
@@ -174,7 +174,7 @@ fn every(snapshots: &[Snapshot], interval: Duration) -> Vec<usize> {
     chosen
 }
 
-fn print_live(live: &Live, report: &swarm::Report, server: &Stats) {
+fn print_live(live: &LiveCheck, report: &swarm::SwarmReport, server: &Stats) {
     let over_send = live.held as f64 / live.visible.max(1) as f64;
     println!(
         "live, over QUIC   {} visible pairs looked at, {} misses, over-send {over_send:.2}",

@@ -28,11 +28,11 @@ const CLEARANCE_M: f32 = 0.01;
 /// A building, compiled, and what walkers need to know of it. All but the world is in the axes that it
 /// was built in.
 #[derive(Clone, Debug)]
-pub struct Building {
+pub struct SimulatedBuilding {
     /// What the engine and the oracle get.
     pub world: Arc<World>,
     /// Where one can be.
-    pub rooms: Vec<Room>,
+    pub rooms: Vec<BuildingRoom>,
     /// What no body can be in.
     solids: Vec<Aabb>,
     /// From the axes that it was built in to the world's.
@@ -43,7 +43,7 @@ pub struct Building {
 
 /// A part of a storey between walls.
 #[derive(Clone, Debug)]
-pub struct Room {
+pub struct BuildingRoom {
     /// Between its walls: x and z, in metres.
     pub min: Vec2,
     /// Likewise.
@@ -51,12 +51,12 @@ pub struct Room {
     /// The height of eyes, in metres.
     pub eye: f32,
     /// The ways out.
-    pub doors: Vec<Door>,
+    pub doors: Vec<Doorway>,
 }
 
 /// A way out of a room.
 #[derive(Clone, Copy, Debug)]
-pub struct Door {
+pub struct Doorway {
     /// A place before it: x and z, in metres.
     pub near: Vec2,
     /// A place behind it.
@@ -65,12 +65,12 @@ pub struct Door {
     pub to: usize,
 }
 
-impl Building {
+impl SimulatedBuilding {
     /// The building of a seed: compiled for real, with coarse cells, every other two of them with voxels
     /// that tell which gates a body fits through.
     pub fn new(seed: u64) -> Self {
         let mut rng = SmallRng::seed_from_u64(seed);
-        let mut draft = Draft::new(&mut rng);
+        let mut draft = BuildingDraft::new(&mut rng);
         draft.raise(&mut rng);
         draft.furnish(&mut rng);
         let angle = if seed.is_multiple_of(2) { 0.0 } else { rng.random_range(0.0..TAU) };
@@ -104,7 +104,7 @@ impl Building {
 
     /// Some place in a room, if there is room.
     pub fn place(&self, room: usize, rng: &mut SmallRng) -> Option<Vec2> {
-        let Room { min, max, eye, .. } = &self.rooms[room];
+        let BuildingRoom { min, max, eye, .. } = &self.rooms[room];
         let mut places = (0..20)
             .map(|_| *min + (*max - *min) * Vec2::new(rng.random(), rng.random()))
             .filter(|at| self.is_free(Vec3::new(at.x, *eye, at.y)));
@@ -113,17 +113,17 @@ impl Building {
 }
 
 /// A building as it is being made.
-struct Draft {
+struct BuildingDraft {
     /// Where walls are, along x and along z.
     lines: [Vec<f32>; 2],
     storeys: usize,
     /// Half of the thickness of a wall.
     wall: f32,
-    rooms: Vec<Room>,
+    rooms: Vec<BuildingRoom>,
     solids: Vec<Aabb>,
 }
 
-impl Draft {
+impl BuildingDraft {
     fn new(rng: &mut SmallRng) -> Self {
         let lines = [(); 2].map(|()| {
             let mut lines = vec![0.0];
@@ -152,7 +152,7 @@ impl Draft {
                     }
                     let (min, max) = (min + self.wall, max - self.wall);
                     let eye = floor + Body::PERSON.below_eye + 2.0 * CLEARANCE_M;
-                    self.rooms.push(Room { min, max, eye, doors: Vec::new() });
+                    self.rooms.push(BuildingRoom { min, max, eye, doors: Vec::new() });
                 }
             }
             for axis in [0, 1] {
@@ -243,8 +243,8 @@ impl Draft {
         };
         let (near, far) = (place(-1.0), place(1.0));
         let (before, behind) = (room(line - 1), room(line));
-        self.rooms[before].doors.push(Door { near, far, to: behind });
-        self.rooms[behind].doors.push(Door { near: far, far: near, to: before });
+        self.rooms[before].doors.push(Doorway { near, far, to: behind });
+        self.rooms[behind].doors.push(Doorway { near: far, far: near, to: before });
     }
 
     /// Boxes in the middle of rooms, some as high as the room.

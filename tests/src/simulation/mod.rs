@@ -1,20 +1,20 @@
 //! The whole system in virtual time: random buildings, walkers and networks, compared at every tick with
 //! brute force.
 //!
-//! A seed chooses everything: a small [`Building`] that is compiled for real, walkers that stand,
+//! A seed chooses everything: a small [`SimulatedBuilding`] that is compiled for real, walkers that stand,
 //! walk, pace through doors and run, round trips up to 300 ms, jitter, lost, doubled and overtaken messages.
 //! What is checked, tick by tick:
 //!
 //! * whoever has a sampled point of its body in sight of a viewer's eye, by rays against the original
 //!   triangles, is in that viewer's replica, and its position is no older than promised;
-//! * the rest is for [`Watch`]: nothing is sent about whom the viewer cannot come to see, nothing is said
+//! * the rest is for [`InvariantChecker`]: nothing is sent about whom the viewer cannot come to see, nothing is said
 //!   while a TBV lasts, a TBV holds its avatar, and it is asked in time.
 //!
 //! What follows from messages that took longer than the engine allows for is excused, and counted.
 
 mod building;
+mod invariants;
 mod walkers;
-mod watch;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -32,8 +32,8 @@ use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity}
 use sightline_replay::{self as replay, Network, Options, OracleStride, Report};
 use sightline_world::{CellId, Portal, World};
 
-pub use building::Building;
-pub use watch::{Breach, SMALL, Seen, Watch};
+pub use building::SimulatedBuilding;
+pub use invariants::{InvariantChecker, Observations, SMALL, Violation};
 
 /// No round trip is longer, in milliseconds.
 const ROUND_TRIP_MAX_MS: u64 = 300;
@@ -66,7 +66,7 @@ impl Fault {
         [Self::SmallTbv, Self::ShortNotice, Self::LostPortal, Self::LateExpiry, Self::WideRegions];
 
     /// Whether it made a difference, or must have: by how a simulation went without it, and with it.
-    pub fn could_act(self, whole: &Outcome, broken: &Outcome) -> bool {
+    pub fn could_act(self, whole: &SimulationOutcome, broken: &SimulationOutcome) -> bool {
         match self {
             Self::None => false,
             Self::SmallTbv => whole.seen.tight > 0,
@@ -103,7 +103,7 @@ impl Fault {
 
 /// In how many simulations a fault could act, and in how many of these it was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Findings {
+pub struct DetectionRate {
     /// Of those in which it could act.
     pub found: usize,
     /// In which it could act.
@@ -112,11 +112,11 @@ pub struct Findings {
     pub all: usize,
 }
 
-impl Findings {
+impl DetectionRate {
     /// Of simulations of the same seeds, without a fault and with it.
     pub fn of<'a>(
         fault: Fault,
-        outcomes: impl IntoIterator<Item = (&'a Outcome, &'a Outcome)>,
+        outcomes: impl IntoIterator<Item = (&'a SimulationOutcome, &'a SimulationOutcome)>,
     ) -> Self {
         let mut findings = Self::default();
         for (whole, broken) in outcomes {
@@ -134,7 +134,7 @@ impl Findings {
     }
 }
 
-impl fmt::Display for Findings {
+impl fmt::Display for DetectionRate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { found, acted, all } = self;
         write!(f, "found in {found} of {acted} seeds in which it could act (of {all})")
@@ -143,16 +143,16 @@ impl fmt::Display for Findings {
 
 /// The buildings of many simulations. Which one a seed gets depends on how many there are.
 #[derive(Clone, Debug)]
-pub struct Pool {
-    buildings: BTreeMap<u64, Building>,
+pub struct BuildingPool {
+    buildings: BTreeMap<u64, SimulatedBuilding>,
     size: u64,
 }
 
-impl Pool {
+impl BuildingPool {
     /// Compiles so many buildings; tells each.
     pub fn new(buildings: u64, done: &(dyn Fn() + Sync)) -> Self {
         let compiled = (0..buildings).into_par_iter().map(|seed| {
-            let building = Building::new(seed);
+            let building = SimulatedBuilding::new(seed);
             done();
             (seed, building)
         });
@@ -162,18 +162,18 @@ impl Pool {
     /// As much of a pool of so many buildings as one simulation needs.
     pub fn only(seed: u64, buildings: u64) -> Self {
         let number = seed % buildings.max(1);
-        let buildings_of = BTreeMap::from([(number, Building::new(number))]);
+        let buildings_of = BTreeMap::from([(number, SimulatedBuilding::new(number))]);
         Self { buildings: buildings_of, size: buildings.max(1) }
     }
 
-    fn of(&self, seed: u64) -> &Building {
+    fn of(&self, seed: u64) -> &SimulatedBuilding {
         &self.buildings[&(seed % self.size)]
     }
 }
 
 /// What a simulation came to.
 #[derive(Clone, Debug)]
-pub struct Outcome {
+pub struct SimulationOutcome {
     /// Which simulation.
     pub seed: u64,
     /// How many buildings the pool has.
@@ -185,19 +185,19 @@ pub struct Outcome {
     /// What replay tells of it.
     pub report: Report,
     /// What was seen on the way.
-    pub seen: Seen,
+    pub seen: Observations,
     /// A portal that walkers go through was lost.
     pub has_lost_portal: bool,
 }
 
-impl Outcome {
+impl SimulationOutcome {
     /// Whether all promises were kept.
     pub fn is_good(&self) -> bool {
         self.breaches.is_empty()
     }
 }
 
-impl fmt::Display for Outcome {
+impl fmt::Display for SimulationOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { seed, buildings, network, breaches, .. } = self;
         writeln!(f, "seed {seed}: {} breaches; {network}", breaches.len())?;
@@ -208,7 +208,7 @@ impl fmt::Display for Outcome {
 }
 
 /// Runs the simulation of a seed, in the building that a pool has for it.
-pub fn run(seed: u64, pool: &Pool, fault: Fault) -> Outcome {
+pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
     let speed_max = [1.5, 2.0, 4.0, 7.0][rng.random_range(0..4)];
@@ -224,20 +224,28 @@ pub fn run(seed: u64, pool: &Pool, fault: Fault) -> Outcome {
     let lost = lost.flatten();
     let has_lost_portal = lost.is_some();
     let world = lost.unwrap_or_else(|| Arc::clone(&building.world));
-    let mut watch = Watch::new(&building.world, &options);
-    let run = replay::run_watched(&world, &trace, &options, None, &mut |now| watch.look(now));
+    let mut invariants = InvariantChecker::new(&building.world, &options);
+    let run = replay::run_watched(&world, &trace, &options, None, &mut |now| invariants.look(now));
     let report = run.expect("there is no dump to write");
-    let seen = watch.end();
+    let seen = invariants.end();
     let mut breaches = seen.breaches.clone();
     breaches.extend(of_report(&report, &options));
-    Outcome { seed, buildings: pool.size, network, breaches, report, seen, has_lost_portal }
+    SimulationOutcome {
+        seed,
+        buildings: pool.size,
+        network,
+        breaches,
+        report,
+        seen,
+        has_lost_portal,
+    }
 }
 
 /// All that the engine says in a simulation with so many walkers, tick by tick, as so many threads decide
 /// it with a budget for looks.
-pub fn said(
+pub fn outputs_by_tick(
     seed: u64,
-    pool: &Pool,
+    pool: &BuildingPool,
     walkers: usize,
     [threads, sight_test_budget]: [u32; 2],
 ) -> Vec<Vec<Output>> {
@@ -247,11 +255,11 @@ pub fn said(
     let mut options = options(seed, &mut rng, 4.0, Fault::None);
     options.oracle = OracleStride::Off;
     options.config = Config { threads: threads as usize, sight_test_budget, ..options.config };
-    let mut said = Vec::new();
-    let watch = &mut |now: &replay::Moment<'_>| said.push(now.outputs.to_vec());
-    replay::run_watched(&building.world, &trace, &options, None, watch)
+    let mut outputs_by_tick = Vec::new();
+    let invariants = &mut |now: &replay::Moment<'_>| outputs_by_tick.push(now.outputs.to_vec());
+    replay::run_watched(&building.world, &trace, &options, None, invariants)
         .expect("there is no dump to write");
-    said
+    outputs_by_tick
 }
 
 /// The network and the engine of a simulation.
@@ -309,7 +317,11 @@ fn of_report(report: &Report, options: &Options) -> Vec<String> {
 
 /// The world as it would be compiled without what joins two spaces, where walkers go through most; none if they go
 /// through nothing.
-fn without_portal(building: &Building, trace: &Trace, speed_max: f32) -> Option<Arc<World>> {
+fn without_portal(
+    building: &SimulatedBuilding,
+    trace: &Trace,
+    speed_max: f32,
+) -> Option<Arc<World>> {
     let mut world = World::clone(&building.world);
     let lost = most_crossed(&world, trace, speed_max)?;
     let cells = &mut world.cells;

@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 use rand::{Rng, rngs::SmallRng};
 use sightline_cli::trace::Trace;
 
-use super::building::{Building, Room};
+use super::building::{BuildingRoom, SimulatedBuilding};
 
 /// Speed changes so fast at most, in metres a second squared.
 const ACCELERATION: f32 = 8.0;
@@ -21,7 +21,7 @@ const THROW_MIN_M: f32 = 1.0;
 
 /// What somebody does.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Habit {
+enum Behaviour {
     /// Stands.
     Idle,
     /// Goes from room to room.
@@ -32,8 +32,8 @@ enum Habit {
     Runs,
 }
 
-struct SimulatedWalker {
-    habit: Habit,
+struct Agent {
+    habit: Behaviour,
     room: usize,
     /// x and z.
     at: Vec2,
@@ -48,15 +48,14 @@ struct SimulatedWalker {
 /// So many walkers for so many steps, none of them faster than a limit in metres a second. With some chance the
 /// host puts each elsewhere in a step.
 pub fn trace(
-    building: &Building,
+    building: &SimulatedBuilding,
     rng: &mut SmallRng,
     (walkers, steps): (usize, u32),
     speed_max: f32,
     throws: f64,
 ) -> Trace {
-    let mut all: Vec<SimulatedWalker> = (0..walkers)
-        .filter_map(|_| SimulatedWalker::new(building, rng, steps, speed_max))
-        .collect();
+    let mut all: Vec<Agent> =
+        (0..walkers).filter_map(|_| Agent::new(building, rng, steps, speed_max)).collect();
     let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
     for step in 0..steps {
         for (id, walker) in all.iter_mut().enumerate() {
@@ -82,15 +81,20 @@ pub fn trace(
     Trace::read(rows.as_bytes()).expect("the walkers are samples")
 }
 
-impl SimulatedWalker {
-    fn new(building: &Building, rng: &mut SmallRng, steps: u32, speed_max: f32) -> Option<Self> {
+impl Agent {
+    fn new(
+        building: &SimulatedBuilding,
+        rng: &mut SmallRng,
+        steps: u32,
+        speed_max: f32,
+    ) -> Option<Self> {
         let room = rng.random_range(0..building.rooms.len());
         let at = building.place(room, rng)?;
         let habit = match rng.random_range(0..10) {
-            0..2 => Habit::Idle,
-            2..6 => Habit::Walks,
-            6..8 => Habit::Paces,
-            _ => Habit::Runs,
+            0..2 => Behaviour::Idle,
+            2..6 => Behaviour::Walks,
+            6..8 => Behaviour::Paces,
+            _ => Behaviour::Runs,
         };
         let from = if rng.random_bool(0.7) { 0 } else { rng.random_range(0..steps / 2) };
         let to = if rng.random_bool(0.8) { steps } else { rng.random_range(from + 1..=steps) };
@@ -100,20 +104,20 @@ impl SimulatedWalker {
             at,
             velocity: Vec2::ZERO,
             speed: speed_max
-                * if habit == Habit::Runs { 0.98 } else { rng.random_range(0.3..0.98) },
+                * if habit == Behaviour::Runs { 0.98 } else { rng.random_range(0.3..0.98) },
             way: Vec::new(),
             rests_s: WAITS_S,
             present: from..to,
         })
     }
 
-    fn eye(&self, building: &Building) -> Vec3 {
+    fn eye(&self, building: &SimulatedBuilding) -> Vec3 {
         Vec3::new(self.at.x, building.rooms[self.room].eye, self.at.y)
     }
 
-    fn step(&mut self, building: &Building, rng: &mut SmallRng) {
+    fn step(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
         self.rests_s -= STEP_S;
-        if self.way.is_empty() && self.rests_s <= 0.0 && self.habit != Habit::Idle {
+        if self.way.is_empty() && self.rests_s <= 0.0 && self.habit != Behaviour::Idle {
             self.set_out(building, rng);
         }
         let wanted = self.way.last().map_or(Vec2::ZERO, |goal| {
@@ -134,14 +138,14 @@ impl SimulatedWalker {
         }
         if self.way.last().is_some_and(|goal| goal.distance(self.at) < 0.05) {
             self.way.pop();
-            if self.way.is_empty() && self.habit == Habit::Walks && rng.random_bool(0.3) {
+            if self.way.is_empty() && self.habit == Behaviour::Walks && rng.random_bool(0.3) {
                 self.rests_s = rng.random_range(0.0..2.0);
             }
         }
     }
 
     /// It is somewhere else, and stands.
-    fn throw(&mut self, building: &Building, rng: &mut SmallRng) {
+    fn throw(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
         let room = rng.random_range(0..building.rooms.len());
         let place = building.place(room, rng).filter(|at| at.distance(self.at) >= THROW_MIN_M);
         let Some(at) = place else { return };
@@ -150,16 +154,16 @@ impl SimulatedWalker {
     }
 
     /// Chooses where to go next; the way's end comes first.
-    fn set_out(&mut self, building: &Building, rng: &mut SmallRng) {
-        let room: &Room = &building.rooms[self.room];
+    fn set_out(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
+        let room: &BuildingRoom = &building.rooms[self.room];
         let door =
             (!room.doors.is_empty()).then(|| room.doors[rng.random_range(0..room.doors.len())]);
         match (self.habit, door) {
-            (Habit::Runs, _) if rng.random_bool(0.5) => {
+            (Behaviour::Runs, _) if rng.random_bool(0.5) => {
                 let angle = rng.random_range(0.0..std::f32::consts::TAU);
                 self.way = vec![self.at + Vec2::from_angle(angle) * 30.0];
             }
-            (_, Some(door)) if self.habit == Habit::Paces || rng.random_bool(0.8) => {
+            (_, Some(door)) if self.habit == Behaviour::Paces || rng.random_bool(0.8) => {
                 let beyond = building.place(door.to, rng).unwrap_or(door.far);
                 self.way = vec![beyond, door.far, door.near];
                 self.room = door.to;

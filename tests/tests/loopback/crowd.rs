@@ -4,7 +4,7 @@ use std::{collections::HashMap, time::Duration};
 
 use sightline_client::{
     net::Trust,
-    swarm::{self, Options, Snapshot},
+    swarm::{self, Snapshot, SwarmOptions},
 };
 use sightline_oracle::Oracle;
 use sightline_server::net::{Identity, ServeConfig, Server};
@@ -27,9 +27,9 @@ async fn a_swarm_holds_whoever_is_in_view() {
     let config = ServeConfig { listen, validity_max_s: 0.3, ..ServeConfig::default() };
     let server = Server::bind(world, config, &Identity::generate().unwrap()).unwrap();
     let trust = Trust::Pinned(server.fingerprint());
-    let options = Options {
+    let options = SwarmOptions {
         snapshot_interval: Duration::from_millis(125),
-        ..Options::new(8, Duration::from_secs(6), trust)
+        ..SwarmOptions::new(8, Duration::from_secs(6), trust)
     };
     let mut late: HashMap<(AvatarId, AvatarId), u32> = HashMap::new();
     let (mut in_view, mut worst) = (0, 0);

@@ -8,7 +8,7 @@ use std::{net::SocketAddr, time::Duration};
 
 use building::{EAST, SPEED_MAX, WAY, WEST};
 use glam::Vec3;
-use sightline_client::net::{ConnectError, Dialer, Options, Session, Trust, TrustError};
+use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session, Trust, TrustError};
 use sightline_client_core::replica::{Event, VisibleAvatar};
 use sightline_protocol::{
     VERSION,
@@ -37,8 +37,8 @@ fn serve(config: ServeConfig) -> (Server, SocketAddr) {
     (server, address)
 }
 
-fn options(server: &Server, name: &str, place: Vec3) -> Options {
-    Options {
+fn options(server: &Server, name: &str, place: Vec3) -> ConnectOptions {
+    ConnectOptions {
         name: Name::new(name).unwrap(),
         colour: [10, 20, 30],
         place: Some(place),

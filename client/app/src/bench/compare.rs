@@ -3,42 +3,42 @@
 use serde::Serialize;
 use sightline_world::octree::Octree;
 
-use super::{Counts, Difference, Spread};
+use super::{FrameCounts, PictureDifference, Spread};
 use sightline_renderer::{Camera, Frame, Mode, Renderer};
 
 /// How pictures in orthogonal mode differ from those in perspective mode, with one size.
 #[derive(Clone, Debug, Serialize)]
-pub struct Comparison {
+pub struct ModeComparison {
     /// Columns of pixels.
     pub width: usize,
     /// Rows of pixels.
     pub height: usize,
-    /// See [`Difference::differing`].
+    /// See [`PictureDifference::differing`].
     pub differing: Spread,
-    /// See [`Difference::unlike`].
+    /// See [`PictureDifference::unlike`].
     pub unlike: Spread,
-    /// See [`Difference::shifted`].
+    /// See [`PictureDifference::shifted`].
     pub shifted: Spread,
-    /// The greatest shift of a pixel: see [`Difference::shift_max`].
+    /// The greatest shift of a pixel: see [`PictureDifference::shift_max`].
     pub shift_max: usize,
     /// Projections from space to the picture, as a part of those in perspective mode.
     pub projections: Spread,
     /// Each view.
-    pub views: Vec<View>,
+    pub views: Vec<ViewComparison>,
 }
 
 /// One view, in both modes.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct View {
+pub struct ViewComparison {
     /// Of the pictures.
-    pub difference: Difference,
+    pub difference: PictureDifference,
     /// What perspective mode took.
-    pub perspective: Counts,
+    pub perspective: FrameCounts,
     /// What orthogonal mode took.
-    pub orthogonal: Counts,
+    pub orthogonal: FrameCounts,
 }
 
-impl Comparison {
+impl ModeComparison {
     /// Of all views. `hear` is told the share done, from 0 to 1.
     pub fn of(
         octree: &Octree,
@@ -54,17 +54,18 @@ impl Comparison {
             let [perspective, orthogonal] = [0, 1].map(|which| {
                 renderer.mode = [Mode::Perspective, Mode::Orthogonal][which];
                 renderer.draw(octree, camera, &mut frames[which]);
-                Counts::mean(&[renderer.counters()])
+                FrameCounts::mean(&[renderer.counters()])
             });
-            let difference = Difference::of(&frames[0], &frames[1], tolerance);
-            views.push(View { difference, perspective, orthogonal });
+            let difference = PictureDifference::of(&frames[0], &frames[1], tolerance);
+            views.push(ViewComparison { difference, perspective, orthogonal });
             hear((i + 1) as f32 / cameras.len() as f32);
         }
-        let spread = |figure: &dyn Fn(&View) -> f64| {
+        let spread = |figure: &dyn Fn(&ViewComparison) -> f64| {
             Spread::of(&views.iter().map(figure).collect::<Vec<_>>())
         };
-        let projections =
-            |view: &View| view.orthogonal.projections / view.perspective.projections.max(1.0);
+        let projections = |view: &ViewComparison| {
+            view.orthogonal.projections / view.perspective.projections.max(1.0)
+        };
         Self {
             width,
             height,

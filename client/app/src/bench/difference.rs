@@ -13,7 +13,7 @@ const SHIFT_MAX: usize = 4;
 
 /// How two pictures differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Difference {
+pub struct PictureDifference {
     /// The part of the pixels whose colours differ by more than rounding, from 0 to 1: by more than two levels of 255 in
     /// some channel. Where voxels are about as wide as a pixel, that is also where one begins a fraction of a pixel earlier.
     pub differing: f64,
@@ -28,7 +28,7 @@ pub struct Difference {
     pub shift_max: usize,
 }
 
-impl Difference {
+impl PictureDifference {
     /// Of two frames of equal size. Depths are alike within `tolerance`, in metres, or, far away where a pixel spans more
     /// than that, within a hundredth.
     pub fn of(a: &Frame, b: &Frame, tolerance: f32) -> Self {
@@ -119,11 +119,15 @@ mod tests {
     #[test]
     fn rounding_is_no_difference_and_shifts_are_found() {
         let base = columns(0, 0);
-        assert_eq!(Difference::of(&base, &columns(0, 2), 0.1), Difference::default());
-        let brighter = Difference::of(&base, &columns(0, 3), 0.1);
+        assert_eq!(PictureDifference::of(&base, &columns(0, 2), 0.1), PictureDifference::default());
+        let brighter = PictureDifference::of(&base, &columns(0, 3), 0.1);
         assert_eq!((brighter.differing, brighter.unlike, brighter.shifted), (1.0, 1.0, 0.0));
-        let moved = |shift| Difference::of(&base, &columns(shift, 0), 0.1);
-        let one = Difference { differing: 30.0 / 40.0, shift_max: 1, ..Difference::default() };
+        let moved = |shift| PictureDifference::of(&base, &columns(shift, 0), 0.1);
+        let one = PictureDifference {
+            differing: 30.0 / 40.0,
+            shift_max: 1,
+            ..PictureDifference::default()
+        };
         assert_eq!(moved(1), one);
         let three = moved(3);
         assert_eq!((three.shift_max, three.differing), (3, 32.0 / 40.0));
@@ -136,7 +140,7 @@ mod tests {
         whole.depth.fill(3.0);
         holed.depth.fill(3.0);
         holed.depth[4 * 40 + 20] = f32::INFINITY;
-        let found = Difference::of(&whole, &holed, 0.1);
+        let found = PictureDifference::of(&whole, &holed, 0.1);
         assert_eq!((found.shifted, found.shift_max), (1.0 / 320.0, 5));
     }
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use sightline_world::{World, geometry::Aabb, motion::Pose};
 use thiserror::Error;
 
-use super::Options;
+use super::BenchOptions;
 use sightline_renderer::{
     Camera, Frame, Renderer,
     node_visibility::{NodeVisibility, VoxelOccluders, boxes_ahead},
@@ -81,7 +81,7 @@ pub enum FuzzyError {
 pub fn fuzzy(
     world: &World,
     poses: &[Pose],
-    options: &Options,
+    options: &BenchOptions,
     hear: &mut dyn FnMut(f32),
 ) -> Result<FuzzyRun, FuzzyError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
@@ -90,7 +90,7 @@ pub fn fuzzy(
     let walls = VoxelOccluders::new(&world.octree)?;
     let walls_ms = since(start)?;
     let mut worker = Worker { walls, ready: Vec::new(), free_at_s: 0.0, sum: Sum::default() };
-    let mut stage = Stage::new(world, options);
+    let mut stage = FuzzyTimer::new(world, options);
     for (i, pose) in poses.iter().enumerate() {
         let camera = Camera::at(pose);
         let velocity = poses.get(i + 1).map_or(pose.eye, |next| next.eye) - pose.eye;
@@ -114,13 +114,13 @@ fn since(start: ProcessTime) -> io::Result<f64> {
 struct Worker {
     walls: VoxelOccluders,
     /// When boxes are there.
-    ready: Vec<(f64, Known)>,
+    ready: Vec<(f64, BoxVisibility)>,
     free_at_s: f64,
     sum: Sum,
 }
 
 /// What is known of a box: what is hidden, and the same with what every eye sees whole.
-type Known = [Arc<NodeVisibility>; 2];
+type BoxVisibility = [Arc<NodeVisibility>; 2];
 
 #[derive(Default)]
 struct Sum {
@@ -136,15 +136,16 @@ impl Worker {
         (eye, velocity): (glam::Vec3, glam::Vec3),
         focal: f32,
         now_s: f64,
-    ) -> io::Result<Option<Known>> {
+    ) -> io::Result<Option<BoxVisibility>> {
         for eyes in boxes_ahead(eye, velocity) {
             let is_there = self.ready.iter().any(|(_, [known, _])| known.eyes() == eyes);
             if !is_there && self.free_at_s <= now_s {
                 self.prepare(eyes, focal, now_s)?;
             }
         }
-        let of =
-            |(ready_s, [known, _]): &&(f64, Known)| *ready_s <= now_s && known.eyes().contains(eye);
+        let of = |(ready_s, [known, _]): &&(f64, BoxVisibility)| {
+            *ready_s <= now_s && known.eyes().contains(eye)
+        };
         Ok(self.ready.iter().find(of).map(|(_, known)| known.clone()))
     }
 
@@ -168,7 +169,7 @@ impl Worker {
     }
 }
 
-struct Stage<'a> {
+struct FuzzyTimer<'a> {
     world: &'a World,
     repeats: usize,
     renderer: Renderer,
@@ -179,8 +180,8 @@ struct Stage<'a> {
     ms: [f64; WAYS],
 }
 
-impl<'a> Stage<'a> {
-    fn new(world: &'a World, options: &Options) -> Self {
+impl<'a> FuzzyTimer<'a> {
+    fn new(world: &'a World, options: &BenchOptions) -> Self {
         let (width, height) = options.size;
         Self {
             world,
@@ -195,13 +196,13 @@ impl<'a> Stage<'a> {
     }
 
     /// Draws all pictures; tells whether they are the same.
-    fn draw(&mut self, camera: &Camera, known: Option<Known>) -> io::Result<bool> {
+    fn draw(&mut self, camera: &Camera, known: Option<BoxVisibility>) -> io::Result<bool> {
         self.hits += usize::from(known.is_some());
         let mut best = [f64::INFINITY; WAYS];
         for turn in 0..WAYS * self.repeats {
             // In turn, and each as often first as last.
             let way = (turn + turn / WAYS) % WAYS;
-            let hidden = |known: &Known| (way > 0).then(|| Arc::clone(&known[way - 1]));
+            let hidden = |known: &BoxVisibility| (way > 0).then(|| Arc::clone(&known[way - 1]));
             self.renderer.node_visibility = known.as_ref().and_then(hidden);
             let start = ProcessTime::try_now()?;
             self.renderer.draw(&self.world.octree, camera, &mut self.frames[way]);
@@ -243,15 +244,15 @@ impl<'a> Stage<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::Path;
+    use crate::camera_path::CameraPath;
     use sightline_fixtures::voxel_floor::world;
 
     #[test]
     fn a_walk_is_the_same_with_less() {
         let world = world(&[([31, 1, 8], [33, 30, 64], 0), ([40, 1, 8], [60, 9, 40], 0)]);
-        let path = Path::through(&world);
+        let path = CameraPath::through(&world);
         let poses: Vec<Pose> = (0..90).map(|i| path.at(f64::from(i) * FRAME_S)).collect();
-        let options = Options { size: (64, 48), threads: 2, repeats: 2 };
+        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
         let run = fuzzy(&world, &poses, &options, &mut |_| {}).unwrap();
         assert!(run.boxes >= 1 && run.hit_rate > 0.5 && run.hidden > 0.0, "{run:?}");
         assert!(run.visible > 0.0 && run.hidden + run.visible <= 1.0, "{run:?}");

@@ -9,28 +9,28 @@ use cpu_time::{ProcessTime, ThreadTime};
 use serde::Serialize;
 use sightline_world::World;
 
-use super::{Rays, Tree, Views};
+use super::{BvhKind, RayCaster, Views};
 use sightline_renderer::{Camera, Counters, Frame, Mode, Renderer};
 
 /// A way to get a picture, or its depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Contender {
+pub enum DrawMethod {
     /// The renderer, in one of its modes.
     Octree(Mode),
     /// The renderer in orthogonal mode, with smooth edges: [`Renderer::antialias`].
     Smooth,
     /// A ray for each pixel.
-    Rays(Tree),
+    RayCaster(BvhKind),
 }
 
-impl Contender {
+impl DrawMethod {
     /// All of them: those that draw, then those to compare with.
     pub const ALL: [Self; 5] = [
         Self::Octree(Mode::Orthogonal),
         Self::Octree(Mode::Perspective),
         Self::Smooth,
-        Self::Rays(Tree::Bvh2),
-        Self::Rays(Tree::Cwbvh),
+        Self::RayCaster(BvhKind::Bvh2),
+        Self::RayCaster(BvhKind::Cwbvh),
     ];
 
     /// What tables call it.
@@ -39,8 +39,8 @@ impl Contender {
             Self::Octree(Mode::Orthogonal) => "orthogonal",
             Self::Octree(Mode::Perspective) => "perspective",
             Self::Smooth => "smooth edges",
-            Self::Rays(Tree::Bvh2) => "rays, BVH2",
-            Self::Rays(Tree::Cwbvh) => "rays, CWBVH",
+            Self::RayCaster(BvhKind::Bvh2) => "rays, BVH2",
+            Self::RayCaster(BvhKind::Cwbvh) => "rays, CWBVH",
         }
     }
 
@@ -49,14 +49,14 @@ impl Contender {
         renderer.antialias = self == Self::Smooth;
         renderer.mode = match self {
             Self::Octree(mode) => mode,
-            Self::Smooth | Self::Rays(_) => Mode::Orthogonal,
+            Self::Smooth | Self::RayCaster(_) => Mode::Orthogonal,
         };
     }
 }
 
 /// How to measure.
 #[derive(Clone, Copy, Debug)]
-pub struct Options {
+pub struct BenchOptions {
     /// Columns and rows of pixels.
     pub size: (usize, usize),
     /// How many threads draw.
@@ -67,7 +67,7 @@ pub struct Options {
 
 /// What was measured with one size and one number of threads.
 #[derive(Clone, Debug, Serialize)]
-pub struct Run {
+pub struct BenchRun {
     /// Columns of pixels.
     pub width: usize,
     /// Rows of pixels.
@@ -75,13 +75,13 @@ pub struct Run {
     /// How many threads drew.
     pub threads: usize,
     /// A row for each contender.
-    pub rows: Vec<Row>,
+    pub rows: Vec<MethodRow>,
 }
 
 /// What a contender costs.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    /// See [`Contender::name`].
+pub struct MethodRow {
+    /// See [`DrawMethod::name`].
     pub name: &'static str,
     /// Milliseconds of CPU time for a frame, all threads together.
     pub cpu_ms: Timing,
@@ -96,7 +96,7 @@ pub struct Row {
     /// The same for the CWBVH.
     pub ratio_cwbvh: Option<f64>,
     /// What the renderer did for a frame, the mean over the spawn points. None for rays.
-    pub counts: Option<Counts>,
+    pub counts: Option<FrameCounts>,
     /// CPU milliseconds from each spawn point.
     pub spawns_cpu_ms: Vec<f64>,
     /// CPU milliseconds of each frame of the path.
@@ -105,7 +105,7 @@ pub struct Row {
 
 /// What the renderer did for a frame, in the mean.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Counts {
+pub struct FrameCounts {
     /// Nodes projected from space to the picture.
     pub projections: f64,
     /// Nodes looked at.
@@ -116,7 +116,7 @@ pub struct Counts {
     pub pixels: f64,
 }
 
-impl Counts {
+impl FrameCounts {
     /// The mean of what several frames took.
     pub(super) fn mean(counters: &[Counters]) -> Self {
         let mean = |figure: fn(&Counters) -> u64| {
@@ -170,23 +170,23 @@ impl Spread {
 /// When there can be no such threads, or the system does not tell CPU time.
 pub fn measure(
     world: &World,
-    rays: Option<&Rays>,
+    rays: Option<&RayCaster>,
     views: &Views,
-    options: &Options,
+    options: &BenchOptions,
     hear: &mut dyn FnMut(f32),
-) -> io::Result<Run> {
+) -> io::Result<BenchRun> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
     let pool = pool.map_err(io::Error::other)?;
     let (width, height) = options.size;
     let mut stage =
-        Stage { world, rays, renderer: Renderer::default(), frame: Frame::new(width, height) };
-    let has_rays = |way: &Contender| rays.is_some() || !matches!(way, Contender::Rays(_));
-    let ways: Vec<Contender> = Contender::ALL.into_iter().filter(has_rays).collect();
-    let mut samples: Vec<Vec<Sample>> = vec![Vec::new(); ways.len()];
+        FrameTimer { world, rays, renderer: Renderer::default(), frame: Frame::new(width, height) };
+    let has_rays = |way: &DrawMethod| rays.is_some() || !matches!(way, DrawMethod::RayCaster(_));
+    let ways: Vec<DrawMethod> = DrawMethod::ALL.into_iter().filter(has_rays).collect();
+    let mut samples: Vec<Vec<FrameTime>> = vec![Vec::new(); ways.len()];
     let cameras = views.spawns.iter().chain(&views.path);
     let count = views.spawns.len() + views.path.len();
     for (i, camera) in cameras.enumerate() {
-        let mut best = vec![Sample::WORST; ways.len()];
+        let mut best = vec![FrameTime::WORST; ways.len()];
         for _ in 0..options.repeats.max(1) {
             for (way, best) in ways.iter().zip(&mut best) {
                 *best = best.least(stage.time(&pool, *way, camera)?);
@@ -197,24 +197,24 @@ pub fn measure(
     }
     let spawns = views.spawns.len();
     let of = |way| ways.iter().position(|other| *other == way).map(|i| &samples[i][..spawns]);
-    let trees = [Tree::Bvh2, Tree::Cwbvh].map(|tree| of(Contender::Rays(tree)));
-    let row = |(way, samples): (&Contender, &Vec<Sample>)| {
-        Row::new(*way, samples, spawns, (width * height) as f64, trees)
+    let trees = [BvhKind::Bvh2, BvhKind::Cwbvh].map(|tree| of(DrawMethod::RayCaster(tree)));
+    let row = |(way, samples): (&DrawMethod, &Vec<FrameTime>)| {
+        MethodRow::new(*way, samples, spawns, (width * height) as f64, trees)
     };
     let rows = ways.iter().zip(&samples).map(row).collect();
-    Ok(Run { width, height, threads: options.threads.max(1), rows })
+    Ok(BenchRun { width, height, threads: options.threads.max(1), rows })
 }
 
 /// What a frame took, in milliseconds, and what was done for it.
 #[derive(Clone, Copy)]
-struct Sample {
+struct FrameTime {
     cpu: f64,
     busiest: f64,
     wall: f64,
     counters: Option<Counters>,
 }
 
-impl Sample {
+impl FrameTime {
     const WORST: Self =
         Self { cpu: f64::INFINITY, busiest: f64::INFINITY, wall: f64::INFINITY, counters: None };
 
@@ -228,20 +228,20 @@ impl Sample {
     }
 }
 
-struct Stage<'a> {
+struct FrameTimer<'a> {
     world: &'a World,
-    rays: Option<&'a Rays>,
+    rays: Option<&'a RayCaster>,
     renderer: Renderer,
     frame: Frame,
 }
 
-impl Stage<'_> {
+impl FrameTimer<'_> {
     fn time(
         &mut self,
         pool: &rayon::ThreadPool,
-        way: Contender,
+        way: DrawMethod,
         camera: &Camera,
-    ) -> io::Result<Sample> {
+    ) -> io::Result<FrameTime> {
         let threads = || {
             let times = pool.broadcast(|_| ThreadTime::try_now().map(|time| time.as_duration()));
             times.into_iter().collect::<io::Result<Vec<Duration>>>()
@@ -256,35 +256,35 @@ impl Stage<'_> {
             let wall = milliseconds(wall.elapsed());
             let worked = threads()?.into_iter().zip(before).map(|(after, before)| after - before);
             let busiest = milliseconds(worked.max().unwrap_or_default());
-            let drew = !matches!(way, Contender::Rays(_));
+            let drew = !matches!(way, DrawMethod::RayCaster(_));
             let counters = drew.then(|| self.renderer.counters());
-            Ok(Sample { cpu, busiest, wall, counters })
+            Ok(FrameTime { cpu, busiest, wall, counters })
         })
     }
 
-    fn draw(&mut self, way: Contender, camera: &Camera) {
+    fn draw(&mut self, way: DrawMethod, camera: &Camera) {
         match (way, self.rays) {
-            (Contender::Octree(_) | Contender::Smooth, _) => {
+            (DrawMethod::Octree(_) | DrawMethod::Smooth, _) => {
                 way.prepare(&mut self.renderer);
                 self.renderer.draw(&self.world.octree, camera, &mut self.frame);
             }
-            (Contender::Rays(tree), Some(rays)) => {
+            (DrawMethod::RayCaster(tree), Some(rays)) => {
                 rays.trace(tree, camera, self.frame.width(), &mut self.frame.depth);
             }
-            (Contender::Rays(_), None) => {}
+            (DrawMethod::RayCaster(_), None) => {}
         }
     }
 }
 
-impl Row {
+impl MethodRow {
     fn new(
-        way: Contender,
-        samples: &[Sample],
+        way: DrawMethod,
+        samples: &[FrameTime],
         spawns: usize,
         pixels: f64,
-        trees: [Option<&[Sample]>; 2],
+        trees: [Option<&[FrameTime]>; 2],
     ) -> Self {
-        let timing = |figure: fn(&Sample) -> f64| {
+        let timing = |figure: fn(&FrameTime) -> f64| {
             let figures: Vec<f64> = samples.iter().map(figure).collect();
             let (spawns, path) = figures.split_at(spawns);
             Timing { spawns: Spread::of(spawns), path: Spread::of(path) }
@@ -292,12 +292,12 @@ impl Row {
         let cpu: Vec<f64> = samples.iter().map(|sample| sample.cpu).collect();
         let (spawns_cpu_ms, path_cpu_ms) = cpu.split_at(spawns);
         let cpu_ms = timing(|sample| sample.cpu);
-        let ratio = |tree: &[Sample]| {
+        let ratio = |tree: &[FrameTime]| {
             let ratios = tree.iter().zip(spawns_cpu_ms).map(|(tree, own)| tree.cpu / own);
             Spread::of(&ratios.collect::<Vec<_>>()).median
         };
         let counters: Vec<Counters> = samples[..spawns].iter().filter_map(|s| s.counters).collect();
-        let counts = (!counters.is_empty()).then(|| Counts::mean(&counters));
+        let counts = (!counters.is_empty()).then(|| FrameCounts::mean(&counters));
         let [ratio_bvh2, ratio_cwbvh] = trees.map(|tree| tree.map(ratio));
         Self {
             name: way.name(),
@@ -317,7 +317,7 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::Path;
+    use crate::camera_path::CameraPath;
     use glam::Vec3;
     use sightline_fixtures::voxel_floor::world;
     use sightline_world::Mesh;
@@ -332,19 +332,19 @@ mod tests {
     #[test]
     fn every_contender_gets_a_row_and_is_its_own_measure() {
         let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
-        let views = Views::new(&world, &Path::through(&world), 3);
-        let options = Options { size: (64, 48), threads: 2, repeats: 2 };
+        let views = Views::new(&world, &CameraPath::through(&world), 3);
+        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
         let run = measure(&world, None, &views, &options, &mut |_| {}).unwrap();
         assert!(run.rows.len() == 3 && run.rows[0].ratio_bvh2.is_none());
         world.mesh = Mesh {
             positions: vec![Vec3::ZERO, Vec3::X * 8.0, Vec3::new(8.0, 0.0, 8.0)],
             triangles: vec![[0, 1, 2]],
         };
-        let rays = Rays::new(&world.mesh);
+        let rays = RayCaster::new(&world.mesh);
         let mut told = Vec::new();
         let run = measure(&world, rays.as_ref(), &views, &options, &mut |share| told.push(share))
             .unwrap();
-        assert_eq!(run.rows.len(), Contender::ALL.len());
+        assert_eq!(run.rows.len(), DrawMethod::ALL.len());
         for row in &run.rows {
             assert!(row.cpu_ms.path.worst > 0.0 && row.wall_ms.spawns.median > 0.0, "{row:?}");
             assert!(row.busiest_ms.spawns.median > 0.0, "{row:?}");

@@ -1,8 +1,8 @@
 //! What drawing costs, and how good the pictures are: for `sightline-client bench` and for tests.
 //!
-//! * [`Views`]: where from. [`measure`]: what a frame costs from there in each way to draw it, among them [`Rays`] through
+//! * [`Views`]: where from. [`measure`]: what a frame costs from there in each way to draw it, among them [`RayCaster`] through
 //!   the world's opaque triangles, one after the other again and again, so that what else the machine does hits all alike.
-//! * [`Comparison`]: the renderer's modes against each other. [`Difference`]: how two pictures of one view differ. [`Depths`]: how far a picture's depths are from where rays
+//! * [`ModeComparison`]: the renderer's modes against each other. [`PictureDifference`]: how two pictures of one view differ. [`DepthAgreement`]: how far a picture's depths are from where rays
 //!   end.
 //! * [`Shimmer`]: how much more a picture changes along a slow path than what it shows.
 //! * [`fuzzy()`]: what it saves to leave out what is hidden from a box of eyes.
@@ -11,7 +11,7 @@
 //! Clocks are read here, and nowhere in the renderer.
 
 mod compare;
-mod depths;
+mod depth_agreement;
 mod difference;
 mod fuzzy;
 mod measure;
@@ -21,16 +21,20 @@ mod shimmer;
 
 use sightline_world::World;
 
-pub use compare::{Comparison, View};
-pub use depths::{Depths, Fault};
-pub use difference::{Difference, channels, differs};
+pub use compare::{ModeComparison, ViewComparison};
+pub use depth_agreement::{DepthAgreement, DepthFault};
+pub use difference::{PictureDifference, channels, differs};
 pub use fuzzy::{FRAME_S, FuzzyError, FuzzyRun, fuzzy};
-pub use measure::{Contender, Counts, Options, Row, Run, Spread, Timing, measure};
-pub use moving::{Crowd, Kind, MovingCost, MovingError, MovingRow, MovingRun, moving};
-pub use rays::{Rays, Tree};
+pub use measure::{
+    BenchOptions, BenchRun, DrawMethod, FrameCounts, MethodRow, Spread, Timing, measure,
+};
+pub use moving::{
+    MovingCost, MovingError, MovingKind, MovingRow, MovingRun, SimulatedPeople, moving,
+};
+pub use rays::{BvhKind, RayCaster};
 pub use shimmer::Shimmer;
 
-use crate::path::Path;
+use crate::camera_path::CameraPath;
 use sightline_renderer::Camera;
 use sightline_world::motion::Pose;
 
@@ -45,7 +49,7 @@ pub struct Views {
 
 impl Views {
     /// All spawn points of a world, and so many frames of a path.
-    pub fn new(world: &World, path: &Path, frames: usize) -> Self {
+    pub fn new(world: &World, path: &CameraPath, frames: usize) -> Self {
         let spawn = |spawn: &sightline_world::Spawn| {
             Camera::at(&Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() })
         };

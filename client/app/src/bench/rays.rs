@@ -28,7 +28,7 @@ const BAND: usize = 2 * BLOCK;
 
 /// Which tree of boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tree {
+pub enum BvhKind {
     /// Two children a node.
     Bvh2,
     /// Eight children a node, compressed.
@@ -36,7 +36,7 @@ pub enum Tree {
 }
 
 /// Triangles, ready for rays. None when there is no triangle.
-pub struct Rays {
+pub struct RayCaster {
     bvh2: Bvh2,
     bvh2_triangles: Vec<RtTriangle>,
     cwbvh: CwBvh,
@@ -44,7 +44,7 @@ pub struct Rays {
     count: usize,
 }
 
-impl Rays {
+impl RayCaster {
     /// Builds both trees. `None` when there is no triangle.
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let triangle = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
@@ -79,20 +79,20 @@ impl Rays {
     ///
     /// # Panics
     /// When `depth` is not made of whole rows.
-    pub fn trace(&self, tree: Tree, camera: &Camera, width: usize, depth: &mut [f32]) {
+    pub fn trace(&self, tree: BvhKind, camera: &Camera, width: usize, depth: &mut [f32]) {
         if width == 0 {
             return;
         }
         assert!(depth.len().is_multiple_of(width), "whole rows");
-        let lens = Lens::new(camera, width, depth.len() / width);
+        let lens = PixelRays::new(camera, width, depth.len() / width);
         match tree {
-            Tree::Bvh2 => bands(&lens, width, depth, |ray| {
+            BvhKind::Bvh2 => bands(&lens, width, depth, |ray| {
                 let mut hit = RayHit::none();
                 self.bvh2
                     .ray_traverse(ray, &mut hit, |ray, id| self.bvh2_triangles[id].intersect(ray));
                 hit.t
             }),
-            Tree::Cwbvh => bands(&lens, width, depth, |ray| {
+            BvhKind::Cwbvh => bands(&lens, width, depth, |ray| {
                 let mut hit = RayHit::none();
                 self.cwbvh
                     .ray_traverse(ray, &mut hit, |ray, id| self.cwbvh_triangles[id].intersect(ray));
@@ -102,7 +102,7 @@ impl Rays {
     }
 }
 
-impl Rays {
+impl RayCaster {
     /// Whether a triangle is within so many metres of a point.
     pub fn is_near(&self, point: Vec3, distance: f32) -> bool {
         let point = Vec3A::from(point);
@@ -145,7 +145,7 @@ fn nearest(triangle: &RtTriangle, point: Vec3A) -> Vec3A {
 }
 
 /// Fills the depths of all pixels by what is told of their rays.
-fn bands(lens: &Lens, width: usize, depth: &mut [f32], first: impl Fn(Ray) -> f32 + Sync) {
+fn bands(lens: &PixelRays, width: usize, depth: &mut [f32], first: impl Fn(Ray) -> f32 + Sync) {
     depth.par_chunks_mut(BAND * width).enumerate().for_each(|(band, depth)| {
         let height = depth.len() / width;
         for top in (0..height).step_by(BLOCK) {
@@ -162,7 +162,7 @@ fn bands(lens: &Lens, width: usize, depth: &mut [f32], first: impl Fn(Ray) -> f3
 }
 
 /// Lines of sight, worked out apart from the renderer's own, so that an error in those shows.
-pub(super) struct Lens {
+pub(super) struct PixelRays {
     pub(super) eye: Vec3A,
     /// Through the centre of the picture's first pixel; its share in the camera's direction is one.
     first: Vec3A,
@@ -172,7 +172,7 @@ pub(super) struct Lens {
     steps: [Vec3A; 2],
 }
 
-impl Lens {
+impl PixelRays {
     pub(super) fn new(camera: &Camera, width: usize, height: usize) -> Self {
         let turn =
             glam::Quat::from_rotation_y(camera.yaw) * glam::Quat::from_rotation_x(camera.pitch);
@@ -212,10 +212,10 @@ mod tests {
 
     #[test]
     fn depths_are_along_the_cameras_direction() {
-        let rays = Rays::new(&mesh()).unwrap();
+        let rays = RayCaster::new(&mesh()).unwrap();
         let (width, height) = (61, 41);
         let camera = Camera { eye: Vec3::ZERO, yaw: 0.0, pitch: 0.0, fov_y: 1.6 };
-        for tree in [Tree::Bvh2, Tree::Cwbvh] {
+        for tree in [BvhKind::Bvh2, BvhKind::Cwbvh] {
             let mut depth = vec![0.0; width * height];
             rays.trace(tree, &camera, width, &mut depth);
             for (y, row) in depth.chunks(width).enumerate() {
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn what_is_near_is_found() {
-        let rays = Rays::new(&mesh()).unwrap();
+        let rays = RayCaster::new(&mesh()).unwrap();
         let check = |point: [f32; 3], distance: f32| {
             assert!(rays.is_near(point.into(), distance * 1.01), "{point:?} within {distance}");
             assert!(!rays.is_near(point.into(), distance * 0.99), "{point:?} within {distance}");
@@ -258,7 +258,7 @@ mod tests {
 
     #[test]
     fn nothing_is_no_tree() {
-        assert!(Rays::new(&Mesh::default()).is_none());
-        assert_eq!(Rays::new(&mesh()).unwrap().triangles(), 4);
+        assert!(RayCaster::new(&Mesh::default()).is_none());
+        assert_eq!(RayCaster::new(&mesh()).unwrap().triangles(), 4);
     }
 }

@@ -5,13 +5,13 @@ use std::{path::PathBuf, time::Duration};
 use anyhow::Context;
 use glam::Vec3;
 use sightline_cli::trace::{Trace, Track};
-use sightline_client::path::Path;
+use sightline_client::camera_path::CameraPath;
 use sightline_renderer::SIDE_MAX;
 use sightline_world::World;
 
 /// A way for the camera.
 #[derive(clap::Args)]
-pub struct Way {
+pub struct PathFlags {
     /// The way of the camera: a trace, gzipped or not (CSV with the columns
     /// t_ms,id,x,y,z,yaw,pitch,vx,vy,vz: eyes in metres, angles in radians). When absent, a walk from
     /// spawn point to spawn point.
@@ -28,7 +28,7 @@ pub struct Way {
     until: Option<Duration>,
 }
 
-impl Way {
+impl PathFlags {
     /// Whether a file was named.
     pub fn is_named(&self) -> bool {
         self.path.is_some()
@@ -38,10 +38,10 @@ impl Way {
     ///
     /// # Errors
     /// When the file is no trace, or has no such avatar.
-    pub fn read(&self, world: &World) -> anyhow::Result<(Path, f64, f64)> {
+    pub fn read(&self, world: &World) -> anyhow::Result<(CameraPath, f64, f64)> {
         let path = match &self.path {
             Some(file) => self.recorded(file)?,
-            None => Path::through(world),
+            None => CameraPath::through(world),
         };
         let from = self.from.as_secs_f64().min(path.duration_s());
         let until = self.until.map_or(path.duration_s(), |until| until.as_secs_f64());
@@ -49,12 +49,12 @@ impl Way {
         Ok((path, from, until))
     }
 
-    fn recorded(&self, file: &std::path::Path) -> anyhow::Result<Path> {
+    fn recorded(&self, file: &std::path::Path) -> anyhow::Result<CameraPath> {
         let trace = Trace::open(file).with_context(|| file.display().to_string())?;
         let tracks = trace.tracks();
         let track = tracks.iter().find(|track| self.id.is_none_or(|id| track.id == id));
         let ids = [tracks.first(), tracks.last()].map(|t: Option<&Track>| t.map_or(0, |t| t.id));
-        let path = track.and_then(Path::of_track);
+        let path = track.and_then(CameraPath::of_track);
         path.with_context(|| {
             format!("{}: no such avatar; the ids go from {} to {}", file.display(), ids[0], ids[1])
         })

@@ -25,13 +25,13 @@ pub fn save(path: &Path, panels: &[(usize, &[u32])]) -> anyhow::Result<()> {
 }
 
 /// Where the frames of a film go: a folder, made when it is not there, or a pattern such as `film-%04d.png`.
-pub struct Sequence {
+pub struct FrameFiles {
     before: String,
     digits: usize,
     after: String,
 }
 
-impl Sequence {
+impl FrameFiles {
     /// Understands what follows `-o`.
     ///
     /// # Errors
@@ -77,10 +77,10 @@ mod tests {
     fn films_go_into_folders_or_by_patterns() {
         let folder = tempfile::tempdir().unwrap();
         let film = folder.path().join("a/film");
-        let sequence = Sequence::new(&film).unwrap();
-        assert_eq!(sequence.frame(7), film.join("frame-0007.png"));
+        let frame_files = FrameFiles::new(&film).unwrap();
+        assert_eq!(frame_files.frame(7), film.join("frame-0007.png"));
         assert!(film.is_dir());
-        let by = |pattern: &str| Sequence::new(Path::new(pattern)).map(|s| s.frame(12));
+        let by = |pattern: &str| FrameFiles::new(Path::new(pattern)).map(|s| s.frame(12));
         assert_eq!(by("f-%05d.png").unwrap(), Path::new("f-00012.png"));
         assert_eq!(by("%d.png").unwrap(), Path::new("12.png"));
         for wrong in ["one.png", "%.png", "%xd.png", "%d-%d.png", "%0d.png", "%99d.png"] {

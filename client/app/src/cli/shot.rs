@@ -19,8 +19,8 @@ use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{Mover, World, motion::Pose};
 
 use super::{
-    flags::{self, Way},
-    picture::{self, FRAMES_MAX, Sequence},
+    flags::{self, PathFlags},
+    picture::{self, FRAMES_MAX, FrameFiles},
     progress::Progress,
 };
 
@@ -57,7 +57,7 @@ pub struct Args {
     #[arg(long, value_name = "S", value_parser = flags::time, default_value = "0")]
     time: Duration,
     #[command(flatten)]
-    way: Way,
+    way: PathFlags,
     /// Draw a film of so many frames, at equal intervals along the path.
     #[arg(long, value_name = "N", conflicts_with_all = ["eye", "look", "spawn"])]
     frames: Option<usize>,
@@ -88,7 +88,7 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let mut frame = Frame::new(width, height);
     let camera = camera(args, world)?;
     let movers: Vec<&Mover> = world.movers.iter().collect();
-    let mut scene = Scene::new(args, world)?;
+    let mut scene = ShotRenderer::new(args, world)?;
     let milliseconds = scene.draw(camera, &movers, args.time, &mut frame);
     picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
@@ -97,9 +97,9 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
 
 fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let (path, from, until) = args.way.read(world)?;
-    let sequence = Sequence::new(&args.output)?;
+    let frame_files = FrameFiles::new(&args.output)?;
     let (width, height) = args.size;
-    let (mut scene, mut frame) = (Scene::new(args, world)?, Frame::new(width, height));
+    let (mut scene, mut frame) = (ShotRenderer::new(args, world)?, Frame::new(width, height));
     let (rooms, fov_y) = (RoomIndex::new(world), args.fov.to_radians());
     let (mut mover_visibility, mut drawn) = (MoverVisibility::new(args.size, fov_y), 0);
     let progress = Progress::new();
@@ -109,7 +109,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
         let movers = mover_visibility.movers(world, &rooms, &pose);
         drawn += movers.len();
         total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
-        picture::save(&sequence.frame(i), &[(width, &frame.colour)])?;
+        picture::save(&frame_files.frame(i), &[(width, &frame.colour)])?;
         progress.tell("frames", (i + 1) as f32 / frames as f32, "");
     }
     progress.finish();
@@ -123,15 +123,15 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     };
     super::print(&format!(
         "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{movers}\n",
-        sequence.frame(0).display(),
-        sequence.frame(frames - 1).display(),
+        frame_files.frame(0).display(),
+        frame_files.frame(frames - 1).display(),
         until - from,
         total / frames as f64
     ))
 }
 
 /// What pictures are drawn with.
-struct Scene<'a> {
+struct ShotRenderer<'a> {
     world: &'a World,
     renderer: Renderer,
     wires: Option<RoomWireframes>,
@@ -140,7 +140,7 @@ struct Scene<'a> {
     fov_y: f32,
 }
 
-impl<'a> Scene<'a> {
+impl<'a> ShotRenderer<'a> {
     fn new(args: &Args, world: &'a World) -> anyhow::Result<Self> {
         let mut renderer = Renderer::default();
         renderer.antialias = args.aa;

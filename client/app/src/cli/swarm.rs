@@ -6,7 +6,7 @@ use anyhow::{Context, ensure};
 use sightline_cli::trace::Trace;
 use sightline_client::{
     net::{self, Trust},
-    swarm::{self, Options, Report},
+    swarm::{self, SwarmOptions, SwarmReport},
 };
 use sightline_protocol::fingerprint::Fingerprint;
 
@@ -53,11 +53,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let trace = args.trace.as_deref().map(Trace::open).transpose()?;
     let duration = Duration::from_secs_f64(args.seconds);
-    let options = Options {
+    let options = SwarmOptions {
         seed: args.seed,
         trace,
         world_folder: net::world_folder_of_user(),
-        ..Options::new(args.clients as usize, duration, trust)
+        ..SwarmOptions::new(args.clients as usize, duration, trust)
     };
     let progress = Progress::new();
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn table(report: &Report) -> String {
+fn table(report: &SwarmReport) -> String {
     let rows = [
         ("visitors", format!("{}", report.clients)),
         ("refused", format!("{}", report.refused)),

@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::Arc, time::Duration};
 use anyhow::{Context, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use sightline_client::{
-    desktop::{self, Visit, WalkSummary},
+    desktop::{self, WalkSummary, WorldSource},
     net::{self, Trust},
 };
 use sightline_protocol::{fingerprint::Fingerprint, text::Name};
@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(path) => {
             let world = World::read(path)?;
             let spawn = *world.spawns.first().context("the world has no spawn point")?;
-            desktop::run(Visit::Alone(&world, spawn), options(args, &world.title, end))?
+            desktop::run(WorldSource::Alone(&world, spawn), options(args, &world.title, end))?
         }
         None => visit(args, end)?,
     };
@@ -73,7 +73,7 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
             .context("the progress bar's form")?,
     );
     let progress = bar.clone();
-    let options_net = net::Options {
+    let options_net = net::ConnectOptions {
         colour: colour_of(name.as_str()),
         name,
         place: None,
@@ -88,13 +88,13 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
     bar.finish_and_clear();
     let session = session?;
     let title = format!("{} – Sightline", session.world().title);
-    let summary = desktop::run(Visit::Shared(&session), options(args, &title, end))?;
+    let summary = desktop::run(WorldSource::Shared(&session), options(args, &title, end))?;
     session.leave_blocking();
     Ok(summary)
 }
 
-fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::Options<'a> {
-    desktop::Options { title, end, stop: None, fuzzy: args.fuzzy }
+fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::WindowOptions<'a> {
+    desktop::WindowOptions { title, end, stop: None, fuzzy: args.fuzzy }
 }
 
 /// A strong colour that stays the same for a name.

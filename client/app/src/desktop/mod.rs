@@ -6,8 +6,8 @@
 
 mod bookmarks;
 mod controls;
+mod dynamic_resolution;
 mod overlay;
-mod pace;
 mod scene;
 mod window;
 
@@ -20,12 +20,12 @@ use sightline_world::{Spawn, World};
 use thiserror::Error;
 use winit::event_loop::EventLoop;
 
-use self::{scene::Scene, window::Shell};
+use self::{scene::Scene, window::WindowApp};
 use crate::net::Session;
 
 /// What is walked in.
 #[derive(Clone, Copy)]
-pub enum Visit<'a> {
+pub enum WorldSource<'a> {
     /// A building shared with others.
     Shared(&'a Session),
     /// A building for oneself.
@@ -34,7 +34,7 @@ pub enum Visit<'a> {
 
 /// How the window looks and when it closes by itself.
 #[derive(Clone, Copy, Default)]
-pub struct Options<'a> {
+pub struct WindowOptions<'a> {
     /// Written on the window's frame.
     pub title: &'a str,
     /// Closes after so long.
@@ -99,13 +99,13 @@ pub fn has_display() -> bool {
 /// # Errors
 ///
 /// When there is no display, or no drawing on it.
-pub fn run(visit: Visit, options: Options) -> Result<WalkSummary, DesktopError> {
+pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, DesktopError> {
     let events = EventLoop::new().map_err(display_error)?;
     let display = events.owned_display_handle();
     let context = softbuffer::Context::new(display)
         .map_err(|error| DesktopError::Surface(error.to_string()))?;
     let start = Instant::now();
-    let mut shell = Shell::new(Scene::new(visit, options.fuzzy), options, context, start);
+    let mut shell = WindowApp::new(Scene::new(visit, options.fuzzy), options, context, start);
     events.run_app(&mut shell).map_err(display_error)?;
     shell.finish()
 }

@@ -6,7 +6,10 @@ use glam::Vec3;
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{Spawn, World, motion::Pose};
 
-use super::{Visit, bookmarks::Bookmarks, controls::Controls, overlay, overlay::Log, pace::Pace};
+use super::{
+    WorldSource, bookmarks::Bookmarks, controls::Controls, dynamic_resolution::DynamicResolution,
+    overlay, overlay::Log,
+};
 use sightline_client_core::{
     replica::{AvatarSource, Event, VisibleAvatar},
     walker::Walker,
@@ -22,7 +25,7 @@ use sightline_renderer::{
 
 /// All that a window shows, without the window.
 pub(super) struct Scene<'a> {
-    visit: Visit<'a>,
+    visit: WorldSource<'a>,
     walker: Walker,
     rooms: RoomIndex,
     /// Made when they are first asked for.
@@ -37,7 +40,7 @@ pub(super) struct Scene<'a> {
     drawn: Frame,
     shown: Frame,
     log: Log,
-    pace: Pace,
+    dynamic_resolution: DynamicResolution,
     rate: Rate,
     /// Where the clock begins for who is alone.
     start: Instant,
@@ -49,10 +52,10 @@ const HELP: &str =
     "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(visit: Visit<'a>, fuzzy: bool) -> Self {
+    pub(super) fn new(visit: WorldSource<'a>, fuzzy: bool) -> Self {
         let spawn = match visit {
-            Visit::Alone(_, spawn) => spawn,
-            Visit::Shared(session) => {
+            WorldSource::Alone(_, spawn) => spawn,
+            WorldSource::Shared(session) => {
                 let pose = session.pose();
                 Spawn { eye: pose.eye, yaw: pose.yaw }
             }
@@ -80,7 +83,7 @@ impl<'a> Scene<'a> {
             drawn: Frame::default(),
             shown: Frame::default(),
             log,
-            pace: Pace::default(),
+            dynamic_resolution: DynamicResolution::default(),
             rate: Rate::default(),
             start: Instant::now(),
             before: None,
@@ -100,16 +103,16 @@ impl<'a> Scene<'a> {
     /// Why the session ended; `None` while it runs.
     pub(super) fn ended(&self) -> Option<String> {
         match self.visit {
-            Visit::Shared(session) => session.end(),
-            Visit::Alone(..) => None,
+            WorldSource::Shared(session) => session.end(),
+            WorldSource::Alone(..) => None,
         }
     }
 
     /// Says something to the others.
     pub(super) fn say(&mut self, now: Instant, line: &str) {
         let refused = match self.visit {
-            Visit::Shared(session) => session.chat(line).err().map(|error| error.to_string()),
-            Visit::Alone(..) => Some("nobody else is here".into()),
+            WorldSource::Shared(session) => session.chat(line).err().map(|error| error.to_string()),
+            WorldSource::Alone(..) => Some("nobody else is here".into()),
         };
         if let Some(reason) = refused {
             self.log.add(now, format!("not said: {reason}"));
@@ -125,9 +128,9 @@ impl<'a> Scene<'a> {
     /// Sets out to a view that was kept. Among others one walks.
     pub(super) fn fly(&mut self, now: Instant, number: usize) {
         let refused = match self.visit {
-            Visit::Shared(_) => Some("only who is alone flies to views".to_owned()),
-            Visit::Alone(..) if self.bookmarks.fly(number, self.walker.pose(), now) => None,
-            Visit::Alone(..) => {
+            WorldSource::Shared(_) => Some("only who is alone flies to views".to_owned()),
+            WorldSource::Alone(..) if self.bookmarks.fly(number, self.walker.pose(), now) => None,
+            WorldSource::Alone(..) => {
                 Some(format!("no view {0} is kept: Ctrl and {0} keeps one", number + 1))
             }
         };
@@ -166,15 +169,15 @@ impl<'a> Scene<'a> {
         self.before = Some(now);
         self.rate.count(now);
         let pose = self.go(controls, now, dt_s, (width, height));
-        if let Visit::Shared(session) = self.visit {
+        if let WorldSource::Shared(session) = self.visit {
             session.set_pose(pose);
         }
-        let divisor = self.pace.divisor();
+        let divisor = self.dynamic_resolution.divisor();
         self.drawn.resize(width.div_ceil(divisor), height.div_ceil(divisor));
         let start = Instant::now();
         let time = match self.visit {
-            Visit::Shared(session) => session.server_time(),
-            Visit::Alone(..) => now - self.start,
+            WorldSource::Shared(session) => session.server_time(),
+            WorldSource::Alone(..) => now - self.start,
         };
         let camera = Camera::at(&pose);
         let seen = self.draw(&pose, time);
@@ -183,7 +186,7 @@ impl<'a> Scene<'a> {
             wires.draw(&mut self.drawn, &camera);
         }
         self.draw_time += start.elapsed();
-        self.pace.drew(start.elapsed().as_secs_f32() * 1.0e3);
+        self.dynamic_resolution.drew(start.elapsed().as_secs_f32() * 1.0e3);
         let status = self.status(pose.eye, &seen);
         let shown = if divisor == 1 {
             &mut self.drawn
@@ -199,7 +202,7 @@ impl<'a> Scene<'a> {
 
     /// Takes in what the server said.
     fn hear(&mut self, now: Instant) {
-        let Visit::Shared(session) = self.visit else { return };
+        let WorldSource::Shared(session) = self.visit else { return };
         for event in session.events() {
             match event {
                 Event::Entered(pose) | Event::Corrected(pose) => self.walker.place(pose),
@@ -224,8 +227,8 @@ impl<'a> Scene<'a> {
             return Vec::new();
         }
         let mut session = match self.visit {
-            Visit::Shared(session) => Some(session),
-            Visit::Alone(..) => None,
+            WorldSource::Shared(session) => Some(session),
+            WorldSource::Alone(..) => None,
         };
         let told = session.as_mut().map(|session| session as &mut dyn AvatarSource);
         self.moving.draw(&mut self.drawn, camera, world, told, time)
@@ -242,7 +245,7 @@ impl<'a> Scene<'a> {
     fn status(&self, eye: Vec3, seen: &[VisibleAvatar]) -> String {
         let title = self.whereabouts(eye);
         let fps = self.rate.per_s;
-        let Visit::Shared(session) = self.visit else {
+        let WorldSource::Shared(session) = self.visit else {
             return format!("{title} | {fps:.0} fps | alone");
         };
         let stats = session.stats();
@@ -261,7 +264,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-impl<'a> Visit<'a> {
+impl<'a> WorldSource<'a> {
     fn world(self) -> &'a World {
         match self {
             Self::Shared(session) => session.world(),

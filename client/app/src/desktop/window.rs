@@ -18,15 +18,15 @@ use winit::{
 };
 
 use super::{
-    DesktopError, FRAMES_PER_S_MAX, Options, WalkSummary,
+    DesktopError, FRAMES_PER_S_MAX, WalkSummary, WindowOptions,
     controls::{Action, Controls},
     scene::Scene,
 };
 
 /// What winit calls.
-pub(super) struct Shell<'a> {
+pub(super) struct WindowApp<'a> {
     scene: Scene<'a>,
-    options: Options<'a>,
+    options: WindowOptions<'a>,
     context: Context<OwnedDisplayHandle>,
     screen: Option<Screen>,
     controls: Controls,
@@ -47,10 +47,10 @@ struct Screen {
 /// How large the window opens, in points.
 const SIZE: LogicalSize<f64> = LogicalSize::new(960.0, 540.0);
 
-impl<'a> Shell<'a> {
+impl<'a> WindowApp<'a> {
     pub(super) fn new(
         scene: Scene<'a>,
-        options: Options<'a>,
+        options: WindowOptions<'a>,
         context: Context<OwnedDisplayHandle>,
         start: Instant,
     ) -> Self {
@@ -168,7 +168,7 @@ impl<'a> Shell<'a> {
     }
 }
 
-impl ApplicationHandler for Shell<'_> {
+impl ApplicationHandler for WindowApp<'_> {
     fn resumed(&mut self, events: &ActiveEventLoop) {
         if self.screen.is_none() {
             let outcome = self.open(events);

@@ -35,11 +35,11 @@ const PIECE_DEADLINE: Duration = Duration::from_secs(20);
 const WORLD_BYTES_MAX: u64 = 1 << 30;
 
 /// Is told how many bytes of a world have come, and of how many.
-pub type Progress = Arc<dyn Fn(u64, u64) + Send + Sync>;
+pub type DownloadProgress = Arc<dyn Fn(u64, u64) + Send + Sync>;
 
 /// How to come in.
 #[derive(Clone)]
-pub struct Options {
+pub struct ConnectOptions {
     /// How to be called.
     pub name: Name,
     /// sRGB.
@@ -49,7 +49,7 @@ pub struct Options {
     /// Which servers to trust.
     pub trust: Trust,
     /// Whom to tell how the download gets on.
-    pub progress: Option<Progress>,
+    pub progress: Option<DownloadProgress>,
 }
 
 /// Why there is no session.
@@ -124,7 +124,7 @@ impl Dialer {
     pub async fn connect(
         &self,
         address: SocketAddr,
-        options: &Options,
+        options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
         let connection = self.open(address).await?;
         let joined = async {
@@ -153,7 +153,7 @@ impl Dialer {
     async fn join(
         &self,
         connection: &Connection,
-        options: &Options,
+        options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
         let mut wire = Wire::open(connection).await?;
         let (name, colour) = (options.name.clone(), options.colour);
@@ -196,7 +196,7 @@ impl Dialer {
 /// When any step fails.
 pub fn connect_blocking(
     address: SocketAddr,
-    options: &Options,
+    options: &ConnectOptions,
     world_folder: Option<PathBuf>,
 ) -> Result<Session, ConnectError> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -259,7 +259,7 @@ async fn answer(wire: &mut Wire) -> Result<ServerMessage, ConnectError> {
 async fn fetch(
     wire: &mut Wire,
     world_bytes: u64,
-    progress: Option<&Progress>,
+    progress: Option<&DownloadProgress>,
 ) -> Result<Vec<u8>, ConnectError> {
     if world_bytes > WORLD_BYTES_MAX {
         return Err(ConnectError::WorldTooLarge(world_bytes));
@@ -281,7 +281,7 @@ async fn fetch(
 async fn download(
     mut stream: RecvStream,
     world_bytes: u64,
-    progress: Option<&Progress>,
+    progress: Option<&DownloadProgress>,
 ) -> Result<Vec<u8>, ConnectError> {
     // Memory grows with what has come, not with what was announced.
     let mut bytes = Vec::new();

@@ -8,7 +8,7 @@ mod dialer;
 mod session;
 mod trust;
 
-pub use dialer::{ConnectError, Dialer, Options, Progress, connect_blocking};
+pub use dialer::{ConnectError, ConnectOptions, Dialer, DownloadProgress, connect_blocking};
 pub use session::{Session, SessionStats};
 pub use trust::{Trust, TrustError};
 

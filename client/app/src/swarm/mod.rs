@@ -17,8 +17,8 @@ use tokio::{
     time::{Instant, MissedTickBehavior},
 };
 
-use crate::net::{ConnectError, Dialer, Options as ConnectOptions, Session, Trust};
-use report::Tally;
+use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
+use report::SwarmStatistics;
 use sightline_cli::trace::{Trace, Track};
 use sightline_client_core::{
     navigation::Navigation,
@@ -26,7 +26,7 @@ use sightline_client_core::{
 };
 use visitor::{Visitor, Wanderer};
 
-pub use report::Report;
+pub use report::SwarmReport;
 
 /// Visitors move so often.
 const STEP: Duration = Duration::from_millis(25);
@@ -35,7 +35,7 @@ const CONNECTING_MAX: usize = 16;
 
 /// Whom to send, and for how long.
 #[derive(Clone)]
-pub struct Options {
+pub struct SwarmOptions {
     /// How many.
     pub clients: usize,
     /// For how long, once all are in.
@@ -52,7 +52,7 @@ pub struct Options {
     pub snapshot_interval: Duration,
 }
 
-impl Options {
+impl SwarmOptions {
     /// Visitors who wander, observed four times a second.
     pub fn new(clients: usize, duration: Duration, trust: Trust) -> Self {
         Self {
@@ -110,7 +110,7 @@ pub enum SwarmError {
 }
 
 /// A visitor and its connection.
-struct Member {
+struct ConnectedVisitor {
     session: Session,
     visitor: Visitor,
     pose: Pose,
@@ -124,12 +124,13 @@ struct Member {
 /// When nobody can come in, or there is nowhere to walk.
 pub async fn run(
     address: SocketAddr,
-    options: &Options,
+    options: &SwarmOptions,
     mut observer: impl FnMut(&Snapshot),
-) -> Result<Report, SwarmError> {
+) -> Result<SwarmReport, SwarmError> {
     let (mut members, ways, refused) = gather(address, options).await?;
     let world = members.first().map(|member| member.session.world().clone());
-    let mut tally = Tally::new(members.iter().map(|member| &member.session), refused);
+    let mut statistics =
+        SwarmStatistics::new(members.iter().map(|member| &member.session), refused);
     let mut steps = tokio::time::interval(STEP);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let start = Instant::now();
@@ -143,16 +144,16 @@ pub async fn run(
         let dt_s = (elapsed - before).as_secs_f32();
         before = elapsed;
         for member in &mut members {
-            member.step(world, &ways, dt_s, elapsed, &mut tally);
+            member.step(world, &ways, dt_s, elapsed, &mut statistics);
         }
         if elapsed >= next_snapshot {
             next_snapshot += options.snapshot_interval;
             let snapshot = snapshot(&members, elapsed);
-            tally.observe(&snapshot);
+            statistics.observe(&snapshot);
             observer(&snapshot);
         }
     }
-    let report = tally.report(members.iter().map(|member| &member.session), start.elapsed());
+    let report = statistics.report(members.iter().map(|member| &member.session), start.elapsed());
     let mut leaving = JoinSet::new();
     for member in members {
         leaving.spawn(member.session.leave());
@@ -161,37 +162,37 @@ pub async fn run(
     Ok(report)
 }
 
-impl Member {
+impl ConnectedVisitor {
     fn step(
         &mut self,
         world: &World,
         ways: &Navigation,
         dt_s: f32,
         elapsed: Duration,
-        tally: &mut Tally,
+        statistics: &mut SwarmStatistics,
     ) {
         if self.has_ended {
             return;
         }
         if let Some(reason) = self.session.end() {
             tracing::warn!(avatar = self.session.avatar().0, reason, "a visitor was disconnected");
-            tally.disconnected += 1;
+            statistics.disconnected += 1;
             self.has_ended = true;
             return;
         }
         for event in self.session.events() {
             if let Event::Corrected(pose) = event {
-                tally.corrections += 1;
+                statistics.corrections += 1;
                 self.visitor.correct(pose);
             }
         }
         self.pose = self.visitor.step(world, ways, dt_s, elapsed.as_secs_f64());
         self.session.set_pose(self.pose);
-        tally.moved(self.session.avatar(), elapsed, self.pose.eye);
+        statistics.moved(self.session.avatar(), elapsed, self.pose.eye);
     }
 }
 
-fn snapshot(members: &[Member], elapsed: Duration) -> Snapshot {
+fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> Snapshot {
     let visitors = members.iter().filter(|member| !member.has_ended).map(|member| VisitorView {
         avatar: member.session.avatar(),
         pose: member.pose,
@@ -205,8 +206,8 @@ fn snapshot(members: &[Member], elapsed: Duration) -> Snapshot {
 /// many were refused.
 async fn gather(
     address: SocketAddr,
-    options: &Options,
-) -> Result<(Vec<Member>, Arc<Navigation>, usize), SwarmError> {
+    options: &SwarmOptions,
+) -> Result<(Vec<ConnectedVisitor>, Arc<Navigation>, usize), SwarmError> {
     let tracks: Option<Vec<Track>> = options.trace.as_ref().map(Trace::tracks);
     let tracks = tracks.as_deref();
     if let Some(tracks) = tracks
@@ -235,7 +236,7 @@ async fn gather(
                 Visitor::Wanderer(Box::new(Wanderer::new(&world, pose.eye, seed)))
             }
         };
-        Member { session, visitor, pose, has_ended: false }
+        ConnectedVisitor { session, visitor, pose, has_ended: false }
     });
     Ok((members.collect(), ways, refused))
 }
@@ -278,7 +279,7 @@ async fn connect_all(
     (sessions, refused)
 }
 
-fn hello(options: &Options, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {
+fn hello(options: &SwarmOptions, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {
     let mut random = SmallRng::seed_from_u64(options.seed ^ i as u64);
     // Bright, and seldom the same.
     let mut colour = [255, random.random_range(40..=255), 40];

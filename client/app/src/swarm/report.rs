@@ -21,7 +21,7 @@ const AGE_BIN_MS: f64 = 5.0;
 
 /// What the visitors of a swarm received. Figures for a client are means over all that came in.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Report {
+pub struct SwarmReport {
     /// Visitors that came in.
     pub clients: usize,
     /// Visitors that could not come in.
@@ -59,7 +59,7 @@ pub struct Report {
 }
 
 /// What is counted while a swarm walks.
-pub struct Tally {
+pub struct SwarmStatistics {
     pub corrections: usize,
     pub disconnected: usize,
     refused: usize,
@@ -73,7 +73,7 @@ pub struct Tally {
     views: u64,
 }
 
-impl Tally {
+impl SwarmStatistics {
     /// Starts to count.
     pub fn new<'a>(sessions: impl Iterator<Item = &'a Session>, refused: usize) -> Self {
         Self {
@@ -122,7 +122,7 @@ impl Tally {
         &self,
         sessions: impl Iterator<Item = &'a Session>,
         elapsed: Duration,
-    ) -> Report {
+    ) -> SwarmReport {
         let end: Vec<SessionStats> = sessions.map(Session::stats).collect();
         let seconds = elapsed.as_secs_f64();
         let client_seconds = (seconds * end.len() as f64).max(1e-9);
@@ -134,7 +134,7 @@ impl Tally {
         let views = self.views.max(1) as f64;
         let aged: u64 = self.ages.iter().sum();
         let round_trips = end.iter().map(|stats| stats.round_trip.as_secs_f64() * 1e3);
-        Report {
+        SwarmReport {
             clients: end.len(),
             refused: self.refused,
             disconnected: self.disconnected,
@@ -202,11 +202,11 @@ mod tests {
 
     #[test]
     fn percentiles_are_of_the_counted() {
-        let mut tally = Tally::new([].into_iter(), 0);
-        assert_eq!(tally.age_percentile(0, 0.99), 0.0);
-        tally.ages[0] = 98;
-        tally.ages[10] = 2;
-        assert_eq!(tally.age_percentile(100, 0.5), AGE_BIN_MS);
-        assert_eq!(tally.age_percentile(100, 0.99), 11.0 * AGE_BIN_MS);
+        let mut statistics = SwarmStatistics::new([].into_iter(), 0);
+        assert_eq!(statistics.age_percentile(0, 0.99), 0.0);
+        statistics.ages[0] = 98;
+        statistics.ages[10] = 2;
+        assert_eq!(statistics.age_percentile(100, 0.5), AGE_BIN_MS);
+        assert_eq!(statistics.age_percentile(100, 0.99), 11.0 * AGE_BIN_MS);
     }
 }

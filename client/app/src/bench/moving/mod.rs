@@ -1,8 +1,8 @@
 //! What moving things cost a picture: Fig. 6 of Sudarsky and Gotsman's *Output-Sensitive Visibility Algorithms for
 //! Dynamic Scenes*, with real pictures.
 
-mod crowd;
-mod furniture;
+mod routes;
+mod simulated_people;
 
 use std::{collections::BTreeSet, io, time::Duration};
 
@@ -11,9 +11,9 @@ use serde::Serialize;
 use sightline_world::{Mover, World};
 use thiserror::Error;
 
-pub use self::crowd::Crowd;
-use self::furniture::{Places, Way};
-use super::Options;
+use self::routes::{Route, RoutePlanner};
+pub use self::simulated_people::SimulatedPeople;
+use super::BenchOptions;
 use sightline_client_core::replica::AvatarSource;
 use sightline_renderer::{
     Camera, Frame, Renderer,
@@ -30,7 +30,7 @@ const SHARES: [usize; 4] = [8, 4, 2, 1];
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum MovingKind {
     /// Movers of 72 triangles, each to and fro.
     Chairs,
     /// Avatars of whom the client is told at each tick of a server, though no server would tell of the hidden ones.
@@ -41,7 +41,7 @@ pub enum Kind {
 #[derive(Clone, Debug, Serialize)]
 pub struct MovingRow {
     /// What moves.
-    pub kind: Kind,
+    pub kind: MovingKind,
     /// How many.
     pub count: usize,
     /// Whether all of them stay in cells that the PVS hides from the eye.
@@ -100,7 +100,7 @@ pub fn moving(
     mut world: World,
     most: usize,
     pictures: usize,
-    options: &Options,
+    options: &BenchOptions,
     hear: &mut dyn FnMut(f32),
 ) -> Result<MovingRun, MovingError> {
     world.movers.clear();
@@ -108,7 +108,7 @@ pub fn moving(
     let pool = pool.map_err(io::Error::other)?;
     let mut acts = acts(&world, most)?;
     let (pictures, rounds) = (pictures.max(2), options.repeats.max(1));
-    let mut stage = Stage::new(world, options.size);
+    let mut stage = MovingScene::new(world, options.size);
     let mut building = vec![f64::INFINITY; pictures];
     for round in 0..rounds {
         acts.iter_mut().for_each(|act| act.begin(&mut stage.world));
@@ -121,7 +121,7 @@ pub fn moving(
             }
             hear((round as f64 + share) as f32 / rounds as f32);
         }
-        acts.iter_mut().for_each(Act::end);
+        acts.iter_mut().for_each(Scenario::end);
     }
     let building_ms = building[1..].iter().sum::<f64>() / (pictures - 1) as f64;
     let rows = acts.into_iter().map(|act| act.row(building_ms, pictures - 1)).collect();
@@ -129,43 +129,43 @@ pub fn moving(
 }
 
 /// All that is to be measured.
-fn acts(world: &World, most: usize) -> Result<Vec<Act>, MovingError> {
-    let places = Places::new(world).ok_or(MovingError::Nowhere)?;
+fn acts(world: &World, most: usize) -> Result<Vec<Scenario>, MovingError> {
+    let places = RoutePlanner::new(world).ok_or(MovingError::Nowhere)?;
     let counts: BTreeSet<usize> = SHARES.iter().map(|share| (most / share).max(1)).collect();
     let mut acts = Vec::new();
-    for kind in [Kind::Chairs, Kind::People] {
+    for kind in [MovingKind::Chairs, MovingKind::People] {
         for hidden in [false, true] {
             let ways = places.ways(world, most, hidden);
             let there = counts.iter().filter(|count| **count <= ways.len());
-            acts.extend(there.map(|&count| Act::new(world, kind, hidden, &ways[..count])));
+            acts.extend(there.map(|&count| Scenario::new(world, kind, hidden, &ways[..count])));
         }
     }
     Ok(acts)
 }
 
 /// Things that move, and how each way of culling does with them.
-struct Act {
-    kind: Kind,
+struct Scenario {
+    kind: MovingKind,
     hidden: bool,
     count: usize,
     movers: Vec<Mover>,
-    ways: Vec<Way>,
-    turns: Vec<Turn>,
+    ways: Vec<Route>,
+    turns: Vec<CullingRun>,
     best: [MovingCost; 3],
 }
 
 /// A round of one way of culling.
-struct Turn {
+struct CullingRun {
     moving: MovingRenderer,
-    crowd: Option<Crowd>,
+    crowd: Option<SimulatedPeople>,
     sum: MovingCost,
 }
 
-impl Act {
-    fn new(world: &World, kind: Kind, hidden: bool, ways: &[Way]) -> Self {
+impl Scenario {
+    fn new(world: &World, kind: MovingKind, hidden: bool, ways: &[Route]) -> Self {
         let movers = match kind {
-            Kind::Chairs => ways.iter().filter_map(|way| way.chair(&world.body)).collect(),
-            Kind::People => Vec::new(),
+            MovingKind::Chairs => ways.iter().filter_map(|way| way.chair(&world.body)).collect(),
+            MovingKind::People => Vec::new(),
         };
         let worst = MovingCost { cpu_ms: f64::INFINITY, ..MovingCost::default() };
         let (count, ways, best) = (ways.len(), ways.to_vec(), [worst; 3]);
@@ -176,9 +176,9 @@ impl Act {
         std::mem::swap(&mut world.movers, &mut self.movers);
         self.turns = Culling::ALL
             .iter()
-            .map(|culling| Turn {
+            .map(|culling| CullingRun {
                 moving: MovingRenderer::new(world, *culling),
-                crowd: (self.kind == Kind::People).then(|| Crowd::new(self.count)),
+                crowd: (self.kind == MovingKind::People).then(|| SimulatedPeople::new(self.count)),
                 sum: MovingCost::default(),
             })
             .collect();
@@ -204,7 +204,7 @@ impl Act {
 }
 
 /// What is drawn into.
-struct Stage {
+struct MovingScene {
     world: World,
     renderer: Renderer,
     /// The building alone.
@@ -213,7 +213,7 @@ struct Stage {
     other: Frame,
 }
 
-impl Stage {
+impl MovingScene {
     fn new(world: World, (width, height): (usize, usize)) -> Self {
         let [building, first, other] = [(); 3].map(|()| Frame::new(width, height));
         Self { world, renderer: Renderer::default(), building, first, other }
@@ -234,7 +234,7 @@ impl Stage {
     /// Draws a picture in all ways, which must be one picture.
     fn draw_all(
         &mut self,
-        act: &mut Act,
+        act: &mut Scenario,
         camera: &Camera,
         now: Duration,
         counts: bool,
@@ -279,13 +279,13 @@ mod tests {
     #[test]
     fn every_act_is_played_in_all_ways() {
         let world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
-        let options = Options { size: (64, 48), threads: 2, repeats: 2 };
+        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
         let mut told = Vec::new();
         let run = moving(world, 8, 5, &options, &mut |share| told.push(share)).unwrap();
         // There is one cell only, which hides nobody.
         let rows: Vec<_> = run.rows.iter().map(|row| (row.kind, row.count, row.hidden)).collect();
-        let all =
-            [Kind::Chairs, Kind::People].map(|kind| [1, 2, 4, 8].map(|count| (kind, count, false)));
+        let all = [MovingKind::Chairs, MovingKind::People]
+            .map(|kind| [1, 2, 4, 8].map(|count| (kind, count, false)));
         assert_eq!(rows, all.concat());
         for MovingRow { ways: [plain, hierarchical, temporal], count, .. } in &run.rows {
             assert!(plain.drawn == *count as f64 && hierarchical.placed >= plain.drawn);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use sightline_client::bench::{self, FRAME_S, FuzzyRun, Options};
+use sightline_client::bench::{self, BenchOptions, FRAME_S, FuzzyRun};
 use sightline_world::{World, motion::Pose};
 
 use super::{Args, sizes, table};
@@ -11,7 +11,7 @@ use crate::cli::progress::Progress;
 
 /// All figures.
 #[derive(Serialize)]
-struct Report<'a> {
+struct FuzzyReport<'a> {
     world: &'a PathBuf,
     width: usize,
     height: usize,
@@ -26,12 +26,12 @@ pub fn run(args: &Args, world: &World, progress: &Progress) -> anyhow::Result<(S
     let times = (0..args.frames).map(|i| (from + i as f64 * FRAME_S).min(until));
     let poses: Vec<Pose> = times.map(|time| path.at(time)).collect();
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
-    let options = Options { size, threads, repeats: args.repeats.into() };
+    let options = BenchOptions { size, threads, repeats: args.repeats.into() };
     let hear = &mut |share| progress.tell("boxes of eyes", share, "");
     let run = bench::fuzzy(world, &poses, &options, hear)?;
     let text = text(&run, &table::stage(size, threads));
     let (width, height) = size;
-    let report = Report { world: &args.world, width, height, threads, run };
+    let report = FuzzyReport { world: &args.world, width, height, threads, run };
     Ok((text, serde_json::to_string_pretty(&report)? + "\n"))
 }
 

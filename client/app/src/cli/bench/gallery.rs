@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use sightline_client::bench::{self, Depths, Fault, Rays, Views};
+use sightline_client::bench::{self, DepthAgreement, DepthFault, RayCaster, Views};
 use sightline_renderer::{Camera, Frame, Mode, Renderer};
 use sightline_world::World;
 
@@ -21,7 +21,7 @@ pub struct Gallery<'a> {
     /// What is drawn.
     pub world: &'a World,
     /// What it is compared with.
-    pub rays: Option<&'a Rays>,
+    pub rays: Option<&'a RayCaster>,
     /// Columns and rows of each part of a picture.
     pub size: (usize, usize),
 }
@@ -53,10 +53,11 @@ impl Gallery<'_> {
         let difference = orthogonal.colour.iter().zip(&perspective.colour);
         let difference = difference.map(|(&a, &b)| strong(a, b)).collect();
         let marked = self.rays.map(|rays| {
-            let (_, faults) = Depths::of(&orthogonal, camera, rays, self.world.octree.voxel());
+            let (_, faults) =
+                DepthAgreement::of(&orthogonal, camera, rays, self.world.octree.voxel());
             let mut marked: Vec<u32> = orthogonal.colour.iter().map(|&pixel| grey(pixel)).collect();
             for (i, fault) in faults {
-                marked[i] = if fault == Fault::Beyond { RED } else { BLUE };
+                marked[i] = if fault == DepthFault::Beyond { RED } else { BLUE };
             }
             marked
         });

@@ -10,14 +10,17 @@ use std::path::PathBuf;
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use sightline_client::{
-    bench::{self, Comparison, Contender, Depths, Options, Rays, Run, Shimmer, Views},
-    path::Path,
+    bench::{
+        self, BenchOptions, BenchRun, DepthAgreement, DrawMethod, ModeComparison, RayCaster,
+        Shimmer, Views,
+    },
+    camera_path::CameraPath,
 };
 use sightline_renderer::{Camera, Renderer};
 use sightline_world::World;
 
 use super::{
-    flags::{self, Way},
+    flags::{self, PathFlags},
     picture,
     progress::Progress,
 };
@@ -60,7 +63,7 @@ pub struct Args {
           value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Vec<u16>,
     #[command(flatten)]
-    way: Way,
+    way: PathFlags,
     /// Frames of the path.
     #[arg(long, value_name = "N", default_value_t = 24)]
     frames: usize,
@@ -101,7 +104,7 @@ pub struct Args {
 
 /// All figures.
 #[derive(Serialize)]
-struct Report {
+struct BenchReport {
     world: String,
     voxel_m: f32,
     depth: u8,
@@ -109,8 +112,8 @@ struct Report {
     spawns: usize,
     frames: usize,
     path_s: f64,
-    runs: Vec<Run>,
-    comparisons: Vec<Comparison>,
+    runs: Vec<BenchRun>,
+    comparisons: Vec<ModeComparison>,
     quality: Vec<Quality>,
 }
 
@@ -120,7 +123,7 @@ struct Quality {
     mode: &'static str,
     shimmer: Shimmer,
     /// From each spawn point; none without rays.
-    depths: Vec<Depths>,
+    depths: Vec<DepthAgreement>,
 }
 
 /// Runs the command.
@@ -144,7 +147,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let along = path.frames_between(from, until, args.frames);
     views.path = along.map(|(_, pose)| Camera::at(&pose)).collect();
     let progress = Progress::new();
-    let mut report = Report {
+    let mut report = BenchReport {
         world: args.world.display().to_string(),
         voxel_m: world.octree.voxel(),
         depth: world.octree.depth,
@@ -160,14 +163,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         None
     } else {
         progress.tell("trees", 0.0, "");
-        Rays::new(&world.mesh)
+        RayCaster::new(&world.mesh)
     };
     if args.compare {
         report.comparisons = compare(args, &world, &views, &progress);
     } else {
         report.runs = measure(args, &world, rays.as_ref(), &views, &progress)?;
         let middle = 0.5 * (from + until);
-        let ways = Contender::ALL.into_iter().filter(|way| !matches!(way, Contender::Rays(_)));
+        let ways =
+            DrawMethod::ALL.into_iter().filter(|way| !matches!(way, DrawMethod::RayCaster(_)));
         let quality = ways.map(|way| Quality {
             mode: way.name(),
             shimmer: shimmer(&world, way, &path, middle, &progress),
@@ -206,14 +210,15 @@ fn sizes(args: &Args) -> &[(usize, usize)] {
 fn measure(
     args: &Args,
     world: &World,
-    rays: Option<&Rays>,
+    rays: Option<&RayCaster>,
     views: &Views,
     progress: &Progress,
-) -> anyhow::Result<Vec<Run>> {
+) -> anyhow::Result<Vec<BenchRun>> {
     let mut runs = Vec::new();
     for &size in sizes(args) {
         for &threads in &args.threads {
-            let options = Options { size, threads: threads.into(), repeats: args.repeats.into() };
+            let options =
+                BenchOptions { size, threads: threads.into(), repeats: args.repeats.into() };
             let stage = table::stage(size, threads.into());
             let hear = &mut |share| progress.tell(&stage, share, "");
             runs.push(bench::measure(world, rays, views, &options, hear)?);
@@ -222,12 +227,12 @@ fn measure(
     Ok(runs)
 }
 
-fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Vec<Comparison> {
+fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Vec<ModeComparison> {
     let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
     let compared = sizes(args).iter().map(|&size| {
         let stage = format!("modes, {} × {}", size.0, size.1);
         let hear = &mut |share| progress.tell(&stage, share, "");
-        Comparison::of(&world.octree, &cameras, size, hear)
+        ModeComparison::of(&world.octree, &cameras, size, hear)
     });
     compared.collect()
 }
@@ -235,8 +240,8 @@ fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Ve
 /// Of a part of the path about a time.
 fn shimmer(
     world: &World,
-    way: Contender,
-    path: &Path,
+    way: DrawMethod,
+    path: &CameraPath,
     middle_s: f64,
     progress: &Progress,
 ) -> Shimmer {
@@ -252,12 +257,12 @@ fn shimmer(
 /// From every spawn point.
 fn depths(
     world: &World,
-    rays: Option<&Rays>,
-    way: Contender,
+    rays: Option<&RayCaster>,
+    way: DrawMethod,
     views: &Views,
     (width, height): (usize, usize),
     progress: &Progress,
-) -> Vec<Depths> {
+) -> Vec<DepthAgreement> {
     let Some(rays) = rays else { return Vec::new() };
     let mut renderer = Renderer::default();
     way.prepare(&mut renderer);
@@ -265,7 +270,7 @@ fn depths(
     let agreement = |(i, camera): (usize, &Camera)| {
         renderer.draw(&world.octree, camera, &mut frame);
         progress.tell("depths", (i + 1) as f32 / views.spawns.len() as f32, "");
-        Depths::of(&frame, camera, rays, world.octree.voxel()).0
+        DepthAgreement::of(&frame, camera, rays, world.octree.voxel()).0
     };
     views.spawns.iter().enumerate().map(agreement).collect()
 }

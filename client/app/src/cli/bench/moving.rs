@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use sightline_client::bench::{self, Kind, MovingCost, MovingRow, MovingRun, Options};
+use sightline_client::bench::{self, BenchOptions, MovingCost, MovingKind, MovingRow, MovingRun};
 use sightline_world::World;
 
 use super::{Args, sizes, table};
@@ -11,7 +11,7 @@ use crate::cli::progress::Progress;
 
 /// All figures.
 #[derive(Serialize)]
-struct Report<'a> {
+struct MovingReport<'a> {
     world: &'a PathBuf,
     width: usize,
     height: usize,
@@ -29,13 +29,13 @@ pub fn run(
     progress: &Progress,
 ) -> anyhow::Result<(String, String)> {
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
-    let options = Options { size, threads, repeats: args.repeats.into() };
+    let options = BenchOptions { size, threads, repeats: args.repeats.into() };
     let pictures = args.frames.max(2);
     let hear = &mut |share| progress.tell("moving things", share, "");
     let run = bench::moving(world, most, pictures, &options, hear)?;
     let text = text(&run, &table::stage(size, threads), pictures);
     let (width, height) = size;
-    let report = Report { world: &args.world, width, height, threads, pictures, run };
+    let report = MovingReport { world: &args.world, width, height, threads, pictures, run };
     Ok((text, serde_json::to_string_pretty(&report)? + "\n"))
 }
 
@@ -59,8 +59,8 @@ fn text(run: &MovingRun, stage: &str, pictures: usize) -> String {
 
 fn line(row: &MovingRow) -> String {
     let kind = match row.kind {
-        Kind::Chairs => "chairs",
-        Kind::People => "people",
+        MovingKind::Chairs => "chairs",
+        MovingKind::People => "people",
     };
     let place = if row.hidden { ", hidden" } else { "" };
     let mut out = format!("{:<24}", format!("{:>6} {kind}{place}", row.count));

@@ -1,11 +1,13 @@
 //! The figures as people read them.
 
-use sightline_client::bench::{Comparison, Counts, Depths, Row, Run, Shimmer, Spread};
+use sightline_client::bench::{
+    BenchRun, DepthAgreement, FrameCounts, MethodRow, ModeComparison, Shimmer, Spread,
+};
 
-use super::{Quality, Report};
+use super::{BenchReport, Quality};
 
 /// All of them.
-pub fn text(report: &Report) -> String {
+pub fn text(report: &BenchReport) -> String {
     let mut out = format!(
         "{}: {}³ voxels of {:.1} mm, {} opaque triangles; {} spawn points, {} frames of a path of {:.0} s\n",
         report.world,
@@ -50,7 +52,7 @@ pub fn stage((width, height): (usize, usize), threads: usize) -> String {
     format!("{width} × {height}, {threads}")
 }
 
-fn table(run: &Run) -> String {
+fn table(run: &BenchRun) -> String {
     let mut out = format!("\n{}: ms a frame\n", stage((run.width, run.height), run.threads));
     let groups = ["spawns, CPU", "path, CPU", "spawns, busiest", "spawns, clock"];
     out += &format!("{:14}", "");
@@ -63,14 +65,14 @@ fn table(run: &Run) -> String {
     let head = ["projected", "nodes", "masked", "pixels"].map(str::to_owned);
     out += &line("spawns, mean", &head);
     for (row, counts) in run.rows.iter().filter_map(|row| Some((row, row.counts?))) {
-        let Counts { projections, nodes, mask_tests, pixels } = counts;
+        let FrameCounts { projections, nodes, mask_tests, pixels } = counts;
         let counts = [projections, nodes, mask_tests, pixels].map(|count| format!("{count:.0}"));
         out += &line(row.name, &counts);
     }
     out
 }
 
-fn row_line(row: &Row) -> String {
+fn row_line(row: &MethodRow) -> String {
     let (cpu, busiest, wall) = (row.cpu_ms, row.busiest_ms, row.wall_ms);
     let spreads = [cpu.spawns, cpu.path, busiest.spawns, wall.spawns];
     let spreads = spreads.iter().flat_map(|spread| [spread.median, spread.worst]);
@@ -85,7 +87,7 @@ fn quality_line(quality: &Quality) -> String {
     let Shimmer { change, smooth, excess } = quality.shimmer;
     let mut figures = [change, smooth, excess].map(|level| format!("{level:.2}")).to_vec();
     if !quality.depths.is_empty() {
-        let agreeing = |depths: &Depths| depths.agreeing * 100.0;
+        let agreeing = |depths: &DepthAgreement| depths.agreeing * 100.0;
         let all: Vec<f64> = quality.depths.iter().map(agreeing).collect();
         let least = all.iter().copied().fold(100.0, f64::min);
         figures.extend([Spread::of(&all).median, least].map(|percent| format!("{percent:.3}")));
@@ -93,9 +95,10 @@ fn quality_line(quality: &Quality) -> String {
     line(quality.mode, &figures)
 }
 
-fn comparison_line(comparison: &Comparison) -> String {
-    let Comparison { width, height, differing, unlike, shifted, shift_max, projections, .. } =
-        comparison;
+fn comparison_line(comparison: &ModeComparison) -> String {
+    let ModeComparison {
+        width, height, differing, unlike, shifted, shift_max, projections, ..
+    } = comparison;
     let percent = |share: f64| format!("{:.3}", share * 100.0);
     let figures = [
         percent(differing.median),

@@ -3,7 +3,7 @@
 /// Keeps a moving mean of the time that a frame takes, and draws at half the size when that is too
 /// long.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pace {
+pub(super) struct DynamicResolution {
     mean_ms: f32,
     /// Window pixels for each drawn one, in each direction: 1 or 2.
     divisor: usize,
@@ -26,13 +26,13 @@ const COUNTED_MS_MAX: f32 = 150.0;
 /// The weight of one frame in the mean.
 const WEIGHT: f32 = 0.1;
 
-impl Default for Pace {
+impl Default for DynamicResolution {
     fn default() -> Self {
         Self { mean_ms: 20.0, divisor: 1, since: 0 }
     }
 }
 
-impl Pace {
+impl DynamicResolution {
     /// Takes in how long a frame took.
     pub(super) fn drew(&mut self, milliseconds: f32) {
         self.mean_ms += (milliseconds.min(COUNTED_MS_MAX) - self.mean_ms) * WEIGHT;
@@ -59,10 +59,10 @@ mod tests {
 
     #[test]
     fn slow_frames_get_smaller_and_fast_ones_whole_again() {
-        let mut pace = Pace::default();
+        let mut dynamic_resolution = DynamicResolution::default();
         let mut after = |milliseconds: f32, frames: u32| {
-            (0..frames).for_each(|_| pace.drew(milliseconds));
-            pace.divisor()
+            (0..frames).for_each(|_| dynamic_resolution.drew(milliseconds));
+            dynamic_resolution.divisor()
         };
         assert_eq!(after(30.0, 300), 1);
         assert_eq!(after(500.0, 1), 1, "one slow frame is nothing");

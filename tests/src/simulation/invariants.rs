@@ -32,7 +32,7 @@ const ACCELERATION: f32 = 6.0;
 
 /// Something that must not be.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Breach {
+pub enum Violation {
     /// Somebody was told of an avatar that it cannot come to see within the horizon.
     Leak,
     /// Something was said to or of an avatar while its TBV lasted.
@@ -49,7 +49,7 @@ pub enum Breach {
     Refused,
 }
 
-impl fmt::Display for Breach {
+impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Leak => "told of whom it cannot come to see",
@@ -64,13 +64,13 @@ impl fmt::Display for Breach {
 }
 
 /// Where an eye was, and a box that it cannot have left since, in own axes.
-struct Region {
+struct EyeRegion {
     from: Vec3,
     within: Aabb,
 }
 
 /// Watches a simulation.
-pub struct Watch {
+pub struct InvariantChecker {
     world: Arc<World>,
     sight: Oracle,
     speed_max: f32,
@@ -82,12 +82,12 @@ pub struct Watch {
     cap: Duration,
     /// The TBV of each hidden avatar at the last tick, and until when it must have been asked.
     hidden: BTreeMap<AvatarId, (Tbv, bool, Duration)>,
-    seen: Seen,
+    seen: Observations,
 }
 
 /// What was seen of a simulation.
 #[derive(Clone, Debug, Default)]
-pub struct Seen {
+pub struct Observations {
     /// What was wrong, the first few.
     pub breaches: Vec<String>,
     /// Ticks of avatars that were hidden in a TBV.
@@ -100,7 +100,7 @@ pub struct Seen {
     pub told: u64,
 }
 
-impl Watch {
+impl InvariantChecker {
     /// Watches a simulation of a world.
     pub fn new(world: &Arc<World>, options: &Options) -> Self {
         let config = &options.config;
@@ -113,7 +113,7 @@ impl Watch {
             margin: config.margin.first(),
             cap: config.horizon_max,
             hidden: BTreeMap::new(),
-            seen: Seen::default(),
+            seen: Observations::default(),
         }
     }
 
@@ -126,11 +126,11 @@ impl Watch {
     }
 
     /// What was seen.
-    pub fn end(self) -> Seen {
+    pub fn end(self) -> Observations {
         self.seen
     }
 
-    fn note(&mut self, moment: &Moment<'_>, breach: &Breach, who: AvatarId, more: &str) {
+    fn note(&mut self, moment: &Moment<'_>, breach: &Violation, who: AvatarId, more: &str) {
         if self.seen.breaches.len() < BREACHES_TOLD {
             let (t_ms, walker) = (moment.now.as_millis(), moment.walker(who));
             self.seen.breaches.push(format!("{t_ms} ms, walker {walker}: {breach}{more}"));
@@ -153,7 +153,7 @@ impl Watch {
             noisy.extend([to].into_iter().chain(of).filter(lasting));
         }
         for id in noisy {
-            self.note(moment, &Breach::Noise, id, "");
+            self.note(moment, &Violation::Noise, id, "");
         }
     }
 
@@ -165,7 +165,7 @@ impl Watch {
                 && !moment.is_late(*to)
                 && !self.is_on_the_way(moment, *to)
             {
-                self.note(moment, &Breach::Refused, *to, "");
+                self.note(moment, &Violation::Refused, *to, "");
             }
         }
     }
@@ -188,7 +188,7 @@ impl Watch {
             for avatar in avatars {
                 if self.could_see(moment, to, avatar) == Some(false) {
                     let more = format!(" (walker {})", moment.walker(avatar));
-                    self.note(moment, &Breach::Leak, to, &more);
+                    self.note(moment, &Violation::Leak, to, &more);
                 }
             }
         }
@@ -225,16 +225,16 @@ impl Watch {
         id: AvatarId,
         delay: Duration,
         agility: &Agility,
-    ) -> Option<Region> {
+    ) -> Option<EyeRegion> {
         let (pose, axes) = (moment.engine.pose(id)?, &self.world.cells.axes);
         let unheard = moment.now.saturating_sub(self.made(moment, id)?).min(self.cap);
         let (from, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
         let able = agility.eyes(from, velocity, unheard + self.tick + delay);
-        Some(Region { from, within: able.grown(self.spare_m + ROUNDING_M) })
+        Some(EyeRegion { from, within: able.grown(self.spare_m + ROUNDING_M) })
     }
 
     /// The cells that are come to from a place without leaving a box, and what of them is in it.
-    fn flooded(&self, Region { from, within }: &Region) -> Vec<(CellId, Aabb)> {
+    fn flooded(&self, EyeRegion { from, within }: &EyeRegion) -> Vec<(CellId, Aabb)> {
         let cells = &self.world.cells;
         let mut found = Vec::new();
         cells.overlapping(&Aabb::around(*from, POKE_M), &mut found);
@@ -280,10 +280,10 @@ impl Watch {
             let grown = tbv.grown(ROUNDING_M);
             let is_excused = moment.is_late(id) || self.is_on_the_way(moment, id);
             if moment.now <= tbv.expiry && !grown.contains(eye) && !is_excused {
-                self.note(moment, &Breach::Outside, id, "");
+                self.note(moment, &Violation::Outside, id, "");
             }
             if is_quiet && moment.now + self.tick > ask_by {
-                self.note(moment, &Breach::Late, id, "");
+                self.note(moment, &Violation::Late, id, "");
             }
             self.hidden.insert(id, (tbv, is_quiet, ask_by));
         }
@@ -325,11 +325,11 @@ impl Watch {
         if !tbv.notice.is_zero() {
             self.seen.stays += 1;
             if tbv.notice < self.notice(moment, id) {
-                self.note(moment, &Breach::Short, id, "");
+                self.note(moment, &Violation::Short, id, "");
             }
         }
         if !self.is_large_enough(moment, id, tbv) || !self.holds_all(moment, id, tbv) {
-            self.note(moment, &Breach::Small, id, "");
+            self.note(moment, &Violation::Small, id, "");
         }
         self.seen.tight += u64::from(!self.holds_all(moment, id, &self.small(moment, id, tbv)));
     }

@@ -33,21 +33,21 @@ const TURN_S: f64 = 8.0;
 
 /// Where a camera is, and where it looks, from one time to another.
 #[derive(Clone, Debug)]
-pub struct Path {
+pub struct CameraPath {
     /// Never empty, and none of the pieces is.
-    pieces: Vec<Piece>,
+    pieces: Vec<Segment>,
 }
 
 /// Samples between leaps.
 #[derive(Clone, Debug)]
-struct Piece {
+struct Segment {
     /// Seconds, strictly ascending from the first sample of the path.
     times: Vec<f64>,
     /// Eye, yaw and pitch, and how fast each changes, per second. Yaw goes on beyond half a turn.
     samples: Vec<([f32; 5], [f32; 5])>,
 }
 
-impl Path {
+impl CameraPath {
     /// The walk of a recorded avatar. None when it has no sample.
     pub fn of_track(track: &Track) -> Option<Self> {
         Self::of_samples(&track.samples)
@@ -95,7 +95,7 @@ impl Path {
             let pose = Pose { eye, yaw: yaw + f32::from(quarter) * PI / 2.0, ..Pose::default() };
             (f64::from(quarter) * TURN_S / 4.0, pose)
         };
-        let piece = Piece::new(&[0, 1, 2, 3, 4].map(turned));
+        let piece = Segment::new(&[0, 1, 2, 3, 4].map(turned));
         Self { pieces: vec![piece] }
     }
 
@@ -108,11 +108,11 @@ impl Path {
             let way = a.1.eye.distance(b.1.eye);
             gap <= ABSENCE_S && f64::from(way) <= gap * f64::from(LEAP_M_PER_S)
         };
-        Some(Self { pieces: samples.chunk_by(is_together).map(Piece::new).collect() })
+        Some(Self { pieces: samples.chunk_by(is_together).map(Segment::new).collect() })
     }
 }
 
-impl Piece {
+impl Segment {
     fn new(poses: &[(f64, Pose)]) -> Self {
         let mut times = Vec::with_capacity(poses.len());
         let mut values: Vec<[f32; 5]> = Vec::with_capacity(poses.len());
@@ -221,7 +221,7 @@ mod tests {
         let samples: Vec<_> = [0.0, 1.0, 1.0, 4.0, 3.5, 3.5].into_iter().zip(0..).collect();
         let samples: Vec<_> =
             samples.iter().map(|&(x, i)| sample(5.0 + f64::from(i) * 0.2, x, 0.0)).collect();
-        let path = Path::of_samples(&samples).unwrap();
+        let path = CameraPath::of_samples(&samples).unwrap();
         assert!((path.duration_s() - 1.0).abs() < 1e-9);
         let x = |seconds: f64| path.at(seconds).eye.x;
         for (t, pose) in &samples {
@@ -242,12 +242,12 @@ mod tests {
     #[test]
     fn a_turn_goes_the_short_way_and_a_leap_is_none() {
         let samples = [sample(0.0, 0.0, 3.0), sample(0.1, 0.1, -3.0), sample(0.2, 99.0, 0.0)];
-        let path = Path::of_samples(&samples).unwrap();
+        let path = CameraPath::of_samples(&samples).unwrap();
         let yaw = path.at(0.05).yaw;
         assert!((3.0..3.3).contains(&yaw), "{yaw}");
         assert_eq!([path.at(0.15).eye.x, path.at(0.2).eye.x], [0.1, 99.0]);
         assert_eq!(path.frames(3).map(|(t, _)| t).collect::<Vec<_>>(), [0.0, 0.1, 0.2]);
-        assert!(Path::of_samples(&[]).is_none());
+        assert!(CameraPath::of_samples(&[]).is_none());
         assert_eq!(path.frames(0).count(), 0);
     }
 
@@ -257,7 +257,7 @@ mod tests {
         let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
         let east = sightline_world::Spawn { eye: Vec3::new(7.0, 1.725, 4.0), yaw: 0.0 };
         world.spawns.push(east);
-        let path = Path::through(&world);
+        let path = CameraPath::through(&world);
         assert!(path.duration_s() > 5.0, "{}", path.duration_s());
         for (t, pose) in path.frames(500) {
             let near = sightline_world::geometry::Aabb::around(pose.eye, 0.1);
@@ -271,7 +271,7 @@ mod tests {
     fn where_nobody_can_walk_one_looks_round() {
         // Solid but for the head.
         let world = world(&[([0, 1, 0], [64, 12, 64], 0)]);
-        let path = Path::through(&world);
+        let path = CameraPath::through(&world);
         let turned = path.at(path.duration_s()).yaw - path.at(0.0).yaw;
         assert!((turned - TAU).abs() < 1e-4, "{turned}");
     }

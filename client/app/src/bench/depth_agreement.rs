@@ -3,12 +3,12 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Rays, Tree, rays::Lens};
+use super::{BvhKind, RayCaster, rays::PixelRays};
 use sightline_renderer::{Camera, Frame};
 
 /// How what a picture shows agrees with rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Depths {
+pub struct DepthAgreement {
     /// The part of the pixels that agree, from 0 to 1.
     pub agreeing: f64,
     /// The part that shows what is farther away than where the ray ends: a hole.
@@ -22,14 +22,14 @@ pub struct Depths {
 
 /// What is wrong with a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum DepthFault {
     /// It shows what is farther away than where the ray ends.
     Beyond,
     /// It shows something where no triangle is near.
     Before,
 }
 
-impl Depths {
+impl DepthAgreement {
     /// Looks at a frame of voxels with such an edge, in metres. The tolerance is the diagonal of a voxel, or, where a
     /// pixel spans more than a voxel, of a cube as wide as the pixel. A pixel agrees
     ///
@@ -41,13 +41,13 @@ impl Depths {
     pub fn of(
         frame: &Frame,
         camera: &Camera,
-        rays: &Rays,
+        rays: &RayCaster,
         voxel: f32,
-    ) -> (Self, Vec<(usize, Fault)>) {
+    ) -> (Self, Vec<(usize, DepthFault)>) {
         let (width, height) = (frame.width(), frame.height());
         let mut traced = vec![0.0; width * height];
-        rays.trace(Tree::Bvh2, camera, width, &mut traced);
-        let lens = Lens::new(camera, width, height);
+        rays.trace(BvhKind::Bvh2, camera, width, &mut traced);
+        let lens = PixelRays::new(camera, width, height);
         let tolerance = |depth: f32| 3f32.sqrt() * voxel.max(depth * lens.pixel);
         let is_along =
             |shown: f32, end: f32| shown == end || (shown - end).abs() <= tolerance(shown.min(end));
@@ -55,20 +55,20 @@ impl Depths {
             let shown = frame.depth[i];
             let is_within = |end: f32| shown <= end + tolerance(end);
             if !is_within(traced[i]) && !around(i, width, height).any(|j| is_within(traced[j])) {
-                return Some((i, Fault::Beyond));
+                return Some((i, DepthFault::Beyond));
             }
             if is_along(shown, traced[i]) || !shown.is_finite() {
                 return None;
             }
             let point = lens.eye + lens.ray(i % width, i / width) * shown;
-            (!rays.is_near(point.into(), tolerance(shown))).then_some((i, Fault::Before))
+            (!rays.is_near(point.into(), tolerance(shown))).then_some((i, DepthFault::Before))
         };
-        let faults: Vec<(usize, Fault)> =
+        let faults: Vec<(usize, DepthFault)> =
             (0..frame.depth.len()).into_par_iter().filter_map(look).collect();
         let pixels = frame.depth.len().max(1) as f64;
         let part =
             |which| faults.iter().filter(|(_, fault)| *fault == which).count() as f64 / pixels;
-        let (beyond, before) = (part(Fault::Beyond), part(Fault::Before));
+        let (beyond, before) = (part(DepthFault::Beyond), part(DepthFault::Before));
         let along = frame.depth.iter().zip(&traced);
         let along = along.filter(|&(&shown, &end)| is_along(shown, end)).count();
         let agreeing = 1.0 - beyond - before;
@@ -100,16 +100,16 @@ mod tests {
             ],
             triangles: vec![[0, 1, 2]],
         };
-        let rays = Rays::new(&mesh).unwrap();
+        let rays = RayCaster::new(&mesh).unwrap();
         let camera = Camera { eye: Vec3::ZERO, yaw: 0.0, pitch: 0.0, fov_y: 0.2 };
         let shown = |edge: usize, depth: f32| {
             let mut frame = Frame::new(40, 30);
             for (i, shown) in frame.depth.iter_mut().enumerate() {
                 *shown = if i % 40 < edge { depth } else { f32::INFINITY };
             }
-            Depths::of(&frame, &camera, &rays, 0.06).0
+            DepthAgreement::of(&frame, &camera, &rays, 0.06).0
         };
-        let good = Depths { agreeing: 1.0, along: 1.0, ..Depths::default() };
+        let good = DepthAgreement { agreeing: 1.0, along: 1.0, ..DepthAgreement::default() };
         assert_eq!(shown(20, 5.05), good);
         assert_eq!(shown(19, 4.95).agreeing, 1.0);
         // What is shown past the edge is in the wall's plane, but not of it: a pixel is 33 mm there, a diagonal 104 mm.

@@ -13,14 +13,14 @@ const SPEED_MAX: f32 = 4.0;
 const NAME: &str = "somebody";
 
 /// People of whom a client is told at each tick, by datagrams.
-pub struct Crowd {
+pub struct SimulatedPeople {
     count: usize,
     encoder: PoseEncoder,
     replica: Replica,
     tick: u32,
 }
 
-impl Crowd {
+impl SimulatedPeople {
     /// So many people, with the least numbers.
     pub fn new(count: usize) -> Self {
         let agility = Agility::of(&Body::PERSON, SPEED_MAX);

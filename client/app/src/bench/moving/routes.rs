@@ -23,17 +23,17 @@ const AROUND_M: f32 = 0.5;
 const TRIES: usize = 40;
 
 /// Where things can be.
-pub(super) struct Places(Navigation);
+pub(super) struct RoutePlanner(Navigation);
 
 /// A way to and fro, for an eye.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Way {
+pub(super) struct Route {
     ends: [Vec3; 2],
     /// There and back.
     length_s: f32,
 }
 
-impl Places {
+impl RoutePlanner {
     /// None when nobody can walk.
     pub(super) fn new(world: &World) -> Option<Self> {
         let navigation = Navigation::new(world);
@@ -42,7 +42,7 @@ impl Places {
 
     /// So many ways, or as many as there are, all over the building; or all in cells that the first spawn
     /// point's cell does not see.
-    pub(super) fn ways(&self, world: &World, count: usize, hidden: bool) -> Vec<Way> {
+    pub(super) fn ways(&self, world: &World, count: usize, hidden: bool) -> Vec<Route> {
         let random = &mut SmallRng::seed_from_u64(2);
         let mut ways = Vec::with_capacity(count);
         for _ in 0..count * TRIES {
@@ -52,7 +52,7 @@ impl Places {
             let Some(from) = self.0.random(random) else { break };
             let angle = random.random_range(0.0..std::f32::consts::TAU);
             let along = Vec3::new(angle.cos(), 0.0, angle.sin()) * WAY_M;
-            let way = Way { ends: [from, from + along], length_s: random.random_range(4.0..9.0) };
+            let way = Route { ends: [from, from + along], length_s: random.random_range(4.0..9.0) };
             if !hidden || way.is_hidden(world) {
                 ways.push(way);
             }
@@ -61,7 +61,7 @@ impl Places {
     }
 }
 
-impl Way {
+impl Route {
     /// Whether all cells that it comes near are ones that the first spawn point's cell does not see.
     fn is_hidden(&self, world: &World) -> bool {
         let cells = &world.cells;
