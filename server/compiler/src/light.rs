@@ -16,6 +16,7 @@ use obvhs::{
     triangle::Triangle,
 };
 use rayon::prelude::*;
+use sightline_world::tolerance::RAY_LIFT_M;
 
 use super::model::Surface;
 
@@ -23,8 +24,6 @@ use super::model::Surface;
 const REACH: f32 = 1.6;
 /// Rays from a corner.
 const RAYS: usize = 40;
-/// Rays begin so far off the surface, in metres.
-const LIFT: f32 = 2.0e-3;
 /// Towards the lamp.
 const LAMP: Vec3 = Vec3::new(0.44, 0.78, 0.45);
 /// How much more a ray straight towards the lamp counts.
@@ -112,7 +111,7 @@ impl Shell {
 
     fn light_on(&self, spot: &Spot) -> Option<f32> {
         let (u, v) = spot.normal.any_orthonormal_pair();
-        let from = spot.at + spot.normal * LIFT;
+        let from = spot.at + spot.normal * RAY_LIFT_M;
         let (mut open, mut full, mut backs) = (0.0, 0.0, 0);
         for direction in &self.directions {
             let along = u * direction.x + v * direction.y + spot.normal * direction.z;

@@ -13,8 +13,8 @@ use std::{
 
 use rayon::prelude::*;
 use roaring::RoaringBitmap;
-use sightline_visibility::portal_flow::{DAabb, FlowScratch, Query, Sightlines, WIDENING};
-use sightline_world::{Cells, Pvs, Space};
+use sightline_visibility::portal_flow::{DAabb, FlowScratch, Query, Sightlines};
+use sightline_world::{Cells, Pvs, Space, tolerance::WIDENING_M};
 
 use super::subdivide::CellSize;
 
@@ -29,7 +29,7 @@ pub fn spaces_seen(
 ) -> Option<SpacesSeen> {
     let lines = Sightlines::new(cells);
     let from_spaces = |scratch: &mut FlowScratch, space: usize| {
-        let source = DAabb::around(&cells.spaces[space].bounds, WIDENING);
+        let source = DAabb::around(&cells.spaces[space].bounds, WIDENING_M);
         let query = Query { space: space as u32, source, spaces: None, frustum: &[] };
         lines.spaces(scratch, &query)
     };

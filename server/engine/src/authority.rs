@@ -6,19 +6,16 @@ use glam::Vec3;
 use sightline_world::{
     geometry::Confines,
     motion::{Pose, Tbv},
+    tolerance::{BUDGET_ROUNDING_M, WALK_SPARE_M},
 };
 
 /// A claim may exceed the speed limit by so much.
 const TOLERANCE: f64 = 1.01;
-/// Places are rounded on the wire, in metres; granted once, not for each report.
-const ROUNDING_M: f64 = 0.02;
 /// What a client did not use of its speed for so long it may still use: reports that were held up
 /// and arrive together are all accepted.
 const BUNCHING: Duration = Duration::from_millis(250);
 /// Silence longer than this earns no more way.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
-/// Ways round walls may be so much longer than what the ledger has, in metres: what rounding takes.
-const WAY_SPARE_M: f64 = 0.05;
 
 /// What is accepted from clients.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +68,7 @@ impl MovementBudget {
         Self {
             sequence: None,
             accepted: now,
-            unused_m: ROUNDING_M,
+            unused_m: BUDGET_ROUNDING_M,
             given: 0.0,
             refusals: 0,
             first_refusal: now,
@@ -118,13 +115,13 @@ impl MovementBudget {
             && straight_m <= allowed_m
             && tbv.is_none_or(|tbv| within(tbv, claim.eye, now, limits));
         // Who was silent for long may have gone to and fro.
-        let led = is_believable.then(|| lead(self.allowed_m(elapsed, limits) + WAY_SPARE_M));
+        let led = is_believable.then(|| lead(self.allowed_m(elapsed, limits) + WALK_SPARE_M));
         let Some(led_m) = led.flatten() else {
             return self.refuse(now, round_trip, limits);
         };
         let unused_m = (allowed_m - straight_m.max(led_m)).max(0.0);
         let bunched_m = f64::from(limits.speed_max) * BUNCHING.as_secs_f64();
-        self.unused_m = unused_m.min(bunched_m.max(ROUNDING_M));
+        self.unused_m = unused_m.min(bunched_m.max(BUDGET_ROUNDING_M));
         self.accepted = now;
         self.refusals = 0;
         self.given = self.given.min(claim.velocity.length());
@@ -175,7 +172,7 @@ fn way_m(from: Vec3, to: Vec3, limits: &ClaimLimits) -> f64 {
 /// Whether an eye can be somewhere by what its TBV says; one that has expired goes on growing.
 fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &ClaimLimits) -> bool {
     let beyond = now.saturating_sub(tbv.expiry).as_secs_f64() * f64::from(limits.speed_max);
-    let margin_m = (beyond * TOLERANCE + ROUNDING_M) as f32;
+    let margin_m = (beyond * TOLERANCE + BUDGET_ROUNDING_M) as f32;
     tbv.grown(margin_m).contains(eye)
 }
 

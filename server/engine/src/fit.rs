@@ -1,7 +1,9 @@
 //! Which gates a body fits through: not window panes, slits, and what is left open over lintels.
 
 use glam::Vec3;
-use sightline_world::{Cells, Polygon, World, geometry::Aabb, motion::Body};
+use sightline_world::{
+    Cells, Polygon, World, geometry::Aabb, motion::Body, tolerance::WIRE_POSE_M,
+};
 
 use super::bits::Bits;
 
@@ -11,8 +13,6 @@ const ASIDE_M: f32 = 0.05;
 const UP_M: f32 = 0.2;
 /// A body goes so far between two looks at what is in its way, in metres.
 const STRIDE_M: f32 = 0.04;
-/// What is lost on the wire, in metres.
-const ROUNDING_M: f32 = 0.01;
 /// Gates at which more places would have to be looked at count as wide enough: 10 m² and more.
 const PLACES_MAX: usize = 1_000;
 /// No number of places is a multiple of it.
@@ -39,7 +39,7 @@ pub(super) struct Fit {
 
 impl Fit {
     pub(super) fn new(world: &World) -> Self {
-        let margin_m = world.octree.voxel().max(STRIDE_M) + ROUNDING_M;
+        let margin_m = world.octree.voxel().max(STRIDE_M) + WIRE_POSE_M;
         let sure = sure_part(&world.body, margin_m);
         if sure.is_empty() || world.origin.is_some() {
             return Self::default();
@@ -50,7 +50,7 @@ impl Fit {
                 narrow_gates.insert(index);
             }
         }
-        let free = standing(&world.body).around(Vec3::ZERO).grown(-ROUNDING_M);
+        let free = standing(&world.body).around(Vec3::ZERO).grown(-WIRE_POSE_M);
         Self { free: Some(free), ..Self::narrow(&world.cells, narrow_gates) }
     }
 

@@ -7,6 +7,7 @@ use sightline_world::{
     CellId, Cells,
     geometry::Aabb,
     motion::{Body, Pose},
+    tolerance::WIRE_POSE_M,
 };
 
 use super::{
@@ -20,9 +21,6 @@ use super::{
     ways::Footing,
     zones::Ground,
 };
-
-/// Places are rounded on the wire and in sums, in metres.
-pub(super) const ROUNDING_M: f32 = 0.01;
 
 /// Wide regions have so much to spare on each side, in metres: most pairs of people are far from
 /// seeing each other, and this is how long nothing need be done about them.
@@ -280,8 +278,8 @@ impl Engine {
         let (eye, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
         Leeway {
             from: eye,
-            within: agility.eyes(eye, velocity, time).grown(ROUNDING_M),
-            way_m: self.agility.way(velocity, time) + ROUNDING_M,
+            within: agility.eyes(eye, velocity, time).grown(WIRE_POSE_M),
+            way_m: self.agility.way(velocity, time) + WIRE_POSE_M,
         }
     }
 

@@ -8,9 +8,10 @@
 
 use std::time::Duration;
 
-use sightline_world::motion::{Agility, Pose};
-
-use super::near::ROUNDING_M;
+use sightline_world::{
+    motion::{Agility, Pose},
+    tolerance::WIRE_POSE_M,
+};
 
 /// So many claims are kept: as far back as most horizons reach ahead.
 const KEPT: usize = 8;
@@ -32,7 +33,7 @@ impl Pledges {
         let holds = |(then, pledge): &(Duration, Pose)| {
             let time = now.saturating_sub(*then) + slack;
             let able = agility.eyes(pledge.eye, pledge.velocity, time);
-            able.grown(ROUNDING_M).contains(pose.eye)
+            able.grown(WIRE_POSE_M).contains(pose.eye)
         };
         if !self.kept.iter().flatten().all(holds) {
             self.doubted_until = now + DOUBT;

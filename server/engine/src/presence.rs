@@ -6,6 +6,7 @@ use glam::Vec3;
 use sightline_world::{
     geometry::Aabb,
     motion::{AvatarId, Pose, ReportingState},
+    tolerance::AT_SPAWN_M,
 };
 
 use super::{
@@ -22,9 +23,6 @@ use super::{
 
 /// A client that takes longer counts as one that takes so long: beyond all horizons.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
-
-/// So near a spawn point one begins at it, in metres: places are rounded on the wire.
-const AT_SPAWN_M: f32 = 0.05;
 
 impl Engine {
     pub(super) fn join(

@@ -3,16 +3,14 @@
 use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::Vec3;
-use sightline_world::{CellId, Cells, Polygon, geometry::Aabb, motion::Body};
+use sightline_world::{
+    CellId, Cells, Polygon,
+    geometry::Aabb,
+    motion::Body,
+    tolerance::{POKE_M, WIRE_BOUNDARY_M},
+};
 
 use super::{fit::Fit, parts::Parts};
-
-/// A reported eye can be so far on the other side of a boundary by rounding, in metres.
-const ROUNDING_M: f32 = 0.004;
-
-/// A body may poke so far into what is solid, in metres: collisions are against voxels, and what
-/// comes from elsewhere is rounded. Walls are thicker, so that what is inside them is not in sight.
-pub(super) const POKE_M: f32 = 0.06;
 
 /// Where an eye is, and what it may go through.
 #[derive(Clone, Copy, Debug)]
@@ -103,7 +101,7 @@ impl Reach {
         let mut reach = Self { pieces: Vec::new() };
         let within = within.intersection(&cells.bounds);
         let mut open = std::mem::take(&mut scratch.start);
-        start.find(ROUNDING_M, &mut open);
+        start.find(WIRE_BOUNDARY_M, &mut open);
         open.iter().for_each(|cell| scratch.cells[cell.0 as usize].0 = scratch.search);
         while let Some(id) = open.pop() {
             let cell = &cells.cells[id.0 as usize];
@@ -132,7 +130,7 @@ impl Reach {
         scratch.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
         let within = within.intersection(&cells.bounds);
-        start.find(ROUNDING_M.min(way_m), &mut scratch.start);
+        start.find(WIRE_BOUNDARY_M.min(way_m), &mut scratch.start);
         for cell in std::mem::take(&mut scratch.start) {
             // An eye in a wall counts as if it were where the cell begins.
             let bounds = &cells.cells[cell.0 as usize].bounds;

@@ -2,12 +2,15 @@
 
 use std::time::Duration;
 
-use sightline_world::motion::{AvatarId, ReportingState, Tbv};
+use sightline_world::{
+    motion::{AvatarId, ReportingState, Tbv},
+    tolerance::WIRE_POSE_M,
+};
 
 use super::{
     Engine, Output, Policy,
     horizon::SILENT_MAX,
-    near::{Leeway, ROUNDING_M, ahead},
+    near::{Leeway, ahead},
     population::{Avatar, Slot},
     reach::{Reach, Start},
     validity::{End, Silence},
@@ -93,7 +96,7 @@ impl Engine {
         let avatar = self.population.at(slot);
         let lead = self.horizons.lead(avatar.link());
         // What the client knows of its region is a little smaller, by rounding.
-        let stays = tbv.grown(-ROUNDING_M).holds(&avatar.pose, self.config.tick, &self.agility);
+        let stays = tbv.grown(-WIRE_POSE_M).holds(&avatar.pose, self.config.tick, &self.agility);
         if !stays || now + lead + self.config.tick >= tbv.expiry {
             self.wake(now, slot);
         }

@@ -5,12 +5,13 @@ use std::time::Duration;
 use sightline_world::{
     geometry::Aabb,
     motion::{ReportingState, Tbv},
+    tolerance::WIRE_POSE_M,
 };
 
 use super::{
     Engine, TbvShape, Validity,
     looks::Found,
-    near::{Leeway, ROUNDING_M, scaled},
+    near::{Leeway, scaled},
     parts::Parts,
     population::Slot,
     reach::{Reach, Start},
@@ -86,7 +87,7 @@ impl Engine {
         let avatar = self.population.at(slot);
         let notice = self.horizons.notice(avatar.link());
         let told = age + self.horizons.one_way(avatar.round_trip) + self.config.tick;
-        let least = self.leeway(&avatar.pose, true, told + notice).within.grown(ROUNDING_M);
+        let least = self.leeway(&avatar.pose, true, told + notice).within.grown(WIRE_POSE_M);
         let notice = notice.mul_f64(self.config.faults.notice_scale.into());
         let expiry = self.made_at(slot) + validity;
         let tbv = Tbv { within: least, axes: self.world.cells.axes, expiry, notice };

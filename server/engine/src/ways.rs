@@ -3,9 +3,9 @@
 use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::Vec3;
-use sightline_world::{Cells, Node, World, geometry::Aabb};
+use sightline_world::{Cells, Node, World, geometry::Aabb, tolerance::POKE_M};
 
-use super::{fit::Fit, reach::POKE_M};
+use super::fit::Fit;
 
 /// No search looks at more gates: 0.1 ms. What is undecided by then counts as led to.
 const GATES_MAX: u32 = 1_000;

@@ -13,14 +13,11 @@ use sightline_protocol::{
 use sightline_world::{
     geometry::Confines,
     motion::{Agility, AvatarId, Pose, Tbv},
+    tolerance::WIRE_POSE_M,
 };
 
 use sightline_cli::trace::Trace;
 use sightline_engine::{ClaimLimits, ClaimVerdict, Engine, MovementBudget};
-
-/// A body may be so far beyond what it can do by rounding, in metres: places and velocities are
-/// rounded on the wire.
-const ROUNDING_M: f32 = 0.01;
 
 /// A message to the server.
 #[derive(Clone, Debug)]
@@ -302,7 +299,7 @@ impl<'a> Clients<'a> {
         let told = self.on_wire(pose);
         let client = self.present.get_mut(&walker)?;
         let elapsed = now.saturating_sub(client.at);
-        let able = self.agility.eyes(client.eye, client.velocity, elapsed).grown(ROUNDING_M);
+        let able = self.agility.eyes(client.eye, client.velocity, elapsed).grown(WIRE_POSE_M);
         client.jumped |= !able.contains(pose.eye);
         (client.eye, client.velocity, client.at) = (pose.eye, pose.velocity, now);
         if !client.entered {

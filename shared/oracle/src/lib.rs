@@ -11,11 +11,7 @@ use obvhs::{
     ray::Ray,
     triangle::Triangle,
 };
-use sightline_world::{Mesh, geometry::Aabb};
-
-/// Lines this far beside a free line must be free too, in metres: a line that slips along the edge
-/// that two triangles share, by rounding alone, is no sight line.
-const BESIDE: f32 = 2e-5;
+use sightline_world::{Mesh, geometry::Aabb, tolerance::BESIDE_RAY_M};
 
 /// A building's opaque triangles, ready for rays.
 pub struct Oracle {
@@ -46,7 +42,7 @@ impl Oracle {
             return false;
         }
         let (u, v) = along.normalize().any_orthonormal_pair();
-        [u, -u, v, -v].into_iter().all(|beside| !self.blocked(from + beside * BESIDE, along))
+        [u, -u, v, -v].into_iter().all(|beside| !self.blocked(from + beside * BESIDE_RAY_M, along))
     }
 
     /// Whether some sampled point of a box is in sight of an eye: `samples` points a side on its

@@ -11,10 +11,11 @@ use serde::{Deserialize, Serialize};
 use sightline_world::{
     geometry::{Aabb, Axes},
     motion::{Pose, Tbv},
+    tolerance::WIRE_UNITS_PER_METRE,
 };
 
 /// Lengths travel in 512ths of a metre: 2 mm.
-pub const UNITS_PER_METRE: f32 = 512.0;
+pub const UNITS_PER_METRE: f32 = WIRE_UNITS_PER_METRE;
 /// Speeds travel in 128ths of a metre a second.
 pub const SPEED_UNITS: f32 = 128.0;
 /// Turns of axes travel in these, in radians.

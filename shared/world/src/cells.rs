@@ -7,7 +7,10 @@ use glam::{DVec3, Vec3};
 use roaring::RoaringBitmap;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Aabb, Axes};
+use crate::{
+    geometry::{Aabb, Axes},
+    tolerance::{ASTRAY_M, SLANTED_PLANE_M},
+};
 
 /// Index of a cell in [`Cells::cells`].
 #[derive(
@@ -160,10 +163,6 @@ pub struct Cells {
     pub pvs: Pvs,
 }
 
-/// A point in a solid leaf belongs to a cell that is no further away, in metres: eyes are rounded,
-/// and bodies are pressed against walls.
-pub const ASTRAY_M: f32 = 0.25;
-
 impl Cells {
     /// A subdivision of one cell.
     pub fn whole(bounds: Aabb) -> Self {
@@ -240,7 +239,7 @@ impl Cells {
                 let centre = region.centre().as_dvec3();
                 let away = normal.dot(centre) - distance;
                 // What single precision may lose, and a little more.
-                let reach = normal.abs().dot(region.size().as_dvec3() * 0.5) + 1e-4;
+                let reach = normal.abs().dot(region.size().as_dvec3() * 0.5) + SLANTED_PLANE_M;
                 (away <= reach, away >= -reach, sides)
             }
         };

@@ -8,6 +8,7 @@ mod mover;
 pub mod octree;
 mod origin;
 pub mod rooms;
+pub mod tolerance;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};

@@ -10,14 +10,13 @@ use sightline_world::{
     CellId, World,
     geometry::Aabb,
     motion::{Agility, AvatarId, ReportingState, Tbv},
+    tolerance::POKE_M,
 };
 
 /// Breaches that are told one by one.
 const BREACHES_TOLD: usize = 5;
 /// Delays are rounded up to a multiple of this, so that viewers share regions.
 const DELAY_STEP: Duration = Duration::from_millis(25);
-/// An eye may be so far in what is solid, in metres.
-const POKE_M: f32 = 0.06;
 /// Whoever would need a longer TBV is not silenced.
 const SILENT_MAX: Duration = Duration::from_secs(1);
 /// What a fault leaves of a TBV.

@@ -3,13 +3,12 @@
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::{DVec3, Vec3};
+use sightline_world::tolerance::WELD_M;
 
 /// How finely wall directions are told apart at first: half a degree.
 const BINS: usize = 180;
 /// A triangle is part of a wall when its unit normal rises by no more than this.
 const UPRIGHT: f64 = 1e-3;
-/// Walls that stray over the whole building by less than this, in metres, are not turned at all.
-const STRAY_M: f64 = 2e-5;
 
 /// The angle about the vertical, from 0 to a quarter turn, in radians, by which the walls with the
 /// most area are turned: in [`Axes::turned`](sightline_world::geometry::Axes::turned) by it they are axial. Exactly 0 when they are axial already.
@@ -36,7 +35,7 @@ pub fn dominant_orientation(opaque: &[[Vec3; 3]]) -> f64 {
     let turn = turn.rem_euclid(FRAC_PI_2);
     let reach = opaque.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let stray = turn.min(FRAC_PI_2 - turn) * f64::from(reach);
-    if stray < STRAY_M { 0.0 } else { turn }
+    if stray < WELD_M { 0.0 } else { turn }
 }
 
 struct Wall {

@@ -8,13 +8,12 @@ use sightline_world::{
     Cells,
     geometry::Aabb,
     rooms::{RoomId, Rooms, Sees},
+    tolerance::AUTHORED_M,
 };
 
 use super::{RoomDeclaration, RoomError};
 use sightline_oracle::Oracle;
 
-/// Rooms that share no more than this overlap by rounding, in metres.
-const OVERLAP_M: f32 = 0.05;
 /// So many lines of sight are tried for each member of a hidden set.
 const LINES: u32 = 4_000;
 /// Points are looked for so often in a shape that fills little of its box.
@@ -47,7 +46,7 @@ fn overlaps(declared: &[RoomDeclaration], index: &RoomIndex) -> Vec<RoomError> {
                 a.overlaps.iter().any(|n| n.text == b.name.text)
             };
             let [a, b] = [i, j].map(|at| RoomId(at as u16));
-            let apart = !index.bounds(a).grown(-OVERLAP_M).intersects(&index.bounds(b));
+            let apart = !index.bounds(a).grown(-AUTHORED_M).intersects(&index.bounds(b));
             if apart || says(first, second) || says(second, first) {
                 continue;
             }
@@ -74,12 +73,12 @@ fn overlaps(declared: &[RoomDeclaration], index: &RoomIndex) -> Vec<RoomError> {
 /// A point that is well inside of both.
 fn shared(a: &ConvexPiece, b: &ConvexPiece) -> Option<Vec3> {
     let region = a.bounds.intersection(&b.bounds);
-    if region.size().min_element() <= OVERLAP_M {
+    if region.size().min_element() <= AUTHORED_M {
         return None;
     }
     let within = |at: Vec3| {
         let deep = |piece: &ConvexPiece| {
-            piece.all_sides().all(|side| side.holds(at, -f64::from(OVERLAP_M) * 0.5))
+            piece.all_sides().all(|side| side.holds(at, -f64::from(AUTHORED_M) * 0.5))
         };
         deep(a) && deep(b)
     };
@@ -90,7 +89,7 @@ fn shared(a: &ConvexPiece, b: &ConvexPiece) -> Option<Vec3> {
 }
 
 fn is_near(piece: &ConvexPiece, at: Vec3) -> bool {
-    piece.all_sides().all(|side| side.holds(at, OVERLAP_M.into()))
+    piece.all_sides().all(|side| side.holds(at, AUTHORED_M.into()))
 }
 
 fn inside(rng: &mut SmallRng, region: &Aabb) -> Vec3 {

@@ -21,10 +21,8 @@ use sightline_world::{
     Cells, Mover, Spawn,
     geometry::Aabb,
     rooms::{Members, Object, Room, RoomId, Rooms, Sees, Shape, Window},
+    tolerance::AUTHORED_M,
 };
-
-/// A corner of a window is no further from its plane, and from the boundary of its room, in metres.
-const OFF_MAX_M: f32 = 0.05;
 
 /// Where something is written.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -341,7 +339,7 @@ fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
     let corners = &window.corners;
     let Some(plane) = nodes::plane_of(corners) else { return Some("has no area".into()) };
     let off = |at: &Vec3| (plane.0.dot(*at) - plane.1).abs();
-    if let Some(corner) = corners.iter().find(|at| off(at) > OFF_MAX_M) {
+    if let Some(corner) = corners.iter().find(|at| off(at) > AUTHORED_M) {
         return Some(format!(
             "is not flat: its corner {corner} is {:.2} m off its plane",
             off(corner)
@@ -356,7 +354,7 @@ fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
     let probes = ring.flat_map(|(a, b)| [*a, a.midpoint(*b)]).map(|at| at.lerp(middle, 0.02));
     let is_in = |at: Vec3| pieces.iter().any(|piece| piece.contains(axes.own(at)));
     for probe in probes {
-        let beside = [OFF_MAX_M, -OFF_MAX_M].map(|far| is_in(probe + plane.0 * far));
+        let beside = [AUTHORED_M, -AUTHORED_M].map(|far| is_in(probe + plane.0 * far));
         match beside {
             [true, true] => return Some(format!("is inside of its room at {probe}")),
             [false, false] => return Some(format!("is off the boundary of its room at {probe}")),

@@ -6,12 +6,9 @@
 //! keys of the TOML; `behind` in the extras of a window names another window of the room.
 
 use glam::{Vec2, Vec3};
-use sightline_world::rooms::Shape;
+use sightline_world::{rooms::Shape, tolerance::AUTHORED_POINT_M};
 
 use super::{LocatedName, RoomDeclaration, RoomError, SourceLocation, WindowDeclaration, text};
-
-/// Points that are nearer to each other are one, in metres.
-const SAME_M: f32 = 1e-3;
 
 /// What a node stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -115,7 +112,7 @@ pub(super) fn plane_of(corners: &[Vec3]) -> Option<(Vec3, f32)> {
 
 fn shape(points: &[Vec3]) -> Shape {
     let level = points[0].y;
-    if points.iter().all(|at| (at.y - level).abs() < SAME_M) {
+    if points.iter().all(|at| (at.y - level).abs() < AUTHORED_POINT_M) {
         let plan = |at: Vec3| Vec2::new(at.x, at.z);
         let corners = hull2(points, &plan).into_iter().map(plan).collect();
         return Shape::Plan { corners, heights: None };
@@ -131,7 +128,7 @@ fn distinct(points: &[Vec3]) -> Vec<Vec3> {
         if kept.len() > 1_000 {
             break;
         }
-        if !kept.iter().any(|other| other.distance(*point) < SAME_M) {
+        if !kept.iter().any(|other| other.distance(*point) < AUTHORED_POINT_M) {
             kept.push(*point);
         }
     }
@@ -173,7 +170,7 @@ fn hull2(points: &[Vec3], flat: &dyn Fn(Vec3) -> Vec2) -> Vec<Vec3> {
         let mut chain: Vec<(Vec2, Vec3)> = Vec::new();
         for next in points {
             while let [.., (a, _), (b, _)] = chain[..]
-                && (b - a).perp_dot(next.0 - b) <= SAME_M * SAME_M
+                && (b - a).perp_dot(next.0 - b) <= AUTHORED_POINT_M * AUTHORED_POINT_M
             {
                 chain.pop();
             }

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use sightline_world::{
     Cell, CellId, Cells, Gate, Node, Polygon, Portal, Space,
     geometry::{Aabb, Axes},
+    tolerance::{CLOSED_M, ON_PLANE_F32_M, SLIVER_M},
 };
 
 use super::{
@@ -28,9 +29,6 @@ mod surfaces;
 
 /// Walls and slabs are no thicker than this, in metres.
 const WALL_MAX: f32 = 0.6;
-/// Gaps that are narrower, in metres, count as closed: corners in single precision leave some
-/// wherever two walls meet.
-const CLOSED: f64 = 5e-5;
 /// No deeper: the world file's reader allows twice as much.
 const DEPTH_MAX: u16 = 256;
 
@@ -145,7 +143,7 @@ fn within(join: &SharedFace, free: &Rect) -> Vec<DVec3> {
         let along = join.polygon[(i + 1) % join.polygon.len()] - from;
         let Some(inwards) = normal.cross(along).try_normalize() else { continue };
         let inwards = if inwards.dot(centre - from) < 0.0 { -inwards } else { inwards };
-        let edge = SplitPlane::Plane { normal: inwards, distance: inwards.dot(from) - 1e-9 };
+        let edge = SplitPlane::Plane { normal: inwards, distance: inwards.dot(from) - SLIVER_M };
         kept = part(&kept, &edge, true);
     }
     kept
@@ -165,7 +163,7 @@ fn width(corners: &[DVec3]) -> f64 {
 
 /// A convex polygon as the world has it; none when it counts as closed.
 fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
-    if corners.len() < 3 || width(corners) < CLOSED {
+    if corners.len() < 3 || width(corners) < CLOSED_M {
         return None;
     }
     let bounds = Aabb::from_points(corners.iter().map(|corner| corner.as_vec3()));
@@ -173,7 +171,7 @@ fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
         let flat: Vec<DVec2> = corners.iter().map(|&corner| cut.flat(corner)).collect();
         let on_side = |&corner: &DVec2| {
             let (min, max) = (cut.flat(bounds.min.as_dvec3()), cut.flat(bounds.max.as_dvec3()));
-            let is_near = |at: f64, side: f64| (at - side).abs() < 1e-5;
+            let is_near = |at: f64, side: f64| (at - side).abs() < ON_PLANE_F32_M;
             (0..2).all(|i| is_near(corner[i], min[i]) || is_near(corner[i], max[i]))
         };
         if flat.iter().all(on_side) {

@@ -2,12 +2,12 @@
 //! greatest share of the cross-section is opaque.
 
 use glam::{DVec2, DVec3};
-use sightline_world::geometry::Aabb;
+use sightline_world::{geometry::Aabb, tolerance::ON_PLANE_F32_M};
 
 use super::{
     DEPTH_MAX, WALL_MAX,
     draft::BspTree,
-    region::{ON_PLANE, Region, SplitPlane},
+    region::{Region, SplitPlane},
 };
 use crate::occluders::{OccluderPlane, Rect, Triangle2};
 
@@ -209,7 +209,7 @@ impl Section {
             }
         }
         let area = area(&part);
-        if area > ON_PLANE * ON_PLANE { area } else { 0.0 }
+        if area > ON_PLANE_F32_M * ON_PLANE_F32_M { area } else { 0.0 }
     }
 }
 

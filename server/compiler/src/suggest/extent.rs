@@ -6,12 +6,14 @@
 
 use std::collections::HashMap;
 
-use sightline_world::{Cell, CellId, Cells, Node, World, geometry::Aabb};
+use sightline_world::{
+    Cell, CellId, Cells, Node, World, geometry::Aabb, tolerance::CELL_OVERLAP_M,
+};
 
 use super::areas::{Areas, Ground};
 
-/// Cells overlap a box when they share more than this, in metres.
-const TOUCH_M: f32 = 1e-3;
+/// [`CELL_OVERLAP_M`] in single precision.
+const TOUCH_M: f32 = CELL_OVERLAP_M as f32;
 /// What a box grows by is of the area by at least this part.
 const FILL_MIN: f32 = 0.5;
 /// No room has more boxes …
@@ -77,7 +79,7 @@ fn boxes_among(cells: &Cells) -> Vec<bool> {
                 let bounds = &cells.cells[cell.0 as usize].bounds;
                 let cuts = |(normal, distance): &(glam::DVec3, f64)| {
                     let ahead = normal.dot(bounds.centre().as_dvec3()) - distance;
-                    ahead.abs() < normal.abs().dot(bounds.size().as_dvec3() * 0.5) - 1e-3
+                    ahead.abs() < normal.abs().dot(bounds.size().as_dvec3() * 0.5) - CELL_OVERLAP_M
                 };
                 is_box[cell.0 as usize] = !planes.iter().any(cuts);
             }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use glam::Vec3;
-use sightline_world::{Polygon, World, geometry::Aabb};
+use sightline_world::{Polygon, World, geometry::Aabb, tolerance::TOUCH_M};
 
 use super::{SuggestedRoom, SuggestedWindow};
 
@@ -39,7 +39,7 @@ pub(super) fn windows(
                 continue;
             }
             let bounds = portal.polygon.bounds();
-            let flat = (0..3u8).find(|axis| bounds.size()[usize::from(*axis)] < 1e-4);
+            let flat = (0..3u8).find(|axis| bounds.size()[usize::from(*axis)] < TOUCH_M);
             match (flat, &portal.polygon) {
                 (Some(axis), _) => {
                     let at_mm = (f64::from(bounds.min[usize::from(axis)]) * 1e3).round() as i64;

@@ -3,15 +3,13 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use sightline_world::{Origin, OriginPlane, geometry::Aabb};
+use sightline_world::{Origin, OriginPlane, geometry::Aabb, tolerance::BRUSH_CORNER_M};
 
 /// The grid's edge, in metres, unless that makes more fields than this.
 const FIELD_M: f32 = 0.5;
 const FIELDS_MAX: f32 = 2e6;
 /// The grid refers to brushes no more often than this: 64 MiB. The rest are always tried.
 const REFERENCES_MAX: usize = 1 << 24;
-/// Corners of brushes are rounded, by less than this, in metres.
-const ROUNDED: f32 = 1e-3;
 
 /// Brushes, ready to be asked.
 pub(super) struct Brushes {
@@ -48,7 +46,7 @@ impl Brushes {
         };
         let mut references = 0;
         for (index, solid) in (0..).zip(&origin.solids) {
-            let bounds = solid.bounds.grown(ROUNDED);
+            let bounds = solid.bounds.grown(BRUSH_CORNER_M);
             let first = all.planes.len() as u32;
             all.planes.extend(origin.sides(solid));
             all.brushes.push(Brush { bounds, sides: first..all.planes.len() as u32 });

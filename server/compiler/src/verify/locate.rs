@@ -1,10 +1,7 @@
 //! Where in a map's own tree a point is: as [`Origin::leaf_at`], and several times as fast.
 
 use glam::{Vec3, Vec4};
-use sightline_world::{Origin, OriginSide, OriginTree};
-
-/// This near to a plane, in metres, single precision does not tell the side.
-const UNSURE: f32 = 1e-3;
+use sightline_world::{Origin, OriginSide, OriginTree, tolerance::UNSURE_SIDE_M};
 
 /// A map's own tree, packed.
 pub(super) struct Locator<'a> {
@@ -44,7 +41,7 @@ impl<'a> Locator<'a> {
         while let Ok(node) = usize::try_from(next) {
             let Node { plane, sides, exact } = &self.nodes[node];
             let height = plane.dot(point.extend(1.0));
-            let behind = if height.abs() > UNSURE {
+            let behind = if height.abs() > UNSURE_SIDE_M {
                 height < 0.0
             } else {
                 self.origin.planes[*exact as usize].height(point.as_dvec3()) < 0.0

@@ -2,14 +2,13 @@
 
 use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
-use sightline_world::{Origin, OriginLeaf, OriginTree, World, geometry::Aabb};
+use sightline_world::{
+    Origin, OriginLeaf, OriginTree, World, geometry::Aabb, tolerance::EYE_CLEARANCE_M,
+};
 
 use super::{brushes::Brushes, exact, hull, locate::Locator};
 use sightline_oracle::Oracle;
 
-/// A point is empty when it is so far from every brush, in metres: an eye is never closer to a
-/// wall, and a tenth of a millimetre is far above what rounding moves points and planes by.
-pub(super) const CLEARANCE: f64 = 1e-4;
 /// After so many points that are not empty, space is taken to be full.
 const TRIES_MAX: usize = 100_000;
 
@@ -88,7 +87,8 @@ impl<'a> Original<'a> {
             (Some(_), _) => return None,
             (None, _) => None,
         };
-        let is_held = self.brushes.as_ref().is_some_and(|brushes| brushes.hold(point, CLEARANCE));
+        let is_held =
+            self.brushes.as_ref().is_some_and(|brushes| brushes.hold(point, EYE_CLEARANCE_M));
         (!is_held).then_some(Spot { point, cluster })
     }
 

@@ -16,7 +16,7 @@ use sightline_protocol::{
     pose_stream::ClientDatagram,
     text::Name,
 };
-use sightline_world::motion::Pose;
+use sightline_world::{motion::Pose, tolerance::WIRE_POSE_M};
 use tokio::{
     task::JoinSet,
     time::{Instant, sleep_until, timeout, timeout_at},
@@ -63,9 +63,6 @@ pub enum End {
     #[error("{0}")]
     Breach(&'static str),
 }
-
-/// A place asked for is a spawn point when it is so near, in metres: it was rounded on the wire.
-const SPAWN_TOLERANCE_M: f32 = 0.01;
 
 /// Serves a connection until it ends. The caller cleans up.
 pub async fn run(context: &Context, connection: Connection, client: Arc<Client>) -> End {
@@ -272,7 +269,7 @@ impl<'a> Session<'a> {
     fn may_enter_at(&self, place: glam::Vec3) -> bool {
         let spawns = &self.context.world.world().spawns;
         self.context.config.free_entry
-            || spawns.iter().any(|spawn| spawn.eye.distance(place) <= SPAWN_TOLERANCE_M)
+            || spawns.iter().any(|spawn| spawn.eye.distance(place) <= WIRE_POSE_M)
     }
 
     async fn enter(&self, place: Option<glam::Vec3>) -> Result<(), End> {

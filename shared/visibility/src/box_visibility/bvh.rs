@@ -5,12 +5,10 @@ use std::ops::ControlFlow;
 use glam::{Vec3A, Vec4};
 
 use super::SightLine;
-use sightline_world::geometry::Aabb;
+use sightline_world::{geometry::Aabb, tolerance::TREE_MARGIN_M};
 
 /// Leaves hold no more.
 const LEAF_MAX: usize = 4;
-/// Boxes are this much larger, in metres, than single precision in [`Bvh::along`] may lose.
-const SLACK: f32 = 1e-4;
 
 /// A binary tree of boxes. It takes no more than two nodes of 32 bytes for each.
 #[derive(Clone, Debug, Default)]
@@ -60,7 +58,7 @@ impl Bvh {
         let bounds = order.iter().map(of).fold(Aabb::EMPTY, |all, one| all.union(one));
         let node = self.nodes.len();
         let count = order.len();
-        let bounds = bounds.grown(SLACK);
+        let bounds = bounds.grown(TREE_MARGIN_M);
         self.nodes.push(BvhNode::new(&bounds, at, count as u32));
         if count <= LEAF_MAX {
             return;

@@ -2,11 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use sightline_world::geometry::Aabb;
-
-/// Occluders are smaller by this on each side, in metres, so that what slips along an edge counts
-/// as free: more than importers and rounding move anything by.
-const MARGIN_M: f64 = 2e-4;
+use sightline_world::{geometry::Aabb, tolerance::OCCLUDER_INSET_M};
 
 /// What blocks sight, in own axes.
 #[derive(Clone, Debug)]
@@ -129,7 +125,7 @@ impl ConvexOccluder {
 /// margin. What is thin becomes flat.
 fn inset(region: &Aabb) -> Vec3 {
     let scale = region.min.abs().max(region.max.abs()).max_element();
-    Vec3::splat(MARGIN_M as f32 + scale * f32::EPSILON).min(region.size() * 0.5)
+    Vec3::splat(OCCLUDER_INSET_M as f32 + scale * f32::EPSILON).min(region.size() * 0.5)
 }
 
 impl Plane {
@@ -139,7 +135,7 @@ impl Plane {
     }
 
     fn set_back(self) -> Self {
-        Self { distance: self.distance - MARGIN_M, ..self }
+        Self { distance: self.distance - OCCLUDER_INSET_M, ..self }
     }
 }
 

@@ -12,12 +12,12 @@
 use glam::{BVec3A, Vec3A, Vec4};
 
 use super::{BoxInSpaces, SightLine};
-use sightline_world::{Cells, Node, Polygon, geometry::Aabb};
+use sightline_world::{
+    Cells, Node, Polygon,
+    geometry::Aabb,
+    tolerance::{GATE_WIDENING_M, SUM_F32_M},
+};
 
-/// Gates are so much larger here, in metres: more than the compiler moves corners by.
-const SLACK_M: f32 = 2e-4;
-/// What single precision may lose, in metres, where lengths are not multiplied.
-const ROUNDING_M: f32 = 4e-5;
 /// The same for shares of the way.
 const SLACK: f32 = 1e-6;
 /// A gate nearer than this share of the way narrows nothing at its far end.
@@ -255,10 +255,10 @@ impl PortalFlood {
                     (normal.dot(centre) - distance, normal.abs().dot(half), sides)
                 }
             };
-            if away <= reach + SLACK_M {
+            if away <= reach + GATE_WIDENING_M {
                 open.push(sides[0]);
             }
-            if away >= -reach - SLACK_M {
+            if away >= -reach - GATE_WIDENING_M {
                 open.push(sides[1]);
             }
         }
@@ -313,7 +313,7 @@ fn tree(cells: &Cells) -> Vec<SpaceNode> {
 
 impl Exit {
     fn new(gate: &Aabb, beyond: u32, towards: ExitDirection) -> Self {
-        let gate = gate.grown(SLACK_M);
+        let gate = gate.grown(GATE_WIDENING_M);
         Self {
             low: gate.min.extend(f32::from_bits(beyond)),
             high: gate.max.extend(f32::from_bits(towards)),
@@ -416,7 +416,7 @@ impl SweptBox {
         let least = Vec3A::splat(1e-9);
         let sane = |by: Vec3A| Vec3A::select(by.abs().cmplt(least), least, by);
         let by = [sane(to.low - from.low), sane(to.high - from.high)];
-        let margin = Vec3A::splat(ROUNDING_M);
+        let margin = Vec3A::splat(SUM_F32_M);
         let down = (to.low - from.high).cmple(margin).bitmask();
         let up = (to.high - from.low).cmpge(-margin).bitmask();
         // Of each, the bits of the three axes go apart.
@@ -457,7 +457,7 @@ impl SweptBox {
         let way = normals[(towards - AXIAL) as usize];
         let most = Vec3A::select(way.cmpgt(Vec3A::ZERO), self.to.high, self.to.low);
         let least = Vec3A::select(way.cmpgt(Vec3A::ZERO), self.from.low, self.from.high);
-        way.dot(most - least) >= -ROUNDING_M
+        way.dot(most - least) >= -SUM_F32_M
     }
 
     /// Where the lines begin and end that go through a gate between some shares of the way.
@@ -475,7 +475,7 @@ impl SimdBox {
         }
         let (most, least) = (first.recip(), last.min(1.0).recip());
         let (low, high) = (gate.low - near.high, gate.high - near.low);
-        let margin = Vec3A::splat(ROUNDING_M * most);
+        let margin = Vec3A::splat(SUM_F32_M * most);
         let low = near.high + (low * most).min(low * least) - margin;
         let high = near.low + (high * most).max(high * least) + margin;
         let narrowed = Self { low: self.low.max(low), high: self.high.min(high) };
@@ -573,7 +573,7 @@ mod tests {
             let through = from.lerp(to, share);
             let gate = Aabb::new(through.min(through + e * 0.1), through.max(through + f * 0.1));
             let between = SweptBox::new(&SimdBox::new(&start), &SimdBox::new(&end));
-            let gate = SimdBox::new(&gate.grown(SLACK_M));
+            let gate = SimdBox::new(&gate.grown(GATE_WIDENING_M));
             let shares = between.meets(&gate, 0.0);
             prop_assert!(shares.is_some_and(|[least, most]| least <= share && share <= most));
             let narrowed = shares.and_then(|shares| between.narrowed(&gate, shares));

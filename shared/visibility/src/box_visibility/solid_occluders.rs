@@ -8,10 +8,10 @@ use std::{
 use glam::Vec3;
 
 use super::bvh::Bvh;
-use sightline_world::{CellId, Cells, Node, Origin, Solid, World, geometry::Aabb};
+use sightline_world::{
+    CellId, Cells, Node, Origin, Solid, World, geometry::Aabb, tolerance::TOUCH_M,
+};
 
-/// What reaches no further into a box touches it only, in metres.
-const TOUCH_M: f32 = 1e-4;
 /// Insides of walls and slabs are no thicker than this, in metres: no place to be.
 const WALL_MAX_M: f32 = 0.6;
 /// Boxes grow along the axes in each order: what is long one way may be short the other way.

@@ -5,19 +5,15 @@ use std::{collections::HashMap, ops::ControlFlow};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::{bvh::Bvh, solid_occluders::SolidOccluders};
-use sightline_world::{World, geometry::Aabb};
+use sightline_world::{
+    World,
+    geometry::Aabb,
+    tolerance::{BESIDE_SURFACE_M, CLOSED_M, COPLANAR_M, SEED_M},
+};
 
-/// Triangles lie in one plane when their corners are no further from it, in metres.
-const PLANE_M: f64 = 2e-5;
-/// Gaps between triangles that are narrower count as closed, in metres.
-const CLOSED_M: f64 = 5e-5;
 /// What is smaller hides nobody, in metres and square metres.
 const WIDTH_MIN_M: f64 = 0.1;
 const AREA_MIN_M2: f64 = 0.05;
-/// A side of a triangle is looked at so far from it, in metres.
-const BESIDE_M: f64 = 0.01;
-/// Rectangles begin so small, in metres.
-const SEED_M: f64 = 1e-3;
 /// No more pieces of a strip are looked at, in the whole world: some seconds.
 const WORK_MAX: usize = 20_000_000;
 
@@ -60,7 +56,9 @@ fn is_thin(corners: &[DVec3; 3], matter: &SolidOccluders<'_>, has_brushes: bool)
         return true;
     }
     let middle = (a + b + c) / 3.0;
-    [BESIDE_M, -BESIDE_M].iter().all(|away| !matter.holds((middle + normal * away).as_vec3()))
+    [BESIDE_SURFACE_M, -BESIDE_SURFACE_M]
+        .iter()
+        .all(|away| !matter.holds((middle + normal * away).as_vec3()))
 }
 
 /// Triangles by plane, in the order of the model.
@@ -79,7 +77,7 @@ fn planes(triangles: &[[DVec3; 3]]) -> Vec<TrianglePlane> {
         };
         let fits = |index: &&usize| {
             let (normal, plane) = &found[**index];
-            corners.iter().all(|corner| normal.dot(corner - plane.origin).abs() <= PLANE_M)
+            corners.iter().all(|corner| normal.dot(corner - plane.origin).abs() <= COPLANAR_M)
         };
         let known = [0.0, 1e-3, -1e-3].map(key);
         let known = known.iter().filter_map(|key| alike.get(key)).flatten().find(fits).copied();
@@ -100,7 +98,7 @@ fn planes(triangles: &[[DVec3; 3]]) -> Vec<TrianglePlane> {
 
 /// The axis that a triangle is across.
 fn axis_of([a, b, c]: &[DVec3; 3]) -> Option<usize> {
-    (0..3).find(|&axis| (a.max(*b).max(*c) - a.min(*b).min(*c))[axis] <= PLANE_M)
+    (0..3).find(|&axis| (a.max(*b).max(*c) - a.min(*b).min(*c))[axis] <= COPLANAR_M)
 }
 
 /// Two directions in a plane along which its rectangles lie: of the axes, or level and upwards, or

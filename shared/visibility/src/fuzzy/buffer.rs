@@ -11,10 +11,8 @@ use super::{
     sub_surfaces::{SubSurface, SubSurfaces},
     surfaces::{PatchSurface, RUN},
 };
-use sightline_world::geometry::Aabb;
+use sightline_world::{geometry::Aabb, tolerance::BEHIND_M};
 
-/// What lies no farther behind counts as not hidden, in metres: patches touch what they belong to.
-const BEHIND_M: f64 = 1e-3;
 /// The same as a part of the distance, for what single precision leaves open.
 const BEHIND_SHARE: f64 = 1e-5;
 

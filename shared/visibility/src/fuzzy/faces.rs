@@ -2,13 +2,13 @@
 
 use glam::{DVec2, DVec3};
 
-use sightline_world::geometry::{Aabb, Frustum};
+use sightline_world::{
+    geometry::{Aabb, Frustum},
+    tolerance::NEAR_PLANE_M,
+};
 
-/// Nothing nearer to an eye is projected, in metres. Patches this near to the box of eyes face
-/// none of them.
-pub(super) const NEAR_M: f64 = 1e-3;
-/// A point at a distance of [`NEAR_M`] that projects onto a face is farther than that along its axis.
-pub(super) const NEAR_DEPTH_M: f64 = 0.5 * NEAR_M;
+/// A point at a distance of [`NEAR_PLANE_M`] that projects onto a face is farther than that along its axis.
+pub(super) const NEAR_DEPTH_M: f64 = 0.5 * NEAR_PLANE_M;
 
 /// Eyes anywhere in a box, each with the same field of view.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,8 +4,8 @@
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use super::surfaces::{FLAT_M, Surfaces};
-use sightline_world::geometry::Aabb;
+use super::surfaces::Surfaces;
+use sightline_world::{geometry::Aabb, tolerance::ON_PLANE_F32_M};
 
 /// Interconnected patches in one plane.
 #[derive(Clone, Debug)]
@@ -108,7 +108,7 @@ fn spread(
             let is_turned = is_turned == *same_way;
             let turn = if is_turned { -1.0 } else { 1.0 };
             let on_plane =
-                |corner: DVec3| (plane.normal.dot(corner) - plane.offset).abs() <= FLAT_M;
+                |corner: DVec3| (plane.normal.dot(corner) - plane.offset).abs() <= ON_PLANE_F32_M;
             // What is folded back faces the other way.
             if !places.contains_key(other)
                 && surfaces.patch(*other as usize).normal.dot(plane.normal) * turn > 0.5

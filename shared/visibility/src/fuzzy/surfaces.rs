@@ -3,14 +3,12 @@
 use glam::{DVec3, Vec3};
 use rustc_hash::FxHashMap;
 
-use super::{
-    faces::NEAR_M,
-    facets::{self, PlanarFacet},
+use super::facets::{self, PlanarFacet};
+use sightline_world::{
+    geometry::Aabb,
+    tolerance::{NEAR_PLANE_M, ON_PLANE_F32_M},
 };
-use sightline_world::geometry::Aabb;
 
-/// How far a corner of a patch may be off its plane, in metres.
-pub(super) const FLAT_M: f64 = 1e-5;
 /// It is not worth finding out of more patches whether they are convex.
 const SELF_MAX: usize = 512;
 /// Patches are tested by so many at once before each is, and so are these.
@@ -241,7 +239,7 @@ impl Surfaces {
         [1.0, -1.0].into_iter().any(|side| {
             patches.iter().all(|patch| {
                 let SurfacePatch { normal, offset, .. } = &self.patches[*patch as usize];
-                corners.iter().all(|corner| side * (normal.dot(*corner) - offset) <= FLAT_M)
+                corners.iter().all(|corner| side * (normal.dot(*corner) - offset) <= ON_PLANE_F32_M)
             })
         })
     }
@@ -253,9 +251,9 @@ pub(super) fn side(normal: DVec3, offset: f64, eyes: &[DVec3; 8]) -> i8 {
     // The first corner and the last are opposite ones.
     let middle = normal.dot(eyes[0] + eyes[7]) * 0.5 - offset;
     let reach = normal.abs().dot(eyes[7] - eyes[0]) * 0.5;
-    if middle - reach > NEAR_M {
+    if middle - reach > NEAR_PLANE_M {
         1
-    } else if middle + reach < -NEAR_M {
+    } else if middle + reach < -NEAR_PLANE_M {
         -1
     } else {
         0
@@ -286,12 +284,13 @@ fn weld(corners: &[Vec3]) -> Vec<u32> {
 /// Whether corners go round a flat, convex polygon.
 fn is_convex(corners: &[DVec3], normal: DVec3, offset: f64) -> bool {
     let count = corners.len();
-    let is_flat = corners.iter().all(|corner| (normal.dot(*corner) - offset).abs() <= FLAT_M);
+    let is_flat =
+        corners.iter().all(|corner| (normal.dot(*corner) - offset).abs() <= ON_PLANE_F32_M);
     let ahead = |i: usize| corners[(i + 1) % count] - corners[i];
     // All corners lie to the left of all edges; a star would not.
     is_flat
         && (0..count).all(|i| {
             let left = normal.cross(ahead(i)).normalize_or_zero();
-            corners.iter().all(|corner| left.dot(*corner - corners[i]) >= -FLAT_M)
+            corners.iter().all(|corner| left.dot(*corner - corners[i]) >= -ON_PLANE_F32_M)
         })
 }

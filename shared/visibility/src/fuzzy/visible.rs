@@ -1,10 +1,11 @@
 //! Visibility: the modified method, with homogeneous indicators and lists of projected patches.
 
 use glam::DVec3;
+use sightline_world::tolerance::NEAR_PLANE_M;
 
 use super::{
     PatchVisibility, Surfaces, ViewpointBox,
-    faces::{CubeFace, NEAR_M, region},
+    faces::{CubeFace, region},
     raster::{ROUNDING, rows},
 };
 
@@ -44,7 +45,7 @@ pub(super) fn find(
         return;
     }
     let eyes = viewpoints.corners();
-    let around = viewpoints.eyes().grown(NEAR_M as f32);
+    let around = viewpoints.eyes().grown(NEAR_PLANE_M as f32);
     let mut is_clear: Vec<bool> =
         classes.iter().map(|class| *class != PatchVisibility::Invisible).collect();
     let there: Vec<(usize, i8)> = (0..surfaces.len())

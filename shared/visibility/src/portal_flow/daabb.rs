@@ -2,12 +2,10 @@
 
 use glam::DVec3;
 
-use sightline_world::geometry::Aabb;
-
-/// A point this close to a plane, in metres, counts as on it, and what is cut keeps it.
-pub(super) const ON_PLANE: f64 = 1e-6;
-/// Boxes that are nearer, in metres, have no tangents: they would be defined by rounding alone.
-pub(super) const APART_MIN: f64 = 1e-7;
+use sightline_world::{
+    geometry::Aabb,
+    tolerance::{DEGENERATE_M, ON_PLANE_F64_M},
+};
 
 /// A box in double precision, in metres and own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,7 +46,7 @@ impl DAabb {
     /// hold the rest. False when nothing is left.
     pub(super) fn keep(&mut self, half: &HalfSpace) -> bool {
         let nearest = (half.normal * self.min).min(half.normal * self.max);
-        let slack = half.limit + ON_PLANE - nearest.element_sum();
+        let slack = half.limit + ON_PLANE_F64_M - nearest.element_sum();
         if slack < 0.0 {
             return false;
         }
@@ -65,7 +63,7 @@ impl DAabb {
 
     pub(super) fn meets(&self, half: &HalfSpace) -> bool {
         let nearest = (half.normal * self.min).min(half.normal * self.max);
-        nearest.element_sum() <= half.limit + ON_PLANE
+        nearest.element_sum() <= half.limit + ON_PLANE_F64_M
     }
 }
 
@@ -122,7 +120,7 @@ pub(super) fn separators(source: &DAabb, pass: &DAabb, found: &mut HalfSpaces) {
             (pass.min[axis] - source.max[axis]).max(source.min[axis] - pass.max[axis])
         };
         let (along, across) = if gap(u) >= gap(v) { (u, v) } else { (v, u) };
-        if gap(along) > APART_MIN {
+        if gap(along) > DEGENERATE_M {
             tangents(source, pass, along, across, found);
         }
     }

@@ -2,11 +2,11 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{
-    WIDENING,
-    daabb::{APART_MIN, DAabb, HalfSpace, HalfSpaces, ON_PLANE},
+use super::daabb::{DAabb, HalfSpace, HalfSpaces};
+use sightline_world::{
+    Polygon,
+    tolerance::{DEGENERATE_M, ON_PLANE_F64_M, WIDENING_M},
 };
-use sightline_world::Polygon;
 
 /// A gate, taken one way.
 pub(super) struct DirectedGate {
@@ -29,7 +29,7 @@ impl DirectedGate {
                 let mut normal = DVec3::ZERO;
                 normal[axis] = sign;
                 let at = f64::from(bounds.min[axis]);
-                let mut extent = DAabb::around(bounds, WIDENING);
+                let mut extent = DAabb::around(bounds, WIDENING_M);
                 (extent.min[axis], extent.max[axis]) = (at, at);
                 let none = (Box::default(), Box::default());
                 Self {
@@ -52,7 +52,7 @@ impl DirectedGate {
         // but where two edges meet sharply: there the edges' own planes still do.
         let wide: Vec<DVec3> = corners
             .iter()
-            .map(|&c| c + (c - centre).normalize_or_zero() * 4.0 * WIDENING)
+            .map(|&c| c + (c - centre).normalize_or_zero() * 4.0 * WIDENING_M)
             .collect();
         let mut edges = Vec::with_capacity(corners.len());
         for (i, &from) in corners.iter().enumerate() {
@@ -61,7 +61,7 @@ impl DirectedGate {
             let out = if out.dot(centre - from) > 0.0 { -out } else { out };
             // An edge too short to have a direction bounds nothing.
             if out != DVec3::ZERO {
-                edges.push((from + out * WIDENING, out));
+                edges.push((from + out * WIDENING_M, out));
             }
         }
         let (min, max) = (
@@ -70,7 +70,7 @@ impl DirectedGate {
         );
         // Where the corners lie along the normal, and not where the widened ones do.
         let distance = normal.dot(centre);
-        let bounds = DAabb { min: min - WIDENING, max: max + WIDENING };
+        let bounds = DAabb { min: min - WIDENING_M, max: max + WIDENING_M };
         Self { to, normal, distance, bounds, edges: edges.into(), corners: wide.into() }
     }
 
@@ -82,13 +82,13 @@ impl DirectedGate {
     /// Whether something has a part on the near side.
     pub(super) fn is_before(&self, extent: &DAabb) -> bool {
         let nearest = (self.normal * extent.min).min(self.normal * extent.max).element_sum();
-        nearest < self.distance - ON_PLANE
+        nearest < self.distance - ON_PLANE_F64_M
     }
 
     /// Whether something has a part on the far side.
     pub(super) fn is_beyond(&self, extent: &DAabb) -> bool {
         let farthest = (self.normal * extent.min).max(self.normal * extent.max).element_sum();
-        farthest > self.distance + ON_PLANE
+        farthest > self.distance + ON_PLANE_F64_M
     }
 }
 
@@ -119,16 +119,16 @@ pub(super) fn edge_separators(
 pub(super) fn least_lean(heights: &[(f64, f64); 8]) -> f64 {
     let mut lean = f64::INFINITY;
     for (corner, &(out, beyond)) in heights.iter().enumerate() {
-        if beyond < -APART_MIN {
+        if beyond < -DEGENERATE_M {
             lean = lean.min(out / -beyond);
-        } else if out < ON_PLANE {
+        } else if out < ON_PLANE_F64_M {
             return f64::NEG_INFINITY;
         } else {
             // The box may come to the gate within the edge all the same.
             for bit in [1, 2, 4] {
                 let (other_out, other) = heights[corner ^ bit];
-                if other < -APART_MIN
-                    && out - (out - other_out) * beyond / (beyond - other) < ON_PLANE
+                if other < -DEGENERATE_M
+                    && out - (out - other_out) * beyond / (beyond - other) < ON_PLANE_F64_M
                 {
                     return f64::NEG_INFINITY;
                 }
@@ -144,7 +144,7 @@ pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut D
     let mut polygon = corners.to_vec();
     let mut kept = Vec::with_capacity(polygon.len() + 2);
     for half in halves.as_slice() {
-        let height = |p: DVec3| half.normal.dot(p) - half.limit - ON_PLANE;
+        let height = |p: DVec3| half.normal.dot(p) - half.limit - ON_PLANE_F64_M;
         kept.clear();
         for (i, &here) in polygon.iter().enumerate() {
             let next = polygon[(i + 1) % polygon.len()];
@@ -161,8 +161,8 @@ pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut D
             return false;
         }
     }
-    let min = polygon.iter().fold(DVec3::INFINITY, |a, &b| a.min(b)) - WIDENING;
-    let max = polygon.iter().fold(DVec3::NEG_INFINITY, |a, &b| a.max(b)) + WIDENING;
+    let min = polygon.iter().fold(DVec3::INFINITY, |a, &b| a.min(b)) - WIDENING_M;
+    let max = polygon.iter().fold(DVec3::NEG_INFINITY, |a, &b| a.max(b)) + WIDENING_M;
     *around = DAabb { min: around.min.max(min), max: around.max.min(max) };
     around.min.cmple(around.max).all()
 }
@@ -178,7 +178,7 @@ pub(super) fn is_between(source: &DAabb, gate: &DAabb, target: &DAabb) -> bool {
     } else {
         (source.max[axis] - at, source.min[axis] - at, at - target.max[axis], at - target.min[axis])
     };
-    if source_near < -2.0 * WIDENING || target_near < -2.0 * WIDENING {
+    if source_near < -2.0 * WIDENING_M || target_near < -2.0 * WIDENING_M {
         return false;
     }
     let ways = [source_near.max(0.0), source_far].into_iter().flat_map(|before| {

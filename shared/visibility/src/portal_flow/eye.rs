@@ -5,11 +5,11 @@ use std::{borrow::Cow, ops::Range};
 use glam::{DVec3, Vec3};
 use roaring::RoaringBitmap;
 
-use super::{DAabb, FlowScratch, HalfSpace, Query, Sightlines, WIDENING};
+use super::{DAabb, FlowScratch, HalfSpace, Query, Sightlines};
 use sightline_world::{
     CellId,
-    cells::ASTRAY_M,
     geometry::{Aabb, Frustum},
+    tolerance::{ASTRAY_M, WIDENING_M},
 };
 
 /// What a call needs memory for; kept from one to the next.
@@ -128,7 +128,7 @@ impl Sightlines<'_> {
                 room.spaces.push(of);
             }
         }
-        let source = DAabb::around(&source, WIDENING);
+        let source = DAabb::around(&source, WIDENING_M);
         room.frustum.clear();
         for &outwards in frustum.map_or(&[][..], Frustum::outwards) {
             room.frustum.push(swept(self.cells.axes.own_exact(outwards), &source));

@@ -35,11 +35,8 @@ use cell_block::blocks;
 use daabb::{HalfSpaces, separators};
 use directed_gate::{DirectedGate, cut_polygon, edge_separators};
 use scratch::{CHAINS_MAX, FlowStep, PortalSequence, QueuedStep, StepParents};
-use sightline_world::Cells;
+use sightline_world::{Cells, tolerance::WIDENING_M};
 
-/// Gates and sources are widened by this much on each side, in metres: more than what importers
-/// and compiler may have moved a surface by rounding, so that what it hides less is not lost.
-pub const WIDENING: f64 = 2e-4;
 /// Steps kept apart at one gate.
 const STEPS_AT_GATE_MAX: usize = 6;
 /// Longer sequences are looked at from their end.
@@ -118,7 +115,7 @@ impl<'a> Sightlines<'a> {
             })
             .collect();
         let targets: Vec<DAabb> =
-            cells.cells.iter().map(|cell| DAabb::around(&cell.bounds, WIDENING)).collect();
+            cells.cells.iter().map(|cell| DAabb::around(&cell.bounds, WIDENING_M)).collect();
         let blocks = blocks(cells, &targets);
         let starting = |cell: u32| blocks.partition_point(|block| block.cells.start < cell) as u32;
         let blocks_of = cells

@@ -15,6 +15,7 @@ use super::{
 use sightline_world::{
     geometry::Aabb,
     rooms::{RoomId, Rooms},
+    tolerance::ON_PLANE_F64_M,
 };
 
 /// A room as an eye finds it.
@@ -79,7 +80,7 @@ impl<'a> OpaqueRoom<'a> {
             let [from, to] = [eye, *corner].map(|at| at.as_dvec3());
             // What is inside of the piece, or only touched by the line, does not hide.
             move |span: [f64; 2]| {
-                (span[1] - span[0]) * DVec3::distance(from, to) > 1e-6 && span[1] < 1.0
+                (span[1] - span[0]) * DVec3::distance(from, to) > ON_PLANE_F64_M && span[1] < 1.0
             }
         };
         let between = self.index.pieces(self.room).iter().any(|piece| {

@@ -5,7 +5,7 @@ use roaring::RoaringBitmap;
 
 use super::{
     RoomOverlap, SealedRooms,
-    pieces::{ConvexPiece, ROUNDING_M, cover},
+    pieces::{ConvexPiece, cover},
     region::BooleanRegion,
     sight::{RoomWindows, Viewpoint},
 };
@@ -13,6 +13,7 @@ use sightline_world::{
     CellId, Cells, World,
     geometry::{Aabb, Axes},
     rooms::{Members, Room, RoomId, Rooms, Sees},
+    tolerance::ROOM_BOUNDARY_M,
 };
 
 /// The rooms of a world, ready to be asked. All places are in own axes, but where the world is named.
@@ -254,7 +255,7 @@ impl RoomIndex {
         if body.within.iter().any(|id| !hall.through.contains(id.0.into())) {
             return false;
         }
-        let inside = |from: &Aabb| from.intersection(&hall.bounds.grown(ROUNDING_M));
+        let inside = |from: &Aabb| from.intersection(&hall.bounds.grown(ROOM_BOUNDARY_M));
         let looks = |from: &Aabb| body.boxes.iter().any(|body| hall.panes.show(from, body));
         eyes.boxes.iter().map(inside).filter(|from| !from.is_empty()).any(|from| looks(&from))
     }

@@ -4,13 +4,11 @@ use glam::{DVec3, Vec2, Vec3};
 use sightline_world::{
     geometry::{Aabb, Axes},
     rooms::{EXTENT_MAX, Shape},
+    tolerance::ROOM_BOUNDARY_M,
 };
 
 use super::region::{Containment, HalfSpace};
 
-/// What is nearer to a boundary may be on either side of it, in metres: more than single precision
-/// loses within a kilometre.
-pub(super) const ROUNDING_M: f32 = 2e-4;
 /// Boxes are split so many times to find out whether several pieces cover them.
 const SPLITS_MAX: u32 = 48;
 
@@ -96,16 +94,18 @@ impl ConvexPiece {
 
     /// Whether all of a box is inside, but for what rounding may add.
     pub fn contains_box(&self, region: &Aabb) -> bool {
-        let within =
-            |side: &HalfSpace| side.moved(ROUNDING_M.into()).side(region) == Containment::Inside;
-        self.bounds.grown(ROUNDING_M).contains_box(region) && self.sides.iter().all(within)
+        let within = |side: &HalfSpace| {
+            side.moved(ROOM_BOUNDARY_M.into()).side(region) == Containment::Inside
+        };
+        self.bounds.grown(ROOM_BOUNDARY_M).contains_box(region) && self.sides.iter().all(within)
     }
 
     /// Whether some of a box may be inside: never wrongly denied.
     pub fn meets(&self, region: &Aabb) -> bool {
-        let apart =
-            |side: &HalfSpace| side.moved(ROUNDING_M.into()).side(region) == Containment::Outside;
-        self.bounds.grown(ROUNDING_M).intersects(region) && !self.sides.iter().any(apart)
+        let apart = |side: &HalfSpace| {
+            side.moved(ROOM_BOUNDARY_M.into()).side(region) == Containment::Outside
+        };
+        self.bounds.grown(ROOM_BOUNDARY_M).intersects(region) && !self.sides.iter().any(apart)
     }
 
     /// The part of the way from one point to another that is inside: shares from 0 to 1.
@@ -144,8 +144,9 @@ pub(super) fn cover<'a>(pieces: impl Iterator<Item = &'a ConvexPiece>, region: &
         let cut = pieces.iter().filter(|piece| piece.meets(&part)).find_map(|piece| {
             let inside = piece.bounds.intersection(&part);
             (0..3).find_map(|axis| {
-                let at =
-                    |at: f32| at > part.min[axis] + ROUNDING_M && at < part.max[axis] - ROUNDING_M;
+                let at = |at: f32| {
+                    at > part.min[axis] + ROOM_BOUNDARY_M && at < part.max[axis] - ROOM_BOUNDARY_M
+                };
                 [inside.min[axis], inside.max[axis]].into_iter().find(|x| at(*x)).map(|x| (axis, x))
             })
         });
@@ -166,7 +167,7 @@ fn side_of([a, b, c]: [DVec3; 3], all: &[DVec3]) -> Option<HalfSpace> {
     let ahead = |point: &DVec3| normal.dot(*point - a);
     let (least, most) =
         all.iter().map(ahead).fold((0.0_f64, 0.0_f64), |(x, y), d| (x.min(d), y.max(d)));
-    let tolerance = f64::from(ROUNDING_M) * 0.5;
+    let tolerance = f64::from(ROOM_BOUNDARY_M) * 0.5;
     if most < tolerance && least < -tolerance {
         Some(HalfSpace { normal, distance: normal.dot(a) + most })
     } else if least > -tolerance && most > tolerance {
@@ -185,14 +186,14 @@ fn tidied(normal: DVec3) -> DVec3 {
 fn is_known(sides: &[HalfSpace], side: &HalfSpace) -> bool {
     let alike = |known: &HalfSpace| {
         known.normal.dot(side.normal) > 1.0 - 1e-9
-            && (known.distance - side.distance).abs() < f64::from(ROUNDING_M)
+            && (known.distance - side.distance).abs() < f64::from(ROOM_BOUNDARY_M)
     };
     sides.iter().any(alike)
 }
 
 /// The points on a side, in order around it.
 fn face(side: &HalfSpace, points: &[DVec3]) -> Vec<Vec3> {
-    let on = |point: &&DVec3| side.normal.dot(**point) > side.distance - f64::from(ROUNDING_M);
+    let on = |point: &&DVec3| side.normal.dot(**point) > side.distance - f64::from(ROOM_BOUNDARY_M);
     let mut on: Vec<DVec3> = points.iter().filter(on).copied().collect();
     let centre = on.iter().sum::<DVec3>() / on.len().max(1) as f64;
     let (u, v) = side.normal.any_orthonormal_pair();
@@ -205,7 +206,7 @@ fn face(side: &HalfSpace, points: &[DVec3]) -> Vec<Vec3> {
 /// what is around it.
 pub(super) fn convex_parts(corners: &[Vec2]) -> Vec<Vec<Vec2>> {
     let mut ring: Vec<Vec2> = corners.to_vec();
-    ring.dedup_by(|a, b| a.distance(*b) < ROUNDING_M);
+    ring.dedup_by(|a, b| a.distance(*b) < ROOM_BOUNDARY_M);
     if area(&ring) < 0.0 {
         ring.reverse();
     }

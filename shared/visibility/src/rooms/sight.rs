@@ -19,12 +19,13 @@
 use glam::{DVec3, Vec3};
 
 use super::{
-    pieces::{ConvexPiece, ROUNDING_M, convex_polygons, normal},
+    pieces::{ConvexPiece, convex_polygons, normal},
     region::{BooleanRegion, Containment, HalfSpace},
 };
 use sightline_world::{
     geometry::{Aabb, Axes, Frustum},
     rooms::Room,
+    tolerance::ROOM_BOUNDARY_M,
 };
 
 /// On which side of a window the room is, is tried so far from it, in metres …
@@ -322,7 +323,7 @@ fn unknown(bound: EyeBound) -> Containment {
 }
 
 fn slack(bound: EyeBound) -> f64 {
-    let slack = f64::from(ROUNDING_M);
+    let slack = f64::from(ROOM_BOUNDARY_M);
     if bound == EyeBound::Outer { slack } else { -slack }
 }
 
@@ -333,7 +334,7 @@ fn beyond(normal: DVec3, at: DVec3) -> HalfSpace {
 
 /// Whether eyes are beyond: those that rounding may have put there count as at the plane.
 fn touching(beyond: &HalfSpace, eyes: &Aabb) -> Containment {
-    let slack = f64::from(ROUNDING_M);
+    let slack = f64::from(ROOM_BOUNDARY_M);
     match [beyond.moved(slack).side(eyes), beyond.moved(-slack).side(eyes)] {
         [Containment::Outside, _] => Containment::Outside,
         [_, Containment::Inside] => Containment::Inside,
@@ -345,7 +346,7 @@ fn touching(beyond: &HalfSpace, eyes: &Aabb) -> Containment {
 fn clipped(corners: &[DVec3], planes: impl Iterator<Item = HalfSpace>) -> Vec<DVec3> {
     let mut ring = corners.to_vec();
     for plane in planes {
-        let plane = plane.moved(ROUNDING_M.into());
+        let plane = plane.moved(ROOM_BOUNDARY_M.into());
         let ahead = |at: &DVec3| plane.normal.dot(*at) - plane.distance;
         let mut kept = Vec::with_capacity(ring.len() + 1);
         for (from, to) in ring.iter().zip(ring.iter().cycle().skip(1)) {

@@ -27,6 +27,7 @@ use crate::{
     motion::Body,
     octree::{Octree, OctreeError},
     rooms::Rooms,
+    tolerance::UNIT_F64,
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
@@ -381,7 +382,7 @@ impl<'a> Input<'a> {
     /// A vector of unit length.
     fn direction(&mut self) -> Result<DVec3, ReadError> {
         let value = DVec3::new(self.f64()?, self.f64()?, self.f64()?);
-        let is_unit = (value.length_squared() - 1.0).abs() < 1e-6;
+        let is_unit = (value.length_squared() - 1.0).abs() < UNIT_F64;
         if is_unit { Ok(value) } else { Err(ReadError::Malformed("a direction")) }
     }
 

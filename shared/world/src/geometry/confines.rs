@@ -1,11 +1,7 @@
 use glam::Vec3;
 
 use super::Axes;
-use crate::geometry::Aabb;
-
-/// Points that are moved inside are so far from the faces, in metres, where the axes are turned:
-/// more than rounding moves them back.
-const INWARD: f32 = 1e-3;
+use crate::{geometry::Aabb, tolerance::INWARD_M};
 
 /// A box along a building's own axes. Around a turned building, it has far less room than a box
 /// along the world's, and beyond it there is no cell.
@@ -33,7 +29,7 @@ impl Confines {
         if self.contains(point) {
             return point;
         }
-        let inward = if self.axes.turn() == 0.0 { 0.0 } else { INWARD };
+        let inward = if self.axes.turn() == 0.0 { 0.0 } else { INWARD_M };
         let within = self.grown(-inward).bounds;
         self.axes.world(self.axes.own(point).max(within.min).min(within.max))
     }

@@ -1,6 +1,7 @@
 //! From half-spaces to the faces of a convex solid.
 
 use glam::DVec3;
+use sightline_world::tolerance::UNIT_F32;
 
 use super::file::{Brush, Plane};
 
@@ -67,7 +68,7 @@ fn axial(plane: &Plane) -> Option<(usize, f64, bool)> {
 /// A square on a plane, larger than any map; `None` when the plane is none.
 fn whole(plane: &Plane) -> Option<Vec<DVec3>> {
     let normal = plane.normal;
-    let is_unit = (normal.length_squared() - 1.0).abs() < 1e-3;
+    let is_unit = (normal.length_squared() - 1.0).abs() < UNIT_F32;
     if !is_unit || !plane.distance.is_finite() {
         return None;
     }

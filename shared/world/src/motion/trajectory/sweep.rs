@@ -13,14 +13,15 @@ use super::{
     Bounds, Joint, Trajectory,
     track::{Segment, arc},
 };
-use crate::geometry::Aabb;
+use crate::{
+    geometry::Aabb,
+    tolerance::{SWEPT_M, SWEPT_SHARE},
+};
 
 /// Where a rotation is not alone, pieces turn by no more, in radians.
 const TURN_MAX: f64 = PI / 16.0;
 /// A piece is cut into no more parts.
 const PARTS_MAX: f64 = 16.0;
-/// Places are rounded to single precision after this, in metres and as a share.
-const ROUNDING: (f64, f64) = (1e-5, 2e-7);
 
 /// The box, from one time within a motion to another. Both times count.
 pub(super) fn between(trajectory: &Trajectory, bounds: &Aabb, from_s: f64, until_s: f64) -> Aabb {
@@ -123,7 +124,7 @@ impl Bounds {
     /// In single precision, and no smaller.
     fn rounded(&self) -> Aabb {
         let reach = self.min.abs().max(self.max.abs());
-        let margin = DVec3::splat(ROUNDING.0) + reach * ROUNDING.1;
+        let margin = DVec3::splat(SWEPT_M) + reach * SWEPT_SHARE;
         Aabb::new((self.min - margin).as_vec3(), (self.max + margin).as_vec3())
     }
 }

@@ -3,6 +3,7 @@
 use glam::{DQuat, DVec3, Quat, Vec3};
 
 use super::{KEYS_MAX, TrajectoryError, VALUE_MAX};
+use crate::tolerance::UNIT_F32;
 
 /// A value at some times, and in between.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,7 +60,7 @@ impl Value for Quat {
 
     fn is_sane(self) -> bool {
         // Not so exactly as glam has it: files round.
-        (self.length_squared() - 1.0).abs() < 1e-3
+        (self.length_squared() - 1.0).abs() < UNIT_F32 as f32
     }
 }
 
