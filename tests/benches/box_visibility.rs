@@ -20,7 +20,7 @@ use anyhow::Context;
 use clap::Parser;
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_cli::trace::Trace;
+use sightline_cli::{percentile::percentile, trace::Trace};
 use sightline_compiler::{
     CompileOptions, compile,
     import::{self, glb},
@@ -277,9 +277,8 @@ impl RadiusRow {
         self.micros.sort_unstable_by(f64::total_cmp);
         let percent = |count: usize| count as f64 * 100.0 / pairs as f64;
         let over = |count: usize| count as f64 / self.seen as f64;
-        let at = |share: f64| (self.spent.len().saturating_sub(1) as f64 * share) as usize;
-        let spent = |share: f64| self.spent.get(at(share)).copied().unwrap_or(0);
-        let micros = |share: f64| self.micros.get(at(share)).copied().unwrap_or(0.0);
+        let spent = |percent| percentile(&self.spent, percent).unwrap_or(0);
+        let micros = |percent| percentile(&self.micros, percent).unwrap_or(0.0);
         println!(
             "{radius:6.2} {:7.2} {:7.2} {:7.2} {:10.3} {:9.3} {:10.2} {:14} {:7} {:7} {:11.1} {:7.1} \
              {:7.1} {:7.1}",
@@ -289,12 +288,12 @@ impl RadiusRow {
             over(self.pvs),
             over(self.left),
             percent(self.unknown),
-            spent(0.5),
-            spent(0.9),
-            spent(0.99),
-            micros(0.5),
-            micros(0.9),
-            micros(0.99),
+            spent(50),
+            spent(90),
+            spent(99),
+            micros(50),
+            micros(90),
+            micros(99),
             self.micros.iter().sum::<f64>() / self.micros.len().max(1) as f64,
         );
     }

@@ -2,9 +2,10 @@
 
 mod cli;
 
-use std::{io::Write, process::ExitCode};
+use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use sightline_cli::exit;
 
 /// Walks in a shared building, drawn on the CPU.
 #[derive(Parser)]
@@ -31,12 +32,5 @@ fn main() -> ExitCode {
         #[cfg(feature = "desktop")]
         Command::Walk(args) => cli::walk::run(&args),
     };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            // Where nobody reads it, there is nobody to tell that either.
-            let _ = writeln!(std::io::stderr(), "sightline-client: {}", cli::one_line(&error));
-            ExitCode::FAILURE
-        }
-    }
+    exit::code("sightline-client", outcome)
 }

@@ -5,6 +5,7 @@ mod cli;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use sightline_cli::exit;
 
 /// Compiles buildings into worlds, decides who can see whom, and serves them.
 #[derive(Parser)]
@@ -31,14 +32,5 @@ fn main() -> ExitCode {
         Command::Replay(args) => cli::replay::run(&args),
         Command::Serve(args) => cli::serve::run(&args),
     };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            cli::note(&format!("sightline-server: {}", cli::one_line(&error)));
-            if error.is::<cli::interrupt::Interrupted>() {
-                return ExitCode::from(cli::interrupt::EXIT_CODE);
-            }
-            ExitCode::FAILURE
-        }
-    }
+    exit::code("sightline-server", outcome)
 }

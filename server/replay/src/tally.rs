@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
+use sightline_cli::percentile::percentile;
 use sightline_world::motion::{AvatarId, ReportingState};
 
 use super::{ClientReport, Options, Report};
@@ -110,6 +111,7 @@ impl Tally {
         };
         let seconds = (self.cpu.len() as f64 * tick_s).max(f64::MIN_POSITIVE);
         let rate = |count: u64| count as f64 / seconds;
+        let cpu = |percent| percentile(&self.cpu, percent).unwrap_or_default();
         let ms = |time: Duration| time.as_secs_f64() * 1e3;
         Report {
             policy: config.policy.to_string(),
@@ -144,8 +146,8 @@ impl Tally {
             enters_per_s: rate(self.enters),
             leaves_per_s: rate(self.leaves),
             corrections: self.corrections,
-            tick_cpu_median_ms: ms(percentile(&self.cpu, 50)),
-            tick_cpu_p99_ms: ms(percentile(&self.cpu, 99)),
+            tick_cpu_median_ms: ms(cpu(50)),
+            tick_cpu_p99_ms: ms(cpu(99)),
             ..Report::default()
         }
     }
@@ -165,10 +167,4 @@ impl ClientTally {
             bytes_from: self.from.bytes,
         }
     }
-}
-
-/// Of sorted times; zero when there are none.
-fn percentile(sorted: &[Duration], percent: usize) -> Duration {
-    let place = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
-    sorted.get(place).copied().unwrap_or_default()
 }

@@ -11,6 +11,7 @@ use anyhow::Context;
 use cpu_time::ProcessTime;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use serde::{Deserialize, Serialize};
+use sightline_cli::percentile::percentile;
 use sightline_engine::{Config, Engine, Input, Margin, Output};
 use sightline_world::{
     World,
@@ -166,17 +167,16 @@ impl TickSums {
         let of = |count: u64| count as f64 / ticks as f64;
         self.cpu.sort_unstable_by(f64::total_cmp);
         self.wall.sort_unstable_by(f64::total_cmp);
-        let at = |times: &[f64], part: usize| times.get((ticks * part).div_ceil(100) - 1).copied();
         Some(EngineRow {
             policy,
             threads: 1,
             walkers,
             hidden,
             ticks,
-            cpu_median_ms: at(&self.cpu, 50)?,
-            cpu_p99_ms: at(&self.cpu, 99)?,
-            wall_median_ms: at(&self.wall, 50)?,
-            wall_p99_ms: at(&self.wall, 99)?,
+            cpu_median_ms: percentile(&self.cpu, 50)?,
+            cpu_p99_ms: percentile(&self.cpu, 99)?,
+            wall_median_ms: percentile(&self.wall, 50)?,
+            wall_p99_ms: percentile(&self.wall, 99)?,
             cpu_mean_ms: self.cpu.iter().sum::<f64>() / ticks as f64,
             held_mean: of(self.held) / walkers as f64,
             live_mean: of(self.live),

@@ -4,6 +4,7 @@
 use std::{path::PathBuf, process::ExitCode, time::Duration};
 
 use clap::Parser;
+use sightline_cli::exit;
 use sightline_tests::demo::{self, DemoOptions};
 
 /// Fills a building with simulated visitors, puts your window among them where there is a
@@ -45,11 +46,5 @@ fn main() -> ExitCode {
         pictures: args.pictures,
         window: !args.no_window,
     };
-    match demo::run(&options) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("cargo demo: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    exit::code("cargo demo", demo::run(&options))
 }

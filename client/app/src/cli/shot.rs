@@ -8,6 +8,11 @@ use std::{
 
 use anyhow::{bail, ensure};
 use glam::Vec3;
+use sightline_cli::{
+    flags::{point, time},
+    output,
+    progress::Progress,
+};
 use sightline_renderer::{
     Camera, Frame, Renderer,
     mover_visibility::MoverVisibility,
@@ -21,7 +26,6 @@ use sightline_world::{Mover, World, motion::Pose};
 use super::{
     flags::{self, PathFlags},
     picture::{self, FRAMES_MAX, FrameFiles},
-    progress::Progress,
 };
 
 /// Draws a view of a world as a PNG, or a film as many of them.
@@ -33,10 +37,10 @@ pub struct Args {
     /// The world (.slw).
     world: PathBuf,
     /// Where the eye is, in metres; a spawn point when absent.
-    #[arg(long, value_name = "X,Y,Z", value_parser = flags::point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     eye: Option<Vec3>,
     /// A point to look at, in metres; straight ahead when absent.
-    #[arg(long, value_name = "X,Y,Z", value_parser = flags::point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     look: Option<Vec3>,
     /// Which spawn point to stand at, from 0.
     #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "eye")]
@@ -54,7 +58,7 @@ pub struct Args {
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
     /// When: seconds on the server's clock, by which doors and lifts move. A film begins then.
-    #[arg(long, value_name = "S", value_parser = flags::time, default_value = "0")]
+    #[arg(long, value_name = "S", value_parser = time, default_value = "0")]
     time: Duration,
     #[command(flatten)]
     way: PathFlags,
@@ -92,7 +96,7 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let milliseconds = scene.draw(camera, &movers, args.time, &mut frame);
     picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
-    super::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
+    output::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
 }
 
 fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
@@ -110,7 +114,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
         drawn += movers.len();
         total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
         picture::save(&frame_files.frame(i), &[(width, &frame.colour)])?;
-        progress.tell("frames", (i + 1) as f32 / frames as f32, "");
+        progress.show("frames", (i + 1) as f32 / frames as f32);
     }
     progress.finish();
     let movers = match world.movers.len() {
@@ -121,7 +125,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
             mover_visibility.sets_made()
         ),
     };
-    super::print(&format!(
+    output::print(&format!(
         "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{movers}\n",
         frame_files.frame(0).display(),
         frame_files.frame(frames - 1).display(),

@@ -3,14 +3,12 @@
 use std::{path::PathBuf, time::Duration};
 
 use anyhow::{Context, ensure};
-use sightline_cli::trace::Trace;
+use sightline_cli::{flags, log, output, progress::Progress, trace::Trace};
 use sightline_client::{
     net::{self, Trust},
     swarm::{self, SwarmOptions, SwarmReport},
 };
 use sightline_protocol::fingerprint::Fingerprint;
-
-use super::progress::Progress;
 
 /// Sends simulated visitors to a server, and reports what they received.
 #[derive(clap::Args)]
@@ -41,12 +39,12 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::show_log();
+    log::show_log("warn,winit=error");
     ensure!(
         args.seconds.is_finite() && (0.1..=86_400.0).contains(&args.seconds),
         "--seconds must be between 0.1 and 86400"
     );
-    let address = super::resolve(&args.address)?;
+    let address = flags::resolve(&args.address)?;
     let trust = match args.fingerprint {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
@@ -63,7 +61,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let walk = swarm::run(address, &options, |snapshot| {
         let share = snapshot.elapsed.as_secs_f32() / duration.as_secs_f32();
-        progress.tell("walk", share, &format!("({} visitors)", snapshot.visitors.len()));
+        progress.show_with_note("walk", share, &format!("({} visitors)", snapshot.visitors.len()));
     });
     let report = runtime.block_on(async {
         tokio::select! {
@@ -72,11 +70,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     })?;
     progress.finish();
-    super::print(&table(&report))?;
-    if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(&report)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
+    output::print(&table(&report))?;
+    output::write_json(args.json.as_deref(), &report)?;
     let (clients, disconnected) = (report.clients, report.disconnected);
     ensure!(disconnected == 0, "{disconnected} of {clients} visitors were disconnected");
     Ok(())

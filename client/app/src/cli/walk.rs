@@ -3,7 +3,7 @@
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail, ensure};
-use indicatif::{ProgressBar, ProgressStyle};
+use sightline_cli::{flags, log, output, progress::Progress};
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
     net::{self, Trust},
@@ -38,7 +38,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    super::show_log();
+    log::show_log("warn,winit=error");
     ensure!(desktop::has_display(), "there is no display to open a window on");
     let end = match args.seconds.map(Duration::try_from_secs_f64) {
         None => None,
@@ -68,10 +68,7 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
     };
-    let bar = ProgressBar::no_length().with_style(
-        ProgressStyle::with_template("world {bar:40} {bytes}/{total_bytes}")
-            .context("the progress bar's form")?,
-    );
+    let bar = Arc::new(Progress::new());
     let progress = bar.clone();
     let options_net = net::ConnectOptions {
         colour: colour_of(name.as_str()),
@@ -79,13 +76,14 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         place: None,
         trust,
         progress: Some(Arc::new(move |done, all| {
-            progress.set_length(all);
-            progress.set_position(done);
+            let megabytes = |bytes: u64| bytes as f64 / 1e6;
+            let note = format!("({:.1} of {:.1} MB)", megabytes(done), megabytes(all));
+            progress.show_with_note("world", done as f32 / all.max(1) as f32, &note);
         })),
     };
-    let address = super::resolve(&args.address)?;
+    let address = flags::resolve(&args.address)?;
     let session = net::connect_blocking(address, &options_net, net::world_folder_of_user());
-    bar.finish_and_clear();
+    bar.finish();
     let session = session?;
     let title = format!("{} – Sightline", session.world().title);
     let summary = desktop::run(WorldSource::Shared(&session), options(args, &title, end))?;
@@ -107,7 +105,7 @@ fn colour_of(name: &str) -> [u8; 3] {
 
 fn tell(summary: &WalkSummary) -> anyhow::Result<()> {
     let (width, height) = summary.size;
-    super::print(&format!(
+    output::print(&format!(
         "{} frames in {:.1} s ({:.1} a second, {:.1} ms each to draw) at {width} × {height}\n",
         summary.frames,
         summary.seconds,
@@ -115,7 +113,7 @@ fn tell(summary: &WalkSummary) -> anyhow::Result<()> {
         summary.draw_ms,
     ))?;
     if let Some(reason) = &summary.ended {
-        super::print(&format!("the session ended: {reason}\n"))?;
+        output::print(&format!("the session ended: {reason}\n"))?;
     }
     Ok(())
 }

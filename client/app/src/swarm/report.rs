@@ -7,6 +7,7 @@ use std::{
 
 use glam::Vec3;
 use serde::Serialize;
+use sightline_cli::percentile;
 use sightline_world::motion::{AvatarId, ReportingState};
 
 use super::{STEP, Snapshot};
@@ -149,14 +150,14 @@ impl SwarmStatistics {
             visible_mean: self.held as f64 / views,
             quiet_share: self.quiet as f64 / views,
             age_mean_ms: self.age_sum_ms / aged.max(1) as f64,
-            age_p99_ms: self.age_percentile(aged, 0.99),
+            age_p99_ms: self.age_percentile(aged, 99),
             age_max_ms: self.age_max_ms,
             round_trip_ms: round_trips.sum::<f64>() / end.len().max(1) as f64,
         }
     }
 
-    fn age_percentile(&self, aged: u64, share: f64) -> f64 {
-        let mut left = (aged as f64 * share).ceil() as u64;
+    fn age_percentile(&self, aged: u64, percent: u64) -> f64 {
+        let mut left = percentile::rank(aged, percent);
         for (bin, count) in self.ages.iter().enumerate() {
             if *count >= left {
                 return if aged == 0 { 0.0 } else { (bin + 1) as f64 * AGE_BIN_MS };
@@ -203,10 +204,10 @@ mod tests {
     #[test]
     fn percentiles_are_of_the_counted() {
         let mut statistics = SwarmStatistics::new([].into_iter(), 0);
-        assert_eq!(statistics.age_percentile(0, 0.99), 0.0);
+        assert_eq!(statistics.age_percentile(0, 99), 0.0);
         statistics.ages[0] = 98;
         statistics.ages[10] = 2;
-        assert_eq!(statistics.age_percentile(100, 0.5), AGE_BIN_MS);
-        assert_eq!(statistics.age_percentile(100, 0.99), 11.0 * AGE_BIN_MS);
+        assert_eq!(statistics.age_percentile(100, 50), AGE_BIN_MS);
+        assert_eq!(statistics.age_percentile(100, 99), 11.0 * AGE_BIN_MS);
     }
 }

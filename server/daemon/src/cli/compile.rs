@@ -3,7 +3,7 @@
 use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
-use sightline_cli::progress::Progress;
+use sightline_cli::{exit::Interrupted, output, progress::Progress};
 use sightline_compiler::{
     CompileError, CompileOptions, CompileReport,
     carve::{self, CarvingUnits},
@@ -12,7 +12,7 @@ use sightline_compiler::{
 };
 use sightline_world::write_whole;
 
-use super::interrupt::{Interrupt, Interrupted};
+use super::interrupt::Interrupt;
 
 /// Makes a world (.slw) of a building (.glb, .gltf or a Quake III .bsp).
 #[derive(clap::Args)]
@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         model.rooms.extend(told(text::read_file(path))?);
     }
     for warning in &model.warnings {
-        super::note(&format!("warning: {warning}"));
+        output::note(&format!("warning: {warning}"));
     }
     let options = CompileOptions {
         voxel: args.voxel,
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         other => other.with_context(|| args.input.display().to_string())?,
     };
     for warning in &report.room_warnings {
-        super::note(&format!("warning: {warning}"));
+        output::note(&format!("warning: {warning}"));
     }
     let bytes = world.to_bytes();
     let writing = interrupt.hold_off();
@@ -104,8 +104,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     write_whole(&args.output, &bytes)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     drop(writing);
-    super::print(&table(&report))?;
-    super::write_json(args.json.as_deref(), &report)
+    output::print(&table(&report))?;
+    output::write_json(args.json.as_deref(), &report)
 }
 
 /// The rooms of a file, or each of its faults on a line of its own, and an error.
@@ -122,7 +122,7 @@ fn told(
 fn tell(rooms::RoomErrors(mut faults): rooms::RoomErrors) -> anyhow::Error {
     let last = faults.pop();
     for fault in &faults {
-        super::note(&format!("error: {fault}"));
+        output::note(&format!("error: {fault}"));
     }
     last.map_or_else(|| anyhow::anyhow!("the rooms are faulty"), anyhow::Error::new)
 }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use sightline_cli::output;
 use sightline_demo_building::ROOMS_MAX;
 use sightline_world::write_whole;
 
@@ -36,5 +37,5 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     write_whole(&args.output, &glb)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
-    super::print(&format!("{}: {told}, {} bytes\n", args.output.display(), glb.len()))
+    output::print(&format!("{}: {told}, {} bytes\n", args.output.display(), glb.len()))
 }

@@ -5,7 +5,7 @@ use std::{fmt::Write, path::PathBuf, time::Duration};
 use anyhow::Context;
 use glam::Vec3;
 use serde::Serialize;
-use sightline_cli::progress::Progress;
+use sightline_cli::{exit::Interrupted, flags::point, output, progress::Progress};
 use sightline_compiler::{
     carve_preview::{self, View},
     octree_statistics::OctreeStatistics,
@@ -16,10 +16,7 @@ use sightline_world::{
     Mover, World, content_id, motion::trajectory::Playback, rooms::Room, write_whole,
 };
 
-use super::{
-    interrupt::{Interrupt, Interrupted},
-    verification,
-};
+use super::{interrupt::Interrupt, verification};
 
 /// Movers that the table lists one by one; the JSON file has all.
 const MOVERS_SHOWN: usize = 40;
@@ -39,18 +36,18 @@ pub struct Args {
     #[arg(long, requires = "map")]
     density: bool,
     /// On the map, keep bright only what may be visible from this point.
-    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "map",
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "map",
           allow_hyphen_values = true)]
     pvs_from: Option<Vec3>,
     /// Draw the carved model: with its cuttings, and without them.
     #[arg(long, value_name = "OUT.png")]
     carved: Option<PathBuf>,
     /// Where the eye is for that picture; at the first spawn point when absent.
-    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "carved",
           allow_hyphen_values = true)]
     eye: Option<Vec3>,
     /// What that picture looks at; straight ahead when absent.
-    #[arg(long, value_name = "X,Y,Z", value_parser = super::point, requires = "carved",
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "carved",
           allow_hyphen_values = true)]
     look: Option<Vec3>,
     /// Write the rooms and windows that the building suggests as TOML: to this file, or to stdout in place of the
@@ -179,13 +176,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         verified: None,
     };
     match (&args.suggest_rooms, &suggested) {
-        (Some(path), Some(toml)) if path.as_os_str() == "-" => super::print(toml)?,
+        (Some(path), Some(toml)) if path.as_os_str() == "-" => output::print(toml)?,
         (Some(path), Some(toml)) => {
             write_whole(path, toml.as_bytes())
                 .with_context(|| format!("cannot write {}", path.display()))?;
-            super::print(&table(&figures))?;
+            output::print(&table(&figures))?;
         }
-        _ => super::print(&table(&figures))?,
+        _ => output::print(&table(&figures))?,
     }
     if let Some(path) = &args.map {
         let picture = plan::draw(&world, &overlay(&world, args));
@@ -195,17 +192,17 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let (picture, carved) = carve_preview::draw(&world.mesh, &view(&world, args)?);
         let rows = super::carving_rows(&carved.report);
         let rows = rows.map(|(name, value)| format!("{name:<18} {value}\n"));
-        super::print(&rows.concat())?;
+        output::print(&rows.concat())?;
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(pairs) = args.verify {
         let Args { entries, lines, seed, fuzzy, .. } = *args;
         let options = verify::VerifyOptions { pairs, entries, lines, seed, fuzzy };
         let found = verification::Figures::find(&world, &options).with_context(named)?;
-        super::print(&found.table())?;
+        output::print(&found.table())?;
         figures.verified = Some(found);
     }
-    super::write_json(args.json.as_deref(), &figures)?;
+    output::write_json(args.json.as_deref(), &figures)?;
     figures.verified.as_ref().map_or(Ok(()), verification::Figures::verdict).with_context(named)
 }
 
@@ -220,7 +217,7 @@ fn suggested(world: &World) -> anyhow::Result<String> {
     progress.finish();
     let rooms = rooms.ok_or(Interrupted)?;
     let windows: usize = rooms.iter().map(|room| room.windows.len()).sum();
-    super::note(&format!("{} rooms and {windows} windows", rooms.len()));
+    output::note(&format!("{} rooms and {windows} windows", rooms.len()));
     Ok(suggest::to_toml(world, &rooms))
 }
 

@@ -9,13 +9,7 @@ use std::{
     },
 };
 
-/// The exit code of what was interrupted, as shells have it.
-pub const EXIT_CODE: u8 = 130;
-
-/// Why a command ended early.
-#[derive(Debug, thiserror::Error)]
-#[error("interrupted; nothing was written")]
-pub struct Interrupted;
+use sightline_cli::exit;
 
 /// Takes note of an interruption, so that a long task can end in order. A second one ends the
 /// program at once, though never while a file is being written.
@@ -39,7 +33,7 @@ impl Interrupt {
                 while ended().await.is_ok() {
                     if flag.swap(true, Relaxed) {
                         let _lock = lock.lock().unwrap_or_else(PoisonError::into_inner);
-                        std::process::exit(EXIT_CODE.into());
+                        std::process::exit(exit::INTERRUPTED.into());
                     }
                 }
             });

@@ -10,7 +10,7 @@ use std::{
 };
 
 use anyhow::Context;
-use sightline_cli::{progress::Progress, trace::Trace};
+use sightline_cli::{output, progress::Progress, trace::Trace};
 use sightline_engine::{Config, Policy, PolicyError, TbvShape, Validity};
 use sightline_replay::{self as replay, Comparison, Moment, Options, OracleStride};
 use sightline_world::{World, rooms::Rooms};
@@ -127,8 +127,8 @@ fn run_one(
     let report = replay::run(world, trace, options, dump, show);
     progress.finish();
     let report = report.context("cannot write the dump")?;
-    super::write_json(args.json.as_deref(), &report)?;
-    super::print(&report.to_string())
+    output::write_json(args.json.as_deref(), &report)?;
+    output::print(&report.to_string())
 }
 
 /// Runs a trace up to the tick that is asked about. What rays would say of it changes nothing.
@@ -157,7 +157,7 @@ fn explain(
     };
     replay::run_watched(world, trace, &options, None, &mut watch)?;
     progress.finish();
-    super::print(&answer.context("the trace ends before that time")??)
+    output::print(&answer.context("the trace ends before that time")??)
 }
 
 /// Of whom `--explain` is asked, by the trace's ids, and when.
@@ -210,8 +210,8 @@ fn compare(args: &Args, world: &Arc<World>, trace: &Trace, ways: &[Options]) -> 
         comparison.reports.push(report);
     }
     progress.finish();
-    super::write_json(args.json.as_deref(), &comparison)?;
-    super::print(&comparison.to_string())
+    output::write_json(args.json.as_deref(), &comparison)?;
+    output::print(&comparison.to_string())
 }
 
 /// As the arguments say; where they say all, as it is served.

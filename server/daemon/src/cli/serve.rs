@@ -1,7 +1,6 @@
 //! `sightline-server serve`.
 
 use std::{
-    io::IsTerminal,
     net::SocketAddr,
     ops::ControlFlow,
     path::{Path, PathBuf},
@@ -9,11 +8,10 @@ use std::{
 };
 
 use anyhow::Context;
-use sightline_cli::progress::Progress;
+use sightline_cli::{log, output, progress::Progress};
 use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
 use sightline_world::{self as world, World};
-use tracing_subscriber::EnvFilter;
 
 /// Serves a world to clients; the demo building when no world is given.
 #[derive(clap::Args)]
@@ -38,12 +36,7 @@ const STATUS_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr)
-        .init();
+    log::show_log("info");
     let config = config(args)?;
     let data = match &config.data {
         Some(folder) => folder.clone(),
@@ -98,7 +91,7 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     {
         return Ok(world);
     }
-    super::note(&format!("compiling the demo building, once, into {}", path.display()));
+    output::note(&format!("compiling the demo building, once, into {}", path.display()));
     let model = glb::read_slice(&model, None, "demo building")?;
     let progress = Progress::new();
     let (world, _) = compile(&model, &CompileOptions::default(), &|stage, share| {
@@ -115,7 +108,7 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
 async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> anyhow::Result<()> {
     let title = world.world().title.clone();
     let mut server = Server::bind(world, config, identity)?;
-    super::print(&format!(
+    output::print(&format!(
         "serving {title:?} on {}\nfingerprint {}\n",
         server.local_addr()?,
         server.fingerprint()

@@ -9,6 +9,7 @@ use std::{
 };
 
 use serde::Serialize;
+use sightline_cli::percentile::percentile;
 
 use sightline_engine as engine;
 
@@ -150,10 +151,7 @@ impl Pulse {
             (beat.ticks, beat.times.clone())
         };
         times.sort_unstable();
-        let at = |hundredths: usize| {
-            let place = (times.len() * hundredths / 100).min(times.len().saturating_sub(1));
-            times.get(place).map_or(0, |time| time.as_micros() as u64)
-        };
+        let at = |percent| percentile(&times, percent).unwrap_or_default().as_micros() as u64;
         TickSummary { ticks, median_us: at(50), p99_us: at(99), max_us: at(100) }
     }
 
@@ -180,7 +178,7 @@ mod tests {
         }
         let ticks = pulse.ticks();
         assert_eq!(ticks.ticks, TICKS_MAX as u64 + 1);
-        assert_eq!((ticks.median_us, ticks.p99_us, ticks.max_us), (1_024, 2_027, 2_047));
+        assert_eq!((ticks.median_us, ticks.p99_us, ticks.max_us), (1_023, 2_027, 2_047));
         assert_eq!(pulse.engine().0.live, 3);
     }
 }

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
+use sightline_cli::progress::Progress;
 use sightline_client::bench::{self, BenchOptions, FRAME_S, FuzzyRun};
 use sightline_world::{World, motion::Pose};
 
 use super::{Args, sizes, table};
-use crate::cli::progress::Progress;
 
 /// All figures.
 #[derive(Serialize)]
-struct FuzzyReport<'a> {
+pub struct FuzzyReport<'a> {
     world: &'a PathBuf,
     width: usize,
     height: usize,
@@ -21,18 +21,22 @@ struct FuzzyReport<'a> {
 }
 
 /// Measures along the path; gives the text and the figures for machines.
-pub fn run(args: &Args, world: &World, progress: &Progress) -> anyhow::Result<(String, String)> {
+pub fn run<'a>(
+    args: &'a Args,
+    world: &World,
+    progress: &Progress,
+) -> anyhow::Result<(String, FuzzyReport<'a>)> {
     let (path, from, until) = args.way.read(world)?;
     let times = (0..args.frames).map(|i| (from + i as f64 * FRAME_S).min(until));
     let poses: Vec<Pose> = times.map(|time| path.at(time)).collect();
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
     let options = BenchOptions { size, threads, repeats: args.repeats.into() };
-    let hear = &mut |share| progress.tell("boxes of eyes", share, "");
+    let hear = &mut |share| progress.show("boxes of eyes", share);
     let run = bench::fuzzy(world, &poses, &options, hear)?;
     let text = text(&run, &table::stage(size, threads));
     let (width, height) = size;
     let report = FuzzyReport { world: &args.world, width, height, threads, run };
-    Ok((text, serde_json::to_string_pretty(&report)? + "\n"))
+    Ok((text, report))
 }
 
 fn text(run: &FuzzyRun, stage: &str) -> String {

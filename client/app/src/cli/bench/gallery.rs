@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use anyhow::Context;
+use sightline_cli::progress::Progress;
 use sightline_client::bench::{self, DepthAgreement, DepthFault, RayCaster, Views};
 use sightline_renderer::{Camera, Frame, Mode, Renderer};
 use sightline_world::World;
 
-use crate::cli::{picture, progress::Progress};
+use crate::cli::picture;
 
 /// Too far away.
 const RED: u32 = 0x00ff_2020;
@@ -42,7 +43,7 @@ impl Gallery<'_> {
             let panels = self.panels(camera);
             let panels: Vec<_> = panels.iter().map(|panel| (self.size.0, &panel[..])).collect();
             picture::save(&folder.join(name + ".png"), &panels)?;
-            progress.tell("pictures", (i + 1) as f32 / count as f32, "");
+            progress.show("pictures", (i + 1) as f32 / count as f32);
         }
         Ok(())
     }

@@ -7,8 +7,9 @@ mod table;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use serde::Serialize;
+use sightline_cli::{output, progress::Progress};
 use sightline_client::{
     bench::{
         self, BenchOptions, BenchRun, DepthAgreement, DrawMethod, ModeComparison, RayCaster,
@@ -22,7 +23,6 @@ use sightline_world::World;
 use super::{
     flags::{self, PathFlags},
     picture,
-    progress::Progress,
 };
 use gallery::Gallery;
 
@@ -132,15 +132,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let world = World::read(&args.world)?;
     if let Some(most) = args.moving {
         let progress = Progress::new();
-        let (text, json) = moving::run(args, world, most as usize, &progress)?;
+        let (text, figures) = moving::run(args, world, most as usize, &progress)?;
         progress.finish();
-        return tell(args, &text, &json);
+        return tell(args, &text, &figures);
     }
     if args.fuzzy {
         let progress = Progress::new();
-        let (text, json) = fuzzy::run(args, &world, &progress)?;
+        let (text, figures) = fuzzy::run(args, &world, &progress)?;
         progress.finish();
-        return tell(args, &text, &json);
+        return tell(args, &text, &figures);
     }
     let (path, from, until) = args.way.read(&world)?;
     let mut views = Views::new(&world, &path, 0);
@@ -162,7 +162,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let rays = if args.compare || args.no_rays {
         None
     } else {
-        progress.tell("trees", 0.0, "");
+        progress.show("trees", 0.0);
         RayCaster::new(&world.mesh)
     };
     if args.compare {
@@ -184,17 +184,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         gallery.write(&views, folder, &progress)?;
     }
     progress.finish();
-    let json = serde_json::to_string_pretty(&report)? + "\n";
-    tell(args, &table::text(&report), &json)
+    tell(args, &table::text(&report), &report)
 }
 
 /// For people, and for machines.
-fn tell(args: &Args, text: &str, json: &str) -> anyhow::Result<()> {
-    super::print(text)?;
-    if let Some(path) = &args.json {
-        std::fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+fn tell(args: &Args, text: &str, figures: &impl Serialize) -> anyhow::Result<()> {
+    output::print(text)?;
+    output::write_json(args.json.as_deref(), figures)
 }
 
 /// The sizes that were asked for.
@@ -220,7 +216,7 @@ fn measure(
             let options =
                 BenchOptions { size, threads: threads.into(), repeats: args.repeats.into() };
             let stage = table::stage(size, threads.into());
-            let hear = &mut |share| progress.tell(&stage, share, "");
+            let hear = &mut |share| progress.show(&stage, share);
             runs.push(bench::measure(world, rays, views, &options, hear)?);
         }
     }
@@ -231,7 +227,7 @@ fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Ve
     let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
     let compared = sizes(args).iter().map(|&size| {
         let stage = format!("modes, {} × {}", size.0, size.1);
-        let hear = &mut |share| progress.tell(&stage, share, "");
+        let hear = &mut |share| progress.show(&stage, share);
         ModeComparison::of(&world.octree, &cameras, size, hear)
     });
     compared.collect()
@@ -250,7 +246,7 @@ fn shimmer(
     Shimmer::of(SHIMMER_FRAMES, SHIMMER_SIZE, |i, frame| {
         let pose = path.at(middle_s + i as f64 * SHIMMER_S);
         renderer.draw(&world.octree, &Camera::at(&pose), frame);
-        progress.tell("shimmer", (i + 1) as f32 / SHIMMER_FRAMES as f32, "");
+        progress.show("shimmer", (i + 1) as f32 / SHIMMER_FRAMES as f32);
     })
 }
 
@@ -269,7 +265,7 @@ fn depths(
     let mut frame = sightline_renderer::Frame::new(width, height);
     let agreement = |(i, camera): (usize, &Camera)| {
         renderer.draw(&world.octree, camera, &mut frame);
-        progress.tell("depths", (i + 1) as f32 / views.spawns.len() as f32, "");
+        progress.show("depths", (i + 1) as f32 / views.spawns.len() as f32);
         DepthAgreement::of(&frame, camera, rays, world.octree.voxel()).0
     };
     views.spawns.iter().enumerate().map(agreement).collect()

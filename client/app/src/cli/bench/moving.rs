@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
+use sightline_cli::progress::Progress;
 use sightline_client::bench::{self, BenchOptions, MovingCost, MovingKind, MovingRow, MovingRun};
 use sightline_world::World;
 
 use super::{Args, sizes, table};
-use crate::cli::progress::Progress;
 
 /// All figures.
 #[derive(Serialize)]
-struct MovingReport<'a> {
+pub struct MovingReport<'a> {
     world: &'a PathBuf,
     width: usize,
     height: usize,
@@ -22,21 +22,21 @@ struct MovingReport<'a> {
 }
 
 /// Measures with up to so many things; gives the text and the figures for machines.
-pub fn run(
-    args: &Args,
+pub fn run<'a>(
+    args: &'a Args,
     world: World,
     most: usize,
     progress: &Progress,
-) -> anyhow::Result<(String, String)> {
+) -> anyhow::Result<(String, MovingReport<'a>)> {
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
     let options = BenchOptions { size, threads, repeats: args.repeats.into() };
     let pictures = args.frames.max(2);
-    let hear = &mut |share| progress.tell("moving things", share, "");
+    let hear = &mut |share| progress.show("moving things", share);
     let run = bench::moving(world, most, pictures, &options, hear)?;
     let text = text(&run, &table::stage(size, threads), pictures);
     let (width, height) = size;
     let report = MovingReport { world: &args.world, width, height, threads, pictures, run };
-    Ok((text, serde_json::to_string_pretty(&report)? + "\n"))
+    Ok((text, report))
 }
 
 fn text(run: &MovingRun, stage: &str, pictures: usize) -> String {

@@ -1,0 +1,83 @@
+//! Parsers for the values of flags, and for addresses.
+
+use std::{
+    net::{SocketAddr, ToSocketAddrs},
+    time::Duration,
+};
+
+use anyhow::Context;
+use glam::Vec3;
+
+/// Parses a point in metres, such as `1.5,1.6,-2`.
+///
+/// # Errors
+/// When the text is anything but three finite numbers.
+pub fn point(text: &str) -> Result<Vec3, String> {
+    let number = |part: &str| part.trim().parse().ok().filter(|x: &f32| x.is_finite());
+    let numbers: Option<Vec<f32>> = text.split(',').map(number).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) => Ok(Vec3::new(x, y, z)),
+        _ => Err("a point is three numbers with commas between them, such as 1.5,1.6,-2".into()),
+    }
+}
+
+/// Parses a time in seconds, such as `12.5`.
+///
+/// # Errors
+/// When the text is no number, or the number is negative, not finite or too large.
+pub fn time(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    seconds.ok_or_else(|| "a time is a number of seconds, such as 12.5".into())
+}
+
+/// Parses the width and height of a picture in pixels, such as `960x540`. Both are from 1 to
+/// `side_max`.
+///
+/// # Errors
+/// When the text is no such size.
+pub fn size(text: &str, side_max: usize) -> Result<(usize, usize), String> {
+    let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    let fits = |&(w, h): &(usize, usize)| [w, h].iter().all(|s| (1..=side_max).contains(s));
+    let wrong = || format!("a size is WIDTHxHEIGHT, such as 960x540, each at most {side_max}");
+    sides.filter(fits).ok_or_else(wrong)
+}
+
+/// Looks up a server's address, given as `host:port`. An IPv4 address is preferred.
+///
+/// # Errors
+/// When the text has no port, or the name is unknown.
+pub fn resolve(address: &str) -> anyhow::Result<SocketAddr> {
+    let wrong = || format!("no such address: {address}; give it as host:port");
+    let mut found: Vec<SocketAddr> = address.to_socket_addrs().with_context(wrong)?.collect();
+    found.sort_by_key(SocketAddr::is_ipv6);
+    found.first().copied().with_context(wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_times_and_sizes_are_parsed() {
+        assert_eq!(point("1,-2.5, 3"), Ok(Vec3::new(1.0, -2.5, 3.0)));
+        for wrong in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,inf"] {
+            assert!(point(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(time("1.5"), Ok(Duration::from_millis(1_500)));
+        for wrong in ["", "a", "-1", "nan", "inf", "1e300"] {
+            assert!(time(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(size("640x360", 8_192), Ok((640, 360)));
+        for wrong in ["", "640", "0x9", "9x0", "-1x5", "99999x2", "2x99999"] {
+            assert!(size(wrong, 8_192).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn addresses_are_resolved() {
+        assert_eq!(resolve("127.0.0.1:4777").ok(), Some(([127, 0, 0, 1], 4777).into()));
+        for wrong in ["", "127.0.0.1", "a b:c"] {
+            assert!(resolve(wrong).is_err(), "{wrong}");
+        }
+    }
+}
