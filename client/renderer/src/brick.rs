@@ -5,7 +5,7 @@
 //! in which lines of sight meet cells, is tested exactly, eight pixels at a time; where it is not met the others are.
 
 use glam::{Vec2, Vec3A, Vec3Swizzles, Vec4};
-use sightline_world::octree::{Inner, Octree};
+use sightline_world::octree::{InnerNode, Octree};
 
 use super::{
     band::Band,
@@ -172,7 +172,7 @@ pub(super) struct Brick {
 impl Brick {
     #[inline(always)]
     pub(super) fn new(
-        inner: &[Inner],
+        inner: &[InnerNode],
         view: &BandView,
         flat: &Flat,
         form: &BrickForm,
@@ -189,7 +189,7 @@ impl Brick {
             firsts: [0; 8],
             masks: [0; 8],
             flip: usize::from(form.flip),
-            some_glass: node.flags & Inner::SOME_GLASS != 0,
+            some_glass: node.flags & InnerNode::SOME_GLASS != 0,
             beside_eye: is_beside_eye(flat.centre, half),
             middle,
             depth: flat.centre.w,
@@ -265,7 +265,7 @@ impl Brick {
     #[inline(always)]
     fn look(&self, octree: &Octree, cell: usize, leaves: bool) -> u16 {
         let index = self.index(cell);
-        if leaves { octree.leaves[index] } else { octree.inner[index].look }
+        if leaves { octree.leaves[index] } else { octree.inner[index].material }
     }
 
     /// The index of a cell that is there.

@@ -189,7 +189,7 @@ mod tests {
     use glam::{DAffine3, DVec3, Quat};
     use sightline_world::{
         Mesh,
-        motion::trajectory::{Joint, Playback, Track, Trajectory},
+        motion::trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
     };
 
     use super::*;
@@ -260,8 +260,8 @@ mod tests {
     fn movers_are_where_they_are_at_the_time_and_behind_what_is_nearer() {
         let corners = [[-0.5, 1.0, 0.0], [0.5, 1.0, 0.0], [0.0, 2.0, 0.0]];
         let mut joint = Joint::still(DAffine3::IDENTITY);
-        joint.translation = Track::linear(vec![(0.0, Vec3::ZERO), (4.0, Vec3::X * 40.0)]);
-        joint.rotation = Track::constant(Quat::IDENTITY);
+        joint.translation = KeyframeTrack::linear(vec![(0.0, Vec3::ZERO), (4.0, Vec3::X * 40.0)]);
+        joint.rotation = KeyframeTrack::constant(Quat::IDENTITY);
         let seen = |course: Playback, wall: f32, now_s: f64| {
             let frame = drawn(&[mover(&corners, joint.clone(), course)], wall, now_s);
             frame.colour.iter().any(|&colour| colour != 0)

@@ -6,7 +6,7 @@
 //! are drawn together as bricks. Layers of voxels are drawn wherever they turn up.
 
 use glam::{Vec2, Vec3A, Vec4};
-use sightline_world::octree::Inner;
+use sightline_world::octree::InnerNode;
 
 use super::{
     brick::{Brick, Bricks, is_beside_eye},
@@ -174,8 +174,8 @@ impl Traversal<'_> {
     fn draw_layer(&mut self, index: u32, level: u8, centre: Vec4, area: &Area) -> bool {
         let node = &self.octree.inner[index as usize];
         let Some((axis, place)) = node.flat() else { return false };
-        let glass = node.flags & (Inner::SOME_GLASS | Inner::GLASS);
-        if glass == Inner::SOME_GLASS {
+        let glass = node.flags & (InnerNode::SOME_GLASS | InnerNode::GLASS);
+        if glass == InnerNode::SOME_GLASS {
             return false;
         }
         let whole = Whole {
@@ -197,7 +197,7 @@ impl Traversal<'_> {
 
     /// The index of the first leaf below a node that is so many levels above the leaves.
     #[inline(always)]
-    fn first_leaf(&self, node: &Inner, levels: u32) -> usize {
+    fn first_leaf(&self, node: &InnerNode, levels: u32) -> usize {
         let child = |first: u32, _| self.octree.inner[first as usize].first;
         (1..levels).fold(node.first, child) as usize
     }

@@ -286,7 +286,7 @@ impl Traversal<'_> {
         if level == self.octree.depth {
             self.octree.leaves[index as usize]
         } else {
-            self.octree.inner[index as usize].look
+            self.octree.inner[index as usize].material
         }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use sightline_protocol::{
     message::ServerMessage,
     quantise::WireTbv,
-    text::{Line, Name},
+    text::{ChatLine, Name},
 };
 
 use sightline_engine::Output;
@@ -30,7 +30,7 @@ pub(super) fn message(
         Output::Quiet { tbv, .. } => ServerMessage::Quiet { tbv: WireTbv::new(tbv, now) },
         Output::Ask { .. } => ServerMessage::Ask,
         Output::Correct { pose, .. } => ServerMessage::Correct { pose: pose.into() },
-        Output::Drop { reason, .. } => ServerMessage::Goodbye { reason: Line::clipped(reason) },
+        Output::Drop { reason, .. } => ServerMessage::Goodbye { reason: ChatLine::clipped(reason) },
         Output::Poses { .. } | Output::Chat { .. } => return None,
     })
 }

@@ -9,7 +9,7 @@ pub struct Fingerprint(pub [u8; 32]);
 /// A text is not 64 hexadecimal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a fingerprint has 64 hexadecimal digits")]
-pub struct NotAFingerprint;
+pub struct FingerprintError;
 
 impl Fingerprint {
     /// Of a certificate in DER.
@@ -25,10 +25,10 @@ impl fmt::Display for Fingerprint {
 }
 
 impl FromStr for Fingerprint {
-    type Err = NotAFingerprint;
+    type Err = FingerprintError;
 
-    fn from_str(text: &str) -> Result<Self, NotAFingerprint> {
-        let hash = blake3::Hash::from_hex(text.trim()).map_err(|_| NotAFingerprint)?;
+    fn from_str(text: &str) -> Result<Self, FingerprintError> {
+        let hash = blake3::Hash::from_hex(text.trim()).map_err(|_| FingerprintError)?;
         Ok(Self(*hash.as_bytes()))
     }
 }
@@ -43,7 +43,7 @@ mod tests {
         let text = fingerprint.to_string();
         assert_eq!(text.len(), 64);
         assert_eq!(text.parse(), Ok(fingerprint));
-        assert_eq!(text[1..].parse::<Fingerprint>(), Err(NotAFingerprint));
-        assert_eq!("é".repeat(32).parse::<Fingerprint>(), Err(NotAFingerprint));
+        assert_eq!(text[1..].parse::<Fingerprint>(), Err(FingerprintError));
+        assert_eq!("é".repeat(32).parse::<Fingerprint>(), Err(FingerprintError));
     }
 }

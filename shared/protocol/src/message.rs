@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     DecodeError, frame,
     quantise::{WirePose, WirePosition, WireTbv},
-    text::{Line, Name},
+    text::{ChatLine, Name},
 };
 use sightline_world::motion::AvatarId;
 
@@ -42,7 +42,7 @@ pub enum ClientMessage {
     /// Says something to those it sees.
     Chat {
         /// What.
-        text: Line,
+        text: ChatLine,
     },
     /// Leaves.
     Goodbye,
@@ -126,12 +126,12 @@ pub enum ServerMessage {
         /// Who.
         from: AvatarId,
         /// What.
-        text: Line,
+        text: ChatLine,
     },
     /// The end, and why. The connection closes.
     Goodbye {
         /// Why, for people.
-        reason: Line,
+        reason: ChatLine,
     },
 }
 
@@ -178,8 +178,8 @@ mod tests {
         Name::new(&"🦉".repeat(text::NAME_CHARS_MAX)).unwrap()
     }
 
-    fn longest_line() -> Line {
-        Line::new(&"🦉".repeat(text::LINE_CHARS_MAX)).unwrap()
+    fn longest_line() -> ChatLine {
+        ChatLine::new(&"🦉".repeat(text::LINE_CHARS_MAX)).unwrap()
     }
 
     /// One of each, as long as it can be.

@@ -34,7 +34,7 @@ pub struct Name(String);
 /// end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Line(String);
+pub struct ChatLine(String);
 
 impl Name {
     /// Trims the text and takes it if it is fit.
@@ -53,7 +53,7 @@ impl Name {
     }
 }
 
-impl Line {
+impl ChatLine {
     /// Trims the text and takes it if it is fit.
     pub fn new(text: &str) -> Result<Self, TextError> {
         fit(text, LINE_CHARS_MAX).map(Self)
@@ -78,7 +78,7 @@ impl TryFrom<String> for Name {
     }
 }
 
-impl TryFrom<String> for Line {
+impl TryFrom<String> for ChatLine {
     type Error = TextError;
 
     fn try_from(text: String) -> Result<Self, TextError> {
@@ -92,8 +92,8 @@ impl From<Name> for String {
     }
 }
 
-impl From<Line> for String {
-    fn from(line: Line) -> Self {
+impl From<ChatLine> for String {
+    fn from(line: ChatLine) -> Self {
         line.0
     }
 }
@@ -104,7 +104,7 @@ impl fmt::Display for Name {
     }
 }
 
-impl fmt::Display for Line {
+impl fmt::Display for ChatLine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
     }
@@ -162,9 +162,9 @@ mod tests {
 
     #[test]
     fn our_own_words_are_cut_to_fit() {
-        assert_eq!(Line::clipped("full\n").as_str(), "full");
-        assert_eq!(Line::clipped("\n").as_str(), "-");
+        assert_eq!(ChatLine::clipped("full\n").as_str(), "full");
+        assert_eq!(ChatLine::clipped("\n").as_str(), "-");
         assert_eq!(Name::clipped(" a\u{7}b ").as_str(), "ab");
-        assert_eq!(Line::clipped(&"é".repeat(999)).as_str().chars().count(), LINE_CHARS_MAX);
+        assert_eq!(ChatLine::clipped(&"é".repeat(999)).as_str().chars().count(), LINE_CHARS_MAX);
     }
 }

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 
 use super::{
     ReadError,
-    file::{Input, put_aabb, put_u32, put_vec3},
+    file::{SectionReader, put_aabb, put_u32, put_vec3},
 };
 use crate::geometry::Aabb;
 
@@ -171,7 +171,7 @@ fn put_tree(out: &mut Vec<u8>, tree: &OriginTree) {
     out.extend_from_slice(&tree.visible);
 }
 
-pub(super) fn read(input: &mut Input<'_>) -> Result<Option<Origin>, ReadError> {
+pub(super) fn read(input: &mut SectionReader<'_>) -> Result<Option<Origin>, ReadError> {
     const BAD: ReadError = ReadError::Malformed("the original map");
     let origin = match input.u8()? {
         0 => None,
@@ -190,7 +190,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<Option<Origin>, ReadError> {
     if input.is_empty() { Ok(origin) } else { Err(BAD) }
 }
 
-fn read_planes(input: &mut Input<'_>) -> Result<Vec<OriginPlane>, ReadError> {
+fn read_planes(input: &mut SectionReader<'_>) -> Result<Vec<OriginPlane>, ReadError> {
     let count = input.count(20)?;
     (0..count)
         .map(|_| {
@@ -204,7 +204,7 @@ fn read_planes(input: &mut Input<'_>) -> Result<Vec<OriginPlane>, ReadError> {
         .collect()
 }
 
-fn read_solids(input: &mut Input<'_>, planes: usize) -> Result<Vec<Solid>, ReadError> {
+fn read_solids(input: &mut SectionReader<'_>, planes: usize) -> Result<Vec<Solid>, ReadError> {
     let count = input.count(28)?;
     let mut solids = Vec::with_capacity(count);
     for _ in 0..count {
@@ -219,7 +219,7 @@ fn read_solids(input: &mut Input<'_>, planes: usize) -> Result<Vec<Solid>, ReadE
     Ok(solids)
 }
 
-fn read_tree(input: &mut Input<'_>, planes: usize) -> Result<OriginTree, ReadError> {
+fn read_tree(input: &mut SectionReader<'_>, planes: usize) -> Result<OriginTree, ReadError> {
     const BAD: ReadError = ReadError::Malformed("the original map's tree");
     let leaf_count = input.u32()? as usize;
     let clusters = input.u32()?;
@@ -256,7 +256,7 @@ fn read_tree(input: &mut Input<'_>, planes: usize) -> Result<OriginTree, ReadErr
     Ok(tree)
 }
 
-fn index(input: &mut Input<'_>, within: usize) -> Result<u32, ReadError> {
+fn index(input: &mut SectionReader<'_>, within: usize) -> Result<u32, ReadError> {
     let index = input.u32()?;
     if (index as usize) < within {
         Ok(index)

@@ -145,9 +145,9 @@ fn steps_that_change(mut scene: Occupants, track: &[Vec3], side: f32) -> Vec<Vec
     let id = insert_cube(&mut scene, track[track.len() - 1], side);
     let mut changing = Vec::new();
     for &at in track {
-        let before = scene.effort();
+        let before = scene.counters();
         scene.move_to(id, &cube(at, side)).expect("finite");
-        if scene.effort() != before {
+        if scene.counters() != before {
             changing.push(at);
         }
     }
@@ -199,7 +199,7 @@ fn cost(
     budget: Duration,
     step: impl Fn(&mut Occupants, &[Aabb]) -> bool,
 ) -> Cost {
-    let (start, before) = (Instant::now(), scene.effort());
+    let (start, before) = (Instant::now(), scene.counters());
     let (mut rounds, mut fastest) = (0u32, f64::INFINITY);
     while rounds < 3 || start.elapsed() < budget {
         let round = Instant::now();
@@ -210,7 +210,7 @@ fn cost(
         rounds += 1;
     }
     let count = f64::from(rounds) * steps.len() as f64;
-    let visited = scene.effort().visited - before.visited;
+    let visited = scene.counters().visited - before.visited;
     Cost { ns: fastest * 1e9 / steps.len() as f64, visited: visited as f64 / count }
 }
 

@@ -13,7 +13,7 @@ use quinn::{Connection, RecvStream, SendDatagramError, SendStream, VarInt};
 use sightline_protocol::{
     frame::{self, FRAME_BYTES_MAX, FrameBuffer},
     message::{ClientMessage, ServerMessage},
-    text::{Line, Name, TextError},
+    text::{ChatLine, Name, TextError},
 };
 use sightline_world::{
     World,
@@ -82,7 +82,7 @@ pub struct SessionStats {
 }
 
 enum Command {
-    Say(Line),
+    Say(ChatLine),
     Leave,
 }
 
@@ -195,7 +195,7 @@ impl Session {
     /// # Errors
     /// When the text is empty, too long, or cannot be shown.
     pub fn chat(&self, text: &str) -> Result<(), TextError> {
-        let line = Line::new(text)?;
+        let line = ChatLine::new(text)?;
         let _ = self.commands.try_send(Command::Say(line));
         Ok(())
     }

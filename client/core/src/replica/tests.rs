@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use sightline_protocol::{
     pose_stream::PoseEncoder,
     quantise::WireTbv,
-    text::{Line, Name},
+    text::{ChatLine, Name},
 };
 use sightline_world::{
     geometry::{Aabb, Axes},
@@ -164,7 +164,7 @@ fn an_old_datagram_brings_nobody_back_and_an_early_one_is_not_lost() {
 #[test]
 fn events_tell_what_happened() {
     let mut replica = entered();
-    let text = Line::new("hello").unwrap();
+    let text = ChatLine::new("hello").unwrap();
     let said = ServerMessage::Chat { from: AvatarId(7), text };
     replica.message(TICK, appear(7, 0.0, 1)).unwrap();
     let chat = replica.message(TICK, said).unwrap().unwrap();

@@ -31,7 +31,7 @@ use sightline_world::{
     Mover, World,
     geometry::Aabb,
     motion::AvatarId,
-    octree::occupants::{Met, OccupantId, Occupants},
+    octree::occupants::{OccupantId, Occupants, Visit},
 };
 
 use self::{
@@ -288,8 +288,8 @@ impl MovingRenderer {
         let mut sight = OcclusionTest::new(camera, frame, &mut pyramid);
         let mut met = Vec::new();
         self.occupants.front_to_back(camera.eye, |what| match what {
-            Met::Node(bounds) => sight.shows(&bounds, self.letters_max),
-            Met::Occupant(id) => {
+            Visit::Node(bounds) => sight.shows(&bounds, self.letters_max),
+            Visit::Occupant(id) => {
                 met.push(id);
                 true
             }

@@ -4,7 +4,7 @@ use sightline_world::{
     Mesh,
     motion::{
         Pose,
-        trajectory::{Joint, Playback, Track, Trajectory},
+        trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
     },
     octree::Octree,
 };
@@ -27,7 +27,7 @@ fn mover(random: &mut SmallRng) -> Mover {
     let mut joint = Joint::still(DAffine3::from_translation(DVec3::ZERO));
     let length_s = within(1.0, 8.0);
     let keys = vec![(0.0, at), (length_s * 0.5, there), (length_s, back)];
-    joint.translation = Track::linear(keys);
+    joint.translation = KeyframeTrack::linear(keys);
     let course = match random.random_range(0..4) {
         0 => Playback::Once,
         1 => Playback::Triggered,

@@ -78,7 +78,7 @@ impl Squares {
 /// Counts the opaque voxels below a node in each layer across each axis.
 fn count(node: Cursor<'_>, at: [usize; 3], glass: usize, counts: &mut [[u32; 16]; 3]) {
     if node.is_leaf() {
-        if usize::from(node.look_index()) < glass {
+        if usize::from(node.material_index()) < glass {
             counts.iter_mut().zip(at).for_each(|(counts, at)| counts[at] += 1);
         }
         return;

@@ -7,7 +7,7 @@ use sightline_visibility::rooms::{RoomIndex, RoomOverlap, pieces::ConvexPiece};
 use sightline_world::{
     Cells,
     geometry::Aabb,
-    rooms::{RoomId, Rooms, Sees},
+    rooms::{RoomId, RoomVisibility, Rooms},
     tolerance::AUTHORED_M,
 };
 
@@ -28,7 +28,8 @@ pub fn warnings(
 ) -> Vec<RoomError> {
     let index = RoomIndex::of(rooms, cells);
     let mut found = overlaps(declared, &index);
-    let hides = |room: &sightline_world::rooms::Room| matches!(room.sees, Sees::AllBut(_));
+    let hides =
+        |room: &sightline_world::rooms::Room| matches!(room.sees, RoomVisibility::AllBut(_));
     if rooms.list().iter().any(hides) {
         let sight = sight();
         let checker = Checker { declared, rooms, index: &index, cells, sight: &sight };
@@ -109,7 +110,7 @@ impl Checker<'_> {
     /// What a room hides though there is a free line to it that goes through no window of the room.
     fn plainly_visible(&self, at: usize) -> Vec<RoomError> {
         let id = RoomId(at as u16);
-        let Sees::AllBut(set) = &self.rooms.list()[at].sees else { return Vec::new() };
+        let RoomVisibility::AllBut(set) = &self.rooms.list()[at].sees else { return Vec::new() };
         let rooms = set.rooms.iter().filter(|other| **other != id).map(|other| {
             let name = format!("room {:?}", self.rooms.list()[usize::from(other.0)].name);
             (name, self.index.pieces(*other).iter().map(|piece| piece.bounds).collect::<Vec<_>>())

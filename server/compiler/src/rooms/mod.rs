@@ -20,7 +20,7 @@ use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{
     Cells, Mover, Spawn,
     geometry::Aabb,
-    rooms::{Members, Object, Room, RoomId, Rooms, Sees, Shape, Window},
+    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Rooms, Shape, Window},
     tolerance::AUTHORED_M,
 };
 
@@ -236,11 +236,11 @@ impl<'a> Resolver<'a> {
             (Some(_), Some(_)) => {
                 let what = "has a visible and a hidden set: a room has one of the two";
                 self.fault(place, format!("room {text:?} {what}"));
-                Sees::Unsaid
+                RoomVisibility::Unspecified
             }
-            (Some(names), None) => Sees::Only(self.members(names, place)),
-            (None, Some(names)) => Sees::AllBut(self.members(names, place)),
-            (None, None) => Sees::Unsaid,
+            (Some(names), None) => RoomVisibility::Only(self.members(names, place)),
+            (None, Some(names)) => RoomVisibility::AllBut(self.members(names, place)),
+            (None, None) => RoomVisibility::Unspecified,
         };
         for other in &declared.overlaps {
             self.room_id(other);
@@ -257,7 +257,7 @@ impl<'a> Resolver<'a> {
         id
     }
 
-    fn members(&mut self, names: &SetDeclaration, place: &SourceLocation) -> Members {
+    fn members(&mut self, names: &SetDeclaration, place: &SourceLocation) -> ObjectSet {
         let rooms = names.rooms.iter().filter_map(|name| self.room_id(name)).collect();
         let objects = names.objects.iter().flat_map(|name| self.named(name)).collect();
         let mut cells = Vec::new();
@@ -279,7 +279,7 @@ impl<'a> Resolver<'a> {
                 }
             }
         }
-        Members { rooms, cells, objects }
+        ObjectSet { rooms, cells, objects }
     }
 
     /// All movers and nodes of a name, as indices of objects.
@@ -321,7 +321,9 @@ impl<'a> Resolver<'a> {
             let made = Window { name: text.clone(), corners: window.corners.clone(), behind };
             let alone =
                 Room { windows: vec![Window { behind: None, ..made.clone() }], ..room.clone() };
-            if let Err(error) = Rooms::new(vec![Room { sees: Sees::Unsaid, ..alone }], Vec::new()) {
+            if let Err(error) =
+                Rooms::new(vec![Room { sees: RoomVisibility::Unspecified, ..alone }], Vec::new())
+            {
                 self.fault(place, format!("{full}: {error}"));
             } else if windows.iter().any(|before| before.name == *text) {
                 self.fault(place, format!("room {:?} has a window {text:?} already", room.name));

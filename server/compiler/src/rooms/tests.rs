@@ -7,7 +7,7 @@ use sightline_world::{
     Spawn, World,
     geometry::Aabb,
     motion::Body,
-    rooms::{RoomId, Rooms, Sees, Shape},
+    rooms::{RoomId, RoomVisibility, Rooms, Shape},
 };
 
 use super::*;
@@ -114,11 +114,11 @@ boxes = [[[5, 0, 2], [6, 1, 3]], [[6, 0, 2], [7, 1, 3]]]
     assert_eq!((west.capacity, west.tag.as_deref()), (Some(12), Some("private")));
     let spawn = west.spawn.unwrap();
     assert!((spawn.yaw - std::f32::consts::FRAC_PI_2).abs() < 1e-6 && spawn.eye.x == 1.0);
-    let Sees::Only(set) = &west.sees else { panic!("a visible set") };
+    let RoomVisibility::Only(set) = &west.sees else { panic!("a visible set") };
     assert_eq!((set.rooms.as_slice(), set.objects.as_slice()), (&[RoomId(1)][..], &[0][..]));
     assert_eq!(set.cells.len(), 2);
     assert_eq!(world.rooms.objects()[0].name, "table");
-    assert!(matches!(&east.sees, Sees::AllBut(set) if set.rooms == [RoomId(0)]));
+    assert!(matches!(&east.sees, RoomVisibility::AllBut(set) if set.rooms == [RoomId(0)]));
     let corners =
         [Vec2::new(4.0, 0.0), Vec2::new(8.0, 0.0), Vec2::new(8.0, 4.0), Vec2::new(4.0, 4.0)];
     assert_eq!(east.shapes, [Shape::Plan { corners: corners.into(), heights: Some([0.0, 3.0]) }]);

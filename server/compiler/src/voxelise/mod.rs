@@ -1,4 +1,4 @@
-//! From surfaces to the octree: every voxel that a triangle touches, with the mean of its looks.
+//! From surfaces to the octree: every voxel that a triangle touches, with the mean of its materials.
 //!
 //! The grid is cut into the octree's blocks. Triangles are first scattered to the blocks they touch,
 //! then each block is halved down to voxels and packed on its own, on any thread, so that
@@ -18,7 +18,7 @@ use glam::{UVec3, Vec3};
 use rayon::prelude::*;
 use sightline_world::{
     geometry::Aabb,
-    octree::{BLOCK_LEVELS, Block as Part, DEPTH_MAX, Octree, OctreeError, Voxel, morton},
+    octree::{BLOCK_LEVELS, DEPTH_MAX, Octree, OctreeError, Voxel, VoxelBlock, morton},
 };
 use thiserror::Error;
 
@@ -152,7 +152,7 @@ pub fn voxelise(
             if progress(share).is_break() {
                 cancelled.store(true, Ordering::Relaxed);
             }
-            Part::new(depth, &voxels)
+            VoxelBlock::new(depth, &voxels)
         })
         .collect::<Result<Vec<_>, _>>()?;
     if cancelled.into_inner() {
@@ -297,7 +297,7 @@ impl Block<'_> {
         }
     }
 
-    /// The looks of a voxel: the mean of what touches it, weighted by the area inside. Glass counts
+    /// The material of a voxel: the mean of what touches it, weighted by the area inside. Glass counts
     /// only where there is nothing else.
     fn voxel(&self, touching: &[u32], corner: UVec3) -> Voxel {
         let candidates = touching.iter().map(|&candidate| &self.candidates[candidate as usize]);

@@ -11,7 +11,7 @@ use sightline_protocol::{
     message::ServerMessage,
     pose_stream::{Ack, PoseEncoder},
     quantise::WireTbv,
-    text::{Line, Name},
+    text::{ChatLine, Name},
 };
 use sightline_world::motion::{AvatarId, Pose, ReportingState};
 use tokio::sync::Notify;
@@ -92,7 +92,7 @@ impl Outbox {
                 state.push(&ServerMessage::Correct { pose: (&pose).into() });
             }
             Output::Chat { from, text, .. } => {
-                state.push(&ServerMessage::Chat { from, text: Line::clipped(&text) });
+                state.push(&ServerMessage::Chat { from, text: ChatLine::clipped(&text) });
             }
             Output::Drop { reason, .. } => state.end(&reason),
         }
@@ -175,7 +175,7 @@ impl State {
     }
 
     fn end(&mut self, reason: &str) {
-        self.push(&ServerMessage::Goodbye { reason: Line::clipped(reason) });
+        self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
         self.has_ended = true;
     }
 }
@@ -268,7 +268,7 @@ mod tests {
         outbox.tell(Output::Live { to: ME }, Duration::ZERO);
         let batch = outbox.take(None);
         assert!(batch.is_last);
-        let reason = Line::new("enough").unwrap();
+        let reason = ChatLine::new("enough").unwrap();
         assert_eq!(messages(&batch), [ServerMessage::Goodbye { reason }]);
     }
 }

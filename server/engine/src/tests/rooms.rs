@@ -9,7 +9,7 @@ use sightline_world::{
     World,
     geometry::Aabb,
     motion::{AvatarId, ReportingState},
-    rooms::{Members, Room, RoomId, Rooms, Sees, Shape, Window},
+    rooms::{ObjectSet, Room, RoomId, RoomVisibility, Rooms, Shape, Window},
 };
 
 use super::stage::{Stage, row};
@@ -24,9 +24,11 @@ fn room(name: &str, min: [f32; 3], max: [f32; 3]) -> Room {
 /// and the fifth sees the others through a window only.
 pub(super) fn world() -> World {
     let corner = Room { sealed: true, ..room("corner", [12.0, 0.0, 2.0], [18.0, 3.0, 8.0]) };
-    let hidden = Members { rooms: vec![RoomId(2)], ..Members::default() };
-    let fourth =
-        Room { sees: Sees::AllBut(hidden), ..room("fourth", [30.0, 0.0, 0.0], [40.0, 3.0, 10.0]) };
+    let hidden = ObjectSet { rooms: vec![RoomId(2)], ..ObjectSet::default() };
+    let fourth = Room {
+        sees: RoomVisibility::AllBut(hidden),
+        ..room("fourth", [30.0, 0.0, 0.0], [40.0, 3.0, 10.0])
+    };
     let pane = [[1.0, 4.0], [3.0, 4.0], [3.0, 6.0], [1.0, 6.0]];
     let window = Window {
         name: "west".to_owned(),

@@ -12,7 +12,7 @@ use super::{
 use sightline_world::{
     CellId, Cells, World,
     geometry::{Aabb, Axes},
-    rooms::{Members, Room, RoomId, Rooms, Sees},
+    rooms::{ObjectSet, Room, RoomId, RoomVisibility, Rooms},
     tolerance::ROOM_BOUNDARY_M,
 };
 
@@ -404,9 +404,15 @@ impl IndexedRoom {
         let panes = RoomWindows::new(room, &pieces, axes);
         let rule = match &room.sees {
             // With windows and without a set, a room shows itself.
-            Sees::Unsaid => VisibilityRule::Only(NamedMembers::with(&Members::default(), Some(id))),
-            Sees::Only(members) => VisibilityRule::Only(NamedMembers::with(members, Some(id))),
-            Sees::AllBut(members) => VisibilityRule::AllBut(NamedMembers::with(members, None)),
+            RoomVisibility::Unspecified => {
+                VisibilityRule::Only(NamedMembers::with(&ObjectSet::default(), Some(id)))
+            }
+            RoomVisibility::Only(members) => {
+                VisibilityRule::Only(NamedMembers::with(members, Some(id)))
+            }
+            RoomVisibility::AllBut(members) => {
+                VisibilityRule::AllBut(NamedMembers::with(members, None))
+            }
         };
         Self {
             bounds: pieces.iter().fold(Aabb::EMPTY, |all, piece| all.union(&piece.bounds)),
@@ -432,7 +438,7 @@ impl IndexedRoom {
 }
 
 impl NamedMembers {
-    fn with(members: &Members, own: Option<RoomId>) -> Self {
+    fn with(members: &ObjectSet, own: Option<RoomId>) -> Self {
         Self {
             rooms: members.rooms.iter().chain(&own).map(|id| u32::from(id.0)).collect(),
             cells: members.cells.iter().map(|cell| cell.0).collect(),

@@ -11,7 +11,7 @@ use sightline_visibility::rooms::{
 use sightline_world::{
     CellId, World,
     geometry::{Aabb, Frustum},
-    rooms::{Members, Object, Room, RoomId, Rooms, Sees, Shape, Window},
+    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Rooms, Shape, Window},
 };
 
 use crate::{
@@ -48,8 +48,11 @@ fn named(name: &str, bounds: Aabb) -> Object {
     Object { name: name.into(), bounds, mover: None }
 }
 
-fn only_rooms(ids: &[u16]) -> Sees {
-    Sees::Only(Members { rooms: ids.iter().copied().map(RoomId).collect(), ..Members::default() })
+fn only_rooms(ids: &[u16]) -> RoomVisibility {
+    RoomVisibility::Only(ObjectSet {
+        rooms: ids.iter().copied().map(RoomId).collect(),
+        ..ObjectSet::default()
+    })
 }
 
 fn hall() -> Shape {
@@ -62,8 +65,8 @@ fn hall() -> Shape {
 fn a_visible_set_of_objects() {
     let [beam, pipe, pump] = [cube(-1.0, -1.0), cube(7.0, 7.0), cube(-7.0, 1.0)];
     let objects = vec![named("beam", beam), named("pipe", pipe)];
-    let set = Members { objects: vec![0, 1], ..Members::default() };
-    let a = seeing(room("A", vec![hall()]), Sees::Only(set), vec![]);
+    let set = ObjectSet { objects: vec![0, 1], ..ObjectSet::default() };
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::Only(set), vec![]);
     let targets = [(beam, true), (pipe, true), (pump, false)];
     check("visible-set", Rooms::new(vec![a], objects).unwrap(), eye(0.0, 0.0), &targets);
 }
@@ -72,8 +75,8 @@ fn a_visible_set_of_objects() {
 #[test]
 fn a_hidden_set() {
     let pump = Aabb::around(Vec3::new(-7.0, 1.5, 1.0), 1.0);
-    let set = Members { objects: vec![0], ..Members::default() };
-    let a = seeing(room("A", vec![hall()]), Sees::AllBut(set), vec![]);
+    let set = ObjectSet { objects: vec![0], ..ObjectSet::default() };
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::AllBut(set), vec![]);
     let targets = [(cube(7.0, 7.0), true), (cube(-7.0, 1.0), false), (cube(-6.0, 1.0), true)];
     let rooms = Rooms::new(vec![a], vec![named("pump", pump)]).unwrap();
     check("hidden-set", rooms, eye(0.0, 0.0), &targets);
@@ -90,11 +93,11 @@ fn a_set_of_rooms() {
 
 #[test]
 fn a_set_of_cells() {
-    let set = |cell| Members { cells: vec![CellId(cell)], ..Members::default() };
-    let a = seeing(room("A", vec![hall()]), Sees::Only(set(0)), vec![]);
+    let set = |cell| ObjectSet { cells: vec![CellId(cell)], ..ObjectSet::default() };
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::Only(set(0)), vec![]);
     // The one cell is everywhere.
     check("set-of-cells", rooms(vec![a]), eye(0.0, 0.0), &[(cube(7.0, 7.0), true)]);
-    let b = seeing(room("A", vec![hall()]), Sees::AllBut(set(0)), vec![]);
+    let b = seeing(room("A", vec![hall()]), RoomVisibility::AllBut(set(0)), vec![]);
     check("set-of-hidden-cells", rooms(vec![b]), eye(0.0, 0.0), &[(cube(7.0, 7.0), false)]);
 }
 
@@ -166,7 +169,7 @@ fn in_several_rooms_the_union() {
 #[test]
 fn a_window() {
     let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
-    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![east]);
     // From three metres away the window is 2 m wide at 3 m, and so 6 m at 9 m.
     let targets = [
         (cube(1.0, -2.0), true),
@@ -188,7 +191,7 @@ fn a_window() {
 #[test]
 fn part_of_a_body_may_be_where_no_window_leads() {
     let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
-    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![east]);
     let shed = room("shed", vec![block([1.0, 0.0, 3.2], [2.9, 3.0, 6.0])]);
     let body = |x: f32| Aabb::new(Vec3::new(1.5, 1.1, 3.3), Vec3::new(x, 1.9, 3.7));
     // Along the wall of the shed and out to where the window shows it; or not so far.
@@ -201,7 +204,7 @@ fn part_of_a_body_may_be_where_no_window_leads() {
 #[test]
 fn a_window_in_a_field_of_view() {
     let east = window("east", [[3.0, -3.0], [3.0, 3.0]], [0.5, 2.5]);
-    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![east]);
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![east]);
     let world = world(rooms(vec![a]), 0.0);
     let index = RoomIndex::new(&world);
     let look = |yaw: f32| {
@@ -262,7 +265,7 @@ fn c_shaped(tree: bool) -> Rooms {
     let c = Window { behind: behind(1), ..window("C", [[-3.0, 2.0], [7.0, 2.0]], [0.0, 3.0]) };
     let d = Window { behind: behind(2), ..window("D", [[0.0, 6.0], [3.0, 6.0]], [0.0, 3.0]) };
     let shape = plan(&outline, Some([0.0, 3.0]));
-    rooms(vec![seeing(room("R", vec![shape]), Sees::Unsaid, vec![a, b, c, d])])
+    rooms(vec![seeing(room("R", vec![shape]), RoomVisibility::Unspecified, vec![a, b, c, d])])
 }
 
 #[test]
@@ -350,7 +353,11 @@ fn a_sealed_room() {
     let glass = window("glass", [[3.0, -2.0], [3.0, 2.0]], [0.5, 2.5]);
     let sealed = Room {
         sealed: true,
-        ..seeing(room("meeting", vec![hall()]), Sees::AllBut(Members::default()), vec![glass])
+        ..seeing(
+            room("meeting", vec![hall()]),
+            RoomVisibility::AllBut(ObjectSet::default()),
+            vec![glass],
+        )
     };
     let world = world(rooms(vec![sealed]), 0.0);
     let index = RoomIndex::new(&world);
@@ -406,8 +413,8 @@ fn sealed_rooms_within_each_other() {
 fn a_room_shows_itself_unless_it_says_not() {
     let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![]);
     check("itself", rooms(vec![a]), eye(0.0, 0.0), &[(cube(2.0, 2.0), true)]);
-    let set = Members { rooms: vec![RoomId(0)], ..Members::default() };
-    let b = seeing(room("confessional", vec![hall()]), Sees::AllBut(set), vec![]);
+    let set = ObjectSet { rooms: vec![RoomId(0)], ..ObjectSet::default() };
+    let b = seeing(room("confessional", vec![hall()]), RoomVisibility::AllBut(set), vec![]);
     let targets = [(cube(2.0, 2.0), false), (cube(2.9, 2.0), true), (cube(7.0, 2.0), true)];
     check("not-itself", rooms(vec![b]), eye(0.0, 0.0), &targets);
 }
@@ -432,7 +439,7 @@ fn a_window_like_an_arrow() {
     let corners = [[0.5, -2.0], [2.5, 0.0], [0.5, 2.0], [1.2, 0.0]];
     let corners = corners.iter().map(|[y, z]| Vec3::new(3.0, *y, *z)).collect();
     let arrow = Window { name: "arrow".into(), corners, behind: None };
-    let a = seeing(room("A", vec![hall()]), Sees::Unsaid, vec![arrow]);
+    let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![arrow]);
     let low = |z: f32| Aabb::around(Vec3::new(6.0, 0.7, z), 0.1);
     // Through the notch between the wings there is nothing to see.
     let targets = [(cube(6.0, 0.0), true), (low(0.0), false), (low(-2.6), true), (low(2.6), true)];

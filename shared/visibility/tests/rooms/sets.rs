@@ -8,7 +8,7 @@ use sightline_visibility::rooms::{
 use sightline_world::{
     World,
     motion::Pose,
-    rooms::{Members, Object, Room, RoomId, Rooms, Sees},
+    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Rooms},
 };
 
 use crate::{
@@ -24,7 +24,7 @@ fn pair() -> World {
     };
     let east = Room {
         windows: vec![window("e", [[6.0, -1.0], [6.0, 1.0]], [0.5, 2.5])],
-        sees: Sees::Only(Members { rooms: vec![RoomId(0)], ..Members::default() }),
+        sees: RoomVisibility::Only(ObjectSet { rooms: vec![RoomId(0)], ..ObjectSet::default() }),
         ..room("east", vec![block([0.0, 0.0, -2.0], [6.0, 3.0, 2.0])])
     };
     let object = |name: &str, x: f32, z: f32| Object {

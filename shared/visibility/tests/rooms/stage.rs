@@ -7,7 +7,7 @@ use sightline_world::{
     geometry::{Aabb, Axes},
     motion::Body,
     octree::Octree,
-    rooms::{Room, Rooms, Sees, Shape, Window},
+    rooms::{Room, RoomVisibility, Rooms, Shape, Window},
 };
 
 /// All that there is.
@@ -36,7 +36,7 @@ pub fn window(name: &str, [from, to]: [[f32; 2]; 2], [low, high]: [f32; 2]) -> W
 }
 
 /// With windows and a set.
-pub fn seeing(room: Room, sees: Sees, windows: Vec<Window>) -> Room {
+pub fn seeing(room: Room, sees: RoomVisibility, windows: Vec<Window>) -> Room {
     Room { sees, windows, ..room }
 }
 

@@ -6,7 +6,7 @@ use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{
     CellId, Cells, Node, World,
     geometry::Aabb,
-    rooms::{Members, Object, Room, RoomId, Rooms, Sees, Shape, Window},
+    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Rooms, Shape, Window},
 };
 
 use crate::stage::{EVERYTHING, may_see, world};
@@ -172,15 +172,15 @@ impl Scene {
         let mut said = said.by_ref().peekable();
         said.peek().is_none()
             || said.any(|(id, naive)| {
-                let in_set = |set: &Members| {
+                let in_set = |set: &ObjectSet| {
                     set.rooms.iter().any(|id| at_body.contains(&usize::from(id.0)))
                         || set.cells.iter().any(|named| cell == Some(*named))
                         || set.objects.iter().any(|at| self.holds(*at, body))
                 };
                 let by_set = match &naive.room.sees {
-                    Sees::Unsaid => at_body.contains(&id),
-                    Sees::Only(set) => at_body.contains(&id) || in_set(set),
-                    Sees::AllBut(set) => !in_set(set),
+                    RoomVisibility::Unspecified => at_body.contains(&id),
+                    RoomVisibility::Only(set) => at_body.contains(&id) || in_set(set),
+                    RoomVisibility::AllBut(set) => !in_set(set),
                 };
                 by_set || naive.shows(eye.as_dvec3(), body.as_dvec3())
             })
@@ -267,18 +267,18 @@ fn open(rng: &mut SmallRng, naive: &mut Naive) {
     naive.room.windows.push(Window { name, corners, behind: behind.map(|at| at as u32) });
 }
 
-fn sees(rng: &mut SmallRng, rooms: usize) -> Sees {
+fn sees(rng: &mut SmallRng, rooms: usize) -> RoomVisibility {
     let mut some =
         |count: usize| -> Vec<u32> { (0..count as u32).filter(|_| rng.random_bool(0.3)).collect() };
-    let set = Members {
+    let set = ObjectSet {
         rooms: some(rooms).into_iter().map(|at| RoomId(at as u16)).collect(),
         cells: some(1).into_iter().map(CellId).collect(),
         objects: some(3),
     };
     match rng.random_range(0..3) {
-        0 => Sees::Unsaid,
-        1 => Sees::Only(set),
-        _ => Sees::AllBut(set),
+        0 => RoomVisibility::Unspecified,
+        1 => RoomVisibility::Only(set),
+        _ => RoomVisibility::AllBut(set),
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use roaring::RoaringBitmap;
 
-use super::{Input, ReadError, put_aabb, put_f32, put_f64, put_u32, put_vec3};
+use super::{ReadError, SectionReader, put_aabb, put_f32, put_f64, put_u32, put_vec3};
 use crate::{Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space, geometry::Axes};
 
 /// The tree is walked by recursion, so its depth has a limit.
@@ -88,7 +88,7 @@ fn put_polygon(out: &mut Vec<u8>, polygon: &Polygon) {
     }
 }
 
-pub(super) fn read_cells(input: &mut Input) -> Result<Cells, ReadError> {
+pub(super) fn read_cells(input: &mut SectionReader) -> Result<Cells, ReadError> {
     let turn = input.f64()?;
     if turn.abs() > std::f64::consts::TAU {
         return Err(ReadError::Malformed("the axes"));
@@ -113,7 +113,7 @@ pub(super) fn read_cells(input: &mut Input) -> Result<Cells, ReadError> {
     Ok(Cells { axes, bounds, tree, cells, portals, spaces, gates, pvs: Vec::new() })
 }
 
-fn read_spaces_and_cells(input: &mut Input) -> Result<(Vec<Space>, Vec<Cell>), ReadError> {
+fn read_spaces_and_cells(input: &mut SectionReader) -> Result<(Vec<Space>, Vec<Cell>), ReadError> {
     let bad = || ReadError::Malformed("the spaces");
     let count = input.count(28)?;
     let mut spaces = Vec::with_capacity(count);
@@ -140,7 +140,7 @@ fn read_spaces_and_cells(input: &mut Input) -> Result<(Vec<Space>, Vec<Cell>), R
 
 /// Reads what joins two of `count` things, and tells `found` of each.
 fn read_joins(
-    input: &mut Input,
+    input: &mut SectionReader,
     count: usize,
     mut found: impl FnMut(u32, [u32; 2]),
 ) -> Result<Vec<([u32; 2], Polygon)>, ReadError> {
@@ -158,7 +158,7 @@ fn read_joins(
     Ok(read)
 }
 
-fn read_polygon(input: &mut Input) -> Result<Polygon, ReadError> {
+fn read_polygon(input: &mut SectionReader) -> Result<Polygon, ReadError> {
     let axis = input.u8()?;
     if axis < POLYGON_OTHER {
         return Ok(Polygon::Rectangle { axis, bounds: input.aabb()? });
@@ -177,7 +177,7 @@ const CORNERS_MAX: usize = 64;
 
 /// Every node but the root is somebody's child exactly once, and every cell is a leaf exactly
 /// once, so that a walk down ends and visits nothing twice.
-fn read_tree(input: &mut Input, cells: usize) -> Result<Vec<Node>, ReadError> {
+fn read_tree(input: &mut SectionReader, cells: usize) -> Result<Vec<Node>, ReadError> {
     let bad = ReadError::Malformed("the tree");
     let count = input.count(13)?;
     let mut tree = Vec::with_capacity(count);
@@ -239,7 +239,7 @@ pub(super) fn pvs_bytes(cells: &Cells) -> Vec<u8> {
     out
 }
 
-pub(super) fn read_pvs(input: &mut Input, cells: usize) -> Result<Pvs, ReadError> {
+pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, ReadError> {
     let bad = |what| Err(ReadError::Malformed(what));
     if cells > CELLS_MAX {
         return bad("more cells than any world may have");
@@ -288,7 +288,7 @@ mod tests {
     fn read(rows: &[RoaringBitmap], cells: usize) -> Result<Pvs, ReadError> {
         let mut bytes = Vec::new();
         rows.iter().for_each(|row| row.serialize_into(&mut bytes).unwrap());
-        read_pvs(&mut Input(&bytes), cells)
+        read_pvs(&mut SectionReader(&bytes), cells)
     }
 
     fn run(from: u32, to: u32) -> RoaringBitmap {
@@ -311,7 +311,7 @@ mod tests {
         }
         let cells = Cells { pvs: pvs.clone(), ..Cells::whole(Aabb::around(Vec3::ZERO, 1.0)) };
         let bytes = pvs_bytes(&cells);
-        assert_eq!(read_pvs(&mut Input(&bytes), 300).unwrap(), pvs);
+        assert_eq!(read_pvs(&mut SectionReader(&bytes), 300).unwrap(), pvs);
     }
 
     #[test]

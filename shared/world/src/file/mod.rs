@@ -115,7 +115,7 @@ impl World {
         let (length, packed) = file[HEADER_BYTES - 8..].split_at(8);
         let length = u64::from_le_bytes(length.try_into().expect("split at eight"));
         let sections = unpack(packed, length)?;
-        let mut input = Input(&sections);
+        let mut input = SectionReader(&sections);
         let world = read_sections(&mut input)?;
         if !input.0.is_empty() {
             return Err(ReadError::Malformed("bytes after the last section"));
@@ -199,7 +199,7 @@ fn unpack(packed: &[u8], length: u64) -> Result<Vec<u8>, ReadError> {
     Ok(sections)
 }
 
-fn read_sections(input: &mut Input) -> Result<World, ReadError> {
+fn read_sections(input: &mut SectionReader) -> Result<World, ReadError> {
     let meta = read_meta(&mut input.section(b"META")?)?;
     let octree = Octree::from_bytes(input.section(b"OCTR")?.0)?;
     let mut cells = cells::read_cells(&mut input.section(b"CELL")?)?;
@@ -230,7 +230,7 @@ fn meta_bytes(world: &World) -> Vec<u8> {
     postcard::to_stdvec(&meta).expect("plain data always encodes")
 }
 
-fn read_meta(input: &mut Input) -> Result<Meta, ReadError> {
+fn read_meta(input: &mut SectionReader) -> Result<Meta, ReadError> {
     let (meta, rest): (Meta, _) =
         postcard::take_from_bytes(input.0).map_err(|_| ReadError::Malformed("the title page"))?;
     let Body { half_width, above_eye, below_eye } = meta.body;
@@ -254,7 +254,7 @@ fn rooms_bytes(rooms: &Rooms) -> Vec<u8> {
 }
 
 /// Rooms are checked as they are made; here whether the cells and movers that they name are there.
-fn read_rooms(input: &Input, cells: usize, movers: usize) -> Result<Rooms, ReadError> {
+fn read_rooms(input: &SectionReader, cells: usize, movers: usize) -> Result<Rooms, ReadError> {
     if input.len() > ROOMS_BYTES_MAX {
         return Err(ReadError::Malformed("too many rooms"));
     }
@@ -276,7 +276,7 @@ fn mesh_bytes(mesh: &Mesh) -> Vec<u8> {
     out
 }
 
-fn read_mesh(input: &mut Input) -> Result<Mesh, ReadError> {
+fn read_mesh(input: &mut SectionReader) -> Result<Mesh, ReadError> {
     let count = input.count(12)?;
     let positions = (0..count).map(|_| input.vec3()).collect::<Result<Vec<_>, _>>()?;
     let count = input.count(12)?;
@@ -319,9 +319,9 @@ pub(crate) fn put_aabb(out: &mut Vec<u8>, value: &Aabb) {
 }
 
 /// What is left to read.
-pub(super) struct Input<'a>(&'a [u8]);
+pub(super) struct SectionReader<'a>(&'a [u8]);
 
-impl<'a> Input<'a> {
+impl<'a> SectionReader<'a> {
     pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], ReadError> {
         let (head, rest) =
             self.0.split_at_checked(length).ok_or(ReadError::Malformed("it ends too soon"))?;

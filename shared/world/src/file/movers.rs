@@ -3,11 +3,12 @@
 use glam::{DAffine3, DMat3, DVec3, Quat};
 
 use super::{
-    Input, ReadError, TITLE_CHARS_MAX, mesh_bytes, put_f32, put_f64, put_u32, put_vec3, read_mesh,
+    ReadError, SectionReader, TITLE_CHARS_MAX, mesh_bytes, put_f32, put_f64, put_u32, put_vec3,
+    read_mesh,
 };
 use crate::{
     MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover,
-    motion::trajectory::{JOINTS_MAX, Joint, Playback, Track, Trajectory},
+    motion::trajectory::{JOINTS_MAX, Joint, KeyframeTrack, Playback, Trajectory},
 };
 
 /// The least that a mover takes: two counts of its mesh, a name's length, course, length, joints.
@@ -27,7 +28,7 @@ pub(super) fn to_bytes(movers: &[Mover]) -> Vec<u8> {
     out
 }
 
-pub(super) fn read(input: &mut Input) -> Result<Vec<Mover>, ReadError> {
+pub(super) fn read(input: &mut SectionReader) -> Result<Vec<Mover>, ReadError> {
     let count = input.count(MOVER_BYTES_MIN)?;
     if count > MOVERS_MAX {
         return Err(ReadError::Malformed("too many movers"));
@@ -45,7 +46,7 @@ pub(super) fn read(input: &mut Input) -> Result<Vec<Mover>, ReadError> {
     if input.is_empty() { Ok(movers) } else { Err(ReadError::Malformed("the movers")) }
 }
 
-fn read_mover(input: &mut Input) -> Result<Mover, ReadError> {
+fn read_mover(input: &mut SectionReader) -> Result<Mover, ReadError> {
     let length = input.count(1)?;
     let name =
         std::str::from_utf8(input.take(length)?).map_err(|_| ReadError::Malformed("a name"))?;
@@ -76,7 +77,7 @@ fn put_trajectory(out: &mut Vec<u8>, trajectory: &Trajectory) {
     }
 }
 
-fn read_trajectory(input: &mut Input) -> Result<Trajectory, ReadError> {
+fn read_trajectory(input: &mut SectionReader) -> Result<Trajectory, ReadError> {
     let course = match input.u8()? {
         0 => Playback::Loop,
         1 => Playback::Once,
@@ -93,7 +94,7 @@ fn read_trajectory(input: &mut Input) -> Result<Trajectory, ReadError> {
     Trajectory::new(joints, length_s, course).map_err(bad)
 }
 
-fn read_joint(input: &mut Input) -> Result<Joint, ReadError> {
+fn read_joint(input: &mut SectionReader) -> Result<Joint, ReadError> {
     let mut column =
         || -> Result<DVec3, ReadError> { Ok(DVec3::new(input.f64()?, input.f64()?, input.f64()?)) };
     let matrix3 = DMat3::from_cols(column()?, column()?, column()?);
@@ -108,7 +109,7 @@ fn read_joint(input: &mut Input) -> Result<Joint, ReadError> {
     })
 }
 
-fn put_track<V: Copy>(out: &mut Vec<u8>, track: &Track<V>, put: impl Fn(&mut Vec<u8>, V)) {
+fn put_track<V: Copy>(out: &mut Vec<u8>, track: &KeyframeTrack<V>, put: impl Fn(&mut Vec<u8>, V)) {
     out.push(track.steps.into());
     put_u32(out, track.keys.len() as u32);
     for &(at_s, value) in &track.keys {
@@ -118,10 +119,10 @@ fn put_track<V: Copy>(out: &mut Vec<u8>, track: &Track<V>, put: impl Fn(&mut Vec
 }
 
 fn read_track<V>(
-    input: &mut Input,
+    input: &mut SectionReader,
     key_bytes: usize,
-    read: impl Fn(&mut Input) -> Result<V, ReadError>,
-) -> Result<Track<V>, ReadError> {
+    read: impl Fn(&mut SectionReader) -> Result<V, ReadError>,
+) -> Result<KeyframeTrack<V>, ReadError> {
     let steps = match input.u8()? {
         0 => false,
         1 => true,
@@ -129,5 +130,5 @@ fn read_track<V>(
     };
     let count = input.count(key_bytes)?;
     let keys: Result<_, ReadError> = (0..count).map(|_| Ok((input.f32()?, read(input)?))).collect();
-    Ok(Track { keys: keys?, steps })
+    Ok(KeyframeTrack { keys: keys?, steps })
 }

@@ -8,9 +8,9 @@ use crate::{
     Cell, CellId, Cells, Gate, Mover, Node, Origin, OriginLeaf, OriginNode, OriginPlane,
     OriginSide, OriginTree, Polygon, Portal, Solid, Space,
     geometry::Axes,
-    motion::trajectory::{Joint, Playback, Track, Trajectory},
+    motion::trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
     octree::{Material, Voxel, morton},
-    rooms::{Members, Object, Room, RoomId, Sees, Shape, Window},
+    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Shape, Window},
 };
 
 /// Two rooms with a portal between them, and a handful of voxels.
@@ -72,7 +72,7 @@ fn small_world() -> World {
 fn meeting_room() -> Rooms {
     let shape = Shape::Box(Aabb::new(Vec3::ZERO, Vec3::splat(4.0)));
     let corners = [Vec2::ZERO, Vec2::X, Vec2::Y].to_vec();
-    let set = Members { rooms: vec![RoomId(1)], cells: vec![CellId(1)], objects: vec![0] };
+    let set = ObjectSet { rooms: vec![RoomId(1)], cells: vec![CellId(1)], objects: vec![0] };
     let window = Window {
         name: "door".into(),
         corners: vec![Vec3::X * 4.0, Vec3::new(4.0, 2.0, 0.0), Vec3::new(4.0, 0.0, 1.0)],
@@ -82,7 +82,7 @@ fn meeting_room() -> Rooms {
         name: "meeting".into(),
         title: Some("Meeting".into()),
         shapes: vec![shape],
-        sees: Sees::Only(set),
+        sees: RoomVisibility::Only(set),
         windows: vec![window],
         sealed: true,
         spawn: Some(Spawn { eye: Vec3::ONE, yaw: 1.0 }),
@@ -100,10 +100,11 @@ fn meeting_room() -> Rooms {
 /// Swings to and fro on a lift.
 fn swing_door() -> Mover {
     let mut lift = Joint::still(DAffine3::from_translation(DVec3::new(4.0, 0.0, 1.0)));
-    lift.translation = Track::linear(vec![(0.5, Vec3::ZERO), (1.5, Vec3::Y)]);
+    lift.translation = KeyframeTrack::linear(vec![(0.5, Vec3::ZERO), (1.5, Vec3::Y)]);
     let mut hinge = Joint::still(DAffine3::IDENTITY);
     let turned = |angle: f32| Quat::from_rotation_y(angle);
-    hinge.rotation = Track::steps(vec![(0.0, turned(0.0)), (1.0, turned(1.0)), (2.0, turned(0.0))]);
+    hinge.rotation =
+        KeyframeTrack::steps(vec![(0.0, turned(0.0)), (1.0, turned(1.0)), (2.0, turned(0.0))]);
     let trajectory = Trajectory::new(vec![lift, hinge], 2.0, Playback::Loop).unwrap();
     let mesh =
         Mesh { positions: vec![Vec3::ZERO, Vec3::Y * 2.0, Vec3::X], triangles: vec![[0, 1, 2]] };
@@ -119,7 +120,7 @@ fn rooms_name_what_is_there() {
         change(&mut list[0], &mut objects[0]);
         // As it would be written, were it not checked.
         let faulty = postcard::to_stdvec(&(&list, &objects)).unwrap();
-        let read = read_rooms(&Input(&faulty), 2, 1);
+        let read = read_rooms(&SectionReader(&faulty), 2, 1);
         assert_eq!(read.is_ok(), list == rooms.list() && objects == rooms.objects(), "{list:?}");
     };
     check(&|_, _| ());
@@ -138,15 +139,15 @@ fn rooms_name_what_is_there() {
     check(&|room, _| room.spawn = Some(Spawn { eye: Vec3::NAN, yaw: 0.0 }));
     let set = |rooms: u16, cells: u32, objects: u32| {
         let (rooms, cells) = (vec![RoomId(rooms)], vec![CellId(cells)]);
-        Sees::AllBut(Members { rooms, cells, objects: vec![objects] })
+        RoomVisibility::AllBut(ObjectSet { rooms, cells, objects: vec![objects] })
     };
     check(&|room, _| room.sees = set(2, 0, 0));
     check(&|room, _| room.sees = set(0, 2, 0));
     check(&|room, _| room.sees = set(0, 0, 1));
     check(&|_, object| object.mover = Some(1));
     check(&|_, object| object.bounds = Aabb::EMPTY);
-    assert!(read_rooms(&Input(&[0xff; 40]), 2, 1).is_err());
-    assert!(read_rooms(&Input(&[0, 0, 0]), 2, 1).is_err(), "more bytes than rooms");
+    assert!(read_rooms(&SectionReader(&[0xff; 40]), 2, 1).is_err());
+    assert!(read_rooms(&SectionReader(&[0, 0, 0]), 2, 1).is_err(), "more bytes than rooms");
 }
 
 /// A brush between two clusters, of which one sees the other.
@@ -228,7 +229,7 @@ fn hostile_sections_are_refused_or_give_a_valid_world() {
         for value in [0, 1, 0x7f, 0x80, 0xff, sections[i] ^ 4] {
             let mut changed = sections.clone();
             changed[i] = value;
-            let mut input = Input(&changed);
+            let mut input = SectionReader(&changed);
             match read_sections(&mut input) {
                 Err(_) => refused += 1,
                 // Whatever is accepted can be used and written again.

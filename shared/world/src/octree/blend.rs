@@ -1,21 +1,20 @@
-//! Looks of inner nodes: the mean of what is below, in light and not in sRGB.
+//! Materials of inner nodes: the mean of what is below, in light and not in sRGB.
 
 use std::ops::Range;
 
 use super::{
-    Inner, Material, flat,
+    InnerNode, Material, flat, layout,
     palette::{Palette, unit},
-    shape,
 };
 
-/// Gives every inner node the looks of what is below it, and its flags. The same leaves and palette give the
+/// Gives every inner node the materials of what is below it, and its flags. The same leaves and palette give the
 /// same result, bit for bit, on every machine.
 ///
 /// # Errors
 ///
 /// When the palette has no room for a mean.
 pub(super) fn average(
-    inner: &mut [Inner],
+    inner: &mut [InnerNode],
     roots: &Range<usize>,
     leaves: &[u16],
     depth: u8,
@@ -24,7 +23,7 @@ pub(super) fn average(
     let mut weights = vec![0u32; roots.end];
     let mut blends = Vec::new();
     for root in roots.clone() {
-        let block = shape::block(inner, roots, root, depth);
+        let block = layout::block(inner, roots, root, depth);
         let start = block.nodes.start;
         blends.clear();
         blends.resize(block.nodes.len(), Blend::default());
@@ -37,8 +36,8 @@ pub(super) fn average(
                     blend.add(leaf, Blend::of(&palette.materials[usize::from(leaf)], 1), false);
                 } else {
                     let child_node = &inner[child];
-                    let glassy = child_node.flags & Inner::SOME_GLASS != 0;
-                    blend.add(child_node.look, blends[child - start], glassy);
+                    let glassy = child_node.flags & InnerNode::SOME_GLASS != 0;
+                    blend.add(child_node.material, blends[child - start], glassy);
                 }
             }
             let blend = blend.finish(&mut inner[index], palette)?;
@@ -53,9 +52,9 @@ pub(super) fn average(
         let node = inner[index];
         let mut blend = Children::default();
         for child in node.first as usize..(node.first + node.mask.count_ones()) as usize {
-            let Inner { look, flags, .. } = inner[child];
-            let mean = Blend::of(&palette.materials[usize::from(look)], weights[child]);
-            blend.add(look, mean, flags & Inner::SOME_GLASS != 0);
+            let InnerNode { material, flags, .. } = inner[child];
+            let mean = Blend::of(&palette.materials[usize::from(material)], weights[child]);
+            blend.add(material, mean, flags & InnerNode::SOME_GLASS != 0);
         }
         weights[index] = blend.finish(&mut inner[index], palette)?.weight;
     }
@@ -68,14 +67,14 @@ struct Children {
     opaque: Blend,
     glass: Blend,
     some_glass: bool,
-    look: Option<u16>,
+    material: Option<u16>,
     differ: bool,
 }
 
 impl Children {
-    fn add(&mut self, look: u16, mean: Blend, some_glass: bool) {
-        self.differ |= self.look.is_some_and(|first| first != look);
-        self.look = Some(look);
+    fn add(&mut self, material: u16, mean: Blend, some_glass: bool) {
+        self.differ |= self.material.is_some_and(|first| first != material);
+        self.material = Some(material);
         self.some_glass |= some_glass || mean.is_glass;
         if mean.is_glass {
             self.glass.add(&mean);
@@ -84,22 +83,22 @@ impl Children {
         }
     }
 
-    /// Glass that shares a node with something opaque does not change its looks.
-    fn finish(self, node: &mut Inner, palette: &mut Palette) -> Option<Blend> {
+    /// Glass that shares a node with something opaque does not change its materials.
+    fn finish(self, node: &mut InnerNode, palette: &mut Palette) -> Option<Blend> {
         let is_glass = self.opaque.weight == 0;
         let blend = if is_glass { Blend { is_glass, ..self.glass } } else { self.opaque };
-        node.look = match self.look {
+        node.material = match self.material {
             // Rounding must not move what is all alike.
-            Some(look) if !self.differ => look,
-            _ => palette.index(&blend.look())?,
+            Some(material) if !self.differ => material,
+            _ => palette.index(&blend.material())?,
         };
-        node.flags = if is_glass { Inner::GLASS } else { 0 };
-        node.flags |= if self.some_glass { Inner::SOME_GLASS } else { 0 };
+        node.flags = if is_glass { InnerNode::GLASS } else { 0 };
+        node.flags |= if self.some_glass { InnerNode::SOME_GLASS } else { 0 };
         Some(blend)
     }
 }
 
-/// A weighted mean of looks.
+/// A weighted mean of materials.
 #[derive(Clone, Copy, Default)]
 struct Blend {
     is_glass: bool,
@@ -110,10 +109,10 @@ struct Blend {
 }
 
 impl Blend {
-    fn of(look: &Material, weight: u32) -> Self {
-        let light = look.colour.map(|channel| u64::from(weight) * u64::from(channel).pow(2));
-        let normal = look.normal.map(|part| i64::from(weight) * i64::from(part));
-        Self { is_glass: look.is_glass(), weight, light, normal }
+    fn of(material: &Material, weight: u32) -> Self {
+        let light = material.colour.map(|channel| u64::from(weight) * u64::from(channel).pow(2));
+        let normal = material.normal.map(|part| i64::from(weight) * i64::from(part));
+        Self { is_glass: material.is_glass(), weight, light, normal }
     }
 
     fn add(&mut self, other: &Self) {
@@ -130,7 +129,7 @@ impl Blend {
         }
     }
 
-    fn look(&self) -> Material {
+    fn material(&self) -> Material {
         let weight = f64::from(self.weight.max(1));
         // A root is exactly rounded, so that all machines agree.
         let colour = self.light.map(|sum| ((sum as f64 / weight).sqrt() + 0.5) as u8);
@@ -149,7 +148,7 @@ mod tests {
         for shade in [0, 255] {
             blend.add(&Blend::of(&Material { colour: [shade; 3], ..Material::default() }, 1));
         }
-        assert_eq!(blend.look().colour, [180; 3]);
+        assert_eq!(blend.material().colour, [180; 3]);
     }
 
     #[test]
@@ -158,6 +157,6 @@ mod tests {
         for x in [127, -127] {
             blend.add(&Blend::of(&Material { normal: [x, 0, 0], ..Material::default() }, 1));
         }
-        assert_eq!(blend.look().normal, [127, 0, 0]);
+        assert_eq!(blend.material().normal, [127, 0, 0]);
     }
 }

@@ -8,8 +8,8 @@ use super::{
     BLOCK_LEVELS, DEPTH_MAX, INNER_MAX, LEAVES_MAX, Material, Octree, OctreeError,
     blend::average,
     census::Census,
+    layout::{TreeLayout, levels},
     palette::Palette,
-    shape::{Shape, levels},
 };
 
 /// A leaf on its way into an octree.
@@ -26,8 +26,8 @@ pub struct Voxel {
 }
 
 impl Voxel {
-    /// How it looks.
-    pub fn look(&self) -> Material {
+    /// How it materials.
+    pub fn material(&self) -> Material {
         Material { colour: self.colour, normal: self.normal, flags: self.flags & Material::GLASS }
     }
 }
@@ -50,14 +50,14 @@ fn spread(bits: u32) -> u64 {
 /// What is in a cube of 2^[`BLOCK_LEVELS`] voxels each way, or in the whole of a shallower tree:
 /// nine bytes a voxel, about.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Block {
+pub struct VoxelBlock {
     key: u64,
     /// Child masks, breadth-first, the root's first.
     masks: Vec<u8>,
     materials: Vec<Material>,
 }
 
-impl Block {
+impl VoxelBlock {
     /// Makes the block of these voxels, whose keys ascend and lie in the block's cube. None when
     /// there are no voxels.
     ///
@@ -73,7 +73,7 @@ impl Block {
             return Err(OctreeError::Outside);
         }
         let keys = voxels.iter().map(|voxel| voxel.key).collect();
-        let materials = voxels.iter().map(Voxel::look).collect();
+        let materials = voxels.iter().map(Voxel::material).collect();
         Ok(Some(Self { key, masks: masks_above(keys, below), materials }))
     }
 
@@ -128,7 +128,7 @@ impl Octree {
         let below = 3 * depth.min(BLOCK_LEVELS);
         let of_a_block = |a: &Voxel, b: &Voxel| a.key >> below == b.key >> below;
         let blocks =
-            voxels.chunk_by(of_a_block).filter_map(|part| Block::new(depth, part).transpose());
+            voxels.chunk_by(of_a_block).filter_map(|part| VoxelBlock::new(depth, part).transpose());
         let blocks = blocks.collect::<Result<_, _>>()?;
         Self::from_blocks(origin, voxel, depth, blocks)
     }
@@ -142,7 +142,7 @@ impl Octree {
         origin: Vec3,
         voxel: f32,
         depth: u8,
-        mut blocks: Vec<Block>,
+        mut blocks: Vec<VoxelBlock>,
     ) -> Result<Self, OctreeError> {
         if !(1..=DEPTH_MAX).contains(&depth) {
             return Err(OctreeError::Depth);
@@ -153,49 +153,51 @@ impl Octree {
             return Err(OctreeError::Outside);
         }
         let masks = masks_of(&mut blocks, above);
-        let leaves = blocks.iter().map(Block::voxels).sum::<usize>();
+        let leaves = blocks.iter().map(VoxelBlock::voxels).sum::<usize>();
         if masks.len() > INNER_MAX || leaves > LEAVES_MAX {
             return Err(OctreeError::TooLarge);
         }
-        let shape = Shape::link(&masks, depth)?;
+        let layout = TreeLayout::link(&masks, depth)?;
         drop(masks);
-        if shape.leaves != leaves || below == 0 {
+        if layout.leaves != leaves || below == 0 {
             return Err(OctreeError::Outside);
         }
         let edge = voxel * (1u32 << depth) as f32;
         let mut octree = Self::empty(origin, edge, depth);
-        octree.inner = shape.inner;
+        octree.inner = layout.inner;
         let mut census = Census::default();
         blocks.iter().for_each(|block| census.count(&block.materials, leaves));
         let mut palettes = census.palettes();
         let painted =
-            palettes.any(|palette| octree.paint(palette, &shape.roots, &blocks).is_some());
+            palettes.any(|palette| octree.paint(palette, &layout.roots, &blocks).is_some());
         if painted { Ok(octree) } else { Err(OctreeError::Nonsense("palette")) }
     }
 
-    /// Fills in all looks, if they fit into a palette.
+    /// Fills in all materials, if they fit into a palette.
     fn paint(
         &mut self,
         mut palette: Palette,
         roots: &Range<usize>,
-        blocks: &[Block],
+        blocks: &[VoxelBlock],
     ) -> Option<()> {
         self.leaves.clear();
-        self.leaves.reserve_exact(blocks.iter().map(Block::voxels).sum());
-        for look in blocks.iter().flat_map(|block| &block.materials) {
-            self.leaves.push(palette.index(look)?);
+        self.leaves.reserve_exact(blocks.iter().map(VoxelBlock::voxels).sum());
+        for material in blocks.iter().flat_map(|block| &block.materials) {
+            self.leaves.push(palette.index(material)?);
         }
         average(&mut self.inner, roots, &self.leaves, self.depth, &mut palette)?;
         let places = palette.sort();
-        let inner = self.inner.iter_mut().map(|node| &mut node.look);
-        inner.chain(&mut self.leaves).for_each(|look| *look = places[usize::from(*look)]);
+        let inner = self.inner.iter_mut().map(|node| &mut node.material);
+        inner
+            .chain(&mut self.leaves)
+            .for_each(|material| *material = places[usize::from(*material)]);
         (self.keys, self.materials) = (palette.keys, palette.materials);
         Some(())
     }
 }
 
 /// All child masks in the order of nodes in memory; the blocks' are taken out.
-fn masks_of(blocks: &mut [Block], above: u8) -> Vec<u8> {
+fn masks_of(blocks: &mut [VoxelBlock], above: u8) -> Vec<u8> {
     let mut masks = masks_above(blocks.iter().map(|block| block.key).collect(), above);
     masks.extend(blocks.iter().filter_map(|block| block.masks.first()));
     for block in blocks {
@@ -207,7 +209,7 @@ fn masks_of(blocks: &mut [Block], above: u8) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::octree::{Inner, MATERIALS_MAX};
+    use crate::octree::{InnerNode, MATERIALS_MAX};
 
     #[test]
     fn keys_interleave_the_bits() {
@@ -240,13 +242,13 @@ mod tests {
             ];
             let octree = Octree::from_voxels(Vec3::ZERO, 1.0, levels + 1, voxels).expect("small");
             let root = octree.root().expect("filled");
-            assert_eq!((root.look().colour, root.is_glass()), ([129, 52, 29], false));
-            assert_eq!(root.inner().map(|inner| inner.flags), Some(Inner::SOME_GLASS));
+            assert_eq!((root.material().colour, root.is_glass()), ([129, 52, 29], false));
+            assert_eq!(root.inner().map(|inner| inner.flags), Some(InnerNode::SOME_GLASS));
             let right = root.child(1).expect("there");
-            assert_eq!((right.look().colour, right.is_glass()), ([9, 9, 9], true));
+            assert_eq!((right.material().colour, right.is_glass()), ([9, 9, 9], true));
             assert_eq!(
                 right.inner().map(|inner| inner.flags),
-                Some(Inner::GLASS | Inner::SOME_GLASS)
+                Some(InnerNode::GLASS | InnerNode::SOME_GLASS)
             );
         }
     }
@@ -261,7 +263,7 @@ mod tests {
         let octree = Octree::from_voxels(Vec3::ZERO, 1.0, 7, voxels.collect()).expect("fits");
         assert!((1_000..=MATERIALS_MAX).contains(&octree.materials.len()));
         let glass = octree.first_glass();
-        assert!(octree.materials[..glass].iter().all(|look| !look.is_glass()));
+        assert!(octree.materials[..glass].iter().all(|material| !material.is_glass()));
         // Whoever reads it finds the same entries for inner nodes.
         assert!(Octree::from_bytes(&octree.to_bytes()) == Ok(octree));
     }
@@ -275,7 +277,7 @@ mod tests {
         assert_eq!(check(0, Vec::new()), Err(OctreeError::Depth));
         let block = |key| {
             let voxel = Voxel { key, ..Voxel::default() };
-            Block::new(7, &[voxel]).expect("one block").expect("not empty")
+            VoxelBlock::new(7, &[voxel]).expect("one block").expect("not empty")
         };
         let check = |blocks| Octree::from_blocks(Vec3::ZERO, 1.0, 7, blocks).map(|_| ());
         assert_eq!(check(vec![block(1 << 18), block(0)]), Err(OctreeError::Outside));

@@ -1,16 +1,16 @@
-//! Which looks a palette should have: what many voxels have at fine grains, the rest at coarser ones.
+//! Which materials a palette should have: what many voxels have at fine grains, the rest at coarser ones.
 
 use rustc_hash::FxHashMap;
 
 use super::{
     Material,
-    palette::{GRAINS, Key, Palette, key_of, look_of, to_ycocg},
+    palette::{GRAINS, Key, Palette, key_of, material_of, to_ycocg},
 };
 
-/// Colours are exact when there are no more looks.
+/// Colours are exact when there are no more materials.
 const FEW: usize = 4_096;
 
-/// So many looks are chosen at finer grains than the rest.
+/// So many materials are chosen at finer grains than the rest.
 const CHOSEN: usize = 30_000;
 
 /// The finest grain is one with which colours take no more bytes for each voxel, packed on trial (a whole
@@ -20,10 +20,10 @@ const WIRE_BYTES: f64 = 0.9;
 /// So many voxels are packed on trial.
 const TRIAL: usize = 1 << 20;
 
-/// No more kinds of looks are weighed against each other: 224 MiB of them.
+/// No more kinds of materials are weighed against each other: 224 MiB of them.
 const KINDS_MAX: usize = 4 << 20;
 
-/// How many voxels have which look.
+/// How many voxels have which material.
 #[derive(Default)]
 pub(super) struct Census {
     counts: FxHashMap<Key, u32>,
@@ -34,12 +34,12 @@ pub(super) struct Census {
 impl Census {
     /// Counts some neighbours. A part of them is kept; `total` is how many will come.
     pub(super) fn count(&mut self, materials: &[Material], total: usize) {
-        for look in materials {
+        for material in materials {
             let key = match self.last {
-                Some((known, key)) if known == *look => key,
-                _ => key_of(look, 0),
+                Some((known, key)) if known == *material => key,
+                _ => key_of(material, 0),
             };
-            self.last = Some((*look, key));
+            self.last = Some((*material, key));
             let count = self.counts.entry(key).or_insert(0);
             *count = count.saturating_add(1);
         }
@@ -49,7 +49,7 @@ impl Census {
         self.trial.extend(&materials[..kept.min(materials.len())]);
     }
 
-    /// Palettes, the best first, to which looks can be added while there is room. The last one has
+    /// Palettes, the best first, to which materials can be added while there is room. The last one has
     /// room for anything.
     pub(super) fn palettes(&self) -> impl Iterator<Item = Palette> {
         let few = self.counts.len() <= FEW;
@@ -64,8 +64,10 @@ impl Census {
     /// The finest grain that packs well enough.
     fn finest(&self) -> usize {
         let packs_well = |&grain: &usize| {
-            let materials =
-                self.trial.iter().map(|look| to_ycocg(look_of(key_of(look, grain)).colour));
+            let materials = self
+                .trial
+                .iter()
+                .map(|material| to_ycocg(material_of(key_of(material, grain)).colour));
             let colours: Vec<[u8; 3]> =
                 materials.map(|colour| colour.map(|part| part as u8)).collect();
             let lumas =
@@ -88,7 +90,7 @@ impl Census {
     }
 }
 
-/// Voxels that look alike, and their keys at all grains but the first and the last.
+/// Voxels that material alike, and their keys at all grains but the first and the last.
 struct Kind {
     voxels: u32,
     keys: [Key; GRAINS.len() - 2],
@@ -96,8 +98,8 @@ struct Kind {
 
 impl Kind {
     fn new(key: Key, voxels: u32) -> Self {
-        let look = look_of(key);
-        Self { voxels, keys: std::array::from_fn(|place| key_of(&look, place + 1)) }
+        let material = material_of(key);
+        Self { voxels, keys: std::array::from_fn(|place| key_of(&material, place + 1)) }
     }
 }
 

@@ -2,16 +2,16 @@
 //!
 //! ```text
 //! origin 3 × f32 · edge f32 · depth u8                                (little-endian)
-//! looks u32 · inner nodes u32 · leaves u32
+//! materials u32 · inner nodes u32 · leaves u32
 //! seven times: length u32 · a zstd frame
 //! ```
 //!
 //! The frames are the palette, whose keys ascend, as six planes of the differences' bytes; the child masks, a
 //! byte for each inner node; and five planes of a byte for each leaf: what is added to the luma of the leaf
 //! before it, the two chromas, and the material (which normal, and whether it is glass) in two. Shape is apart
-//! from looks, and like bytes lie together. All is in the order in memory.
+//! from materials, and like bytes lie together. All is in the order in memory.
 //!
-//! Indices of nodes are not stored, so that no bytes can make a cycle. Inner nodes get their looks back
+//! Indices of nodes are not stored, so that no bytes can make a cycle. Inner nodes get their materials back
 //! from the leaves. Whoever reads takes 12 bytes for an inner node and 2 for a leaf at most: with
 //! [`INNER_MAX`] and [`LEAVES_MAX`] no bytes, however hostile, make it take more than 1.1 GiB.
 
@@ -25,8 +25,8 @@ use zstd::stream::read::Decoder;
 use super::{
     DEPTH_MAX, INNER_MAX, LEAVES_MAX, MATERIALS_MAX, Material, Octree,
     blend::average,
+    layout::TreeLayout,
     palette::{KEY_MAX, Key, Palette, to_ycocg},
-    shape::Shape,
 };
 
 /// Why there is no octree.
@@ -102,20 +102,20 @@ impl Octree {
         };
         let (materials, inner, leaves) =
             (count(MATERIALS_MAX)?, count(INNER_MAX)?, count(LEAVES_MAX)?);
-        let keys = read_palette(&mut Plane::take(&mut rest)?, materials)?;
-        let masks = Plane::take(&mut rest)?.all(inner)?;
-        let shape = Shape::link(&masks, octree.depth)?;
+        let keys = read_palette(&mut PackedPlane::take(&mut rest)?, materials)?;
+        let masks = PackedPlane::take(&mut rest)?.all(inner)?;
+        let layout = TreeLayout::link(&masks, octree.depth)?;
         drop(masks);
-        if shape.leaves != leaves {
+        if layout.leaves != leaves {
             return Err(OctreeError::Length);
         }
-        octree.inner = shape.inner;
+        octree.inner = layout.inner;
         let mut palette = Palette::closed(keys);
         octree.leaves = read_leaves(&mut rest, leaves, &palette)?;
         if !rest.is_empty() {
             return Err(OctreeError::Length);
         }
-        average(&mut octree.inner, &shape.roots, &octree.leaves, octree.depth, &mut palette)
+        average(&mut octree.inner, &layout.roots, &octree.leaves, octree.depth, &mut palette)
             .ok_or(OctreeError::Nonsense("palette"))?;
         (octree.materials, octree.keys) = (palette.materials, palette.keys);
         Ok(octree)
@@ -130,9 +130,9 @@ fn put_frame(bytes: &mut Vec<u8>, content: &[u8]) {
 }
 
 /// A frame that is being unpacked.
-struct Plane<'a>(Decoder<'a, &'a [u8]>);
+struct PackedPlane<'a>(Decoder<'a, &'a [u8]>);
 
-impl<'a> Plane<'a> {
+impl<'a> PackedPlane<'a> {
     fn take(rest: &mut &'a [u8]) -> Result<Self, OctreeError> {
         let length = u32::from_le_bytes(take(rest)?) as usize;
         let (packed, tail) = rest.split_at_checked(length).ok_or(OctreeError::Length)?;
@@ -171,7 +171,7 @@ fn palette_planes(keys: &[Key]) -> Vec<u8> {
     (0..KEY_BYTES).flat_map(plane).collect()
 }
 
-fn read_palette(plane: &mut Plane<'_>, materials: usize) -> Result<Vec<Key>, OctreeError> {
+fn read_palette(plane: &mut PackedPlane<'_>, materials: usize) -> Result<Vec<Key>, OctreeError> {
     let mut bytes = vec![0; KEY_BYTES * materials];
     plane.fill(&mut bytes)?;
     plane.end()?;
@@ -226,7 +226,7 @@ fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<
     let known: FxHashMap<[u8; PLANES], u16> = coded.filter_map(first).collect();
     let mut planes = Vec::with_capacity(PLANES);
     for _ in 0..PLANES {
-        planes.push((Plane::take(rest)?, vec![0; CHUNK]));
+        planes.push((PackedPlane::take(rest)?, vec![0; CHUNK]));
     }
     let mut leaves = Vec::new();
     let (mut luma, mut last) = (0u8, None);
@@ -241,7 +241,7 @@ fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<
             coded[0] = luma;
             let index = match last {
                 Some((before, index)) if before == coded => index,
-                _ => *known.get(&coded).ok_or(OctreeError::Nonsense("look"))?,
+                _ => *known.get(&coded).ok_or(OctreeError::Nonsense("material"))?,
             };
             last = Some((coded, index));
             leaves.push(index);
@@ -305,7 +305,7 @@ mod tests {
         let (mut inner, mut leaves) = (0, 0);
         let mut stack: Vec<_> = octree.root().into_iter().collect();
         while let Some(node) = stack.pop() {
-            node.look();
+            node.material();
             *(if node.is_leaf() { &mut leaves } else { &mut inner }) += 1;
             stack.extend(node.children().map(|(_, child)| child));
         }

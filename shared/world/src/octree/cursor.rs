@@ -1,8 +1,8 @@
 //! A place in the tree, for walks that need not be the fastest.
 
-use super::{Inner, Material, Octree};
+use super::{InnerNode, Material, Octree};
 
-/// A node: its children, and how it looks.
+/// A node: its children, and how it materials.
 #[derive(Clone, Copy, Debug)]
 pub struct Cursor<'a> {
     octree: &'a Octree,
@@ -27,7 +27,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The inner node, unless it is a leaf.
-    pub fn inner(self) -> Option<&'a Inner> {
+    pub fn inner(self) -> Option<&'a InnerNode> {
         (!self.is_leaf()).then(|| &self.octree.inner[self.index as usize])
     }
 
@@ -42,21 +42,21 @@ impl<'a> Cursor<'a> {
         (0..8).filter_map(move |octant| Some((octant, self.child(octant)?)))
     }
 
-    /// The index of its looks in [`Octree::materials`].
-    pub fn look_index(self) -> u16 {
+    /// The index of its materials in [`Octree::materials`].
+    pub fn material_index(self) -> u16 {
         match self.inner() {
-            Some(inner) => inner.look,
+            Some(inner) => inner.material,
             None => self.octree.leaves[self.index as usize],
         }
     }
 
-    /// How it looks; an inner node as the mean of what is below.
-    pub fn look(self) -> &'a Material {
-        &self.octree.materials[usize::from(self.look_index())]
+    /// How it materials; an inner node as the mean of what is below.
+    pub fn material(self) -> &'a Material {
+        &self.octree.materials[usize::from(self.material_index())]
     }
 
     /// Whether everything in it can be seen through.
     pub fn is_glass(self) -> bool {
-        self.look().is_glass()
+        self.material().is_glass()
     }
 }

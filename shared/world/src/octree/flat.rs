@@ -3,22 +3,22 @@
 //! Walls and floors are made of them. Whoever draws needs no tree there: which voxel lies where is
 //! arithmetic, since the leaves below a node follow one another in memory.
 
-use super::Inner;
+use super::InnerNode;
 
 /// Layers are told up to this many levels above the leaves: the bits of a flag suffice for more
 /// no longer.
 pub(super) const LEVELS_MAX: u32 = 4;
 
-/// From which bit on, in [`Inner::flags`], two tell the axis, from 1 on, and four the place.
+/// From which bit on, in [`InnerNode::flags`], two tell the axis, from 1 on, and four the place.
 const AXIS_SHIFT: u32 = 2;
 const PLACE_SHIFT: u32 = 4;
 
 /// The children on the lower side of each axis.
 const LOWER: [u8; 3] = [0x55, 0x33, 0x0f];
 
-/// The layer that a node's leaves make up, if it is whole: see [`Inner::flat`]. `index` is that of
+/// The layer that a node's leaves make up, if it is whole: see [`InnerNode::flat`]. `index` is that of
 /// the node, whose children have their flags; from `bottom` on the children of nodes are leaves.
-pub(super) fn flags(inner: &[Inner], index: usize, bottom: usize) -> u8 {
+pub(super) fn flags(inner: &[InnerNode], index: usize, bottom: usize) -> u8 {
     let node = inner[index];
     let layer = LOWER.iter().position(|&lower| node.mask == lower || node.mask == !lower);
     let Some(axis) = layer else { return 0 };
@@ -35,7 +35,7 @@ pub(super) fn flags(inner: &[Inner], index: usize, bottom: usize) -> u8 {
     }
     let first = node.first as usize;
     let children = &inner[first..first + node.mask.count_ones() as usize];
-    let alike = |child: &Inner| child.flat() == inner[first].flat();
+    let alike = |child: &InnerNode| child.flat() == inner[first].flat();
     match inner[first].flat() {
         Some((same, place))
             if same == axis && levels < LEVELS_MAX && children.iter().all(alike) =>
@@ -46,7 +46,7 @@ pub(super) fn flags(inner: &[Inner], index: usize, bottom: usize) -> u8 {
     }
 }
 
-impl Inner {
+impl InnerNode {
     /// When the leaves below are just one whole layer of voxels, its axis, and how many voxels lie
     /// before it. The leaves then follow one another in memory, in the order of [`morton`](super::morton).
     #[inline(always)]

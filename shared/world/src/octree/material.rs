@@ -1,4 +1,4 @@
-//! How a voxel looks.
+//! How a voxel materials.
 
 /// What is drawn where a voxel is, or a node that is too small to halve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]

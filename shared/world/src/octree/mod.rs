@@ -1,8 +1,8 @@
 //! The one octree: static voxels, their colours and normals. Objects that come, move and go have
 //! one of their own, over a cube as well: [`occupants`].
 //!
-//! All leaves are at the greatest depth. An inner node takes eight bytes ([`Inner`]); a leaf is
-//! two, an index into the palette of looks ([`Material`]), and inner nodes have the averaged looks of
+//! All leaves are at the greatest depth. An inner node takes eight bytes ([`InnerNode`]); a leaf is
+//! two, an index into the palette of materials ([`Material`]), and inner nodes have the averaged materials of
 //! what is below them, from the same palette. So what lies behind a node or a voxel is one look-up
 //! away, and whoever draws shades the palette once in place of every pixel.
 //!
@@ -24,14 +24,14 @@ mod census;
 mod codec;
 mod cursor;
 mod flat;
+mod layout;
 mod material;
 pub mod occupants;
 mod palette;
-mod shape;
 
 use glam::Vec3;
 
-pub use build::{Block, Voxel, morton};
+pub use build::{Voxel, VoxelBlock, morton};
 pub use codec::OctreeError;
 pub use cursor::Cursor;
 pub use material::Material;
@@ -44,7 +44,7 @@ pub const INNER_MAX: usize = 1 << 26;
 /// No octree has more leaves: 256 MiB of them.
 pub const LEAVES_MAX: usize = 1 << 27;
 
-/// No octree has more looks: what an index of 16 bits can tell apart.
+/// No octree has more materials: what an index of 16 bits can tell apart.
 pub const MATERIALS_MAX: usize = 1 << 16;
 
 /// No octree is deeper.
@@ -55,19 +55,19 @@ pub const BLOCK_LEVELS: u8 = 6;
 
 /// A node with something below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Inner {
+pub struct InnerNode {
     /// Index of the first child: in [`Octree::leaves`] for a node just above the leaves, else in
     /// [`Octree::inner`].
     pub first: u32,
-    /// Its averaged looks, in [`Octree::materials`].
-    pub look: u16,
+    /// Its averaged materials, in [`Octree::materials`].
+    pub material: u16,
     /// Bit `i` is set when the child in octant `i` is not empty. Never zero.
     pub mask: u8,
-    /// [`Inner::GLASS`], [`Inner::SOME_GLASS`] and what [`Inner::flat`] tells.
+    /// [`InnerNode::GLASS`], [`InnerNode::SOME_GLASS`] and what [`InnerNode::flat`] tells.
     pub flags: u8,
 }
 
-impl Inner {
+impl InnerNode {
     /// Everything below is glass.
     pub const GLASS: u8 = Material::GLASS;
     /// Something below is glass.
@@ -91,8 +91,8 @@ pub struct Octree {
     /// All leaves are so deep; the root is at depth 0. From 1 to 16.
     pub depth: u8,
     /// The root comes first. Empty when there is no voxel.
-    pub inner: Vec<Inner>,
-    /// Indices into the looks.
+    pub inner: Vec<InnerNode>,
+    /// Indices into the materials.
     pub leaves: Vec<u16>,
     /// The palette. Glass comes last.
     pub materials: Vec<Material>,
@@ -118,7 +118,7 @@ impl Octree {
         Aabb::new(self.origin, self.origin + self.edge)
     }
 
-    /// What inner nodes, leaves and looks take in memory.
+    /// What inner nodes, leaves and materials take in memory.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.inner.as_slice())
             + size_of_val(self.leaves.as_slice())
@@ -126,9 +126,9 @@ impl Octree {
             + size_of_val(self.keys.as_slice())
     }
 
-    /// The index of the first look that is glass: leaves are glass from there on.
+    /// The index of the first material that is glass: leaves are glass from there on.
     pub fn first_glass(&self) -> usize {
-        self.materials.partition_point(|look| !look.is_glass())
+        self.materials.partition_point(|material| !material.is_glass())
     }
 
     /// The root, if there is any voxel.
@@ -141,7 +141,7 @@ impl Octree {
         self.root().is_some_and(|root| solid_below(root, self.origin, self.edge, region))
     }
 
-    /// The looks of the leaf voxel that a point lies in, if there is one.
+    /// The materials of the leaf voxel that a point lies in, if there is one.
     pub fn leaf_at(&self, point: Vec3) -> Option<&Material> {
         let mut min = self.origin;
         let mut edge = self.edge;
@@ -156,7 +156,7 @@ impl Octree {
             node = node.child(octant)?;
             min += octant_corner(octant) * edge;
         }
-        Some(node.look())
+        Some(node.material())
     }
 }
 

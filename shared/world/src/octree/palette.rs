@@ -1,17 +1,17 @@
-//! The palette: which looks are told apart.
+//! The palette: which materials are told apart.
 //!
-//! Looks are rounded in a space in which equal steps look about equally large: luma and two
+//! Materials are rounded in a space in which equal steps material about equally large: luma and two
 //! chromas, made of sRGB by whole numbers (YCoCg-R), and the normal as a point of a grid on an
 //! octahedron, on which the axes lie exactly. There are several grains, from exact colours to very
 //! coarse ones, and an entry of the palette has one of them: what many voxels have is kept exactly, what is rare
-//! is rounded more. The entry for a look is the one of the finest grain that there is, so that
+//! is rounded more. The entry for a material is the one of the finest grain that there is, so that
 //! whoever reads a file finds the same entries for inner nodes as whoever wrote it.
 
 use rustc_hash::FxHashMap;
 
 use super::{MATERIALS_MAX, Material};
 
-/// How coarsely looks are rounded.
+/// How coarsely materials are rounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Grain {
     /// The step in luma, of 255.
@@ -33,7 +33,7 @@ pub(super) const GRAINS: [Grain; 7] = [
     Grain { luma: 32, chroma: 64, normal: 2 },
 ];
 
-/// A look, rounded, with its grain.
+/// A material, rounded, with its grain.
 pub(super) type Key = u64;
 
 /// The greatest key: 42 bits.
@@ -42,13 +42,13 @@ pub(super) const KEY_MAX: Key = (1 << 42) - 1;
 /// Zero is added to chromas so that they have no sign.
 const CHROMA_ZERO: i32 = 256;
 
-/// The key of a look at a grain.
-pub(super) fn key_of(look: &Material, grain: usize) -> Key {
+/// The key of a material at a grain.
+pub(super) fn key_of(material: &Material, grain: usize) -> Key {
     let Grain { luma, chroma, normal } = GRAINS[grain];
-    let colour = to_ycocg(look.colour);
-    let [u, v] = fold(look.normal.map(i32::from), normal.into());
+    let colour = to_ycocg(material.colour);
+    let [u, v] = fold(material.normal.map(i32::from), normal.into());
     Fields {
-        glass: look.is_glass(),
+        glass: material.is_glass(),
         grain,
         u,
         v,
@@ -60,7 +60,7 @@ pub(super) fn key_of(look: &Material, grain: usize) -> Key {
 }
 
 /// What is drawn for a key. Any number is fine.
-pub(super) fn look_of(key: Key) -> Material {
+pub(super) fn material_of(key: Key) -> Material {
     let fields = Fields::split(key);
     let grain = GRAINS[fields.grain.min(GRAINS.len() - 1)];
     let chroma = |value: u32| (value as i32 - CHROMA_ZERO) * i32::from(grain.chroma);
@@ -182,7 +182,7 @@ fn rounded_ratio(value: i32, by: i32) -> i32 {
     (value + value.signum() * (by / 2)) / by
 }
 
-/// Looks by their keys. Where entries look alike, the index of the first one stands for all.
+/// Materials by their keys. Where entries material alike, the index of the first one stands for all.
 pub(super) struct Palette {
     pub(super) keys: Vec<Key>,
     pub(super) materials: Vec<Material>,
@@ -191,7 +191,7 @@ pub(super) struct Palette {
     is_used: Vec<bool>,
     /// Whether there are entries of a grain: the others need not be tried.
     has_grain: [bool; GRAINS.len()],
-    /// The grain at which looks are added; none are when there is none.
+    /// The grain at which materials are added; none are when there is none.
     added: Option<usize>,
     /// What was asked for lately, by a part of its hash: neighbours are alike.
     lately: Vec<(Material, u16)>,
@@ -201,14 +201,14 @@ pub(super) struct Palette {
 const LATELY: usize = 1 << 13;
 
 impl Palette {
-    /// One of given keys, to which looks are added at a grain; all keys are at finer ones.
+    /// One of given keys, to which materials are added at a grain; all keys are at finer ones.
     pub(super) fn open(keys: Vec<Key>, grain: usize) -> Self {
         Self { added: Some(grain), ..Self::closed(keys) }
     }
 
     /// One of given keys, to which none is added.
     pub(super) fn closed(keys: Vec<Key>) -> Self {
-        // No look is like this one.
+        // No material is like this one.
         let nothing = Material { flags: !0, ..Material::default() };
         let mut palette = Self {
             keys: Vec::with_capacity(keys.len()),
@@ -226,29 +226,29 @@ impl Palette {
         palette
     }
 
-    /// The index of a look that an entry has.
-    pub(super) fn first_like(&self, look: &Material) -> Option<u16> {
-        self.firsts.get(look).copied()
+    /// The index of a material that an entry has.
+    pub(super) fn first_like(&self, material: &Material) -> Option<u16> {
+        self.firsts.get(material).copied()
     }
 
-    /// The index of the entry for a look; `None` when there is neither one nor room for it.
-    pub(super) fn index(&mut self, look: &Material) -> Option<u16> {
-        let slot = slot(look);
-        if self.lately[slot].0 == *look {
+    /// The index of the entry for a material; `None` when there is neither one nor room for it.
+    pub(super) fn index(&mut self, material: &Material) -> Option<u16> {
+        let slot = slot(material);
+        if self.lately[slot].0 == *material {
             return Some(self.lately[slot].1);
         }
-        // Looks that are added must not be those that somebody before would have taken: so whoever looks
+        // Materials that are added must not be those that somebody before would have taken: so whoever looks
         // for a coarser grain than theirs adds one.
         let grains = 0..self.added.map_or(GRAINS.len(), |grain| grain + 1);
         let grains = grains.filter(|&grain| self.has_grain[grain]);
-        let mut known = grains.filter_map(|grain| self.known.get(&key_of(look, grain)));
+        let mut known = grains.filter_map(|grain| self.known.get(&key_of(material, grain)));
         let entry = match known.next() {
             Some(&entry) => entry,
-            None => self.add(key_of(look, self.added?))?,
+            None => self.add(key_of(material, self.added?))?,
         };
         self.is_used[usize::from(entry)] = true;
         let index = self.first_like(&self.materials[usize::from(entry)])?;
-        self.lately[slot] = (*look, index);
+        self.lately[slot] = (*material, index);
         Some(index)
     }
 
@@ -257,11 +257,11 @@ impl Palette {
         if self.keys.len() >= MATERIALS_MAX {
             return None;
         }
-        let (entry, look) = (self.keys.len() as u16, look_of(key));
+        let (entry, material) = (self.keys.len() as u16, material_of(key));
         self.known.insert(key, entry);
-        self.firsts.entry(look).or_insert(entry);
+        self.firsts.entry(material).or_insert(entry);
         self.keys.push(key);
-        self.materials.push(look);
+        self.materials.push(material);
         self.is_used.push(false);
         if let Some(has) = self.has_grain.get_mut(Fields::split(key).grain) {
             *has = true;
@@ -276,17 +276,20 @@ impl Palette {
         let mut keys: Vec<Key> = used.map(|(&key, _)| key).collect();
         keys.sort_unstable();
         let sorted = Self::closed(keys);
-        let places =
-            self.materials.iter().map(|look| sorted.first_like(look).unwrap_or(0)).collect();
+        let places = self
+            .materials
+            .iter()
+            .map(|material| sorted.first_like(material).unwrap_or(0))
+            .collect();
         *self = sorted;
         places
     }
 }
 
-fn slot(look: &Material) -> usize {
-    let [r, g, b] = look.colour.map(u32::from);
-    let [x, y, z] = look.normal.map(|part| u32::from(part as u8));
-    let mixed = (r | g << 8 | b << 16 | u32::from(look.flags) << 24)
+fn slot(material: &Material) -> usize {
+    let [r, g, b] = material.colour.map(u32::from);
+    let [x, y, z] = material.normal.map(|part| u32::from(part as u8));
+    let mixed = (r | g << 8 | b << 16 | u32::from(material.flags) << 24)
         .wrapping_mul(0x9e37_79b1)
         .wrapping_add((x | y << 8 | z << 16).wrapping_mul(0x85eb_ca6b));
     (mixed >> 19) as usize % LATELY
@@ -296,7 +299,7 @@ fn slot(look: &Material) -> usize {
 mod tests {
     use super::*;
 
-    fn look(colour: [u8; 3], normal: [i8; 3]) -> Material {
+    fn material(colour: [u8; 3], normal: [i8; 3]) -> Material {
         Material { colour, normal, flags: 0 }
     }
 
@@ -306,10 +309,10 @@ mod tests {
         for r in shades {
             for g in shades {
                 for b in shades {
-                    let exact = look([r, g, b], [0, -127, 0]);
+                    let exact = material([r, g, b], [0, -127, 0]);
                     let glass = Material { flags: Material::GLASS, ..exact };
-                    for look in [exact, glass] {
-                        assert_eq!(look_of(key_of(&look, 0)), look);
+                    for material in [exact, glass] {
+                        assert_eq!(material_of(key_of(&material, 0)), material);
                     }
                 }
             }
@@ -323,8 +326,8 @@ mod tests {
             for i in 0..5_000u32 {
                 let byte = |shift: u32| (i.wrapping_mul(2_654_435_761) >> shift) as u8;
                 let normal = [byte(8) as i8 | 1, byte(3) as i8, byte(17) as i8];
-                let before = look([byte(0), byte(9), byte(21)], normal);
-                let after = look_of(key_of(&before, index));
+                let before = material([byte(0), byte(9), byte(21)], normal);
+                let after = material_of(key_of(&before, index));
                 for (a, b) in before.colour.iter().zip(after.colour) {
                     assert!(
                         i32::from(*a).abs_diff(b.into()) <= reach as u32,
@@ -357,16 +360,16 @@ mod tests {
     #[test]
     fn glass_is_last_and_what_is_unused_is_left_out() {
         let mut palette = Palette::open(Vec::new(), 0);
-        let glass = Material { flags: Material::GLASS, ..look([1; 3], [127, 0, 0]) };
-        let materials = [glass, look([255; 3], [0, 0, -127]), look([0; 3], [0; 3])];
-        for look in materials {
-            palette.index(&look);
+        let glass = Material { flags: Material::GLASS, ..material([1; 3], [127, 0, 0]) };
+        let materials = [glass, material([255; 3], [0, 0, -127]), material([0; 3], [0; 3])];
+        for material in materials {
+            palette.index(&material);
         }
         let places = palette.sort();
         assert_eq!(places, [2, 1, 0]);
         assert!(palette.materials[2].is_glass() && palette.keys.is_sorted());
         assert_eq!(palette.materials.len(), 3);
-        assert_eq!(palette.index(&look([9; 3], [0; 3])), None);
+        assert_eq!(palette.index(&material([9; 3], [0; 3])), None);
         palette.index(&materials[1]);
         palette.sort();
         assert_eq!(palette.materials, [materials[1]]);

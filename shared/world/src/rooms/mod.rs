@@ -54,7 +54,7 @@ impl RoomId {
 
 /// All rooms of a world.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
-#[serde(try_from = "Draft")]
+#[serde(try_from = "UncheckedRooms")]
 pub struct Rooms {
     list: Vec<Room>,
     objects: Vec<Object>,
@@ -70,7 +70,7 @@ pub struct Room {
     /// The room is all of these together. Never empty.
     pub shapes: Vec<Shape>,
     /// What may be seen by whoever is inside.
-    pub sees: Sees,
+    pub sees: RoomVisibility,
     /// Where one sees out of it.
     pub windows: Vec<Window>,
     /// Nobody inside is told of anybody outside, nor the other way round.
@@ -93,27 +93,27 @@ impl Room {
 
     /// Whether it says what may be seen from inside: it has a set, or windows.
     pub fn restricts(&self) -> bool {
-        !self.windows.is_empty() || self.sees != Sees::Unsaid
+        !self.windows.is_empty() || self.sees != RoomVisibility::Unspecified
     }
 }
 
 /// What a room says may be seen from inside.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
-pub enum Sees {
+pub enum RoomVisibility {
     /// Nothing is said: with windows itself, and what these show; without, whatever cells give.
     #[default]
-    Unsaid,
+    Unspecified,
     /// The potentially visible set: itself and these.
-    Only(Members),
+    Only(ObjectSet),
     /// The potentially hidden set: all but these.
-    AllBut(Members),
+    AllBut(ObjectSet),
 }
 
-impl Sees {
+impl RoomVisibility {
     /// The set that is named, if one is.
-    pub fn members(&self) -> Option<&Members> {
+    pub fn members(&self) -> Option<&ObjectSet> {
         match self {
-            Self::Unsaid => None,
+            Self::Unspecified => None,
             Self::Only(members) | Self::AllBut(members) => Some(members),
         }
     }
@@ -121,7 +121,7 @@ impl Sees {
 
 /// A set of objects.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
-pub struct Members {
+pub struct ObjectSet {
     /// Rooms.
     pub rooms: Vec<RoomId>,
     /// Cells.
@@ -130,7 +130,7 @@ pub struct Members {
     pub objects: Vec<u32>,
 }
 
-impl Members {
+impl ObjectSet {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -203,7 +203,7 @@ impl Rooms {
             return Err(RoomsError::TooMany("shapes or windows"));
         }
         let members = list.iter().filter_map(|room| room.sees.members());
-        if members.map(Members::len).sum::<usize>() > MEMBERS_MAX {
+        if members.map(ObjectSet::len).sum::<usize>() > MEMBERS_MAX {
             return Err(RoomsError::TooMany("members of sets"));
         }
         let is_good = |object: &Object| is_sane(&object.bounds.corners());
@@ -294,15 +294,15 @@ fn is_sane(points: &[Vec3]) -> bool {
 
 /// Rooms as they are read, not checked.
 #[derive(Deserialize)]
-struct Draft {
+struct UncheckedRooms {
     list: Vec<Room>,
     objects: Vec<Object>,
 }
 
-impl TryFrom<Draft> for Rooms {
+impl TryFrom<UncheckedRooms> for Rooms {
     type Error = RoomsError;
 
-    fn try_from(Draft { list, objects }: Draft) -> Result<Self, RoomsError> {
+    fn try_from(UncheckedRooms { list, objects }: UncheckedRooms) -> Result<Self, RoomsError> {
         Self::new(list, objects)
     }
 }

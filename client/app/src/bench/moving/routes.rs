@@ -9,7 +9,7 @@ use sightline_world::{
     geometry::Aabb,
     motion::{
         Body, Pose,
-        trajectory::{Joint, Playback, Track, Trajectory},
+        trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
     },
 };
 
@@ -95,8 +95,8 @@ impl Route {
         let along = to - from;
         let mut joint = Joint::still(DAffine3::from_translation(DVec3::ZERO));
         let keys = vec![(0.0, from), (self.length_s * 0.5, to), (self.length_s, from)];
-        joint.translation = Track::linear(keys);
-        joint.rotation = Track::constant(Quat::from_rotation_y(along.x.atan2(along.z)));
+        joint.translation = KeyframeTrack::linear(keys);
+        joint.rotation = KeyframeTrack::constant(Quat::from_rotation_y(along.x.atan2(along.z)));
         let colours = vec![[150, 100, 60]; mesh.triangles.len()];
         let trajectory = Trajectory::new(vec![joint], self.length_s, Playback::Loop).ok()?;
         Mover::new("chair".to_owned(), mesh, colours, trajectory)

@@ -20,7 +20,7 @@ use std::{
 };
 
 use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
-use sightline_world::motion::trajectory::{Joint, Playback, Track, Trajectory};
+use sightline_world::motion::trajectory::{Joint, KeyframeTrack, Playback, Trajectory};
 
 use super::{
     entities::{Entities, Keys},
@@ -200,7 +200,8 @@ fn along(places: &[(f64, DVec3)], course: Playback) -> Option<Trajectory> {
         }
     }
     let length_s = keys.last()?.0;
-    let joint = Joint { translation: Track::linear(keys), ..Joint::still(DAffine3::IDENTITY) };
+    let joint =
+        Joint { translation: KeyframeTrack::linear(keys), ..Joint::still(DAffine3::IDENTITY) };
     Trajectory::new(vec![joint], length_s, course).ok()
 }
 
@@ -210,7 +211,7 @@ fn turning(about: DVec3, turns: impl Iterator<Item = (f64, DVec3)>) -> Option<Tr
     let keys: Vec<(f32, Quat)> =
         turns.map(|(at_s, angles)| (at_s as f32, rotation(angles).as_quat())).collect();
     let length_s = keys.last()?.0;
-    let joint = Joint { rotation: Track::linear(keys), ..Joint::still(frame) };
+    let joint = Joint { rotation: KeyframeTrack::linear(keys), ..Joint::still(frame) };
     Trajectory::new(vec![joint], length_s, Playback::Loop).ok()
 }
 

@@ -10,7 +10,7 @@ use gltf::{
     scene::Transform,
 };
 use sightline_world::motion::trajectory::{
-    JOINTS_MAX, Joint, KEYS_MAX, LENGTH_S_MAX, Playback, Track, Trajectory, Value,
+    Interpolate, JOINTS_MAX, Joint, KEYS_MAX, KeyframeTrack, LENGTH_S_MAX, Playback, Trajectory,
 };
 
 use super::{GlbError, accessor, resources::Resources};
@@ -37,9 +37,9 @@ struct Motion {
     animation: usize,
     /// Of the whole animation.
     length_s: f32,
-    translation: Option<Track<Vec3>>,
-    rotation: Option<Track<Quat>>,
-    scale: Option<Track<Vec3>>,
+    translation: Option<KeyframeTrack<Vec3>>,
+    rotation: Option<KeyframeTrack<Quat>>,
+    scale: Option<KeyframeTrack<Vec3>>,
 }
 
 /// What a node that moves, and all that hangs on it, hangs on.
@@ -227,24 +227,24 @@ impl Motion {
             translation: self
                 .translation
                 .clone()
-                .unwrap_or_else(|| Track::constant(Vec3::from(translation))),
-            rotation: self.rotation.clone().unwrap_or_else(|| Track::constant(rotation)),
-            scale: self.scale.clone().unwrap_or_else(|| Track::constant(Vec3::from(scale))),
+                .unwrap_or_else(|| KeyframeTrack::constant(Vec3::from(translation))),
+            rotation: self.rotation.clone().unwrap_or_else(|| KeyframeTrack::constant(rotation)),
+            scale: self.scale.clone().unwrap_or_else(|| KeyframeTrack::constant(Vec3::from(scale))),
         }
     }
 }
 
-fn end_s<V>(track: Option<&Track<V>>) -> Option<f32> {
+fn end_s<V>(track: Option<&KeyframeTrack<V>>) -> Option<f32> {
     track.and_then(|track| track.keys.last()).map(|&(at_s, _)| at_s)
 }
 
 /// The keys of a track; `None` when they make no sense.
-fn keys<const N: usize, V: Value>(
+fn keys<const N: usize, V: Interpolate>(
     times: &[f32],
     values: &[[f32; N]],
     how: Interpolation,
     value: impl Fn([f32; N]) -> V,
-) -> Option<Track<V>> {
+) -> Option<KeyframeTrack<V>> {
     let keys: Vec<(f32, V)> = match how {
         Interpolation::CubicSpline => {
             cubic(times, values).map(|(at_s, v)| (at_s, value(v))).collect()
@@ -254,7 +254,7 @@ fn keys<const N: usize, V: Value>(
     let ascend = keys.windows(2).all(|pair| pair[0].0 < pair[1].0);
     let in_time = keys.iter().all(|(at_s, _)| (0.0..=LENGTH_S_MAX).contains(at_s));
     let sane = keys.iter().all(|(_, value)| value.is_sane());
-    let track = Track { keys, steps: how == Interpolation::Step };
+    let track = KeyframeTrack { keys, steps: how == Interpolation::Step };
     (!track.keys.is_empty() && ascend && in_time && sane).then_some(track)
 }
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 use glam::{DAffine3, DVec3};
 use thiserror::Error;
 
-pub use track::{Track, Value};
+pub use track::{Interpolate, KeyframeTrack};
 
 use crate::geometry::Aabb;
 
@@ -52,11 +52,11 @@ pub struct Joint {
     /// Where the joint is, as the joint above has it, or the world if it is the first.
     pub frame: DAffine3,
     /// In metres.
-    pub translation: Track<glam::Vec3>,
+    pub translation: KeyframeTrack<glam::Vec3>,
     /// Unit quaternions.
-    pub rotation: Track<glam::Quat>,
+    pub rotation: KeyframeTrack<glam::Quat>,
     /// Factors.
-    pub scale: Track<glam::Vec3>,
+    pub scale: KeyframeTrack<glam::Vec3>,
 }
 
 /// Why something is no trajectory.
@@ -82,9 +82,9 @@ impl Joint {
     pub fn still(frame: DAffine3) -> Self {
         Self {
             frame,
-            translation: Track::constant(glam::Vec3::ZERO),
-            rotation: Track::constant(glam::Quat::IDENTITY),
-            scale: Track::constant(glam::Vec3::ONE),
+            translation: KeyframeTrack::constant(glam::Vec3::ZERO),
+            rotation: KeyframeTrack::constant(glam::Quat::IDENTITY),
+            scale: KeyframeTrack::constant(glam::Vec3::ONE),
         }
     }
 
@@ -200,7 +200,7 @@ impl Trajectory {
 
 /// A box in double precision, as [`Aabb`].
 #[derive(Clone, Copy, Debug)]
-struct Bounds {
+struct ExactBounds {
     min: DVec3,
     max: DVec3,
 }

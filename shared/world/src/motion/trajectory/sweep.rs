@@ -10,8 +10,8 @@ use std::f64::consts::{PI, TAU};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Quat, Vec3};
 
 use super::{
-    Bounds, Joint, Trajectory,
-    track::{Segment, arc},
+    ExactBounds, Joint, Trajectory,
+    track::{TrackSegment, arc},
 };
 use crate::{
     geometry::Aabb,
@@ -25,7 +25,7 @@ const PARTS_MAX: f64 = 16.0;
 
 /// The box, from one time within a motion to another. Both times count.
 pub(super) fn between(trajectory: &Trajectory, bounds: &Aabb, from_s: f64, until_s: f64) -> Aabb {
-    let bounds = Bounds { min: bounds.min.as_dvec3(), max: bounds.max.as_dvec3() };
+    let bounds = ExactBounds { min: bounds.min.as_dvec3(), max: bounds.max.as_dvec3() };
     let mut times = vec![from_s, until_s];
     for Joint { translation, rotation, scale, .. } in trajectory.joints() {
         times.extend(translation.times_between(from_s, until_s));
@@ -64,24 +64,34 @@ fn parts(trajectory: &Trajectory, from_s: f64, until_s: f64) -> f64 {
 }
 
 /// The box on a piece of time without keys.
-fn swept_piece(trajectory: &Trajectory, bounds: Bounds, from_s: f64, until_s: f64) -> Bounds {
+fn swept_piece(
+    trajectory: &Trajectory,
+    bounds: ExactBounds,
+    from_s: f64,
+    until_s: f64,
+) -> ExactBounds {
     trajectory.joints().iter().rev().fold(bounds, |bounds, joint| {
         let scaled = scaled(&bounds, &joint.scale.segment(from_s), from_s, until_s);
         let frame = &joint.frame;
         let turned = scaled.turned(&joint.rotation.segment(from_s), frame, from_s, until_s);
         let translation = joint.translation.segment(from_s);
         let [a, b] = [from_s, until_s].map(|at| frame.transform_point3(translation.at(at)));
-        Bounds { min: turned.min + a.min(b), max: turned.max + a.max(b) }
+        ExactBounds { min: turned.min + a.min(b), max: turned.max + a.max(b) }
     })
 }
 
-fn scaled(bounds: &Bounds, scale: &Segment<Vec3>, from_s: f64, until_s: f64) -> Bounds {
+fn scaled(
+    bounds: &ExactBounds,
+    scale: &TrackSegment<Vec3>,
+    from_s: f64,
+    until_s: f64,
+) -> ExactBounds {
     let (a, b) = (scale.at(from_s), scale.at(until_s));
     let ends = [bounds.min * a, bounds.min * b, bounds.max * a, bounds.max * b];
-    Bounds::around(ends)
+    ExactBounds::around(ends)
 }
 
-impl Bounds {
+impl ExactBounds {
     fn around(points: impl IntoIterator<Item = DVec3>) -> Self {
         let empty = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
         points.into_iter().fold(empty, |b, p| Self { min: b.min.min(p), max: b.max.max(p) })
@@ -103,7 +113,7 @@ impl Bounds {
     /// the box stays between them.
     fn turned(
         &self,
-        rotation: &Segment<Quat>,
+        rotation: &TrackSegment<Quat>,
         frame: &DAffine3,
         from_s: f64,
         until_s: f64,
@@ -130,9 +140,9 @@ impl Bounds {
 }
 
 /// The box around `middle + out cos φ + aside sin φ` for all φ from 0 to an angle of at most π.
-fn around_arc([middle, out, aside]: [DVec3; 3], angle: f64) -> Bounds {
+fn around_arc([middle, out, aside]: [DVec3; 3], angle: f64) -> ExactBounds {
     let (sine, cosine) = angle.sin_cos();
-    let mut bounds = Bounds::around([middle + out, middle + out * cosine + aside * sine]);
+    let mut bounds = ExactBounds::around([middle + out, middle + out * cosine + aside * sine]);
     if angle == 0.0 {
         return bounds;
     }

@@ -29,14 +29,18 @@ fn turn(rng: &mut SmallRng) -> Quat {
     Quat::from_axis_angle(axis, rng.random_range(-3.1..3.1))
 }
 
-fn track<V>(rng: &mut SmallRng, length_s: f32, value: impl Fn(&mut SmallRng) -> V) -> Track<V> {
+fn track<V>(
+    rng: &mut SmallRng,
+    length_s: f32,
+    value: impl Fn(&mut SmallRng) -> V,
+) -> KeyframeTrack<V> {
     let mut times: Vec<f32> =
         (0..rng.random_range(1..6)).map(|_| rng.random_range(0.0..length_s)).collect();
     times.sort_by(f32::total_cmp);
     // Samples would miss the most of what happens faster.
     times.dedup_by(|later, before| *later - *before < 0.05);
     let keys = times.into_iter().map(|time_s| (time_s, value(rng))).collect();
-    Track { keys, steps: rng.random_bool(0.25) }
+    KeyframeTrack { keys, steps: rng.random_bool(0.25) }
 }
 
 fn some_trajectory(rng: &mut SmallRng, joints: usize) -> Trajectory {
@@ -102,8 +106,8 @@ proptest! {
         let excess_max = [0.4, 2.0][joints - 1];
         prop_assert!(excess(&trajectory) < excess_max, "{}", excess(&trajectory));
         let joint = &mut trajectory.joints[0];
-        joint.translation = Track::constant(Vec3::ONE);
-        joint.scale = Track::constant(Vec3::ONE);
+        joint.translation = KeyframeTrack::constant(Vec3::ONE);
+        joint.scale = KeyframeTrack::constant(Vec3::ONE);
         trajectory.joints.truncate(1);
         prop_assert!(excess(&trajectory) < 1e-2, "{}", excess(&trajectory));
     }
@@ -113,7 +117,7 @@ fn hinged(keys: Vec<(f32, f32)>, course: Playback) -> Trajectory {
     let length_s = keys.last().expect("some").0;
     let place = DAffine3::from_translation(DVec3::new(10.0, 0.0, 5.0));
     let keys = keys.into_iter().map(|(at, angle)| (at, Quat::from_rotation_y(angle)));
-    let joint = Joint { rotation: Track::linear(keys.collect()), ..Joint::still(place) };
+    let joint = Joint { rotation: KeyframeTrack::linear(keys.collect()), ..Joint::still(place) };
     Trajectory::new(vec![joint], length_s, course).expect("sound")
 }
 
@@ -151,7 +155,7 @@ fn courses_differ_in_what_comes_after_the_end() {
 #[test]
 fn a_jump_is_held_at_both_ends() {
     let mut joint = Joint::still(DAffine3::IDENTITY);
-    joint.translation = Track::steps(vec![(0.0, Vec3::ZERO), (1.0, Vec3::X * 9.0)]);
+    joint.translation = KeyframeTrack::steps(vec![(0.0, Vec3::ZERO), (1.0, Vec3::X * 9.0)]);
     let lift = Trajectory::new(vec![joint], 2.0, Playback::Loop).expect("sound");
     let right = |from, until| lift.swept(&DOOR, seconds(from), seconds(until)).max.x;
     assert!(right(0.0, 0.99) < 1.1);

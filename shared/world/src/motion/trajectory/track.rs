@@ -7,7 +7,7 @@ use crate::tolerance::UNIT_F32;
 
 /// A value at some times, and in between.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Track<V> {
+pub struct KeyframeTrack<V> {
     /// Seconds and values, at least one, the times ascending. Before the first and after the last
     /// key the value stays.
     pub keys: Vec<(f32, V)>,
@@ -16,7 +16,7 @@ pub struct Track<V> {
 }
 
 /// What can change over time.
-pub trait Value: Copy {
+pub trait Interpolate: Copy {
     /// The value in double precision, in which all is computed.
     type Exact: Copy;
 
@@ -30,7 +30,7 @@ pub trait Value: Copy {
     fn is_sane(self) -> bool;
 }
 
-impl Value for Vec3 {
+impl Interpolate for Vec3 {
     type Exact = DVec3;
 
     fn exact(self) -> DVec3 {
@@ -46,7 +46,7 @@ impl Value for Vec3 {
     }
 }
 
-impl Value for Quat {
+impl Interpolate for Quat {
     type Exact = DQuat;
 
     fn exact(self) -> DQuat {
@@ -76,7 +76,7 @@ pub(super) fn arc(a: DQuat, b: DQuat) -> (DVec3, f64) {
     (axis / sine, 2.0 * sine.atan2(turn.w))
 }
 
-impl<V: Value> Track<V> {
+impl<V: Interpolate> KeyframeTrack<V> {
     /// A value that stays.
     pub fn constant(value: V) -> Self {
         Self { keys: vec![(0.0, value)], steps: true }
@@ -99,7 +99,7 @@ impl<V: Value> Track<V> {
     }
 
     /// What the value does from a time on, until the next key.
-    pub(super) fn segment(&self, time_s: f64) -> Segment<V> {
+    pub(super) fn segment(&self, time_s: f64) -> TrackSegment<V> {
         let next = self.keys.partition_point(|&(key_s, _)| f64::from(key_s) <= time_s);
         let (start_s, from) = self.keys[next.saturating_sub(1)];
         let (end_s, to) = match self.keys.get(next) {
@@ -107,7 +107,7 @@ impl<V: Value> Track<V> {
             _ => (start_s, from),
         };
         let [start_s, end_s] = [start_s, end_s].map(f64::from);
-        Segment { start_s, end_s, from: from.exact(), to: to.exact() }
+        TrackSegment { start_s, end_s, from: from.exact(), to: to.exact() }
     }
 
     /// The times of keys strictly between two times.
@@ -136,14 +136,14 @@ impl<V: Value> Track<V> {
 
 /// A stretch of a track on which the value goes straight.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Segment<V: Value> {
+pub(super) struct TrackSegment<V: Interpolate> {
     start_s: f64,
     end_s: f64,
     pub(super) from: V::Exact,
     pub(super) to: V::Exact,
 }
 
-impl<V: Value> Segment<V> {
+impl<V: Interpolate> TrackSegment<V> {
     /// How much of it is done at a time, from 0 to 1.
     pub(super) fn part(&self, time_s: f64) -> f64 {
         if self.end_s > self.start_s {

@@ -6,7 +6,7 @@ use crate::geometry::Aabb;
 
 /// The cubic region, cut into 2^`depth` cells along each axis at the deepest level.
 #[derive(Clone, Debug)]
-pub(super) struct Grid {
+pub(super) struct OccupantGrid {
     pub(super) region: Aabb,
     pub(super) depth: u8,
     /// Cells of the deepest level in a metre.
@@ -15,7 +15,7 @@ pub(super) struct Grid {
 
 /// The cells that a box lies in, at any level down to the one that it may be kept at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Span {
+pub(super) struct CellRange {
     /// The least and the greatest cell, of the deepest level of all.
     pub(super) low: UVec3,
     pub(super) high: UVec3,
@@ -25,18 +25,18 @@ pub(super) struct Span {
 
 /// A node's cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Cell {
+pub(super) struct GridCell {
     pub(super) depth: u8,
     pub(super) at: [u16; 3],
 }
 
-impl Grid {
+impl OccupantGrid {
     pub(super) fn new(region: Aabb, depth: u8) -> Self {
         Self { region, depth, scale: (1u32 << depth) as f32 / region.size().x }
     }
 
     /// The cells of a box that is to be kept. What reaches out of the region is for the root to hold.
-    pub(super) fn span(&self, bounds: &Aabb) -> Span {
+    pub(super) fn span(&self, bounds: &Aabb) -> CellRange {
         let mut span = self.cells(bounds);
         span.level = 0;
         if self.region.contains_box(bounds) {
@@ -51,12 +51,12 @@ impl Grid {
         }
         // What tells apart places within one cell of its level would only hide that nothing changes.
         let mask = !((1 << (self.depth - span.level)) - 1);
-        Span { low: span.low & mask, high: span.high & mask, ..span }
+        CellRange { low: span.low & mask, high: span.high & mask, ..span }
     }
 
     /// The cells of a box, whatever its size, at all levels.
-    pub(super) fn cells(&self, bounds: &Aabb) -> Span {
-        Span { low: self.cell(bounds.min), high: self.cell(bounds.max), level: self.depth }
+    pub(super) fn cells(&self, bounds: &Aabb) -> CellRange {
+        CellRange { low: self.cell(bounds.min), high: self.cell(bounds.max), level: self.depth }
     }
 
     /// Rounded, but monotonic: boxes that meet have a cell in common.
@@ -68,14 +68,14 @@ impl Grid {
     }
 
     /// Whether a node's cell is one of a box's.
-    pub(super) fn meets(&self, cell: Cell, span: &Span) -> bool {
+    pub(super) fn meets(&self, cell: GridCell, span: &CellRange) -> bool {
         let shift = u32::from(self.depth - cell.depth);
         let at = cell.place();
         (span.low >> shift).cmple(at).all() && at.cmple(span.high >> shift).all()
     }
 
     /// The octants of a node's cell, which is one of a box's, that the box lies in: a bit each.
-    pub(super) fn octants(&self, cell: Cell, span: &Span) -> u8 {
+    pub(super) fn octants(&self, cell: GridCell, span: &CellRange) -> u8 {
         let shift = u32::from(self.depth - cell.depth - 1);
         let middle = cell.place() * 2 + 1;
         let below = (span.low >> shift).cmplt(middle).bitmask() as usize;
@@ -88,14 +88,14 @@ impl Grid {
 
     /// The depth of the least node that may hold all that lies in these cells: their common ancestor,
     /// or above it what the level calls for.
-    pub(super) fn common_depth(&self, span: &Span) -> u8 {
+    pub(super) fn common_depth(&self, span: &CellRange) -> u8 {
         let differ = span.low ^ span.high;
         let bits = u32::BITS - (differ.x | differ.y | differ.z).leading_zeros();
         (self.depth - bits as u8).min(span.level)
     }
 
     /// The cube of a cell.
-    pub(super) fn bounds(&self, cell: Cell) -> Aabb {
+    pub(super) fn bounds(&self, cell: GridCell) -> Aabb {
         let edge = self.region.size() / (1u32 << cell.depth) as f32;
         let min = self.region.min + cell.place().as_vec3() * edge;
         Aabb::new(min, min + edge)
@@ -105,7 +105,7 @@ impl Grid {
 /// The octants on the lesser side of the plane across each axis.
 const LOWER: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
 
-impl Span {
+impl CellRange {
     /// The cells of both, and the level that is high enough for both.
     pub(super) fn union(&self, other: &Self) -> Self {
         let (low, high) = (self.low.min(other.low), self.high.max(other.high));
@@ -117,7 +117,7 @@ impl Span {
     }
 }
 
-impl Cell {
+impl GridCell {
     pub(super) const ROOT: Self = Self { depth: 0, at: [0; 3] };
 
     pub(super) fn child(self, octant: u8) -> Self {

@@ -7,7 +7,7 @@ use crate::geometry::Aabb;
 const HEIGHT_MAX: u8 = 2;
 
 /// A move, and the least node that holds its object before and after.
-struct Plan {
+struct PlannedMove {
     /// The node's least cell of the deepest level as a Morton key, and the node's depth: in this
     /// order ancestors come before what is below them.
     node: (u64, u8),
@@ -32,7 +32,11 @@ impl Occupants {
         for (index, &(object, primitives)) in moves.iter().enumerate() {
             self.measure(primitives);
             if let Some(change) = self.change(object) {
-                plans.push(Plan { node: self.least_node(&change), anchor: change.anchor, index });
+                plans.push(PlannedMove {
+                    node: self.least_node(&change),
+                    anchor: change.anchor,
+                    index,
+                });
             } else {
                 self.leave(object, primitives);
             }
@@ -68,12 +72,12 @@ impl Occupants {
     }
 
     /// Which moves to make together, and the depth of the node that holds them all.
-    fn groups(&self, plans: &[Plan]) -> Vec<Group> {
-        let mut groups: Vec<Group> = Vec::new();
+    fn groups(&self, plans: &[PlannedMove]) -> Vec<MoveGroup> {
+        let mut groups: Vec<MoveGroup> = Vec::new();
         // The groups whose nodes hold the one at hand, the highest first.
         let mut open: Vec<usize> = Vec::new();
         for plan in plans {
-            let holds = |group: &Group| {
+            let holds = |group: &MoveGroup| {
                 let below = 3 * u32::from(self.tree.grid.depth - group.node.1);
                 group.node.0 >> below == plan.node.0 >> below
             };
@@ -85,14 +89,14 @@ impl Occupants {
                 groups[group].moves.push(plan.index);
             } else {
                 open.push(groups.len());
-                let Plan { node, anchor, index } = *plan;
-                groups.push(Group { node, anchor, moves: vec![index] });
+                let PlannedMove { node, anchor, index } = *plan;
+                groups.push(MoveGroup { node, anchor, moves: vec![index] });
             }
         }
         groups
     }
 
-    fn move_group(&mut self, group: &Group, moves: &[(OccupantId, &[Aabb])]) {
+    fn move_group(&mut self, group: &MoveGroup, moves: &[(OccupantId, &[Aabb])]) {
         let start = self.tree.ancestor(group.anchor, group.node.1);
         for &index in &group.moves {
             let (object, primitives) = moves[index];
@@ -105,7 +109,7 @@ impl Occupants {
 }
 
 /// Moves to make together.
-struct Group {
+struct MoveGroup {
     node: (u64, u8),
     anchor: u32,
     moves: Vec<usize>,

@@ -37,9 +37,9 @@ use thiserror::Error;
 
 use super::DEPTH_MAX;
 use crate::geometry::Aabb;
-use grid::{Grid, Span};
-use tree::{ROOT, Tree};
-pub use walk::Met;
+use grid::{CellRange, OccupantGrid};
+use tree::{OccupantTree, ROOT};
+pub use walk::Visit;
 
 /// No tree holds more boxes.
 pub const PRIMITIVES_MAX: usize = 1 << 20;
@@ -68,7 +68,7 @@ pub enum OccupantError {
 
 /// What the tree has done so far, in counts that do not depend on the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct Effort {
+pub struct WorkCounters {
     /// Nodes looked at to move, insert or remove something.
     pub visited: u64,
     /// Nodes made.
@@ -92,18 +92,18 @@ pub struct Effort {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Occupants {
-    tree: Tree,
+    tree: OccupantTree,
     /// The primitives of each object; none where a number is not in use.
     objects: Vec<Vec<u32>>,
     free: Vec<u32>,
-    scratch: Scratch,
+    scratch: MoveScratch,
 }
 
 /// What a move needs, kept for its memory.
 #[derive(Clone, Debug, Default)]
-struct Scratch {
+struct MoveScratch {
     /// Of an object's boxes to come.
-    spans: Vec<Span>,
+    spans: Vec<CellRange>,
     /// Primitives on their way to other nodes.
     entering: Vec<u32>,
     /// Nodes that primitives left.
@@ -113,7 +113,7 @@ struct Scratch {
 /// What of an object moves to other nodes.
 struct Change {
     /// The cells of all its primitives that do, before and after.
-    span: Span,
+    span: CellRange,
     /// One of them, or one near them.
     anchor: u32,
 }
@@ -128,8 +128,8 @@ impl Occupants {
     pub fn new(origin: Vec3, edge: f32, depth: u8) -> Self {
         assert!(origin.is_finite() && edge.is_finite() && edge > 0.0, "not a cube");
         assert!(depth <= DEPTH_MAX, "too deep");
-        let tree = Tree::new(Grid::new(Aabb::new(origin, origin + edge), depth));
-        Self { tree, objects: Vec::new(), free: Vec::new(), scratch: Scratch::default() }
+        let tree = OccupantTree::new(OccupantGrid::new(Aabb::new(origin, origin + edge), depth));
+        Self { tree, objects: Vec::new(), free: Vec::new(), scratch: MoveScratch::default() }
     }
 
     /// Takes an object in.
@@ -219,8 +219,8 @@ impl Occupants {
     }
 
     /// What was done since the tree was made.
-    pub fn effort(&self) -> Effort {
-        self.tree.effort
+    pub fn counters(&self) -> WorkCounters {
+        self.tree.counters
     }
 
     fn held(&self, object: OccupantId) -> Result<&[u32], OccupantError> {
@@ -255,7 +255,7 @@ impl Occupants {
         let spans = &self.scratch.spans;
         let primitive = |of: u32| &self.tree.primitives[of as usize];
         let mut change: Option<Change> = None;
-        let mut add = |of: u32, span: &Span| {
+        let mut add = |of: u32, span: &CellRange| {
             let span = primitive(of).span.union(span);
             change = Some(match &change {
                 Some(change) => Change { span: change.span.union(&span), ..*change },
@@ -280,7 +280,7 @@ impl Occupants {
     /// Puts an object's boxes in place, once they are measured, and takes primitives out of the nodes
     /// where they will not be.
     fn leave(&mut self, object: OccupantId, primitives: &[Aabb]) {
-        let Scratch { spans, entering, left } = &mut self.scratch;
+        let MoveScratch { spans, entering, left } = &mut self.scratch;
         let held = &mut self.objects[object.0 as usize];
         for extra in held.drain(primitives.len().min(held.len())..) {
             self.tree.leave(extra, None, left);

@@ -3,16 +3,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 
-use super::{grid::Cell, *};
+use super::{grid::GridCell, *};
 
 const ORIGIN: Vec3 = Vec3::new(-7.0, 2.0, -31.0);
 const EDGE: f32 = 64.0;
 
 /// What lies at each node: an object, and which of its boxes.
-type Shape = BTreeMap<Cell, BTreeSet<(u32, usize)>>;
+type TreeShape = BTreeMap<GridCell, BTreeSet<(u32, usize)>>;
 
 impl Occupants {
-    fn shape(&self) -> Shape {
+    fn shape(&self) -> TreeShape {
         let index = |primitive: u32| {
             let object = self.tree.primitives[primitive as usize].object;
             let held = &self.objects[object as usize];
@@ -23,15 +23,15 @@ impl Occupants {
     }
 
     /// The tree made anew by the rule, from all that there is.
-    fn shape_by_rule(&self) -> Shape {
+    fn shape_by_rule(&self) -> TreeShape {
         let mut all = Vec::new();
         for object in 0..self.objects.len() as u32 {
             for (index, bounds) in self.primitives(OccupantId(object)).enumerate() {
                 all.push(((object, index), self.tree.grid.span(bounds)));
             }
         }
-        let mut shape = Shape::new();
-        put(&self.tree.grid, Cell::ROOT, &all, &mut shape);
+        let mut shape = TreeShape::new();
+        put(&self.tree.grid, GridCell::ROOT, &all, &mut shape);
         shape
     }
 
@@ -58,14 +58,19 @@ impl Occupants {
 }
 
 /// The rule, as the head of the module has it.
-fn put(grid: &Grid, cell: Cell, inside: &[((u32, usize), Span)], shape: &mut Shape) {
+fn put(
+    grid: &OccupantGrid,
+    cell: GridCell,
+    inside: &[((u32, usize), CellRange)],
+    shape: &mut TreeShape,
+) {
     let is_split = inside.len() > 1 && inside.iter().any(|(_, span)| span.level > cell.depth);
     let (own, deeper): (Vec<_>, Vec<_>) =
         inside.iter().partition(|(_, span)| !is_split || span.level == cell.depth);
     shape.insert(cell, own.into_iter().map(|(of, _)| of).collect());
     for octant in (0..8).filter(|_| is_split) {
         let child = cell.child(octant);
-        let meets = |(_, span): &&(_, Span)| grid.meets(child, span);
+        let meets = |(_, span): &&(_, CellRange)| grid.meets(child, span);
         let below: Vec<_> = deeper.iter().filter(meets).copied().collect();
         if !below.is_empty() {
             put(grid, child, &below, shape);
@@ -238,8 +243,8 @@ proptest! {
         let eye = Vec3::from(eye);
         occupants.front_to_back(eye, |what| {
             match what {
-                Met::Node(cube) => cubes.push(cube),
-                Met::Occupant(id) => met.push(id),
+                Visit::Node(cube) => cubes.push(cube),
+                Visit::Occupant(id) => met.push(id),
             }
             true
         });
@@ -271,8 +276,8 @@ fn a_hidden_node_hides_what_is_only_in_it() {
     let both = occupants.insert(&[Aabb::around(Vec3::splat(32.0), 1.0)]).expect("good");
     let mut met = Vec::new();
     occupants.front_to_back(Vec3::ZERO, |what| match what {
-        Met::Node(cube) => !cube.contains(Vec3::splat(50.0)),
-        Met::Occupant(id) => {
+        Visit::Node(cube) => !cube.contains(Vec3::splat(50.0)),
+        Visit::Occupant(id) => {
             met.push(id);
             true
         }
@@ -316,7 +321,7 @@ fn nodes_are_not_deleted_to_be_made_again() {
         }
         assert_eq!(together.shape(), naive.shape());
     }
-    let [together, single, naive] = [together, single, naive].map(|tree| tree.effort());
+    let [together, single, naive] = [together, single, naive].map(|tree| tree.counters());
     assert!(together.created < single.created && single.created < naive.created);
     assert!(together.deleted < single.deleted && single.deleted < naive.deleted);
     assert!(single.visited < naive.visited);
@@ -328,9 +333,9 @@ fn what_stays_in_its_cells_changes_no_node() {
     let here = |x: f32| [Aabb::around(Vec3::new(x, 10.0, 10.0), 0.4)];
     let body = occupants.insert(&here(10.5)).expect("good");
     occupants.insert(&here(40.0)).expect("good");
-    let before = occupants.effort();
+    let before = occupants.counters();
     occupants.move_to(body, &here(10.55)).expect("good");
-    assert_eq!(occupants.effort(), before);
+    assert_eq!(occupants.counters(), before);
     assert_eq!(occupants.primitives(body).copied().collect::<Vec<_>>(), here(10.55));
 }
 

@@ -1,8 +1,8 @@
 //! The nodes: attached to and detached from, split by need, deleted when nothing is under them.
 
 use super::{
-    Effort,
-    grid::{Cell, Grid, Span},
+    WorkCounters,
+    grid::{CellRange, GridCell, OccupantGrid},
 };
 use crate::geometry::Aabb;
 
@@ -18,15 +18,15 @@ pub(super) const ROOT: u32 = 0;
 pub(super) struct Primitive {
     pub(super) object: u32,
     pub(super) bounds: Aabb,
-    pub(super) span: Span,
+    pub(super) span: CellRange,
     nodes: [u32; 8],
     node_count: u8,
 }
 
 /// A cube of the region. It is split while it holds several primitives of which one may go deeper.
 #[derive(Clone, Debug)]
-pub(super) struct Node {
-    pub(super) cell: Cell,
+pub(super) struct OccupantNode {
+    pub(super) cell: GridCell,
     pub(super) parent: u32,
     children: [u32; 8],
     /// Bit `i` is set when there is a child in octant `i`; zero when it is not split.
@@ -37,13 +37,13 @@ pub(super) struct Node {
 
 /// All nodes and all primitives.
 #[derive(Clone, Debug)]
-pub(super) struct Tree {
-    pub(super) grid: Grid,
-    pub(super) nodes: Vec<Node>,
+pub(super) struct OccupantTree {
+    pub(super) grid: OccupantGrid,
+    pub(super) nodes: Vec<OccupantNode>,
     nodes_free: Vec<u32>,
     pub(super) primitives: Vec<Primitive>,
     primitives_free: Vec<u32>,
-    pub(super) effort: Effort,
+    pub(super) counters: WorkCounters,
 }
 
 impl Primitive {
@@ -64,8 +64,8 @@ impl Primitive {
     }
 }
 
-impl Node {
-    fn new(cell: Cell, parent: u32) -> Self {
+impl OccupantNode {
+    fn new(cell: GridCell, parent: u32) -> Self {
         Self { cell, parent, children: [NONE; 8], child_mask: 0, primitives: Vec::new() }
     }
 
@@ -83,15 +83,15 @@ impl Node {
     }
 }
 
-impl Tree {
-    pub(super) fn new(grid: Grid) -> Self {
+impl OccupantTree {
+    pub(super) fn new(grid: OccupantGrid) -> Self {
         Self {
             grid,
-            nodes: vec![Node::new(Cell::ROOT, NONE)],
+            nodes: vec![OccupantNode::new(GridCell::ROOT, NONE)],
             nodes_free: Vec::new(),
             primitives: Vec::new(),
             primitives_free: Vec::new(),
-            effort: Effort::default(),
+            counters: WorkCounters::default(),
         }
     }
 
@@ -104,7 +104,7 @@ impl Tree {
     }
 
     /// The nodes there are, and where.
-    pub(super) fn nodes_in_use(&self) -> impl Iterator<Item = (u32, &Node)> {
+    pub(super) fn nodes_in_use(&self) -> impl Iterator<Item = (u32, &OccupantNode)> {
         (0..).zip(&self.nodes).filter(|(_, node)| node.cell.depth != FREE)
     }
 
@@ -112,14 +112,14 @@ impl Tree {
     pub(super) fn ancestor(&mut self, primitive: u32, depth: u8) -> u32 {
         let mut at = self.primitives[primitive as usize].nodes()[0];
         while self.nodes[at as usize].cell.depth > depth {
-            self.effort.visited += 1;
+            self.counters.visited += 1;
             at = self.nodes[at as usize].parent;
         }
         at
     }
 
     /// A primitive that is in no node yet.
-    pub(super) fn add(&mut self, object: u32, bounds: Aabb, span: Span) -> u32 {
+    pub(super) fn add(&mut self, object: u32, bounds: Aabb, span: CellRange) -> u32 {
         let primitive = Primitive { object, bounds, span, nodes: [NONE; 8], node_count: 0 };
         if let Some(free) = self.primitives_free.pop() {
             self.primitives[free as usize] = primitive;
@@ -138,7 +138,7 @@ impl Tree {
     /// Puts a primitive where it belongs below a node that holds all its cells. Nodes that it is in
     /// already keep it.
     pub(super) fn insert(&mut self, at: u32, primitive: u32) {
-        self.effort.visited += 1;
+        self.counters.visited += 1;
         let node = &self.nodes[at as usize];
         let span = self.primitives[primitive as usize].span;
         let deepest = node.cell.depth == span.level;
@@ -195,7 +195,7 @@ impl Tree {
 
     /// Takes a primitive out of its nodes, but for those that are still right for new cells, and
     /// names the nodes that it left. They, and what is above them, are left untidy.
-    pub(super) fn leave(&mut self, primitive: u32, new: Option<&Span>, left: &mut Vec<u32>) {
+    pub(super) fn leave(&mut self, primitive: u32, new: Option<&CellRange>, left: &mut Vec<u32>) {
         let of = &self.primitives[primitive as usize];
         let new = new.filter(|new| new.level == of.span.level);
         let (nodes, count) = (of.nodes, of.nodes().len());
@@ -217,7 +217,7 @@ impl Tree {
             return;
         }
         loop {
-            self.effort.visited += 1;
+            self.counters.visited += 1;
             if self.nodes[at as usize].is_split() {
                 if self.must_stay_split(at) {
                     return;
@@ -274,14 +274,14 @@ impl Tree {
         if let Some(child) = self.nodes[at as usize].child(octant) {
             return child;
         }
-        self.effort.created += 1;
+        self.counters.created += 1;
         let cell = self.nodes[at as usize].cell.child(octant);
         let child = if let Some(free) = self.nodes_free.pop() {
             let node = &mut self.nodes[free as usize];
             (node.cell, node.parent) = (cell, at);
             free
         } else {
-            self.nodes.push(Node::new(cell, at));
+            self.nodes.push(OccupantNode::new(cell, at));
             (self.nodes.len() - 1) as u32
         };
         let node = &mut self.nodes[at as usize];
@@ -292,7 +292,7 @@ impl Tree {
 
     /// Deletes a node that holds nothing and is not split.
     fn delete(&mut self, at: u32) {
-        self.effort.deleted += 1;
+        self.counters.deleted += 1;
         let node = &mut self.nodes[at as usize];
         debug_assert!(node.primitives.is_empty() && !node.is_split());
         let (octant, parent) = (node.cell.octant(), node.parent);

@@ -2,12 +2,12 @@
 
 use glam::Vec3;
 
-use super::{OccupantId, Occupants, grid::Span, tree::ROOT};
+use super::{OccupantId, Occupants, grid::CellRange, tree::ROOT};
 use crate::geometry::Aabb;
 
 /// What [`Occupants::front_to_back`] comes upon.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Met {
+pub enum Visit {
     /// A node, by its cube. What is asked is whether to go in.
     Node(Aabb),
     /// An object, the first time that one of its boxes comes up. The answer does not matter.
@@ -26,7 +26,7 @@ impl Occupants {
         found
     }
 
-    fn meeting_below(&self, at: u32, region: &Aabb, span: &Span, found: &mut Vec<OccupantId>) {
+    fn meeting_below(&self, at: u32, region: &Aabb, span: &CellRange, found: &mut Vec<OccupantId>) {
         let node = &self.tree.nodes[at as usize];
         for &primitive in &node.primitives {
             let primitive = &self.tree.primitives[primitive as usize];
@@ -50,16 +50,16 @@ impl Occupants {
     ///
     /// An object lies within the cubes of its nodes taken together. The root is not asked about: it
     /// also holds what reaches out of the region.
-    pub fn front_to_back(&self, eye: Vec3, mut visit: impl FnMut(Met) -> bool) {
+    pub fn front_to_back(&self, eye: Vec3, mut visit: impl FnMut(Visit) -> bool) {
         let mut seen = vec![0u64; self.objects.len().div_ceil(64)];
         self.walk(ROOT, eye, &mut seen, &mut visit);
     }
 
     /// `seen` has a bit for each object.
-    fn walk(&self, at: u32, eye: Vec3, seen: &mut [u64], visit: &mut impl FnMut(Met) -> bool) {
+    fn walk(&self, at: u32, eye: Vec3, seen: &mut [u64], visit: &mut impl FnMut(Visit) -> bool) {
         let node = &self.tree.nodes[at as usize];
         let bounds = self.tree.grid.bounds(node.cell);
-        if at != ROOT && !visit(Met::Node(bounds)) {
+        if at != ROOT && !visit(Visit::Node(bounds)) {
             return;
         }
         for &primitive in &node.primitives {
@@ -67,7 +67,7 @@ impl Occupants {
             let (word, bit) = (object as usize / 64, 1u64 << (object % 64));
             if seen[word] & bit == 0 {
                 seen[word] |= bit;
-                visit(Met::Occupant(OccupantId(object)));
+                visit(Visit::Occupant(OccupantId(object)));
             }
         }
         let nearest = eye.cmpge(bounds.centre()).bitmask() as u8;

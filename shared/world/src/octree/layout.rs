@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use super::{BLOCK_LEVELS, Inner, OctreeError};
+use super::{BLOCK_LEVELS, InnerNode, OctreeError};
 
-/// Inner nodes whose children are found, still without looks.
-pub(super) struct Shape {
-    pub(super) inner: Vec<Inner>,
+/// Inner nodes whose children are found, still without materials.
+pub(super) struct TreeLayout {
+    pub(super) inner: Vec<InnerNode>,
     /// The blocks' roots.
     pub(super) roots: Range<usize>,
     /// How many leaves the masks lead to.
@@ -19,7 +19,7 @@ pub(super) fn levels(depth: u8) -> (u8, u8) {
     (depth - below, below)
 }
 
-impl Shape {
+impl TreeLayout {
     /// Links nodes with these masks in a tree of some depth.
     ///
     /// # Errors
@@ -29,7 +29,7 @@ impl Shape {
         if masks.contains(&0) {
             return Err(OctreeError::Nonsense("mask"));
         }
-        let inner = masks.iter().map(|&mask| Inner { mask, ..Inner::default() }).collect();
+        let inner = masks.iter().map(|&mask| InnerNode { mask, ..InnerNode::default() }).collect();
         let mut linking = Linking { inner, next: 0, leaves: 0 };
         if masks.is_empty() {
             return Ok(Self { inner: linking.inner, roots: 0..0, leaves: 0 });
@@ -57,7 +57,12 @@ impl Shape {
 
 /// The inner nodes of a block below its root, and where those just above the leaves begin among
 /// them; the root itself when there are no others.
-pub(super) fn block(inner: &[Inner], roots: &Range<usize>, root: usize, depth: u8) -> BlockRange {
+pub(super) fn block(
+    inner: &[InnerNode],
+    roots: &Range<usize>,
+    root: usize,
+    depth: u8,
+) -> BlockRange {
     let (_, below) = levels(depth);
     let start_of = |root: usize| match below {
         1 => inner.len(),
@@ -79,7 +84,7 @@ pub(super) struct BlockRange {
 }
 
 struct Linking {
-    inner: Vec<Inner>,
+    inner: Vec<InnerNode>,
     next: usize,
     leaves: u64,
 }
