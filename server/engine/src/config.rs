@@ -23,7 +23,7 @@ const THREADS_MAX: usize = 64;
 pub struct Config {
     /// Who is told what.
     pub policy: Policy,
-    /// How often [`Engine::tick`](super::Engine::tick) is called, and how often a live client
+    /// How often [`Engine::tick`](crate::Engine::tick) is called, and how often a live client
     /// reports.
     pub tick: Duration,
     /// How long a TBV is made to last.
@@ -117,7 +117,7 @@ impl Config {
     }
 
     /// With all within bounds, so that no sum of times overflows, and nothing is worked out for ever.
-    pub(super) fn bounded(self) -> Self {
+    pub(crate) fn bounded(self) -> Self {
         let time = |time: Duration| time.min(TIME_MAX);
         let validity = match self.validity {
             Validity::Constant(validity) => Validity::Constant(time(validity)),

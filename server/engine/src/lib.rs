@@ -88,35 +88,22 @@
 //! Interest is decided for regions, not for points: where each eye and each body can be until the
 //! word of the next tick stands at the viewer. What follows shows that this misses nothing, and what bounds it.
 //!
-#![doc = include_str!("horizon.md")]
+#![doc = include_str!("timing/horizon.md")]
 
-mod authority;
-mod bits;
+mod baselines;
+mod bit_set;
+mod claims;
 mod config;
-mod crew;
-mod expiry;
-mod explain;
-mod fit;
-mod horizon;
 mod interest;
-mod jitter;
-mod looks;
 mod messages;
-mod near;
-mod pairs;
-mod parts;
-mod places;
-mod pledge;
 mod population;
-mod presence;
-mod reach;
-mod scene;
+mod regions;
+mod session_events;
 mod silence;
 #[cfg(test)]
 mod tests;
-mod validity;
-mod ways;
-mod zones;
+mod timing;
+mod worker_pool;
 
 use std::{sync::Arc, time::Duration};
 
@@ -126,21 +113,21 @@ use sightline_world::{
     motion::{Agility, AvatarId, Body, Pose, ReportingState, Tbv},
 };
 
-pub use authority::{ClaimLimits, ClaimVerdict, MovementBudget};
+pub use claims::movement_budget::{ClaimLimits, ClaimVerdict, MovementBudget};
 pub use config::{Config, FaultInjection, Margin, Policy, PolicyError, TbvShape, Validity};
-pub use explain::{Explanation, Reason};
+pub use interest::explain::{Explanation, Reason};
 pub use messages::{Input, Output};
 
-use crew::Crew;
-use expiry::ExpiryQueue;
-use horizon::Horizons;
-use looks::Shafts;
-use places::Places;
+use baselines::partition::Partition;
+use claims::walkability::Walkways;
+use interest::sight_tests::SightTester;
+use interest::snapshot::{Snapshot, SortKey};
 use population::{Population, Slot};
-use reach::Scratch;
-use scene::{Scene, Stand};
-use ways::Ways;
-use zones::{SectorIndex, Sectors, ZoneIndex};
+use regions::footprints::{FootprintIndex, SectorIndex, Sectors};
+use regions::reach::Scratch;
+use silence::expiry_queue::ExpiryQueue;
+use timing::horizon::Horizons;
+use worker_pool::WorkerPool;
 
 /// The end of time: ten thousand years.
 const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
@@ -153,7 +140,7 @@ pub struct Engine {
     limits: ClaimLimits,
     horizons: Horizons,
     population: Population,
-    places: Places,
+    places: Partition,
     agility: Agility,
     /// What the building's author says about who may see whom.
     rooms: RoomIndex,
@@ -163,9 +150,9 @@ pub struct Engine {
     near: [SectorIndex; 2],
     sectors: Sectors,
     /// Where live avatars can be until a hidden one that they reveal can be told of.
-    live_zones: ZoneIndex,
+    live_zones: FootprintIndex,
     /// The TBVs of quiet and asked avatars.
-    hidden_zones: ZoneIndex,
+    hidden_zones: FootprintIndex,
     /// When each quiet avatar must be asked.
     expiries: ExpiryQueue,
     /// When each other avatar's silence must be looked into.
@@ -179,15 +166,15 @@ pub struct Engine {
     stats: Stats,
     scratch: Scratch,
     /// What claims are held against.
-    ways: Ways,
-    shafts: Shafts,
-    crew: Crew,
+    ways: Walkways,
+    shafts: SightTester,
+    crew: WorkerPool,
     /// Empty but for its memory.
-    scene: Scene,
+    scene: Snapshot,
     /// How many times more looks were due at the last tick than there is a budget for, from 1 to 8.
     load: u32,
     /// At which viewers the budget for looks was used up: for new pairs, and for those that are told.
-    looked_to: [Stand; 2],
+    looked_to: [SortKey; 2],
     /// At whom the budget for silences was used up.
     settled_to: AvatarId,
     /// What is left of this tick's [`Config::silence_budget`].
@@ -246,11 +233,11 @@ impl Engine {
             agility,
             body: world.body.in_axes(&world.cells.axes),
             population: Population::default(),
-            places: Places::new(config.policy, &world),
+            places: Partition::new(config.policy, &world),
             rooms: RoomIndex::new(&world),
             near: [0, 1].map(|_| SectorIndex::new(world.cells.cells.len())),
-            live_zones: ZoneIndex::new(sectors.len()),
-            hidden_zones: ZoneIndex::new(sectors.len()),
+            live_zones: FootprintIndex::new(sectors.len()),
+            hidden_zones: FootprintIndex::new(sectors.len()),
             sectors,
             expiries: ExpiryQueue::new(config.tick),
             patience: ExpiryQueue::new(config.tick),
@@ -260,14 +247,14 @@ impl Engine {
             joined: 0,
             stats: Stats::default(),
             scratch: Scratch::default(),
-            ways: Ways::new(&world, agility.fall_max / speed_max),
+            ways: Walkways::new(&world, agility.fall_max / speed_max),
             settled_to: AvatarId(0),
             silence_left: 0,
-            crew: Crew::new(config.threads, Arc::clone(&occluders)),
-            scene: Scene::default(),
+            crew: WorkerPool::new(config.threads, Arc::clone(&occluders)),
+            scene: Snapshot::default(),
             load: 1,
             looked_to: [(None, AvatarId(0)); 2],
-            shafts: Shafts::new(occluders),
+            shafts: SightTester::new(occluders),
             world,
             config,
         }

@@ -1,9 +1,9 @@
-//! The engine on hand-made worlds, and against a naive twin on random ones.
+//! The engine on hand-made worlds, and against a naive reference model on random ones.
 
 mod anything;
+mod reference_model;
 mod rooms;
 pub(super) mod stage;
 mod story;
 mod turns;
-mod twin;
 mod walls;

@@ -14,7 +14,7 @@ use sightline_world::{
     motion::{AvatarId, Pose, ReportingState},
 };
 
-use super::{rooms, stage, twin};
+use super::{reference_model, rooms, stage};
 use crate::{Config, Engine, Input, Margin, Output, Policy, TbvShape, Validity};
 
 /// What is done to an engine.
@@ -200,7 +200,7 @@ fn config() -> impl Strategy<Value = Config> {
 
 fn world() -> impl Strategy<Value = World> {
     prop_oneof![
-        2 => any::<u64>().prop_map(twin::world_of),
+        2 => any::<u64>().prop_map(reference_model::world_of),
         2 => (2..30_u32).prop_map(stage::row),
         1 => (0..1_u32).prop_map(|_| rooms::world()),
     ]

@@ -350,7 +350,7 @@ fn kept_for(hold_ticks: u32) -> u32 {
             news = stage.engine.ticks();
         } else if let Some(explanation) = stage.engine.explain(ada, bob) {
             let reason = if explanation.is_held { Reason::Held } else { Reason::Cells };
-            assert!([reason, Reason::Shafts].contains(&explanation.reason), "{explanation}");
+            assert!([reason, Reason::Blocked].contains(&explanation.reason), "{explanation}");
         }
     }
     stage.engine.ticks() - news

@@ -3,46 +3,46 @@
 //! Two live avatars have a pair each, the one as the viewer of the other, while their wide regions may
 //! see each other: by their cells, which an index has, and by the gates between them. Most people in a
 //! building have none with each other, and nothing is done about them until one has gone some way.
-//! What pairs leave open is [looked at](super::looks) more closely.
+//! What pairs leave open is [looked at](crate::interest::sight_tests) more closely.
 
 use sightline_world::motion::AvatarId;
 
-use super::{
+use crate::{
     Engine, Output,
-    crew::Work,
-    looks::{Look, Regions},
+    interest::sight_tests::{Regions, SightResult},
+    interest::snapshot::{LiveAvatars, Snapshot},
     population::Slot,
-    scene::{Lives, Scene},
-    zones::Member,
+    regions::footprints::Member,
+    worker_pool::Workspace,
 };
 
 /// A viewer's dealings with an avatar. Ordered by id.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair {
-    pub(super) id: AvatarId,
-    pub(super) slot: Slot,
+pub(crate) struct Pair {
+    pub(crate) id: AvatarId,
+    pub(crate) slot: Slot,
     /// By their wide regions, the avatar may be visible to the viewer.
-    pub(super) concerns: bool,
+    pub(crate) concerns: bool,
     /// The viewer's client has been told of it.
-    pub(super) is_held: bool,
+    pub(crate) is_held: bool,
     /// Until that tick its client is not told that it is out of sight.
-    pub(super) held_until: u32,
-    /// The [`Avatar::version`](super::population::Avatar::version) that was sent last.
-    pub(super) version: u32,
-    pub(super) look: Look,
+    pub(crate) held_until: u32,
+    /// The [`Avatar::version`](crate::population::Avatar::version) that was sent last.
+    pub(crate) version: u32,
+    pub(crate) look: SightResult,
     /// Cells of these regions see each other.
-    pub(super) seen: Option<Regions>,
+    pub(crate) seen: Option<Regions>,
     /// Between these regions, gates and cells left it open.
-    pub(super) open: Option<Regions>,
+    pub(crate) open: Option<Regions>,
     /// Before that tick gates and cells are not asked again.
-    pub(super) gates_from: u32,
+    pub(crate) gates_from: u32,
     /// Before that tick it is not tried whether regions with more to spare are hidden from each other.
-    pub(super) spare_from: u32,
+    pub(crate) spare_from: u32,
 }
 
 impl Pair {
-    pub(super) fn new((id, slot): Member) -> Self {
-        let (concerns, is_held, look) = (true, false, Look::Unknown);
+    pub(crate) fn new((id, slot): Member) -> Self {
+        let (concerns, is_held, look) = (true, false, SightResult::Unknown);
         Self {
             id,
             slot,
@@ -68,8 +68,8 @@ struct Mover {
 
 impl Engine {
     /// Makes and ends pairs after wide regions have changed.
-    pub(super) fn pair(&self, scene: &mut Scene) {
-        let Scene { lives, pairs } = scene;
+    pub(crate) fn pair(&self, scene: &mut Snapshot) {
+        let Snapshot { lives, pairs } = scene;
         let moved = lives.all().iter().enumerate().filter(|(_, live)| live.moved.is_some());
         let mut movers: Vec<Mover> =
             moved.map(|(place, _)| Mover { place, met: Vec::new() }).collect();
@@ -98,8 +98,8 @@ impl Engine {
     /// Finds all whom one with a new wide region has to do with, but for those before it who have one too.
     fn met_by(
         &self,
-        work: &mut Work,
-        (lives, pairs): (&Lives, &[Vec<Pair>]),
+        work: &mut Workspace,
+        (lives, pairs): (&LiveAvatars, &[Vec<Pair>]),
         place: usize,
     ) -> Vec<Member> {
         let mut found: Vec<Member> = Vec::new();
@@ -108,7 +108,7 @@ impl Engine {
         work.met.clear();
         work.met.insert(place as u32);
         // The body is seen by the eyes of the one, or the eyes see it.
-        let Work { seen, met, .. } = &mut *work;
+        let Workspace { seen, met, .. } = &mut *work;
         let [eyes, bodies] = &self.near;
         for member in bodies.among(&seen[0]).chain(eyes.among(&seen[1])) {
             let other = lives.place(member.1);
@@ -132,14 +132,14 @@ impl Engine {
     }
 
     /// Forgets what was found of all pairs of an avatar.
-    pub(super) fn unlook(&mut self, slot: Slot) {
+    pub(crate) fn unlook(&mut self, slot: Slot) {
         let id = self.population.at(slot).id;
         let others: Vec<Slot> = self.pairs_of(slot).map(|pair| pair.slot).collect();
         for viewer in others.into_iter().chain([slot]) {
             let pairs = self.population.at_mut(viewer).pairs.iter_mut();
-            pairs
-                .filter(|pair| viewer == slot || pair.id == id)
-                .for_each(|pair| *pair = Pair { look: Look::Unknown, gates_from: 0, ..*pair });
+            pairs.filter(|pair| viewer == slot || pair.id == id).for_each(|pair| {
+                *pair = Pair { look: SightResult::Unknown, gates_from: 0, ..*pair }
+            });
         }
     }
 
@@ -149,7 +149,7 @@ impl Engine {
 
     /// Ends all pairs with an avatar that is gone or hidden, whose regions have just been taken
     /// out; those who held it are told at the next tick.
-    pub(super) fn part(&mut self, slot: Slot) {
+    pub(crate) fn part(&mut self, slot: Slot) {
         self.forget_near(slot);
         let id = self.population.at(slot).id;
         let viewers: Vec<Slot> = if self.config.policy.uses_cells() {
@@ -172,7 +172,7 @@ impl Engine {
 
 /// Has one with a new wide region have pairs with just these avatars, and them with it. Others with new
 /// regions see to their own.
-fn renew(lives: &Lives, pairs: &mut [Vec<Pair>], place: usize, found: Vec<Member>) {
+fn renew(lives: &LiveAvatars, pairs: &mut [Vec<Pair>], place: usize, found: Vec<Member>) {
     let live = &lives.all()[place];
     let old = std::mem::take(&mut pairs[place]);
     let known = |id: AvatarId| {
@@ -215,7 +215,7 @@ fn part_from(pairs: &mut Vec<Pair>, id: AvatarId) {
 
 /// The pairs of a viewer that has to do with just these avatars; both are by id. Those that its
 /// client still holds stay until that is told.
-pub(super) fn matched(pairs: &[Pair], found: Vec<Member>) -> Vec<Pair> {
+pub(crate) fn matched(pairs: &[Pair], found: Vec<Member>) -> Vec<Pair> {
     let mut matched = Vec::with_capacity(found.len());
     let mut found = found.into_iter().peekable();
     for old in pairs {

@@ -8,7 +8,10 @@ use sightline_world::{
     motion::{AvatarId, ReportingState, Tbv},
 };
 
-use super::{Engine, looks::Look, near::Part, pairs::Pair, population::Avatar};
+use crate::{
+    Engine, interest::candidates::Pair, interest::sight_tests::SightResult, population::Avatar,
+    regions::live_regions::RegionKind,
+};
 
 /// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
 /// axes, in metres.
@@ -50,7 +53,7 @@ pub enum Reason {
     /// No room that the viewer can be in before long shows where the other can be.
     Rooms,
     /// Every line between their regions is blocked.
-    Shafts,
+    Blocked,
     /// The same, but some line was not until a moment ago.
     Held,
     /// This line between their regions is free.
@@ -67,21 +70,25 @@ impl Engine {
         let pair = from.pairs.iter().find(|pair| pair.id == avatar);
         let delay = self.horizons.delay(from.round_trip);
         let boxes =
-            |avatar: &Avatar, part: Part| avatar.near.just(part, &self.body).boxes().to_vec();
+            |avatar: &Avatar, part: RegionKind| avatar.near.just(part, &self.body).boxes().to_vec();
         let reason = match pair {
             _ if !self.config.policy.uses_cells() => Reason::Policy,
             _ if [from, to].iter().any(|a| a.state != ReportingState::Live) => Reason::Silence,
             _ if !from.seal.agrees(&to.seal) => Reason::Sealed,
             _ if self.is_ruled_out(from, to, delay) => Reason::Rooms,
             None => Reason::Cells,
-            Some(Pair { look: Look::Free(line), .. }) => Reason::Free(*line),
-            Some(Pair { look: Look::Together, .. }) => {
+            Some(Pair { look: SightResult::Free(line), .. }) => Reason::Free(*line),
+            Some(Pair { look: SightResult::Together, .. }) => {
                 let [from, to] = [from, to].map(|a| self.world.cells.axes.own(a.pose.eye));
                 Reason::Free(SightLine { from, to })
             }
-            Some(Pair { look: Look::Unknown | Look::Undecided { .. }, .. }) => Reason::Undecided,
+            Some(Pair { look: SightResult::Unknown | SightResult::Undecided { .. }, .. }) => {
+                Reason::Undecided
+            }
             Some(Pair { is_held: true, .. }) => Reason::Held,
-            Some(Pair { look: Look::Hidden(_) | Look::HiddenIn(_), .. }) => Reason::Shafts,
+            Some(Pair { look: SightResult::Hidden(_) | SightResult::HiddenIn(_), .. }) => {
+                Reason::Blocked
+            }
         };
         Some(Explanation {
             viewer: from.state,
@@ -89,7 +96,7 @@ impl Engine {
             avatar: to.state,
             avatar_tbv: to.tbv,
             is_held: pair.is_some_and(|pair| pair.is_held),
-            eyes: boxes(from, Part::EYES),
+            eyes: boxes(from, RegionKind::EYES),
             bodies: boxes(to, to.near.bodies(delay)),
             is_doubted: !to.pledges.are_kept(self.now),
             reason,
@@ -100,11 +107,12 @@ impl Engine {
 impl Engine {
     /// Whether rooms alone keep a viewer from being told of an avatar.
     fn is_ruled_out(&self, viewer: &Avatar, avatar: &Avatar, delay: Duration) -> bool {
-        let part = |avatar: &Avatar, part: Part, place: usize| {
+        let part = |avatar: &Avatar, part: RegionKind, place: usize| {
             let near = avatar.near.get(part)?.ground().cloned();
             near.or_else(|| Some(avatar.near.wide.as_ref()?.grounds[place].clone()))
         };
-        let grounds = part(viewer, Part::EYES, 0).zip(part(avatar, avatar.near.bodies(delay), 1));
+        let grounds =
+            part(viewer, RegionKind::EYES, 0).zip(part(avatar, avatar.near.bodies(delay), 1));
         grounds.is_some_and(|(eyes, bodies)| !eyes.shows(&bodies, &self.rooms))
     }
 }
@@ -145,7 +153,7 @@ impl fmt::Display for Reason {
             }
             Self::Sealed => f.write_str("a sealed room has one of the two in it, not the other"),
             Self::Rooms => f.write_str("no room of the viewer's shows where the other can be"),
-            Self::Shafts => f.write_str("every line between their regions is blocked"),
+            Self::Blocked => f.write_str("every line between their regions is blocked"),
             Self::Held => {
                 f.write_str("it was in sight a moment ago, though no line is free any more")
             }

@@ -9,11 +9,11 @@ const FILLED: f32 = 0.9;
 
 /// Boxes in own axes that cover a region.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub(super) struct Parts(Vec<Aabb>);
+pub(crate) struct CoverBoxes(Vec<Aabb>);
 
-impl Parts {
+impl CoverBoxes {
     /// Covers boxes that each lie in a place of their own.
-    pub(super) fn covering(boxes: impl Iterator<Item = Aabb>) -> Self {
+    pub(crate) fn covering(boxes: impl Iterator<Item = Aabb>) -> Self {
         let mut parts = Self(Vec::with_capacity(PARTS_MAX + 1));
         for part in boxes.filter(|part| !part.is_empty()) {
             parts.0.push(part);
@@ -28,13 +28,13 @@ impl Parts {
     }
 
     /// What of them is in a box.
-    pub(super) fn within(&self, region: &Aabb) -> Self {
+    pub(crate) fn within(&self, region: &Aabb) -> Self {
         let shared = self.0.iter().map(|part| part.intersection(region));
         Self(shared.filter(|part| !part.is_empty()).collect())
     }
 
     /// The boxes.
-    pub(super) fn boxes(&self) -> &[Aabb] {
+    pub(crate) fn boxes(&self) -> &[Aabb] {
         &self.0
     }
 
@@ -67,9 +67,9 @@ mod tests {
     fn tiles_of_a_box_become_that_box_and_rooms_apart_stay_apart() {
         let tile =
             |x: f32, z: f32| Aabb::new(Vec3::new(x, 0.0, z), Vec3::new(x + 1.0, 2.0, z + 1.0));
-        let whole = Parts::covering([tile(0.0, 0.0), tile(1.0, 0.0)].into_iter());
+        let whole = CoverBoxes::covering([tile(0.0, 0.0), tile(1.0, 0.0)].into_iter());
         assert_eq!(whole.boxes(), [Aabb::new(Vec3::ZERO, Vec3::new(2.0, 2.0, 1.0))]);
-        let apart = Parts::covering([tile(0.0, 0.0), tile(5.0, 0.0)].into_iter());
+        let apart = CoverBoxes::covering([tile(0.0, 0.0), tile(5.0, 0.0)].into_iter());
         assert_eq!(apart.boxes().len(), 2);
     }
 
@@ -85,7 +85,7 @@ mod tests {
                 .into_iter()
                 .map(|(at, size)| Aabb::new(at.into(), Vec3::from(at) + Vec3::from(size)))
                 .collect();
-            let parts = Parts::covering(boxes.iter().copied());
+            let parts = CoverBoxes::covering(boxes.iter().copied());
             prop_assert!(parts.boxes().len() <= PARTS_MAX);
             for part in &boxes {
                 prop_assert!(parts.boxes().iter().any(|cover| cover.contains_box(part)));

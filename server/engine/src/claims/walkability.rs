@@ -5,20 +5,20 @@ use std::{cmp::Reverse, collections::BinaryHeap};
 use glam::Vec3;
 use sightline_world::{Cells, Node, World, geometry::Aabb, tolerance::POKE_M};
 
-use super::fit::Fit;
+use crate::claims::clearance::Clearance;
 
 /// No search looks at more gates: 0.1 ms. What is undecided by then counts as led to.
 const GATES_MAX: u32 = 1_000;
 
 /// What an accepted eye stands on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub(super) struct Footing {
+pub(crate) struct WalkState {
     /// The space that it is in, or poked out of into something solid; none for one that was put into
     /// something solid.
     space: Option<u32>,
     /// It was put where a body has no room, and has not been where it has since. It gets out through
     /// any gate.
-    is_wedged: bool,
+    is_stuck: bool,
 }
 
 /// The ways through a building: gates, and the spaces that they join.
@@ -29,46 +29,46 @@ pub(super) struct Footing {
 /// So no way that was walked is denied; what is granted beyond are short cuts within gates, and,
 /// where a gate is slanted, within the box around it.
 #[derive(Clone, Debug)]
-pub(super) struct Ways {
+pub(crate) struct Walkways {
     /// For each space what it fills, in own axes; empty where that is no box.
     boxes: Vec<Aabb>,
     /// Through which gates bodies fit.
-    pub(super) fit: Fit,
+    pub(crate) fit: Clearance,
     /// A metre down counts for so much.
     fall: f32,
     search: u32,
     /// This search goes through any gate.
-    is_wedged: bool,
+    is_stuck: bool,
     /// For each gate, the search that came to it last, and the shortest way to it.
     come: Vec<(u32, f32)>,
     /// Gates that were come to: those with the shortest way by them first.
     waiting: BinaryHeap<Reverse<(u32, u32)>>,
 }
 
-impl Ways {
+impl Walkways {
     /// Bodies fall so many times as fast as they move of their own power.
-    pub(super) fn new(world: &World, fall_ratio: f32) -> Self {
+    pub(crate) fn new(world: &World, fall_ratio: f32) -> Self {
         let cells = &world.cells;
         Self {
             boxes: boxes(cells),
-            fit: Fit::new(world),
+            fit: Clearance::new(world),
             fall: 1.0 / fall_ratio.max(1.0),
             search: 0,
-            is_wedged: false,
+            is_stuck: false,
             come: vec![(0, 0.0); cells.gates.len()],
             waiting: BinaryHeap::new(),
         }
     }
 
     /// Of an eye that may be wherever it is, in own axes.
-    pub(super) fn footing(&self, world: &World, eye: Vec3) -> Footing {
-        let is_wedged = !self.fit.has_room(world, world.cells.axes.world(eye));
-        Footing { space: space_at(&world.cells, eye), is_wedged }
+    pub(crate) fn footing(&self, world: &World, eye: Vec3) -> WalkState {
+        let is_stuck = !self.fit.has_room(world, world.cells.axes.world(eye));
+        WalkState { space: space_at(&world.cells, eye), is_stuck }
     }
 
     /// Through which gates somebody may go.
-    pub(super) fn fit_of(&self, footing: Footing) -> Option<&Fit> {
-        (!footing.is_wedged).then_some(&self.fit)
+    pub(crate) fn fit_of(&self, footing: WalkState) -> Option<&Clearance> {
+        (!footing.is_stuck).then_some(&self.fit)
     }
 
     /// The footing of an eye that claims to have come from one place to another, both in own axes, and
@@ -78,22 +78,22 @@ impl Ways {
     /// Of eyes in something solid this is the rule: one that came from a space may be as far in as
     /// bodies poke into walls ([`POKE_M`]), and keeps its footing in a space that it has reached;
     /// one that has no footing is free to move until it is in a space.
-    pub(super) fn lead(
+    pub(crate) fn lead(
         &mut self,
         world: &World,
-        (from, footing): (Vec3, Footing),
+        (from, footing): (Vec3, WalkState),
         to: Vec3,
         way_m: f32,
-    ) -> Option<(Footing, f32)> {
+    ) -> Option<(WalkState, f32)> {
         let (space, led_m) = self.lead_into(world, (from, footing), to, way_m)?;
-        let is_wedged = footing.is_wedged && !self.fit.has_room(world, world.cells.axes.world(to));
-        Some((Footing { space, is_wedged }, led_m))
+        let is_stuck = footing.is_stuck && !self.fit.has_room(world, world.cells.axes.world(to));
+        Some((WalkState { space, is_stuck }, led_m))
     }
 
     fn lead_into(
         &mut self,
         world: &World,
-        (from, footing): (Vec3, Footing),
+        (from, footing): (Vec3, WalkState),
         to: Vec3,
         way_m: f32,
     ) -> Option<(Option<u32>, f32)> {
@@ -104,7 +104,7 @@ impl Ways {
             return Some((footing.space, 0.0));
         }
         let mut search = |goals: &[u32]| {
-            let led = self.search(world, (from, space, footing.is_wedged), (to, goals), way_m)?;
+            let led = self.search(world, (from, space, footing.is_stuck), (to, goals), way_m)?;
             Some((Some(led.0), led.1))
         };
         match space_at(&world.cells, to) {
@@ -125,11 +125,11 @@ impl Ways {
     fn search(
         &mut self,
         world: &World,
-        (from, space, is_wedged): (Vec3, u32, bool),
+        (from, space, is_stuck): (Vec3, u32, bool),
         (to, goals): (Vec3, &[u32]),
         way_m: f32,
     ) -> Option<(u32, f32)> {
-        self.begin(is_wedged);
+        self.begin(is_stuck);
         let to = Aabb::new(to, to);
         // An eye in a wall counts as if it were where the space begins.
         let bounds = &world.cells.spaces[space as usize].bounds;
@@ -152,8 +152,8 @@ impl Ways {
         None
     }
 
-    fn begin(&mut self, is_wedged: bool) {
-        self.is_wedged = is_wedged;
+    fn begin(&mut self, is_stuck: bool) {
+        self.is_stuck = is_stuck;
         self.search = self.search.wrapping_add(1);
         if self.search == 0 {
             self.come.fill((0, 0.0));
@@ -176,7 +176,7 @@ impl Ways {
             let whole_m = come_m + self.between(&gap, to);
             let known = &mut self.come[*index as usize];
             let is_nearer = known.0 != self.search || come_m < known.1;
-            let fits = self.is_wedged || self.fit.through_gate(*index);
+            let fits = self.is_stuck || self.fit.through_gate(*index);
             if whole_m <= way_m && is_nearer && fits {
                 *known = (self.search, come_m);
                 // Ways are never negative, so that their bits are in order.

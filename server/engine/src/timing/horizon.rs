@@ -2,24 +2,24 @@
 
 use std::{collections::BTreeMap, sync::OnceLock, time::Duration};
 
-use super::Config;
+use crate::Config;
 
 /// Delays to viewers are rounded up to a multiple of this.
 const DELAY_STEP: Duration = Duration::from_millis(25);
 /// One slow client that is silent widens what all live ones reveal, so slow ones are not.
-pub(super) const SILENT_MAX: Duration = Duration::from_secs(1);
+pub(crate) const SILENT_MAX: Duration = Duration::from_secs(1);
 
 /// How long a client's messages take.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Link {
-    pub(super) round_trip: Duration,
+pub(crate) struct Link {
+    pub(crate) round_trip: Duration,
     /// What one may take longer than half of that.
-    pub(super) margin: Duration,
+    pub(crate) margin: Duration,
 }
 
 /// The times above, for everyone present.
 #[derive(Clone, Debug)]
-pub(super) struct Horizons {
+pub(crate) struct Horizons {
     tick: Duration,
     /// For a client of whom nothing is known yet.
     margin: Duration,
@@ -35,7 +35,7 @@ pub(super) struct Horizons {
 }
 
 impl Horizons {
-    pub(super) fn new(config: &Config) -> Self {
+    pub(crate) fn new(config: &Config) -> Self {
         Self {
             tick: config.tick,
             margin: config.margin.first(),
@@ -48,14 +48,14 @@ impl Horizons {
     }
 
     /// Takes in the round trip of one client more.
-    pub(super) fn add(&mut self, round_trip: Duration) {
+    pub(crate) fn add(&mut self, round_trip: Duration) {
         self.round_trip_silent_max = OnceLock::new();
         *self.round_trips.entry(round_trip).or_insert(0) += 1;
         *self.delays.entry(self.delay(round_trip)).or_insert(0) += 1;
     }
 
     /// Forgets a round trip that was taken in.
-    pub(super) fn remove(&mut self, round_trip: Duration) {
+    pub(crate) fn remove(&mut self, round_trip: Duration) {
         self.round_trip_silent_max = OnceLock::new();
         let delay = self.delay(round_trip);
         for (counts, key) in [(&mut self.round_trips, round_trip), (&mut self.delays, delay)] {
@@ -69,57 +69,57 @@ impl Horizons {
     }
 
     /// Each [`Horizons::delay`] that some client has, ascending.
-    pub(super) fn delays(&self) -> impl Iterator<Item = Duration> + '_ {
+    pub(crate) fn delays(&self) -> impl Iterator<Item = Duration> + '_ {
         self.delays.keys().copied()
     }
 
     /// How long a message to a client takes.
-    pub(super) fn one_way(&self, round_trip: Duration) -> Duration {
+    pub(crate) fn one_way(&self, round_trip: Duration) -> Duration {
         round_trip.min(self.cap) / 2
     }
 
     /// The same for the slowest client.
-    pub(super) fn one_way_max(&self) -> Duration {
+    pub(crate) fn one_way_max(&self) -> Duration {
         self.round_trips.last_key_value().map_or(Duration::ZERO, |(trip, _)| self.one_way(*trip))
     }
 
     /// The same, rounded up to a step that many viewers share.
-    pub(super) fn delay(&self, round_trip: Duration) -> Duration {
+    pub(crate) fn delay(&self, round_trip: Duration) -> Duration {
         let steps = self.one_way(round_trip).as_nanos().div_ceil(DELAY_STEP.as_nanos());
         DELAY_STEP * u32::try_from(steps).unwrap_or(u32::MAX)
     }
 
     /// How long after its last report was made a live avatar's region must hold for the next
     /// tick's word to stand at a viewer with that delay.
-    pub(super) fn near(&self, age: Duration, link: Link, delay: Duration) -> Duration {
+    pub(crate) fn near(&self, age: Duration, link: Link, delay: Duration) -> Duration {
         self.unheard(age, link) + self.tick + delay
     }
 
     /// The same, until a hidden avatar that it reveals can be told of, or told.
-    pub(super) fn far(&self, age: Duration, link: Link) -> Duration {
+    pub(crate) fn far(&self, age: Duration, link: Link) -> Duration {
         let answer = self.unheard(age, link) + 2 * self.tick + self.round_trip_silent_max();
         answer + self.one_way_max()
     }
 
     /// When a report that came in at a moment was made, at the latest and at the earliest alike.
-    pub(super) fn made_at(&self, heard: Duration, link: Link) -> Duration {
+    pub(crate) fn made_at(&self, heard: Duration, link: Link) -> Duration {
         heard.saturating_sub(self.one_way(link.round_trip) + link.margin)
     }
 
     /// How long before its expiry a hidden client must be asked.
-    pub(super) fn lead(&self, link: Link) -> Duration {
+    pub(crate) fn lead(&self, link: Link) -> Duration {
         2 * link.round_trip.min(self.cap) + self.one_way_max() + 2 * self.tick + link.margin
     }
 
     /// From the last tick of a hidden client at which it was not about to leave its place, until what its
     /// next one says is known to all whom it may concern.
-    pub(super) fn notice(&self, link: Link) -> Duration {
+    pub(crate) fn notice(&self, link: Link) -> Duration {
         let heard = self.one_way(link.round_trip) + link.margin + 2 * self.tick;
         heard + self.round_trip_silent_max() + self.tick + self.one_way_max()
     }
 
     /// Whether a client answers fast enough to be silent in between, for two ticks at least.
-    pub(super) fn may_be_silent(&self, link: Link) -> bool {
+    pub(crate) fn may_be_silent(&self, link: Link) -> bool {
         // Whom the slowest silent one is found among has at least this margin.
         let link = Link { margin: link.margin.max(self.margin), ..link };
         let made = self.one_way(link.round_trip) + link.margin;
@@ -142,7 +142,8 @@ impl Horizons {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::Margin, *};
+    use super::*;
+    use crate::Margin;
 
     fn ms(ms: u64) -> Duration {
         Duration::from_millis(ms)

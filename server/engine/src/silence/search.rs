@@ -8,18 +8,18 @@ use sightline_world::{
     tolerance::WIRE_POSE_M,
 };
 
-use super::{
+use crate::{
     Engine, TbvShape, Validity,
-    looks::Found,
-    near::{Leeway, scaled},
-    parts::Parts,
+    interest::sight_tests::TestOutcome,
     population::Slot,
-    reach::{Reach, Start},
-    zones::Zone,
+    regions::cover_boxes::CoverBoxes,
+    regions::footprints::HiddenFootprint,
+    regions::live_regions::{MotionBound, scaled},
+    regions::reach::{Reach, Start},
 };
 
 /// The first validity that is tried for a newcomer.
-pub(super) const FIRST: Duration = Duration::from_secs(1);
+pub(crate) const FIRST: Duration = Duration::from_secs(1);
 /// Halvings of the gap between a validity that stays unseen and one that does not.
 const BISECTIONS: u32 = 2;
 
@@ -28,33 +28,38 @@ const BISECTIONS: u32 = 2;
 const STAY_STEPS_M: [f32; 2] = [0.5, 1.0];
 
 /// A look from one zone to another costs no more than this, in the units of
-/// [`Config::silence_budget`](super::Config::silence_budget): with ten times as much each, fewer get their turn.
+/// [`Config::silence_budget`](crate::Config::silence_budget): with ten times as much each, fewer get their turn.
 const LOOK_MAX: u32 = 600;
 
 /// A TBV that nobody can see and from which nobody can be seen.
-pub(super) struct Silence {
-    pub(super) tbv: Tbv,
-    pub(super) zone: Zone,
-    pub(super) validity: Duration,
+pub(crate) struct Silence {
+    pub(crate) tbv: Tbv,
+    pub(crate) zone: HiddenFootprint,
+    pub(crate) validity: Duration,
 }
 
 /// What ended a TBV.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum End {
+pub(crate) enum End {
     Expired,
     Revealed,
 }
 
 impl Engine {
     /// When a live avatar's last report was made.
-    pub(super) fn made_at(&self, slot: Slot) -> Duration {
+    pub(crate) fn made_at(&self, slot: Slot) -> Duration {
         let avatar = self.population.at(slot);
         self.horizons.made_at(avatar.heard, avatar.link())
     }
 
     /// The TBV in which a live avatar can be silent, if there is one that lasts for more than two
     /// ticks after all that must happen before it expires.
-    pub(super) fn silence(&mut self, now: Duration, slot: Slot, zone: &Zone) -> Option<Silence> {
+    pub(crate) fn silence(
+        &mut self,
+        now: Duration,
+        slot: Slot,
+        zone: &HiddenFootprint,
+    ) -> Option<Silence> {
         // No TBV that lasts for long enough is smaller than where a live avatar can soon be.
         if self.is_seen(slot, zone) {
             return None;
@@ -121,7 +126,7 @@ impl Engine {
         let (from, fit) = (tbv.axes.own(avatar.pose.eye), self.ways.fit_of(avatar.footing));
         let start = Start { cells: &self.world.cells, fit, from };
         let reach = Reach::within(&mut self.scratch, &start, &tbv.within);
-        let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
+        let zone = HiddenFootprint::of(&reach, &self.world, &self.rooms, &self.sectors);
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
     }
 
@@ -188,17 +193,17 @@ impl Engine {
         let fit = self.ways.fit_of(self.population.at(slot).footing);
         let start = Start { cells: &self.world.cells, fit, from: leeway.from };
         let zone = if self.config.shape == TbvShape::Sphere {
-            Zone::of_box(&leeway.within, &self.world, &self.rooms, &self.sectors)
+            HiddenFootprint::of_box(&leeway.within, &self.world, &self.rooms, &self.sectors)
         } else {
             let reach = Reach::new(&mut self.scratch, &start, &leeway.within, leeway.way_m);
-            Zone::of(&reach, &self.world, &self.rooms, &self.sectors)
+            HiddenFootprint::of(&reach, &self.world, &self.rooms, &self.sectors)
         };
         (!self.is_seen(slot, &zone)).then_some(Silence { tbv, zone, validity })
     }
 
     /// Whether somebody may see into a zone, or be seen from it: as far as cells tell, and, where these
     /// leave it open, shafts. Who was found the last time is most likely to be so again.
-    fn is_seen(&mut self, slot: Slot, zone: &Zone) -> bool {
+    fn is_seen(&mut self, slot: Slot, zone: &HiddenFootprint) -> bool {
         let mut found = Vec::new();
         for index in [&self.live_zones, &self.hidden_zones] {
             index.meeting(&self.sectors, zone, &mut found);
@@ -215,13 +220,13 @@ impl Engine {
     }
 
     /// The zone of a live avatar at this tick alone.
-    pub(super) fn zone_now(&self, slot: Slot) -> Zone {
+    pub(crate) fn zone_now(&self, slot: Slot) -> HiddenFootprint {
         let avatar = self.population.at(slot);
         avatar.zone.within([avatar.far, self.body.around_box(&avatar.far)])
     }
 
     /// Whether a line from a zone to where an avatar can be now may be free, either way.
-    pub(super) fn may_see_each_other(&mut self, zone: &Zone, other: Slot) -> bool {
+    pub(crate) fn may_see_each_other(&mut self, zone: &HiddenFootprint, other: Slot) -> bool {
         let avatar = self.population.at_mut(other);
         let (far, is_live) = (avatar.far, avatar.state == ReportingState::Live);
         let theirs = std::mem::take(&mut avatar.zone);
@@ -232,18 +237,22 @@ impl Engine {
     }
 
     /// Whether a line from one zone to parts of another may be free, either way; without a budget, it may.
-    pub(super) fn lets_see(&mut self, one: &Zone, (other, parts): (&Zone, &[Parts; 2])) -> bool {
+    pub(crate) fn lets_see(
+        &mut self,
+        one: &HiddenFootprint,
+        (other, parts): (&HiddenFootprint, &[CoverBoxes; 2]),
+    ) -> bool {
         let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.parts, parts);
         let shown = [one.shows(other, &self.rooms), other.shows(one, &self.rooms)];
         let ways = [(eyes, other_bodies), (other_eyes, bodies)].into_iter().zip(shown);
         ways.filter(|(_, is_shown)| *is_shown).any(|((eyes, bodies), _)| {
             let found = self.shafts.between(eyes, bodies, LOOK_MAX, &mut self.silence_left);
-            !matches!(found, Found::Hidden)
+            !matches!(found, TestOutcome::Hidden)
         })
     }
 
     /// A TBV, and how far its avatar gets in it.
-    fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, Leeway) {
+    fn tbv_for(&self, slot: Slot, made: Duration, validity: Duration) -> (Tbv, MotionBound) {
         let pose = &self.population.at(slot).pose;
         let mut leeway = self.leeway(pose, true, validity).scaled(self.config.faults.tbv_scale);
         if self.config.shape == TbvShape::Sphere {
@@ -254,7 +263,7 @@ impl Engine {
     }
 
     /// Learns from how a TBV ended.
-    pub(super) fn ended(&mut self, now: Duration, slot: Slot, end: End) {
+    pub(crate) fn ended(&mut self, now: Duration, slot: Slot, end: End) {
         let avatar = self.population.at_mut(slot);
         avatar.validity = match (self.config.validity, end) {
             (Validity::Adaptive, End::Expired) => avatar.validity * 3 / 2,

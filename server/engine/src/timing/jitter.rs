@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::Margin;
+use crate::Margin;
 
 /// So many reports in a row are looked at: three seconds of them.
 const REPORTS: usize = 64;
@@ -20,7 +20,7 @@ const LEAST: Duration = Duration::from_millis(2);
 /// before. How much later than that the latest of the last few came in than the earliest is what is
 /// known of jitter. What stands in the way of reports, stands in the way of what is sent to the client.
 #[derive(Clone, Debug)]
-pub(super) struct Jitter {
+pub(crate) struct Jitter {
     margin: Margin,
     measured: Option<Duration>,
     /// For the last reports without a gap, when each came in less when it was due, in any order.
@@ -29,12 +29,12 @@ pub(super) struct Jitter {
 }
 
 impl Jitter {
-    pub(super) fn new(margin: Margin) -> Self {
+    pub(crate) fn new(margin: Margin) -> Self {
         Self { margin, measured: None, late_us: Vec::new(), heard: 0 }
     }
 
     /// How much later than half of the round trip a message may come, as far as is known.
-    pub(super) fn margin(&self) -> Duration {
+    pub(crate) fn margin(&self) -> Duration {
         match self.margin {
             Margin::Fixed(margin) => margin,
             Margin::Measured { first, most } => self.measured.unwrap_or(first).min(most),
@@ -42,7 +42,7 @@ impl Jitter {
     }
 
     /// A live client's report came in.
-    pub(super) fn hear(&mut self, now: Duration, sequence: u32, tick: Duration) {
+    pub(crate) fn hear(&mut self, now: Duration, sequence: u32, tick: Duration) {
         let Margin::Measured { .. } = self.margin else { return };
         let due = i128::from(sequence) * tick.as_micros() as i128;
         let late_us = (now.as_micros() as i128 - due) as i64;
@@ -61,7 +61,7 @@ impl Jitter {
     }
 
     /// The client was silent for a while: what comes now is not due by what came before.
-    pub(super) fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.late_us.clear();
         self.heard = 0;
     }

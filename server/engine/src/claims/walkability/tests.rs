@@ -9,10 +9,8 @@ use sightline_world::{
     octree::{Octree, Voxel, morton},
 };
 
-use super::{
-    super::tests::stage::{self, narrow},
-    *,
-};
+use super::*;
+use crate::tests::stage::{self, narrow};
 
 const EYE: f32 = 1.6;
 
@@ -21,13 +19,13 @@ fn at(x: f32, z: f32) -> Vec3 {
 }
 
 /// In a space, where a body has room.
-fn on(space: Option<u32>) -> Footing {
-    Footing { space, is_wedged: false }
+fn on(space: Option<u32>) -> WalkState {
+    WalkState { space, is_stuck: false }
 }
 
 /// The space of the footing at the end of a way, if there is such a way.
 fn lead(world: &World, from: Vec3, to: Vec3, way_m: f32) -> Option<Option<u32>> {
-    let mut ways = Ways::new(world, 1.0);
+    let mut ways = Walkways::new(world, 1.0);
     let footing = ways.footing(world, from);
     ways.lead(world, (from, footing), to, way_m).map(|(footing, _)| footing.space)
 }
@@ -64,7 +62,7 @@ fn falls_are_short_and_jumps_cost_no_way() {
         Node::Leaf(CellId(1)),
     ];
     let world = stage::world(tree, vec![floor(0.0), floor(3.0)], |_, _| true);
-    let mut ways = Ways::new(&world, 4.0);
+    let mut ways = Walkways::new(&world, 4.0);
     let (low, high) = (Vec3::new(1.0, 1.0, 1.0), Vec3::new(1.0, 5.0, 1.0));
     let mut is_led = |from: Vec3, to: Vec3, way_m: f32| {
         let footing = ways.footing(&world, from);
@@ -102,7 +100,7 @@ fn walled(has_door: bool) -> World {
 #[test]
 fn eyes_poke_into_walls_but_not_through() {
     let world = walled(true);
-    let mut ways = Ways::new(&world, 1.0);
+    let mut ways = Walkways::new(&world, 1.0);
     let mut footing = ways.footing(&world, at(9.0, 5.0));
     // It may be as far in the wall as bodies poke into it, and stands in the room meanwhile.
     let mut from = at(9.0, 5.0);
@@ -134,7 +132,7 @@ fn eyes_poke_into_walls_but_not_through() {
 fn who_was_put_into_a_wall_gets_out_on_any_side_and_then_stays_out() {
     let world = walled(false);
     for (out, beyond) in [(at(9.9, 5.0), at(10.6, 5.0)), (at(10.6, 5.0), at(9.9, 5.0))] {
-        let mut ways = Ways::new(&world, 1.0);
+        let mut ways = Walkways::new(&world, 1.0);
         let inside = at(10.25, 5.0);
         let mut footing = ways.footing(&world, inside);
         assert_eq!(footing, on(None));
@@ -156,7 +154,7 @@ fn who_was_put_where_nobody_has_room_gets_out_through_what_is_too_narrow_and_not
     let pane = (0..60).flat_map(|y| (0..200).map(move |z| UVec3::new(201, y, z)));
     let voxels = pane.map(|at| Voxel { key: morton(at), ..Voxel::default() });
     world.octree = Octree::from_voxels(Vec3::ZERO, 0.05, 9, voxels.collect()).expect("small");
-    let mut ways = Ways::new(&world, 1.0);
+    let mut ways = Walkways::new(&world, 1.0);
     let (before, behind) = (at(9.5, 5.0), at(10.6, 5.0));
     for (from, to, is_led) in
         [(before, behind, false), (behind, before, false), (at(10.1, 5.0), before, true)]
@@ -299,7 +297,7 @@ proptest! {
         let from = [from.0 % size, from.1 % size];
         let place = |[x, z]: [i32; 2]| at((x as f32 + 0.5) * STEP_M, (z as f32 + 0.5) * STEP_M);
         let far = walked(&world, maze.side, from);
-        let mut ways = Ways::new(&world, 1.0);
+        let mut ways = Walkways::new(&world, 1.0);
         let footing = ways.footing(&world, place(from));
         for x in (0..size).step_by(3) {
             for z in (0..size).step_by(3) {

@@ -3,17 +3,17 @@
 use glam::{IVec3, Vec3};
 use sightline_world::motion::AvatarId;
 
-use super::{
+use crate::{
     Engine, Output, Policy,
-    pairs::{Pair, matched},
+    interest::candidates::{Pair, matched},
+    interest::snapshot::{LiveAvatar, LiveAvatars, Snapshot},
     population::{Avatar, Slot},
-    scene::{Live, Lives, Scene},
 };
 
 impl Engine {
     /// Tells live viewers what has changed for them, by id.
-    pub(super) fn tell(&mut self, scene: &mut Scene, outputs: &mut Vec<Output>) {
-        let Scene { lives, pairs } = scene;
+    pub(crate) fn tell(&mut self, scene: &mut Snapshot, outputs: &mut Vec<Output>) {
+        let Snapshot { lives, pairs } = scene;
         let mut told = self.crew.gather(pairs, |_, place, pairs, told| {
             let viewer = &lives.all()[place];
             if !self.config.policy.uses_cells() {
@@ -38,7 +38,7 @@ impl Engine {
 
     fn tell_one(
         &self,
-        (lives, viewer): (&Lives, &Live),
+        (lives, viewer): (&LiveAvatars, &LiveAvatar),
         pairs: &mut Vec<Pair>,
         told: &mut Vec<Output>,
     ) {
@@ -76,7 +76,7 @@ impl Engine {
     }
 
     /// All whom a viewer is to be told of under a policy that knows no walls.
-    fn pair_without_cells(&self, viewer: &Live, pairs: &[Pair]) -> Vec<Pair> {
+    fn pair_without_cells(&self, viewer: &LiveAvatar, pairs: &[Pair]) -> Vec<Pair> {
         let from = self.population.at(viewer.slot);
         let is_told =
             |slot: Slot| slot != viewer.slot && self.within(from, self.population.at(slot));

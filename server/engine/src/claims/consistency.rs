@@ -20,16 +20,16 @@ const DOUBT: Duration = Duration::from_secs(2);
 
 /// The last claims of a client.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Pledges {
+pub(crate) struct ClaimConsistency {
     /// When each came in; the oldest is the next to go.
     kept: [Option<(Duration, Pose)>; KEPT],
     next: usize,
     doubted_until: Duration,
 }
 
-impl Pledges {
+impl ClaimConsistency {
     /// Takes in an accepted claim. When two were made may differ by `slack` from when they came in.
-    pub(super) fn keep(&mut self, now: Duration, pose: Pose, agility: &Agility, slack: Duration) {
+    pub(crate) fn keep(&mut self, now: Duration, pose: Pose, agility: &Agility, slack: Duration) {
         let holds = |(then, pledge): &(Duration, Pose)| {
             let time = now.saturating_sub(*then) + slack;
             let able = agility.eyes(pledge.eye, pledge.velocity, time);
@@ -44,12 +44,12 @@ impl Pledges {
     }
 
     /// The body was moved by something else.
-    pub(super) fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.kept = Default::default();
     }
 
     /// Whether it moves as its claims say, as far as is known.
-    pub(super) fn are_kept(&self, now: Duration) -> bool {
+    pub(crate) fn are_kept(&self, now: Duration) -> bool {
         now >= self.doubted_until
     }
 }
@@ -71,7 +71,7 @@ mod tests {
 
     /// Whether somebody who runs at some speed and claims another is believed, after half a second.
     fn is_believed(speed: f32, claimed: f32) -> bool {
-        let mut pledges = Pledges::default();
+        let mut pledges = ClaimConsistency::default();
         for tick in 0..10 {
             let now = Duration::from_millis(50 * tick);
             let eye = Vec3::X * speed * now.as_secs_f32();
@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn doubt_passes_and_who_is_moved_by_others_is_not_doubted() {
-        let mut pledges = Pledges::default();
+        let mut pledges = ClaimConsistency::default();
         let at = |x: f32| Pose { eye: Vec3::X * x, ..Pose::default() };
         let ms = Duration::from_millis;
         pledges.keep(ms(0), at(0.0), &AGILITY, ms(0));

@@ -11,52 +11,52 @@ use std::{
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 use sightline_visibility::box_visibility::Occluders;
 
-use super::{bits::Bits, looks::Shafts, reach::Scratch};
+use crate::{bit_set::BitSet, interest::sight_tests::SightTester, regions::reach::Scratch};
 
 /// So many follow one another on one thread: enough that handing them out costs nothing.
 const GRAIN: usize = 16;
 
 /// What a thread needs besides the answers, kept to save allocations. Nothing in it lives on.
 #[derive(Clone, Debug)]
-pub(super) struct Work {
-    pub(super) reach: Scratch,
-    pub(super) shafts: Shafts,
+pub(crate) struct Workspace {
+    pub(crate) reach: Scratch,
+    pub(crate) shafts: SightTester,
     /// Cells that can be seen.
-    pub(super) seen: [Bits; 2],
+    pub(crate) seen: [BitSet; 2],
     /// Avatars that were met.
-    pub(super) met: Bits,
+    pub(crate) met: BitSet,
 }
 
 /// Those who do the work.
-pub(super) struct Crew {
+pub(crate) struct WorkerPool {
     /// None where the caller's thread does all.
     pool: Option<Arc<ThreadPool>>,
     occluders: Arc<Occluders>,
-    idle: Mutex<Vec<Work>>,
+    idle: Mutex<Vec<Workspace>>,
 }
 
-impl Crew {
+impl WorkerPool {
     /// So many threads. Where the system grants no threads, the caller's own does all.
-    pub(super) fn new(threads: usize, occluders: Arc<Occluders>) -> Self {
+    pub(crate) fn new(threads: usize, occluders: Arc<Occluders>) -> Self {
         let build = || ThreadPoolBuilder::new().num_threads(threads).build().ok();
         let pool = (threads > 1).then(build).flatten().map(Arc::new);
         Self { pool, occluders, idle: Mutex::default() }
     }
 
     /// Does something for each.
-    pub(super) fn each<T: Send>(
+    pub(crate) fn each<T: Send>(
         &self,
         items: &mut [T],
-        what: impl Fn(&mut Work, usize, &mut T) + Sync,
+        what: impl Fn(&mut Workspace, usize, &mut T) + Sync,
     ) {
         self.gather::<T, ()>(items, |work, at, item, _| what(work, at, item));
     }
 
     /// Does something for each, and gives what came of it in their order.
-    pub(super) fn gather<T: Send, R: Send>(
+    pub(crate) fn gather<T: Send, R: Send>(
         &self,
         items: &mut [T],
-        what: impl Fn(&mut Work, usize, &mut T, &mut Vec<R>) + Sync,
+        what: impl Fn(&mut Workspace, usize, &mut T, &mut Vec<R>) + Sync,
     ) -> Vec<R> {
         let some = |first: usize, items: &mut [T]| {
             let (mut work, mut found) = (self.begin(), Vec::new());
@@ -78,22 +78,22 @@ impl Crew {
         all
     }
 
-    fn begin(&self) -> Work {
+    fn begin(&self) -> Workspace {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        idle.unwrap_or_else(|| Work {
+        idle.unwrap_or_else(|| Workspace {
             reach: Scratch::default(),
-            shafts: Shafts::new(Arc::clone(&self.occluders)),
+            shafts: SightTester::new(Arc::clone(&self.occluders)),
             seen: Default::default(),
-            met: Bits::default(),
+            met: BitSet::default(),
         })
     }
 
-    fn end(&self, work: Work) {
+    fn end(&self, work: Workspace) {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(work);
     }
 }
 
-impl Clone for Crew {
+impl Clone for WorkerPool {
     /// The same threads, for another engine.
     fn clone(&self) -> Self {
         Self {
@@ -104,9 +104,9 @@ impl Clone for Crew {
     }
 }
 
-impl fmt::Debug for Crew {
+impl fmt::Debug for WorkerPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let threads = self.pool.as_ref().map_or(1, |pool| pool.current_num_threads());
-        f.debug_struct("Crew").field("threads", &threads).finish_non_exhaustive()
+        f.debug_struct("WorkerPool").field("threads", &threads).finish_non_exhaustive()
     }
 }

@@ -26,9 +26,9 @@ pub struct ClaimLimits {
     pub speed_max: f32,
     /// Downwards, in metres a second: no less than `speed_max`.
     pub fall_max: f32,
-    /// As in [`Config`](super::Config).
+    /// As in [`Config`](crate::Config).
     pub refusals_max: u32,
-    /// As in [`Config`](super::Config).
+    /// As in [`Config`](crate::Config).
     pub refusal_window: Duration,
 }
 

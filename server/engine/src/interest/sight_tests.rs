@@ -13,14 +13,14 @@ use sightline_visibility::box_visibility::{
 };
 use sightline_world::geometry::Aabb;
 
-use super::{
+use crate::{
     Engine,
-    crew::Work,
-    near::{Part, Wide},
-    pairs::Pair,
-    parts::Parts,
-    scene::{Live, Lives, Scene},
-    zones::Ground,
+    interest::candidates::Pair,
+    interest::snapshot::{LiveAvatar, LiveAvatars, Snapshot},
+    regions::cover_boxes::CoverBoxes,
+    regions::footprints::RegionFootprint,
+    regions::live_regions::{CoarseRegion, RegionKind},
+    worker_pool::Workspace,
 };
 
 /// Ticks before a pair that could not be decided is looked at again.
@@ -39,8 +39,8 @@ const SHARES: u32 = 8;
 /// The regions, with what they have to spare, that something was found of: how often those of the
 /// viewer's eyes, and those of the avatar's body, had changed by then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Regions {
-    /// Which of [`SPARES`](super::near::SPARES) they have.
+pub(crate) struct Regions {
+    /// Which of [`SPARES`](crate::regions::live_regions::SPARES) they have.
     level: u8,
     eyes: u32,
     bodies: u32,
@@ -48,7 +48,7 @@ pub(super) struct Regions {
 
 /// What is known of the lines from a viewer's eyes to an avatar's body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Look {
+pub(crate) enum SightResult {
     /// Nothing.
     Unknown,
     /// That some may be free; it is tried again at that tick.
@@ -68,7 +68,7 @@ pub(super) enum Look {
 }
 
 /// What two regions turned out to be to each other.
-pub(super) enum Found {
+pub(crate) enum TestOutcome {
     Free(SightLine),
     Hidden,
     Undecided,
@@ -76,18 +76,18 @@ pub(super) enum Found {
 
 /// What blocks sight, ready to be asked.
 #[derive(Clone, Debug)]
-pub(super) struct Shafts {
+pub(crate) struct SightTester {
     occluders: Arc<Occluders>,
     scratch: BoxScratch,
 }
 
-impl Shafts {
-    pub(super) fn new(occluders: Arc<Occluders>) -> Self {
+impl SightTester {
+    pub(crate) fn new(occluders: Arc<Occluders>) -> Self {
         Self { occluders, scratch: BoxScratch::default() }
     }
 
     /// Whether no gates lead from one to another.
-    fn are_apart(&mut self, one: &Ground, other: &Ground) -> bool {
+    fn are_apart(&mut self, one: &RegionFootprint, other: &RegionFootprint) -> bool {
         let [one, other] = [one, other]
             .map(|ground| BoxInSpaces { bounds: &ground.around, spaces: &ground.spaces });
         self.occluders.are_apart(&mut self.scratch, one, other)
@@ -95,13 +95,13 @@ impl Shafts {
 
     /// Looks from every part of the eyes to every part of the bodies, for no more than `most`, as
     /// far as the budget goes.
-    pub(super) fn between(
+    pub(crate) fn between(
         &mut self,
-        eyes: &Parts,
-        bodies: &Parts,
+        eyes: &CoverBoxes,
+        bodies: &CoverBoxes,
         most: u32,
         budget: &mut u32,
-    ) -> Found {
+    ) -> TestOutcome {
         let given = most.min(*budget);
         let mut left = given;
         let found = self.look(eyes, bodies, &mut left);
@@ -116,15 +116,15 @@ impl Shafts {
         matches!(outcome, BoxVisibility::Visible(_))
     }
 
-    fn look(&mut self, eyes: &Parts, bodies: &Parts, budget: &mut u32) -> Found {
-        let mut found = Found::Hidden;
+    fn look(&mut self, eyes: &CoverBoxes, bodies: &CoverBoxes, budget: &mut u32) -> TestOutcome {
+        let mut found = TestOutcome::Hidden;
         for from in eyes.boxes() {
             for to in bodies.boxes() {
                 match self.occluders.between(&mut self.scratch, from, to, budget) {
-                    BoxVisibility::Visible(line) => return Found::Free(line),
+                    BoxVisibility::Visible(line) => return TestOutcome::Free(line),
                     BoxVisibility::Hidden => {}
                     // Another part may still be in sight for good.
-                    BoxVisibility::Unknown => found = Found::Undecided,
+                    BoxVisibility::Unknown => found = TestOutcome::Undecided,
                 }
             }
         }
@@ -145,9 +145,9 @@ impl Open {
     }
 }
 
-impl Look {
+impl SightResult {
     /// Whether a pair is known to be hidden.
-    pub(super) fn is_hidden(&self) -> bool {
+    pub(crate) fn is_hidden(&self) -> bool {
         match self {
             Self::Hidden(_) | Self::HiddenIn(_) => true,
             Self::Unknown | Self::Undecided { .. } | Self::Together | Self::Free(_) => false,
@@ -155,7 +155,7 @@ impl Look {
     }
 
     /// Whether it was found that a pair may be in sight of each other.
-    pub(super) fn is_open(&self) -> bool {
+    pub(crate) fn is_open(&self) -> bool {
         matches!(self, Self::Undecided { .. } | Self::Together | Self::Free(_))
     }
 }
@@ -164,8 +164,8 @@ impl Engine {
     /// Looks at all pairs of live viewers for which something may have changed: first at those of
     /// whom the viewer will be told if nothing is found. A hard pair takes no more than a few times
     /// what there is for each. Where there is not enough, the next tick goes on.
-    pub(super) fn look(&mut self, scene: &mut Scene) {
-        let Scene { lives, pairs } = scene;
+    pub(crate) fn look(&mut self, scene: &mut Snapshot) {
+        let Snapshot { lives, pairs } = scene;
         let all = self.crew.gather(pairs, |work, viewer, pairs, open| {
             let eyes = &lives.all()[viewer];
             for (at, pair) in (0..).zip(pairs) {
@@ -197,7 +197,7 @@ impl Engine {
         &mut self,
         place: usize,
         mut open: Vec<Open>,
-        (lives, pairs): (&Lives, &mut [Vec<Pair>]),
+        (lives, pairs): (&LiveAvatars, &mut [Vec<Pair>]),
         most: u32,
         budget: &mut u32,
     ) {
@@ -214,7 +214,7 @@ impl Engine {
             let sure = usize::try_from(*budget / most.max(1)).unwrap_or(usize::MAX);
             let (round, later) = rest.split_at(rest.len().min(2 * sure + 1));
             // What comes of each, and what is left of what it may cost.
-            let mut looks: Vec<(Option<Look>, u32)> = vec![(None, most); round.len()];
+            let mut looks: Vec<(Option<SightResult>, u32)> = vec![(None, most); round.len()];
             self.crew.each(&mut looks, |work, place, (found, left)| {
                 let viewer = &lives.all()[round[place].viewer as usize];
                 let other = lives.at(round[place].pair(pairs).slot);
@@ -232,25 +232,31 @@ impl Engine {
 
     /// Whether a pair must be looked at: what was found of it is not true any more, and neither rooms nor
     /// gates nor cells tell, nor does a line through gates.
-    fn is_open(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+    fn is_open(
+        &self,
+        work: &mut Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
+        pair: &mut Pair,
+    ) -> bool {
         let rules = self.rooms.rules();
         let [home, other_home] = [viewer, other].map(|live| live.near.home());
         if home.is_some() && home == other_home && !rules {
             // A space is convex, and nothing is in it.
-            pair.look = Look::Together;
+            pair.look = SightResult::Together;
             return false;
         }
         if pair.look.is_open() && self.cells_hide(work, viewer, other, pair) {
             return false;
         }
         let holds = match pair.look {
-            Look::Unknown | Look::Together | Look::Undecided { .. } => false,
-            Look::HiddenIn(then) => {
+            SightResult::Unknown | SightResult::Together | SightResult::Undecided { .. } => false,
+            SightResult::HiddenIn(then) => {
                 let now = eyes_of(viewer, other);
                 then.iter().zip(&now).all(|(then, now)| then.contains_box(now))
             }
-            Look::Hidden(then) => then == regions(viewer, other, then.level.into()),
-            Look::Free(line) => {
+            SightResult::Hidden(then) => then == regions(viewer, other, then.level.into()),
+            SightResult::Free(line) => {
                 rules && self.is_closed(work, viewer, other, pair)
                     || self.joins(viewer, other, &line)
             }
@@ -271,13 +277,19 @@ impl Engine {
                 return false;
             }
         }
-        !matches!(pair.look, Look::Undecided { again } if self.ticks < again)
+        !matches!(pair.look, SightResult::Undecided { again } if self.ticks < again)
     }
 
     /// Whether no cells of a pair's regions see each other, where these have changed since it was asked. A line that
     /// was free may end where only walls keep an eye or a body from being by now; and nobody is told of whom cells
     /// hide, however much there is to do.
-    fn cells_hide(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+    fn cells_hide(
+        &self,
+        work: &mut Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
+        pair: &mut Pair,
+    ) -> bool {
         let regions = regions(viewer, other, 0);
         let Some([eyes, bodies]) =
             (pair.seen != Some(regions)).then(|| self.grounds(work, viewer, other, 0)).flatten()
@@ -288,15 +300,21 @@ impl Engine {
         if sees {
             pair.seen = Some(regions);
         } else {
-            pair.look = Look::Hidden(regions);
+            pair.look = SightResult::Hidden(regions);
         }
         !sees
     }
 
     /// Whether a line is free from where the viewer's eye will soon be to where the avatar will, as far as they
     /// go on so: where gates count at all.
-    fn is_free(&self, work: &Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
-        let ends = viewer.near.get(Part::EYES).zip(other.near.get(viewer.near.shown));
+    fn is_free(
+        &self,
+        work: &Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
+        pair: &mut Pair,
+    ) -> bool {
+        let ends = viewer.near.get(RegionKind::EYES).zip(other.near.get(viewer.near.shown));
         let Some(((from, Some(start)), (to, Some(goal)))) = ends.map(|(a, b)| (a.lead, b.lead))
         else {
             return false;
@@ -307,7 +325,7 @@ impl Engine {
             && cells.sees(start, goal)
             && work.shafts.occluders.is_free_through_gates(&line, spaces);
         if is_free {
-            pair.look = Look::Free(line);
+            pair.look = SightResult::Free(line);
         }
         is_free
     }
@@ -316,35 +334,41 @@ impl Engine {
     /// with much to spare, so that this lasts, unless it did not help a while ago; or with little.
     fn is_hidden_by_cells(
         &self,
-        work: &mut Work,
-        viewer: &Live,
-        other: &Live,
+        work: &mut Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
         pair: &mut Pair,
     ) -> bool {
         if self.ticks >= pair.spare_from {
             if !self.may_see(work, viewer, other, 1) {
-                pair.look = Look::Hidden(regions(viewer, other, 1));
+                pair.look = SightResult::Hidden(regions(viewer, other, 1));
                 return true;
             }
             pair.spare_from = self.ticks + SPARE_TICKS;
         }
         let is_closed = self.is_closed(work, viewer, other, pair);
-        if !is_closed && !matches!(pair.look, Look::Undecided { .. }) {
-            pair.look = Look::Undecided { again: self.ticks };
+        if !is_closed && !matches!(pair.look, SightResult::Undecided { .. }) {
+            pair.look = SightResult::Undecided { again: self.ticks };
         }
         is_closed
     }
 
     /// Whether the same is found of a pair's regions with little to spare, where these have changed. What was left
     /// open a moment ago stays so for some ticks where there is much to do.
-    fn is_closed(&self, work: &mut Work, viewer: &Live, other: &Live, pair: &mut Pair) -> bool {
+    fn is_closed(
+        &self,
+        work: &mut Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
+        pair: &mut Pair,
+    ) -> bool {
         if self.ticks < pair.gates_from {
             return false;
         }
         let regions = regions(viewer, other, 0);
         let is_closed = pair.open != Some(regions) && !self.may_see(work, viewer, other, 0);
         if is_closed {
-            (pair.look, pair.gates_from) = (Look::Hidden(regions), 0);
+            (pair.look, pair.gates_from) = (SightResult::Hidden(regions), 0);
         } else {
             (pair.open, pair.gates_from) = (Some(regions), self.ticks + self.load);
         }
@@ -355,38 +379,51 @@ impl Engine {
     /// remains undecided is tried again the later, the less there is for each.
     fn look_at(
         &self,
-        work: &mut Work,
-        viewer: &Live,
-        other: &Live,
+        work: &mut Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
         left: &mut u32,
-    ) -> Option<Look> {
+    ) -> Option<SightResult> {
         let hurry = self.config.sight_test_max / (*left).max(1);
-        let eyes = self.exact(work, viewer, Part::EYES)?;
+        let eyes = self.exact(work, viewer, RegionKind::EYES)?;
         let bodies = self.exact(work, other, viewer.near.shown)?;
         Some(match work.shafts.between(eyes, bodies, u32::MAX, left) {
-            Found::Hidden => Look::HiddenIn(eyes_of(viewer, other)),
-            Found::Free(line) if work.shafts.is_free(&line, left) => Look::Free(line),
-            Found::Free(_) | Found::Undecided => {
-                Look::Undecided { again: self.ticks + UNDECIDED_TICKS * hurry.max(1) }
+            TestOutcome::Hidden => SightResult::HiddenIn(eyes_of(viewer, other)),
+            TestOutcome::Free(line) if work.shafts.is_free(&line, left) => SightResult::Free(line),
+            TestOutcome::Free(_) | TestOutcome::Undecided => {
+                SightResult::Undecided { again: self.ticks + UNDECIDED_TICKS * hurry.max(1) }
             }
         })
     }
 
     /// Whether somebody in one wide region, from which these cells can be seen, may see somebody in
     /// another, or be seen.
-    pub(super) fn may_meet(&self, work: &mut Work, one: &Wide, other: &Wide) -> bool {
-        let Work { shafts, seen, .. } = work;
+    pub(crate) fn may_meet(
+        &self,
+        work: &mut Workspace,
+        one: &CoarseRegion,
+        other: &CoarseRegion,
+    ) -> bool {
+        let Workspace { shafts, seen, .. } = work;
         let by_gates = self.config.sight_test_budget > 0;
         let ([eyes, bodies], [other_eyes, other_bodies]) = (&one.grounds, &other.grounds);
-        let mut may =
-            |eyes: &Ground, bodies: &Ground| !(by_gates && shafts.are_apart(eyes, bodies));
-        let shows = |eyes: &Ground, bodies: &Ground| eyes.shows(bodies, &self.rooms);
+        let mut may = |eyes: &RegionFootprint, bodies: &RegionFootprint| {
+            !(by_gates && shafts.are_apart(eyes, bodies))
+        };
+        let shows =
+            |eyes: &RegionFootprint, bodies: &RegionFootprint| eyes.shows(bodies, &self.rooms);
         other_bodies.is_among(&seen[0]) && shows(eyes, other_bodies) && may(eyes, other_bodies)
             || other_eyes.is_among(&seen[1]) && shows(other_eyes, bodies) && may(other_eyes, bodies)
     }
 
     /// Whether a viewer may see an avatar as far as rooms, cells and gates tell.
-    fn may_see(&self, work: &mut Work, viewer: &Live, other: &Live, level: usize) -> bool {
+    fn may_see(
+        &self,
+        work: &mut Workspace,
+        viewer: &LiveAvatar,
+        other: &LiveAvatar,
+        level: usize,
+    ) -> bool {
         let Some([eyes, bodies]) = self.grounds(work, viewer, other, level) else { return false };
         !(self.config.sight_test_budget > 0 && work.shafts.are_apart(eyes, bodies))
             && eyes.sees(bodies, &self.world.cells, &self.sectors)
@@ -396,34 +433,36 @@ impl Engine {
     /// Where a viewer's eye and an avatar's body can be.
     fn grounds<'a>(
         &self,
-        work: &mut Work,
-        viewer: &'a Live,
-        other: &'a Live,
+        work: &mut Workspace,
+        viewer: &'a LiveAvatar,
+        other: &'a LiveAvatar,
         level: usize,
-    ) -> Option<[&'a Ground; 2]> {
-        let eyes = self.kept(work, viewer, Part::EYES, level)?;
+    ) -> Option<[&'a RegionFootprint; 2]> {
+        let eyes = self.kept(work, viewer, RegionKind::EYES, level)?;
         let bodies = self.kept(work, other, viewer.near.shown, level)?;
         Some([&eyes.ground, &bodies.ground])
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.
-    fn joins(&self, viewer: &Live, other: &Live, line: &SightLine) -> bool {
-        viewer.near.may_hold(Part::EYES, line.from, &self.body)
+    fn joins(&self, viewer: &LiveAvatar, other: &LiveAvatar, line: &SightLine) -> bool {
+        viewer.near.may_hold(RegionKind::EYES, line.from, &self.body)
             && other.near.may_hold(viewer.near.shown, line.to, &self.body)
     }
 }
 
 /// Where the eyes of both can be just now, whatever walls are there.
-fn eyes_of(viewer: &Live, other: &Live) -> [Aabb; 2] {
-    let within =
-        |live: &Live, part: Part| live.near.get(part).map_or(Aabb::EMPTY, |near| near.within);
-    [within(viewer, Part::EYES), within(other, viewer.near.shown)]
+fn eyes_of(viewer: &LiveAvatar, other: &LiveAvatar) -> [Aabb; 2] {
+    let within = |live: &LiveAvatar, part: RegionKind| {
+        live.near.get(part).map_or(Aabb::EMPTY, |near| near.within)
+    };
+    [within(viewer, RegionKind::EYES), within(other, viewer.near.shown)]
 }
 
 /// Which regions a viewer and an avatar have.
-fn regions(viewer: &Live, other: &Live, level: usize) -> Regions {
-    let version =
-        |live: &Live, part: Part| live.near.get(part).map_or(0, |near| near.versions[level]);
-    let eyes = version(viewer, Part::EYES);
+fn regions(viewer: &LiveAvatar, other: &LiveAvatar, level: usize) -> Regions {
+    let version = |live: &LiveAvatar, part: RegionKind| {
+        live.near.get(part).map_or(0, |near| near.versions[level])
+    };
+    let eyes = version(viewer, RegionKind::EYES);
     Regions { level: level as u8, eyes, bodies: version(other, viewer.near.shown) }
 }

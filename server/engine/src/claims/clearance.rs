@@ -5,7 +5,7 @@ use sightline_world::{
     Cells, Polygon, World, geometry::Aabb, motion::Body, tolerance::WIRE_POSE_M,
 };
 
-use super::bits::Bits;
+use crate::bit_set::BitSet;
 
 /// Places at which an eye goes through a gate are told apart along the ground, and in height, in
 /// metres.
@@ -26,25 +26,25 @@ const PRIME: usize = 7_919;
 /// Quake maps, where voxels are of all that is drawn, cobwebs and water too, all gates count as
 /// wide enough, and so do those that are slanted.
 ///
-/// The same gates hold for what [reaches](super::reach) go through and for what [ways](super::ways)
+/// The same gates hold for what [reaches](crate::regions::reach) go through and for what [ways](crate::claims::walkability)
 /// claims may have taken, so that nobody is believed to be where it was not taken to get to. All are
 /// looked at when the engine is made: 30 µs each in the mean, of which a bit is kept.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Fit {
+pub(crate) struct Clearance {
     /// What of a body is free wherever it walked to, about its eye; nothing where voxels are too coarse to tell.
     free: Option<Aabb>,
-    narrow_gates: Bits,
-    narrow_portals: Bits,
+    narrow_gates: BitSet,
+    narrow_portals: BitSet,
 }
 
-impl Fit {
-    pub(super) fn new(world: &World) -> Self {
+impl Clearance {
+    pub(crate) fn new(world: &World) -> Self {
         let margin_m = world.octree.voxel().max(STRIDE_M) + WIRE_POSE_M;
         let sure = sure_part(&world.body, margin_m);
         if sure.is_empty() || world.origin.is_some() {
             return Self::default();
         }
-        let mut narrow_gates = Bits::default();
+        let mut narrow_gates = BitSet::default();
         for (gate, index) in world.cells.gates.iter().zip(0..) {
             if !may_pass(world, &gate.polygon, &sure) {
                 narrow_gates.insert(index);
@@ -55,8 +55,8 @@ impl Fit {
     }
 
     /// Bodies fit through all gates but some.
-    pub(super) fn narrow(cells: &Cells, narrow_gates: Bits) -> Self {
-        let mut narrow_portals = Bits::default();
+    pub(crate) fn narrow(cells: &Cells, narrow_gates: BitSet) -> Self {
+        let mut narrow_portals = BitSet::default();
         for (portal, index) in cells.portals.iter().zip(0..) {
             let spaces = portal.cells.map(|cell| cells.cells[cell.0 as usize].space);
             let bounds = portal.polygon.bounds();
@@ -75,17 +75,17 @@ impl Fit {
     }
 
     /// Whether it may fit through a gate.
-    pub(super) fn through_gate(&self, gate: u32) -> bool {
+    pub(crate) fn through_gate(&self, gate: u32) -> bool {
         !self.narrow_gates.contains(gate)
     }
 
     /// Whether it may fit through the gate that a portal is a part of.
-    pub(super) fn through_portal(&self, portal: u32) -> bool {
+    pub(crate) fn through_portal(&self, portal: u32) -> bool {
         !self.narrow_portals.contains(portal)
     }
 
     /// Whether a body that walks can be with its eye at a place of the world: one that cannot was put there.
-    pub(super) fn has_room(&self, world: &World, eye: Vec3) -> bool {
+    pub(crate) fn has_room(&self, world: &World, eye: Vec3) -> bool {
         let around = |free: &Aabb| Aabb::new(free.min + eye, free.max + eye);
         !self.free.as_ref().is_some_and(|free| world.octree.solid_in(&around(free)))
     }
@@ -132,7 +132,8 @@ mod tests {
     use proptest::prelude::*;
     use sightline_world::octree::{Material, Octree, Voxel, morton};
 
-    use super::{super::tests::stage, *};
+    use super::*;
+    use crate::tests::stage;
 
     const VOXEL_M: f32 = 0.05;
     /// The gate's rectangle, in voxels: z and y.
@@ -159,7 +160,7 @@ mod tests {
     }
 
     fn fits(world: &World) -> bool {
-        let fit = Fit::new(world);
+        let fit = Clearance::new(world);
         assert_eq!(fit.through_gate(0), fit.through_portal(0));
         fit.through_gate(0)
     }

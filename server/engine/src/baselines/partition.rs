@@ -4,7 +4,7 @@ use glam::{IVec2, Vec2, Vec3, Vec3Swizzles};
 use roaring::RoaringBitmap;
 use sightline_world::{Cells, Gate, Polygon, Space, World, geometry::Aabb};
 
-use super::Policy;
+use crate::Policy;
 
 /// A gate of which both sides are longer than this is no door, in metres.
 const DOOR_M: f32 = 1.6;
@@ -16,7 +16,7 @@ const ROOM_M2: f32 = 2.0;
 
 /// Where an avatar is taken to be by a policy that divides the world.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) enum Place {
+pub(crate) enum Area {
     /// Nowhere: the policy does not divide the world, or the avatar has never been in a room.
     #[default]
     None,
@@ -28,7 +28,7 @@ pub(super) enum Place {
 
 /// What a policy that divides the world knows of it.
 #[derive(Clone, Debug)]
-pub(super) enum Places {
+pub(crate) enum Partition {
     /// Nothing.
     None,
     /// Squares of an edge, each of which holds on to whoever is within a margin of it, in metres.
@@ -37,8 +37,8 @@ pub(super) enum Places {
     Rooms(Rooms),
 }
 
-impl Places {
-    pub(super) fn new(policy: Policy, world: &World) -> Self {
+impl Partition {
+    pub(crate) fn new(policy: Policy, world: &World) -> Self {
         match policy {
             Policy::Region { edge, margin } => Self::Squares { edge, margin },
             Policy::Room { doors } => Self::Rooms(Rooms::new(&world.cells, doors)),
@@ -47,28 +47,28 @@ impl Places {
     }
 
     /// Where an avatar is that was somewhere before. In a wall or beyond, it is where it was.
-    pub(super) fn place(&self, world: &World, before: Place, eye: Vec3) -> Place {
+    pub(crate) fn place(&self, world: &World, before: Area, eye: Vec3) -> Area {
         match self {
-            Self::None => Place::None,
+            Self::None => Area::None,
             Self::Squares { edge, margin } => square(*edge, *margin, before, eye.xz()),
             Self::Rooms(rooms) => {
                 let cell = world.cells.near(eye);
                 cell.map_or(before, |cell| {
                     let space = world.cells.cells[cell.0 as usize].space;
-                    Place::Room(rooms.of_space[space as usize])
+                    Area::Room(rooms.of_space[space as usize])
                 })
             }
         }
     }
 
     /// Whether a viewer in one place is told of an avatar in another.
-    pub(super) fn tells(&self, viewer: Place, avatar: Place) -> bool {
+    pub(crate) fn tells(&self, viewer: Area, avatar: Area) -> bool {
         match (self, viewer, avatar) {
-            (Self::Squares { .. }, Place::Square(a), Place::Square(b)) => {
+            (Self::Squares { .. }, Area::Square(a), Area::Square(b)) => {
                 let apart = a.saturating_sub(b);
                 (apart.cmpge(IVec2::NEG_ONE) & apart.cmple(IVec2::ONE)).all()
             }
-            (Self::Rooms(rooms), Place::Room(a), Place::Room(b)) => {
+            (Self::Rooms(rooms), Area::Room(a), Area::Room(b)) => {
                 rooms.near[a as usize].contains(b)
             }
             _ => false,
@@ -77,15 +77,15 @@ impl Places {
 }
 
 /// The square of an avatar: the one it was in, until it is further from it than the margin.
-fn square(edge: f32, margin: f32, before: Place, at: Vec2) -> Place {
-    if let Place::Square(square) = before {
+fn square(edge: f32, margin: f32, before: Area, at: Vec2) -> Area {
+    if let Area::Square(square) = before {
         let corner = square.as_vec2();
         let (low, high) = (corner * edge - margin, (corner + 1.0) * edge + margin);
         if at.cmpge(low).all() && at.cmple(high).all() {
             return before;
         }
     }
-    Place::Square((at / edge).floor().as_ivec2())
+    Area::Square((at / edge).floor().as_ivec2())
 }
 
 /// Rooms that nobody named: the world's spaces, merged where what parts them is wider than a door.
@@ -94,7 +94,7 @@ fn square(edge: f32, margin: f32, before: Place, at: Vec2) -> Place {
 /// least [`OPEN_SHARE`] of the side that it is on of both. What is left with a floor below
 /// [`ROOM_M2`] joins the room that its largest gate leads to.
 #[derive(Clone, Debug)]
-pub(super) struct Rooms {
+pub(crate) struct Rooms {
     /// By space.
     of_space: Vec<u32>,
     /// By room: those that are so many doors away at most, itself among them.
@@ -207,20 +207,21 @@ impl Sets {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::tests::stage, *};
+    use super::*;
+    use crate::tests::stage;
 
     #[test]
     fn a_square_is_left_only_past_the_margin() {
-        let places = Places::Squares { edge: 10.0, margin: 2.0 };
+        let places = Partition::Squares { edge: 10.0, margin: 2.0 };
         let world = stage::row(3);
-        let mut place = Place::None;
+        let mut place = Area::None;
         for (x, square) in [(9.0, 0), (11.9, 0), (12.1, 1), (8.1, 1), (7.9, 0), (35.0, 3)] {
             place = places.place(&world, place, Vec3::new(x, 1.6, 5.0));
-            assert_eq!(place, Place::Square(IVec2::new(square, 0)), "{x}");
+            assert_eq!(place, Area::Square(IVec2::new(square, 0)), "{x}");
         }
-        let at = |x, z| Place::Square(IVec2::new(x, z));
+        let at = |x, z| Area::Square(IVec2::new(x, z));
         assert!(places.tells(at(0, 0), at(1, -1)) && !places.tells(at(0, 0), at(2, 0)));
-        assert!(!places.tells(Place::None, at(0, 0)));
+        assert!(!places.tells(Area::None, at(0, 0)));
     }
 
     #[test]
@@ -236,8 +237,8 @@ mod tests {
         let spaces = &mut world.cells.spaces;
         spaces[2].bounds.max.x = spaces[2].bounds.min.x + 0.15;
         let check = |doors: u32, told: [bool; 5]| {
-            let places = Places::new(Policy::Room { doors }, &world);
-            let at = |x: f32| places.place(&world, Place::None, Vec3::new(x, 1.6, 5.0));
+            let places = Partition::new(Policy::Room { doors }, &world);
+            let at = |x: f32| places.place(&world, Area::None, Vec3::new(x, 1.6, 5.0));
             let from_first =
                 [0, 1, 2, 3, 4].map(|i| places.tells(at(5.0), at(5.0 + 10.0 * i as f32)));
             assert_eq!(from_first, told, "{doors} doors");

@@ -9,23 +9,23 @@ use sightline_world::{
     tolerance::AT_SPAWN_M,
 };
 
-use super::{
+use crate::{
     Engine, Output,
-    authority::{ClaimVerdict, MovementBudget},
-    jitter::Jitter,
-    near::Whereabouts,
-    places::Place,
-    pledge::Pledges,
+    baselines::partition::Area,
+    claims::consistency::ClaimConsistency,
+    claims::movement_budget::{ClaimVerdict, MovementBudget},
     population::{Avatar, Slot},
-    validity::FIRST,
-    zones::Zone,
+    regions::footprints::HiddenFootprint,
+    regions::live_regions::LiveRegions,
+    silence::search::FIRST,
+    timing::jitter::Jitter,
 };
 
 /// A client that takes longer counts as one that takes so long: beyond all horizons.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
 
 impl Engine {
-    pub(super) fn join(
+    pub(crate) fn join(
         &mut self,
         now: Duration,
         who: (AvatarId, String, [u8; 3]),
@@ -54,21 +54,21 @@ impl Engine {
             jitter: Jitter::new(self.config.margin),
             ledger: MovementBudget::new(now),
             footing: self.ways.footing(&self.world, self.world.cells.axes.own(pose.eye)),
-            pledges: Pledges::default(),
+            pledges: ClaimConsistency::default(),
             state: ReportingState::Live,
             tbv: None,
             unanswered: 0,
             told_quiet: false,
             silence_from: now,
-            zone: Zone::default(),
+            zone: HiddenFootprint::default(),
             zone_box: None,
             far: Aabb::EMPTY,
             close: Vec::new(),
             seen_by: None,
             validity: self.config.validity.max(FIRST),
             hidden_from: now,
-            near: Whereabouts::default(),
-            place: self.places.place(&self.world, Place::None, pose.eye),
+            near: LiveRegions::default(),
+            place: self.places.place(&self.world, Area::None, pose.eye),
             pairs: Vec::new(),
             watchers: 0,
         });
@@ -78,7 +78,7 @@ impl Engine {
 
     /// The place asked for, if an eye may be there, else the next spawn point in turn. Whoever asks for a spawn point
     /// looks as one does there.
-    pub(super) fn first_pose(&mut self, place: Option<Vec3>) -> Pose {
+    pub(crate) fn first_pose(&mut self, place: Option<Vec3>) -> Pose {
         let confines = self.world.confines();
         if let Some(eye) = place.filter(|p| p.is_finite() && confines.contains(*p)) {
             let mut spawns = self.world.spawns.iter();
@@ -95,7 +95,7 @@ impl Engine {
     }
 
     /// Takes an avatar out; those who held it are told at the next tick.
-    pub(super) fn remove(&mut self, id: AvatarId) {
+    pub(crate) fn remove(&mut self, id: AvatarId) {
         let Some(slot) = self.population.slot(id) else { return };
         self.part(slot);
         self.expiries.cancel(id);
@@ -111,7 +111,7 @@ impl Engine {
         }
     }
 
-    pub(super) fn report(&mut self, now: Duration, id: AvatarId, sequence: u32, pose: Pose) {
+    pub(crate) fn report(&mut self, now: Duration, id: AvatarId, sequence: u32, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
         let avatar = self.population.at_mut(slot);
         let believed = (avatar.pose.eye, avatar.tbv.as_ref());
@@ -149,7 +149,7 @@ impl Engine {
     }
 
     /// Moves an avatar to a place that it is sure to be at.
-    pub(super) fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
+    pub(crate) fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
         let avatar = self.population.at_mut(slot);
         let velocity = avatar.ledger.plausible(pose.velocity, &self.limits);
         avatar.pose = Pose { velocity, ..pose };
@@ -167,7 +167,7 @@ impl Engine {
         }
     }
 
-    pub(super) fn relocate(&mut self, now: Duration, id: AvatarId, pose: Pose) {
+    pub(crate) fn relocate(&mut self, now: Duration, id: AvatarId, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
         if !pose.is_finite() || !self.limits.confines.contains(pose.eye) {
             return;
@@ -189,7 +189,7 @@ impl Engine {
         self.accept(now, slot, pose);
     }
 
-    pub(super) fn set_round_trip(&mut self, id: AvatarId, round_trip: Duration) {
+    pub(crate) fn set_round_trip(&mut self, id: AvatarId, round_trip: Duration) {
         let Some(slot) = self.population.slot(id) else { return };
         let avatar = self.population.at_mut(slot);
         let round_trip = round_trip.min(ROUND_TRIP_MAX);
@@ -198,7 +198,7 @@ impl Engine {
         self.horizons.add(round_trip);
     }
 
-    pub(super) fn chat(&mut self, from: AvatarId, text: &str) {
+    pub(crate) fn chat(&mut self, from: AvatarId, text: &str) {
         let Some(slot) = self.population.slot(from) else { return };
         let text: String = text.chars().take(self.config.chat_chars_max).collect();
         let seal = self.population.at(slot).seal;
@@ -216,7 +216,7 @@ impl Engine {
     }
 
     /// Puts a client out for good.
-    pub(super) fn expel(&mut self, id: AvatarId, reason: &str) {
+    pub(crate) fn expel(&mut self, id: AvatarId, reason: &str) {
         self.stats.drops += 1;
         self.pending.push(Output::Drop { to: id, reason: reason.to_owned() });
         self.remove(id);

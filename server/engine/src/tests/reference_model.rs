@@ -15,7 +15,7 @@ use sightline_world::{
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::{Config, Input, Margin, Validity, bits::Bits, fit::Fit};
+use crate::{Config, Input, Margin, Validity, bit_set::BitSet, claims::clearance::Clearance};
 
 const MARGIN: Duration = Duration::from_millis(25);
 
@@ -88,10 +88,10 @@ impl Crowd {
         let portals = 0..world.cells.portals.len() as u32;
         let narrow: BTreeSet<u32> = portals.filter(|_| rng.random_bool(share)).collect();
         let mut stage = Stage::new(world, config);
-        let mut gates = Bits::default();
+        let mut gates = BitSet::default();
         // Here each portal is a gate, of the same number.
         narrow.iter().for_each(|gate| gates.insert(*gate));
-        stage.engine.ways.fit = Fit::narrow(&stage.engine.world.cells, gates);
+        stage.engine.ways.fit = Clearance::narrow(&stage.engine.world.cells, gates);
         let mut crowd = Self {
             stage,
             narrow,

@@ -4,16 +4,16 @@ use std::ops::RangeInclusive;
 
 /// A bit for each number up to the greatest: 2 KiB for 16,384.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
-pub(super) struct Bits(Vec<u64>);
+pub(crate) struct BitSet(Vec<u64>);
 
-impl Bits {
-    pub(super) fn insert(&mut self, number: u32) {
+impl BitSet {
+    pub(crate) fn insert(&mut self, number: u32) {
         self.reserve(number as usize / 64 + 1);
         self.0[number as usize / 64] |= 1 << (number % 64);
     }
 
     /// Inserts all from a number up to another, both included.
-    pub(super) fn insert_range(&mut self, range: RangeInclusive<u32>) {
+    pub(crate) fn insert_range(&mut self, range: RangeInclusive<u32>) {
         let (first, last) = range.into_inner();
         if first > last {
             return;
@@ -30,28 +30,28 @@ impl Bits {
         self.0[to] |= below;
     }
 
-    pub(super) fn remove(&mut self, number: u32) {
+    pub(crate) fn remove(&mut self, number: u32) {
         if let Some(word) = self.0.get_mut(number as usize / 64) {
             *word &= !(1 << (number % 64));
         }
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.0.clear();
     }
 
     /// Takes in all of another set.
-    pub(super) fn unite(&mut self, other: &Self) {
+    pub(crate) fn unite(&mut self, other: &Self) {
         self.reserve(other.0.len());
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word |= other);
     }
 
-    pub(super) fn contains(&self, number: u32) -> bool {
+    pub(crate) fn contains(&self, number: u32) -> bool {
         self.0.get(number as usize / 64).is_some_and(|word| word >> (number % 64) & 1 == 1)
     }
 
     /// Those that are in another set as well, ascending.
-    pub(super) fn shared<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = u32> + 'a {
+    pub(crate) fn shared<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = u32> + 'a {
         (0..).zip(self.0.iter().zip(&other.0)).flat_map(|(place, (word, other))| {
             let mut left = word & other;
             std::iter::from_fn(move || {
@@ -80,7 +80,7 @@ mod tests {
     proptest! {
         #[test]
         fn as_a_sorted_set_does(a in btree_set(0..500u32, 0..40), b in btree_set(0..300u32, 0..40)) {
-            let (mut x, mut y) = (Bits::default(), Bits::default());
+            let (mut x, mut y) = (BitSet::default(), BitSet::default());
             a.iter().for_each(|number| x.insert(*number));
             b.iter().for_each(|number| y.insert(*number));
             prop_assert!(x.shared(&y).eq(a.intersection(&b).copied()));
@@ -94,7 +94,7 @@ mod tests {
 
         #[test]
         fn a_range_is_all_its_numbers(a in btree_set(0..500u32, 0..9), first in 0..400u32, len in 0..200u32) {
-            let (mut by_range, mut one_by_one) = (Bits::default(), Bits::default());
+            let (mut by_range, mut one_by_one) = (BitSet::default(), BitSet::default());
             for bits in [&mut by_range, &mut one_by_one] {
                 a.iter().for_each(|number| bits.insert(*number));
             }

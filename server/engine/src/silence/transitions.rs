@@ -7,14 +7,14 @@ use sightline_world::{
     tolerance::WIRE_POSE_M,
 };
 
-use super::{
+use crate::{
     Engine, Output, Policy,
-    horizon::SILENT_MAX,
-    near::{Leeway, ahead},
     population::{Avatar, Slot},
-    reach::{Reach, Start},
-    validity::{End, Silence},
-    zones::{Member, Zone},
+    regions::footprints::{HiddenFootprint, Member},
+    regions::live_regions::{MotionBound, ahead},
+    regions::reach::{Reach, Start},
+    silence::search::{End, Silence},
+    timing::horizon::SILENT_MAX,
 };
 
 /// How much larger than it must be the zone of a live avatar is made, in metres.
@@ -22,7 +22,7 @@ const ZONE_SPARE_M: f32 = 0.5;
 
 impl Engine {
     /// Asks those whose TBV would expire unwatched, and looks into other silences.
-    pub(super) fn expire(&mut self, now: Duration, outputs: &mut Vec<Output>) {
+    pub(crate) fn expire(&mut self, now: Duration, outputs: &mut Vec<Output>) {
         for id in self.expiries.due(now) {
             if let Some(slot) = self.population.slot(id) {
                 self.stats.expiries += 1;
@@ -60,7 +60,7 @@ impl Engine {
     }
 
     /// Sets when a client's silence will be looked into.
-    pub(super) fn wait(&mut self, now: Duration, id: AvatarId, patience: Duration) {
+    pub(crate) fn wait(&mut self, now: Duration, id: AvatarId, patience: Duration) {
         self.patience.set(id, now, now + patience, usize::MAX);
     }
 
@@ -79,7 +79,7 @@ impl Engine {
 
     /// From hidden to live: there is fresh word of the avatar. The next tick decides whether it
     /// stays so.
-    pub(super) fn wake(&mut self, now: Duration, slot: Slot) {
+    pub(crate) fn wake(&mut self, now: Duration, slot: Slot) {
         let avatar = self.population.at_mut(slot);
         avatar.silence_from = now;
         avatar.jitter.restart();
@@ -92,7 +92,7 @@ impl Engine {
 
     /// A quiet client reported unasked: when it is about to leave, or would be asked at the next tick, it
     /// is heard; otherwise nothing changes, since it was not told yet, when it spoke, that it was quiet.
-    pub(super) fn refresh(&mut self, now: Duration, slot: Slot, tbv: &Tbv) {
+    pub(crate) fn refresh(&mut self, now: Duration, slot: Slot, tbv: &Tbv) {
         let avatar = self.population.at(slot);
         let lead = self.horizons.lead(avatar.link());
         // What the client knows of its region is a little smaller, by rounding.
@@ -105,7 +105,7 @@ impl Engine {
     /// Brings up to date where a live avatar can be before long, and asks every quiet avatar that it can
     /// see from there, or be seen by. Its zone is made a little larger than it must be, so that it lasts
     /// for several ticks; those whom it meets are looked at again at each of them, and no others.
-    pub(super) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
+    pub(crate) fn reveal(&mut self, now: Duration, slot: Slot, outputs: &mut Vec<Output>) {
         let avatar = self.population.at(slot);
         let age = now.saturating_sub(avatar.heard);
         let is_believed = avatar.pledges.are_kept(now);
@@ -129,14 +129,14 @@ impl Engine {
     }
 
     /// Works out a live avatar's zone, and which hidden ones it meets.
-    fn place_zone(&mut self, slot: Slot, leeway: &Leeway) {
+    fn place_zone(&mut self, slot: Slot, leeway: &MotionBound) {
         let avatar = self.population.at(slot);
         let step = self.world.cells.axes.own(avatar.pose.velocity) * self.config.tick.as_secs_f32();
         let spare = ahead(&leeway.within, step, ZONE_SPARE_M);
         let fit = self.ways.fit_of(avatar.footing);
         let start = Start { cells: &self.world.cells, fit, from: leeway.from };
         let reach = Reach::within(&mut self.scratch, &start, &spare);
-        let zone = Zone::of(&reach, &self.world, &self.rooms, &self.sectors);
+        let zone = HiddenFootprint::of(&reach, &self.world, &self.rooms, &self.sectors);
         let avatar = self.population.at_mut(slot);
         avatar.zone_box = Some(spare);
         if zone == avatar.zone {
@@ -189,7 +189,7 @@ impl Engine {
 
     /// Settles all live clients, beginning with the one at whom the budget was used up the last time: those
     /// who try in vain again and again must not keep others from being tried.
-    pub(super) fn settle_all(&mut self, now: Duration, live: &[Slot], outputs: &mut Vec<Output>) {
+    pub(crate) fn settle_all(&mut self, now: Duration, live: &[Slot], outputs: &mut Vec<Output>) {
         let id = |engine: &Self, slot: Slot| engine.population.at(slot).id;
         let first = live.partition_point(|slot| id(self, *slot) < self.settled_to);
         let has_budget = self.silence_left > 0;

@@ -10,16 +10,16 @@ use sightline_world::{
     tolerance::{POKE_M, WIRE_BOUNDARY_M},
 };
 
-use super::{fit::Fit, parts::Parts};
+use crate::{claims::clearance::Clearance, regions::cover_boxes::CoverBoxes};
 
 /// Where an eye is, and what it may go through.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Start<'a> {
-    pub(super) cells: &'a Cells,
+pub(crate) struct Start<'a> {
+    pub(crate) cells: &'a Cells,
     /// Which portals its body fits through; all of them, when none.
-    pub(super) fit: Option<&'a Fit>,
+    pub(crate) fit: Option<&'a Clearance>,
     /// In own axes.
-    pub(super) from: Vec3,
+    pub(crate) from: Vec3,
 }
 
 /// The parts of cells, in own axes, that an eye can get to: those it comes to through portals that its
@@ -31,14 +31,14 @@ pub(super) struct Start<'a> {
 /// the cell behind it. Bodies stick out of the cells that their eyes can get to, where there are
 /// portals, be they as narrow as they may; elsewhere they stop at the wall, but for [`POKE_M`].
 #[derive(Clone, Debug, PartialEq, Default)]
-pub(super) struct Reach {
+pub(crate) struct Reach {
     /// By cell, ascending.
     pieces: Vec<(CellId, Aabb)>,
 }
 
 /// What a search for a reach needs memory for: 8 bytes for each portal and each cell.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     search: u32,
     /// For each portal, the search that came to it last, and the shortest way to it.
     portals: Vec<(u32, f32)>,
@@ -95,7 +95,7 @@ impl Start<'_> {
 
 impl Reach {
     /// Where an eye that starts somewhere can be when it has stayed in a box, in own axes.
-    pub(super) fn within(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb) -> Self {
+    pub(crate) fn within(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb) -> Self {
         let cells = start.cells;
         scratch.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
@@ -125,7 +125,7 @@ impl Reach {
     }
 
     /// The same, when it has come no further than `way_m` either.
-    pub(super) fn new(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb, way_m: f32) -> Self {
+    pub(crate) fn new(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb, way_m: f32) -> Self {
         let cells = start.cells;
         scratch.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
@@ -200,17 +200,17 @@ impl Reach {
     }
 
     /// The cells that the eye can be in, ascending.
-    pub(super) fn eyes(&self) -> Vec<CellId> {
+    pub(crate) fn eyes(&self) -> Vec<CellId> {
         self.pieces.iter().map(|(cell, _)| *cell).collect()
     }
 
     /// Boxes around every place the eye can be.
-    pub(super) fn eye_parts(&self, cells: &Cells) -> Parts {
-        Parts::covering(by_space(cells, self.pieces.iter().copied()).into_iter())
+    pub(crate) fn eye_parts(&self, cells: &Cells) -> CoverBoxes {
+        CoverBoxes::covering(by_space(cells, self.pieces.iter().copied()).into_iter())
     }
 
     /// The cells that some part of the body can be in, ascending, and boxes around all its places.
-    pub(super) fn bodies(&self, cells: &Cells, body: &Body) -> (Vec<CellId>, Parts) {
+    pub(crate) fn bodies(&self, cells: &Cells, body: &Body) -> (Vec<CellId>, CoverBoxes) {
         let body = &body.in_axes(&cells.axes);
         let filled = self.pieces.iter().map(|(cell, piece)| {
             let filled = filled(cells, *cell, &body.around_box(piece));
@@ -220,7 +220,7 @@ impl Reach {
         spaces.iter().for_each(|filled| cells.overlapping(filled, &mut found));
         found.sort_unstable();
         found.dedup();
-        (found, Parts::covering(spaces.into_iter()))
+        (found, CoverBoxes::covering(spaces.into_iter()))
     }
 }
 
@@ -279,10 +279,8 @@ fn distance(a: &Aabb, b: &Aabb) -> f32 {
 mod tests {
     use sightline_world::Node;
 
-    use super::{
-        super::{bits::Bits, tests::stage},
-        *,
-    };
+    use super::*;
+    use crate::{bit_set::BitSet, tests::stage};
 
     fn ids(cells: &[CellId]) -> Vec<u32> {
         cells.iter().map(|cell| cell.0).collect()
@@ -317,10 +315,10 @@ mod tests {
     #[test]
     fn eyes_stay_before_what_is_too_narrow_and_elbows_do_not() {
         let world = stage::row(3);
-        let mut gates = Bits::default();
+        let mut gates = BitSet::default();
         gates.insert(1);
-        let fit = &Fit::narrow(&world.cells, gates);
-        let reach = |x: f32, fit: Option<&Fit>, is_limited: bool| {
+        let fit = &Clearance::narrow(&world.cells, gates);
+        let reach = |x: f32, fit: Option<&Clearance>, is_limited: bool| {
             let (from, way_m, scratch) = (Vec3::new(x, 1.6, 5.0), 3.0, &mut Scratch::default());
             let (start, around) =
                 (Start { cells: &world.cells, fit, from }, Aabb::around(from, way_m));
@@ -332,7 +330,7 @@ mod tests {
             (ids(&reach.eyes()), ids(&reach.bodies(&world.cells, &world.body).0))
         };
         for is_limited in [false, true] {
-            let reach = |x: f32, fit: Option<&Fit>| reach(x, fit, is_limited);
+            let reach = |x: f32, fit: Option<&Clearance>| reach(x, fit, is_limited);
             assert_eq!(reach(12.0, Some(fit)), (vec![0, 1], vec![0, 1]));
             assert_eq!(reach(18.0, Some(fit)), (vec![1], vec![1, 2]));
             assert_eq!(reach(22.0, Some(fit)), (vec![2], vec![1, 2]));

@@ -7,86 +7,88 @@ use glam::Vec3;
 use sightline_visibility::rooms::SealedRooms;
 use sightline_world::motion::{AvatarId, Pose};
 
-use super::{
-    Engine, horizon::Link, near::Whereabouts, pairs::Pair, population::Slot, ways::Footing,
+use crate::{
+    Engine, claims::walkability::WalkState, interest::candidates::Pair, population::Slot,
+    regions::live_regions::LiveRegions, timing::horizon::Link,
 };
 
 /// Where in the scene someone stands: by the space that it was in a tick ago, then by id.
-pub(super) type Stand = (Option<u32>, AvatarId);
+pub(crate) type SortKey = (Option<u32>, AvatarId);
 
 /// A live avatar, as all others may look at it.
 #[derive(Clone, Debug)]
-pub(super) struct Live {
-    pub(super) stand: Stand,
-    pub(super) id: AvatarId,
-    pub(super) slot: Slot,
-    pub(super) pose: Pose,
+pub(crate) struct LiveAvatar {
+    pub(crate) stand: SortKey,
+    pub(crate) id: AvatarId,
+    pub(crate) slot: Slot,
+    pub(crate) pose: Pose,
     /// Counts accepted poses.
-    pub(super) version: u32,
-    pub(super) seal: SealedRooms,
+    pub(crate) version: u32,
+    pub(crate) seal: SealedRooms,
     /// When the last accepted pose came in.
-    pub(super) heard: Duration,
-    pub(super) link: Link,
+    pub(crate) heard: Duration,
+    pub(crate) link: Link,
     /// It moves as it says.
-    pub(super) is_believed: bool,
+    pub(crate) is_believed: bool,
     /// Where it was last, in own axes.
-    pub(super) from: Vec3,
-    pub(super) footing: Footing,
-    pub(super) near: Whereabouts,
+    pub(crate) from: Vec3,
+    pub(crate) footing: WalkState,
+    pub(crate) near: LiveRegions,
     /// If it has a new wide region, the cells that its eye could be in before, and those of its body.
-    pub(super) moved: Option<[Vec<u32>; 2]>,
+    pub(crate) moved: Option<[Vec<u32>; 2]>,
 }
 
 /// All live avatars: neighbours side by side, since they have to do with the same others and the same gates, and so
 /// find in a cache what they need to know.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Lives {
-    all: Vec<Live>,
+pub(crate) struct LiveAvatars {
+    all: Vec<LiveAvatar>,
     /// Of each slot that one of them has, which it is.
     of: Vec<u32>,
 }
 
 /// The live avatars, and the pairs that each has as a viewer, in the same order.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Scene {
-    pub(super) lives: Lives,
-    pub(super) pairs: Vec<Vec<Pair>>,
+pub(crate) struct Snapshot {
+    pub(crate) lives: LiveAvatars,
+    pub(crate) pairs: Vec<Vec<Pair>>,
 }
 
-impl Lives {
-    pub(super) fn all(&self) -> &[Live] {
+impl LiveAvatars {
+    pub(crate) fn all(&self) -> &[LiveAvatar] {
         &self.all
     }
 
-    pub(super) fn all_mut(&mut self) -> &mut [Live] {
+    pub(crate) fn all_mut(&mut self) -> &mut [LiveAvatar] {
         &mut self.all
     }
 
     /// The place of a live avatar among all.
-    pub(super) fn place(&self, slot: Slot) -> usize {
+    pub(crate) fn place(&self, slot: Slot) -> usize {
         self.of[slot.0 as usize] as usize
     }
 
     /// A live avatar.
-    pub(super) fn at(&self, slot: Slot) -> &Live {
+    pub(crate) fn at(&self, slot: Slot) -> &LiveAvatar {
         &self.all[self.place(slot)]
     }
 }
 
 impl Engine {
     /// Takes out of the population what a tick changes of its live avatars.
-    pub(super) fn enter(&mut self, now: Duration, live: &[Slot]) -> Scene {
+    pub(crate) fn enter(&mut self, now: Duration, live: &[Slot]) -> Snapshot {
         let mut scene = std::mem::take(&mut self.scene);
         let stand = |slot: Slot| {
             let avatar = self.population.at(slot);
             (avatar.near.home(), avatar.id)
         };
-        let mut order: Vec<(Stand, Slot)> = live.iter().map(|slot| (stand(*slot), *slot)).collect();
+        let mut order: Vec<(SortKey, Slot)> =
+            live.iter().map(|slot| (stand(*slot), *slot)).collect();
         order.sort_unstable_by_key(|(stand, _)| *stand);
         for ((stand, slot), place) in order.into_iter().zip(0..) {
             let avatar = self.population.at_mut(slot);
             scene.pairs.push(std::mem::take(&mut avatar.pairs));
-            scene.lives.all.push(Live {
+            scene.lives.all.push(LiveAvatar {
                 stand,
                 id: avatar.id,
                 slot,
@@ -111,7 +113,7 @@ impl Engine {
     }
 
     /// Puts all back.
-    pub(super) fn leave(&mut self, mut scene: Scene) {
+    pub(crate) fn leave(&mut self, mut scene: Snapshot) {
         for (live, pairs) in scene.lives.all.drain(..).zip(scene.pairs.drain(..)) {
             let avatar = self.population.at_mut(live.slot);
             (avatar.near, avatar.pairs) = (live.near, pairs);

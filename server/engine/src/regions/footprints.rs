@@ -3,7 +3,9 @@
 use sightline_visibility::rooms::{self, RoomIndex};
 use sightline_world::{CellId, Cells, World, geometry::Aabb, motion::AvatarId};
 
-use super::{bits::Bits, parts::Parts, population::Slot, reach::Reach};
+use crate::{
+    bit_set::BitSet, population::Slot, regions::cover_boxes::CoverBoxes, regions::reach::Reach,
+};
 
 /// A building has no more sectors, so that who sees whom takes no more than 32 MiB.
 const SECTORS_MAX: usize = 1 << 14;
@@ -11,33 +13,33 @@ const SECTORS_MAX: usize = 1 << 14;
 /// The building, coarser than by cells: a sector is a space, or several that follow one another.
 /// Regions overlap many cells but few sectors, and shafts decide what sectors leave open.
 #[derive(Clone, Debug)]
-pub(super) struct Sectors {
+pub(crate) struct Sectors {
     /// For each cell.
     of: Vec<u32>,
     /// How many spaces are one.
     share: u32,
     /// For each, those that have a cell that is visible from one of its own.
-    visible: Vec<Bits>,
+    visible: Vec<BitSet>,
 }
 
 impl Sectors {
-    pub(super) fn new(cells: &Cells) -> Self {
+    pub(crate) fn new(cells: &Cells) -> Self {
         let share = cells.spaces.len().div_ceil(SECTORS_MAX).max(1) as u32;
         let of: Vec<u32> = cells.cells.iter().map(|cell| cell.space / share).collect();
         let count = of.iter().max().map_or(0, |last| *last as usize + 1);
-        let mut visible = vec![Bits::default(); count];
+        let mut visible = vec![BitSet::default(); count];
         for (sector, row) in of.iter().zip(&cells.pvs) {
             row.iter().for_each(|cell| visible[*sector as usize].insert(of[cell as usize]));
         }
         Self { of, share, visible }
     }
 
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.visible.len()
     }
 
     /// Those of some cells, ascending.
-    pub(super) fn of(&self, cells: &[CellId]) -> Vec<u32> {
+    pub(crate) fn of(&self, cells: &[CellId]) -> Vec<u32> {
         let mut sectors: Vec<u32> = cells.iter().map(|cell| self.of[cell.0 as usize]).collect();
         sectors.sort_unstable();
         sectors.dedup();
@@ -45,13 +47,13 @@ impl Sectors {
     }
 
     /// Whether a space may see another.
-    pub(super) fn sees(&self, space: u32, other: u32) -> bool {
+    pub(crate) fn sees(&self, space: u32, other: u32) -> bool {
         self.visible[(space / self.share) as usize].contains(other / self.share)
     }
 
     /// All that are visible from some.
-    pub(super) fn visible_from(&self, sectors: &[u32]) -> Bits {
-        let mut all = Bits::default();
+    pub(crate) fn visible_from(&self, sectors: &[u32]) -> BitSet {
+        let mut all = BitSet::default();
         sectors.iter().for_each(|sector| all.unite(&self.visible[*sector as usize]));
         all
     }
@@ -59,11 +61,11 @@ impl Sectors {
 
 /// Where a region is in the building.
 #[derive(Clone, Debug)]
-pub(super) struct Ground {
+pub(crate) struct RegionFootprint {
     /// A box around it, in own axes.
-    pub(super) around: Aabb,
+    pub(crate) around: Aabb,
     /// The spaces that it has a part in, ascending; and where the cells of each end.
-    pub(super) spaces: Vec<u32>,
+    pub(crate) spaces: Vec<u32>,
     ends: Vec<u32>,
     /// The cells, ascending: those of a space follow one another.
     cells: Vec<CellId>,
@@ -71,9 +73,14 @@ pub(super) struct Ground {
     rooms: rooms::RoomOverlap,
 }
 
-impl Ground {
+impl RegionFootprint {
     /// Of boxes in some cells, which are ascending.
-    pub(super) fn of(cells: &Cells, rooms: &RoomIndex, found: Vec<CellId>, parts: &Parts) -> Self {
+    pub(crate) fn of(
+        cells: &Cells,
+        rooms: &RoomIndex,
+        found: Vec<CellId>,
+        parts: &CoverBoxes,
+    ) -> Self {
         let around = parts.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part));
         let (mut spaces, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
         for (end, cell) in (1..).zip(&found) {
@@ -90,17 +97,17 @@ impl Ground {
     }
 
     /// The cells, ascending.
-    pub(super) fn cells(&self) -> &[CellId] {
+    pub(crate) fn cells(&self) -> &[CellId] {
         &self.cells
     }
 
     /// Whether rooms let somebody with an eye here see somebody whose body is in another.
-    pub(super) fn shows(&self, bodies: &Self, rooms: &RoomIndex) -> bool {
+    pub(crate) fn shows(&self, bodies: &Self, rooms: &RoomIndex) -> bool {
         !rooms.rules() || rooms.may_see(&self.rooms, &bodies.rooms)
     }
 
     /// Adds what can be seen from some of its cells.
-    pub(super) fn see(&self, world: &Cells, of: impl Fn(CellId) -> bool, seen: &mut Bits) {
+    pub(crate) fn see(&self, world: &Cells, of: impl Fn(CellId) -> bool, seen: &mut BitSet) {
         for cell in self.cells.iter().filter(|cell| of(**cell)) {
             let mut row = world.pvs[cell.0 as usize].iter();
             while let Some(range) = row.next_range() {
@@ -110,7 +117,7 @@ impl Ground {
     }
 
     /// Whether it has some of these cells.
-    pub(super) fn is_among(&self, seen: &Bits) -> bool {
+    pub(crate) fn is_among(&self, seen: &BitSet) -> bool {
         self.cells.iter().any(|cell| seen.contains(cell.0))
     }
 
@@ -124,7 +131,7 @@ impl Ground {
     }
 
     /// Whether some cell of it may see some cell of another.
-    pub(super) fn sees(&self, other: &Self, world: &Cells, sectors: &Sectors) -> bool {
+    pub(crate) fn sees(&self, other: &Self, world: &Cells, sectors: &Sectors) -> bool {
         self.by_space().any(|(here, some)| {
             other.by_space().any(|(there, others)| {
                 let sees = |from: &CellId| others.iter().any(|to| world.sees(*from, *to));
@@ -135,7 +142,12 @@ impl Ground {
 }
 
 /// The rooms of a region's boxes in some cells, which are ascending, where rooms rule anything out.
-fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts, found: &[CellId]) -> rooms::RoomOverlap {
+fn place(
+    rooms: &RoomIndex,
+    cells: &Cells,
+    parts: &CoverBoxes,
+    found: &[CellId],
+) -> rooms::RoomOverlap {
     if rooms.rules() {
         rooms.overlap_in_cells(cells, parts.boxes(), found)
     } else {
@@ -145,20 +157,20 @@ fn place(rooms: &RoomIndex, cells: &Cells, parts: &Parts, found: &[CellId]) -> r
 
 /// Where an avatar can be during some time.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub(super) struct Zone {
+pub(crate) struct HiddenFootprint {
     /// The sectors that its eye can be in, ascending.
     eyes: Vec<u32>,
     /// The sectors that any part of its body can be in, ascending.
     bodies: Vec<u32>,
     /// Around all places of its eye, and around all of its body.
-    pub(super) parts: [Parts; 2],
+    pub(crate) parts: [CoverBoxes; 2],
     /// The rooms of both.
     rooms: [rooms::RoomOverlap; 2],
 }
 
-impl Zone {
+impl HiddenFootprint {
     /// The zone of an avatar that stays within reach.
-    pub(super) fn of(reach: &Reach, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
+    pub(crate) fn of(reach: &Reach, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
         let (bodies, body_parts) = reach.bodies(&world.cells, &world.body);
         let parts = [reach.eye_parts(&world.cells), body_parts];
         let eyes = reach.eyes();
@@ -170,7 +182,7 @@ impl Zone {
     }
 
     /// The zone of an avatar whose eye stays in a box in own axes, whatever walls are in it.
-    pub(super) fn of_box(eyes: &Aabb, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
+    pub(crate) fn of_box(eyes: &Aabb, world: &World, rooms: &RoomIndex, sectors: &Sectors) -> Self {
         let boxes = [*eyes, world.body.in_axes(&world.cells.axes).around_box(eyes)];
         let cells = boxes.map(|region| {
             let mut found = Vec::new();
@@ -179,48 +191,48 @@ impl Zone {
             found
         });
         let [eyes, bodies] = [0, 1].map(|at: usize| sectors.of(&cells[at]));
-        let parts = boxes.map(|part| Parts::covering([part].into_iter()));
+        let parts = boxes.map(|part| CoverBoxes::covering([part].into_iter()));
         let rooms = [0, 1].map(|at: usize| place(rooms, &world.cells, &parts[at], &cells[at]));
         Self { eyes, bodies, parts, rooms }
     }
 
     /// What of it is in a box for the eyes and one for the bodies.
-    pub(super) fn within(&self, boxes: [Aabb; 2]) -> Self {
+    pub(crate) fn within(&self, boxes: [Aabb; 2]) -> Self {
         Self { parts: self.parts_within(boxes), ..self.clone() }
     }
 
     /// What of its parts is in a box for the eyes and one for the bodies.
-    pub(super) fn parts_within(&self, boxes: [Aabb; 2]) -> [Parts; 2] {
+    pub(crate) fn parts_within(&self, boxes: [Aabb; 2]) -> [CoverBoxes; 2] {
         [0, 1].map(|at: usize| self.parts[at].within(&boxes[at]))
     }
 
     /// Whether rooms let somebody here see somebody there.
-    pub(super) fn shows(&self, other: &Self, rooms: &RoomIndex) -> bool {
+    pub(crate) fn shows(&self, other: &Self, rooms: &RoomIndex) -> bool {
         !rooms.rules() || rooms.may_see(&self.rooms[0], &other.rooms[1])
     }
 }
 
 /// An avatar, and where it is kept. Ordered by id.
-pub(super) type Member = (AvatarId, Slot);
+pub(crate) type Member = (AvatarId, Slot);
 
 /// For each sector, or each cell, who can be in it.
 #[derive(Clone, Debug)]
-pub(super) struct SectorIndex {
+pub(crate) struct SectorIndex {
     members: Vec<Vec<Member>>,
-    occupied: Bits,
+    occupied: BitSet,
 }
 
 impl SectorIndex {
-    pub(super) fn new(sectors: usize) -> Self {
-        Self { members: vec![Vec::new(); sectors], occupied: Bits::default() }
+    pub(crate) fn new(sectors: usize) -> Self {
+        Self { members: vec![Vec::new(); sectors], occupied: BitSet::default() }
     }
 
     /// Everybody who can be in some sectors; those in several more than once.
-    pub(super) fn among<'a>(&'a self, sectors: &'a Bits) -> impl Iterator<Item = &'a Member> {
+    pub(crate) fn among<'a>(&'a self, sectors: &'a BitSet) -> impl Iterator<Item = &'a Member> {
         sectors.shared(&self.occupied).flat_map(|sector| &self.members[sector as usize])
     }
 
-    pub(super) fn insert(&mut self, member: Member, sectors: &[u32]) {
+    pub(crate) fn insert(&mut self, member: Member, sectors: &[u32]) {
         for &sector in sectors {
             let members = &mut self.members[sector as usize];
             if members.is_empty() {
@@ -230,7 +242,7 @@ impl SectorIndex {
         }
     }
 
-    pub(super) fn remove(&mut self, member: Member, sectors: &[u32]) {
+    pub(crate) fn remove(&mut self, member: Member, sectors: &[u32]) {
         for &sector in sectors {
             let members = &mut self.members[sector as usize];
             if let Some(at) = members.iter().position(|m| *m == member) {
@@ -243,7 +255,7 @@ impl SectorIndex {
     }
 
     /// Moves a member from some sectors to others, both ascending.
-    pub(super) fn replace(&mut self, member: Member, old: &[u32], new: &[u32]) {
+    pub(crate) fn replace(&mut self, member: Member, old: &[u32], new: &[u32]) {
         let others = |these: &[u32], those: &[u32]| -> Vec<u32> {
             these.iter().filter(|at| those.binary_search(at).is_err()).copied().collect()
         };
@@ -254,22 +266,22 @@ impl SectorIndex {
 
 /// The zones of many avatars.
 #[derive(Clone, Debug)]
-pub(super) struct ZoneIndex {
+pub(crate) struct FootprintIndex {
     eyes: SectorIndex,
     bodies: SectorIndex,
 }
 
-impl ZoneIndex {
-    pub(super) fn new(sectors: usize) -> Self {
+impl FootprintIndex {
+    pub(crate) fn new(sectors: usize) -> Self {
         Self { eyes: SectorIndex::new(sectors), bodies: SectorIndex::new(sectors) }
     }
 
-    pub(super) fn insert(&mut self, member: Member, zone: &Zone) {
+    pub(crate) fn insert(&mut self, member: Member, zone: &HiddenFootprint) {
         self.eyes.insert(member, &zone.eyes);
         self.bodies.insert(member, &zone.bodies);
     }
 
-    pub(super) fn remove(&mut self, member: Member, zone: &Zone) {
+    pub(crate) fn remove(&mut self, member: Member, zone: &HiddenFootprint) {
         self.eyes.remove(member, &zone.eyes);
         self.bodies.remove(member, &zone.bodies);
     }
@@ -277,7 +289,12 @@ impl ZoneIndex {
     /// Everybody here who, by the sectors, can be seen from a zone or can see into it; in no order,
     /// some twice. An eye there sees a body here; an eye here sees a body there: the PVS is
     /// symmetric.
-    pub(super) fn meeting(&self, sectors: &Sectors, zone: &Zone, found: &mut Vec<Member>) {
+    pub(crate) fn meeting(
+        &self,
+        sectors: &Sectors,
+        zone: &HiddenFootprint,
+        found: &mut Vec<Member>,
+    ) {
         for (from, index) in [(&zone.eyes, &self.bodies), (&zone.bodies, &self.eyes)] {
             found.extend(index.among(&sectors.visible_from(from)));
         }

@@ -1,0 +1,2 @@
+pub(crate) mod horizon;
+pub(crate) mod jitter;
