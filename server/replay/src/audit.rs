@@ -17,7 +17,7 @@ use sightline_world::{
 };
 
 use super::{
-    Options, OracleReport, OracleStride,
+    OracleReport, OracleStride, ReplayOptions,
     clients::{Client, Clients},
     foresight::{Able, Walk, foresees},
     wire::Wire,
@@ -51,7 +51,7 @@ pub(super) struct Audit {
     /// For each walk: how far ahead, and what a body can do.
     tick: Duration,
     agility: Agility,
-    foresight: bool,
+    look_ahead: bool,
 }
 
 /// What is visible is so by the author's word too: what rooms deny is nobody's miss.
@@ -79,10 +79,10 @@ impl Author {
 
 /// A visible avatar of which its viewer knew too little.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Stale {
+pub struct StalePosition {
     /// Who of whom, and when.
     #[serde(flatten)]
-    pub what: Miss,
+    pub what: MissedAvatar,
     /// How old what it knew was.
     pub age_ms: f64,
     /// How old it may be.
@@ -91,7 +91,7 @@ pub struct Stale {
 
 /// A visible avatar of which its viewer did not know.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Miss {
+pub struct MissedAvatar {
     /// When, in the trace's time.
     pub t_ms: f64,
     /// The trace's id of who sees.
@@ -100,7 +100,7 @@ pub struct Miss {
     pub avatar: u32,
 }
 
-impl Miss {
+impl MissedAvatar {
     fn new(now: Duration, viewer: &Looker<'_>, other: &Looker<'_>) -> Self {
         let t_ms = now.as_secs_f64() * 1e3;
         Self { t_ms, viewer: viewer.walker, avatar: other.walker }
@@ -129,19 +129,19 @@ struct Sums {
     visible: u64,
     held: u64,
     foreseen: u64,
-    misses: Vec<Miss>,
+    misses: Vec<MissedAvatar>,
     misses_after_jumps: u64,
     misses_late: u64,
     ages: u64,
     age_sum: Duration,
     age_worst: Duration,
-    stale: Vec<Stale>,
+    stale: Vec<StalePosition>,
     /// Those in sight, by their place among all.
     seen: Vec<usize>,
 }
 
 impl Audit {
-    pub(super) fn new(world: &Arc<World>, trace: &Trace, options: &Options) -> Option<Self> {
+    pub(super) fn new(world: &Arc<World>, trace: &Trace, options: &ReplayOptions) -> Option<Self> {
         let stride = match options.oracle {
             OracleStride::Off => return None,
             OracleStride::Every(stride) => stride,
@@ -176,7 +176,7 @@ impl Audit {
             hidden_reports: 0,
             hidden_held: 0,
             tick,
-            foresight: options.foresight,
+            look_ahead: options.look_ahead,
             agility: Agility::of(&world.body, speed_max),
         })
     }
@@ -191,7 +191,7 @@ impl Audit {
             .present()
             .map(|client| Looker {
                 avatar: client.avatar,
-                walker: clients.walker(client.avatar),
+                walker: clients.trace_id(client.avatar),
                 eye: client.eye,
                 settled: client.settled + self.unsettled <= now,
                 late: wire.is_late(now, client.avatar),
@@ -269,7 +269,7 @@ impl Audit {
                 sums.held += u64::from(held.is_some());
                 let could_be = || foresees(&self.sight, &self.body, now, &viewer.walk, &other.walk);
                 sums.foreseen +=
-                    u64::from(held.is_some() && (visible || self.foresight && could_be()));
+                    u64::from(held.is_some() && (visible || self.look_ahead && could_be()));
             }
         }
         sums
@@ -315,7 +315,7 @@ impl Sums {
         } else if viewer.late || other.late {
             self.misses_late += 1;
         } else {
-            self.misses.push(Miss::new(now, viewer, other));
+            self.misses.push(MissedAvatar::new(now, viewer, other));
         }
     }
 
@@ -335,13 +335,17 @@ impl Sums {
         let bound = wire.age_max(seer, seen) + 2 * wire.tick() * lost as u32;
         if age > bound {
             let [age_ms, bound_ms] = [age, bound].map(|time| time.as_secs_f64() * 1e3);
-            self.stale.push(Stale { what: Miss::new(now, viewer, other), age_ms, bound_ms });
+            self.stale.push(StalePosition {
+                what: MissedAvatar::new(now, viewer, other),
+                age_ms,
+                bound_ms,
+            });
         }
     }
 }
 
 /// Once a second, or less often for large crowds.
-fn stride(trace: &Trace, options: &Options) -> Duration {
+fn stride(trace: &Trace, options: &ReplayOptions) -> Duration {
     let (first, last) = trace.span();
     let length = last.saturating_sub(first).min(options.length.unwrap_or(Duration::MAX));
     let people = trace.ids().count() as u64;

@@ -162,7 +162,7 @@ impl<'a> Clients<'a> {
     }
 
     /// The trace's id of an avatar.
-    pub(super) fn walker(&self, avatar: AvatarId) -> u32 {
+    pub(super) fn trace_id(&self, avatar: AvatarId) -> u32 {
         self.walkers[avatar.0 as usize]
     }
 
@@ -172,8 +172,8 @@ impl<'a> Clients<'a> {
     }
 
     /// When somebody came, or jumped last.
-    pub(super) fn settled(&self, avatar: AvatarId) -> Option<Duration> {
-        let client = self.present.get(&self.walker(avatar));
+    pub(super) fn settled_at(&self, avatar: AvatarId) -> Option<Duration> {
+        let client = self.present.get(&self.trace_id(avatar));
         client.filter(|client| client.avatar == avatar).map(|client| client.settled)
     }
 
@@ -189,7 +189,7 @@ impl<'a> Clients<'a> {
 
     /// Where the trace has a walker at some time, if it is there.
     pub(super) fn pose_at(&self, avatar: AvatarId, at: Duration) -> Option<Pose> {
-        let pose = self.trace.pose_at(self.walker(avatar), at, self.agility.fall_max)?;
+        let pose = self.trace.pose_at(self.trace_id(avatar), at, self.agility.fall_max)?;
         Some(Pose { eye: self.confines.clamp(pose.eye), ..pose })
     }
 
@@ -218,7 +218,7 @@ impl<'a> Clients<'a> {
 
     /// What a client does with a message: an ask is answered at once.
     pub(super) fn obey(&mut self, at: Duration, to: AvatarId, order: Order) -> Option<Uplink> {
-        let walker = self.walker(to);
+        let walker = self.trace_id(to);
         let client = self.present.get_mut(&walker).filter(|client| client.avatar == to)?;
         match order {
             Order::Entered => client.entered = true,

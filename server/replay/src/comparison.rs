@@ -4,7 +4,7 @@ use std::{fmt, time::Duration};
 
 use serde::Serialize;
 
-use super::Report;
+use super::ReplayReport;
 use sightline_engine::{Policy, TbvShape, Validity};
 
 /// The reports of one trace, a policy or a kind of TBV each.
@@ -12,7 +12,7 @@ use sightline_engine::{Policy, TbvShape, Validity};
 #[serde(transparent)]
 pub struct Comparison {
     /// In the order in which they are to be told.
-    pub reports: Vec<Report>,
+    pub reports: Vec<ReplayReport>,
 }
 
 impl Comparison {
@@ -43,7 +43,7 @@ impl Comparison {
 const HALF_A_SECOND: Validity = Validity::Constant(Duration::from_millis(500));
 
 /// A column's name, and what stands in it.
-type Column = (&'static str, fn(&Report) -> String);
+type Column = (&'static str, fn(&ReplayReport) -> String);
 
 const COLUMNS: [Column; 15] = [
     ("held", |r| format!("{:.2}", r.held_mean)),
@@ -63,7 +63,7 @@ const COLUMNS: [Column; 15] = [
     ("tick ms, p99", |r| format!("{:.3}, {:.3}", r.tick_cpu_median_ms, r.tick_cpu_p99_ms)),
 ];
 
-fn oracle(report: &Report, figure: impl Fn(&super::OracleReport) -> String) -> String {
+fn oracle(report: &ReplayReport, figure: impl Fn(&super::OracleReport) -> String) -> String {
     report.oracle.as_ref().map_or_else(|| "-".to_owned(), figure)
 }
 
@@ -71,7 +71,7 @@ fn oracle(report: &Report, figure: impl Fn(&super::OracleReport) -> String) -> S
 /// most bytes.
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let row = |report: &Report| {
+        let row = |report: &ReplayReport| {
             let figures = COLUMNS.iter().map(|(_, figure)| figure(report));
             let mut name = report.policy.clone();
             if name == Policy::Tbv.to_string() {

@@ -11,7 +11,6 @@
 
 mod audit;
 mod clients;
-mod coding;
 mod comparison;
 mod dump;
 mod foresight;
@@ -24,16 +23,16 @@ use std::{collections::BTreeMap, io, sync::Arc, time::Duration};
 use cpu_time::ProcessTime;
 use glam::Vec3;
 use rayon::prelude::*;
-use sightline_protocol::{frame, pose_stream::PoseEncoder};
+use sightline_protocol::{frame, message::ServerMessage, outbound::Outbound};
 use sightline_world::{
     World,
     motion::{AvatarId, Pose, ReportingState},
 };
 
-pub use audit::{Miss, Stale};
+pub use audit::{MissedAvatar, StalePosition};
 pub use comparison::Comparison;
-pub use report::{ClientReport, OracleReport, Report};
-pub use wire::Network;
+pub use report::{ClientReport, OracleReport, ReplayReport};
+pub use wire::NetworkConditions;
 
 use audit::Audit;
 use clients::{Clients, Order, Request, Uplink};
@@ -45,29 +44,29 @@ use wire::{Packet, Wire};
 
 /// How a trace is run.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct ReplayOptions {
     /// How the engine works.
     pub config: Config,
     /// Every client's round trip, or the least when the network spreads them.
     pub round_trip: Duration,
     /// What happens to messages.
-    pub network: Network,
+    pub network: NetworkConditions,
     /// No more than so much of the trace, from its first sample on.
     pub length: Option<Duration>,
     /// How often what is held is compared with what is visible.
     pub oracle: OracleStride,
     /// Whether it also looks ahead, for over-send against the horizon; that is most of its work.
-    pub foresight: bool,
+    pub look_ahead: bool,
 }
 
-impl Options {
+impl ReplayOptions {
     /// A policy at a round trip, with everything else as it is served; but in virtual time no
     /// message is late, so there is no margin for it.
     pub fn new(policy: Policy, round_trip: Duration) -> Self {
         let config = Config { policy, margin: Margin::Fixed(Duration::ZERO), ..Config::default() };
-        let network = Network::default();
+        let network = NetworkConditions::default();
         let oracle = OracleStride::Auto;
-        Self { config, round_trip, network, length: None, oracle, foresight: true }
+        Self { config, round_trip, network, length: None, oracle, look_ahead: true }
     }
 }
 
@@ -90,11 +89,11 @@ pub enum OracleStride {
 pub fn run<'a>(
     world: &Arc<World>,
     trace: &'a Trace,
-    options: &Options,
+    options: &ReplayOptions,
     dump: Option<&'a mut dyn io::Write>,
     progress: &mut dyn FnMut(f32),
-) -> io::Result<Report> {
-    let mut watch = |moment: &Moment<'_>| progress(moment.done);
+) -> io::Result<ReplayReport> {
+    let mut watch = |moment: &TickView<'_>| progress(moment.done);
     run_watched(world, trace, options, dump, &mut watch)
 }
 
@@ -105,10 +104,10 @@ pub fn run<'a>(
 pub fn run_watched<'a>(
     world: &Arc<World>,
     trace: &'a Trace,
-    options: &Options,
+    options: &ReplayOptions,
     dump: Option<&'a mut dyn io::Write>,
-    watch: &mut dyn FnMut(&Moment<'_>),
-) -> io::Result<Report> {
+    watch: &mut dyn FnMut(&TickView<'_>),
+) -> io::Result<ReplayReport> {
     let (first, last) = trace.span();
     let last = options.length.map_or(last, |length| last.min(first + length));
     let tick = options.config.tick;
@@ -120,7 +119,7 @@ pub fn run_watched<'a>(
         let outputs = replay.step(now)?;
         let done = (done + 1) as f32 / count;
         let Replay { engine, clients, wire, heard, .. } = &replay;
-        watch(&Moment { now, done, outputs: &outputs, engine, clients, wire, heard });
+        watch(&TickView { now, done, outputs: &outputs, engine, clients, wire, heard });
     }
     replay.dump.finish()?;
     Ok(replay.report(trace, options, last.saturating_sub(first)))
@@ -128,7 +127,7 @@ pub fn run_watched<'a>(
 
 /// The end of a tick: what the engine decided, and what is true.
 #[derive(Clone, Copy)]
-pub struct Moment<'a> {
+pub struct TickView<'a> {
     /// On the server's clock.
     pub now: Duration,
     /// The share of the run that is done, from 0 to 1.
@@ -142,10 +141,10 @@ pub struct Moment<'a> {
     heard: &'a BTreeMap<AvatarId, Duration>,
 }
 
-impl<'a> Moment<'a> {
+impl<'a> TickView<'a> {
     /// The trace's id of an avatar.
-    pub fn walker(&self, avatar: AvatarId) -> u32 {
-        self.clients.walker(avatar)
+    pub fn trace_id(&self, avatar: AvatarId) -> u32 {
+        self.clients.trace_id(avatar)
     }
 
     /// Those who are present, as far as their clients know, and where their eyes truly are.
@@ -159,12 +158,12 @@ impl<'a> Moment<'a> {
     }
 
     /// When somebody came, or was last put where no body gets by itself.
-    pub fn settled(&self, avatar: AvatarId) -> Option<Duration> {
-        self.clients.settled(avatar)
+    pub fn settled_at(&self, avatar: AvatarId) -> Option<Duration> {
+        self.clients.settled_at(avatar)
     }
 
     /// When the engine last accepted a report of an avatar, or let it in.
-    pub fn heard(&self, avatar: AvatarId) -> Option<Duration> {
+    pub fn last_report(&self, avatar: AvatarId) -> Option<Duration> {
         self.heard.get(&avatar).copied()
     }
 
@@ -179,8 +178,8 @@ struct Replay<'a> {
     engine: Engine,
     clients: Clients<'a>,
     wire: Wire,
-    /// The server's end of each client's pose stream.
-    encoders: BTreeMap<AvatarId, PoseEncoder>,
+    /// What converts the engine's output, for each client.
+    outbound: BTreeMap<AvatarId, Outbound>,
     /// When the pose that the engine has of each avatar was sampled.
     sampled: BTreeMap<AvatarId, Duration>,
     /// When it came in.
@@ -193,14 +192,14 @@ struct Replay<'a> {
 }
 
 impl<'a> Replay<'a> {
-    fn new(world: &Arc<World>, trace: &'a Trace, options: &Options, dump: Dump<'a>) -> Self {
+    fn new(world: &Arc<World>, trace: &'a Trace, options: &ReplayOptions, dump: Dump<'a>) -> Self {
         let engine = Engine::new(Arc::clone(world), options.config.clone());
         Self {
             clients: Clients::new(trace, &engine),
             oracle: Audit::new(world, trace, options),
             engine,
             wire: Wire::new(options),
-            encoders: BTreeMap::new(),
+            outbound: BTreeMap::new(),
             sampled: BTreeMap::new(),
             heard: BTreeMap::new(),
             dump,
@@ -233,7 +232,7 @@ impl<'a> Replay<'a> {
     }
 
     fn tell_round_trips(&mut self, now: Duration) {
-        let clients: Vec<AvatarId> = self.encoders.keys().copied().collect();
+        let clients: Vec<AvatarId> = self.outbound.keys().copied().collect();
         for avatar in clients {
             let round_trip = self.wire.known(avatar);
             self.feed(now, Input::RoundTrip { avatar, round_trip });
@@ -269,15 +268,15 @@ impl<'a> Replay<'a> {
     /// A message has reached the server.
     fn arrive(&mut self, at: Duration, uplink: Uplink) -> io::Result<()> {
         let Uplink { avatar, sampled, ack, request } = uplink;
-        if let Some(encoder) = self.encoders.get_mut(&avatar) {
-            encoder.acknowledge(ack);
+        if let Some(outbound) = self.outbound.get_mut(&avatar) {
+            outbound.acknowledge(ack);
         }
         let known = self.engine.pose(avatar).is_some();
         let accepted = self.engine.stats().reports;
         let moves = !matches!(request, Request::Leave);
         match request {
             Request::Join { name, eye } => {
-                self.encoders.insert(avatar, PoseEncoder::default());
+                self.outbound.insert(avatar, Outbound::default());
                 let (colour, place) = ([128; 3], Some(eye));
                 self.feed(at, Input::Join { avatar, name, colour, place });
                 let round_trip = self.wire.known(avatar);
@@ -316,7 +315,7 @@ impl<'a> Replay<'a> {
         for other in held {
             self.note_pair(at, avatar, other, What::Leave)?;
         }
-        self.encoders.remove(&avatar);
+        self.outbound.remove(&avatar);
         self.sampled.remove(&avatar);
         self.heard.remove(&avatar);
         self.feed(at, Input::Leave { avatar });
@@ -325,7 +324,7 @@ impl<'a> Replay<'a> {
 
     fn note_report(&mut self, at: Duration, avatar: AvatarId) -> io::Result<()> {
         self.tally.reports += 1;
-        self.dump.write(at, None, self.clients.walker(avatar), What::Report)
+        self.dump.write(at, None, self.clients.trace_id(avatar), What::Report)
     }
 
     fn note_pair(
@@ -335,7 +334,7 @@ impl<'a> Replay<'a> {
         avatar: AvatarId,
         what: What,
     ) -> io::Result<()> {
-        let (viewer, avatar) = (self.clients.walker(viewer), self.clients.walker(avatar));
+        let (viewer, avatar) = (self.clients.trace_id(viewer), self.clients.trace_id(avatar));
         self.dump.write(at, Some(viewer), avatar, what)
     }
 
@@ -344,11 +343,14 @@ impl<'a> Replay<'a> {
         let mut news: BTreeMap<AvatarId, &[(AvatarId, Pose)]> = BTreeMap::new();
         for output in outputs {
             self.note(now, output)?;
-            match output {
-                Output::Poses { to, poses, .. } => {
+            let mut gone = Outbound::default();
+            let outbound = self.outbound.get_mut(&output.to()).unwrap_or(&mut gone);
+            match (outbound.convert(output, now), output) {
+                (Some(message), _) => self.send_control(now, output, &message),
+                (None, Output::Poses { to, poses, .. }) => {
                     news.insert(*to, poses);
                 }
-                control => self.send_control(now, control),
+                (None, _) => debug_assert!(false, "only poses wait: {output:?}"),
             }
         }
         self.send_poses(now, news);
@@ -387,10 +389,10 @@ impl<'a> Replay<'a> {
 
     fn note_ask(&mut self, now: Duration, to: AvatarId) -> io::Result<()> {
         self.tally.asks += 1;
-        self.dump.write(now, None, self.clients.walker(to), What::Ask)
+        self.dump.write(now, None, self.clients.trace_id(to), What::Ask)
     }
 
-    fn send_control(&mut self, now: Duration, output: &Output) {
+    fn send_control(&mut self, now: Duration, output: &Output, message: &ServerMessage) {
         let sampled = |avatar: &AvatarId| self.sampled.get(avatar).copied().unwrap_or(now);
         let (to, order) = match output {
             Output::Entered { to, .. } => (*to, Order::Entered),
@@ -403,15 +405,7 @@ impl<'a> Replay<'a> {
             Output::Drop { to, .. } => (*to, Order::Drop),
             Output::Poses { .. } | Output::Chat { .. } => return,
         };
-        if let Order::Vanish(avatar) = order
-            && let Some(encoder) = self.encoders.get_mut(&to)
-        {
-            encoder.forget(avatar);
-        }
-        let since = self.encoders.get(&to).map_or(1, PoseEncoder::next_sequence);
-        if let Some(message) = coding::message(now, output, since) {
-            self.tally.client(to).to.add(frame::encode(&message).len());
-        }
+        self.tally.client(to).to.add(frame::encode(message).len());
         self.wire.send(now, self.margin(to), Packet::Down(to, order));
     }
 
@@ -421,17 +415,17 @@ impl<'a> Replay<'a> {
     fn send_poses(&mut self, now: Duration, mut news: BTreeMap<AvatarId, &[(AvatarId, Pose)]>) {
         let tick = self.engine.ticks();
         let mut work: Vec<_> = self
-            .encoders
+            .outbound
             .iter_mut()
-            .map(|(to, encoder)| (*to, encoder, news.remove(to).unwrap_or_default()))
+            .map(|(to, outbound)| (*to, outbound, news.remove(to).unwrap_or_default()))
             .collect();
         let lengths: Vec<Vec<usize>> = work
             .par_iter_mut()
-            .map(|(_, encoder, poses)| encoder.encode(tick, poses).iter().map(Vec::len).collect())
+            .map(|(_, outbound, _)| outbound.encode_poses(tick).iter().map(Vec::len).collect())
             .collect();
         let sent: Vec<_> = work
             .into_iter()
-            .map(|(to, encoder, poses)| (to, encoder.next_sequence(), poses))
+            .map(|(to, outbound, poses)| (to, outbound.next_sequence(), poses))
             .collect();
         for ((to, next, poses), lengths) in sent.into_iter().zip(lengths) {
             if poses.is_empty() && lengths.is_empty() {
@@ -447,12 +441,12 @@ impl<'a> Replay<'a> {
         }
     }
 
-    fn report(self, trace: &Trace, options: &Options, length: Duration) -> Report {
+    fn report(self, trace: &Trace, options: &ReplayOptions, length: Duration) -> ReplayReport {
         let world = self.engine.world().title.clone();
         let clients = (trace.ids().count(), self.clients.jumps(), self.clients.outside());
         let oracle = self.oracle.map(|oracle| oracle.report());
-        let each = self.tally.clients(options, |avatar| self.clients.walker(avatar));
-        Report {
+        let each = self.tally.clients(options, |avatar| self.clients.trace_id(avatar));
+        ReplayReport {
             world,
             avatars: clients.0,
             jumps: clients.1,

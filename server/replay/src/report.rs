@@ -4,11 +4,11 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Miss, Stale};
+use super::{MissedAvatar, StalePosition};
 
 /// The figures of a run. Rates are means for one client while it is present.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Report {
+pub struct ReplayReport {
     /// The world's title.
     pub world: String,
     /// The policy, as it is given on the command line.
@@ -140,7 +140,7 @@ pub struct OracleReport {
     /// The same, of those whose messages had just taken longer than the engine allows for.
     pub misses_late: u64,
     /// The first of the misses that have no excuse.
-    pub first_misses: Vec<Miss>,
+    pub first_misses: Vec<MissedAvatar>,
     /// Pairs held for each visible one: over-send against sight at that instant.
     pub over_send: f64,
     /// Pairs held for each foreseen one: over-send against an oracle with the same horizon, at
@@ -164,11 +164,11 @@ pub struct OracleReport {
     /// Positions that were older all the same.
     pub stale: u64,
     /// The first of them.
-    pub first_stale: Vec<Stale>,
+    pub first_stale: Vec<StalePosition>,
 }
 
 /// The closing table.
-impl fmt::Display for Report {
+impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut row = |name: &str, value: String| writeln!(f, "{name:<34} {value}");
         row("world", self.world.clone())?;

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use sightline_cli::percentile::percentile;
 use sightline_world::motion::{AvatarId, ReportingState};
 
-use super::{ClientReport, Options, Report};
+use super::{ClientReport, ReplayOptions, ReplayReport};
 use sightline_engine::{Engine, Stats};
 
 /// Clients that were there for less time tell no rates, in seconds.
@@ -86,7 +86,7 @@ impl Tally {
     /// What each client cost, by the id that the trace has for its avatar.
     pub(super) fn clients(
         &self,
-        options: &Options,
+        options: &ReplayOptions,
         id: impl Fn(AvatarId) -> u32,
     ) -> Vec<ClientReport> {
         let tick_s = options.config.tick.as_secs_f64();
@@ -94,7 +94,7 @@ impl Tally {
     }
 
     /// All that it knows; the rest is as by default.
-    pub(super) fn report(mut self, options: &Options, stats: Stats) -> Report {
+    pub(super) fn report(mut self, options: &ReplayOptions, stats: Stats) -> ReplayReport {
         self.cpu.sort_unstable();
         let config = &options.config;
         let tick_s = config.tick.as_secs_f64();
@@ -113,7 +113,7 @@ impl Tally {
         let rate = |count: u64| count as f64 / seconds;
         let cpu = |percent| percentile(&self.cpu, percent).unwrap_or_default();
         let ms = |time: Duration| time.as_secs_f64() * 1e3;
-        Report {
+        ReplayReport {
             policy: config.policy.to_string(),
             round_trip_ms: ms(options.round_trip),
             tick_ms: ms(config.tick),
@@ -148,7 +148,7 @@ impl Tally {
             corrections: self.corrections,
             tick_cpu_median_ms: ms(cpu(50)),
             tick_cpu_p99_ms: ms(cpu(99)),
-            ..Report::default()
+            ..ReplayReport::default()
         }
     }
 }

@@ -143,13 +143,13 @@ fn surface(triangles: &[[Vec3; 3]]) -> Surface {
     }
 }
 
-fn options(policy: Policy, round_trip_ms: u64) -> Options {
-    let mut options = Options::new(policy, Duration::from_millis(round_trip_ms));
+fn options(policy: Policy, round_trip_ms: u64) -> ReplayOptions {
+    let mut options = ReplayOptions::new(policy, Duration::from_millis(round_trip_ms));
     options.oracle = OracleStride::Every(Duration::from_millis(250));
     options
 }
 
-fn replay(world: &Arc<World>, trace: &Trace, options: &Options) -> (Report, String) {
+fn replay(world: &Arc<World>, trace: &Trace, options: &ReplayOptions) -> (ReplayReport, String) {
     let mut dump = Vec::new();
     let report = run(world, trace, options, Some(&mut dump), &mut |_| {}).unwrap();
     (report, String::from_utf8(dump).unwrap())
@@ -266,8 +266,9 @@ fn loss_and_jitter_make_late_but_not_blind() {
     let even = options(Policy::Pvs, 20);
     let mut options = options(Policy::Tbv, 20);
     let (spread, jitter) = (Duration::from_millis(200), Duration::from_millis(20));
-    let network = Network::default();
-    options.network = Network { spread, jitter, loss: 0.05, duplication: 0.05, seed: 1, ..network };
+    let network = NetworkConditions::default();
+    options.network =
+        NetworkConditions { spread, jitter, loss: 0.05, duplication: 0.05, seed: 1, ..network };
     options.config.margin = Margin::Fixed(jitter);
     let (report, dump) = replay(&house.world, &trace, &options);
     let (_, again) = replay(&house.world, &trace, &options);
@@ -286,7 +287,7 @@ fn what_a_host_reads_adds_up() {
     let house = House::new(&mut rng, 4);
     let trace = house.trace(&mut rng, 8, 10);
     let run = |policy| replay(&house.world, &trace, &options(policy, 100)).0;
-    let reports: Vec<Report> = Comparison::POLICIES.into_iter().map(run).collect();
+    let reports: Vec<ReplayReport> = Comparison::POLICIES.into_iter().map(run).collect();
     for report in &reports {
         let oracle = report.oracle.as_ref().unwrap();
         let case = format!("{}: {report:?}", report.policy);

@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_world::motion::AvatarId;
 
 use super::{
-    Options,
+    ReplayOptions,
     clients::{Order, Request, Uplink},
 };
 
@@ -26,8 +26,8 @@ const STREAK_MAX: u32 = 3;
 /// other. All else travels on streams, one each way for each client: a loss delays it and all that
 /// was sent after it by a round trip and 25 ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Network {
-    /// Each client's round trip is longer than [`Options::round_trip`] by up to this.
+pub struct NetworkConditions {
+    /// Each client's round trip is longer than [`ReplayOptions::round_trip`] by up to this.
     pub spread: Duration,
     /// Besides, each client's is longer by up to this, from second to second by another part of it. The engine
     /// is told what it was in the second before.
@@ -71,7 +71,7 @@ impl Packet {
 
 /// All messages on their way, and what became of earlier ones.
 pub(super) struct Wire {
-    network: Network,
+    network: NetworkConditions,
     round_trip: Duration,
     tick: Duration,
     /// Whole seconds that have begun.
@@ -96,7 +96,7 @@ struct Link {
 }
 
 impl Wire {
-    pub(super) fn new(options: &Options) -> Self {
+    pub(super) fn new(options: &ReplayOptions) -> Self {
         Self {
             network: options.network,
             round_trip: options.round_trip,
@@ -270,8 +270,8 @@ mod tests {
         Duration::from_millis(ms)
     }
 
-    fn wire(network: Network) -> Wire {
-        Wire::new(&Options { network, ..Options::new(Policy::Tbv, ms(100)) })
+    fn wire(network: NetworkConditions) -> Wire {
+        Wire::new(&ReplayOptions { network, ..ReplayOptions::new(Policy::Tbv, ms(100)) })
     }
 
     fn report(sequence: u32, on_stream: bool) -> Packet {
@@ -299,13 +299,13 @@ mod tests {
     fn an_even_network_takes_half_a_round_trip() {
         for on_stream in [false, true] {
             let expected: Vec<_> = (0..1_000).map(|i| (i, ms(50))).collect();
-            assert_eq!(taken(&mut wire(Network::default()), on_stream), expected);
+            assert_eq!(taken(&mut wire(NetworkConditions::default()), on_stream), expected);
         }
     }
 
     #[test]
     fn round_trips_drift_and_are_known_a_second_later() {
-        let mut wire = wire(Network { drift: ms(80), ..Network::default() });
+        let mut wire = wire(NetworkConditions { drift: ms(80), ..NetworkConditions::default() });
         let (mut before, mut changes) = (wire.round_trip(CLIENT), 0);
         for tick in 1..200 {
             let has_changed = wire.go_on(ms(50) * tick);
@@ -323,7 +323,8 @@ mod tests {
     #[test]
     fn datagrams_are_lost_doubled_and_overtaken() {
         let (jitter, loss, duplication) = (ms(80), 0.1, 0.05);
-        let mut wire = wire(Network { jitter, loss, duplication, ..Network::default() });
+        let mut wire =
+            wire(NetworkConditions { jitter, loss, duplication, ..NetworkConditions::default() });
         let taken = taken(&mut wire, false);
         let mut came: Vec<u32> = taken.iter().map(|(sequence, _)| *sequence).collect();
         assert!(!came.is_sorted(), "some were overtaken");
@@ -339,7 +340,7 @@ mod tests {
 
     #[test]
     fn streams_keep_their_order_and_late_clients_are_known() {
-        let mut wire = wire(Network { loss: 0.1, ..Network::default() });
+        let mut wire = wire(NetworkConditions { loss: 0.1, ..NetworkConditions::default() });
         let taken = taken(&mut wire, true);
         assert!(taken.iter().map(|(sequence, _)| *sequence).eq(0..1_000));
         assert!(taken.iter().any(|(_, way)| *way > ms(150)));

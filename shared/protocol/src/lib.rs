@@ -13,6 +13,8 @@
 pub mod fingerprint;
 pub mod frame;
 pub mod message;
+#[cfg(feature = "engine")]
+pub mod outbound;
 pub mod pose_stream;
 pub mod quantise;
 pub mod text;

@@ -9,7 +9,7 @@ use sightline_client::swarm::{self, Snapshot};
 use sightline_engine::Policy;
 use sightline_oracle::Oracle;
 use sightline_replay::{self as replay, OracleStride};
-use sightline_server::net::Stats;
+use sightline_server::net::ServerStats;
 use sightline_world::{World, motion::AvatarId};
 
 use super::FrameRate;
@@ -24,7 +24,7 @@ pub(super) fn print(
     world: &Arc<World>,
     snapshots: &[Snapshot],
     report: &swarm::SwarmReport,
-    server: &Stats,
+    server: &ServerStats,
     frames: &FrameRate,
 ) -> anyhow::Result<()> {
     let trace = trace(snapshots)?;
@@ -32,7 +32,7 @@ pub(super) fn print(
     let policies = [Policy::Broadcast, Policy::Pvs, Policy::Tbv];
     let mut columns = Vec::new();
     for (i, policy) in policies.into_iter().enumerate() {
-        let mut options = replay::Options::new(policy, round_trip(report));
+        let mut options = replay::ReplayOptions::new(policy, round_trip(report));
         options.oracle = OracleStride::Every(ORACLE_INTERVAL);
         columns.push(replay::run(world, &trace, &options, None, &mut |share| {
             progress.show("the same walk under three policies", (i as f32 + share) / 3.0);
@@ -78,9 +78,9 @@ fn trace(snapshots: &[Snapshot]) -> anyhow::Result<Trace> {
     Ok(Trace::read(BufReader::new(csv.as_bytes()))?)
 }
 
-fn print_policies(columns: &[replay::Report]) {
+fn print_policies(columns: &[replay::ReplayReport]) {
     println!("\nThe same walk, each client's mean, by what it is told of:\n");
-    let row = |name: &str, figure: &dyn Fn(&replay::Report) -> String| {
+    let row = |name: &str, figure: &dyn Fn(&replay::ReplayReport) -> String| {
         print!("{name:<28}");
         columns.iter().for_each(|column| print!("{:>12}", figure(column)));
         println!();
@@ -93,7 +93,7 @@ fn print_policies(columns: &[replay::Report]) {
     row("messages from it, a second", &|c| format!("{:.1}", c.messages_from_client));
     row("bytes from it, a second", &|c| format!("{:.0}", c.bytes_from_client));
     row("share of time it is quiet", &|c| format!("{:.1} %", c.quiet_share * 100.0));
-    let oracle = |c: &replay::Report| c.oracle.clone().unwrap_or_default();
+    let oracle = |c: &replay::ReplayReport| c.oracle.clone().unwrap_or_default();
     row("misses", &|c| oracle(c).misses.to_string());
     row("over-send against sight", &|c| format!("{:.2}", oracle(c).over_send));
     println!();
@@ -174,7 +174,7 @@ fn every(snapshots: &[Snapshot], interval: Duration) -> Vec<usize> {
     chosen
 }
 
-fn print_live(live: &LiveCheck, report: &swarm::SwarmReport, server: &Stats) {
+fn print_live(live: &LiveCheck, report: &swarm::SwarmReport, server: &ServerStats) {
     let over_send = live.held as f64 / live.visible.max(1) as f64;
     println!(
         "live, over QUIC   {} visible pairs looked at, {} misses, over-send {over_send:.2}",

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt, sync::Arc, time::Duration};
 use glam::Vec3;
 use sightline_engine::Output;
 use sightline_oracle::Oracle;
-use sightline_replay::{Moment, Options};
+use sightline_replay::{ReplayOptions, TickView};
 use sightline_world::{
     CellId, World,
     geometry::Aabb,
@@ -101,7 +101,7 @@ pub struct Observations {
 
 impl InvariantChecker {
     /// Watches a simulation of a world.
-    pub fn new(world: &Arc<World>, options: &Options) -> Self {
+    pub fn new(world: &Arc<World>, options: &ReplayOptions) -> Self {
         let config = &options.config;
         Self {
             world: Arc::clone(world),
@@ -117,7 +117,7 @@ impl InvariantChecker {
     }
 
     /// Looks at the end of a tick.
-    pub fn look(&mut self, moment: &Moment<'_>) {
+    pub fn look(&mut self, moment: &TickView<'_>) {
         self.look_for_noise(moment);
         self.look_for_refusals(moment);
         self.look_for_leaks(moment);
@@ -129,16 +129,16 @@ impl InvariantChecker {
         self.seen
     }
 
-    fn note(&mut self, moment: &Moment<'_>, breach: &Violation, who: AvatarId, more: &str) {
+    fn note(&mut self, moment: &TickView<'_>, breach: &Violation, who: AvatarId, more: &str) {
         if self.seen.breaches.len() < BREACHES_TOLD {
-            let (t_ms, walker) = (moment.now.as_millis(), moment.walker(who));
+            let (t_ms, walker) = (moment.now.as_millis(), moment.trace_id(who));
             self.seen.breaches.push(format!("{t_ms} ms, walker {walker}: {breach}{more}"));
         }
     }
 
     /// Whoever is quiet in the same TBV as a tick ago is neither spoken to nor spoken of. What was refused is an
     /// answer to its own word, and looked at for itself.
-    fn look_for_noise(&mut self, moment: &Moment<'_>) {
+    fn look_for_noise(&mut self, moment: &TickView<'_>) {
         let is_quiet = |id| moment.engine.state(id) == Some(ReportingState::Quiet);
         let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.tbv(*id)) {
             (Some((before, true, _)), Some(tbv)) => *before == tbv && is_quiet(*id),
@@ -158,7 +158,7 @@ impl InvariantChecker {
 
     /// All clients are honest. Those whose messages are held up for long may seem too fast, and what somebody
     /// said before it was put elsewhere may come after that.
-    fn look_for_refusals(&mut self, moment: &Moment<'_>) {
+    fn look_for_refusals(&mut self, moment: &TickView<'_>) {
         for output in moment.outputs {
             if let Output::Correct { to, .. } | Output::Drop { to, .. } = output
                 && !moment.is_late(*to)
@@ -170,14 +170,14 @@ impl InvariantChecker {
     }
 
     /// Whether what somebody said before it was put elsewhere, or that it was, may still be on its way.
-    fn is_on_the_way(&self, moment: &Moment<'_>, id: AvatarId) -> bool {
+    fn is_on_the_way(&self, moment: &TickView<'_>, id: AvatarId) -> bool {
         // Whoever has just come says nothing before it knows that it is in.
         let way = 3 * moment.round_trip(id) / 2 + 3 * self.margin_of(moment, id) + 2 * self.tick;
-        moment.settled(id).is_some_and(|settled| moment.now <= settled + way)
+        moment.settled_at(id).is_some_and(|settled| moment.now <= settled + way)
     }
 
     /// Nobody is told of whom it cannot come to see until the next tick's word stands.
-    fn look_for_leaks(&mut self, moment: &Moment<'_>) {
+    fn look_for_leaks(&mut self, moment: &TickView<'_>) {
         for output in moment.outputs {
             if matches!(output, Output::Vanish { .. }) {
                 continue;
@@ -186,7 +186,7 @@ impl InvariantChecker {
             self.seen.told += avatars.len() as u64;
             for avatar in avatars {
                 if self.could_see(moment, to, avatar) == Some(false) {
-                    let more = format!(" (walker {})", moment.walker(avatar));
+                    let more = format!(" (walker {})", moment.trace_id(avatar));
                     self.note(moment, &Violation::Leak, to, &more);
                 }
             }
@@ -196,7 +196,7 @@ impl InvariantChecker {
     /// Whether a viewer's eye could see an avatar's body wherever these can be by what bodies can do and by where
     /// portals lead, as far as cells and the PVS tell; nothing of those who are not known. What looks leave undecided is
     /// told all the same, but never of whom cells hide.
-    fn could_see(&self, moment: &Moment<'_>, viewer: AvatarId, avatar: AvatarId) -> Option<bool> {
+    fn could_see(&self, moment: &TickView<'_>, viewer: AvatarId, avatar: AvatarId) -> Option<bool> {
         let cells = &self.world.cells;
         let one_way = moment.round_trip(viewer).min(self.cap) / 2;
         let steps = one_way.as_nanos().div_ceil(DELAY_STEP.as_nanos());
@@ -220,7 +220,7 @@ impl InvariantChecker {
     /// stand any more.
     fn region(
         &self,
-        moment: &Moment<'_>,
+        moment: &TickView<'_>,
         id: AvatarId,
         delay: Duration,
         agility: &Agility,
@@ -254,17 +254,17 @@ impl InvariantChecker {
     }
 
     /// When the last report of an avatar was made, at the earliest, as far as the engine can know.
-    fn made(&self, moment: &Moment<'_>, id: AvatarId) -> Option<Duration> {
+    fn made(&self, moment: &TickView<'_>, id: AvatarId) -> Option<Duration> {
         let way = moment.round_trip(id).min(self.cap) / 2 + self.margin_of(moment, id);
-        Some(moment.heard(id)?.saturating_sub(way))
+        Some(moment.last_report(id)?.saturating_sub(way))
     }
 
-    fn margin_of(&self, moment: &Moment<'_>, id: AvatarId) -> Duration {
+    fn margin_of(&self, moment: &TickView<'_>, id: AvatarId) -> Duration {
         moment.engine.margin(id).unwrap_or(self.margin)
     }
 
     /// Whoever is hidden is in its TBV, which was large enough and is asked in time.
-    fn look_at_tbvs(&mut self, moment: &Moment<'_>) {
+    fn look_at_tbvs(&mut self, moment: &TickView<'_>) {
         let before = std::mem::take(&mut self.hidden);
         for (id, eye) in moment.eyes() {
             let Some(tbv) = moment.engine.tbv(id) else { continue };
@@ -290,7 +290,7 @@ impl InvariantChecker {
 
     /// When a hidden avatar must be asked at the latest: so that it answers, is told to stay, and what
     /// it then does is told to the slowest.
-    fn ask_by(&self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) -> Duration {
+    fn ask_by(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Duration {
         let told = self.slowest(moment, &|_| true) / 2;
         let lead = 2 * moment.round_trip(id).min(self.cap) + told + 2 * self.tick;
         tbv.expiry.saturating_sub(lead + self.margin_of(moment, id))
@@ -299,14 +299,14 @@ impl InvariantChecker {
     /// How long a hidden avatar must be sure to stay in its TBV when it was about to leave it at a tick of its
     /// client and was not at the one before: it is heard, another that is or falls silent meanwhile is asked, and
     /// its answer is told.
-    fn notice(&self, moment: &Moment<'_>, id: AvatarId) -> Duration {
+    fn notice(&self, moment: &TickView<'_>, id: AvatarId) -> Duration {
         let way = moment.round_trip(id).min(self.cap) / 2 + self.margin_of(moment, id);
         let asked = self.slowest(moment, &|id| self.may_fall_silent(moment, id));
         self.tick + way + self.tick + asked + self.tick + self.slowest(moment, &|_| true) / 2
     }
 
     /// Whether it can be asked and heard again in the time for which people are silenced.
-    fn may_fall_silent(&self, moment: &Moment<'_>, id: AvatarId) -> bool {
+    fn may_fall_silent(&self, moment: &TickView<'_>, id: AvatarId) -> bool {
         let (trip, margin) = (moment.round_trip(id), self.margin_of(moment, id).max(self.margin));
         let told = self.slowest(moment, &|_| true) / 2;
         let asked_and_told = 2 * trip + told + 2 * self.tick + margin;
@@ -314,13 +314,13 @@ impl InvariantChecker {
     }
 
     /// The longest round trip of some.
-    fn slowest(&self, moment: &Moment<'_>, is_counted: &dyn Fn(AvatarId) -> bool) -> Duration {
+    fn slowest(&self, moment: &TickView<'_>, is_counted: &dyn Fn(AvatarId) -> bool) -> Duration {
         let ids = moment.engine.avatars().filter(|id| is_counted(*id));
         ids.map(|id| moment.round_trip(id).min(self.cap)).max().unwrap_or_default()
     }
 
     /// A TBV that has just been made.
-    fn look_at_new(&mut self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) {
+    fn look_at_new(&mut self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) {
         if !tbv.notice.is_zero() {
             self.seen.stays += 1;
             if tbv.notice < self.notice(moment, id) {
@@ -334,7 +334,7 @@ impl InvariantChecker {
     }
 
     /// What a fault would have made of a TBV.
-    fn small(&self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) -> Tbv {
+    fn small(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Tbv {
         let Some(pose) = moment.engine.pose(id) else { return *tbv };
         let (eye, Aabb { min, max }) = (tbv.axes.own(pose.eye), tbv.within);
         let within = Aabb::new(eye + (min - eye) * SMALL, eye + (max - eye) * SMALL);
@@ -343,7 +343,7 @@ impl InvariantChecker {
 
     /// How long after its last report was made a TBV must hold its avatar: until it expires, or until its
     /// client has been told of it and could leave it by a notice later.
-    fn lasts(&self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) -> Option<Duration> {
+    fn lasts(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Option<Duration> {
         let made = self.made(moment, id)?;
         if tbv.notice.is_zero() {
             return Some(tbv.expiry.saturating_sub(made));
@@ -353,7 +353,7 @@ impl InvariantChecker {
     }
 
     /// Whether a TBV holds all that its avatar can do, whatever walls are there.
-    fn holds_all(&self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) -> bool {
+    fn holds_all(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
         let (Some(pose), Some(time)) = (moment.engine.pose(id), self.lasts(moment, id, tbv)) else {
             return true;
         };
@@ -362,7 +362,7 @@ impl InvariantChecker {
     }
 
     /// Whether straight walks from the last place known end inside.
-    fn is_large_enough(&self, moment: &Moment<'_>, id: AvatarId, tbv: &Tbv) -> bool {
+    fn is_large_enough(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
         let (Some(pose), Some(time)) = (moment.engine.pose(id), self.lasts(moment, id, tbv)) else {
             return true;
         };

@@ -29,7 +29,9 @@ use rayon::prelude::*;
 use sightline_cli::trace::Trace;
 use sightline_compiler::pvs;
 use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity};
-use sightline_replay::{self as replay, Network, Options, OracleStride, Report};
+use sightline_replay::{
+    self as replay, NetworkConditions, OracleStride, ReplayOptions, ReplayReport,
+};
 use sightline_world::{CellId, Portal, World};
 
 pub use building::SimulatedBuilding;
@@ -183,7 +185,7 @@ pub struct SimulationOutcome {
     /// What was wrong, the first few.
     pub breaches: Vec<String>,
     /// What replay tells of it.
-    pub report: Report,
+    pub report: ReplayReport,
     /// What was seen on the way.
     pub seen: Observations,
     /// A portal that walkers go through was lost.
@@ -216,7 +218,8 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let throws = if rng.random_bool(0.2) { THROWS } else { 0.0 };
     let trace = walkers::trace(building, &mut rng, (walkers, steps), speed_max, throws);
     let options = options(seed, &mut rng, speed_max, fault);
-    let Options { round_trip, network, config: Config { validity, margin, .. }, .. } = &options;
+    let ReplayOptions { round_trip, network, config: Config { validity, margin, .. }, .. } =
+        &options;
     let network = format!(
         "{speed_max} m/s, {throws} throws, {validity}, round trip {round_trip:?}, {network:?}, {margin:?}"
     );
@@ -256,20 +259,20 @@ pub fn outputs_by_tick(
     options.oracle = OracleStride::Off;
     options.config = Config { threads: threads as usize, sight_test_budget, ..options.config };
     let mut outputs_by_tick = Vec::new();
-    let invariants = &mut |now: &replay::Moment<'_>| outputs_by_tick.push(now.outputs.to_vec());
+    let invariants = &mut |now: &replay::TickView<'_>| outputs_by_tick.push(now.outputs.to_vec());
     replay::run_watched(&building.world, &trace, &options, None, invariants)
         .expect("there is no dump to write");
     outputs_by_tick
 }
 
 /// The network and the engine of a simulation.
-fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Options {
+fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> ReplayOptions {
     let round_trip_ms = [0, 0, 30, 80, 150, 250][rng.random_range(0..6)];
     let spread_ms = rng.random_range(0..=ROUND_TRIP_MAX_MS - round_trip_ms);
-    let mut options = Options::new(Policy::Tbv, Duration::from_millis(round_trip_ms));
+    let mut options = ReplayOptions::new(Policy::Tbv, Duration::from_millis(round_trip_ms));
     let is_lossy = rng.random_bool(0.75);
     let jitter = Duration::from_millis(if is_lossy { rng.random_range(0..=25) } else { 0 });
-    options.network = Network {
+    options.network = NetworkConditions {
         spread: Duration::from_millis(if rng.random_bool(0.7) { spread_ms } else { 0 }),
         jitter,
         drift: Duration::ZERO,
@@ -278,7 +281,7 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Optio
         seed,
     };
     options.oracle = OracleStride::Every(options.config.tick);
-    options.foresight = false;
+    options.look_ahead = false;
     let faults = fault.injection(options.config.tick);
     let validities =
         [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal, Validity::Adaptive];
@@ -298,7 +301,7 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Optio
 }
 
 /// What the closing figures say against it.
-fn of_report(report: &Report, options: &Options) -> Vec<String> {
+fn of_report(report: &ReplayReport, options: &ReplayOptions) -> Vec<String> {
     let mut breaches = Vec::new();
     if let Some(oracle) = &report.oracle {
         breaches.extend(oracle.first_misses.iter().map(|miss| format!("missed: {miss:?}")));

@@ -12,7 +12,7 @@ use std::{
 use anyhow::Context;
 use sightline_cli::{output, progress::Progress, trace::Trace};
 use sightline_engine::{Config, Policy, PolicyError, TbvShape, Validity};
-use sightline_replay::{self as replay, Comparison, Moment, Options, OracleStride};
+use sightline_replay::{self as replay, Comparison, OracleStride, ReplayOptions, TickView};
 use sightline_world::{World, rooms::Rooms};
 
 /// Runs the engine over a recorded trace, without sockets.
@@ -118,7 +118,7 @@ fn run_one(
     args: &Args,
     world: &Arc<World>,
     trace: &Trace,
-    options: &Options,
+    options: &ReplayOptions,
 ) -> anyhow::Result<()> {
     let mut dump = args.dump.as_deref().map(create).transpose()?;
     let progress = Progress::new();
@@ -137,7 +137,7 @@ fn explain(
     args: &Args,
     world: &Arc<World>,
     trace: &Trace,
-    options: &Options,
+    options: &ReplayOptions,
 ) -> anyhow::Result<()> {
     anyhow::ensure!(args.dump.is_none(), "--dump goes without --explain");
     anyhow::ensure!(args.json.is_none(), "--json goes without --explain");
@@ -146,10 +146,10 @@ fn explain(
     anyhow::ensure!(question.at <= first + length, "the trace ends before that time");
     let length = (question.at + options.config.tick).saturating_sub(first);
     let (length, oracle) = (Some(length), OracleStride::Off);
-    let options = Options { length, oracle, ..options.clone() };
+    let options = ReplayOptions { length, oracle, ..options.clone() };
     let progress = Progress::new();
     let mut answer = None;
-    let mut watch = |moment: &Moment<'_>| {
+    let mut watch = |moment: &TickView<'_>| {
         progress.show("replay", moment.done);
         if moment.now >= question.at && answer.is_none() {
             answer = Some(question.answer(moment));
@@ -169,11 +169,11 @@ struct Question {
 }
 
 impl Question {
-    fn answer(&self, moment: &Moment<'_>) -> anyhow::Result<String> {
+    fn answer(&self, moment: &TickView<'_>) -> anyhow::Result<String> {
         let t_ms = moment.now.as_millis();
         let find = |walker: u32| {
             let mut present = moment.engine.avatars();
-            let found = present.find(|id| moment.walker(*id) == walker);
+            let found = present.find(|id| moment.trace_id(*id) == walker);
             found.with_context(|| format!("{walker} is not present at {t_ms} ms"))
         };
         let explanation = moment.engine.explain(find(self.viewer)?, find(self.avatar)?);
@@ -198,7 +198,12 @@ impl FromStr for Question {
 }
 
 /// Runs a trace in several ways, one after the other.
-fn compare(args: &Args, world: &Arc<World>, trace: &Trace, ways: &[Options]) -> anyhow::Result<()> {
+fn compare(
+    args: &Args,
+    world: &Arc<World>,
+    trace: &Trace,
+    ways: &[ReplayOptions],
+) -> anyhow::Result<()> {
     anyhow::ensure!(args.dump.is_none(), "--dump wants one policy and one validity");
     anyhow::ensure!(args.explain.is_none(), "--explain wants one policy and one validity");
     let progress = Progress::new();
@@ -215,9 +220,9 @@ fn compare(args: &Args, world: &Arc<World>, trace: &Trace, ways: &[Options]) -> 
 }
 
 /// As the arguments say; where they say all, as it is served.
-fn options(args: &Args) -> anyhow::Result<Options> {
+fn options(args: &Args) -> anyhow::Result<ReplayOptions> {
     let policy = if let Policies::One(policy) = args.policy { policy } else { Policy::Tbv };
-    let mut options = Options::new(policy, Duration::from_millis(args.rtt.into()));
+    let mut options = ReplayOptions::new(policy, Duration::from_millis(args.rtt.into()));
     if let Some(speed_max) = args.speed_max {
         anyhow::ensure!(
             speed_max.is_finite() && speed_max > 0.0 && speed_max <= 1_000.0,

@@ -107,7 +107,7 @@ impl Hub {
         self.engine.tick(now, &mut outputs);
         for output in outputs.drain(..) {
             if let Some(client) = self.clients.get(&output.to()) {
-                client.outbox.tell(output, now);
+                client.outbox.tell(&output, now);
             }
         }
         for client in self.clients.values() {

@@ -132,7 +132,7 @@ pub struct Server {
 
 /// What [`Server::stats`] tells.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Stats {
+pub struct ServerStats {
     /// The clients that are connected, by avatar.
     pub clients: BTreeMap<u32, ClientStats>,
     /// How long ticks took.
@@ -200,11 +200,11 @@ impl Server {
     }
 
     /// What was counted up to now.
-    pub fn stats(&self) -> Stats {
+    pub fn stats(&self) -> ServerStats {
         let clients: Vec<_> = self.context.registry().clients.values().cloned().collect();
         let clients = clients.iter().map(|client| (client.avatar.0, client.stats())).collect();
         let (counts, engine) = self.context.pulse.engine();
-        Stats { clients, ticks: self.context.pulse.ticks(), counts, engine }
+        ServerStats { clients, ticks: self.context.pulse.ticks(), counts, engine }
     }
 
     /// Waits until the server ends by itself, which only a fault of the engine makes it do.

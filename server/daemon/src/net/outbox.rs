@@ -1,19 +1,14 @@
 //! What is to be sent to one client: control messages in order, and the newest poses.
 
 use std::{
-    collections::BTreeMap,
     sync::{Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
 use sightline_protocol::{
-    frame,
-    message::ServerMessage,
-    pose_stream::{Ack, PoseEncoder},
-    quantise::WireTbv,
-    text::{ChatLine, Name},
+    frame, message::ServerMessage, outbound::Outbound, pose_stream::Ack, text::ChatLine,
 };
-use sightline_world::motion::{AvatarId, Pose, ReportingState};
+use sightline_world::motion::ReportingState;
 use tokio::sync::Notify;
 
 use sightline_engine::Output;
@@ -46,8 +41,7 @@ pub struct Batch {
 struct State {
     control: Vec<u8>,
     frames: u64,
-    poses: BTreeMap<AvatarId, Pose>,
-    encoder: PoseEncoder,
+    outbound: Outbound,
     tick: u32,
     /// Counts up to `tick` when poses were encoded.
     encoded_tick: u32,
@@ -63,44 +57,17 @@ impl Outbox {
         self.filled.notify_one();
     }
 
-    /// Takes in what the engine wants told to the client.
-    pub fn tell(&self, output: Output, now: Duration) {
+    /// Takes in an output of the engine for the client.
+    pub fn tell(&self, output: &Output, now: Duration) {
         let mut state = self.state();
-        match output {
-            Output::Entered { pose, .. } => {
-                state.reporting = Some(ReportingState::Live);
-                state.push(&ServerMessage::Entered { pose: (&pose).into() });
-            }
-            Output::Appear { avatar, name, colour, pose, .. } => {
-                let since_sequence = state.encoder.next_sequence();
-                let (name, pose) = (Name::clipped(&name), (&pose).into());
-                state.push(&ServerMessage::Appear { avatar, name, colour, pose, since_sequence });
-            }
-            Output::Vanish { avatar, .. } => {
-                state.poses.remove(&avatar);
-                state.encoder.forget(avatar);
-                state.push(&ServerMessage::Vanish { avatar });
-            }
-            Output::Poses { poses, .. } => state.poses.extend(poses),
-            Output::Live { .. } => state.expect(ReportingState::Live, &ServerMessage::Live),
-            Output::Quiet { tbv, .. } => {
-                let tbv = WireTbv::new(&tbv, now);
-                state.expect(ReportingState::Quiet, &ServerMessage::Quiet { tbv });
-            }
-            Output::Ask { .. } => state.expect(ReportingState::Asked, &ServerMessage::Ask),
-            Output::Correct { pose, .. } => {
-                state.push(&ServerMessage::Correct { pose: (&pose).into() });
-            }
-            Output::Chat { from, text, .. } => {
-                state.push(&ServerMessage::Chat { from, text: ChatLine::clipped(&text) });
-            }
-            Output::Drop { reason, .. } => state.end(&reason),
+        if let Some(message) = state.outbound.convert(output, now) {
+            state.push(&message);
         }
     }
 
     /// Says goodbye: nothing can be added any more.
     pub fn end(&self, reason: &str) {
-        self.state().end(reason);
+        self.state().push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
         self.filled.notify_one();
     }
 
@@ -112,7 +79,7 @@ impl Outbox {
 
     /// What the client says that it has received.
     pub fn acknowledge(&self, ack: Ack) {
-        self.state().encoder.acknowledge(ack);
+        self.state().outbound.acknowledge(ack);
     }
 
     /// What the server expects of the client; `None` before it is in the world.
@@ -134,10 +101,9 @@ impl Outbox {
             && state.tick != state.encoded_tick
         {
             state.encoded_tick = state.tick;
-            state.encoder.set_datagram_bytes_max(bytes_max);
-            let poses: Vec<_> = std::mem::take(&mut state.poses).into_iter().collect();
+            state.outbound.set_datagram_bytes_max(bytes_max);
             let tick = state.tick;
-            datagrams = state.encoder.encode(tick, &poses);
+            datagrams = state.outbound.encode_poses(tick);
         }
         Batch {
             control: std::mem::take(&mut state.control),
@@ -158,6 +124,7 @@ impl State {
         if self.has_ended {
             return;
         }
+        self.reporting = reporting_after(message).or(self.reporting);
         let frame = frame::encode(message);
         if self.control.len() + frame.len() > CONTROL_BYTES_MAX {
             // It does not read: there is no use in telling it why.
@@ -167,23 +134,26 @@ impl State {
         }
         self.control.extend_from_slice(&frame);
         self.frames += 1;
+        self.has_ended = matches!(message, ServerMessage::Goodbye { .. });
     }
+}
 
-    fn expect(&mut self, reporting: ReportingState, message: &ServerMessage) {
-        self.reporting = Some(reporting);
-        self.push(message);
-    }
-
-    fn end(&mut self, reason: &str) {
-        self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
-        self.has_ended = true;
+/// How a client reports once it has received a message; `None` when that changes nothing.
+fn reporting_after(message: &ServerMessage) -> Option<ReportingState> {
+    match message {
+        ServerMessage::Entered { .. } | ServerMessage::Live => Some(ReportingState::Live),
+        ServerMessage::Quiet { .. } => Some(ReportingState::Quiet),
+        ServerMessage::Ask => Some(ReportingState::Asked),
+        _ => None,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
+    use sightline_engine::Output;
     use sightline_protocol::{frame::FrameBuffer, pose_stream::PoseDecoder};
+    use sightline_world::motion::{AvatarId, Pose};
 
     use super::*;
 
@@ -214,7 +184,7 @@ mod tests {
     fn a_newer_pose_takes_the_place_of_one_that_waits() {
         let outbox = Outbox::default();
         for tick in 1..=100 {
-            outbox.tell(poses(tick as f32), Duration::ZERO);
+            outbox.tell(&poses(tick as f32), Duration::ZERO);
             outbox.flush(tick);
             assert!(outbox.take(None).datagrams.is_empty(), "the path is full");
         }
@@ -230,9 +200,9 @@ mod tests {
     #[test]
     fn nothing_is_sent_about_the_vanished() {
         let outbox = Outbox::default();
-        outbox.tell(appear(), Duration::ZERO);
-        outbox.tell(poses(1.0), Duration::ZERO);
-        outbox.tell(Output::Vanish { to: ME, avatar: OTHER }, Duration::ZERO);
+        outbox.tell(&appear(), Duration::ZERO);
+        outbox.tell(&poses(1.0), Duration::ZERO);
+        outbox.tell(&Output::Vanish { to: ME, avatar: OTHER }, Duration::ZERO);
         for tick in 1..20 {
             outbox.flush(tick);
             assert!(outbox.take(Some(1_200)).datagrams.is_empty());
@@ -242,10 +212,10 @@ mod tests {
     #[test]
     fn an_appearance_counts_from_the_next_datagram() {
         let outbox = Outbox::default();
-        outbox.tell(poses(1.0), Duration::ZERO);
+        outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.flush(1);
         assert_eq!(outbox.take(Some(1_200)).datagrams.len(), 1);
-        outbox.tell(appear(), Duration::ZERO);
+        outbox.tell(&appear(), Duration::ZERO);
         let said = messages(&outbox.take(None));
         assert!(matches!(&said[..], [ServerMessage::Appear { since_sequence: 2, .. }]));
     }
@@ -254,7 +224,7 @@ mod tests {
     fn one_that_does_not_read_is_given_up_with_bounded_memory() {
         let outbox = Outbox::default();
         for _ in 0..100_000 {
-            outbox.tell(appear(), Duration::ZERO);
+            outbox.tell(&appear(), Duration::ZERO);
             assert!(outbox.state().control.len() <= CONTROL_BYTES_MAX);
         }
         let batch = outbox.take(None);
@@ -264,8 +234,8 @@ mod tests {
     #[test]
     fn goodbye_is_the_last_word() {
         let outbox = Outbox::default();
-        outbox.tell(Output::Drop { to: ME, reason: "enough\n".to_owned() }, Duration::ZERO);
-        outbox.tell(Output::Live { to: ME }, Duration::ZERO);
+        outbox.tell(&Output::Drop { to: ME, reason: "enough\n".to_owned() }, Duration::ZERO);
+        outbox.tell(&Output::Live { to: ME }, Duration::ZERO);
         let batch = outbox.take(None);
         assert!(batch.is_last);
         let reason = ChatLine::new("enough").unwrap();
