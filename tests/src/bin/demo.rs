@@ -1,5 +1,5 @@
-//! `cargo demo`: the demo building with simulated visitors, a window among them or pictures of them,
-//! and a table of what it cost.
+//! `cargo demo`: the demo building with simulated visitors, and a table of what each client was
+//! told.
 
 use std::{path::PathBuf, process::ExitCode, time::Duration};
 
@@ -7,27 +7,40 @@ use clap::Parser;
 use sightline_cli::exit;
 use sightline_tests::demo::{self, DemoOptions};
 
-/// Fills a building with simulated visitors, puts your window among them where there is a
-/// display, or writes pictures, and ends with a table of what each client was told.
+/// Fills a building with simulated visitors, and shows what each client is told of the others.
+///
+/// Starts the real server and real clients over QUIC in one process. Where there is a display, a
+/// window opens among the visitors; elsewhere the demo writes two pictures: a view and a plan. It
+/// ends with a table: the same walk under three policies, and how they compare with rays against
+/// the building's triangles.
+///
+/// The first run compiles the building, which takes about half a minute. Later runs read it from
+/// the cache.
 #[derive(Parser)]
 #[command(name = "cargo demo", version)]
 struct Args {
-    /// Simulated visitors.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=2000))]
+    /// The number of simulated visitors.
+    #[arg(long, value_name = "N", default_value_t = 60,
+          value_parser = clap::value_parser!(u32).range(1..=2000))]
     visitors: u32,
-    /// How long they walk.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..=3600))]
+    /// How long they walk, in seconds.
+    #[arg(long, value_name = "S", default_value_t = 60,
+          value_parser = clap::value_parser!(u64).range(2..=3600))]
     seconds: u64,
-    /// Rooms of the building.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    /// The number of rooms in the building.
+    #[arg(long, value_name = "N", default_value_t = 60,
+          value_parser = clap::value_parser!(u32).range(1..=1000))]
     rooms: u32,
-    /// The same seed gives the same building and the same goals.
-    #[arg(long, default_value_t = 1)]
+    /// The seed of the building and of the visitors' goals: the same seed gives the same ones.
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Another building: a world made by `sightline-server compile`.
+    /// Walk in another building: a world file made by `sightline-server compile`.
     #[arg(long, value_name = "WORLD.slw", conflicts_with = "rooms")]
     world: Option<PathBuf>,
-    /// Where the pictures go.
+    /// The folder where compiled buildings are kept for the next run.
+    #[arg(long, value_name = "DIR", default_value = "target/demo-cache")]
+    cache: PathBuf,
+    /// The folder for the pictures.
     #[arg(long, value_name = "DIR", default_value = "target/demo")]
     pictures: PathBuf,
     /// Write pictures even where there is a display.
@@ -43,6 +56,7 @@ fn main() -> ExitCode {
         rooms: args.rooms as usize,
         seed: args.seed,
         world: args.world,
+        cache: args.cache,
         pictures: args.pictures,
         window: !args.no_window,
     };

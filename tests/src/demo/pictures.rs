@@ -1,9 +1,10 @@
-//! What a person without a display gets to see: a view through their own client's eyes, and a plan
-//! with who is where and what they may see.
+//! What a person without a display gets to see: a view through the eyes of their own client, and a
+//! plan that shows all visitors, and which of them the client was told of.
 
 use std::{
     fs,
-    path::{Path, PathBuf},
+    path::Path,
+    sync::atomic::Ordering::Relaxed,
     thread,
     time::{Duration, Instant},
 };
@@ -21,16 +22,24 @@ use sightline_renderer::{
 };
 use sightline_world::{World, motion::Pose};
 
-use super::{DemoOptions, FrameRate, Visitors, lock};
+use super::{options::DemoOptions, summary::FrameRate, visitors::Visitors};
 
+/// Columns and rows of the view.
 const SIZE: (usize, usize) = (960, 540);
-/// Frames drawn to see how fast it goes.
+/// Frames drawn to measure the frame rate.
 const TIMED_FRAMES: usize = 60;
+/// The time between two moments that are compared.
+const MOMENT_INTERVAL: Duration = Duration::from_millis(200);
+/// The share of the walk before which visitors still stand where they came in.
+const SETTLED: f32 = 0.3;
 
-/// Stays until the visitors are done, and keeps the moment at which most of them could be seen.
+/// Waits until the visitors are done, and draws the moment at which most of them were in view.
+///
+/// # Errors
+/// When a picture cannot be written.
 pub(super) fn take(
     you: &Session,
-    crowd: &Visitors,
+    visitors: &Visitors,
     world: &World,
     options: &DemoOptions,
 ) -> anyhow::Result<FrameRate> {
@@ -38,13 +47,12 @@ pub(super) fn take(
     let start = Instant::now();
     let pose = best_view(you, world);
     let mut best: Option<PictureMoment> = None;
-    while !crowd.has_ended() {
-        thread::sleep(Duration::from_millis(200));
+    while !visitors.is_over().load(Relaxed) {
+        thread::sleep(MOMENT_INTERVAL);
         let share = start.elapsed().as_secs_f32() / options.duration.as_secs_f32();
         progress.show("walking", share);
-        let moment = PictureMoment::now(you, crowd, pose);
-        // The first seconds, when all stand where they came in, are not worth a picture.
-        let is_settled = share > 0.3 || best.is_none();
+        let moment = PictureMoment::now(you, visitors, pose);
+        let is_settled = share > SETTLED || best.is_none();
         if is_settled && best.as_ref().is_none_or(|b| moment.in_front() >= b.in_front()) {
             best = Some(moment);
         }
@@ -53,7 +61,7 @@ pub(super) fn take(
     let frames = time_frames(world, &pose);
     if let Some(moment) = best {
         fs::create_dir_all(&options.pictures)
-            .with_context(|| format!("cannot make {}", options.pictures.display()))?;
+            .with_context(|| format!("cannot create {}", options.pictures.display()))?;
         save(&moment.view(world), &options.pictures, "view.png")?;
         save(&moment.plan(world), &options.pictures, "plan.png")?;
     }
@@ -61,14 +69,13 @@ pub(super) fn take(
 }
 
 fn save(picture: &RgbImage, folder: &Path, name: &str) -> anyhow::Result<()> {
-    let path: PathBuf = folder.join(name);
+    let path = folder.join(name);
     picture.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
     println!("picture: {}", path.display());
     Ok(())
 }
 
-/// Your place, looking where most of the building is in view: the direction with the greatest mean
-/// distance, in which sky counts as nothing.
+/// Your place, facing the direction with the greatest mean depth. Sky has a depth of zero here.
 fn best_view(you: &Session, world: &World) -> Pose {
     let mut renderer = Renderer::default();
     let mut frame = Frame::new(96, 54);
@@ -85,7 +92,7 @@ fn best_view(you: &Session, world: &World) -> Pose {
         .map_or(here, |(_, pose)| pose)
 }
 
-/// Draws a turn on the spot.
+/// Draws one turn on the spot, and measures it by the clock.
 fn time_frames(world: &World, pose: &Pose) -> FrameRate {
     let mut renderer = Renderer::default();
     let mut frame = Frame::new(SIZE.0, SIZE.1);
@@ -104,24 +111,25 @@ fn time_frames(world: &World, pose: &Pose) -> FrameRate {
     }
 }
 
-/// What you saw at one moment, and where everybody truly was.
+/// What you saw at one moment, and where all visitors truly were.
 struct PictureMoment {
     pose: Pose,
     /// On the server's clock.
     time: Duration,
     visible: Vec<VisibleAvatar>,
+    /// The avatar number and the true pose of each visitor.
     everybody: Vec<(u32, Pose)>,
 }
 
 impl PictureMoment {
-    fn now(you: &Session, crowd: &Visitors, pose: Pose) -> Self {
-        let snapshots = lock(&crowd.snapshots);
+    fn now(you: &Session, visitors: &Visitors, pose: Pose) -> Self {
+        let snapshots = visitors.snapshots();
         let visitors = snapshots.last().map_or(&[][..], |snapshot| &snapshot.visitors);
         let everybody = visitors.iter().map(|v| (v.avatar.0, v.pose)).collect();
         Self { pose, time: you.server_time(), visible: you.visible(), everybody }
     }
 
-    /// How many stand in the picture, as far as directions tell, and near enough to be made out.
+    /// The number of avatars within the view's angle, near enough to be recognised.
     fn in_front(&self) -> usize {
         let is_near = |to: glam::Vec3| {
             let along = to.dot(self.pose.forward());
@@ -152,7 +160,8 @@ impl PictureMoment {
         })
     }
 
-    /// Those you were told of are filled, all others are rings; what you may see is bright.
+    /// The plan. Avatars that you were told of are discs, all others are rings. Cells that you may
+    /// see are bright.
     fn plan(&self, world: &World) -> RgbImage {
         let told = |id: u32| self.visible.iter().find(|avatar| avatar.id.0 == id);
         let mut marks: Vec<Mark> = self

@@ -1,59 +1,161 @@
-//! The closing table: the same walk under three policies, what the live run measured, and what
-//! rays say of both.
+//! The closing table: the same walk under three policies, what the live run measured, and how both
+//! compare with rays.
 
-use std::{fmt::Write, io::BufReader, sync::Arc, time::Duration};
+use std::{
+    fmt::Write,
+    io::BufReader,
+    sync::{Arc, Mutex, PoisonError},
+    thread,
+    time::Duration,
+};
 
-use rayon::prelude::*;
+use anyhow::anyhow;
 use sightline_cli::{progress::Progress, trace::Trace};
-use sightline_client::swarm::{self, Snapshot};
+use sightline_client::swarm::{Snapshot, SwarmReport};
 use sightline_engine::Policy;
-use sightline_oracle::Oracle;
 use sightline_replay::{self as replay, OracleStride};
 use sightline_server::net::ServerStats;
-use sightline_world::{World, motion::AvatarId};
+use sightline_world::World;
 
-use super::FrameRate;
+use super::live_check::{CHECK_INTERVAL, LiveCheck};
 
-/// Everybody is compared with rays so often.
-const ORACLE_INTERVAL: Duration = Duration::from_secs(1);
-/// Sampled points a side on a body.
-const BODY_SAMPLES: u32 = 3;
+/// The policies that the walk is replayed under: a column each.
+const POLICIES: [Policy; 3] = [Policy::Broadcast, Policy::Pvs, Policy::Tbv];
 
-/// Prints the table.
-pub(super) fn print(
-    world: &Arc<World>,
-    snapshots: &[Snapshot],
-    report: &swarm::SwarmReport,
-    server: &ServerStats,
-    frames: &FrameRate,
-) -> anyhow::Result<()> {
-    let trace = trace(snapshots)?;
-    let progress = Progress::new();
-    let policies = [Policy::Broadcast, Policy::Pvs, Policy::Tbv];
-    let mut columns = Vec::new();
-    for (i, policy) in policies.into_iter().enumerate() {
-        let mut options = replay::ReplayOptions::new(policy, round_trip(report));
-        options.oracle = OracleStride::Every(ORACLE_INTERVAL);
-        columns.push(replay::run(world, &trace, &options, None, &mut |share| {
-            progress.show("the same walk under three policies", (i as f32 + share) / 3.0);
-        })?);
-    }
-    progress.finish();
-    print_policies(&columns);
-    print_live(&check(world, snapshots), report, server);
-    let (width, height) = frames.size;
-    println!(
-        "frames            {:.1} a second, {:.1} ms each to draw, {width} × {height}, {}",
-        frames.per_s, frames.draw_ms, frames.note
-    );
-    Ok(())
+/// How fast the building was drawn.
+pub(super) struct FrameRate {
+    pub(super) per_s: f64,
+    pub(super) draw_ms: f64,
+    pub(super) size: (usize, usize),
+    /// Where and how, in words.
+    pub(super) note: &'static str,
 }
 
-fn round_trip(report: &swarm::SwarmReport) -> Duration {
+/// The figures that are worked out after the walk.
+pub(super) struct Summary {
+    /// A report for each of [`POLICIES`].
+    replays: Vec<replay::ReplayReport>,
+    live: LiveCheck,
+}
+
+impl Summary {
+    /// Replays the recorded walk under each policy, and checks the live run with rays. All four run
+    /// at the same time.
+    ///
+    /// # Errors
+    /// When a replay fails.
+    pub(super) fn new(
+        world: &Arc<World>,
+        snapshots: &[Snapshot],
+        report: &SwarmReport,
+    ) -> anyhow::Result<Self> {
+        let trace = trace(snapshots)?;
+        let round_trip = round_trip(report);
+        let progress = ReplayProgress::default();
+        let summary = thread::scope(|scope| {
+            let progress = &progress;
+            let trace = &trace;
+            let runs: Vec<_> = (0..POLICIES.len())
+                .map(|i| {
+                    scope.spawn(move || {
+                        let mut options = replay::ReplayOptions::new(POLICIES[i], round_trip);
+                        options.oracle = OracleStride::Every(CHECK_INTERVAL);
+                        let hear = &mut |share| progress.show(i, share);
+                        replay::run(world, trace, &options, None, hear)
+                    })
+                })
+                .collect();
+            let live = LiveCheck::of(world, snapshots);
+            let replays = runs.into_iter().map(|run| {
+                let report = run.join().map_err(|_| anyhow!("a replay's thread failed"))?;
+                Ok(report?)
+            });
+            Ok(Self { replays: replays.collect::<anyhow::Result<_>>()?, live })
+        });
+        progress.bar.finish();
+        summary
+    }
+
+    /// Prints the table for people.
+    pub(super) fn print(&self, report: &SwarmReport, server: &ServerStats, frames: &FrameRate) {
+        self.print_policies();
+        self.print_live(report);
+        println!(
+            "server            {:.2} ms a tick in the median, {:.2} ms at the 99th percentile",
+            server.ticks.median_us as f64 / 1e3,
+            server.ticks.p99_us as f64 / 1e3
+        );
+        let (width, height) = frames.size;
+        println!(
+            "frames            {:.1} a second, {:.1} ms each to draw, {width} × {height}, {}",
+            frames.per_s, frames.draw_ms, frames.note
+        );
+    }
+
+    fn print_policies(&self) {
+        println!("\nThe same walk under three policies, means over all clients:\n");
+        let row = |name: &str, figure: &dyn Fn(&replay::ReplayReport) -> String| {
+            print!("{name:<30}");
+            self.replays.iter().for_each(|replay| print!("{:>12}", figure(replay)));
+            println!();
+        };
+        row("", &|r| r.policy.clone());
+        row("visitors", &|r| r.avatars.to_string());
+        row("avatars held by a client", &|r| format!("{:.1}", r.held_mean));
+        row("messages to a client, per s", &|r| format!("{:.1}", r.messages_to_client));
+        row("bytes to a client, per s", &|r| format!("{:.0}", r.bytes_to_client));
+        row("messages from a client, per s", &|r| format!("{:.1}", r.messages_from_client));
+        row("bytes from a client, per s", &|r| format!("{:.0}", r.bytes_from_client));
+        row("share of time quiet", &|r| format!("{:.1} %", r.quiet_share * 100.0));
+        let oracle = |r: &replay::ReplayReport| r.oracle.clone().unwrap_or_default();
+        row("misses", &|r| oracle(r).misses.to_string());
+        row("over-send against rays", &|r| format!("{:.2}", oracle(r).over_send));
+        println!();
+    }
+
+    fn print_live(&self, report: &SwarmReport) {
+        println!(
+            "live, over QUIC   {} visible pairs checked, {} misses, over-send {:.2}",
+            self.live.visible,
+            self.live.missed,
+            self.live.over_send()
+        );
+        if report.clients > 0 {
+            println!(
+                "                  {:.0} B/s to a client with QUIC ({:.0} without), {:.0} B/s from it",
+                report.udp_bytes_in_per_s, report.bytes_in_per_s, report.udp_bytes_out_per_s
+            );
+            println!(
+                "                  poses {:.0} ms old on average, 99 of 100 within {:.0} ms; \
+                 {} corrections",
+                report.age_mean_ms, report.age_p99_ms, report.corrections
+            );
+        }
+    }
+}
+
+/// One progress bar for replays that run at the same time.
+#[derive(Default)]
+struct ReplayProgress {
+    bar: Progress,
+    /// The share done of each replay, from 0 to 1.
+    shares: Mutex<[f32; POLICIES.len()]>,
+}
+
+impl ReplayProgress {
+    fn show(&self, replay: usize, share: f32) {
+        let mut shares = self.shares.lock().unwrap_or_else(PoisonError::into_inner);
+        shares[replay] = share;
+        let mean = shares.iter().sum::<f32>() / POLICIES.len() as f32;
+        self.bar.show("the same walk under three policies", mean);
+    }
+}
+
+fn round_trip(report: &SwarmReport) -> Duration {
     Duration::from_secs_f64((report.round_trip_ms / 1e3).clamp(0.0, 1.0))
 }
 
-/// Where everybody truly was, in the form of a recorded trace.
+/// The visitors' true poses, in the form of a recorded trace.
 fn trace(snapshots: &[Snapshot]) -> anyhow::Result<Trace> {
     let mut csv = String::from("t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n");
     for snapshot in snapshots {
@@ -76,123 +178,4 @@ fn trace(snapshots: &[Snapshot]) -> anyhow::Result<Trace> {
         }
     }
     Ok(Trace::read(BufReader::new(csv.as_bytes()))?)
-}
-
-fn print_policies(columns: &[replay::ReplayReport]) {
-    println!("\nThe same walk, each client's mean, by what it is told of:\n");
-    let row = |name: &str, figure: &dyn Fn(&replay::ReplayReport) -> String| {
-        print!("{name:<28}");
-        columns.iter().for_each(|column| print!("{:>12}", figure(column)));
-        println!();
-    };
-    row("", &|c| c.policy.clone());
-    row("visitors", &|c| c.avatars.to_string());
-    row("others held, mean", &|c| format!("{:.1}", c.held_mean));
-    row("messages to it, a second", &|c| format!("{:.1}", c.messages_to_client));
-    row("bytes to it, a second", &|c| format!("{:.0}", c.bytes_to_client));
-    row("messages from it, a second", &|c| format!("{:.1}", c.messages_from_client));
-    row("bytes from it, a second", &|c| format!("{:.0}", c.bytes_from_client));
-    row("share of time it is quiet", &|c| format!("{:.1} %", c.quiet_share * 100.0));
-    let oracle = |c: &replay::ReplayReport| c.oracle.clone().unwrap_or_default();
-    row("misses", &|c| oracle(c).misses.to_string());
-    row("over-send against sight", &|c| format!("{:.2}", oracle(c).over_send));
-    println!();
-}
-
-/// What rays say of what the clients held.
-#[derive(Default)]
-struct LiveCheck {
-    visible: u64,
-    held: u64,
-    /// Visible, but not held, at a look and at the one before.
-    missed: u64,
-}
-
-/// A visible avatar that is not held yet at one moment may be on its way; one that is still not
-/// held when somebody looks again is missed.
-fn check(world: &World, snapshots: &[Snapshot]) -> LiveCheck {
-    let sight = Oracle::new(&world.mesh);
-    let looks = every(snapshots, ORACLE_INTERVAL);
-    looks
-        .par_iter()
-        .map(|&index| {
-            let mut live = LiveCheck::default();
-            let again = snapshots.get(index + 1);
-            for (viewer, other) in pairs(&snapshots[index]) {
-                let body = world.body.around(other.pose.eye);
-                let is_held = viewer.held.iter().any(|held| held.id == other.avatar);
-                live.held += u64::from(is_held);
-                if sight.of_box(viewer.pose.eye, &body, BODY_SAMPLES) {
-                    live.visible += 1;
-                    let is_missed = !is_held
-                        && again.is_some_and(|later| {
-                            misses(world, &sight, later, viewer.avatar, other.avatar)
-                        });
-                    live.missed += u64::from(is_missed);
-                }
-            }
-            live
-        })
-        .reduce(LiveCheck::default, |a, b| LiveCheck {
-            visible: a.visible + b.visible,
-            held: a.held + b.held,
-            missed: a.missed + b.missed,
-        })
-}
-
-fn misses(
-    world: &World,
-    sight: &Oracle,
-    snapshot: &Snapshot,
-    viewer: AvatarId,
-    other: AvatarId,
-) -> bool {
-    pairs(snapshot).any(|(v, o)| {
-        (v.avatar, o.avatar) == (viewer, other)
-            && !v.held.iter().any(|held| held.id == other)
-            && sight.of_box(v.pose.eye, &world.body.around(o.pose.eye), BODY_SAMPLES)
-    })
-}
-
-fn pairs(snapshot: &Snapshot) -> impl Iterator<Item = (&swarm::VisitorView, &swarm::VisitorView)> {
-    let visitors = &snapshot.visitors;
-    visitors.iter().flat_map(move |viewer| {
-        visitors.iter().filter(|o| o.avatar != viewer.avatar).map(move |other| (viewer, other))
-    })
-}
-
-/// The indices of snapshots that are at least so far apart, without the first second.
-fn every(snapshots: &[Snapshot], interval: Duration) -> Vec<usize> {
-    let mut next = interval;
-    let mut chosen = Vec::new();
-    for (index, snapshot) in snapshots.iter().enumerate() {
-        if snapshot.elapsed >= next {
-            chosen.push(index);
-            next = snapshot.elapsed + interval;
-        }
-    }
-    chosen
-}
-
-fn print_live(live: &LiveCheck, report: &swarm::SwarmReport, server: &ServerStats) {
-    let over_send = live.held as f64 / live.visible.max(1) as f64;
-    println!(
-        "live, over QUIC   {} visible pairs looked at, {} misses, over-send {over_send:.2}",
-        live.visible, live.missed
-    );
-    if report.clients > 0 {
-        println!(
-            "                  {:.0} B/s to a client with QUIC's own ({:.0} without), {:.0} B/s from it",
-            report.udp_bytes_in_per_s, report.bytes_in_per_s, report.udp_bytes_out_per_s
-        );
-        println!(
-            "                  poses {:.0} ms old in the mean, 99 of 100 within {:.0} ms; {} corrections",
-            report.age_mean_ms, report.age_p99_ms, report.corrections
-        );
-    }
-    println!(
-        "server            {:.2} ms a tick in the median, {:.2} ms at the 99th percentile",
-        server.ticks.median_us as f64 / 1e3,
-        server.ticks.p99_us as f64 / 1e3
-    );
 }

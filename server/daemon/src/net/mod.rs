@@ -95,6 +95,11 @@ impl ServedWorld {
     pub fn world(&self) -> &Arc<World> {
         &self.world
     }
+
+    /// The bytes of its file.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
 }
 
 /// Why a server does not start.
