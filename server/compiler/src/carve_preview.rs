@@ -15,7 +15,7 @@ use sightline_world::{Mesh, geometry::Axes};
 
 use crate::{
     carve::{self, CarvedModel, Class},
-    plan::{self, INK, PAPER},
+    drawing::{INK, PAPER, write},
 };
 
 /// One panel, in pixels.
@@ -75,7 +75,7 @@ pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
     for (i, (caption, scene)) in (0..).zip(&panels) {
         let left = i * (WIDTH + GAP);
         scene.draw(&eye, left, &mut picture);
-        plan::write(&mut picture, left as i32, 6, caption, INK);
+        write(&mut picture, left as i32, 6, caption, INK);
     }
     (picture, carved)
 }
@@ -111,7 +111,7 @@ impl Scene {
     fn carved(carved: &CarvedModel, with_cuttings: bool) -> Self {
         let kept = carved.polygons.iter().map(|p| (&p.triangles[..], grey(p.class)));
         // With the cuttings back in place, what was added lies within the solid.
-        let added = carved.added.iter().filter(|_| !with_cuttings);
+        let added = carved.caps.iter().filter(|_| !with_cuttings);
         let added = added.map(|a| (&a.triangles[..], ADDED));
         let cut = carved.cuttings.iter().filter(|_| with_cuttings).map(|p| {
             let colour = CUTTINGS[p.unit.unwrap_or(0) as usize % CUTTINGS.len()];

@@ -129,7 +129,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        occluders::{Opaque, planes},
+        occluders::{OccluderTriangle, planes},
         subdivide::{Spaces, SubdivisionInput},
     };
     use sightline_oracle::Oracle;
@@ -166,7 +166,7 @@ mod tests {
         out: &mut Vec<[Vec3; 3]>,
     ) {
         let steps = [3.0, 2.0, 3.0];
-        let (axis_u, axis_v) = crate::occluders::other_axes(axis);
+        let (axis_u, axis_v) = crate::split_plane::other_axes(axis);
         let mut panel = |u0: f32, v0: f32, u1: f32, v1: f32| {
             let corner = |cu: f32, cv: f32| {
                 let mut p = Vec3::splat(at);
@@ -193,10 +193,11 @@ mod tests {
     /// Without a PVS.
     fn subdivided(bounds: &Aabb, all: &[[Vec3; 3]], axes: Axes) -> Cells {
         let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
-        let opaque = |t: &[Vec3; 3]| Opaque { corners: t.map(own), is_last: false };
+        let opaque = |t: &[Vec3; 3]| OccluderTriangle { corners: t.map(own), is_last: false };
         let planes = planes(&all.iter().map(opaque).collect::<Vec<_>>());
         let occluders = SubdivisionInput { planes: &planes, solids: &[], eyes: &[] };
-        Spaces::new(&axes.own_box(bounds), axes, &occluders).cells(&CellSize::of_width(2.0))
+        let spaces = Spaces::new(&axes.own_box(bounds), axes, &occluders);
+        crate::subdivide::cells(&spaces, &CellSize::of_width(2.0))
     }
 
     fn compiled(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> Cells {

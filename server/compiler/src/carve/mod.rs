@@ -28,7 +28,7 @@
 //! out. Cuttings whose plane is axial, too, for who can use them; to leave them out makes the PVS
 //! larger, never wrong.
 //!
-//! [`CarvedModel::added`] only where [`CapPolygon::sealed`]. These polygons close the hole that a box leaves
+//! [`CarvedModel::caps`] only where [`CapPolygon::sealed`]. These polygons close the hole that a box leaves
 //! in a solid, and lie inside of what was solid. In a model whose surfaces do not close, inside and
 //! outside are a guess, and the polygon may stand in the open. It is sealed where the surface that
 //! was cut is a closed 2-manifold, and all of the polygon is inside of the model's closed surfaces,
@@ -46,30 +46,31 @@
 //! units; where one of these would, nothing but the unit's own polygons is cut, and nothing added.
 //! What is left is axial all the same.
 
-mod bin_a;
-mod classify;
+mod caps;
+mod carved_model;
+mod carver;
+mod classes;
+mod orientation;
+mod plane;
 mod polygons;
 mod sealing;
 mod topology;
-mod turn;
+mod union;
 mod volume;
 
 use std::ops::ControlFlow;
 
 use glam::DVec3;
-use serde::Serialize;
 
-pub use classify::Class;
-pub use turn::dominant_orientation;
-
-use classify::{Groups, classes};
+use carver::{Carver, Carving};
+use classes::{Groups, classes};
 use polygons::Polygons;
-use volume::{Carver, Carving};
 
-/// A carving unit takes at most this times its own area of polygons that are not its own.
-pub const LOSS_MAX: f64 = 2.0;
-/// A carving unit may take this much of others whatever is added, in square metres.
-pub const FREE_LOSS_M2: f64 = 1.0;
+pub use carved_model::{CapPolygon, CarveReport, CarvedModel, Class, Polygon};
+pub use carver::{FREE_LOSS_M2, LOSS_MAX};
+pub use orientation::dominant_orientation;
+pub use plane::Plane;
+
 /// The share of the work that is done when triangles are merged to polygons, roughly.
 const MERGED: f32 = 0.5;
 /// The share that is done when carving units are known.
@@ -90,124 +91,6 @@ pub enum CarvingUnits {
     Clusters,
     /// As small as possible: more portals, but smaller ones.
     Elements,
-}
-
-/// A model after carving. Coordinates are those of the triangles that were carved.
-#[derive(Clone, Debug)]
-pub struct CarvedModel {
-    /// AoutB: what is left of the model's polygons; axial and semi-axial.
-    pub polygons: Vec<Polygon>,
-    /// BinA: what closes the holes; see [`CapPolygon::sealed`].
-    pub added: Vec<CapPolygon>,
-    /// AinB and AonB: what was in the boxes.
-    pub cuttings: Vec<Polygon>,
-    /// How many of what.
-    pub report: CarveReport,
-}
-
-/// A polygon, or what was left of one.
-#[derive(Clone, Debug)]
-pub struct Polygon {
-    /// Of a cutting: that of the polygon that it was a part of.
-    pub class: Class,
-    /// In which it lies.
-    pub plane: Plane,
-    /// What it covers. They overlap only where the model's did.
-    pub triangles: Vec<[DVec3; 3]>,
-    /// Of a cutting: which carving unit cut it off.
-    pub unit: Option<u32>,
-}
-
-/// A polygon of a carving volume that lies inside of what was solid.
-#[derive(Clone, Debug)]
-pub struct CapPolygon {
-    /// In which it lies; the normal points out of what is still solid, into the box.
-    pub plane: Plane,
-    /// What it covers, without overlap.
-    pub triangles: Vec<[DVec3; 3]>,
-    /// Which carving unit's hole it closes.
-    pub unit: u32,
-    /// Whether it certainly lies inside of a solid, and so may be an occluder.
-    pub sealed: bool,
-}
-
-/// Points whose product with the normal is the distance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
-    /// Of unit length, towards the front. Of what is axial to within the tolerance, it is exactly
-    /// an axis.
-    pub normal: DVec3,
-    /// From the origin along the normal, in metres.
-    pub distance: f64,
-}
-
-impl Plane {
-    /// The plane of a triangle; across an axis, or upright, exactly, when it is nearly so.
-    fn through(triangle: &[DVec3; 3], normal: DVec3, near: f64) -> Self {
-        let centre = triangle.iter().sum::<DVec3>() / 3.0;
-        let [a, b, c] = *triangle;
-        let size = a.max(b).max(c) - a.min(b).min(c);
-        let n = normal.abs();
-        let main = if n.x >= n.y && n.x >= n.z {
-            0
-        } else if n.y >= n.z {
-            1
-        } else {
-            2
-        };
-        let mut normal = normal;
-        if size[main] <= near && n[main] > 0.9 {
-            normal = DVec3::AXES[main] * normal[main].signum();
-        } else if n.y * size.y <= near && n.y < 0.01 {
-            normal = normal.with_y(0.0).normalize_or_zero();
-        }
-        Self { normal, distance: normal.dot(centre) }
-    }
-
-    /// The axis that it is exactly across, if any.
-    pub fn axis(&self) -> Option<usize> {
-        (0..3).find(|&axis| self.normal[axis].abs() == 1.0)
-    }
-
-    /// How far before the plane a point is, in metres; negative behind.
-    pub fn height(&self, point: DVec3) -> f64 {
-        self.normal.dot(point) - self.distance
-    }
-}
-
-/// How many of what.
-#[derive(Clone, Debug, Serialize)]
-pub struct CarveReport {
-    /// Polygons of the model, merged.
-    pub polygons: usize,
-    /// Of these, axial.
-    pub axial: usize,
-    /// Of these, semi-axial.
-    pub semi_axial: usize,
-    /// Of these, non-axial.
-    pub non_axial: usize,
-    /// Of the non-axial, those connected by non-axial edges.
-    pub elements: usize,
-    /// Of the non-axial, those connected by any edges.
-    pub clusters: usize,
-    /// Boxes that were carved.
-    pub units: usize,
-    /// Of these, how many took the unit's own polygons only.
-    pub confined: usize,
-    /// Polygons in the cuttings.
-    pub cuttings: usize,
-    /// Polygons added to close holes.
-    pub added: usize,
-    /// Of these, certainly inside of a solid.
-    pub sealed: usize,
-    /// Polygons of the model of which nothing is left.
-    pub removed: usize,
-    /// Triangles without area, which were left out.
-    pub degenerate: usize,
-    /// The class of the model.
-    pub before: Class,
-    /// The class of the carved model.
-    pub after: Class,
 }
 
 /// Carves a model: triangles whose front is where their corners run anticlockwise, with y up.
@@ -246,8 +129,8 @@ pub fn carve_with_progress(
     }
     let carving = carver.finish();
     let report = report(&polygons, &classes, &groups, &carving);
-    let Carving { kept, cuttings, added, .. } = carving;
-    Some(CarvedModel { polygons: kept, added, cuttings, report })
+    let Carving { kept, cuttings, caps, .. } = carving;
+    Some(CarvedModel { polygons: kept, caps, cuttings, report })
 }
 
 /// Carves a unit as a whole if that does not cost others too much, else element by element.
@@ -284,8 +167,8 @@ fn report(
         units: carving.units,
         confined: carving.confined,
         cuttings: carving.cuttings.len(),
-        added: carving.added.len(),
-        sealed: carving.added.iter().filter(|added| added.sealed).count(),
+        added: carving.caps.len(),
+        sealed: carving.caps.iter().filter(|added| added.sealed).count(),
         removed: polygons.len() - carving.kept.len(),
         degenerate: polygons.degenerate.len(),
         before: worst(&mut classes.iter().copied()),

@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::{
-    Plane,
-    classify::{Facing, is_regular},
+    plane::{Facing, Plane, is_regular},
     topology::{Half, Tolerance, Topology},
 };
 

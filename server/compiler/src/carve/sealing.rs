@@ -20,8 +20,8 @@ use obvhs::{
 };
 
 use super::{
-    classify::Union,
     polygons::Polygons,
+    union::Union,
     volume::{Triangle, Volume},
 };
 

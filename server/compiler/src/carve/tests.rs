@@ -128,7 +128,7 @@ fn covered(polygons: &[Polygon]) -> f64 {
 /// All of it that is a model: what is left, and what was added.
 fn carved_model(carved: &CarvedModel) -> Vec<Triangle> {
     let kept = carved.polygons.iter().flat_map(|p| &p.triangles);
-    kept.chain(carved.added.iter().flat_map(|a| &a.triangles)).copied().collect()
+    kept.chain(carved.caps.iter().flat_map(|a| &a.triangles)).copied().collect()
 }
 
 /// Whether every edge is run through as often one way as the other.
@@ -161,7 +161,7 @@ fn check_sound(model: &[Triangle], carved: &CarvedModel) {
         let centre = triangle.iter().sum::<DVec3>() / 3.0;
         assert!(model.iter().any(|original| contains(original, centre)), "{centre} is not of it");
     }
-    for added in &carved.added {
+    for added in &carved.caps {
         assert!(added.triangles.iter().all(|t| normals(t).dot(added.plane.normal) > 0.999));
     }
 }
@@ -184,8 +184,8 @@ fn the_arch_of_figure_4() {
     assert_eq!((before, after), (Class::NonAxial, Class::Axial));
     // The three dark polygons of Fig. 4b: above, and on both sides.
     assert_eq!((added, sealed), (3, 3));
-    let sizes: Vec<f64> = carved.added.iter().map(|a| area(&a.triangles)).collect();
-    let normals: Vec<DVec3> = carved.added.iter().map(|a| a.plane.normal).collect();
+    let sizes: Vec<f64> = carved.caps.iter().map(|a| area(&a.triangles)).collect();
+    let normals: Vec<DVec3> = carved.caps.iter().map(|a| a.plane.normal).collect();
     assert_eq!(normals, [DVec3::X, DVec3::NEG_X, DVec3::NEG_Y]);
     assert!(sizes.iter().zip([0.5, 0.5, 1.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{sizes:?}");
     assert!(is_closed(&carved_model(&carved)));
@@ -211,7 +211,7 @@ fn an_octagonal_passage_becomes_square() {
     let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     assert_eq!((carved.report.clusters, carved.report.added, carved.report.sealed), (1, 4, 4));
-    assert!(carved.added.iter().all(|a| (area(&a.triangles) - 4.0).abs() < 1e-9));
+    assert!(carved.caps.iter().all(|a| (area(&a.triangles) - 4.0).abs() < 1e-9));
     assert!(is_closed(&carved_model(&carved)));
 }
 
@@ -222,7 +222,7 @@ fn a_shaft_in_the_roof_of_a_passage_stays_open() {
     assert!(is_closed(&model));
     let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
-    let roof = carved.added.iter().find(|a| a.plane.normal == DVec3::NEG_Y).unwrap();
+    let roof = carved.caps.iter().find(|a| a.plane.normal == DVec3::NEG_Y).unwrap();
     assert!((area(&roof.triangles) - (4.0 - 0.16)).abs() < 1e-6, "{}", area(&roof.triangles));
     assert_eq!(carved.report.added, 4);
     assert!(is_closed(&carved_model(&carved)));
@@ -264,7 +264,7 @@ fn nothing_is_sealed_across_a_cavity() {
     let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     let open: Vec<DVec3> =
-        carved.added.iter().filter(|a| !a.sealed).map(|a| a.plane.normal).collect();
+        carved.caps.iter().filter(|a| !a.sealed).map(|a| a.plane.normal).collect();
     assert_eq!(open, [DVec3::NEG_Y]);
     assert_eq!(carved.report.sealed, 3);
     // Nor where all of it is inside of a room that was hewn from something larger.

@@ -1,17 +1,8 @@
 //! The carving volume, and what of the model is in it: ComputeAoutB (carving, section 4.2.1).
 
-use std::collections::{HashSet, VecDeque};
-
 use glam::DVec3;
 
-use super::{
-    CapPolygon, Class, FREE_LOSS_M2, LOSS_MAX, Plane, Polygon,
-    bin_a::compute_bin_a,
-    classify::{Facing, is_irregular},
-    polygons::{Border, Polygons},
-    sealing::Sealing,
-    topology::FastMap,
-};
+use super::{classes::is_irregular, polygons::Polygons};
 
 /// A triangle's corners.
 pub(super) type Triangle = [DVec3; 3];
@@ -26,7 +17,7 @@ pub(super) struct Volume {
 }
 
 impl Volume {
-    fn of(polygons: &Polygons, unit: &[u32]) -> Self {
+    pub(super) fn of(polygons: &Polygons, unit: &[u32]) -> Self {
         let near = polygons.tolerance.plane;
         let empty = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY, near };
         unit.iter()
@@ -37,7 +28,7 @@ impl Volume {
     }
 
     /// Whether a segment meets it, boundary and tolerance included.
-    fn meets(&self, [from, to]: [DVec3; 2]) -> bool {
+    pub(super) fn meets(&self, [from, to]: [DVec3; 2]) -> bool {
         let along = to - from;
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         for axis in 0..3 {
@@ -111,185 +102,4 @@ fn fan(polygon: &[DVec3], triangles: &mut Vec<Triangle>) {
 
 pub(super) fn area(triangles: &[Triangle]) -> f64 {
     triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).length() * 0.5).sum()
-}
-
-/// A model in the course of being carved.
-pub(super) struct Carver<'a> {
-    triangles: &'a [Triangle],
-    polygons: &'a Polygons,
-    classes: &'a [Class],
-    sealing: Sealing<'a>,
-    /// What is left of polygons that were cut.
-    left: FastMap<u32, Vec<Triangle>>,
-    /// When each polygon was last looked at, by number of the attempt.
-    seen: Vec<u32>,
-    attempts: u32,
-    carving: Carving,
-}
-
-/// What carving leads to.
-#[derive(Default)]
-pub(super) struct Carving {
-    pub kept: Vec<Polygon>,
-    pub cuttings: Vec<Polygon>,
-    pub added: Vec<CapPolygon>,
-    pub units: usize,
-    pub confined: usize,
-}
-
-/// A polygon split by a volume.
-struct Split {
-    polygon: u32,
-    outside: Vec<Triangle>,
-    inside: Vec<Triangle>,
-}
-
-impl<'a> Carver<'a> {
-    pub fn new(triangles: &'a [Triangle], polygons: &'a Polygons, classes: &'a [Class]) -> Self {
-        Self {
-            triangles,
-            polygons,
-            classes,
-            sealing: Sealing::new(triangles, polygons),
-            left: FastMap::default(),
-            seen: vec![0; polygons.len()],
-            attempts: 0,
-            carving: Carving::default(),
-        }
-    }
-
-    /// Carves a unit; does nothing and returns false when that would cost others too much.
-    pub fn carve(&mut self, unit: &[u32]) -> bool {
-        let volume = Volume::of(self.polygons, unit);
-        let Some((splits, lost)) = self.splits(unit, &volume) else { return false };
-        let added = self.added(&volume, &splits);
-        let gained: f64 = added.iter().filter(|a| a.sealed).map(|a| area(&a.triangles)).sum();
-        if lost > FREE_LOSS_M2.max(gained) {
-            return false;
-        }
-        self.carving.added.extend(added);
-        self.take(splits);
-        true
-    }
-
-    fn added(&self, volume: &Volume, splits: &[Split]) -> Vec<CapPolygon> {
-        let unit = self.carving.units as u32;
-        let cutting: Vec<Triangle> =
-            splits.iter().flat_map(|split| split.inside.iter().copied()).collect();
-        let cut: HashSet<u32> = splits.iter().map(|split| split.polygon).collect();
-        let is_closed = cut.iter().all(|&polygon| self.sealing.is_closed(polygon));
-        let added = compute_bin_a(volume, &cutting, self.polygons.tolerance).into_iter();
-        let seal = |(plane, triangles): (Plane, Vec<Triangle>)| {
-            let sealed = is_closed && self.sealing.holds(&triangles, plane.normal, &cut);
-            CapPolygon { plane, triangles, unit, sealed }
-        };
-        added.map(seal).collect()
-    }
-
-    /// Cuts off what is in the unit's volume of its own polygons, and nothing else.
-    pub fn carve_confined(&mut self, unit: &[u32]) {
-        let volume = Volume::of(self.polygons, unit);
-        let splits = unit.iter().map(|&polygon| self.split(polygon, &volume)).collect();
-        self.take(splits);
-        self.carving.confined += 1;
-    }
-
-    /// What the volume contains of the polygons that hang together with the unit inside of it
-    /// (Fig. 8), and how much of it is not the unit's, in square metres; none when that is too much.
-    fn splits(&mut self, unit: &[u32], volume: &Volume) -> Option<(Vec<Split>, f64)> {
-        self.attempts += 1;
-        let mut pool: VecDeque<u32> = unit.iter().copied().collect();
-        for &polygon in unit {
-            self.seen[polygon as usize] = self.attempts;
-        }
-        let (mut own, mut lost) = (0.0, 0.0);
-        let mut splits = Vec::new();
-        let mut taken = 0;
-        while let Some(polygon) = pool.pop_front() {
-            taken += 1;
-            let split = self.split(polygon, volume);
-            let inside = area(&split.inside);
-            // A polygon that touches the volume with an edge or a corner is not in it.
-            if inside <= volume.near * volume.near {
-                continue;
-            }
-            // The unit's own come first, so that all of its area is known before any other's.
-            if taken <= unit.len() {
-                own += inside;
-            } else {
-                lost += inside;
-            }
-            if lost > LOSS_MAX * own {
-                return None;
-            }
-            for border in self.polygons.borders_of(polygon) {
-                if volume.meets(self.polygons.segment(border)) {
-                    self.pool_neighbours(border, &mut pool);
-                }
-            }
-            splits.push(split);
-        }
-        Some((splits, lost))
-    }
-
-    fn pool_neighbours(&mut self, border: &Border, pool: &mut VecDeque<u32>) {
-        for other in self.polygons.on_edge(border) {
-            let seen = &mut self.seen[other.polygon as usize];
-            if *seen != self.attempts {
-                *seen = self.attempts;
-                pool.push_back(other.polygon);
-            }
-        }
-    }
-
-    fn split(&self, polygon: u32, volume: &Volume) -> Split {
-        let (mut outside, mut inside) = (Vec::new(), Vec::new());
-        let mut split = |triangle: &Triangle| volume.split(triangle, &mut outside, &mut inside);
-        match self.left.get(&polygon) {
-            Some(left) => left.iter().for_each(&mut split),
-            None => self.polygons.triangles[polygon as usize]
-                .iter()
-                .for_each(|&triangle| split(&self.triangles[triangle as usize])),
-        }
-        Split { polygon, outside, inside }
-    }
-
-    fn take(&mut self, splits: Vec<Split>) {
-        let unit = Some(self.carving.units as u32);
-        self.carving.units += 1;
-        for Split { polygon, outside, inside } in splits {
-            let (class, plane) =
-                (self.classes[polygon as usize], self.polygons.planes[polygon as usize]);
-            if !inside.is_empty() {
-                self.carving.cuttings.push(Polygon { class, plane, triangles: inside, unit });
-            }
-            self.left.insert(polygon, outside);
-        }
-    }
-
-    /// Everything, with what is left of the model's polygons.
-    pub fn finish(mut self) -> Carving {
-        for polygon in 0..self.polygons.len() as u32 {
-            let triangles = match self.left.remove(&polygon) {
-                Some(left) => left,
-                None => self.polygons.triangles[polygon as usize]
-                    .iter()
-                    .map(|&triangle| self.triangles[triangle as usize])
-                    .collect(),
-            };
-            if triangles.is_empty() {
-                continue;
-            }
-            let plane = self.polygons.planes[polygon as usize];
-            let class =
-                match (self.classes[polygon as usize], self.polygons.facings[polygon as usize]) {
-                    // All its non-axial edges were in the volume.
-                    (Class::NonAxial, Facing::Axis(_)) => Class::Axial,
-                    (Class::NonAxial, Facing::Upright) => Class::SemiAxial,
-                    (class, _) => class,
-                };
-            self.carving.kept.push(Polygon { class, plane, triangles, unit: None });
-        }
-        self.carving
-    }
 }

@@ -6,7 +6,7 @@ use sightline_world::{
 };
 
 use super::limits::tidy_title;
-use crate::{model::Surface, voxelise::Palette};
+use crate::{model::Surface, palette::Palette};
 
 /// The movers of a model under construction, within the limits of a world.
 #[derive(Default)]
@@ -53,8 +53,8 @@ fn coloured(surfaces: &[Surface]) -> (Mesh, Vec<[u8; 3]>) {
         {
             let [a, b, c] = corners;
             let width = ((b - a).cross(c - a).length() / 2.0).sqrt();
-            let sample = palette.sample_of(surface, index, width);
-            let colour = sample.map_or(Vec3::ONE, |sample| sample.colour([1.0 / 3.0; 3]));
+            let material = palette.material_of(surface, index, width);
+            let colour = material.map_or(Vec3::ONE, |material| material.colour([1.0 / 3.0; 3]));
             let colour = colour.clamp(Vec3::ZERO, Vec3::ONE) * 255.0;
             mesh.triangles.push(indices.map(|i| first + i));
             colours.push(colour.to_array().map(|channel| channel.round() as u8));

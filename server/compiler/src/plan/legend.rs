@@ -1,17 +1,20 @@
-//! Below the storeys: how long a metre is, and what marks and colours mean.
+//! The legend below the storeys: the scale, and what marks and colours mean.
 
 use glam::Vec2;
 use image::{Rgb, RgbImage};
 use sightline_world::rooms::RoomId;
 
 use super::{
-    GLASS, INK, Mark, PAPER, PORTAL, Sheet, draw_mark, heat,
-    ink::{line, mixed, put, write_sized},
+    overlay::{Mark, draw_mark},
+    sheet::{GLASS, PORTAL, Sheet},
 };
+use crate::drawing::{INK, PAPER, heat, line, mixed, put, write_sized};
 
+/// The height of a row, in pixels.
 const ROW_PX: i32 = 30;
+/// The height of a letter, in pixels.
 const LETTER_PX: i32 = 16;
-/// The ramp's length, in pixels.
+/// The length of the ramp of colours, in pixels.
 const RAMP_PX: i32 = 240;
 
 /// Draws the legend of a sheet.
@@ -55,7 +58,7 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImag
             }
         });
     }
-    pen.row("cut, and glass", |picture, at| {
+    pen.row("wall, and glass", |picture, at| {
         for dx in -16..16 {
             let colour = if dx < 4 { INK } else { GLASS };
             (-6..6).for_each(|dy| put(picture, at.x as i32 + dx, at.y as i32 + dy, colour));
@@ -67,13 +70,14 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImag
     picture
 }
 
+/// Writes rows from top to bottom.
 struct Pen<'a> {
     picture: &'a mut RgbImage,
     top: i32,
 }
 
 impl Pen<'_> {
-    /// A sign and what it means.
+    /// Draws a sign, and writes what it means.
     fn row(&mut self, name: &str, sign: impl FnOnce(&mut RgbImage, Vec2)) {
         sign(self.picture, Vec2::new(28.0, (self.top + ROW_PX / 2) as f32));
         self.text(60, name);
@@ -85,7 +89,7 @@ impl Pen<'_> {
         write_sized(self.picture, [left, top], 2, text, INK);
     }
 
-    /// A bar of a round length, about a fifth of the picture.
+    /// Draws a bar of a round length, about a fifth of the picture wide.
     fn scale_bar(&mut self, px_per_m: f32) {
         let wish = self.picture.width() as f32 / 5.0 / px_per_m;
         let power = 10.0f32.powf(wish.max(1e-3).log10().floor());
@@ -103,8 +107,9 @@ impl Pen<'_> {
         self.top += ROW_PX;
     }
 
+    /// Draws the colours of densities from 0 to the greatest one.
     fn ramp(&mut self, most: f32) {
-        self.text(12, "part of all cells that a cell may see:");
+        self.text(12, "share of all cells that a cell may see:");
         self.top += ROW_PX;
         for x in 0..RAMP_PX {
             let colour = heat(x as f32 / (RAMP_PX - 1) as f32);
@@ -116,6 +121,7 @@ impl Pen<'_> {
     }
 }
 
+/// Draws a short level line about a point.
 fn stroke(picture: &mut RgbImage, at: Vec2, colour: [u8; 3]) {
     line(picture, at - Vec2::X * 16.0, at + Vec2::X * 16.0, colour);
 }

@@ -1,55 +1,54 @@
-//! Rooms and windows on a plan: what a level cut meets of them, and their names.
+//! Rooms and windows on a plan: where the level cut meets them, and their names.
 
 use glam::{Vec2, Vec3};
 use image::RgbImage;
-use sightline_visibility::rooms::pieces::ConvexPiece;
+use sightline_visibility::rooms::pieces::Piece;
 use sightline_world::{
     geometry::Axes,
     rooms::{Room, RoomId},
 };
 
-use super::{
-    INK, Storey,
-    ink::{line, mixed, write_sized},
-};
+use super::sheet::Level;
+use crate::drawing::{INK, line, mixed, write_sized};
 
-/// Windows are drawn that have some part between these heights above the floor, in metres.
+/// A window is drawn when part of it lies between these heights above the floor, in metres.
 const WINDOWS_M: [f32; 2] = [0.2, 2.2];
-/// Outlines inside of a room, between its pieces, are found so far beside them, in metres.
+/// An outline with the room on both sides, this far beside it in metres, lies between two pieces of
+/// the room and is not drawn.
 const BESIDE_M: f32 = 0.01;
-/// Lines of a window's hatching are so far apart, in pixels.
+/// The distance between the lines of a window's hatching, in pixels.
 const HATCH_PX: f32 = 5.0;
 
-/// Draws all rooms that the storey's cut meets.
-pub(super) fn draw(storey: &Storey<'_>, picture: &mut RgbImage) {
-    let rooms = storey.sheet.world.rooms.list();
+/// Draws every room that the cut meets.
+pub(super) fn draw(level: &Level<'_>, picture: &mut RgbImage) {
+    let rooms = level.sheet.world.rooms.list();
     for (room, id) in rooms.iter().zip((0u16..).map(RoomId)) {
         let colour = mixed(id.colour(), INK, 0.25);
-        let pieces: Vec<ConvexPiece> =
-            room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, &Axes::WORLD)).collect();
-        let cut = storey.cut();
-        let met: Vec<&ConvexPiece> =
+        let pieces: Vec<Piece> =
+            room.shapes.iter().flat_map(|shape| Piece::of(shape, &Axes::WORLD)).collect();
+        let cut = level.height();
+        let met: Vec<&Piece> =
             pieces.iter().filter(|p| p.bounds.min.y <= cut && cut < p.bounds.max.y).collect();
         for [from, to] in met.iter().flat_map(|piece| section(piece, cut)) {
             let across = Vec3::Y.cross(to - from).normalize_or_zero() * BESIDE_M;
             let middle = from.midpoint(to);
             let is_in = |at: Vec3| pieces.iter().any(|piece| piece.contains(at));
             if !(is_in(middle + across) && is_in(middle - across)) {
-                thick(picture, storey.place(from), storey.place(to), colour);
+                thick(picture, level.place(from), level.place(to), colour);
             }
         }
         if !met.is_empty() {
-            windows(storey, room, colour, picture);
+            windows(level, room, colour, picture);
         }
-        let size = |piece: &&&ConvexPiece| piece.bounds.size().x * piece.bounds.size().z;
+        let size = |piece: &&&Piece| piece.bounds.size().x * piece.bounds.size().z;
         if let Some(widest) = met.iter().max_by(|a, b| size(a).total_cmp(&size(b))) {
-            name(storey, room.title(), widest, picture);
+            name(level, room.title(), widest, picture);
         }
     }
 }
 
-/// The lines in which a level plane meets the faces of a piece.
-fn section(piece: &ConvexPiece, height: f32) -> impl Iterator<Item = [Vec3; 2]> {
+/// The segments in which a level plane meets the faces of a piece.
+fn section(piece: &Piece, height: f32) -> impl Iterator<Item = [Vec3; 2]> {
     piece.faces.iter().filter_map(move |face| {
         let edges = face.iter().zip(face.iter().cycle().skip(1));
         let mut ends = edges.filter_map(|(a, b)| {
@@ -60,13 +59,13 @@ fn section(piece: &ConvexPiece, height: f32) -> impl Iterator<Item = [Vec3; 2]> 
     })
 }
 
-/// Windows as hatched strips along the walls.
-fn windows(storey: &Storey<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbImage) {
-    let [low, high] = WINDOWS_M.map(|above| storey.feet + above);
+/// Draws windows as hatched strips along the walls.
+fn windows(level: &Level<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbImage) {
+    let [low, high] = WINDOWS_M.map(|above| level.feet + above);
     for window in &room.windows {
         let heights = || window.corners.iter().map(|at| at.y);
         let (from, to) = (heights().fold(f32::MAX, f32::min), heights().fold(f32::MIN, f32::max));
-        // Level ones are seen from above as a whole, and hide what is below.
+        // Seen from above, a level window would cover what is below it.
         let is_here = from < high && to > low && to - from > 0.05;
         let Some(first) = window.corners.first().filter(|_| is_here) else { continue };
         let flat = |at: &Vec3| Vec2::new(at.x, at.z);
@@ -75,7 +74,7 @@ fn windows(storey: &Storey<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbI
             *window.corners.iter().max_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(first)
         };
         let from = far(first);
-        let (from, to) = (storey.place(from), storey.place(far(&from)));
+        let (from, to) = (level.place(from), level.place(far(&from)));
         let along = (to - from).normalize_or_zero();
         let across = along.perp() * 3.0;
         for side in [across, -across] {
@@ -90,10 +89,10 @@ fn windows(storey: &Storey<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbI
     }
 }
 
-/// A name where the room is widest, if there is room for it.
-fn name(storey: &Storey<'_>, title: &str, widest: &ConvexPiece, picture: &mut RgbImage) {
+/// Writes the name of a room into its widest piece, as far as it fits.
+fn name(level: &Level<'_>, title: &str, widest: &Piece, picture: &mut RgbImage) {
     let bounds = &widest.bounds;
-    let (from, to) = (storey.place(bounds.min), storey.place(bounds.max));
+    let (from, to) = (level.place(bounds.min), level.place(bounds.max));
     let letters = (((to.x - from.x).max(24.0) - 4.0) / 8.0) as usize;
     let shown: String = title.chars().take(letters).collect();
     let left = (from.x + to.x) * 0.5 - shown.chars().count() as f32 * 4.0;
@@ -101,6 +100,7 @@ fn name(storey: &Storey<'_>, title: &str, widest: &ConvexPiece, picture: &mut Rg
     write_sized(picture, [left as i32, top as i32], 1, &shown, INK);
 }
 
+/// Draws a line three pixels wide.
 fn thick(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
     let across = (to - from).perp().normalize_or_zero();
     for side in [0.0, 1.0, -1.0] {

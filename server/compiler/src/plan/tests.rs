@@ -1,7 +1,11 @@
 use std::sync::OnceLock;
 
 use super::*;
-use crate::{import::glb, plan::floors::storeys};
+use crate::{
+    drawing::heat,
+    import::glb,
+    storeys::{FLOOR_DEPTH, area, storeys_within},
+};
 
 fn building() -> World {
     static BUILDING: OnceLock<World> = OnceLock::new();
@@ -26,10 +30,10 @@ fn count(picture: &RgbImage, colour: [u8; 3]) -> usize {
 #[test]
 fn every_floor_is_on_a_picture_however_few_the_spawn_points() {
     let mut world = building();
-    let all = storeys(&world, &area(&world));
+    let all = storeys_within(&world, &area(&world));
     assert!(all.len() >= 2, "the building has storeys: {all:?}");
     world.spawns.truncate(1);
-    let found = storeys(&world, &area(&world));
+    let found = storeys_within(&world, &area(&world));
     for storey in all {
         let nearest = found.iter().map(|at| (at - storey).abs()).fold(f32::MAX, f32::min);
         assert!(nearest < FLOOR_DEPTH, "{storey} is not in {found:?}");
@@ -38,7 +42,7 @@ fn every_floor_is_on_a_picture_however_few_the_spawn_points() {
 }
 
 #[test]
-fn what_is_asked_for_is_drawn() {
+fn every_overlay_changes_the_picture() {
     let world = building();
     let red = [255, 0, 0];
     let eye = world.spawns[0].eye;

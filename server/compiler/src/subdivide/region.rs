@@ -1,47 +1,17 @@
 //! A convex part of space in the making, and convex polygons in it.
 
 use glam::DVec3;
-use sightline_world::{
-    geometry::Aabb,
-    tolerance::{DEGENERATE_M, ON_PLANE_F32_M},
-};
+use sightline_world::geometry::Aabb;
 
-/// A plane to split along.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SplitPlane {
-    /// The points where one coordinate has a value, in metres.
-    Axial {
-        /// 0, 1 or 2.
-        axis: usize,
-        /// In metres.
-        at: f32,
-    },
-    /// The points where `normal · point = distance`.
-    Plane {
-        /// Of unit length.
-        normal: DVec3,
-        /// In metres.
-        distance: f64,
-    },
-}
+use crate::split_plane::SplitPlane;
 
-impl SplitPlane {
-    /// How far on the greater side of the plane a point is, in metres.
-    pub fn height(&self, point: DVec3) -> f64 {
-        match *self {
-            Self::Axial { axis, at } => point[axis] - f64::from(at),
-            Self::Plane { normal, distance } => normal.dot(point) - distance,
-        }
-    }
+/// Corners this close to a plane, in metres, lie on it: what single precision leaves.
+pub const ON_PLANE: f64 = 1e-5;
+/// Walls and slabs are no thicker than this, in metres.
+pub(super) const WALL_MAX: f32 = 0.6;
 
-    /// Towards the greater side, of unit length.
-    pub fn normal(&self) -> DVec3 {
-        match *self {
-            Self::Axial { axis, .. } => DVec3::AXES[axis],
-            Self::Plane { normal, .. } => normal,
-        }
-    }
-}
+/// What is thinner than this, in metres, is none.
+const THIN: f64 = 1e-7;
 
 /// A box, less what is behind some planes that are not axial.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,7 +88,7 @@ impl Region {
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), &c| (a.min(c), b.max(c)));
         let bounds = Aabb::new(min.as_vec3(), max.as_vec3()).intersection(&self.bounds);
         let inside = corners.iter().sum::<DVec3>() / corners.len() as f64;
-        ((max - min).min_element() > DEGENERATE_M && !bounds.is_empty()).then_some((bounds, inside))
+        ((max - min).min_element() > THIN && !bounds.is_empty()).then_some((bounds, inside))
     }
 
     /// The box shrunk to what the slanted planes leave.
@@ -182,14 +152,14 @@ pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3>
             kept.push(crossing);
         }
     }
-    if deepest <= DEGENERATE_M || kept.len() < 3 { Vec::new() } else { kept }
+    if deepest <= THIN || kept.len() < 3 { Vec::new() } else { kept }
 }
 
-/// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE_F32_M`] of it.
+/// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE`] of it.
 pub fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
     polygon.iter().fold([false; 2], |[low, high], &corner| {
         let height = cut.height(corner);
-        [low || height < -ON_PLANE_F32_M, high || height > ON_PLANE_F32_M]
+        [low || height < -ON_PLANE, high || height > ON_PLANE]
     })
 }
 

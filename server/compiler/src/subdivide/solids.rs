@@ -7,11 +7,10 @@ use glam::DVec3;
 use sightline_world::geometry::Aabb;
 
 use super::{
-    DEPTH_MAX,
-    draft::BspTree,
-    region::{Region, SplitPlane, area, part, sides},
+    bsp_tree::{BspTree, DEPTH_MAX},
+    region::{Region, area, part, sides},
 };
-use crate::model::ConvexSolid;
+use crate::{model::ConvexSolid, split_plane::SplitPlane};
 
 /// A solid of which no face is larger, in square metres, is furniture: it hides little, and
 /// splitting along it would make many spaces.
@@ -46,10 +45,10 @@ pub fn split(bounds: &Aabb, solids: &[ConvexSolid]) -> BspTree {
         .map(|solid| Occluder { solid, bounds: solid.bounds() })
         .collect();
     let (cuts, faces) = cuts_and_faces(&occluders);
-    let mut builder = Builder { cuts, occluders: &occluders, draft: BspTree::default() };
+    let mut builder = Builder { cuts, occluders: &occluders, tree: BspTree::default() };
     let all = (0..occluders.len() as u32).collect();
     builder.split(Region::new(*bounds), faces, all, 0);
-    builder.draft
+    builder.tree
 }
 
 /// The planes of all faces, each once, and the faces on them.
@@ -83,7 +82,7 @@ fn cuts_and_faces(occluders: &[Occluder<'_>]) -> (Vec<SplitPlane>, Vec<Face>) {
 struct Builder<'a> {
     cuts: Vec<SplitPlane>,
     occluders: &'a [Occluder<'a>],
-    draft: BspTree,
+    tree: BspTree,
 }
 
 impl Builder<'_> {
@@ -92,7 +91,7 @@ impl Builder<'_> {
         let chosen = (depth < DEPTH_MAX).then(|| self.best(&region, &faces)).flatten();
         let Some(plane) = chosen else { return self.leaf(region, &solids) };
         let cut = self.cuts[plane as usize];
-        let index = self.draft.reserve();
+        let index = self.tree.reserve();
         let (mut low, mut high) = (Vec::new(), Vec::new());
         for face in faces.into_iter().filter(|face| face.plane != plane) {
             match sides(&face.polygon, &cut) {
@@ -117,15 +116,15 @@ impl Builder<'_> {
             let near = solids.iter().copied().filter(meets).collect();
             self.split(half, faces, near, depth + 1)
         });
-        self.draft.set_split(index, cut, None, children);
+        self.tree.set_split(index, cut, None, children);
         index
     }
 
     /// A region that no face crosses is inside a solid, or outside of all.
     fn leaf(&mut self, region: Region, solids: &[u32]) -> u32 {
-        let Some((_, inside)) = region.extent() else { return self.draft.solid() };
+        let Some((_, inside)) = region.extent() else { return self.tree.solid() };
         let holds = |&solid: &u32| self.occluders[solid as usize].solid.contains(inside, 0.0);
-        if solids.iter().any(holds) { self.draft.solid() } else { self.draft.space(region) }
+        if solids.iter().any(holds) { self.tree.solid() } else { self.tree.space(region) }
     }
 
     /// The plane to split along: axial before vertical before others; then that of which most of

@@ -2,14 +2,16 @@
 //! greatest share of the cross-section is opaque.
 
 use glam::{DVec2, DVec3};
-use sightline_world::{geometry::Aabb, tolerance::ON_PLANE_F32_M};
+use sightline_world::geometry::Aabb;
 
 use super::{
-    DEPTH_MAX, WALL_MAX,
-    draft::BspTree,
-    region::{Region, SplitPlane},
+    bsp_tree::{BspTree, DEPTH_MAX},
+    region::{ON_PLANE, Region, WALL_MAX},
 };
-use crate::occluders::{OccluderPlane, Rect, Triangle2};
+use crate::{
+    occluders::{OccluderPlane, PlaneRect, PlaneTriangle},
+    split_plane::SplitPlane,
+};
 
 /// A plane splits a space when one of its triangles covers at least this much, in square metres, and
 /// what is opaque on it at least this part of the cross-section. What is smaller is furniture: it
@@ -33,19 +35,19 @@ const THIN_MAX: f32 = 0.1;
 /// Splits a region along opaque surfaces: axial planes first, then those that are vertical at other
 /// angles, then level ones whose edges are turned, of which only the covered part is left by then.
 pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
-    let mut builder = Builder { planes, draft: BspTree::default() };
+    let mut builder = Builder { planes, tree: BspTree::default() };
     let all = planes
         .iter()
         .enumerate()
         .flat_map(|(plane, p)| (0..p.triangles.len()).map(move |t| (plane as u32, t as u32)))
         .collect();
     builder.split(Region::new(*bounds), all, 0);
-    builder.draft
+    builder.tree
 }
 
 struct Builder<'a> {
     planes: &'a [OccluderPlane],
-    draft: BspTree,
+    tree: BspTree,
 }
 
 /// A triangle of a plane: both as indices.
@@ -56,7 +58,7 @@ impl Builder<'_> {
     fn split(&mut self, region: Region, inside: Vec<OccluderRef>, depth: u16) -> u32 {
         let chosen = (depth < DEPTH_MAX).then(|| self.best_plane(&region, &inside)).flatten();
         let Some(plane) = chosen else { return self.leaf(region) };
-        let index = self.draft.reserve();
+        let index = self.tree.reserve();
         let cut = self.planes[plane as usize].cut;
         let sides = region.halves(&cut).map(|half| {
             let half = half.tightened();
@@ -65,12 +67,12 @@ impl Builder<'_> {
             let kept = kept.collect();
             self.split(half, kept, depth + 1)
         });
-        self.draft.set_split(index, cut, Some(plane), sides);
+        self.tree.set_split(index, cut, Some(plane), sides);
         index
     }
 
     fn leaf(&mut self, region: Region) -> u32 {
-        if region.extent().is_some() { self.draft.space(region) } else { self.draft.solid() }
+        if region.extent().is_some() { self.tree.space(region) } else { self.tree.solid() }
     }
 
     /// Whether an occluder has a part in the interior of a region.
@@ -167,7 +169,7 @@ impl Builder<'_> {
 struct Section {
     /// Anticlockwise.
     polygon: Vec<DVec2>,
-    around: Rect,
+    around: PlaneRect,
     is_rect: bool,
     area: f64,
 }
@@ -176,10 +178,11 @@ impl Section {
     fn new(region: &Region, cut: &SplitPlane) -> Self {
         let polygon: Vec<DVec2> =
             region.section(cut).iter().map(|&corner: &DVec3| cut.flat(corner)).collect();
-        let around = polygon.iter().fold(
-            Rect { min: DVec2::INFINITY, max: DVec2::NEG_INFINITY },
-            |r, &c| Rect { min: r.min.min(c), max: r.max.max(c) },
-        );
+        let around = polygon
+            .iter()
+            .fold(PlaneRect { min: DVec2::INFINITY, max: DVec2::NEG_INFINITY }, |r, &c| {
+                PlaneRect { min: r.min.min(c), max: r.max.max(c) }
+            });
         let mut polygon = polygon;
         let mut area = area(&polygon);
         if area < 0.0 {
@@ -191,8 +194,8 @@ impl Section {
     }
 
     /// The area that a triangle covers, in square metres.
-    fn covered(&self, triangle: &Triangle2) -> f64 {
-        let around = Rect::around(triangle).intersection(&self.around);
+    fn covered(&self, triangle: &PlaneTriangle) -> f64 {
+        let around = PlaneRect::around(triangle).intersection(&self.around);
         if around.is_flat() {
             return 0.0;
         }
@@ -209,7 +212,7 @@ impl Section {
             }
         }
         let area = area(&part);
-        if area > ON_PLANE_F32_M * ON_PLANE_F32_M { area } else { 0.0 }
+        if area > ON_PLANE * ON_PLANE { area } else { 0.0 }
     }
 }
 

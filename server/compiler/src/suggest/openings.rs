@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use glam::Vec3;
 use sightline_world::{Polygon, World, geometry::Aabb, tolerance::TOUCH_M};
 
-use super::{SuggestedRoom, SuggestedWindow};
+use super::room::{SuggestedRoom, SuggestedWindow};
 
 /// Rectangles that are no further apart are one window, in metres.
 const APART_M: f32 = 0.02;

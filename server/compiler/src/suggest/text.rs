@@ -5,7 +5,7 @@ use std::fmt::Write;
 use glam::Vec3;
 use sightline_world::{World, geometry::Aabb};
 
-use super::SuggestedRoom;
+use super::room::SuggestedRoom;
 
 const HEAD: &str = "\
 # Rooms as the building suggests them. What is here is where they are and where one sees out of them: a room with

@@ -1,24 +1,28 @@
-//! A map's brushes, found by a grid: whether a point is inside one.
+//! The brushes of a map in a grid: whether a point lies inside a brush.
 
 use std::ops::Range;
 
 use glam::Vec3;
-use sightline_world::{Origin, OriginPlane, geometry::Aabb, tolerance::BRUSH_CORNER_M};
+use sightline_world::{Origin, OriginPlane, geometry::Aabb};
 
-/// The grid's edge, in metres, unless that makes more fields than this.
+/// The edge of a field of the grid, in metres; larger where the grid would have more fields than
+/// [`FIELDS_MAX`].
 const FIELD_M: f32 = 0.5;
+/// The most fields of a grid.
 const FIELDS_MAX: f32 = 2e6;
-/// The grid refers to brushes no more often than this: 64 MiB. The rest are always tried.
+/// The most references from fields to brushes: 64 MiB. Further brushes are tested everywhere.
 const REFERENCES_MAX: usize = 1 << 24;
+/// Corners of brushes are rounded by less than this, in metres.
+const ROUNDED: f32 = 1e-3;
 
-/// Brushes, ready to be asked.
+/// The brushes of a map, in a grid.
 pub(super) struct Brushes {
     bounds: Aabb,
     fields_per_m: f32,
     size: [usize; 3],
-    /// For each field, the brushes whose boxes share a point with it.
+    /// For each field, the brushes whose boxes touch it.
     fields: Vec<Vec<u32>>,
-    /// Those that are tried everywhere.
+    /// Brushes that are tested everywhere.
     everywhere: Vec<u32>,
     brushes: Vec<Brush>,
     planes: Vec<OriginPlane>,
@@ -46,7 +50,7 @@ impl Brushes {
         };
         let mut references = 0;
         for (index, solid) in (0..).zip(&origin.solids) {
-            let bounds = solid.bounds.grown(BRUSH_CORNER_M);
+            let bounds = solid.bounds.grown(ROUNDED);
             let first = all.planes.len() as u32;
             all.planes.extend(origin.sides(solid));
             all.brushes.push(Brush { bounds, sides: first..all.planes.len() as u32 });
@@ -63,7 +67,7 @@ impl Brushes {
         all
     }
 
-    /// Whether some brush, so many metres larger, holds a point.
+    /// Whether a brush holds a point, when every brush is made `larger` metres larger.
     pub fn hold(&self, point: Vec3, larger: f64) -> bool {
         let here = &self.fields[self.index(self.field(point))];
         here.iter().chain(&self.everywhere).any(|&index| {
@@ -85,10 +89,10 @@ impl Brushes {
         fields
     }
 
-    /// The field of a point, or the nearest to it.
+    /// The field of a point, or the nearest field to it.
     fn field(&self, point: Vec3) -> [usize; 3] {
         let at = ((point - self.bounds.min) * self.fields_per_m).to_array();
-        // The conversion makes negative numbers 0.
+        // The conversion to usize turns negative numbers into 0.
         std::array::from_fn(|axis| (at[axis] as usize).min(self.size[axis] - 1))
     }
 

@@ -1,72 +1,22 @@
-//! Entries of a PVS: for how many of them there seems to be no line of sight.
+//! Tests entries of a PVS: for how many of them is there no line of sight?
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rand::{SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::{
-    VerifyOptions,
     fuzzy::Fuzzy,
+    options::{VerifyOptions, seed_of},
     original::Original,
-    seed_of,
+    report::LooseEntries,
     subject::{Populated, Subject, draw_in},
 };
 
-/// After so many draws that were no entry, there is taken to be none.
+/// After this many draws without an entry, the PVS is taken to have none.
 const DRAWS_MAX: usize = 1_000_000;
 
-/// How many entries are loose.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct LooseEntries {
-    /// Entries that were tested: pairs of two places that the PVS holds.
-    pub entries: u32,
-    /// Those for which no line was free.
-    pub loose: u32,
-    /// An entry is loose when so many random lines were tried.
-    pub lines_max: u32,
-    /// All lines that were tried.
-    pub lines: u64,
-    /// The loose entries of which fuzzy projection shows that there is no line, with the one cell as the box of eyes
-    /// and the other as what is seen, or the other way round; if it was asked.
-    pub parted: Option<u32>,
-    /// The loose entries.
-    #[serde(skip)]
-    pub(super) pairs: Vec<[u32; 2]>,
-}
-
-impl LooseEntries {
-    /// The part of the entries that is loose; none when there were none.
-    pub fn share(&self) -> Option<f64> {
-        (self.entries > 0).then(|| f64::from(self.loose) / f64::from(self.entries))
-    }
-
-    /// How many loose entries fuzzy projection parts.
-    pub(super) fn parted(&self, fuzzy: &Fuzzy<'_>, progress: &(dyn Fn(f32) + Sync)) -> u32 {
-        let done = AtomicU32::new(0);
-        let parts = |pair: &&[u32; 2]| {
-            let is_parted = fuzzy.parts(**pair);
-            progress((done.fetch_add(1, Relaxed) + 1) as f32 / self.pairs.len() as f32);
-            is_parted
-        };
-        self.pairs.par_iter().filter(parts).count() as u32
-    }
-
-    fn and(mut self, mut other: Self) -> Self {
-        self.pairs.append(&mut other.pairs);
-        Self {
-            entries: self.entries + other.entries,
-            loose: self.loose + other.loose,
-            lines_max: self.lines_max,
-            lines: self.lines + other.lines,
-            parted: None,
-            pairs: self.pairs,
-        }
-    }
-}
-
-/// Tests random entries, all equally likely, between places with empty space in them.
+/// Tests random entries between places with empty space in them. All entries are equally likely.
 pub(super) fn looseness(
     subject: &dyn Subject,
     original: &Original<'_>,
@@ -96,12 +46,12 @@ pub(super) fn looseness(
         progress((done.fetch_add(1, Relaxed) + 1) as f32 / options.entries as f32);
         found
     };
-    // One at a time, since the loose ones take far longer than the others.
+    // One entry at a time: loose entries take far longer than others.
     let all = (0..options.entries).into_par_iter().with_max_len(1).map(one);
     all.reduce(nothing, LooseEntries::and)
 }
 
-/// A random entry of two places that have empty space in them.
+/// A random entry between two different places with empty space in them.
 fn entry_between<'a>(
     subject: &dyn Subject,
     places: &'a [Populated],
@@ -115,4 +65,19 @@ fn entry_between<'a>(
         let [from, to] = subject.entry(rng).filter(|[from, to]| from != to)?;
         Some([populated(from)?, populated(to)?])
     })
+}
+
+/// Counts the loose entries for which fuzzy projection proves that no line is free.
+pub(super) fn count_parted(
+    entries: &LooseEntries,
+    fuzzy: &Fuzzy<'_>,
+    progress: &(dyn Fn(f32) + Sync),
+) -> u32 {
+    let done = AtomicU32::new(0);
+    let is_parted = |pair: &&[u32; 2]| {
+        let is_parted = fuzzy.parts(**pair);
+        progress((done.fetch_add(1, Relaxed) + 1) as f32 / entries.pairs.len() as f32);
+        is_parted
+    };
+    entries.pairs.par_iter().filter(is_parted).count() as u32
 }

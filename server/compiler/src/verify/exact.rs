@@ -1,29 +1,34 @@
-//! Whether a line is free, in double precision: the last word before something is called a miss.
+//! Whether a line is free, in double precision. This decides before a pair is called a miss.
 //!
-//! Rays through triangles are in single precision. Where a line slips by rounding through the seam
-//! of two brushes, or begins so near a wall that it seems to begin behind it, they see what nobody
+//! Rays through triangles are in single precision. A line may slip by rounding through the seam of
+//! two brushes, or begin so near a wall that it seems to begin behind it. Then rays see what nobody
 //! can see. So a miss must also be free here:
 //!
-//! * No brush, ten micrometres larger, may hold more than a tenth of a millimetre of it. The first
-//!   closes the seams between brushes whose planes were rounded apart; the second lets a line touch
-//!   an edge. A true sight line that this denies squeezes through a gap of twenty micrometres, or
-//!   grazes a wall along its length; its neighbours are tested.
-//! * It may cross no triangle, and neither end may be within a tenth of a millimetre of one: there,
-//!   on which side it begins is a matter of rounding.
+//! * No brush, ten micrometres larger, holds more than a tenth of a millimetre of the line. The
+//!   growth closes the seams between brushes whose planes were rounded apart. The tenth of a
+//!   millimetre lets a line touch an edge. A true sight line that this denies squeezes through a gap
+//!   of twenty micrometres, or grazes a wall along its length; its neighbours are tested.
+//! * The line crosses no triangle, and neither end is within a tenth of a millimetre of one. So near
+//!   a triangle, rounding decides on which side the line begins.
 
 use glam::DVec3;
-use sightline_world::{
-    Mesh, Origin, Solid,
-    geometry::Aabb,
-    tolerance::{BRUSH_CORNER_M, BRUSH_GROWTH_M, EYE_CLEARANCE_M, GRAZE_M},
-};
+use sightline_world::{Mesh, Origin, Solid, geometry::Aabb};
 
-/// Whether nothing is between two points, and nothing at either.
+/// A point is empty when it is this far from every brush, in metres. An eye is never closer to a
+/// wall, and rounding moves points and planes by far less.
+pub(super) const CLEARANCE: f64 = 1e-4;
+
+/// Brushes are made larger by this, in metres.
+const GROWTH: f64 = 1e-5;
+/// A brush blocks a line when it holds more of it than this, in metres.
+const INSIDE_MAX: f64 = 1e-4;
+
+/// Whether nothing lies between two points, and nothing at either end.
 pub(super) fn is_free(mesh: &Mesh, origin: Option<&Origin>, from: DVec3, to: DVec3) -> bool {
-    let around = Aabb::from_points([from.as_vec3(), to.as_vec3()]).grown(BRUSH_CORNER_M);
+    let around = Aabb::from_points([from.as_vec3(), to.as_vec3()]).grown(1e-3);
     let is_held = |origin: &Origin| {
         let near = origin.solids.iter().filter(|solid| solid.bounds.intersects(&around));
-        near.into_iter().any(|solid| length_inside(origin, solid, from, to) > GRAZE_M)
+        near.into_iter().any(|solid| length_inside(origin, solid, from, to) > INSIDE_MAX)
     };
     if origin.is_some_and(is_held) {
         return false;
@@ -34,16 +39,16 @@ pub(super) fn is_free(mesh: &Mesh, origin: Option<&Origin>, from: DVec3, to: DVe
             return true;
         }
         let corners = corners.map(|corner| corner.as_dvec3());
-        let is_near = |point| distance(corners, point) < EYE_CLEARANCE_M;
+        let is_near = |point| distance(corners, point) < CLEARANCE;
         !(crosses(corners, from, to) || is_near(from) || is_near(to))
     })
 }
 
-/// How much of a line is inside a brush that is [`BRUSH_GROWTH_M`] larger, in metres.
+/// The length of a line inside a brush that is [`GROWTH`] larger, in metres.
 fn length_inside(origin: &Origin, solid: &Solid, from: DVec3, to: DVec3) -> f64 {
     let (mut enter, mut leave) = (0.0f64, 1.0f64);
     for side in origin.sides(solid) {
-        let (begin, end) = (side.height(from) - BRUSH_GROWTH_M, side.height(to) - BRUSH_GROWTH_M);
+        let (begin, end) = (side.height(from) - GROWTH, side.height(to) - GROWTH);
         match (begin > 0.0, end > 0.0) {
             (true, true) => return 0.0,
             (true, false) => enter = enter.max(begin / (begin - end)),
@@ -66,13 +71,13 @@ fn crosses([a, b, c]: [DVec3; 3], from: DVec3, to: DVec3) -> bool {
     if !(0.0..=1.0).contains(&share) {
         return false;
     }
-    // On the inner side of each edge as the line sees it, whichever way round the triangle is.
+    // The line passes all edges on the same side, whichever way the triangle faces.
     let side = |p: DVec3, q: DVec3| along.dot((p - from).cross(q - from));
     let sides = [side(a, b), side(b, c), side(c, a)];
     sides.iter().all(|&s| s >= 0.0) || sides.iter().all(|&s| s <= 0.0)
 }
 
-/// From a point to the nearest of a triangle.
+/// The distance of a point from a triangle, in metres.
 fn distance([a, b, c]: [DVec3; 3], point: DVec3) -> f64 {
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let height = (point - a).dot(normal);

@@ -1,16 +1,16 @@
-//! What fuzzy projection would take out of a PVS.
+//! Fuzzy projection of loose entries (Lim 1999): does it prove that two cells cannot see each other?
 
 use std::collections::HashMap;
 
 use sightline_visibility::fuzzy::{FuzzyBuffer, SurfaceError, Surfaces, ViewpointBox};
 use sightline_world::{Mesh, World, geometry::Aabb};
 
-/// Elements of a face of the fuzzy buffer, each way.
+/// Elements along each side of a face of the fuzzy buffer.
 const ELEMENTS: usize = 256;
-/// Planes that are the same to so many parts of a metre count as one.
+/// Planes that agree to this fraction of a metre count as one.
 const PARTS: f32 = 1e4;
 
-/// A world's opaque triangles; those of one plane are a surface.
+/// The opaque triangles of a world. Triangles in one plane are one surface.
 pub(super) struct Fuzzy<'a> {
     world: &'a World,
     surfaces: Surfaces,
@@ -22,7 +22,7 @@ impl<'a> Fuzzy<'a> {
         Ok(Self { world, surfaces })
     }
 
-    /// Whether a box around one cell shows that it sees nothing of a box around another, or the other nothing of it.
+    /// Whether all of one cell is hidden from every eye in the other, in one direction or the other.
     pub(super) fn parts(&self, cells: [u32; 2]) -> bool {
         let bounds = cells.map(|cell| {
             let known = self.world.cells.cells.get(cell as usize);
@@ -58,7 +58,7 @@ mod tests {
 
     use super::*;
 
-    /// A wall of squares, but for one of them.
+    /// A wall of squares, with or without a gap of one square.
     fn wall(gap: Option<[u32; 2]>) -> Surfaces {
         let mut mesh = Mesh::default();
         let places = (0..8).flat_map(|x| (0..8).map(move |y| [x, y]));
@@ -80,6 +80,6 @@ mod tests {
             assert_eq!(parts(&wall(gap), one, other), expected, "{gap:?}");
         }
         let far = Aabb::around(Vec3::new(20.0, 0.5, 3.0), 0.5);
-        assert!(!parts(&wall(None), one, far), "round it");
+        assert!(!parts(&wall(None), one, far), "a line passes around the wall");
     }
 }

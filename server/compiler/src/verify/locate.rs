@@ -1,20 +1,24 @@
-//! Where in a map's own tree a point is: as [`Origin::leaf_at`], and several times as fast.
+//! The leaf of a map's tree that contains a point: the same answer as [`Origin::leaf_at`], several
+//! times as fast.
 
 use glam::{Vec3, Vec4};
-use sightline_world::{Origin, OriginSide, OriginTree, tolerance::UNSURE_SIDE_M};
+use sightline_world::{Origin, OriginSide, OriginTree};
 
-/// A map's own tree, packed.
+/// Nearer to a plane than this, in metres, single precision cannot tell the side.
+const UNSURE: f32 = 1e-3;
+
+/// The tree of a map, packed for single precision.
 pub(super) struct Locator<'a> {
     origin: &'a Origin,
     nodes: Vec<Node>,
 }
 
 struct Node {
-    /// The plane: its normal, and its distance negated.
+    /// The normal of the plane, and its negated distance.
     plane: Vec4,
-    /// Nodes, or leafs as complements.
+    /// Indices of nodes, or complements of indices of leafs.
     sides: [i32; 2],
-    /// The same plane, exact.
+    /// The index of the plane in double precision.
     exact: u32,
 }
 
@@ -41,7 +45,7 @@ impl<'a> Locator<'a> {
         while let Ok(node) = usize::try_from(next) {
             let Node { plane, sides, exact } = &self.nodes[node];
             let height = plane.dot(point.extend(1.0));
-            let behind = if height.abs() > UNSURE_SIDE_M {
+            let behind = if height.abs() > UNSURE {
                 height < 0.0
             } else {
                 self.origin.planes[*exact as usize].height(point.as_dvec3()) < 0.0
@@ -61,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_finds_what_the_slow_way_finds() {
+    fn the_packed_tree_finds_the_same_leafs() {
         let mut rng = SmallRng::seed_from_u64(1);
         let bounds = Aabb::around(Vec3::ZERO, 50.0);
         let planes: Vec<OriginPlane> = (0..63)
@@ -74,7 +78,7 @@ mod tests {
                 OriginPlane { normal: normal.normalize(), distance: rng.random_range(-40.0..40.0) }
             })
             .collect();
-        // A whole binary tree in the order of a heap.
+        // A complete binary tree in heap order.
         let side = |i: u32| if i < 63 { OriginSide::Node(i) } else { OriginSide::Leaf(i - 63) };
         let node = |i| OriginNode { plane: i, sides: [side(2 * i + 1), side(2 * i + 2)] };
         let tree = OriginTree {
@@ -89,7 +93,7 @@ mod tests {
         for i in 0..20_000 {
             let mut point =
                 Vec3::from_array(std::array::from_fn(|_| rng.random_range(-50.0..50.0)));
-            // As near to a plane as rounding allows.
+            // Every other point is as near to a plane as rounding allows.
             let plane = &origin.planes[i % 63];
             if i % 2 == 0 {
                 let foot =

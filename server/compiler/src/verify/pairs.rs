@@ -1,90 +1,21 @@
-//! Pairs of points: who is in sight, and what the PVS says.
+//! Tests pairs of points: whether they are in sight, and what the PVS says.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use rand::{SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::{
-    Miss, VerifyOptions,
+    options::{VerifyOptions, seed_of},
     original::{Original, Spot},
-    seed_of,
+    report::{Miss, PairCounts, PvsTally},
     subject::Subject,
 };
 
-/// Pairs that one generator makes, one after the other.
+/// How many pairs one random generator makes.
 const PIECE: u64 = 4096;
-/// So many misses are kept to be shown.
-const MISSES_SHOWN: usize = 5;
 
-/// What was found of some pairs.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PairCounts {
-    /// How many.
-    pub pairs: u64,
-    /// Further pairs that do not count, since a point of them is in no cell and they are not in sight.
-    pub closed: u64,
-    /// Pairs in sight.
-    pub sight: u64,
-    /// Pairs that rays took to be in sight and a PVS denied, but that are blocked without rounding.
-    pub grazing: u64,
-    /// Of the world's PVS.
-    pub ours: PvsTally,
-    /// Of the map's own vis lump.
-    pub own: Option<PvsTally>,
-}
-
-/// How a PVS did.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct PvsTally {
-    /// Pairs that it holds.
-    pub pvs: u64,
-    /// Pairs in sight that it denies.
-    pub misses: u64,
-    /// The first of them.
-    pub first_misses: Vec<Miss>,
-}
-
-impl PairCounts {
-    /// P(PVS) / P(sight); none when nothing was in sight.
-    pub fn over_send(&self, tally: &PvsTally) -> Option<f64> {
-        (self.sight > 0).then(|| tally.pvs as f64 / self.sight as f64)
-    }
-
-    /// Sums; of `later` only those misses are kept that there is room for.
-    fn and(mut self, later: Self) -> Self {
-        self.pairs += later.pairs;
-        self.closed += later.closed;
-        self.sight += later.sight;
-        self.grazing += later.grazing;
-        self.ours = self.ours.and(later.ours);
-        self.own = match (self.own, later.own) {
-            (Some(own), Some(later)) => Some(own.and(later)),
-            (own, later) => own.or(later),
-        };
-        self
-    }
-}
-
-impl PvsTally {
-    fn and(mut self, later: Self) -> Self {
-        self.pvs += later.pvs;
-        self.misses += later.misses;
-        self.first_misses.extend(later.first_misses);
-        self.first_misses.truncate(MISSES_SHOWN);
-        self
-    }
-
-    fn miss(&mut self, miss: Miss) {
-        self.misses += 1;
-        if self.first_misses.len() < MISSES_SHOWN {
-            self.first_misses.push(miss);
-        }
-    }
-}
-
-/// What pairs are tried against.
+/// What pairs of points are tested against.
 pub(super) struct Survey<'a> {
     pub original: &'a Original<'a>,
     pub ours: &'a dyn Subject,
@@ -93,7 +24,7 @@ pub(super) struct Survey<'a> {
 }
 
 impl Survey<'_> {
-    /// Tries pairs of spots that `draw` makes. `stage` keeps its random numbers apart from others.
+    /// Tests pairs of spots that `draw` makes. `stage` gives this sample random numbers of its own.
     pub fn run(
         &self,
         stage: u64,
@@ -116,10 +47,11 @@ impl Survey<'_> {
             progress((done * PIECE) as f32 / pairs as f32);
             found
         });
-        // Sums in the order of the pieces, so that the same misses are shown each time.
+        // The order of the sum is fixed, so that the same misses are shown each time.
         pieces.reduce(nothing, PairCounts::and)
     }
 
+    /// Tests one pair.
     fn pair(&self, from: &Spot, to: &Spot, found: &mut PairCounts) {
         let ours = Verdict::of(self.ours, from, to);
         let outside = ours.places.iter().filter(|place| place.is_none()).count();
@@ -154,7 +86,7 @@ impl Survey<'_> {
     }
 }
 
-/// What a subdivision says of two points.
+/// What a subdivision says of a pair of points.
 #[derive(Clone, Copy)]
 struct Verdict {
     places: [Option<u32>; 2],
@@ -176,7 +108,7 @@ mod tests {
 
     use super::*;
 
-    /// One place to the right of the origin, and none to the left.
+    /// A subdivision with one place, to the right of the origin.
     struct Right;
 
     impl Subject for Right {
@@ -201,7 +133,7 @@ mod tests {
         }
     }
 
-    /// A world with a wall at the origin, or without.
+    /// A world with or without a wall at the origin.
     fn world(has_wall: bool) -> World {
         let bounds = Aabb::around(Vec3::ZERO, 4.0);
         let corners = [(-9.0, -9.0), (9.0, -9.0), (0.0, 20.0)];
@@ -220,7 +152,8 @@ mod tests {
         }
     }
 
-    /// What is in no cell may see its like, as the inside of a wall does, but nobody may see it.
+    /// Two points without a cell may see each other, as two points inside a wall do. A point in a cell
+    /// may not see one without.
     #[test]
     fn points_without_a_cell_do_not_count_unless_they_are_seen() {
         let check = |has_wall: bool, misses: bool| {

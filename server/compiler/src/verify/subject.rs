@@ -1,6 +1,6 @@
-//! What is verified: a division of space into places, and who of them sees whom.
+//! What is verified: a subdivision of space into places, with a PVS.
 //!
-//! All that the verifier knows of cells and their PVS is in [`Ours`].
+//! [`Ours`] is all that the verifier knows of cells; [`Lump`] is the vis lump of a map.
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -8,38 +8,39 @@ use rayon::prelude::*;
 use sightline_world::{CellId, Cells, Origin, OriginTree};
 
 use super::{
-    original::{Boxes, Original, Spot, point_in},
-    seed_of,
+    boxes::{Boxes, point_in},
+    options::seed_of,
+    original::{Original, Spot},
 };
 
-/// A place in which so many points found nothing empty is left out.
+/// A place is left out when none of this many points in it is empty.
 const TRIES_FIRST: usize = 1_000;
-/// After so many points that were no use, the one that was found first will do.
+/// After this many points that are not empty, the first spot of the place is used again.
 const TRIES_MAX: usize = 100;
-/// The PVS is unpacked when it takes no more words: 256 MiB.
+/// The PVS is unpacked when it takes at most this many words: 256 MiB.
 const WORDS_MAX: usize = 1 << 25;
 
 /// A subdivision with its PVS.
 pub(super) trait Subject: Sync {
     /// How many places there are: cells or clusters.
     fn places(&self) -> u32;
-    /// The place of a spot.
+    /// The place of a spot, if it lies in one.
     fn place(&self, spot: &Spot) -> Option<u32>;
     /// Whether the PVS holds a pair of places.
     fn sees(&self, from: u32, to: u32) -> bool;
-    /// A random point of a place, all equally likely; none when it was one of somewhere else.
+    /// A uniform random point of a place. None when the drawn point lies elsewhere.
     fn draw(&self, place: u32, rng: &mut SmallRng) -> Option<Vec3>;
-    /// A random entry of the PVS, all equally likely; none when it was none.
+    /// A uniform random entry of the PVS. None when the drawn pair is no entry.
     fn entry(&self, rng: &mut SmallRng) -> Option<[u32; 2]>;
 }
 
-/// The world's cells and its PVS.
+/// The cells of the world, and its PVS.
 pub(super) struct Ours<'a> {
     cells: &'a Cells,
-    /// For each row of the PVS, the entries up to its end.
+    /// For each row of the PVS, the number of entries up to its end.
     entries: Vec<u64>,
     /// The PVS as one bit for each pair, row by row: several times as fast as the compressed rows.
-    /// Empty when that would be large.
+    /// Empty when it would be too large.
     bits: Vec<u64>,
     row_words: usize,
 }
@@ -107,7 +108,7 @@ pub(super) struct Lump<'a> {
 }
 
 impl<'a> Lump<'a> {
-    /// None for a map that was never vised.
+    /// The vis lump of a map; none when the map has none.
     pub fn new(origin: &'a Origin, original: &'a Original<'a>) -> Option<Self> {
         let tree = origin.tree.as_ref().filter(|tree| !tree.visible.is_empty())?;
         Some(Self { original, tree, boxes: Boxes::of_clusters(tree) })
@@ -138,14 +139,14 @@ impl Subject for Lump<'_> {
     }
 }
 
-/// A place with empty space in it, and a spot of that.
+/// A place with empty space in it, and one empty spot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Populated {
     pub place: u32,
     first: Spot,
 }
 
-/// The places with empty space in them, ascending.
+/// The places with empty space in them, in ascending order.
 pub(super) fn populated(
     subject: &dyn Subject,
     original: &Original<'_>,
@@ -161,7 +162,7 @@ pub(super) fn populated(
         .collect()
 }
 
-/// A spot of empty space in a place, all equally likely.
+/// A random spot of empty space in a place.
 pub(super) fn draw_in(
     subject: &dyn Subject,
     original: &Original<'_>,
@@ -171,7 +172,7 @@ pub(super) fn draw_in(
     draw_up_to(TRIES_MAX, subject, original, within.place, rng).unwrap_or(within.first)
 }
 
-/// A spot of empty space in some place, each place as likely as another.
+/// A random spot of empty space in a random place. All places are equally likely.
 pub(super) fn draw_any(
     subject: &dyn Subject,
     original: &Original<'_>,

@@ -1,17 +1,18 @@
 use std::{io::Read, path::PathBuf};
 
+use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use roaring::RoaringBitmap;
+use sightline_oracle::Oracle;
 use sightline_world::{
     Cell, CellId, Cells, Mesh, Node, Spawn, geometry::Aabb, motion::Body, octree::Octree,
 };
 
 use super::*;
 use crate::{import::bsp, model};
-use sightline_oracle::Oracle;
 
-/// Three rooms in a row, 4 m each, that fill the world: a wall without a door between the first
-/// two, and none between the last two. Cell 0 sees itself, cells 1 and 2 see each other.
+/// Three rooms in a row, 4 m each, that fill the world. A wall without a door lies between the first
+/// two, and no wall between the last two. Cell 0 sees itself; cells 1 and 2 see each other.
 fn rooms() -> World {
     let bounds = Aabb::new(Vec3::ZERO, Vec3::new(12.0, 3.0, 4.0));
     let room = |i: f32| Aabb::new(Vec3::X * i * 4.0, Vec3::new(i * 4.0 + 4.0, 3.0, 4.0));
@@ -92,7 +93,7 @@ fn an_entry_taken_out_is_missed_and_one_put_in_is_loose_and_sent_too_much() {
     let over_send = report.by_volume.over_send(&report.by_volume.ours).unwrap();
     assert_eq!(report.summary().misses, 0);
     assert!((over_send - 7.0 / 5.0).abs() < 0.03, "{over_send}");
-    // Of the four entries between two rooms, the two through the wall.
+    // Of the four entries between two rooms, two lead through the wall.
     let share = report.entries.share().unwrap();
     assert!((share - 0.5).abs() < 0.15, "{share}");
 }
@@ -110,10 +111,10 @@ fn the_report_depends_on_the_seed_but_not_on_the_threads() {
     assert_ne!(with(1, 7), with(1, 8));
 }
 
-/// Walls at random, and a PVS at random: what the verifier counts is what one counts by hand, with
-/// other points.
+/// With random walls and a wrong PVS, the verifier counts what a brute-force count of other points
+/// finds.
 #[test]
-fn its_figures_are_those_of_brute_force() {
+fn the_figures_agree_with_brute_force() {
     let mut rng = SmallRng::seed_from_u64(3);
     let mut world = rooms();
     for _ in 0..6 {
@@ -156,8 +157,8 @@ fn a_world_that_is_all_brush_is_full() {
     assert!(matches!(verify(&world, &options(10), &|_, _| ()), Err(VerifyError::Full)));
 }
 
-/// A real map in one cell, which sees itself: nothing of ours can be missed, and the map's own vis
-/// lump is measured all the same.
+/// A real map in one cell, which sees itself. Our PVS can have no miss, and the vis lump of the map is
+/// measured all the same.
 fn uncompiled(map: &str) -> Option<World> {
     let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")),
@@ -202,7 +203,7 @@ fn the_vis_lumps_of_real_maps_have_no_miss_and_little_that_is_loose() {
         let report = verified(&world, &VerifyOptions { entries: 200, ..options(20_000) });
         assert_eq!(report.summary().own_misses, Some(0), "{map}");
         assert_eq!(report.summary().misses, 0, "{map}");
-        // Figures of a tracer written apart, from other points: 2.2 for both maps.
+        // A separate tracer found 2.2 for both maps, from other points.
         let by_volume = &report.by_volume;
         let over_send = by_volume.over_send(by_volume.own.as_ref().unwrap()).unwrap();
         assert!((2.0..2.4).contains(&over_send), "{map}: {over_send}");
@@ -210,7 +211,7 @@ fn the_vis_lumps_of_real_maps_have_no_miss_and_little_that_is_loose() {
     }
 }
 
-/// The proof that the test above can fail: bits are taken out of the lump.
+/// Clears bits of a vis lump, to prove that the test of real vis lumps can fail.
 #[test]
 fn holes_in_a_vis_lump_are_found() {
     let Some(mut world) = uncompiled("oa_dm4.bsp") else { return };

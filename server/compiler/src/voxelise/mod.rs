@@ -5,8 +5,8 @@
 //! voxels in the making are held for a block at a time; blocks follow one another in the
 //! order of their keys, so the result does not depend on the threads.
 
+mod material_mean;
 mod overlap;
-mod paint;
 
 use std::{
     collections::BTreeMap,
@@ -22,12 +22,12 @@ use sightline_world::{
 };
 use thiserror::Error;
 
-pub(super) use self::paint::Palette;
-use self::{
-    overlap::Overlap,
-    paint::{Looks, Sample},
+use crate::{
+    model::Surface,
+    palette::{Palette, TriangleMaterial},
 };
-use super::model::Surface;
+use material_mean::MaterialMean;
+use overlap::Overlap;
 
 /// No world has more voxels: the octree of so many takes about 640 MiB, and to make it 2 GiB.
 pub const VOXELS_MAX: usize = 128 << 20;
@@ -221,8 +221,9 @@ impl Grid<'_> {
                 let surface = &self.surfaces[face.surface as usize];
                 let corners = surface.corners_of(face.triangle as usize)?;
                 let overlap = Overlap::new(self.to_grid(corners, corner_grid))?;
-                let sample = self.palette.sample_of(surface, face.triangle as usize, self.voxel)?;
-                Some(Candidate { overlap, sample })
+                let material =
+                    self.palette.material_of(surface, face.triangle as usize, self.voxel)?;
+                Some(Candidate { overlap, material })
             })
             .collect::<Vec<_>>();
         let all = (0..candidates.len() as u32).collect::<Vec<_>>();
@@ -265,7 +266,7 @@ fn unmorton(key: u64) -> UVec3 {
 
 struct Candidate<'a> {
     overlap: Overlap,
-    sample: Sample<'a>,
+    material: TriangleMaterial<'a>,
 }
 
 struct Block<'a> {
@@ -301,15 +302,15 @@ impl Block<'_> {
     /// only where there is nothing else.
     fn voxel(&self, touching: &[u32], corner: UVec3) -> Voxel {
         let candidates = touching.iter().map(|&candidate| &self.candidates[candidate as usize]);
-        let glass = candidates.clone().all(|candidate| candidate.sample.glass);
+        let glass = candidates.clone().all(|candidate| candidate.material.glass);
         let centre = corner.as_vec3() + 0.5;
-        let mut materials = Looks::default();
-        for candidate in candidates.filter(|candidate| candidate.sample.glass == glass) {
+        let mut mean = MaterialMean::default();
+        for candidate in candidates.filter(|candidate| candidate.material.glass == glass) {
             let area = if touching.len() == 1 { 1.0 } else { candidate.overlap.area_in(centre) };
-            let colour = candidate.sample.colour(candidate.overlap.weights(centre));
-            materials.add(area, colour, candidate.overlap.normal());
+            let colour = candidate.material.colour(candidate.overlap.weights(centre));
+            mean.add(area, colour, candidate.overlap.normal());
         }
-        materials.voxel(self.first_key + morton(corner), glass)
+        mean.voxel(self.first_key + morton(corner), glass)
     }
 }
 

@@ -78,7 +78,7 @@ proptest! {
         prop_assert!(carved.report.added > 0 && carved.report.sealed == carved.report.added);
         prop_assert!(is_closed(&carved_model(&carved)));
         let solid = sight(&model);
-        for triangle in carved.added.iter().flat_map(|a| &a.triangles) {
+        for triangle in carved.caps.iter().flat_map(|a| &a.triangles) {
             let centre = (triangle.iter().sum::<DVec3>() / 3.0).as_vec3();
             // Wherever one goes from there, one meets the surface first from behind: an odd number
             // of times. Past an edge that is nearer than a step a crossing may be lost, so most ways count.

@@ -11,7 +11,7 @@ use std::{
 use image::{ImageFormat, RgbImage, imageops};
 use zip::ZipArchive;
 
-use super::{BspError, shader_script::Scripts};
+use super::{error::BspError, shader_script::Scripts};
 use crate::import::limits;
 
 /// The most files of all archives together.

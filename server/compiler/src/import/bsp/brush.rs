@@ -3,10 +3,8 @@
 use glam::DVec3;
 use sightline_world::tolerance::UNIT_F32;
 
-use super::file::{Brush, Plane};
+use super::map::{Brush, Plane};
 
-/// The most sides of a brush; the work is in the square of it.
-pub(super) const SIDES_MAX: usize = 128;
 /// No brush reaches further from the origin, in Quake units.
 const REACH: f64 = 65_536.0;
 /// Points this near a plane lie on it, in Quake units.

@@ -5,12 +5,12 @@ use std::{collections::BTreeMap, ops::Range};
 use glam::{Vec2, Vec3};
 
 use super::{
-    BspError,
     archive::Archives,
-    file::{Face, FaceKind, Map, Shader, Vertex},
+    error::BspError,
     light::Light,
+    map::{Face, FaceKind, Map, Shader, Vertex},
     movers::Moving,
-    placed,
+    units::placed,
 };
 use crate::{
     import::limits,

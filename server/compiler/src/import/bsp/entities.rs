@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 use sightline_world::Spawn;
 
-use super::placed;
+use super::units::placed;
 use crate::import::limits::{SPAWNS_MAX, is_sane};
 
 /// The eye of a player above the origin of its box, in Quake units.

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::file::{LIGHTMAP_EDGE, Map};
+use super::map::{LIGHTMAP_EDGE, Map};
 
 /// Lightmaps hold half of what is meant, so that highlights fit in.
 const OVERBRIGHT: f32 = 2.0;

@@ -8,12 +8,15 @@ mod archive;
 mod brush;
 mod draw;
 mod entities;
-mod file;
+mod error;
 mod light;
+mod lumps;
+mod map;
 mod movers;
 mod origin;
 mod shader_script;
 mod tree;
+mod units;
 
 use std::path::{Path, PathBuf};
 
@@ -23,68 +26,17 @@ use sightline_world::{Origin, Solid, motion::Body};
 use super::{limits, movers::MoverList};
 use crate::model::{ConvexFace, ConvexSolid, Model};
 use archive::Archives;
-use file::{Map, Shader};
+use map::{Map, Shader};
 use movers::Moving;
+use units::{UNIT, placed};
 
-/// Metres in a Quake unit.
-const UNIT: f64 = 0.0254;
+pub use error::BspError;
+
 const SPEED_MAX: f32 = 15.0;
 const CONTENTS_SOLID: i32 = 1;
 const CONTENTS_TRANSLUCENT: i32 = 0x2000_0000;
 /// Sky, nodraw, hint and skip.
 const SURFACE_NOT_DRAWN: i32 = 0x4 | 0x80 | 0x100 | 0x200;
-
-/// Why a BSP file cannot be read.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum BspError {
-    /// The file itself cannot be had.
-    #[error("cannot read {path}")]
-    Io {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// An archive with textures cannot be had.
-    #[error("{path}: {reason}")]
-    Archive {
-        /// Which archive.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// Shorter than its header.
-    #[error("truncated BSP")]
-    Truncated,
-    /// Another format.
-    #[error("not a Quake III BSP")]
-    Magic,
-    /// Another version.
-    #[error("BSP version {0}; only version 46 can be read")]
-    Version(i32),
-    /// A lump reaches beyond the file or holds a broken record.
-    #[error("lump {lump} reaches beyond the file or is cut off")]
-    Lump {
-        /// Which of the seventeen.
-        lump: usize,
-    },
-    /// A record refers to something that is not there.
-    #[error("a {what} refers to something that is not there")]
-    Index {
-        /// What kind of record.
-        what: &'static str,
-    },
-    /// A coordinate is not a number, infinite, or further out than anything real.
-    #[error("a vertex is not finite or beyond {} km", limits::EXTENT_MAX / 1000.0)]
-    Coordinate,
-    /// There is no world model.
-    #[error("there is no world model")]
-    NoWorld,
-    /// More than this reader takes.
-    #[error("too many {0}")]
-    TooMany(&'static str),
-}
 
 /// Reads a map, with textures from the archives in which the game keeps them; where several hold
 /// a file, the last one counts.
@@ -172,12 +124,6 @@ fn brushes(map: &Map<'_>, model: &mut Model, origin: &mut Origin) -> Result<(), 
         model.warnings.push(format!("{left_out} brushes without bounds left out"));
     }
     Ok(())
-}
-
-/// From Quake's units and axes to metres, y up. Equal coordinates stay equal, bit for bit.
-fn placed(point: DVec3) -> Vec3 {
-    // Adding to zero makes no negative zero.
-    (DVec3::ZERO + DVec3::new(point.x, point.z, -point.y) * UNIT).as_vec3()
 }
 
 #[cfg(test)]

@@ -24,8 +24,8 @@ use sightline_world::motion::trajectory::{Joint, KeyframeTrack, Playback, Trajec
 
 use super::{
     entities::{Entities, Keys},
-    file::{Map, SubModel},
-    placed,
+    map::{Map, SubModel},
+    units::placed,
 };
 
 /// Keys for one swing of a sine: straight lines between them are off by half a percent.

@@ -6,10 +6,10 @@ use sightline_world::{
 };
 
 use super::{
-    BspError, UNIT,
-    file::{Map, Plane},
-    placed,
+    error::BspError,
+    map::{Map, Plane},
     tree::{Leaf, Tree},
+    units::{UNIT, placed},
 };
 
 /// The original without its solids; [`super::brushes`] adds those.

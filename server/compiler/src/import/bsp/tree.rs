@@ -4,8 +4,8 @@ use glam::DVec3;
 use sightline_world::{OriginNode, OriginSide};
 
 use super::{
-    BspError,
-    file::{Fields, Lumps, index},
+    error::BspError,
+    lumps::{Fields, Lumps, index},
 };
 
 /// Four times what the game itself takes or more.

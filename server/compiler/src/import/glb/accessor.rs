@@ -6,7 +6,10 @@ use gltf::{
     buffer::View,
 };
 
-use super::{GlbError, VERTICES_MAX, resources::Resources};
+use super::{
+    error::{GlbError, VERTICES_MAX},
+    resources::Resources,
+};
 
 /// The vectors of an accessor as floats; normalised integers become 0 to 1 or -1 to 1. Components
 /// beyond `N` are left out; there must be at least `at_least`, and missing ones are 1.

@@ -13,7 +13,7 @@ use sightline_world::motion::trajectory::{
     Interpolate, JOINTS_MAX, Joint, KEYS_MAX, KeyframeTrack, LENGTH_S_MAX, Playback, Trajectory,
 };
 
-use super::{GlbError, accessor, resources::Resources};
+use super::{accessor, error::GlbError, resources::Resources};
 
 /// All motions of a document, instances counted one by one, have no more keys: some 80 MB of them.
 const KEYS_OF_ALL_MAX: usize = 4 << 20;

@@ -9,7 +9,7 @@ use std::{
 use gltf::{Document, buffer};
 use image::RgbImage;
 
-use super::GlbError;
+use super::error::GlbError;
 use crate::import::limits;
 
 /// What all textures of a model may take, decoded: 256 MB.

@@ -11,8 +11,9 @@ use gltf::{
 use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 
 use super::{
-    DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX, accessor,
+    accessor,
     animation::{Animations, Chain},
+    error::{DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX},
     resources::Resources,
 };
 use crate::{

@@ -1,27 +1,41 @@
-//! At which heights to cut a building, so that every floor is on some picture.
+//! The storeys of a building: heights of floors such that a level cut above each of them shows every
+//! floor.
 
+use glam::Vec3;
 use rayon::prelude::*;
-use sightline_world::{World, geometry::Aabb};
+use sightline_world::{CellId, World, geometry::Aabb};
 
-use super::{CUT_HEIGHT, FLOOR_DEPTH, cell_at};
+/// A storey is cut this far above its floor, in metres: above tables, below lintels.
+pub(crate) const CUT_HEIGHT: f32 = 1.3;
+
+/// A floor this far below the feet of a storey still shows on it, in metres.
+pub(crate) const FLOOR_DEPTH: f32 = 1.0;
+/// The margin around the building, in metres.
+const MARGIN: f32 = 1.0;
 
 /// Feet whose heights differ by less stand on one storey, in metres.
 const STOREY_APART: f32 = 2.0;
-/// No picture has more storeys.
+/// The most storeys.
 const STOREYS_MAX: usize = 24;
-/// Floors are looked for in columns this far apart, in metres, or fewer of them.
+/// The distance between the columns in which floors are sought, in metres; more where that would
+/// give more than [`COLUMNS_MAX`] along one side.
 const COLUMN_M: f32 = 0.5;
 const COLUMNS_MAX: f32 = 250.0;
-/// A storey is added when it shows floor that no other does: at least so much, in square metres …
+/// A storey is added when it shows this much floor that no other storey shows, in square metres …
 const FLOOR_MIN_M2: f32 = 8.0;
-/// … and this part of all floors.
+/// … and this share of all floors.
 const FLOOR_MIN_SHARE: f32 = 0.02;
-/// Heights are told apart to this, in metres.
+/// Heights of floors are rounded to this, in metres.
 const BIN_M: f32 = 0.25;
 
-/// The heights of the storeys' floors, ascending: where somebody may begin, and whatever other
-/// floors are worth a picture.
-pub(super) fn storeys(world: &World, area: &Aabb) -> Vec<f32> {
+/// The heights of the storeys' floors, ascending.
+pub(crate) fn storeys(world: &World) -> Vec<f32> {
+    storeys_within(world, &area(world))
+}
+
+/// The heights of the floors of the storeys in an area, ascending: those of spawn points, and those
+/// of other floors that are large enough.
+pub(crate) fn storeys_within(world: &World, area: &Aabb) -> Vec<f32> {
     let feet = world.spawns.iter().map(|spawn| spawn.eye.y - world.body.below_eye);
     let mut storeys: Vec<f32> = feet.collect();
     storeys.sort_unstable_by(f32::total_cmp);
@@ -30,7 +44,7 @@ pub(super) fn storeys(world: &World, area: &Aabb) -> Vec<f32> {
     let column = COLUMN_M.max(area.size().x.max(area.size().z) / COLUMNS_MAX);
     let mut floors = floors(world, area, column);
     let enough = (FLOOR_MIN_M2 / (column * column)).max(floors.len() as f32 * FLOOR_MIN_SHARE);
-    // What one picture shows.
+    // Whether the picture of one storey shows a floor.
     let shows =
         |feet: f32, floor: f32| (feet - FLOOR_DEPTH..feet + CUT_HEIGHT - BIN_M).contains(&floor);
     floors.retain(|&floor| !storeys.iter().any(|&feet| shows(feet, floor)));
@@ -50,7 +64,7 @@ pub(super) fn storeys(world: &World, area: &Aabb) -> Vec<f32> {
     storeys
 }
 
-/// The heights at which somebody could stand, one for each floor of each column, ascending.
+/// The heights at which a body could stand, one for each floor of each column, ascending.
 fn floors(world: &World, area: &Aabb, column: f32) -> Vec<f32> {
     let count = |size: f32| (size / column).ceil().max(1.0) as u32;
     let (columns, rows) = (count(area.size().x), count(area.size().z));
@@ -58,7 +72,7 @@ fn floors(world: &World, area: &Aabb, column: f32) -> Vec<f32> {
         .into_par_iter()
         .flat_map_iter(|row| (0..columns).map(move |at| (at, row)))
         .flat_map_iter(|(x, z)| {
-            let at = glam::Vec3::new(x as f32 + 0.5, 0.0, z as f32 + 0.5) * column;
+            let at = Vec3::new(x as f32 + 0.5, 0.0, z as f32 + 0.5) * column;
             floors_below(world, area.min + at, area.max.y)
         })
         .collect();
@@ -66,9 +80,10 @@ fn floors(world: &World, area: &Aabb, column: f32) -> Vec<f32> {
     found
 }
 
-/// The floors of a column, under a roof: what is under the open sky is the roof or the ground
-/// outside. Maps made for Quake are closed all around, and their skies are not drawn.
-fn floors_below(world: &World, foot: glam::Vec3, top: f32) -> Vec<f32> {
+/// The floors of a column that have a roof. Under the open sky there is only the roof itself, or the
+/// ground outside. Quake maps are closed all around, and their skies are not drawn: there every
+/// floor counts.
+fn floors_below(world: &World, foot: Vec3, top: f32) -> Vec<f32> {
     let (octree, body) = (&world.octree, &world.body);
     let tall = body.above_eye + body.below_eye;
     let mut floors = Vec::new();
@@ -77,7 +92,7 @@ fn floors_below(world: &World, foot: glam::Vec3, top: f32) -> Vec<f32> {
         if octree.leaf_at(at).is_some() {
             let free = ceiling.unwrap_or(top) - at.y;
             let is_closed = ceiling.is_some() || world.origin.is_some();
-            let head = at + glam::Vec3::Y * tall * 0.9;
+            let head = at + Vec3::Y * tall * 0.9;
             if free > tall && is_closed && cell_at(world, head).is_some() {
                 floors.push((at.y / BIN_M).round() * BIN_M);
             }
@@ -86,4 +101,22 @@ fn floors_below(world: &World, foot: glam::Vec3, top: f32) -> Vec<f32> {
         at.y -= octree.voxel();
     }
     floors
+}
+
+/// The part of the world that is drawn: all opaque triangles, and a margin around them.
+pub(crate) fn area(world: &World) -> Aabb {
+    let opaque = Aabb::from_points(world.mesh.positions.iter().copied());
+    let whole = if opaque.is_empty() { world.octree.bounds() } else { opaque };
+    let area = whole.grown(MARGIN).intersection(&world.bounds());
+    if area.is_empty() { world.bounds() } else { area }
+}
+
+/// The cell of a point. None outside of all cells, and where a Quake map has no cluster.
+pub(crate) fn cell_at(world: &World, point: Vec3) -> Option<CellId> {
+    let leaf = world.origin.as_ref().and_then(|origin| {
+        let leaf = origin.leaf_at(point.as_dvec3())?;
+        origin.tree.as_ref()?.leafs.get(leaf as usize)
+    });
+    let is_void = leaf.is_some_and(|leaf| leaf.cluster.is_none());
+    if is_void { None } else { world.cells.at(point) }
 }

@@ -4,9 +4,8 @@ use std::{collections::HashMap, sync::Arc};
 
 use glam::{Vec2, Vec3};
 use image::RgbImage;
-use sightline_world::octree::{Material, Voxel};
 
-use super::super::model::Surface;
+use crate::model::Surface;
 
 /// The textures of a model, each with its halved copies.
 pub(crate) struct Palette {
@@ -15,9 +14,9 @@ pub(crate) struct Palette {
 }
 
 /// How one triangle looks.
-pub(crate) struct Sample<'a> {
+pub(crate) struct TriangleMaterial<'a> {
     /// Whether it can be seen through.
-    pub(super) glass: bool,
+    pub(crate) glass: bool,
     colours: [Vec3; 3],
     texture: Option<(&'a RgbImage, [Vec2; 3])>,
 }
@@ -34,12 +33,12 @@ impl Palette {
     }
 
     /// `None` when the surface has no such triangle.
-    pub(crate) fn sample_of(
+    pub(crate) fn material_of(
         &self,
         surface: &Surface,
         triangle: usize,
         voxel: f32,
-    ) -> Option<Sample<'_>> {
+    ) -> Option<TriangleMaterial<'_>> {
         let corners = surface.corners_of(triangle)?;
         let indices = *surface.triangles.get(triangle)?;
         let tint = unit(surface.material.colour);
@@ -54,11 +53,11 @@ impl Palette {
             };
             Some((level_for(halvings, [a, b, c], corners, voxel), [a, b, c]))
         });
-        Some(Sample { glass: surface.material.glass, colours, texture })
+        Some(TriangleMaterial { glass: surface.material.glass, colours, texture })
     }
 }
 
-impl Sample<'_> {
+impl TriangleMaterial<'_> {
     /// sRGB from 0 to 1 at a point, given as the corners' shares in it.
     pub(crate) fn colour(&self, weights: [f32; 3]) -> Vec3 {
         let [a, b, c] = weights;
@@ -66,35 +65,6 @@ impl Sample<'_> {
         match self.texture {
             Some((image, uvs)) => colour * texel(image, uvs[0] * a + uvs[1] * b + uvs[2] * c),
             None => colour,
-        }
-    }
-}
-
-/// A weighted mean of what touches a voxel.
-#[derive(Default)]
-pub(super) struct Looks {
-    weight: f32,
-    colour: Vec3,
-    normal: Vec3,
-}
-
-impl Looks {
-    pub(super) fn add(&mut self, weight: f32, colour: Vec3, normal: Vec3) {
-        self.weight += weight;
-        self.colour += colour * weight;
-        // The two sides of a thin sheet must not cancel out: what is drawn faces the eye anyway.
-        let side = if self.normal.dot(normal) < 0.0 { -1.0 } else { 1.0 };
-        self.normal += normal * (weight * side);
-    }
-
-    pub(super) fn voxel(&self, key: u64, glass: bool) -> Voxel {
-        let colour = (self.colour / self.weight).clamp(Vec3::ZERO, Vec3::ONE) * 255.0;
-        let normal = self.normal.normalize_or_zero() * 127.0;
-        Voxel {
-            key,
-            colour: colour.to_array().map(|channel| channel.round() as u8),
-            normal: normal.to_array().map(|part| part.round() as i8),
-            flags: if glass { Material::GLASS } else { 0 },
         }
     }
 }

@@ -1,9 +1,12 @@
 //! A tree of planes in the making, and the polygons where its leaves join.
 
 use glam::DVec3;
-use sightline_world::tolerance::ON_PLANE_F32_M;
 
-use super::region::{Region, SplitPlane, part};
+use super::region::{ON_PLANE, Region, part};
+use crate::split_plane::SplitPlane;
+
+/// No deeper: the world file's reader allows twice as much.
+pub(super) const DEPTH_MAX: u16 = 256;
 
 /// A node of the draft.
 #[derive(Clone, Debug)]
@@ -79,23 +82,23 @@ impl BspTree {
     }
 
     /// The polygons where leaves of a subtree join.
-    pub fn joins(&self, root: u32, region: &Region) -> Vec<SharedFace> {
+    pub fn shared_faces(&self, root: u32, region: &Region) -> Vec<SharedFace> {
         let mut found = Vec::new();
-        self.join_below(root, region, &mut found);
+        self.add_faces_below(root, region, &mut found);
         found
     }
 
-    fn join_below(&self, node: u32, region: &Region, found: &mut Vec<SharedFace>) {
+    fn add_faces_below(&self, node: u32, region: &Region, found: &mut Vec<SharedFace>) {
         if let BspNode::Split { cut, plane, sides } = &self.nodes[node as usize] {
             let [low, high] = region.halves(cut).map(Region::tightened);
-            self.join_across(*sides, cut, *plane, region.section(cut), found);
-            self.join_below(sides[0], &low, found);
-            self.join_below(sides[1], &high, found);
+            self.add_faces_across(*sides, cut, *plane, region.section(cut), found);
+            self.add_faces_below(sides[0], &low, found);
+            self.add_faces_below(sides[1], &high, found);
         }
     }
 
     /// Adds the joins of a subtree below a plane with one above it, within a polygon on it.
-    pub fn join_across(
+    pub fn add_faces_across(
         &self,
         nodes: [u32; 2],
         cut: &SplitPlane,
@@ -115,19 +118,19 @@ impl BspTree {
             let heights = polygon.iter().map(|&corner| other.height(corner));
             let (lowest, highest) =
                 heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
-            if lowest > -ON_PLANE_F32_M && highest < ON_PLANE_F32_M {
+            if lowest > -ON_PLANE && highest < ON_PLANE {
                 // The same plane, or as good as: only the side that touches it can join.
                 let agree = other.normal().dot(cut.normal()) > 0.0;
                 let side = sides[usize::from((below == 1) != agree)];
-                self.join_across(replaced(side), cut, plane, polygon, found);
+                self.add_faces_across(replaced(side), cut, plane, polygon, found);
             } else if highest <= 0.0 {
-                self.join_across(replaced(sides[0]), cut, plane, polygon, found);
+                self.add_faces_across(replaced(sides[0]), cut, plane, polygon, found);
             } else if lowest >= 0.0 {
-                self.join_across(replaced(sides[1]), cut, plane, polygon, found);
+                self.add_faces_across(replaced(sides[1]), cut, plane, polygon, found);
             } else {
                 for (is_greater, side) in [false, true].into_iter().zip(sides) {
                     let half = part(&polygon, other, is_greater);
-                    self.join_across(replaced(*side), cut, plane, half, found);
+                    self.add_faces_across(replaced(*side), cut, plane, half, found);
                 }
             }
             return;

@@ -2,10 +2,12 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::{BspError, tree::Tree};
+use super::{
+    error::BspError,
+    lumps::{Fields, Lumps, index, range},
+    tree::Tree,
+};
 
-const VERSION: i32 = 46;
-const LUMPS: usize = 17;
 /// Edge of a lightmap, in pixels.
 pub(super) const LIGHTMAP_EDGE: usize = 128;
 const LIGHTMAP_BYTES: usize = LIGHTMAP_EDGE * LIGHTMAP_EDGE * 3;
@@ -15,6 +17,8 @@ const SHADERS_MAX: usize = 1 << 14;
 const PLANES_MAX: usize = 1 << 20;
 const MODELS_MAX: usize = 1 << 13;
 const BRUSHES_MAX: usize = 1 << 17;
+/// The most sides of a brush; the work is in the square of it.
+const BRUSH_SIDES_MAX: usize = 128;
 const SIDES_MAX: usize = 1 << 21;
 const VERTICES_MAX: usize = 1 << 21;
 const MESH_VERTICES_MAX: usize = 1 << 23;
@@ -111,7 +115,7 @@ impl<'a> Map<'a> {
         let faces = lumps.records(13, "faces", FACES_MAX)?;
         let faces: Vec<Face> =
             faces.iter().map(|bytes| face(bytes, &limits)).collect::<Result<_, _>>()?;
-        let models = lumps.models(faces.len())?;
+        let models = models(&lumps, faces.len())?;
         let world = models.first().ok_or(BspError::NoWorld)?;
         let planes: Vec<Plane> =
             lumps.records(2, "planes", PLANES_MAX)?.iter().map(plane).collect();
@@ -121,7 +125,7 @@ impl<'a> Map<'a> {
         }
         Ok(Self {
             entities: String::from_utf8_lossy(entities).into_owned(),
-            world_brushes: lumps.brushes(world.brushes.clone(), shaders.len(), &planes)?,
+            world_brushes: brushes(&lumps, world.brushes.clone(), shaders.len(), &planes)?,
             tree: Tree::parse(&lumps, planes.len())?,
             planes,
             shaders,
@@ -132,12 +136,6 @@ impl<'a> Map<'a> {
             lightmaps,
         })
     }
-}
-
-/// The table of contents, and what it leads to.
-pub(super) struct Lumps<'a> {
-    bytes: &'a [u8],
-    directory: [(i32, i32); LUMPS],
 }
 
 /// A part of a map that stands or moves as a whole.
@@ -154,123 +152,6 @@ struct Counts {
     vertices: usize,
     mesh_vertices: usize,
     lightmaps: usize,
-}
-
-impl<'a> Lumps<'a> {
-    fn parse(bytes: &'a [u8]) -> Result<Self, BspError> {
-        let header = bytes.get(..8 + LUMPS * 8).ok_or(BspError::Truncated)?;
-        let mut fields = Fields(header);
-        if fields.take() != *b"IBSP" {
-            return Err(BspError::Magic);
-        }
-        let version = fields.int();
-        if version != VERSION {
-            return Err(BspError::Version(version));
-        }
-        let directory = std::array::from_fn(|_| (fields.int(), fields.int()));
-        Ok(Self { bytes, directory })
-    }
-
-    pub(super) fn bytes(&self, lump: usize) -> Result<&'a [u8], BspError> {
-        let (offset, length) = self.directory[lump];
-        let range = range(offset, length, self.bytes.len()).ok_or(BspError::Lump { lump })?;
-        Ok(&self.bytes[range])
-    }
-
-    pub(super) fn records<const N: usize>(
-        &self,
-        lump: usize,
-        what: &'static str,
-        max: usize,
-    ) -> Result<&'a [[u8; N]], BspError> {
-        let (records, rest) = self.bytes(lump)?.as_chunks::<N>();
-        match (rest.is_empty(), records.len() <= max) {
-            (false, _) => Err(BspError::Lump { lump }),
-            (_, false) => Err(BspError::TooMany(what)),
-            _ => Ok(records),
-        }
-    }
-
-    fn models(&self, faces: usize) -> Result<Vec<SubModel>, BspError> {
-        let brushes = self.records::<12>(8, "brushes", BRUSHES_MAX)?.len();
-        let models = self.records::<40>(7, "models", MODELS_MAX)?.iter();
-        let models: Option<_> = models.map(|bytes| sub_model(bytes, faces, brushes)).collect();
-        models.ok_or(BspError::Index { what: "model" })
-    }
-
-    fn brushes(
-        &self,
-        which: std::ops::Range<usize>,
-        shaders: usize,
-        planes: &[Plane],
-    ) -> Result<Vec<Brush>, BspError> {
-        let sides = self.records::<8>(9, "brush sides", SIDES_MAX)?;
-        let fault = || BspError::Index { what: "brush" };
-        let mut brushes = Vec::with_capacity(which.len());
-        for bytes in &self.records::<12>(8, "brushes", BRUSHES_MAX)?[which] {
-            let mut fields = Fields(bytes);
-            let sides = range(fields.int(), fields.int(), sides.len())
-                .map(|range| &sides[range])
-                .ok_or_else(fault)?;
-            if sides.len() > super::brush::SIDES_MAX {
-                return Err(BspError::TooMany("sides of a brush"));
-            }
-            let shader = index(fields.int(), shaders).ok_or_else(fault)?;
-            let side = |side: &[u8; 8]| index(Fields(side).int(), planes.len());
-            let sides: Vec<usize> =
-                sides.iter().map(side).collect::<Option<_>>().ok_or_else(fault)?;
-            let planes = sides.iter().map(|&side| planes[side]).collect();
-            brushes.push(Brush { planes, sides, shader });
-        }
-        Ok(brushes)
-    }
-}
-
-/// Reads little-endian fields one after the other; beyond the end there are zeros.
-pub(super) struct Fields<'a>(pub &'a [u8]);
-
-impl Fields<'_> {
-    fn take<const N: usize>(&mut self) -> [u8; N] {
-        match self.0.split_first_chunk() {
-            Some((field, rest)) => {
-                self.0 = rest;
-                *field
-            }
-            None => [0; N],
-        }
-    }
-
-    pub fn skip(&mut self, bytes: usize) {
-        self.0 = self.0.get(bytes..).unwrap_or_default();
-    }
-
-    pub fn int(&mut self) -> i32 {
-        i32::from_le_bytes(self.take())
-    }
-
-    fn float(&mut self) -> f32 {
-        f32::from_le_bytes(self.take())
-    }
-
-    fn vec2(&mut self) -> Vec2 {
-        Vec2::new(self.float(), self.float())
-    }
-
-    fn vec3(&mut self) -> Vec3 {
-        Vec3::new(self.float(), self.float(), self.float())
-    }
-}
-
-/// A range within so many elements.
-fn range(first: i32, count: i32, within: usize) -> Option<std::ops::Range<usize>> {
-    let (first, count) = (usize::try_from(first).ok()?, usize::try_from(count).ok()?);
-    let end = first.checked_add(count)?;
-    (end <= within).then_some(first..end)
-}
-
-/// An index of so many elements.
-pub(super) fn index(value: i32, within: usize) -> Option<usize> {
-    usize::try_from(value).ok().filter(|&index| index < within)
 }
 
 fn sub_model(bytes: &[u8; 40], faces: usize, brushes: usize) -> Option<SubModel> {
@@ -328,4 +209,37 @@ fn patch(width: i32, height: i32, vertices: usize) -> Option<FaceKind> {
     let (width, height) = (usize::try_from(width).ok()?, usize::try_from(height).ok()?);
     let is_odd = width >= 3 && height >= 3 && width % 2 == 1 && height % 2 == 1;
     (is_odd && width.checked_mul(height)? == vertices).then_some(FaceKind::Patch { width, height })
+}
+
+fn models(lumps: &Lumps<'_>, faces: usize) -> Result<Vec<SubModel>, BspError> {
+    let brushes = lumps.records::<12>(8, "brushes", BRUSHES_MAX)?.len();
+    let models = lumps.records::<40>(7, "models", MODELS_MAX)?.iter();
+    let models: Option<_> = models.map(|bytes| sub_model(bytes, faces, brushes)).collect();
+    models.ok_or(BspError::Index { what: "model" })
+}
+
+fn brushes(
+    lumps: &Lumps<'_>,
+    which: std::ops::Range<usize>,
+    shaders: usize,
+    planes: &[Plane],
+) -> Result<Vec<Brush>, BspError> {
+    let sides = lumps.records::<8>(9, "brush sides", SIDES_MAX)?;
+    let fault = || BspError::Index { what: "brush" };
+    let mut brushes = Vec::with_capacity(which.len());
+    for bytes in &lumps.records::<12>(8, "brushes", BRUSHES_MAX)?[which] {
+        let mut fields = Fields(bytes);
+        let sides = range(fields.int(), fields.int(), sides.len())
+            .map(|range| &sides[range])
+            .ok_or_else(fault)?;
+        if sides.len() > BRUSH_SIDES_MAX {
+            return Err(BspError::TooMany("sides of a brush"));
+        }
+        let shader = index(fields.int(), shaders).ok_or_else(fault)?;
+        let side = |side: &[u8; 8]| index(Fields(side).int(), planes.len());
+        let sides: Vec<usize> = sides.iter().map(side).collect::<Option<_>>().ok_or_else(fault)?;
+        let planes = sides.iter().map(|&side| planes[side]).collect();
+        brushes.push(Brush { planes, sides, shader });
+    }
+    Ok(brushes)
 }

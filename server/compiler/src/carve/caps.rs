@@ -12,7 +12,7 @@
 use glam::{DVec2, DVec3};
 
 use super::{
-    Plane,
+    plane::Plane,
     topology::{Tolerance, Topology},
     volume::{Triangle, Volume},
 };
@@ -33,7 +33,7 @@ const SHOTS: [DVec2; 9] = [
 
 /// The parts of a volume's six sides that lie inside of the solid whose surface in the volume is
 /// the cutting; with the plane of each, facing into the volume.
-pub(super) fn compute_bin_a(
+pub(super) fn cap_polygons(
     volume: &Volume,
     cutting: &[Triangle],
     tolerance: Tolerance,
@@ -301,7 +301,7 @@ mod tests {
 
     fn check(cutting: &[Triangle], expected: &[(DVec3, f64)]) {
         let volume = Volume { min: DVec3::ZERO, max: DVec3::ONE, near: 8e-5 };
-        let added = compute_bin_a(&volume, cutting, Tolerance { weld: 2e-5, plane: 8e-5 });
+        let added = cap_polygons(&volume, cutting, Tolerance { weld: 2e-5, plane: 8e-5 });
         let found: Vec<(DVec3, f64)> =
             added.iter().map(|(plane, parts)| (plane.normal, area(parts))).collect();
         assert_eq!(found.len(), expected.len(), "{found:?}");

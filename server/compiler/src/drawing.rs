@@ -1,22 +1,24 @@
-//! Marks on a picture: points, lines, letters.
+//! Drawing on pictures: points, lines, rings, letters, colours.
 
 use font8x8::UnicodeFonts;
 use glam::Vec2;
 use image::{Rgb, RgbImage};
 
-/// What is drawn on, and with.
+/// The background, in sRGB.
 pub(crate) const PAPER: [u8; 3] = [250, 250, 247];
+/// Lines and letters, in sRGB.
 pub(crate) const INK: [u8; 3] = [40, 42, 48];
 
-/// Colours a pixel, if it is in the picture.
-pub(super) fn put(picture: &mut RgbImage, x: i32, y: i32, colour: [u8; 3]) {
+/// Colours a pixel, if it lies in the picture.
+pub(crate) fn put(picture: &mut RgbImage, x: i32, y: i32, colour: [u8; 3]) {
     let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
     if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
         *pixel = Rgb(colour);
     }
 }
 
-pub(super) fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
+/// Draws a line one pixel wide.
+pub(crate) fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
     let steps = (to - from).abs().max_element().ceil().max(1.0) as i32;
     for step in 0..=steps {
         let at = from.lerp(to, step as f32 / steps as f32);
@@ -24,8 +26,8 @@ pub(super) fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]
     }
 }
 
-/// A ring, filled with a colour or not.
-pub(super) fn ring(
+/// Draws a ring, and fills it when `fill` is a colour.
+pub(crate) fn ring(
     picture: &mut RgbImage,
     centre: Vec2,
     radius: f32,
@@ -44,13 +46,13 @@ pub(super) fn ring(
     }
 }
 
-/// Writes a line of letters eight pixels high.
+/// Writes one line of text, eight pixels high.
 pub(crate) fn write(picture: &mut RgbImage, left: i32, top: i32, text: &str, colour: [u8; 3]) {
     write_sized(picture, [left, top], 1, text, colour);
 }
 
-/// Writes a line of letters eight times `scale` pixels high.
-pub(super) fn write_sized(
+/// Writes one line of text, `8 * scale` pixels high. Characters without a glyph stay blank.
+pub(crate) fn write_sized(
     picture: &mut RgbImage,
     [left, top]: [i32; 2],
     scale: i32,
@@ -67,17 +69,40 @@ pub(super) fn write_sized(
     }
 }
 
-/// A colour between two: the first at 0, the second at 1.
-pub(super) fn mixed(first: [u8; 3], second: [u8; 3], share: f32) -> [u8; 3] {
+/// The gap between panels, in pixels.
+const GAP_PX: u32 = 12;
+
+/// Puts panels into columns, row by row.
+pub(crate) fn stacked(panels: &[RgbImage], columns: usize) -> RgbImage {
+    let rows: Vec<&[RgbImage]> = panels.chunks(columns).collect();
+    let wide = |row: &[RgbImage]| row.iter().map(|panel| panel.width() + GAP_PX).sum::<u32>();
+    let high = |row: &[RgbImage]| row.iter().map(|panel| panel.height() + GAP_PX).max();
+    let width = rows.iter().map(|row| wide(row)).max().unwrap_or(1);
+    let height = rows.iter().filter_map(|row| high(row)).sum::<u32>();
+    let mut picture = RgbImage::from_pixel(width.max(1), height.max(1), Rgb(PAPER));
+    let mut top = 0;
+    for row in rows {
+        let mut left = 0;
+        for panel in row {
+            image::imageops::replace(&mut picture, panel, i64::from(left), i64::from(top));
+            left += panel.width() + GAP_PX;
+        }
+        top += high(row).unwrap_or(0);
+    }
+    picture
+}
+
+/// A colour between two: the first at share 0, the second at share 1.
+pub(crate) fn mixed(first: [u8; 3], second: [u8; 3], share: f32) -> [u8; 3] {
     std::array::from_fn(|i| {
         let (a, b) = (f32::from(first[i]), f32::from(second[i]));
         (a + (b - a) * share.clamp(0.0, 1.0)).round() as u8
     })
 }
 
-/// From pale yellow over green to dark blue, as a share goes from 0 to 1; darker all the way, so
-/// that it can be read without colours too.
-pub(super) fn heat(share: f32) -> [u8; 3] {
+/// The colour of a share from 0 to 1: from pale yellow over green to dark blue. It darkens all the
+/// way, so that a reader can do without colours.
+pub(crate) fn heat(share: f32) -> [u8; 3] {
     const STOPS: [[u8; 3]; 6] = [
         [247, 247, 178],
         [199, 233, 180],

@@ -1,0 +1,228 @@
+//! The stages of a compilation, in order.
+
+use std::{borrow::Cow, collections::HashMap, ops::ControlFlow};
+
+use glam::Vec3;
+use sightline_oracle::Oracle;
+use sightline_world::{
+    Cells, Mesh, Spawn, World,
+    geometry::{Aabb, Axes},
+    rooms::Rooms,
+};
+
+use crate::{
+    carve::{self, CarveOptions, CarvedModel},
+    error::CompileError,
+    light,
+    model::{Model, Surface},
+    occluders,
+    octree_statistics::OctreeStatistics,
+    progress::{ProgressRelay, Stage, StageTimer},
+    pvs,
+    report::CompileReport,
+    rooms::{self, RoomError, RoomErrors, RoomScope},
+    spawn::find_spawn,
+    subdivide::{self, CellSize, Spaces, SubdivisionInput},
+    voxelise,
+};
+
+/// The margin around the building in which an eye can be, in metres.
+const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
+
+/// Cells are as fine as lets about this many pairs of them see each other. So many pairs take some
+/// ten seconds to find on two cores, and some ten megabytes to keep …
+const PAIRS_ABOUT: f64 = 2.5e7;
+/// … and this many pairs more for each space, so that large buildings do not get coarser cells.
+const PAIRS_PER_SPACE: f64 = 2_000.0;
+
+/// What the author of a world chooses.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CompileOptions {
+    /// The edge of a voxel, in metres. When absent, it follows from the building's size.
+    pub voxel: Option<f32>,
+    /// The width of the widest cell, in metres. When absent, it follows from how much there is to
+    /// see.
+    pub cell: Option<f32>,
+    /// How the model is carved.
+    pub carving: CarveOptions,
+}
+
+/// Compiles a model to a world. The same model and options give the same world, on any number of
+/// threads.
+///
+/// `progress` hears the stage and the share of it that is done, from 0 to 1, from any thread. When
+/// it breaks, the compilation ends soon.
+///
+/// # Errors
+/// When the model is empty, needs more voxels than fit or has faulty rooms, and when `progress`
+/// breaks.
+pub fn compile(
+    model: &Model,
+    options: &CompileOptions,
+    progress: &(dyn Fn(Stage, f32) -> ControlFlow<()> + Sync),
+) -> Result<(World, CompileReport), CompileError> {
+    let relay = ProgressRelay::new(progress);
+    let bounds = model.bounds().ok_or(CompileError::Empty)?;
+    let mut timer = StageTimer::default();
+
+    relay.begin(Stage::Carving)?;
+    // A model of solids is neither turned nor carved: it was built along the world's axes.
+    let has_solids = !model.solids.is_empty();
+    let turn = if has_solids { 0.0 } else { carve::dominant_orientation(&model.opaque) };
+    let axes = Axes::turned(turn);
+    let carved = timer.time(Stage::Carving, || {
+        let opaque = if has_solids { &[] } else { model.opaque.as_slice() };
+        carved(opaque, &axes, &options.carving, &relay)
+    })?;
+    relay.begin(Stage::Cells)?;
+    let spaces = timer.time(Stage::Cells, || spaces(model, axes, &carved));
+    let cells = timer.time(Stage::Pvs, || cells_with_pvs(&spaces, options.cell, &relay))?;
+    let mesh = mesh(&model.opaque);
+    let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
+    let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
+    let lit = timer.time(Stage::Light, || lit(model, voxel, &relay))?;
+    relay.begin(Stage::Voxels)?;
+    let octree = timer.time(Stage::Voxels, || {
+        voxelise::voxelise(&lit, &bounds, voxel, &|share| relay.report(Stage::Voxels, share))
+    })?;
+    assert_eq!(cells.pvs.len(), cells.cells.len(), "each cell has a row of the PVS");
+
+    let report = CompileReport {
+        triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
+        opaque: model.opaque.len(),
+        turn,
+        carving: carved.report,
+        spaces: cells.spaces.len(),
+        gates: cells.gates.len(),
+        cells: cells.cells.len(),
+        portals: cells.portals.len(),
+        pvs_density: cells.density(),
+        movers: model.movers.len(),
+        rooms: rooms.list().len(),
+        windows: rooms.list().iter().map(|room| room.windows.len()).sum(),
+        room_warnings,
+        octree: OctreeStatistics::of(&octree),
+        seconds: timer.seconds,
+        cpu_seconds: timer.cpu_seconds,
+    };
+    let world = World {
+        title: model.title.clone(),
+        spawns: spawns(model, &cells, &mesh),
+        octree,
+        cells,
+        mesh,
+        body: model.body,
+        speed_max: model.speed_max,
+        movers: model.movers.clone(),
+        rooms,
+        origin: model.origin.clone(),
+    };
+    Ok((world, report))
+}
+
+/// Carves opaque triangles in the building's own axes.
+fn carved(
+    opaque: &[[Vec3; 3]],
+    axes: &Axes,
+    options: &CarveOptions,
+    relay: &ProgressRelay<'_>,
+) -> Result<CarvedModel, CompileError> {
+    let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
+    let triangles: Vec<_> = opaque.iter().map(|corners| corners.map(own)).collect();
+    let report = &mut |share| relay.report(Stage::Carving, share);
+    let carved = carve::carve_with_progress(&triangles, &[], options, report);
+    carved.ok_or(CompileError::Cancelled)
+}
+
+/// Splits the space around a carved model along its occluders.
+fn spaces(model: &Model, axes: Axes, carved: &CarvedModel) -> Spaces {
+    let places = model.spawns.iter().map(|spawn| spawn.eye).chain(model.places.iter().copied());
+    let eyes: Vec<Vec3> = places.map(|place| axes.own(place)).collect();
+    let planes = occluders::planes(&occluders::occluder_triangles(carved));
+    let input = SubdivisionInput { planes: &planes, solids: &model.solids, eyes: &eyes };
+    Spaces::new(&own_bounds(model, &axes), axes, &input)
+}
+
+/// The region in which an eye can be, in the building's own axes. Around a turned building, a box
+/// along the world's axes would hold much more space.
+fn own_bounds(model: &Model, axes: &Axes) -> Aabb {
+    let bounds = Aabb::from_points(model.points().map(|point| axes.own(point)));
+    Aabb::new(bounds.min - MARGIN, bounds.max + MARGIN)
+}
+
+/// Splits spaces into cells and finds the PVS.
+fn cells_with_pvs(
+    spaces: &Spaces,
+    width: Option<f32>,
+    relay: &ProgressRelay<'_>,
+) -> Result<Cells, CompileError> {
+    let report = |share: f32| relay.report(Stage::Pvs, share);
+    let whole = subdivide::cells(spaces, &CellSize::WHOLE);
+    let seen = pvs::spaces_seen(&whole, &|share| report(share * 0.1));
+    let seen = seen.ok_or(CompileError::Cancelled)?;
+    let size = match width {
+        Some(width) => CellSize::of_width(width),
+        None => {
+            let pairs = PAIRS_ABOUT + PAIRS_PER_SPACE * whole.spaces.len() as f64;
+            pvs::cell_size_for(pairs, &whole.spaces, &seen)
+        }
+    };
+    let mut cells = subdivide::cells(spaces, &size);
+    let pvs = pvs::potentially_visible(&cells, &seen, &|share| report(0.1 + share * 0.9));
+    cells.pvs = pvs.ok_or(CompileError::Cancelled)?;
+    Ok(cells)
+}
+
+/// The opaque triangles as a mesh that stores equal corners once.
+fn mesh(opaque: &[[Vec3; 3]]) -> Mesh {
+    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut mesh = Mesh::default();
+    for corners in opaque {
+        mesh.triangles.push(corners.map(|corner| {
+            *known.entry(corner.to_array().map(f32::to_bits)).or_insert_with(|| {
+                mesh.positions.push(corner);
+                mesh.positions.len() as u32 - 1
+            })
+        }));
+    }
+    mesh
+}
+
+/// Resolves the rooms that the model declares, and warns of what was probably not meant.
+fn resolved_rooms(
+    model: &Model,
+    cells: &Cells,
+    mesh: &Mesh,
+) -> Result<(Rooms, Vec<RoomError>), RoomErrors> {
+    let scope = RoomScope { cells, movers: &model.movers, nodes: &model.nodes };
+    let rooms = rooms::resolve(&model.rooms, &scope)?;
+    let warnings = rooms::checks::warnings(&model.rooms, &rooms, cells, &|| Oracle::new(mesh));
+    Ok((rooms, warnings))
+}
+
+/// The surfaces with light in their colours.
+fn lit<'a>(
+    model: &'a Model,
+    voxel: f32,
+    relay: &ProgressRelay<'_>,
+) -> Result<Cow<'a, [Surface]>, CompileError> {
+    if model.is_lit {
+        return Ok(Cow::Borrowed(&model.surfaces));
+    }
+    relay.begin(Stage::Light)?;
+    let report = |share| relay.report(Stage::Light, share);
+    let lit = light::lit(&model.surfaces, &model.opaque, voxel, &report);
+    lit.map(Cow::Owned).ok_or(CompileError::Cancelled)
+}
+
+/// The spawn points of the model, or one that is found when it names none.
+fn spawns(model: &Model, cells: &Cells, mesh: &Mesh) -> Vec<Spawn> {
+    if model.spawns.is_empty() {
+        vec![find_spawn(&model.body, cells, mesh)]
+    } else {
+        model.spawns.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests;

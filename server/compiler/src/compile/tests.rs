@@ -1,0 +1,107 @@
+use sightline_world::motion::Body;
+
+use super::*;
+use crate::model::SurfaceMaterial;
+
+/// A hollow box with a table in it.
+fn house() -> Model {
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for (min, max) in [
+        (Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)),
+        (Vec3::new(2.0, 0.0, 2.0), Vec3::new(3.0, 0.8, 3.0)),
+    ] {
+        let first = positions.len() as u32;
+        positions.extend((0..8).map(|i| {
+            Vec3::new(
+                if i & 1 == 0 { min.x } else { max.x },
+                if i & 2 == 0 { min.y } else { max.y },
+                if i & 4 == 0 { min.z } else { max.z },
+            )
+        }));
+        for [a, b, c, d] in
+            [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]]
+        {
+            triangles.push([a, b, c].map(|i: u32| i + first));
+            triangles.push([a, c, d].map(|i: u32| i + first));
+        }
+    }
+    let opaque = triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
+    let material = SurfaceMaterial { colour: [180, 90, 60], texture: None, glass: false };
+    let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
+    Model {
+        title: "house".into(),
+        surfaces: vec![surface],
+        is_lit: true,
+        opaque,
+        solids: Vec::new(),
+        spawns: Vec::new(),
+        places: Vec::new(),
+        body: Body::PERSON,
+        speed_max: 5.0,
+        movers: Vec::new(),
+        rooms: Vec::new(),
+        nodes: Vec::new(),
+        origin: None,
+        warnings: Vec::new(),
+    }
+}
+
+#[test]
+fn a_house_compiles_and_what_is_outside_does_not_see_inside() {
+    let options = CompileOptions { voxel: Some(0.25), ..CompileOptions::default() };
+    let (world, report) = compile(&house(), &options, &|_, _| ControlFlow::Continue(())).unwrap();
+    let (inside, outside) = (Vec3::new(1.0, 1.5, 1.0), Vec3::new(-1.0, 1.5, 1.0));
+    let [inside, outside] = [inside, outside].map(|eye| world.cells.at(eye).unwrap());
+    assert!(!world.cells.sees(inside, outside));
+    assert_eq!(world.mesh.positions.len(), 16);
+    assert_eq!(report.triangles, 24);
+    assert!(report.octree.voxels > 1_000, "{}", report.octree.voxels);
+    assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
+}
+
+#[test]
+fn a_place_to_stand_is_found_inside() {
+    let (world, _) = compile(
+        &house(),
+        &CompileOptions { voxel: Some(0.25), ..CompileOptions::default() },
+        &|_, _| ControlFlow::Continue(()),
+    )
+    .unwrap();
+    let eye = world.spawns[0].eye;
+    assert!(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)).contains(eye), "{eye}");
+    assert!((1.6..1.7).contains(&eye.y) || (2.4..2.5).contains(&eye.y), "{eye}");
+}
+
+#[test]
+fn a_break_at_any_stage_ends_the_compilation() {
+    let options = CompileOptions { voxel: Some(0.25), ..CompileOptions::default() };
+    for broken in [Stage::Carving, Stage::Cells, Stage::Pvs, Stage::Voxels] {
+        // At once, and in the middle of the work.
+        for from in [0.0, 0.3] {
+            let progress = |stage, share| match stage == broken && share >= from {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            };
+            let outcome = compile(&house(), &options, &progress);
+            // This one tells only that it begins.
+            let may_end = broken == Stage::Cells && from > 0.0;
+            match outcome {
+                Err(CompileError::Cancelled) => {}
+                Ok(_) if may_end => {}
+                other => panic!("{broken:?} from {from}: {other:?}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn an_empty_model_is_refused() {
+    let mut model = house();
+    model.surfaces.clear();
+    model.opaque.clear();
+    assert!(matches!(
+        compile(&model, &CompileOptions::default(), &|_, _| ControlFlow::Continue(())),
+        Err(CompileError::Empty)
+    ));
+}

@@ -1,0 +1,30 @@
+//! Why a model cannot be compiled.
+
+use crate::{rooms::RoomErrors, voxelise::VoxeliseError};
+
+/// Why a model cannot be compiled.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CompileError {
+    /// The model has nothing to draw and nothing that blocks sight.
+    #[error("the model has no triangles")]
+    Empty,
+    /// The progress callback broke the compilation.
+    #[error("cancelled")]
+    Cancelled,
+    /// The octree could not be made.
+    #[error(transparent)]
+    Voxels(VoxeliseError),
+    /// The declared rooms are faulty.
+    #[error(transparent)]
+    Rooms(#[from] RoomErrors),
+}
+
+impl From<VoxeliseError> for CompileError {
+    fn from(error: VoxeliseError) -> Self {
+        match error {
+            VoxeliseError::Cancelled => Self::Cancelled,
+            other => Self::Voxels(other),
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Planes along which space is split, and the plane's own two coordinates.
+
+use glam::{DVec2, DVec3};
+
+/// A plane to split along.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SplitPlane {
+    /// The points where one coordinate has a value, in metres.
+    Axial {
+        /// 0, 1 or 2.
+        axis: usize,
+        /// In metres.
+        at: f32,
+    },
+    /// The points where `normal · point = distance`.
+    Plane {
+        /// Of unit length.
+        normal: DVec3,
+        /// In metres.
+        distance: f64,
+    },
+}
+
+impl SplitPlane {
+    /// How far on the greater side of the plane a point is, in metres.
+    pub fn height(&self, point: DVec3) -> f64 {
+        match *self {
+            Self::Axial { axis, at } => point[axis] - f64::from(at),
+            Self::Plane { normal, distance } => normal.dot(point) - distance,
+        }
+    }
+
+    /// Towards the greater side, of unit length.
+    pub fn normal(&self) -> DVec3 {
+        match *self {
+            Self::Axial { axis, .. } => DVec3::AXES[axis],
+            Self::Plane { normal, .. } => normal,
+        }
+    }
+
+    /// A point of an axial or vertical plane in the plane's coordinates: the two other axes, or
+    /// along the horizontal and up.
+    pub fn flat(&self, point: DVec3) -> DVec2 {
+        match *self {
+            Self::Axial { axis, .. } => in_plane(point, axis),
+            Self::Plane { normal, .. } => {
+                DVec2::new(normal.z * point.x - normal.x * point.z, point.y)
+            }
+        }
+    }
+
+    /// The other way round.
+    pub fn upright(&self, point: DVec2) -> DVec3 {
+        match *self {
+            Self::Axial { axis, at } => {
+                let (u, v) = other_axes(axis);
+                let mut place = DVec3::splat(f64::from(at));
+                (place[u], place[v]) = (point.x, point.y);
+                place
+            }
+            Self::Plane { normal: n, distance } => {
+                DVec3::new(n.z * point.x, point.y, -n.x * point.x) + n * distance
+            }
+        }
+    }
+}
+
+/// The two other coordinates of a point, in ascending order of axis.
+pub fn in_plane(point: DVec3, axis: usize) -> DVec2 {
+    let (u, v) = other_axes(axis);
+    DVec2::new(point[u], point[v])
+}
+
+/// The axes that span the planes perpendicular to one, in ascending order.
+pub fn other_axes(axis: usize) -> (usize, usize) {
+    match axis {
+        0 => (1, 2),
+        1 => (0, 2),
+        _ => (0, 1),
+    }
+}
