@@ -1,13 +1,15 @@
-//! What closes the hole in a solid: ComputeBinA (carving, section 4.2.2).
+//! The caps that close the hole in a solid: ComputeBinA (Lei and Ouhyoung 1999, section 4.2.2).
 //!
-//! The surface of the cutting ends in *external edges*, which only one of its polygons has. Those
-//! in the interior of a side of the volume are where the model's surface crosses it, so that one
-//! side of such an edge is inside of the solid and the other is outside: which, the normal of the
-//! polygon that ends there tells. That is the paper's chain with its orientation, taken edge by
-//! edge: a side is swept in strips between the ends of such edges, and in each strip the edges that
-//! run through it bound trapezoids, which are in or out. It gives the polygon of the chain or its
-//! complement, whichever is right, needs no chain to close, and copes with several. In a strip
-//! without an edge, and on a side without any, a ray into the volume decides.
+//! The surface of a cutting ends in *external edges*, which belong to one polygon only. Where such an
+//! edge lies in the interior of a side of the volume, the surface of the model crosses that side: one
+//! side of the edge is inside the solid and the other is outside. The normal of the polygon that ends
+//! there tells which.
+//!
+//! The paper follows oriented chains of external edges. Here each edge is taken by itself. A side is
+//! swept in strips between the ends of edges. In each strip, the edges that run through it bound
+//! trapezoids, which are inside or outside. This gives the polygon of a chain or its complement,
+//! whichever is right. Chains need not close, and there may be several. In a strip without an edge, a
+//! ray into the volume decides.
 
 use glam::{DVec2, DVec3};
 
@@ -17,8 +19,8 @@ use super::{
     volume::{Triangle, Volume},
 };
 
-/// From where rays are shot, as shares of a side; the first that meets anything decides. The paper
-/// shoots one, from the very middle, which would meet the edges of what is symmetrical, or nothing.
+/// The origins of rays, as shares of a strip. The first ray that meets anything decides. The paper
+/// shoots one ray from the middle, which in a symmetrical model would meet edges, or nothing.
 const SHOTS: [DVec2; 9] = [
     DVec2::new(0.5137, 0.4929),
     DVec2::new(0.3863, 0.6271),
@@ -31,8 +33,8 @@ const SHOTS: [DVec2; 9] = [
     DVec2::new(0.9047, 0.8793),
 ];
 
-/// The parts of a volume's six sides that lie inside of the solid whose surface in the volume is
-/// the cutting; with the plane of each, facing into the volume.
+/// The parts of the six sides of a volume that lie inside the solid whose surface in the volume is
+/// the cutting. Each comes with its plane, which faces into the volume.
 pub(super) fn cap_polygons(
     volume: &Volume,
     cutting: &[Triangle],
@@ -43,7 +45,7 @@ pub(super) fn cap_polygons(
         return Vec::new();
     }
     let external = external_edges(cutting, tolerance);
-    let mut added = Vec::new();
+    let mut caps = Vec::new();
     for axis in 0..3 {
         for outwards in [-1.0, 1.0] {
             let side = Side::new(volume, axis, outwards);
@@ -51,21 +53,22 @@ pub(super) fn cap_polygons(
             let triangles = side.inside(&edges, cutting);
             if !triangles.is_empty() {
                 let normal = DVec3::AXES[axis] * -outwards;
-                added.push((Plane { normal, distance: -outwards * side.at }, triangles));
+                caps.push((Plane { normal, distance: -outwards * side.at }, triangles));
             }
         }
     }
-    added
+    caps
 }
 
-/// An edge of only one polygon of a cutting, and that polygon's normal.
+/// An edge of only one polygon of a cutting, and the normal of that polygon.
 struct External {
     from: DVec3,
     to: DVec3,
     normal: DVec3,
 }
 
-/// Where two polygons share an edge it is not external, whichever way they face.
+/// The external edges of a cutting. An edge that two polygons share is not external, whichever way
+/// they face.
 fn external_edges(cutting: &[Triangle], tolerance: Tolerance) -> Vec<External> {
     let topology = Topology::new(cutting, tolerance);
     let edges = topology.halves.chunk_by(|a, b| a.key() == b.key());
@@ -81,11 +84,11 @@ fn external_edges(cutting: &[Triangle], tolerance: Tolerance) -> Vec<External> {
         .collect()
 }
 
-/// An external edge in the interior of a side, from left to right, or upright.
+/// An external edge in the interior of a side, from left to right.
 struct Edge {
     left: DVec2,
     right: DVec2,
-    /// Towards the inside of the solid.
+    /// Points into the solid.
     inside: DVec2,
 }
 
@@ -95,13 +98,13 @@ impl Edge {
         self.left.y + (self.right.y - self.left.y) * share
     }
 
-    /// Whether the solid is on the side of greater v.
+    /// Whether the solid lies on the side of greater v.
     fn has_inside_above(&self) -> bool {
         (self.right - self.left).perp().dot(self.inside) > 0.0
     }
 }
 
-/// A bounding polygon of the volume.
+/// A side of the volume.
 struct Side {
     axis: usize,
     at: f64,
@@ -119,7 +122,7 @@ impl Side {
         Self { axis, at, outwards, min, max, near: volume.near }
     }
 
-    /// The edge in this side's coordinates, if it lies in its interior.
+    /// The edge in the coordinates of the side, if it lies in the interior of the side.
     fn interior_edge(&self, edge: &External) -> Option<Edge> {
         let on_plane = |p: DVec3| (p[self.axis] - self.at).abs() <= self.near;
         let [from, to] = [edge.from, edge.to].map(|p| flatten(p, self.axis));
@@ -130,8 +133,8 @@ impl Side {
         if !on_plane(edge.from) || !on_plane(edge.to) || !is_interior {
             return None;
         }
-        // Of a polygon in the side's own plane, what it covers is inside when it faces into the
-        // volume; of any other, the solid is behind it.
+        // A polygon in the plane of the side covers the inside when it faces into the volume. Behind
+        // any other polygon lies the solid.
         let facing = edge.normal[self.axis] * self.outwards;
         let inside = if facing.abs() > 0.999 {
             edge.normal.cross(edge.to - edge.from) * -facing.signum()
@@ -142,7 +145,7 @@ impl Side {
         Some(Edge { left, right, inside: flatten(inside, self.axis) })
     }
 
-    /// Trapezoids inside of the solid, as triangles that face into the volume.
+    /// The part of the side inside the solid, as triangles that face into the volume.
     fn inside(&self, edges: &[Edge], cutting: &[Triangle]) -> Vec<Triangle> {
         let mut cuts = vec![self.min.x, self.max.x];
         cuts.extend(edges.iter().flat_map(|edge| [edge.left.x, edge.right.x]));
@@ -156,6 +159,7 @@ impl Side {
         triangles
     }
 
+    /// Adds the part of one strip that is inside the solid.
     fn strip(
         &self,
         strip: [f64; 2],
@@ -184,7 +188,7 @@ impl Side {
                 below.is_none_or(Edge::has_inside_above),
                 above.is_none_or(|edge| !edge.has_inside_above()),
             ];
-            // Two that contradict each other bound nothing that is sure to be solid.
+            // Two edges that contradict each other bound nothing that is sure to be solid.
             if says_inside == [true; 2] {
                 let heights = |edge: Option<&Edge>, otherwise: f64| {
                     strip.map(|u| edge.map_or(otherwise, |edge| edge.height_at(u)))
@@ -195,8 +199,7 @@ impl Side {
         }
     }
 
-    /// Whether a strip through which no edge runs is inside: an upright edge beside it tells, else
-    /// a ray.
+    /// Whether a strip without an edge is inside. An upright edge beside it tells, or else a ray.
     fn is_strip_inside(&self, strip: [f64; 2], edges: &[Edge], cutting: &[Triangle]) -> bool {
         let upright = edges.iter().filter(|edge| edge.right.x - edge.left.x <= self.near);
         for edge in upright {
@@ -214,8 +217,8 @@ impl Side {
             .unwrap_or(false)
     }
 
-    /// Whether a ray into the volume meets the cutting from behind first: then it began inside of
-    /// the solid. A polygon on this side itself is met at once.
+    /// Whether a ray into the volume first meets the cutting from behind: then it begins inside the
+    /// solid. A polygon on the side itself is met at once.
     fn shoot(&self, from: DVec2, cutting: &[Triangle]) -> Option<bool> {
         let mut first: Option<(f64, bool)> = None;
         for triangle in cutting {
@@ -223,7 +226,7 @@ impl Side {
             let doubled = (b - a).perp_dot(c - a);
             let weights =
                 [(b, c), (c, a), (a, b)].map(|(p, q)| (q - p).perp_dot(from - p) / doubled);
-            // False for one that is seen edge on, too, where the weights are no numbers.
+            // Edge on, the weights are not numbers and the comparison is false.
             if !weights.iter().all(|&w| w >= 0.0) {
                 continue;
             }
@@ -238,6 +241,7 @@ impl Side {
         first.map(|(_, is_from_behind)| is_from_behind)
     }
 
+    /// Adds a trapezoid between two heights at the left and two at the right.
     fn trapezoid(
         &self,
         [left, right]: [f64; 2],
@@ -247,7 +251,7 @@ impl Side {
     ) {
         let corners = [(left, low[0]), (right, low[1]), (right, high[1]), (left, high[0])];
         let mut corners = corners.map(|(u, v)| self.raised(DVec2::new(u, v)));
-        // In cyclic order of axes, u before v is anticlockwise seen from along the axis.
+        // In cyclic order of axes, u before v is anticlockwise seen against the axis.
         if (self.axis == 1) == (self.outwards < 0.0) {
             corners.reverse();
         }
@@ -259,6 +263,7 @@ impl Side {
         }
     }
 
+    /// A point of the side in space.
     fn raised(&self, point: DVec2) -> DVec3 {
         match self.axis {
             0 => DVec3::new(self.at, point.x, point.y),
@@ -282,8 +287,8 @@ mod tests {
     use super::*;
     use crate::carve::volume::area;
 
-    /// A square tube into a unit volume, open at its side z = 1, from 0.25 to 0.75; its walls face
-    /// outwards: it is a bar; or inwards: it is a hole.
+    /// A square tube in a unit volume, from 0.25 to 0.75, open at the side z = 1. Its walls face
+    /// outwards when it is a bar, and inwards when it is a hole.
     fn tube(is_bar: bool) -> Vec<Triangle> {
         let ring = [(0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75)];
         let at = |(x, y): (f64, f64), z: f64| DVec3::new(x, y, z);
@@ -301,15 +306,15 @@ mod tests {
 
     fn check(cutting: &[Triangle], expected: &[(DVec3, f64)]) {
         let volume = Volume { min: DVec3::ZERO, max: DVec3::ONE, near: 8e-5 };
-        let added = cap_polygons(&volume, cutting, Tolerance { weld: 2e-5, plane: 8e-5 });
+        let caps = cap_polygons(&volume, cutting, Tolerance { weld: 2e-5, plane: 8e-5 });
         let found: Vec<(DVec3, f64)> =
-            added.iter().map(|(plane, parts)| (plane.normal, area(parts))).collect();
+            caps.iter().map(|(plane, parts)| (plane.normal, area(parts))).collect();
         assert_eq!(found.len(), expected.len(), "{found:?}");
         for ((normal, size), (expected_normal, expected_size)) in found.iter().zip(expected) {
             assert_eq!(normal, expected_normal);
             assert!((size - expected_size).abs() < 1e-9, "{found:?}");
         }
-        for (plane, parts) in &added {
+        for (plane, parts) in &caps {
             for [a, b, c] in parts {
                 assert!(plane.height(*a).abs() < 1e-9);
                 assert!((b - a).cross(c - a).dot(plane.normal) > 0.0);
@@ -317,9 +322,9 @@ mod tests {
         }
     }
 
-    /// The polygon of the chain, or all but that polygon, by the way the chain runs.
+    /// The cap is the polygon of the chain or its complement, by the orientation of the chain.
     #[test]
-    fn a_chain_bounds_what_is_added_or_what_is_not() {
+    fn a_chain_bounds_the_cap_or_the_hole_in_it() {
         check(&tube(true), &[(DVec3::NEG_Z, 0.25)]);
         let five = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z].map(|n| (n, 1.0));
         check(&tube(false), &[&five[..], &[(DVec3::NEG_Z, 0.75)]].concat());
@@ -327,7 +332,7 @@ mod tests {
 
     /// Without an edge in the interior of a side, a ray decides.
     #[test]
-    fn a_side_without_a_chain_is_added_whole_or_not_at_all() {
+    fn a_side_without_a_chain_becomes_a_cap_as_a_whole_or_not_at_all() {
         check(&[], &[]);
         // A ramp, solid below, from the lower edge at x = 0 to the upper one at x = 1.
         let at = |x: f64, z: f64| DVec3::new(x, x, z);

@@ -5,84 +5,83 @@ use serde::Serialize;
 
 use super::plane::Plane;
 
-/// How generally a polygon, or a model, lies (carving, section 3).
+/// How a polygon, or a whole model, lies to the axes (Lei and Ouhyoung 1999, section 3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
-    /// Its normal and all its edges are parallel to axes: a union of rectangles. Of a model: it has
-    /// no others.
+    /// The normal and all edges are parallel to axes: a union of rectangles. An axial model has axial
+    /// polygons only.
     Axial,
-    /// It stands upright at any angle and its edges are level or upright, or it is level and its
-    /// edges are parallel to two directions at a right angle. Of a model: it has none that is
-    /// non-axial, but some that is not axial.
+    /// The polygon is upright at any angle, with level or upright edges; or it is level, with edges in
+    /// two directions at a right angle. A semi-axial model has no non-axial polygon.
     SemiAxial,
-    /// Anything else. Of a model: it has some that is.
+    /// Any other polygon. A non-axial model has at least one.
     NonAxial,
 }
 
 /// A model after carving. Coordinates are those of the triangles that were carved.
 #[derive(Clone, Debug)]
 pub struct CarvedModel {
-    /// AoutB: what is left of the model's polygons; axial and semi-axial.
+    /// What is left of the polygons of the model: axial and semi-axial (AoutB in the paper).
     pub polygons: Vec<Polygon>,
-    /// BinA: what closes the holes; see [`CapPolygon::sealed`].
+    /// The polygons that close the holes (BinA in the paper); see [`CapPolygon::sealed`].
     pub caps: Vec<CapPolygon>,
-    /// AinB and AonB: what was in the boxes.
+    /// What was in the boxes (AinB and AonB in the paper).
     pub cuttings: Vec<Polygon>,
-    /// How many of what.
+    /// Counts of polygons and units.
     pub report: CarveReport,
 }
 
-/// A polygon, or what was left of one.
+/// A polygon, or what is left of one.
 #[derive(Clone, Debug)]
 pub struct Polygon {
-    /// Of a cutting: that of the polygon that it was a part of.
+    /// The class. A cutting has the class of the polygon that it was part of.
     pub class: Class,
-    /// In which it lies.
+    /// The plane in which the polygon lies.
     pub plane: Plane,
-    /// What it covers. They overlap only where the model's did.
+    /// The triangles that it covers. They overlap only where those of the model did.
     pub triangles: Vec<[DVec3; 3]>,
-    /// Of a cutting: which carving unit cut it off.
+    /// The carving unit that cut off a cutting.
     pub unit: Option<u32>,
 }
 
-/// A polygon of a carving volume that lies inside of what was solid.
+/// A side of a carving volume that closes the hole in a solid.
 #[derive(Clone, Debug)]
 pub struct CapPolygon {
-    /// In which it lies; the normal points out of what is still solid, into the box.
+    /// The plane in which the cap lies. The normal points out of the solid, into the box.
     pub plane: Plane,
-    /// What it covers, without overlap.
+    /// The triangles that it covers, without overlap.
     pub triangles: Vec<[DVec3; 3]>,
-    /// Which carving unit's hole it closes.
+    /// The carving unit whose hole it closes.
     pub unit: u32,
-    /// Whether it certainly lies inside of a solid, and so may be an occluder.
+    /// Whether it certainly lies inside a solid, and so may be an occluder.
     pub sealed: bool,
 }
 
-/// How many of what.
+/// Counts of polygons and units.
 #[derive(Clone, Debug, Serialize)]
 pub struct CarveReport {
-    /// Polygons of the model, merged.
+    /// Polygons of the model, after merging.
     pub polygons: usize,
-    /// Of these, axial.
+    /// Axial polygons of the model.
     pub axial: usize,
-    /// Of these, semi-axial.
+    /// Semi-axial polygons of the model.
     pub semi_axial: usize,
-    /// Of these, non-axial.
+    /// Non-axial polygons of the model.
     pub non_axial: usize,
-    /// Of the non-axial, those connected by non-axial edges.
+    /// Groups of non-axial polygons that share non-axial edges.
     pub elements: usize,
-    /// Of the non-axial, those connected by any edges.
+    /// Groups of non-axial polygons that share any edges.
     pub clusters: usize,
     /// Boxes that were carved.
     pub units: usize,
-    /// Of these, how many took the unit's own polygons only.
+    /// Boxes that took only the polygons of their own unit.
     pub confined: usize,
     /// Polygons in the cuttings.
     pub cuttings: usize,
-    /// Polygons added to close holes.
+    /// Caps that were added to close holes.
     pub added: usize,
-    /// Of these, certainly inside of a solid.
+    /// Caps that certainly lie inside a solid.
     pub sealed: usize,
     /// Polygons of the model of which nothing is left.
     pub removed: usize,

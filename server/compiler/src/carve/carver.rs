@@ -12,27 +12,27 @@ use super::{
     volume::{Triangle, Volume, area},
 };
 
-/// A carving unit takes at most this times its own area of polygons that are not its own.
+/// A carving unit takes at most this times its own area of other polygons.
 pub const LOSS_MAX: f64 = 2.0;
 
-/// A carving unit may take this much of others whatever is added, in square metres.
+/// A carving unit may take this much of other polygons without caps in return, in square metres.
 pub const FREE_LOSS_M2: f64 = 1.0;
 
-/// A model in the course of being carved.
+/// A model that is being carved.
 pub(super) struct Carver<'a> {
     triangles: &'a [Triangle],
     polygons: &'a Polygons,
     classes: &'a [Class],
     sealing: Sealing<'a>,
-    /// What is left of polygons that were cut.
+    /// What is left of each polygon that was cut.
     left: FastMap<u32, Vec<Triangle>>,
-    /// When each polygon was last looked at, by number of the attempt.
+    /// The attempt at which each polygon was last visited.
     seen: Vec<u32>,
     attempts: u32,
     carving: Carving,
 }
 
-/// What carving leads to.
+/// The result of carving, as it grows.
 #[derive(Default)]
 pub(super) struct Carving {
     pub kept: Vec<Polygon>,
@@ -63,35 +63,37 @@ impl<'a> Carver<'a> {
         }
     }
 
-    /// Carves a unit; does nothing and returns false when that would cost others too much.
+    /// Carves a unit. Does nothing and returns false when it would take too much of other polygons.
     pub fn carve(&mut self, unit: &[u32]) -> bool {
         let volume = Volume::of(self.polygons, unit);
         let Some((splits, lost)) = self.splits(unit, &volume) else { return false };
-        let added = self.added(&volume, &splits);
-        let gained: f64 = added.iter().filter(|a| a.sealed).map(|a| area(&a.triangles)).sum();
+        let caps = self.caps(&volume, &splits);
+        let gained: f64 =
+            caps.iter().filter(|cap| cap.sealed).map(|cap| area(&cap.triangles)).sum();
         if lost > FREE_LOSS_M2.max(gained) {
             return false;
         }
-        self.carving.caps.extend(added);
+        self.carving.caps.extend(caps);
         self.take(splits);
         true
     }
 
-    fn added(&self, volume: &Volume, splits: &[Split]) -> Vec<CapPolygon> {
+    /// The caps that close the hole of a unit.
+    fn caps(&self, volume: &Volume, splits: &[Split]) -> Vec<CapPolygon> {
         let unit = self.carving.units as u32;
         let cutting: Vec<Triangle> =
             splits.iter().flat_map(|split| split.inside.iter().copied()).collect();
         let cut: HashSet<u32> = splits.iter().map(|split| split.polygon).collect();
         let is_closed = cut.iter().all(|&polygon| self.sealing.is_closed(polygon));
-        let added = cap_polygons(volume, &cutting, self.polygons.tolerance).into_iter();
+        let caps = cap_polygons(volume, &cutting, self.polygons.tolerance).into_iter();
         let seal = |(plane, triangles): (Plane, Vec<Triangle>)| {
             let sealed = is_closed && self.sealing.holds(&triangles, plane.normal, &cut);
             CapPolygon { plane, triangles, unit, sealed }
         };
-        added.map(seal).collect()
+        caps.map(seal).collect()
     }
 
-    /// Cuts off what is in the unit's volume of its own polygons, and nothing else.
+    /// Carves only the polygons of the unit itself.
     pub fn carve_confined(&mut self, unit: &[u32]) {
         let volume = Volume::of(self.polygons, unit);
         let splits = unit.iter().map(|&polygon| self.split(polygon, &volume)).collect();
@@ -99,8 +101,9 @@ impl<'a> Carver<'a> {
         self.carving.confined += 1;
     }
 
-    /// What the volume contains of the polygons that hang together with the unit inside of it
-    /// (Fig. 8), and how much of it is not the unit's, in square metres; none when that is too much.
+    /// Splits the polygons that are connected to the unit inside the volume (Lei and Ouhyoung 1999,
+    /// section 4.2.1, Fig. 8), and gives how much of the inside is not the unit's, in square metres.
+    /// None when that is too much.
     fn splits(&mut self, unit: &[u32], volume: &Volume) -> Option<(Vec<Split>, f64)> {
         self.attempts += 1;
         let mut pool: VecDeque<u32> = unit.iter().copied().collect();
@@ -114,11 +117,11 @@ impl<'a> Carver<'a> {
             taken += 1;
             let split = self.split(polygon, volume);
             let inside = area(&split.inside);
-            // A polygon that touches the volume with an edge or a corner is not in it.
+            // A polygon that only touches the volume is not in it.
             if inside <= volume.near * volume.near {
                 continue;
             }
-            // The unit's own come first, so that all of its area is known before any other's.
+            // Polygons of the unit come first, so that all of their area is known before others count.
             if taken <= unit.len() {
                 own += inside;
             } else {
@@ -137,6 +140,7 @@ impl<'a> Carver<'a> {
         Some((splits, lost))
     }
 
+    /// Adds unvisited polygons on the edge of a border.
     fn pool_neighbours(&mut self, border: &Border, pool: &mut VecDeque<u32>) {
         for other in self.polygons.on_edge(border) {
             let seen = &mut self.seen[other.polygon as usize];
@@ -147,6 +151,7 @@ impl<'a> Carver<'a> {
         }
     }
 
+    /// Splits what is left of a polygon.
     fn split(&self, polygon: u32, volume: &Volume) -> Split {
         let (mut outside, mut inside) = (Vec::new(), Vec::new());
         let mut split = |triangle: &Triangle| volume.split(triangle, &mut outside, &mut inside);
@@ -159,6 +164,7 @@ impl<'a> Carver<'a> {
         Split { polygon, outside, inside }
     }
 
+    /// Removes the inside parts from the model.
     fn take(&mut self, splits: Vec<Split>) {
         let unit = Some(self.carving.units as u32);
         self.carving.units += 1;
@@ -172,7 +178,7 @@ impl<'a> Carver<'a> {
         }
     }
 
-    /// Everything, with what is left of the model's polygons.
+    /// The result, with what is left of the polygons of the model.
     pub fn finish(mut self) -> Carving {
         for polygon in 0..self.polygons.len() as u32 {
             let triangles = match self.left.remove(&polygon) {
@@ -188,7 +194,7 @@ impl<'a> Carver<'a> {
             let plane = self.polygons.planes[polygon as usize];
             let class =
                 match (self.classes[polygon as usize], self.polygons.facings[polygon as usize]) {
-                    // All its non-axial edges were in the volume.
+                    // All non-axial edges of the polygon were in the volume.
                     (Class::NonAxial, Facing::Axis(_)) => Class::Axial,
                     (Class::NonAxial, Facing::Upright) => Class::SemiAxial,
                     (class, _) => class,

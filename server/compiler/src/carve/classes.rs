@@ -1,5 +1,5 @@
-//! Axial, semi-axial, non-axial: polygons, and the elements and clusters of those that are not
-//! (carving, sections 3 and 4.1).
+//! The classes of polygons, and the elements and clusters of non-axial ones (Lei and Ouhyoung 1999,
+//! sections 3 and 4.1).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -12,7 +12,7 @@ use super::{
     union::Union,
 };
 
-/// A quarter of a degree: edges of a horizontal polygon that differ by less run the same way.
+/// Edges of a level polygon that differ by less than this run the same way: a quarter of a degree.
 const SAME_DIRECTION: f64 = FRAC_PI_2 / 360.0;
 
 /// The class of every polygon.
@@ -47,7 +47,7 @@ fn is_turned_rectangle(edges: impl Iterator<Item = DVec3>, weld: f64) -> bool {
     for along in edges.filter(|along| along.length() > weld * 10.0) {
         let turn = along.z.atan2(along.x);
         let off = (turn - *first.get_or_insert(turn)).rem_euclid(FRAC_PI_2);
-        // The longer the edge, the less rounding turns it.
+        // Rounding turns a long edge less than a short one.
         let stray = off.min(FRAC_PI_2 - off) * along.length();
         if off.min(FRAC_PI_2 - off) > SAME_DIRECTION || stray > weld * 10.0 {
             return false;
@@ -56,7 +56,7 @@ fn is_turned_rectangle(edges: impl Iterator<Item = DVec3>, weld: f64) -> bool {
     true
 }
 
-/// Non-axial polygons by what connects them (carving, section 4.1, Fig. 5).
+/// Non-axial polygons in groups (Lei and Ouhyoung 1999, section 4.1, Fig. 5).
 pub(super) struct Groups {
     /// The polygons of each element: connected by non-axial edges.
     pub elements: Vec<Vec<u32>>,
@@ -65,7 +65,7 @@ pub(super) struct Groups {
 }
 
 impl Groups {
-    /// For each of so many polygons, its element; `u32::MAX` of one that is in none.
+    /// The element of each of `polygons` polygons; `u32::MAX` for a polygon in none.
     pub fn element_of(&self, polygons: usize) -> Vec<u32> {
         let mut element_of = vec![u32::MAX; polygons];
         for (index, element) in (0..).zip(&self.elements) {

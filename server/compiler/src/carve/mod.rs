@@ -1,12 +1,12 @@
-//! Carving: from any model to an axial one, and what was cut off (Lei and Ouhyoung 1999,
-//! seeds/carving.txt, sections 3 and 4).
+//! Carving: from any model to an axial one, and the parts that were cut off (Lei and Ouhyoung 1999,
+//! sections 3 and 4).
 //!
 //! Coplanar triangles merge to polygons, which are axial, semi-axial or non-axial. Non-axial
-//! polygons that share edges make *clusters*, or by non-axial edges alone the smaller *elements*.
-//! From each such carving unit, the box of its non-axial edges is subtracted, in the part of the
-//! model that hangs together with the unit inside the box. What was in the box is a *cutting*: a
-//! detail object, still drawn and still in the oracle's mesh, but no occluder. What is left has
-//! only axial and semi-axial polygons.
+//! polygons that share edges make *clusters*; those that share non-axial edges make the smaller
+//! *elements*. Each cluster or element is a carving unit. From the model, the box of the non-axial
+//! edges of the unit is subtracted, but only in the part of the model that is connected to the unit
+//! inside the box. What was in the box is a *cutting*: a detail object, still drawn and still in the
+//! oracle's mesh, but no occluder. What is left has only axial and semi-axial polygons.
 //!
 //! ```
 //! use glam::DVec3;
@@ -15,7 +15,8 @@
 //! // A gable: a wall of two triangles, and a third on top of it.
 //! let [a, b, c, d, top] = [[0., 0.], [4., 0.], [4., 3.], [0., 3.], [2., 4.]]
 //!     .map(|[x, y]| DVec3::new(x, y, 0.0));
-//! let carved = carve::carve(&[[a, b, c], [a, c, d], [d, c, top]], &[], &CarveOptions::default());
+//! let triangles = [[a, b, c], [a, c, d], [d, c, top]];
+//! let carved = carve::carve(&triangles, &[], &CarveOptions::default());
 //! assert_eq!(carved.report.before, Class::NonAxial);
 //! assert_eq!(carved.report.after, Class::Axial);
 //! assert_eq!((carved.report.elements, carved.report.clusters), (1, 1));
@@ -23,28 +24,27 @@
 //!
 //! # What may be used as an occluder
 //!
-//! [`CarvedModel::polygons`] always: each is a part of the original polygons, to within the tolerance
-//! of welding, so whatever it blocks was blocked before. Merging moves no corner of what is handed
-//! out. Cuttings whose plane is axial, too, for who can use them; to leave them out makes the PVS
+//! [`CarvedModel::polygons`] may always be used. Each is a part of an original polygon, to within the
+//! tolerance of welding, so whatever it blocks was blocked before. Merging moves no corner of the
+//! triangles in it. Cuttings in an axial plane may be used too; to leave them out makes the PVS
 //! larger, never wrong.
 //!
-//! [`CarvedModel::caps`] only where [`CapPolygon::sealed`]. These polygons close the hole that a box leaves
-//! in a solid, and lie inside of what was solid. In a model whose surfaces do not close, inside and
-//! outside are a guess, and the polygon may stand in the open. It is sealed where the surface that
-//! was cut is a closed 2-manifold, and all of the polygon is inside of the model's closed surfaces,
-//! counting cavities: then a line of sight between two points outside of all solids that crosses the
-//! polygon enters the solid first, so it crosses the original surface and was blocked before.
-//! (Points inside of a solid wall are different: who counts them as places to be must not use what
-//! was added.)
+//! [`CarvedModel::caps`] may be used only where [`CapPolygon::sealed`]. Caps close the hole that a
+//! box leaves in a solid, and lie inside what was solid. In a model whose surfaces do not close,
+//! inside and outside are a guess, and a cap may stand in the open. A cap is sealed when the surface
+//! that was cut is a closed 2-manifold, and all of the cap is inside the closed surfaces of the
+//! model, cavities counted. A line of sight between two points outside all solids that crosses a
+//! sealed cap enters the solid first. It crosses the original surface there, so it was blocked
+//! before. (Points inside a solid wall are different: a caller that counts them as places to be must
+//! not use caps.)
 //!
 //! # What bounds the loss
 //!
-//! The box of a large cluster, say a terrain, would take all axial walls that are joined to it. A
-//! unit takes at most [`LOSS_MAX`] times its own area of polygons that are not its own, and more
-//! than [`FREE_LOSS_M2`] only where what closes the hole, and is sealed, makes up for it: so carving
-//! does not cost more occluders than it gives. Where a cluster would take more, its elements are the
-//! units; where one of these would, nothing but the unit's own polygons is cut, and nothing added.
-//! What is left is axial all the same.
+//! The box of a large cluster, such as a terrain, would take all axial walls that are joined to it. So
+//! a unit takes at most [`LOSS_MAX`] times its own area of other polygons. It takes more than
+//! [`FREE_LOSS_M2`] only where sealed caps make up for it. Thus carving does not cost more occluders
+//! than it gives. Where a cluster would take more, its elements are the units. Where an element would
+//! take more, only its own polygons are cut and no cap is added. What is left is axial all the same.
 
 mod caps;
 mod carved_model;
@@ -71,44 +71,50 @@ pub use carver::{FREE_LOSS_M2, LOSS_MAX};
 pub use orientation::dominant_orientation;
 pub use plane::Plane;
 
-/// The share of the work that is done when triangles are merged to polygons, roughly.
+/// About this share of the work is done when triangles are merged to polygons.
 const MERGED: f32 = 0.5;
-/// The share that is done when carving units are known.
+/// About this share of the work is done when the carving units are known.
 const GROUPED: f32 = 0.7;
 
-/// What the author chooses.
+/// How a model is carved.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CarveOptions {
     /// What is carved at a time.
     pub units: CarvingUnits,
 }
 
-/// How large carving units are (carving, Fig. 6).
+/// How large carving units are (Lei and Ouhyoung 1999, Fig. 6).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CarvingUnits {
-    /// As large as possible: fewer portals.
+    /// Clusters, which are as large as possible: fewer portals.
     #[default]
     Clusters,
-    /// As small as possible: more portals, but smaller ones.
+    /// Elements, which are as small as possible: more portals, but smaller ones.
     Elements,
 }
 
-/// Carves a model: triangles whose front is where their corners run anticlockwise, with y up.
-/// `surfaces` tells which surface each is of, or is empty: triangles of two surfaces do not merge.
+/// Carves a model of triangles, with y up. Corners run anticlockwise seen from the front.
 ///
-/// Corners closer than 0.02 mm count as one. The time is nearly linear in the triangles.
+/// `surfaces` gives the surface of each triangle, or is empty; triangles of two surfaces do not
+/// merge. Corners closer than 0.02 mm count as one. The time is nearly linear in the number of
+/// triangles.
 pub fn carve(triangles: &[[DVec3; 3]], surfaces: &[u32], options: &CarveOptions) -> CarvedModel {
     carve_with_progress(triangles, surfaces, options, &mut |_| ControlFlow::Continue(()))
-        .expect("nobody breaks it")
+        .expect("this progress never breaks")
 }
 
-/// The same, with `progress` told the share done, from 0 to 1. None when it breaks.
+/// Carves a model as [`carve()`] does, and reports the share that is done, from 0 to 1. When
+/// `progress` breaks, the result is `None`.
 pub fn carve_with_progress(
     triangles: &[[DVec3; 3]],
     surfaces: &[u32],
     options: &CarveOptions,
     progress: &mut dyn FnMut(f32) -> ControlFlow<()>,
 ) -> Option<CarvedModel> {
+    assert!(
+        surfaces.is_empty() || surfaces.len() == triangles.len(),
+        "a surface for each triangle"
+    );
     let mut goes_on = |share| progress(share).is_continue().then_some(());
     let polygons = Polygons::merge(triangles, surfaces);
     goes_on(MERGED)?;
@@ -133,7 +139,7 @@ pub fn carve_with_progress(
     Some(CarvedModel { polygons: kept, caps, cuttings, report })
 }
 
-/// Carves a unit as a whole if that does not cost others too much, else element by element.
+/// Carves a unit as a whole, or element by element when the whole would take too much of others.
 fn carve_unit(carver: &mut Carver<'_>, unit: &[u32], groups: &Groups, element_of: &[u32]) {
     if carver.carve(unit) {
         return;
@@ -149,6 +155,7 @@ fn carve_unit(carver: &mut Carver<'_>, unit: &[u32], groups: &Groups, element_of
     }
 }
 
+/// Counts what carving did.
 fn report(
     polygons: &Polygons,
     classes: &[Class],

@@ -1,28 +1,30 @@
-//! A building's own axes: the angle about the vertical by which most of its walls are turned.
+//! The orientation of a building: the angle about the vertical by which most of its walls are turned.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::{DVec3, Vec3};
-use sightline_world::tolerance::WELD_M;
 
-/// How finely wall directions are told apart at first: half a degree.
+/// Bins of wall directions over a quarter turn: half a degree each.
 const BINS: usize = 180;
 /// A triangle is part of a wall when its unit normal rises by no more than this.
 const UPRIGHT: f64 = 1e-3;
+/// When walls stray by less than this over the whole building, in metres, the building is not turned.
+const STRAY_M: f64 = 2e-5;
 
-/// The angle about the vertical, from 0 to a quarter turn, in radians, by which the walls with the
-/// most area are turned: in [`Axes::turned`](sightline_world::geometry::Axes::turned) by it they are axial. Exactly 0 when they are axial already.
+/// The angle about the vertical by which the walls with the most area are turned, in radians, from 0
+/// to a quarter turn. In [`Axes::turned`](sightline_world::geometry::Axes::turned) by this angle, these
+/// walls are axial. Exactly 0 when they are axial already.
 ///
-/// The direction with the most wall area wins, to half a degree, quarter turns being the same. The
-/// angle is then the mean of the walls near it, where a wall counts with its area times the square
-/// of its length, because that is how well its corners tell a direction.
+/// The direction with the most wall area wins, to half a degree, modulo quarter turns. The angle is
+/// then the weighted mean of the walls near it. The weight of a wall is its area times the square of
+/// its length, because long walls tell a direction better.
 pub fn dominant_orientation(opaque: &[[Vec3; 3]]) -> f64 {
     let walls: Vec<Wall> = opaque.iter().filter_map(Wall::of).collect();
     let mut bins = vec![0.0; BINS];
     for wall in &walls {
         bins[((wall.turn / FRAC_PI_2 * BINS as f64) as usize).min(BINS - 1)] += wall.area;
     }
-    // A direction on the border of two bins is in neither whole.
+    // Two neighbouring bins count together: a direction may lie on their border.
     let pair = |bin: &usize| bins[*bin] + bins[(*bin + 1) % BINS];
     let Some(first) = (0..BINS).max_by(|a, b| pair(a).total_cmp(&pair(b)).then(b.cmp(a))) else {
         return 0.0;
@@ -35,9 +37,10 @@ pub fn dominant_orientation(opaque: &[[Vec3; 3]]) -> f64 {
     let turn = turn.rem_euclid(FRAC_PI_2);
     let reach = opaque.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let stray = turn.min(FRAC_PI_2 - turn) * f64::from(reach);
-    if stray < WELD_M { 0.0 } else { turn }
+    if stray < STRAY_M { 0.0 } else { turn }
 }
 
+/// An upright triangle.
 struct Wall {
     /// The direction of its normal, modulo a quarter turn.
     turn: f64,
@@ -61,7 +64,7 @@ impl Wall {
     }
 }
 
-/// By how much the mean of the walls within a window differs from an angle.
+/// The offset from an angle to the weighted mean of the walls within a window about it.
 fn mean_offset(walls: &[Wall], around: f64, window: f64) -> f64 {
     let offset = |wall: &Wall| (wall.turn - around + FRAC_PI_4).rem_euclid(FRAC_PI_2) - FRAC_PI_4;
     let near =
@@ -103,7 +106,7 @@ mod tests {
     }
 
     proptest! {
-        /// Most walls win over some, and in their axes they are flat to single precision.
+        /// The majority of walls wins, and in its axes these walls are flat to single precision.
         #[test]
         fn most_walls_become_axial(degrees in 0.0..90.0f32, other in 0.0..90.0f32) {
             let turn = degrees.to_radians();
@@ -112,7 +115,7 @@ mod tests {
             all.extend(walls(Vec3::new(9.0, 3.0, 7.0), other.to_radians(), Vec3::ONE));
             let found = dominant_orientation(&all);
             prop_assert!((0.0..FRAC_PI_2).contains(&found));
-            // Where the two are all but parallel, the mean may lie between.
+            // When the two houses are nearly parallel, the mean may lie between them.
             let apart = (f64::from(degrees - other) + 45.0).rem_euclid(90.0) - 45.0;
             prop_assume!(apart.abs() > 0.6 || apart == 0.0);
             for triangle in house {

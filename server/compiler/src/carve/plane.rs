@@ -2,18 +2,19 @@
 
 use glam::DVec3;
 
-/// Points whose product with the normal is the distance.
+/// The points whose dot product with the normal is the distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// Of unit length, towards the front. Of what is axial to within the tolerance, it is exactly
-    /// an axis.
+    /// The normal, of unit length, towards the front. It is exactly an axis when the plane is axial to
+    /// within the tolerance.
     pub normal: DVec3,
-    /// From the origin along the normal, in metres.
+    /// The distance from the origin along the normal, in metres.
     pub distance: f64,
 }
 
 impl Plane {
-    /// The plane of a triangle; across an axis, or upright, exactly, when it is nearly so.
+    /// The plane of a triangle. A nearly axial plane becomes exactly axial, and a nearly upright one
+    /// exactly upright.
     pub(super) fn through(triangle: &[DVec3; 3], normal: DVec3, near: f64) -> Self {
         let centre = triangle.iter().sum::<DVec3>() / 3.0;
         let [a, b, c] = *triangle;
@@ -35,24 +36,25 @@ impl Plane {
         Self { normal, distance: normal.dot(centre) }
     }
 
-    /// The axis that it is exactly across, if any.
+    /// The axis to which the plane is exactly perpendicular, if any.
     pub fn axis(&self) -> Option<usize> {
         (0..3).find(|&axis| self.normal[axis].abs() == 1.0)
     }
 
-    /// How far before the plane a point is, in metres; negative behind.
+    /// The distance of a point in front of the plane, in metres; negative behind it.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.distance
     }
 }
 
-/// How a polygon's plane lies.
+/// How the plane of a polygon lies to the axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Facing {
-    /// Across an axis.
+    /// Perpendicular to an axis.
     Axis(usize),
-    /// Upright, but across no axis.
+    /// Upright, but perpendicular to no axis.
     Upright,
+    /// Neither axial nor upright.
     Oblique,
 }
 
@@ -66,10 +68,10 @@ impl Facing {
     }
 }
 
-/// Whether an edge is such as a rectangle in this plane could have whose sides are parallel to
-/// axes or, upright, to the floor and to the vertical. All others are what the paper calls
-/// non-axial edges; it counts the level edges of turned walls with them, but these would make the
-/// carving volume of an arch in such a wall as large as the wall.
+/// Whether a rectangle in this plane could have the edge, with sides parallel to axes or, in an
+/// upright plane, level and upright. All other edges are non-axial edges (Lei and Ouhyoung 1999,
+/// section 3). The paper also counts the level edges of turned walls as non-axial, but these would
+/// make the carving volume of an arch in such a wall as large as the wall.
 pub(super) fn is_regular(facing: Facing, along: DVec3, weld: f64) -> bool {
     let a = along.abs();
     let stray = match facing {
@@ -79,9 +81,9 @@ pub(super) fn is_regular(facing: Facing, along: DVec3, weld: f64) -> bool {
         Facing::Upright => a.y.min(a.x.hypot(a.z)),
         Facing::Oblique => a.y.hypot(a.z).min(a.x.hypot(a.z)).min(a.x.hypot(a.y)),
     };
-    // Of the short parts into which corners split a slanted edge, none strays far.
+    // Corners split a slanted edge into short parts, none of which strays far.
     stray <= weld * 2.0 && (stray <= along.length() * 0.02 || along.length() <= weld * 10.0)
 }
 
-/// The normal of what stands upright rises by less than this.
+/// The normal of an upright plane rises by less than this.
 const UPRIGHT: f64 = 1e-6;

@@ -1,4 +1,4 @@
-//! Merging: coplanar triangles of one surface become polygons, with outlines that may have holes.
+//! Merging: coplanar triangles of one surface become polygons. Their outlines may have holes.
 
 use glam::DVec3;
 
@@ -7,48 +7,49 @@ use super::{
     topology::{Half, Tolerance, Topology},
 };
 
-/// No polygon: of triangles without area.
+/// The polygon of triangles without area: none.
 const NONE: u32 = u32::MAX;
-/// Of more triangles at one edge, each is compared with the next only.
+/// When more triangles meet at one edge, each is compared with the next only.
 const COMPARED_MAX: usize = 12;
 
-/// A model's polygons, and which edges they share.
+/// The polygons of a model, and the edges that they share.
 ///
-/// Triangles merge across an edge when they lie in one plane, face the same way, belong to one
-/// surface, and the edge is not one that a rectangle could have (see [`is_regular`]). So diagonals
-/// go, however a wall was triangulated, and what the modeller divided along the axes stays
-/// divided: the pieces of wall above an arch are what makes its elements.
+/// Two triangles merge across an edge when they lie in one plane, face the same way, belong to one
+/// surface, and no rectangle could have the edge (see [`is_regular`]). So diagonals vanish, however a
+/// wall was triangulated. What the modeller divided along the axes stays divided: the pieces of wall
+/// above an arch make its elements.
 pub(super) struct Polygons {
     pub tolerance: Tolerance,
     pub points: Vec<DVec3>,
     pub planes: Vec<Plane>,
     pub facings: Vec<Facing>,
-    /// Which triangles each has.
+    /// The triangles of each polygon.
     pub triangles: Vec<Vec<u32>>,
-    /// The parts of outlines; those of one edge follow each other.
+    /// The parts of outlines. Borders of one edge follow each other.
     pub borders: Vec<Border>,
-    /// For each polygon, its borders; see [`Polygons::borders_of`].
+    /// Borders by polygon; see [`Polygons::borders_of`].
     border_order: Vec<u32>,
     border_starts: Vec<u32>,
-    /// Triangles without area, which are in no polygon.
+    /// Triangles without area, which belong to no polygon.
     pub degenerate: Vec<u32>,
 }
 
-/// A part of a polygon's outline: an edge that another polygon has too, or that is open.
+/// A part of the outline of a polygon: an edge that is shared with other polygons, or open.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Border {
-    /// Two points, the one with the lower index first.
+    /// The two end points, the lower index first.
     pub ends: [u32; 2],
-    /// Whose outline.
+    /// The polygon whose outline it is.
     pub polygon: u32,
-    /// How many times more it is run through from the lower end to the higher than back; not 0.
+    /// How many more times the outline uses the edge upwards, from the lower index, than downwards.
+    /// Never 0.
     pub sense: i32,
-    /// Where the borders of this edge begin.
+    /// The index of the first border of this edge.
     first: u32,
 }
 
 impl Polygons {
-    /// Merges triangles; `surfaces` gives each one's surface, or is empty when all are of one.
+    /// Merges triangles. `surfaces` gives the surface of each, or is empty when there is only one.
     pub fn merge(triangles: &[[DVec3; 3]], surfaces: &[u32]) -> Self {
         let tolerance = Tolerance::of(triangles);
         let topology = Topology::new(triangles, tolerance);
@@ -84,31 +85,31 @@ impl Polygons {
         self.planes.len()
     }
 
-    /// A polygon's outline, in no order.
+    /// The outline of a polygon, in no order.
     pub fn borders_of(&self, polygon: u32) -> impl Iterator<Item = &Border> {
         let polygon = polygon as usize;
         let range = self.border_starts[polygon] as usize..self.border_starts[polygon + 1] as usize;
         self.border_order[range].iter().map(|&i| &self.borders[i as usize])
     }
 
-    /// Every border on the same edge, the given one too.
+    /// All borders on the edge of a border, that border included.
     pub fn on_edge(&self, border: &Border) -> &[Border] {
         let from = &self.borders[border.first as usize..];
         let count = from.iter().take_while(|b| b.ends == border.ends).count();
         &from[..count]
     }
 
-    /// The edges of every polygon, one after the other.
+    /// All edges, each as the borders on it.
     pub fn edges(&self) -> impl Iterator<Item = &[Border]> {
         self.borders.chunk_by(|a, b| a.ends == b.ends)
     }
 
-    /// Where a border's ends are, in metres.
+    /// The ends of a border, in metres.
     pub fn segment(&self, border: &Border) -> [DVec3; 2] {
         border.ends.map(|i| self.points[i as usize])
     }
 
-    /// The outline as closed loops of points. Outer ones run anticlockwise seen from the front,
+    /// The outline as closed loops of points. Seen from the front, outer loops run anticlockwise and
     /// holes clockwise.
     #[cfg(test)]
     pub fn loops(&self, polygon: u32) -> Vec<Vec<u32>> {
@@ -135,7 +136,7 @@ impl Polygons {
     }
 }
 
-/// A triangle's plane, and how much it can be relied on.
+/// The plane of a triangle, and how reliable it is.
 struct Seed {
     plane: Plane,
     doubled_area: f64,
@@ -150,6 +151,7 @@ impl Seed {
     }
 }
 
+/// Triangles that are being merged.
 struct Merging<'a> {
     triangles: &'a [[DVec3; 3]],
     surfaces: &'a [u32],
@@ -159,8 +161,8 @@ struct Merging<'a> {
 }
 
 impl Merging<'_> {
-    /// Grows polygons from the largest triangles, each within its seed's plane: so a dome of fine
-    /// triangles, each nearly in its neighbour's plane, does not become one polygon.
+    /// Grows polygons from the largest triangles. Each stays within the plane of its first triangle, so
+    /// that a dome of fine triangles does not become one polygon.
     fn grow(&self) -> (Vec<u32>, Vec<Plane>) {
         let (starts, neighbours) = self.neighbours();
         let mut order: Vec<u32> = (0..self.triangles.len() as u32).collect();
@@ -195,7 +197,7 @@ impl Merging<'_> {
         (polygon_of, planes)
     }
 
-    /// For each triangle, those that it may merge with: where its list starts, and the lists.
+    /// For each triangle, the triangles that it may merge with: where its list starts, and the lists.
     fn neighbours(&self) -> (Vec<u32>, Vec<u32>) {
         let mut pairs: Vec<[u32; 2]> = Vec::new();
         for halves in self.topology.halves.chunk_by(|a, b| a.key() == b.key()) {
@@ -226,6 +228,7 @@ impl Merging<'_> {
         (starts, lists)
     }
 
+    /// Whether two triangles merge across their shared edge.
     fn may_merge(&self, a: &Half, b: &Half) -> bool {
         let [plane, other] = [a, b].map(|half| &self.seeds[half.triangle as usize].plane);
         let surface = |half: &Half| self.surfaces.get(half.triangle as usize);
@@ -233,13 +236,15 @@ impl Merging<'_> {
             let [from, to] = a.ends().map(|i| self.topology.points[i as usize]);
             to - from
         };
-        // Two needles may give any two normals, but they are still in each other's plane.
+        // The normals of two needle-like triangles may be anything, though one lies in the plane of the
+        // other.
         plane.normal.dot(other.normal) > 0.5
             && surface(a) == surface(b)
             && !is_regular(Facing::of(plane), along, self.tolerance.weld)
             && (self.is_within(a.triangle, other) || self.is_within(b.triangle, plane))
     }
 
+    /// Whether a triangle lies in a plane and faces the same way.
     fn is_within(&self, triangle: u32, plane: &Plane) -> bool {
         let near = |p: &DVec3| plane.height(*p).abs() <= self.tolerance.plane;
         self.seeds[triangle as usize].plane.normal.dot(plane.normal) > 0.5
@@ -247,7 +252,7 @@ impl Merging<'_> {
     }
 }
 
-/// What is left of the edges where those between two triangles of one polygon cancel out.
+/// The borders: edges between two triangles of one polygon cancel out.
 fn borders(halves: &[Half], polygon_of: &[u32]) -> Vec<Border> {
     let mut borders: Vec<Border> = Vec::new();
     let mut here: Vec<(u32, i32)> = Vec::new();
@@ -271,6 +276,7 @@ fn borders(halves: &[Half], polygon_of: &[u32]) -> Vec<Border> {
     borders
 }
 
+/// Borders by polygon: where each list starts, and the lists.
 fn by_polygon(borders: &[Border], polygons: usize) -> (Vec<u32>, Vec<u32>) {
     let mut starts = vec![0u32; polygons + 1];
     for border in borders {

@@ -1,13 +1,13 @@
-//! Whether what was added certainly lies inside of a solid.
+//! Whether a cap certainly lies inside a solid.
 //!
-//! The surfaces of a model that are closed 2-manifolds tell for every point how often they go
-//! round it: their winding number, 1 inside of a solid and 0 outside, also where a solid has a
-//! cavity or solids overlap. It changes only where such a surface is crossed. So a line of sight
-//! between two points outside of all solids that passes a point of number 1 or more crosses such a
-//! surface on the way there, and was blocked before anything was carved.
+//! The surfaces of a model that are closed 2-manifolds give every point a winding number: how often
+//! they go around it. It is at least 1 inside a solid and 0 outside, also where a solid has a cavity
+//! or solids overlap. It changes only where such a surface is crossed. So a line of sight between two
+//! points outside all solids, through a point with a positive winding number, crosses such a surface
+//! on the way. It was blocked before anything was carved.
 //!
-//! An added polygon is sealed when the number is positive just behind it, at one point of each
-//! convex part, and no closed surface crosses that part: then it is positive everywhere there.
+//! A cap is sealed when the winding number is positive just behind it, at one point of each convex
+//! part, and no closed surface crosses that part. Then the number is positive everywhere on it.
 
 use std::{cell::OnceCell, collections::HashSet, time::Duration};
 
@@ -25,24 +25,25 @@ use super::{
     volume::{Triangle, Volume},
 };
 
-/// Directions along no axis and through no symmetry; both must give the same number.
+/// The directions of rays, along no axis and no symmetry. Both must find the point inside.
 const DIRECTIONS: [DVec3; 2] =
     [DVec3::new(0.309_61, 0.871_37, 0.380_93), DVec3::new(-0.713_1, 0.218_9, 0.666_01)];
-/// Points are tested this many tolerances behind what was added.
+/// Points are tested this many tolerances behind a cap.
 const BEHIND: f64 = 4.0;
 
 /// The closed surfaces of a model.
 pub(super) struct Sealing<'a> {
     triangles: &'a [Triangle],
     polygons: &'a Polygons,
-    /// For each polygon.
+    /// Whether each polygon belongs to a closed surface.
     is_closed: Vec<bool>,
-    /// Made when it is needed first: few models have a closed surface that is carved.
+    /// Made when first needed: few models have a closed surface that is carved.
     index: OnceCell<Index>,
 }
 
+/// A BVH of the closed surfaces.
 struct Index {
-    /// The triangles of closed surfaces, with the polygon of each.
+    /// The triangles of closed surfaces, each with its polygon.
     members: Vec<(u32, u32)>,
     bvh: Bvh2,
 }
@@ -53,22 +54,22 @@ impl<'a> Sealing<'a> {
         Self { triangles, polygons, is_closed, index: OnceCell::new() }
     }
 
-    /// Whether a polygon is of a surface every edge of which is run through once each way.
+    /// Whether a polygon belongs to a closed surface: every edge is used once in each direction.
     pub fn is_closed(&self, polygon: u32) -> bool {
         self.is_closed[polygon as usize]
     }
 
-    /// Whether polygons that were added where others were cut lie inside of a solid.
-    pub fn holds(&self, added: &[Triangle], normal: DVec3, cut: &HashSet<u32>) -> bool {
+    /// Whether the parts of a cap lie inside a solid. `cut` are the polygons that the volume cut.
+    pub fn holds(&self, parts: &[Triangle], normal: DVec3, cut: &HashSet<u32>) -> bool {
         let behind = normal * -BEHIND * self.polygons.tolerance.plane;
-        added.iter().all(|part| {
+        parts.iter().all(|part| {
             let centre = part.iter().sum::<DVec3>() / 3.0 + behind;
             DIRECTIONS.iter().all(|&towards| self.winding(centre, towards) > 0)
                 && !self.is_crossed(part, normal, cut)
         })
     }
 
-    /// How often the closed surfaces go round a point.
+    /// The winding number of the closed surfaces about a point, by a ray.
     fn winding(&self, from: DVec3, towards: DVec3) -> i32 {
         let index = self.index();
         let ray = Ray::new_inf(Vec3A::from(from.as_vec3()), Vec3A::from(towards.as_vec3()));
@@ -80,8 +81,8 @@ impl<'a> Sealing<'a> {
         number
     }
 
-    /// Whether a closed surface enters the box of a part, other than polygons that were cut: these
-    /// end at its edges, or lie in its plane and are replaced by it.
+    /// Whether a closed surface enters the box around a part. Polygons that were cut do not count: they
+    /// end at the edges of the part, or lie in its plane and are replaced by it.
     fn is_crossed(&self, part: &Triangle, normal: DVec3, cut: &HashSet<u32>) -> bool {
         let near = self.polygons.tolerance.plane;
         let grow = DVec3::splat(-2.0 * near) + normal.abs() * 3.0 * near;
@@ -149,6 +150,7 @@ fn crossing(triangle: &Triangle, from: DVec3, towards: DVec3) -> i32 {
     }
 }
 
+/// Whether each polygon belongs to a closed surface.
 fn closed(polygons: &Polygons) -> Vec<bool> {
     let mut surfaces = Union::new(polygons.len());
     for edge in polygons.edges() {

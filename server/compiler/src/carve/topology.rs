@@ -1,4 +1,4 @@
-//! Which corners are one point, and which edges are shared: the ground that merging stands on.
+//! Topology of a triangle soup: which corners are one point, and which edges are shared.
 
 use std::{
     collections::HashMap,
@@ -7,19 +7,22 @@ use std::{
 
 use glam::{DVec3, I64Vec3};
 use rayon::prelude::*;
-use sightline_world::tolerance::WELD_M;
 
-/// How far apart things are the same, for a model of some size. All in metres.
+/// Corners no farther apart than this are one point, in metres. It is a few units in the last place
+/// of single precision at a hundred metres.
+const WELD_M: f64 = 2e-5;
+
+/// The tolerances for a model of some size, in metres.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tolerance {
-    /// Corners this near are one point, and a point this near an edge lies on it.
+    /// Corners this near are one point. A point this near an edge lies on the edge.
     pub weld: f64,
-    /// Points this near a plane lie in it.
+    /// A point this near a plane lies in the plane.
     pub plane: f64,
 }
 
 impl Tolerance {
-    /// Farther from the origin single precision is coarser.
+    /// The tolerances for triangles. Far from the origin, single precision is coarser.
     pub fn of(triangles: &[[DVec3; 3]]) -> Self {
         let farthest =
             triangles.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
@@ -28,22 +31,22 @@ impl Tolerance {
     }
 }
 
-/// Triangles over welded points, and the edges between them, split where another corner lies on
-/// them, so that edges that overlap are shared whatever T-junctions there are.
+/// Welded points and the edges of triangles between them. An edge is split where another corner lies
+/// on it, so that overlapping edges are shared in spite of T-junctions.
 pub(super) struct Topology {
     pub points: Vec<DVec3>,
-    /// Sorted by [`Half::key`]; triangles without area have none.
+    /// Sorted by [`Half::key`]. Triangles without area have none.
     pub halves: Vec<Half>,
     /// Whether a triangle is no wider than the tolerance.
     pub degenerate: Vec<bool>,
 }
 
-/// One side of an edge.
+/// A half-edge: an edge as one triangle has it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Half {
     low: u32,
     high: u32,
-    /// Whose it is.
+    /// The triangle.
     pub triangle: u32,
     /// Whether it runs from the lower point to the higher.
     pub forward: bool,
@@ -54,23 +57,24 @@ impl Half {
         Self { low: from.min(to), high: from.max(to), triangle, forward: from < to }
     }
 
-    /// The same for both sides of an edge.
+    /// The key of the edge, the same for all of its halves.
     pub fn key(&self) -> u64 {
         edge_key(self.low, self.high)
     }
 
-    /// The points that it joins, lower first.
+    /// The points that it joins, the lower index first.
     pub fn ends(&self) -> [u32; 2] {
         [self.low, self.high]
     }
 }
 
+/// The key of an edge between two points.
 fn edge_key(low: u32, high: u32) -> u64 {
     u64::from(low) << 32 | u64::from(high)
 }
 
 impl Topology {
-    /// Welds corners and splits edges. Takes time and memory about in proportion to the triangles.
+    /// Welds corners and splits edges. Time and memory are about linear in the number of triangles.
     pub fn new(triangles: &[[DVec3; 3]], tolerance: Tolerance) -> Self {
         let (points, corners) = weld(triangles.as_flattened(), tolerance.weld);
         let corners: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
@@ -96,7 +100,7 @@ impl Topology {
     }
 }
 
-/// The parts of an edge; `between` runs from the lower end to the higher.
+/// Adds the parts of an edge. `between` are the points on it, from the lower end to the higher.
 fn push_split(halves: &mut Vec<Half>, [from, to]: [u32; 2], between: &[u32], triangle: u32) {
     let mut last = from;
     let mut push = |next: u32| {
@@ -111,15 +115,16 @@ fn push_split(halves: &mut Vec<Half>, [from, to]: [u32; 2], between: &[u32], tri
     push(to);
 }
 
+/// Whether a triangle is no wider than the tolerance.
 fn is_degenerate([a, b, c]: [DVec3; 3], tolerance: Tolerance) -> bool {
     let longest = (b - a).length().max((c - b).length()).max((a - c).length());
     (b - a).cross(c - a).length() <= longest * tolerance.weld
 }
 
-/// One point for all corners that are near each other, and which one each corner is.
+/// Welds corners that are near each other: the points, and the point of each corner.
 fn weld(corners: &[DVec3], near: f64) -> (Vec<DVec3>, Vec<u32>) {
-    // Few corners are so near the side of a cell that the next cell must be searched too. The
-    // offset keeps coordinates that are round numbers off the sides.
+    // Cells are so wide that few corners are near a side, where the next cell must be searched too.
+    // The offset keeps round coordinates off the sides.
     let (cell, offset) = (near * 64.0, near * 23.7);
     let mut first_of: FastMap<I64Vec3, u32> = FastMap::default();
     let (mut points, mut next): (Vec<DVec3>, Vec<u32>) = (Vec::new(), Vec::new());
@@ -143,16 +148,17 @@ fn weld(corners: &[DVec3], near: f64) -> (Vec<DVec3>, Vec<u32>) {
     (points, welded)
 }
 
+/// All cells of a box of cells.
 fn cells_between(low: I64Vec3, high: I64Vec3) -> impl Iterator<Item = I64Vec3> {
     (low.x..=high.x).flat_map(move |x| {
         (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| I64Vec3::new(x, y, z)))
     })
 }
 
-/// Axial edges that run through more cells than this are searched for along their line.
+/// Points on an axial edge through more cells than this are sought along the line of the edge.
 const LONG: f64 = 4.0;
 
-/// For each edge on which other points lie: these points, from its lower end to its higher.
+/// For each edge with other points on it, these points, from the lower end to the higher.
 fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec<u32>> {
     let ends = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]];
     let keys = corners.par_iter().flat_map_iter(|c| ends(c).into_iter().filter(|[a, b]| a != b));
@@ -187,9 +193,9 @@ fn splits(points: &[DVec3], corners: &[[u32; 3]], near: f64) -> FastMap<u64, Vec
         .collect()
 }
 
-/// As wide as most edges are long, so that these run through few cells; and so wide that slanted
-/// edges, which must go through the cells however long they are, run through few on average. Edges
-/// come with their length and whether they are axial.
+/// The width of a cell: the median length of edges, so that most edges run through few cells; and
+/// at least so wide that slanted edges, which are always walked cell by cell, run through few on
+/// average. Each edge is its length and whether it is axial.
 fn cell_for(mut edges: Vec<(f64, bool)>, near: f64) -> f64 {
     let slanted = || edges.iter().filter(|(_, is_axial)| !is_axial).map(|(length, _)| length);
     let slanted_mean = slanted().sum::<f64>() / slanted().count().max(1) as f64;
@@ -201,11 +207,11 @@ fn cell_for(mut edges: Vec<(f64, bool)>, near: f64) -> f64 {
     median.max(slanted_mean / 8.0).max(near * 64.0)
 }
 
-/// Points by cell; one near a side is in both cells.
+/// Points by cell. A point near a side is in both cells.
 struct Grid {
     cell: f64,
     first: FastMap<I64Vec3, u32>,
-    /// Points in one cell follow each other.
+    /// Cells and points. Points of one cell follow each other.
     entries: Vec<(I64Vec3, u32)>,
 }
 
@@ -240,8 +246,8 @@ impl Grid {
     }
 }
 
-/// Points by the line along an axis that they are on, and in order along it. Most edges of a
-/// building are axial, and many are long: this finds what is on them without what is near them.
+/// Points by the axial line that they lie on, in order along it. Most edges of a building are axial,
+/// and many are long: this finds the points on them without all points near them.
 struct Lines {
     axis: usize,
     cell: f64,
@@ -269,13 +275,13 @@ impl Lines {
         lines
     }
 
-    /// The offset keeps coordinates that are round numbers off the sides of cells.
+    /// The cell of a point in the other two axes. The offset keeps round coordinates off the sides.
     fn cell_of(&self, point: DVec3) -> [i64; 2] {
         let (u, v) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
         [point[u], point[v]].map(|at| (at / self.cell + 0.37).floor() as i64)
     }
 
-    /// The points between the ends of an axial segment that are nearly on it.
+    /// The points that lie nearly on an axial segment, between its ends.
     fn beside(&self, from: DVec3, to: DVec3) -> Vec<u32> {
         let cell = self.cell_of((from + to) * 0.5);
         let (low, high) = (from[self.axis].min(to[self.axis]), from[self.axis].max(to[self.axis]));
@@ -285,7 +291,7 @@ impl Lines {
     }
 }
 
-/// Which of some points are on a segment between its ends, in the order in which they lie.
+/// The candidates that lie on a segment between its ends, in order along it.
 fn on_segment(
     points: &[DVec3],
     candidates: Vec<u32>,
@@ -316,7 +322,7 @@ fn walk(from: DVec3, to: DVec3, mut visit: impl FnMut(I64Vec3)) {
     let steps = (last - cell).abs().element_sum();
     visit(cell);
     for _ in 0..steps {
-        // Through which side the segment leaves the cell first; never past the last cell.
+        // When the segment leaves the cell along each axis; never past the last cell.
         let leaving = |axis: usize| {
             if cell[axis] == last[axis] {
                 return f64::INFINITY;
@@ -330,10 +336,10 @@ fn walk(from: DVec3, to: DVec3, mut visit: impl FnMut(I64Vec3)) {
     }
 }
 
-/// A map for keys that no adversary chooses at run time.
+/// A map for keys that no adversary chooses.
 pub(super) type FastMap<K, V> = HashMap<K, V, BuildHasherDefault<FastHasher>>;
 
-/// Multiplies and folds: several times as fast as the standard hasher, for a few integers.
+/// A hasher for a few integers, several times as fast as the standard one: multiplies and folds.
 #[derive(Default)]
 pub(super) struct FastHasher(u64);
 
@@ -370,8 +376,8 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// The points on every edge are those that a search through all points finds, edges being
-        /// axial or slanted, coordinates a little off, and cells of any size.
+        /// The points found on each edge are those that a search through all points finds, for axial
+        /// and slanted edges, coordinates a little off, and cells of any size.
         #[test]
         fn edges_are_split_where_a_point_is_on_them(
             corners in prop::collection::vec((-3..4i8, -3..4i8, -3..4i8, 0u8..8), 3..40),

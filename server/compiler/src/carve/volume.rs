@@ -1,18 +1,19 @@
-//! The carving volume, and what of the model is in it: ComputeAoutB (carving, section 4.2.1).
+//! The carving volume, and the split of triangles by it: ComputeAoutB (Lei and Ouhyoung 1999,
+//! section 4.2.1).
 
 use glam::DVec3;
 
 use super::{classes::is_irregular, polygons::Polygons};
 
-/// A triangle's corners.
+/// The corners of a triangle.
 pub(super) type Triangle = [DVec3; 3];
 
-/// The box of a carving unit's non-axial edges.
+/// A carving volume: the box of the non-axial edges of a unit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Volume {
     pub min: DVec3,
     pub max: DVec3,
-    /// What is this near a side is on it, in metres.
+    /// A point this near a side lies on it, in metres.
     pub near: f64,
 }
 
@@ -27,7 +28,7 @@ impl Volume {
             .fold(empty, |v, p| Self { min: v.min.min(p), max: v.max.max(p), near })
     }
 
-    /// Whether a segment meets it, boundary and tolerance included.
+    /// Whether a segment meets the volume, boundary and tolerance included.
     pub(super) fn meets(&self, [from, to]: [DVec3; 2]) -> bool {
         let along = to - from;
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
@@ -46,7 +47,7 @@ impl Volume {
         enter <= leave
     }
 
-    /// A triangle's parts outside, and its part inside or on the boundary; all convex.
+    /// Adds the parts of a triangle outside the volume, and the part inside or on its boundary.
     pub fn split(
         &self,
         triangle: &Triangle,
@@ -73,7 +74,7 @@ impl Volume {
     }
 }
 
-/// A convex polygon's parts where a height is positive and where it is negative.
+/// The parts of a convex polygon where a height is positive, and where it is negative.
 fn cut(polygon: &[DVec3], height: impl Fn(&DVec3) -> f64) -> (Vec<DVec3>, Vec<DVec3>) {
     let (mut above, mut below) = (Vec::new(), Vec::new());
     for (i, &from) in polygon.iter().enumerate() {
@@ -94,12 +95,14 @@ fn cut(polygon: &[DVec3], height: impl Fn(&DVec3) -> f64) -> (Vec<DVec3>, Vec<DV
     (above, below)
 }
 
+/// Adds the triangles of a convex polygon.
 fn fan(polygon: &[DVec3], triangles: &mut Vec<Triangle>) {
     for i in 2..polygon.len() {
         triangles.push([polygon[0], polygon[i - 1], polygon[i]]);
     }
 }
 
+/// The area of triangles, in square metres.
 pub(super) fn area(triangles: &[Triangle]) -> f64 {
     triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).length() * 0.5).sum()
 }

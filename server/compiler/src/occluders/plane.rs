@@ -21,7 +21,10 @@ pub struct OccluderPlane {
 const BUCKET: f64 = 4.0;
 
 impl OccluderPlane {
-    pub(super) fn new(cut: SplitPlane, opaque: impl Iterator<Item = (PlaneTriangle, bool)>) -> Self {
+    pub(super) fn new(
+        cut: SplitPlane,
+        opaque: impl Iterator<Item = (PlaneTriangle, bool)>,
+    ) -> Self {
         let (triangles, is_last): (Vec<_>, _) = opaque.unzip();
         let mut buckets: HashMap<_, Vec<u32>> = HashMap::new();
         for (index, triangle) in triangles.iter().enumerate() {
