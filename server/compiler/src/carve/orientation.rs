@@ -3,14 +3,12 @@
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::{DVec3, Vec3};
+use sightline_world::tolerance::WELD_M;
 
 /// Bins of wall directions over a quarter turn: half a degree each.
 const BINS: usize = 180;
 /// A triangle is part of a wall when its unit normal rises by no more than this.
 const UPRIGHT: f64 = 1e-3;
-/// When walls stray by less than this over the whole building, in metres, the building is not turned.
-const STRAY_M: f64 = 2e-5;
-
 /// The angle about the vertical by which the walls with the most area are turned, in radians, from 0
 /// to a quarter turn. In [`Axes::turned`](sightline_world::geometry::Axes::turned) by this angle, these
 /// walls are axial. Exactly 0 when they are axial already.
@@ -37,7 +35,7 @@ pub fn dominant_orientation(opaque: &[[Vec3; 3]]) -> f64 {
     let turn = turn.rem_euclid(FRAC_PI_2);
     let reach = opaque.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
     let stray = turn.min(FRAC_PI_2 - turn) * f64::from(reach);
-    if stray < STRAY_M { 0.0 } else { turn }
+    if stray < WELD_M { 0.0 } else { turn }
 }
 
 /// An upright triangle.

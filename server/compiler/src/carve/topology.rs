@@ -7,10 +7,7 @@ use std::{
 
 use glam::{DVec3, I64Vec3};
 use rayon::prelude::*;
-
-/// Corners no farther apart than this are one point, in metres. It is a few units in the last place
-/// of single precision at a hundred metres.
-const WELD_M: f64 = 2e-5;
+use sightline_world::tolerance::WELD_M;
 
 /// The tolerances for a model of some size, in metres.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,7 @@
 //! The parts of a rectangle that triangles leave uncovered.
 
 use glam::DVec2;
+use sightline_world::tolerance::SLIVER_M;
 
 use super::rectangle::{PlaneRect, PlaneTriangle};
 
@@ -119,10 +120,6 @@ fn runs(row: &[bool]) -> Vec<(usize, usize)> {
     runs
 }
 
-/// What is left of a polygon may be thinner than this, in metres, by rounding alone. Real gaps in
-/// single-precision models are wider.
-const SLIVER: f64 = 1e-9;
-
 /// More pieces than this, and the rest is called uncovered.
 const PIECES_MAX: usize = 512;
 
@@ -166,10 +163,10 @@ fn cut(polygon: &[DVec2], from: DVec2, to: DVec2) -> (Option<Vec<DVec2>>, Option
     let (low, high) = sides
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &s| (low.min(s), high.max(s)));
-    if low >= -SLIVER {
+    if low >= -SLIVER_M {
         return (Some(polygon.to_vec()), None);
     }
-    if high <= SLIVER {
+    if high <= SLIVER_M {
         return (None, Some(polygon.to_vec()));
     }
     let (mut left, mut right) = (Vec::new(), Vec::new());

@@ -3,17 +3,13 @@
 use std::collections::HashMap;
 
 use glam::{DVec2, DVec3};
+use sightline_world::tolerance::AXIAL_PLANE_M;
 
 use super::{
     plane::OccluderPlane,
     rectangle::{PlaneTriangle, anticlockwise},
 };
 use crate::split_plane::{SplitPlane, in_plane};
-
-/// Corners that differ by no more than this along an axis, in metres, lie in one axial plane, and
-/// so do planes that are no farther apart. It takes up what a node's rotation by a quarter turn
-/// leaves in single precision.
-pub const PLANE_TOLERANCE: f64 = 3e-5;
 
 /// An opaque triangle, in a building's own axes.
 #[derive(Clone, Copy, Debug)]
@@ -27,7 +23,7 @@ pub struct OccluderTriangle {
 /// Every plane with something opaque on it, out of triangles in a building's own axes: the axial
 /// ones by axis, then ascending; then those that are vertical at other angles.
 ///
-/// Corners that lie next to an axial plane are moved onto it first, by [`PLANE_TOLERANCE`] at
+/// Corners that lie next to an axial plane are moved onto it first, by [`AXIAL_PLANE_M`] at
 /// most, so that walls that meet in the model but for rounding leave no gap.
 pub fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
     let levels = [0, 1, 2].map(|axis| {
@@ -40,7 +36,7 @@ pub fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
             let near = levels[above.saturating_sub(1)..].iter().take(2);
             let away = |level: &&f64| (**level - corner[axis]).abs();
             if let Some(&level) = near.min_by(|a, b| away(a).total_cmp(&away(b)))
-                && (level - corner[axis]).abs() <= PLANE_TOLERANCE
+                && (level - corner[axis]).abs() <= AXIAL_PLANE_M
             {
                 corner[axis] = level;
             }
@@ -61,7 +57,7 @@ pub fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
 /// Whether three coordinates are the same but for rounding.
 fn agree(along: [f64; 3]) -> bool {
     let low = along.into_iter().fold(f64::INFINITY, f64::min);
-    along.into_iter().all(|c| c - low <= PLANE_TOLERANCE)
+    along.into_iter().all(|c| c - low <= AXIAL_PLANE_M)
 }
 
 fn planes_along(axis: usize, opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
@@ -76,7 +72,7 @@ fn planes_along(axis: usize, opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> 
     // A stable sort: the order of equal planes stays that of the model.
     axial.sort_by(|a, b| a.0.total_cmp(&b.0));
     axial
-        .chunk_by(|a, b| b.0 - a.0 <= PLANE_TOLERANCE)
+        .chunk_by(|a, b| b.0 - a.0 <= AXIAL_PLANE_M)
         .flat_map(|near| split_wide(near))
         .map(|near| {
             let triangles = near.iter().map(|&(_, triangle)| triangle);
@@ -99,7 +95,7 @@ fn slanted(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
         let near = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [key[0] + i, key[1] + j]));
         let fits = |&&index: &&usize| {
             let (other, _): &(SplitPlane, _) = &found[index];
-            corners.iter().all(|&corner| other.height(corner).abs() <= PLANE_TOLERANCE)
+            corners.iter().all(|&corner| other.height(corner).abs() <= AXIAL_PLANE_M)
         };
         let known = near.filter_map(|key| alike.get(&key)).flatten().find(fits).copied();
         let index = known.unwrap_or_else(|| {
@@ -130,14 +126,14 @@ fn vertical(corners: &[DVec3; 3]) -> Option<SplitPlane> {
     let across = if across.x < 0.0 { -across } else { across };
     let distance = across.dot((a + b + c) / 3.0);
     let cut = SplitPlane::Plane { normal: across, distance };
-    corners.iter().all(|&corner| cut.height(corner).abs() <= PLANE_TOLERANCE).then_some(cut)
+    corners.iter().all(|&corner| cut.height(corner).abs() <= AXIAL_PLANE_M).then_some(cut)
 }
 
 /// A chain of planes, each within the tolerance of the next, may be wider than the tolerance.
 fn split_wide<T>(mut near: &[(f64, T)]) -> Vec<&[(f64, T)]> {
     let mut parts = Vec::new();
     while let Some(first) = near.first() {
-        let end = near.partition_point(|(at, _)| at - first.0 <= PLANE_TOLERANCE);
+        let end = near.partition_point(|(at, _)| at - first.0 <= AXIAL_PLANE_M);
         let (part, rest) = near.split_at(end);
         parts.push(part);
         near = rest;

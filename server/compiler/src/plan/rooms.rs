@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 use image::RgbImage;
-use sightline_visibility::rooms::pieces::Piece;
+use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{
     geometry::Axes,
     rooms::{Room, RoomId},
@@ -24,10 +24,10 @@ pub(super) fn draw(level: &Level<'_>, picture: &mut RgbImage) {
     let rooms = level.sheet.world.rooms.list();
     for (room, id) in rooms.iter().zip((0u16..).map(RoomId)) {
         let colour = mixed(id.colour(), INK, 0.25);
-        let pieces: Vec<Piece> =
-            room.shapes.iter().flat_map(|shape| Piece::of(shape, &Axes::WORLD)).collect();
+        let pieces: Vec<ConvexPiece> =
+            room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, &Axes::WORLD)).collect();
         let cut = level.height();
-        let met: Vec<&Piece> =
+        let met: Vec<&ConvexPiece> =
             pieces.iter().filter(|p| p.bounds.min.y <= cut && cut < p.bounds.max.y).collect();
         for [from, to] in met.iter().flat_map(|piece| section(piece, cut)) {
             let across = Vec3::Y.cross(to - from).normalize_or_zero() * BESIDE_M;
@@ -40,7 +40,7 @@ pub(super) fn draw(level: &Level<'_>, picture: &mut RgbImage) {
         if !met.is_empty() {
             windows(level, room, colour, picture);
         }
-        let size = |piece: &&&Piece| piece.bounds.size().x * piece.bounds.size().z;
+        let size = |piece: &&&ConvexPiece| piece.bounds.size().x * piece.bounds.size().z;
         if let Some(widest) = met.iter().max_by(|a, b| size(a).total_cmp(&size(b))) {
             name(level, room.title(), widest, picture);
         }
@@ -48,7 +48,7 @@ pub(super) fn draw(level: &Level<'_>, picture: &mut RgbImage) {
 }
 
 /// The segments in which a level plane meets the faces of a piece.
-fn section(piece: &Piece, height: f32) -> impl Iterator<Item = [Vec3; 2]> {
+fn section(piece: &ConvexPiece, height: f32) -> impl Iterator<Item = [Vec3; 2]> {
     piece.faces.iter().filter_map(move |face| {
         let edges = face.iter().zip(face.iter().cycle().skip(1));
         let mut ends = edges.filter_map(|(a, b)| {
@@ -90,7 +90,7 @@ fn windows(level: &Level<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbIma
 }
 
 /// Writes the name of a room into its widest piece, as far as it fits.
-fn name(level: &Level<'_>, title: &str, widest: &Piece, picture: &mut RgbImage) {
+fn name(level: &Level<'_>, title: &str, widest: &ConvexPiece, picture: &mut RgbImage) {
     let bounds = &widest.bounds;
     let (from, to) = (level.place(bounds.min), level.place(bounds.max));
     let letters = (((to.x - from.x).max(24.0) - 4.0) / 8.0) as usize;

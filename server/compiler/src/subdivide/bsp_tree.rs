@@ -1,8 +1,9 @@
 //! A tree of planes in the making, and the polygons where its leaves join.
 
 use glam::DVec3;
+use sightline_world::tolerance::ON_PLANE_F32_M;
 
-use super::region::{ON_PLANE, Region, part};
+use super::region::{Region, part};
 use crate::split_plane::SplitPlane;
 
 /// No deeper: the world file's reader allows twice as much.
@@ -118,7 +119,7 @@ impl BspTree {
             let heights = polygon.iter().map(|&corner| other.height(corner));
             let (lowest, highest) =
                 heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
-            if lowest > -ON_PLANE && highest < ON_PLANE {
+            if lowest > -ON_PLANE_F32_M && highest < ON_PLANE_F32_M {
                 // The same plane, or as good as: only the side that touches it can join.
                 let agree = other.normal().dot(cut.normal()) > 0.0;
                 let side = sides[usize::from((below == 1) != agree)];

@@ -1,17 +1,14 @@
 //! The polygons of gates and portals, as the world has them.
 
 use glam::{DVec2, DVec3};
+use sightline_world::tolerance::{CLOSED_M, ON_PLANE_F32_M};
 use sightline_world::{Polygon, geometry::Aabb};
 
 use crate::split_plane::SplitPlane;
 
-/// Gaps that are narrower, in metres, count as closed: corners in single precision leave some
-/// wherever two walls meet.
-const CLOSED: f64 = 5e-5;
-
 /// A convex polygon as the world has it; none when it counts as closed.
 pub(super) fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
-    if corners.len() < 3 || width(corners) < CLOSED {
+    if corners.len() < 3 || width(corners) < CLOSED_M {
         return None;
     }
     let bounds = Aabb::from_points(corners.iter().map(|corner| corner.as_vec3()));
@@ -19,7 +16,7 @@ pub(super) fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
         let flat: Vec<DVec2> = corners.iter().map(|&corner| cut.flat(corner)).collect();
         let on_side = |&corner: &DVec2| {
             let (min, max) = (cut.flat(bounds.min.as_dvec3()), cut.flat(bounds.max.as_dvec3()));
-            let is_near = |at: f64, side: f64| (at - side).abs() < 1e-5;
+            let is_near = |at: f64, side: f64| (at - side).abs() < ON_PLANE_F32_M;
             (0..2).all(|i| is_near(corner[i], min[i]) || is_near(corner[i], max[i]))
         };
         if flat.iter().all(on_side) {

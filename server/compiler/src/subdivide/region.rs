@@ -2,16 +2,12 @@
 
 use glam::DVec3;
 use sightline_world::geometry::Aabb;
+use sightline_world::tolerance::{DEGENERATE_M, ON_PLANE_F32_M};
 
 use crate::split_plane::SplitPlane;
 
-/// Corners this close to a plane, in metres, lie on it: what single precision leaves.
-pub const ON_PLANE: f64 = 1e-5;
 /// Walls and slabs are no thicker than this, in metres.
 pub(super) const WALL_MAX: f32 = 0.6;
-
-/// What is thinner than this, in metres, is none.
-const THIN: f64 = 1e-7;
 
 /// A box, less what is behind some planes that are not axial.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,7 +84,7 @@ impl Region {
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), &c| (a.min(c), b.max(c)));
         let bounds = Aabb::new(min.as_vec3(), max.as_vec3()).intersection(&self.bounds);
         let inside = corners.iter().sum::<DVec3>() / corners.len() as f64;
-        ((max - min).min_element() > THIN && !bounds.is_empty()).then_some((bounds, inside))
+        ((max - min).min_element() > DEGENERATE_M && !bounds.is_empty()).then_some((bounds, inside))
     }
 
     /// The box shrunk to what the slanted planes leave.
@@ -152,14 +148,14 @@ pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3>
             kept.push(crossing);
         }
     }
-    if deepest <= THIN || kept.len() < 3 { Vec::new() } else { kept }
+    if deepest <= DEGENERATE_M || kept.len() < 3 { Vec::new() } else { kept }
 }
 
-/// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE`] of it.
+/// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE_F32_M`] of it.
 pub fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
     polygon.iter().fold([false; 2], |[low, high], &corner| {
         let height = cut.height(corner);
-        [low || height < -ON_PLANE, high || height > ON_PLANE]
+        [low || height < -ON_PLANE_F32_M, high || height > ON_PLANE_F32_M]
     })
 }
 

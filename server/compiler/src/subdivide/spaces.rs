@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use sightline_world::tolerance::SLIVER_M;
 use sightline_world::{
     Polygon,
     geometry::{Aabb, Axes},
@@ -80,7 +81,7 @@ fn within(join: &SharedFace, free: &PlaneRect) -> Vec<DVec3> {
         let along = join.polygon[(i + 1) % join.polygon.len()] - from;
         let Some(inwards) = normal.cross(along).try_normalize() else { continue };
         let inwards = if inwards.dot(centre - from) < 0.0 { -inwards } else { inwards };
-        let edge = SplitPlane::Plane { normal: inwards, distance: inwards.dot(from) - 1e-9 };
+        let edge = SplitPlane::Plane { normal: inwards, distance: inwards.dot(from) - SLIVER_M };
         kept = part(&kept, &edge, true);
     }
     kept

@@ -3,10 +3,11 @@
 
 use glam::{DVec2, DVec3};
 use sightline_world::geometry::Aabb;
+use sightline_world::tolerance::ON_PLANE_F32_M;
 
 use super::{
     bsp_tree::{BspTree, DEPTH_MAX},
-    region::{ON_PLANE, Region, WALL_MAX},
+    region::{Region, WALL_MAX},
 };
 use crate::{
     occluders::{OccluderPlane, PlaneRect, PlaneTriangle},
@@ -212,7 +213,7 @@ impl Section {
             }
         }
         let area = area(&part);
-        if area > ON_PLANE * ON_PLANE { area } else { 0.0 }
+        if area > ON_PLANE_F32_M * ON_PLANE_F32_M { area } else { 0.0 }
     }
 }
 

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use glam::Vec3;
+use sightline_world::tolerance::BRUSH_CORNER_M;
 use sightline_world::{Origin, OriginPlane, geometry::Aabb};
 
 /// The edge of a field of the grid, in metres; larger where the grid would have more fields than
@@ -12,9 +13,6 @@ const FIELD_M: f32 = 0.5;
 const FIELDS_MAX: f32 = 2e6;
 /// The most references from fields to brushes: 64 MiB. Further brushes are tested everywhere.
 const REFERENCES_MAX: usize = 1 << 24;
-/// Corners of brushes are rounded by less than this, in metres.
-const ROUNDED: f32 = 1e-3;
-
 /// The brushes of a map, in a grid.
 pub(super) struct Brushes {
     bounds: Aabb,
@@ -50,7 +48,7 @@ impl Brushes {
         };
         let mut references = 0;
         for (index, solid) in (0..).zip(&origin.solids) {
-            let bounds = solid.bounds.grown(ROUNDED);
+            let bounds = solid.bounds.grown(BRUSH_CORNER_M);
             let first = all.planes.len() as u32;
             all.planes.extend(origin.sides(solid));
             all.brushes.push(Brush { bounds, sides: first..all.planes.len() as u32 });

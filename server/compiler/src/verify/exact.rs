@@ -12,23 +12,15 @@
 //!   a triangle, rounding decides on which side the line begins.
 
 use glam::DVec3;
+use sightline_world::tolerance::{BRUSH_CORNER_M, BRUSH_GROWTH_M, EYE_CLEARANCE_M, GRAZE_M};
 use sightline_world::{Mesh, Origin, Solid, geometry::Aabb};
-
-/// A point is empty when it is this far from every brush, in metres. An eye is never closer to a
-/// wall, and rounding moves points and planes by far less.
-pub(super) const CLEARANCE: f64 = 1e-4;
-
-/// Brushes are made larger by this, in metres.
-const GROWTH: f64 = 1e-5;
-/// A brush blocks a line when it holds more of it than this, in metres.
-const INSIDE_MAX: f64 = 1e-4;
 
 /// Whether nothing lies between two points, and nothing at either end.
 pub(super) fn is_free(mesh: &Mesh, origin: Option<&Origin>, from: DVec3, to: DVec3) -> bool {
-    let around = Aabb::from_points([from.as_vec3(), to.as_vec3()]).grown(1e-3);
+    let around = Aabb::from_points([from.as_vec3(), to.as_vec3()]).grown(BRUSH_CORNER_M);
     let is_held = |origin: &Origin| {
         let near = origin.solids.iter().filter(|solid| solid.bounds.intersects(&around));
-        near.into_iter().any(|solid| length_inside(origin, solid, from, to) > INSIDE_MAX)
+        near.into_iter().any(|solid| length_inside(origin, solid, from, to) > GRAZE_M)
     };
     if origin.is_some_and(is_held) {
         return false;
@@ -39,16 +31,16 @@ pub(super) fn is_free(mesh: &Mesh, origin: Option<&Origin>, from: DVec3, to: DVe
             return true;
         }
         let corners = corners.map(|corner| corner.as_dvec3());
-        let is_near = |point| distance(corners, point) < CLEARANCE;
+        let is_near = |point| distance(corners, point) < EYE_CLEARANCE_M;
         !(crosses(corners, from, to) || is_near(from) || is_near(to))
     })
 }
 
-/// The length of a line inside a brush that is [`GROWTH`] larger, in metres.
+/// The length of a line inside a brush that is [`BRUSH_GROWTH_M`] larger, in metres.
 fn length_inside(origin: &Origin, solid: &Solid, from: DVec3, to: DVec3) -> f64 {
     let (mut enter, mut leave) = (0.0f64, 1.0f64);
     for side in origin.sides(solid) {
-        let (begin, end) = (side.height(from) - GROWTH, side.height(to) - GROWTH);
+        let (begin, end) = (side.height(from) - BRUSH_GROWTH_M, side.height(to) - BRUSH_GROWTH_M);
         match (begin > 0.0, end > 0.0) {
             (true, true) => return 0.0,
             (true, false) => enter = enter.max(begin / (begin - end)),

@@ -2,10 +2,8 @@
 //! times as fast.
 
 use glam::{Vec3, Vec4};
+use sightline_world::tolerance::UNSURE_SIDE_M;
 use sightline_world::{Origin, OriginSide, OriginTree};
-
-/// Nearer to a plane than this, in metres, single precision cannot tell the side.
-const UNSURE: f32 = 1e-3;
 
 /// The tree of a map, packed for single precision.
 pub(super) struct Locator<'a> {
@@ -45,7 +43,7 @@ impl<'a> Locator<'a> {
         while let Ok(node) = usize::try_from(next) {
             let Node { plane, sides, exact } = &self.nodes[node];
             let height = plane.dot(point.extend(1.0));
-            let behind = if height.abs() > UNSURE {
+            let behind = if height.abs() > UNSURE_SIDE_M {
                 height < 0.0
             } else {
                 self.origin.planes[*exact as usize].height(point.as_dvec3()) < 0.0

@@ -3,15 +3,10 @@
 use glam::Vec3;
 use rand::rngs::SmallRng;
 use sightline_oracle::Oracle;
+use sightline_world::tolerance::EYE_CLEARANCE_M;
 use sightline_world::{Origin, OriginTree, World};
 
-use super::{
-    boxes::Boxes,
-    brushes::Brushes,
-    exact::{self, CLEARANCE},
-    hull,
-    locate::Locator,
-};
+use super::{boxes::Boxes, brushes::Brushes, exact, hull, locate::Locator};
 
 /// After this many points that are not empty, space is taken to be full.
 const TRIES_MAX: usize = 100_000;
@@ -91,7 +86,8 @@ impl<'a> Original<'a> {
             (Some(_), _) => return None,
             (None, _) => None,
         };
-        let is_held = self.brushes.as_ref().is_some_and(|brushes| brushes.hold(point, CLEARANCE));
+        let is_held =
+            self.brushes.as_ref().is_some_and(|brushes| brushes.hold(point, EYE_CLEARANCE_M));
         (!is_held).then_some(Spot { point, cluster })
     }
 
