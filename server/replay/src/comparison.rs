@@ -1,22 +1,23 @@
-//! One trace under several policies, or with several kinds of TBVs, side by side.
+//! The reports of one trace under several policies, or with several kinds of TBVs, side by side.
 
 use std::{fmt, time::Duration};
 
 use serde::Serialize;
-
-use super::ReplayReport;
 use sightline_engine::{Policy, TbvShape, Validity};
 
-/// The reports of one trace, a policy or a kind of TBV each.
+use super::report::{OracleReport, ReplayReport};
+
+/// The reports of one trace, one for each policy or kind of TBV. It prints as a table with a row
+/// for each. *To* and *from* are means over clients; *worst* is the client that gets most bytes.
 #[derive(Clone, Debug, Default, Serialize)]
 #[serde(transparent)]
 pub struct Comparison {
-    /// In the order in which they are to be told.
+    /// The rows, in the order in which they are printed.
     pub reports: Vec<ReplayReport>,
 }
 
 impl Comparison {
-    /// What people do today, and what this does: from telling everyone to TBVs.
+    /// What servers do today, and what this one does: from sending everything to TBVs.
     pub const POLICIES: [Policy; 8] = [
         Policy::Broadcast,
         Policy::Radius(20.0),
@@ -28,7 +29,7 @@ impl Comparison {
         Policy::Tbv,
     ];
 
-    /// What TBVs can be: by what bounds them, and by how long they last.
+    /// The kinds of TBVs: by what bounds them in space, and by how long they last.
     pub const TBVS: [(TbvShape, Validity); 7] = [
         (TbvShape::Reach, Validity::UntilLeft),
         (TbvShape::Reach, Validity::Maximal),
@@ -42,7 +43,7 @@ impl Comparison {
 
 const HALF_A_SECOND: Validity = Validity::Constant(Duration::from_millis(500));
 
-/// A column's name, and what stands in it.
+/// A column: its heading, and the figure in it.
 type Column = (&'static str, fn(&ReplayReport) -> String);
 
 const COLUMNS: [Column; 15] = [
@@ -63,12 +64,10 @@ const COLUMNS: [Column; 15] = [
     ("tick ms, p99", |r| format!("{:.3}, {:.3}", r.tick_cpu_median_ms, r.tick_cpu_p99_ms)),
 ];
 
-fn oracle(report: &ReplayReport, figure: impl Fn(&super::OracleReport) -> String) -> String {
+fn oracle(report: &ReplayReport, figure: impl Fn(&OracleReport) -> String) -> String {
     report.oracle.as_ref().map_or_else(|| "-".to_owned(), figure)
 }
 
-/// A row for each policy, or each kind of TBV. *to* and *from* are of a client, in the mean; *worst* is the client that gets
-/// most bytes.
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let row = |report: &ReplayReport| {

@@ -1,33 +1,31 @@
-//! What a run comes to.
+//! The figures of a run.
 
 use std::fmt;
 
 use serde::Serialize;
 
-use super::{MissedAvatar, StalePosition};
-
-/// The figures of a run. Rates are means for one client while it is present.
+/// The figures of a run. Rates are means over all clients while they are present.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ReplayReport {
     /// The world's title.
     pub world: String,
-    /// The policy, as it is given on the command line.
+    /// The policy, as on the command line.
     pub policy: String,
-    /// Every client's.
+    /// The round trip of every client, in milliseconds.
     pub round_trip_ms: f64,
-    /// From tick to tick.
+    /// The tick interval, in milliseconds.
     pub tick_ms: f64,
-    /// How long a TBV is made to last.
+    /// How long TBVs are made to last, as on the command line.
     pub validity: String,
-    /// What bounds it in space.
+    /// What bounds TBVs in space, as on the command line.
     pub shape: String,
-    /// In metres a second.
+    /// The speed limit, in metres a second.
     pub speed_max: f32,
-    /// How many there are in the trace.
+    /// The number of avatars in the trace.
     pub avatars: usize,
-    /// How long the run was.
+    /// The length of the run, in seconds.
     pub seconds: f64,
-    /// The mean number of those present.
+    /// The mean number of avatars that are present.
     pub present_mean: f64,
     /// The mean number of avatars that a client holds.
     pub held_mean: f64,
@@ -35,75 +33,77 @@ pub struct ReplayReport {
     pub quiet_share: f64,
     /// Messages to a client, a second: datagrams and control messages.
     pub messages_to_client: f64,
-    /// The same, of the client that gets most of those that stay for a second.
+    /// Messages a second to the client that gets most, of those that stay for a second.
     pub messages_to_client_worst: f64,
-    /// Bytes of these to a client, a second, without those that QUIC and UDP add.
+    /// Bytes of messages to a client, a second, without what QUIC and UDP add.
     pub bytes_to_client: f64,
-    /// The same, at most.
+    /// Bytes a second to the client that gets most.
     pub bytes_to_client_worst: f64,
-    /// States of avatars in these, a second.
+    /// States of avatars sent to a client, a second.
     pub updates_to_client: f64,
     /// Messages from a client, a second.
     pub messages_from_client: f64,
-    /// The same, at most.
+    /// Messages a second from the client that sends most.
     pub messages_from_client_worst: f64,
-    /// Bytes from a client, a second.
+    /// Bytes of messages from a client, a second, without what QUIC and UDP add.
     pub bytes_from_client: f64,
-    /// The same, at most.
+    /// Bytes a second from the client that sends most.
     pub bytes_from_client_worst: f64,
     /// Reports from a client, a second.
     pub reports_from_client: f64,
     /// All reports that reached the server.
     pub reports: u64,
-    /// All asks: of expired, of revealed, and again of those who did not answer.
+    /// All asks: after an expiry, after a reveal, and again where no answer came.
     pub asks: u64,
-    /// TBVs that ended.
+    /// TBVs whose validity ended.
     pub expiries: u64,
     /// TBVs that came into view.
     pub reveals: u64,
     /// How often a client was told of an avatar.
     pub enters: u64,
-    /// How often a client was told that it cannot see an avatar any more.
+    /// How often a client was told that an avatar vanished.
     pub leaves: u64,
-    /// Enters less than half a second after a leave of the same two.
+    /// Enters within half a second after a leave of the same viewer and avatar.
     pub flickers: u64,
-    /// States sent in a second to all clients together.
+    /// States of avatars sent to all clients together, a second.
     pub states_per_s: f64,
-    /// Asks in a second, of all clients together.
+    /// Asks to all clients together, a second.
     pub asks_per_s: f64,
-    /// Likewise, expiries.
+    /// Expiries of all clients together, a second.
     pub expiries_per_s: f64,
-    /// Likewise, reveals.
+    /// Reveals of all clients together, a second.
     pub reveals_per_s: f64,
-    /// Likewise, enters.
+    /// Enters of all clients together, a second.
     pub enters_per_s: f64,
-    /// Likewise, leaves.
+    /// Leaves of all clients together, a second.
     pub leaves_per_s: f64,
-    /// Times that a quiet client reported unasked, as it was about to leave its TBV: where TBVs hold all that a
-    /// body can do, 0 unless somebody jumps, or something is wrong.
+    /// Reports that quiet clients made unasked, because they were about to leave their TBVs. Where
+    /// TBVs hold all that a body can do, a number above 0 means a jump or a fault.
     pub left_tbv: u64,
-    /// Moves that no body can make, or that the server would not believe, and so announced.
+    /// Jumps that were announced: movements that no body can make, or that the server would not
+    /// believe.
     pub jumps: u64,
-    /// Corrections sent: 0 unless something is wrong, or the network so bad that honest clients seem too fast.
+    /// Corrections sent. A number above 0 means a fault, or a network so bad that honest clients
+    /// seem too fast.
     pub corrections: u64,
-    /// Samples of the trace that are outside the world.
+    /// Samples of the trace outside the world.
     pub outside: u64,
-    /// CPU time of the engine for a tick, median, in milliseconds.
+    /// The engine's CPU time for a tick, in milliseconds: the median.
     pub tick_cpu_median_ms: f64,
-    /// The same at the 99th percentile.
+    /// The engine's CPU time for a tick, in milliseconds: the 99th percentile.
     pub tick_cpu_p99_ms: f64,
-    /// Each client's, from its coming to its going.
+    /// The figures of each client, from its join to its leave.
     pub clients: Vec<ClientReport>,
-    /// What rays said, if they were asked.
+    /// What the audit found; `None` without an audit.
     pub oracle: Option<OracleReport>,
 }
 
-/// What one client cost.
+/// The figures of one client.
 #[derive(Clone, Debug, Serialize)]
 pub struct ClientReport {
-    /// The trace's id of its avatar; one that comes again is another client.
+    /// The trace's id of its avatar. An avatar that comes again has another client.
     pub id: u32,
-    /// How long it was there.
+    /// How long it was present, in seconds.
     pub seconds: f64,
     /// The mean number of avatars that it held.
     pub held_mean: f64,
@@ -111,63 +111,88 @@ pub struct ClientReport {
     pub quiet_share: f64,
     /// Messages to it: datagrams and control messages.
     pub messages_to: u64,
-    /// Bytes of these, without those that QUIC and UDP add.
+    /// Bytes of messages to it, without what QUIC and UDP add.
     pub bytes_to: u64,
     /// Messages from it.
     pub messages_from: u64,
-    /// Bytes of these.
+    /// Bytes of messages from it, without what QUIC and UDP add.
     pub bytes_from: u64,
 }
 
-/// What clients held, compared with what was visible. Pairs of which one has just come or jumped
-/// count in nothing but [`OracleReport::misses_after_jumps`].
+/// What the audit found: what clients held, compared with what rays found visible. A pair is a
+/// viewer and another avatar. Pairs of which one has just joined or jumped count in nothing but
+/// [`OracleReport::misses_after_jumps`].
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct OracleReport {
-    /// How often it looked.
+    /// How often the audit compared.
     pub instants: u64,
-    /// From look to look.
+    /// The interval between comparisons, in milliseconds.
     pub stride_ms: f64,
-    /// Pairs of a viewer and an avatar of which some sampled point was in sight.
+    /// Pairs whose avatar was visible: some sampled point of its body was in sight.
     pub pairs_visible: u64,
-    /// Pairs of a viewer and an avatar that its client held.
+    /// Pairs whose avatar the viewer's client held.
     pub pairs_held: u64,
-    /// Of these, those of which samples find that they are in sight, or could be within the horizon.
+    /// Held pairs whose avatar was visible, or could be within the horizon, as far as sampling finds.
     pub pairs_foreseen: u64,
-    /// Visible pairs that were not held.
+    /// Visible pairs that were not held, without an excuse.
     pub misses: u64,
-    /// The same, of those that had just come or jumped.
+    /// Visible pairs that were not held just after a join or a jump.
     pub misses_after_jumps: u64,
-    /// The same, of those whose messages had just taken longer than the engine allows for.
+    /// Visible pairs that were not held while messages were later than the engine allows for.
     pub misses_late: u64,
-    /// The first of the misses that have no excuse.
+    /// The first misses without an excuse.
     pub first_misses: Vec<MissedAvatar>,
-    /// Pairs held for each visible one: over-send against sight at that instant.
+    /// Pairs held for each visible pair: over-send against sight at that instant.
     pub over_send: f64,
-    /// Pairs held for each foreseen one: over-send against an oracle with the same horizon, at
-    /// most, since sampling finds too little.
+    /// Pairs held for each foreseen pair: over-send against an oracle with the same horizon. It is
+    /// an upper bound, since sampling finds too little.
     pub over_send_horizon: f64,
     /// The share of time that an avatar is in nobody's sight, from 0 to 1.
     pub hidden_share: f64,
-    /// The share of ticks at which an avatar reports while in nobody's sight: always reporting is 1.
+    /// The share of ticks at which an avatar in nobody's sight reports. It is 1 for a client that
+    /// always reports.
     pub hidden_reports: f64,
-    /// The share of ticks at which an avatar in nobody's sight is held by somebody or holds somebody: one of them may come
-    /// into sight within the horizon, so that it must report.
+    /// The share of ticks at which an avatar in nobody's sight is held by a client, or its client
+    /// holds another. One of the two may come into sight within the horizon, so it must report.
     pub hidden_held: f64,
-    /// How old the held position of a visible avatar was.
+    /// The mean age of the held position of a visible avatar, in milliseconds.
     pub age_mean_ms: f64,
-    /// The same, at worst.
+    /// The greatest age of the held position of a visible avatar, in milliseconds.
     pub age_worst_ms: f64,
-    /// No position may be older: two ticks and the way from client to client. Where messages are lost,
-    /// each that was makes it up to two ticks more: reports that
-    /// jitter brings in together are lost together.
+    /// The greatest age that a position may have, in milliseconds: two ticks, and the delay from
+    /// client to client. Each lost datagram allows two more ticks, since reports that jitter
+    /// brings in together are lost together.
     pub age_bound_ms: f64,
-    /// Positions that were older all the same.
+    /// Held positions that were older than that.
     pub stale: u64,
-    /// The first of them.
+    /// The first of these positions.
     pub first_stale: Vec<StalePosition>,
 }
 
-/// The closing table.
+/// A visible avatar that its viewer did not hold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MissedAvatar {
+    /// The time in the trace, in milliseconds.
+    pub t_ms: f64,
+    /// The trace's id of the viewer.
+    pub viewer: u32,
+    /// The trace's id of the avatar.
+    pub avatar: u32,
+}
+
+/// A visible avatar whose held position was too old.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StalePosition {
+    /// The viewer, the avatar and the time.
+    #[serde(flatten)]
+    pub what: MissedAvatar,
+    /// The age of the held position, in milliseconds.
+    pub age_ms: f64,
+    /// The greatest age that was allowed, in milliseconds.
+    pub bound_ms: f64,
+}
+
+/// The table that ends a run.
 impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut row = |name: &str, value: String| writeln!(f, "{name:<34} {value}");

@@ -1,109 +1,121 @@
-//! What is counted on the way.
+//! Statistics of a run: everything but what the audit finds.
 
 use std::{collections::BTreeMap, time::Duration};
 
 use sightline_cli::percentile::percentile;
+use sightline_engine::{Engine, Stats};
 use sightline_world::motion::{AvatarId, ReportingState};
 
-use super::{ClientReport, ReplayOptions, ReplayReport};
-use sightline_engine::{Engine, Stats};
+use super::{
+    options::ReplayOptions,
+    report::{ClientReport, ReplayReport},
+};
 
-/// Clients that were there for less time tell no rates, in seconds.
+/// Clients that stay for less time have no share in the worst rates, in seconds.
 const PRESENCE_MIN_S: f64 = 1.0;
-/// Whoever comes back sooner flickers.
+/// An avatar that comes back into view sooner than this flickers.
 const FLICKER: Duration = Duration::from_millis(500);
 
-/// Messages one way.
+/// Messages in one direction.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Traffic {
+pub(super) struct MessageCount {
     messages: u64,
     bytes: u64,
 }
 
-impl Traffic {
+impl MessageCount {
+    /// Counts one message.
     pub(super) fn add(&mut self, bytes: usize) {
+        debug_assert!(bytes > 0, "no message is empty");
         self.messages += 1;
         self.bytes += bytes as u64;
     }
 }
 
-/// What one client gets and says.
+/// Counts of one client. Those of ticks count the ticks at which it was present.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct ClientTally {
-    pub(super) to: Traffic,
-    pub(super) from: Traffic,
+pub(super) struct ClientStatistics {
+    pub(super) received: MessageCount,
+    pub(super) sent: MessageCount,
     ticks: u64,
-    quiet: u64,
+    quiet_ticks: u64,
+    /// The sum over ticks of how many avatars it held.
     held: u64,
 }
 
-/// Everything but what rays say.
+/// Counts of all clients, and of the engine's ticks.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Tally {
-    clients: BTreeMap<AvatarId, ClientTally>,
+pub(super) struct RunStatistics {
+    clients: BTreeMap<AvatarId, ClientStatistics>,
     pub(super) updates: u64,
     enters: u64,
     leaves: u64,
-    /// When each client was told last that it cannot see an avatar any more.
-    left: BTreeMap<(AvatarId, AvatarId), Duration>,
+    /// When each client was last told that an avatar vanished: viewer, then avatar.
+    left_at: BTreeMap<(AvatarId, AvatarId), Duration>,
     flickers: u64,
     pub(super) reports: u64,
     pub(super) asks: u64,
     pub(super) corrections: u64,
+    /// The engine's CPU time for each tick.
     cpu: Vec<Duration>,
 }
 
-impl Tally {
-    /// What is counted of a client.
-    pub(super) fn client(&mut self, client: AvatarId) -> &mut ClientTally {
+impl RunStatistics {
+    /// The counts of a client.
+    pub(super) fn client(&mut self, client: AvatarId) -> &mut ClientStatistics {
         self.clients.entry(client).or_default()
     }
 
-    /// A client was told of an avatar.
-    pub(super) fn enter(&mut self, now: Duration, to: AvatarId, avatar: AvatarId) {
+    /// Counts that a viewer is told of an avatar.
+    pub(super) fn enter(&mut self, now: Duration, viewer: AvatarId, avatar: AvatarId) {
         self.enters += 1;
-        let left = self.left.remove(&(to, avatar));
-        self.flickers += u64::from(left.is_some_and(|at| now < at + FLICKER));
+        let left_at = self.left_at.remove(&(viewer, avatar));
+        self.flickers += u64::from(left_at.is_some_and(|at| now < at + FLICKER));
     }
 
-    /// A client was told that it cannot see an avatar any more.
-    pub(super) fn leave(&mut self, now: Duration, to: AvatarId, avatar: AvatarId) {
+    /// Counts that a viewer is told that an avatar vanished.
+    pub(super) fn leave(&mut self, now: Duration, viewer: AvatarId, avatar: AvatarId) {
         self.leaves += 1;
-        self.left.insert((to, avatar), now);
+        self.left_at.insert((viewer, avatar), now);
     }
 
-    /// Counts who is present after a tick.
+    /// Counts a tick: the engine's CPU time for it, and the state of each client after it.
     pub(super) fn tick(&mut self, cpu: Duration, engine: &Engine) {
         for id in engine.avatars() {
+            let is_quiet = engine.state(id) == Some(ReportingState::Quiet);
             let client = self.client(id);
             client.ticks += 1;
             client.held += engine.held_by(id).count() as u64;
-            client.quiet += u64::from(engine.state(id) == Some(ReportingState::Quiet));
+            client.quiet_ticks += u64::from(is_quiet);
         }
         self.cpu.push(cpu);
     }
 
-    /// What each client cost, by the id that the trace has for its avatar.
+    /// The figures of each client. `trace_id` gives the trace's id of its avatar.
     pub(super) fn clients(
         &self,
         options: &ReplayOptions,
-        id: impl Fn(AvatarId) -> u32,
+        trace_id: impl Fn(AvatarId) -> u32,
     ) -> Vec<ClientReport> {
         let tick_s = options.config.tick.as_secs_f64();
-        self.clients.iter().map(|(avatar, client)| client.report(id(*avatar), tick_s)).collect()
+        self.clients
+            .iter()
+            .map(|(avatar, client)| client.report(trace_id(*avatar), tick_s))
+            .collect()
     }
 
-    /// All that it knows; the rest is as by default.
+    /// The figures of all clients and of the engine. What this does not know has its default.
     pub(super) fn report(mut self, options: &ReplayOptions, stats: Stats) -> ReplayReport {
         self.cpu.sort_unstable();
         let config = &options.config;
         let tick_s = config.tick.as_secs_f64();
-        let sum = |of: fn(&ClientTally) -> u64| self.clients.values().map(of).sum::<u64>();
+        let sum = |of: fn(&ClientStatistics) -> u64| self.clients.values().map(of).sum::<u64>();
         let present = sum(|client| client.ticks);
         let client_s = (present as f64 * tick_s).max(f64::MIN_POSITIVE);
         let mean = |count: u64| count as f64 / client_s;
-        let worst = |of: fn(&ClientTally) -> u64| {
-            let staying = |client: &&ClientTally| client.ticks as f64 * tick_s >= PRESENCE_MIN_S;
+        let worst = |of: fn(&ClientStatistics) -> u64| {
+            let staying =
+                |client: &&ClientStatistics| client.ticks as f64 * tick_s >= PRESENCE_MIN_S;
             let rates = self.clients.values().filter(staying);
             rates
                 .map(|client| of(client) as f64 / (client.ticks as f64 * tick_s))
@@ -121,16 +133,16 @@ impl Tally {
             shape: config.shape.to_string(),
             present_mean: present as f64 / self.cpu.len().max(1) as f64,
             held_mean: sum(|client| client.held) as f64 / present.max(1) as f64,
-            quiet_share: sum(|client| client.quiet) as f64 / present.max(1) as f64,
-            messages_to_client: mean(sum(|client| client.to.messages)),
-            messages_to_client_worst: worst(|client| client.to.messages),
-            bytes_to_client: mean(sum(|client| client.to.bytes)),
-            bytes_to_client_worst: worst(|client| client.to.bytes),
+            quiet_share: sum(|client| client.quiet_ticks) as f64 / present.max(1) as f64,
+            messages_to_client: mean(sum(|client| client.received.messages)),
+            messages_to_client_worst: worst(|client| client.received.messages),
+            bytes_to_client: mean(sum(|client| client.received.bytes)),
+            bytes_to_client_worst: worst(|client| client.received.bytes),
             updates_to_client: mean(self.updates),
-            messages_from_client: mean(sum(|client| client.from.messages)),
-            messages_from_client_worst: worst(|client| client.from.messages),
-            bytes_from_client: mean(sum(|client| client.from.bytes)),
-            bytes_from_client_worst: worst(|client| client.from.bytes),
+            messages_from_client: mean(sum(|client| client.sent.messages)),
+            messages_from_client_worst: worst(|client| client.sent.messages),
+            bytes_from_client: mean(sum(|client| client.sent.bytes)),
+            bytes_from_client_worst: worst(|client| client.sent.bytes),
             reports_from_client: mean(self.reports),
             reports: self.reports,
             asks: self.asks,
@@ -153,18 +165,19 @@ impl Tally {
     }
 }
 
-impl ClientTally {
+impl ClientStatistics {
     fn report(&self, id: u32, tick_s: f64) -> ClientReport {
+        debug_assert!(self.quiet_ticks <= self.ticks, "quiet ticks are ticks: {self:?}");
         let share = |ticks: u64| ticks as f64 / self.ticks.max(1) as f64;
         ClientReport {
             id,
             seconds: self.ticks as f64 * tick_s,
             held_mean: share(self.held),
-            quiet_share: share(self.quiet),
-            messages_to: self.to.messages,
-            bytes_to: self.to.bytes,
-            messages_from: self.from.messages,
-            bytes_from: self.from.bytes,
+            quiet_share: share(self.quiet_ticks),
+            messages_to: self.received.messages,
+            bytes_to: self.received.bytes,
+            messages_from: self.sent.messages,
+            bytes_from: self.sent.bytes,
         }
     }
 }

@@ -1,0 +1,355 @@
+//! The simulated network between clients and the server: delay, jitter, loss and duplication.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
+
+use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_world::motion::AvatarId;
+
+use super::packets::Packet;
+
+/// A lost piece of a stream arrives this much later than one more round trip.
+const RETRANSMISSION: Duration = Duration::from_millis(25);
+/// How long a lost datagram is remembered, to explain an old position.
+const LOSS_MEMORY: Duration = Duration::from_secs(5);
+/// After so many lost datagrams in a row, a client counts as late.
+const LOST_IN_A_ROW_MAX: u32 = 3;
+/// Salt of the random numbers from which each client's own round trip follows.
+const ROUND_TRIP_SALT: u64 = 0x5eed;
+
+/// What the network does to messages. The default delivers each after half a round trip.
+///
+/// Poses, and the reports of live clients, travel in datagrams, which can be lost, duplicated or
+/// reordered. Everything else travels on streams, one for each client and direction. A loss on a
+/// stream delays the message, and every later message of that stream, by a round trip and 25 ms.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NetworkConditions {
+    /// Each client adds a constant part of this to
+    /// [`ReplayOptions::round_trip`](super::ReplayOptions::round_trip).
+    pub spread: Duration,
+    /// Each client adds a part of this to its round trip, a different part in each second. The
+    /// engine is told the round trip of the second before.
+    pub drift: Duration,
+    /// Each message adds a random part of this to half of its client's round trip.
+    pub jitter: Duration,
+    /// The share of messages that are lost, from 0 to less than 1.
+    pub loss: f64,
+    /// The share of datagrams that arrive twice, from 0 to 1.
+    pub duplication: f64,
+    /// The seed of all randomness here.
+    pub seed: u64,
+}
+
+/// All messages on their way, and which clients' earlier messages were late.
+pub(super) struct SimulatedNetwork {
+    conditions: NetworkConditions,
+    round_trip: Duration,
+    tick: Duration,
+    /// How many whole seconds have begun.
+    second: u64,
+    rng: SmallRng,
+    /// By arrival, then in the order of sending.
+    packets: BTreeMap<(Duration, u64), Packet>,
+    /// How many packets were sent.
+    sent: u64,
+    links: BTreeMap<LinkId, Link>,
+    /// Until when each client counts as late.
+    late_until: BTreeMap<AvatarId, Duration>,
+}
+
+/// One direction of one client's connection.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct LinkId {
+    client: AvatarId,
+    is_up: bool,
+}
+
+impl LinkId {
+    fn of(packet: &Packet) -> Self {
+        Self { client: packet.client(), is_up: packet.is_up() }
+    }
+}
+
+/// The state of one direction of one client's connection.
+#[derive(Default)]
+struct Link {
+    /// When the last message of its stream arrives.
+    stream_arrival: Duration,
+    /// When each of the lost datagrams was sent, oldest first.
+    lost: VecDeque<Duration>,
+    /// How many of the newest datagrams were lost in a row.
+    lost_in_a_row: u32,
+}
+
+impl SimulatedNetwork {
+    /// A network without packets. `round_trip` is the least of all clients', `tick` the server's
+    /// tick interval.
+    pub(super) fn new(conditions: NetworkConditions, round_trip: Duration, tick: Duration) -> Self {
+        assert!((0.0..1.0).contains(&conditions.loss), "a share that is lost: {conditions:?}");
+        assert!((0.0..=1.0).contains(&conditions.duplication), "a share: {conditions:?}");
+        assert!(!tick.is_zero(), "ticks take time");
+        Self {
+            conditions,
+            round_trip,
+            tick,
+            second: 0,
+            rng: SmallRng::seed_from_u64(conditions.seed),
+            packets: BTreeMap::new(),
+            sent: 0,
+            links: BTreeMap::new(),
+            late_until: BTreeMap::new(),
+        }
+    }
+
+    /// Moves the clock on. Returns whether clients' round trips have changed.
+    pub(super) fn advance(&mut self, now: Duration) -> bool {
+        debug_assert!(now.as_secs() >= self.second, "time does not go back");
+        let before = std::mem::replace(&mut self.second, now.as_secs());
+        !self.conditions.drift.is_zero() && before != self.second
+    }
+
+    /// A client's round trip at present, without jitter and loss.
+    pub(super) fn round_trip(&self, client: AvatarId) -> Duration {
+        self.round_trip_in(self.second, client)
+    }
+
+    /// A client's round trip as the engine knows it: that of the second before.
+    pub(super) fn known_round_trip(&self, client: AvatarId) -> Duration {
+        self.round_trip_in(self.second.saturating_sub(1), client)
+    }
+
+    fn round_trip_in(&self, second: u64, client: AvatarId) -> Duration {
+        let seed = self.conditions.seed ^ (u64::from(client.0) << 32 | ROUND_TRIP_SALT);
+        let share = |of: Duration, seed: u64| match of {
+            Duration::ZERO => Duration::ZERO,
+            most => most.mul_f64(SmallRng::seed_from_u64(seed).random::<f64>()),
+        };
+        let drift = share(self.conditions.drift, seed ^ (second + 1) << 16);
+        let round_trip = self.round_trip + share(self.conditions.spread, seed) + drift;
+        debug_assert!(round_trip <= self.round_trip_max(), "{round_trip:?} is bounded");
+        round_trip
+    }
+
+    /// The greatest round trip that any client can have.
+    pub(super) fn round_trip_max(&self) -> Duration {
+        self.round_trip + self.conditions.spread + self.conditions.drift
+    }
+
+    /// The tick interval.
+    pub(super) fn tick(&self) -> Duration {
+        self.tick
+    }
+
+    /// How old an avatar's position may be when it reaches a viewer, if no message is lost.
+    pub(super) fn age_max(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
+        // The newest position that the viewer holds may have been sent in the second before.
+        let delay =
+            |client: AvatarId| self.round_trip(client).max(self.known_round_trip(client)) / 2;
+        delay(viewer) + delay(avatar) + 2 * (self.conditions.jitter + self.tick)
+    }
+
+    /// How many datagrams from an avatar's client or to a viewer were lost since a time.
+    pub(super) fn lost_since(&self, since: Duration, viewer: AvatarId, avatar: AvatarId) -> usize {
+        let up = self.links.get(&LinkId { client: avatar, is_up: true });
+        let down = self.links.get(&LinkId { client: viewer, is_up: false });
+        let after = |link: &Link| link.lost.iter().rev().take_while(|at| **at >= since).count();
+        [up, down].into_iter().flatten().map(after).sum()
+    }
+
+    /// Whether one of a client's messages recently took longer than its margin allows. Then the
+    /// client may know less, or the server may know less of it, than the promises say.
+    pub(super) fn is_late(&self, now: Duration, client: AvatarId) -> bool {
+        self.late_until.get(&client).is_some_and(|until| now <= *until)
+    }
+
+    /// Takes the next packet that has arrived, with its time of arrival.
+    pub(super) fn receive(&mut self, now: Duration) -> Option<(Duration, Packet)> {
+        let entry = self.packets.first_entry()?;
+        let at = entry.key().0;
+        (at <= now).then(|| (at, entry.remove()))
+    }
+
+    /// Sends a packet. It counts as late when it takes longer than half of its client's round trip
+    /// and the margin.
+    pub(super) fn send(&mut self, now: Duration, margin: Duration, packet: Packet) {
+        if packet.is_datagram() {
+            self.send_datagram(now, margin, packet);
+        } else {
+            self.send_on_stream(now, margin, packet);
+        }
+    }
+
+    fn send_datagram(&mut self, now: Duration, margin: Duration, packet: Packet) {
+        let id = LinkId::of(&packet);
+        if self.happens(self.conditions.loss) {
+            self.lose_datagram(now, margin, id);
+            return;
+        }
+        self.links.entry(id).or_default().lost_in_a_row = 0;
+        if self.happens(self.conditions.duplication) {
+            let arrival = now + self.delay(id.client);
+            self.put(arrival, packet.clone());
+        }
+        let arrival = now + self.delay(id.client);
+        // A late pose is only older. A late report may keep the engine from telling in time.
+        if id.is_up && arrival > now + self.known_round_trip(id.client) / 2 + margin {
+            self.note_late(arrival, margin, id.client);
+        }
+        self.put(arrival, packet);
+    }
+
+    fn lose_datagram(&mut self, now: Duration, margin: Duration, id: LinkId) {
+        let link = self.links.entry(id).or_default();
+        while link.lost.front().is_some_and(|at| *at + LOSS_MEMORY < now) {
+            link.lost.pop_front();
+        }
+        link.lost.push_back(now);
+        link.lost_in_a_row += 1;
+        if link.lost_in_a_row >= LOST_IN_A_ROW_MAX {
+            self.note_late(now, margin, id.client);
+        }
+    }
+
+    fn send_on_stream(&mut self, now: Duration, margin: Duration, packet: Packet) {
+        let id = LinkId::of(&packet);
+        let mut arrival = now + self.delay(id.client);
+        while self.happens(self.conditions.loss) {
+            arrival += self.round_trip(id.client) + RETRANSMISSION;
+        }
+        let link = self.links.entry(id).or_default();
+        link.stream_arrival = link.stream_arrival.max(arrival);
+        let arrival = link.stream_arrival;
+        if arrival > now + self.known_round_trip(id.client) / 2 + margin {
+            self.note_late(arrival, margin, id.client);
+        }
+        self.put(arrival, packet);
+    }
+
+    /// Marks a client as late until the server has answered the late message, the client has acted
+    /// on the answer, and the slowest viewer has been told.
+    fn note_late(&mut self, arrival: Duration, margin: Duration, client: AvatarId) {
+        let until = arrival + 2 * self.round_trip_max() + 4 * self.tick + 2 * margin;
+        let late = self.late_until.entry(client).or_default();
+        *late = until.max(*late);
+    }
+
+    /// The one-way delay of a client's next message, if it is not lost.
+    fn delay(&mut self, client: AvatarId) -> Duration {
+        let delay = self.round_trip(client) / 2;
+        if self.conditions.jitter.is_zero() {
+            return delay;
+        }
+        delay + self.conditions.jitter.mul_f64(self.rng.random::<f64>())
+    }
+
+    /// Whether a random event of a given probability happens.
+    fn happens(&mut self, share: f64) -> bool {
+        share > 0.0 && self.rng.random_bool(share.min(0.99))
+    }
+
+    fn put(&mut self, arrival: Duration, packet: Packet) {
+        self.sent += 1;
+        let replaced = self.packets.insert((arrival, self.sent), packet);
+        debug_assert!(replaced.is_none(), "each packet has its own number");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sightline_protocol::pose_stream::Ack;
+    use sightline_world::motion::Pose;
+
+    use super::*;
+    use crate::packets::{Request, Uplink};
+
+    const CLIENT: AvatarId = AvatarId(7);
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    fn network(conditions: NetworkConditions) -> SimulatedNetwork {
+        SimulatedNetwork::new(conditions, ms(100), ms(50))
+    }
+
+    fn report(sequence: u32, on_stream: bool) -> Packet {
+        let request = Request::Report { sequence, pose: Pose::default(), on_stream };
+        Packet::Up(Uplink { avatar: CLIENT, sampled: ms(0), ack: Ack::default(), request })
+    }
+
+    /// Sends a report every 50 ms. Returns the number and the delay of each that arrives.
+    fn delays(network: &mut SimulatedNetwork, on_stream: bool) -> Vec<(u32, Duration)> {
+        for i in 0..1_000 {
+            network.send(ms(50) * i, ms(0), report(i, on_stream));
+        }
+        let mut delays = Vec::new();
+        while let Some((at, packet)) = network.receive(Duration::MAX) {
+            let Packet::Up(Uplink { request: Request::Report { sequence, .. }, .. }) = packet
+            else {
+                unreachable!("only reports are sent")
+            };
+            delays.push((sequence, at - ms(50) * sequence));
+        }
+        delays
+    }
+
+    #[test]
+    fn an_even_network_delays_by_half_a_round_trip() {
+        for on_stream in [false, true] {
+            let expected: Vec<_> = (0..1_000).map(|i| (i, ms(50))).collect();
+            assert_eq!(delays(&mut network(NetworkConditions::default()), on_stream), expected);
+        }
+    }
+
+    #[test]
+    fn round_trips_drift_and_the_engine_knows_them_a_second_later() {
+        let mut network =
+            network(NetworkConditions { drift: ms(80), ..NetworkConditions::default() });
+        let (mut before, mut changes) = (network.round_trip(CLIENT), 0);
+        for tick in 1..200 {
+            let has_changed = network.advance(ms(50) * tick);
+            assert_eq!(has_changed, tick % 20 == 0);
+            if has_changed {
+                assert_eq!(network.known_round_trip(CLIENT), before);
+                changes += u32::from(network.round_trip(CLIENT) != before);
+            }
+            before = network.round_trip(CLIENT);
+            assert!((ms(100)..=network.round_trip_max()).contains(&before));
+        }
+        assert_eq!(changes, 9);
+    }
+
+    #[test]
+    fn datagrams_are_lost_duplicated_and_reordered() {
+        let (jitter, loss, duplication) = (ms(80), 0.1, 0.05);
+        let mut network = network(NetworkConditions {
+            jitter,
+            loss,
+            duplication,
+            ..NetworkConditions::default()
+        });
+        let delays = delays(&mut network, false);
+        let mut arrived: Vec<u32> = delays.iter().map(|(sequence, _)| *sequence).collect();
+        assert!(!arrived.is_sorted(), "some are reordered");
+        arrived.sort_unstable();
+        let all = arrived.len();
+        arrived.dedup();
+        assert!((850..950).contains(&arrived.len()), "{} of 1000 arrive", arrived.len());
+        assert!((20..80).contains(&(all - arrived.len())), "{} arrive twice", all - arrived.len());
+        assert!(delays.iter().all(|(_, delay)| (ms(50)..=ms(130)).contains(delay)));
+        let lost_last = (950..1_000).filter(|i| arrived.binary_search(i).is_err()).count();
+        assert_eq!(network.lost_since(ms(50) * 950, AvatarId(1), CLIENT), lost_last);
+    }
+
+    #[test]
+    fn streams_keep_their_order_and_clients_with_late_messages_are_known() {
+        let mut network = network(NetworkConditions { loss: 0.1, ..NetworkConditions::default() });
+        let delays = delays(&mut network, true);
+        assert!(delays.iter().map(|(sequence, _)| *sequence).eq(0..1_000));
+        assert!(delays.iter().any(|(_, delay)| *delay > ms(150)));
+        assert!(network.is_late(ms(0), CLIENT) && !network.is_late(ms(60_000), CLIENT));
+        assert!(!network.is_late(ms(0), AvatarId(1)));
+    }
+}

@@ -1,0 +1,61 @@
+//! The state of a run at the end of a tick, for those who watch it.
+
+use std::{collections::BTreeMap, time::Duration};
+
+use glam::Vec3;
+use sightline_engine::{Engine, Output};
+use sightline_world::motion::AvatarId;
+
+use super::{network::SimulatedNetwork, simulated_clients::SimulatedClients};
+
+/// The end of a tick: what the engine decided, and what is true.
+#[derive(Clone, Copy)]
+pub struct TickView<'a> {
+    /// The server's time.
+    pub now: Duration,
+    /// The share of the run that is done, from 0 to 1.
+    pub done: f32,
+    /// The engine's outputs at this tick.
+    pub outputs: &'a [Output],
+    /// The engine after the tick.
+    pub engine: &'a Engine,
+    pub(super) clients: &'a SimulatedClients<'a>,
+    pub(super) network: &'a SimulatedNetwork,
+    pub(super) last_reports: &'a BTreeMap<AvatarId, Duration>,
+}
+
+impl<'a> TickView<'a> {
+    /// The trace's id of an avatar.
+    ///
+    /// # Panics
+    /// When the avatar has never been in this run.
+    pub fn trace_id(&self, avatar: AvatarId) -> u32 {
+        self.clients.trace_id(avatar)
+    }
+
+    /// The avatars whose clients take part, and where their eyes truly are.
+    pub fn eyes(&self) -> impl Iterator<Item = (AvatarId, Vec3)> + 'a {
+        self.clients.present().map(|client| (client.avatar, client.pose.eye))
+    }
+
+    /// A client's round trip as the engine knows it, without jitter and loss.
+    pub fn round_trip(&self, avatar: AvatarId) -> Duration {
+        let known = self.engine.round_trip(avatar);
+        known.unwrap_or_else(|| self.network.known_round_trip(avatar))
+    }
+
+    /// When an avatar joined, or last moved as no body can by itself.
+    pub fn settled_at(&self, avatar: AvatarId) -> Option<Duration> {
+        self.clients.settled_at(avatar)
+    }
+
+    /// When the engine last accepted a report of an avatar, or let it join.
+    pub fn last_report(&self, avatar: AvatarId) -> Option<Duration> {
+        self.last_reports.get(&avatar).copied()
+    }
+
+    /// Whether a message from or to a client recently took longer than the engine allows for.
+    pub fn is_late(&self, avatar: AvatarId) -> bool {
+        self.network.is_late(self.now, avatar)
+    }
+}
