@@ -55,7 +55,7 @@ pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Du
 /// When one that runs is, or one that rests.
 fn time_of(mover: &Mover, now: Duration) -> Duration {
     use sightline_world::motion::trajectory::Playback;
-    match mover.trajectory.course() {
+    match mover.trajectory.playback() {
         Playback::Triggered => Duration::ZERO,
         _ => now,
     }

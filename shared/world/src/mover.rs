@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use super::Mesh;
-use crate::{geometry::Aabb, motion::trajectory::Trajectory};
+use crate::{geometry::Aabb, mesh::Mesh, motion::trajectory::Trajectory};
 
 /// No world has more movers.
 pub const MOVERS_MAX: usize = 4_096;

@@ -81,7 +81,7 @@ impl<'a> MovingSet<'a> {
 
 /// The box that a mover stays in from one time to another. One that something sets off rests.
 fn swept(mover: &Mover, from: Duration, until: Duration) -> Aabb {
-    rounded(&match mover.trajectory.course() {
+    rounded(&match mover.trajectory.playback() {
         Playback::Triggered => mover.swept(Duration::ZERO, Duration::ZERO),
         _ => mover.swept(from, until),
     })

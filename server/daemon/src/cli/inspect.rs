@@ -133,7 +133,7 @@ struct MoverFigures {
 
 impl MoverFigures {
     fn new(mover: &Mover) -> Self {
-        let course = match mover.trajectory.course() {
+        let course = match mover.trajectory.playback() {
             Playback::Loop => "for ever",
             Playback::Once => "once",
             Playback::Triggered => "when set off",

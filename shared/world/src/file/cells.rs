@@ -3,8 +3,15 @@
 use glam::DVec3;
 use roaring::RoaringBitmap;
 
-use super::{ReadError, SectionReader, put_aabb, put_f32, put_f64, put_u32, put_vec3};
-use crate::{Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space, geometry::Axes};
+use super::{
+    ReadError,
+    reader::SectionReader,
+    writer::{put_aabb, put_count, put_f32, put_f64, put_u32, put_vec3},
+};
+use crate::{
+    cells::{Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space},
+    geometry::Axes,
+};
 
 /// The tree is walked by recursion, so its depth has a limit.
 const TREE_DEPTH_MAX: u16 = 512;
@@ -19,22 +26,22 @@ pub(super) fn cells_bytes(cells: &Cells) -> Vec<u8> {
     let mut out = Vec::new();
     put_f64(&mut out, cells.axes.turn());
     put_aabb(&mut out, &cells.bounds);
-    put_u32(&mut out, cells.spaces.len() as u32);
+    put_count(&mut out, cells.spaces.len());
     for space in &cells.spaces {
-        put_u32(&mut out, space.cells.len() as u32);
+        put_count(&mut out, space.cells.len());
         put_aabb(&mut out, &space.bounds);
     }
-    put_u32(&mut out, cells.cells.len() as u32);
+    put_count(&mut out, cells.cells.len());
     for cell in &cells.cells {
         put_aabb(&mut out, &cell.bounds);
     }
     put_tree(&mut out, &cells.tree);
-    put_u32(&mut out, cells.portals.len() as u32);
+    put_count(&mut out, cells.portals.len());
     for portal in &cells.portals {
         portal.cells.iter().for_each(|cell| put_u32(&mut out, cell.0));
         put_polygon(&mut out, &portal.polygon);
     }
-    put_u32(&mut out, cells.gates.len() as u32);
+    put_count(&mut out, cells.gates.len());
     for gate in &cells.gates {
         gate.spaces.iter().for_each(|&space| put_u32(&mut out, space));
         put_polygon(&mut out, &gate.polygon);
@@ -45,7 +52,7 @@ pub(super) fn cells_bytes(cells: &Cells) -> Vec<u8> {
 /// Thirteen bytes for each node, padded, so that a count can be checked at once; then the planes
 /// that are not axial, in the order of their nodes.
 fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
-    put_u32(out, tree.len() as u32);
+    put_count(out, tree.len());
     let mut planes = Vec::new();
     for node in tree {
         let (tag, at, [a, b]) = match *node {
@@ -82,7 +89,7 @@ fn put_polygon(out: &mut Vec<u8>, polygon: &Polygon) {
         Polygon::Other { normal, corners } => {
             out.push(POLYGON_OTHER);
             normal.to_array().into_iter().for_each(|c| put_f64(out, c));
-            put_u32(out, corners.len() as u32);
+            put_count(out, corners.len());
             corners.iter().for_each(|&corner| put_vec3(out, corner));
         }
     }
@@ -122,7 +129,7 @@ fn read_spaces_and_cells(input: &mut SectionReader) -> Result<(Vec<Space>, Vec<C
         let (start, length) = (end, input.u32()?);
         end = start.checked_add(length).filter(|_| length > 0).ok_or_else(bad)?;
         spaces.push(Space { bounds: input.aabb()?, cells: start..end, gates: Vec::new() });
-        if end as usize > input.0.len() / 24 {
+        if end as usize > input.len() / 24 {
             return Err(bad());
         }
     }
@@ -247,7 +254,9 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
     let mut upper = Vec::with_capacity(cells);
     let mut pairs = 0;
     for cell in 0..cells as u32 {
-        let Ok(row) = RoaringBitmap::deserialize_from(&mut input.0) else { return bad("the PVS") };
+        let Ok(row) = RoaringBitmap::deserialize_from(input.as_read()) else {
+            return bad("the PVS");
+        };
         if row.min() != Some(cell) || row.max().is_none_or(|last| last as usize >= cells) {
             return bad("the PVS");
         }
@@ -258,7 +267,7 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
         }
         upper.push(row);
     }
-    if input.0.is_empty() { Ok(both_ways(upper)) } else { bad("the PVS") }
+    if input.is_empty() { Ok(both_ways(upper)) } else { bad("the PVS") }
 }
 
 /// Adds to rows what they lack to be symmetric: the lesser cells.
@@ -288,7 +297,7 @@ mod tests {
     fn read(rows: &[RoaringBitmap], cells: usize) -> Result<Pvs, ReadError> {
         let mut bytes = Vec::new();
         rows.iter().for_each(|row| row.serialize_into(&mut bytes).unwrap());
-        read_pvs(&mut SectionReader(&bytes), cells)
+        read_pvs(&mut SectionReader::new(&bytes), cells)
     }
 
     fn run(from: u32, to: u32) -> RoaringBitmap {
@@ -311,7 +320,7 @@ mod tests {
         }
         let cells = Cells { pvs: pvs.clone(), ..Cells::whole(Aabb::around(Vec3::ZERO, 1.0)) };
         let bytes = pvs_bytes(&cells);
-        assert_eq!(read_pvs(&mut SectionReader(&bytes), 300).unwrap(), pvs);
+        assert_eq!(read_pvs(&mut SectionReader::new(&bytes), 300).unwrap(), pvs);
     }
 
     #[test]

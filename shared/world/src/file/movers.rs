@@ -3,12 +3,13 @@
 use glam::{DAffine3, DMat3, DVec3, Quat};
 
 use super::{
-    ReadError, SectionReader, TITLE_CHARS_MAX, mesh_bytes, put_f32, put_f64, put_u32, put_vec3,
-    read_mesh,
+    ReadError, TITLE_CHARS_MAX, mesh,
+    reader::SectionReader,
+    writer::{put_count, put_f32, put_f64, put_vec3},
 };
 use crate::{
-    MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover,
     motion::trajectory::{JOINTS_MAX, Joint, KeyframeTrack, Playback, Trajectory},
+    mover::{MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover},
 };
 
 /// The least that a mover takes: two counts of its mesh, a name's length, course, length, joints.
@@ -16,12 +17,12 @@ const MOVER_BYTES_MIN: usize = 18;
 
 pub(super) fn to_bytes(movers: &[Mover]) -> Vec<u8> {
     let mut out = Vec::new();
-    put_u32(&mut out, movers.len() as u32);
+    put_count(&mut out, movers.len());
     for mover in movers {
         let name: String = mover.name.chars().take(TITLE_CHARS_MAX).collect();
-        put_u32(&mut out, name.len() as u32);
+        put_count(&mut out, name.len());
         out.extend_from_slice(name.as_bytes());
-        out.extend_from_slice(&mesh_bytes(mover.mesh()));
+        out.extend_from_slice(&mesh::to_bytes(mover.mesh()));
         out.extend_from_slice(mover.colours().as_flattened());
         put_trajectory(&mut out, &mover.trajectory);
     }
@@ -53,14 +54,14 @@ fn read_mover(input: &mut SectionReader) -> Result<Mover, ReadError> {
     if name.chars().count() > TITLE_CHARS_MAX {
         return Err(ReadError::Malformed("a name"));
     }
-    let mesh = read_mesh(input)?;
+    let mesh = mesh::read(input)?;
     let colours = input.take(3 * mesh.triangles.len())?.as_chunks::<3>().0.to_vec();
     let trajectory = read_trajectory(input)?;
     Mover::new(name.to_owned(), mesh, colours, trajectory).ok_or(ReadError::Malformed("a mover"))
 }
 
 fn put_trajectory(out: &mut Vec<u8>, trajectory: &Trajectory) {
-    out.push(match trajectory.course() {
+    out.push(match trajectory.playback() {
         Playback::Loop => 0,
         Playback::Once => 1,
         Playback::Triggered => 2,
@@ -78,11 +79,11 @@ fn put_trajectory(out: &mut Vec<u8>, trajectory: &Trajectory) {
 }
 
 fn read_trajectory(input: &mut SectionReader) -> Result<Trajectory, ReadError> {
-    let course = match input.u8()? {
+    let playback = match input.u8()? {
         0 => Playback::Loop,
         1 => Playback::Once,
         2 => Playback::Triggered,
-        _ => return Err(ReadError::Malformed("the course of a mover")),
+        _ => return Err(ReadError::Malformed("the playback of a mover")),
     };
     let length_s = input.f32()?;
     let count = usize::from(input.u8()?);
@@ -91,7 +92,7 @@ fn read_trajectory(input: &mut SectionReader) -> Result<Trajectory, ReadError> {
     }
     let joints = (0..count).map(|_| read_joint(input)).collect::<Result<_, _>>()?;
     let bad = |_| ReadError::Malformed("the motion of a mover");
-    Trajectory::new(joints, length_s, course).map_err(bad)
+    Trajectory::new(joints, length_s, playback).map_err(bad)
 }
 
 fn read_joint(input: &mut SectionReader) -> Result<Joint, ReadError> {
@@ -111,7 +112,7 @@ fn read_joint(input: &mut SectionReader) -> Result<Joint, ReadError> {
 
 fn put_track<V: Copy>(out: &mut Vec<u8>, track: &KeyframeTrack<V>, put: impl Fn(&mut Vec<u8>, V)) {
     out.push(track.steps.into());
-    put_u32(out, track.keys.len() as u32);
+    put_count(out, track.keys.len());
     for &(at_s, value) in &track.keys {
         put_f32(out, at_s);
         put(out, value);

@@ -1,16 +1,21 @@
 use std::time::Duration;
 
-use glam::{DAffine3, Quat, UVec3, Vec2};
+use glam::{DAffine3, DVec3, Quat, UVec3, Vec2, Vec3};
 use roaring::RoaringBitmap;
 
-use super::*;
+use super::{meta::read_rooms, *};
 use crate::{
-    Cell, CellId, Cells, Gate, Mover, Node, Origin, OriginLeaf, OriginNode, OriginPlane,
-    OriginSide, OriginTree, Polygon, Portal, Solid, Space,
-    geometry::Axes,
-    motion::trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
+    cells::{Cell, CellId, Cells, Gate, Node, Polygon, Portal, Space},
+    geometry::{Aabb, Axes},
+    mesh::Mesh,
+    motion::{
+        Body, Spawn,
+        trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
+    },
+    mover::Mover,
     octree::{Material, Voxel, morton},
-    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Shape, Window},
+    origin::{Origin, OriginLeaf, OriginNode, OriginPlane, OriginSide, OriginTree, Solid},
+    rooms::{Object, ObjectSet, Room, RoomId, RoomVisibility, Rooms, Shape, Window},
 };
 
 /// Two rooms with a portal between them, and a handful of voxels.
@@ -68,7 +73,7 @@ fn small_world() -> World {
     }
 }
 
-/// With a window, and a set of everything that a set can name.
+/// A room with a window, and a set with one of everything that sets can hold.
 fn meeting_room() -> Rooms {
     let shape = Shape::Box(Aabb::new(Vec3::ZERO, Vec3::splat(4.0)));
     let corners = [Vec2::ZERO, Vec2::X, Vec2::Y].to_vec();
@@ -97,7 +102,7 @@ fn meeting_room() -> Rooms {
     Rooms::new(vec![meeting, other], vec![door]).unwrap()
 }
 
-/// Swings to and fro on a lift.
+/// A door that swings to and fro on a lift.
 fn swing_door() -> Mover {
     let mut lift = Joint::still(DAffine3::from_translation(DVec3::new(4.0, 0.0, 1.0)));
     lift.translation = KeyframeTrack::linear(vec![(0.5, Vec3::ZERO), (1.5, Vec3::Y)]);
@@ -111,16 +116,16 @@ fn swing_door() -> Mover {
     Mover::new("door".into(), mesh, vec![[90, 60, 30]], trajectory).unwrap()
 }
 
-/// Whoever makes a file to harm can make rooms that name what is not there.
+/// A hostile file can hold rooms that refer to cells, movers or rooms that do not exist.
 #[test]
-fn rooms_name_what_is_there() {
+fn rooms_that_refer_to_missing_things_are_refused() {
     let check = |change: &dyn Fn(&mut Room, &mut Object)| {
         let rooms = meeting_room();
         let (mut list, mut objects) = (rooms.list().to_vec(), rooms.objects().to_vec());
         change(&mut list[0], &mut objects[0]);
-        // As it would be written, were it not checked.
+        // The bytes of the rooms, had nobody checked them.
         let faulty = postcard::to_stdvec(&(&list, &objects)).unwrap();
-        let read = read_rooms(&SectionReader(&faulty), 2, 1);
+        let read = read_rooms(&SectionReader::new(&faulty), 2, 1);
         assert_eq!(read.is_ok(), list == rooms.list() && objects == rooms.objects(), "{list:?}");
     };
     check(&|_, _| ());
@@ -146,11 +151,11 @@ fn rooms_name_what_is_there() {
     check(&|room, _| room.sees = set(0, 0, 1));
     check(&|_, object| object.mover = Some(1));
     check(&|_, object| object.bounds = Aabb::EMPTY);
-    assert!(read_rooms(&SectionReader(&[0xff; 40]), 2, 1).is_err());
-    assert!(read_rooms(&SectionReader(&[0, 0, 0]), 2, 1).is_err(), "more bytes than rooms");
+    assert!(read_rooms(&SectionReader::new(&[0xff; 40]), 2, 1).is_err());
+    assert!(read_rooms(&SectionReader::new(&[0, 0, 0]), 2, 1).is_err(), "bytes after the rooms");
 }
 
-/// A brush between two clusters, of which one sees the other.
+/// A Quake map with a brush between two clusters, one of which sees the other.
 fn original() -> Origin {
     let plane = |normal, distance| OriginPlane { normal, distance };
     let leaf = |min, max, cluster| OriginLeaf {
@@ -176,7 +181,7 @@ fn original() -> Origin {
 }
 
 #[test]
-fn the_original_tells_where_a_point_is_and_what_it_sees() {
+fn a_quake_map_tells_the_leaf_of_a_point_and_what_its_cluster_sees() {
     let origin = original();
     let cluster = |x: f64| {
         let tree = origin.tree.as_ref().unwrap();
@@ -188,7 +193,7 @@ fn the_original_tells_where_a_point_is_and_what_it_sees() {
 }
 
 #[test]
-fn what_is_written_is_read() {
+fn a_written_world_reads_back_equal() {
     let world = small_world();
     assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
     let without =
@@ -199,8 +204,8 @@ fn what_is_written_is_read() {
     let path = folder.join("w.slw");
     world.write(&path).unwrap();
     assert_eq!(World::read(&path).unwrap(), world);
-    assert!(write_whole(&folder, b"").is_err(), "a folder is no file");
-    assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "no partial file stays");
+    assert!(write_whole(&folder, b"").is_err(), "a folder is not a file");
+    assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "no partial file may remain");
     fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -217,7 +222,7 @@ fn every_flipped_bit_and_every_cut_is_noticed() {
     }
 }
 
-/// The content id is no help against whoever can compute it: the sections are checked too.
+/// An attacker can compute the content id, so the reader checks the sections too.
 #[test]
 fn hostile_sections_are_refused_or_give_a_valid_world() {
     let world = small_world();
@@ -229,10 +234,10 @@ fn hostile_sections_are_refused_or_give_a_valid_world() {
         for value in [0, 1, 0x7f, 0x80, 0xff, sections[i] ^ 4] {
             let mut changed = sections.clone();
             changed[i] = value;
-            let mut input = SectionReader(&changed);
+            let mut input = SectionReader::new(&changed);
             match read_sections(&mut input) {
                 Err(_) => refused += 1,
-                // Whatever is accepted can be used and written again.
+                // An accepted world can be used, and written again.
                 Ok(world) => {
                     world.cells.at(Vec3::ONE);
                     world.cells.visible_from(&world.bounds());
@@ -253,8 +258,8 @@ fn hostile_sections_are_refused_or_give_a_valid_world() {
 }
 
 #[test]
-fn a_file_that_unpacks_to_more_than_it_says_is_refused() {
-    let bomb = zstd::bulk::compress(&vec![0u8; 1 << 24], 3).unwrap();
+fn a_file_that_unpacks_to_more_than_it_claims_is_refused() {
+    let bomb = packing::pack(&vec![0u8; 1 << 24], 3);
     assert!(unpack(&bomb, 1 << 10).is_err());
     assert!(unpack(&bomb, u64::MAX).is_err());
 }

@@ -6,6 +6,7 @@ use super::{
     Material,
     palette::{GRAINS, Key, Palette, key_of, material_of, to_ycocg},
 };
+use crate::packing;
 
 /// Colours are exact when there are no more materials.
 const FEW: usize = 4_096;
@@ -73,7 +74,7 @@ impl Census {
             let lumas =
                 colours.windows(2).map(|pair| pair[1][0].wrapping_sub(pair[0][0])).collect();
             let plane = |plane: usize| colours.iter().map(|colour| colour[plane]).collect();
-            let packed = |bytes: Vec<u8>| zstd::bulk::compress(&bytes, 3).map_or(0, |p| p.len());
+            let packed = |bytes: Vec<u8>| packing::pack(&bytes, 3).len();
             let bytes = packed(lumas) + packed(plane(1)) + packed(plane(2));
             bytes as f64 <= WIRE_BYTES * colours.len() as f64
         };

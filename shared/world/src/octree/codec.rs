@@ -20,7 +20,6 @@ use std::io::Read;
 use glam::Vec3;
 use rustc_hash::FxHashMap;
 use thiserror::Error;
-use zstd::stream::read::Decoder;
 
 use super::{
     DEPTH_MAX, INNER_MAX, LEAVES_MAX, MATERIALS_MAX, Material, Octree,
@@ -28,6 +27,7 @@ use super::{
     layout::TreeLayout,
     palette::{KEY_MAX, Key, Palette, to_ycocg},
 };
+use crate::packing::{self, Unpacker};
 
 /// Why there is no octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -123,21 +123,20 @@ impl Octree {
 }
 
 fn put_frame(bytes: &mut Vec<u8>, content: &[u8]) {
-    let packed = zstd::bulk::compress(content, ZSTD_LEVEL)
-        .expect("zstd into memory fails only when memory runs out");
+    let packed = packing::pack(content, ZSTD_LEVEL);
     bytes.extend((packed.len() as u32).to_le_bytes());
     bytes.extend(packed);
 }
 
 /// A frame that is being unpacked.
-struct PackedPlane<'a>(Decoder<'a, &'a [u8]>);
+struct PackedPlane<'a>(Unpacker<'a>);
 
 impl<'a> PackedPlane<'a> {
     fn take(rest: &mut &'a [u8]) -> Result<Self, OctreeError> {
         let length = u32::from_le_bytes(take(rest)?) as usize;
         let (packed, tail) = rest.split_at_checked(length).ok_or(OctreeError::Length)?;
         *rest = tail;
-        Decoder::with_buffer(packed).map(Self).map_err(|_| OctreeError::Length)
+        Unpacker::new(packed).map(Self).map_err(|_| OctreeError::Length)
     }
 
     fn fill(&mut self, values: &mut [u8]) -> Result<(), OctreeError> {

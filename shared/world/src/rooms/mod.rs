@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 pub use shape::Shape;
 
-use crate::{CellId, Spawn, geometry::Aabb};
+use crate::{cells::CellId, geometry::Aabb, motion::Spawn};
 
 /// No world has more rooms: who shows whom then takes no more than 4 MiB.
 pub const ROOMS_MAX: usize = 4_096;

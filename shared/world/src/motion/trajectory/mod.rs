@@ -31,7 +31,7 @@ const VALUE_MAX: f64 = 1e6;
 pub struct Trajectory {
     joints: Vec<Joint>,
     length_s: f32,
-    course: Playback,
+    playback: Playback,
 }
 
 /// When a mover moves.
@@ -117,12 +117,12 @@ impl Trajectory {
     pub fn new(
         joints: Vec<Joint>,
         length_s: f32,
-        course: Playback,
+        playback: Playback,
     ) -> Result<Self, TrajectoryError> {
         if joints.len() > JOINTS_MAX {
             return Err(TrajectoryError::TooMany);
         }
-        let takes_time = course != Playback::Loop || length_s > 0.0;
+        let takes_time = playback != Playback::Loop || length_s > 0.0;
         if !(0.0..=LENGTH_S_MAX).contains(&length_s) || !takes_time {
             return Err(TrajectoryError::Length);
         }
@@ -133,7 +133,7 @@ impl Trajectory {
         if keys > KEYS_MAX {
             Err(TrajectoryError::TooMany)
         } else {
-            Ok(Self { joints, length_s, course })
+            Ok(Self { joints, length_s, playback })
         }
     }
 
@@ -148,8 +148,8 @@ impl Trajectory {
     }
 
     /// When it moves.
-    pub fn course(&self) -> Playback {
-        self.course
+    pub fn playback(&self) -> Playback {
+        self.playback
     }
 
     /// From a mover's own coordinates to the world's, a time after the start: that of the server's
@@ -167,7 +167,7 @@ impl Trajectory {
         }
         let (from, until) = (from.as_secs_f64(), until.as_secs_f64().max(from.as_secs_f64()));
         let length = f64::from(self.length_s);
-        if self.course == Playback::Loop && until - from >= length {
+        if self.playback == Playback::Loop && until - from >= length {
             return sweep::between(self, bounds, 0.0, length);
         }
         let (first, last) = (self.local_s(from), self.local_s(until));
@@ -187,7 +187,7 @@ impl Trajectory {
     /// Time within the motion.
     fn local_s(&self, since_start_s: f64) -> f64 {
         let length = f64::from(self.length_s);
-        match self.course {
+        match self.playback {
             Playback::Loop => since_start_s % length,
             Playback::Once | Playback::Triggered => since_start_s.min(length),
         }

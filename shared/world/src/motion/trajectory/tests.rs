@@ -60,9 +60,9 @@ fn some_trajectory(rng: &mut SmallRng, joints: usize) -> Trajectory {
         }
         joint
     };
-    let course = [Playback::Loop, Playback::Once, Playback::Triggered][rng.random_range(0..3)];
+    let playback = [Playback::Loop, Playback::Once, Playback::Triggered][rng.random_range(0..3)];
     let joints = (0..joints).map(|_| joint(rng)).collect();
-    Trajectory::new(joints, length_s, course).expect("sound")
+    Trajectory::new(joints, length_s, playback).expect("sound")
 }
 
 proptest! {
@@ -113,12 +113,12 @@ proptest! {
     }
 }
 
-fn hinged(keys: Vec<(f32, f32)>, course: Playback) -> Trajectory {
+fn hinged(keys: Vec<(f32, f32)>, playback: Playback) -> Trajectory {
     let length_s = keys.last().expect("some").0;
     let place = DAffine3::from_translation(DVec3::new(10.0, 0.0, 5.0));
     let keys = keys.into_iter().map(|(at, angle)| (at, Quat::from_rotation_y(angle)));
     let joint = Joint { rotation: KeyframeTrack::linear(keys.collect()), ..Joint::still(place) };
-    Trajectory::new(vec![joint], length_s, course).expect("sound")
+    Trajectory::new(vec![joint], length_s, playback).expect("sound")
 }
 
 /// A key pose at each end says nothing of the arc between: the door's edge is farthest out halfway.
@@ -135,12 +135,12 @@ fn a_door_on_a_hinge_sweeps_its_arc() {
 #[test]
 fn courses_differ_in_what_comes_after_the_end() {
     let keys = vec![(0.0, 0.0), (2.0, 1.0)];
-    let edge = |course, at| {
-        let motion = hinged(keys.clone(), course);
+    let edge = |playback, at| {
+        let motion = hinged(keys.clone(), playback);
         motion.at(seconds(at)).transform_vector3(DVec3::X).z
     };
     let expected = |angle: f64| -angle.sin();
-    for (course, at, angle) in [
+    for (playback, at, angle) in [
         (Playback::Loop, 1.0, 0.5),
         (Playback::Loop, 3.0, 0.5),
         (Playback::Loop, 200.5, 0.25),
@@ -148,7 +148,7 @@ fn courses_differ_in_what_comes_after_the_end() {
         (Playback::Once, 3.0, 1.0),
         (Playback::Triggered, 1e9, 1.0),
     ] {
-        assert!((edge(course, at) - expected(angle)).abs() < 1e-6, "{course:?} at {at}");
+        assert!((edge(playback, at) - expected(angle)).abs() < 1e-6, "{playback:?} at {at}");
     }
 }
 

@@ -96,7 +96,7 @@ fn doors_and_plats_go_and_come_back() {
     ] {
         let model = panel(keys);
         let mover = mover(&model);
-        assert_eq!(mover.trajectory.course(), Playback::Triggered, "{keys}");
+        assert_eq!(mover.trajectory.playback(), Playback::Triggered, "{keys}");
         for (time_s, expected) in times {
             assert_eq!(place(mover, time_s), expected, "{keys} at {time_s}");
         }
@@ -121,7 +121,7 @@ fn a_train_goes_from_corner_to_corner() {
     for start in ["a", "in"] {
         let round = train(start);
         let round = mover(&round);
-        assert_eq!(round.trajectory.course(), Playback::Loop);
+        assert_eq!(round.trajectory.playback(), Playback::Loop);
         // 1 s of waiting, 100 units at 50, 50 at 25, and back at 50.
         let whole = 1.0 + 2.0 + 2.0 + (100f64.hypot(50.0)) / 50.0;
         assert!((f64::from(round.trajectory.length_s()) - whole).abs() < 1e-5);
@@ -135,7 +135,7 @@ fn a_train_goes_from_corner_to_corner() {
         }
     }
     let line = train("x");
-    assert_eq!(mover(&line).trajectory.course(), Playback::Once);
+    assert_eq!(mover(&line).trajectory.playback(), Playback::Once);
     assert_eq!(place(mover(&line), 100.0), [0.0, 80.0, 0.0]);
     for nowhere in ["", "none"] {
         let model = train(nowhere);

@@ -49,7 +49,7 @@ fn a_sliding_door_is_a_mover_and_blocks_nothing() {
     assert!(model.opaque.is_empty() && model.surfaces.is_empty());
     let [door] = &model.movers[..] else { panic!("{}", model.movers.len()) };
     assert_eq!((door.name.as_str(), door.colours()), ("door", &[[255; 3]; 2][..]));
-    assert_eq!(door.trajectory.course(), Playback::Loop);
+    assert_eq!(door.trajectory.playback(), Playback::Loop);
     for (time_s, x) in [(0.0, 5.0), (1.0, 5.5), (2.0, 6.0), (2.5, 5.5), (4.0, 5.5)] {
         assert_eq!(place(door, [0.0; 3], time_s), [x, 0.0, 0.0], "at {time_s}");
     }

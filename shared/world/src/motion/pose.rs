@@ -1,0 +1,49 @@
+//! Who and where an avatar is.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+/// The number of an avatar: a participant as seen by others and as a viewer.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default,
+)]
+pub struct AvatarId(pub u32);
+
+/// The place, direction of view and velocity of an avatar's eye.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Pose {
+    /// The eye's position, in metres.
+    pub eye: Vec3,
+    /// The turn about the vertical, in radians. Zero faces -z; positive turns left.
+    pub yaw: f32,
+    /// The angle above the horizon, in radians.
+    pub pitch: f32,
+    /// The eye's velocity, in metres per second.
+    pub velocity: Vec3,
+}
+
+impl Pose {
+    /// The direction of view, of unit length.
+    pub fn forward(&self) -> Vec3 {
+        let (sin_yaw, cos_yaw) = self.yaw.sin_cos();
+        let (sin_pitch, cos_pitch) = self.pitch.sin_cos();
+        Vec3::new(-sin_yaw * cos_pitch, sin_pitch, -cos_yaw * cos_pitch)
+    }
+
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.eye.is_finite()
+            && self.yaw.is_finite()
+            && self.pitch.is_finite()
+            && self.velocity.is_finite()
+    }
+}
+
+/// A pose at which avatars can begin. The pitch is zero.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spawn {
+    /// The eye's position, in metres.
+    pub eye: Vec3,
+    /// The yaw, as in [`Pose::yaw`].
+    pub yaw: f32,
+}
