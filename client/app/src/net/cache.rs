@@ -9,22 +9,23 @@ use std::{
 
 use sightline_world::{self as world, ContentId, ReadError, World};
 
-/// Worlds that were fetched. Each is read once for all connections that need it at the same time.
+/// Worlds that were fetched. Connections that need the same world at the same time share one copy.
 #[derive(Debug, Default)]
 pub(super) struct WorldCache {
-    /// Where files are kept; nowhere when `None`.
+    /// The folder of the files; `None` to keep worlds only in memory.
     folder: Option<PathBuf>,
+    /// The worlds in use, by content id.
     open: tokio::sync::Mutex<HashMap<[u8; 32], Weak<World>>>,
 }
 
 impl WorldCache {
-    /// A cache in a folder, which is made when the first world comes.
+    /// A cache in a folder, which is created when the first world arrives.
     pub fn new(folder: Option<PathBuf>) -> Self {
         Self { folder, open: tokio::sync::Mutex::default() }
     }
 
-    /// The world of an id: the one that is open, or from disk, or what `fetch` brings. Those who
-    /// want the same meanwhile wait.
+    /// The world of an id: the one in use, or from disk, or from `fetch`. Other callers wait
+    /// meanwhile.
     pub async fn get<E: From<ReadError>>(
         &self,
         id: ContentId,
@@ -53,36 +54,36 @@ impl WorldCache {
     }
 }
 
-/// Reading a world takes a while, which must not hold up connections.
+/// Runs work on a thread where it does not delay connections: reading a world takes a while.
 async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, ReadError> + Send + 'static,
 ) -> Result<T, ReadError> {
     match tokio::task::spawn_blocking(work).await {
         Ok(result) => result,
-        Err(_) => Err(ReadError::Malformed("reading it failed")),
+        Err(_) => Err(ReadError::Malformed("reading it panicked")),
     }
 }
 
-/// The world in a file; none when there is no such file or it is damaged, in which case it goes.
+/// The world in a file. `None` when there is no such file, or it is damaged: then it is removed.
 fn load(path: &Path, id: ContentId) -> Option<World> {
     let bytes = fs::read(path).ok()?;
     match check(&bytes, id) {
         Ok(world) => Some(world),
         Err(error) => {
-            tracing::warn!(path = %path.display(), %error, "a cached world is of no use: fetched again");
+            tracing::warn!(path = %path.display(), %error, "a cached world is damaged, and is fetched again");
             let _ = fs::remove_file(path);
             None
         }
     }
 }
 
-/// The world in what a server sent; kept when there is a place for it.
+/// Reads the bytes that a server sent, and stores them at the path, if any.
 fn receive(bytes: &[u8], id: ContentId, path: Option<&Path>) -> Result<World, ReadError> {
     let world = check(bytes, id)?;
     if let Some(path) = path {
         let folder_made = path.parent().map_or(Ok(()), fs::create_dir_all);
         if let Err(error) = folder_made.and_then(|()| world::write_whole(path, bytes)) {
-            tracing::warn!(path = %path.display(), %error, "the world cannot be kept");
+            tracing::warn!(path = %path.display(), %error, "the world cannot be stored");
         }
     }
     Ok(world)
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn it_is_fetched_once_and_again_when_it_was_damaged() {
+    async fn a_world_is_fetched_once_and_again_when_its_file_is_damaged() {
         let folder = tempfile::tempdir().unwrap();
         let bytes = world().to_bytes();
         let id = world::content_id(&bytes).unwrap();
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn another_world_than_was_announced_is_refused() {
+    async fn a_world_that_was_not_announced_is_refused() {
         let bytes = world().to_bytes();
         let cache = WorldCache::new(None);
         let fetch = async { Ok::<_, ReadError>(bytes) };

@@ -1,126 +1,71 @@
 //! From an address to a session.
 
 use std::{
-    io,
     net::{Ipv4Addr, Ipv6Addr, SocketAddr},
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError},
     time::Duration,
 };
 
-use quinn::{Connection, ConnectionError, Endpoint, RecvStream, TransportConfig, VarInt};
+use quinn::{Connection, ConnectionError, Endpoint, TransportConfig, VarInt};
+use sightline_client_core::replica::{Replica, ReplicaError};
 use sightline_protocol::{
-    DecodeError, VERSION,
-    message::{ClientMessage, Refusal, ServerMessage},
+    VERSION,
+    message::{ClientMessage, ServerMessage},
     text::Name,
 };
 use sightline_world::{
-    ContentId, ReadError,
+    ContentId,
     motion::{Agility, AvatarId},
 };
 use tokio::time::timeout;
 
 use super::{
     cache::WorldCache,
-    session::{Session, Wire},
-    trust::{self, Trust, TrustError},
+    control_stream::ControlStream,
+    download::{DownloadProgress, fetch},
+    error::{ConnectError, lost},
+    session::Session,
+    trust::{self, Trust},
 };
-use sightline_client_core::replica::{Replica, ReplicaError};
 
-/// An answer that takes longer does not come.
+/// The time within which the server must answer.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
-/// A piece of the world that takes longer does not come.
-const PIECE_DEADLINE: Duration = Duration::from_secs(20);
-/// No world file is larger: 1 GiB.
-const WORLD_BYTES_MAX: u64 = 1 << 30;
 
-/// Is told how many bytes of a world have come, and of how many.
-pub type DownloadProgress = Arc<dyn Fn(u64, u64) + Send + Sync>;
-
-/// How to come in.
+/// How a client introduces itself, and which servers it trusts.
 #[derive(Clone)]
 pub struct ConnectOptions {
-    /// How to be called.
+    /// The name that others see.
     pub name: Name,
-    /// sRGB.
+    /// The colour of the avatar: red, green and blue in sRGB.
     pub colour: [u8; 3],
-    /// Where to stand; a spawn point when `None`.
+    /// The wished position of the eye; a spawn point when `None`.
     pub place: Option<glam::Vec3>,
-    /// Which servers to trust.
+    /// The trusted servers.
     pub trust: Trust,
-    /// Whom to tell how the download gets on.
+    /// Called as the download of the world proceeds.
     pub progress: Option<DownloadProgress>,
 }
 
-/// Why there is no session.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ConnectError {
-    /// There is no socket to be had.
-    #[error("cannot open a socket: {0}")]
-    Socket(#[source] io::Error),
-    /// TLS cannot be set up.
-    #[error("cannot set up TLS: {0}")]
-    Tls(#[from] rustls::Error),
-    /// The address is of no use.
-    #[error("cannot connect to {address}: {reason}")]
-    Address {
-        /// Which.
-        address: SocketAddr,
-        /// Why.
-        reason: String,
-    },
-    /// Nobody answered in time.
-    #[error("no answer from {0}")]
-    NoAnswer(SocketAddr),
-    /// The server took no connection.
-    #[error("the server takes no more connections (from this address)")]
-    NotTaken,
-    /// It is not the right server.
-    #[error(transparent)]
-    Trust(#[from] TrustError),
-    /// The server said no.
-    #[error("{0}")]
-    Refused(Refusal),
-    /// The server said goodbye.
-    #[error("the server said goodbye: {0}")]
-    Goodbye(String),
-    /// The connection ended.
-    #[error("connection lost: {0}")]
-    Lost(String),
-    /// The server sent what no server sends.
-    #[error("the server sent a {0}")]
-    Junk(#[from] DecodeError),
-    /// The server did what no server does.
-    #[error(transparent)]
-    OutOfPlace(#[from] ReplicaError),
-    /// The world is not whole, or not the one announced.
-    #[error("cannot use the server's world: {0}")]
-    World(#[from] ReadError),
-    /// No world is so large.
-    #[error("the server's world has {0} bytes, which is more than any may have")]
-    WorldTooLarge(u64),
-}
-
-/// Makes sessions that share a socket and the worlds they need.
+/// Makes sessions that share a socket and the worlds that they need.
 #[derive(Debug)]
 pub struct Dialer {
-    /// One for each family of addresses, made when needed.
+    /// One endpoint for IPv4 and one for IPv6, opened when first needed.
     endpoints: Mutex<[Option<Endpoint>; 2]>,
     cache: WorldCache,
 }
 
 impl Dialer {
-    /// A dialer that keeps worlds in a folder; only in memory when `None`.
+    /// A dialer that keeps worlds in a folder, or only in memory when `None`.
     pub fn new(world_folder: Option<PathBuf>) -> Self {
         Self { endpoints: Mutex::default(), cache: WorldCache::new(world_folder) }
     }
 
-    /// Connects, fetches the world if it is not at hand, and comes in. Must be called within a
+    /// Connects, fetches the world unless it is in the cache, and enters it. Must be called within a
     /// tokio runtime, in which the session then runs.
     ///
     /// # Errors
-    /// When any step fails; then nothing is left behind.
+    /// When any step fails. The connection is closed then.
     pub async fn connect(
         &self,
         address: SocketAddr,
@@ -155,19 +100,19 @@ impl Dialer {
         connection: &Connection,
         options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
-        let mut wire = Wire::open(connection).await?;
+        let mut control = ControlStream::open(connection).await?;
         let (name, colour) = (options.name.clone(), options.colour);
-        wire.send(&ClientMessage::Hello { version: VERSION, name, colour }).await?;
-        let (avatar, id, world_bytes, tick_interval) = welcome(&mut wire).await?;
-        let fetch = fetch(&mut wire, world_bytes, options.progress.as_ref());
+        control.send(&ClientMessage::Hello { version: VERSION, name, colour }).await?;
+        let (avatar, id, world_bytes, tick_interval) = welcome(&mut control).await?;
+        let fetch = fetch(&mut control, world_bytes, options.progress.as_ref());
         let world = self.cache.get(id, fetch).await?;
-        wire.send(&ClientMessage::Enter { place: options.place.map(Into::into) }).await?;
+        control.send(&ClientMessage::Enter { place: options.place.map(Into::into) }).await?;
         let agility = Agility::of(&world.body, world.speed_max);
         let replica = Replica::new(avatar, tick_interval, agility);
-        let entered = Session::start(wire, replica, world, options.name.clone());
-        timeout(ANSWER_DEADLINE, entered)
-            .await
-            .unwrap_or_else(|_| Err(ConnectError::Lost("no place was given in time".to_owned())))
+        let entered = Session::start(control, replica, world, options.name.clone());
+        timeout(ANSWER_DEADLINE, entered).await.unwrap_or_else(|_| {
+            Err(ConnectError::Lost("the server gave no place in time".to_owned()))
+        })
     }
 
     fn endpoint(&self, is_v6: bool) -> Result<Endpoint, ConnectError> {
@@ -189,8 +134,8 @@ impl Dialer {
     }
 }
 
-/// Connects as [`Dialer::connect`] does, from a thread without a runtime. The session brings its
-/// own.
+/// Connects as [`Dialer::connect`] does, from a thread without a runtime. The session owns a runtime
+/// of its own.
 ///
 /// # Errors
 /// When any step fails.
@@ -209,20 +154,6 @@ pub fn connect_blocking(
     Ok(session.with_runtime(runtime))
 }
 
-pub(super) fn lost(error: ConnectionError) -> ConnectError {
-    match error {
-        ConnectionError::ConnectionClosed(close)
-            if u64::from(close.error_code) == CONNECTION_REFUSED =>
-        {
-            ConnectError::NotTaken
-        }
-        error => ConnectError::Lost(error.to_string()),
-    }
-}
-
-/// QUIC's code of a server that takes no more connections (RFC 9000, section 20.1).
-const CONNECTION_REFUSED: u64 = 2;
-
 fn transport() -> TransportConfig {
     let mut transport = TransportConfig::default();
     transport
@@ -238,8 +169,10 @@ fn transport() -> TransportConfig {
     transport
 }
 
-async fn welcome(wire: &mut Wire) -> Result<(AvatarId, ContentId, u64, Duration), ConnectError> {
-    match answer(wire).await? {
+async fn welcome(
+    control: &mut ControlStream,
+) -> Result<(AvatarId, ContentId, u64, Duration), ConnectError> {
+    match answer(control).await? {
         ServerMessage::Welcome { avatar, world, world_bytes, tick_interval_us } => {
             let tick_interval = Duration::from_micros(u64::from(tick_interval_us.get()));
             Ok((avatar, ContentId(world), world_bytes, tick_interval))
@@ -250,54 +183,8 @@ async fn welcome(wire: &mut Wire) -> Result<(AvatarId, ContentId, u64, Duration)
     }
 }
 
-async fn answer(wire: &mut Wire) -> Result<ServerMessage, ConnectError> {
-    timeout(ANSWER_DEADLINE, wire.receive())
+async fn answer(control: &mut ControlStream) -> Result<ServerMessage, ConnectError> {
+    timeout(ANSWER_DEADLINE, control.receive())
         .await
         .unwrap_or_else(|_| Err(ConnectError::Lost("no answer in time".to_owned())))
-}
-
-async fn fetch(
-    wire: &mut Wire,
-    world_bytes: u64,
-    progress: Option<&DownloadProgress>,
-) -> Result<Vec<u8>, ConnectError> {
-    if world_bytes > WORLD_BYTES_MAX {
-        return Err(ConnectError::WorldTooLarge(world_bytes));
-    }
-    wire.send(&ClientMessage::FetchWorld).await?;
-    let connection = wire.connection().clone();
-    // A server that would rather say goodbye says it on the other stream.
-    let stream = tokio::select! {
-        stream = timeout(ANSWER_DEADLINE, connection.accept_uni()) => stream,
-        message = wire.receive() => return Err(match message? {
-            ServerMessage::Goodbye { reason } => ConnectError::Goodbye(reason.into()),
-            _ => ReplicaError::OutOfPlace.into(),
-        }),
-    };
-    let stream = stream.map_err(|_| ConnectError::Lost("no world in time".to_owned()))?;
-    download(stream.map_err(lost)?, world_bytes, progress).await
-}
-
-async fn download(
-    mut stream: RecvStream,
-    world_bytes: u64,
-    progress: Option<&DownloadProgress>,
-) -> Result<Vec<u8>, ConnectError> {
-    // Memory grows with what has come, not with what was announced.
-    let mut bytes = Vec::new();
-    loop {
-        let piece = timeout(PIECE_DEADLINE, stream.read_chunk(usize::MAX, true))
-            .await
-            .map_err(|_| ConnectError::Lost("the world stopped coming".to_owned()))?
-            .map_err(|error| ConnectError::Lost(error.to_string()))?;
-        let Some(piece) = piece else { break };
-        bytes.extend_from_slice(&piece.bytes);
-        if bytes.len() as u64 > world_bytes {
-            return Err(ConnectError::World(ReadError::Damaged));
-        }
-        if let Some(progress) = progress {
-            progress(bytes.len() as u64, world_bytes);
-        }
-    }
-    Ok(bytes)
 }

@@ -1,22 +1,23 @@
-//! The connection to a server, the world's download and its cache.
+//! The connection to a server, the download of its world, and the cache of worlds.
 //!
-//! A [`Dialer`] makes [`Session`]s, in a tokio runtime. [`connect_blocking`] makes one for a thread
-//! that has none. A session runs by itself; its methods never wait for the network.
+//! A [`Dialer`] makes [`Session`]s within a tokio runtime. [`connect_blocking`] makes one for a
+//! thread that has none. A session runs by itself, and its methods never wait for the network.
 
 mod cache;
+mod control_stream;
 mod dialer;
+mod download;
+mod error;
 mod session;
 mod trust;
 
-pub use dialer::{ConnectError, ConnectOptions, Dialer, DownloadProgress, connect_blocking};
+pub use dialer::{ConnectOptions, Dialer, connect_blocking};
+pub use download::DownloadProgress;
+pub use error::ConnectError;
 pub use session::{Session, SessionStats};
 pub use trust::{Trust, TrustError};
 
-/// Where the user's programs keep worlds; `None` when there is no home folder.
+/// The folder where the programs of this user keep worlds; `None` when there is no home folder.
 pub fn world_folder_of_user() -> Option<std::path::PathBuf> {
-    user_folders().map(|folders| folders.cache_dir().join("worlds"))
-}
-
-fn user_folders() -> Option<directories::ProjectDirs> {
-    directories::ProjectDirs::from("", "", "sightline")
+    trust::user_folders().map(|folders| folders.cache_dir().join("worlds"))
 }

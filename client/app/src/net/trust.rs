@@ -1,4 +1,4 @@
-//! How a client knows a server: by the fingerprint of its certificate, given or remembered.
+//! How a client recognises a server: by the fingerprint of its certificate, given or remembered.
 
 use std::{
     fs, io,
@@ -20,10 +20,10 @@ use sightline_protocol::{ALPN, fingerprint::Fingerprint};
 /// Which servers are trusted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Trust {
-    /// The one with this fingerprint.
+    /// The server with this fingerprint.
     Pinned(Fingerprint),
-    /// For each address, the one that was met there first: a file of lines, each an address and a
-    /// fingerprint.
+    /// For each address, the server first met there (trust on first use). The file has lines of an
+    /// address and a fingerprint.
     FirstUse(PathBuf),
 }
 
@@ -31,25 +31,25 @@ pub enum Trust {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrustError {
-    /// It is another server than the one that was asked for.
+    /// The server is not the pinned one.
     #[error("the server's fingerprint is {found}, not {expected}")]
     Pinned {
-        /// What was asked for.
+        /// The pinned fingerprint.
         expected: Fingerprint,
-        /// What it is.
+        /// The fingerprint of the server.
         found: Fingerprint,
     },
-    /// It is another server than the one that was met there before.
+    /// The server is not the one first met at this address.
     #[error(
-        "the server at {address} is not the one known: its fingerprint is {found}, it was \
-         {expected}; if that is right, remove its line from {}", path.display()
+        "the server at {address} has changed: its fingerprint is {found}, and was {expected}; if \
+         you expect that, remove its line from {}", path.display()
     )]
     Changed {
-        /// Where.
+        /// The address.
         address: SocketAddr,
-        /// What it was.
+        /// The remembered fingerprint.
         expected: Fingerprint,
-        /// What it is.
+        /// The fingerprint of the server.
         found: Fingerprint,
         /// The file of known servers.
         path: PathBuf,
@@ -57,9 +57,9 @@ pub enum TrustError {
     /// The file of known servers cannot be read or written.
     #[error("cannot keep known servers in {}: {source}", path.display())]
     Io {
-        /// Which file.
+        /// The file of known servers.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
     /// The server showed no certificate.
@@ -68,13 +68,16 @@ pub enum TrustError {
 }
 
 impl Trust {
-    /// The servers that the user's programs have met; `None` when there is no home folder.
+    /// The servers that the programs of this user have met; `None` when there is no home folder.
     pub fn of_user() -> Option<Self> {
-        let folders = super::user_folders()?;
+        let folders = user_folders()?;
         Some(Self::FirstUse(folders.config_dir().join("known-servers")))
     }
 
-    /// Whether the server at the other end is the right one. To be asked before anything is sent.
+    /// Checks that the server is a trusted one. Must be called before anything is sent.
+    ///
+    /// # Errors
+    /// When it is another server, or the file of known servers cannot be read or written.
     pub fn check(&self, connection: &Connection, address: SocketAddr) -> Result<(), TrustError> {
         let found = fingerprint(connection).ok_or(TrustError::NoCertificate)?;
         match self {
@@ -83,6 +86,11 @@ impl Trust {
             Self::FirstUse(path) => check_known(path, address, found),
         }
     }
+}
+
+/// The folders of this user's programs.
+pub(super) fn user_folders() -> Option<directories::ProjectDirs> {
+    directories::ProjectDirs::from("", "", "sightline")
 }
 
 fn fingerprint(connection: &Connection) -> Option<Fingerprint> {
@@ -121,12 +129,12 @@ fn remember(path: &Path, address: SocketAddr, fingerprint: Fingerprint) -> io::R
         fs::create_dir_all(folder)?;
     }
     let mut file = fs::OpenOptions::new().append(true).create(true).open(path)?;
-    // One write, so that two clients that start together do not mix their lines.
+    // One write: two clients that start at the same time do not mix their lines.
     file.write_all(format!("{address} {fingerprint}\n").as_bytes())
 }
 
-/// TLS 1.3 with any certificate whose key the server proves to have; whose it is, [`Trust::check`]
-/// tells.
+/// TLS 1.3 that accepts any certificate whose key the server proves to hold. [`Trust::check`] decides
+/// whether it is the right one.
 pub(super) fn crypto() -> Result<QuicClientConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let verifier = Arc::new(AnyCertificate(provider.clone()));
@@ -136,7 +144,7 @@ pub(super) fn crypto() -> Result<QuicClientConfig, rustls::Error> {
         .with_custom_certificate_verifier(verifier)
         .with_no_client_auth();
     tls.alpn_protocols = vec![ALPN.to_vec()];
-    // A session that is resumed shows no certificate to check.
+    // A resumed session shows no certificate to check.
     tls.resumption = rustls::client::Resumption::disabled();
     QuicClientConfig::try_from(tls).map_err(|error| rustls::Error::General(error.to_string()))
 }
@@ -186,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_server_is_remembered_and_another_one_is_told() {
+    fn a_server_is_remembered_and_a_changed_one_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("new/known-servers");
         let address: SocketAddr = "203.0.113.7:4777".parse().unwrap();
@@ -202,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_lines_are_passed_over() {
+    fn malformed_lines_are_skipped() {
         let fingerprint = Fingerprint::of(b"x");
         let known = format!("\nnonsense\n1.2.3.4:5 zz\n1.2.3.4:6 {fingerprint}");
         assert_eq!(find(&known, "1.2.3.4:6".parse().unwrap()), Some(fingerprint));

@@ -1,0 +1,214 @@
+//! A session: a client in a world, which listens, answers and reports by itself.
+
+mod driver;
+mod state;
+
+use std::{
+    sync::{Arc, atomic::Ordering::Relaxed},
+    time::Duration,
+};
+
+use quinn::VarInt;
+use sightline_client_core::replica::{
+    AvatarSource, Event, HeldAvatar, Replica, Update, VisibleAvatar,
+};
+use sightline_protocol::text::{ChatLine, Name, TextError};
+use sightline_world::{
+    World,
+    geometry::Aabb,
+    motion::{AvatarId, Pose, ReportingState},
+};
+use tokio::{runtime::Runtime, sync::mpsc, task::JoinHandle, time::timeout};
+
+use self::{
+    driver::{COMMANDS_MAX, Driver, FAREWELL_DEADLINE, SessionCommand},
+    state::SharedState,
+};
+use super::{control_stream::ControlStream, error::ConnectError};
+
+/// A client in a world. Its methods never wait for the network, and may be called from any thread.
+/// Dropping it ends the connection; [`Session::leave`] says goodbye first.
+pub struct Session {
+    shared: Arc<SharedState>,
+    world: Arc<World>,
+    commands: mpsc::Sender<SessionCommand>,
+    task: JoinHandle<()>,
+    /// The runtime of a session for a thread that has none.
+    runtime: Option<Runtime>,
+}
+
+/// What a session counted and measured up to now.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SessionStats {
+    /// What the server expects of this client; `None` before it is in the world.
+    pub reporting_state: Option<ReportingState>,
+    /// The number of avatars that the replica holds.
+    pub visible: usize,
+    /// Application messages received: control messages and datagrams.
+    pub messages_in: u64,
+    /// Application messages sent: control messages and datagrams.
+    pub messages_out: u64,
+    /// Bytes of the received messages, without QUIC's own.
+    pub bytes_in: u64,
+    /// Bytes of the sent messages, without QUIC's own.
+    pub bytes_out: u64,
+    /// UDP payload received, in bytes, with QUIC's own and the download of the world.
+    pub udp_bytes_in: u64,
+    /// UDP payload sent, in bytes, with QUIC's own.
+    pub udp_bytes_out: u64,
+    /// UDP payload received in the last second, in bytes per second.
+    pub udp_rate_in: f64,
+    /// UDP payload sent in the last second, in bytes per second.
+    pub udp_rate_out: f64,
+    /// How long this client has been quiet since the session started.
+    pub quiet: Duration,
+    /// The time since the session started.
+    pub elapsed: Duration,
+    /// QUIC's estimate of the round trip.
+    pub round_trip: Duration,
+}
+
+impl Session {
+    /// Waits until the server gives a place, then lets the session run by itself.
+    pub(super) async fn start(
+        control: ControlStream,
+        replica: Replica,
+        world: Arc<World>,
+        name: Name,
+    ) -> Result<Self, ConnectError> {
+        let tick_interval = replica.tick_interval();
+        let connection = control.connection().clone();
+        let shared = Arc::new(SharedState::new(connection, replica, name));
+        let mut driver = Driver::new(control, shared.clone());
+        driver.wait_for_place().await?;
+        let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
+        let task = tokio::spawn(driver.run(inbox, tick_interval));
+        Ok(Self { shared, world, commands, task, runtime: None })
+    }
+
+    /// Hands over the runtime in which the session runs.
+    pub(super) fn with_runtime(mut self, runtime: Runtime) -> Self {
+        self.runtime = Some(runtime);
+        self
+    }
+
+    /// The building.
+    pub fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// The id of this client's avatar.
+    pub fn avatar(&self) -> AvatarId {
+        self.shared.lock().replica.avatar()
+    }
+
+    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must.
+    pub fn set_pose(&self, pose: Pose) {
+        self.shared.lock().replica.set_pose(pose);
+    }
+
+    /// The pose of this client's avatar: the last one set, entered with or corrected to.
+    pub fn pose(&self) -> Pose {
+        self.shared.lock().replica.pose()
+    }
+
+    /// The avatars that may be in view, with the poses to draw now.
+    pub fn visible(&self) -> Vec<VisibleAvatar> {
+        let now = self.shared.now();
+        self.shared.lock().replica.visible(now)
+    }
+
+    /// The server's time of the moment that is drawn now: see [`Replica::server_time`].
+    pub fn server_time(&self) -> Duration {
+        let now = self.shared.now();
+        self.shared.lock().replica.server_time(now)
+    }
+
+    /// The avatars that may be in view, as the server last described them.
+    pub fn held(&self) -> Vec<HeldAvatar> {
+        let now = self.shared.now();
+        self.shared.lock().replica.held(now).collect()
+    }
+
+    /// Says something to the clients that may see this avatar. Drops the line when too many wait.
+    ///
+    /// # Errors
+    /// When the text is empty, too long, or has characters that cannot be shown.
+    pub fn chat(&self, text: &str) -> Result<(), TextError> {
+        let line = ChatLine::new(text)?;
+        let _ = self.commands.try_send(SessionCommand::Say(line));
+        Ok(())
+    }
+
+    /// The events since the last call, oldest first.
+    pub fn events(&self) -> Vec<Event> {
+        self.shared.lock().events.drain(..).collect()
+    }
+
+    /// Why the session ended; `None` while it runs.
+    pub fn end(&self) -> Option<String> {
+        self.shared.lock().end.clone()
+    }
+
+    /// What was counted and measured up to now.
+    pub fn stats(&self) -> SessionStats {
+        let now = self.shared.now();
+        let quic = self.shared.connection.stats();
+        let state = self.shared.lock();
+        let [udp_rate_in, udp_rate_out] = state.meter.rate();
+        SessionStats {
+            reporting_state: state.replica.reporting_state(),
+            visible: state.replica.held_len(),
+            messages_in: self.shared.messages_in.load(Relaxed),
+            messages_out: self.shared.messages_out.load(Relaxed),
+            bytes_in: self.shared.bytes_in.load(Relaxed),
+            bytes_out: self.shared.bytes_out.load(Relaxed),
+            udp_bytes_in: quic.udp_rx.bytes,
+            udp_bytes_out: quic.udp_tx.bytes,
+            udp_rate_in,
+            udp_rate_out,
+            quiet: state.replica.quiet_time(now),
+            elapsed: now,
+            round_trip: quic.path.rtt,
+        }
+    }
+
+    /// Says goodbye, and waits until it has arrived, for at most two seconds.
+    pub async fn leave(mut self) {
+        let _ = self.commands.try_send(SessionCommand::Leave);
+        let _ = timeout(FAREWELL_DEADLINE, &mut self.task).await;
+    }
+
+    /// Leaves from a thread without a runtime: for sessions of
+    /// [`connect_blocking`](super::connect_blocking).
+    pub fn leave_blocking(mut self) {
+        if let Some(runtime) = self.runtime.take() {
+            runtime.block_on(self.leave());
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl AvatarSource for &Session {
+    fn updates(&mut self) -> Vec<(AvatarId, Update)> {
+        self.shared.lock().replica.updates()
+    }
+
+    fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {
+        self.shared.lock().replica.path(avatar, now, until)
+    }
+
+    fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
+        self.shared.lock().replica.shown(avatar, now)
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        self.task.abort();
+        self.shared.connection.close(VarInt::from_u32(0), b"");
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! What a session's methods and its task share.
+
+use std::{
+    collections::VecDeque,
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+    time::{Duration, Instant},
+};
+
+use quinn::Connection;
+use sightline_client_core::replica::{Event, Replica};
+use sightline_protocol::text::Name;
+
+/// The number of events kept for the caller. Beyond it, the oldest are dropped.
+const EVENTS_MAX: usize = 1_024;
+
+/// The state of a session, shared by its methods and its task.
+pub(super) struct SharedState {
+    pub(super) connection: Connection,
+    started: Instant,
+    /// The name of this client, as the server knows it.
+    pub(super) name: Name,
+    locked: Mutex<LockedState>,
+    pub(super) messages_in: AtomicU64,
+    pub(super) messages_out: AtomicU64,
+    pub(super) bytes_in: AtomicU64,
+    pub(super) bytes_out: AtomicU64,
+}
+
+/// The part of the state behind a lock.
+pub(super) struct LockedState {
+    pub(super) replica: Replica,
+    pub(super) events: VecDeque<Event>,
+    /// Why the session ended; `None` while it runs.
+    pub(super) end: Option<String>,
+    pub(super) meter: RateMeter,
+}
+
+/// Measures UDP bytes per second in both directions, once a second.
+#[derive(Default)]
+pub(super) struct RateMeter {
+    /// When the current second began.
+    at: Duration,
+    /// The bytes received and sent until then.
+    bytes: [u64; 2],
+    /// The bytes received and sent in the second before it, per second.
+    rate: [f64; 2],
+}
+
+impl SharedState {
+    /// The state of a session that starts now.
+    pub(super) fn new(connection: Connection, replica: Replica, name: Name) -> Self {
+        let (events, meter) = (VecDeque::new(), RateMeter::default());
+        Self {
+            connection,
+            started: Instant::now(),
+            name,
+            locked: Mutex::new(LockedState { replica, events, end: None, meter }),
+            messages_in: AtomicU64::new(0),
+            messages_out: AtomicU64::new(0),
+            bytes_in: AtomicU64::new(0),
+            bytes_out: AtomicU64::new(0),
+        }
+    }
+
+    /// The time since the session started.
+    pub(super) fn now(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    /// Locks the state. A panic elsewhere leaves it usable: no holder of the lock stops half way.
+    pub(super) fn lock(&self) -> MutexGuard<'_, LockedState> {
+        self.locked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts a received message.
+    pub(super) fn count_received(&self, bytes: usize) {
+        self.messages_in.fetch_add(1, Relaxed);
+        self.bytes_in.fetch_add(bytes as u64, Relaxed);
+    }
+
+    /// Counts a sent message.
+    pub(super) fn count_sent(&self, bytes: usize) {
+        self.messages_out.fetch_add(1, Relaxed);
+        self.bytes_out.fetch_add(bytes as u64, Relaxed);
+    }
+}
+
+impl LockedState {
+    /// Keeps an event for the caller. Drops the oldest one when too many wait.
+    pub(super) fn push_event(&mut self, event: Event) {
+        if self.events.len() >= EVENTS_MAX {
+            self.events.pop_front();
+        }
+        self.events.push_back(event);
+        debug_assert!(self.events.len() <= EVENTS_MAX, "the queue is bounded");
+    }
+}
+
+impl RateMeter {
+    /// Takes in the bytes received and sent since the connection opened.
+    pub(super) fn read(&mut self, now: Duration, bytes: [u64; 2]) {
+        let passed = now.saturating_sub(self.at).as_secs_f64();
+        if passed >= 1.0 {
+            let rate = |i: usize| bytes[i].saturating_sub(self.bytes[i]) as f64 / passed;
+            self.rate = [rate(0), rate(1)];
+            (self.at, self.bytes) = (now, bytes);
+        }
+    }
+
+    /// The bytes received and sent in the last second, per second.
+    pub(super) fn rate(&self) -> [f64; 2] {
+        self.rate
+    }
+}
