@@ -1,7 +1,8 @@
-//! A way for a camera: through a recorded walk, or through a building where people can walk.
+//! The path of a camera: along a recorded walk, or through a building where people can walk.
 //!
-//! Between samples a path follows monotone cubics (Fritsch and Carlson 1980), coordinate by coordinate. So it is smooth,
-//! and never leaves the box of the two samples that it is between: it cuts no corner that was walked round.
+//! Between two samples, each coordinate follows a monotone cubic (Fritsch and Carlson 1980). So the
+//! path is smooth, and never leaves the box around the two samples. It cuts no corner that the walk
+//! went round.
 
 use std::f32::consts::{PI, TAU};
 
@@ -12,72 +13,76 @@ use sightline_world::{World, motion::Pose};
 use sightline_cli::trace::Track;
 use sightline_client_core::navigation::Navigation;
 
-/// Who is faster than this between two samples, in metres a second, was put there …
-const LEAP_M_PER_S: f32 = 40.0;
-/// … and who is absent for longer, in seconds, may have been.
+/// The speed between two samples above which the avatar was put elsewhere, in metres per second.
+const JUMP_M_PER_S: f32 = 40.0;
+/// The time between two samples above which the avatar may have been put elsewhere, in seconds.
 const ABSENCE_S: f64 = 0.4;
-/// How fast a path through a building is walked, in metres a second.
+/// The speed of a walk through a building, in metres per second.
 const WALK_M_PER_S: f32 = 1.5;
-/// A path through a building is no longer, in metres.
+/// The longest walk through a building, in metres.
 const LENGTH_MAX: f32 = 120.0;
-/// Its way is measured out in steps of so many metres …
+/// The distance between two steps of a walk, in metres.
 const STEP: f32 = 0.1;
-/// … rounded off over so many of them on either side …
-const ROUNDED: usize = 3;
-/// … looks so many ahead …
+/// The number of steps on either side over which a walk is smoothed.
+const SMOOTHED: usize = 3;
+/// The number of steps that the camera looks ahead.
 const AHEAD: usize = 12;
-/// … and every so many of them becomes a sample.
+/// The number of steps from one sample to the next.
 const STEPS_A_SAMPLE: usize = 3;
-/// For how long one looks round where there is nowhere to go, in seconds.
+/// The time of a turn on the spot where nobody can walk, in seconds.
 const TURN_S: f64 = 8.0;
 
-/// Where a camera is, and where it looks, from one time to another.
+/// The position and direction of a camera over time.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
-    /// Never empty, and none of the pieces is.
-    pieces: Vec<Segment>,
+    /// Never empty, and no segment is empty.
+    segments: Vec<Segment>,
 }
 
-/// Samples between leaps.
+/// Samples without a jump between them.
 #[derive(Clone, Debug)]
 struct Segment {
-    /// Seconds, strictly ascending from the first sample of the path.
+    /// Seconds since the path's first sample, strictly ascending.
     times: Vec<f64>,
-    /// Eye, yaw and pitch, and how fast each changes, per second. Yaw goes on beyond half a turn.
+    /// Eye, yaw and pitch, and their rates per second. The yaw is continuous: it may exceed half a
+    /// turn.
     samples: Vec<([f32; 5], [f32; 5])>,
 }
 
 impl CameraPath {
-    /// The walk of a recorded avatar. None when it has no sample.
+    /// The walk of a recorded avatar. `None` when it has no samples.
     pub fn of_track(track: &Track) -> Option<Self> {
         Self::of_samples(&track.samples)
     }
 
-    /// A walk from spawn point to spawn point, each time to the nearest that is left; to places taken at random where there
-    /// are too few; and all round where one cannot walk.
+    /// A walk from spawn point to spawn point, each time to the nearest one left. Random places
+    /// follow where there are few spawn points. Where nobody can walk, the camera turns on the
+    /// spot.
     pub fn through(world: &World) -> Self {
-        let way = walked(world);
-        let walk = (way.len() > 2 * AHEAD).then(|| Self::of_samples(&ambling(&way))).flatten();
-        walk.unwrap_or_else(|| Self::round(world))
+        let steps = walk_steps(world);
+        let walk =
+            (steps.len() > 2 * AHEAD).then(|| Self::of_samples(&smoothed_walk(&steps))).flatten();
+        walk.unwrap_or_else(|| Self::turn_on_the_spot(world))
     }
 
-    /// How long it takes, in seconds.
+    /// The duration in seconds.
     pub fn duration_s(&self) -> f64 {
-        self.pieces.last().and_then(|piece| piece.times.last()).copied().unwrap_or(0.0)
+        self.segments.last().and_then(|segment| segment.times.last()).copied().unwrap_or(0.0)
     }
 
-    /// The pose at a time, in seconds; at its ends before and after.
+    /// The pose at a time in seconds. Before the start and after the end it is the pose there.
     pub fn at(&self, seconds: f64) -> Pose {
-        let piece = self.pieces.partition_point(|piece| piece.times[0] <= seconds);
-        self.pieces[piece.saturating_sub(1)].at(seconds)
+        let segment = self.segments.partition_point(|segment| segment.times[0] <= seconds);
+        self.segments[segment.saturating_sub(1)].at(seconds)
     }
 
-    /// Poses at equal intervals, the first and the last of the path included, and when they are.
+    /// Poses at equal intervals, from the first to the last of the path, each with its time in
+    /// seconds.
     pub fn frames(&self, count: usize) -> impl Iterator<Item = (f64, Pose)> + '_ {
         self.frames_between(0.0, self.duration_s(), count)
     }
 
-    /// The same of a part of the path, from one time to another.
+    /// Poses at equal intervals between two times, each with its time in seconds.
     pub fn frames_between(
         &self,
         from_s: f64,
@@ -88,15 +93,15 @@ impl CameraPath {
         (0..count).map(move |i| from_s + i as f64 * step).map(|t| (t, self.at(t)))
     }
 
-    /// All round at the first spawn point.
-    fn round(world: &World) -> Self {
+    /// One turn at the first spawn point.
+    fn turn_on_the_spot(world: &World) -> Self {
         let (eye, yaw) = world.spawns.first().map_or((Vec3::ZERO, 0.0), |s| (s.eye, s.yaw));
         let turned = |quarter: u8| {
             let pose = Pose { eye, yaw: yaw + f32::from(quarter) * PI / 2.0, ..Pose::default() };
             (f64::from(quarter) * TURN_S / 4.0, pose)
         };
-        let piece = Segment::new(&[0, 1, 2, 3, 4].map(turned));
-        Self { pieces: vec![piece] }
+        let segment = Segment::new(&[0, 1, 2, 3, 4].map(turned));
+        Self { segments: vec![segment] }
     }
 
     fn of_samples(samples: &[(f64, Pose)]) -> Option<Self> {
@@ -106,9 +111,9 @@ impl CameraPath {
         let is_together = |a: &(f64, Pose), b: &(f64, Pose)| {
             let gap = b.0 - a.0;
             let way = a.1.eye.distance(b.1.eye);
-            gap <= ABSENCE_S && f64::from(way) <= gap * f64::from(LEAP_M_PER_S)
+            gap <= ABSENCE_S && f64::from(way) <= gap * f64::from(JUMP_M_PER_S)
         };
-        Some(Self { pieces: samples.chunk_by(is_together).map(Segment::new).collect() })
+        Some(Self { segments: samples.chunk_by(is_together).map(Segment::new).collect() })
     }
 }
 
@@ -117,7 +122,7 @@ impl Segment {
         let mut times = Vec::with_capacity(poses.len());
         let mut values: Vec<[f32; 5]> = Vec::with_capacity(poses.len());
         for (time, Pose { eye, yaw, pitch, .. }) in poses {
-            // Of several samples at one time the first counts.
+            // Of several samples at one time, the first counts.
             if times.last().is_some_and(|last| time <= last) {
                 continue;
             }
@@ -148,8 +153,8 @@ impl Segment {
     }
 }
 
-/// How fast a coordinate changes at a sample, so that the cubics on both sides rise or fall all the way: the harmonic mean
-/// of the chords' slopes, and none where it turns back.
+/// The rate of a coordinate at a sample, such that the cubics on both sides are monotone: the
+/// harmonic mean of the slopes of the two chords, or zero where the coordinate turns back.
 fn slope(times: &[f64], values: &[[f32; 5]], i: usize, k: usize) -> f32 {
     let chord = |a: usize, b: usize| (values[b][k] - values[a][k]) / (times[b] - times[a]) as f32;
     match (i.checked_sub(1), i + 1 < times.len()) {
@@ -163,8 +168,8 @@ fn slope(times: &[f64], values: &[[f32; 5]], i: usize, k: usize) -> f32 {
     }
 }
 
-/// The eyes of somebody who walks from place to place, a step apart.
-fn walked(world: &World) -> Vec<Vec3> {
+/// The eyes of a walk from place to place, one step apart.
+fn walk_steps(world: &World) -> Vec<Vec3> {
     let navigation = Navigation::new(world);
     let mut left: Vec<Vec3> = world.spawns.iter().map(|spawn| spawn.eye).collect();
     if left.is_empty() || navigation.is_empty() {
@@ -173,7 +178,8 @@ fn walked(world: &World) -> Vec<Vec3> {
     let mut at = left.remove(0);
     let mut random = SmallRng::seed_from_u64(1);
     let mut steps = Vec::new();
-    // Each goal but the last few is reached, so this ends soon; the bound is for islands.
+    // All but the last goals are reached, so this ends soon. Goals on islands cannot be reached:
+    // the bound is for them.
     for _ in 0..64 {
         let nearest =
             (0..left.len()).min_by(|&a, &b| left[a].distance(at).total_cmp(&left[b].distance(at)));
@@ -192,19 +198,19 @@ fn walked(world: &World) -> Vec<Vec3> {
     steps
 }
 
-/// The same way with its corners rounded off, looking ahead.
-fn ambling(way: &[Vec3]) -> Vec<(f64, Pose)> {
-    let rounded = |i: usize, by: usize| {
-        let around = &way[i.saturating_sub(by)..(i + by + 1).min(way.len())];
+/// The walk with its corners smoothed, looking ahead.
+fn smoothed_walk(steps: &[Vec3]) -> Vec<(f64, Pose)> {
+    let smoothed = |i: usize, by: usize| {
+        let around = &steps[i.saturating_sub(by)..(i + by + 1).min(steps.len())];
         around.iter().sum::<Vec3>() / around.len() as f32
     };
     let sample = |i: usize| {
-        let eye = rounded(i, ROUNDED);
-        let ahead = rounded(i + AHEAD, AHEAD) - eye;
+        let eye = smoothed(i, SMOOTHED);
+        let ahead = smoothed(i + AHEAD, AHEAD) - eye;
         let yaw = (-ahead.x).atan2(-ahead.z);
         (f64::from(i as f32 * STEP / WALK_M_PER_S), Pose { eye, yaw, ..Pose::default() })
     };
-    (0..way.len() - AHEAD).step_by(STEPS_A_SAMPLE).map(sample).collect()
+    (0..steps.len() - AHEAD).step_by(STEPS_A_SAMPLE).map(sample).collect()
 }
 
 #[cfg(test)]
@@ -217,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_meets_its_samples_and_never_overshoots() {
+    fn a_path_passes_through_its_samples_and_never_overshoots() {
         let samples: Vec<_> = [0.0, 1.0, 1.0, 4.0, 3.5, 3.5].into_iter().zip(0..).collect();
         let samples: Vec<_> =
             samples.iter().map(|&(x, i)| sample(5.0 + f64::from(i) * 0.2, x, 0.0)).collect();
@@ -232,7 +238,7 @@ mod tests {
             let pair = (t / 0.2) as usize;
             let (a, b) = (samples[pair].1.eye.x, samples[pair + 1].1.eye.x);
             assert!((a.min(b) - 1e-5..=a.max(b) + 1e-5).contains(&x(t)), "{} at {t}", x(t));
-            // Smooth: no speed changes at once.
+            // Smooth: the speed never changes abruptly.
             let accelerated = x(t + 2e-3) - 2.0 * x(t + 1e-3) + x(t);
             assert!(t > 0.99 || accelerated.abs() < 2e-3, "{accelerated} at {t}");
         }
@@ -240,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_goes_the_short_way_and_a_leap_is_none() {
+    fn the_yaw_turns_the_short_way_and_jumps_are_not_smoothed() {
         let samples = [sample(0.0, 0.0, 3.0), sample(0.1, 0.1, -3.0), sample(0.2, 99.0, 0.0)];
         let path = CameraPath::of_samples(&samples).unwrap();
         let yaw = path.at(0.05).yaw;
@@ -252,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_building_is_walked_through_without_touching_it() {
+    fn a_walk_through_a_building_touches_nothing_solid() {
         // A wall across the middle, with a gap of 1 m at one end.
         let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
         let east = sightline_world::Spawn { eye: Vec3::new(7.0, 1.725, 4.0), yaw: 0.0 };
@@ -268,8 +274,8 @@ mod tests {
     }
 
     #[test]
-    fn where_nobody_can_walk_one_looks_round() {
-        // Solid but for the head.
+    fn the_camera_turns_on_the_spot_where_nobody_can_walk() {
+        // Solid up to the shoulders.
         let world = world(&[([0, 1, 0], [64, 12, 64], 0)]);
         let path = CameraPath::through(&world);
         let turned = path.at(path.duration_s()).yaw - path.at(0.0).yaw;

@@ -1,4 +1,4 @@
-//! `sightline-client`: bench, shot, swarm, walk.
+//! `sightline-client`: walk in a building, draw pictures of it, simulate visitors, measure drawing.
 
 mod cli;
 
@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use sightline_cli::exit;
 
-/// Walks in a shared building, drawn on the CPU.
+/// The thin client: walks in a shared building, and draws it on the CPU.
 #[derive(Parser)]
 #[command(version)]
 struct Args {

@@ -1,4 +1,4 @@
-//! `bench` and films as a script calls them.
+//! `bench` and films, run as a script runs them.
 
 use std::{
     path::Path,
@@ -13,7 +13,7 @@ use sightline_world::{
     octree::{Octree, Voxel, morton},
 };
 
-/// A hall of 8 m with a floor and two walls, and the triangles of these.
+/// A hall of 8 m with a floor and two walls, as voxels and as triangles.
 fn hall() -> World {
     let place =
         |a: u32, b: u32| [UVec3::new(a, 0, b), UVec3::new(a, b / 2, 0), UVec3::new(0, b / 2, a)];
@@ -44,16 +44,16 @@ fn hall() -> World {
 
 fn client(folder: &Path, line: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_sightline-client"));
-    command.current_dir(folder).args(line.split(' ')).output().expect("it runs")
+    command.current_dir(folder).args(line.split(' ')).output().expect("the client runs")
 }
 
-fn told(output: &Output) -> String {
+fn stdout(output: &Output) -> String {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 #[test]
-fn a_bench_tells_its_figures_twice_and_draws() {
+fn a_bench_writes_its_figures_for_people_and_machines_and_draws() {
     let folder = tempfile::tempdir().unwrap();
     hall().write(&folder.path().join("hall.slw")).unwrap();
     let output = client(
@@ -61,7 +61,7 @@ fn a_bench_tells_its_figures_twice_and_draws() {
         "bench hall.slw --size 96x64 --size 64x48 --threads 1,2 --frames 4 --repeats 1 --pictures p \
          --json f.json",
     );
-    let text = told(&output);
+    let text = stdout(&output);
     let json = std::fs::read_to_string(folder.path().join("f.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let runs = json["runs"].as_array().unwrap();
@@ -94,10 +94,10 @@ fn a_bench_tells_its_figures_twice_and_draws() {
 }
 
 #[test]
-fn modes_are_compared() {
+fn the_modes_of_the_renderer_are_compared() {
     let folder = tempfile::tempdir().unwrap();
     hall().write(&folder.path().join("hall.slw")).unwrap();
-    let text = told(&client(
+    let text = stdout(&client(
         folder.path(),
         "bench hall.slw --compare --size 96x64 --size 160x120 --frames 3 --json f.json",
     ));
@@ -123,22 +123,22 @@ fn a_film_follows_a_trace() {
     let film = |flags: &str| {
         client(folder.path(), &format!("shot hall.slw --size 80x60 --path trace.csv {flags}"))
     };
-    told(&film("--id 9 --frames 3 -o film/%03d.png"));
-    told(&client(
+    stdout(&film("--id 9 --frames 3 -o film/%03d.png"));
+    stdout(&client(
         folder.path(),
         "shot hall.slw --size 80x60 --eye 6,1.7,5 --look 6,1.7,0 -o last.png",
     ));
     let picture = |name: &str| image::open(folder.path().join(name)).unwrap().into_rgb8();
     assert_eq!(picture("film/002.png"), picture("last.png"));
     assert_ne!(picture("film/001.png"), picture("last.png"));
-    // Without a path, it is a walk from spawn point to spawn point.
-    let text = told(&client(folder.path(), "shot hall.slw --size 80x60 --frames 2 -o walk"));
+    // Without --path, the film is a walk from spawn point to spawn point.
+    let text = stdout(&client(folder.path(), "shot hall.slw --size 80x60 --frames 2 -o walk"));
     assert!(text.contains("s of the path"), "{text}");
     assert_ne!(picture("walk/frame-0000.png"), picture("walk/frame-0001.png"));
 }
 
 #[test]
-fn what_makes_no_sense_is_told_in_one_line() {
+fn wrong_arguments_give_one_clear_line() {
     let folder = tempfile::tempdir().unwrap();
     hall().write(&folder.path().join("hall.slw")).unwrap();
     std::fs::write(folder.path().join("bad.csv"), "nonsense\n").unwrap();
@@ -154,7 +154,7 @@ fn what_makes_no_sense_is_told_in_one_line() {
         ("bench hall.slw --frames 0", 1, "--frames"),
         ("bench hall.slw --threads 0", 2, "--threads"),
         ("bench hall.slw --size 0x9", 2, "a size is like 960x540"),
-        ("shot hall.slw --path trace.csv -o a", 1, "give --frames"),
+        ("shot hall.slw --path trace.csv -o a", 1, "give --frames too"),
         ("shot hall.slw --frames 2 -o one.png", 1, "a film is many pictures"),
         ("shot hall.slw --frames 2 --eye 1,1,1 -o film", 2, "cannot be used with"),
     ] {

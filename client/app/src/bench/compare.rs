@@ -1,4 +1,4 @@
-//! The renderer's modes against each other, view by view.
+//! The renderer's modes compared with each other, view by view.
 
 use serde::Serialize;
 use sightline_world::octree::Octree;
@@ -6,7 +6,7 @@ use sightline_world::octree::Octree;
 use super::{FrameCounts, PictureDifference, Spread};
 use sightline_renderer::{Camera, Frame, Mode, Renderer};
 
-/// How pictures in orthogonal mode differ from those in perspective mode, with one size.
+/// How pictures in orthogonal mode differ from those in perspective mode, at one size.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModeComparison {
     /// Columns of pixels.
@@ -21,25 +21,26 @@ pub struct ModeComparison {
     pub shifted: Spread,
     /// The greatest shift of a pixel: see [`PictureDifference::shift_max`].
     pub shift_max: usize,
-    /// Projections from space to the picture, as a part of those in perspective mode.
+    /// Projections from space to the picture in orthogonal mode, as a share of those in perspective
+    /// mode.
     pub projections: Spread,
-    /// Each view.
+    /// All views, one by one.
     pub views: Vec<ViewComparison>,
 }
 
-/// One view, in both modes.
+/// One view in both modes.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct ViewComparison {
-    /// Of the pictures.
+    /// How the two pictures differ.
     pub difference: PictureDifference,
-    /// What perspective mode took.
+    /// The work of perspective mode.
     pub perspective: FrameCounts,
-    /// What orthogonal mode took.
+    /// The work of orthogonal mode.
     pub orthogonal: FrameCounts,
 }
 
 impl ModeComparison {
-    /// Of all views. `hear` is told the share done, from 0 to 1.
+    /// Compares all views. Calls `hear` with the share done, from 0 to 1.
     pub fn of(
         octree: &Octree,
         cameras: &[Camera],

@@ -1,4 +1,4 @@
-//! How well what a picture shows agrees with where rays through triangles end.
+//! How the depths of a picture agree with the ends of rays through the triangles.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -6,38 +6,39 @@ use serde::Serialize;
 use super::{BvhKind, RayCaster, rays::PixelRays};
 use sightline_renderer::{Camera, Frame};
 
-/// How what a picture shows agrees with rays.
+/// Shares of the pixels of a picture that agree with rays, from 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct DepthAgreement {
-    /// The part of the pixels that agree, from 0 to 1.
+    /// The share of pixels that agree.
     pub agreeing: f64,
-    /// The part that shows what is farther away than where the ray ends: a hole.
+    /// The share of pixels that show something beyond the end of the ray: holes.
     pub beyond: f64,
-    /// The part that shows something where no triangle is near.
+    /// The share of pixels that show something where no triangle is near.
     pub before: f64,
-    /// The part whose depth is right within the tolerance along the ray. A ray that grazes a surface meets its voxels
-    /// long before it, so this is less.
+    /// The share of pixels whose depth along the ray is within the tolerance. It is less than
+    /// `agreeing`: a ray that grazes a surface meets its voxels long before the surface itself.
     pub along: f64,
 }
 
-/// What is wrong with a pixel.
+/// How a pixel disagrees with rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthFault {
-    /// It shows what is farther away than where the ray ends.
+    /// It shows something beyond the end of the ray.
     Beyond,
     /// It shows something where no triangle is near.
     Before,
 }
 
 impl DepthAgreement {
-    /// Looks at a frame of voxels with such an edge, in metres. The tolerance is the diagonal of a voxel, or, where a
-    /// pixel spans more than a voxel, of a cube as wide as the pixel. A pixel agrees
+    /// Compares a frame of voxels with an edge of `voxel` metres. The tolerance is the diagonal of
+    /// a voxel. Where a pixel spans more than a voxel, it is the diagonal of a cube as wide as the
+    /// pixel. A pixel agrees
     ///
-    /// * when it shows what is not farther away than where the ray through its centre ends, or that of one of
-    ///   its eight neighbours: at an edge either side is right;
-    /// * and when there is a triangle within the tolerance of what it shows.
+    /// * when it shows nothing beyond the end of its ray, or of the ray of one of its eight
+    ///   neighbours: at an edge, either side is right;
+    /// * and when a triangle is within the tolerance of what it shows.
     ///
-    /// Also what is wrong with which pixel.
+    /// Also returns the pixels that disagree, by index.
     pub fn of(
         frame: &Frame,
         camera: &Camera,
@@ -76,7 +77,7 @@ impl DepthAgreement {
     }
 }
 
-/// The pixels next to one, and itself.
+/// A pixel and its neighbours.
 fn around(i: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
     let span = |at: usize, side: usize| at.saturating_sub(1)..=(at + 1).min(side - 1);
     let (x, y) = (i % width, i / width);
@@ -91,7 +92,7 @@ mod tests {
 
     /// A wall 5 m ahead that ends in the middle of the picture.
     #[test]
-    fn holes_and_ghosts_are_found_and_edges_may_be_a_pixel_off() {
+    fn holes_and_ghosts_are_found_and_edges_may_be_off_by_a_pixel() {
         let mesh = Mesh {
             positions: vec![
                 Vec3::new(0.0, -99.0, -5.0),
@@ -112,10 +113,11 @@ mod tests {
         let good = DepthAgreement { agreeing: 1.0, along: 1.0, ..DepthAgreement::default() };
         assert_eq!(shown(20, 5.05), good);
         assert_eq!(shown(19, 4.95).agreeing, 1.0);
-        // What is shown past the edge is in the wall's plane, but not of it: a pixel is 33 mm there, a diagonal 104 mm.
+        // Past the edge, the frame shows points in the wall's plane, but outside the wall. There a
+        // pixel spans 33 mm, and a voxel's diagonal is 104 mm.
         assert_eq!(shown(30, 5.0).before, 7.0 / 40.0);
         assert_eq!(shown(16, 5.0).beyond, 3.0 / 40.0);
-        // But for the column at the edge, beside which nothing is.
+        // All but the column at the edge, whose neighbour shows nothing.
         assert_eq!(shown(20, 5.2).beyond, 19.0 / 40.0);
         assert_eq!(shown(20, 4.8).before, 0.5);
     }

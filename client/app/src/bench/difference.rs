@@ -5,32 +5,35 @@ use serde::Serialize;
 
 use sightline_renderer::Frame;
 
-/// A channel that differs by no more differs by rounding: one step in each of the two colours, and one where they are
-/// mixed.
+/// The largest difference of a channel due to rounding: one level for each of two colours, and one
+/// for mixing them.
 const ROUNDING: u8 = 2;
-/// A shift is looked for so many pixels around.
+/// The largest shift that is searched for, in pixels.
 const SHIFT_MAX: usize = 4;
 
-/// How two pictures differ.
+/// How two pictures of one view differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct PictureDifference {
-    /// The part of the pixels whose colours differ by more than rounding, from 0 to 1: by more than two levels of 255 in
-    /// some channel. Where voxels are about as wide as a pixel, that is also where one begins a fraction of a pixel earlier.
+    /// The share of pixels whose colours differ by more than rounding, from 0 to 1: by more than
+    /// two levels of 255 in some channel. Where voxels are about as wide as a pixel, this includes
+    /// voxels that begin a fraction of a pixel earlier.
     pub differing: f64,
-    /// The part of the pixels whose colour is, by more than rounding, not among the colours within one pixel of their
-    /// place in the other picture, nor between them: what no edge explains that is moved by up to a pixel.
+    /// The share of pixels whose colour lies outside the range of the colours within one pixel of
+    /// their place in the other picture, by more than rounding. An edge that is shifted by up to a
+    /// pixel does not explain it.
     pub unlike: f64,
-    /// The part of the pixels whose depth is neither among the depths within one pixel of their place in the other
-    /// picture, nor between them.
+    /// The share of pixels whose depth lies outside the range of the depths within one pixel of
+    /// their place in the other picture.
     pub shifted: f64,
-    /// Within how many pixels, along rows or columns, every pixel's depth is among the other picture's, or between them;
-    /// 5 when for one it is not within 4. What is thinner than a pixel may show in one picture only.
+    /// The number of pixels, along rows or columns, within which every pixel's depth lies in the
+    /// range of the other picture's depths. It is 5 when 4 is not enough. Things thinner than a
+    /// pixel may show in one picture only.
     pub shift_max: usize,
 }
 
 impl PictureDifference {
-    /// Of two frames of equal size. Depths are alike within `tolerance`, in metres, or, far away where a pixel spans more
-    /// than that, within a hundredth.
+    /// Compares two frames of equal size. Depths match within `tolerance` metres. Far away, where a
+    /// pixel spans more than that, they match within a hundredth.
     pub fn of(a: &Frame, b: &Frame, tolerance: f32) -> Self {
         let (width, height) = (a.width().min(b.width()), a.height().min(b.height()));
         let look = |(x, y): (usize, usize)| {
@@ -51,12 +54,12 @@ impl PictureDifference {
     }
 }
 
-/// Counts add up; of shifts the greatest counts.
+/// Adds the counts, and takes the greater shift.
 fn total(a: [usize; 4], b: [usize; 4]) -> [usize; 4] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3].max(b[3])]
 }
 
-/// Whether a pixel's colour in `a` is outside of those around it in `b`.
+/// Whether a pixel's colour in `a` is outside the range of the colours around it in `b`.
 fn is_unlike(a: &Frame, b: &Frame, [x, y]: [usize; 2]) -> bool {
     let levels = |pixel: u32| [16, 8, 0].map(|shift| (pixel >> shift) as u8);
     let mut span = [[u8::MAX, 0]; 3];
@@ -83,12 +86,12 @@ pub fn differs(a: u32, b: u32) -> bool {
     a != b && channels(a, b).into_iter().any(|difference| difference > ROUNDING)
 }
 
-/// How far each channel of two colours is apart: red, green and blue.
+/// The differences of the channels of two colours: red, green and blue.
 pub fn channels(a: u32, b: u32) -> [u8; 3] {
     [16, 8, 0].map(|shift| ((a >> shift) as u8).abs_diff((b >> shift) as u8))
 }
 
-/// How far from its place in `a` a pixel's depth is found in `b`.
+/// The distance from its place in `a` at which a pixel's depth is found in `b`.
 fn shift(a: &Frame, b: &Frame, [x, y]: [usize; 2], tolerance: f32) -> usize {
     let depth = a.depth[y * a.width() + x];
     let within = tolerance.max(depth.min(f32::MAX) * 0.01);
@@ -105,7 +108,7 @@ fn shift(a: &Frame, b: &Frame, [x, y]: [usize; 2], tolerance: f32) -> usize {
 mod tests {
     use super::*;
 
-    /// Columns of colours and depths that all differ, moved to the right, and so many levels brighter.
+    /// Columns of different colours and depths, shifted to the right, and brighter by some levels.
     fn columns(shift: usize, brighter: u32) -> Frame {
         let mut frame = Frame::new(40, 8);
         for i in 0..frame.colour.len() {
@@ -117,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_is_no_difference_and_shifts_are_found() {
+    fn rounding_is_no_difference_and_shifts_are_measured() {
         let base = columns(0, 0);
         assert_eq!(PictureDifference::of(&base, &columns(0, 2), 0.1), PictureDifference::default());
         let brighter = PictureDifference::of(&base, &columns(0, 3), 0.1);
@@ -135,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_is_a_shift() {
+    fn a_hole_counts_as_a_shift_beyond_the_limit() {
         let (mut whole, mut holed) = (columns(0, 0), columns(0, 0));
         whole.depth.fill(3.0);
         holed.depth.fill(3.0);

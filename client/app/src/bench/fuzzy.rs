@@ -1,5 +1,5 @@
-//! What it saves to leave out what no eye in a box can see, and not to test what all see, and what it costs to find that
-//! out.
+//! What is saved by leaving out the nodes that no eye in a box can see, and by not testing those
+//! that every eye sees; and what it costs to find them.
 
 use std::{io, sync::Arc};
 
@@ -14,67 +14,67 @@ use sightline_renderer::{
     node_visibility::{NodeVisibility, VoxelOccluders, boxes_ahead},
 };
 
-/// From one picture to the next, in seconds.
+/// The time between two pictures, in seconds.
 pub const FRAME_S: f64 = 1.0 / 60.0;
-/// Boxes that are kept.
+/// The largest number of prepared boxes that are kept.
 const KEPT_MAX: usize = 16;
 
-/// The ways to draw a picture: the whole building; without what is hidden; and besides without tests of what every eye
-/// sees whole.
+/// The number of ways to draw a picture: everything, without hidden nodes, and also without tests
+/// of the nodes that every eye sees whole.
 const WAYS: usize = 3;
 
-/// All that was measured. Times are of CPU, all threads together; means are over all pictures. What there is for each way
-/// to draw is in this order: the whole building, without what is hidden, and besides without tests of what every eye
-/// sees whole.
+/// All figures. Times are CPU time of all threads. Means are over all pictures. Arrays hold one
+/// figure for each way to draw: everything, without hidden nodes, and also without tests of the
+/// nodes that every eye sees whole.
 #[derive(Clone, Debug, Serialize)]
 pub struct FuzzyRun {
-    /// Rectangles of voxels that hide what is behind them.
+    /// The number of occluders: rectangles of voxels.
     pub walls: usize,
-    /// Milliseconds to find these, once.
+    /// Milliseconds to find the occluders, once.
     pub walls_ms: f64,
-    /// Boxes that were prepared on the way.
+    /// The number of boxes prepared along the path.
     pub boxes: usize,
-    /// Milliseconds for a box, the mean.
+    /// The mean time to prepare a box, in milliseconds.
     pub box_ms: f64,
-    /// How many a core prepares in a second.
+    /// The number of boxes that one core prepares in a second.
     pub boxes_per_s: f64,
-    /// The part of the nodes of 0.6 m or more that no eye in a box sees.
+    /// The share of nodes of 0.6 m or more that no eye in a box sees, from 0 to 1.
     pub hidden: f64,
-    /// The part of them that every eye sees whole. What remains is neither.
+    /// The share of these nodes that every eye in a box sees whole. The rest is neither.
     pub visible: f64,
-    /// Pictures of the way.
+    /// The number of pictures.
     pub pictures: usize,
-    /// The part of them whose box was there in time, when one thread prepares boxes beside those that draw.
+    /// The share of pictures whose box was ready in time, when a separate thread prepares boxes.
     pub hit_rate: f64,
-    /// Nodes that a picture looks at.
+    /// Nodes visited per picture.
     pub nodes: [f64; WAYS],
-    /// Nodes tested against the mask buffer.
+    /// Nodes tested against the mask buffer per picture.
     pub mask_tests: [f64; WAYS],
-    /// Milliseconds for a picture.
+    /// Milliseconds per picture.
     pub picture_ms: [f64; WAYS],
-    /// How many times as long the whole building takes.
+    /// The time of drawing everything, divided by the time of this way.
     pub gain: [f64; WAYS],
-    /// The same when the boxes' preparation counts too.
+    /// The same ratio with the time of preparing boxes included.
     pub gain_all: [f64; WAYS],
 }
 
-/// Why nothing is measured.
+/// Why the measurement fails.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum FuzzyError {
-    /// A picture differs.
-    #[error("picture {0} is not the same without what is hidden")]
+    /// The pictures of two ways differ.
+    #[error("picture {0} differs without the hidden nodes")]
     Differs(usize),
-    /// There are more walls than can be numbered.
+    /// There are more occluders than can be numbered.
     #[error(transparent)]
     VoxelOccluders(#[from] sightline_visibility::fuzzy::SurfaceError),
-    /// There can be no such threads, or the system does not tell CPU time.
+    /// The threads cannot be started, or the system does not report CPU time.
     #[error(transparent)]
     Io(#[from] io::Error),
 }
 
-/// Draws pictures a sixtieth of a second apart, each in all three ways, with the box that the eye is in, which
-/// must show the same. `hear` is told the share done, from 0 to 1.
+/// Draws pictures a sixtieth of a second apart, each in all three ways, with the box around the
+/// eye. The three pictures must be the same. Calls `hear` with the share done, from 0 to 1.
 ///
 /// # Errors
 /// See [`FuzzyError`].
@@ -96,7 +96,7 @@ pub fn fuzzy(
         let velocity = poses.get(i + 1).map_or(pose.eye, |next| next.eye) - pose.eye;
         let velocity = velocity / FRAME_S as f32;
         let focal = camera.focal(options.size.1);
-        let hidden = worker.at((pose.eye, velocity), focal, i as f64 * FRAME_S)?;
+        let hidden = worker.at(&Pose { velocity, ..*pose }, focal, i as f64 * FRAME_S)?;
         let is_same = pool.install(|| stage.draw(&camera, hidden))?;
         if !is_same {
             return Err(FuzzyError::Differs(i));
@@ -110,16 +110,16 @@ fn since(start: ProcessTime) -> io::Result<f64> {
     Ok(ProcessTime::try_now()?.duration_since(start).as_secs_f64() * 1e3)
 }
 
-/// A thread beside those that draw, by the path's clock: what takes so long is there so much later.
+/// Simulates a thread that prepares boxes beside the drawing threads, in the path's time.
 struct Worker {
     walls: VoxelOccluders,
-    /// When boxes are there.
+    /// The prepared boxes, and when each is ready, in seconds.
     ready: Vec<(f64, BoxVisibility)>,
     free_at_s: f64,
     sum: Sum,
 }
 
-/// What is known of a box: what is hidden, and the same with what every eye sees whole.
+/// The nodes hidden from a box; and the same with those that every eye sees whole.
 type BoxVisibility = [Arc<NodeVisibility>; 2];
 
 #[derive(Default)]
@@ -131,20 +131,15 @@ struct Sum {
 }
 
 impl Worker {
-    fn at(
-        &mut self,
-        (eye, velocity): (glam::Vec3, glam::Vec3),
-        focal: f32,
-        now_s: f64,
-    ) -> io::Result<Option<BoxVisibility>> {
-        for eyes in boxes_ahead(eye, velocity) {
+    fn at(&mut self, pose: &Pose, focal: f32, now_s: f64) -> io::Result<Option<BoxVisibility>> {
+        for eyes in boxes_ahead(pose.eye, pose.velocity) {
             let is_there = self.ready.iter().any(|(_, [known, _])| known.eyes() == eyes);
             if !is_there && self.free_at_s <= now_s {
                 self.prepare(eyes, focal, now_s)?;
             }
         }
         let of = |(ready_s, [known, _]): &&(f64, BoxVisibility)| {
-            *ready_s <= now_s && known.eyes().contains(eye)
+            *ready_s <= now_s && known.eyes().contains(pose.eye)
         };
         Ok(self.ready.iter().find(of).map(|(_, known)| known.clone()))
     }
@@ -195,12 +190,12 @@ impl<'a> FuzzyTimer<'a> {
         }
     }
 
-    /// Draws all pictures; tells whether they are the same.
+    /// Draws a picture in all ways. Returns whether the three are the same.
     fn draw(&mut self, camera: &Camera, known: Option<BoxVisibility>) -> io::Result<bool> {
         self.hits += usize::from(known.is_some());
         let mut best = [f64::INFINITY; WAYS];
         for turn in 0..WAYS * self.repeats {
-            // In turn, and each as often first as last.
+            // The ways take turns, and each is first as often as last.
             let way = (turn + turn / WAYS) % WAYS;
             let hidden = |known: &BoxVisibility| (way > 0).then(|| Arc::clone(&known[way - 1]));
             self.renderer.node_visibility = known.as_ref().and_then(hidden);
@@ -248,7 +243,7 @@ mod tests {
     use sightline_fixtures::voxel_floor::world;
 
     #[test]
-    fn a_walk_is_the_same_with_less() {
+    fn leaving_out_hidden_nodes_changes_no_picture() {
         let world = world(&[([31, 1, 8], [33, 30, 64], 0), ([40, 1, 8], [60, 9, 40], 0)]);
         let path = CameraPath::through(&world);
         let poses: Vec<Pose> = (0..90).map(|i| path.at(f64::from(i) * FRAME_S)).collect();

@@ -1,4 +1,4 @@
-//! What a frame costs.
+//! The cost of a frame.
 
 use std::{
     io,
@@ -12,44 +12,44 @@ use sightline_world::World;
 use super::{BvhKind, RayCaster, Views};
 use sightline_renderer::{Camera, Counters, Frame, Mode, Renderer};
 
-/// A way to get a picture, or its depths.
+/// A method to draw a picture, or to find its depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DrawMethod {
-    /// The renderer, in one of its modes.
+    /// The renderer in one of its modes.
     Octree(Mode),
-    /// The renderer in orthogonal mode, with smooth edges: [`Renderer::antialias`].
+    /// The renderer in orthogonal mode with smooth edges: [`Renderer::antialias`].
     Smooth,
-    /// A ray for each pixel.
-    RayCaster(BvhKind),
+    /// A ray per pixel.
+    Rays(BvhKind),
 }
 
 impl DrawMethod {
-    /// All of them: those that draw, then those to compare with.
+    /// All methods: first those that draw, then those for comparison.
     pub const ALL: [Self; 5] = [
         Self::Octree(Mode::Orthogonal),
         Self::Octree(Mode::Perspective),
         Self::Smooth,
-        Self::RayCaster(BvhKind::Bvh2),
-        Self::RayCaster(BvhKind::Cwbvh),
+        Self::Rays(BvhKind::Bvh2),
+        Self::Rays(BvhKind::Cwbvh),
     ];
 
-    /// What tables call it.
+    /// The name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Octree(Mode::Orthogonal) => "orthogonal",
             Self::Octree(Mode::Perspective) => "perspective",
             Self::Smooth => "smooth edges",
-            Self::RayCaster(BvhKind::Bvh2) => "rays, BVH2",
-            Self::RayCaster(BvhKind::Cwbvh) => "rays, CWBVH",
+            Self::Rays(BvhKind::Bvh2) => "rays, BVH2",
+            Self::Rays(BvhKind::Cwbvh) => "rays, CWBVH",
         }
     }
 
-    /// Makes a renderer draw in this way. Rays take none.
-    pub fn prepare(self, renderer: &mut Renderer) {
+    /// Sets a renderer up for this method. Rays need none.
+    pub fn configure(self, renderer: &mut Renderer) {
         renderer.antialias = self == Self::Smooth;
         renderer.mode = match self {
             Self::Octree(mode) => mode,
-            Self::Smooth | Self::RayCaster(_) => Mode::Orthogonal,
+            Self::Smooth | Self::Rays(_) => Mode::Orthogonal,
         };
     }
 }
@@ -59,43 +59,46 @@ impl DrawMethod {
 pub struct BenchOptions {
     /// Columns and rows of pixels.
     pub size: (usize, usize),
-    /// How many threads draw.
+    /// The number of drawing threads.
     pub threads: usize,
-    /// How often each frame is drawn in each way; the least time counts.
+    /// How often each frame is drawn by each method. The least time counts.
     pub repeats: usize,
 }
 
-/// What was measured with one size and one number of threads.
+/// The figures for one size and one number of threads.
 #[derive(Clone, Debug, Serialize)]
 pub struct BenchRun {
     /// Columns of pixels.
     pub width: usize,
     /// Rows of pixels.
     pub height: usize,
-    /// How many threads drew.
+    /// The number of drawing threads.
     pub threads: usize,
-    /// A row for each contender.
+    /// A row for each method.
     pub rows: Vec<MethodRow>,
 }
 
-/// What a contender costs.
+/// The cost of one method.
 #[derive(Clone, Debug, Serialize)]
 pub struct MethodRow {
     /// See [`DrawMethod::name`].
     pub name: &'static str,
-    /// Milliseconds of CPU time for a frame, all threads together.
+    /// CPU time of a frame, in milliseconds: the sum over all threads.
     pub cpu_ms: Timing,
-    /// Milliseconds of CPU time of the thread that worked most for a frame: what a frame takes where nothing else runs.
+    /// CPU time of the thread that worked most for a frame, in milliseconds: what a frame takes on
+    /// an idle machine.
     pub busiest_ms: Timing,
-    /// Milliseconds for a frame by the clock, whatever else ran.
+    /// Wall-clock time of a frame, in milliseconds.
     pub wall_ms: Timing,
-    /// Millions of pixels a second of CPU time, from the spawn points: for rays, as many rays.
+    /// Millions of pixels, or rays, per second of CPU time, from the spawn points.
     pub rays_per_us: f64,
-    /// How many times as much CPU time rays through the BVH2 take, the median over the spawn points. None without rays.
+    /// The CPU time of rays through the BVH2, divided by that of this method: the median over the
+    /// spawn points. `None` without rays.
     pub ratio_bvh2: Option<f64>,
-    /// The same for the CWBVH.
+    /// The CPU time of rays through the CWBVH, divided by that of this method: the median over the
+    /// spawn points. `None` without rays.
     pub ratio_cwbvh: Option<f64>,
-    /// What the renderer did for a frame, the mean over the spawn points. None for rays.
+    /// The renderer's work for a frame, the mean over the spawn points. `None` for rays.
     pub counts: Option<FrameCounts>,
     /// CPU milliseconds from each spawn point.
     pub spawns_cpu_ms: Vec<f64>,
@@ -103,12 +106,12 @@ pub struct MethodRow {
     pub path_cpu_ms: Vec<f64>,
 }
 
-/// What the renderer did for a frame, in the mean.
+/// The renderer's mean work per frame.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct FrameCounts {
     /// Nodes projected from space to the picture.
     pub projections: f64,
-    /// Nodes looked at.
+    /// Nodes visited.
     pub nodes: f64,
     /// Nodes tested against the mask buffer.
     pub mask_tests: f64,
@@ -117,7 +120,7 @@ pub struct FrameCounts {
 }
 
 impl FrameCounts {
-    /// The mean of what several frames took.
+    /// The mean over several frames.
     pub(super) fn mean(counters: &[Counters]) -> Self {
         let mean = |figure: fn(&Counters) -> u64| {
             counters.iter().map(figure).sum::<u64>() as f64 / counters.len().max(1) as f64
@@ -131,7 +134,7 @@ impl FrameCounts {
     }
 }
 
-/// What frames cost.
+/// The times of frames.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Timing {
     /// From the spawn points.
@@ -140,17 +143,17 @@ pub struct Timing {
     pub path: Spread,
 }
 
-/// Of many figures.
+/// The median and the worst of several figures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Spread {
-    /// As many are less as are greater.
+    /// The median.
     pub median: f64,
-    /// The greatest.
+    /// The greatest figure.
     pub worst: f64,
 }
 
 impl Spread {
-    /// Of some figures; zero when there is none.
+    /// The spread of some figures; zero when there are none.
     pub fn of(figures: &[f64]) -> Self {
         let mut sorted = figures.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -164,10 +167,10 @@ impl Spread {
     }
 }
 
-/// Draws all views in all ways. `hear` is told the share done, from 0 to 1.
+/// Draws all views by all methods. Calls `hear` with the share done, from 0 to 1.
 ///
 /// # Errors
-/// When there can be no such threads, or the system does not tell CPU time.
+/// When the threads cannot be started, or the system does not report CPU time.
 pub fn measure(
     world: &World,
     rays: Option<&RayCaster>,
@@ -178,34 +181,35 @@ pub fn measure(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
     let pool = pool.map_err(io::Error::other)?;
     let (width, height) = options.size;
-    let mut stage =
+    let mut timer =
         FrameTimer { world, rays, renderer: Renderer::default(), frame: Frame::new(width, height) };
-    let has_rays = |way: &DrawMethod| rays.is_some() || !matches!(way, DrawMethod::RayCaster(_));
-    let ways: Vec<DrawMethod> = DrawMethod::ALL.into_iter().filter(has_rays).collect();
-    let mut samples: Vec<Vec<FrameTime>> = vec![Vec::new(); ways.len()];
+    let has_rays = |method: &DrawMethod| rays.is_some() || !matches!(method, DrawMethod::Rays(_));
+    let methods: Vec<DrawMethod> = DrawMethod::ALL.into_iter().filter(has_rays).collect();
+    let mut samples: Vec<Vec<FrameTime>> = vec![Vec::new(); methods.len()];
     let cameras = views.spawns.iter().chain(&views.path);
     let count = views.spawns.len() + views.path.len();
     for (i, camera) in cameras.enumerate() {
-        let mut best = vec![FrameTime::WORST; ways.len()];
+        let mut best = vec![FrameTime::WORST; methods.len()];
         for _ in 0..options.repeats.max(1) {
-            for (way, best) in ways.iter().zip(&mut best) {
-                *best = best.least(stage.time(&pool, *way, camera)?);
+            for (method, best) in methods.iter().zip(&mut best) {
+                *best = best.least(timer.time(&pool, *method, camera)?);
             }
         }
         samples.iter_mut().zip(best).for_each(|(samples, best)| samples.push(best));
         hear((i + 1) as f32 / count as f32);
     }
     let spawns = views.spawns.len();
-    let of = |way| ways.iter().position(|other| *other == way).map(|i| &samples[i][..spawns]);
-    let trees = [BvhKind::Bvh2, BvhKind::Cwbvh].map(|tree| of(DrawMethod::RayCaster(tree)));
-    let row = |(way, samples): (&DrawMethod, &Vec<FrameTime>)| {
-        MethodRow::new(*way, samples, spawns, (width * height) as f64, trees)
+    let of =
+        |method| methods.iter().position(|other| *other == method).map(|i| &samples[i][..spawns]);
+    let trees = [BvhKind::Bvh2, BvhKind::Cwbvh].map(|tree| of(DrawMethod::Rays(tree)));
+    let row = |(method, samples): (&DrawMethod, &Vec<FrameTime>)| {
+        MethodRow::new(*method, samples, spawns, (width * height) as f64, trees)
     };
-    let rows = ways.iter().zip(&samples).map(row).collect();
+    let rows = methods.iter().zip(&samples).map(row).collect();
     Ok(BenchRun { width, height, threads: options.threads.max(1), rows })
 }
 
-/// What a frame took, in milliseconds, and what was done for it.
+/// The times of a frame in milliseconds, and the work done for it.
 #[derive(Clone, Copy)]
 struct FrameTime {
     cpu: f64,
@@ -239,7 +243,7 @@ impl FrameTimer<'_> {
     fn time(
         &mut self,
         pool: &rayon::ThreadPool,
-        way: DrawMethod,
+        method: DrawMethod,
         camera: &Camera,
     ) -> io::Result<FrameTime> {
         let threads = || {
@@ -247,38 +251,38 @@ impl FrameTimer<'_> {
             times.into_iter().collect::<io::Result<Vec<Duration>>>()
         };
         let milliseconds = |time: Duration| time.as_secs_f64() * 1e3;
-        // Waking the pool is no part of a frame.
+        // Inside the pool, so that waking its threads is not part of a frame.
         pool.install(|| {
             let before = threads()?;
             let (wall, cpu) = (Instant::now(), ProcessTime::try_now()?);
-            self.draw(way, camera);
+            self.draw(method, camera);
             let cpu = milliseconds(ProcessTime::try_now()?.duration_since(cpu));
             let wall = milliseconds(wall.elapsed());
             let worked = threads()?.into_iter().zip(before).map(|(after, before)| after - before);
             let busiest = milliseconds(worked.max().unwrap_or_default());
-            let drew = !matches!(way, DrawMethod::RayCaster(_));
+            let drew = !matches!(method, DrawMethod::Rays(_));
             let counters = drew.then(|| self.renderer.counters());
             Ok(FrameTime { cpu, busiest, wall, counters })
         })
     }
 
-    fn draw(&mut self, way: DrawMethod, camera: &Camera) {
-        match (way, self.rays) {
+    fn draw(&mut self, method: DrawMethod, camera: &Camera) {
+        match (method, self.rays) {
             (DrawMethod::Octree(_) | DrawMethod::Smooth, _) => {
-                way.prepare(&mut self.renderer);
+                method.configure(&mut self.renderer);
                 self.renderer.draw(&self.world.octree, camera, &mut self.frame);
             }
-            (DrawMethod::RayCaster(tree), Some(rays)) => {
+            (DrawMethod::Rays(tree), Some(rays)) => {
                 rays.trace(tree, camera, self.frame.width(), &mut self.frame.depth);
             }
-            (DrawMethod::RayCaster(_), None) => {}
+            (DrawMethod::Rays(_), None) => {}
         }
     }
 }
 
 impl MethodRow {
     fn new(
-        way: DrawMethod,
+        method: DrawMethod,
         samples: &[FrameTime],
         spawns: usize,
         pixels: f64,
@@ -300,7 +304,7 @@ impl MethodRow {
         let counts = (!counters.is_empty()).then(|| FrameCounts::mean(&counters));
         let [ratio_bvh2, ratio_cwbvh] = trees.map(|tree| tree.map(ratio));
         Self {
-            name: way.name(),
+            name: method.name(),
             rays_per_us: pixels / (cpu_ms.spawns.median * 1e3),
             busiest_ms: timing(|sample| sample.busiest),
             wall_ms: timing(|sample| sample.wall),
@@ -323,14 +327,14 @@ mod tests {
     use sightline_world::Mesh;
 
     #[test]
-    fn the_median_is_in_the_middle() {
+    fn an_even_number_of_figures_has_the_mean_of_the_middle_two_as_median() {
         assert_eq!(Spread::of(&[]), Spread::default());
         assert_eq!(Spread::of(&[3.0]), Spread { median: 3.0, worst: 3.0 });
         assert_eq!(Spread::of(&[9.0, 1.0, 2.0, 4.0]), Spread { median: 3.0, worst: 9.0 });
     }
 
     #[test]
-    fn every_contender_gets_a_row_and_is_its_own_measure() {
+    fn every_method_gets_a_row_and_rays_are_their_own_reference() {
         let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
         let views = Views::new(&world, &CameraPath::through(&world), 3);
         let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };

@@ -1,12 +1,13 @@
-//! What drawing costs, and how good the pictures are: for `sightline-client bench` and for tests.
+//! The cost of drawing and the quality of pictures: for `sightline-client bench` and for tests.
 //!
-//! * [`Views`]: where from. [`measure`]: what a frame costs from there in each way to draw it, among them [`RayCaster`] through
-//!   the world's opaque triangles, one after the other again and again, so that what else the machine does hits all alike.
-//! * [`ModeComparison`]: the renderer's modes against each other. [`PictureDifference`]: how two pictures of one view differ. [`DepthAgreement`]: how far a picture's depths are from where rays
-//!   end.
-//! * [`Shimmer`]: how much more a picture changes along a slow path than what it shows.
-//! * [`fuzzy()`]: what it saves to leave out what is hidden from a box of eyes.
-//! * [`moving()`]: what avatars and movers cost in each way to cull them.
+//! * [`Views`]: where frames are drawn from. [`measure`]: the cost of a frame by each method, among
+//!   them rays ([`RayCaster`]) through the world's opaque triangles. The methods take turns, so
+//!   that the load of other programs affects all of them alike.
+//! * [`ModeComparison`]: the renderer's modes compared with each other. [`PictureDifference`]: how
+//!   two pictures of one view differ. [`DepthAgreement`]: how a picture's depths agree with rays.
+//! * [`Shimmer`]: how much more the pixels change along a slow path than the scene does.
+//! * [`fuzzy()`]: what is saved by leaving out nodes that are hidden from a box of eyes.
+//! * [`moving()`]: the cost of avatars and movers with each way of culling.
 //!
 //! Clocks are read here, and nowhere in the renderer.
 
@@ -38,17 +39,17 @@ use crate::camera_path::CameraPath;
 use sightline_renderer::Camera;
 use sightline_world::motion::Pose;
 
-/// Where frames are drawn from.
+/// The cameras that frames are drawn with.
 #[derive(Clone, Debug, Default)]
 pub struct Views {
-    /// The world's spawn points.
+    /// At the world's spawn points.
     pub spawns: Vec<Camera>,
     /// Along a path.
     pub path: Vec<Camera>,
 }
 
 impl Views {
-    /// All spawn points of a world, and so many frames of a path.
+    /// All spawn points of a world, and some frames of a path.
     pub fn new(world: &World, path: &CameraPath, frames: usize) -> Self {
         let spawn = |spawn: &sightline_world::Spawn| {
             Camera::at(&Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() })

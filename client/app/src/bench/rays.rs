@@ -1,8 +1,9 @@
-//! Primary rays through triangles: what the renderer is measured against, and looked at beside.
+//! Primary rays through triangles: the renderer's cost and depths are compared with them.
 //!
-//! This is obvhs as its author recommends it on a CPU: the slowest of its builders, which makes the best trees, with
-//! spatial splits; triangles prepared for intersection and put in the order in which the tree refers to them; rays in
-//! small blocks, so that neighbours find in the cache what one of them needed. Nothing is shaded: depths only.
+//! Uses obvhs as its author recommends for a CPU: the slowest builder, which makes the best trees,
+//! with spatial splits; triangles prepared for intersection, in the order in which the tree refers
+//! to them; and rays in small blocks, so that neighbours share the cache. Nothing is shaded: only
+//! depths are found.
 
 use std::time::Duration;
 
@@ -21,21 +22,21 @@ use sightline_world::Mesh;
 
 use sightline_renderer::Camera;
 
-/// Rays are traced in blocks so many pixels wide and high …
+/// The width and height of a block of rays, in pixels.
 const BLOCK: usize = 8;
-/// … and shared out to threads in bands so many pixels high.
+/// The height of a band that one thread traces, in pixels.
 const BAND: usize = 2 * BLOCK;
 
-/// Which tree of boxes.
+/// The kind of bounding volume hierarchy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BvhKind {
-    /// Two children a node.
+    /// Two children per node.
     Bvh2,
-    /// Eight children a node, compressed.
+    /// Eight children per node, compressed.
     Cwbvh,
 }
 
-/// Triangles, ready for rays. None when there is no triangle.
+/// Triangles in two bounding volume hierarchies, ready for rays.
 pub struct RayCaster {
     bvh2: Bvh2,
     bvh2_triangles: Vec<RtTriangle>,
@@ -69,16 +70,16 @@ impl RayCaster {
         })
     }
 
-    /// How many triangles.
+    /// The number of triangles.
     pub fn triangles(&self) -> usize {
         self.count
     }
 
-    /// Traces a ray for each pixel, on all threads of the current rayon pool, and writes depths as in a
-    /// [`Frame`](sightline_renderer::Frame) so wide.
+    /// Traces a ray per pixel, on all threads of the current rayon pool. Writes depths as in a
+    /// [`Frame`](sightline_renderer::Frame) of this width.
     ///
     /// # Panics
-    /// When `depth` is not made of whole rows.
+    /// When `depth` does not consist of whole rows.
     pub fn trace(&self, tree: BvhKind, camera: &Camera, width: usize, depth: &mut [f32]) {
         if width == 0 {
             return;
@@ -103,7 +104,7 @@ impl RayCaster {
 }
 
 impl RayCaster {
-    /// Whether a triangle is within so many metres of a point.
+    /// Whether a triangle is within a distance of a point, in metres.
     pub fn is_near(&self, point: Vec3, distance: f32) -> bool {
         let point = Vec3A::from(point);
         let around = Aabb::new(point - distance, point + distance);
@@ -120,13 +121,13 @@ impl RayCaster {
     }
 }
 
-/// The point of a triangle that is nearest to another (Ericson 2004, section 5.1.5).
+/// The point of a triangle nearest to another point (Ericson 2004, section 5.1.5).
 fn nearest(triangle: &RtTriangle, point: Vec3A) -> Vec3A {
     let (a, ab, ac) = (triangle.v0, -triangle.e1, triangle.e2);
     let to = |from: Vec3A| [ab.dot(point - from), ac.dot(point - from)];
     let ([d1, d2], [d3, d4], [d5, d6]) = (to(a), to(a + ab), to(a + ac));
     let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
-    // A triangle without area has one of these at zero, and so is its own edges.
+    // For a triangle without area one of these is zero, and the result is on an edge.
     if d1 <= 0.0 && d2 <= 0.0 {
         a
     } else if d3 >= 0.0 && d4 <= d3 {
@@ -144,7 +145,7 @@ fn nearest(triangle: &RtTriangle, point: Vec3A) -> Vec3A {
     }
 }
 
-/// Fills the depths of all pixels by what is told of their rays.
+/// Fills the depths of all pixels with the first hits of their rays.
 fn bands(lens: &PixelRays, width: usize, depth: &mut [f32], first: impl Fn(Ray) -> f32 + Sync) {
     depth.par_chunks_mut(BAND * width).enumerate().for_each(|(band, depth)| {
         let height = depth.len() / width;
@@ -161,14 +162,14 @@ fn bands(lens: &PixelRays, width: usize, depth: &mut [f32], first: impl Fn(Ray) 
     });
 }
 
-/// Lines of sight, worked out apart from the renderer's own, so that an error in those shows.
+/// The ray of each pixel, computed independently of the renderer, so that its errors show.
 pub(super) struct PixelRays {
     pub(super) eye: Vec3A,
-    /// Through the centre of the picture's first pixel; its share in the camera's direction is one.
+    /// Through the centre of the first pixel, scaled to a depth of one.
     first: Vec3A,
-    /// What a pixel spans at a distance of one.
+    /// The width of a pixel at a depth of one.
     pub(super) pixel: f32,
-    /// From a pixel to the next one to the right, and down.
+    /// From one pixel to the next, to the right and down.
     steps: [Vec3A; 2],
 }
 
@@ -194,7 +195,7 @@ impl PixelRays {
 mod tests {
     use super::*;
 
-    /// A floor 2 m below the eye, and above it, ahead, a wall 5 m away.
+    /// A floor 2 m below the eye, and above its far edge, ahead, a wall 5 m away.
     fn mesh() -> Mesh {
         let corner = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
         Mesh {
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn depths_are_along_the_cameras_direction() {
+    fn depths_are_measured_along_the_cameras_direction() {
         let rays = RayCaster::new(&mesh()).unwrap();
         let (width, height) = (61, 41);
         let camera = Camera { eye: Vec3::ZERO, yaw: 0.0, pitch: 0.0, fov_y: 1.6 };
@@ -229,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_near_is_found() {
+    fn triangles_within_a_distance_are_found() {
         let rays = RayCaster::new(&mesh()).unwrap();
         let check = |point: [f32; 3], distance: f32| {
             assert!(rays.is_near(point.into(), distance * 1.01), "{point:?} within {distance}");
@@ -240,7 +241,7 @@ mod tests {
         check([3.0, 7.0, -8.0], 5.0);
         check([102.0, 6.0, -1.0], 34f32.sqrt());
         check([102.0, -6.0, 50.0], 5.0);
-        // Every part of a triangle, by going through points of it.
+        // Compare with points all over a triangle.
         let triangle = RtTriangle::new(Vec3A::ZERO, Vec3A::X * 2.0, Vec3A::new(0.5, 1.5, 0.3));
         for i in 0..300 {
             let point =
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_no_tree() {
+    fn no_triangles_make_no_ray_caster() {
         assert!(RayCaster::new(&Mesh::default()).is_none());
         assert_eq!(RayCaster::new(&mesh()).unwrap().triangles(), 4);
     }

@@ -1,29 +1,32 @@
-//! How much more a picture changes along a slow path than what it shows.
+//! How much more the pixels change along a slow path than the scene does.
 
 use serde::Serialize;
 
 use super::channels;
 use sightline_renderer::Frame;
 
-/// Every pixel of the picture that is compared with is the mean of so many by so many.
+/// The number of samples per pixel of the reference picture, along each axis.
 const SAMPLES: usize = 3;
 
-/// How pictures along a slow path change from one frame to the next, in levels (of 255) of a pixel's mean channel.
+/// How pictures along a slow path change from one frame to the next, in levels (of 255) of a
+/// pixel's mean channel.
 ///
-/// What moves makes pixels change. A picture in which every pixel is the mean of many changes as smoothly as what it shows;
-/// how far the changes are from those is shimmer.
+/// Motion changes pixels. In a reference picture every pixel is the mean of many samples, so it
+/// changes as smoothly as the scene. Shimmer is the difference between the changes of the two
+/// pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Shimmer {
     /// The mean change of a pixel.
     pub change: f64,
-    /// The same in pictures of many samples a pixel.
+    /// The mean change of a pixel in the reference pictures.
     pub smooth: f64,
-    /// The mean difference of these two changes, pixel by pixel.
+    /// The mean difference between these two changes, pixel by pixel.
     pub excess: f64,
 }
 
 impl Shimmer {
-    /// Of so many frames, each of which `draw` draws at the size of the frame it is given.
+    /// Measures some frames. `draw` draws a frame of the path, by number, at the size of the frame
+    /// passed in.
     pub fn of(
         frames: usize,
         size: (usize, usize),
@@ -81,7 +84,7 @@ fn means(large: &Frame, width: usize) -> Vec<[f32; 3]> {
 mod tests {
     use super::*;
 
-    /// A grey that ramps up to the right and moves, with or without noise that is another in every frame.
+    /// A grey ramp that moves, with or without noise that differs in every frame.
     fn shimmer(noise: u32) -> Shimmer {
         Shimmer::of(5, (32, 8), |frame, picture| {
             let (width, scale) = (picture.width(), picture.width() as u32 / 32);
@@ -95,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_is_no_shimmer_and_noise_is() {
+    fn noise_is_shimmer_and_motion_is_not() {
         let still = shimmer(0);
         assert!(
             (still.change - 8.0).abs() < 0.01 && (still.smooth - 8.0).abs() < 0.01,

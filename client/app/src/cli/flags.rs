@@ -1,4 +1,4 @@
-//! What flags of several commands have in common.
+//! Flags that several commands share.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -11,32 +11,32 @@ use sightline_client::camera_path::CameraPath;
 use sightline_renderer::SIDE_MAX;
 use sightline_world::World;
 
-/// A way for the camera.
+/// The path of the camera.
 #[derive(clap::Args)]
 pub struct PathFlags {
-    /// The way of the camera: a trace, gzipped or not (CSV with the columns
-    /// t_ms,id,x,y,z,yaw,pitch,vx,vy,vz: eyes in metres, angles in radians). When absent, a walk from
-    /// spawn point to spawn point.
+    /// The path of the camera: a trace, gzipped or not, as CSV with the columns
+    /// t_ms,id,x,y,z,yaw,pitch,vx,vy,vz (eyes in metres, angles in radians). When absent, a walk
+    /// from spawn point to spawn point.
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
-    /// Which avatar of the trace to follow; the first when absent.
+    /// The avatar of the trace to follow; when absent, the first one.
     #[arg(long, value_name = "N", requires = "path")]
     id: Option<u32>,
-    /// Begin so many seconds after the path does.
+    /// Where to begin, in seconds after the start of the path.
     #[arg(long, value_name = "S", value_parser = flags::time, default_value = "0")]
     from: Duration,
-    /// End so many seconds after the path begins; where it ends when absent.
+    /// Where to end, in seconds after the start of the path; when absent, at its end.
     #[arg(long, value_name = "S", value_parser = flags::time)]
     until: Option<Duration>,
 }
 
 impl PathFlags {
-    /// Whether a file was named.
+    /// Whether a file was given.
     pub fn is_named(&self) -> bool {
         self.path.is_some()
     }
 
-    /// The part of the path that was asked for: the path, and from when to when, in seconds.
+    /// The path, and the part of it to use: from and until, in seconds.
     ///
     /// # Errors
     /// When the file is no trace, or has no such avatar.

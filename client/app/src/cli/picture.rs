@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
 
-/// No film has more frames.
+/// The largest number of frames in a film.
 pub const FRAMES_MAX: usize = 100_000;
 
-/// Writes pictures of equal height side by side: each its width and its pixels, 0x00RRGGBB, row by row.
+/// Writes pictures of equal height side by side. Each is given by its width and its pixels,
+/// 0x00RRGGBB, row by row.
 pub fn save(path: &Path, panels: &[(usize, &[u32])]) -> anyhow::Result<()> {
     let height = panels.first().map_or(0, |(width, pixels)| pixels.len() / (*width).max(1));
     let width: usize = panels.iter().map(|(width, _)| width).sum();
@@ -24,7 +25,8 @@ pub fn save(path: &Path, panels: &[(usize, &[u32])]) -> anyhow::Result<()> {
     image.save(path).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Where the frames of a film go: a folder, made when it is not there, or a pattern such as `film-%04d.png`.
+/// The files of a film's frames: in a folder, which is created, or by a pattern such as
+/// `film-%04d.png`.
 pub struct FrameFiles {
     before: String,
     digits: usize,
@@ -32,33 +34,35 @@ pub struct FrameFiles {
 }
 
 impl FrameFiles {
-    /// Understands what follows `-o`.
+    /// Parses the value of `-o`.
     ///
     /// # Errors
-    /// When it is neither, or the folder cannot be made.
+    /// When the value is neither a folder nor a pattern, or the folder cannot be created.
     pub fn new(output: &Path) -> anyhow::Result<Self> {
-        let text = output.to_str().context("the output's name is no text")?;
-        let make = |folder: &Path| {
+        let text = output.to_str().context("the name of the output is not valid text")?;
+        let create = |folder: &Path| {
             std::fs::create_dir_all(folder)
-                .with_context(|| format!("cannot make {}", folder.display()))
+                .with_context(|| format!("cannot create {}", folder.display()))
         };
         let Some((before, rest)) = text.split_once('%') else {
             ensure!(
                 output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")),
                 "a film is many pictures: name a folder, or a pattern such as film-%04d.png"
             );
-            make(output)?;
+            create(output)?;
             let before = output.join("frame-").to_string_lossy().into_owned();
             return Ok(Self { before, digits: 4, after: ".png".into() });
         };
         let Some((digits, after)) = rest.split_once('d').filter(|(_, after)| !after.contains('%'))
         else {
-            bail!("{text}: a pattern has one number, as in film-%04d.png");
+            bail!("{text}: a pattern contains one number, as in film-%04d.png");
         };
         let digits = if digits.is_empty() { Some(1) } else { digits.parse().ok() };
         let digits = digits.filter(|digits| (1..=9).contains(digits));
-        let digits = digits.with_context(|| format!("{text}: a pattern is like film-%04d.png"))?;
-        make(output.parent().unwrap_or(Path::new("")))?;
+        let digits = digits.with_context(|| {
+            format!("{text}: a pattern contains a number of 1 to 9 digits, as in film-%04d.png")
+        })?;
+        create(output.parent().unwrap_or(Path::new("")))?;
         Ok(Self { before: before.to_owned(), digits, after: after.to_owned() })
     }
 
@@ -74,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn films_go_into_folders_or_by_patterns() {
+    fn the_frames_of_a_film_go_into_a_folder_or_follow_a_pattern() {
         let folder = tempfile::tempdir().unwrap();
         let film = folder.path().join("a/film");
         let frame_files = FrameFiles::new(&film).unwrap();

@@ -28,48 +28,50 @@ use super::{
     picture::{self, FRAMES_MAX, FrameFiles},
 };
 
-/// Draws a view of a world as a PNG, or a film as many of them.
+/// Draws a picture of a world as a PNG, or a film as many PNGs.
 ///
-/// A film follows a path: `shot house.slw --frames 240 -o film/` walks through the building;
-/// `shot house.slw --path trace.csv --frames 600 -o film-%04d.png` looks out of a recorded avatar's eyes.
+/// A film follows a path. `shot house.slw --frames 240 -o film/` walks through the building. `shot
+/// house.slw --path trace.csv --frames 600 -o film-%04d.png` looks through the eyes of a recorded
+/// avatar.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The world (.slw).
+    /// The world file (.slw).
     world: PathBuf,
-    /// Where the eye is, in metres; a spawn point when absent.
+    /// The position of the eye, in metres; when absent, a spawn point.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     eye: Option<Vec3>,
-    /// A point to look at, in metres; straight ahead when absent.
+    /// A point to look at, in metres; when absent, straight ahead.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     look: Option<Vec3>,
-    /// Which spawn point to stand at, from 0.
+    /// The spawn point to stand at, from 0.
     #[arg(long, value_name = "N", default_value_t = 0, conflicts_with = "eye")]
     spawn: usize,
-    /// The picture's size in pixels.
+    /// The size of the picture, in pixels.
     #[arg(long, value_name = "WxH", value_parser = flags::size, default_value = "960x540")]
     size: (usize, usize),
-    /// Smooth edges; takes more than twice as long.
+    /// Smooth edges (antialiasing). Drawing takes more than twice as long.
     #[arg(long)]
     aa: bool,
     /// Draw rooms as wire frames, with their names and windows.
     #[arg(long)]
     rooms: bool,
-    /// The angle between the lowest and the highest line of sight, in degrees.
+    /// The vertical field of view, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
-    /// When: seconds on the server's clock, by which doors and lifts move. A film begins then.
+    /// The time on the server's clock, in seconds: doors and lifts move by it. A film begins at
+    /// this time.
     #[arg(long, value_name = "S", value_parser = time, default_value = "0")]
     time: Duration,
     #[command(flatten)]
-    way: PathFlags,
-    /// Draw a film of so many frames, at equal intervals along the path.
+    path: PathFlags,
+    /// Draw a film of this many frames, at equal intervals along the path.
     #[arg(long, value_name = "N", conflicts_with_all = ["eye", "look", "spawn"])]
     frames: Option<usize>,
-    /// Leave out what cannot be seen from around the eye. The picture is the same, and finding it out does not count; `bench
-    /// --fuzzy` tells what that takes.
+    /// Leave out the nodes that cannot be seen from a box around the eye. The picture is the same.
+    /// The reported time excludes finding those nodes; `bench --fuzzy` measures it.
     #[arg(long)]
     fuzzy: bool,
-    /// The picture to write; for a film, a folder or a pattern such as film-%04d.png.
+    /// The file to write: for a film, a folder or a pattern such as film-%04d.png.
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
 }
@@ -79,7 +81,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     ensure!((1.0..=170.0).contains(&args.fov), "--fov must be between 1 and 170 degrees");
     let frames = args.frames.unwrap_or(1);
     ensure!((1..=FRAMES_MAX).contains(&frames), "--frames must be between 1 and {FRAMES_MAX}");
-    ensure!(args.frames.is_some() || !args.way.is_named(), "--path makes a film: give --frames");
+    ensure!(
+        args.frames.is_some() || !args.path.is_named(),
+        "--path makes a film: give --frames too"
+    );
     let world = World::read(&args.world)?;
     match args.frames {
         Some(frames) => film(args, &world, frames),
@@ -100,7 +105,7 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
 }
 
 fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
-    let (path, from, until) = args.way.read(world)?;
+    let (path, from, until) = args.path.read(world)?;
     let frame_files = FrameFiles::new(&args.output)?;
     let (width, height) = args.size;
     let (mut scene, mut frame) = (ShotRenderer::new(args, world)?, Frame::new(width, height));
@@ -120,13 +125,13 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let movers = match world.movers.len() {
         0 => String::new(),
         all => format!(
-            ", {:.1} of {all} movers each by {} visibility sets",
+            ", on average {:.1} of {all} movers, found with {} visibility sets",
             drawn as f64 / frames as f64,
             mover_visibility.sets_made()
         ),
     };
     output::print(&format!(
-        "{} to {}: {width} × {height}, {:.1} s of the path, drawn in {:.1} ms each{movers}\n",
+        "{} to {}: {width} × {height}, {:.1} s of the path, {:.1} ms per frame{movers}\n",
         frame_files.frame(0).display(),
         frame_files.frame(frames - 1).display(),
         until - from,
@@ -134,12 +139,12 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     ))
 }
 
-/// What pictures are drawn with.
+/// Draws the pictures of one run.
 struct ShotRenderer<'a> {
     world: &'a World,
     renderer: Renderer,
     wires: Option<RoomWireframes>,
-    /// What hides the rest of the building, where that is wanted.
+    /// The occluders for finding hidden nodes, if asked for.
     walls: Option<VoxelOccluders>,
     fov_y: f32,
 }
@@ -153,7 +158,7 @@ impl<'a> ShotRenderer<'a> {
         Ok(Self { world, renderer, wires, walls, fov_y: args.fov.to_radians() })
     }
 
-    /// Draws and tells how many milliseconds the building took.
+    /// Draws a picture. Returns the milliseconds spent on the building.
     fn draw(&mut self, camera: Camera, movers: &[&Mover], now: Duration, frame: &mut Frame) -> f64 {
         let camera = Camera { fov_y: self.fov_y, ..camera };
         if let Some(walls) = &self.walls {
@@ -181,7 +186,7 @@ fn camera(args: &Args, world: &World) -> anyhow::Result<Camera> {
         None => {
             let Some(spawn) = world.spawns.get(args.spawn) else {
                 let last = world.spawns.len().saturating_sub(1);
-                bail!("there is no spawn point {}: they go from 0 to {last}", args.spawn);
+                bail!("there is no spawn point {}: the numbers go from 0 to {last}", args.spawn);
             };
             (spawn.eye, spawn.yaw)
         }

@@ -11,28 +11,32 @@ use sightline_client::{
 use sightline_protocol::fingerprint::Fingerprint;
 
 /// Sends simulated visitors to a server, and reports what they received.
+///
+/// The visitors wander from room to room, or follow a recorded trace. Each has a connection of its
+/// own.
 #[derive(clap::Args)]
 pub struct Args {
     /// The server, as host:port.
     #[arg(value_name = "ADDR", default_value = "localhost:4777")]
     address: String,
-    /// How many visitors.
+    /// The number of visitors.
     #[arg(long, value_name = "N", default_value_t = 16,
           value_parser = clap::value_parser!(u32).range(1..=16_384))]
     clients: u32,
-    /// For how long they walk, in seconds.
+    /// How long they walk, in seconds.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     seconds: f64,
-    /// Walk as recorded in a trace, gzipped or not, instead of wandering.
+    /// Follow the walks of a trace, gzipped or not, instead of wandering.
     #[arg(long, value_name = "TRACE.csv")]
     trace: Option<PathBuf>,
-    /// The server's fingerprint; when absent, the one it had when it was first met.
+    /// The fingerprint of the server's certificate. When absent, the server first met at this
+    /// address is trusted.
     #[arg(long, value_name = "HEX")]
     fingerprint: Option<Fingerprint>,
-    /// The same seed gives the same goals.
+    /// The seed of the visitors' goals: the same seed gives the same goals.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Writes the figures for machines.
+    /// Write the figures to a JSON file.
     #[arg(long, value_name = "F")]
     json: Option<PathBuf>,
 }
@@ -61,7 +65,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let walk = swarm::run(address, &options, |snapshot| {
         let share = snapshot.elapsed.as_secs_f32() / duration.as_secs_f32();
-        progress.show_with_note("walk", share, &format!("({} visitors)", snapshot.visitors.len()));
+        progress.show_with_note(
+            "walking",
+            share,
+            &format!("({} visitors)", snapshot.visitors.len()),
+        );
     });
     let report = runtime.block_on(async {
         tokio::select! {
@@ -83,19 +91,19 @@ fn table(report: &SwarmReport) -> String {
         ("refused", format!("{}", report.refused)),
         ("disconnected", format!("{}", report.disconnected)),
         ("seconds", format!("{:.1}", report.seconds)),
-        ("others in view", format!("{:.2}", report.visible_mean)),
-        ("time quiet", format!("{:.1} %", report.quiet_share * 100.0)),
+        ("avatars held by a client", format!("{:.2}", report.visible_mean)),
+        ("share of time quiet", format!("{:.1} %", report.quiet_share * 100.0)),
         ("messages to a client", format!("{:.1} /s", report.messages_in_per_s)),
         ("messages from a client", format!("{:.1} /s", report.messages_out_per_s)),
         ("bytes to a client", format!("{:.0} /s", report.bytes_in_per_s)),
         ("bytes from a client", format!("{:.0} /s", report.bytes_out_per_s)),
-        ("with QUIC, to a client", format!("{:.0} /s", report.udp_bytes_in_per_s)),
-        ("with QUIC, from a client", format!("{:.0} /s", report.udp_bytes_out_per_s)),
+        ("bytes with QUIC, to a client", format!("{:.0} /s", report.udp_bytes_in_per_s)),
+        ("bytes with QUIC, from a client", format!("{:.0} /s", report.udp_bytes_out_per_s)),
         ("age of poses, mean", format!("{:.0} ms", report.age_mean_ms)),
-        ("age of poses, 99 of 100", format!("{:.0} ms", report.age_p99_ms)),
+        ("age of poses, 99th percentile", format!("{:.0} ms", report.age_p99_ms)),
         ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
     ];
-    rows.into_iter().map(|(what, figure)| format!("{what:<26}{figure:>12}\n")).collect()
+    rows.into_iter().map(|(what, figure)| format!("{what:<31}{figure:>12}\n")).collect()
 }

@@ -11,27 +11,31 @@ use sightline_client::{
 use sightline_protocol::{fingerprint::Fingerprint, text::Name};
 use sightline_world::World;
 
-/// Opens a window on a shared building.
+/// Opens a window in a shared building.
+///
+/// WASD walk, the mouse (after a click) or the arrow keys look around, Shift runs, Space jumps, F
+/// flies, R shows rooms, Enter chats, Escape leaves.
 #[derive(clap::Args)]
 pub struct Args {
     /// The server, as host:port.
     #[arg(value_name = "ADDR", default_value = "localhost:4777")]
     address: String,
-    /// How the others see you called; your user name when absent.
+    /// The name that others see; when absent, your user name.
     #[arg(long)]
     name: Option<String>,
-    /// Trust only the server with this fingerprint; when absent, the one that was first met at this
-    /// address.
+    /// The fingerprint of the server's certificate. When absent, the server first met at this
+    /// address is trusted.
     #[arg(long, value_name = "HEX")]
     fingerprint: Option<Fingerprint>,
-    /// Walk alone in a world file (.slw), without a server.
+    /// Walk in a world file (.slw) without a server. Ctrl and a number bookmark the view, and the
+    /// number alone flies to it.
     #[arg(long, value_name = "WORLD.slw", conflicts_with_all = ["address", "fingerprint"])]
     world: Option<PathBuf>,
-    /// Find out ahead of the eye, on a thread of its own, what cannot be seen from around a place, and leave it out. The
-    /// picture is the same; `bench --fuzzy` tells what it takes.
+    /// Leave out the nodes that cannot be seen from a box around the eye. A separate thread finds
+    /// them ahead of the eye. The picture is the same; `bench --fuzzy` measures what it saves.
     #[arg(long)]
     fuzzy: bool,
-    /// Leave after so many seconds.
+    /// Leave after this many seconds.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
 }
@@ -43,7 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let end = match args.seconds.map(Duration::try_from_secs_f64) {
         None => None,
         Some(Ok(end)) => Some(end),
-        Some(Err(_)) => bail!("--seconds must be a time from now on"),
+        Some(Err(_)) => bail!("--seconds must be a positive number of seconds"),
     };
     let summary = match &args.world {
         Some(path) => {
@@ -53,7 +57,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         None => visit(args, end)?,
     };
-    tell(&summary)
+    print_summary(&summary)
 }
 
 fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
@@ -95,7 +99,7 @@ fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::W
     desktop::WindowOptions { title, end, stop: None, fuzzy: args.fuzzy }
 }
 
-/// A strong colour that stays the same for a name.
+/// A strong colour that depends on the name alone.
 fn colour_of(name: &str) -> [u8; 3] {
     let hash = blake3::hash(name.as_bytes());
     let hue = f32::from(hash.as_bytes()[0]) / 256.0 * 6.0;
@@ -103,10 +107,10 @@ fn colour_of(name: &str) -> [u8; 3] {
     [0.0, 4.0, 2.0].map(|shift| (60.0 + 180.0 * ramp(shift).clamp(0.0, 1.0)) as u8)
 }
 
-fn tell(summary: &WalkSummary) -> anyhow::Result<()> {
+fn print_summary(summary: &WalkSummary) -> anyhow::Result<()> {
     let (width, height) = summary.size;
     output::print(&format!(
-        "{} frames in {:.1} s ({:.1} a second, {:.1} ms each to draw) at {width} × {height}\n",
+        "{} frames in {:.1} s ({:.1} per second, {:.1} ms each to draw) at {width} × {height}\n",
         summary.frames,
         summary.seconds,
         summary.frames_per_s(),
@@ -123,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_have_strong_colours() {
+    fn every_name_has_a_strong_colour() {
         for name in ["Ada", "Bob", "visitor", ""] {
             let colour = colour_of(name);
             let (min, max) = (colour.iter().min(), colour.iter().max());

@@ -1,4 +1,4 @@
-//! Views that are kept, and flights from where one is to one of them.
+//! Bookmarked views, and flights to them.
 
 use std::{
     f32::consts::{PI, TAU},
@@ -7,14 +7,14 @@ use std::{
 
 use sightline_world::motion::Pose;
 
-/// One for each of the keys 1 to 9.
+/// The number of views: one for each of the keys 1 to 9.
 const VIEWS: usize = 9;
-/// How fast a flight goes on the whole, in metres a second …
+/// The mean speed of a flight, in metres per second.
 const SPEED_M_PER_S: f32 = 8.0;
-/// … and how long it takes at least and at most, in seconds.
+/// The shortest and the longest duration of a flight, in seconds.
 const FLIGHT_S: [f32; 2] = [1.0, 6.0];
 
-/// The views, and the flight that is on.
+/// The bookmarked views, and the current flight.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Bookmarks {
     views: [Option<Pose>; VIEWS],
@@ -30,14 +30,14 @@ struct Flight {
 }
 
 impl Bookmarks {
-    /// Keeps a view, by a number from 0.
+    /// Bookmarks a view under a number from 0.
     pub(super) fn keep(&mut self, number: usize, pose: Pose) {
         if let Some(view) = self.views.get_mut(number) {
             *view = Some(Pose { velocity: Default::default(), ..pose });
         }
     }
 
-    /// Sets out to a view; denied when there is none.
+    /// Starts a flight to a view. Returns false when there is no such view.
     pub(super) fn fly(&mut self, number: usize, from: Pose, now: Instant) -> bool {
         let Some(to) = self.views.get(number).copied().flatten() else { return false };
         let seconds = from.eye.distance(to.eye) / SPEED_M_PER_S;
@@ -46,7 +46,7 @@ impl Bookmarks {
         true
     }
 
-    /// Where a flight is that is on. It ends where it was to go.
+    /// The pose of the current flight, if any. The flight ends at its goal.
     pub(super) fn flight(&mut self, now: Instant) -> Option<Pose> {
         let Flight { from, to, begun, length } = self.flight?;
         let share = now.saturating_duration_since(begun).as_secs_f32() / length.as_secs_f32();
@@ -54,7 +54,7 @@ impl Bookmarks {
             self.flight = None;
             return Some(to);
         }
-        // Gently off and gently on.
+        // Smoothstep: the flight starts and ends gently.
         let share = share * share * (3.0 - 2.0 * share);
         let turn = (to.yaw - from.yaw + PI).rem_euclid(TAU) - PI;
         Some(Pose {
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_flight_goes_to_the_view_the_short_way_round() {
+    fn a_flight_turns_the_short_way_to_its_view() {
         let mut bookmarks = Bookmarks::default();
         let pose = |x: f32, yaw: f32| Pose { eye: Vec3::X * x, yaw, ..Pose::default() };
         let now = Instant::now();

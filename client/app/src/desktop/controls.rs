@@ -1,4 +1,4 @@
-//! Keys and mouse in; wishes, and what is said, out.
+//! Turns keys and mouse motion into wishes for the walker and actions.
 
 use std::{collections::HashSet, f32::consts::FRAC_PI_2};
 
@@ -8,20 +8,20 @@ use winit::keyboard::KeyCode;
 
 use sightline_client_core::walker::MoveInput;
 
-/// What a key does besides moving.
+/// An action of a key, besides movement.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Action {
-    /// Tell the others.
+    /// Say something to the others.
     Say(String),
-    /// Keep the view as a bookmark with this number, from 0.
-    Keep(usize),
-    /// Fly to that.
+    /// Bookmark the view under this number, from 0.
+    Bookmark(usize),
+    /// Fly to the bookmark with this number, from 0.
     Fly(usize),
     /// Close the window.
     Leave,
 }
 
-/// What is held, where the look is turned, and what is being typed.
+/// The keys held, the direction of view, and the line being typed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Controls {
     held: HashSet<KeyCode>,
@@ -32,25 +32,25 @@ pub(super) struct Controls {
     line: Option<String>,
 }
 
-/// Radians for each pixel of the mouse.
+/// Radians per pixel of mouse motion.
 const MOUSE_TURN: f32 = 0.0022;
 
-/// Radians a second while an arrow key is held.
+/// Radians per second while an arrow key is held.
 const KEY_TURN: f32 = 1.8;
 
-/// Straight up is where the look would turn over.
+/// Just below straight up, where the view would turn over.
 const PITCH_MAX: f32 = FRAC_PI_2 - 0.01;
 
-/// The part of the greatest speed without Shift.
+/// The share of the top speed without Shift.
 const WALK_SHARE: f32 = 0.6;
 
 impl Controls {
-    /// Turns the look to that of a pose.
+    /// Takes the direction of view from a pose.
     pub(super) fn face(&mut self, pose: &Pose) {
         (self.yaw, self.pitch) = (pose.yaw, pose.pitch);
     }
 
-    /// A key goes down or up; `text` is what it types.
+    /// A key goes down or up. `text` is what it types.
     pub(super) fn key(&mut self, code: KeyCode, down: bool, text: Option<&str>) -> Option<Action> {
         if !down {
             self.held.remove(&code);
@@ -66,9 +66,10 @@ impl Controls {
                 self.line = Some(String::new());
             }
             code if number(code).is_some() && !self.held.contains(&code) => {
-                let keeps = self.holds(KeyCode::ControlLeft) || self.holds(KeyCode::ControlRight);
+                let bookmarks =
+                    self.holds(KeyCode::ControlLeft) || self.holds(KeyCode::ControlRight);
                 self.held.insert(code);
-                return number(code).map(if keeps { Action::Keep } else { Action::Fly });
+                return number(code).map(if bookmarks { Action::Bookmark } else { Action::Fly });
             }
             KeyCode::KeyF if !self.held.contains(&code) => self.flying = !self.flying,
             KeyCode::KeyR if !self.held.contains(&code) => self.rooms = !self.rooms,
@@ -85,8 +86,8 @@ impl Controls {
         match code {
             KeyCode::Escape => self.line = None,
             KeyCode::Enter | KeyCode::NumpadEnter => {
-                let said = self.line.take().filter(|line| !line.trim().is_empty());
-                return said.map(Action::Say);
+                let line = self.line.take().filter(|line| !line.trim().is_empty());
+                return line.map(Action::Say);
             }
             KeyCode::Backspace => {
                 line.pop();
@@ -100,7 +101,7 @@ impl Controls {
         None
     }
 
-    /// The mouse moved while it turns the look.
+    /// The mouse moves while it is grabbed, in pixels.
     pub(super) fn look(&mut self, right: f64, down: f64) {
         self.turn(-right as f32 * MOUSE_TURN, -down as f32 * MOUSE_TURN);
     }
@@ -110,22 +111,22 @@ impl Controls {
         self.pitch = (self.pitch + up).clamp(-PITCH_MAX, PITCH_MAX);
     }
 
-    /// Nothing is held any more: another window has the keys.
+    /// Forgets the held keys: another window has the focus.
     pub(super) fn release(&mut self) {
         self.held.clear();
     }
 
-    /// Whether rooms are to be drawn.
+    /// Whether rooms are drawn.
     pub(super) fn shows_rooms(&self) -> bool {
         self.rooms
     }
 
-    /// What is being typed.
+    /// The line being typed, if any.
     pub(super) fn line(&self) -> Option<&str> {
         self.line.as_deref()
     }
 
-    /// What is wanted for the next `dt_s` seconds.
+    /// The wish for the next `dt_s` seconds.
     pub(super) fn wish(&mut self, dt_s: f32) -> MoveInput {
         let turn = KEY_TURN * dt_s;
         let left = self.axis(KeyCode::ArrowLeft, KeyCode::ArrowRight) * turn;
@@ -135,7 +136,7 @@ impl Controls {
         let share = if runs { 1.0 } else { WALK_SHARE };
         let (forward, right) =
             (self.axis(KeyCode::KeyW, KeyCode::KeyS), self.axis(KeyCode::KeyD, KeyCode::KeyA));
-        // Across is not faster than along.
+        // Diagonal steps are no faster than straight ones.
         let share = share / forward.hypot(right).max(1.0);
         MoveInput {
             forward: forward * share,
@@ -152,13 +153,13 @@ impl Controls {
         self.held.contains(&code)
     }
 
-    /// 1, -1 or 0.
+    /// The value of an axis: 1, -1 or 0.
     fn axis(&self, more: KeyCode, less: KeyCode) -> f32 {
         f32::from(u8::from(self.holds(more))) - f32::from(u8::from(self.holds(less)))
     }
 }
 
-/// Which of the keys 1 to 9 it is, from 0.
+/// The number of one of the keys 1 to 9, from 0.
 fn number(code: KeyCode) -> Option<usize> {
     const KEYS: [KeyCode; 9] = [
         KeyCode::Digit1,
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_become_wishes() {
+    fn held_keys_become_wishes() {
         let mut controls = Controls::default();
         press(&mut controls, KeyCode::KeyW, "w");
         press(&mut controls, KeyCode::ShiftLeft, "");
@@ -199,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn flying_is_switched_once_for_each_press() {
+    fn each_press_of_f_switches_flying_once() {
         let mut controls = Controls::default();
         press(&mut controls, KeyCode::KeyF, "f");
         press(&mut controls, KeyCode::KeyF, "f");
@@ -210,12 +211,12 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_views() {
+    fn numbers_bookmark_views_and_fly_to_them() {
         let mut controls = Controls::default();
         assert_eq!(press(&mut controls, KeyCode::Digit3, "3"), Some(Action::Fly(2)));
         assert_eq!(press(&mut controls, KeyCode::Digit3, "3"), None, "a held key repeats");
         press(&mut controls, KeyCode::ControlLeft, "");
-        assert_eq!(press(&mut controls, KeyCode::Digit9, "9"), Some(Action::Keep(8)));
+        assert_eq!(press(&mut controls, KeyCode::Digit9, "9"), Some(Action::Bookmark(8)));
         controls.release();
         press(&mut controls, KeyCode::Enter, "\r");
         assert_eq!(press(&mut controls, KeyCode::Digit1, "1"), None);
@@ -223,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn rooms_are_switched_but_not_while_typing() {
+    fn r_switches_rooms_except_while_typing() {
         let mut controls = Controls::default();
         press(&mut controls, KeyCode::KeyR, "r");
         press(&mut controls, KeyCode::KeyR, "r");
@@ -238,11 +239,11 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_typed_and_said() {
+    fn a_typed_line_is_said_on_enter() {
         let mut controls = Controls::default();
         press(&mut controls, KeyCode::KeyW, "w");
         assert_eq!(press(&mut controls, KeyCode::Enter, "\r"), None);
-        assert_eq!(controls.wish(0.1).forward, 0.0, "typing does not walk");
+        assert_eq!(controls.wish(0.1).forward, 0.0, "typed letters do not move the walker");
         for letter in ["h", "i", "\u{8}", "!"] {
             press(&mut controls, KeyCode::KeyW, letter);
         }
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn escape_first_drops_the_line_then_leaves() {
+    fn escape_first_drops_the_line_and_then_leaves() {
         let mut controls = Controls::default();
         press(&mut controls, KeyCode::Enter, "\r");
         press(&mut controls, KeyCode::KeyA, "a");
@@ -265,11 +266,11 @@ mod tests {
         assert_eq!(controls.line(), None);
         assert_eq!(press(&mut controls, KeyCode::Escape, ""), Some(Action::Leave));
         press(&mut controls, KeyCode::Enter, "\r");
-        assert_eq!(press(&mut controls, KeyCode::Enter, "\r"), None, "nothing is not said");
+        assert_eq!(press(&mut controls, KeyCode::Enter, "\r"), None, "an empty line is not said");
     }
 
     #[test]
-    fn the_look_does_not_turn_over() {
+    fn the_view_never_turns_over() {
         let mut controls = Controls::default();
         controls.look(1.0e6, -1.0e6);
         let wish = controls.wish(0.0);

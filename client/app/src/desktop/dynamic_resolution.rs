@@ -1,29 +1,30 @@
-//! How large the drawn picture is compared to the window, so that it stays fluent.
+//! Draws fewer pixels than the window has when frames take too long.
 
-/// Keeps a moving mean of the time that a frame takes, and draws at half the size when that is too
-/// long.
+/// Keeps a moving average of the time per frame. Above a limit, frames are drawn at half the
+/// window's width and height.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct DynamicResolution {
     mean_ms: f32,
-    /// Window pixels for each drawn one, in each direction: 1 or 2.
+    /// Window pixels per drawn pixel, along each axis: 1 or 2.
     divisor: usize,
     /// Frames since the last change.
     since: u32,
 }
 
-/// Slower than 20 frames a second is too slow.
+/// Above this time per frame, the resolution is halved: below 20 frames per second.
 const SLOW_MS: f32 = 50.0;
 
-/// At half the size: fast enough that four times as many pixels would be drawn in time.
+/// Below this time per frame at half resolution, four times as many pixels take less than
+/// [`SLOW_MS`].
 const FAST_MS: f32 = 9.0;
 
-/// A change must prove itself first.
+/// The least number of frames between two changes.
 const FRAMES_BETWEEN: u32 = 30;
 
-/// A single slow frame, while something is loaded, counts no more.
+/// A slow frame counts as at most this much: one alone, while something is loaded, changes nothing.
 const COUNTED_MS_MAX: f32 = 150.0;
 
-/// The weight of one frame in the mean.
+/// The weight of a frame in the moving average.
 const WEIGHT: f32 = 0.1;
 
 impl Default for DynamicResolution {
@@ -33,7 +34,7 @@ impl Default for DynamicResolution {
 }
 
 impl DynamicResolution {
-    /// Takes in how long a frame took.
+    /// Takes in the time that a frame took.
     pub(super) fn drew(&mut self, milliseconds: f32) {
         self.mean_ms += (milliseconds.min(COUNTED_MS_MAX) - self.mean_ms) * WEIGHT;
         self.since = self.since.saturating_add(1);
@@ -47,7 +48,7 @@ impl DynamicResolution {
         }
     }
 
-    /// Window pixels for each drawn one, in each direction.
+    /// Window pixels per drawn pixel, along each axis.
     pub(super) fn divisor(&self) -> usize {
         self.divisor
     }
@@ -58,14 +59,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slow_frames_get_smaller_and_fast_ones_whole_again() {
+    fn slow_frames_halve_the_resolution_and_fast_ones_restore_it() {
         let mut dynamic_resolution = DynamicResolution::default();
         let mut after = |milliseconds: f32, frames: u32| {
             (0..frames).for_each(|_| dynamic_resolution.drew(milliseconds));
             dynamic_resolution.divisor()
         };
         assert_eq!(after(30.0, 300), 1);
-        assert_eq!(after(500.0, 1), 1, "one slow frame is nothing");
+        assert_eq!(after(500.0, 1), 1, "one slow frame changes nothing");
         assert_eq!(after(90.0, 60), 2);
         assert_eq!(after(22.0, 300), 2, "it would be too slow at full size");
         assert_eq!(after(5.0, 60), 1);

@@ -1,8 +1,8 @@
 //! The window: a thin shell around the renderer, the walker and a session.
 //!
-//! [`run`] opens it and stays until the person leaves. WASD walk, the mouse (after a click) or the
-//! arrow keys look, Shift runs, Space jumps, F flies, R shows rooms, Enter says something, Escape leaves.
-//! Who is alone keeps views by Ctrl and a number, and flies to them by the number.
+//! [`run`] opens it, and returns when the person leaves. WASD walk, the mouse (after a click) or
+//! the arrow keys look around, Shift runs, Space jumps, F flies, R shows rooms, Enter chats, Escape
+//! leaves. Without a server, Ctrl and a number bookmark the view, and the number alone flies to it.
 
 mod bookmarks;
 mod controls;
@@ -23,63 +23,63 @@ use winit::event_loop::EventLoop;
 use self::{scene::Scene, window::WindowApp};
 use crate::net::Session;
 
-/// What is walked in.
+/// The building that is walked in.
 #[derive(Clone, Copy)]
 pub enum WorldSource<'a> {
     /// A building shared with others.
     Shared(&'a Session),
-    /// A building for oneself.
+    /// A building without a server, and where to start.
     Alone(&'a World, Spawn),
 }
 
-/// How the window looks and when it closes by itself.
+/// The title of the window, and when it closes by itself.
 #[derive(Clone, Copy, Default)]
 pub struct WindowOptions<'a> {
-    /// Written on the window's frame.
+    /// The window's title.
     pub title: &'a str,
-    /// Closes after so long.
+    /// The window closes after this time.
     pub end: Option<Duration>,
-    /// Closes when it becomes true.
+    /// The window closes when this becomes true.
     pub stop: Option<&'a AtomicBool>,
-    /// Prepares what is hidden from where the eye will be, on a thread of its own, and leaves it out: see
-    /// [`render::hidden`](sightline_renderer::node_visibility).
+    /// Finds hidden nodes ahead of the eye on a separate thread, and leaves them out: see
+    /// [`sightline_renderer::node_visibility`].
     pub fuzzy: bool,
 }
 
-/// What happened in the window.
+/// What the window did until it closed.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct WalkSummary {
-    /// Frames shown.
+    /// The number of frames shown.
     pub frames: u64,
     /// How long the window was open, in seconds.
     pub seconds: f64,
-    /// The mean time to draw a frame, in milliseconds: what limits the frame rate, which itself is
-    /// held at [`FRAMES_PER_S_MAX`].
+    /// The mean time to draw a frame, in milliseconds. The frame rate is limited to
+    /// [`FRAMES_PER_S_MAX`], so it tells less.
     pub draw_ms: f64,
-    /// Pixels of the last frame.
+    /// Columns and rows of the last frame.
     pub size: (usize, usize),
-    /// Why the session ended, when it was not the person who left.
+    /// Why the session ended, when the person did not leave.
     pub ended: Option<String>,
 }
 
 impl WalkSummary {
-    /// Frames shown for each second.
+    /// Frames shown per second.
     pub fn frames_per_s(&self) -> f64 {
         if self.seconds > 0.0 { self.frames as f64 / self.seconds } else { 0.0 }
     }
 }
 
-/// More frames would not be seen, and the cores may have other work.
+/// The highest frame rate: people do not see more, and the cores may have other work.
 pub const FRAMES_PER_S_MAX: u32 = 60;
 
 /// Why there is no window.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DesktopError {
-    /// Nothing to open it on.
+    /// There is no display, or it does not answer.
     #[error("cannot open a window: the display does not answer")]
     Display,
-    /// It cannot be drawn on.
+    /// The window cannot be drawn on.
     #[error("cannot draw in the window: {0}")]
     Surface(String),
 }
@@ -93,12 +93,12 @@ pub fn has_display() -> bool {
         || is_set("WAYLAND_SOCKET")
 }
 
-/// Opens a window and stays until the person leaves, the session ends or the options say so. To be
-/// called on the main thread, and once only in a process.
+/// Opens a window. Returns when the person leaves, the session ends, or the options say so. Must be
+/// called on the main thread, and only once in a process.
 ///
 /// # Errors
 ///
-/// When there is no display, or no drawing on it.
+/// When there is no display, or the window cannot be drawn on.
 pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, DesktopError> {
     let events = EventLoop::new().map_err(display_error)?;
     let display = events.owned_display_handle();
@@ -110,8 +110,8 @@ pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, De
     shell.finish()
 }
 
-/// What winit says names lines of its own source, which is of no use to a person.
+/// winit's messages name lines of its source, so they go to the log only.
 fn display_error(error: impl std::fmt::Display) -> DesktopError {
-    tracing::debug!(%error, "no window");
+    tracing::debug!(%error, "winit cannot open a window");
     DesktopError::Display
 }

@@ -1,4 +1,4 @@
-//! The status line, what was said, and what is being typed.
+//! Text over the picture: the status line, the chat, and the line being typed.
 
 use std::{
     collections::VecDeque,
@@ -7,16 +7,16 @@ use std::{
 
 use sightline_renderer::{Frame, text};
 
-/// What was said lately.
+/// The last lines of chat and notices.
 #[derive(Default)]
 pub(super) struct Log {
     lines: VecDeque<(Instant, String)>,
 }
 
-/// A line is shown so long.
+/// How long a line is shown.
 const SHOWN: Duration = Duration::from_secs(20);
 
-/// No more lines are shown.
+/// The largest number of lines shown.
 const LINES_MAX: usize = 8;
 
 const STATUS: u32 = 0x00f0_f4f8;
@@ -31,12 +31,12 @@ impl Log {
         }
     }
 
-    /// Draws what was said from the bottom upward, above what is being typed.
+    /// Draws the lines from the bottom upward, above the line being typed.
     pub(super) fn draw(&self, frame: &mut Frame, now: Instant, typed: Option<&str>) {
         let height = line_height(frame);
         let mut y = frame.height() as i32 - height as i32;
         if let Some(typed) = typed {
-            // The end is what one looks at while typing.
+            // Show the end of a long line: that is where the person types.
             let room = letters_in(frame).saturating_sub(4);
             let hidden = typed.chars().count().saturating_sub(room);
             let end: String = typed.chars().skip(hidden).collect();
@@ -53,7 +53,7 @@ impl Log {
     }
 }
 
-/// Draws the line at the top.
+/// Draws the status line at the top.
 pub(super) fn status(frame: &mut Frame, status: &str) {
     line(frame, 0, STATUS, status);
 }
@@ -65,7 +65,7 @@ fn line(frame: &mut Frame, y: i32, colour: u32, said: &str) {
     text::draw(frame, [4 * scale as i32, y + 2 * scale as i32], scale, colour, said);
 }
 
-/// Letters are twice as large where they would be tiny.
+/// Letters are twice as large in tall windows.
 fn scale(frame: &Frame) -> usize {
     1 + frame.height() / 900
 }
@@ -78,7 +78,7 @@ fn letters_in(frame: &Frame) -> usize {
     (frame.width() / (text::LETTER * scale(frame))).saturating_sub(1).max(1)
 }
 
-/// A line cut into parts that fit.
+/// Cuts a line into parts that fit.
 fn wrapped(said: &str, letters: usize) -> Vec<String> {
     let letters_all: Vec<char> = said.chars().collect();
     letters_all.chunks(letters).map(|part| part.iter().collect()).collect()
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn long_lines_are_wrapped_and_old_ones_go() {
+    fn long_lines_are_wrapped_and_old_ones_disappear() {
         assert_eq!(wrapped("abcdefgh", 3), ["abc", "def", "gh"]);
         let now = Instant::now();
         let mut log = Log::default();

@@ -1,4 +1,4 @@
-//! One frame after another: the walker's step, the building, the others, and what is written.
+//! One frame after another: the walker's step, the building, the avatars and the overlay.
 
 use std::time::{Duration, Instant};
 
@@ -23,26 +23,26 @@ use sightline_renderer::{
     rooms::RoomWireframes,
 };
 
-/// All that a window shows, without the window.
+/// Everything that the window shows, without the window itself.
 pub(super) struct Scene<'a> {
     visit: WorldSource<'a>,
     walker: Walker,
     rooms: RoomIndex,
-    /// Made when they are first asked for.
+    /// Made when first needed.
     wires: Option<RoomWireframes>,
     bookmarks: Bookmarks,
-    /// Of the flight that is on.
+    /// Which movers the current flight can see.
     mover_visibility: Option<MoverVisibility>,
     renderer: Renderer,
     moving: MovingRenderer,
-    /// If it is wanted.
+    /// Finds hidden nodes, if the options ask for it.
     ahead: Option<VisibilityPrefetcher>,
     drawn: Frame,
     shown: Frame,
     log: Log,
     dynamic_resolution: DynamicResolution,
     rate: Rate,
-    /// Where the clock begins for who is alone.
+    /// The start of the clock where there is no server.
     start: Instant,
     before: Option<Instant>,
     draw_time: Duration,
@@ -65,7 +65,7 @@ impl<'a> Scene<'a> {
         let world = visit.world();
         let ahead = if fuzzy {
             let ahead = VisibilityPrefetcher::new(&world.octree);
-            ahead.inspect_err(|error| tracing::warn!(%error, "everything is drawn")).ok()
+            ahead.inspect_err(|error| tracing::warn!(%error, "hidden nodes are not left out")).ok()
         } else {
             None
         };
@@ -95,7 +95,7 @@ impl<'a> Scene<'a> {
         &self.walker
     }
 
-    /// How long all frames took to draw.
+    /// The time spent on drawing all frames.
     pub(super) fn draw_time(&self) -> Duration {
         self.draw_time
     }
@@ -115,23 +115,25 @@ impl<'a> Scene<'a> {
             WorldSource::Alone(..) => Some("nobody else is here".into()),
         };
         if let Some(reason) = refused {
-            self.log.add(now, format!("not said: {reason}"));
+            self.log.add(now, format!("your line was not sent: {reason}"));
         }
     }
 
-    /// Keeps the view.
-    pub(super) fn keep(&mut self, now: Instant, number: usize) {
+    /// Bookmarks the view.
+    pub(super) fn bookmark(&mut self, now: Instant, number: usize) {
         self.bookmarks.keep(number, self.walker.pose());
-        self.log.add(now, format!("view {} is kept", number + 1));
+        self.log.add(now, format!("view {} is bookmarked", number + 1));
     }
 
-    /// Sets out to a view that was kept. Among others one walks.
+    /// Starts a flight to a bookmarked view. Only possible without a server.
     pub(super) fn fly(&mut self, now: Instant, number: usize) {
         let refused = match self.visit {
-            WorldSource::Shared(_) => Some("only who is alone flies to views".to_owned()),
+            WorldSource::Shared(_) => {
+                Some("flights to views need a building without a server".to_owned())
+            }
             WorldSource::Alone(..) if self.bookmarks.fly(number, self.walker.pose(), now) => None,
             WorldSource::Alone(..) => {
-                Some(format!("no view {0} is kept: Ctrl and {0} keeps one", number + 1))
+                Some(format!("no view {0} is bookmarked: Ctrl+{0} bookmarks one", number + 1))
             }
         };
         if let Some(reason) = refused {
@@ -139,7 +141,7 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Where one is now: on a flight, or as the keys want it.
+    /// Moves to the next pose: along the current flight, or as the keys say.
     fn go(
         &mut self,
         controls: &mut Controls,
@@ -157,14 +159,14 @@ impl<'a> Scene<'a> {
         self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s)
     }
 
-    /// Goes on to `now` and draws a picture of this size.
+    /// Advances to `now`, and draws a frame of the given size.
     pub(super) fn frame(
         &mut self,
         controls: &mut Controls,
         (width, height): (usize, usize),
         now: Instant,
     ) -> &Frame {
-        self.hear(now);
+        self.handle_events(now);
         let dt_s = self.before.map_or(0.0, |before| (now - before).as_secs_f32());
         self.before = Some(now);
         self.rate.count(now);
@@ -200,8 +202,8 @@ impl<'a> Scene<'a> {
         shown
     }
 
-    /// Takes in what the server said.
-    fn hear(&mut self, now: Instant) {
+    /// Handles the events of the session.
+    fn handle_events(&mut self, now: Instant) {
         let WorldSource::Shared(session) = self.visit else { return };
         for event in session.events() {
             match event {
@@ -213,8 +215,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Draws the building, what moves in it at a time of the server's clock, and the others; tells
-    /// which of these can be seen. On a flight there is nobody else.
+    /// Draws the building, its movers at a time of the server's clock, and the avatars. Returns the
+    /// avatars in sight. On a flight there are no others.
     fn draw(&mut self, pose: &Pose, time: Duration) -> Vec<VisibleAvatar> {
         let (world, camera) = (self.visit.world(), &Camera::at(pose));
         let focal = camera.focal(self.drawn.height());
@@ -234,8 +236,8 @@ impl<'a> Scene<'a> {
         self.moving.draw(&mut self.drawn, camera, world, told, time)
     }
 
-    /// What the building is called, and the room that an eye is in.
-    fn whereabouts(&self, eye: Vec3) -> String {
+    /// The name of the building, and of the room around an eye.
+    fn place_name(&self, eye: Vec3) -> String {
         let world = self.visit.world();
         let room = self.rooms.room_at(eye).and_then(|room| world.rooms.get(room));
         let room = room.map(|room| format!(", {}", room.title())).unwrap_or_default();
@@ -243,7 +245,7 @@ impl<'a> Scene<'a> {
     }
 
     fn status(&self, eye: Vec3, seen: &[VisibleAvatar]) -> String {
-        let title = self.whereabouts(eye);
+        let title = self.place_name(eye);
         let fps = self.rate.per_s;
         let WorldSource::Shared(session) = self.visit else {
             return format!("{title} | {fps:.0} fps | alone");
@@ -253,10 +255,10 @@ impl<'a> Scene<'a> {
             stats.reporting_state.map_or_else(|| "outside".to_owned(), |state| state.to_string());
         let [rate_in, rate_out] = [stats.udp_rate_in, stats.udp_rate_out].map(|rate| rate / 1.0e3);
         let names: Vec<&str> = seen.iter().map(|other| other.name.as_str()).collect();
-        let told_of = stats.visible;
+        let held = stats.visible;
         format!(
             "{title} | {fps:.0} fps | {state} | in {rate_in:.1} out {rate_out:.1} kB/s \
-             | told of {told_of}, see {}{}{}",
+             | told of {held}, sees {}{}{}",
             names.len(),
             if names.is_empty() { "" } else { ": " },
             names.join(", ")
@@ -273,7 +275,7 @@ impl<'a> WorldSource<'a> {
     }
 }
 
-/// Frames a second, taken each half second.
+/// The frame rate, measured every half second.
 #[derive(Default)]
 struct Rate {
     since: Option<Instant>,
@@ -292,7 +294,7 @@ impl Rate {
     }
 }
 
-/// Makes `divisor` × `divisor` pixels of each.
+/// Draws each pixel as a square of `divisor` × `divisor` pixels.
 fn enlarge(small: &Frame, large: &mut Frame, divisor: usize) {
     let width = large.width();
     for (y, row) in large.colour.chunks_mut(width.max(1)).enumerate() {
@@ -309,7 +311,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn enlarged_pictures_fill_odd_windows() {
+    fn enlarged_frames_fill_windows_of_odd_size() {
         let mut small = Frame::new(3, 2);
         small.colour.copy_from_slice(&[1, 2, 3, 4, 5, 6]);
         let mut large = Frame::new(5, 3);
@@ -318,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_is_that_of_the_last_half_second() {
+    fn the_frame_rate_is_that_of_the_last_half_second() {
         let start = Instant::now();
         let mut rate = Rate::default();
         (0..=40).for_each(|i| rate.count(start + Duration::from_millis(25 * i)));

@@ -1,4 +1,5 @@
-//! The window itself: what winit tells goes to the controls, what the scene drew to the screen.
+//! The window itself: passes winit's events to the controls, and frames from the scene to the
+//! screen.
 
 use std::{
     num::NonZeroU32,
@@ -23,14 +24,14 @@ use super::{
     scene::Scene,
 };
 
-/// What winit calls.
+/// The handler of winit's events.
 pub(super) struct WindowApp<'a> {
     scene: Scene<'a>,
     options: WindowOptions<'a>,
     context: Context<OwnedDisplayHandle>,
     screen: Option<Screen>,
     controls: Controls,
-    /// The mouse turns the look.
+    /// Whether the mouse turns the view.
     grabbed: bool,
     start: Instant,
     next_frame: Instant,
@@ -44,7 +45,7 @@ struct Screen {
     surface: Surface<OwnedDisplayHandle, Rc<Window>>,
 }
 
-/// How large the window opens, in points.
+/// The initial size of the window, in logical pixels.
 const SIZE: LogicalSize<f64> = LogicalSize::new(960.0, 540.0);
 
 impl<'a> WindowApp<'a> {
@@ -101,14 +102,14 @@ impl<'a> WindowApp<'a> {
         let (Some(width), Some(height)) =
             (NonZeroU32::new(size.width), NonZeroU32::new(size.height))
         else {
-            // The window is folded up.
+            // The window is minimised.
             return Ok(());
         };
         screen.surface.resize(width, height).map_err(surface_error)?;
         let mut buffer = screen.surface.buffer_mut().map_err(surface_error)?;
         self.size = (size.width as usize, size.height as usize);
         let frame = self.scene.frame(&mut self.controls, self.size, Instant::now());
-        // A window wider than any frame keeps a margin.
+        // A window wider than the widest frame keeps a margin.
         let rows = buffer.chunks_mut(self.size.0).zip(frame.colour.chunks(frame.width().max(1)));
         for (row, pixels) in rows {
             let shown = row.len().min(pixels.len());
@@ -129,12 +130,12 @@ impl<'a> WindowApp<'a> {
         let PhysicalKey::Code(code) = event.physical_key else { return };
         let down = event.state == ElementState::Pressed;
         if down && code == KeyCode::Escape && self.grabbed && self.controls.line().is_none() {
-            // The first one gives the mouse back.
+            // The first Escape releases the mouse, the second one leaves.
             return self.grab(false);
         }
         match self.controls.key(code, down, event.text.as_deref()) {
             Some(Action::Say(line)) => self.scene.say(Instant::now(), &line),
-            Some(Action::Keep(number)) => self.scene.keep(Instant::now(), number),
+            Some(Action::Bookmark(number)) => self.scene.bookmark(Instant::now(), number),
             Some(Action::Fly(number)) => self.scene.fly(Instant::now(), number),
             Some(Action::Leave) => events.exit(),
             None => (),
@@ -144,22 +145,23 @@ impl<'a> WindowApp<'a> {
     fn grab(&mut self, grabs: bool) {
         let Some(Screen { window, .. }) = &self.screen else { return };
         let mode = if grabs { CursorGrabMode::Locked } else { CursorGrabMode::None };
-        // Where neither is supported the mouse turns the look all the same, up to the screen's edge.
-        let held = window
+        // Where neither mode is supported, the mouse still turns the view, until it meets the
+        // screen's edge.
+        let grabbed = window
             .set_cursor_grab(mode)
             .or_else(|_| window.set_cursor_grab(CursorGrabMode::Confined));
-        if let Err(error) = held {
-            tracing::debug!(%error, "the mouse cannot be held");
+        if let Err(error) = grabbed {
+            tracing::debug!(%error, "the mouse cannot be grabbed");
         }
         window.set_cursor_visible(!grabs);
         if grabs {
-            // Without a window manager nobody else gives it the keys.
+            // Without a window manager, nothing else gives the window the focus.
             window.focus_window();
         }
         self.grabbed = grabs;
     }
 
-    /// Notes an error and ends.
+    /// Records an error, and ends the event loop.
     fn check(&mut self, events: &ActiveEventLoop, outcome: Result<(), DesktopError>) {
         if let Err(error) = outcome {
             self.error = Some(error);
@@ -213,7 +215,7 @@ impl ApplicationHandler for WindowApp<'_> {
         }
         let now = Instant::now();
         if now >= self.next_frame {
-            // A late frame does not make the next ones hurry.
+            // A late frame does not hurry the next ones.
             let interval = Duration::from_secs(1) / FRAMES_PER_S_MAX;
             self.next_frame = (self.next_frame + interval).max(now);
             if let Some(Screen { window, .. }) = &self.screen {

@@ -1,5 +1,5 @@
-//! Simulated visitors, many in one process: they wander from room to room, or walk as recorded,
-//! each with a connection and a replica of its own, and what they receive is counted.
+//! Simulated visitors, many in one process. They wander from room to room, or follow recorded
+//! walks. Each has a connection and a replica of its own. What they receive is counted.
 
 mod report;
 mod visitor;
@@ -28,27 +28,27 @@ use visitor::{Visitor, Wanderer};
 
 pub use report::SwarmReport;
 
-/// Visitors move so often.
+/// The time between two steps of the visitors.
 const STEP: Duration = Duration::from_millis(25);
-/// So many connect at the same time.
+/// The largest number of visitors that connect at the same time.
 const CONNECTING_MAX: usize = 16;
 
-/// Whom to send, and for how long.
+/// How many visitors to send, for how long, and how they move.
 #[derive(Clone)]
 pub struct SwarmOptions {
-    /// How many.
+    /// The number of visitors.
     pub clients: usize,
-    /// For how long, once all are in.
+    /// How long they walk, once all are in.
     pub duration: Duration,
-    /// The same seed gives the same goals.
+    /// The seed of their goals.
     pub seed: u64,
-    /// Which servers to trust.
+    /// The trusted servers.
     pub trust: Trust,
-    /// Where worlds are kept; only in memory when `None`.
+    /// The folder of downloaded worlds; `None` to keep them only in memory.
     pub world_folder: Option<PathBuf>,
-    /// Walk as recorded instead of wandering: the first visitor as the first avatar, and so on.
+    /// Recorded walks to follow instead of wandering: one visitor per recorded avatar.
     pub trace: Option<Trace>,
-    /// How often the observer is called.
+    /// The time between two calls of the observer.
     pub snapshot_interval: Duration,
 }
 
@@ -67,25 +67,25 @@ impl SwarmOptions {
     }
 }
 
-/// The truth and what each visitor knows of it, at one moment.
+/// The true poses, and what each visitor's replica holds, at one moment.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// Since all were in.
+    /// The time since all visitors were in.
     pub elapsed: Duration,
-    /// Those who are connected.
+    /// The connected visitors.
     pub visitors: Vec<VisitorView>,
 }
 
 /// One visitor at one moment.
 #[derive(Clone, Debug)]
 pub struct VisitorView {
-    /// Who.
+    /// The visitor's avatar.
     pub avatar: AvatarId,
-    /// Where it truly is.
+    /// Its true pose.
     pub pose: Pose,
     /// What the server expects of it; `None` before it is in the world.
     pub reporting_state: Option<ReportingState>,
-    /// Whom its replica holds.
+    /// The avatars that its replica holds.
     pub held: Vec<HeldAvatar>,
 }
 
@@ -93,18 +93,18 @@ pub struct VisitorView {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SwarmError {
-    /// Not one visitor could come in.
+    /// No visitor could come in.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// More visitors than recorded walks.
+    /// The trace has fewer walks than there are visitors.
     #[error("the trace has {tracks} avatars, not {clients}")]
     TraceTooSmall {
-        /// Walks that are recorded.
+        /// The number of recorded walks.
         tracks: usize,
-        /// Visitors that were asked for.
+        /// The number of visitors.
         clients: usize,
     },
-    /// The building has no floor on which a body could walk.
+    /// The building has no floor where a body can walk.
     #[error("no floor to walk on was found near the spawn points")]
     NoFloor,
 }
@@ -117,17 +117,17 @@ struct ConnectedVisitor {
     has_ended: bool,
 }
 
-/// Sends visitors to a server and tells what they received. The observer is called now and then
-/// with the truth and what each visitor knows. Must be called within a tokio runtime.
+/// Sends visitors to a server, and reports what they received. Calls the observer at each
+/// [`SwarmOptions::snapshot_interval`]. Must be called within a tokio runtime.
 ///
 /// # Errors
-/// When nobody can come in, or there is nowhere to walk.
+/// When no visitor can come in, the trace has too few walks, or there is no floor.
 pub async fn run(
     address: SocketAddr,
     options: &SwarmOptions,
     mut observer: impl FnMut(&Snapshot),
 ) -> Result<SwarmReport, SwarmError> {
-    let (mut members, ways, refused) = gather(address, options).await?;
+    let (mut members, navigation, refused) = connect_visitors(address, options).await?;
     let world = members.first().map(|member| member.session.world().clone());
     let mut statistics =
         SwarmStatistics::new(members.iter().map(|member| &member.session), refused);
@@ -144,7 +144,7 @@ pub async fn run(
         let dt_s = (elapsed - before).as_secs_f32();
         before = elapsed;
         for member in &mut members {
-            member.step(world, &ways, dt_s, elapsed, &mut statistics);
+            member.step(world, &navigation, dt_s, elapsed, &mut statistics);
         }
         if elapsed >= next_snapshot {
             next_snapshot += options.snapshot_interval;
@@ -166,7 +166,7 @@ impl ConnectedVisitor {
     fn step(
         &mut self,
         world: &World,
-        ways: &Navigation,
+        navigation: &Navigation,
         dt_s: f32,
         elapsed: Duration,
         statistics: &mut SwarmStatistics,
@@ -186,7 +186,7 @@ impl ConnectedVisitor {
                 self.visitor.correct(pose);
             }
         }
-        self.pose = self.visitor.step(world, ways, dt_s, elapsed.as_secs_f64());
+        self.pose = self.visitor.step(world, navigation, dt_s, elapsed.as_secs_f64());
         self.session.set_pose(self.pose);
         statistics.moved(self.session.avatar(), elapsed, self.pose.eye);
     }
@@ -202,9 +202,9 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> Snapshot {
     Snapshot { elapsed, visitors: visitors.collect() }
 }
 
-/// Brings everybody in: the first alone, who fetches the world, then the others. Also tells how
-/// many were refused.
-async fn gather(
+/// Connects all visitors: the first one alone, because it downloads the world, then the others.
+/// Also returns the number of refused ones.
+async fn connect_visitors(
     address: SocketAddr,
     options: &SwarmOptions,
 ) -> Result<(Vec<ConnectedVisitor>, Arc<Navigation>, usize), SwarmError> {
@@ -217,50 +217,53 @@ async fn gather(
     }
     let start = |i: usize| tracks.and_then(|tracks| Some(tracks.get(i)?.at(0.0).eye));
     let dialer = Arc::new(Dialer::new(options.world_folder.clone()));
-    // The first stands at a spawn point, since nothing is known of the building before.
-    let first = dialer.connect(address, &hello(options, 0, start(0))).await?;
+    // The first visitor starts at a spawn point: nothing else is known of the building yet.
+    let first = dialer.connect(address, &connect_options(options, 0, start(0))).await?;
     let world = first.world().clone();
-    let ways = if tracks.is_some() { Arc::default() } else { find_ways(&world).await? };
+    let navigation =
+        if tracks.is_some() { Arc::default() } else { find_navigation(&world).await? };
     let mut random = SmallRng::seed_from_u64(options.seed);
-    let hellos = (1..options.clients)
-        .map(|i| (i, hello(options, i, start(i).or_else(|| ways.random(&mut random)))))
+    let options_by_number = (1..options.clients)
+        .map(|i| {
+            (i, connect_options(options, i, start(i).or_else(|| navigation.random(&mut random))))
+        })
         .collect();
-    let (mut sessions, refused) = connect_all(&dialer, address, hellos).await;
+    let (mut sessions, refused) = connect_all(&dialer, address, options_by_number).await;
     sessions.insert(0, (0, first));
     let members = sessions.into_iter().map(|(i, session)| {
         let pose = session.pose();
         let visitor = match tracks.and_then(|tracks| tracks.get(i)) {
-            Some(track) => Visitor::Actor(track.clone()),
+            Some(track) => Visitor::Recorded(track.clone()),
             None => {
                 let seed = options.seed.wrapping_mul(0x9e37_79b9).wrapping_add(i as u64);
-                Visitor::Wanderer(Box::new(Wanderer::new(&world, pose.eye, seed)))
+                Visitor::Wandering(Box::new(Wanderer::new(&world, pose.eye, seed)))
             }
         };
         ConnectedVisitor { session, visitor, pose, has_ended: false }
     });
-    Ok((members.collect(), ways, refused))
+    Ok((members.collect(), navigation, refused))
 }
 
-async fn find_ways(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmError> {
+async fn find_navigation(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmError> {
     let world = world.clone();
     match tokio::task::spawn_blocking(move || Navigation::new(&world)).await {
-        Ok(ways) if !ways.is_empty() => Ok(Arc::new(ways)),
+        Ok(navigation) if !navigation.is_empty() => Ok(Arc::new(navigation)),
         _ => Err(SwarmError::NoFloor),
     }
 }
 
-/// Connects with each of many hellos, a few at a time. Those that came in, in order, and how many
-/// did not.
+/// Connects with each of the options, a few at a time. Returns the sessions in order, and the
+/// number of failures.
 async fn connect_all(
     dialer: &Arc<Dialer>,
     address: SocketAddr,
-    mut hellos: VecDeque<(usize, ConnectOptions)>,
+    mut options_by_number: VecDeque<(usize, ConnectOptions)>,
 ) -> (Vec<(usize, Session)>, usize) {
     let (mut sessions, mut refused) = (Vec::new(), 0);
     let mut connecting = JoinSet::new();
     loop {
         while connecting.len() < CONNECTING_MAX
-            && let Some((i, hello)) = hellos.pop_front()
+            && let Some((i, hello)) = options_by_number.pop_front()
         {
             let dialer = dialer.clone();
             connecting.spawn(async move { (i, dialer.connect(address, &hello).await) });
@@ -279,9 +282,9 @@ async fn connect_all(
     (sessions, refused)
 }
 
-fn hello(options: &SwarmOptions, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {
+fn connect_options(options: &SwarmOptions, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {
     let mut random = SmallRng::seed_from_u64(options.seed ^ i as u64);
-    // Bright, and seldom the same.
+    // Bright colours, seldom twice the same.
     let mut colour = [255, random.random_range(40..=255), 40];
     colour.rotate_right(random.random_range(0..3));
     if random.random_bool(0.5) {

@@ -1,4 +1,4 @@
-//! What visitors received.
+//! What the visitors of a swarm received.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -13,53 +13,53 @@ use sightline_world::motion::{AvatarId, ReportingState};
 use super::{STEP, Snapshot};
 use crate::net::{Session, SessionStats};
 
-/// A visitor's last places are remembered for so long.
+/// How long the past positions of a visitor are kept.
 const HISTORY: Duration = Duration::from_secs(3);
-/// A held pose is of the time when the visitor was so near to it, in metres.
+/// The distance within which a held pose matches a past position, in metres.
 const SAME_PLACE: f32 = 0.006;
-/// Ages are counted in bins of so many milliseconds.
+/// The width of a bin in the histogram of ages, in milliseconds.
 const AGE_BIN_MS: f64 = 5.0;
 
-/// What the visitors of a swarm received. Figures for a client are means over all that came in.
+/// What the visitors of a swarm received. Figures per client are means over all that came in.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SwarmReport {
     /// Visitors that came in.
     pub clients: usize,
     /// Visitors that could not come in.
     pub refused: usize,
-    /// Visitors whose connection ended too early.
+    /// Visitors whose connection ended early.
     pub disconnected: usize,
-    /// Reports that the server refused.
+    /// Reports that the server refused and corrected.
     pub corrections: usize,
-    /// How long it was measured, in seconds.
+    /// The measured time, in seconds.
     pub seconds: f64,
-    /// Application messages to a client, a second.
+    /// Application messages to a client, per second.
     pub messages_in_per_s: f64,
-    /// Application messages from a client, a second.
+    /// Application messages from a client, per second.
     pub messages_out_per_s: f64,
-    /// Bytes of application messages to a client, a second.
+    /// Bytes of application messages to a client, per second.
     pub bytes_in_per_s: f64,
-    /// Bytes of application messages from a client, a second.
+    /// Bytes of application messages from a client, per second.
     pub bytes_out_per_s: f64,
-    /// UDP payload to a client, a second.
+    /// UDP payload to a client, in bytes per second.
     pub udp_bytes_in_per_s: f64,
-    /// UDP payload from a client, a second.
+    /// UDP payload from a client, in bytes per second.
     pub udp_bytes_out_per_s: f64,
-    /// How many others a client holds.
+    /// The mean number of avatars that a client holds.
     pub visible_mean: f64,
-    /// The part of the time for which a client is expected to be silent, from 0 to 1.
+    /// The share of time for which a client is quiet, from 0 to 1.
     pub quiet_share: f64,
-    /// How old held poses are, against where the visitors truly were, in milliseconds.
+    /// The mean age of held poses, compared with the visitors' true positions, in milliseconds.
     pub age_mean_ms: f64,
-    /// 99 of 100 are no older, in milliseconds.
+    /// The 99th percentile of the ages, in milliseconds.
     pub age_p99_ms: f64,
-    /// None is older, in milliseconds; 3,000 when it is older than what is remembered.
+    /// The greatest age, in milliseconds: at most 3,000, because older positions are not kept.
     pub age_max_ms: f64,
     /// The mean round trip, in milliseconds.
     pub round_trip_ms: f64,
 }
 
-/// What is counted while a swarm walks.
+/// Counts what happens while a swarm walks.
 pub struct SwarmStatistics {
     pub corrections: usize,
     pub disconnected: usize,
@@ -75,7 +75,7 @@ pub struct SwarmStatistics {
 }
 
 impl SwarmStatistics {
-    /// Starts to count.
+    /// Starts counting.
     pub fn new<'a>(sessions: impl Iterator<Item = &'a Session>, refused: usize) -> Self {
         Self {
             corrections: 0,
@@ -92,7 +92,7 @@ impl SwarmStatistics {
         }
     }
 
-    /// A visitor is at a place from now on.
+    /// Records a visitor's position.
     pub fn moved(&mut self, avatar: AvatarId, elapsed: Duration, eye: Vec3) {
         let history = self.history.entry(avatar).or_default();
         history.push_back((elapsed, eye));
@@ -101,7 +101,7 @@ impl SwarmStatistics {
         }
     }
 
-    /// Counts what everybody holds.
+    /// Counts what all visitors hold.
     pub fn observe(&mut self, snapshot: &Snapshot) {
         for view in &snapshot.visitors {
             self.views += 1;
@@ -118,7 +118,7 @@ impl SwarmStatistics {
         }
     }
 
-    /// What it all comes to.
+    /// The final report.
     pub fn report<'a>(
         &self,
         sessions: impl Iterator<Item = &'a Session>,
@@ -168,11 +168,11 @@ impl SwarmStatistics {
     }
 }
 
-/// How long ago the visitor left the place at which it is held to be.
+/// How long ago the visitor left the position at which it is held.
 fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, held: Vec3) -> f64 {
     let was_there = |(_, eye): &&(Duration, Vec3)| eye.distance(held) < SAME_PLACE;
     match history.iter().rev().find(was_there) {
-        // It was there until it moved on.
+        // It was there until the next position was recorded.
         Some((t, _)) => {
             let until =
                 history.iter().find(|(later, _)| later > t).map_or(now, |(later, _)| *later);
@@ -181,7 +181,7 @@ fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, held: Vec3) -> f6
         None if history.front().is_some_and(|(t, _)| now.saturating_sub(*t) + STEP >= HISTORY) => {
             HISTORY.as_secs_f64() * 1e3
         }
-        // From before anything was remembered.
+        // The held pose is older than the first recorded position.
         None => 0.0,
     }
 }
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pose_is_as_old_as_the_next_step_away_from_it() {
+    fn a_held_pose_ages_from_the_moment_the_visitor_left_it() {
         let ms = Duration::from_millis;
         let steps = [(0, 1.0), (50, 2.0), (100, 2.0), (150, 3.0), (200, 4.0)];
         let history = steps.map(|(t, x)| (ms(t), Vec3::X * x)).into();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn percentiles_are_of_the_counted() {
+    fn percentiles_follow_the_histogram() {
         let mut statistics = SwarmStatistics::new([].into_iter(), 0);
         assert_eq!(statistics.age_percentile(0, 99), 0.0);
         statistics.ages[0] = 98;

@@ -1,4 +1,4 @@
-//! One simulated visitor: it goes somewhere, stays a while, and goes on.
+//! One simulated visitor: it walks somewhere, rests a while, and walks on.
 
 use std::collections::VecDeque;
 
@@ -12,57 +12,64 @@ use sightline_client_core::{
     walker::{MoveInput, Walker},
 };
 
-/// A place is reached when it is so near, in metres.
+/// The distance within which a place counts as reached, in metres.
 const NEAR: f32 = 0.12;
-/// A visitor that got no nearer to its next place for so long goes elsewhere, in seconds.
+/// A visitor that gets no nearer for this time chooses another goal, in seconds.
 const STUCK_S: f32 = 2.0;
-/// How far goals are, in metres, where there are such.
+/// The preferred distance of goals, in metres.
 const GOAL_DISTANCE: std::ops::Range<f32> = 4.0..40.0;
 
 /// What moves a visitor.
 pub enum Visitor {
-    /// Its own will.
-    Wanderer(Box<Wanderer>),
-    /// A recorded walk.
-    Actor(Track),
+    /// It wanders by itself.
+    Wandering(Box<Wanderer>),
+    /// It follows a recorded walk.
+    Recorded(Track),
 }
 
 impl Visitor {
-    /// Where it is after `dt_s` more seconds, `elapsed_s` after the start.
-    pub fn step(&mut self, world: &World, ways: &Navigation, dt_s: f32, elapsed_s: f64) -> Pose {
+    /// The pose after `dt_s` more seconds, `elapsed_s` seconds after the start.
+    pub fn step(
+        &mut self,
+        world: &World,
+        navigation: &Navigation,
+        dt_s: f32,
+        elapsed_s: f64,
+    ) -> Pose {
         match self {
-            Self::Wanderer(wanderer) => wanderer.step(world, ways, dt_s),
-            Self::Actor(track) => track.at(elapsed_s),
+            Self::Wandering(wanderer) => wanderer.step(world, navigation, dt_s),
+            Self::Recorded(track) => track.at(elapsed_s),
         }
     }
 
-    /// The server says that it is elsewhere.
+    /// Moves the visitor to the pose that the server corrected it to.
     pub fn correct(&mut self, pose: Pose) {
         match self {
-            Self::Wanderer(wanderer) => {
+            Self::Wandering(wanderer) => {
                 wanderer.walker.place(pose);
                 wanderer.way.clear();
             }
-            Self::Actor(_) => {}
+            Self::Recorded(_) => {}
         }
     }
 }
 
-/// A visitor of its own will.
+/// A visitor that wanders by itself.
 pub struct Wanderer {
     walker: Walker,
     random: SmallRng,
     way: VecDeque<Vec3>,
-    /// How long it stays where it is, in seconds.
+    /// How long it still rests, in seconds.
     rest_s: f32,
-    /// How fast it is: a part of the world's limit.
+    /// Its speed, as a share of the world's limit.
     haste: f32,
-    /// How near it has come to its next place, in metres, and how long ago, in seconds.
+    /// The smallest distance to the next place so far, in metres, and the time since then, in
+    /// seconds.
     nearest: (f32, f32),
 }
 
 impl Wanderer {
-    /// A visitor that stands at an eye's place.
+    /// A wanderer whose eye is at a place.
     pub fn new(world: &World, eye: Vec3, seed: u64) -> Self {
         let mut random = SmallRng::seed_from_u64(seed);
         let spawn = Spawn { eye, yaw: random.random_range(0.0..std::f32::consts::TAU) };
@@ -72,7 +79,7 @@ impl Wanderer {
         Self { walker, random, way: VecDeque::new(), rest_s, haste, nearest }
     }
 
-    fn step(&mut self, world: &World, ways: &Navigation, dt_s: f32) -> Pose {
+    fn step(&mut self, world: &World, navigation: &Navigation, dt_s: f32) -> Pose {
         let pose = self.walker.pose();
         let stay = MoveInput { yaw: pose.yaw, pitch: pose.pitch, ..MoveInput::default() };
         if self.rest_s > 0.0 {
@@ -80,14 +87,14 @@ impl Wanderer {
             return self.walker.step(&world.octree, stay, dt_s);
         }
         let Some(next) = self.next_place(pose.eye) else {
-            self.choose(ways, pose.eye);
+            self.choose(navigation, pose.eye);
             return self.walker.step(&world.octree, stay, dt_s);
         };
         let way = (next - pose.eye).with_y(0.0);
         self.watch_progress(way.length(), dt_s);
         let speed = world.speed_max.max(0.1);
         let wish = MoveInput {
-            // Slower over the last stretch, so that it does not overshoot.
+            // Slower over the last stretch, to avoid overshooting.
             forward: self.haste.min(way.length() / (speed * dt_s.max(1e-3))),
             yaw: (-way.x).atan2(-way.z),
             ..MoveInput::default()
@@ -95,7 +102,7 @@ impl Wanderer {
         self.walker.step(&world.octree, wish, dt_s)
     }
 
-    /// The place to go to, once those that were reached are done with.
+    /// Removes the places that were reached, and returns the next one.
     fn next_place(&mut self, eye: Vec3) -> Option<Vec3> {
         while let Some(next) = self.way.front().copied() {
             if (next - eye).with_y(0.0).length() > NEAR {
@@ -110,7 +117,7 @@ impl Wanderer {
         None
     }
 
-    /// A visitor that does not get on chooses another goal.
+    /// Chooses another goal when the visitor gets no nearer.
     fn watch_progress(&mut self, distance: f32, dt_s: f32) {
         let (nearest, since_s) = &mut self.nearest;
         if distance < *nearest - 0.05 {
@@ -124,15 +131,15 @@ impl Wanderer {
         }
     }
 
-    fn choose(&mut self, ways: &Navigation, eye: Vec3) {
+    fn choose(&mut self, navigation: &Navigation, eye: Vec3) {
         self.nearest = (f32::MAX, 0.0);
-        let goals: Vec<Vec3> = (0..8).filter_map(|_| ways.random(&mut self.random)).collect();
+        let goals: Vec<Vec3> = (0..8).filter_map(|_| navigation.random(&mut self.random)).collect();
         let is_near = |goal: &&Vec3| GOAL_DISTANCE.contains(&goal.distance(eye));
         let goal = goals.iter().find(is_near).or(goals.first()).copied();
-        let way = goal.and_then(|goal| ways.path(eye, goal)).filter(|way| !way.is_empty());
+        let way = goal.and_then(|goal| navigation.path(eye, goal)).filter(|way| !way.is_empty());
         match way {
             Some(way) => self.way = way.into(),
-            // Nowhere to go from here: not at every tick again.
+            // No way leads anywhere from here: rest, rather than search at every step.
             None => self.rest_s = 0.5,
         }
     }

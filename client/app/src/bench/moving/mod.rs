@@ -1,5 +1,5 @@
-//! What moving things cost a picture: Fig. 6 of Sudarsky and Gotsman's *Output-Sensitive Visibility Algorithms for
-//! Dynamic Scenes*, with real pictures.
+//! The cost of moving things in a picture: Fig. 6 of Sudarsky and Gotsman, *Output-Sensitive
+//! Visibility Algorithms for Dynamic Scenes* (1996), with real pictures.
 
 mod routes;
 mod simulated_people;
@@ -20,79 +20,80 @@ use sightline_renderer::{
     moving::{Culling, MovingCounters, MovingRenderer},
 };
 
-/// Between two pictures.
+/// The time between two pictures.
 const STEP: Duration = Duration::from_millis(33);
-/// The eye looks down a little, in radians.
+/// The pitch of the camera, in radians: slightly downward.
 const PITCH: f32 = -0.1;
-/// Shares of the greatest number of things.
+/// The divisors of the largest number of things, one for each row.
 const SHARES: [usize; 4] = [8, 4, 2, 1];
 
-/// What moves.
+/// The kind of moving thing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MovingKind {
-    /// Movers of 72 triangles, each to and fro.
+    /// Movers of 72 triangles, each going to and fro.
     Chairs,
-    /// Avatars of whom the client is told at each tick of a server, though no server would tell of the hidden ones.
+    /// Avatars, with poses sent at each tick. A real server would not send the hidden ones.
     People,
 }
 
-/// What so many things cost.
+/// The cost of a number of things.
 #[derive(Clone, Debug, Serialize)]
 pub struct MovingRow {
-    /// What moves.
+    /// The kind of things.
     pub kind: MovingKind,
-    /// How many.
+    /// The number of things.
     pub count: usize,
     /// Whether all of them stay in cells that the PVS hides from the eye.
     pub hidden: bool,
-    /// A row's cost by way.
+    /// The cost of each way of culling, in the order of [`Culling::ALL`].
     pub ways: [MovingCost; 3],
 }
 
-/// What a way of culling costs, by [`Culling::ALL`]; per picture, the first left out.
+/// The cost of a way of culling per picture. The first picture does not count.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct MovingCost {
-    /// Milliseconds of CPU time, the building left out.
+    /// Milliseconds of CPU time, without the building.
     pub cpu_ms: f64,
-    /// Those with the building, by those of the building alone.
+    /// The CPU time with the building, divided by that of the building alone.
     pub ratio: f64,
-    /// Things that were drawn.
+    /// Things drawn.
     pub drawn: f64,
-    /// Things whose place was worked out.
+    /// Things whose place was computed.
     pub placed: f64,
-    /// Boxes that were tested against the picture.
+    /// Boxes tested against the picture.
     pub tested: f64,
 }
 
-/// All that was measured.
+/// All figures.
 #[derive(Clone, Debug, Serialize)]
 pub struct MovingRun {
-    /// Milliseconds of CPU time for the building alone, the mean of all pictures.
+    /// The mean CPU time of the building alone, in milliseconds.
     pub building_ms: f64,
-    /// Chairs before people, those everywhere before hidden ones, fewer before more. Where too few places are hidden,
-    /// such rows are missing.
+    /// First chairs, then people; first everywhere, then hidden; first few, then many. Rows are
+    /// missing where there are too few hidden places.
     pub rows: Vec<MovingRow>,
 }
 
-/// Why nothing is measured.
+/// Why the measurement fails.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum MovingError {
-    /// No body can walk there.
-    #[error("there is nowhere to walk in this world")]
+    /// No body can walk in the world.
+    #[error("no body can walk in this world")]
     Nowhere,
-    /// Pictures of one way are not those of another.
-    #[error("{0:?} culling draws another picture")]
+    /// Two ways of culling draw different pictures.
+    #[error("{0:?} culling draws a different picture")]
     Differs(Culling),
-    /// There can be no such threads, or the system does not tell CPU time.
+    /// The threads cannot be started, or the system does not report CPU time.
     #[error(transparent)]
     Io(#[from] io::Error),
 }
 
-/// Draws from the first spawn point, where the eye turns round once in so many pictures, with ever more things that
-/// move, `most` at the most, in the three ways of culling; of `options.repeats` rounds the cheapest counts. The movers
-/// that the world has are left out. `hear` is told the share done, from 0 to 1.
+/// Draws from the first spawn point, where the eye turns once in `pictures` pictures, with a
+/// growing number of moving things: at most `most`. Compares the three ways of culling. Of
+/// `options.repeats` rounds the cheapest counts. The world's own movers are left out. Calls `hear`
+/// with the share done, from 0 to 1.
 ///
 /// # Errors
 /// See [`MovingError`].
@@ -128,7 +129,7 @@ pub fn moving(
     Ok(MovingRun { building_ms, rows })
 }
 
-/// All that is to be measured.
+/// The scenarios to measure.
 fn acts(world: &World, most: usize) -> Result<Vec<Scenario>, MovingError> {
     let places = RoutePlanner::new(world).ok_or(MovingError::Nowhere)?;
     let counts: BTreeSet<usize> = SHARES.iter().map(|share| (most / share).max(1)).collect();
@@ -143,7 +144,7 @@ fn acts(world: &World, most: usize) -> Result<Vec<Scenario>, MovingError> {
     Ok(acts)
 }
 
-/// Things that move, and how each way of culling does with them.
+/// A number of moving things, and the cost of each way of culling.
 struct Scenario {
     kind: MovingKind,
     hidden: bool,
@@ -154,7 +155,7 @@ struct Scenario {
     best: [MovingCost; 3],
 }
 
-/// A round of one way of culling.
+/// One round of one way of culling.
 struct CullingRun {
     moving: MovingRenderer,
     crowd: Option<SimulatedPeople>,
@@ -203,11 +204,11 @@ impl Scenario {
     }
 }
 
-/// What is drawn into.
+/// The world, and the frames that are drawn.
 struct MovingScene {
     world: World,
     renderer: Renderer,
-    /// The building alone.
+    /// The picture of the building alone.
     building: Frame,
     first: Frame,
     other: Frame,
@@ -231,7 +232,7 @@ impl MovingScene {
         Ok(ProcessTime::try_now()?.duration_since(start).as_secs_f64() * 1e3)
     }
 
-    /// Draws a picture in all ways, which must be one picture.
+    /// Draws a picture with each way of culling. All must give the same picture.
     fn draw_all(
         &mut self,
         act: &mut Scenario,
@@ -277,12 +278,12 @@ mod tests {
     use sightline_fixtures::voxel_floor::world;
 
     #[test]
-    fn every_act_is_played_in_all_ways() {
+    fn every_scenario_is_measured_with_each_way_of_culling() {
         let world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
         let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
         let mut told = Vec::new();
         let run = moving(world, 8, 5, &options, &mut |share| told.push(share)).unwrap();
-        // There is one cell only, which hides nobody.
+        // The world has a single cell, which hides nothing.
         let rows: Vec<_> = run.rows.iter().map(|row| (row.kind, row.count, row.hidden)).collect();
         let all = [MovingKind::Chairs, MovingKind::People]
             .map(|kind| [1, 2, 4, 8].map(|count| (kind, count, false)));

@@ -1,4 +1,4 @@
-//! Things that move where a body can walk.
+//! Routes for moving things, where a body can walk.
 
 use std::time::Duration;
 
@@ -15,33 +15,33 @@ use sightline_world::{
 
 use sightline_client_core::navigation::Navigation;
 
-/// How far something goes, in metres.
+/// The length of a route, in metres.
 const WAY_M: f32 = 1.5;
-/// How high the walls of what hides it must be around it, at least, in metres.
+/// The distance around a route that must be hidden as well, in metres.
 const AROUND_M: f32 = 0.5;
-/// So many places are tried for one that is hidden.
+/// The number of random places tried for each hidden route.
 const TRIES: usize = 40;
 
-/// Where things can be.
+/// Finds routes where a body can walk.
 pub(super) struct RoutePlanner(Navigation);
 
-/// A way to and fro, for an eye.
+/// A route to and fro, for an eye.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Route {
     ends: [Vec3; 2],
-    /// There and back.
+    /// The duration of a round trip, in seconds.
     length_s: f32,
 }
 
 impl RoutePlanner {
-    /// None when nobody can walk.
+    /// A planner for a world. `None` when nobody can walk there.
     pub(super) fn new(world: &World) -> Option<Self> {
         let navigation = Navigation::new(world);
         (!navigation.is_empty()).then_some(Self(navigation))
     }
 
-    /// So many ways, or as many as there are, all over the building; or all in cells that the first spawn
-    /// point's cell does not see.
+    /// At most `count` routes all over the building, or only in cells that the first spawn point's
+    /// cell cannot see.
     pub(super) fn ways(&self, world: &World, count: usize, hidden: bool) -> Vec<Route> {
         let random = &mut SmallRng::seed_from_u64(2);
         let mut ways = Vec::with_capacity(count);
@@ -62,7 +62,7 @@ impl RoutePlanner {
 }
 
 impl Route {
-    /// Whether all cells that it comes near are ones that the first spawn point's cell does not see.
+    /// Whether the first spawn point's cell sees none of the cells near the route.
     fn is_hidden(&self, world: &World) -> bool {
         let cells = &world.cells;
         let Some(eye) = world.spawns.first().and_then(|spawn| cells.at(spawn.eye)) else {
@@ -74,7 +74,7 @@ impl Route {
         !met.is_empty() && met.iter().all(|cell| !cells.sees(eye, *cell))
     }
 
-    /// Where an eye is at a time.
+    /// The pose of an eye at a time.
     pub(super) fn pose(&self, time: Duration) -> Pose {
         let phase = 2.0 * (time.as_secs_f32() / self.length_s).fract();
         let [from, to] = self.ends;
@@ -83,7 +83,7 @@ impl Route {
         Pose { eye: from.lerp(to, share), velocity: velocity * side, ..Pose::default() }
     }
 
-    /// A chair of six boards that goes there and back.
+    /// A chair of six boards that follows the route.
     pub(super) fn chair(&self, body: &Body) -> Option<Mover> {
         let mut mesh = Mesh::default();
         for [x, z] in [[0.0, 0.0], [0.36, 0.0], [0.0, 0.36], [0.36, 0.36]] {

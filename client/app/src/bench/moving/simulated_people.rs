@@ -1,4 +1,4 @@
-//! What a server would tell of people, without the server.
+//! The messages about people that a server would send, without a server.
 
 use std::time::Duration;
 
@@ -8,11 +8,11 @@ use sightline_world::motion::{Agility, AvatarId, Body, Pose};
 use sightline_client_core::replica::Replica;
 
 const TICK: Duration = Duration::from_millis(50);
-/// What who looks on could do, in metres a second; but it stays.
+/// The top speed of the onlooker, in metres per second. It stands still.
 const SPEED_MAX: f32 = 4.0;
 const NAME: &str = "somebody";
 
-/// People of whom a client is told at each tick, by datagrams.
+/// People whose poses a client receives at each tick, as datagrams.
 pub struct SimulatedPeople {
     count: usize,
     encoder: PoseEncoder,
@@ -21,19 +21,19 @@ pub struct SimulatedPeople {
 }
 
 impl SimulatedPeople {
-    /// So many people, with the least numbers.
+    /// A number of people, with ids from 0.
     pub fn new(count: usize) -> Self {
         let agility = Agility::of(&Body::PERSON, SPEED_MAX);
         let replica = Replica::new(AvatarId(u32::MAX), TICK, agility);
         Self { count, encoder: PoseEncoder::default(), replica, tick: 0 }
     }
 
-    /// What the client knows.
+    /// The client's replica.
     pub fn replica(&mut self) -> &mut Replica {
         &mut self.replica
     }
 
-    /// Goes on to a time: tells where people are, by number and time, at each tick up to it.
+    /// Advances to a time: encodes all poses, by number and time, at each tick up to it.
     pub fn hear(&mut self, now: Duration, pose: impl Fn(usize, Duration) -> Pose) {
         while TICK * self.tick <= now {
             let time = TICK * self.tick;
@@ -42,14 +42,14 @@ impl SimulatedPeople {
             }
             let poses = (0..self.count).map(|at| (AvatarId(at as u32), pose(at, time)));
             for datagram in self.encoder.encode(self.tick, &poses.collect::<Vec<_>>()) {
-                // Nobody has garbled it.
+                // The datagram was just encoded, so it is valid.
                 let _ = self.replica.datagram(time, &datagram);
             }
             self.tick += 1;
         }
     }
 
-    /// Lets one of them vanish, and appear again.
+    /// Lets one person vanish and appear again.
     pub fn reappear(&mut self, at: usize, now: Duration, pose: &Pose) {
         let vanish = ServerMessage::Vanish { avatar: AvatarId(at as u32) };
         let _ = self.replica.message(now, vanish);

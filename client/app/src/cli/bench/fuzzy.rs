@@ -9,7 +9,7 @@ use sightline_world::{World, motion::Pose};
 
 use super::{Args, sizes, table};
 
-/// All figures.
+/// The figures for machines.
 #[derive(Serialize)]
 pub struct FuzzyReport<'a> {
     world: &'a PathBuf,
@@ -20,18 +20,18 @@ pub struct FuzzyReport<'a> {
     run: FuzzyRun,
 }
 
-/// Measures along the path; gives the text and the figures for machines.
+/// Measures along the path. Returns the text for people and the JSON for machines.
 pub fn run<'a>(
     args: &'a Args,
     world: &World,
     progress: &Progress,
 ) -> anyhow::Result<(String, FuzzyReport<'a>)> {
-    let (path, from, until) = args.way.read(world)?;
+    let (path, from, until) = args.path.read(world)?;
     let times = (0..args.frames).map(|i| (from + i as f64 * FRAME_S).min(until));
     let poses: Vec<Pose> = times.map(|time| path.at(time)).collect();
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
     let options = BenchOptions { size, threads, repeats: args.repeats.into() };
-    let hear = &mut |share| progress.show("boxes of eyes", share);
+    let hear = &mut |share| progress.show("viewpoint boxes", share);
     let run = bench::fuzzy(world, &poses, &options, hear)?;
     let text = text(&run, &table::stage(size, threads));
     let (width, height) = size;

@@ -1,4 +1,4 @@
-//! Pictures side by side.
+//! Pictures of all views, side by side.
 
 use std::path::Path;
 
@@ -10,20 +10,20 @@ use sightline_world::World;
 
 use crate::cli::picture;
 
-/// Too far away.
+/// Marks pixels that show something too far away.
 const RED: u32 = 0x00ff_2020;
-/// Where no triangle is.
+/// Marks pixels that show something where there is no triangle.
 const BLUE: u32 = 0x0020_80ff;
-/// Differences are so much stronger than they are.
+/// The factor by which differences are exaggerated.
 const STRONGER: u32 = 8;
 
 /// What pictures are made of.
 pub struct Gallery<'a> {
-    /// What is drawn.
+    /// The world that is drawn.
     pub world: &'a World,
-    /// What it is compared with.
+    /// The rays that pictures are compared with.
     pub rays: Option<&'a RayCaster>,
-    /// Columns and rows of each part of a picture.
+    /// Columns and rows of each panel.
     pub size: (usize, usize),
 }
 
@@ -31,10 +31,10 @@ impl Gallery<'_> {
     /// Writes a picture of every view into a folder.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// When a file cannot be written.
     pub fn write(&self, views: &Views, folder: &Path, progress: &Progress) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot make {}", folder.display()))?;
+            .with_context(|| format!("cannot create {}", folder.display()))?;
         let spawns =
             views.spawns.iter().enumerate().map(|(i, view)| (format!("spawn-{i:03}"), view));
         let path = views.path.iter().enumerate().map(|(i, view)| (format!("path-{i:04}"), view));

@@ -26,83 +26,96 @@ use super::{
 };
 use gallery::Gallery;
 
-/// A slow path, for shimmer: so many frames, …
+/// The number of frames of the slow path that shimmer is measured on.
 const SHIMMER_FRAMES: usize = 12;
-/// … a sixtieth of a second apart, at a fifth of the path's speed, …
+/// The time between two of these frames on the path, in seconds: a sixtieth at a fifth of the
+/// speed.
 const SHIMMER_S: f64 = 1.0 / 60.0 / 5.0;
-/// … of so many columns and rows.
+/// Columns and rows of these frames.
 const SHIMMER_SIZE: (usize, usize) = (640, 360);
 
-/// The sizes of pictures when none is named, and the same to compare modes.
+/// The default picture sizes, and those for comparing modes.
 const SIZES: [(usize, usize); 1] = [(1920, 1080)];
 const SIZES_COMPARED: [(usize, usize); 2] = [(640, 480), (1920, 1080)];
 
-/// Measures what drawing a world costs, beside rays through its triangles.
+/// Measures the cost of drawing a world, compared with tracing rays through its triangles.
 ///
-/// Draws the view from every spawn point, and frames of a path, in each mode of the renderer and with smooth edges, and in the same run a primary
-/// ray for every pixel of these views through the world's opaque triangles, by obvhs: its BVH2 and its CWBVH, built as well as it
-/// can, without shading. Everything is drawn again and again in turn, on the same threads, and the least time counts. CPU time is
-/// that of all threads together: other programs disturb it little. `busiest` is that of the thread that worked most: what
-/// a frame takes by the clock where nothing else runs. A ratio is the CPU time of rays over that of the row, the
-/// median over the spawn points.
+/// Draws the views from all spawn points and along a path in each mode of the renderer, and with
+/// smooth edges. For comparison, it traces a primary ray per pixel of the same views through the
+/// world's opaque triangles with obvhs. Both of its trees are used, BVH2 and CWBVH, built with its
+/// best builder. Nothing is shaded.
 ///
-/// Then a part of the path is drawn very slowly: `shimmer` is how much more its pixels change than those of pictures with nine
-/// samples a pixel, in levels of 255. And depths are compared with those of rays: what a pixel shows must lie within a voxel's
-/// diagonal of some triangle (a pixel's, where it spans more), and not beyond what the ray meets. In a Quake map rays also meet what
-/// is not drawn, and some of what is drawn is no occluder, so depths agree less there.
+/// All methods take turns on the same threads, and the least time of several repeats counts. CPU
+/// time is the sum over all threads, so other programs disturb it little. The `busiest` columns are
+/// the CPU time of the thread that worked most. A ratio is the CPU time of the rays divided by that
+/// of the row: the median over the spawn points.
+///
+/// Then part of the path is drawn very slowly. `shimmer` is how much more its pixels change than
+/// those of pictures with nine samples per pixel, in levels of 255. Depths are compared with those
+/// of rays: a pixel must show something within a voxel's diagonal of a triangle (a pixel's, where a
+/// pixel spans more), and nothing beyond the end of the ray. In Quake maps, depths agree less: rays
+/// also meet surfaces that are not drawn, and some drawn surfaces are not occluders.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The world (.slw).
+    /// The world file (.slw).
     world: PathBuf,
-    /// The size of the pictures in pixels; may be given several times. 1920x1080 when absent; with
-    /// --compare 640x480 too.
+    /// The size of the pictures, in pixels; may be given several times. When absent, 1920x1080, and
+    /// 640x480 too with --compare.
     #[arg(long, value_name = "WxH", value_parser = flags::size)]
     size: Vec<(usize, usize)>,
-    /// On how many threads to draw; several numbers are measured one after the other.
+    /// The number of drawing threads; several numbers are measured one after the other.
     #[arg(long, value_name = "N,N,...", value_delimiter = ',', default_value = "1",
           value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Vec<u16>,
     #[command(flatten)]
-    way: PathFlags,
-    /// Frames of the path.
+    path: PathFlags,
+    /// The number of frames along the path.
     #[arg(long, value_name = "N", default_value_t = 24)]
     frames: usize,
-    /// How often each frame is drawn; the least time counts.
+    /// How often each frame is drawn. The least time counts.
     #[arg(long, value_name = "N", default_value_t = 3,
           value_parser = clap::value_parser!(u16).range(1..=1_000))]
     repeats: u16,
-    /// Draw octrees only: no rays, no depths.
+    /// Draw only octrees: trace no rays and compare no depths.
     #[arg(long)]
     no_rays: bool,
-    /// Compare the renderer's modes instead, from every spawn point and along the path: which part of the pixels differ in
-    /// colour by more than rounding; are unlike all pixels next to their place; show a depth that is shifted by more than a pixel,
-    /// and by how many pixels at most; and which part of the projections is left.
+    /// Compare the two modes of the renderer instead, from all spawn points and along the path.
+    /// Reports the shares of pixels whose colour differs by more than rounding (differing), whose
+    /// colour is unlike all pixels around them in the other picture (unlike), and whose depth is
+    /// shifted by more than one pixel (shifted); the largest shift; and the share of projections
+    /// that the orthogonal mode still needs.
     #[arg(long)]
     compare: bool,
-    /// Measure things that move instead: up to so many chairs, or people, everywhere and where the first spawn point sees
-    /// nothing of them. From there the eye turns round once in --frames pictures. Everything is drawn, or what the Z
-    /// pyramid lets through, or what volumes in place of what is hidden do; the picture must be the same. A ratio is the CPU time
-    /// of the picture to that of the building alone. Rows of hidden things are Fig. 6 (c) of the paper on temporal bounding volumes. For
-    /// (a) and (b) run it on buildings of several sizes: with the same N for (a), with N by their rooms for (b).
+    /// Measure moving things instead: up to this many chairs or people, first everywhere, then only
+    /// where the first spawn point cannot see them. From that point the eye turns once in --frames
+    /// pictures. Three methods of culling are compared: draw everything, test boxes against the
+    /// hierarchical Z buffer, and stand bounding volumes in for hidden things. The pictures must be
+    /// the same. A ratio is the CPU time of the picture divided by that of the building alone. The
+    /// rows of hidden things correspond to Fig. 6 (c) of Sudarsky and Gotsman's paper on temporal
+    /// bounding volumes. For (a) and (b), run it on buildings of several sizes: with the same N for
+    /// (a), with N proportional to the rooms for (b).
     #[arg(long, value_name = "N", conflicts_with_all = ["compare", "pictures", "path", "from", "until"],
           value_parser = clap::value_parser!(u32).range(1..=16_000))]
     moving: Option<u32>,
-    /// Measure instead what it saves to leave out what no eye in a box can see: --frames pictures of the path, a sixtieth of a
-    /// second apart, whole, without what is hidden from the box that the eye is in, and besides without tests against the mask
-    /// buffer of what every eye in it sees whole; they must be the same. Boxes are prepared by a thread beside those that draw,
-    /// along the eye's motion.
+    /// Measure instead what is saved by leaving out the nodes that no eye in a box can see. Draws
+    /// --frames pictures of the path, a sixtieth of a second apart, in three methods: everything,
+    /// without the nodes hidden from the box around the eye, and also without mask tests for the
+    /// nodes that every eye in the box sees whole. The pictures must be the same. A separate thread
+    /// prepares boxes ahead of the eye.
     #[arg(long, conflicts_with_all = ["compare", "pictures", "moving"])]
     fuzzy: bool,
-    /// Write the views as PNGs, side by side: orthogonal mode, perspective mode, their difference, eight times as strong,
-    /// and in grey what does not agree with rays: red is too far away, blue is where no triangle is.
+    /// Write the views as PNGs into a folder. Each has panels side by side: orthogonal mode,
+    /// perspective mode, their difference (eight times as strong), and in grey the pixels that
+    /// disagree with rays: red where they show something too far away, blue where there is no
+    /// triangle.
     #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-    /// Write the figures for machines.
+    /// Write the figures to a JSON file.
     #[arg(long, value_name = "F")]
     json: Option<PathBuf>,
 }
 
-/// All figures.
+/// The figures for machines.
 #[derive(Serialize)]
 struct BenchReport {
     world: String,
@@ -117,12 +130,12 @@ struct BenchReport {
     quality: Vec<Quality>,
 }
 
-/// How good a mode's pictures are.
+/// The quality of the pictures of one method.
 #[derive(Serialize)]
 struct Quality {
     mode: &'static str,
     shimmer: Shimmer,
-    /// From each spawn point; none without rays.
+    /// The depths from each spawn point; empty without rays.
     depths: Vec<DepthAgreement>,
 }
 
@@ -134,15 +147,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let progress = Progress::new();
         let (text, figures) = moving::run(args, world, most as usize, &progress)?;
         progress.finish();
-        return tell(args, &text, &figures);
+        return output_figures(args, &text, &figures);
     }
     if args.fuzzy {
         let progress = Progress::new();
         let (text, figures) = fuzzy::run(args, &world, &progress)?;
         progress.finish();
-        return tell(args, &text, &figures);
+        return output_figures(args, &text, &figures);
     }
-    let (path, from, until) = args.way.read(&world)?;
+    let (path, from, until) = args.path.read(&world)?;
     let mut views = Views::new(&world, &path, 0);
     let along = path.frames_between(from, until, args.frames);
     views.path = along.map(|(_, pose)| Camera::at(&pose)).collect();
@@ -170,12 +183,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         report.runs = measure(args, &world, rays.as_ref(), &views, &progress)?;
         let middle = 0.5 * (from + until);
-        let ways =
-            DrawMethod::ALL.into_iter().filter(|way| !matches!(way, DrawMethod::RayCaster(_)));
-        let quality = ways.map(|way| Quality {
-            mode: way.name(),
-            shimmer: shimmer(&world, way, &path, middle, &progress),
-            depths: depths(&world, rays.as_ref(), way, &views, sizes(args)[0], &progress),
+        let methods =
+            DrawMethod::ALL.into_iter().filter(|method| !matches!(method, DrawMethod::Rays(_)));
+        let quality = methods.map(|method| Quality {
+            mode: method.name(),
+            shimmer: shimmer(&world, method, &path, middle, &progress),
+            depths: depths(&world, rays.as_ref(), method, &views, sizes(args)[0], &progress),
         });
         report.quality = quality.collect();
     }
@@ -184,16 +197,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         gallery.write(&views, folder, &progress)?;
     }
     progress.finish();
-    tell(args, &table::text(&report), &report)
+    output_figures(args, &table::text(&report), &report)
 }
 
-/// For people, and for machines.
-fn tell(args: &Args, text: &str, figures: &impl Serialize) -> anyhow::Result<()> {
+/// Prints the text, and writes the JSON file if one is named.
+fn output_figures(args: &Args, text: &str, figures: &impl Serialize) -> anyhow::Result<()> {
     output::print(text)?;
     output::write_json(args.json.as_deref(), figures)
 }
 
-/// The sizes that were asked for.
+/// The given sizes, or the default ones.
 fn sizes(args: &Args) -> &[(usize, usize)] {
     match (args.size.as_slice(), args.compare) {
         ([], true) => &SIZES_COMPARED,
@@ -202,7 +215,7 @@ fn sizes(args: &Args) -> &[(usize, usize)] {
     }
 }
 
-/// Every size with every number of threads.
+/// Measures every size with every number of threads.
 fn measure(
     args: &Args,
     world: &World,
@@ -233,16 +246,16 @@ fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Ve
     compared.collect()
 }
 
-/// Of a part of the path about a time.
+/// The shimmer of a part of the path around a time.
 fn shimmer(
     world: &World,
-    way: DrawMethod,
+    method: DrawMethod,
     path: &CameraPath,
     middle_s: f64,
     progress: &Progress,
 ) -> Shimmer {
     let mut renderer = Renderer::default();
-    way.prepare(&mut renderer);
+    method.configure(&mut renderer);
     Shimmer::of(SHIMMER_FRAMES, SHIMMER_SIZE, |i, frame| {
         let pose = path.at(middle_s + i as f64 * SHIMMER_S);
         renderer.draw(&world.octree, &Camera::at(&pose), frame);
@@ -250,18 +263,18 @@ fn shimmer(
     })
 }
 
-/// From every spawn point.
+/// How depths agree with rays, from every spawn point.
 fn depths(
     world: &World,
     rays: Option<&RayCaster>,
-    way: DrawMethod,
+    method: DrawMethod,
     views: &Views,
     (width, height): (usize, usize),
     progress: &Progress,
 ) -> Vec<DepthAgreement> {
     let Some(rays) = rays else { return Vec::new() };
     let mut renderer = Renderer::default();
-    way.prepare(&mut renderer);
+    method.configure(&mut renderer);
     let mut frame = sightline_renderer::Frame::new(width, height);
     let agreement = |(i, camera): (usize, &Camera)| {
         renderer.draw(&world.octree, camera, &mut frame);

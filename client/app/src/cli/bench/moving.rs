@@ -9,7 +9,7 @@ use sightline_world::World;
 
 use super::{Args, sizes, table};
 
-/// All figures.
+/// The figures for machines.
 #[derive(Serialize)]
 pub struct MovingReport<'a> {
     world: &'a PathBuf,
@@ -21,7 +21,7 @@ pub struct MovingReport<'a> {
     run: MovingRun,
 }
 
-/// Measures with up to so many things; gives the text and the figures for machines.
+/// Measures with up to `most` moving things. Returns the text for people and the JSON for machines.
 pub fn run<'a>(
     args: &'a Args,
     world: World,
@@ -41,10 +41,10 @@ pub fn run<'a>(
 
 fn text(run: &MovingRun, stage: &str, pictures: usize) -> String {
     let mut out = format!(
-        "{stage}, {pictures} pictures round the first spawn point: the building alone takes {:.2} ms of CPU\n\n{:24}",
+        "{stage}, {pictures} pictures around the first spawn point; the building alone takes {:.2} ms of CPU time\n\n{:24}",
         run.building_ms, ""
     );
-    let groups = ["all drawn", "by the pyramid", "and by volumes"];
+    let groups = ["everything", "hierarchical Z", "and bounding volumes"];
     groups.iter().for_each(|group| out += &format!("{group:>30}"));
     out += &format!("\n{:24}", "");
     for _ in groups {

@@ -1,4 +1,4 @@
-//! The figures as people read them.
+//! The figures as tables for people.
 
 use sightline_client::bench::{
     BenchRun, DepthAgreement, FrameCounts, MethodRow, ModeComparison, Shimmer, Spread,
@@ -6,10 +6,10 @@ use sightline_client::bench::{
 
 use super::{BenchReport, Quality};
 
-/// All of them.
+/// All tables of a report.
 pub fn text(report: &BenchReport) -> String {
     let mut out = format!(
-        "{}: {}³ voxels of {:.1} mm, {} opaque triangles; {} spawn points, {} frames of a path of {:.0} s\n",
+        "{}: {}³ voxels of {:.1} mm, {} opaque triangles; {} spawn points, {} frames along a path of {:.0} s\n",
         report.world,
         1u64 << report.depth,
         report.voxel_m * 1e3,
@@ -20,7 +20,7 @@ pub fn text(report: &BenchReport) -> String {
     );
     report.runs.iter().for_each(|run| out += &table(run));
     if !report.quality.is_empty() {
-        out += "\nlevels that pixels change by on a slow path, and depths within a voxel's diagonal of triangles\n";
+        out += "\nchanges of pixels on a slow path, in levels of 255; and pixels that agree with rays, in %\n";
         out += &line(
             "",
             &["change", "9 samples", "shimmer", "median %", "worst %"].map(str::to_owned),
@@ -28,7 +28,7 @@ pub fn text(report: &BenchReport) -> String {
         report.quality.iter().for_each(|quality| out += &quality_line(quality));
     }
     if !report.comparisons.is_empty() {
-        out += "\northogonal mode against perspective mode: pixels in %, projections in %\n";
+        out += "\northogonal mode compared with perspective mode: pixels in %, projections in %\n";
         let head = [
             "differing",
             "worst",
@@ -46,14 +46,14 @@ pub fn text(report: &BenchReport) -> String {
     out
 }
 
-/// What is being measured.
+/// A size and a number of threads, in words.
 pub fn stage((width, height): (usize, usize), threads: usize) -> String {
     let threads = if threads == 1 { "1 thread".to_owned() } else { format!("{threads} threads") };
     format!("{width} × {height}, {threads}")
 }
 
 fn table(run: &BenchRun) -> String {
-    let mut out = format!("\n{}: ms a frame\n", stage((run.width, run.height), run.threads));
+    let mut out = format!("\n{}: ms per frame\n", stage((run.width, run.height), run.threads));
     let groups = ["spawns, CPU", "path, CPU", "spawns, busiest", "spawns, clock"];
     out += &format!("{:14}", "");
     groups.iter().for_each(|group| out += &format!("{group:>20}"));
@@ -114,7 +114,7 @@ fn comparison_line(comparison: &ModeComparison) -> String {
     line(&format!("{width} × {height}"), &figures)
 }
 
-/// A name and figures to the right of it.
+/// A row: a name, and right-aligned figures.
 fn line(name: &str, figures: &[String]) -> String {
     let figures: String = figures.iter().map(|figure| format!("{figure:>10}")).collect();
     format!("{name:14}{figures}\n")
