@@ -1,14 +1,14 @@
-//! How much the test of two boxes ([`sightline_visibility::box_visibility`]) excludes of what the PVS lets through,
-//! and what that costs.
+//! How many pairs the test of two boxes ([`sightline_visibility::box_visibility`]) excludes beyond
+//! the PVS, and at what cost.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench box_visibility -- --pairs 2000 --budget 5000 house.glb
 //! ```
 //!
-//! Buildings are files (.glb, .gltf, .bsp, or compiled: .slw); without any they are a generated one,
-//! and those with a trace in the folder `shared` beside the repository, or where
-//! `SIGHTLINE_SHARED` says. Pairs are two people of a trace at one moment, or two places where
-//! somebody can stand. Each has a box of eyes or bodies around it that ends at the walls.
+//! Buildings are files (.glb, .gltf, .bsp, or compiled: .slw). Without any, they are a generated
+//! building and those with a trace in the folder `shared` beside the repository, or in
+//! `SIGHTLINE_SHARED`. A pair is two people of a trace at one moment, or two places where a person
+//! can stand. Around each is a box of eyes or bodies that ends at the walls.
 
 use std::{
     ops::ControlFlow,
@@ -36,31 +36,32 @@ const TRACED: [[&str; 2]; 3] = [
     ["maps/delta.bsp", "traces/delta-60.csv.gz"],
     ["traces/rooms400.glb", "traces/rooms400-60.csv.gz"],
 ];
-/// Bodies reach so far into walls, in metres.
+/// How far bodies may reach into walls, in metres.
 const POKE: f32 = 0.06;
-/// Who stands has so much room on each side, in metres.
+/// The free space on each side of a standing person, in metres.
 const ROOM: f32 = 0.25;
-/// Points on each side of a box between which lines are traced.
+/// The number of points along each edge of a box between which rays are traced.
 const POINTS: usize = 3;
 
-/// Measures the test of two boxes.
+/// Measures the test of two boxes against the PVS and against rays.
 #[derive(Parser)]
 struct Args {
-    /// Buildings.
+    /// The buildings: .glb, .gltf, .bsp or .slw.
     files: Vec<PathBuf>,
-    /// Pairs for each radius.
+    /// The number of pairs for each radius.
     #[arg(long, value_name = "N", default_value_t = 1_000)]
     pairs: usize,
-    /// What one test may spend.
+    /// The budget of one test, in units of work.
     #[arg(long, value_name = "UNITS", default_value_t = 20_000)]
     budget: u32,
     /// How far from their places people may be, in metres.
     #[arg(long, value_delimiter = ',', value_name = "R,R,...", default_value = "0,0.25,0.5,1,2")]
     radii: Vec<f32>,
-    /// Rooms of the generated building.
+    /// The number of rooms in the generated building.
     #[arg(long, value_name = "N", default_value_t = 100)]
     rooms: usize,
-    /// What `cargo bench` passes. Without it only a cottage is looked at, to show that this works.
+    /// Passed by `cargo bench`. Without it, only a cottage is measured, to show that the bench
+    /// works.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -118,15 +119,15 @@ fn compiled(model: &Model) -> anyhow::Result<World> {
     Ok(compile(model, &options, &|_, _| ControlFlow::Continue(()))?.0)
 }
 
-/// A building, and who is in it.
+/// A building and its trace, if any.
 struct TestBuilding {
     name: String,
     world: World,
-    sight: Oracle,
+    oracle: Oracle,
     trace: Option<Trace>,
 }
 
-/// What was found for boxes of one size.
+/// The results for boxes of one size.
 #[derive(Default)]
 struct RadiusRow {
     seen: usize,
@@ -140,7 +141,7 @@ struct RadiusRow {
 
 impl TestBuilding {
     fn new(name: String, world: World, trace: Option<Trace>) -> Self {
-        Self { name, sight: Oracle::new(&world.mesh), world, trace }
+        Self { name, oracle: Oracle::new(&world.mesh), world, trace }
     }
 
     fn measure(&self, args: &Args) -> anyhow::Result<()> {
@@ -162,11 +163,15 @@ impl TestBuilding {
             let mut rng = SmallRng::seed_from_u64(7);
             let mut row = RadiusRow::default();
             for _ in 0..args.pairs {
-                let pair = self.pair(&mut rng).context("nobody is there")?;
+                let pair = self.pair(&mut rng).context("no pair of places was found")?;
                 self.try_pair(pair, radius, &occluders, args.budget, &mut row);
             }
             row.print(radius, args.pairs);
-            anyhow::ensure!(row.wrong == 0, "{} pairs in sight were taken to be hidden", row.wrong);
+            anyhow::ensure!(
+                row.wrong == 0,
+                "{} visible pairs were classified as hidden",
+                row.wrong
+            );
         }
         Ok(())
     }
@@ -203,7 +208,7 @@ impl TestBuilding {
         row.wrong += usize::from(outcome == BoxVisibility::Hidden && is_seen);
     }
 
-    /// Two places where somebody's eyes are; none when there seem to be no two.
+    /// Two places of eyes; `None` when no such pair is found.
     fn pair(&self, rng: &mut SmallRng) -> Option<[Vec3; 2]> {
         let Some(trace) = &self.trace else { return Some([self.stand(rng)?, self.stand(rng)?]) };
         let ids: Vec<u32> = trace.ids().collect();
@@ -216,32 +221,33 @@ impl TestBuilding {
         })
     }
 
-    /// The eye of somebody who stands on a floor, under a roof and not in a wall.
+    /// The eye of a person who stands on a floor, under a roof, and not in a wall.
     fn stand(&self, rng: &mut SmallRng) -> Option<Vec3> {
         let World { cells, spawns, body, .. } = &self.world;
         (0..1_000_000).find_map(|_| {
             let cell = &cells.cells[rng.random_range(0..cells.cells.len())].bounds;
             let share = Vec3::new(rng.random(), 0.5, rng.random());
             let place = cells.axes.world(cell.min + cell.size() * share);
-            let floor = self.sight.distance(place, Vec3::NEG_Y)?;
+            let floor = self.oracle.distance(place, Vec3::NEG_Y)?;
             let eye = place - Vec3::Y * (floor - body.below_eye);
             let is_level = spawns.iter().any(|spawn| (spawn.eye.y - eye.y).abs() < 0.3);
             let is_free = [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z]
                 .iter()
-                .all(|&along| self.sight.distance(eye, along).is_none_or(|far| far > ROOM));
-            let is_inside = self.sight.distance(eye, Vec3::Y).is_some() && cells.at(eye).is_some();
+                .all(|&along| self.oracle.distance(eye, along).is_none_or(|far| far > ROOM));
+            let is_inside = self.oracle.distance(eye, Vec3::Y).is_some() && cells.at(eye).is_some();
             (is_level && is_free && is_inside).then_some(eye)
         })
     }
 
-    /// A box about a place, in own axes, that ends where the nearest wall is along each axis.
+    /// A box around a place, in the world's own axes, that ends at the nearest wall along each
+    /// axis.
     fn free_around(&self, place: Vec3, radius: f32) -> Aabb {
         let axes = &self.world.cells.axes;
         let centre = axes.own(place);
         let mut around = Aabb::around(centre, radius);
         for axis in 0..3 {
             let free = |along: Vec3| {
-                let far = self.sight.distance(place, axes.world(along)).unwrap_or(f32::INFINITY);
+                let far = self.oracle.distance(place, axes.world(along)).unwrap_or(f32::INFINITY);
                 far.min(radius)
             };
             around.max[axis] = centre[axis] + free(Vec3::AXES[axis]);
@@ -250,18 +256,18 @@ impl TestBuilding {
         around
     }
 
-    /// Whether some line between points of two boxes is free, from where an eye can be.
+    /// Whether a ray is free between points of two boxes, from a point where an eye can be.
     fn sees(&self, eyes: &Aabb, bodies: &Aabb) -> bool {
         let cells = &self.world.cells;
         let to: Vec<Vec3> = points(bodies).map(|point| cells.axes.world(point)).collect();
         let mut from = points(eyes).map(|point| cells.axes.world(point));
         from.any(|eye| {
-            cells.at(eye).is_some() && to.iter().any(|&point| self.sight.between(eye, point))
+            cells.at(eye).is_some() && to.iter().any(|&point| self.oracle.between(eye, point))
         })
     }
 }
 
-/// Points of a box on a grid, corners included.
+/// The points of a grid in a box, corners included.
 fn points(region: &Aabb) -> impl Iterator<Item = Vec3> {
     let Aabb { min, .. } = *region;
     let size = region.size();

@@ -1,12 +1,14 @@
-//! The renderer's inner loops and the octree's bytes, each by a scene that is little else.
+//! The renderer's inner loops and the octree's bytes, each measured on a scene that exercises
+//! little else.
 //!
 //! * *layers*: a floor and a ceiling of voxels that fill the picture;
-//! * *bricks*: hills, of which no node is a whole layer;
+//! * *bricks*: hills, where no node is a whole layer;
 //! * *outlines*: hills of voxels larger than 8 pixels;
 //! * *sky*: nothing;
-//! * and hills written as bytes and read again.
+//! * and hills written as bytes and read back.
 //!
-//! Prints nanoseconds of CPU time for each pixel, in both modes, and for each voxel: the least of several rounds.
+//! Prints nanoseconds of CPU time per pixel in both modes, and per voxel: the least of several
+//! rounds.
 //!
 //! `cargo bench -p sightline-tests --bench drawing`
 
@@ -17,11 +19,11 @@ use sightline_world::octree::{Octree, Voxel, morton};
 
 const SIZE: (usize, usize) = (1920, 1080);
 const ROUNDS: usize = 15;
-/// Levels of the octrees.
+/// The depth of the octrees.
 const DEPTH: u8 = 10;
 
 fn main() {
-    // Threads would not be counted: all is drawn on this one.
+    // Thread time counts one thread only, so everything is drawn on this one.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
     pool.expect("a thread").install(measure);
 }
@@ -56,7 +58,7 @@ fn measure() {
     println!("{:<12} {written:>12.1} {read:>12.1} {:>12.2}", "hills", bytes.len() as f64 / voxels);
 }
 
-/// Columns of voxels with an edge of one, in colours that vary from one to the next.
+/// Columns of voxels with an edge of 1 m, in varying colours.
 fn octree(column: impl Fn(u32, u32) -> std::ops::Range<u32>) -> Octree {
     let side = 1u32 << DEPTH;
     let all = (0..side).flat_map(|x| (0..side).map(move |z| (x, z)));
@@ -74,7 +76,7 @@ fn hill(x: u32, z: u32) -> u32 {
     (300.0 + waves) as u32 + x * 31 % 3
 }
 
-/// Nanoseconds for each pixel, and the part of the pixels that show a voxel.
+/// Nanoseconds per pixel, and the share of pixels that show a voxel.
 fn draw(octree: &Octree, camera: &Camera, mode: Mode) -> (f64, f64) {
     let mut renderer = Renderer::default();
     renderer.mode = mode;

@@ -1,9 +1,9 @@
-//! Three ways to place octants by a form pattern (seeds: orthogonal octree), measured apart from all else.
+//! Three ways to place octants by a form pattern, measured apart from everything else.
 //!
-//! Each goes down a full tree of 6 levels from 64 forms and adds up the bounding boxes' corners, so
-//! that nothing is left out: offsets from the bounding box's corner, shifted; four offsets from the
-//! centre, and the same with the signs reversed; and numbers with a point, multiplied by a half to the
-//! power of the level and added. Prints nanoseconds for each node, the least of several rounds.
+//! Each descends a full tree of 6 levels from 64 forms, and sums the corners of the bounding boxes,
+//! so that nothing is optimised away. The three ways are: offsets from the bounding box's corner,
+//! shifted; four offsets from the centre, and their negatives; and floating-point offsets, scaled
+//! by a power of a half and added. Prints nanoseconds per node, the least of several rounds.
 //!
 //! `cargo bench -p sightline-tests --bench forms`
 
@@ -16,7 +16,7 @@ const ROUNDS: usize = 15;
 /// Edges in pixels, with 16 fractional bits.
 type Edges = [[i32; 2]; 3];
 
-/// Adds up the places of all below a form.
+/// Sums the positions of all nodes below a form.
 type PlacingMethod = fn(&Edges) -> i64;
 
 fn main() {
@@ -47,7 +47,7 @@ fn time_ns(forms: &[Edges], way: PlacingMethod) -> f64 {
     start.elapsed().as_secs_f64() * 1.0e9
 }
 
-/// From the bounding box's corner to an octant's: half an edge where it lies on the far side.
+/// The offset from the bounding box's corner to an octant's corner: half an edge on its far side.
 fn corner_offset(edges: &Edges, octant: usize) -> [i32; 2] {
     [0, 1].map(|part| {
         let of = |axis: usize| {
@@ -111,7 +111,7 @@ fn by_product(edges: &Edges) -> i64 {
     below(&std::array::from_fn(offsets), [0.0; 2], 0, 1.0)
 }
 
-/// Counts the column and row of a place, and of what is below it.
+/// Adds the column and row of a position, and the sum below it.
 fn reached(at: [i32; 2], level: u32, below: impl FnOnce([i32; 2]) -> i64) -> i64 {
     let here = i64::from(at[0] >> 16) + i64::from(at[1] >> 16);
     if level + 1 == LEVELS { here } else { here + below(at) }

@@ -1,19 +1,21 @@
-//! What fuzzy projection saves a z-buffer: Lim's Examples 1 to 4 in kind.
+//! What fuzzy projection saves a z-buffer, in the manner of Lim's Examples 1 to 4.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench fuzzy
 //! ```
 //!
-//! One to four furnished rooms in a row, of coarse or fine patches, with doorways between. Five
-//! nearby eyes in the first look towards the others. The normal way draws every patch of each
-//! view into a z-buffer, but those that face away or are out of view. The other way first finds the
-//! patches that are invisible from the box around the eyes, and draws the rest. The last columns are for
-//! finding the visible ones as well, which are drawn without a test of depth. All must give the same
-//! pictures. Times are CPU time of one thread for five views, the least of several runs.
+//! One to four furnished rooms stand in a row, made of coarse or fine patches, with doorways
+//! between them. Five nearby eyes in the first room look towards the others. The normal way draws
+//! every patch of each view into a z-buffer, except those that face away or are out of view. The
+//! other way first finds the patches that are invisible from the box around the eyes, and draws the
+//! rest. The last columns also find the visible patches, which are drawn without a depth test. All
+//! ways must give the same pictures. Times are CPU time of one thread for five views, the least of
+//! several runs.
 //!
-//! There are two ratios of the normal way's time. The one is to drawing the rest alone. So are Lim's: in all his rows of
-//! two rooms and more the time that he gives is less by the share of patches that are left out, within a hundredth, and
-//! what he needs to find these stands in a column of its own. The other ratio counts that in, in his figures too.
+//! There are two ratios of the normal way's time. The first divides by the time of drawing the rest
+//! alone, as Lim does. In all his rows of two rooms and more, his time decreases with the share of
+//! patches left out, within a hundredth, and the time to find them stands in a column of its own.
+//! The second ratio includes that time, in his figures too.
 
 use std::time::Duration;
 
@@ -25,19 +27,19 @@ use sightline_visibility::fuzzy::{
 };
 use sightline_world::geometry::{Aabb, Frustum};
 
-/// Half of the angle that a picture spans each way.
+/// Half the field of view, in degrees, along both axes of the picture.
 const HALF_ANGLE: f32 = 40.0;
-/// The elements of a face, each way.
+/// The number of elements along each side of a face of the fuzzy buffer.
 const ELEMENTS: usize = 400;
 
-/// Measures fuzzy projection on rooms.
+/// Measures fuzzy projection on furnished rooms.
 #[derive(Parser)]
 struct Args {
-    /// Each figure is the least of so many runs.
+    /// The number of runs. The least time of a figure counts.
     #[arg(long, value_name = "N", default_value_t = 5)]
     runs: u32,
-    /// What `cargo bench` passes. Without it pictures are small and each is drawn once, to show that this
-    /// works.
+    /// Passed by `cargo bench`. Without it, pictures are small and drawn once, to show that the
+    /// bench works.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -77,7 +79,8 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Lim's seconds for five views, the normal way and his, and to find the patches, by example and rooms.
+/// Lim's seconds for five views: the normal way, his way, and finding the patches; by example and
+/// number of rooms.
 const LIM: [[[f32; 3]; 4]; 4] = [
     [[11.2, 11.1, 1.2], [21.8, 17.3, 2.1], [35.7, 23.9, 2.9], [46.3, 25.6, 3.6]],
     [[20.7, 20.7, 1.2], [40.8, 32.4, 2.1], [56.4, 37.8, 2.9], [f32::NAN; 3]],
@@ -108,14 +111,14 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
         sorting = sorting.min(start.elapsed());
         normal = normal.min(draw(&scene, &mut ways[0], &everything));
         ours = ours.min(draw(&scene, &mut ways[1], &classes));
-        // Once more, with the visible ones found too.
+        // Once more, with the visible patches found too.
         let start = ThreadTime::now();
         both = classify(&surfaces, &eyes, ELEMENTS, None);
         sorting_both = sorting_both.min(start.elapsed());
         with_both = with_both.min(draw(&scene, &mut ways[2], &both));
         let picture = |view: &ZBuffer| view.picture.clone();
         let [one, other, third] = [0, 1, 2].map(|way| ways[way].iter().map(picture));
-        anyhow::ensure!(one.clone().eq(other) && one.eq(third), "the pictures are not the same");
+        anyhow::ensure!(one.clone().eq(other) && one.eq(third), "the pictures differ");
     }
     let count = |classes: &[PatchVisibility], class: PatchVisibility| {
         classes.iter().filter(|of| **of == class).count()
@@ -161,9 +164,9 @@ fn draw(scene: &RoomScene, views: &mut [ZBuffer], classes: &[PatchVisibility]) -
 
 struct ZBuffer<'a> {
     camera: &'a FixedCamera,
-    /// One through the depth, which is linear in the picture.
+    /// The inverse depth of each pixel: it is linear in the picture.
     depths: Vec<f32>,
-    /// The nearest patch of each pixel, or none.
+    /// The nearest patch of each pixel; `u32::MAX` where there is none.
     picture: Vec<u32>,
     polygon: Vec<Vec3>,
     spare: Vec<Vec3>,
@@ -195,7 +198,7 @@ impl<'a> ZBuffer<'a> {
         }
     }
 
-    /// Draws a patch, with or without a test of depth.
+    /// Draws a patch, with or without a depth test.
     fn fill<const TEST: bool>(&mut self, scene: &RoomScene, patch: usize) {
         let eye = self.camera.eye;
         let corner = |i: &u32| scene.corners[*i as usize] - eye;
@@ -205,7 +208,7 @@ impl<'a> ZBuffer<'a> {
         if offset >= 0.0 {
             return;
         }
-        // To the right, down, ahead.
+        // Axes: to the right, down, ahead.
         let to_camera = Mat3::from_cols(Vec3::Z, Vec3::NEG_Y, Vec3::X).transpose();
         self.polygon.clear();
         self.polygon.extend(indices.iter().map(|i| to_camera * corner(i)));
@@ -238,7 +241,7 @@ impl<'a> ZBuffer<'a> {
             for (i, to) in places.iter().enumerate() {
                 let from = places[(i + places.len() - 1) % places.len()];
                 if (from.y <= y) != (to.y <= y) {
-                    // The same for both patches that share the edge, so that they share no pixel.
+                    // Both patches that share the edge get the same result, so they share no pixel.
                     let (from, to) = if from.y < to.y { (from, *to) } else { (*to, from) };
                     let x = from.x + (to.x - from.x) * (y - from.y) / (to.y - from.y);
                     (left, right) = (left.min(x), right.max(x));
@@ -265,14 +268,14 @@ impl<'a> ZBuffer<'a> {
         self.places = places;
     }
 
-    /// Keeps what of the polygon has no negative height above a plane through the eye.
+    /// Keeps the part of the polygon on the positive side of a plane through the eye.
     fn clip(&mut self, plane: Vec3) {
         self.spare.clear();
         for (i, &to) in self.polygon.iter().enumerate() {
             let from = self.polygon[(i + self.polygon.len() - 1) % self.polygon.len()];
             let (low, high) = (plane.dot(from), plane.dot(to));
             if (low < 0.0) != (high < 0.0) {
-                // The same for both patches that share the edge.
+                // Both patches that share the edge get the same point.
                 self.spare.push(if low < high {
                     from.lerp(to, low / (low - high))
                 } else {
@@ -287,7 +290,7 @@ impl<'a> ZBuffer<'a> {
     }
 }
 
-/// Patches that go round their corners anticlockwise as seen from where they are seen.
+/// Patches whose corners go anticlockwise as seen from the front.
 #[derive(Default)]
 struct RoomScene {
     corners: Vec<Vec3>,
@@ -296,7 +299,7 @@ struct RoomScene {
     surfaces: u32,
 }
 
-/// A room's length, height and width, in metres, and its doorway's.
+/// The length, height and width of a room, in metres; and the height and width of its doorway.
 const ROOM: Vec3 = Vec3::new(6.0, 3.0, 5.0);
 const DOORWAY: [f32; 2] = [2.0, 1.0];
 
@@ -312,8 +315,8 @@ impl RoomScene {
         scene
     }
 
-    /// Floor, ceiling and walls of a room as one surface, with a doorway in the walls across x if wanted,
-    /// and the jambs of the second.
+    /// Floor, ceiling and walls of a room as one surface. Each wall across x may have a doorway;
+    /// the second one has jambs.
     fn shell(&mut self, from: Vec3, doorways: [bool; 2], step: f32) {
         let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axis * ROOM);
         let whole = |_: Vec3| true;
@@ -341,7 +344,7 @@ impl RoomScene {
         }
     }
 
-    /// Tables with balls on them, chairs and cupboards: all curved things of many patches.
+    /// Tables with balls on them, chairs and cupboards. The balls have many patches.
     fn furnish(&mut self, from: Vec3, detail: u32) {
         let step = 0.3 / detail as f32;
         for (i, at) in [[1.6, 1.0], [4.4, 1.0], [1.6, 4.0], [4.4, 4.0]].into_iter().enumerate() {
@@ -366,8 +369,8 @@ impl RoomScene {
         }
     }
 
-    /// A flat grid of squares from a corner; those whose middle is not wanted are left out. Seen from
-    /// where `across` × `down` points.
+    /// A flat grid of squares from a corner, facing `across` × `down`. Squares with an unwanted
+    /// centre are left out.
     fn grid(
         &mut self,
         from: Vec3,

@@ -1,13 +1,13 @@
-//! Many simulations of the whole system, each compared at every tick with brute force.
+//! Many simulations of the whole system, each compared with brute force at every tick.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench simulation -- --seeds 10000
 //! cargo bench -p sightline-tests --bench simulation -- --seed 4711
 //! ```
 //!
-//! The second runs one again and tells all of it. Fails when a promise is broken; with `--fault`, which
-//! breaks the engine on purpose, when that is found in too few of the simulations in which it could act: each is
-//! run without the fault too.
+//! The second command repeats one simulation and prints everything about it. The bench fails when a
+//! promise is broken. With `--fault` it injects a fault into the engine, runs each simulation with
+//! and without it, and fails when too few of the simulations in which the fault could act find it.
 
 use std::{
     sync::atomic::{AtomicU64, Ordering::Relaxed},
@@ -18,29 +18,29 @@ use clap::{Parser, ValueEnum};
 use rayon::prelude::*;
 use sightline_tests::simulation::{BuildingPool, DetectionRate, Fault, SimulationOutcome, run};
 
-/// Failures that are told one by one.
+/// The number of failures that are printed one by one.
 const TOLD: usize = 10;
 
-/// Runs simulations.
+/// Simulates buildings, walkers and networks, and checks every promise at every tick.
 #[derive(Parser)]
 struct Args {
-    /// How many.
+    /// The number of simulations; by default 10,000.
     #[arg(long, value_name = "N")]
     seeds: Option<u64>,
-    /// The first.
+    /// The first seed.
     #[arg(long, value_name = "N", default_value_t = 0)]
     from: u64,
-    /// Just this one.
+    /// Run only this seed, and print everything about it.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Buildings that are compiled for them: the one of a seed depends on this too.
+    /// The number of buildings to compile. The building of a seed depends on it.
     #[arg(long, value_name = "N", default_value_t = 200)]
     buildings: u64,
-    /// Break the engine.
+    /// Inject a fault into the engine, and count how often it is found.
     #[arg(long, default_value = "none")]
     fault: FaultFlag,
-    /// What `cargo bench` passes. Without it (as when all targets are tested), and unless told
-    /// otherwise, there are few, to show that this works.
+    /// Passed by `cargo bench`. Without it, and unless told otherwise, there are few simulations,
+    /// to show that the bench works.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -100,7 +100,7 @@ fn main() -> anyhow::Result<()> {
     println!("not found in seeds   {:?} ...", missed.take(TOLD).collect::<Vec<_>>());
     let findings = DetectionRate::of(fault, pairs());
     println!("{fault:?} was {findings}");
-    anyhow::ensure!(findings.are_enough(fault), "that is too seldom");
+    anyhow::ensure!(findings.are_enough(fault), "the fault is found too seldom");
     Ok(())
 }
 
@@ -113,21 +113,21 @@ fn conclude(outcomes: &[SimulationOutcome]) -> anyhow::Result<()> {
     let held: u64 = oracles().map(|oracle| oracle.pairs_held).sum();
     let excused: u64 = oracles().map(|oracle| oracle.misses_late).sum();
     let thrown: u64 = oracles().map(|oracle| oracle.misses_after_jumps).sum();
-    let hidden: u64 = outcomes.iter().map(|outcome| outcome.seen.hidden_ticks).sum();
+    let hidden: u64 = outcomes.iter().map(|outcome| outcome.observed.hidden_ticks).sum();
     let asks: u64 = outcomes.iter().map(|outcome| outcome.report.asks).sum();
     let worst = oracles().map(|oracle| oracle.age_worst_ms).fold(0.0, f64::max);
     println!("simulations        {}", outcomes.len());
     println!("broken promises in {}", bad.len());
     println!("visible pairs      {visible}, held {held}");
-    println!("misses excused     {excused}, by messages later than the engine allows for");
-    println!("misses after jumps {thrown}, or after coming");
+    println!("misses excused     {excused}, after messages later than the engine allows for");
+    println!("misses after jumps {thrown}, or after joining");
     println!("oldest position    {worst:.0} ms, where messages were lost");
-    println!("hidden             {hidden} ticks of avatars, {asks} asks");
+    println!("hidden             {hidden} ticks, summed over avatars; {asks} asks");
     anyhow::ensure!(bad.is_empty(), "promises are broken in {} simulations", bad.len());
     Ok(())
 }
 
-/// Tells how many are done, now and then.
+/// Prints from time to time how many are done.
 struct Counter {
     what: &'static str,
     all: u64,

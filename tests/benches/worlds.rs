@@ -1,14 +1,14 @@
-//! What worlds cost to compile, and how good they are: generated buildings of growing size, and
-//! Quake III maps, whose own compiler's figures stand beside ours.
+//! The cost of compiling worlds, and their quality: generated buildings of growing size, and Quake
+//! III maps beside the figures of their own compiler.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench worlds -- --rooms 100,500 --pairs 100000 --map house.glb
 //! ```
 //!
-//! Nothing is written but what `--json` names. The maps in the folder `shared/maps` beside the
-//! repository, or where `SIGHTLINE_SHARED` says, are compiled too. It fails when there is a miss.
+//! Writes nothing except the file that `--json` names. Also compiles the maps in the folder
+//! `shared/maps` beside the repository, or in `SIGHTLINE_SHARED`. Fails when there is a miss.
 //!
-//! CPU seconds are those of all threads together, so other programs disturb them little.
+//! CPU seconds are the sum over all threads, so other programs disturb them little.
 
 use std::{fmt::Write, ops::ControlFlow, path::PathBuf, time::Instant};
 
@@ -23,49 +23,50 @@ use sightline_compiler::{
 };
 use sightline_world::{Pvs, World};
 
-/// The median CPU time of q3map2's full vis for a portal of a map, over 33 maps, in ms.
+/// The median CPU time of q3map2's full vis per portal, over 33 maps, in milliseconds.
 const Q3MAP2_MEDIAN_MS: f64 = 0.79;
 
-/// q3map2's full vis as it was measured, on one thread of an AMD EPYC: the map, how many portals
-/// q3map2 makes in it, and CPU seconds. No promise for the machine that this runs on.
+/// q3map2's full vis, measured on one thread of an AMD EPYC: the map, the number of portals that
+/// q3map2 makes, and CPU seconds. The machine that this bench runs on may differ.
 const Q3MAP2: [(&str, u32, f64); 3] =
     [("oa_dm4", 704, 0.14), ("aggressor", 1_129, 1.03), ("oa_dm2", 2_268, 1.55)];
 
-/// What together finds who sees whom.
+/// The stages that find out which cells see each other.
 const SIGHT_STAGES: [Stage; 3] = [Stage::Carving, Stage::Cells, Stage::Pvs];
 
-/// Compiles generated buildings and Quake III maps, verifies them, and tells what that cost.
+/// Compiles generated buildings and Quake III maps, verifies them, and prints cost and quality.
 #[derive(Parser)]
 struct Args {
-    /// Rooms of the generated buildings, ascending; none are generated when none is named.
+    /// The numbers of rooms of the generated buildings, ascending. Without a number, none are
+    /// generated.
     #[arg(long, value_delimiter = ',', num_args = 0.., value_name = "N,N,...")]
     rooms: Option<Vec<usize>>,
-    /// Pairs of points for each of the two ways to sample them.
+    /// The number of pairs of points for each of the two ways of sampling.
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     pairs: u64,
-    /// Entries of the PVS that are tested for looseness, by 100,000 lines each.
+    /// The number of PVS entries tested for looseness, by 100,000 rays each.
     #[arg(long, value_name = "N", default_value_t = 0)]
     entries: u32,
-    /// A building more: .glb, .gltf or .bsp; may be given several times.
+    /// Another building: .glb, .gltf or .bsp; may be given several times.
     #[arg(long, value_name = "FILE")]
     map: Vec<PathBuf>,
-    /// Leave out the maps that are found beside the repository.
+    /// Leave out the maps beside the repository.
     #[arg(long)]
     no_maps: bool,
-    /// The generated building that gets voxels as fine as by default; all else gets coarse ones.
+    /// The generated building that gets voxels of the default size; all others get coarse ones.
     #[arg(long, value_name = "ROOMS", default_value_t = 2_000)]
     full: usize,
     /// The edge of coarse voxels, in metres.
     #[arg(long, value_name = "METRES", default_value_t = 1.0)]
     voxel: f32,
-    /// Of the generated buildings, and of the points.
+    /// The seed of the generated buildings and of the sampled points.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write the figures to this file too.
+    /// Write the figures to a JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// What `cargo bench` passes. Without it (as when all targets are tested), and unless told
-    /// otherwise, only a cottage is made, to show that this works.
+    /// Passed by `cargo bench`. Without it, and unless told otherwise, only a cottage is compiled,
+    /// to show that the bench works.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -98,11 +99,11 @@ fn main() -> anyhow::Result<()> {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let misses: u64 = rows.iter().map(|row| row.principal.misses).sum();
-    anyhow::ensure!(misses == 0, "the PVS denies {misses} pairs in sight");
+    anyhow::ensure!(misses == 0, "the PVS misses {misses} visible pairs");
     Ok(())
 }
 
-/// The maps beside the repository, by name; says so when there are none.
+/// The maps beside the repository, sorted by name. Says so when there are none.
 fn found_maps() -> anyhow::Result<Vec<PathBuf>> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
     let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
@@ -122,44 +123,46 @@ fn found_maps() -> anyhow::Result<Vec<PathBuf>> {
     Ok(maps)
 }
 
-/// What is told of a building.
+/// The figures of a building.
 #[derive(Serialize)]
 struct WorldRow {
     name: String,
-    /// Of a generated building.
+    /// The number of rooms of a generated building.
     rooms: Option<usize>,
     spaces: usize,
     gates: usize,
     cells: usize,
     portals: usize,
-    /// Of carving, subdivision and PVS.
+    /// CPU seconds of carving, subdivision and PVS.
     cpu_seconds: [f64; 3],
-    /// CPU milliseconds of these three together, for each portal between cells.
+    /// CPU milliseconds of these three stages, per portal between cells.
     portal_ms: f64,
-    /// The same for each gate: a portal between spaces, which is what sight lines go through.
+    /// CPU milliseconds of these three stages, per gate: the portals between spaces, which portal
+    /// flow goes through.
     gate_ms: f64,
-    /// What q3map2 took for the map: CPU seconds in all, and milliseconds for each of its portals.
+    /// q3map2's CPU seconds for the map, and its milliseconds per portal.
     q3map2: Option<[f64; 2]>,
-    /// The exponent with which CPU seconds grow with rooms, from the row before.
+    /// The exponent with which CPU seconds grow with the number of rooms, since the row before.
     growth: Option<f64>,
-    /// Whether its voxels are as fine as by default.
+    /// Whether the voxels have the default size.
     full: bool,
     /// Wall-clock seconds from the file to the world.
     seconds: f64,
-    /// Of these, of voxels.
+    /// Wall-clock seconds of voxelising, which are part of `seconds`.
     voxel_seconds: f64,
     density: f64,
     entries_per_cell: f64,
-    /// The PVS in memory, about, and in the world file before that is packed; 10^6 bytes.
+    /// The approximate size of the PVS in memory, and its size in the world file before
+    /// compression, in 10^6 bytes.
     pvs_mb: [f64; 2],
-    /// Pairs of points that counted, of both ways to sample.
+    /// The number of pairs of points that counted, in both ways of sampling.
     pairs: u64,
     #[serde(flatten)]
     principal: VerifySummary,
 }
 
 impl WorldRow {
-    /// Compiles a building and verifies it; with voxels of the default size when none is given.
+    /// Compiles a building and verifies it. Voxels have the default size when `voxel` is `None`.
     fn new(
         name: String,
         rooms: Option<usize>,
@@ -176,7 +179,7 @@ impl WorldRow {
         let seconds = start.elapsed().as_secs_f64();
         let cpu_seconds = SIGHT_STAGES.map(|stage| of_stage(&report.cpu_seconds, stage));
         let cpu_ms = cpu_seconds.iter().sum::<f64>() * 1e3;
-        // Whoever stops this early has at least that.
+        // Print the main figures early: verifying takes long.
         let (cells, cpu_s) = (report.cells, cpu_ms / 1e3);
         eprintln!("{name}: {cells} cells in {cpu_s:.2} s CPU, {seconds:.1} s in all; verifying");
         let verified = verified(&world, args)?;
@@ -224,7 +227,7 @@ fn verified(world: &World, args: &Args) -> anyhow::Result<verify::VerifyReport> 
     for PairCounts { ours: PvsTally { first_misses, .. }, .. } in
         [&report.by_volume, &report.by_cell]
     {
-        first_misses.iter().for_each(|miss| eprintln!("missed: {} sees {}", miss.from, miss.to));
+        first_misses.iter().for_each(|miss| eprintln!("miss: {} sees {}", miss.from, miss.to));
     }
     Ok(report)
 }
@@ -238,7 +241,7 @@ fn q3map2(map: &str) -> Option<[f64; 2]> {
     Some([*seconds, seconds * 1e3 / f64::from(*portals)])
 }
 
-/// About what a PVS takes in memory, and in a world file, which holds each pair once.
+/// The approximate size of a PVS in memory, and in a world file, which stores each pair once.
 fn pvs_bytes(pvs: &Pvs) -> [u64; 2] {
     let (mut memory, mut file) = (0, 0);
     for (cell, row) in (0..).zip(pvs) {
@@ -246,7 +249,7 @@ fn pvs_bytes(pvs: &Pvs) -> [u64; 2] {
         let values = 2 * u64::from(of.n_values_array_containers)
             + 8_192 * u64::from(of.n_bitset_containers)
             + of.n_bytes_run_containers;
-        // The row itself, and for each container its header.
+        // The row itself, and the header of each container.
         memory += 24 + 48 * u64::from(of.n_containers) + values;
         let mut half = row.clone();
         half.remove_range(..cell);
@@ -312,7 +315,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".into(), |value| format!("{value:.digits$}"))
 }
 
-/// Rows under names that are parted by bars, the first column to the left.
+/// Appends rows under column names separated by bars. The first column is left-aligned.
 fn put_table(text: &mut String, names: &str, rows: Vec<Vec<String>>) {
     let mut lines = vec![names.split('|').map(str::to_owned).collect::<Vec<_>>()];
     lines.extend(rows);

@@ -1,4 +1,5 @@
-//! A film by visibility sets is the film of everything, and so is one by volumes.
+//! Films drawn with culling are the same as films of everything: with visibility sets, and with
+//! bounding volumes.
 
 use std::{ops::ControlFlow, time::Duration};
 
@@ -19,7 +20,7 @@ use sightline_renderer::{
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{World, motion::Pose, rooms::Rooms};
 
-/// A building with doors and a lift that move, and the rooms that it suggests.
+/// A building with moving doors and a lift, and the rooms suggested for it.
 fn building() -> World {
     let model = glb::read_slice(&sightline_demo_building::glb(20, 4), None, "office").unwrap();
     let options = CompileOptions { voxel: Some(0.1), cell: Some(3.0), ..CompileOptions::default() };
@@ -33,7 +34,7 @@ fn building() -> World {
 }
 
 #[test]
-fn what_sets_leave_out_is_not_in_the_picture() {
+fn movers_outside_the_visibility_sets_are_not_in_the_picture() {
     let mut world = building();
     let plain = Rooms::default();
     let mut shares = Vec::new();
@@ -66,7 +67,7 @@ fn what_sets_leave_out_is_not_in_the_picture() {
     assert!(shares[0] > 0.0 && shares[0] <= shares[1] && shares[1] < 0.5, "{shares:?}");
 }
 
-/// People who walk through the building on one way, far apart.
+/// The number of people: they walk along the same path, far apart.
 const PEOPLE: usize = 15;
 
 fn walker(path: &CameraPath, avatar: usize, now: Duration) -> Pose {
@@ -77,7 +78,7 @@ fn walker(path: &CameraPath, avatar: usize, now: Duration) -> Pose {
 }
 
 #[test]
-fn what_volumes_stand_for_is_not_in_the_picture() {
+fn things_replaced_by_bounding_volumes_are_not_in_the_picture() {
     let world = building();
     let path = CameraPath::through(&world);
     let mut ways =
@@ -90,7 +91,7 @@ fn what_volumes_stand_for_is_not_in_the_picture() {
         renderer.draw(&world.octree, &camera, &mut building);
         let pictures = ways.each_mut().map(|(moving, crowd)| {
             crowd.hear(now, |avatar, time| walker(&path, avatar, time));
-            // Now and then somebody vanishes, and appears again.
+            // Now and then a person vanishes and appears again.
             if i % 10 == 0 {
                 let avatar = i / 10 % PEOPLE;
                 crowd.reappear(avatar, now, &walker(&path, avatar, now));
@@ -101,13 +102,13 @@ fn what_volumes_stand_for_is_not_in_the_picture() {
             let seen = moving.draw(&mut frame, &camera, &world, told, time);
             (frame, seen)
         });
-        assert!(pictures[0] == pictures[1], "by the pyramid, at {seconds} s");
-        assert!(pictures[0] == pictures[2], "by volumes, at {seconds} s");
+        assert!(pictures[0] == pictures[1], "hierarchical Z, at {seconds} s");
+        assert!(pictures[0] == pictures[2], "bounding volumes, at {seconds} s");
         seen += pictures[0].1.len();
         for ((moving, _), placed) in ways.iter().zip(&mut placed) {
             *placed += moving.counters().placed;
         }
     }
-    println!("{seen} times somebody is in view; placed: {placed:?}");
+    println!("people in view {seen} times; placed: {placed:?}");
     assert!(seen > 100 && 2 * placed[2] < placed[1], "{seen} {placed:?}");
 }

@@ -1,5 +1,6 @@
-//! What the renderer shows, against rays through the original triangles: in every mode everything drawn lies on them, and
-//! nothing that they hide shows through. And the modes against each other.
+//! Compares pictures with rays through the original triangles. In every mode, everything drawn lies
+//! on a triangle, and nothing shows through a triangle in front of it. The modes are also compared
+//! with each other.
 
 use std::{ops::ControlFlow, path::PathBuf, sync::Arc};
 
@@ -20,19 +21,20 @@ use sightline_renderer::{
 };
 use sightline_world::{Cells, Mesh, World, geometry::Aabb};
 
-/// This part of the pixels must agree with triangles, at every view.
+/// The least share of pixels that agree with triangles, in every view.
 const AGREEING: f64 = 0.999;
-/// Of the pixels of orthogonal mode no more differ from those of perspective mode by more than rounding.
+/// The largest share of pixels whose colour differs between the modes by more than rounding.
 const DIFFERING: f64 = 0.005;
-/// From spawn points, no more projections are left.
+/// The largest share of projections that the orthogonal mode needs, from spawn points.
 const PROJECTIONS: f64 = 0.05;
 const SIZE: (usize, usize) = (640, 360);
 
-/// What is drawn of a world; who sees whom is left out.
+/// The drawn part of a world. Its cells are a single one.
 fn world(model: &Model, voxel: f32) -> World {
-    let bounds = model.bounds().expect("there are triangles");
+    let bounds = model.bounds().expect("the model has triangles");
     let go_on = |_| ControlFlow::Continue(());
-    let octree = voxelise::voxelise(&model.surfaces, &bounds, voxel, &go_on).expect("they fit");
+    let octree =
+        voxelise::voxelise(&model.surfaces, &bounds, voxel, &go_on).expect("the voxels fit");
     World {
         title: model.title.clone(),
         octree,
@@ -47,7 +49,7 @@ fn world(model: &Model, voxel: f32) -> World {
     }
 }
 
-/// All triangles that are drawn and are not of glass, through which depths go.
+/// All drawn triangles except those of glass, which depths pass through.
 fn drawn(model: &Model) -> Mesh {
     let mut mesh = Mesh::default();
     for surface in model.surfaces.iter().filter(|surface| !surface.material.glass) {
@@ -60,10 +62,10 @@ fn drawn(model: &Model) -> Mesh {
     mesh
 }
 
-/// Looks from every spawn point and along a walk.
+/// Checks the views from every spawn point and along a walk.
 fn check(name: &str, model: &Model, voxel: f32) {
     let world = world(model, voxel);
-    let rays = RayCaster::new(&drawn(model)).expect("something is drawn");
+    let rays = RayCaster::new(&drawn(model)).expect("the model has drawn triangles");
     let views = Views::new(&world, &CameraPath::through(&world), 8);
     let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
     let mut frame = Frame::new(SIZE.0, SIZE.1);
@@ -95,8 +97,8 @@ fn check(name: &str, model: &Model, voxel: f32) {
     check_hidden(name, &world);
 }
 
-/// Boxes of eyes, and eyes in each, from which pictures are drawn with and without what is hidden; more where
-/// these variables of the environment say so.
+/// The number of viewpoint boxes, and of eyes in each, for pictures with and without hidden nodes.
+/// Environment variables of these names give more.
 const BOXES: (&str, usize) = ("SIGHTLINE_BOXES", 24);
 const EYES: (&str, usize) = ("SIGHTLINE_EYES", 8);
 
@@ -104,25 +106,26 @@ fn number((name, least): (&str, usize)) -> usize {
     std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(least)
 }
 
-/// Looks from anywhere in boxes along a walk, and elsewhere.
+/// Checks pictures without hidden nodes, from boxes along a walk and elsewhere.
 fn check_hidden(name: &str, world: &World) {
-    let walls = VoxelOccluders::new(&world.octree).expect("not too many walls");
+    let walls = VoxelOccluders::new(&world.octree).expect("few enough occluders");
     let random = &mut SmallRng::seed_from_u64(7);
     let path = CameraPath::through(world);
     let [mut whole, mut less] = [(); 2].map(|()| Frame::new(192, 108));
-    let (mut renderer, mut counts, mut looks) = (Renderer::default(), [0; 2], [0; 2]);
+    let (mut renderer, mut counts, mut visited) = (Renderer::default(), [0; 2], [0; 2]);
     for turn in 0..number(BOXES) {
         let at = path.at(random.random_range(0.0..=path.duration_s())).eye;
         let aside = Vec3::from([0; 3].map(|_| random.random_range(-0.5..0.5)));
         let size = Vec3::from([0; 3].map(|_| random.random_range(0.05..1.0)));
         let eyes = Aabb::new(at + aside, at + aside + size);
         renderer.mode = Mode::ALL[turn % 2];
-        // Every other box just for such pictures, as they are made for a window.
+        // Every other pair of boxes is prepared for pictures of exactly this size, as a window
+        // does.
         let focal = Camera::looking_at(at, at + aside).focal(less.height());
         let hidden =
             Arc::new(NodeVisibility::new(&walls, eyes, if turn % 4 < 2 { focal } else { 50.0 }));
         counts = [counts[0] + hidden.counts().hidden, counts[1] + hidden.counts().all];
-        // Where nodes are not tested against the mask buffer, some more are looked at.
+        // Without mask tests for clear nodes, a few more nodes are visited.
         let tested = Arc::new(NodeVisibility::clone(&hidden).without_unoccluded());
         for turn in 0..number(EYES) {
             let eye = eyes.min + size * Vec3::from([0; 3].map(|_| random.random_range(0.0..1.0)));
@@ -137,18 +140,18 @@ fn check_hidden(name: &str, world: &World) {
                 assert!(whole == less, "{name}, {:?}: {camera:?} in {eyes:?}", renderer.mode);
             }
             if turn == 0 {
-                looks = [looks[0] + nodes, looks[1] + renderer.counters().nodes];
+                visited = [visited[0] + nodes, visited[1] + renderer.counters().nodes];
             }
         }
     }
-    println!("  {} walls hide {counts:?} nodes; looks {looks:?}", walls.len());
-    assert!(counts[0] > 0 && looks[1] <= looks[0], "{name}: {counts:?} {looks:?}");
+    println!("  {} occluders hide {counts:?} nodes; visited {visited:?}", walls.len());
+    assert!(counts[0] > 0 && visited[1] <= visited[0], "{name}: {counts:?} {visited:?}");
 }
 
 #[test]
 fn the_demo_building_is_drawn_where_its_triangles_are() {
-    let model =
-        glb::read_slice(&sightline_demo_building::glb(24, 1), None, "demo").expect("it is a model");
+    let model = glb::read_slice(&sightline_demo_building::glb(24, 1), None, "demo")
+        .expect("the generated file is a model");
     check("demo building", &model, 0.05);
 }
 
@@ -167,13 +170,13 @@ fn real_maps_are_drawn_where_their_triangles_are() {
     }
 }
 
-/// The measure itself: a picture with a hole, or with what is not there, does not pass.
+/// Checks the check: a picture with a hole, or with a ghost, fails.
 #[test]
-fn a_hole_is_found() {
-    let model =
-        glb::read_slice(&sightline_demo_building::glb(6, 1), None, "demo").expect("it is a model");
+fn holes_and_ghosts_are_found() {
+    let model = glb::read_slice(&sightline_demo_building::glb(6, 1), None, "demo")
+        .expect("the generated file is a model");
     let world = world(&model, 0.1);
-    let rays = RayCaster::new(&drawn(&model)).expect("something is drawn");
+    let rays = RayCaster::new(&drawn(&model)).expect("the model has drawn triangles");
     let views = Views::new(&world, &CameraPath::through(&world), 1);
     let mut frame = Frame::new(SIZE.0, SIZE.1);
     Renderer::default().draw(&world.octree, &views.path[0], &mut frame);

@@ -1,20 +1,20 @@
-//! Two hundred simulations, and what is broken on purpose.
+//! Two hundred simulations of the engine, and sixty with each fault.
 
 use rayon::prelude::*;
 use sightline_tests::simulation::{
     BuildingPool, DetectionRate, Fault, SimulationOutcome, outputs_by_tick, run,
 };
 
-/// Simulations of the engine as it is.
+/// Simulations of the engine without faults.
 const SEEDS: u64 = 200;
-/// Simulations of an engine that is broken on purpose: the first of these.
+/// Simulations with each fault: the first of the seeds above.
 const SEEDS_BROKEN: u64 = 60;
-/// In so many of which each fault could act.
+/// The least number of simulations in which each fault could act.
 const ACTED_MIN: usize = 10;
 const BUILDINGS: u64 = 40;
 
 #[test]
-fn promises_are_kept_and_what_is_broken_is_found() {
+fn promises_are_kept_and_injected_faults_are_found() {
     let pool = BuildingPool::new(BUILDINGS, &|| ());
     let outcomes: Vec<SimulationOutcome> =
         (0..SEEDS).into_par_iter().map(|seed| run(seed, &pool, Fault::None)).collect();
@@ -23,9 +23,9 @@ fn promises_are_kept_and_what_is_broken_is_found() {
     assert!(bad.is_empty(), "{} of {SEEDS}:\n{}", bad.len(), bad.join("\n"));
     let sum = |of: fn(&SimulationOutcome) -> u64| outcomes.iter().map(of).sum::<u64>();
     let visible = sum(|o| o.report.oracle.as_ref().map_or(0, |oracle| oracle.pairs_visible));
-    let hidden = sum(|o| o.seen.hidden_ticks);
-    assert!(visible > 100_000, "there is something to miss: {visible}");
-    assert!(hidden > 1_000, "there is silence: {hidden}");
+    let hidden = sum(|o| o.observed.hidden_ticks);
+    assert!(visible > 100_000, "too few visible pairs: {visible}");
+    assert!(hidden > 1_000, "too little silence: {hidden}");
     for fault in Fault::ALL {
         let broken: Vec<SimulationOutcome> =
             (0..SEEDS_BROKEN).into_par_iter().map(|seed| run(seed, &pool, fault)).collect();
@@ -37,13 +37,13 @@ fn promises_are_kept_and_what_is_broken_is_found() {
 }
 
 #[test]
-fn any_number_of_threads_says_the_same() {
+fn any_number_of_threads_gives_the_same_outputs() {
     let pool = BuildingPool::new(4, &|| ());
-    // With enough for all looks, and with so little that most go without.
+    // One budget is enough for all sight tests, the other leaves most of them out.
     for (seed, sight_test_budget) in (0..4).zip([300_000, 5_000].into_iter().cycle()) {
         let one = outputs_by_tick(seed, &pool, 70, [1, sight_test_budget]);
         let told: usize = one.iter().map(Vec::len).sum();
-        assert!(told > 5_000, "seed {seed}: there is something to tell: {told}");
+        assert!(told > 5_000, "seed {seed}: too few outputs: {told}");
         for threads in [2, 3] {
             let several = outputs_by_tick(seed, &pool, 70, [threads, sight_test_budget]);
             let differs = one.iter().zip(&several).position(|(one, several)| one != several);

@@ -1,4 +1,4 @@
-//! Walls of a real building: honest bodies are never taken to have gone through one, and cheats never
+//! Walls of a real building: honest bodies are never accused of going through one, and cheats never
 //! get through.
 
 use std::{
@@ -41,8 +41,8 @@ fn office(rooms: usize, seed: u64) -> Arc<World> {
     Arc::new(compile(&model, &options, &go_on).unwrap().0)
 }
 
-/// An engine with whom somebody came in, where everybody is always live.
-fn with_somebody(world: &Arc<World>, place: Vec3) -> Engine {
+/// An engine with one avatar, under a policy that keeps everybody live.
+fn engine_with_avatar(world: &Arc<World>, place: Vec3) -> Engine {
     let config = Config { policy: Policy::Pvs, ..Config::default() };
     let mut engine = Engine::new(Arc::clone(world), config);
     let (avatar, name) = (AvatarId(0), "Ada".to_owned());
@@ -51,7 +51,7 @@ fn with_somebody(world: &Arc<World>, place: Vec3) -> Engine {
     engine
 }
 
-/// As it comes over the wire.
+/// Sends a report with the rounding of the wire.
 fn report(engine: &mut Engine, now: Duration, sequence: u32, pose: &Pose) {
     let pose = Pose::from(WirePose::from(pose));
     engine.handle(now, Input::Report { avatar: AvatarId(0), sequence, pose });
@@ -69,11 +69,11 @@ fn wish(random: &mut SmallRng) -> MoveInput {
     }
 }
 
-/// Lets somebody walk, jump and fly about for half a minute, who now and then says nothing for up to
-/// three seconds; it is never refused. How far it came from where it began.
+/// A walk of half a minute with jumps and flights, and silences of up to three seconds. No report
+/// may be refused. Returns the greatest distance from the start, in metres.
 fn walk(world: &Arc<World>, eye: Vec3, random: &mut SmallRng, name: &str) -> f32 {
     let mut walker = Walker::new(world, Spawn { eye, yaw: 0.0 });
-    let mut engine = with_somebody(world, eye);
+    let mut engine = engine_with_avatar(world, eye);
     let (mut intent, mut silent, mut far_m) = (wish(random), 0, 0.0_f32);
     for tick in 1..600_u32 {
         if random.random_bool(0.05) {
@@ -95,7 +95,7 @@ fn walk(world: &Arc<World>, eye: Vec3, random: &mut SmallRng, name: &str) -> f32
 }
 
 #[test]
-fn no_body_that_walks_jumps_and_flies_is_taken_to_go_through_walls() {
+fn bodies_that_walk_jump_and_fly_are_never_accused_of_going_through_walls() {
     let world = building();
     let navigation = Navigation::new(&world);
     for seed in 0..20 {
@@ -105,11 +105,11 @@ fn no_body_that_walks_jumps_and_flies_is_taken_to_go_through_walls() {
     }
 }
 
-/// Of offices, and of houses with windows, holes and furniture, half of which are turned.
+/// Offices, and houses with windows, holes and furniture. Half of the houses are turned.
 #[test]
-fn nor_is_anybody_in_buildings_that_nobody_designed() {
+fn nobody_is_accused_in_random_buildings() {
     let offices = [6, 9].map(|rooms| office(rooms, 100 + rooms as u64));
-    // Those whose voxels tell which gates a body fits through.
+    // Buildings with voxels that tell which gates a body fits through.
     let houses =
         (0..24).filter(|seed| seed / 2 % 2 == 0).map(|seed| SimulatedBuilding::new(seed).world);
     let mut far_m = Vec::new();
@@ -123,12 +123,12 @@ fn nor_is_anybody_in_buildings_that_nobody_designed() {
     }
     far_m.sort_by(f32::total_cmp);
     let median_m = far_m[far_m.len() / 2];
-    assert!(median_m > 2.0, "they get about: {median_m} m");
+    assert!(median_m > 2.0, "the median walk is too short: {median_m} m");
 }
 
-/// By the host: with its elbows in walls and furniture, or in a window.
+/// The host put them there: with elbows in walls and furniture, or in a window.
 #[test]
-fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
+fn nobody_is_accused_who_was_put_where_its_body_does_not_fit() {
     let mut far_m = Vec::new();
     for seed in (0..24).filter(|seed| seed / 2 % 2 == 0) {
         let world = SimulatedBuilding::new(seed).world;
@@ -138,7 +138,7 @@ fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
             let free = navigation.random(random).expect("there is a floor");
             let mut part = || random.random_range(-0.7..0.7);
             let eye = free + Vec3::new(part(), part(), part());
-            // Who is put into the voxels of a thin wall cannot know on which side of it it is.
+            // The side of a thin wall is undefined inside its voxels.
             let is_open =
                 sight.between(free, eye) && !world.octree.solid_in(&Aabb::around(eye, 0.05));
             if is_open && world.octree.solid_in(&world.body.around(eye)) {
@@ -146,11 +146,11 @@ fn nor_is_anybody_who_was_put_where_its_body_has_no_room() {
             }
         }
     }
-    assert!(far_m.len() > 40, "{} were", far_m.len());
-    assert!(far_m.iter().all(|far_m| *far_m > 0.3), "all get out: {far_m:?}");
+    assert!(far_m.len() > 40, "only {} walks", far_m.len());
+    assert!(far_m.iter().all(|far_m| *far_m > 0.3), "somebody is stuck: {far_m:?}");
 }
 
-/// Two places on both sides of a wall, between which the way is long.
+/// Two places on either side of a wall, with a long way between them.
 struct ThinWall {
     near: Vec3,
     far: Vec3,
@@ -184,9 +184,9 @@ fn way_m(navigation: &Navigation, from: Vec3, to: Vec3) -> Option<f32> {
     Some(places.windows(2).map(|pair| pair[0].distance(pair[1])).sum())
 }
 
-/// Whether somebody who claims to be on the other side half a second later is believed.
+/// Whether a claim to be on the other side, half a second later, is accepted.
 fn jumps_through(world: &Arc<World>, wall: &ThinWall) -> bool {
-    let mut engine = with_somebody(world, wall.near);
+    let mut engine = engine_with_avatar(world, wall.near);
     let pose = Pose { eye: wall.far, ..Pose::default() };
     let claim = |i: u32| {
         report(&mut engine, Duration::from_millis(500) + TICK * i, i, &pose);
@@ -195,16 +195,16 @@ fn jumps_through(world: &Arc<World>, wall: &ThinWall) -> bool {
     !(1..=3).all(claim)
 }
 
-/// Whether somebody gets to the other side who claims a little more each time.
+/// Whether small claims, one after another, lead to the other side.
 fn creeps_through(world: &Arc<World>, ThinWall { near, far }: &ThinWall) -> bool {
-    let mut engine = with_somebody(world, *near);
+    let mut engine = engine_with_avatar(world, *near);
     let (mut eye, mut tick) = (*near, 0);
     for step in 1..=100 {
         tick += 2 + step % 3;
-        // Who persists is dropped.
+        // A client that persists is dropped.
         let Some(pose) = engine.pose(AvatarId(0)) else { break };
         eye = pose.eye;
-        // From a centimetre to ten.
+        // Steps of one to ten centimetres.
         let along = (far - eye).normalize_or_zero() * (0.01 * (1 + step % 10) as f32);
         report(&mut engine, TICK * tick, tick, &Pose { eye: eye + along, ..Pose::default() });
     }
@@ -218,5 +218,5 @@ fn cheats_do_not_get_through_walls() {
     assert_eq!(walls.len(), 60);
     let jumped = walls.iter().filter(|wall| jumps_through(&world, wall)).count();
     let crept = walls.iter().filter(|wall| creeps_through(&world, wall)).count();
-    assert_eq!((jumped, crept), (0, 0), "who jump through, and who creep");
+    assert_eq!((jumped, crept), (0, 0), "avatars that jumped and crept through walls");
 }

@@ -1,11 +1,11 @@
-//! Closed rooms beside a building, one for each who hides.
+//! Closed rooms beside a building: one for each hidden avatar.
 
 use std::sync::Arc;
 
 use glam::Vec3;
 use sightline_world::{Cell, CellId, Cells, Node, Space, World, geometry::Aabb};
 
-/// From room to room, in metres.
+/// From one room to the next, in metres.
 const PITCH_M: f32 = 4.0;
 /// Between two rooms, in metres.
 const WALL_M: f32 = 0.6;
@@ -14,8 +14,8 @@ const HEIGHT_M: f32 = 3.0;
 /// Between the building and the first rooms, in metres.
 const APART_M: f32 = 10.0;
 
-/// The world with so many rooms more, and where these are. Nobody sees out of one or into it, and no
-/// door leads anywhere. Only the engine can use it: there is nothing to draw.
+/// The world with a number of closed rooms, and where they are. Nothing sees into them or out of
+/// them, and no door leads there. Only the engine can use this world: the rooms are not drawn.
 pub fn with_annex(world: &World, rooms: usize) -> (Arc<World>, Vec<Aabb>) {
     let mut world = world.clone();
     let whole = world.cells.bounds;
@@ -53,7 +53,7 @@ fn add_rooms(cells: &mut Cells, rooms: &[(CellId, Aabb)]) {
     }
 }
 
-/// The node when one more is before it.
+/// The node of a tree to which another root is prepended.
 fn moved(node: Node) -> Node {
     let next = |sides: [u32; 2]| sides.map(|side| side + 1);
     match node {
@@ -65,7 +65,7 @@ fn moved(node: Node) -> Node {
     }
 }
 
-/// Appends a tree over rooms in a grid, which come column by column.
+/// Appends a tree over rooms in a grid, given column by column.
 fn divide(tree: &mut Vec<Node>, rooms: &[(CellId, Aabb)]) {
     let (Some((first, room)), Some((_, last))) = (rooms.first(), rooms.last()) else {
         tree.push(Node::Solid);
@@ -105,7 +105,7 @@ fn wall_off(tree: &mut Vec<Node>, id: CellId, room: &Aabb) {
     tree.push(Node::Leaf(id));
 }
 
-/// Whether a world's annex is as it should be: whoever is in a room is in its cell alone.
+/// Checks that an eye in a room is in that room's cell, and in no other.
 pub fn check(world: &World, rooms: &[Aabb]) {
     let first = world.cells.cells.len() - rooms.len();
     for (i, room) in rooms.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! People who walk about in a generated building, from room to room.
+//! Pedestrians who walk from room to room in a generated building.
 
 use std::collections::VecDeque;
 
@@ -8,21 +8,21 @@ use rayon::prelude::*;
 use sightline_demo_building::{LatticeRect, Plan, PlanDoor, SpaceKind, UNITS_PER_METRE};
 use sightline_world::{World, geometry::Aabb, motion::Pose};
 
-/// How fast speed changes at most, in metres a second squared.
+/// The largest acceleration, in metres per second squared.
 const ACCELERATION: f32 = 3.0;
-/// People walk between these speeds, in metres a second.
+/// The slowest and the fastest walking speed, in metres per second.
 const SPEEDS: [f32; 2] = [1.0, 1.5];
-/// How fast they still are where they turn.
+/// The speed where they turn, in metres per second.
 const TURN_SPEED: f32 = 0.3;
-/// From goals and doors to walls, in metres.
+/// The distance of goals and doors from walls, in metres.
 const CLEARANCE_M: f32 = 0.45;
-/// Goals that are tried before one is taken to which the way is not clear.
+/// The number of goals tried before one is taken whose way is not clear.
 const TRIES: usize = 8;
-/// How often someone who has come to a place stays there ...
+/// The chance of staying at a goal.
 const STAYS: f64 = 0.5;
-/// ... and for how long at most, in seconds.
+/// The longest stay, in seconds.
 const STAY_S: f32 = 10.0;
-/// From the floor, in metres.
+/// The height of an eye above the floor, in metres.
 const EYE_M: f32 = 1.6;
 
 /// The floors of a building, and the doors between them.
@@ -31,7 +31,7 @@ pub struct Floors {
     spaces: Vec<Floor>,
 }
 
-/// What one can walk about in without a door.
+/// An area to walk in without passing a door.
 #[derive(Clone, Debug)]
 struct Floor {
     min: Vec2,
@@ -40,7 +40,7 @@ struct Floor {
     doors: Vec<Passage>,
 }
 
-/// A way out: a place before the door, one behind it, and where it leads to.
+/// A way out: a place in front of the door, one behind it, and the floor that it leads to.
 #[derive(Clone, Copy, Debug)]
 struct Passage {
     near: Vec2,
@@ -49,7 +49,7 @@ struct Passage {
 }
 
 impl Floors {
-    /// The rooms and corridors of a plan; those of each storey, and no stairs.
+    /// The rooms and corridors of a plan, on all storeys, without stairs.
     pub fn new(plan: &Plan) -> Self {
         let floors = plan.spaces.iter().map(|space| {
             let height = plan.floor(space.storey) as f32 / UNITS_PER_METRE as f32;
@@ -72,7 +72,7 @@ impl Floors {
         Self { spaces }
     }
 
-    /// Those one can start on: each leads somewhere.
+    /// The floors to start on: each has a door.
     fn starts(&self) -> Vec<usize> {
         let leads = |floor: &usize| !self.spaces[*floor].doors.is_empty();
         (0..self.spaces.len()).filter(leads).collect()
@@ -93,12 +93,12 @@ fn passage(door: &PlanDoor, from: &Floor, to: usize) -> Passage {
     Passage { near: middle - away, far: middle + away, to }
 }
 
-/// One of the crowd.
+/// One pedestrian.
 #[derive(Clone, Debug)]
 pub struct Pedestrian {
-    /// Where it is.
+    /// The position of its eye.
     pub eye: Vec3,
-    /// In metres a second.
+    /// In metres per second.
     pub velocity: Vec3,
     floor: usize,
     way: VecDeque<Vec2>,
@@ -108,7 +108,7 @@ pub struct Pedestrian {
 }
 
 impl Pedestrian {
-    /// As it would report.
+    /// The pose that its client would report.
     pub fn pose(&self) -> Pose {
         let yaw = if self.velocity == Vec3::ZERO {
             0.0
@@ -119,16 +119,16 @@ impl Pedestrian {
     }
 }
 
-/// Everyone, and where they can walk.
+/// All pedestrians, and the floors that they walk on.
 #[derive(Debug)]
 pub struct Crowd {
     floors: Floors,
-    /// All who walk.
+    /// The pedestrians: first those in the building, then one in each closed room.
     pub walkers: Vec<Pedestrian>,
 }
 
 impl Crowd {
-    /// So many walkers on the floors of a building, and one more in each closed room.
+    /// A number of pedestrians on the floors of a building, and one more in each closed room.
     pub fn new(
         mut floors: Floors,
         walkers: usize,
@@ -155,7 +155,7 @@ impl Crowd {
         Self { floors, walkers }
     }
 
-    /// Moves everyone on by some time, in seconds.
+    /// Moves all pedestrians by a time, in seconds.
     pub fn step(&mut self, world: &World, time_s: f32) {
         let floors = &self.floors;
         self.walkers.par_iter_mut().for_each(|walker| step(walker, floors, world, time_s));
@@ -187,7 +187,7 @@ fn step(walker: &mut Pedestrian, floors: &Floors, world: &World, time_s: f32) {
     }
 }
 
-/// Sets out for another place on the same floor, or through a door.
+/// Chooses another place on the same floor, or through a door.
 fn choose(walker: &mut Pedestrian, floors: &Floors, world: &World) {
     let floor = &floors.spaces[walker.floor];
     let rng = &mut walker.rng;
@@ -213,7 +213,7 @@ fn within(floor: &Floor, rng: &mut SmallRng) -> Vec2 {
     min + (max - min) * Vec2::new(rng.random(), rng.random())
 }
 
-/// Whether no cupboard or column is in a straight way, as far as cells tell.
+/// Whether a straight way is free of cupboards and columns, as far as cells tell.
 fn is_clear(world: &World, height: f32, from: Vec2, to: Vec2) -> bool {
     let parts = (from.distance(to) / 0.3).ceil().max(1.0);
     (0..=parts as u32).all(|part| {

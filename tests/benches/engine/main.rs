@@ -1,17 +1,18 @@
-//! What a tick of the engine costs as the crowd grows.
+//! The cost of an engine tick as the crowd grows.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench engine -- --avatars 1000,3000,10000 --seconds 5
 //! ```
 //!
-//! Avatars walk through a generated building of 2,000 rooms, from room to room, at 1.0 to 1.5 m/s; each
-//! has a client that does as it is told, 100 ms away. Then as many more hide, each walking about in a
-//! closed room of its own beside the building; then twice as many. At the smallest sizes the ways of
-//! others follow: everyone to everyone, and a grid.
+//! Avatars walk from room to room in a generated building of 2,000 rooms, at 1.0 to 1.5 m/s. Each
+//! has an obedient client with a round trip of 100 ms. Then as many more avatars hide, each walking
+//! in a closed room of its own beside the building; then twice as many. At the smallest sizes, two
+//! other policies follow: broadcast and a grid.
 //!
-//! Time is virtual. CPU time is that of the engine alone: of all the reports of a tick and of
-//! the tick, of all threads together; beside it stands how long that takes. Memory is what the engine, the walkers and the messages under way take. The building is compiled once
-//! and kept under `target`; `--fresh` compiles it again.
+//! Time is virtual. CPU time is that of the engine alone, summed over all threads: handling all
+//! reports of a tick, and the tick itself. The wall-clock time stands beside it. Memory is that of
+//! the engine, the walkers and the messages in flight. The building is compiled once and kept under
+//! `target`; `--fresh` compiles it again.
 
 mod annex;
 mod crowd;
@@ -35,49 +36,50 @@ use run::EngineRow;
 /// Measures the engine in a generated building.
 #[derive(Parser, Clone)]
 struct Args {
-    /// How many walk in the building, ascending.
+    /// The numbers of avatars that walk in the building, ascending.
     #[arg(long, value_delimiter = ',', num_args = 1.., value_name = "N,N,...")]
     avatars: Option<Vec<usize>>,
-    /// Rooms of the building.
+    /// The number of rooms in the building.
     #[arg(long, value_name = "N")]
     rooms: Option<usize>,
-    /// How much virtual time is measured, after as much again to settle.
+    /// The measured virtual time, in seconds, after as much again to settle.
     #[arg(long, value_name = "S", default_value_t = 10)]
     seconds: u32,
-    /// A row settles, and then measures, no longer than so many seconds of real time each, but a second of
-    /// virtual time.
+    /// The longest real time to settle a row, and to measure it, in seconds. At least a second of
+    /// virtual time is always simulated.
     #[arg(long, value_name = "S", default_value_t = 60)]
     patience: u64,
-    /// Nobody hides where more walk than this.
+    /// The largest number of walkers for which rows with hidden avatars are measured.
     #[arg(long, value_name = "N", default_value_t = 30_000)]
     hidden_max: usize,
-    /// The ways of others are left out where more walk than this: they look at all pairs.
+    /// The largest number of walkers for which the other policies are measured: they compare all
+    /// pairs.
     #[arg(long, value_name = "N", default_value_t = 3_000)]
     peers_max: usize,
-    /// The policy that is measured.
+    /// The measured policy.
     #[arg(long, default_value = "tbv")]
     policy: Policy,
-    /// Every client's round trip, in milliseconds.
+    /// The round trip of every client, in milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 100)]
     rtt: u32,
-    /// Threads that share a tick. With one, what two do is told as well where nobody hides.
+    /// The number of threads that share a tick. With one, a row for two threads is measured too.
     #[arg(long, value_name = "N", default_value_t = 1)]
     threads: usize,
-    /// Of the building and of the walkers.
+    /// The seed of the building and of the walkers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Compile the building again.
     #[arg(long)]
     fresh: bool,
-    /// Write the rows to this file too.
+    /// Write the rows to a JSON file.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Measure one row and print it as JSON; for the bench itself, so that each row has a process
-    /// and its memory can be told: walkers, hidden.
+    /// Measure one row and print it as JSON: the numbers of walkers and of hidden avatars. The
+    /// bench calls itself this way, so that each row has a process and its memory can be measured.
     #[arg(long, hide = true, value_delimiter = ',')]
     row: Option<Vec<usize>>,
-    /// What `cargo bench` passes. Without it (as when all targets are tested), and unless told
-    /// otherwise, the building and the crowd are small, to show that this works.
+    /// Passed by `cargo bench`. Without it, and unless told otherwise, the building and the crowd
+    /// are small, to show that the bench works.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -132,7 +134,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What twice as many hidden avatars cost.
+/// The cost of twice as many hidden avatars, in words.
 fn findings(rows: &[EngineRow]) -> String {
     let mut lines = String::new();
     for pair in rows.windows(2) {
@@ -140,7 +142,7 @@ fn findings(rows: &[EngineRow]) -> String {
         if once.hidden > 0 && twice.hidden == 2 * once.hidden {
             let more = |of: fn(&EngineRow) -> f64| 100.0 * (of(twice) / of(once).max(1e-9) - 1.0);
             lines += &format!(
-                "{} walk: with {} hidden in place of {}, the mean tick costs {:+.1} %, the median {:+.1} %\n",
+                "{} walking: with {} hidden instead of {}, the mean tick costs {:+.1} %, the median {:+.1} %\n",
                 once.walkers,
                 twice.hidden,
                 once.hidden,
@@ -152,7 +154,7 @@ fn findings(rows: &[EngineRow]) -> String {
     lines
 }
 
-/// A row, from a process of its own.
+/// Measures a row in a process of its own.
 fn measured(args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<EngineRow> {
     let mut child = Command::new(std::env::current_exe()?)
         .args(["--row", &format!("{walkers},{hidden}"), "--policy", &args.policy.to_string()])
@@ -162,13 +164,13 @@ fn measured(args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<Engine
         .args(["--patience", &args.patience.to_string()])
         .stdout(Stdio::piped())
         .spawn()?;
-    let out = child.stdout.take().context("the row has no output")?;
+    let out = child.stdout.take().context("the row's process has no output")?;
     let line = BufReader::new(out).lines().next().transpose()?;
-    anyhow::ensure!(child.wait()?.success(), "{walkers} walkers: the row failed");
+    anyhow::ensure!(child.wait()?.success(), "{walkers} walkers: the row's process failed");
     Ok(serde_json::from_str(&line.context("the row printed nothing")?)?)
 }
 
-/// The compiled building's file; compiles it unless it is there.
+/// The file of the compiled building. Compiles it unless it is there.
 fn building(args: &Args) -> anyhow::Result<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let path = folder.join(format!("engine-{}-{}.slw", args.rooms(), args.seed));
@@ -177,7 +179,7 @@ fn building(args: &Args) -> anyhow::Result<PathBuf> {
         eprintln!("compiling {} rooms", args.rooms());
         let glb = sightline_demo_building::glb(args.rooms(), args.seed);
         let model = glb::read_slice(&glb, None, "generated")?;
-        // Nobody draws it.
+        // It is never drawn, so coarse voxels do.
         let options = CompileOptions { voxel: Some(1.0), ..Default::default() };
         let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(()))?;
         std::fs::create_dir_all(folder)?;

@@ -23,45 +23,45 @@ use super::{
     crowd::{Crowd, Floors},
 };
 
-/// What is told of a run.
+/// The figures of a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct EngineRow {
-    /// As on the command line of `replay`.
+    /// The policy, as on the command line of `replay`.
     pub policy: String,
-    /// Threads that share a tick.
+    /// The number of threads that share a tick.
     pub threads: usize,
-    /// Who walk in the building.
+    /// The number of avatars that walk in the building.
     pub walkers: usize,
-    /// Who walk about in closed rooms of their own.
+    /// The number of avatars in closed rooms of their own.
     pub hidden: usize,
-    /// Ticks that were measured.
+    /// The number of measured ticks.
     pub ticks: usize,
-    /// CPU time of the engine for a tick.
+    /// The median CPU time of the engine per tick, in milliseconds.
     pub cpu_median_ms: f64,
-    /// The same at the 99th percentile.
+    /// The 99th percentile of the CPU time per tick, in milliseconds.
     pub cpu_p99_ms: f64,
-    /// The same in the mean.
+    /// The mean CPU time per tick, in milliseconds.
     pub cpu_mean_ms: f64,
-    /// How long a tick takes, whatever else the machine does.
+    /// The median wall-clock time per tick, in milliseconds.
     pub wall_median_ms: f64,
-    /// The same at the 99th percentile.
+    /// The 99th percentile of the wall-clock time per tick, in milliseconds.
     pub wall_p99_ms: f64,
-    /// Whom a walker's client holds, in the mean.
+    /// The mean number of avatars that a walker's client holds.
     pub held_mean: f64,
-    /// Clients that report at every tick, in the mean.
+    /// The mean number of live clients.
     pub live_mean: f64,
-    /// Clients that are silent, in the mean.
+    /// The mean number of quiet clients.
     pub quiet_mean: f64,
-    /// States sent to clients in a tick.
+    /// Avatar states sent to clients, per tick.
     pub states_a_tick: f64,
-    /// Reports in a tick.
+    /// Reports received, per tick.
     pub reports_a_tick: f64,
-    /// Expiries in a tick.
+    /// Expiries, per tick.
     pub expiries_a_tick: f64,
-    /// Reveals in a tick.
+    /// Reveals, per tick.
     pub reveals_a_tick: f64,
-    /// What the engine, the crowd and its messages take, in 10^6 bytes; 0 where the system does not
-    /// say.
+    /// The memory of the engine, the crowd and its messages, in 10^6 bytes; 0 where the system does
+    /// not tell.
     pub memory_mb: f64,
 }
 
@@ -143,7 +143,7 @@ pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow:
     Ok(EngineRow { threads: args.threads, ..row.context("nothing was measured")? })
 }
 
-/// What a tick adds to.
+/// Sums over the measured ticks.
 #[derive(Default)]
 struct TickSums {
     cpu: Vec<f64>,
@@ -190,7 +190,7 @@ impl TickSums {
     }
 }
 
-/// What a client was told to do.
+/// What the server told a client to do.
 #[derive(Clone, Copy, Debug)]
 enum ClientOrder {
     Live,
@@ -200,7 +200,7 @@ enum ClientOrder {
 
 #[derive(Clone, Debug, Default)]
 struct BenchClient {
-    /// Where it must stay to be silent; `None` when live.
+    /// The TBV to stay in while silent; `None` when live.
     tbv: Option<Tbv>,
     sequence: u32,
 }
@@ -209,11 +209,11 @@ struct EngineRun {
     world: Arc<World>,
     engine: Engine,
     crowd: Crowd,
-    /// By avatar, as the crowd is.
+    /// By avatar id, in the order of the crowd's pedestrians.
     clients: Vec<BenchClient>,
     one_way: Duration,
     now: Duration,
-    /// By arrival.
+    /// By time of arrival.
     up: VecDeque<(Duration, Input)>,
     down: VecDeque<(Duration, AvatarId, ClientOrder)>,
     outputs: Vec<Output>,
@@ -251,7 +251,8 @@ impl EngineRun {
         }
     }
 
-    /// Some ticks; where they take longer than so many seconds, no more than a second's.
+    /// Simulates some ticks. Stops after `patience_s` seconds of real time, but not within the
+    /// first virtual second.
     fn steps(&mut self, wanted: usize, patience_s: u64) {
         let start = Instant::now();
         for step in 0..wanted {
@@ -262,7 +263,7 @@ impl EngineRun {
         }
     }
 
-    /// One tick, and what leads up to it.
+    /// Simulates one tick, and everything that leads up to it.
     fn step(&mut self) {
         let tick = self.engine.config().tick;
         self.now += tick;
@@ -283,7 +284,7 @@ impl EngineRun {
         self.take_in();
     }
 
-    /// What clients do with what has reached them.
+    /// Applies the orders that have reached the clients.
     fn obey(&mut self) {
         let arrived = self.down.partition_point(|(at, ..)| *at <= self.now);
         let orders: Vec<_> = self.down.drain(..arrived).collect();
@@ -298,7 +299,7 @@ impl EngineRun {
         }
     }
 
-    /// Live clients report, and those that are about to leave their TBVs.
+    /// Sends the reports of live clients, and of those about to leave their TBVs.
     fn report(&mut self, tick: Duration) {
         let agility = self.engine.agility();
         for i in 0..self.clients.len() {
@@ -344,7 +345,7 @@ impl EngineRun {
     }
 }
 
-/// What of this process is in memory, in bytes; 0 where the system does not say.
+/// The resident memory of this process, in bytes; 0 where the system does not tell.
 fn resident_bytes() -> u64 {
     let pages = std::fs::read_to_string("/proc/self/statm").ok();
     let pages = pages.and_then(|text| text.split(' ').nth(1)?.parse::<u64>().ok());

@@ -1,13 +1,13 @@
-//! What it costs to move an object in the dynamic octree: method B against the naive method N, on the
-//! two test scenes of the paper (Sudarsky and Gotsman, *Output-Sensitive Visibility Algorithms for
-//! Dynamic Scenes*, section 4.1).
+//! The cost of moving an object in the dynamic octree: method B compared with the naive method N,
+//! on the two test scenes of Sudarsky and Gotsman, *Output-Sensitive Visibility Algorithms for
+//! Dynamic Scenes with Applications to Virtual Reality* (1996), section 4.1.
 //!
 //! ```text
 //! cargo bench -p sightline-tests --bench occupants
 //! ```
 //!
-//! Both methods move the same boxes through the same tree, and keep it by the same code; they differ
-//! in where they start and in what they delete. Counts of nodes do not depend on the machine.
+//! Both methods move the same boxes through the same tree with the same code. They differ in where
+//! they start and in what they delete. The counts of nodes do not depend on the machine.
 
 mod table;
 
@@ -23,14 +23,13 @@ use sightline_world::{
     },
 };
 
-/// Moves cubes in two scenes and tells what that cost.
+/// Moves cubes in two scenes, and prints the cost.
 #[derive(Parser)]
 struct Args {
-    /// Time for each method in each scene, in milliseconds.
+    /// The time for each method in each scene, in milliseconds.
     #[arg(long, default_value_t = 300)]
     budget_ms: u64,
-    /// What `cargo bench` passes. Without it (as when all targets are tested) hardly any time is
-    /// spent, to show that this works.
+    /// Passed by `cargo bench`. Without it, hardly any time is spent, to show that the bench works.
     #[arg(long, hide = true)]
     bench: bool,
 }
@@ -42,8 +41,8 @@ fn main() {
     scene_2(budget);
 }
 
-/// A small cube in a large one, in steps of half its side, as far from the large one's edge as it is
-/// wide.
+/// A small cube in a large one, in steps of half its side. Its distance from the large cube's edge
+/// is its own width.
 fn scene_1(budget: Duration) {
     println!("\nTest scene 1: a small cube along an edge of a large one.\n");
     println!("log2 of ratio  depth  N ns  B ns  speed-up  nodes visited");
@@ -54,7 +53,7 @@ fn scene_1(budget: Duration) {
             .map(|i| Vec3::new(i as f32 * 0.5, 1.0, 1.0))
             .take_while(|at| at.x <= side - 2.0)
             .collect();
-        // How the cubes lie to the nodes is chance: it is averaged out.
+        // The alignment of the cubes with the nodes is arbitrary, so four alignments are averaged.
         let regions = [(0.013, 1.037), (0.05, 1.31), (0.21, 1.57), (0.37, 1.93)];
         let results = regions.map(|(before, whole)| {
             let mut scene = Occupants::new(Vec3::splat(-before * side), whole * side, DEPTH_MAX);
@@ -75,7 +74,7 @@ fn scene_1(budget: Duration) {
     println!("speed-up = {base:.2} + {slope:.3} log2(ratio), r = {correlation:.3}");
 }
 
-/// A table for four; a small cube circles one of the candlesticks in steps of a degree.
+/// A table for four. A small cube circles one of the candlesticks in steps of a degree.
 fn scene_2(budget: Duration) {
     let polygons = table::polygons();
     let region = Aabb::from_points(polygons.iter().flat_map(|b| [b.min, b.max]));
@@ -112,7 +111,7 @@ fn scene_2(budget: Duration) {
     }
 }
 
-/// Least corners of a cube about a candlestick, a degree apart.
+/// The least corners of a cube around a candlestick, one degree apart.
 fn circle(side: f32) -> Vec<Vec3> {
     let centre = table::CANDLESTICK + Vec3::Y * 0.1;
     let place = |degrees: u16| {
@@ -122,7 +121,7 @@ fn circle(side: f32) -> Vec<Vec3> {
     (0..360).map(place).collect()
 }
 
-/// A cube's six faces, each a box without thickness.
+/// The six faces of a cube, each a box without thickness.
 fn cube(min: Vec3, side: f32) -> [Aabb; 6] {
     std::array::from_fn(|face| {
         let mut bounds = Aabb::new(min, min + side);
@@ -140,7 +139,7 @@ fn insert_cube(scene: &mut Occupants, min: Vec3, side: f32) -> OccupantId {
     scene.insert(&cube(min, side)).expect("finite")
 }
 
-/// The places of a track at which an object is not in the same nodes as at the place before.
+/// The places of a track where an object changes nodes since the place before.
 fn steps_that_change(mut scene: Occupants, track: &[Vec3], side: f32) -> Vec<Vec3> {
     let id = insert_cube(&mut scene, track[track.len() - 1], side);
     let mut changing = Vec::new();
@@ -154,10 +153,10 @@ fn steps_that_change(mut scene: Occupants, track: &[Vec3], side: f32) -> Vec<Vec
     changing
 }
 
-/// What a step costs, on average.
+/// The mean cost of a step.
 struct Cost {
     ns: f64,
-    /// Nodes.
+    /// The number of visited nodes.
     visited: f64,
 }
 
@@ -173,7 +172,7 @@ impl MethodComparison {
     }
 }
 
-/// Moves a cube along a track by both methods, and checks that the trees stay of one size.
+/// Moves a cube along a track by both methods, and checks that both trees have the same size.
 fn compare(mut scene: Occupants, track: &[Vec3], side: f32, budget: Duration) -> MethodComparison {
     let id = insert_cube(&mut scene, track[0], side);
     let boxes: Vec<[Aabb; 6]> = track.iter().map(|&at| cube(at, side)).collect();
@@ -184,7 +183,7 @@ fn compare(mut scene: Occupants, track: &[Vec3], side: f32, budget: Duration) ->
         naive.move_naively(id, boxes).expect("finite");
         assert_eq!(ours.node_count(), naive.node_count());
     }
-    // To and fro, so that there is no leap from the end to the start.
+    // Back and forth, without a jump from the end to the start.
     let there_and_back: Vec<[Aabb; 6]> = boxes.iter().chain(boxes.iter().rev()).copied().collect();
     let naive =
         cost(naive, &there_and_back, budget, |scene, boxes| scene.move_naively(id, boxes).is_ok());
@@ -214,7 +213,8 @@ fn cost(
     Cost { ns: fastest * 1e9 / steps.len() as f64, visited: visited as f64 / count }
 }
 
-/// The line of least squares, by slope, height at zero, and coefficient of correlation.
+/// The least-squares line through points: its slope, its height at zero, and the coefficient of
+/// correlation.
 fn line_through(points: &[(f64, f64)]) -> (f64, f64, f64) {
     let count = points.len() as f64;
     let mean = |of: &dyn Fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;

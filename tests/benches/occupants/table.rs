@@ -1,5 +1,5 @@
-//! A table for four with chairs, plates, glasses and candles: 5,745 polygons, each as the box around
-//! it, in metres.
+//! A table for four with chairs, plates, glasses and candles: 5,745 polygons, each given as its
+//! bounding box, in metres.
 
 use glam::Vec3;
 use sightline_world::geometry::Aabb;
@@ -7,10 +7,10 @@ use sightline_world::geometry::Aabb;
 /// The foot of one of the two candlesticks.
 pub const CANDLESTICK: Vec3 = Vec3::new(0.24, TOP, 0.03);
 
-/// The height of the table.
+/// The height of the table, in metres.
 const TOP: f32 = 0.75;
 
-/// All of them.
+/// All polygons of the scene.
 pub fn polygons() -> Vec<Aabb> {
     let mut model = TableModel(Vec::with_capacity(5_745));
     model.table();
@@ -31,7 +31,7 @@ pub fn polygons() -> Vec<Aabb> {
     model.0
 }
 
-/// Radius and height along an outline, in metres.
+/// Pairs of a radius and a height, in metres: a profile for turning.
 type Outline = [(f32, f32)];
 
 const PLATE: [(f32, f32); 10] = [
@@ -60,7 +60,7 @@ const WICK: [(f32, f32); 7] = [
     (0.0, 0.006),
 ];
 
-/// Foot, stem and bowl, outside and inside.
+/// The profile of a foot, a stem and a bowl, outside and inside.
 fn glass() -> Vec<(f32, f32)> {
     let mut outline = vec![(0.0, 0.003), (0.034, 0.003), (0.032, 0.006), (0.008, 0.010)];
     outline.extend((0..6).map(|i| (0.004, 0.02 + i as f32 * 0.012)));
@@ -70,7 +70,7 @@ fn glass() -> Vec<(f32, f32)> {
     outline
 }
 
-/// A foot and a turned shaft with a cup.
+/// The profile of a foot and a turned shaft with a cup.
 fn candlestick() -> Vec<(f32, f32)> {
     let mut outline = vec![(0.0, 0.0), (0.05, 0.0), (0.05, 0.006)];
     outline.extend((0..20).map(|i| {
@@ -103,7 +103,7 @@ impl TableModel {
         }
     }
 
-    /// Seat, four legs, two posts and three slats: 60 polygons.
+    /// A seat, four legs, two posts and three slats: 60 polygons.
     fn chair(&mut self, out: Vec3, aside: Vec3) {
         let size = |outwards: f32, up: f32, sideways: f32| {
             (out * outwards + aside * sideways).abs() + Vec3::Y * up
@@ -123,7 +123,7 @@ impl TableModel {
         }
     }
 
-    /// A box by its middle and half of its size: 6 polygons.
+    /// A box, by its centre and half its size: 6 polygons.
     fn block(&mut self, middle: Vec3, half: Vec3) {
         for axis in 0..3 {
             for side in [-1.0, 1.0] {
@@ -135,7 +135,7 @@ impl TableModel {
         }
     }
 
-    /// An outline turned about the vertical: a ring of polygons for each part of it.
+    /// A profile turned about the vertical axis: a ring of polygons for each of its parts.
     fn lathe(&mut self, foot: Vec3, sides: u16, outline: &Outline) {
         let corner = |(radius, height): (f32, f32), side: u16| {
             let angle = f32::from(side) / f32::from(sides) * std::f32::consts::TAU;

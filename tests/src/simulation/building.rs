@@ -1,4 +1,4 @@
-//! Small buildings that nobody designed: rooms in a grid, with doors, windows, holes and furniture.
+//! Small random buildings: rooms in a grid, with doors, windows, holes in floors, and furniture.
 
 use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
 
@@ -14,41 +14,41 @@ use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
 const CEILING_M: f32 = 2.6;
 /// The thickness of a slab, in metres.
 const SLAB_M: f32 = 0.3;
-/// How high doors are, in metres.
+/// The height of doors, in metres.
 const DOOR_HEAD_M: f32 = 2.1;
-/// Between what a window leaves open, in metres above the floor.
+/// The lower and upper edge of a window's opening, in metres above the floor.
 const WINDOW_M: [f32; 2] = [1.1, 1.9];
-/// From doors to the places before and behind them, in metres.
+/// The distance of the places in front of and behind a door from its wall, in metres.
 const BESIDE_DOOR_M: f32 = 0.5;
-/// In some buildings, and in others.
+/// The edges of voxels in metres: fine ones in every other pair of seeds, coarse ones in the rest.
 const VOXELS_M: [f32; 2] = [0.1, 2.0];
-/// Bodies stay so far from what is solid, in metres.
+/// The least distance of bodies from solids, in metres.
 const CLEARANCE_M: f32 = 0.01;
 
-/// A building, compiled, and what walkers need to know of it. All but the world is in the axes that it
-/// was built in.
+/// A compiled building, and what its walkers need to know. Everything but the world is in the axes
+/// that it was built in.
 #[derive(Clone, Debug)]
 pub struct SimulatedBuilding {
-    /// What the engine and the oracle get.
+    /// The world for the engine and the oracle.
     pub world: Arc<World>,
-    /// Where one can be.
+    /// The rooms.
     pub rooms: Vec<BuildingRoom>,
-    /// What no body can be in.
+    /// The solids: no body can be inside them.
     solids: Vec<Aabb>,
     /// From the axes that it was built in to the world's.
     turn: DMat3,
-    /// The body, or what holds it however it is turned.
+    /// The body: wide enough to hold a person at any angle of the building.
     body: Body,
 }
 
 /// A part of a storey between walls.
 #[derive(Clone, Debug)]
 pub struct BuildingRoom {
-    /// Between its walls: x and z, in metres.
+    /// The least x and z between its walls, in metres.
     pub min: Vec2,
-    /// Likewise.
+    /// The greatest x and z between its walls, in metres.
     pub max: Vec2,
-    /// The height of eyes, in metres.
+    /// The height of standing eyes, in metres.
     pub eye: f32,
     /// The ways out.
     pub doors: Vec<Doorway>,
@@ -57,17 +57,17 @@ pub struct BuildingRoom {
 /// A way out of a room.
 #[derive(Clone, Copy, Debug)]
 pub struct Doorway {
-    /// A place before it: x and z, in metres.
+    /// The place in front of the door: x and z, in metres.
     pub near: Vec2,
-    /// A place behind it.
+    /// The place behind the door: x and z, in metres.
     pub far: Vec2,
-    /// The room behind it.
+    /// The index of the room behind the door.
     pub to: usize,
 }
 
 impl SimulatedBuilding {
-    /// The building of a seed: compiled for real, with coarse cells, every other two of them with voxels
-    /// that tell which gates a body fits through.
+    /// The building of a seed, compiled with coarse cells. Two of every four have voxels fine
+    /// enough to tell which gates a body fits through.
     pub fn new(seed: u64) -> Self {
         let mut rng = SmallRng::seed_from_u64(seed);
         let mut draft = BuildingDraft::new(&mut rng);
@@ -91,18 +91,18 @@ impl SimulatedBuilding {
         }
     }
 
-    /// A point of the building in the world.
+    /// A point of the building in the world's axes.
     pub fn world_point(&self, point: Vec3) -> Vec3 {
         (self.turn * point.as_dvec3()).as_vec3()
     }
 
-    /// Whether a body can be where its eye is at a place.
+    /// Whether a body fits where its eye is.
     pub fn is_free(&self, eye: Vec3) -> bool {
         let body = self.body.around(eye).grown(CLEARANCE_M);
         !self.solids.iter().any(|solid| solid.intersects(&body))
     }
 
-    /// Some place in a room, if there is room.
+    /// A random place in a room where a body fits, if one is found.
     pub fn place(&self, room: usize, rng: &mut SmallRng) -> Option<Vec2> {
         let BuildingRoom { min, max, eye, .. } = &self.rooms[room];
         let mut places = (0..20)
@@ -112,12 +112,12 @@ impl SimulatedBuilding {
     }
 }
 
-/// A building as it is being made.
+/// A building under construction.
 struct BuildingDraft {
-    /// Where walls are, along x and along z.
+    /// The positions of walls along x and along z, in metres.
     lines: [Vec<f32>; 2],
     storeys: usize,
-    /// Half of the thickness of a wall.
+    /// Half the thickness of a wall, in metres.
     wall: f32,
     rooms: Vec<BuildingRoom>,
     solids: Vec<Aabb>,
@@ -137,7 +137,7 @@ impl BuildingDraft {
         Self { lines, storeys, wall, rooms: Vec::new(), solids: Vec::new() }
     }
 
-    /// Makes rooms, slabs and walls.
+    /// Adds rooms, slabs and walls.
     fn raise(&mut self, rng: &mut SmallRng) {
         let [xs, zs] = self.lines.clone();
         for storey in 0..self.storeys {
@@ -165,7 +165,8 @@ impl BuildingDraft {
         }
     }
 
-    /// The slab under a floor, beyond the middle of the walls; with a hole of some part of it.
+    /// Adds the slab under a floor, up to the outer faces of the walls. A hole takes the given
+    /// share of its width and depth.
     fn slab(&mut self, min: Vec2, max: Vec2, floor: f32, hole: Option<f32>) {
         let (min, max) = (min - self.wall, max + self.wall);
         let mut put = |min: Vec2, max: Vec2| {
@@ -181,7 +182,7 @@ impl BuildingDraft {
         put(Vec2::new(high.x, low.y), Vec2::new(max.x, high.y));
     }
 
-    /// A piece of wall across an axis, with or without a hole.
+    /// Adds a piece of wall across an axis, with or without an opening.
     fn wall(&mut self, storey: usize, axis: usize, line: usize, piece: usize, rng: &mut SmallRng) {
         let at = self.lines[axis][line];
         let ends = [self.lines[1 - axis][piece], self.lines[1 - axis][piece + 1]];
@@ -220,7 +221,7 @@ impl BuildingDraft {
             let (low, high) = (min.extend(floor + up[0]).xzy(), max.extend(floor + up[1]).xzy());
             self.solids.push(Aabb::new(low, high));
         };
-        // Walls meet in posts.
+        // Extended to the posts where walls meet.
         let ends = [ends[0] - wall, ends[1] + wall];
         let Some((hole, open)) = hole else { return put(ends, [0.0, CEILING_M]) };
         put([ends[0], hole[0]], [0.0, CEILING_M]);
@@ -247,7 +248,7 @@ impl BuildingDraft {
         self.rooms[behind].doors.push(Doorway { near: far, far: near, to: before });
     }
 
-    /// Boxes in the middle of rooms, some as high as the room.
+    /// Adds boxes in the middle of rooms, some as high as the room.
     fn furnish(&mut self, rng: &mut SmallRng) {
         for room in &self.rooms {
             let floor = room.eye - Body::PERSON.below_eye - 2.0 * CLEARANCE_M;
@@ -293,7 +294,7 @@ impl BuildingDraft {
     }
 }
 
-/// The twelve triangles of a box, seen from outside.
+/// The twelve triangles of a box, facing outward.
 fn faces(of: &Aabb) -> Vec<[Vec3; 3]> {
     let size = of.size();
     let mut triangles = Vec::new();

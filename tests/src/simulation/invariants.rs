@@ -1,4 +1,4 @@
-//! What must hold at every tick, worked out naively from outside of the engine.
+//! What must hold at every tick, computed naively from outside the engine.
 
 use std::{collections::BTreeMap, fmt, sync::Arc, time::Duration};
 
@@ -13,36 +13,39 @@ use sightline_world::{
     tolerance::POKE_M,
 };
 
-/// Breaches that are told one by one.
-const BREACHES_TOLD: usize = 5;
+/// The number of violations that are described one by one.
+const VIOLATIONS_DESCRIBED: usize = 5;
 /// Delays are rounded up to a multiple of this, so that viewers share regions.
 const DELAY_STEP: Duration = Duration::from_millis(25);
-/// Whoever would need a longer TBV is not silenced.
+/// The longest period for which an avatar is silenced: those that would need more stay live.
 const SILENT_MAX: Duration = Duration::from_secs(1);
-/// What a fault leaves of a TBV.
-pub const SMALL: f32 = 0.9;
-/// Places are rounded on the wire and in sums, in metres.
+/// The share of a TBV that the fault of small TBVs leaves.
+pub const SMALL_TBV_SCALE: f32 = 0.9;
+/// The rounding of positions on the wire and in sums, in metres.
 const ROUNDING_M: f32 = 0.02;
-/// Directions in which it is tried how far a straight walk leads.
+/// The number of directions in which straight walks are tried.
 const DIRECTIONS: u16 = 16;
-/// What people can do at once, in metres a second, and then, in metres a second squared.
+/// The speed that a person reaches at once, in metres per second; and the acceleration beyond it,
+/// in metres per second squared.
 const DASH: f32 = 1.4;
 const ACCELERATION: f32 = 6.0;
 
-/// Something that must not be.
+/// A violated invariant.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Violation {
-    /// Somebody was told of an avatar that it cannot come to see within the horizon.
+    /// A viewer was told of an avatar that it cannot come to see within the horizon.
     Leak,
-    /// Something was said to or of an avatar while its TBV lasted.
+    /// A message went to or about an avatar while its TBV lasted.
     Noise,
-    /// An avatar was outside of its TBV.
+    /// An avatar was outside its TBV.
     Outside,
-    /// A place that a straight walk leads to in time, or that a body can come to otherwise, is outside of a TBV.
+    /// A place that a straight walk reaches in time, or that a body can reach otherwise, is outside
+    /// the TBV.
     Small,
-    /// A TBV that lasts until it is left has too short a notice for what follows to be told.
+    /// The notice of a TBV that lasts until it is left is too short: the viewers cannot be told in
+    /// time.
     Short,
-    /// A TBV was not asked in time for what follows to come before its expiry.
+    /// The avatar was not asked early enough before the expiry of its TBV.
     Late,
     /// An honest claim was refused.
     Refused,
@@ -51,94 +54,95 @@ pub enum Violation {
 impl fmt::Display for Violation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Leak => "told of whom it cannot come to see",
-            Self::Noise => "noise while a TBV lasts",
-            Self::Outside => "outside of its TBV",
-            Self::Small => "a TBV smaller than what a body can do",
-            Self::Short => "too short a notice",
+            Self::Leak => "told of an avatar that it cannot come to see",
+            Self::Noise => "a message while a TBV lasts",
+            Self::Outside => "outside its TBV",
+            Self::Small => "a TBV smaller than the reach of the body",
+            Self::Short => "the notice is too short",
             Self::Late => "asked too late",
             Self::Refused => "an honest claim refused",
         })
     }
 }
 
-/// Where an eye was, and a box that it cannot have left since, in own axes.
+/// Where an eye was, and a box that it cannot have left since then, in the world's own axes.
 struct EyeRegion {
     from: Vec3,
     within: Aabb,
 }
 
-/// Watches a simulation.
+/// Checks the invariants of a simulation, tick by tick.
 pub struct InvariantChecker {
     world: Arc<World>,
-    sight: Oracle,
+    oracle: Oracle,
     speed_max: f32,
     tick: Duration,
-    /// What regions have to spare on each side at most, in metres.
+    /// The greatest extra width of the engine's regions on each side, in metres.
     spare_m: f32,
-    /// What messages of clients of whom nothing is known may take longer than half of the round trip.
+    /// The delay beyond half the round trip that is allowed for new clients.
     margin: Duration,
-    cap: Duration,
-    /// The TBV of each hidden avatar at the last tick, and until when it must have been asked.
+    horizon_max: Duration,
+    /// For each avatar hidden at the last tick: its TBV, whether it was quiet, and when it must be
+    /// asked at the latest.
     hidden: BTreeMap<AvatarId, (Tbv, bool, Duration)>,
     seen: Observations,
 }
 
-/// What was seen of a simulation.
+/// What was observed in a simulation.
 #[derive(Clone, Debug, Default)]
 pub struct Observations {
-    /// What was wrong, the first few.
-    pub breaches: Vec<String>,
-    /// Ticks of avatars that were hidden in a TBV.
+    /// The first violations, in words.
+    pub violations: Vec<String>,
+    /// The number of ticks of avatars that were hidden in a TBV, summed over avatars.
     pub hidden_ticks: u64,
     /// TBVs that last until they are left.
     pub stays: u64,
-    /// TBVs that would be too small with nine tenths of their size.
+    /// TBVs that would be too small at nine tenths of their size.
     pub tight: u64,
-    /// Avatars of which viewers were told, over all ticks.
+    /// Avatars sent to viewers, summed over all ticks.
     pub told: u64,
 }
 
 impl InvariantChecker {
-    /// Watches a simulation of a world.
+    /// A checker for a simulation of a world.
     pub fn new(world: &Arc<World>, options: &ReplayOptions) -> Self {
         let config = &options.config;
         Self {
             world: Arc::clone(world),
-            sight: Oracle::new(&world.mesh),
+            oracle: Oracle::new(&world.mesh),
             speed_max: config.speed_max.unwrap_or(world.speed_max),
             tick: config.tick,
             spare_m: 2.0 * config.spare_m,
             margin: config.margin.first(),
-            cap: config.horizon_max,
+            horizon_max: config.horizon_max,
             hidden: BTreeMap::new(),
             seen: Observations::default(),
         }
     }
 
-    /// Looks at the end of a tick.
-    pub fn look(&mut self, moment: &TickView<'_>) {
-        self.look_for_noise(moment);
-        self.look_for_refusals(moment);
-        self.look_for_leaks(moment);
-        self.look_at_tbvs(moment);
+    /// Checks the state at the end of a tick.
+    pub fn check(&mut self, moment: &TickView<'_>) {
+        self.check_silence(moment);
+        self.check_refusals(moment);
+        self.check_leaks(moment);
+        self.check_tbvs(moment);
     }
 
-    /// What was seen.
+    /// What was observed.
     pub fn end(self) -> Observations {
         self.seen
     }
 
-    fn note(&mut self, moment: &TickView<'_>, breach: &Violation, who: AvatarId, more: &str) {
-        if self.seen.breaches.len() < BREACHES_TOLD {
+    fn note(&mut self, moment: &TickView<'_>, violation: &Violation, who: AvatarId, more: &str) {
+        if self.seen.violations.len() < VIOLATIONS_DESCRIBED {
             let (t_ms, walker) = (moment.now.as_millis(), moment.trace_id(who));
-            self.seen.breaches.push(format!("{t_ms} ms, walker {walker}: {breach}{more}"));
+            self.seen.violations.push(format!("{t_ms} ms, walker {walker}: {violation}{more}"));
         }
     }
 
-    /// Whoever is quiet in the same TBV as a tick ago is neither spoken to nor spoken of. What was refused is an
-    /// answer to its own word, and looked at for itself.
-    fn look_for_noise(&mut self, moment: &TickView<'_>) {
+    /// An avatar that stays quiet in the same TBV receives no messages, and none are sent about it.
+    /// Corrections are excluded: they answer the avatar's own report, and are checked elsewhere.
+    fn check_silence(&mut self, moment: &TickView<'_>) {
         let is_quiet = |id| moment.engine.state(id) == Some(ReportingState::Quiet);
         let lasting = |id: &AvatarId| match (self.hidden.get(id), moment.engine.tbv(*id)) {
             (Some((before, true, _)), Some(tbv)) => *before == tbv && is_quiet(*id),
@@ -148,7 +152,7 @@ impl InvariantChecker {
         let is_answer =
             |output: &&Output| matches!(output, Output::Correct { .. } | Output::Drop { .. });
         for output in moment.outputs.iter().filter(|output| !is_answer(output)) {
-            let (to, of) = concerned(output);
+            let (to, of) = addressed(output);
             noisy.extend([to].into_iter().chain(of).filter(lasting));
         }
         for id in noisy {
@@ -156,9 +160,9 @@ impl InvariantChecker {
         }
     }
 
-    /// All clients are honest. Those whose messages are held up for long may seem too fast, and what somebody
-    /// said before it was put elsewhere may come after that.
-    fn look_for_refusals(&mut self, moment: &TickView<'_>) {
+    /// All clients are honest, so none is refused. A client whose messages are delayed for long may
+    /// seem too fast, and reports from before a jump may arrive after it: both are excused.
+    fn check_refusals(&mut self, moment: &TickView<'_>) {
         for output in moment.outputs {
             if let Output::Correct { to, .. } | Output::Drop { to, .. } = output
                 && !moment.is_late(*to)
@@ -169,20 +173,22 @@ impl InvariantChecker {
         }
     }
 
-    /// Whether what somebody said before it was put elsewhere, or that it was, may still be on its way.
+    /// Whether reports from before an avatar was put elsewhere, or the notice of it, may still be
+    /// on their way.
     fn is_on_the_way(&self, moment: &TickView<'_>, id: AvatarId) -> bool {
-        // Whoever has just come says nothing before it knows that it is in.
+        // A new client reports nothing before it knows that it is in.
         let way = 3 * moment.round_trip(id) / 2 + 3 * self.margin_of(moment, id) + 2 * self.tick;
         moment.settled_at(id).is_some_and(|settled| moment.now <= settled + way)
     }
 
-    /// Nobody is told of whom it cannot come to see until the next tick's word stands.
-    fn look_for_leaks(&mut self, moment: &TickView<'_>) {
+    /// No viewer is told of an avatar that it cannot come to see before the next tick's message
+    /// takes effect.
+    fn check_leaks(&mut self, moment: &TickView<'_>) {
         for output in moment.outputs {
             if matches!(output, Output::Vanish { .. }) {
                 continue;
             }
-            let (to, avatars) = concerned(output);
+            let (to, avatars) = addressed(output);
             self.seen.told += avatars.len() as u64;
             for avatar in avatars {
                 if self.could_see(moment, to, avatar) == Some(false) {
@@ -193,22 +199,23 @@ impl InvariantChecker {
         }
     }
 
-    /// Whether a viewer's eye could see an avatar's body wherever these can be by what bodies can do and by where
-    /// portals lead, as far as cells and the PVS tell; nothing of those who are not known. What looks leave undecided is
-    /// told all the same, but never of whom cells hide.
+    /// Whether a viewer's eye could see an avatar's body from anywhere both can reach. Reach
+    /// follows from what bodies can do and from portals; sight follows from cells and the PVS.
+    /// `None` when one of them is unknown. Pairs that sight tests leave undecided are sent, but
+    /// never pairs that cells hide.
     fn could_see(&self, moment: &TickView<'_>, viewer: AvatarId, avatar: AvatarId) -> Option<bool> {
         let cells = &self.world.cells;
-        let one_way = moment.round_trip(viewer).min(self.cap) / 2;
+        let one_way = moment.round_trip(viewer).min(self.horizon_max) / 2;
         let steps = one_way.as_nanos().div_ceil(DELAY_STEP.as_nanos());
         let delay = DELAY_STEP * u32::try_from(steps).ok()?;
         let agility = moment.engine.agility();
         let eyes = self.region(moment, viewer, delay, &agility)?;
-        // Who moves otherwise than it says may be anywhere that top speed leads to.
+        // An avatar that departs from its course may be anywhere within reach of the top speed.
         let is_doubted = moment.engine.is_doubted(moment.now, avatar);
         let dash = if is_doubted { agility.speed_max } else { agility.dash };
         let others = self.region(moment, avatar, delay, &Agility { dash, ..agility })?;
         let body = self.world.body.in_axes(&cells.axes);
-        let [eyes, others] = [eyes, others].map(|region| self.flooded(&region));
+        let [eyes, others] = [eyes, others].map(|region| self.cells_within(&region));
         let mut bodies = Vec::new();
         let parts = others.iter().map(|(_, part)| body.around_box(part));
         parts.for_each(|part| cells.overlapping(&part, &mut bodies));
@@ -216,8 +223,7 @@ impl InvariantChecker {
         Some(eyes.iter().any(|(cell, _)| sees(*cell)))
     }
 
-    /// Where somebody's eye can be by what bodies can do, until a word that takes so long to its viewer does not
-    /// stand any more.
+    /// Where an eye can be until a message sent to its viewer after this delay takes effect.
     fn region(
         &self,
         moment: &TickView<'_>,
@@ -226,14 +232,15 @@ impl InvariantChecker {
         agility: &Agility,
     ) -> Option<EyeRegion> {
         let (pose, axes) = (moment.engine.pose(id)?, &self.world.cells.axes);
-        let unheard = moment.now.saturating_sub(self.made(moment, id)?).min(self.cap);
+        let unheard =
+            moment.now.saturating_sub(self.earliest_report(moment, id)?).min(self.horizon_max);
         let (from, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
         let able = agility.eyes(from, velocity, unheard + self.tick + delay);
         Some(EyeRegion { from, within: able.grown(self.spare_m + ROUNDING_M) })
     }
 
-    /// The cells that are come to from a place without leaving a box, and what of them is in it.
-    fn flooded(&self, EyeRegion { from, within }: &EyeRegion) -> Vec<(CellId, Aabb)> {
+    /// The cells reached from a place without leaving a box, and the part of each inside the box.
+    fn cells_within(&self, EyeRegion { from, within }: &EyeRegion) -> Vec<(CellId, Aabb)> {
         let cells = &self.world.cells;
         let mut found = Vec::new();
         cells.overlapping(&Aabb::around(*from, POKE_M), &mut found);
@@ -253,9 +260,10 @@ impl InvariantChecker {
         found.into_iter().map(|id| (id, part(id))).collect()
     }
 
-    /// When the last report of an avatar was made, at the earliest, as far as the engine can know.
-    fn made(&self, moment: &TickView<'_>, id: AvatarId) -> Option<Duration> {
-        let way = moment.round_trip(id).min(self.cap) / 2 + self.margin_of(moment, id);
+    /// The earliest time at which the last report of an avatar can have been made, as far as the
+    /// engine knows.
+    fn earliest_report(&self, moment: &TickView<'_>, id: AvatarId) -> Option<Duration> {
+        let way = moment.round_trip(id).min(self.horizon_max) / 2 + self.margin_of(moment, id);
         Some(moment.last_report(id)?.saturating_sub(way))
     }
 
@@ -263,8 +271,8 @@ impl InvariantChecker {
         moment.engine.margin(id).unwrap_or(self.margin)
     }
 
-    /// Whoever is hidden is in its TBV, which was large enough and is asked in time.
-    fn look_at_tbvs(&mut self, moment: &TickView<'_>) {
+    /// A hidden avatar is inside its TBV, the TBV was large enough, and it is asked in time.
+    fn check_tbvs(&mut self, moment: &TickView<'_>) {
         let before = std::mem::take(&mut self.hidden);
         for (id, eye) in moment.eyes() {
             let Some(tbv) = moment.engine.tbv(id) else { continue };
@@ -274,7 +282,7 @@ impl InvariantChecker {
             let ask_by =
                 known.map_or_else(|| self.ask_by(moment, id, &tbv), |(.., ask_by)| *ask_by);
             if known.is_none() {
-                self.look_at_new(moment, id, &tbv);
+                self.check_new_tbv(moment, id, &tbv);
             }
             let grown = tbv.grown(ROUNDING_M);
             let is_excused = moment.is_late(id) || self.is_on_the_way(moment, id);
@@ -288,96 +296,110 @@ impl InvariantChecker {
         }
     }
 
-    /// When a hidden avatar must be asked at the latest: so that it answers, is told to stay, and what
-    /// it then does is told to the slowest.
+    /// The latest time to ask a hidden avatar: early enough that it answers, receives its new
+    /// state, and the slowest client is told what it does then.
     fn ask_by(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Duration {
-        let told = self.slowest(moment, &|_| true) / 2;
-        let lead = 2 * moment.round_trip(id).min(self.cap) + told + 2 * self.tick;
+        let told = self.longest_round_trip(moment, &|_| true) / 2;
+        let lead = 2 * moment.round_trip(id).min(self.horizon_max) + told + 2 * self.tick;
         tbv.expiry.saturating_sub(lead + self.margin_of(moment, id))
     }
 
-    /// How long a hidden avatar must be sure to stay in its TBV when it was about to leave it at a tick of its
-    /// client and was not at the one before: it is heard, another that is or falls silent meanwhile is asked, and
-    /// its answer is told.
+    /// How long a hidden avatar must stay inside its TBV after it first reports that it is about to
+    /// leave. In this time the report arrives, another avatar that is or becomes silent is asked,
+    /// and its answer is sent out.
     fn notice(&self, moment: &TickView<'_>, id: AvatarId) -> Duration {
-        let way = moment.round_trip(id).min(self.cap) / 2 + self.margin_of(moment, id);
-        let asked = self.slowest(moment, &|id| self.may_fall_silent(moment, id));
-        self.tick + way + self.tick + asked + self.tick + self.slowest(moment, &|_| true) / 2
+        let way = moment.round_trip(id).min(self.horizon_max) / 2 + self.margin_of(moment, id);
+        let asked = self.longest_round_trip(moment, &|id| self.may_fall_silent(moment, id));
+        self.tick
+            + way
+            + self.tick
+            + asked
+            + self.tick
+            + self.longest_round_trip(moment, &|_| true) / 2
     }
 
-    /// Whether it can be asked and heard again in the time for which people are silenced.
+    /// Whether the avatar can be asked and heard again within [`SILENT_MAX`].
     fn may_fall_silent(&self, moment: &TickView<'_>, id: AvatarId) -> bool {
         let (trip, margin) = (moment.round_trip(id), self.margin_of(moment, id).max(self.margin));
-        let told = self.slowest(moment, &|_| true) / 2;
+        let told = self.longest_round_trip(moment, &|_| true) / 2;
         let asked_and_told = 2 * trip + told + 2 * self.tick + margin;
-        trip <= self.cap && trip / 2 + margin + asked_and_told + 2 * self.tick <= SILENT_MAX
+        trip <= self.horizon_max && trip / 2 + margin + asked_and_told + 2 * self.tick <= SILENT_MAX
     }
 
-    /// The longest round trip of some.
-    fn slowest(&self, moment: &TickView<'_>, is_counted: &dyn Fn(AvatarId) -> bool) -> Duration {
+    /// The longest round trip of the counted avatars.
+    fn longest_round_trip(
+        &self,
+        moment: &TickView<'_>,
+        is_counted: &dyn Fn(AvatarId) -> bool,
+    ) -> Duration {
         let ids = moment.engine.avatars().filter(|id| is_counted(*id));
-        ids.map(|id| moment.round_trip(id).min(self.cap)).max().unwrap_or_default()
+        ids.map(|id| moment.round_trip(id).min(self.horizon_max)).max().unwrap_or_default()
     }
 
-    /// A TBV that has just been made.
-    fn look_at_new(&mut self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) {
+    /// Checks a TBV that was just made.
+    fn check_new_tbv(&mut self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) {
         if !tbv.notice.is_zero() {
             self.seen.stays += 1;
             if tbv.notice < self.notice(moment, id) {
                 self.note(moment, &Violation::Short, id, "");
             }
         }
-        if !self.is_large_enough(moment, id, tbv) || !self.holds_all(moment, id, tbv) {
+        if !self.holds_straight_walks(moment, id, tbv) || !self.holds_reach(moment, id, tbv) {
             self.note(moment, &Violation::Small, id, "");
         }
-        self.seen.tight += u64::from(!self.holds_all(moment, id, &self.small(moment, id, tbv)));
+        self.seen.tight += u64::from(!self.holds_reach(moment, id, &self.shrunk(moment, id, tbv)));
     }
 
-    /// What a fault would have made of a TBV.
-    fn small(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Tbv {
+    /// A TBV as the fault of small TBVs would make it.
+    fn shrunk(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Tbv {
         let Some(pose) = moment.engine.pose(id) else { return *tbv };
         let (eye, Aabb { min, max }) = (tbv.axes.own(pose.eye), tbv.within);
-        let within = Aabb::new(eye + (min - eye) * SMALL, eye + (max - eye) * SMALL);
+        let within =
+            Aabb::new(eye + (min - eye) * SMALL_TBV_SCALE, eye + (max - eye) * SMALL_TBV_SCALE);
         Tbv { within, ..*tbv }
     }
 
-    /// How long after its last report was made a TBV must hold its avatar: until it expires, or until its
-    /// client has been told of it and could leave it by a notice later.
-    fn lasts(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Option<Duration> {
-        let made = self.made(moment, id)?;
+    /// How long after its last report a TBV must hold its avatar: until it expires; or until the
+    /// client has received it, plus the notice.
+    fn must_hold_for(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Option<Duration> {
+        let made = self.earliest_report(moment, id)?;
         if tbv.notice.is_zero() {
             return Some(tbv.expiry.saturating_sub(made));
         }
-        let told = moment.round_trip(id).min(self.cap) / 2 + self.tick;
+        let told = moment.round_trip(id).min(self.horizon_max) / 2 + self.tick;
         Some(moment.now.saturating_sub(made) + told + tbv.notice)
     }
 
-    /// Whether a TBV holds all that its avatar can do, whatever walls are there.
-    fn holds_all(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
-        let (Some(pose), Some(time)) = (moment.engine.pose(id), self.lasts(moment, id, tbv)) else {
+    /// Whether a TBV holds everything that its avatar can do, even through walls.
+    fn holds_reach(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
+        let (Some(pose), Some(time)) =
+            (moment.engine.pose(id), self.must_hold_for(moment, id, tbv))
+        else {
             return true;
         };
         let (eye, velocity) = (tbv.axes.own(pose.eye), tbv.axes.own(pose.velocity));
         tbv.within.contains_box(&moment.engine.agility().eyes(eye, velocity, time))
     }
 
-    /// Whether straight walks from the last place known end inside.
-    fn is_large_enough(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
-        let (Some(pose), Some(time)) = (moment.engine.pose(id), self.lasts(moment, id, tbv)) else {
+    /// Whether straight walks from the last known place end inside the TBV.
+    fn holds_straight_walks(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
+        let (Some(pose), Some(time)) =
+            (moment.engine.pose(id), self.must_hold_for(moment, id, tbv))
+        else {
             return true;
         };
         let way_m = sprint_m(self.speed_max, time.as_secs_f32()) - ROUNDING_M;
         (0..DIRECTIONS).all(|i| {
             let angle = f32::from(i) / f32::from(DIRECTIONS) * std::f32::consts::TAU;
             let direction = Vec3::new(angle.cos(), 0.0, angle.sin());
-            let wall_m = self.sight.distance(pose.eye, direction).unwrap_or(f32::INFINITY);
+            let wall_m = self.oracle.distance(pose.eye, direction).unwrap_or(f32::INFINITY);
             let free_m = (wall_m - self.world.body.half_width).max(0.0);
             tbv.contains(pose.eye + direction * way_m.min(free_m))
         })
     }
 }
 
-/// How far one gets in some time who stood, in metres.
+/// The distance covered in a time from standing, in metres.
 fn sprint_m(speed_max: f32, time_s: f32) -> f32 {
     let dash = DASH.min(speed_max);
     let gaining_s = ((speed_max - dash) / ACCELERATION).min(time_s);
@@ -385,8 +407,8 @@ fn sprint_m(speed_max: f32, time_s: f32) -> f32 {
     gained_m + speed_max * (time_s - gaining_s)
 }
 
-/// To whom an output goes, and of whom it tells.
-fn concerned(output: &Output) -> (AvatarId, Vec<AvatarId>) {
+/// The receiver of an output, and the avatars that it is about.
+fn addressed(output: &Output) -> (AvatarId, Vec<AvatarId>) {
     let of = match output {
         Output::Appear { avatar, .. } | Output::Vanish { avatar, .. } => vec![*avatar],
         Output::Poses { poses, .. } => poses.iter().map(|(id, _)| *id).collect(),

@@ -1,16 +1,17 @@
-//! The whole system in virtual time: random buildings, walkers and networks, compared at every tick with
-//! brute force.
+//! The whole system in virtual time: random buildings, walkers and networks, compared with brute
+//! force at every tick.
 //!
-//! A seed chooses everything: a small [`SimulatedBuilding`] that is compiled for real, walkers that stand,
-//! walk, pace through doors and run, round trips up to 300 ms, jitter, lost, doubled and overtaken messages.
-//! What is checked, tick by tick:
+//! A seed chooses everything: a small compiled building ([`SimulatedBuilding`]); walkers that
+//! stand, walk, pace through doors and run; round trips up to 300 ms, jitter, and messages that are
+//! lost, duplicated and reordered. At every tick:
 //!
-//! * whoever has a sampled point of its body in sight of a viewer's eye, by rays against the original
-//!   triangles, is in that viewer's replica, and its position is no older than promised;
-//! * the rest is for [`InvariantChecker`]: nothing is sent about whom the viewer cannot come to see, nothing is said
-//!   while a TBV lasts, a TBV holds its avatar, and it is asked in time.
+//! * If a ray reaches a sampled point of an avatar's body from a viewer's eye, the viewer's replica
+//!   holds that avatar, and its position is no older than promised.
+//! * [`InvariantChecker`] checks the rest: no message is about an avatar that the viewer cannot
+//!   come to see, none is sent while a TBV lasts, a TBV holds its avatar, and the avatar is asked
+//!   in time.
 //!
-//! What follows from messages that took longer than the engine allows for is excused, and counted.
+//! Consequences of messages later than the engine allows for are excused, and counted.
 
 mod building;
 mod invariants;
@@ -35,59 +36,62 @@ use sightline_replay::{
 use sightline_world::{CellId, Portal, World};
 
 pub use building::SimulatedBuilding;
-pub use invariants::{InvariantChecker, Observations, SMALL, Violation};
+pub use invariants::{InvariantChecker, Observations, SMALL_TBV_SCALE, Violation};
 
-/// No round trip is longer, in milliseconds.
+/// The longest round trip, in milliseconds.
 const ROUND_TRIP_MAX_MS: u64 = 300;
-/// By more they do not drift.
+/// The largest drift of a round trip, in milliseconds.
 const DRIFT_MAX_MS: u64 = 80;
-/// The chance of being put elsewhere in a step, where that happens.
-const THROWS: f64 = 0.005;
+/// The chance per step that an avatar is put elsewhere, in simulations where that happens.
+const JUMP_CHANCE: f64 = 0.005;
 
-/// What is broken on purpose, to see that it is found.
+/// A fault injected on purpose: the simulation must find it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fault {
-    /// Nothing.
+    /// No fault.
     #[default]
     None,
     /// TBVs have nine tenths of their size.
     SmallTbv,
-    /// Clients that stay in a TBV until they leave it give nine tenths of the notice that is needed.
+    /// Clients give only nine tenths of the notice needed before they leave their TBV.
     ShortNotice,
-    /// The compiler has lost the portal that walkers go through most.
+    /// The compiler lost the portal that walkers cross most.
     LostPortal,
-    /// Expiries are asked a tick late.
+    /// Avatars are asked one tick late.
     LateExpiry,
-    /// Where live avatars can be is taken to be half as large again: too much is told.
+    /// Regions of live avatars are half as large again, so too much is sent.
     WideRegions,
 }
 
 impl Fault {
-    /// All that can be broken.
+    /// All faults.
     pub const ALL: [Self; 5] =
         [Self::SmallTbv, Self::ShortNotice, Self::LostPortal, Self::LateExpiry, Self::WideRegions];
 
-    /// Whether it made a difference, or must have: by how a simulation went without it, and with it.
+    /// Whether the fault made a difference, or must have, judged by a simulation without it and
+    /// with it.
     pub fn could_act(self, whole: &SimulationOutcome, broken: &SimulationOutcome) -> bool {
         match self {
             Self::None => false,
-            Self::SmallTbv => whole.seen.tight > 0,
-            Self::ShortNotice => whole.seen.stays > 0,
+            Self::SmallTbv => whole.observed.tight > 0,
+            Self::ShortNotice => whole.observed.stays > 0,
             Self::LostPortal => broken.has_lost_portal,
             Self::LateExpiry => broken.report.expiries > 0,
-            Self::WideRegions => broken.seen.told > whole.seen.told,
+            Self::WideRegions => broken.observed.told > whole.observed.told,
         }
     }
 
-    /// In what part of the simulations in which it could act it must be found.
+    /// The least share of simulations, of those where the fault could act, in which it must be
+    /// found.
     fn found_min(self) -> f64 {
         match self {
-            // Where another way leads round that is hardly longer, whoever goes through is believed and seen.
+            // Where another way around is hardly longer, walkers through the lost portal are still
+            // believed and seen.
             Self::LostPortal => 0.85,
-            // In buildings as small as these most cells see each other, so that the PVS allows what shafts had
-            // ruled out: found is what cells rule out too, in every fourth seed or so.
+            // In buildings this small most cells see each other, so the PVS allows what sight tests
+            // had ruled out. Only what cells rule out too is found: in every fourth seed or so.
             Self::WideRegions => 0.1,
-            // What goes before in a simulation may go otherwise, so that what could act does not come about.
+            // A fault changes what happens before, so that the chance to act may not come about.
             _ => 0.95,
         }
     }
@@ -95,7 +99,7 @@ impl Fault {
     fn injection(self, tick: Duration) -> FaultInjection {
         let part = |fault: Self, part: f32| if self == fault { part } else { 1.0 };
         FaultInjection {
-            tbv_scale: part(Self::SmallTbv, SMALL),
+            tbv_scale: part(Self::SmallTbv, SMALL_TBV_SCALE),
             notice_scale: part(Self::ShortNotice, 0.9),
             region_scale: part(Self::WideRegions, 1.5),
             expiry_late: if self == Self::LateExpiry { tick } else { Duration::ZERO },
@@ -106,16 +110,16 @@ impl Fault {
 /// In how many simulations a fault could act, and in how many of these it was found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DetectionRate {
-    /// Of those in which it could act.
+    /// Simulations in which it was found.
     pub found: usize,
-    /// In which it could act.
+    /// Simulations in which it could act.
     pub acted: usize,
-    /// All.
+    /// All simulations.
     pub all: usize,
 }
 
 impl DetectionRate {
-    /// Of simulations of the same seeds, without a fault and with it.
+    /// Counts pairs of simulations of the same seeds: without the fault, and with it.
     pub fn of<'a>(
         fault: Fault,
         outcomes: impl IntoIterator<Item = (&'a SimulationOutcome, &'a SimulationOutcome)>,
@@ -130,7 +134,7 @@ impl DetectionRate {
         findings
     }
 
-    /// Whether that is as often as a fault can be made visible.
+    /// Whether the fault was found often enough.
     pub fn are_enough(self, fault: Fault) -> bool {
         self.found as f64 >= fault.found_min() * self.acted as f64
     }
@@ -139,11 +143,11 @@ impl DetectionRate {
 impl fmt::Display for DetectionRate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { found, acted, all } = self;
-        write!(f, "found in {found} of {acted} seeds in which it could act (of {all})")
+        write!(f, "found in {found} of {acted} seeds in which it could act (of {all} seeds)")
     }
 }
 
-/// The buildings of many simulations. Which one a seed gets depends on how many there are.
+/// The buildings of many simulations. The building of a seed depends on their number.
 #[derive(Clone, Debug)]
 pub struct BuildingPool {
     buildings: BTreeMap<u64, SimulatedBuilding>,
@@ -151,7 +155,7 @@ pub struct BuildingPool {
 }
 
 impl BuildingPool {
-    /// Compiles so many buildings; tells each.
+    /// Compiles a number of buildings. Calls `done` after each.
     pub fn new(buildings: u64, done: &(dyn Fn() + Sync)) -> Self {
         let compiled = (0..buildings).into_par_iter().map(|seed| {
             let building = SimulatedBuilding::new(seed);
@@ -161,7 +165,7 @@ impl BuildingPool {
         Self { buildings: compiled.collect(), size: buildings }
     }
 
-    /// As much of a pool of so many buildings as one simulation needs.
+    /// The part of a pool that one simulation needs: its own building.
     pub fn only(seed: u64, buildings: u64) -> Self {
         let number = seed % buildings.max(1);
         let buildings_of = BTreeMap::from([(number, SimulatedBuilding::new(number))]);
@@ -173,79 +177,79 @@ impl BuildingPool {
     }
 }
 
-/// What a simulation came to.
+/// The result of a simulation.
 #[derive(Clone, Debug)]
 pub struct SimulationOutcome {
-    /// Which simulation.
+    /// The seed.
     pub seed: u64,
-    /// How many buildings the pool has.
+    /// The number of buildings in the pool.
     pub buildings: u64,
-    /// The network, in words.
+    /// The network and the engine's settings, in words.
     pub network: String,
-    /// What was wrong, the first few.
-    pub breaches: Vec<String>,
-    /// What replay tells of it.
+    /// The first violations, in words.
+    pub violations: Vec<String>,
+    /// The report of the replay.
     pub report: ReplayReport,
-    /// What was seen on the way.
-    pub seen: Observations,
-    /// A portal that walkers go through was lost.
+    /// What was observed tick by tick.
+    pub observed: Observations,
+    /// Whether a portal that walkers cross was removed.
     pub has_lost_portal: bool,
 }
 
 impl SimulationOutcome {
     /// Whether all promises were kept.
     pub fn is_good(&self) -> bool {
-        self.breaches.is_empty()
+        self.violations.is_empty()
     }
 }
 
 impl fmt::Display for SimulationOutcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { seed, buildings, network, breaches, .. } = self;
-        writeln!(f, "seed {seed}: {} breaches; {network}", breaches.len())?;
-        breaches.iter().try_for_each(|breach| writeln!(f, "  {breach}"))?;
+        let Self { seed, buildings, network, violations, .. } = self;
+        writeln!(f, "seed {seed}: {} violations; {network}", violations.len())?;
+        violations.iter().try_for_each(|violation| writeln!(f, "  {violation}"))?;
         let command = "cargo bench -p sightline-tests --bench simulation --";
-        write!(f, "again: {command} --seed {seed} --buildings {buildings}")
+        write!(f, "repeat with: {command} --seed {seed} --buildings {buildings}")
     }
 }
 
-/// Runs the simulation of a seed, in the building that a pool has for it.
+/// Runs the simulation of a seed, in its building of the pool.
 pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
     let speed_max = [1.5, 2.0, 4.0, 7.0][rng.random_range(0..4)];
     let (walkers, steps) = (rng.random_range(3..=8), rng.random_range(120..=240));
-    let throws = if rng.random_bool(0.2) { THROWS } else { 0.0 };
-    let trace = walkers::trace(building, &mut rng, (walkers, steps), speed_max, throws);
+    let jump_chance = if rng.random_bool(0.2) { JUMP_CHANCE } else { 0.0 };
+    let trace = walkers::trace(building, &mut rng, (walkers, steps), speed_max, jump_chance);
     let options = options(seed, &mut rng, speed_max, fault);
     let ReplayOptions { round_trip, network, config: Config { validity, margin, .. }, .. } =
         &options;
     let network = format!(
-        "{speed_max} m/s, {throws} throws, {validity}, round trip {round_trip:?}, {network:?}, {margin:?}"
+        "{speed_max} m/s, {jump_chance} jumps per step, {validity}, round trip {round_trip:?}, {network:?}, {margin:?}"
     );
     let lost = (fault == Fault::LostPortal).then(|| without_portal(building, &trace, speed_max));
     let lost = lost.flatten();
     let has_lost_portal = lost.is_some();
     let world = lost.unwrap_or_else(|| Arc::clone(&building.world));
-    let mut invariants = InvariantChecker::new(&building.world, &options);
-    let run = replay::run_watched(&world, &trace, &options, None, &mut |now| invariants.look(now));
+    let mut checker = InvariantChecker::new(&building.world, &options);
+    let run = replay::run_watched(&world, &trace, &options, None, &mut |now| checker.check(now));
     let report = run.expect("there is no dump to write");
-    let seen = invariants.end();
-    let mut breaches = seen.breaches.clone();
-    breaches.extend(of_report(&report, &options));
+    let observed = checker.end();
+    let mut violations = observed.violations.clone();
+    violations.extend(violations_of(&report, &options));
     SimulationOutcome {
         seed,
         buildings: pool.size,
         network,
-        breaches,
+        violations,
         report,
-        seen,
+        observed,
         has_lost_portal,
     }
 }
 
-/// All that the engine says in a simulation with so many walkers, tick by tick, as so many threads decide
-/// it with a budget for looks.
+/// All outputs of the engine in a simulation, tick by tick, with a number of threads and a budget
+/// for sight tests.
 pub fn outputs_by_tick(
     seed: u64,
     pool: &BuildingPool,
@@ -254,7 +258,7 @@ pub fn outputs_by_tick(
 ) -> Vec<Vec<Output>> {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
-    let trace = walkers::trace(building, &mut rng, (walkers, 120), 4.0, THROWS);
+    let trace = walkers::trace(building, &mut rng, (walkers, 120), 4.0, JUMP_CHANCE);
     let mut options = options(seed, &mut rng, 4.0, Fault::None);
     options.oracle = OracleStride::Off;
     options.config = Config { threads: threads as usize, sight_test_budget, ..options.config };
@@ -265,7 +269,7 @@ pub fn outputs_by_tick(
     outputs_by_tick
 }
 
-/// The network and the engine of a simulation.
+/// The random network and engine settings of a simulation.
 fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> ReplayOptions {
     let round_trip_ms = [0, 0, 30, 80, 150, 250][rng.random_range(0..6)];
     let spread_ms = rng.random_range(0..=ROUND_TRIP_MAX_MS - round_trip_ms);
@@ -293,33 +297,34 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Repla
         let drift_ms = if rng.random_bool(0.5) { left_ms.min(DRIFT_MAX_MS) } else { 0 };
         options.network.drift = Duration::from_millis(rng.random_range(0..=drift_ms));
     }
-    // Those that end early are asked before they do, even where clients say when they leave.
+    // TBVs with an early end are asked before it, even where clients report when they leave.
     let validity_max = Duration::from_secs([2, 4, 8][rng.random_range(0..3)]);
     let config = Config { margin, validity_max, speed_max: Some(speed_max), ..options.config };
     options.config = Config { validity, faults, ..config };
     options
 }
 
-/// What the closing figures say against it.
-fn of_report(report: &ReplayReport, options: &ReplayOptions) -> Vec<String> {
-    let mut breaches = Vec::new();
+/// The violations that the closing report shows.
+fn violations_of(report: &ReplayReport, options: &ReplayOptions) -> Vec<String> {
+    let mut violations = Vec::new();
     if let Some(oracle) = &report.oracle {
-        breaches.extend(oracle.first_misses.iter().map(|miss| format!("missed: {miss:?}")));
-        breaches.extend(oracle.first_stale.iter().map(|stale| format!("too old: {stale:?}")));
+        violations.extend(oracle.first_misses.iter().map(|miss| format!("missed: {miss:?}")));
+        violations
+            .extend(oracle.first_stale.iter().map(|stale| format!("shown too late: {stale:?}")));
     }
-    // Nobody leaves a TBV that was made for all that a body can do; who is asked late may come to the edge, and who
-    // is put elsewhere leaves one of which it is told only then.
+    // A TBV made for everything a body can do is never left. Exceptions: an avatar asked late may
+    // come to its edge, and one put elsewhere leaves it before it is told.
     let is_even =
         options.network.loss == 0.0 && options.network.drift.is_zero() && report.jumps == 0;
     let may_leave = options.config.validity == Validity::UntilLeft || !is_even;
     if report.left_tbv > 0 && !may_leave {
-        breaches.push(format!("{} times somebody came to the edge of its TBV", report.left_tbv));
+        violations.push(format!("avatars came to the edge of their TBV {} times", report.left_tbv));
     }
-    breaches
+    violations
 }
 
-/// The world as it would be compiled without what joins two spaces, where walkers go through most; none if they go
-/// through nothing.
+/// The world as compiled without the portals between the two spaces that walkers cross most. `None`
+/// if they cross none.
 fn without_portal(
     building: &SimulatedBuilding,
     trace: &Trace,
@@ -350,10 +355,11 @@ fn without_portal(
     Some(Arc::new(world))
 }
 
-/// The two spaces between which walkers go most.
+/// The two spaces between which walkers cross most.
 fn most_crossed(world: &World, trace: &Trace, speed_max: f32) -> Option<[u32; 2]> {
     let mut crossed: BTreeMap<[u32; 2], u32> = BTreeMap::new();
-    // Whoever is put elsewhere has gone through nothing, and some are in two spaces within a step.
+    // Jumps cross nothing, and fast walkers may pass two spaces in a step: only neighbouring spaces
+    // count.
     let ends = world.cells.gates.iter().map(|gate| gate.spaces);
     let joined: BTreeSet<[u32; 2]> = ends.map(|[a, b]| [a.min(b), a.max(b)]).collect();
     let (first, last) = trace.span();

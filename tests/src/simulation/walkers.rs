@@ -1,4 +1,4 @@
-//! Who walks about in a building, and how: written down as a trace.
+//! The walkers of a simulation, recorded as a trace.
 
 use std::fmt::Write;
 
@@ -8,51 +8,52 @@ use sightline_cli::trace::Trace;
 
 use super::building::{BuildingRoom, SimulatedBuilding};
 
-/// Speed changes so fast at most, in metres a second squared.
+/// The largest acceleration, in metres per second squared.
 const ACCELERATION: f32 = 8.0;
-/// From sample to sample, in seconds.
+/// The time between two samples, in seconds.
 pub const STEP_S: f32 = 0.05;
 
-/// Whoever comes stands still until it is let in, and that may be lost once: in seconds.
-const WAITS_S: f32 = 1.0;
+/// How long a new walker stands still, in seconds: until its client is let in, even if one message
+/// is lost.
+const JOINING_S: f32 = 1.0;
 
-/// Nobody is put nearer than this to where it was, in metres: no body gets so far in a step.
-const THROW_MIN_M: f32 = 1.0;
+/// The least distance of a jump, in metres: farther than any body gets in a step.
+const JUMP_MIN_M: f32 = 1.0;
 
-/// What somebody does.
+/// How a walker behaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Behaviour {
-    /// Stands.
+    /// Stands still.
     Idle,
     /// Goes from room to room.
     Walks,
     /// Goes back and forth through one door.
     Paces,
-    /// Runs straight on until something is in the way.
+    /// Runs straight on until it hits something.
     Runs,
 }
 
 struct Agent {
-    habit: Behaviour,
+    behaviour: Behaviour,
     room: usize,
-    /// x and z.
+    /// Its position: x and z, in metres.
     at: Vec2,
     velocity: Vec2,
     speed: f32,
     way: Vec<Vec2>,
-    rests_s: f32,
-    /// When it is there, in steps.
+    rest_s: f32,
+    /// The steps in which it is present.
     present: std::ops::Range<u32>,
 }
 
-/// So many walkers for so many steps, none of them faster than a limit in metres a second. With some chance the
-/// host puts each elsewhere in a step.
+/// The walk of a number of agents over a number of steps, none faster than `speed_max` metres per
+/// second. `jump_chance` is the chance per step that an agent is put elsewhere.
 pub fn trace(
     building: &SimulatedBuilding,
     rng: &mut SmallRng,
     (walkers, steps): (usize, u32),
     speed_max: f32,
-    throws: f64,
+    jump_chance: f64,
 ) -> Trace {
     let mut all: Vec<Agent> =
         (0..walkers).filter_map(|_| Agent::new(building, rng, steps, speed_max)).collect();
@@ -62,8 +63,8 @@ pub fn trace(
             if !walker.present.contains(&step) {
                 continue;
             }
-            if throws > 0.0 && rng.random_bool(throws) {
-                walker.throw(building, rng);
+            if jump_chance > 0.0 && rng.random_bool(jump_chance) {
+                walker.jump(building, rng);
             } else {
                 walker.step(building, rng);
             }
@@ -78,7 +79,7 @@ pub fn trace(
             );
         }
     }
-    Trace::read(rows.as_bytes()).expect("the walkers are samples")
+    Trace::read(rows.as_bytes()).expect("the rows are a trace")
 }
 
 impl Agent {
@@ -90,7 +91,7 @@ impl Agent {
     ) -> Option<Self> {
         let room = rng.random_range(0..building.rooms.len());
         let at = building.place(room, rng)?;
-        let habit = match rng.random_range(0..10) {
+        let behaviour = match rng.random_range(0..10) {
             0..2 => Behaviour::Idle,
             2..6 => Behaviour::Walks,
             6..8 => Behaviour::Paces,
@@ -99,14 +100,14 @@ impl Agent {
         let from = if rng.random_bool(0.7) { 0 } else { rng.random_range(0..steps / 2) };
         let to = if rng.random_bool(0.8) { steps } else { rng.random_range(from + 1..=steps) };
         Some(Self {
-            habit,
+            behaviour,
             room,
             at,
             velocity: Vec2::ZERO,
             speed: speed_max
-                * if habit == Behaviour::Runs { 0.98 } else { rng.random_range(0.3..0.98) },
+                * if behaviour == Behaviour::Runs { 0.98 } else { rng.random_range(0.3..0.98) },
             way: Vec::new(),
-            rests_s: WAITS_S,
+            rest_s: JOINING_S,
             present: from..to,
         })
     }
@@ -116,9 +117,9 @@ impl Agent {
     }
 
     fn step(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
-        self.rests_s -= STEP_S;
-        if self.way.is_empty() && self.rests_s <= 0.0 && self.habit != Behaviour::Idle {
-            self.set_out(building, rng);
+        self.rest_s -= STEP_S;
+        if self.way.is_empty() && self.rest_s <= 0.0 && self.behaviour != Behaviour::Idle {
+            self.choose_goal(building, rng);
         }
         let wanted = self.way.last().map_or(Vec2::ZERO, |goal| {
             let away = *goal - self.at;
@@ -138,32 +139,32 @@ impl Agent {
         }
         if self.way.last().is_some_and(|goal| goal.distance(self.at) < 0.05) {
             self.way.pop();
-            if self.way.is_empty() && self.habit == Behaviour::Walks && rng.random_bool(0.3) {
-                self.rests_s = rng.random_range(0.0..2.0);
+            if self.way.is_empty() && self.behaviour == Behaviour::Walks && rng.random_bool(0.3) {
+                self.rest_s = rng.random_range(0.0..2.0);
             }
         }
     }
 
-    /// It is somewhere else, and stands.
-    fn throw(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
+    /// Puts it elsewhere, standing still.
+    fn jump(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
         let room = rng.random_range(0..building.rooms.len());
-        let place = building.place(room, rng).filter(|at| at.distance(self.at) >= THROW_MIN_M);
+        let place = building.place(room, rng).filter(|at| at.distance(self.at) >= JUMP_MIN_M);
         let Some(at) = place else { return };
         (self.room, self.at, self.velocity) = (room, at, Vec2::ZERO);
         self.way.clear();
     }
 
-    /// Chooses where to go next; the way's end comes first.
-    fn set_out(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
+    /// Chooses the next goals. The first one to reach comes last.
+    fn choose_goal(&mut self, building: &SimulatedBuilding, rng: &mut SmallRng) {
         let room: &BuildingRoom = &building.rooms[self.room];
         let door =
             (!room.doors.is_empty()).then(|| room.doors[rng.random_range(0..room.doors.len())]);
-        match (self.habit, door) {
+        match (self.behaviour, door) {
             (Behaviour::Runs, _) if rng.random_bool(0.5) => {
                 let angle = rng.random_range(0.0..std::f32::consts::TAU);
                 self.way = vec![self.at + Vec2::from_angle(angle) * 30.0];
             }
-            (_, Some(door)) if self.habit == Behaviour::Paces || rng.random_bool(0.8) => {
+            (_, Some(door)) if self.behaviour == Behaviour::Paces || rng.random_bool(0.8) => {
                 let beyond = building.place(door.to, rng).unwrap_or(door.far);
                 self.way = vec![beyond, door.far, door.near];
                 self.room = door.to;

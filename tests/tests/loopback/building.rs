@@ -1,5 +1,5 @@
-//! Two rooms, 16 m by 10 m, with two narrow lobbies between them whose doors are so placed that no
-//! line of sight leads from one room into the other.
+//! Two rooms, 16 m by 10 m, joined by two narrow lobbies. Their doors are placed so that no line of
+//! sight leads from one room into the other.
 
 use std::sync::{Arc, OnceLock};
 
@@ -11,12 +11,12 @@ use sightline_compiler::{
 use sightline_server::net::ServedWorld;
 use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 
-/// No avatar moves faster, in metres a second.
+/// The top speed of avatars, in metres per second.
 pub const SPEED_MAX: f32 = 12.0;
-/// Far inside the one room and the other.
+/// A place deep inside each of the two rooms.
 pub const WEST: Vec3 = Vec3::new(3.0, 1.6, 8.0);
 pub const EAST: Vec3 = Vec3::new(33.0, 1.6, 8.0);
-/// From `WEST` to `EAST`, through the three doors.
+/// The way from `WEST` to `EAST`, through the three doors.
 pub const WAY: [Vec3; 5] =
     [WEST, Vec3::new(16.0, 1.6, 0.6), Vec3::new(18.0, 1.6, 9.4), Vec3::new(20.0, 1.6, 0.6), EAST];
 
@@ -35,8 +35,8 @@ pub fn world() -> ServedWorld {
 fn model() -> Model {
     let wall = |min: [f32; 3], max: [f32; 3]| Aabb::new(min.into(), max.into());
     let baffle = |x: f32, z: [f32; 2]| wall([x - 0.1, 0.0, z[0]], [x + 0.1, 3.0, z[1]]);
-    // So thick that no TBV reaches the outside, from where all of the outside is in view; and in
-    // three parts, so that two TBVs that reach into the same wall are not taken to meet there.
+    // The walls are so thick that no TBV reaches the outside, where everything outside is in view.
+    // They consist of three parts, so that two TBVs in the same wall are not taken to meet there.
     let t = 12.0;
     let parts = [[-t, 15.9], [15.9, 20.1], [20.1, 36.0 + t]];
     let shell = parts.into_iter().flat_map(|[from, to]| {

@@ -12,16 +12,16 @@ use sightline_world::motion::AvatarId;
 
 use crate::building;
 
-/// Snapshots in a row in which an avatar is in view and not held: on a busy machine a message may
-/// be late by some of them, never by all.
+/// The number of snapshots in a row at which an avatar may be in view and not held. On a busy
+/// machine a message is late by a few of them, never by this many.
 const LATE_MAX: u32 = 8;
 
-/// Visitors wander through all three doors. Whoever is in view is held, and what is held is fresh;
-/// nobody who walks by the rules is corrected.
+/// Visitors wander through all three doors. Avatars in view are held, held poses are fresh, and
+/// nobody who obeys the rules is corrected.
 #[tokio::test(flavor = "multi_thread")]
-async fn a_swarm_holds_whoever_is_in_view() {
+async fn visitors_of_a_swarm_hold_all_avatars_in_view() {
     let world = building::world();
-    let sight = Oracle::new(&world.world().mesh);
+    let oracle = Oracle::new(&world.world().mesh);
     let body = world.world().body;
     let listen = "127.0.0.1:0".parse().unwrap();
     let config = ServeConfig { listen, validity_max_s: 0.3, ..ServeConfig::default() };
@@ -38,7 +38,7 @@ async fn a_swarm_holds_whoever_is_in_view() {
             for other in &snapshot.visitors {
                 let pair = (viewer.avatar, other.avatar);
                 let is_seen = viewer.avatar != other.avatar
-                    && sight.of_box(viewer.pose.eye, &body.around(other.pose.eye), 3);
+                    && oracle.of_box(viewer.pose.eye, &body.around(other.pose.eye), 3);
                 let is_held = viewer.held.iter().any(|held| held.id == other.avatar);
                 in_view += u32::from(is_seen);
                 if is_seen && !is_held {
@@ -52,8 +52,8 @@ async fn a_swarm_holds_whoever_is_in_view() {
         }
     };
     let report = swarm::run(server.local_addr().unwrap(), &options, check).await.unwrap();
-    assert!(in_view > 50, "they met {in_view} times only");
-    assert!(worst < LATE_MAX, "somebody in view was not held for {worst} snapshots");
+    assert!(in_view > 50, "pairs were in view only {in_view} times");
+    assert!(worst < LATE_MAX, "an avatar in view was not held for {worst} snapshots");
     assert_eq!((report.clients, report.refused, report.disconnected), (8, 0, 0));
     assert_eq!(report.corrections, 0, "{report:?}");
     assert!(report.visible_mean > 0.2 && report.age_mean_ms < 1_000.0, "{report:?}");

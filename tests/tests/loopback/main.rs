@@ -1,4 +1,4 @@
-//! The whole system over loopback QUIC: server, engine, protocol, client.
+//! The whole system over loopback QUIC: server, engine, protocol and client.
 
 mod building;
 mod crowd;
@@ -30,7 +30,7 @@ fn config() -> ServeConfig {
     }
 }
 
-/// A server of the two rooms, and where it is.
+/// Starts a server of the two rooms. Returns it with its address.
 fn serve(config: ServeConfig) -> (Server, SocketAddr) {
     let server = Server::bind(building::world(), config, &Identity::generate().unwrap()).unwrap();
     let address = server.local_addr().unwrap();
@@ -52,7 +52,7 @@ async fn join(server: &Server, name: &str, place: Vec3) -> Session {
     Dialer::new(None).connect(address, &options(server, name, place)).await.unwrap()
 }
 
-/// Waits for what must come, however slow the machine.
+/// Waits until a condition holds, however slow the machine is.
 async fn until(what: &str, mut holds: impl FnMut() -> bool) {
     for _ in 0..4_000 {
         if holds() {
@@ -60,14 +60,14 @@ async fn until(what: &str, mut holds: impl FnMut() -> bool) {
         }
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
-    panic!("it never came to pass that {what}");
+    panic!("timed out waiting until {what}");
 }
 
 fn holds(viewer: &Session, avatar: AvatarId) -> bool {
     viewer.held().iter().any(|held| held.id == avatar)
 }
 
-/// Walks in a straight line, a little slower than is allowed.
+/// Walks in a straight line, slightly below the top speed.
 async fn walk(session: &Session, to: Vec3) {
     let mut clock = tokio::time::Instant::now();
     loop {
@@ -89,7 +89,7 @@ fn is_quiet(session: &Session) -> bool {
     session.stats().reporting_state == Some(ReportingState::Quiet)
 }
 
-/// Waits until one hears the other say something.
+/// Waits until the listener hears the speaker's line.
 async fn hears(listener: &Session, speaker: &str, line: &str) {
     until(&format!("{line:?} is heard"), || {
         let is_it = |event: &Event| match event {
@@ -101,7 +101,7 @@ async fn hears(listener: &Session, speaker: &str, line: &str) {
     .await;
 }
 
-/// Both go from their rooms to the lobby, where they see each other.
+/// Both walk from their rooms to the lobby, where they see each other.
 async fn meet(west: &Session, east: &Session) {
     walk(west, WAY[1]).await;
     walk(west, WAY[2]).await;
@@ -110,7 +110,7 @@ async fn meet(west: &Session, east: &Session) {
     until("they see each other", each_other).await;
 }
 
-/// Both go back to their rooms, where neither knows of the other and both are silent.
+/// Both walk back to their rooms, where neither is told of the other, and both are quiet.
 async fn part(west: &Session, east: &Session) {
     walk(west, WAY[1]).await;
     walk(west, WEST).await;
@@ -121,14 +121,14 @@ async fn part(west: &Session, east: &Session) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn two_fall_silent_are_asked_meet_part_meet_again_and_leave() {
+async fn two_avatars_fall_silent_are_asked_meet_part_meet_again_and_leave() {
     let (server, _) = serve(config());
     let ada = join(&server, "Ada", WEST).await;
     let bo = join(&server, "Bo", EAST).await;
-    assert!(ada.pose().eye.distance(WEST) < 0.01, "a place of one's choice");
+    assert!(ada.pose().eye.distance(WEST) < 0.01, "the chosen place");
     assert!(ada.held().is_empty() && bo.held().is_empty());
 
-    // Apart, they say nothing but the answers to asks.
+    // Apart, they only answer asks.
     until("both are quiet", || is_quiet(&ada) && is_quiet(&bo)).await;
     let before = bo.stats();
     until("several asks came", || bo.stats().messages_in >= before.messages_in + 8).await;
@@ -183,7 +183,7 @@ async fn a_jump_is_refused_and_the_client_corrected() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn another_server_than_the_pinned_one_gets_no_word() {
+async fn a_server_that_is_not_the_pinned_one_receives_nothing() {
     let (server, address) = serve(config());
     let mut options = options(&server, "Ada", WEST);
     options.trust = Trust::Pinned(Fingerprint([7; 32]));
@@ -194,7 +194,7 @@ async fn another_server_than_the_pinned_one_gets_no_word() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_known_server_that_changed_is_told() {
+async fn a_known_server_that_changed_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let known = folder.path().join("known-servers");
     let (server, address) = serve(config());
@@ -204,7 +204,7 @@ async fn a_known_server_that_changed_is_told() {
         Dialer::new(None).connect(address, &options).await.unwrap().leave().await;
     }
     server.shutdown().await;
-    // The socket is free a little after the server is gone.
+    // The system frees the socket shortly after the server has gone.
     let mut other = None;
     until("the address is free", || {
         let config = ServeConfig { listen: address, ..config() };
@@ -228,7 +228,7 @@ async fn a_full_server_says_so() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn another_version_is_told_the_servers() {
+async fn a_client_of_another_version_is_told_the_servers_version() {
     let (_server, address) = serve(config());
     let stranger = Stranger::connect(address).await;
     let said = stranger.converse(&hello(VERSION + 1)).await;
@@ -238,7 +238,7 @@ async fn another_version_is_told_the_servers() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_sends_junk_is_out_and_nobody_else_is() {
+async fn a_client_that_sends_junk_is_dropped_and_no_other_is() {
     let (server, address) = serve(config());
     let ada = join(&server, "Ada", WEST).await;
     let enter_twice = [hello_and_enter(), hello_and_enter()].concat();
@@ -268,7 +268,7 @@ async fn who_sends_junk_is_out_and_nobody_else_is() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_stalls_is_out() {
+async fn clients_that_stall_are_dropped() {
     let (server, address) = serve(ServeConfig { hello_s: 0.2, silence_s: 0.5, ..config() });
     let silent = Stranger::connect(address).await;
     let half = Stranger::connect(address).await;
@@ -297,7 +297,7 @@ async fn the_world_is_fetched_once() {
     assert_eq!(fetched().await, 0);
 }
 
-/// Who could come in anywhere could look into every room.
+/// A client that may enter anywhere could look into every room.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_client_comes_in_at_a_spawn_point() {
     let spawn = building::world().world().spawns[0].eye;

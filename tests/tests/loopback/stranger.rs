@@ -1,4 +1,4 @@
-//! A connection that is nobody's client: it sends what it likes.
+//! A raw connection that sends whatever it likes.
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
@@ -15,7 +15,7 @@ use sightline_protocol::{
     text::Name,
 };
 
-/// A raw connection.
+/// A connection without a client behind it.
 pub struct Stranger {
     pub connection: Connection,
     _endpoint: Endpoint,
@@ -38,7 +38,7 @@ impl Stranger {
         Self { connection, _endpoint: endpoint }
     }
 
-    /// Sends bytes on a stream of its own and leaves it open.
+    /// Sends bytes on a new stream, and leaves it open.
     pub async fn send(&self, bytes: &[u8]) -> SendStream {
         let (mut send, receive) = self.connection.open_bi().await.unwrap();
         send.write_all(bytes).await.unwrap();
@@ -47,7 +47,7 @@ impl Stranger {
         send
     }
 
-    /// Sends bytes and hears all that the server says until it ends the stream.
+    /// Sends bytes, and receives all messages until the server ends the stream.
     pub async fn converse(&self, bytes: &[u8]) -> Vec<ServerMessage> {
         let (mut send, mut receive) = self.connection.open_bi().await.unwrap();
         send.write_all(bytes).await.unwrap();
@@ -68,13 +68,13 @@ impl Stranger {
     }
 }
 
-/// A hello as any client says it.
+/// A hello message.
 pub fn hello(version: u32) -> Vec<u8> {
     let name = Name::new("Stranger").unwrap();
     frame::encode(&ClientMessage::Hello { version, name, colour: [9; 3] })
 }
 
-/// A hello, and a wish to come in.
+/// A hello message, and a request to enter.
 pub fn hello_and_enter() -> Vec<u8> {
     let enter = frame::encode(&ClientMessage::Enter { place: None });
     [hello(VERSION), enter].concat()
