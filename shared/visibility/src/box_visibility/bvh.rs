@@ -1,24 +1,24 @@
-//! Boxes in a tree, so that a line meets few of them.
+//! A bounding volume hierarchy, so that a line is compared with few of many boxes.
 
 use std::ops::ControlFlow;
 
 use glam::{Vec3A, Vec4};
-
-use super::SightLine;
 use sightline_world::{geometry::Aabb, tolerance::TREE_MARGIN_M};
 
-/// Leaves hold no more.
+use super::sight_line::SightLine;
+
+/// The most boxes in a leaf.
 const LEAF_MAX: usize = 4;
 
-/// A binary tree of boxes. It takes no more than two nodes of 32 bytes for each.
+/// A binary tree of boxes. It takes at most two nodes of 32 bytes for each box.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Bvh {
     nodes: Vec<BvhNode>,
-    /// Indices of the boxes, in the order of the leaves.
+    /// The indices of the boxes, leaf by leaf.
     order: Vec<u32>,
 }
 
-/// The corners of the box around all that is in it; the last lanes are whole numbers.
+/// The box around everything below a node. The last lanes hold the bits of two whole numbers.
 #[derive(Clone, Copy, Debug)]
 struct BvhNode {
     low: Vec4,
@@ -31,12 +31,13 @@ impl BvhNode {
         Self { low: bounds.min.extend(number(at)), high: bounds.max.extend(number(count)) }
     }
 
-    /// Of a leaf, where it begins in the order; else the second child. The first comes next.
+    /// For a leaf, the place in `order` at which it begins. For any other node, the index of its second
+    /// child; the first child is the next node.
     fn at(&self) -> u32 {
         self.low.w.to_bits()
     }
 
-    /// How many a leaf holds; 0 for any other node.
+    /// The number of boxes in a leaf; 0 for any other node.
     fn count(&self) -> u32 {
         self.high.w.to_bits()
     }
@@ -50,6 +51,7 @@ impl Bvh {
             tree.grow(boxes, &mut order, 0);
             tree.order = order;
         }
+        debug_assert!(tree.nodes.len() <= 2 * boxes.len(), "two nodes for each box");
         tree
     }
 
@@ -76,53 +78,54 @@ impl Bvh {
         self.nodes[node] = BvhNode::new(&bounds, second, 0);
     }
 
-    /// Tells every box near a line until told to stop; counts the nodes looked at on the way.
+    /// Visits every box that a line meets or comes near to, until `visit` breaks. `visited` grows by the
+    /// number of nodes visited.
     pub fn along<B>(
         &self,
         line: &SightLine,
-        looked: &mut u32,
-        mut tell: impl FnMut(u32, &mut u32) -> ControlFlow<B>,
+        visited: &mut u32,
+        mut visit: impl FnMut(u32, &mut u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
         let (from, to) = (Vec3A::from(line.from), Vec3A::from(line.to));
         let inverse = (to - from).recip();
-        self.visit(
+        self.walk(
             |low, high| {
                 let (a, b) = ((low - from) * inverse, (high - from) * inverse);
-                // What a line in the plane of a face may lose here only makes it free.
+                // A line in the plane of a face may miss the box here. That only makes it free.
                 let enter = a.min(b).max_element().max(0.0);
                 let leave = a.max(b).min_element().min(1.0);
                 enter <= leave * (1.0 + 1e-5)
             },
-            looked,
-            &mut tell,
+            visited,
+            &mut visit,
         )
     }
 
-    /// Tells every box that touches a region, until told to stop.
+    /// Visits every box that touches a region, until `visit` breaks.
     pub fn touching<B>(
         &self,
         region: &Aabb,
-        mut tell: impl FnMut(u32) -> ControlFlow<B>,
+        mut visit: impl FnMut(u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
-        let mut tell = |index: u32, _: &mut u32| tell(index);
+        let mut visit = |index: u32, _: &mut u32| visit(index);
         let (min, max) = (Vec3A::from(region.min), Vec3A::from(region.max));
         let touches = |low: Vec3A, high: Vec3A| (low.cmple(max) & high.cmpge(min)).all();
-        self.visit(touches, &mut 0, &mut tell)
+        self.walk(touches, &mut 0, &mut visit)
     }
 
-    fn visit<B>(
+    fn walk<B>(
         &self,
         enters: impl Fn(Vec3A, Vec3A) -> bool,
-        looked: &mut u32,
-        tell: &mut impl FnMut(u32, &mut u32) -> ControlFlow<B>,
+        visited: &mut u32,
+        visit: &mut impl FnMut(u32, &mut u32) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
-        // Halving 2³² boxes takes 32 steps.
+        // Halving 2³² boxes takes 32 levels.
         let (mut stack, mut height) = ([0u32; 34], usize::from(!self.nodes.is_empty()));
         while height > 0 {
             height -= 1;
             let index = stack[height];
             let node = &self.nodes[index as usize];
-            *looked += 1;
+            *visited += 1;
             if !enters(Vec3A::from_vec4(node.low), Vec3A::from_vec4(node.high)) {
                 continue;
             }
@@ -133,13 +136,13 @@ impl Bvh {
             }
             let (at, count) = (node.at() as usize, node.count() as usize);
             for &index in &self.order[at..at + count] {
-                tell(index, looked)?;
+                visit(index, visited)?;
             }
         }
         ControlFlow::Continue(())
     }
 
-    /// In memory, without its own head.
+    /// Heap memory in use, in bytes.
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<BvhNode>() + self.order.len() * size_of::<u32>()
     }
@@ -153,19 +156,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_box_on_a_line_is_told() {
+    fn every_box_on_a_line_is_visited() {
         let mut rng = SmallRng::seed_from_u64(3);
         let mut point = || Vec3::new(rng.random(), rng.random(), rng.random()) * 30.0;
         let boxes: Vec<Aabb> = (0..300).map(|i| Aabb::around(point(), (i % 7) as f32)).collect();
         let tree = Bvh::new(&boxes);
         for _ in 0..300 {
             let line = SightLine { from: point(), to: point() };
-            let (mut found, mut looked) = (vec![false; boxes.len()], 0);
-            let flow = tree.along(&line, &mut looked, |index, _| {
+            let (mut found, mut visited) = (vec![false; boxes.len()], 0);
+            let flow = tree.along(&line, &mut visited, |index, _| {
                 found[index as usize] = true;
                 ControlFlow::<()>::Continue(())
             });
-            assert!(flow.is_continue() && looked > 0);
+            assert!(flow.is_continue() && visited > 0);
             for (region, found) in boxes.iter().zip(found) {
                 let is_on = (0..=1_000)
                     .any(|i| region.contains(line.from.lerp(line.to, i as f32 / 1_000.0)));

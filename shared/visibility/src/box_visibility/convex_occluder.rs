@@ -1,52 +1,45 @@
-//! One convex occluder, and the lines that meet it.
+//! Convex occluders, and the lines that meet one.
 
 use glam::{DVec3, Vec3};
-
 use sightline_world::{geometry::Aabb, tolerance::OCCLUDER_INSET_M};
 
-/// What blocks sight, in own axes.
+use crate::HalfSpace;
+
+/// A convex piece of what blocks sight, in own axes.
 #[derive(Clone, Debug)]
 pub(super) enum ConvexOccluder {
-    /// A box along the axes, which may be flat.
+    /// An axis-aligned box, which may be flat.
     Box(Aabb),
-    /// What is behind all of some planes.
+    /// The intersection of some half-spaces.
     Behind {
-        /// All of it is inside.
+        /// A box around the intersection.
         bounds: Aabb,
-        /// The planes.
-        sides: Box<[Plane]>,
+        /// The half-spaces.
+        sides: Box<[HalfSpace]>,
     },
 }
 
-/// A plane: the points with `normal · p = distance`, in metres.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Plane {
-    /// Of unit length.
-    pub normal: DVec3,
-    pub distance: f64,
-}
-
-/// Which lines of a shaft miss an occluder that does not block all of them.
+/// The line between two boxes that misses an occluder by most.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gap {
-    /// For how much of its length a line has left it on one side before it enters it on another:
-    /// smaller is better.
+    /// By what share of its length the line has left the occluder on one side before it enters it on
+    /// another. Smaller is better.
     pub by: f64,
-    /// A corner of the one box and one of the other, by their bits: the line between them misses.
+    /// The corners that the line joins, one of each box, as numbers in [`Aabb::corners`].
     pub corners: [usize; 2],
-    /// Along which axes, by bits: boxes that are narrower along another would leave it as it is.
+    /// A bit for each axis along which narrower boxes would narrow the gap.
     pub axes: usize,
 }
 
 impl ConvexOccluder {
-    /// A box that is solid.
+    /// A solid box, set back.
     pub fn solid(region: &Aabb) -> Self {
         let inset = inset(region);
         Self::Box(Aabb::new(region.min + inset, region.max - inset))
     }
 
-    /// A flat convex polygon, its corners in order; none when it has no area.
-    pub fn sheet(corners: &[DVec3]) -> Option<Self> {
+    /// A flat convex polygon, set back, with its corners in order. None if it has no area.
+    pub fn flat(corners: &[DVec3]) -> Option<Self> {
         let [a, b, c, ..] = *corners else { return None };
         let normal = (b - a).cross(c - a).try_normalize()?;
         let bounds = Aabb::from_points(corners.iter().map(|corner| corner.as_vec3()));
@@ -58,13 +51,15 @@ impl ConvexOccluder {
             return Some(Self::Box(Aabb::new(bounds.min + inset, bounds.max - inset)));
         }
         let distance = normal.dot(corners.iter().sum::<DVec3>() / corners.len() as f64);
-        // What is behind both of these is the plane itself.
-        let mut sides =
-            vec![Plane { normal, distance }, Plane { normal: -normal, distance: -distance }];
+        // The intersection of these two is the polygon's plane.
+        let mut sides = vec![
+            HalfSpace { normal, distance },
+            HalfSpace { normal: -normal, distance: -distance },
+        ];
         for (i, from) in corners.iter().enumerate() {
             let along = corners[(i + 1) % corners.len()] - from;
             let outwards = along.cross(normal).try_normalize()?;
-            sides.push(Plane { normal: outwards, distance: outwards.dot(*from) }.set_back());
+            sides.push(set_back(HalfSpace { normal: outwards, distance: outwards.dot(*from) }));
         }
         Some(Self::Behind {
             bounds: bounds.grown(inset(&bounds).max_element()),
@@ -72,28 +67,30 @@ impl ConvexOccluder {
         })
     }
 
-    /// What is solid behind all of some planes.
-    pub fn behind(bounds: Aabb, sides: Vec<Plane>) -> Self {
-        Self::Behind { bounds, sides: sides.into_iter().map(Plane::set_back).collect() }
+    /// A solid intersection of half-spaces, set back, which lies in the given box.
+    pub fn behind(bounds: Aabb, sides: Vec<HalfSpace>) -> Self {
+        assert!(!sides.is_empty(), "a solid has sides");
+        Self::Behind { bounds, sides: sides.into_iter().map(set_back).collect() }
     }
 
-    /// All of it is inside.
+    /// A box around the occluder.
     pub fn bounds(&self) -> &Aabb {
         match self {
             Self::Box(bounds) | Self::Behind { bounds, .. } => bounds,
         }
     }
 
-    /// In memory.
+    /// Memory in use, in bytes.
     pub fn bytes(&self) -> usize {
         let sides = match self {
             Self::Box(_) => 0,
             Self::Behind { sides, .. } => sides.len(),
         };
-        size_of::<Self>() + sides * size_of::<Plane>()
+        size_of::<Self>() + sides * size_of::<HalfSpace>()
     }
 
-    /// Where along a line, from 0 to 1, it is met: the middle of what is inside.
+    /// The middle of the part of a line that is inside, as a share of its length from 0 to 1. None if
+    /// the line misses the occluder.
     pub fn meets(&self, from: Vec3, to: Vec3) -> Option<f64> {
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         let mut cut = |(low, high): (f64, f64)| (enter, leave) = (enter.max(low), leave.min(high));
@@ -109,10 +106,10 @@ impl ConvexOccluder {
         (enter <= leave).then_some((enter + leave) * 0.5)
     }
 
-    /// Whether every line from the one box to the other meets it.
+    /// Whether every line from one box to another meets the occluder.
     ///
     /// # Errors
-    /// The line from corner to corner that is furthest from doing so.
+    /// The line from corner to corner that misses the occluder by most.
     pub fn blocks_all(&self, from: &Aabb, to: &Aabb) -> Result<(), Gap> {
         match self {
             Self::Box(bounds) => box_blocks_all(bounds, from, to),
@@ -121,29 +118,24 @@ impl ConvexOccluder {
     }
 }
 
-/// How far the faces of a box are set back: single precision moves what is far out by more than the
-/// margin. What is thin becomes flat.
+/// How far the faces of a box are set back, in metres. Far from the origin, single precision moves
+/// faces by more than the margin. A thin box becomes flat.
 fn inset(region: &Aabb) -> Vec3 {
     let scale = region.min.abs().max(region.max.abs()).max_element();
     Vec3::splat(OCCLUDER_INSET_M as f32 + scale * f32::EPSILON).min(region.size() * 0.5)
 }
 
-impl Plane {
-    /// How far a point is in front.
-    pub fn height(&self, point: DVec3) -> f64 {
-        self.normal.dot(point) - self.distance
-    }
-
-    fn set_back(self) -> Self {
-        Self { distance: self.distance - OCCLUDER_INSET_M, ..self }
-    }
+fn set_back(side: HalfSpace) -> HalfSpace {
+    debug_assert!((side.normal.length() - 1.0).abs() < 1e-6, "normals have unit length");
+    side.moved(-OCCLUDER_INSET_M)
 }
 
-/// What the three coordinates of a line do is independent, and intervals share a point when each two
-/// of them do: so the 64 lines from corner to corner need only twelve intervals.
+/// Whether a box meets all 64 lines from corner to corner. The three coordinates of a line are
+/// independent, and three intervals share a point if each two of them do. So twelve intervals are
+/// enough.
 fn box_blocks_all(bounds: &Aabb, from: &Aabb, to: &Aabb) -> Result<(), Gap> {
-    // Along each axis the last entry and the first exit, and of which of four lines: a bit for the
-    // end of each.
+    // Along each axis the last entry and the first exit, and the line that has it: a bit for each end
+    // says which side of the box the line joins.
     let (mut enters, mut leaves) = ([(f64::NEG_INFINITY, 0); 3], [(f64::INFINITY, 0); 3]);
     for axis in 0..3 {
         for ends in 0..4 {
@@ -179,8 +171,8 @@ fn box_blocks_all(bounds: &Aabb, from: &Aabb, to: &Aabb) -> Result<(), Gap> {
     if gap.by > 0.0 { Err(gap) } else { Ok(()) }
 }
 
-/// The same for what is behind planes, line by line.
-fn sides_block_all(sides: &[Plane], from: &Aabb, to: &Aabb) -> Result<(), Gap> {
+/// Whether an intersection of half-spaces meets all 64 lines from corner to corner, line by line.
+fn sides_block_all(sides: &[HalfSpace], from: &Aabb, to: &Aabb) -> Result<(), Gap> {
     let corners = [from, to].map(|region| region.corners().map(|corner| corner.as_dvec3()));
     let (mut enters, mut leaves) = ([0.0f64; 64], [1.0f64; 64]);
     for side in sides {
@@ -201,8 +193,8 @@ fn sides_block_all(sides: &[Plane], from: &Aabb, to: &Aabb) -> Result<(), Gap> {
     if gap.by > 0.0 { Err(gap) } else { Ok(()) }
 }
 
-/// Between which parts of a line it is inside of a box as far as one axis is concerned. A line along
-/// a flat box is never inside.
+/// The part of a line that is between the two faces of a box across an axis, as shares of its length.
+/// A line in the plane of a flat box is never inside.
 fn inside(bounds: &Aabb, axis: usize, from: f32, to: f32) -> (f64, f64) {
     let (min, max) = (f64::from(bounds.min[axis]), f64::from(bounds.max[axis]));
     let (from, to) = (f64::from(from), f64::from(to));
@@ -216,7 +208,8 @@ fn inside(bounds: &Aabb, axis: usize, from: f32, to: f32) -> (f64, f64) {
     (a.min(b), a.max(b))
 }
 
-/// Between which parts of a line it is behind a plane, by the heights of its ends.
+/// The part of a line that is in a half-space, as shares of its length. Given are the heights of its
+/// ends.
 fn behind(from: f64, to: f64) -> (f64, f64) {
     match (from > 0.0, to > 0.0) {
         (true, true) => (f64::INFINITY, f64::NEG_INFINITY),
@@ -226,8 +219,9 @@ fn behind(from: f64, to: f64) -> (f64, f64) {
     }
 }
 
-/// A corner of a box by its bits, as in [`Aabb::corners`].
+/// The corner of a box with a number from 0 to 7, as in [`Aabb::corners`].
 pub(super) fn corner(region: &Aabb, bits: usize) -> Vec3 {
+    debug_assert!(bits < 8, "a box has eight corners");
     let pick = |axis: usize| [region.min, region.max][bits >> axis & 1][axis];
     Vec3::new(pick(0), pick(1), pick(2))
 }
@@ -248,18 +242,18 @@ mod tests {
         Aabb::new(centre - half, centre + half)
     }
 
-    /// The same box as planes.
+    /// A box as the intersection of six half-spaces.
     fn as_planes(bounds: &Aabb) -> ConvexOccluder {
         let sides = (0..3).flat_map(|axis| {
             let normal = DVec3::AXES[axis];
             let [min, max] = [bounds.min[axis], bounds.max[axis]].map(f64::from);
-            [Plane { normal, distance: max }, Plane { normal: -normal, distance: -min }]
+            [HalfSpace { normal, distance: max }, HalfSpace { normal: -normal, distance: -min }]
         });
         ConvexOccluder::Behind { bounds: *bounds, sides: sides.collect() }
     }
 
     #[test]
-    fn a_blocked_shaft_has_no_free_line_and_the_told_one_is_free() {
+    fn no_line_is_free_between_blocked_boxes_and_the_reported_line_is_free() {
         let mut rng = SmallRng::seed_from_u64(1);
         let (mut blocked, mut open) = (0, 0);
         for _ in 0..20_000 {
@@ -296,20 +290,20 @@ mod tests {
     }
 
     #[test]
-    fn sheets_block_inside_of_their_edges_only() {
+    fn flat_occluders_block_only_inside_their_edges() {
         let corners = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
         let turned =
-            ConvexOccluder::sheet(&corners.map(|(y, z)| DVec3::new(0.3 * y, y, z))).unwrap();
+            ConvexOccluder::flat(&corners.map(|(y, z)| DVec3::new(0.3 * y, y, z))).unwrap();
         let meets = |y: f32, z: f32| turned.meets(Vec3::new(9.0, y, z), Vec3::new(-9.0, y, z));
         assert!((meets(0.0, 0.0).unwrap() - 0.5).abs() < 1e-6);
         assert!(meets(0.49, 0.5).is_some() && meets(0.51, 0.5).is_none());
-        assert!(meets(0.4999, 0.5).is_none(), "it is set back");
+        assert!(meets(0.4999, 0.5).is_none(), "edges are set back");
         assert!(turned.meets(Vec3::new(9.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.0)).is_none());
         let corners = [(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)];
-        let upright = ConvexOccluder::sheet(&corners.map(|(y, z)| DVec3::new(2.0, y, z))).unwrap();
+        let upright = ConvexOccluder::flat(&corners.map(|(y, z)| DVec3::new(2.0, y, z))).unwrap();
         assert!(matches!(upright, ConvexOccluder::Box(_)));
         assert!(upright.meets(Vec3::new(0.0, 0.5, 0.5), Vec3::new(3.0, 0.9, 0.5)).is_some());
         assert!(upright.meets(Vec3::new(2.0, -1.0, 0.5), Vec3::new(2.0, 2.0, 0.5)).is_none());
-        assert!(ConvexOccluder::sheet(&[DVec3::ZERO; 4]).is_none());
+        assert!(ConvexOccluder::flat(&[DVec3::ZERO; 4]).is_none());
     }
 }

@@ -1,69 +1,75 @@
-//! The search: shafts are halved until each has an occluder of its own, or a line is free.
+//! The search: pairs of boxes are halved until each has an occluder of its own, or a line is free.
 
 use std::ops::ControlFlow::{self, Break, Continue};
 
 use glam::Vec3;
-
-use super::{
-    BoxInSpaces, BoxVisibility, Occluders, SightLine,
-    convex_occluder::{Gap, corner},
-    portal_flood::FloodScratch,
-};
 use sightline_world::geometry::Aabb;
 
-/// Boxes narrower than this, in metres, are not halved again: what is still undecided then is a seam
-/// between occluders that do not reach into each other, or a slit.
-const NARROW_M: f32 = 0.005;
-/// So many of the occluders that blocked a whole shaft last are tried before all others.
-const RECENT_MAX: usize = 4;
-/// In so many shafts of a search it is looked whether gates lead through them. For halves of halves,
-/// occluders do it at a lower price.
-const FLOODS_MAX: u32 = 8;
-/// So many lines anywhere in the whole shaft are tried before it is halved.
-const SAMPLES: u32 = 24;
-/// So many lines from corner to corner are tried for each shaft, at most.
-const CORNERS_MAX: usize = 2;
-/// Of the budget: an occluder against all lines of a shaft, as against one line or a box of the tree.
-const SHAFT_UNITS: u32 = 4;
+use super::{
+    convex_occluder::{Gap, corner},
+    occluders::Occluders,
+    portal_flood::FloodScratch,
+    sight_line::{BoxInSpaces, BoxVisibility, SightLine},
+};
 
-/// What a search needs besides its answer, kept from one to the next to save allocations. It may be
-/// used with any occluders: nothing in it lives on.
+/// Boxes narrower than this, in metres, are not halved again. What is undecided then is a slit, or a
+/// seam between occluders that do not overlap.
+const NARROW_M: f32 = 0.005;
+/// The number of occluders that are tried first, because they blocked a pair of boxes recently.
+const RECENT_MAX: usize = 4;
+/// The number of pairs in a search for which gates are flooded. For smaller halves, occluders give
+/// the same answer for less.
+const FLOODS_MAX: u32 = 8;
+/// The number of lines that are tried, anywhere between the boxes, before these are halved.
+const SAMPLES: u32 = 24;
+/// The most lines from corner to corner that are tried for each pair of boxes.
+const CORNERS_MAX: usize = 2;
+/// The units that it takes to compare an occluder with all lines of a pair. To compare it, or a box
+/// of the tree, with one line takes one unit.
+const PAIR_UNITS: u32 = 4;
+
+/// The memory of a search, kept from one to the next to save allocations. It may be used with any
+/// occluders, since no result outlives its search.
 #[derive(Clone, Debug, Default)]
 pub struct BoxScratch {
-    /// Shafts to look into, each half of another: no more than there are halvings down to
-    /// [`NARROW_M`], some hundreds for boxes of any size.
+    /// Pairs that are still undecided. There are no more of them than halvings down to
+    /// [`NARROW_M`]: some hundreds for boxes of any size.
     open: Vec<BoxPair>,
+    /// Occluders that blocked a pair of this search, the latest first.
     recent: Vec<u32>,
-    steps: FloodScratch,
-    /// How often gates have been gone through for this answer.
+    flood: FloodScratch,
+    /// The number of floods of this search.
     floods: u32,
 }
 
-/// All lines from the one box to the other.
+/// All lines from one box to another.
 #[derive(Clone, Copy, Debug)]
 struct BoxPair {
     from: Aabb,
     to: Aabb,
 }
 
-/// What blocks some lines of a shaft, but not all.
+/// An occluder that blocks some lines of a pair of boxes, but not all.
 struct PartialBlock {
     gap: Gap,
-    /// Where along the line on which it was found, from 0 to 1.
+    /// The share of the line's length, from 0 to 1, at which the occluder was found.
     at: f64,
 }
 
-/// What is known of a shaft that is not halved.
+/// What is found about a pair of boxes before it is halved.
 enum PairVerdict {
     Blocked,
     Free(SightLine),
-    PartialBlock(PartialBlock),
+    Partial(PartialBlock),
 }
 
 impl Occluders {
-    /// Whether every line from a box of eyes to a box of bodies is blocked, both in own axes, as
-    /// far as `budget` goes. What was spent is taken off: a unit for each box of the tree, and
-    /// each occluder, compared with a line; four for an occluder compared with all lines.
+    /// Whether every line from a box of eyes to a box of bodies is blocked. Boxes are in own axes.
+    ///
+    /// What the search spends is taken off `budget`: one unit for each box of the tree or occluder
+    /// that is compared with a line, and four for each occluder compared with all lines. When the
+    /// budget is used up, the answer is [`BoxVisibility::Unknown`]. It is the answer, too, when a
+    /// box is empty or not finite.
     pub fn between(
         &self,
         scratch: &mut BoxScratch,
@@ -81,24 +87,24 @@ impl Occluders {
         match self.judge(scratch, &whole, budget) {
             PairVerdict::Blocked => return BoxVisibility::Hidden,
             PairVerdict::Free(line) => return BoxVisibility::Visible(line),
-            PairVerdict::PartialBlock(partly) => match whole.halves(&partly) {
+            PairVerdict::Partial(partial) => match whole.halves(&partial) {
                 Some(halves) => scratch.open.extend(halves),
                 None => return BoxVisibility::Unknown,
             },
         }
-        // Halving goes into one corner first; what is wide open elsewhere is found by lines anywhere.
-        let free = (1..=SAMPLES).map(|i| whole.sample(i)).find(|line| !self.meets(line, budget));
+        // Halving goes into one corner first. Lines anywhere find what is wide open elsewhere.
+        let free = (1..=SAMPLES).map(|i| whole.sample(i)).find(|line| self.is_free(line, budget));
         if let Some(line) = free {
             return BoxVisibility::Visible(line);
         }
-        while let Some(shaft) = scratch.open.pop() {
+        while let Some(pair) = scratch.open.pop() {
             if *budget == 0 {
                 return BoxVisibility::Unknown;
             }
-            match self.judge(scratch, &shaft, budget) {
+            match self.judge(scratch, &pair, budget) {
                 PairVerdict::Blocked => {}
                 PairVerdict::Free(line) => return BoxVisibility::Visible(line),
-                PairVerdict::PartialBlock(partly) => match shaft.halves(&partly) {
+                PairVerdict::Partial(partial) => match pair.halves(&partial) {
                     Some(halves) => scratch.open.extend(halves),
                     None => return BoxVisibility::Unknown,
                 },
@@ -107,80 +113,83 @@ impl Occluders {
         BoxVisibility::Hidden
     }
 
-    /// Whether no gates lead from a box of eyes to another box, both in own axes: for eyes and bodies
-    /// that are in certain spaces, given by their indices. It says less than [`Occluders::between`]
-    /// and costs a microsecond at most.
+    /// Whether gates let no line pass from a box of eyes to a box of bodies, for eyes and bodies that
+    /// are in the given spaces. It finds fewer hidden pairs than [`Occluders::between`] and takes a
+    /// microsecond at most.
     pub fn are_apart(
         &self,
         scratch: &mut BoxScratch,
         eyes: BoxInSpaces<'_>,
         bodies: BoxInSpaces<'_>,
     ) -> bool {
-        let shaft = BoxPair { from: *eyes.bounds, to: *bodies.bounds };
-        shaft.is_sane() && self.passages.are_apart(&mut scratch.steps, eyes, bodies, &mut 0)
+        let pair = BoxPair { from: *eyes.bounds, to: *bodies.bounds };
+        pair.is_sane() && self.flood.are_apart(&mut scratch.flood, eyes, bodies, &mut 0)
     }
 
-    /// As [`Occluders::blocks`], at the cost of a budget; when that is used up, it is blocked.
-    fn meets(&self, line: &SightLine, budget: &mut u32) -> bool {
+    /// Whether no occluder blocks a line, at the cost of a budget. Without a budget, no line is known
+    /// to be free.
+    fn is_free(&self, line: &SightLine, budget: &mut u32) -> bool {
         let mut spent = 0;
-        let is_blocked = *budget == 0 || self.meets_counted(line, &mut spent);
+        let is_blocked = *budget == 0 || self.blocks_counted(line, &mut spent);
         spend(budget, spent);
-        is_blocked
+        !is_blocked
     }
 
-    fn judge(&self, scratch: &mut BoxScratch, shaft: &BoxPair, budget: &mut u32) -> PairVerdict {
-        let BoxScratch { recent, steps, floods, .. } = scratch;
+    /// Tries to decide a pair of boxes as a whole: by recent occluders, by gates, and by all
+    /// occluders on a few of its lines.
+    fn judge(&self, scratch: &mut BoxScratch, pair: &BoxPair, budget: &mut u32) -> PairVerdict {
+        let BoxScratch { recent, flood, floods, .. } = scratch;
         for place in 0..recent.len() {
-            spend(budget, SHAFT_UNITS);
+            spend(budget, PAIR_UNITS);
             let piece = &self.pieces[recent[place] as usize];
-            if piece.blocks_all(&shaft.from, &shaft.to).is_ok() {
+            if piece.blocks_all(&pair.from, &pair.to).is_ok() {
                 recent[..=place].rotate_right(1);
                 return PairVerdict::Blocked;
             }
         }
         if *floods < FLOODS_MAX {
             *floods += 1;
-            let mut looked = 0;
-            let is_closed = self.passages.are_closed(steps, &shaft.from, &shaft.to, &mut looked);
-            spend(budget, looked);
+            let mut visited = 0;
+            let is_closed = self.flood.are_closed(flood, &pair.from, &pair.to, &mut visited);
+            spend(budget, visited);
             if is_closed {
                 return PairVerdict::Blocked;
             }
         }
-        let middle = SightLine { from: shaft.from.centre(), to: shaft.to.centre() };
-        let mut best = match self.judge_along(recent, shaft, &middle, budget) {
-            PairVerdict::PartialBlock(best) => best,
+        let middle = SightLine { from: pair.from.centre(), to: pair.to.centre() };
+        let mut best = match self.judge_along(recent, pair, &middle, budget) {
+            PairVerdict::Partial(best) => best,
             verdict => return verdict,
         };
-        // The line that the best one misses by most is free, or meets what may be better.
+        // The line that the best occluder misses by most is free, or it meets a better occluder.
         for _ in 0..CORNERS_MAX {
             let [from, to] = best.gap.corners;
-            let line = SightLine { from: corner(&shaft.from, from), to: corner(&shaft.to, to) };
-            match self.judge_along(recent, shaft, &line, budget) {
-                PairVerdict::PartialBlock(other) if other.gap.by < best.gap.by => best = other,
-                PairVerdict::PartialBlock(_) => break,
+            let line = SightLine { from: corner(&pair.from, from), to: corner(&pair.to, to) };
+            match self.judge_along(recent, pair, &line, budget) {
+                PairVerdict::Partial(other) if other.gap.by < best.gap.by => best = other,
+                PairVerdict::Partial(_) => break,
                 verdict => return verdict,
             }
         }
-        PairVerdict::PartialBlock(best)
+        PairVerdict::Partial(best)
     }
 
-    /// Looks for what blocks a whole shaft among all that one of its lines meets.
+    /// Looks among the occluders that one of the lines meets for one that blocks all lines.
     fn judge_along(
         &self,
         recent: &mut Vec<u32>,
-        shaft: &BoxPair,
+        pair: &BoxPair,
         line: &SightLine,
         budget: &mut u32,
     ) -> PairVerdict {
         let mut best: Option<PartialBlock> = None;
         let mut spent = 0;
-        let flow: ControlFlow<u32> = self.tree.along(line, &mut spent, |index, spent| {
+        let flow: ControlFlow<u32> = self.bvh.along(line, &mut spent, |index, spent| {
             let piece = &self.pieces[index as usize];
             *spent += 1;
             let Some(at) = piece.meets(line.from, line.to) else { return Continue(()) };
-            *spent += SHAFT_UNITS;
-            match piece.blocks_all(&shaft.from, &shaft.to) {
+            *spent += PAIR_UNITS;
+            match piece.blocks_all(&pair.from, &pair.to) {
                 Ok(()) => return Break(index),
                 Err(gap) if best.as_ref().is_none_or(|best| gap.by < best.gap.by) => {
                     best = Some(PartialBlock { gap, at });
@@ -190,12 +199,13 @@ impl Occluders {
             Continue(())
         });
         spend(budget, spent);
+        debug_assert!(recent.len() <= RECENT_MAX);
         if let Break(index) = flow {
             recent.truncate(RECENT_MAX - 1);
             recent.insert(0, index);
             return PairVerdict::Blocked;
         }
-        best.map_or(PairVerdict::Free(*line), PairVerdict::PartialBlock)
+        best.map_or(PairVerdict::Free(*line), PairVerdict::Partial)
     }
 }
 
@@ -204,16 +214,17 @@ fn spend(budget: &mut u32, units: u32) {
 }
 
 impl BoxPair {
-    /// Whether both boxes hold a point and end somewhere.
+    /// Whether both boxes hold a point and are finite.
     fn is_sane(&self) -> bool {
         [&self.from, &self.to]
             .iter()
             .all(|region| !region.is_empty() && region.min.is_finite() && region.max.is_finite())
     }
 
-    /// One of its lines: those of ascending numbers fill it evenly.
+    /// One of the lines. Ascending numbers give lines that fill the pair evenly: a low-discrepancy
+    /// sequence (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
     fn sample(&self, number: u32) -> SightLine {
-        // Powers of the root of x⁷ = x + 1, as the golden section is that of x² = x + 1.
+        // The root of x⁷ = x + 1, as the golden section is the root of x² = x + 1.
         const ROOT: f64 = 1.112_775_684_278_705_5;
         let share = |power: i32| (0.5 + f64::from(number) / ROOT.powi(power)).fract() as f32;
         let shares = |first: i32| Vec3::new(share(first), share(first + 1), share(first + 2));
@@ -221,11 +232,12 @@ impl BoxPair {
         SightLine { from: point(&self.from, shares(1)), to: point(&self.to, shares(4)) }
     }
 
-    /// Two that together are this one; none when it is narrow. Of the boxes and axes that the gap
-    /// leaves, that is halved which is widest as seen from the other box where the occluder is.
+    /// Two pairs that together are this one. None if both boxes are narrow. Only along the axes of the
+    /// gap can halving help. Among these, the box that is widest is halved, as seen from the other
+    /// box and projected to where the occluder is.
     fn halves(&self, PartialBlock { gap, at }: &PartialBlock) -> Option<[Self; 2]> {
         let along = (self.to.centre() - self.from.centre()).normalize_or_zero();
-        // Depth matters little, but not nothing.
+        // Depth along the line matters little, but it does matter.
         let across = (Vec3::ONE - along * along).max(Vec3::splat(0.01)).map(f32::sqrt);
         let at = (*at as f32).clamp(0.05, 0.95);
         let widths = [self.from.size() * across * (1.0 - at), self.to.size() * across * at];
@@ -239,6 +251,7 @@ impl BoxPair {
             a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
         })?;
         let region = regions[side];
+        debug_assert!(region.size()[axis] >= NARROW_M, "only wide boxes are halved");
         let (mut low, mut high) = (*region, *region);
         let middle = region.centre()[axis];
         (low.max[axis], high.min[axis]) = (middle, middle);
@@ -252,11 +265,11 @@ impl BoxPair {
 #[cfg(test)]
 mod tests {
     use super::{
-        super::{bvh::Bvh, convex_occluder::ConvexOccluder, portal_flood::PortalFlood},
+        super::{convex_occluder::ConvexOccluder, portal_flood::PortalFlood},
         *,
     };
 
-    /// Walls across x = 0 that span these parts of z, each `thick`.
+    /// Walls in the plane x = 0 that span the given parts of z. Each is `thick` metres thick.
     fn walls(spans: &[[f32; 2]], thick: f32) -> Occluders {
         let wall = |[from, to]: [f32; 2]| {
             let min = Vec3::new(-thick * 0.5, -9.0, from);
@@ -264,8 +277,7 @@ mod tests {
         };
         let pieces: Vec<ConvexOccluder> =
             spans.iter().map(|span| ConvexOccluder::solid(&wall(*span))).collect();
-        let boxes: Vec<Aabb> = pieces.iter().map(|piece| *piece.bounds()).collect();
-        Occluders { tree: Bvh::new(&boxes), pieces, passages: PortalFlood::default() }
+        Occluders::from_pieces(pieces, PortalFlood::default())
     }
 
     fn ends() -> [Aabb; 2] {
@@ -288,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_that_overlap_hide_all_and_those_with_a_gap_or_a_seam_do_not() {
+    fn walls_that_overlap_hide_everything_and_walls_with_a_gap_or_a_seam_do_not() {
         let is_hidden = |outcome: &BoxVisibility| *outcome == BoxVisibility::Hidden;
         let is_visible = |outcome: &BoxVisibility| matches!(outcome, BoxVisibility::Visible(_));
         let whole = check(&[[-9.0, 9.0]], 10_000, is_hidden);
@@ -303,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_budget_or_with_boxes_that_are_none_nothing_is_known() {
+    fn nothing_is_known_without_a_budget_or_of_boxes_that_are_empty_or_not_finite() {
         let is_unknown = |outcome: &BoxVisibility| *outcome == BoxVisibility::Unknown;
         check(&[[-9.0, 9.0]], 0, is_unknown);
         check(&[[-9.0, 0.4], [0.3, 9.0]], 40, is_unknown);

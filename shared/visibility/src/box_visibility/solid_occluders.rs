@@ -1,4 +1,4 @@
-//! What is solid all through: large boxes inside of it, which reach into each other.
+//! Occluders in the solid part of a building: large boxes that overlap each other.
 
 use std::{
     collections::HashSet,
@@ -6,20 +6,21 @@ use std::{
 };
 
 use glam::Vec3;
-
-use super::bvh::Bvh;
 use sightline_world::{
     CellId, Cells, Node, Origin, Solid, World, geometry::Aabb, tolerance::TOUCH_M,
 };
 
-/// Insides of walls and slabs are no thicker than this, in metres: no place to be.
+use super::bvh::Bvh;
+
+/// A hollow no thicker than this, in metres, may be the inside of a wall or slab, where nobody can be.
 const WALL_MAX_M: f32 = 0.6;
-/// Boxes grow along the axes in each order: what is long one way may be short the other way.
+/// The orders in which boxes grow along the axes. A box that grows long along one axis first may end
+/// up short along another.
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-/// Boxes grow from no more places than this; what they need meanwhile is 24 bytes for each order.
+/// The most boxes to start growing from. Growing takes 24 bytes for each of them and each order.
 const SEEDS_MAX: usize = 1 << 18;
 
-/// The solid parts of a subdivision.
+/// The solid part of a subdivision.
 pub(super) struct SolidOccluders<'a> {
     cells: &'a Cells,
     /// For each space, whether it is the inside of a wall.
@@ -31,13 +32,13 @@ impl<'a> SolidOccluders<'a> {
         Self { cells: &world.cells, walls: walls(world) }
     }
 
-    /// Whether a point in own axes is in something solid.
+    /// Whether a point in own axes is in the solid part, or inside a wall.
     pub fn holds(&self, point: Vec3) -> bool {
         self.cells.bounds.contains(point)
             && self.cells.at_own(point).is_none_or(|cell| self.is_wall(cell))
     }
 
-    /// Boxes inside of what is solid, none of which is inside of another.
+    /// Boxes in the solid part, none of which lies in another.
     pub fn boxes(&self, world: &World) -> Vec<Aabb> {
         let mut known = HashSet::new();
         let mut grown: Vec<Aabb> = Vec::new();
@@ -53,13 +54,13 @@ impl<'a> SolidOccluders<'a> {
         outermost(&grown)
     }
 
-    /// Where to begin: solid leaves that are boxes, and a map's brushes that are.
+    /// The boxes to start growing from: solid leaves, and the brushes of a Quake map that are boxes.
     fn seeds(&self, world: &World) -> Vec<Aabb> {
         let mut seeds = Vec::new();
         self.leaves(0, self.cells.bounds, &mut seeds);
         if let Some(origin) = &world.origin {
             let boxes = origin.solids.iter().filter(|solid| is_box(origin, solid));
-            // Where axes are turned, this is around the brush and most likely not all solid.
+            // In turned axes this is a box around the brush, and most likely not all of it is solid.
             let own = boxes.map(|solid| self.cells.axes.own_box(&solid.bounds));
             seeds.extend(own.map(|region| region.intersection(&self.cells.bounds)));
         }
@@ -68,7 +69,7 @@ impl<'a> SolidOccluders<'a> {
         seeds
     }
 
-    /// Adds the boxes around solid leaves.
+    /// Adds the boxes around the solid leaves below a node, whose box is `region`.
     fn leaves(&self, node: u32, region: Aabb, found: &mut Vec<Aabb>) {
         let (low, high, sides) = match self.cells.tree[node as usize] {
             Node::Leaf(cell) if !self.is_wall(cell) => return,
@@ -86,7 +87,7 @@ impl<'a> SolidOccluders<'a> {
         self.leaves(sides[1], high, found);
     }
 
-    /// Whether a box has some volume, and no cell reaches into it.
+    /// Whether a box has a volume and no cell reaches into it.
     fn is_solid(&self, region: &Aabb) -> bool {
         let within = region.grown(-TOUCH_M);
         let mut found = Vec::new();
@@ -100,7 +101,7 @@ impl<'a> SolidOccluders<'a> {
         self.walls[self.cells.cells[cell.0 as usize].space as usize]
     }
 
-    /// Moves both faces of a box that are across an axis as far out as it stays solid.
+    /// Moves the two faces of a box across an axis outwards, as far as the box stays solid.
     fn grow(&self, region: &mut Aabb, axis: usize) {
         let bounds = &self.cells.bounds;
         let mut above = region.grown(-TOUCH_M);
@@ -109,17 +110,19 @@ impl<'a> SolidOccluders<'a> {
         let mut below = region.grown(-TOUCH_M);
         (below.min[axis], below.max[axis]) = (bounds.min[axis], region.min[axis] + TOUCH_M);
         self.shorten(0, &mut below, axis, false);
+        debug_assert!(above.max[axis] <= bounds.max[axis] && below.min[axis] >= bounds.min[axis]);
         region.max[axis] = region.max[axis].max(above.max[axis]);
         region.min[axis] = region.min[axis].min(below.min[axis]);
     }
 
-    /// Moves the far face of a box inwards until no cell is in it.
+    /// Moves the far face of a box inwards until no cell below a node reaches into the box. `up` says
+    /// whether the far face is the upper one.
     fn shorten(&self, node: u32, sweep: &mut Aabb, axis: usize, up: bool) {
         match self.cells.tree[node as usize] {
             Node::Solid => {}
             Node::Leaf(cell) => {
                 let bounds = &self.cells.cells[cell.0 as usize].bounds;
-                // Cells that are no boxes are found when they only come near.
+                // The boxes around two cells may overlap though the cells do not.
                 if self.is_wall(cell) || !bounds.intersects(sweep) {
                     return;
                 }
@@ -131,7 +134,7 @@ impl<'a> SolidOccluders<'a> {
             }
             Node::Axial { axis: across, at, sides } => {
                 let across = usize::from(across);
-                // The nearer side first: it may leave nothing of the other.
+                // The nearer side comes first: it may leave nothing of the other.
                 let nearer = usize::from(across == axis && !up);
                 for side in [nearer, 1 - nearer] {
                     let is_in = [sweep.min[across] <= at, sweep.max[across] >= at][side];
@@ -153,13 +156,13 @@ impl<'a> SolidOccluders<'a> {
     }
 }
 
-/// Whether all sides of a brush are along the world's axes.
+/// Whether all sides of a brush are axial in the world's axes.
 pub(super) fn is_box(origin: &Origin, solid: &Solid) -> bool {
     origin.sides(solid).all(|side| side.normal.abs().max_element() == 1.0)
 }
 
-/// Which spaces are insides of walls: those that hang together through gates with nothing that is
-/// thicker than a wall, that reaches the edge of the world or in which somebody begins.
+/// For each space, whether it is the inside of a wall. It is one if gates join it to no space that is
+/// thicker than a wall, reaches the edge of the world or holds a spawn point.
 fn walls(world: &World) -> Vec<bool> {
     let cells = &world.cells;
     let eyes: Vec<Vec3> = world.spawns.iter().map(|spawn| cells.axes.own(spawn.eye)).collect();
@@ -169,6 +172,7 @@ fn walls(world: &World) -> Vec<bool> {
             || eyes.iter().any(|eye| bounds.contains(*eye))
     };
     let mut walls: Vec<bool> = cells.spaces.iter().map(|space| !is_open(&space.bounds)).collect();
+    debug_assert_eq!(walls.len(), cells.spaces.len());
     let mut open: Vec<u32> = (0..).zip(&walls).filter(|(_, w)| !**w).map(|(i, _)| i).collect();
     while let Some(space) = open.pop() {
         for &gate in &cells.spaces[space as usize].gates {
@@ -182,11 +186,12 @@ fn walls(world: &World) -> Vec<bool> {
     walls
 }
 
+/// The bits of a box's corners, as a key.
 fn bits(region: &Aabb) -> [[u32; 3]; 2] {
     [region.min, region.max].map(|corner| corner.to_array().map(f32::to_bits))
 }
 
-/// Those boxes that are not inside of another.
+/// The boxes that do not lie in another.
 fn outermost(boxes: &[Aabb]) -> Vec<Aabb> {
     let tree = Bvh::new(boxes);
     let is_inside = |index: u32, region: &Aabb| {
@@ -194,7 +199,7 @@ fn outermost(boxes: &[Aabb]) -> Vec<Aabb> {
         let found = tree.touching(&middle, |other| {
             let of = &boxes[other as usize];
             let holds = other != index && of.grown(TOUCH_M).contains_box(region);
-            // Of two that hold each other, the first stays.
+            // Of two that hold each other, the first is kept.
             let is_held = region.grown(TOUCH_M).contains_box(of);
             if holds && (!is_held || other < index) { Break(()) } else { Continue(()) }
         });

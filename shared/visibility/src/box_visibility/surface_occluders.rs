@@ -1,26 +1,27 @@
-//! Large rectangles inside of what flat surfaces cover together.
+//! Occluders in flat surfaces: large rectangles that coplanar triangles cover together.
 
 use std::{collections::HashMap, ops::ControlFlow};
 
 use glam::{DVec2, DVec3, Vec3};
-
-use super::{bvh::Bvh, solid_occluders::SolidOccluders};
 use sightline_world::{
     World,
     geometry::Aabb,
     tolerance::{BESIDE_SURFACE_M, CLOSED_M, COPLANAR_M, SEED_M},
 };
 
-/// What is smaller hides nobody, in metres and square metres.
+use super::{bvh::Bvh, solid_occluders::SolidOccluders};
+
+/// A rectangle narrower than this, in metres, hides nobody.
 const WIDTH_MIN_M: f64 = 0.1;
+/// A rectangle or triangle smaller than this, in square metres, hides nobody.
 const AREA_MIN_M2: f64 = 0.05;
-/// No more pieces of a strip are looked at, in the whole world: some seconds.
+/// The most pieces of strips that are tested in a whole world: some seconds of work.
 const WORK_MAX: usize = 20_000_000;
 
-/// A triangle in the coordinates of its plane, anticlockwise.
+/// A triangle in the coordinates of its plane, counter-clockwise.
 type PlaneTriangle = [DVec2; 3];
 
-/// A plane, and what lies in it.
+/// A plane and the triangles in it.
 struct TrianglePlane {
     origin: DVec3,
     u: DVec3,
@@ -28,28 +29,29 @@ struct TrianglePlane {
     triangles: Vec<PlaneTriangle>,
 }
 
-/// A rectangle along a plane's two directions.
+/// A rectangle along the two directions of its plane.
 #[derive(Clone, Copy)]
 struct PlaneRect {
     min: DVec2,
     max: DVec2,
 }
 
-/// Convex polygons, their corners in order, in what is opaque but not the face of something solid.
-pub(super) fn sheets(world: &World, matter: &SolidOccluders<'_>) -> Vec<Vec<DVec3>> {
+/// Convex polygons in opaque surfaces that are not the faces of a solid, each with its corners in
+/// order.
+pub(super) fn surface_occluders(world: &World, solid: &SolidOccluders<'_>) -> Vec<Vec<DVec3>> {
     let axes = &world.cells.axes;
     let corner = |index: u32| axes.own_exact(world.mesh.positions[index as usize].as_dvec3());
     let triangles = world.mesh.triangles.iter().map(|triangle| triangle.map(corner));
     let mut work = WORK_MAX;
     let has_brushes = world.origin.is_some();
     let free: Vec<[DVec3; 3]> =
-        triangles.filter(|corners| is_thin(corners, matter, has_brushes)).collect();
-    planes(&free).iter().flat_map(|plane| plane.sheets(&mut work)).collect()
+        triangles.filter(|corners| is_thin(corners, solid, has_brushes)).collect();
+    planes(&free).iter().flat_map(|plane| plane.polygons(&mut work)).collect()
 }
 
-/// Whether a triangle is not the face of something solid that is an occluder itself. Of what is
-/// neither axial nor a brush there are none.
-fn is_thin(corners: &[DVec3; 3], matter: &SolidOccluders<'_>, has_brushes: bool) -> bool {
+/// Whether a triangle is not the face of a solid that is an occluder itself. Without brushes, only
+/// axial triangles can be such faces.
+fn is_thin(corners: &[DVec3; 3], solid: &SolidOccluders<'_>, has_brushes: bool) -> bool {
     let [a, b, c] = *corners;
     let Some(normal) = (b - a).cross(c - a).try_normalize() else { return false };
     if !has_brushes && axis_of(corners).is_none() {
@@ -58,10 +60,10 @@ fn is_thin(corners: &[DVec3; 3], matter: &SolidOccluders<'_>, has_brushes: bool)
     let middle = (a + b + c) / 3.0;
     [BESIDE_SURFACE_M, -BESIDE_SURFACE_M]
         .iter()
-        .all(|away| !matter.holds((middle + normal * away).as_vec3()))
+        .all(|away| !solid.holds((middle + normal * away).as_vec3()))
 }
 
-/// Triangles by plane, in the order of the model.
+/// Groups triangles by plane, in the order of the model.
 fn planes(triangles: &[[DVec3; 3]]) -> Vec<TrianglePlane> {
     let mut found: Vec<(DVec3, TrianglePlane)> = Vec::new();
     let mut alike: HashMap<[i64; 4], Vec<usize>> = HashMap::new();
@@ -96,13 +98,13 @@ fn planes(triangles: &[[DVec3; 3]]) -> Vec<TrianglePlane> {
     found.into_iter().map(|(_, plane)| plane).collect()
 }
 
-/// The axis that a triangle is across.
+/// The axis that is normal to a triangle, if there is one.
 fn axis_of([a, b, c]: &[DVec3; 3]) -> Option<usize> {
     (0..3).find(|&axis| (a.max(*b).max(*c) - a.min(*b).min(*c))[axis] <= COPLANAR_M)
 }
 
-/// Two directions in a plane along which its rectangles lie: of the axes, or level and upwards, or
-/// along the longest edge.
+/// The two directions in a plane along which rectangles lie. They are axes in an axial plane, level
+/// and upwards in an upright one, and else along and across the longest edge of a triangle.
 fn directions(normal: DVec3, axis: Option<usize>, corners: &[DVec3; 3]) -> [DVec3; 2] {
     if let Some(axis) = axis {
         return [DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]];
@@ -118,17 +120,20 @@ fn directions(normal: DVec3, axis: Option<usize>, corners: &[DVec3; 3]) -> [DVec
 }
 
 impl TrianglePlane {
-    fn sheets(&self, work: &mut usize) -> Vec<Vec<DVec3>> {
+    /// The occluders in this plane: large rectangles, and large triangles in no rectangle. `work` is
+    /// the number of pieces that may still be tested.
+    fn polygons(&self, work: &mut usize) -> Vec<Vec<DVec3>> {
         let flat = |point: DVec2| Vec3::new(point.x as f32, point.y as f32, 0.0);
         let boxes: Vec<Aabb> =
             self.triangles.iter().map(|t| Aabb::from_points(t.map(flat))).collect();
-        let cover = PlaneCover { triangles: &self.triangles, tree: Bvh::new(&boxes) };
+        let cover = PlaneCover { triangles: &self.triangles, bvh: Bvh::new(&boxes) };
         let all = boxes.iter().fold(Aabb::EMPTY, |all, one| all.union(one));
+        debug_assert!((self.u.dot(self.v)).abs() < 1e-9, "the directions are orthogonal");
         let limits = PlaneRect {
             min: DVec2::new(all.min.x.into(), all.min.y.into()) - 1.0,
             max: DVec2::new(all.max.x.into(), all.max.y.into()) + 1.0,
         };
-        let mut sheets = Vec::new();
+        let mut polygons = Vec::new();
         let mut rects: [Vec<PlaneRect>; 2] = [Vec::new(), Vec::new()];
         for triangle in &self.triangles {
             let [a, b, c] = *triangle;
@@ -152,7 +157,7 @@ impl TrianglePlane {
             };
             let doubled = (b - a).perp_dot(c - a);
             if doubled > 2.0 * AREA_MIN_M2 && !rects.iter().flatten().any(is_in) {
-                sheets.push(self.placed(triangle));
+                polygons.push(self.placed(triangle));
             }
         }
         let rects: Vec<PlaneRect> = rects.into_iter().flatten().filter(|r| r.is_large()).collect();
@@ -162,10 +167,10 @@ impl TrianglePlane {
                 other != index && holds && (other < index || !rect.grown(CLOSED_M).contains(of))
             };
             if !rects.iter().enumerate().any(inside) {
-                sheets.push(self.placed(&rect.corners()));
+                polygons.push(self.placed(&rect.corners()));
             }
         }
-        sheets
+        polygons
     }
 
     fn placed(&self, corners: &[DVec2]) -> Vec<DVec3> {
@@ -174,14 +179,14 @@ impl TrianglePlane {
     }
 }
 
-/// What triangles cover of a plane.
+/// The part of a plane that triangles cover.
 struct PlaneCover<'a> {
     triangles: &'a [PlaneTriangle],
-    tree: Bvh,
+    bvh: Bvh,
 }
 
 impl PlaneCover<'_> {
-    /// Moves a face of a rectangle outwards as far as all of it stays covered.
+    /// Moves one side of a rectangle outwards, as far as the whole rectangle stays covered.
     fn grow(
         &self,
         rect: &mut PlaneRect,
@@ -214,7 +219,8 @@ impl PlaneCover<'_> {
         }
     }
 
-    /// Where along a strip the first gap is; none when all of it is covered.
+    /// The place along an axis at which the first gap in a strip begins. None if the whole strip is
+    /// covered.
     fn covered_to(
         &self,
         strip: &PlaneRect,
@@ -225,7 +231,7 @@ impl PlaneCover<'_> {
         let flat = |point: DVec2| Vec3::new(point.x as f32, point.y as f32, 0.0);
         let region = Aabb::new(flat(strip.min), flat(strip.max));
         let mut left = vec![strip.corners().to_vec()];
-        let _ = self.tree.touching(&region, |index| {
+        let _ = self.bvh.touching(&region, |index| {
             let triangle = &self.triangles[index as usize];
             left = left.drain(..).flat_map(|piece| outside(piece, triangle)).collect();
             *work = work.saturating_sub(left.len() + 1);
@@ -240,7 +246,7 @@ impl PlaneCover<'_> {
     }
 }
 
-/// The parts of a convex polygon outside of a triangle, slivers left out.
+/// The parts of a convex polygon outside a triangle, without slivers.
 fn outside(mut piece: Vec<DVec2>, triangle: &PlaneTriangle) -> Vec<Vec<DVec2>> {
     let mut parts = Vec::new();
     for (from, to) in [(0, 1), (1, 2), (2, 0)] {
@@ -275,7 +281,8 @@ fn clip(piece: &[DVec2], height: impl Fn(DVec2) -> f64) -> Vec<DVec2> {
     kept
 }
 
-/// About how wide a convex polygon is where it is narrow: twice its area by its longest edge.
+/// The approximate width of a convex polygon across its longest edge: twice its area over the length
+/// of that edge.
 fn width(piece: &[DVec2]) -> f64 {
     if piece.len() < 3 {
         return 0.0;
@@ -306,6 +313,7 @@ impl PlaneRect {
         Self { min: self.min - by, max: self.max + by }
     }
 
+    /// Whether the rectangle is large enough to hide somebody.
     fn is_large(&self) -> bool {
         let size = self.max - self.min;
         size.min_element() >= WIDTH_MIN_M && size.element_product() >= AREA_MIN_M2
@@ -316,7 +324,7 @@ impl PlaneRect {
 mod tests {
     use super::*;
 
-    /// A wall, turned about the vertical, around a door: as three panels of two triangles each.
+    /// A wall around a door, turned about the vertical. It has three panels of two triangles each.
     fn wall(turn: f64) -> Vec<[DVec3; 3]> {
         let panels = [[0.0, 0.0, 2.0, 3.0], [3.0, 0.0, 6.0, 3.0], [2.0, 2.0, 3.0, 3.0]];
         let place = |x: f64, y: f64| DVec3::new(x * turn.cos(), y, x * turn.sin());
@@ -328,12 +336,12 @@ mod tests {
     }
 
     #[test]
-    fn beside_a_door_and_above_it_are_rectangles_that_overlap() {
+    fn rectangles_beside_a_door_and_above_it_overlap() {
         for turn in [0.0, 0.4] {
             let planes = planes(&wall(turn));
             assert_eq!(planes.len(), 1);
             let mut sizes: Vec<[i64; 2]> = planes[0]
-                .sheets(&mut { WORK_MAX })
+                .polygons(&mut { WORK_MAX })
                 .iter()
                 .map(|corners| {
                     let size = |a: usize, b: usize| corners[a].distance(corners[b]);
@@ -348,8 +356,8 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_together_at_a_point_only_or_takes_too_long_is_left_out() {
+    fn without_work_left_only_triangles_are_occluders() {
         let planes = planes(&wall(0.0));
-        assert!(planes[0].sheets(&mut 0).iter().all(|corners| corners.len() == 3));
+        assert!(planes[0].polygons(&mut 0).iter().all(|corners| corners.len() == 3));
     }
 }

@@ -67,10 +67,8 @@ pub enum PatchVisibility {
 ///
 /// ```
 /// use glam::Vec3;
-/// use sightline_shared::{
-///     fuzzy::{Class, Surfaces, Viewpoints, classify},
-///     geometry::Aabb,
-/// };
+/// use sightline_visibility::fuzzy::{PatchVisibility, Surfaces, ViewpointBox, classify};
+/// use sightline_world::geometry::Aabb;
 ///
 /// // A wall of 4 m by 4 m, and a tile of 0.2 m behind it.
 /// let square = |z: f32, half: f32| {
@@ -79,9 +77,9 @@ pub enum PatchVisibility {
 /// let corners = [square(-2.0, 2.0), square(-3.0, 0.1)].concat();
 /// let patches = [(0, vec![0, 1, 2, 3]), (1, vec![4, 5, 6, 7])];
 /// let surfaces = Surfaces::new(&corners, &patches)?;
-/// let eyes = Viewpoints::all_round(Aabb::around(Vec3::ZERO, 0.25));
-/// assert_eq!(classify(&surfaces, &eyes, 128, None), [Class::Visible, Class::Invisible]);
-/// # Ok::<(), crate::fuzzy::SurfaceError>(())
+/// let eyes = ViewpointBox::all_round(Aabb::around(Vec3::ZERO, 0.25));
+/// assert_eq!(classify(&surfaces, &eyes, 128, None), [PatchVisibility::Visible, PatchVisibility::Invisible]);
+/// # Ok::<(), sightline_visibility::fuzzy::SurfaceError>(())
 /// ```
 pub fn classify(
     surfaces: &Surfaces,

@@ -1,17 +1,18 @@
-//! Cells that are searched from together.
+//! Blocks of cells that are searched from together.
 
 use std::ops::Range;
 
-use super::daabb::DAabb;
 use sightline_world::{CellId, Cells, Node};
 
-/// The most cells in a block.
-pub(super) const BLOCK_CELLS_MAX: u32 = 8;
+use super::daabb::DAabb;
 
-/// Cells of one space that lie close together.
+/// The most cells in a block.
+const BLOCK_CELLS_MAX: u32 = 8;
+
+/// A few cells of one space that lie close together.
 #[derive(Clone, Debug)]
 pub struct CellBlock {
-    /// The smallest box around them, widened.
+    /// The smallest box around the cells, widened.
     pub bounds: DAabb,
     /// Indices into [`Cells::cells`].
     pub cells: Range<u32>,
@@ -19,18 +20,20 @@ pub struct CellBlock {
     pub space: u32,
 }
 
-/// The blocks that the subtrees of the tree make.
+/// All cells as blocks, each of which is a subtree. `targets` has the widened box of each cell.
 pub(super) fn blocks(cells: &Cells, targets: &[DAabb]) -> Vec<CellBlock> {
     let mut blocks = Vec::new();
     if let Some(all) = block(cells, targets, 0, &mut blocks) {
         blocks.push(all);
     }
     blocks.sort_unstable_by_key(|block| block.cells.start);
+    debug_assert!(blocks.windows(2).all(|pair| pair[0].cells.end <= pair[1].cells.start));
     blocks
 }
 
-/// The cells of a subtree as one block, if they make one; else adds those blocks that they make.
-pub(super) fn block(
+/// The cells of a subtree as one block, if they are few and of one space. If not, adds blocks of them
+/// to those found.
+fn block(
     cells: &Cells,
     targets: &[DAabb],
     node: u32,

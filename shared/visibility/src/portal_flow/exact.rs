@@ -1,62 +1,67 @@
-//! Whether one line meets all of some axial boxes: the exact test.
+//! The exact test: whether some line meets all of several axial boxes.
 //!
-//! A line meets a box when its three projections along the axes meet the projected rectangles. Take
-//! a line that rises along all three axes (other signs are reflections) with direction `d` and
-//! moment `m = point × d`. Its projection along x meets the rectangle [y₀, y₁] × [z₀, z₁] when
+//! A line meets a box if its three projections along the axes meet the projected rectangles. Take a
+//! line that rises along all three axes; other signs are reflections. Its direction is `d`, and its
+//! moment is `m = point × d`. Its projection along x meets the rectangle [y₀, y₁] × [z₀, z₁] if
 //!
 //! ```text
 //! y₀·d.z − z₁·d.y ≤ m.x ≤ y₁·d.z − z₀·d.y
 //! ```
 //!
-//! and so on around. Only moments with `d · m = 0` belong to lines. With `w = (1/d.x, 1/d.y, 1/d.z)`,
-//! and each moment divided by the two other components of `d`, all of this is linear:
+//! and the same holds for the other axes in turn. Only moments with `d · m = 0` belong to lines. Let
+//! `w = (1/d.x, 1/d.y, 1/d.z)`, and divide each moment by the two other components of `d`. Then all
+//! conditions are linear:
 //!
 //! ```text
-//! y₀·w.y − z₁·w.z ≤ X ≤ y₁·w.y − z₀·w.z      (and around)      X + Y + Z = 0
+//! y₀·w.y − z₁·w.z ≤ X ≤ y₁·w.y − z₀·w.z      (and in turn)      X + Y + Z = 0
 //! ```
 //!
-//! So for given `w` the lower bounds of X, Y and Z must not exceed the upper ones, nor their sum 0,
-//! and the upper bounds must not sum to less than 0. Each of these, with whichever boxes give the
-//! bounds, is a half-plane in the triangle of all directions, `w ≥ 0`, `w.x + w.y + w.z = 1`. The test
-//! tries a direction; when a condition fails there, its half-plane cuts the directions that remain,
-//! and the middle of these is tried next. Each cut through the middle takes off a good part, so that
-//! a few decide; what is undecided after [`TRIES_MAX`] counts as met.
+//! So for a given `w` there are three kinds of conditions. No lower bound of X, Y or Z exceeds the
+//! upper bound. The lower bounds do not sum to more than 0. The upper bounds do not sum to less than
+//! 0. Each condition, with the boxes that give its bounds, is a half-plane in the triangle of all
+//! directions: `w ≥ 0`, `w.x + w.y + w.z = 1`.
 //!
-//! All level directions share one corner of the triangle, and so do those along each other pair of
-//! axes. When only a corner remains, the test is made among those, where it is one about rectangles
-//! and lines in a plane ([`is_stabbed_flat`]).
+//! The test tries one direction. If a condition fails there, its half-plane cuts the polygon of
+//! remaining directions, and the middle of the rest is tried next. Each cut through the middle takes
+//! off a good part, so a few tries decide. What is undecided after [`TRIES_MAX`] counts as met.
 //!
-//! This is the linear-time relative of Hohmeyer and Teller's test for stabbing isothetic boxes.
+//! All level directions share one corner of the triangle, and so do the directions along each other
+//! pair of axes. When only a corner remains, those directions are tested in a plane, with rectangles
+//! for boxes ([`level_line_meets_all`]).
+//!
+//! This takes time linear in the number of boxes. The original test is by Hohmeyer and Teller 1992,
+//! "Stabbing isothetic boxes and rectangles in O(n lg n) time".
 
 use glam::DVec3;
 
-use super::DAabb;
+use super::daabb::DAabb;
 
-/// After so many directions what is left is too thin to matter, and counts as met.
+/// The most directions that are tried. What is left then is too thin to matter and counts as met.
 const TRIES_MAX: usize = 24;
-/// More corners than cuts can make.
+/// The most corners of the polygon of directions: three, and one for each cut.
 const CORNERS_MAX: usize = TRIES_MAX + 4;
-/// Directions this near a corner of the triangle are told apart no further: there conditions fail by
-/// little only, soon by no more than rounding, and the test among level lines is the sharper one.
-/// Over 100 m such a line may rise by a millimetre.
-const LITTLE: f64 = 1e-5;
-/// What a condition may fail by, as moments over squared slopes: rounding.
+/// Directions closer than this to a corner of the triangle count as level. Near the corner, conditions
+/// fail by no more than rounding, and the test among level lines is sharper. Over 100 m such a line
+/// may rise by a millimetre.
+const LEVEL_WEIGHT: f64 = 1e-5;
+/// The rounding of a condition, as a moment over squared slopes. One that fails by less holds.
 const ROUNDING: f64 = 1e-9;
 
-/// For each axis, whether a line goes towards greater coordinates; none when it may do either.
+/// For each axis, whether a line moves towards greater coordinates. None if it may move either way.
 pub type DirectionSigns = [Option<bool>; 3];
 
-/// Whether some line with the given signs meets all boxes. Boxes touch when they share a boundary.
-/// `towards` is a likely direction. `room` is used for reflected boxes.
-pub fn is_stabbed(
+/// Whether some line with the given signs meets all boxes. A line meets a box if it touches its
+/// boundary. `towards` is a likely direction. `spare` is scratch memory.
+pub fn line_meets_all(
     boxes: &[DAabb],
     signs: DirectionSigns,
     towards: DVec3,
-    room: &mut Vec<DAabb>,
+    spare: &mut Vec<DAabb>,
 ) -> bool {
+    debug_assert!(!boxes.is_empty(), "there is something to meet");
     let choices = |axis: usize| match signs[axis] {
         Some(rises) => [Some(rises), None],
-        // The likely one first.
+        // The likely direction comes first.
         None => [Some(towards[axis] >= 0.0), Some(towards[axis] < 0.0)],
     };
     choices(0).into_iter().flatten().any(|x| {
@@ -64,21 +69,21 @@ pub fn is_stabbed(
             choices(2).into_iter().flatten().any(|z| {
                 let flip = [x, y, z].map(|rises| if rises { 1.0 } else { -1.0 });
                 let flip = DVec3::from(flip);
-                room.clear();
-                room.extend(boxes.iter().map(|b| reflected(b, flip)));
-                is_stabbed_rising(room, towards * flip)
+                spare.clear();
+                spare.extend(boxes.iter().map(|b| reflected(b, flip)));
+                rising_line_meets_all(spare, towards * flip)
             })
         })
     })
 }
 
-fn reflected(extent: &DAabb, flip: DVec3) -> DAabb {
-    let (a, b) = (extent.min * flip, extent.max * flip);
+fn reflected(region: &DAabb, flip: DVec3) -> DAabb {
+    let (a, b) = (region.min * flip, region.max * flip);
     DAabb { min: a.min(b), max: a.max(b) }
 }
 
-/// Likewise, of lines that rise along all axes.
-fn is_stabbed_rising(boxes: &[DAabb], towards: DVec3) -> bool {
+/// Whether some line that rises along all axes meets all boxes.
+fn rising_line_meets_all(boxes: &[DAabb], towards: DVec3) -> bool {
     let shortest = towards.abs().max_element().max(1e-9) * 1e-3;
     let weights = towards.max(DVec3::splat(shortest)).recip();
     let mut at = weights / weights.element_sum();
@@ -88,29 +93,29 @@ fn is_stabbed_rising(boxes: &[DAabb], towards: DVec3) -> bool {
         match left.cut(failed) {
             CutResult::Middle(middle) => at = middle,
             CutResult::Nothing => return false,
-            CutResult::Corner { axis, rises } => return is_stabbed_flat(boxes, axis, rises),
+            CutResult::Corner { axis, rises } => return level_line_meets_all(boxes, axis, rises),
             CutResult::TooMany => return true,
         }
     }
     true
 }
 
-/// Whether a line that hardly rises along one axis, but along the two others, meets all boxes: for
-/// each metre along these, by no more than `rises`.
-fn is_stabbed_flat(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
+/// Whether a line that hardly rises along one axis meets all boxes. For each metre along the two other
+/// axes it rises by no more than the two `rises`.
+fn level_line_meets_all(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let (mut lowest, mut highest) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for extent in boxes {
-        (lowest, highest) = (lowest.max(extent.min), highest.min(extent.max));
-        (min, max) = (min.min(extent.min), max.max(extent.max));
+    for region in boxes {
+        (lowest, highest) = (lowest.max(region.min), highest.min(region.max));
+        (min, max) = (min.min(region.min), max.max(region.max));
     }
     let way = max - min;
     let rise = (rises[0] * way[u]).min(rises[1] * way[v]);
     if lowest[axis] > highest[axis] + rise + ROUNDING {
         return false;
     }
-    // The directions that remain are those with weights t and 1 - t.
+    // The remaining directions have weights t and 1 - t.
     let (mut from, mut to) = (0.0, 1.0);
     for _ in 0..TRIES_MAX {
         let t = (from + to) * 0.5;
@@ -129,7 +134,7 @@ fn is_stabbed_flat(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
         if low.0 <= high.0 + ROUNDING {
             return true;
         }
-        // What fails is a · t + b · (1 - t) ≤ 0.
+        // The condition that fails is a · t + b · (1 - t) ≤ 0.
         let (a, b) = (low.1 - high.1, low.2 - high.2);
         if a == b {
             return false;
@@ -147,15 +152,16 @@ fn is_stabbed_flat(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
     true
 }
 
-/// The condition that fails most at a direction, as coefficients of `w`: it wants their product
-/// with `w` not to be positive.
+/// The condition that fails most at a direction, if one fails. It is given by the coefficients of `w`:
+/// it holds where their product with `w` is not positive.
 fn failure(boxes: &[DAabb], w: DVec3) -> Option<DVec3> {
     let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
-    for extent in boxes {
-        let (from, to) = moments(extent, w);
+    for region in boxes {
+        let (from, to) = moments(region, w);
         low = low.max(from);
         high = high.min(to);
     }
+    debug_assert!(w.min_element() >= 0.0, "lines rise along all axes");
     let mut worst = (ROUNDING, None);
     for axis in 0..3 {
         let by = low[axis] - high[axis];
@@ -169,14 +175,14 @@ fn failure(boxes: &[DAabb], w: DVec3) -> Option<DVec3> {
     if -high.element_sum() > worst.0 {
         worst = (-high.element_sum(), Some(Condition::High));
     }
-    // Which boxes gave the bounds matters only now: most directions do not fail.
+    // Only now it matters which boxes gave the bounds: most directions do not fail.
     let from = |axis: usize| {
-        let gives = |extent: &&DAabb| moments(extent, w).0[axis] >= low[axis];
+        let gives = |region: &&DAabb| moments(region, w).0[axis] >= low[axis];
         let DAabb { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
         row(axis, min, max)
     };
     let to = |axis: usize| {
-        let gives = |extent: &&DAabb| moments(extent, w).1[axis] <= high[axis];
+        let gives = |region: &&DAabb| moments(region, w).1[axis] <= high[axis];
         let DAabb { min, max } = boxes.iter().find(gives).unwrap_or(&boxes[0]);
         row(axis, max, min)
     };
@@ -187,7 +193,7 @@ fn failure(boxes: &[DAabb], w: DVec3) -> Option<DVec3> {
     })
 }
 
-/// What can fail.
+/// A condition that can fail.
 enum Condition {
     /// The lower bound of a moment exceeds the upper one.
     Order(usize),
@@ -197,14 +203,14 @@ enum Condition {
     High,
 }
 
-/// The bounds that a box puts on the moments.
+/// The lower and upper bounds that a box puts on the moments of lines that meet it.
 #[inline]
-fn moments(extent: &DAabb, w: DVec3) -> (DVec3, DVec3) {
-    let (a, b) = (extent.min * w, extent.max * w);
+fn moments(region: &DAabb, w: DVec3) -> (DVec3, DVec3) {
+    let (a, b) = (region.min * w, region.max * w);
     (DVec3::new(a.y - b.z, a.z - b.x, a.x - b.y), DVec3::new(b.y - a.z, b.z - a.x, b.x - a.y))
 }
 
-/// The coefficients of `w` in a bound of the moment about an axis.
+/// The coefficients of `w` in a bound of the moment about an axis, from two corners of a box.
 fn row(axis: usize, plus: &DVec3, minus: &DVec3) -> DVec3 {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let mut row = DVec3::ZERO;
@@ -213,21 +219,22 @@ fn row(axis: usize, plus: &DVec3, minus: &DVec3) -> DVec3 {
     row
 }
 
-/// A convex polygon of directions that remain.
+/// The convex polygon of remaining directions.
 struct DirectionPolygon {
     corners: [DVec3; CORNERS_MAX],
     count: usize,
 }
 
+/// What a cut leaves of the polygon of directions.
 enum CutResult {
+    /// Its middle, to be tried next.
     Middle(DVec3),
-    /// All are nearly level along an axis: for each metre along the two others they rise by so much.
-    Corner {
-        axis: usize,
-        rises: [f64; 2],
-    },
-    /// More corners than there is room for: only by rounding.
+    /// All directions are nearly level: they rise along `axis` by at most `rises` for each metre along
+    /// the two other axes.
+    Corner { axis: usize, rises: [f64; 2] },
+    /// The polygon has more corners than there is room for, which only rounding can cause.
     TooMany,
+    /// No direction.
     Nothing,
 }
 
@@ -238,7 +245,7 @@ impl DirectionPolygon {
         Self { corners, count: 3 }
     }
 
-    /// Keeps the directions at which a condition does not fail.
+    /// Keeps the directions at which a condition holds.
     fn cut(&mut self, condition: DVec3) -> CutResult {
         let old = self.corners;
         let old = &old[..self.count];
@@ -268,8 +275,8 @@ impl DirectionPolygon {
         } else if self.count > CORNERS_MAX {
             CutResult::TooMany
         } else {
-            let is_little = (max - min).max_element() < LITTLE;
-            match (0..3).find(|&axis| is_little && max[axis] > 1.0 - LITTLE) {
+            let is_level = (max - min).max_element() < LEVEL_WEIGHT;
+            match (0..3).find(|&axis| is_level && max[axis] > 1.0 - LEVEL_WEIGHT) {
                 Some(axis) => {
                     let rises = [1, 2].map(|on| max[(axis + on) % 3] / min[axis]);
                     CutResult::Corner { axis, rises }

@@ -1,171 +1,75 @@
-//! The steps of a search, and the sequences that they make.
+//! What a search keeps in memory.
 
-use std::{cmp::Ordering, collections::BinaryHeap};
+use std::collections::BinaryHeap;
 
-use super::{Query, Sightlines, daabb::DAabb, directed_gate::is_between, exact, eye};
+use super::{
+    daabb::DAabb,
+    directed_gate::is_between,
+    exact::{self, DirectionSigns},
+    eye::EyeScratch,
+    sequences::PortalSequences,
+    step::{FlowStep, QueuedStep},
+};
 
-/// So many sequences to one step are told apart.
-pub(super) const CHAINS_MAX: usize = 6;
-
-/// What a search needs memory for; kept from one search to the next.
+/// The memory of a search, kept from one to the next to save allocations. It may be used for any
+/// building.
 #[derive(Default)]
 pub struct FlowScratch {
     pub(super) steps: Vec<FlowStep>,
+    /// The steps to go on from, nearest first.
     pub(super) waiting: BinaryHeap<QueuedStep>,
-    /// For each door, its steps and how often they were joined; those with `touched` hold some.
-    pub(super) at_door: Vec<GateSteps>,
+    /// For each directed gate its steps.
+    pub(super) at_gate: Vec<GateSteps>,
+    /// The gates that have steps.
     pub(super) touched: Vec<u32>,
-    /// For each part of the source and each cell, or for each space, the last search that found it.
+    /// For each part of the source and each cell, or for each space, the number of the last search that
+    /// found it.
     pub(super) seen: Vec<u32>,
+    /// For each space the last search that may enter it.
     pub(super) allowed: Vec<u32>,
-    /// For each block, the last search that found all of it from all parts of the source.
+    /// For each block the last search that found all of it from all parts of the source.
     pub(super) full: Vec<u32>,
+    /// The number of this search.
     pub(super) search: u32,
-    pub(super) chains: PortalSequences,
-    pub(super) room: Vec<DAabb>,
-    pub(super) room_of_eye: eye::EyeScratch,
+    pub(super) sequences: PortalSequences,
+    /// Boxes as the exact test reflects them.
+    pub(super) reflected: Vec<DAabb>,
+    pub(super) eye: EyeScratch,
 }
 
-/// A step of a search: a line from `source` came through `pass`, a part of a gate.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FlowStep {
-    /// A later step at the same door shows all that this one does.
-    pub(super) is_covered: bool,
-    /// It goes through a gate of the source's own space.
-    pub(super) is_first: bool,
-    /// The steps before: none when it is the first, or stands for too many sequences.
-    pub(super) parents: StepParents,
-    pub(super) door: u32,
-    pub(super) source: DAabb,
-    pub(super) pass: DAabb,
-}
-
-/// The steps that come before a step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct StepParents {
-    pub(super) steps: [u32; Self::MAX],
-    pub(super) count: u8,
-}
-
-impl StepParents {
-    pub(super) const MAX: usize = 4;
-    pub(super) const NONE: Self = Self { steps: [0; Self::MAX], count: 0 };
-
-    pub(super) fn one(step: u32) -> Self {
-        Self { steps: [step; Self::MAX], count: 1 }
-    }
-
-    pub(super) fn as_slice(&self) -> &[u32] {
-        &self.steps[..usize::from(self.count)]
-    }
-
-    /// Adds others to what is not none; too many are none.
-    pub(super) fn add(&mut self, others: &Self) {
-        if others.count == 0 {
-            *self = Self::NONE;
-        }
-        for &step in others.as_slice() {
-            if self.count == 0 || self.as_slice().contains(&step) {
-                continue;
-            }
-            match self.steps.get_mut(usize::from(self.count)) {
-                Some(place) => {
-                    *place = step;
-                    self.count += 1;
-                }
-                None => *self = Self::NONE,
-            }
-        }
-    }
-}
-
-/// A step that waits; the one nearest to the source goes first.
-pub(super) struct QueuedStep {
-    pub(super) distance: f64,
-    pub(super) step: u32,
-}
-
-impl PartialEq for QueuedStep {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for QueuedStep {}
-
-impl PartialOrd for QueuedStep {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for QueuedStep {
-    fn cmp(&self, other: &Self) -> Ordering {
-        other.distance.total_cmp(&self.distance).then(other.step.cmp(&self.step))
-    }
-}
-
+/// The steps at one gate.
 #[derive(Clone, Default)]
 pub(super) struct GateSteps {
+    /// Indices of the steps that are not covered by others.
     pub(super) steps: Vec<u32>,
-    pub(super) joins: u8,
+    /// How often steps were merged.
+    pub(super) merges: u8,
 }
 
-/// What a line has to meet along a sequence of steps, and which way it goes.
-#[derive(Default)]
-pub(super) struct PortalSequence {
-    pub(super) met: Vec<DAabb>,
-    pub(super) signs: exact::DirectionSigns,
-    /// All of the gates on the way; axial rectangles when `is_whole`, from the source on.
-    pub(super) gates: Vec<DAabb>,
-    pub(super) is_whole: bool,
-    /// The step to go on with.
-    pub(super) next: Option<u32>,
-}
-
-/// Chains, of which the first `count` are in use.
-#[derive(Default)]
-pub(super) struct PortalSequences {
-    pub(super) all: Vec<PortalSequence>,
-    pub(super) count: usize,
-}
-
-impl PortalSequences {
-    pub(super) fn begin(&mut self, set: impl FnOnce(&mut PortalSequence)) {
-        if self.all.is_empty() {
-            self.all.resize_with(CHAINS_MAX, PortalSequence::default);
-        }
-        self.count = 1;
-        set(&mut self.all[0]);
-    }
-
-    /// Adds a copy of a chain that goes on with a step.
-    pub(super) fn split(&mut self, index: usize, next: u32) {
-        let (head, tail) = self.all.split_at_mut(self.count);
-        let (from, to) = (&head[index], &mut tail[0]);
-        to.met.clone_from(&from.met);
-        to.gates.clone_from(&from.gates);
-        to.is_whole = from.is_whole;
-        to.signs = from.signs;
-        to.next = Some(next);
-        self.count += 1;
-    }
+/// How much memory a search needs.
+pub(super) struct SearchSizes {
+    /// The number of parts of the source.
+    pub(super) sources: usize,
+    /// The number of directed gates.
+    pub(super) gates: usize,
+    pub(super) spaces: usize,
+    pub(super) cells: usize,
+    pub(super) blocks: usize,
 }
 
 impl FlowScratch {
-    /// Makes ready for a search.
-    pub(super) fn begin(&mut self, lines: &Sightlines<'_>, sources: usize, query: &Query<'_>) {
-        let (doors, spaces) = (lines.doors.len(), lines.cells.spaces.len());
-        let seen = (sources * lines.cells.cells.len()).max(spaces);
-        for door in self.touched.drain(..) {
-            let at = &mut self.at_door[door as usize];
+    /// Prepares for a search that may enter the given spaces.
+    pub(super) fn begin(&mut self, sizes: SearchSizes, allowed: &[u32]) {
+        let seen = (sizes.sources * sizes.cells).max(sizes.spaces);
+        for gate in self.touched.drain(..) {
+            let at = &mut self.at_gate[gate as usize];
             at.steps.clear();
-            at.joins = 0;
+            at.merges = 0;
         }
-        self.at_door.resize(doors.max(self.at_door.len()), GateSteps::default());
+        self.at_gate.resize(sizes.gates.max(self.at_gate.len()), GateSteps::default());
         self.seen.resize(seen.max(self.seen.len()), 0);
-        self.allowed.resize(spaces.max(self.allowed.len()), 0);
-        self.full.resize(lines.blocks.len().max(self.full.len()), 0);
+        self.allowed.resize(sizes.spaces.max(self.allowed.len()), 0);
+        self.full.resize(sizes.blocks.max(self.full.len()), 0);
         self.steps.clear();
         self.waiting.clear();
         self.search = self.search.wrapping_add(1);
@@ -175,15 +79,15 @@ impl FlowScratch {
             self.full.fill(0);
             self.search = 1;
         }
-        for &space in query.spaces.unwrap_or_default() {
+        for &space in allowed {
             self.allowed[space as usize] = self.search;
         }
     }
 
-    /// Whether a step shows nothing new, because another step at its door does. That one then stands
-    /// for both sequences.
-    pub(super) fn has_known(&mut self, step: &FlowStep) -> bool {
-        let at = &self.at_door[step.door as usize];
+    /// Whether another step at the same gate shows everything that a step does. If so, that one takes
+    /// over the step's parents.
+    pub(super) fn is_known(&mut self, step: &FlowStep) -> bool {
+        let at = &self.at_gate[step.gate as usize];
         let holds = |of: &&u32| {
             let of = &self.steps[**of as usize];
             of.source.contains(&step.source) && of.pass.contains(&step.pass)
@@ -194,9 +98,9 @@ impl FlowScratch {
         true
     }
 
-    /// Whether some line that meets all that was gathered meets a target too.
-    pub(super) fn is_stabbed(&mut self, source: &DAabb, target: &DAabb) -> bool {
-        let mut certain: exact::DirectionSigns = [None; 3];
+    /// Whether some line from a part of the source to a target passes one of the gathered sequences.
+    pub(super) fn line_reaches(&mut self, source: &DAabb, target: &DAabb) -> bool {
+        let mut certain: DirectionSigns = [None; 3];
         for (axis, sign) in certain.iter_mut().enumerate() {
             if target.min[axis] > source.max[axis] {
                 *sign = Some(true);
@@ -205,28 +109,29 @@ impl FlowScratch {
             }
         }
         let towards = (target.min + target.max) - (source.min + source.max);
-        let Self { chains, room, .. } = self;
-        chains.all[..chains.count].iter_mut().any(|chain| {
-            let signs = [0, 1, 2].map(|axis| chain.signs[axis].or(certain[axis]));
-            chain.met.extend([*source, *target]);
-            let is_stabbed = exact::is_stabbed(&chain.met, signs, towards, room);
-            chain.met.truncate(chain.met.len() - 2);
-            is_stabbed
+        let Self { sequences, reflected, .. } = self;
+        sequences.all[..sequences.count].iter_mut().any(|sequence| {
+            let signs = [0, 1, 2].map(|axis| sequence.signs[axis].or(certain[axis]));
+            sequence.met.extend([*source, *target]);
+            let is_met = exact::line_meets_all(&sequence.met, signs, towards, reflected);
+            sequence.met.truncate(sequence.met.len() - 2);
+            is_met
         })
     }
 
-    /// Whether every line from a source to a target goes along one of the sequences gathered.
+    /// Whether every line from a source to a target passes one of the gathered sequences.
     pub(super) fn is_open(&self, source: &DAabb, target: &DAabb) -> bool {
-        self.chains.all[..self.chains.count].iter().any(|chain| {
-            chain.is_whole && chain.gates.iter().all(|gate| is_between(source, gate, target))
+        self.sequences.all[..self.sequences.count].iter().any(|sequence| {
+            sequence.is_whole && sequence.gates.iter().all(|gate| is_between(source, gate, target))
         })
     }
 
+    /// Whether this search has found an entry of `seen`.
     pub(super) fn has_seen(&self, index: u32) -> bool {
         self.seen[index as usize] == self.search
     }
 
-    /// Notes that something is seen; false when it is known.
+    /// Marks an entry of `seen` as found. False if it was found before.
     pub(super) fn see(&mut self, index: u32) -> bool {
         !self.has_seen(index) && {
             self.seen[index as usize] = self.search;

@@ -1,9 +1,14 @@
-//! Naive twins: lines that are known, and a slow search for lines.
+//! Reference models: lines that are known to exist, and a slow search for lines.
 
 use glam::DVec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 
-use super::*;
+use super::{
+    directed_gate::{DirectedGate, edge_separators},
+    separators::{HalfSpaces, separators},
+    *,
+};
+use crate::HalfSpace;
 
 fn vector(rng: &mut SmallRng, mut of: impl FnMut(&mut SmallRng) -> f64) -> DVec3 {
     DVec3::new(of(rng), of(rng), of(rng))
@@ -14,11 +19,11 @@ fn coarse(rng: &mut SmallRng, within: f64) -> f64 {
     (rng.random_range(-within..within) * 64.0).round() / 64.0
 }
 
-/// Whether a line meets a box that is larger by a little.
-fn meets(from: DVec3, along: DVec3, extent: &DAabb, margin: f64) -> bool {
+/// Whether a line meets a box that is enlarged by a margin.
+fn meets(from: DVec3, along: DVec3, region: &DAabb, margin: f64) -> bool {
     let (mut first, mut last) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
-        let (low, high) = (extent.min[axis] - margin, extent.max[axis] + margin);
+        let (low, high) = (region.min[axis] - margin, region.max[axis] + margin);
         if along[axis] == 0.0 {
             if from[axis] < low || from[axis] > high {
                 return false;
@@ -31,14 +36,14 @@ fn meets(from: DVec3, along: DVec3, extent: &DAabb, margin: f64) -> bool {
     first <= last
 }
 
-/// A box that a point is in or on: often flat, and often with the point on its boundary.
+/// A box around a point. It is often flat, and the point is often on its boundary.
 fn around(rng: &mut SmallRng, point: DVec3, size: f64) -> DAabb {
     let below = vector(rng, |rng| if rng.random_bool(0.4) { 0.0 } else { coarse(rng, size).abs() });
     let above = vector(rng, |rng| if rng.random_bool(0.4) { 0.0 } else { coarse(rng, size).abs() });
     DAabb { min: point - below, max: point + above }
 }
 
-/// The signs of a direction, some of which are left open; where it is level either will do.
+/// The signs of a direction, some of them left open. Where the direction is level, either sign will do.
 fn signs(rng: &mut SmallRng, along: DVec3) -> exact::DirectionSigns {
     std::array::from_fn(|axis| match rng.random_range(0..3) {
         0 => None,
@@ -47,16 +52,16 @@ fn signs(rng: &mut SmallRng, along: DVec3) -> exact::DirectionSigns {
     })
 }
 
-/// All kinds of lines, and boxes that each is known to meet.
+/// Lines of all kinds, each with boxes that it is known to meet.
 #[test]
-fn a_line_that_is_there_is_found() {
+fn a_line_that_exists_is_found() {
     let mut rng = SmallRng::seed_from_u64(1);
-    let mut room = Vec::new();
+    let mut spare = Vec::new();
     for case in 0..200_000 {
         let rng = &mut rng;
         let offset = [0.0, 0.0, 1_000.0, -1_000.0][rng.random_range(0..4)];
         let from = vector(rng, |rng| coarse(rng, 8.0) + offset);
-        // Level along no axis, one or two, or nearly so.
+        // Level along no axis, one or two, or nearly level.
         let kinds = [1.0, 1.0, 0.0, 1.0 / 4_096.0, 1.0 / 1_048_576.0];
         let mut along = vector(rng, |rng| coarse(rng, 1.0) * kinds[rng.random_range(0..5)]);
         if along == DVec3::ZERO {
@@ -71,40 +76,39 @@ fn a_line_that_is_there_is_found() {
             })
             .collect();
         let signs = signs(rng, along);
-        // A poor guess must do no harm.
+        // A poor guess of the direction must do no harm.
         let towards =
             if rng.random_bool(0.5) { along } else { vector(rng, |rng| coarse(rng, 2.0)) };
         assert!(
-            exact::is_stabbed(&boxes, signs, towards, &mut room),
+            exact::line_meets_all(&boxes, signs, towards, &mut spare),
             "case {case}: {from} + t {along}, {signs:?}, towards {towards}: {boxes:?}"
         );
     }
 }
 
-/// Two slits that are hardly apart across, and far apart along: the line between them is nearly
-/// level. Source and target are wide.
+/// Two slits whose heights hardly differ and that are far apart: the line between them is nearly level.
 #[test]
 fn nearly_level_lines_through_thin_gaps_are_found() {
-    let mut room = Vec::new();
+    let mut spare = Vec::new();
     for gap in [1e-5, 2e-4, 1e-3, 0.01] {
         for length in [1.0, 10.0, 100.0, 400.0, 1_000.0, 4_000.0] {
             for at in [0.0, 1_000.0, -1_000.0] {
                 for level in 0..3 {
                     let (u, v) = ((level + 1) % 3, (level + 2) % 3);
                     let slit = |height: f64, along: f64| {
-                        let mut extent = DAabb { min: DVec3::splat(at), max: DVec3::splat(at) };
-                        extent.min[level] += height;
-                        extent.max[level] += height;
-                        extent.min[u] += along;
-                        extent.max[u] += along + 0.5;
-                        extent.min[v] += along * 0.5;
-                        extent.max[v] += along * 0.5 + 0.5;
-                        extent
+                        let mut region = DAabb { min: DVec3::splat(at), max: DVec3::splat(at) };
+                        region.min[level] += height;
+                        region.max[level] += height;
+                        region.min[u] += along;
+                        region.max[u] += along + 0.5;
+                        region.min[v] += along * 0.5;
+                        region.max[v] += along * 0.5 + 0.5;
+                        region
                     };
                     let boxes = [slit(0.0, 0.0), slit(gap, length)];
                     for signs in [[Some(true); 3], [None; 3]] {
                         assert!(
-                            exact::is_stabbed(&boxes, signs, DVec3::ONE, &mut room),
+                            exact::line_meets_all(&boxes, signs, DVec3::ONE, &mut spare),
                             "{gap} in {length}, axis {level}, at {at}"
                         );
                     }
@@ -114,7 +118,7 @@ fn nearly_level_lines_through_thin_gaps_are_found() {
     }
 }
 
-/// The bounds that boxes put on the moments of lines with an inverse direction.
+/// The bounds that boxes put on the moments of lines, for an inverse direction.
 fn moments(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
     let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
     for DAabb { min, max } in boxes {
@@ -127,9 +131,9 @@ fn moments(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
     (low, high)
 }
 
-/// By how much the best direction, of those that rise, fails: nothing or less when a line meets all
-/// boxes. What fails is the greatest of functions linear in the inverse direction, and so is convex:
-/// two nested searches by thirds find the least.
+/// By how much the best rising direction fails; not positive if some line meets all boxes. The failure
+/// is the maximum of functions that are linear in the inverse direction, so it is convex. Two nested
+/// ternary searches find its minimum.
 fn best_rising(boxes: &[DAabb]) -> (f64, DVec3) {
     let fails = |w: DVec3| {
         let (low, high) = moments(boxes, w);
@@ -150,10 +154,10 @@ fn best_rising(boxes: &[DAabb]) -> (f64, DVec3) {
     (fails(w), w)
 }
 
-/// The line with an inverse direction that meets all boxes, if `w` is well inside.
+/// The line that meets all boxes, for an inverse direction well inside the allowed ones.
 fn line(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
     let (low, high) = moments(boxes, w);
-    // Between the bounds, such that the sum is nothing.
+    // Moments between the bounds whose sum is zero.
     let share = -low.element_sum() / (high.element_sum() - low.element_sum()).max(1e-300);
     let m = low + (high - low) * share;
     let d = w.recip();
@@ -164,13 +168,13 @@ fn line(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
 #[test]
 fn the_exact_test_agrees_with_a_slow_search() {
     let mut rng = SmallRng::seed_from_u64(2);
-    let mut room = Vec::new();
-    let (mut stabbed, mut not, mut vain) = (0, 0, 0);
+    let mut spare = Vec::new();
+    let (mut met, mut not_met, mut wrong) = (0, 0, 0);
     for case in 0..3_000 {
         let rng = &mut rng;
         let count = rng.random_range(2..9);
         let flip = vector(rng, |rng| [1.0, -1.0][rng.random_range(0..2)]);
-        // Boxes and rectangles near a diagonal: about half are on no line.
+        // Boxes and rectangles near a diagonal. About half of the cases have no line.
         let rising: Vec<_> =
             (0..count)
                 .map(|i| {
@@ -191,28 +195,31 @@ fn the_exact_test_agrees_with_a_slow_search() {
         let (fails, w) = best_rising(&rising);
         let signs = [0, 1, 2].map(|axis| Some(flip[axis] > 0.0));
         let towards = if rng.random_bool(0.5) { flip } else { vector(rng, |rng| coarse(rng, 2.0)) };
-        let found = exact::is_stabbed(&boxes, signs, towards, &mut room);
+        let found = exact::line_meets_all(&boxes, signs, towards, &mut spare);
         if fails < -1e-6 && w.min_element() > 1e-4 {
             let (from, along) = line(&rising, w);
-            assert!(rising.iter().all(|b| meets(from, along, b, 1e-6)), "the twin, in case {case}");
+            assert!(
+                rising.iter().all(|b| meets(from, along, b, 1e-6)),
+                "the reference model, in case {case}"
+            );
         }
         if fails <= 0.0 {
-            stabbed += 1;
+            met += 1;
             assert!(found, "case {case}: {boxes:?}, {signs:?}: fails by {fails} at {w}");
         } else if fails > 1e-6 {
-            not += 1;
-            vain += usize::from(found);
+            not_met += 1;
+            wrong += usize::from(found);
         }
     }
-    assert!(stabbed > 500 && not > 500, "{stabbed} are stabbed, {not} are not");
-    assert!(vain * 200 < not, "{vain} of {not} are said to be stabbed");
-    println!("{stabbed} are stabbed; of {not} that are not, {vain} are said to be");
+    assert!(met > 500 && not_met > 500, "{met} cases have a line, {not_met} do not");
+    assert!(wrong * 200 < not_met, "{wrong} of {not_met} are said to have a line");
+    println!("{met} cases have a line; of {not_met} that do not, {wrong} are said to have one");
 }
 
 /// A point of a box, often on its boundary.
-fn point_in(rng: &mut SmallRng, extent: &DAabb) -> DVec3 {
+fn point_in(rng: &mut SmallRng, region: &DAabb) -> DVec3 {
     let mut place = vector(rng, |rng| rng.random_range(-0.3..1.3f64).clamp(0.0, 1.0));
-    place = extent.min + (extent.max - extent.min) * place;
+    place = region.min + (region.max - region.min) * place;
     place
 }
 
@@ -236,9 +243,9 @@ fn lines_stay_between_the_separating_planes() {
         planes += halves.count;
         for half in halves.as_slice() {
             assert!((half.normal.length() - 1.0).abs() < 1e-9);
-            // It touches both, from the two sides: it cannot be moved or turned inwards.
+            // It touches both boxes, one on each side: it cannot be moved or turned inwards.
             let heights =
-                |extent: &DAabb| extent.corners().map(|c| half.normal.dot(c) - half.limit);
+                |region: &DAabb| region.corners().map(|c| half.normal.dot(c) - half.distance);
             let nearest = heights(&source).into_iter().fold(f64::INFINITY, f64::min);
             let farthest = heights(&pass).into_iter().fold(f64::NEG_INFINITY, f64::max);
             assert!(nearest.abs() < 1e-8 && farthest.abs() < 1e-8, "case {case}: {half:?}");
@@ -254,20 +261,20 @@ fn lines_stay_between_the_separating_planes() {
     assert!(planes > 8_000, "{planes}");
 }
 
-/// A point beyond that is outside of a separating plane is on no line from box through box.
+/// A point beyond both boxes that is outside a separating plane is on no line through the boxes.
 #[test]
-fn what_is_outside_of_a_separating_plane_is_on_no_line() {
+fn points_outside_a_separating_plane_are_on_no_line() {
     let mut rng = SmallRng::seed_from_u64(4);
     let mut halves = HalfSpaces::none();
-    let (mut room, mut inside, mut kept) = (Vec::new(), 0, 0);
+    let (mut spare, mut inside, mut kept) = (Vec::new(), 0, 0);
     for _ in 0..4_000 {
         let rng = &mut rng;
         let wide = |rng: &mut SmallRng| {
-            let extent = random_box(rng, 0.0);
-            DAabb { max: extent.max + 0.1, ..extent }
+            let region = random_box(rng, 0.0);
+            DAabb { max: region.max + 0.1, ..region }
         };
         let (source, mut pass) = (wide(rng), wide(rng));
-        // Ahead along one axis, as the next gate always is.
+        // The second box is ahead along one axis, as the next gate always is.
         let axis = rng.random_range(0..3);
         let shift = source.max[axis] - pass.min[axis] + rng.random_range(0.01..4.0);
         (pass.min[axis], pass.max[axis]) = (pass.min[axis] + shift, pass.min[axis] + shift);
@@ -276,26 +283,26 @@ fn what_is_outside_of_a_separating_plane_is_on_no_line() {
             let mut point = vector(rng, |rng| rng.random_range(-20.0..20.0));
             point[axis] = pass.max[axis] + rng.random_range(0.01..10.0);
             let target = DAabb { min: point, max: point };
-            let stabbed = exact::is_stabbed(
+            let is_on_line = exact::line_meets_all(
                 &[source, pass, target],
                 [None; 3],
                 point - source.min,
-                &mut room,
+                &mut spare,
             );
             let meets = halves.meet(&target);
-            let outside = |half: &HalfSpace| half.normal.dot(point) > half.limit + 1e-3;
+            let outside = |half: &HalfSpace| half.normal.dot(point) > half.distance + 1e-3;
             let is_outside = halves.as_slice().iter().any(outside);
-            assert!(!is_outside || !stabbed, "{source:?}, {pass:?}, {point}");
+            assert!(!is_outside || !is_on_line, "{source:?}, {pass:?}, {point}");
             kept += usize::from(meets);
-            inside += usize::from(stabbed);
+            inside += usize::from(is_on_line);
         }
     }
-    // The planes are tangents of projections, so they keep a little more than there is.
+    // The planes are tangents of projections, so they keep a few points that are on no line.
     assert!(inside > 1_000 && kept * 10 < inside * 11, "{kept} kept, {inside} seen");
     println!("of {kept} points kept, {inside} are on a line");
 }
 
-/// Sources that stick out through the gate's plane too: boxes around cells with slanted sides do.
+/// Includes sources that reach through the gate's plane, as boxes around cells with slanted sides do.
 #[test]
 fn lines_stay_between_the_planes_through_slanted_edges() {
     let mut rng = SmallRng::seed_from_u64(5);
@@ -311,10 +318,10 @@ fn lines_stay_between_the_planes_through_slanted_edges() {
                 Some(((u * cosine + v * sine) * 2.0).as_vec3())
             })
             .collect();
-        let door = DirectedGate::slanted(normal, &corners, 0);
+        let gate = DirectedGate::slanted(normal, &corners, 0);
         let source = random_box(rng, 0.0);
         let mut halves = HalfSpaces::none();
-        edge_separators(&source, &door, normal, &mut halves);
+        edge_separators(&source, &gate, normal, &mut halves);
         planes += halves.count;
         for _ in 0..50 {
             let from = point_in(rng, &source);
@@ -322,7 +329,7 @@ fn lines_stay_between_the_planes_through_slanted_edges() {
             let sum: f64 = weights.iter().sum();
             let through: DVec3 =
                 corners.iter().zip(&weights).map(|(c, w)| c.as_dvec3() * (w / sum)).sum();
-            if normal.dot(from) > door.distance - 1e-3 {
+            if normal.dot(from) > gate.distance - 1e-3 {
                 continue;
             }
             let beyond = through + (through - from) * rng.random_range(0.0..10.0f64);

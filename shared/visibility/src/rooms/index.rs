@@ -1,92 +1,105 @@
-//! Who may see whom by rooms, and which room is where.
+//! The rooms of a world, prepared for questions, and the rooms at a point.
 
 use glam::Vec3;
 use roaring::RoaringBitmap;
-
-use super::{
-    RoomOverlap, SealedRooms,
-    pieces::{ConvexPiece, cover},
-    region::BooleanRegion,
-    sight::{RoomWindows, Viewpoint},
-};
 use sightline_world::{
     CellId, Cells, World,
     geometry::{Aabb, Axes},
     rooms::{ObjectSet, Room, RoomId, RoomVisibility, Rooms},
-    tolerance::ROOM_BOUNDARY_M,
 };
 
-/// The rooms of a world, ready to be asked. All places are in own axes, but where the world is named.
+use super::{
+    pieces::{ConvexPiece, cover},
+    region::BooleanRegion,
+    sealed::SealedRooms,
+    sight::{RoomWindows, Viewpoint},
+};
+
+/// The rooms of a world, prepared for questions. All places are in own axes, except points of the
+/// world.
 ///
-/// Ask [`RoomIndex::overlap`] once for each region, whenever that changes, and [`RoomIndex::may_see`]
-/// for each pair: a comparison of short lists, and windows only where those leave it open. Both
-/// decide for regions, on their safe side. What is *told* goes through [`RoomIndex::sealed_rooms_at`] besides:
-/// people whose last accepted places differ in their sealed rooms are never told of each other,
-/// however near to the wall they are.
+/// Find the [overlap](RoomIndex::overlap) of each region once, and again when the region changes.
+/// Then ask [`RoomIndex::may_see`] for each pair of regions. It compares short lists, and windows
+/// only where the lists leave the answer open.
+///
+/// Two avatars whose last accepted positions differ in their
+/// [sealed rooms](RoomIndex::sealed_rooms_at) must not be told about each other, however near the
+/// wall they are. That is for the caller to check, since regions reach across walls.
 ///
 /// ```
-/// # use glam::Vec3;
-/// # use sightline_shared::{geometry::Aabb, octree::Octree, rooms::*, world::*};
-/// # fn example(world: &World, eyes: Aabb, body: Aabb) -> bool {
-/// let rooms = RoomIndex::new(world);
-/// let viewer = rooms.overlap(&world.cells, &[eyes]);
-/// let avatar = rooms.overlap(&world.cells, &[body]);
-/// rooms.may_see(&viewer, &avatar)
-/// # }
+/// use glam::Vec3;
+/// use sightline_visibility::rooms::RoomIndex;
+/// use sightline_world::{
+///     geometry::Aabb,
+///     rooms::{ObjectSet, Room, RoomVisibility, Rooms, Shape},
+/// };
+///
+/// let mut world = sightline_fixtures::two_rooms::world();
+/// // From the first room, only that room itself is seen.
+/// let first = Room {
+///     name: "first".to_owned(),
+///     shapes: vec![Shape::Box(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 6.0)))],
+///     sees: RoomVisibility::Only(ObjectSet::default()),
+///     ..Room::default()
+/// };
+/// world.rooms = Rooms::new(vec![first], Vec::new())?;
+///
+/// let rooms = RoomIndex::new(&world);
+/// let at = |x: f32| rooms.overlap(&world.cells, &[Aabb::around(Vec3::new(x, 1.5, 3.0), 0.2)]);
+/// assert!(rooms.may_see(&at(2.0), &at(4.0)), "inside the room");
+/// assert!(!rooms.may_see(&at(2.0), &at(9.0)), "out of the room");
+/// assert!(rooms.may_see(&at(9.0), &at(2.0)), "into the room");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct RoomIndex {
-    axes: Axes,
-    halls: Vec<IndexedRoom>,
-    /// The places of [`Rooms::objects`].
-    objects: Vec<Aabb>,
-    /// For each cell the rooms that have a part in it, ascending.
-    near: Vec<Vec<RoomId>>,
-    /// The cells that one room holds all of that says what may be seen.
-    covered: RoaringBitmap,
-    /// Rooms that reach beyond the building.
-    unbounded: Vec<RoomId>,
+    pub(super) axes: Axes,
+    rooms: Vec<IndexedRoom>,
+    /// The boxes of [`Rooms::objects`].
+    pub(super) objects: Vec<Aabb>,
+    /// For each cell the rooms that overlap it, ascending.
+    pub(super) rooms_of_cell: Vec<Vec<RoomId>>,
+    /// The cells that lie entirely in one restricting room.
+    pub(super) covered: RoaringBitmap,
+    /// The rooms that reach beyond the building.
+    pub(super) unbounded: Vec<RoomId>,
     sealed: Vec<RoomId>,
-    restricting: bool,
-    names_cells: bool,
+    /// Whether some room restricts what is seen from it.
+    pub(super) is_restricting: bool,
+    /// Whether some room's set names cells.
+    pub(super) names_cells: bool,
 }
 
-/// A room, ready to be asked.
+/// A room, prepared for questions.
 #[derive(Clone, Debug)]
-struct IndexedRoom {
-    bounds: Aabb,
-    pieces: Vec<ConvexPiece>,
-    panes: RoomWindows,
-    restricts: bool,
-    sealed: bool,
-    rule: VisibilityRule,
-    /// The rooms that something of may show through the windows, if not by the set.
-    through: RoaringBitmap,
+pub(super) struct IndexedRoom {
+    pub bounds: Aabb,
+    pub pieces: Vec<ConvexPiece>,
+    pub windows: RoomWindows,
+    /// Whether the room restricts what is seen from it: it has a set or windows.
+    pub restricts: bool,
+    pub is_sealed: bool,
+    pub rule: VisibilityRule,
+    /// The rooms of which windows may show something.
+    pub through_windows: RoaringBitmap,
 }
 
-/// What a set says.
+/// What a room's set says.
 #[derive(Clone, Debug)]
-enum VisibilityRule {
+pub(super) enum VisibilityRule {
+    /// Only the members are visible.
     Only(NamedMembers),
+    /// Everything but the members is visible.
     AllBut(NamedMembers),
 }
 
+/// The members of a set, for quick look-up.
 #[derive(Clone, Debug, Default)]
-struct NamedMembers {
-    rooms: RoaringBitmap,
-    cells: RoaringBitmap,
-    objects: Vec<u32>,
-}
-
-/// What somebody in one room may see of somebody in another, by rooms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RoomVerdict {
-    /// Whatever cells give.
-    Always,
-    /// Nothing.
-    Never,
-    /// What windows show.
-    Windows,
+pub(super) struct NamedMembers {
+    pub rooms: RoaringBitmap,
+    pub cells: RoaringBitmap,
+    /// Indices into [`Rooms::objects`].
+    pub objects: Vec<u32>,
 }
 
 impl RoomIndex {
@@ -98,256 +111,102 @@ impl RoomIndex {
     /// Rooms in a subdivision.
     pub fn of(rooms: &Rooms, cells: &Cells) -> Self {
         let axes = cells.axes;
-        let halls: Vec<IndexedRoom> = rooms
+        let list: Vec<IndexedRoom> = rooms
             .list()
             .iter()
             .zip(0u16..)
             .map(|(room, id)| IndexedRoom::new(room, RoomId(id), &axes))
             .collect();
+        assert_eq!(list.len(), rooms.list().len(), "room ids are 16 bits");
         let objects = rooms.objects().iter().map(|object| axes.own_box(&object.bounds)).collect();
-        let sealed = (0u16..).zip(&halls).filter(|(_, hall)| hall.sealed);
+        let sealed = (0u16..).zip(&list).filter(|(_, room)| room.is_sealed);
         let mut index = Self {
             axes,
             objects,
-            near: vec![Vec::new(); if halls.is_empty() { 0 } else { cells.cells.len() }],
+            rooms_of_cell: vec![Vec::new(); if list.is_empty() { 0 } else { cells.cells.len() }],
             covered: RoaringBitmap::new(),
             unbounded: Vec::new(),
             sealed: sealed.map(|(id, _)| RoomId(id)).collect(),
-            restricting: halls.iter().any(|hall| hall.restricts),
-            names_cells: halls.iter().any(|hall| !hall.named().cells.is_empty()),
-            halls,
+            is_restricting: list.iter().any(|room| room.restricts),
+            names_cells: list.iter().any(|room| !room.rule.named().cells.is_empty()),
+            rooms: list,
         };
-        index.find_cells(cells);
-        index.look_through_windows(cells);
+        index.find_rooms_of_cells(cells);
+        index.find_rooms_through_windows(cells);
         index
     }
 
     /// Whether there are no rooms.
     pub fn is_empty(&self) -> bool {
-        self.halls.is_empty()
+        self.rooms.is_empty()
     }
 
-    /// Whether rooms rule out anything at all: without, every pair may see each other.
+    /// The number of rooms.
+    pub fn len(&self) -> usize {
+        self.rooms.len()
+    }
+
+    /// Whether rooms can rule out any pair at all.
     pub fn rules(&self) -> bool {
-        self.restricting || !self.sealed.is_empty()
-    }
-
-    /// The rooms of a region, which is some boxes in own axes.
-    pub fn overlap(&self, cells: &Cells, boxes: &[Aabb]) -> RoomOverlap {
-        if self.halls.is_empty() {
-            return RoomOverlap { is_bare: true, ..RoomOverlap::default() };
-        }
-        RoomOverlap::new(self, cells, boxes)
-    }
-
-    /// The rooms of what some cells, ascending, have of a region: of somebody who can be in these cells only,
-    /// whatever walls the boxes reach through.
-    pub fn overlap_in_cells(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> RoomOverlap {
-        if self.halls.is_empty() {
-            return RoomOverlap { is_bare: true, ..RoomOverlap::default() };
-        }
-        RoomOverlap::within_cells(self, cells, boxes, found)
-    }
-
-    /// Whether somebody whose eye is somewhere in one region may, by rooms, see something of a body
-    /// that is somewhere in another: not denied unless it is for all places in them. A region that is
-    /// part of another is denied wherever that is.
-    pub fn may_see(&self, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
-        if !eyes.may_share_seals(body) {
-            return false;
-        }
-        eyes.is_bare || eyes.restricting.iter().any(|id| self.shows(*id, eyes, body))
-    }
-
-    /// What somebody who is all in one room, and in no other, may see of somebody who is all in
-    /// another, and in no other.
-    pub fn verdict(&self, from: RoomId, to: RoomId) -> RoomVerdict {
-        let hall = &self.halls[usize::from(from.0)];
-        let is_sealed = from != to && (hall.sealed || self.halls[usize::from(to.0)].sealed);
-        let named = hall.named();
-        let is_shown = match &hall.rule {
-            VisibilityRule::Only(named) => named.rooms.contains(to.0.into()),
-            VisibilityRule::AllBut(named) => !named.rooms.contains(to.0.into()),
-        };
-        let may_be = !named.cells.is_empty() || !named.objects.is_empty();
-        if is_sealed {
-            RoomVerdict::Never
-        } else if is_shown || !hall.restricts {
-            RoomVerdict::Always
-        } else if hall.through.contains(to.0.into()) || may_be {
-            RoomVerdict::Windows
-        } else {
-            RoomVerdict::Never
-        }
+        self.is_restricting || !self.sealed.is_empty()
     }
 
     /// The sealed rooms that a point of the world is in.
     pub fn sealed_rooms_at(&self, point: Vec3) -> SealedRooms {
         let own = self.axes.own(point);
-        SealedRooms::of(
-            self.sealed.iter().copied().filter(|id| self.halls[usize::from(id.0)].contains(own)),
-        )
+        SealedRooms::of(self.sealed.iter().copied().filter(|id| self.room(*id).contains(own)))
     }
 
     /// The rooms that a point of the world is in, ascending.
     pub fn at(&self, point: Vec3) -> impl Iterator<Item = RoomId> + '_ {
         let own = self.axes.own(point);
         (0u16..)
-            .zip(&self.halls)
-            .filter(move |(_, hall)| hall.contains(own))
+            .zip(&self.rooms)
+            .filter(move |(_, room)| room.contains(own))
             .map(|(id, _)| RoomId(id))
     }
 
     /// The smallest room that a point of the world is in, if it is in one.
     pub fn room_at(&self, point: Vec3) -> Option<RoomId> {
         let size = |id: &RoomId| {
-            let pieces = &self.halls[usize::from(id.0)].pieces;
+            let pieces = &self.room(*id).pieces;
             pieces.iter().map(|piece| piece.bounds.size().as_dvec3().element_product()).sum::<f64>()
         };
         self.at(point).min_by(|a, b| size(a).total_cmp(&size(b)))
     }
 
-    /// What is seen from a viewpoint through the windows of a room that it is in: around all that any
-    /// of the eyes sees.
+    /// What is seen from a viewpoint in a room through its windows. The region holds everything that
+    /// any of the eyes sees.
     pub fn seen(&self, room: RoomId, viewpoint: &Viewpoint) -> BooleanRegion {
-        self.halls[usize::from(room.0)].panes.seen(viewpoint)
+        self.room(room).windows.seen(viewpoint)
     }
 
-    /// The windows of a room that are in the field of view, nearest first.
+    /// The windows of a room that are in the field of view, nearest first, as indices into
+    /// [`Room::windows`].
     pub fn windows_in_view(&self, room: RoomId, viewpoint: &Viewpoint) -> Vec<u32> {
-        self.halls[usize::from(room.0)].panes.in_view(viewpoint)
+        self.room(room).windows.in_view(viewpoint)
     }
 
     /// The convex pieces of a room.
     pub fn pieces(&self, room: RoomId) -> &[ConvexPiece] {
-        &self.halls[usize::from(room.0)].pieces
-    }
-
-    /// How many rooms there are.
-    pub fn len(&self) -> usize {
-        self.halls.len()
+        &self.room(room).pieces
     }
 
     /// The smallest box around a room.
     pub fn bounds(&self, room: RoomId) -> Aabb {
-        self.halls[usize::from(room.0)].bounds
+        self.room(room).bounds
     }
 
-    /// The places of [`Rooms::objects`].
-    pub(super) fn objects(&self) -> &[Aabb] {
-        &self.objects
+    pub(super) fn room(&self, id: RoomId) -> &IndexedRoom {
+        &self.rooms[usize::from(id.0)]
     }
 
-    pub(super) fn axes(&self) -> &Axes {
-        &self.axes
-    }
-
-    /// Whether somebody in a room is shown some of a body by its set, or through its windows.
-    pub(super) fn shows(&self, id: RoomId, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
-        let hall = &self.halls[usize::from(id.0)];
-        if self.shows_by_set(id, body) {
-            return true;
-        }
-        if hall.panes.is_empty() {
-            return false;
-        }
-        // Who is all in a room into which no window leads need not be looked for.
-        if body.within.iter().any(|id| !hall.through.contains(id.0.into())) {
-            return false;
-        }
-        let inside = |from: &Aabb| from.intersection(&hall.bounds.grown(ROOM_BOUNDARY_M));
-        let looks = |from: &Aabb| body.boxes.iter().any(|body| hall.panes.show(from, body));
-        eyes.boxes.iter().map(inside).filter(|from| !from.is_empty()).any(|from| looks(&from))
-    }
-
-    /// Whether some of a body may belong to what a room shows by its set.
-    pub(super) fn shows_by_set(&self, id: RoomId, body: &RoomOverlap) -> bool {
-        match &self.halls[usize::from(id.0)].rule {
-            VisibilityRule::Only(named) => {
-                body.touched.iter().any(|room| named.rooms.contains(room.0.into()))
-                    || body.cells.iter().any(|cell| named.cells.contains(cell.0))
-                    || body
-                        .boxes
-                        .iter()
-                        .any(|body| self.named_near(named).any(|at| at.intersects(body)))
-            }
-            VisibilityRule::AllBut(named) => {
-                let in_cells = |overlap: &RoomOverlap| {
-                    !overlap.cells.is_empty()
-                        && overlap.cells.iter().all(|cell| named.cells.contains(cell.0))
-                };
-                let in_objects = |overlap: &RoomOverlap| {
-                    let holds =
-                        |body: &Aabb| self.named_near(named).any(|at| at.contains_box(body));
-                    !overlap.boxes.is_empty() && overlap.boxes.iter().all(holds)
-                };
-                let in_rooms = body.within.iter().any(|room| named.rooms.contains(room.0.into()));
-                !in_rooms && !in_cells(body) && !in_objects(body)
-            }
-        }
-    }
-
-    fn named_near<'a>(&'a self, named: &'a NamedMembers) -> impl Iterator<Item = &'a Aabb> {
-        named.objects.iter().filter_map(|at| self.objects.get(*at as usize))
-    }
-
-    pub(super) fn restricts(&self, id: RoomId) -> bool {
-        self.halls[usize::from(id.0)].restricts
-    }
-
-    pub(super) fn is_sealed(&self, id: RoomId) -> bool {
-        self.halls[usize::from(id.0)].sealed
-    }
-
-    pub(super) fn names_cells(&self) -> bool {
-        self.names_cells
-    }
-
-    pub(super) fn unbounded(&self) -> impl Iterator<Item = RoomId> + '_ {
-        self.unbounded.iter().copied()
-    }
-
-    /// The rooms that have a part in a cell, ascending.
-    pub(super) fn rooms_near(&self, cell: CellId) -> &[RoomId] {
-        self.near.get(cell.0 as usize).map_or(&[], Vec::as_slice)
-    }
-
-    /// Whether some of a box may be in a room: never wrongly denied.
-    pub(super) fn meets(&self, id: RoomId, region: &Aabb) -> bool {
-        self.halls[usize::from(id.0)].pieces.iter().any(|piece| piece.meets(region))
-    }
-
-    /// Whether all of a box is in a room; sometimes denied though it is.
-    pub(super) fn covers(&self, id: RoomId, region: &Aabb) -> bool {
-        cover(self.pieces(id).iter(), region)
-    }
-
-    /// Whether an eye somewhere in a box, which overlaps some cells, may be in no room that says what may
-    /// be seen. Eyes are in cells, or a little way into what is solid.
-    pub(super) fn is_bare(&self, cells: &Cells, region: &Aabb, found: &[CellId]) -> bool {
-        if !self.restricting {
-            return true;
-        }
-        let covered = |part: &Aabb, near: &[RoomId]| {
-            let near = near.iter().filter(|id| self.restricts(**id));
-            cover(near.flat_map(|id| self.pieces(*id)), part)
-        };
-        let overlaps = |cell: &&CellId| cells.cells[cell.0 as usize].bounds.intersects(region);
-        !found.iter().any(|cell| overlaps(&cell))
-            || found.iter().filter(overlaps).any(|cell| {
-                let part = cells.cells[cell.0 as usize].bounds.intersection(region);
-                !self.covered.contains(cell.0)
-                    && !part.is_empty()
-                    && !covered(&part, self.rooms_near(*cell))
-            })
-    }
-
-    /// Which rooms are where.
-    fn find_cells(&mut self, cells: &Cells) {
+    /// Finds for each cell the rooms that overlap it.
+    fn find_rooms_of_cells(&mut self, cells: &Cells) {
         let mut found = Vec::new();
-        for (id, hall) in (0u16..).map(RoomId).zip(&self.halls) {
+        for (id, room) in (0u16..).map(RoomId).zip(&self.rooms) {
             found.clear();
-            for piece in &hall.pieces {
+            for piece in &room.pieces {
                 let start = found.len();
                 cells.overlapping(&piece.bounds.intersection(&cells.bounds), &mut found);
                 let near = |cell: &CellId| piece.meets(&cells.cells[cell.0 as usize].bounds);
@@ -357,53 +216,56 @@ impl RoomIndex {
             found.sort_unstable();
             found.dedup();
             for cell in &found {
-                self.near[cell.0 as usize].push(id);
+                self.rooms_of_cell[cell.0 as usize].push(id);
                 let bounds = &cells.cells[cell.0 as usize].bounds;
-                if hall.restricts && cover(hall.pieces.iter(), bounds) {
+                if room.restricts && cover(room.pieces.iter(), bounds) {
                     self.covered.insert(cell.0);
                 }
             }
-            if !cells.bounds.contains_box(&hall.bounds) {
+            if !cells.bounds.contains_box(&room.bounds) {
                 self.unbounded.push(id);
             }
         }
     }
 
-    /// Finds for each room the others that its windows may show: by cells, and by the windows as seen
-    /// from all of the room.
-    fn look_through_windows(&mut self, cells: &Cells) {
-        let mut of_room: Vec<RoaringBitmap> = vec![RoaringBitmap::new(); self.halls.len()];
-        for (cell, rooms) in (0u32..).zip(&self.near) {
+    /// Finds for each room the others of which its windows may show something. Cells decide first,
+    /// then the windows as seen from anywhere in the room.
+    fn find_rooms_through_windows(&mut self, cells: &Cells) {
+        let mut cells_of_room: Vec<RoaringBitmap> = vec![RoaringBitmap::new(); self.rooms.len()];
+        for (cell, rooms) in (0u32..).zip(&self.rooms_of_cell) {
             for id in rooms {
-                of_room[usize::from(id.0)].insert(cell);
+                cells_of_room[usize::from(id.0)].insert(cell);
             }
         }
-        for (at, here) in of_room.iter().enumerate() {
-            let hall = &self.halls[at];
-            if hall.panes.is_empty() {
+        for (at, here) in cells_of_room.iter().enumerate() {
+            let room = &self.rooms[at];
+            if room.windows.is_empty() {
                 continue;
             }
             let mut seen = RoaringBitmap::new();
             here.iter().for_each(|cell| seen |= &cells.pvs[cell as usize]);
             let mut others: Vec<RoomId> =
-                seen.iter().flat_map(|cell| &self.near[cell as usize]).copied().collect();
+                seen.iter().flat_map(|cell| &self.rooms_of_cell[cell as usize]).copied().collect();
             others.sort_unstable();
             others.dedup();
-            let eyes = hall.bounds.intersection(&cells.bounds.grown(1.0));
-            let shows = |id: &RoomId| hall.panes.show(&eyes, &self.halls[usize::from(id.0)].bounds);
+            let eyes = room.bounds.intersection(&cells.bounds.grown(EYES_OUTSIDE_M));
+            let shows = |id: &RoomId| room.windows.show(&eyes, &self.room(*id).bounds);
             let through = others.iter().filter(|id| shows(id)).map(|id| u32::from(id.0)).collect();
-            self.halls[at].through = through;
+            self.rooms[at].through_windows = through;
         }
     }
 }
+
+/// The furthest that eyes are expected outside the building, in metres.
+const EYES_OUTSIDE_M: f32 = 1.0;
 
 impl IndexedRoom {
     fn new(room: &Room, id: RoomId, axes: &Axes) -> Self {
         let pieces: Vec<ConvexPiece> =
             room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, axes)).collect();
-        let panes = RoomWindows::new(room, &pieces, axes);
+        let windows = RoomWindows::new(room, &pieces, axes);
         let rule = match &room.sees {
-            // With windows and without a set, a room shows itself.
+            // A room with windows and without a set shows itself.
             RoomVisibility::Unspecified => {
                 VisibilityRule::Only(NamedMembers::with(&ObjectSet::default(), Some(id)))
             }
@@ -417,22 +279,25 @@ impl IndexedRoom {
         Self {
             bounds: pieces.iter().fold(Aabb::EMPTY, |all, piece| all.union(&piece.bounds)),
             restricts: room.restricts() && !pieces.is_empty(),
-            sealed: room.sealed,
+            is_sealed: room.sealed,
             pieces,
-            panes,
+            windows,
             rule,
-            through: RoaringBitmap::new(),
+            through_windows: RoaringBitmap::new(),
         }
     }
 
-    /// Whether a point in own axes is inside.
+    /// Whether a point in own axes is in the room.
     fn contains(&self, own: Vec3) -> bool {
         self.bounds.contains(own) && self.pieces.iter().any(|piece| piece.contains(own))
     }
+}
 
-    fn named(&self) -> &NamedMembers {
-        match &self.rule {
-            VisibilityRule::Only(named) | VisibilityRule::AllBut(named) => named,
+impl VisibilityRule {
+    /// The members that the set names.
+    pub fn named(&self) -> &NamedMembers {
+        match self {
+            Self::Only(named) | Self::AllBut(named) => named,
         }
     }
 }

@@ -1,34 +1,44 @@
-//! Who may see whom by what an author says of rooms and windows. The data is [`sightline_world::rooms`].
+//! Who may see whom by what an author says about rooms and windows. The data is
+//! [`sightline_world::rooms`]. After Menon and Rossignac 1999 (US Patent 5,926,183).
 //!
-//! * [`RoomIndex`]: who may see whom, as the engine asks it; which room is where.
+//! * [`RoomIndex`]: decides who may see whom, and finds the rooms at a place.
+//! * [`RoomOverlap`]: the rooms that a region overlaps, found once for many questions.
+//! * [`SealedRooms`]: the sealed rooms at a point.
 //! * [`pieces`]: the convex pieces of a room's shapes.
 //! * [`region`]: regions of space as boolean combinations of half-spaces.
 //! * [`sight`]: what an eye, or a box of eyes, sees through windows.
-//! * [`depth`]: rooms from near to far, and which of them nearer ones hide.
-//! * [`sets`]: all that may be visible from a viewpoint, kept for viewpoints near by.
+//! * [`depth`]: rooms from near to far, and which of them nearer rooms hide.
+//! * [`sets`]: everything that may be visible from a viewpoint, kept for viewpoints near it.
 //!
-//! # The rule
+//! # The rules
 //!
-//! Rooms take away from what cells give, and never add to it: a viewer is told of whom cells *and*
-//! rooms let it see. From strongest to weakest:
+//! Rooms can hide what cells show, and never show what cells hide. A viewer is told about an avatar
+//! only if cells let it see the avatar and rooms do too. From the strongest rule to the weakest:
 //!
-//! 1. *Sealed.* Of two people, one of whom is in a sealed room that the other is not in, neither
-//!    is told of the other.
-//! 2. *Rooms.* Who is in rooms that say what can be seen is told of whom at least one of these shows:
-//!    by its set, or through its windows. A room always shows itself, unless it hides itself.
-//! 3. *Cells.* Who is in no such room is told of whom cells let it see.
+//! 1. *Sealed rooms.* If one of two avatars is in a sealed room and the other is not, neither is told
+//!    about the other.
+//! 2. *Rooms with a set or windows.* A viewer in such a room is told about an avatar if the room's
+//!    set names the avatar's place, or if a window shows it. A viewer in several such rooms is told
+//!    what any of them shows. A room shows itself, unless its set hides it.
+//! 3. *Cells.* For a viewer in no such room, cells alone decide.
 //!
-//! Regions are decided on their safe side: a pair is ruled out only when it is for every place in
-//! the one region and every place in the other. So the promise that nobody visible is missed holds
-//! for all whom the author's word leaves visible.
+//! Questions are about regions, and answers err on the safe side: a pair is ruled out only if it is
+//! ruled out for every place in one region and every place in the other. So no avatar is missed that
+//! the author leaves visible.
 
+mod decide;
 pub mod depth;
 mod index;
+mod locate;
 mod overlap;
 pub mod pieces;
 pub mod region;
+mod sealed;
 pub mod sets;
 pub mod sight;
+mod window_part;
 
-pub use index::{RoomIndex, RoomVerdict};
-pub use overlap::{RoomOverlap, SealedRooms};
+pub use decide::RoomVerdict;
+pub use index::RoomIndex;
+pub use overlap::RoomOverlap;
+pub use sealed::SealedRooms;

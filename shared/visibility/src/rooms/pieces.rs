@@ -1,4 +1,4 @@
-//! The convex pieces that the shapes of rooms are taken apart into.
+//! The convex pieces that a room's shapes consist of.
 
 use glam::{DVec3, Vec2, Vec3};
 use sightline_world::{
@@ -7,9 +7,9 @@ use sightline_world::{
     tolerance::ROOM_BOUNDARY_M,
 };
 
-use super::region::{Containment, HalfSpace};
+use crate::{Containment, HalfSpace};
 
-/// Boxes are split so many times to find out whether several pieces cover them.
+/// The most times that a box is split to find out whether several pieces cover it.
 const SPLITS_MAX: u32 = 48;
 
 /// A convex piece of a room, in own axes.
@@ -17,14 +17,14 @@ const SPLITS_MAX: u32 = 48;
 pub struct ConvexPiece {
     /// The smallest box around it.
     pub bounds: Aabb,
-    /// It is the part of that box that is in all of these: its sides that are not axial.
+    /// The sides that are not axial. The piece is the intersection of these and the box.
     pub sides: Vec<HalfSpace>,
-    /// Its faces, each a polygon.
+    /// The corners of each face, in order.
     pub faces: Vec<Vec<Vec3>>,
 }
 
 impl ConvexPiece {
-    /// Convex pieces in own axes, which together are a shape. None when that is flat.
+    /// The convex pieces of a shape, in own axes. A flat shape has none.
     pub fn of(shape: &Shape, axes: &Axes) -> Vec<Self> {
         let own = |points: Vec<Vec3>| points.into_iter().map(|point| axes.own(point)).collect();
         match shape {
@@ -42,8 +42,8 @@ impl ConvexPiece {
         }
     }
 
-    /// What is above a convex polygon of the plan, given as x and z with its inside on the left of x
-    /// towards z.
+    /// A prism over a convex polygon of the plan, between two heights. Corners are x and z, in the
+    /// order that turns from x towards z. None if the polygon has no area.
     fn prism(ring: &[Vec2], [low, high]: [f32; 2]) -> Option<Self> {
         if ring.len() < 3 || area(ring) <= 0.0 {
             return None;
@@ -64,8 +64,8 @@ impl ConvexPiece {
         Some(Self { bounds, sides, faces })
     }
 
-    /// The convex hull of some points; none when it is flat. Every plane through three points that
-    /// has all others on one side is a side: with so few points, nothing better is needed.
+    /// The convex hull of some points. None if it is flat. Every plane through three points that has
+    /// all other points on one side is a side. That is fast enough, since there are few points.
     pub fn hull(points: Vec<Vec3>) -> Option<Self> {
         let bounds = Aabb::from_points(points.iter().copied());
         let exact: Vec<DVec3> = points.iter().map(|point| point.as_dvec3()).collect();
@@ -82,6 +82,7 @@ impl ConvexPiece {
         if sides.len() < 4 {
             return None;
         }
+        debug_assert!(sides.iter().all(|side| (side.normal.length() - 1.0).abs() < 1e-6));
         let faces = sides.iter().map(|side| face(side, &exact)).collect();
         sides.retain(|side| side.normal.abs().max_element() < 1.0 - 1e-9);
         Some(Self { bounds, sides, faces })
@@ -92,10 +93,10 @@ impl ConvexPiece {
         self.bounds.contains(point) && self.sides.iter().all(|side| side.holds(point, 0.0))
     }
 
-    /// Whether all of a box is inside, but for what rounding may add.
+    /// Whether all of a box is inside, or outside by rounding only.
     pub fn contains_box(&self, region: &Aabb) -> bool {
         let within = |side: &HalfSpace| {
-            side.moved(ROOM_BOUNDARY_M.into()).side(region) == Containment::Inside
+            side.moved(ROOM_BOUNDARY_M.into()).containment(region) == Containment::Inside
         };
         self.bounds.grown(ROOM_BOUNDARY_M).contains_box(region) && self.sides.iter().all(within)
     }
@@ -103,12 +104,13 @@ impl ConvexPiece {
     /// Whether some of a box may be inside: never wrongly denied.
     pub fn meets(&self, region: &Aabb) -> bool {
         let apart = |side: &HalfSpace| {
-            side.moved(ROOM_BOUNDARY_M.into()).side(region) == Containment::Outside
+            side.moved(ROOM_BOUNDARY_M.into()).containment(region) == Containment::Outside
         };
         self.bounds.grown(ROOM_BOUNDARY_M).intersects(region) && !self.sides.iter().any(apart)
     }
 
-    /// The part of the way from one point to another that is inside: shares from 0 to 1.
+    /// The part of a line from one point to another that is inside, as shares of its length from 0
+    /// to 1.
     pub fn span(&self, from: DVec3, to: DVec3) -> Option<[f64; 2]> {
         let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
         for side in self.all_sides() {
@@ -125,14 +127,14 @@ impl ConvexPiece {
         (enters <= leaves).then_some([enters, leaves])
     }
 
-    /// Its sides, those of the box around it included.
+    /// All sides, those of the box around the piece included.
     pub fn all_sides(&self) -> impl Iterator<Item = HalfSpace> + '_ {
         let axial = (0..6).map(|i| HalfSpace::of_box(&self.bounds, i));
         axial.chain(self.sides.iter().copied())
     }
 }
 
-/// Whether pieces together hold all of a box. Sometimes denied though they do.
+/// Whether pieces together hold all of a box. Sometimes wrongly denied, never wrongly affirmed.
 pub(super) fn cover<'a>(pieces: impl Iterator<Item = &'a ConvexPiece>, region: &Aabb) -> bool {
     let pieces: Vec<&ConvexPiece> = pieces.filter(|piece| piece.meets(region)).collect();
     let mut open = vec![*region];
@@ -159,7 +161,7 @@ pub(super) fn cover<'a>(pieces: impl Iterator<Item = &'a ConvexPiece>, region: &
     true
 }
 
-/// The side through three points, when all others are behind it.
+/// The half-space whose plane holds three points, if all points are in it.
 fn side_of([a, b, c]: [DVec3; 3], all: &[DVec3]) -> Option<HalfSpace> {
     let normal = (b - a).cross(c - a);
     let scale = (b - a).length() * (c - a).length();
@@ -177,12 +179,13 @@ fn side_of([a, b, c]: [DVec3; 3], all: &[DVec3]) -> Option<HalfSpace> {
     }
 }
 
-/// Makes what is an axis but for rounding exactly one.
+/// Makes a normal exactly axial if it is axial but for rounding.
 fn tidied(normal: DVec3) -> DVec3 {
     let is_axis = normal.abs().max_element() > 1.0 - 1e-10;
     if is_axis { normal.round() } else { normal }
 }
 
+/// Whether sides hold another one already, but for rounding.
 fn is_known(sides: &[HalfSpace], side: &HalfSpace) -> bool {
     let alike = |known: &HalfSpace| {
         known.normal.dot(side.normal) > 1.0 - 1e-9
@@ -191,7 +194,7 @@ fn is_known(sides: &[HalfSpace], side: &HalfSpace) -> bool {
     sides.iter().any(alike)
 }
 
-/// The points on a side, in order around it.
+/// The points on a side, in order around their centre.
 fn face(side: &HalfSpace, points: &[DVec3]) -> Vec<Vec3> {
     let on = |point: &&DVec3| side.normal.dot(**point) > side.distance - f64::from(ROOM_BOUNDARY_M);
     let mut on: Vec<DVec3> = points.iter().filter(on).copied().collect();
@@ -202,8 +205,8 @@ fn face(side: &HalfSpace, points: &[DVec3]) -> Vec<Vec3> {
     on.into_iter().map(|point| point.as_vec3()).collect()
 }
 
-/// Takes a polygon without crossings apart into convex ones. What crosses itself gives no more than
-/// what is around it.
+/// Divides a polygon that does not cross itself into convex ones, by cutting off ears. The parts of
+/// one that does lie in its bounding box.
 pub(super) fn convex_parts(corners: &[Vec2]) -> Vec<Vec<Vec2>> {
     let mut ring: Vec<Vec2> = corners.to_vec();
     ring.dedup_by(|a, b| a.distance(*b) < ROOM_BOUNDARY_M);
@@ -231,7 +234,7 @@ pub(super) fn convex_parts(corners: &[Vec2]) -> Vec<Vec<Vec2>> {
     join(parts)
 }
 
-/// Joins parts that share an edge as long as they stay convex.
+/// Merges parts that share an edge, where the result is convex.
 fn join(mut parts: Vec<Vec<Vec2>>) -> Vec<Vec<Vec2>> {
     let mut at = 0;
     while at < parts.len() {
@@ -250,6 +253,7 @@ fn join(mut parts: Vec<Vec<Vec2>>) -> Vec<Vec<Vec2>> {
     parts
 }
 
+/// Two polygons that share an edge as one, if that is convex.
 fn joined(a: &[Vec2], b: &[Vec2]) -> Option<Vec<Vec2>> {
     for i in 0..a.len() {
         let (from, to) = (a[i], a[(i + 1) % a.len()]);
@@ -267,6 +271,7 @@ fn cross(a: Vec2, b: Vec2, c: Vec2) -> f32 {
     (b - a).perp_dot(c - b)
 }
 
+/// The signed area of a polygon.
 fn area(ring: &[Vec2]) -> f32 {
     let Some(first) = ring.first() else { return 0.0 };
     ring.windows(2).map(|two| (two[0] - first).perp_dot(two[1] - first)).sum::<f32>() * 0.5
@@ -289,7 +294,7 @@ fn is_inside(ring: &[Vec2], point: Vec2) -> bool {
     (0..count).all(|i| (ring[(i + 1) % count] - ring[i]).perp_dot(point - ring[i]) >= 0.0)
 }
 
-/// The same polygon of space as convex polygons, in its plane. None when it has no area.
+/// Divides a polygon in space into convex ones, in its plane. A polygon without an area has none.
 pub(super) fn convex_polygons(corners: &[Vec3]) -> Vec<Vec<DVec3>> {
     let exact: Vec<DVec3> = corners.iter().map(|corner| corner.as_dvec3()).collect();
     let Some(normal) = normal(&exact) else { return Vec::new() };
@@ -303,7 +308,8 @@ pub(super) fn convex_polygons(corners: &[Vec3]) -> Vec<Vec<DVec3>> {
     convex_parts(&flat).iter().map(|part| part.iter().map(back).collect()).collect()
 }
 
-/// Of unit length, by Newell; none without area.
+/// The unit normal of a polygon, by Newell's method (Sutherland, Sproull and Schumacker 1974). None
+/// if the polygon has no area.
 pub(super) fn normal(corners: &[DVec3]) -> Option<DVec3> {
     let first = corners.first()?;
     let sum: DVec3 = corners.windows(2).map(|two| (two[0] - first).cross(two[1] - first)).sum();

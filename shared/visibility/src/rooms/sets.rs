@@ -1,11 +1,12 @@
-//! All that may be visible from a viewpoint, by cells and rooms together; kept for viewpoints near by, and
-//! joined while a camera is on its way from one to the next.
+//! Visibility sets: everything that may be visible from a viewpoint, by cells and rooms together
+//! (Menon and Rossignac 1999, FIG. 8).
+//!
+//! A set is kept for viewpoints near its own. While a camera moves from one viewpoint to another, the
+//! union of their sets is used.
 
 use std::f32::consts::PI;
 
 use roaring::RoaringBitmap;
-
-use super::{RoomIndex, region::BooleanRegion, sight::Viewpoint};
 use sightline_world::{
     World,
     geometry::{Aabb, Frustum},
@@ -13,16 +14,19 @@ use sightline_world::{
     rooms::RoomId,
 };
 
-/// What may be visible. Never too small, relative to what rooms declare.
+use super::{index::RoomIndex, overlap::RoomOverlap, region::BooleanRegion, sight::Viewpoint};
+
+/// A visibility set: everything that may be visible. It is never too small, given what the author
+/// says about rooms.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct VisibilitySet {
-    /// Cells.
+    /// Indices into [`Cells::cells`](sightline_world::Cells::cells).
     pub cells: RoaringBitmap,
-    /// Rooms, by [`RoomId`].
+    /// The numbers of [`RoomId`]s.
     pub rooms: RoaringBitmap,
     /// Indices into [`World::movers`].
     pub movers: RoaringBitmap,
-    /// Indices into [`Rooms::objects`](super::Rooms::objects).
+    /// Indices into [`Rooms::objects`](sightline_world::rooms::Rooms::objects).
     pub objects: RoaringBitmap,
 }
 
@@ -30,19 +34,19 @@ impl VisibilitySet {
     /// What may be visible from a viewpoint.
     pub fn of(world: &World, index: &RoomIndex, viewpoint: &Viewpoint) -> Self {
         let cells = &world.cells;
-        let looker = ViewpointSight::new(world, index, viewpoint);
+        let sight = ViewpointSight::new(world, index, viewpoint);
         let mut near = Vec::new();
         cells.overlapping(&viewpoint.eyes, &mut near);
-        let given = cells.visible_from(&viewpoint.eyes);
-        // An eye in no cell sees what it may.
-        let given = if near.is_empty() { (0..cells.cells.len() as u32).collect() } else { given };
-        let seen = |cell: &u32| looker.sees(&cells.cells[*cell as usize].bounds);
-        let seen: RoaringBitmap = given.iter().filter(seen).collect();
+        let pvs = cells.visible_from(&viewpoint.eyes);
+        // An eye in no cell may see every cell.
+        let pvs = if near.is_empty() { (0..cells.cells.len() as u32).collect() } else { pvs };
+        let seen = |cell: &u32| sight.sees(&cells.cells[*cell as usize].bounds);
+        let seen: RoaringBitmap = pvs.iter().filter(seen).collect();
         let shows = |region: &Aabb| {
             let mut around = Vec::new();
             cells.overlapping(region, &mut around);
             let is_seen = around.is_empty() || around.iter().any(|cell| seen.contains(cell.0));
-            is_seen && looker.sees(region)
+            is_seen && sight.sees(region)
         };
         let own = |region: &Aabb| cells.axes.own_box(region);
         let numbered = |places: &mut dyn Iterator<Item = Aabb>| -> RoaringBitmap {
@@ -52,13 +56,13 @@ impl VisibilitySet {
             (0..index.len() as u16).map(|id| index.bounds(RoomId(id)).intersection(&cells.bounds));
         Self {
             movers: numbered(&mut world.movers.iter().map(|mover| own(&mover.everywhere()))),
-            objects: numbered(&mut index.objects().iter().copied()),
+            objects: numbered(&mut index.objects.iter().copied()),
             rooms: numbered(&mut rooms.into_iter()),
             cells: seen,
         }
     }
 
-    /// What is in either.
+    /// The union of two sets.
     pub fn union(&self, other: &Self) -> Self {
         Self {
             cells: &self.cells | &other.cells,
@@ -69,13 +73,13 @@ impl VisibilitySet {
     }
 }
 
-/// What rooms show of boxes, from one viewpoint.
+/// What rooms show from one viewpoint.
 struct ViewpointSight<'a> {
     world: &'a World,
     index: &'a RoomIndex,
     field: BooleanRegion,
-    eyes: super::RoomOverlap,
-    /// For each room that some eye is in, what its windows show.
+    eyes: RoomOverlap,
+    /// For each restricting room that some eye may be in, what its windows show.
     windows: Vec<(RoomId, BooleanRegion)>,
 }
 
@@ -87,49 +91,51 @@ impl<'a> ViewpointSight<'a> {
         Self { world, index, field: BooleanRegion::within(viewpoint.field()), eyes, windows }
     }
 
+    /// Whether some of a box may be seen: never wrongly denied.
     fn sees(&self, region: &Aabb) -> bool {
         if !self.field.meets(region) {
             return false;
         }
-        let place = self.index.overlap(&self.world.cells, &[*region]);
+        let overlap = self.index.overlap(&self.world.cells, &[*region]);
         let shows = |(id, windows): &(RoomId, BooleanRegion)| {
-            self.index.shows_by_set(*id, &place) || windows.meets(region)
+            self.index.shows_by_set(*id, &overlap) || windows.meets(region)
         };
-        self.eyes.may_share_seals(&place) && (self.eyes.is_bare || self.windows.iter().any(shows))
+        self.eyes.may_share_sealed_rooms(&overlap)
+            && (self.eyes.is_bare || self.windows.iter().any(shows))
     }
 }
 
-/// How near to each other viewpoints are that share a set.
+/// How near two viewpoints have to be to share a visibility set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewpointTolerance {
-    /// Between their eyes, along each axis, in metres.
+    /// The greatest difference of their eyes along each axis, in metres.
     pub eye_m: f32,
-    /// Between their looks, sideways and upwards, in radians.
+    /// The greatest difference of their yaws, and of their pitches, in radians.
     pub look: f32,
 }
 
-/// The visibility sets of some viewpoints, each good for all viewpoints within a tolerance.
+/// The visibility sets of several viewpoints. Each is good for all viewpoints within a tolerance.
 #[derive(Clone, Debug)]
 pub struct VisibilitySets {
     tolerance: ViewpointTolerance,
-    /// The angles that a picture spans, across and upright, in radians.
+    /// The angles of the field of view, across and upright, in radians.
     field: [f32; 2],
-    /// The one used last comes last.
+    /// Sorted by last use: the latest comes last.
     kept: Vec<(Pose, VisibilitySet)>,
     made: u64,
 }
 
 impl VisibilitySets {
-    /// No more are kept; the one that was not used for longest goes first.
+    /// The most sets that are kept. The least recently used one is dropped first.
     pub const KEPT_MAX: usize = 64;
 
-    /// For pictures that span these angles, across and upright, in radians.
+    /// Keeps no set yet. `field` has the angles of the field of view, across and upright, in radians.
     pub fn new(tolerance: ViewpointTolerance, field: [f32; 2]) -> Self {
         Self { tolerance, field, kept: Vec::new(), made: 0 }
     }
 
-    /// What may be visible from a viewpoint, and from all within the tolerance of one that was asked
-    /// for before it and near it.
+    /// What may be visible from a viewpoint. A set that was made for a viewpoint within the tolerance
+    /// is used again.
     pub fn at(&mut self, world: &World, index: &RoomIndex, pose: &Pose) -> &VisibilitySet {
         let known = self.kept.iter().position(|(of, _)| self.is_near(of, pose));
         let entry = match known {
@@ -143,12 +149,12 @@ impl VisibilitySets {
             }
         };
         self.kept.push(entry);
+        assert!(self.kept.len() <= Self::KEPT_MAX, "the oldest set was dropped");
         &self.kept[self.kept.len() - 1].1
     }
 
-    /// What may be visible on the way from one viewpoint to another: the union of both sets, and where
-    /// the two are so far from each other that their tolerances leave a gap, of sets on the straight way
-    /// between them.
+    /// What may be visible on the straight way from one viewpoint to another: the union of their two
+    /// sets. Where their tolerances leave a gap, sets on the way between them are added.
     pub fn between(
         &mut self,
         world: &World,
@@ -171,7 +177,7 @@ impl VisibilitySets {
         all
     }
 
-    /// How many sets were made so far.
+    /// The number of sets made so far.
     pub fn made(&self) -> u64 {
         self.made
     }
@@ -182,12 +188,12 @@ impl VisibilitySets {
             && turn.abs().max((a.pitch - b.pitch).abs()) <= self.tolerance.look
     }
 
-    /// All eyes and looks within the tolerance, and between such a one and the next.
+    /// All viewpoints within the tolerance of one, or between it and the next set on the way.
     fn viewpoint(&self, world: &World, pose: &Pose) -> Viewpoint {
         let axes = &world.cells.axes;
         let around = Aabb::around(pose.eye, self.tolerance.eye_m * 2.0);
-        // Turned by so much both ways, a direction moves by no more than twice that; towards the
-        // corners of a picture its sides are half as far apart as in the middle.
+        // Yaw and pitch together move a direction by at most twice the tolerance. Towards the corners
+        // of a picture, its sides are half as far apart as in the middle.
         let [across, upright] = self.field.map(|angle| angle + 8.0 * self.tolerance.look);
         let field = Frustum::new(pose.yaw, pose.pitch, across, upright);
         Viewpoint::looking(axes.own_box(&around), &field, axes)
@@ -195,7 +201,7 @@ impl VisibilitySets {
 }
 
 impl VisibilitySet {
-    /// Whether some of a box of the world may be visible, by its cells.
+    /// Whether some of a box may be visible, by the cells it overlaps. The box is in the world's axes.
     pub fn shows(&self, world: &World, region: &Aabb) -> bool {
         let mut cells = Vec::new();
         world.cells.overlapping(&world.cells.axes.own_box(region), &mut cells);

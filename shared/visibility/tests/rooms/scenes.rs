@@ -3,10 +3,9 @@
 //! green, windows blue; boxes that must show are dark green, those that must not are grey.
 
 use glam::Vec3;
-use sightline_visibility::rooms::{
-    RoomIndex, depth,
-    region::{BooleanRegion, Containment},
-    sight::Viewpoint,
+use sightline_visibility::{
+    Containment,
+    rooms::{RoomIndex, depth, region::BooleanRegion, sight::Viewpoint},
 };
 use sightline_world::{
     CellId, World,
@@ -452,7 +451,7 @@ fn boxes_are_inside_outside_or_both() {
     let world: World = world(c_shaped(true), 0.0);
     let index = RoomIndex::new(&world);
     let seen = index.seen(RoomId(0), &Viewpoint::all_round(eye(2.0, -6.0)));
-    assert_eq!(seen.side(&cube(2.0, -1.0)), Containment::Inside);
-    assert_eq!(seen.side(&cube(6.0, 9.0)), Containment::Outside);
-    assert_eq!(seen.side(&Aabb::around(Vec3::ZERO, 9.0)), Containment::Partial);
+    assert_eq!(seen.containment(&cube(2.0, -1.0)), Containment::Inside);
+    assert_eq!(seen.containment(&cube(6.0, 9.0)), Containment::Outside);
+    assert_eq!(seen.containment(&Aabb::around(Vec3::ZERO, 9.0)), Containment::Partial);
 }
