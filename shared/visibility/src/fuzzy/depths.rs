@@ -1,37 +1,59 @@
-//! How far the nearest non-fuzzy region is, element by element, and of many at once.
+//! The depths of a face's elements, and of many elements at once.
 
-/// Depths along a face's axis, and of 2 × 2 of them the least and the greatest, and so on.
+use sightline_world::tolerance::BEHIND_M;
+
+/// What lies no farther behind than this share of the distance counts as not hidden. It exceeds the
+/// rounding of single precision.
+const BEHIND_SHARE: f64 = 1e-5;
+
+/// Depths along a face's axis, and a pyramid with the least and the greatest of 2 × 2, and so on.
 #[derive(Clone, Debug)]
 pub(super) struct DepthPyramid {
-    /// Row by row.
+    /// The depth of each element, row by row.
     pub(super) nearest: Vec<f32>,
     size: usize,
-    /// From 2 × 2 on.
+    /// The levels above the elements; the first is for 2 × 2 elements.
     levels: Vec<PyramidLevel>,
 }
 
+/// A level of the pyramid.
 #[derive(Clone, Debug)]
 struct PyramidLevel {
     width: usize,
-    /// The least and the greatest.
+    /// The least and the greatest depth of each entry, row by row.
     entries: Vec<[f32; 2]>,
 }
 
-/// What a buffer says of what is in a box.
+/// A box as it projects onto a face.
+pub(super) struct ProjectedBox {
+    /// The first and the last column of elements that it meets.
+    pub(super) columns: [usize; 2],
+    /// The first and the last row of elements that it meets.
+    pub(super) rows: [usize; 2],
+    /// An element with a lesser depth hides all of it.
+    pub(super) near: f32,
+    /// An element with at least this depth hides none of it.
+    pub(super) far: f32,
+}
+
+/// What a buffer says about a box.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Occlusion {
+    /// All of it is hidden.
     All,
+    /// No element hides any of it.
     Nothing,
+    /// Some of it may be hidden.
     Perhaps,
 }
 
 impl DepthPyramid {
-    /// Nothing is near.
+    /// Depths where nothing hides anything.
     pub(super) fn new(size: usize) -> Self {
         Self { nearest: vec![f32::INFINITY; size * size], size, levels: Vec::new() }
     }
 
-    /// Makes it fit to be looked at. When depths become less thereafter, what is found is right and less than there is.
+    /// Builds the pyramid. If depths become less afterwards, tests stay correct but find less hidden.
     pub(super) fn find_levels(&mut self) {
         self.levels.clear();
         let mut level = PyramidLevel::above(self.size, &self.nearest, |depth| [*depth; 2]);
@@ -52,14 +74,11 @@ impl DepthPyramid {
         }
     }
 
-    /// What depths there are in a rectangle: all less than one, or none less than another.
-    pub(super) fn look(
-        &self,
-        columns: [usize; 2],
-        rows: [usize; 2],
-        [near, far]: [f32; 2],
-    ) -> Occlusion {
-        // Where the rectangle is no more than two or three wide.
+    /// What the depths say about a box.
+    pub(super) fn test(&self, projected: &ProjectedBox) -> Occlusion {
+        let &ProjectedBox { columns, rows, near, far } = projected;
+        debug_assert!(columns[1] < self.size && rows[1] < self.size, "the box is on the face");
+        // The level at which the rectangle is at most two or three entries wide.
         let widest = (columns[1] - columns[0]).max(rows[1] - rows[0]) + 1;
         let level = (widest.ilog2() as usize).min(self.levels.len());
         let (mut all, mut none) = (true, true);
@@ -78,8 +97,8 @@ impl DepthPyramid {
         }
     }
 
-    /// Whether all depths in the part of a rectangle that an entry of a level is for are less.
-    pub(super) fn are_before(
+    /// Whether all depths in the common part of an entry and a rectangle are less than a depth.
+    fn are_before(
         &self,
         level: usize,
         at: [usize; 2],
@@ -110,7 +129,7 @@ impl DepthPyramid {
 }
 
 impl PyramidLevel {
-    /// That above some entries, so many to a row.
+    /// The level above some entries, of which there are `width` in a row.
     fn above<T>(width: usize, below: &[T], ends: impl Fn(&T) -> [f32; 2]) -> Self {
         let half = width.div_ceil(2);
         let mut entries = vec![[f32::INFINITY, f32::NEG_INFINITY]; half * half];
@@ -124,4 +143,10 @@ impl PyramidLevel {
         }
         Self { width: half, entries }
     }
+}
+
+/// The depth from which on something is hidden: an element with a lesser depth hides what is at
+/// `nearest`.
+pub(super) fn hidden_from(nearest: f64) -> f32 {
+    ((nearest - BEHIND_M) * (1.0 - BEHIND_SHARE)) as f32
 }

@@ -1,16 +1,15 @@
-//! The fuzzy projection box: six faces, and which of them a field of view meets.
+//! The fuzzy projection box: six faces, and the faces that a field of view meets.
 
 use glam::{DVec2, DVec3};
-
 use sightline_world::{
     geometry::{Aabb, Frustum},
     tolerance::NEAR_PLANE_M,
 };
 
-/// A point at a distance of [`NEAR_PLANE_M`] that projects onto a face is farther than that along its axis.
+/// A point of a face that is [`NEAR_PLANE_M`] away is farther than this along the face's axis.
 pub(super) const NEAR_DEPTH_M: f64 = 0.5 * NEAR_PLANE_M;
 
-/// Eyes anywhere in a box, each with the same field of view.
+/// A box of eyes, each with the same field of view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewpointBox {
     eyes: Aabb,
@@ -18,53 +17,54 @@ pub struct ViewpointBox {
 }
 
 impl ViewpointBox {
-    /// Eyes that look everywhere. A box that is empty or not finite holds no eyes, and everything is
-    /// hidden from them.
+    /// Eyes that look all round. A box that is empty or not finite holds no eyes, so that everything
+    /// counts as hidden.
     pub fn all_round(eyes: Aabb) -> Self {
         Self { eyes, active: [true; 6] }
     }
 
-    /// Eyes that look in some directions only: faces that no such direction meets stay inactive,
-    /// and cost nothing. What may project onto one counts as not hidden.
+    /// Eyes that look in some directions only. Faces that no such direction meets are inactive and cost
+    /// nothing. Whatever may project onto an inactive face counts as not hidden.
     pub fn within(eyes: Aabb, directions: &Frustum) -> Self {
         let active = CubeFace::ALL.map(|face| {
             let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
             let corners = corners.map(|[x, y]| face.unturned(DVec3::new(x, y, 1.0)));
             let excludes = |out: &DVec3| corners.iter().all(|corner| out.dot(*corner) > 0.0);
-            // Their sum points backwards: by that alone the face behind is left out.
+            // The sum of the normals points backwards. Only it excludes the face behind.
             let sum = directions.outwards().iter().sum();
             !directions.outwards().iter().chain([&sum]).any(excludes)
         });
         Self { eyes, active }
     }
 
-    /// Where the eyes are.
+    /// The box of eyes.
     pub fn eyes(&self) -> Aabb {
         self.eyes
     }
 
-    /// The faces that are active.
+    /// The active faces.
     pub(super) fn faces(&self) -> impl Iterator<Item = CubeFace> + '_ {
         CubeFace::ALL.into_iter().filter(|face| self.active[face.index()])
     }
 
-    /// Whether there are any eyes at all.
+    /// Whether there are no eyes.
     pub(super) fn is_empty(&self) -> bool {
         self.eyes.is_empty() || !self.eyes.min.is_finite() || !self.eyes.max.is_finite()
     }
 
-    /// The chosen viewpoint.
+    /// The middle of the box: the viewpoint whose depths are kept.
     pub(super) fn middle(&self) -> DVec3 {
         (self.eyes.min.as_dvec3() + self.eyes.max.as_dvec3()) * 0.5
     }
 
+    /// The corners of the box, with opposite ones first and last.
     pub(super) fn corners(&self) -> [DVec3; 8] {
         self.eyes.corners().map(|corner| corner.as_dvec3())
     }
 }
 
-/// A face of the cube: the directions nearest to one way along one axis. Its own coordinates have
-/// that way as z.
+/// A face of the cube: the directions nearest to one direction along one axis. In the face's own
+/// coordinates that direction is z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CubeFace {
     axis: usize,
@@ -89,12 +89,12 @@ impl CubeFace {
         if self.backwards { -1.0 } else { 1.0 }
     }
 
-    /// How far along its axis anything between two corners is at the most.
+    /// The greatest coordinate along the face's direction between two corners.
     pub(super) fn most(self, low: DVec3, high: DVec3) -> f64 {
         if self.backwards { -low[self.axis] } else { high[self.axis] }
     }
 
-    /// A vector in the face's own coordinates.
+    /// Turns a vector into the face's own coordinates.
     pub(super) fn turned(self, v: DVec3) -> DVec3 {
         DVec3::new(v[(self.axis + 1) % 3], v[(self.axis + 2) % 3], self.sign() * v[self.axis])
     }
@@ -108,13 +108,13 @@ impl CubeFace {
     }
 }
 
-/// Where a direction falls on a face of so many elements each way, in elements.
+/// The place, in elements, at which a direction meets a face with `size` elements each way.
 fn element(point: DVec3, size: f64) -> DVec2 {
     (point.truncate() / point.z + 1.0) * (0.5 * size)
 }
 
-/// What of a convex polygon, relative to an eye and in a face's coordinates, projects onto the face: in
-/// elements, in order.
+/// The projection of a convex polygon onto a face, in elements, with its corners in order. The polygon
+/// is given relative to the eye, in the face's coordinates, and is clipped.
 pub(super) fn projected(polygon: &mut Vec<DVec3>, size: f64, spare: &mut Vec<DVec3>) -> Vec<DVec2> {
     let sides = [
         DVec3::new(1.0, 0.0, 1.0),
@@ -124,13 +124,13 @@ pub(super) fn projected(polygon: &mut Vec<DVec3>, size: f64, spare: &mut Vec<DVe
     ];
     clip(polygon, |p| p.z - NEAR_DEPTH_M, spare);
     for side in sides {
-        // A hair wider than the face, so that rounding loses nothing at its rim.
+        // Slightly wider than the face, so that rounding loses nothing at its rim.
         clip(polygon, |p| p.dot(side) + 1e-9 * p.z, spare);
     }
     polygon.iter().map(|point| element(*point, size)).collect()
 }
 
-/// Keeps what of a convex polygon has no negative height.
+/// Clips a convex polygon to where a linear function is not negative.
 fn clip(polygon: &mut Vec<DVec3>, height: impl Fn(DVec3) -> f64, spare: &mut Vec<DVec3>) {
     spare.clear();
     for (i, &to) in polygon.iter().enumerate() {
@@ -146,8 +146,8 @@ fn clip(polygon: &mut Vec<DVec3>, height: impl Fn(DVec3) -> f64, spare: &mut Vec
     std::mem::swap(polygon, spare);
 }
 
-/// The directions from any eye to any of some points' convex hull, on a face: a convex polygon in
-/// elements, in order; none when they miss the face.
+/// The fuzzy region of some points: the directions from any eye to any point of their convex hull, on a
+/// face. It is a convex polygon in elements, with its corners in order. Empty if it misses the face.
 pub(super) fn region(
     face: CubeFace,
     points: &[DVec3],
@@ -177,7 +177,7 @@ pub(super) fn region(
     hull(front.iter().copied().chain(crossings).map(|point| element(point, size)).collect())
 }
 
-/// The convex hull of some points, in order.
+/// The convex hull of some points, in order, by the monotone chain of Andrew 1979.
 fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();
@@ -202,9 +202,9 @@ fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     all
 }
 
-/// The fuzzy extent of a box: the least and the greatest X and Y, from -1 to 1 on a face, at which any
-/// eye of a box may see it, when the face looks along `axis`, `backwards` or not. Equations (1) and (2) with the
-/// corners of both boxes. `None` when no eye sees it there.
+/// The fuzzy extent of a box on a face: the least and the greatest X and Y at which any eye may see it,
+/// from -1 to 1. The face looks along `axis`, `backwards` or not. None if no eye sees the box there. By
+/// equations (1) and (2) of Lim 1999, Appendix 2, for the corners of both boxes.
 pub fn fuzzy_extent(
     bounds: &Aabb,
     eyes: &Aabb,
@@ -221,7 +221,7 @@ pub fn fuzzy_extent(
     held.iter().all(|[least, most]| least <= most).then_some(held)
 }
 
-/// The least and greatest quotients of x and y by z of what is between two corners.
+/// The least and greatest quotients of x and y by z between two corners. None if all of it is behind.
 pub(super) fn spans(low: DVec3, high: DVec3) -> Option<[[f64; 2]; 2]> {
     if high.z <= 0.0 {
         return None;
@@ -229,7 +229,7 @@ pub(super) fn spans(low: DVec3, high: DVec3) -> Option<[[f64; 2]; 2]> {
     let near = low.z.max(0.0);
     let least = |value: f64| value / if value < 0.0 { near } else { high.z };
     let most = |value: f64| value / if value > 0.0 { near } else { high.z };
-    // Nought by nought: the eye may be anywhere before it.
+    // Zero by zero: the eye may be anywhere in front of it.
     let sure = |value: f64, otherwise: f64| if value.is_nan() { otherwise } else { value };
     let span = |low: f64, high: f64| {
         [sure(least(low), f64::NEG_INFINITY), sure(most(high), f64::INFINITY)]

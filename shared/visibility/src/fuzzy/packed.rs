@@ -1,36 +1,37 @@
-//! What was found for a box of eyes, as few bytes.
+//! The visibility of all patches, stored in few bytes (Lim 1999, claims 19 to 28).
 
-use super::PatchVisibility;
+use super::visibility::PatchVisibility;
 
-/// The three classes.
+/// The three kinds of visibility, each of which has a list.
 const CLASSES: [PatchVisibility; 3] =
     [PatchVisibility::Invisible, PatchVisibility::Visible, PatchVisibility::Remaining];
 
-/// The classes of all patches for one box of eyes, packed: two of the three lists of patches, the
-/// smallest, by the differences from one patch to the next; or, when that is less, which patches are
-/// in another class than they were for a neighbouring box.
+/// The visibility of all patches for one box of eyes, packed. There are two forms. One has the smaller
+/// two of the three lists of patches, as differences from one patch to the next. The other has the
+/// changes to the lists of a neighbouring box. The shorter form is stored.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PackedVisibility {
     count: u32,
     bytes: Vec<u8>,
-    /// It says what is different from a neighbour.
+    /// Whether the bytes are changes to a neighbour's lists.
     is_change: bool,
 }
 
-/// Why no classes can be read from packed lists.
+/// Why packed lists cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum UnpackError {
-    /// They were packed as changes to a neighbour's, which is not the one given.
-    #[error("these lists are changes to those of a neighbour, which must be given with them")]
+    /// The lists are changes to a neighbour's, and none or another one was given.
+    #[error("the lists are changes to a neighbour's lists, which must be given with them")]
     Neighbour,
-    /// The bytes are no lists of so many patches.
-    #[error("these lists are damaged")]
+    /// The bytes are not lists of this many patches.
+    #[error("the lists are damaged")]
     Damaged,
 }
 
 impl PackedVisibility {
-    /// Packs classes, if it pays as changes to those of a neighbouring box.
+    /// Packs the visibility of all patches. If it is shorter, only the changes to a neighbouring box's are
+    /// stored.
     pub fn new(classes: &[PatchVisibility], neighbour: Option<&[PatchVisibility]>) -> Self {
         let count = u32::try_from(classes.len()).unwrap_or(u32::MAX);
         let whole = Self { count, bytes: whole(classes), is_change: false };
@@ -41,25 +42,25 @@ impl PackedVisibility {
         if change.bytes.len() < whole.bytes.len() { change } else { whole }
     }
 
-    /// How many bytes they take.
+    /// The number of bytes.
     pub fn len(&self) -> usize {
         self.bytes.len()
     }
 
-    /// Whether no patches are in them.
+    /// Whether there are no patches.
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// Whether the neighbour's classes are needed to read them.
+    /// Whether the neighbour's lists are needed to read these.
     pub fn is_change(&self) -> bool {
         self.is_change
     }
 
-    /// The classes of all patches.
+    /// The visibility of all patches, in order.
     ///
     /// # Errors
-    /// When they are changes to a neighbour's, and that is not given; or damaged.
+    /// The lists are changes to a neighbour's and it is not given, or they are damaged.
     pub fn classes(
         &self,
         neighbour: Option<&[PatchVisibility]>,
@@ -85,7 +86,7 @@ impl PackedVisibility {
     }
 }
 
-/// The class that is left out, which has most patches, and the lists of the others.
+/// The number of the longest list, which is left out, and then the other two lists.
 fn whole(classes: &[PatchVisibility]) -> Vec<u8> {
     let count = |class: PatchVisibility| classes.iter().filter(|of| **of == class).count();
     let most =
@@ -98,7 +99,7 @@ fn whole(classes: &[PatchVisibility]) -> Vec<u8> {
     bytes
 }
 
-/// For each class the patches that have come into it.
+/// For each list the patches that were added to it.
 fn change(classes: &[PatchVisibility], before: &[PatchVisibility]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for class in CLASSES {
@@ -108,12 +109,13 @@ fn change(classes: &[PatchVisibility], before: &[PatchVisibility]) -> Vec<u8> {
     bytes
 }
 
-/// Writes how many there are, and then how far it is from each to the next.
+/// Writes the length of a list, and then the differences from each member to the next.
 fn write(bytes: &mut Vec<u8>, count: usize, members: impl Iterator<Item = bool>) {
-    number(bytes, count);
+    debug_assert!(u32::try_from(count).is_ok(), "lists hold less than 2³² patches");
+    write_number(bytes, count);
     let mut next = 0;
     for (place, _) in members.enumerate().filter(|(_, is_member)| *is_member) {
-        number(bytes, place - next);
+        write_number(bytes, place - next);
         next = place + 1;
     }
 }
@@ -132,8 +134,8 @@ fn read(
     Ok(())
 }
 
-/// Seven bits to a byte, the lowest first.
-fn number(bytes: &mut Vec<u8>, mut value: usize) {
+/// Writes a number with seven bits in each byte, the lowest first.
+fn write_number(bytes: &mut Vec<u8>, mut value: usize) {
     while value >= 0x80 {
         bytes.push(value as u8 | 0x80);
         value >>= 7;

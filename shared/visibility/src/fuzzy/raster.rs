@@ -1,12 +1,12 @@
-//! Which elements a convex polygon meets, row by row.
+//! The elements that a convex polygon meets, row by row.
 
 use glam::DVec2;
 
-/// What rounding may move a point by, in elements.
+/// The most that rounding may move a point by, in elements.
 pub(super) const ROUNDING: f64 = 1e-6;
 
-/// Visits every row of elements that a closed convex polygon meets, or comes near to, with the first
-/// and the last element of the row that it meets.
+/// Visits every row of elements that a closed convex polygon meets or comes near to. `visit` gets the
+/// row, and the first and the last element of it that the polygon meets.
 pub(super) fn rows(
     polygon: &[DVec2],
     size: usize,
@@ -35,7 +35,7 @@ pub(super) fn rows(
     }
 }
 
-/// The places along x at which a line enters and leaves a band of y.
+/// The places along x at which a line enters and leaves a band of y. None if it misses the band.
 fn within(from: DVec2, to: DVec2, top: f64, bottom: f64) -> Option<[f64; 2]> {
     let (low, high) = (from.y.min(to.y), from.y.max(to.y));
     if high < top || low > bottom {
@@ -49,10 +49,11 @@ fn within(from: DVec2, to: DVec2, top: f64, bottom: f64) -> Option<[f64; 2]> {
     Some([at(top), at(bottom)])
 }
 
-/// The elements that an interval meets, or comes near to.
+/// The first and the last element that an interval meets or comes near to.
 pub(super) fn elements(low: f64, high: f64, size: usize, nearness: f64) -> Option<[usize; 2]> {
     let (low, high) = (low - nearness, high + nearness);
-    // Not what is no number either. Casts cut off, which is the floor of what is not negative.
+    // This is false for NaN, too. A cast truncates, which is the floor of a number that is not
+    // negative.
     let meets = low < size as f64 && high >= 0.0;
     meets.then(|| [low.max(0.0) as usize, (high as usize).min(size - 1)])
 }

@@ -1,41 +1,45 @@
-//! The scan-line method: rows of elements that facets cover, without the bands of their borders.
+//! The scan-line method: the rows of elements that facets cover, without the bands of their borders
+//! (Lim 1999, Appendix 3).
 
 use std::ops::Range;
 
 use glam::{DVec2, DVec3};
 
 use super::{
-    Surfaces,
-    buffer::hidden_from,
+    depths::hidden_from,
     faces::{CubeFace, NEAR_DEPTH_M},
+    patches::PatchMesh,
     raster::{ROUNDING, elements, rows},
 };
 
-/// A run of elements of a row, and the plane whose depths they have.
+/// A run of elements in a row, and the plane that has their depths.
 pub(super) struct ElementRun {
     pub(super) from: u32,
     pub(super) to: u32,
     pub(super) plane: u32,
 }
 
-/// A patch's plane in a face's coordinates, relative to the middle of the eyes.
+/// The plane of a patch or facet in a face's coordinates, relative to the middle of the box of eyes.
 pub(super) struct FacePlane {
     pub(super) normal: DVec3,
     pub(super) offset: f64,
+    /// The least and the greatest depth of its corners.
     pub(super) nearest: f64,
     pub(super) farthest: f64,
 }
 
-/// A plane's depths along a row.
+/// The depths of a plane along a row of elements.
 pub(super) struct RowDepths {
-    pub(super) ends: [f64; 2],
-    pub(super) growth: f64,
-    pub(super) nearest: f64,
-    pub(super) farthest: f64,
+    /// The least and the greatest reciprocal of the depth at the left end.
+    ends: [f64; 2],
+    /// By how much the reciprocal grows from element to element.
+    growth: f64,
+    nearest: f64,
+    farthest: f64,
 }
 
 impl RowDepths {
-    /// The least depth in an element; less where the plane is seen from along it.
+    /// The least depth in an element, or less where the plane is seen edge-on.
     #[inline]
     pub(super) fn least(&self, column: usize) -> f64 {
         let inverse = self.ends[1] + self.growth * column as f64;
@@ -51,21 +55,27 @@ impl RowDepths {
     }
 }
 
-/// One face's rows while a sheet is projected, kept from one to the next.
+/// The rows of a face while a sub-surface is projected, kept from one to the next to save allocations.
 pub(super) struct FaceRows {
-    pub(super) spans: Vec<Vec<ElementRun>>,
-    pub(super) border: Vec<Vec<[u32; 2]>>,
-    pub(super) touched: Range<usize>,
-    /// Where the outline of a facet crosses each row, and how far along the facet.
-    pub(super) crossings: Vec<Vec<(f64, DVec3)>>,
+    /// For each row the runs that facets cover.
+    runs: Vec<Vec<ElementRun>>,
+    /// For each row the first and last elements that bands of the border cover.
+    border: Vec<Vec<[u32; 2]>>,
+    /// The rows with runs.
+    touched: Range<usize>,
+    /// For each row the places where the outline of a facet crosses its middle, and how far along the
+    /// row each is.
+    crossings: Vec<Vec<(f64, DVec3)>>,
     pub(super) planes: Vec<FacePlane>,
-    pub(super) depths: Vec<f64>,
+    /// The depths of one row.
+    depths: Vec<f64>,
 }
 
 impl FacePlane {
-    pub(super) fn of(surfaces: &Surfaces, patch: usize, middle: DVec3, face: CubeFace) -> Self {
-        let depths = surfaces.corners(patch).map(|corner| face.turned(corner - middle).z);
-        let patch = surfaces.patch(patch);
+    /// The plane of a patch.
+    pub(super) fn of(mesh: &PatchMesh, patch: usize, middle: DVec3, face: CubeFace) -> Self {
+        let depths = mesh.corners(patch).map(|corner| face.turned(corner - middle).z);
+        let patch = mesh.patch(patch);
         Self {
             normal: face.turned(patch.normal),
             offset: patch.offset - patch.normal.dot(middle),
@@ -74,8 +84,7 @@ impl FacePlane {
         }
     }
 
-    /// What one through the depth is in a row: at its left end, the least and the most, and by how much
-    /// it grows to the right from element to element.
+    /// The depths along a row of a face with `size` × `size` elements.
     pub(super) fn row(&self, row: usize, size: usize) -> RowDepths {
         let step = 2.0 / size as f64;
         let at = |column: f64, row: f64| {
@@ -88,7 +97,7 @@ impl FacePlane {
         RowDepths { ends, growth, nearest: self.nearest.max(0.0), farthest: self.farthest }
     }
 
-    /// Whether in all elements that a patch in this plane meets something is before it.
+    /// Whether something hides a patch in this plane in all elements that the patch meets.
     pub(super) fn is_behind(&self, polygon: &[DVec2], depths: &[f32], size: usize) -> bool {
         let mut is_behind = true;
         rows(polygon, size, ROUNDING, |row, from, to| {
@@ -106,7 +115,7 @@ impl FacePlane {
 impl FaceRows {
     pub(super) fn new(size: usize) -> Self {
         Self {
-            spans: (0..size).map(|_| Vec::new()).collect(),
+            runs: (0..size).map(|_| Vec::new()).collect(),
             border: vec![Vec::new(); size],
             touched: 0..0,
             crossings: vec![Vec::new(); size],
@@ -115,12 +124,15 @@ impl FaceRows {
         }
     }
 
+    /// Adds a run of elements, from its first to its last.
     pub(super) fn add(&mut self, row: usize, [from, to]: [usize; 2], plane: u32) {
-        self.spans[row].push(ElementRun { from: from as u32, to: to as u32, plane });
+        debug_assert!(from <= to && (plane as usize) < self.planes.len());
+        self.runs[row].push(ElementRun { from: from as u32, to: to as u32, plane });
         self.touch(row);
     }
 
-    /// Adds what lies in a facet of the line through the middle of each row, by where the outline crosses it.
+    /// Adds, for each row, the parts of the line through its middle that lie in a facet. They are between
+    /// the places where the outline crosses the line.
     pub(super) fn cross(
         &mut self,
         plane: u32,
@@ -131,7 +143,7 @@ impl FaceRows {
         let place = |row: usize| (row as f64 + 0.5) * (2.0 / size as f64) - 1.0;
         let mut touched = size..0;
         for [from, to] in ends {
-            // Beyond an eye's side a line may cross any row.
+            // A line that reaches behind the eye may cross any row.
             let is_ahead = from.z > NEAR_DEPTH_M && to.z > NEAR_DEPTH_M;
             let at = |end: DVec3| (end.y / end.z + 1.0) * 0.5 * size as f64;
             let (low, high) = (at(from).min(at(to)), at(from).max(at(to)));
@@ -163,12 +175,12 @@ impl FaceRows {
         }
     }
 
-    pub(super) fn touch(&mut self, row: usize) {
+    fn touch(&mut self, row: usize) {
         let Range { start, end } = self.touched;
         self.touched = if start == end { row..row + 1 } else { start.min(row)..end.max(row + 1) };
     }
 
-    /// Takes the band of an edge out of what is to be merged.
+    /// Excludes the band of an edge from what is merged.
     pub(super) fn erase(&mut self, polygon: &[DVec2], size: usize) {
         rows(polygon, size, 4.0 * ROUNDING, |row, from, to| {
             if self.touched.contains(&row) {
@@ -177,14 +189,14 @@ impl FaceRows {
         });
     }
 
-    /// The scan-line method: in each row the patches' depths, without the border's bands, go into
-    /// the buffer where they are nearer.
+    /// Merges all rows into a buffer: in each row the depths of the facets, without the bands of the
+    /// border, where they are nearer.
     pub(super) fn merge_into(&mut self, nearest: &mut [f32], size: usize) {
         for row in std::mem::replace(&mut self.touched, 0..0) {
-            let spans = &mut self.spans[row];
-            let first = spans.iter().map(|span| span.from as usize).min().unwrap_or(size);
-            let last = spans.iter().map(|span| span.to as usize).max().unwrap_or(0);
-            for ElementRun { from, to, plane } in spans.drain(..) {
+            let runs = &mut self.runs[row];
+            let first = runs.iter().map(|run| run.from as usize).min().unwrap_or(size);
+            let last = runs.iter().map(|run| run.to as usize).max().unwrap_or(0);
+            for ElementRun { from, to, plane } in runs.drain(..) {
                 let inverse = self.planes[plane as usize].row(row, size);
                 let columns = from as usize..=to as usize;
                 for (column, depth) in columns.clone().zip(&mut self.depths[columns]) {
@@ -207,7 +219,7 @@ impl FaceRows {
 }
 
 /// The elements of a row that a line in it meets.
-pub(super) fn across(from: DVec3, to: DVec3, size: usize) -> Option<[usize; 2]> {
+fn across(from: DVec3, to: DVec3, size: usize) -> Option<[usize; 2]> {
     let (near, far) = if from.z < to.z { (from, to) } else { (to, from) };
     if far.z <= NEAR_DEPTH_M {
         return None;

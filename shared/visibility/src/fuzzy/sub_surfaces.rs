@@ -1,34 +1,39 @@
-//! Which facets of a surface hide things together: a change from one to the next is no border.
+//! Front-facing sub-surfaces: connected facets that hide things together (Lim 1999, FIG. 5A).
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;
-
-use super::{
-    Surfaces, ViewpointBox,
-    facets::PlanarFacet,
-    scan::FaceRows,
-    surfaces::{PatchSurface, side},
-};
 use sightline_world::geometry::Aabb;
 
-/// Interconnected facets that all face all eyes.
+use super::{
+    faces::ViewpointBox,
+    facets::{FacetNeighbour, PlanarFacet},
+    patches::side,
+    scan::FaceRows,
+    surfaces::{PatchSurface, Surfaces},
+};
+
+/// Connected facets that all face all eyes, on the same side of the surface.
 pub(super) struct SubSurface {
     pub(super) bounds: Aabb,
+    /// The indices of the facets.
     pub(super) facets: Vec<usize>,
-    /// Its border.
+    /// The edges of the border.
     pub(super) border: Vec<[DVec3; 2]>,
 }
 
-/// Interconnected patches of a surface that all face all eyes, on either side, found when they are needed.
+/// The front-facing sub-surfaces of all surfaces, found when they are needed first.
 pub(super) struct SubSurfaces<'a> {
     pub(super) surfaces: &'a Surfaces,
+    /// The corners of the box of eyes.
     pub(super) eyes: [DVec3; 8],
+    /// The least width of the box of eyes, in metres.
     pub(super) width_m: f32,
-    /// By the first facet of a surface.
+    /// The sub-surfaces found, by the first facet of their surface.
     pub(super) found: FxHashMap<usize, Vec<SubSurface>>,
-    /// Of each facet, where the eyes are.
-    pub(super) sides: Vec<i8>,
-    pub(super) is_done: Vec<bool>,
+    /// For each facet, on which side of it the eyes are, as in [`side`].
+    sides: Vec<i8>,
+    /// For each facet, whether it is in a sub-surface already.
+    is_done: Vec<bool>,
     pub(super) rows: FaceRows,
     pub(super) spare: Vec<DVec3>,
 }
@@ -52,46 +57,48 @@ impl<'a> SubSurfaces<'a> {
         }
     }
 
-    pub(super) fn take(&mut self, group: &PatchSurface) -> Vec<SubSurface> {
-        if let Some(found) = self.found.remove(&group.facets.start) {
+    /// Takes the sub-surfaces of a surface out of those found, or finds them.
+    pub(super) fn take(&mut self, surface: &PatchSurface) -> Vec<SubSurface> {
+        if let Some(found) = self.found.remove(&surface.facets.start) {
             return found;
         }
-        for facet in group.facets.clone() {
+        for facet in surface.facets.clone() {
             let PlanarFacet { normal, offset, .. } = self.surfaces.facet(facet);
             self.sides[facet] = side(*normal, *offset, &self.eyes);
         }
-        let mut sheets = Vec::new();
-        for facet in group.facets.clone() {
+        let mut sub_surfaces = Vec::new();
+        for facet in surface.facets.clone() {
             if self.sides[facet] != 0 && !std::mem::replace(&mut self.is_done[facet], true) {
-                sheets.push(self.grow(facet));
+                sub_surfaces.push(self.grow(facet));
             }
         }
-        sheets
+        sub_surfaces
     }
 
-    /// All that is joined to a facet and faces the eyes as it does.
-    pub(super) fn grow(&mut self, first: usize) -> SubSurface {
-        let mut sheet = SubSurface { bounds: Aabb::EMPTY, facets: vec![first], border: Vec::new() };
+    /// All facets that are connected to a facet and face the eyes as it does.
+    fn grow(&mut self, first: usize) -> SubSurface {
+        let mut sub_surface =
+            SubSurface { bounds: Aabb::EMPTY, facets: vec![first], border: Vec::new() };
         let mut next = 0;
-        while let Some(&number) = sheet.facets.get(next) {
+        while let Some(&number) = sub_surface.facets.get(next) {
             next += 1;
             let facet = self.surfaces.facet(number);
-            sheet.bounds = sheet.bounds.union(&facet.bounds);
+            sub_surface.bounds = sub_surface.bounds.union(&facet.bounds);
             for edge in &facet.edges {
-                let joined = edge.join.filter(|(other, same_way)| {
-                    let other = self.sides[*other as usize];
-                    other != 0 && (other == self.sides[number]) == *same_way
+                let joined = edge.neighbour.filter(|neighbour| {
+                    let other = self.sides[neighbour.facet as usize];
+                    other != 0 && (other == self.sides[number]) == neighbour.same_side
                 });
                 match joined {
-                    None => sheet.border.push(edge.ends),
-                    Some((other, _)) => {
+                    None => sub_surface.border.push(edge.ends),
+                    Some(FacetNeighbour { facet: other, .. }) => {
                         if !std::mem::replace(&mut self.is_done[other as usize], true) {
-                            sheet.facets.push(other as usize);
+                            sub_surface.facets.push(other as usize);
                         }
                     }
                 }
             }
         }
-        sheet
+        sub_surface
     }
 }

@@ -1,13 +1,15 @@
-//! The twin: dense eyes in the box, and lines to points of every patch against all triangles.
+//! The reference model: dense eyes in the box, with lines to points of every patch, each compared with all
+//! triangles.
 
 use glam::{DVec3, Quat, Vec3};
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 
-use super::*;
 use sightline_world::geometry::{Aabb, Frustum};
 
-/// Patches, and the surface that each is of.
+use super::*;
+
+/// Patches, each with the number of its surface.
 #[derive(Default)]
 struct Scene {
     corners: Vec<Vec3>,
@@ -16,7 +18,7 @@ struct Scene {
 }
 
 impl Scene {
-    /// A surface over a grid of places, without patches that have no area.
+    /// Adds a surface over a grid of places.
     fn add(&mut self, across: u32, down: u32, triangles: bool, place: impl Fn(f32, f32) -> Vec3) {
         let start = self.corners.len() as u32;
         for j in 0..=down {
@@ -48,7 +50,7 @@ impl Scene {
         self.add(across, down, true, place);
     }
 
-    /// All six sides of a box as one surface.
+    /// Adds all six sides of a turned box as one surface.
     fn slab(&mut self, middle: Vec3, turn: Quat, half: Vec3) {
         let start = self.corners.len() as u32;
         let corners = Aabb::new(-half, half).corners();
@@ -72,7 +74,7 @@ impl Scene {
         });
     }
 
-    /// Waves, which hide themselves.
+    /// Adds waves, which hide themselves.
     fn waves(&mut self, random: &mut SmallRng, middle: Vec3, half: f32) {
         let (turn, high) = (turn(random), random.random_range(0.1..0.6) * half);
         self.add(8, 4, true, |u, v| {
@@ -113,7 +115,7 @@ impl Scene {
         self.polygons[patch].1.iter().map(|i| self.corners[*i as usize].as_dvec3()).collect()
     }
 
-    /// Triangles, each with its patch.
+    /// All triangles, each with its patch.
     fn triangles(&self) -> Vec<(usize, [DVec3; 3])> {
         let fan = |patch: usize| {
             let corners = self.corners_of(patch);
@@ -140,7 +142,7 @@ fn turn(random: &mut SmallRng) -> Quat {
     Quat::from_rotation_arc(Vec3::Z, direction(random))
 }
 
-/// Where along a line from `from` to `to` a triangle is met.
+/// The share of a line's length at which it meets a triangle.
 fn meets([a, b, c]: &[DVec3; 3], from: DVec3, to: DVec3) -> Option<f64> {
     let (way, normal) = (to - from, (*b - *a).cross(*c - *a));
     let slope = normal.dot(way);
@@ -155,14 +157,14 @@ fn meets([a, b, c]: &[DVec3; 3], from: DVec3, to: DVec3) -> Option<f64> {
     inside.then_some(share)
 }
 
-/// Whether a point of a patch can be seen from an eye: nothing is met before it.
+/// Whether an eye sees a point of a patch: the line meets nothing before it.
 fn sees(triangles: &[(usize, [DVec3; 3])], eye: DVec3, point: DVec3) -> bool {
     !triangles.iter().any(|(_, triangle)| {
         meets(triangle, eye, point).is_some_and(|share| share > 1e-9 && share < 1.0 - 1e-6)
     })
 }
 
-/// Points of a patch: its corners, moved inwards a little, and some within.
+/// Points of a patch: its corners, moved inwards a little, its middle and a few others.
 fn points(corners: &[DVec3], random: &mut SmallRng) -> Vec<DVec3> {
     let middle = corners.iter().sum::<DVec3>() / corners.len() as f64;
     let mut points: Vec<DVec3> =
@@ -184,7 +186,7 @@ fn eyes(bounds: &Aabb, random: &mut SmallRng, inner: usize) -> Vec<DVec3> {
     eyes
 }
 
-/// What dense eyes found of some patches.
+/// What dense eyes found about patches.
 #[derive(Default)]
 struct Tally {
     patches: usize,
@@ -193,7 +195,7 @@ struct Tally {
     visible: usize,
 }
 
-/// Holds classes against dense eyes.
+/// Compares classes with what dense eyes see.
 fn check(
     scene: &Scene,
     bounds: &Aabb,
@@ -248,7 +250,7 @@ fn nothing_seen_is_invisible_and_nothing_hidden_is_visible() {
     }
 }
 
-/// A room with a pillar and a doorway, and a room behind.
+/// Two rooms with a doorway between them, and a ball in each.
 fn rooms() -> Scene {
     let mut scene = Scene::default();
     let mut slab = |min: [f32; 3], max: [f32; 3]| {
@@ -260,7 +262,7 @@ fn rooms() -> Scene {
     slab([-3.0, 0.0, -3.2], [13.0, 3.0, -3.0]);
     slab([-3.0, 0.0, 3.0], [13.0, 3.0, 3.2]);
     slab([-3.2, 0.0, -3.0], [-3.0, 3.0, 3.0]);
-    // The wall between the rooms: its doorway is 1 m wide.
+    // The wall between the rooms, with a doorway 1 m wide.
     slab([3.0, 0.0, -3.0], [3.2, 3.0, 1.5]);
     slab([3.0, 0.0, 2.5], [3.2, 3.0, 3.0]);
     scene.ball(Vec3::new(6.0, 1.0, -1.0), Vec3::splat(0.5), 12);
@@ -339,7 +341,7 @@ fn what_is_no_patch_is_refused() {
     assert_eq!(of(&[0, 1, 2, 3]), Err(SurfaceError::Shape { patch: 0 }));
     assert_eq!(of(&[0, 1, 9]), Err(SurfaceError::Corner { patch: 0 }));
     assert_eq!(of(&[0, 1, 4]), Err(SurfaceError::Corner { patch: 0 }));
-    // One without an area hides nothing.
+    // A polygon without an area hides nothing.
     let thin = Surfaces::new(&corners, &[(0, vec![0, 1, 1])]).unwrap();
     let buffer = FuzzyBuffer::new(&thin, &ViewpointBox::all_round(Aabb::around(-Vec3::Z, 0.0)), 64);
     assert!(!buffer.hides(&Aabb::around(Vec3::new(0.5, 0.0, 3.0), 0.01)));
@@ -372,7 +374,7 @@ proptest! {
         }
     }
 
-    /// Equations (1) and (2) hold every projection from every eye.
+    /// The rectangle of equations (1) and (2) holds every projection from every eye.
     #[test]
     fn an_extent_holds_all_projections(
         eyes in prop::array::uniform6(-1.0f32..1.0),

@@ -1,40 +1,40 @@
-//! Visibility: the modified method, with homogeneous indicators and lists of projected patches.
+//! Visible patches, by the modified visibility method (Lim 1999): homogeneity indicators and lists of
+//! projected patches for each element.
 
 use glam::DVec3;
 use sightline_world::tolerance::NEAR_PLANE_M;
 
 use super::{
-    PatchVisibility, Surfaces, ViewpointBox,
-    faces::{CubeFace, region},
+    faces::{CubeFace, ViewpointBox, region},
     raster::{ROUNDING, rows},
+    surfaces::Surfaces,
+    visibility::PatchVisibility,
 };
 
-/// What the fuzzy regions of patches make of an element.
+/// Whose fuzzy regions meet an element.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ElementContent {
-    /// No patch's is here.
+    /// No patch's.
     Nothing,
-    /// Those of one surface only; the patches that may be visible are in a list that ends with the
-    /// number of an entry.
-    One {
-        kin: u64,
-        list: u32,
-    },
+    /// Patches of one group only. Those that may be visible are in a list, given by the index of its last
+    /// entry.
+    One { group: u64, list: u32 },
+    /// Patches of several groups.
     Several,
 }
 
+/// The index of no entry, which ends a list.
 const END: u32 = u32::MAX;
 
-/// A face, and for each element what was met.
+/// A face, with the content of each element.
 struct Homogeneity {
     size: usize,
     elements: Vec<ElementContent>,
-    /// Projected patches, and the entry before in the same list.
+    /// A projected patch, and the index of the entry before it in the same list.
     entries: Vec<(u32, u32)>,
 }
 
-/// Marks the patches of which every eye sees all and which hide nothing, among those that are not
-/// settled.
+/// Marks the patches that every eye sees whole and that hide nothing, among those that are not settled.
 pub(super) fn find(
     surfaces: &Surfaces,
     viewpoints: &ViewpointBox,
@@ -50,12 +50,12 @@ pub(super) fn find(
         classes.iter().map(|class| *class != PatchVisibility::Invisible).collect();
     let there: Vec<(usize, i8)> = (0..surfaces.len())
         .filter(|patch| is_clear[*patch])
-        .map(|patch| (patch, surfaces.side(patch, &eyes)))
+        .map(|patch| (patch, surfaces.mesh.side(patch, &eyes)))
         .collect();
     for (patch, side) in &there {
         is_clear[*patch] &= *side != 0;
-        if surfaces.patch(*patch).bounds.intersects(&around) {
-            // It may be before any other, whichever way an eye looks.
+        if surfaces.mesh.patch(*patch).bounds.intersects(&around) {
+            // This patch may hide any other one, whichever way an eye looks.
             return;
         }
     }
@@ -64,16 +64,17 @@ pub(super) fn find(
     for face in &faces {
         let mut homogeneity = Homogeneity::new(size);
         for &(patch, side) in &there {
-            let corners: Vec<DVec3> = surfaces.corners(patch).collect();
+            let corners: Vec<DVec3> = surfaces.mesh.corners(patch).collect();
             let polygon = region(*face, &corners, &eyes, size as f64, &mut spare);
-            // Those that are seen from both sides are of no surface but their own.
-            let kin = match side {
+            // A patch that eyes see from both sides is a group of its own.
+            let group = match side {
                 0 => 1 << 63 | patch as u64,
-                side => u64::from(surfaces.patch(patch).kin) << 1 | u64::from(side > 0),
+                side => u64::from(surfaces.mesh.patch(patch).group) << 1 | u64::from(side > 0),
             };
+            let member = GroupMember { patch, group };
             rows(&polygon, size, 4.0 * ROUNDING, |row, from, to| {
                 for column in from..=to {
-                    homogeneity.add(row * size + column, (patch, kin), &mut is_clear);
+                    homogeneity.add(row * size + column, &member, &mut is_clear);
                 }
             });
         }
@@ -81,8 +82,8 @@ pub(super) fn find(
     let inactive: Vec<CubeFace> =
         CubeFace::ALL.into_iter().filter(|face| !faces.contains(face)).collect();
     for (patch, _) in there.into_iter().filter(|(patch, _)| is_clear[*patch]) {
-        let corners: Vec<DVec3> = surfaces.corners(patch).collect();
-        // What reaches beyond the field of view was not looked at in whole.
+        let corners: Vec<DVec3> = surfaces.mesh.corners(patch).collect();
+        // A patch that reaches beyond the field of view was not tested in whole.
         let reaches = |face: &CubeFace| {
             !region(*face, &corners, &eyes, size as f64, &mut spare.clone()).is_empty()
         };
@@ -92,18 +93,25 @@ pub(super) fn find(
     }
 }
 
+/// A patch, and the group of patches it belongs to that do not hide each other.
+struct GroupMember {
+    patch: usize,
+    group: u64,
+}
+
 impl Homogeneity {
     fn new(size: usize) -> Self {
         Self { size, elements: vec![ElementContent::Nothing; size * size], entries: Vec::new() }
     }
 
-    /// Takes in that a patch's fuzzy region meets an element.
-    fn add(&mut self, element: usize, (patch, kin): (usize, u64), is_clear: &mut [bool]) {
+    /// Notes that a patch's fuzzy region meets an element.
+    fn add(&mut self, element: usize, member: &GroupMember, is_clear: &mut [bool]) {
+        let &GroupMember { patch, group } = member;
         debug_assert!(element < self.size * self.size);
         let met = &mut self.elements[element];
         let list = match *met {
             ElementContent::Nothing => END,
-            ElementContent::One { kin: known, list } if known == kin => list,
+            ElementContent::One { group: known, list } if known == group => list,
             ElementContent::One { list, .. } => {
                 *met = ElementContent::Several;
                 self.reset(list, is_clear);
@@ -121,10 +129,10 @@ impl Homogeneity {
         } else {
             list
         };
-        *met = ElementContent::One { kin, list };
+        *met = ElementContent::One { group, list };
     }
 
-    /// None of the patches of a list is visible in whole.
+    /// Marks the patches of a list as not visible whole.
     fn reset(&self, mut list: u32, is_clear: &mut [bool]) {
         while list != END {
             let (patch, before) = self.entries[list as usize];
