@@ -4,11 +4,12 @@ use std::{collections::BTreeMap, time::Duration};
 
 use glam::Vec3;
 use sightline_cli::trace::Trace;
+use sightline_client_core::reporting::{ReportReason, Reporter};
 use sightline_engine::{ClaimLimits, ClaimVerdict, Engine, MovementBudget};
 use sightline_protocol::{pose_stream::Ack, quantise::WirePose};
 use sightline_world::{
     geometry::Confines,
-    motion::{Agility, AvatarId, Pose, Tbv},
+    motion::{Agility, AvatarId, Pose},
     tolerance::WIRE_POSE_M,
 };
 
@@ -26,9 +27,7 @@ pub(super) struct SimulatedClient {
     pub(super) settled_at: Duration,
     /// The avatars that the client holds, and when each one's position was sampled.
     pub(super) replica: BTreeMap<AvatarId, Duration>,
-    has_entered: bool,
-    /// The region in which the client may be silent; `None` while it is live.
-    tbv: Option<Tbv>,
+    reporter: Reporter,
     /// Whether the avatar moved as no body can, and its client has not announced that yet.
     has_jumped: bool,
     /// Where the client's last report puts the eye.
@@ -45,15 +44,14 @@ pub(super) struct SimulatedClient {
 
 impl SimulatedClient {
     /// A client that asks to join now.
-    fn new(avatar: AvatarId, now: Duration, pose: &Pose) -> Self {
+    fn new(avatar: AvatarId, now: Duration, pose: &Pose, reporter: Reporter) -> Self {
         Self {
             avatar,
             pose: *pose,
             at: now,
             settled_at: now,
             replica: BTreeMap::new(),
-            has_entered: false,
-            tbv: None,
+            reporter,
             has_jumped: false,
             claimed_eye: pose.eye,
             budget: MovementBudget::new(now),
@@ -76,9 +74,9 @@ impl SimulatedClient {
     }
 
     /// Takes in a message that asks for no answer.
-    fn receive(&mut self, downlink: &Downlink) {
+    fn receive(&mut self, at: Duration, downlink: &Downlink) {
         match downlink {
-            Downlink::Entered => self.has_entered = true,
+            Downlink::Entered => self.reporter.enter(),
             Downlink::Appear(avatar, sampled) => {
                 self.replica.insert(*avatar, *sampled);
             }
@@ -93,8 +91,8 @@ impl SimulatedClient {
                     }
                 }
             }
-            Downlink::Quiet(tbv) => self.tbv = Some(*tbv),
-            Downlink::Live => self.tbv = None,
+            Downlink::Quiet(tbv) => self.reporter.expect_silence(*tbv, at),
+            Downlink::Live => self.reporter.expect_reports(at),
             Downlink::Correct => self.has_jumped = true,
             Downlink::Ask | Downlink::Drop => {}
         }
@@ -198,7 +196,7 @@ impl<'a> SimulatedClients<'a> {
     ) -> Option<Uplink> {
         let id = self.trace_id(to);
         let client = self.present.get_mut(&id).filter(|client| client.avatar == to)?;
-        client.receive(downlink);
+        client.receive(at, downlink);
         let is_asked = match downlink {
             Downlink::Ask => true,
             Downlink::Live => false,
@@ -223,7 +221,9 @@ impl<'a> SimulatedClients<'a> {
     fn join(&mut self, id: u32, now: Duration, pose: &Pose) -> Uplink {
         let avatar = AvatarId(self.trace_ids.len() as u32);
         self.trace_ids.push(id);
-        let replaced = self.present.insert(id, SimulatedClient::new(avatar, now, pose));
+        let reporter = Reporter::new(self.tick, self.agility);
+        let client = SimulatedClient::new(avatar, now, pose, reporter);
+        let replaced = self.present.insert(id, client);
         debug_assert!(replaced.is_none(), "{id} joins twice");
         let eye = self.on_wire(pose).eye;
         let request = Request::Join { name: format!("walker {id}"), eye };
@@ -246,14 +246,17 @@ impl<'a> SimulatedClients<'a> {
         let reachable = self.agility.eyes(before.eye, before.velocity, elapsed).grown(WIRE_POSE_M);
         client.has_jumped |= !reachable.contains(pose.eye);
         (client.pose, client.at) = (*pose, now);
-        if !client.has_entered {
+        if !client.reporter.is_inside() {
             return None;
         }
-        let is_live = client.tbv.is_none();
-        let stays = client.tbv.as_ref().is_some_and(|t| t.holds(pose, self.tick, &self.agility));
-        if stays && !is_asked && !client.has_jumped {
+        if is_asked {
+            client.reporter.ask();
+        }
+        let reason = client.reporter.due(pose);
+        if reason.is_none() && !client.has_jumped {
             return None;
         }
+        client.reporter.take_ask();
         let request = if std::mem::take(&mut client.has_jumped)
             || !client.is_believed(now, &reported, &self.limits)
         {
@@ -262,8 +265,9 @@ impl<'a> SimulatedClients<'a> {
             self.jumps += 1;
             Request::Relocate { pose: reported }
         } else {
-            self.left_tbv += u64::from(!is_live && !is_asked);
-            Request::Report { sequence: client.sequence, pose: reported, on_stream: !is_live }
+            self.left_tbv += u64::from(reason == Some(ReportReason::Leaving));
+            let on_stream = reason != Some(ReportReason::Live);
+            Request::Report { sequence: client.sequence, pose: reported, on_stream }
         };
         client.claimed_eye = reported.eye;
         client.reports_since_tick += 1;

@@ -16,26 +16,26 @@ use sightline_protocol::{
 };
 use sightline_world::motion::{Agility, AvatarId, Pose, ReportingState, Tbv};
 
-pub use avatar_source::{AvatarSource, Update};
-use timeline::{Clock, Timeline};
+use self::timeline::{Clock, Timeline};
+use crate::reporting::{ReportReason, Reporter};
+
+pub use self::avatar_source::{AvatarSource, Update};
 
 /// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
 /// bytes.
 const AVATARS_MAX: usize = 16_384;
-/// Reports to get out of a TBV are at least so far apart, in ticks.
-const LEAVING_TICKS: u32 = 2;
 
 /// What one client knows.
 #[derive(Clone, Debug)]
 pub struct Replica {
     avatar: AvatarId,
     tick_interval: Duration,
-    agility: Agility,
     others: BTreeMap<AvatarId, Other>,
     /// Of them, those that [`AvatarSource::updates`] has not told of.
     news: BTreeMap<AvatarId, Update>,
     decoder: PoseDecoder,
     clock: Clock,
+    reporter: Reporter,
     own: Own,
 }
 
@@ -120,17 +120,9 @@ struct Other {
 #[derive(Clone, Debug, Default)]
 struct Own {
     pose: Pose,
-    is_inside: bool,
-    /// Silence is expected while in there.
-    tbv: Option<Tbv>,
-    is_asked: bool,
     /// Of the newest report.
     sequence: u32,
-    /// Ticks until a report to get out of the TBV may be repeated.
-    leaving: u32,
     owes_ack: bool,
-    quiet_since: Option<Duration>,
-    quiet_before: Duration,
 }
 
 impl Replica {
@@ -139,11 +131,11 @@ impl Replica {
         Self {
             avatar,
             tick_interval,
-            agility,
             others: BTreeMap::new(),
             news: BTreeMap::new(),
             decoder: PoseDecoder::default(),
             clock: Clock::new(tick_interval),
+            reporter: Reporter::new(tick_interval, agility),
             own: Own::default(),
         }
     }
@@ -159,7 +151,7 @@ impl Replica {
                 return Err(ReplicaError::OutOfPlace);
             }
             ServerMessage::Entered { pose } => {
-                self.own.is_inside = true;
+                self.reporter.enter();
                 self.own.pose = pose.into();
                 Some(Event::Entered(self.own.pose))
             }
@@ -175,15 +167,15 @@ impl Replica {
                 self.others.remove(&avatar).map(|_| Event::Vanished(avatar))
             }
             ServerMessage::Ask => {
-                self.own.is_asked = true;
+                self.reporter.ask();
                 None
             }
             ServerMessage::Quiet { tbv } => {
-                self.own.expect_silence(tbv.at(now), now);
+                self.reporter.expect_silence(tbv.at(now), now);
                 None
             }
             ServerMessage::Live => {
-                self.own.expect_reports(now);
+                self.reporter.expect_reports(now);
                 None
             }
             ServerMessage::Correct { pose } => {
@@ -228,52 +220,41 @@ impl Replica {
 
     /// The answer to an ask, if one was asked. To be sent at once.
     pub fn answer(&mut self) -> Option<ClientMessage> {
-        (self.own.is_inside && std::mem::take(&mut self.own.is_asked)).then(|| self.report())
+        self.reporter.take_ask().then(|| self.report())
     }
 
     /// What to send at a tick. While quiet that is nothing, unless the avatar has left its TBV, or
     /// could have before long.
     pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
-        if !self.own.is_inside {
+        if !self.reporter.is_inside() {
             return None;
         }
-        if let Some(answer) = self.answer() {
-            return Some(Outgoing::Message(answer));
+        match self.reporter.tick(&self.own.pose, round_trip) {
+            Some(ReportReason::Live) => {
+                self.own.sequence += 1;
+                let report = Some((self.own.sequence, WirePose::from(&self.own.pose)));
+                Some(self.datagram_with(report))
+            }
+            Some(ReportReason::Asked | ReportReason::Leaving) => {
+                Some(Outgoing::Message(self.report()))
+            }
+            None => self.own.owes_ack.then(|| self.datagram_with(None)),
         }
-        let Some(tbv) = self.own.tbv else {
-            self.own.sequence += 1;
-            let report = Some((self.own.sequence, WirePose::from(&self.own.pose)));
-            return Some(self.datagram_with(report));
-        };
-        self.own.leaving = self.own.leaving.saturating_sub(1);
-        let is_held = tbv.holds(&self.own.pose, self.tick_interval, &self.agility);
-        if self.own.leaving == 0 && !is_held {
-            let round_trip_ticks = round_trip.div_duration_f32(self.tick_interval).ceil();
-            self.own.leaving = (round_trip_ticks as u32).saturating_add(LEAVING_TICKS);
-            return Some(Outgoing::Message(self.report()));
-        }
-        self.own.owes_ack.then(|| self.datagram_with(None))
     }
 
     /// What the server expects of this client; `None` before it is in the world.
     pub fn reporting_state(&self) -> Option<ReportingState> {
-        match &self.own {
-            own if !own.is_inside => None,
-            own if own.is_asked => Some(ReportingState::Asked),
-            own if own.tbv.is_some() => Some(ReportingState::Quiet),
-            _ => Some(ReportingState::Live),
-        }
+        self.reporter.state()
     }
 
     /// The region in which silence is expected.
     pub fn tbv(&self) -> Option<Tbv> {
-        self.own.tbv
+        self.reporter.tbv()
     }
 
     /// For how long silence was expected, up to now.
     pub fn quiet_time(&self, now: Duration) -> Duration {
-        let this_time = self.own.quiet_since.map_or(Duration::ZERO, |s| now.saturating_sub(s));
-        self.own.quiet_before + this_time
+        self.reporter.quiet_time(now)
     }
 
     /// What the server's clock says of the moment that is to be drawn now: movers are where they are
@@ -353,23 +334,6 @@ impl Other {
         if sequence >= self.since_sequence && sequence > self.newest_sequence {
             self.newest_sequence = sequence;
             self.timeline.push(tick, pose.into(), now);
-        }
-    }
-}
-
-impl Own {
-    fn expect_silence(&mut self, tbv: Tbv, now: Duration) {
-        self.tbv = Some(tbv);
-        self.is_asked = false;
-        self.leaving = 0;
-        self.quiet_since.get_or_insert(now);
-    }
-
-    fn expect_reports(&mut self, now: Duration) {
-        self.tbv = None;
-        self.is_asked = false;
-        if let Some(since) = self.quiet_since.take() {
-            self.quiet_before += now.saturating_sub(since);
         }
     }
 }
