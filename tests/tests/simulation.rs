@@ -41,11 +41,11 @@ fn any_number_of_threads_gives_the_same_outputs() {
     let pool = BuildingPool::new(4, &|| ());
     // One budget is enough for all sight tests, the other leaves most of them out.
     for (seed, sight_test_budget) in (0..4).zip([300_000, 5_000].into_iter().cycle()) {
-        let one = outputs_by_tick(seed, &pool, 70, [1, sight_test_budget]);
+        let one = outputs_by_tick(seed, &pool, 70, 1, sight_test_budget);
         let told: usize = one.iter().map(Vec::len).sum();
         assert!(told > 5_000, "seed {seed}: too few outputs: {told}");
         for threads in [2, 3] {
-            let several = outputs_by_tick(seed, &pool, 70, [threads, sight_test_budget]);
+            let several = outputs_by_tick(seed, &pool, 70, threads, sight_test_budget);
             let differs = one.iter().zip(&several).position(|(one, several)| one != several);
             assert_eq!(differs, None, "seed {seed}: {threads} threads differ at that tick");
             assert_eq!(one.len(), several.len());

@@ -8,10 +8,9 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 use rand::{SeedableRng, rngs::SmallRng};
-use sightline_world::{World, motion::Pose};
-
 use sightline_cli::trace::Track;
 use sightline_client_core::navigation::Navigation;
+use sightline_world::{World, motion::Pose};
 
 /// The speed between two samples above which the avatar was put elsewhere, in metres per second.
 const JUMP_M_PER_S: f32 = 40.0;
@@ -215,8 +214,9 @@ fn smoothed_walk(steps: &[Vec3]) -> Vec<(f64, Pose)> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use sightline_fixtures::voxel_floor::world;
+
+    use super::*;
 
     fn sample(t: f64, x: f32, yaw: f32) -> (f64, Pose) {
         (t, Pose { eye: Vec3::new(x, 1.0, 0.0), yaw, ..Pose::default() })

@@ -31,7 +31,7 @@ use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_engine::Policy;
 use sightline_world::World;
 
-use run::EngineRow;
+use run::{CrowdSize, EngineRow};
 
 /// Measures the engine in a generated building.
 #[derive(Parser, Clone)]
@@ -101,7 +101,7 @@ fn main() -> anyhow::Result<()> {
     let path = building(&args)?;
     if let Some(row) = &args.row {
         let &[walkers, hidden] = &row[..] else { anyhow::bail!("a row has two numbers") };
-        let row = run::row(&World::read(&path)?, &args, [walkers, hidden])?;
+        let row = run::row(&World::read(&path)?, &args, CrowdSize { walkers, hidden })?;
         println!("{}", serde_json::to_string(&row)?);
         return Ok(());
     }
@@ -121,7 +121,7 @@ fn main() -> anyhow::Result<()> {
         }
         for (policy, threads, walkers, hidden) in planned {
             let args = Args { policy, threads, ..args.clone() };
-            let row = measured(&args, [walkers, hidden])?;
+            let row = measured(&args, CrowdSize { walkers, hidden })?;
             println!("{row}");
             rows.push(row);
         }
@@ -155,7 +155,8 @@ fn findings(rows: &[EngineRow]) -> String {
 }
 
 /// Measures a row in a process of its own.
-fn measured(args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<EngineRow> {
+fn measured(args: &Args, size: CrowdSize) -> anyhow::Result<EngineRow> {
+    let CrowdSize { walkers, hidden } = size;
     let mut child = Command::new(std::env::current_exe()?)
         .args(["--row", &format!("{walkers},{hidden}"), "--policy", &args.policy.to_string()])
         .args(["--threads", &args.threads.to_string()])

@@ -120,8 +120,18 @@ impl fmt::Display for EngineRow {
     }
 }
 
+/// The size of a crowd.
+#[derive(Clone, Copy, Debug)]
+pub struct CrowdSize {
+    /// The number of avatars that walk in the building.
+    pub walkers: usize,
+    /// The number of avatars in closed rooms of their own.
+    pub hidden: usize,
+}
+
 /// Measures one row.
-pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow::Result<EngineRow> {
+pub fn row(world: &World, args: &Args, size: CrowdSize) -> anyhow::Result<EngineRow> {
+    let CrowdSize { walkers, hidden } = size;
     let (world, closed) = annex::with_annex(world, hidden);
     annex::check(&world, &closed);
     let plan = sightline_demo_building::plan(args.rooms(), args.seed);
@@ -139,7 +149,7 @@ pub fn row(world: &World, args: &Args, [walkers, hidden]: [usize; 2]) -> anyhow:
     let now = run.engine.stats();
     let ended = [now.expiries - stats.expiries, now.reveals - stats.reveals];
     let policy = args.policy.to_string();
-    let row = run.count.row(policy, [walkers, hidden], ended, memory);
+    let row = run.count.row(policy, size, ended, memory);
     Ok(EngineRow { threads: args.threads, ..row.context("nothing was measured")? })
 }
 
@@ -159,7 +169,7 @@ impl TickSums {
     fn row(
         mut self,
         policy: String,
-        [walkers, hidden]: [usize; 2],
+        size: CrowdSize,
         ended: [u64; 2],
         memory_bytes: u64,
     ) -> Option<EngineRow> {
@@ -170,15 +180,15 @@ impl TickSums {
         Some(EngineRow {
             policy,
             threads: 1,
-            walkers,
-            hidden,
+            walkers: size.walkers,
+            hidden: size.hidden,
             ticks,
             cpu_median_ms: percentile(&self.cpu, 50)?,
             cpu_p99_ms: percentile(&self.cpu, 99)?,
             wall_median_ms: percentile(&self.wall, 50)?,
             wall_p99_ms: percentile(&self.wall, 99)?,
             cpu_mean_ms: self.cpu.iter().sum::<f64>() / ticks as f64,
-            held_mean: of(self.held) / walkers as f64,
+            held_mean: of(self.held) / size.walkers as f64,
             live_mean: of(self.live),
             quiet_mean: of(self.quiet),
             states_a_tick: of(self.states),

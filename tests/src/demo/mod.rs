@@ -10,6 +10,7 @@ mod visitors;
 
 use std::{net::SocketAddr, sync::Arc};
 
+use glam::Vec3;
 use sightline_client::net::{ConnectOptions, Dialer, Session, Trust};
 use sightline_protocol::text::Name;
 use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
@@ -38,10 +39,12 @@ pub fn run(options: &DemoOptions) -> anyhow::Result<()> {
     let server = serve(&runtime, building)?;
     let address = server.local_addr()?;
     let trust = Trust::Pinned(server.fingerprint());
-    let you = join(&runtime, address, trust.clone(), &world)?;
+    // All clients share one download of the world.
+    let dialer = Arc::new(Dialer::new(None));
+    let you = join(&runtime, &dialer, address, trust.clone(), best_spawn(&world))?;
 
     println!("{} visitors walk for {} s", options.visitors, options.duration.as_secs());
-    let visitors = Visitors::send(&runtime, address, trust, options)?;
+    let visitors = Visitors::send(&runtime, dialer, address, trust, options)?;
     let frames = show(&you, &visitors, &world, options)?;
     let (snapshots, report) = visitors.end()?;
 
@@ -60,13 +63,8 @@ fn serve(runtime: &Runtime, building: ServedWorld) -> anyhow::Result<Server> {
     Ok(Server::bind(building, config, &Identity::generate()?)?)
 }
 
-/// Your own client, at the spawn point from which most cells ahead are potentially visible.
-fn join(
-    runtime: &Runtime,
-    address: SocketAddr,
-    trust: Trust,
-    world: &World,
-) -> anyhow::Result<Session> {
+/// The spawn point from which most cells ahead are potentially visible.
+fn best_spawn(world: &World) -> Option<Vec3> {
     let cells_ahead = |spawn: &&Spawn| {
         let eye = world.cells.axes.own(spawn.eye);
         let forward = Pose { yaw: spawn.yaw, ..Pose::default() }.forward();
@@ -75,7 +73,17 @@ fn join(
         let centres = visible.iter().map(|cell| world.cells.cells[cell as usize].bounds.centre());
         centres.filter(|centre| (centre - eye).normalize_or_zero().dot(forward) > AHEAD).count()
     };
-    let place = world.spawns.iter().max_by_key(cells_ahead).map(|spawn| spawn.eye);
+    world.spawns.iter().max_by_key(cells_ahead).map(|spawn| spawn.eye)
+}
+
+/// Connects your own client.
+fn join(
+    runtime: &Runtime,
+    dialer: &Dialer,
+    address: SocketAddr,
+    trust: Trust,
+    place: Option<Vec3>,
+) -> anyhow::Result<Session> {
     let options = ConnectOptions {
         name: Name::new("you")?,
         colour: [255, 255, 255],
@@ -83,7 +91,7 @@ fn join(
         trust,
         progress: None,
     };
-    Ok(runtime.block_on(Dialer::new(None).connect(address, &options))?)
+    Ok(runtime.block_on(dialer.connect(address, &options))?)
 }
 
 /// Shows the walk in a window where there is a display, else in pictures. Returns when the

@@ -62,8 +62,9 @@ pub(super) fn take(
     if let Some(moment) = best {
         fs::create_dir_all(&options.pictures)
             .with_context(|| format!("cannot create {}", options.pictures.display()))?;
-        save(&moment.view(world), &options.pictures, "view.png")?;
-        save(&moment.plan(world), &options.pictures, "plan.png")?;
+        let (view, plan) = rayon::join(|| moment.view(world), || moment.plan(world));
+        save(&view, &options.pictures, "view.png")?;
+        save(&plan, &options.pictures, "plan.png")?;
     }
     Ok(frames)
 }

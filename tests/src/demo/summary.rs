@@ -13,7 +13,7 @@ use anyhow::anyhow;
 use sightline_cli::{progress::Progress, trace::Trace};
 use sightline_client::swarm::{Snapshot, SwarmReport};
 use sightline_engine::Policy;
-use sightline_replay::{self as replay, OracleStride};
+use sightline_replay::{OracleStride, ReplayOptions, ReplayReport};
 use sightline_server::net::ServerStats;
 use sightline_world::World;
 
@@ -34,7 +34,7 @@ pub(super) struct FrameRate {
 /// The figures that are worked out after the walk.
 pub(super) struct Summary {
     /// A report for each of [`POLICIES`].
-    replays: Vec<replay::ReplayReport>,
+    replays: Vec<ReplayReport>,
     live: LiveCheck,
 }
 
@@ -58,10 +58,10 @@ impl Summary {
             let runs: Vec<_> = (0..POLICIES.len())
                 .map(|i| {
                     scope.spawn(move || {
-                        let mut options = replay::ReplayOptions::new(POLICIES[i], round_trip);
+                        let mut options = ReplayOptions::new(POLICIES[i], round_trip);
                         options.oracle = OracleStride::Every(CHECK_INTERVAL);
                         let hear = &mut |share| progress.show(i, share);
-                        replay::run(world, trace, &options, None, hear)
+                        sightline_replay::run(world, trace, &options, None, hear)
                     })
                 })
                 .collect();
@@ -94,7 +94,7 @@ impl Summary {
 
     fn print_policies(&self) {
         println!("\nThe same walk under three policies, means over all clients:\n");
-        let row = |name: &str, figure: &dyn Fn(&replay::ReplayReport) -> String| {
+        let row = |name: &str, figure: &dyn Fn(&ReplayReport) -> String| {
             print!("{name:<30}");
             self.replays.iter().for_each(|replay| print!("{:>12}", figure(replay)));
             println!();
@@ -107,7 +107,7 @@ impl Summary {
         row("messages from a client, per s", &|r| format!("{:.1}", r.messages_from_client));
         row("bytes from a client, per s", &|r| format!("{:.0}", r.bytes_from_client));
         row("share of time quiet", &|r| format!("{:.1} %", r.quiet_share * 100.0));
-        let oracle = |r: &replay::ReplayReport| r.oracle.clone().unwrap_or_default();
+        let oracle = |r: &ReplayReport| r.oracle.clone().unwrap_or_default();
         row("misses", &|r| oracle(r).misses.to_string());
         row("over-send against rays", &|r| format!("{:.2}", oracle(r).over_send));
         println!();

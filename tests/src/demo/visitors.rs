@@ -13,7 +13,7 @@ use std::{
 
 use anyhow::{Context, anyhow};
 use sightline_client::{
-    net::Trust,
+    net::{Dialer, Trust},
     swarm::{self, Snapshot, SwarmOptions, SwarmReport},
 };
 use tokio::runtime::Runtime;
@@ -38,6 +38,7 @@ impl Visitors {
     /// Sends the visitors in. An error of theirs is returned by [`Visitors::end`].
     pub(super) fn send(
         runtime: &Runtime,
+        dialer: Arc<Dialer>,
         address: SocketAddr,
         trust: Trust,
         options: &DemoOptions,
@@ -45,6 +46,7 @@ impl Visitors {
         let swarm_options = SwarmOptions {
             seed: options.seed,
             snapshot_interval: SNAPSHOT_INTERVAL,
+            dialer,
             ..SwarmOptions::new(options.visitors, options.duration, trust)
         };
         let snapshots: Arc<Mutex<Vec<Snapshot>>> = Arc::default();

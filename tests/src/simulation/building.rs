@@ -123,6 +123,24 @@ struct BuildingDraft {
     solids: Vec<Aabb>,
 }
 
+/// A piece of wall: the walls of a storey lie on lines across an axis, and cross walls divide them
+/// into pieces.
+#[derive(Clone, Copy)]
+struct WallPiece {
+    storey: usize,
+    /// 0: across x; 1: across z.
+    axis: usize,
+    line: usize,
+    piece: usize,
+}
+
+/// An opening in a piece of wall, in metres: along the wall, and above the floor.
+#[derive(Clone, Copy)]
+struct Opening {
+    along: [f32; 2],
+    up: [f32; 2],
+}
+
 impl BuildingDraft {
     fn new(rng: &mut SmallRng) -> Self {
         let lines = [(); 2].map(|()| {
@@ -158,7 +176,7 @@ impl BuildingDraft {
             for axis in [0, 1] {
                 for line in 0..self.lines[axis].len() {
                     for piece in 0..self.lines[1 - axis].len() - 1 {
-                        self.wall(storey, axis, line, piece, rng);
+                        self.wall(WallPiece { storey, axis, line, piece }, rng);
                     }
                 }
             }
@@ -183,33 +201,29 @@ impl BuildingDraft {
     }
 
     /// Adds a piece of wall across an axis, with or without an opening.
-    fn wall(&mut self, storey: usize, axis: usize, line: usize, piece: usize, rng: &mut SmallRng) {
-        let at = self.lines[axis][line];
+    fn wall(&mut self, at: WallPiece, rng: &mut SmallRng) {
+        let WallPiece { axis, line, piece, .. } = at;
         let ends = [self.lines[1 - axis][piece], self.lines[1 - axis][piece + 1]];
         let outer = line == 0 || line + 1 == self.lines[axis].len();
         let width = rng.random_range(0.9..1.5);
         let from = rng.random_range(ends[0] + 0.3..ends[1] - 0.3 - width);
-        let hole = [from, from + width];
-        let (open, is_door) = match rng.random_range(0..20) {
-            _ if outer => return self.put_wall(storey, (axis, at), ends, None),
+        let along = [from, from + width];
+        let (up, is_door) = match rng.random_range(0..20) {
+            _ if outer => return self.put_wall(at, ends, None),
             0..13 => ([0.0, DOOR_HEAD_M], true),
             13..15 => ([0.0, CEILING_M], true),
             15..17 => (WINDOW_M, false),
-            _ => return self.put_wall(storey, (axis, at), ends, None),
+            _ => return self.put_wall(at, ends, None),
         };
-        self.put_wall(storey, (axis, at), ends, Some((hole, open)));
+        self.put_wall(at, ends, Some(Opening { along, up }));
         if is_door {
-            self.put_door(storey, axis, line, piece, (hole[0] + hole[1]) * 0.5);
+            self.put_door(at, (along[0] + along[1]) * 0.5);
         }
     }
 
-    fn put_wall(
-        &mut self,
-        storey: usize,
-        (axis, at): (usize, f32),
-        ends: [f32; 2],
-        hole: Option<([f32; 2], [f32; 2])>,
-    ) {
+    fn put_wall(&mut self, at: WallPiece, ends: [f32; 2], opening: Option<Opening>) {
+        let WallPiece { storey, axis, line, .. } = at;
+        let across = self.lines[axis][line];
         let floor = storey as f32 * (CEILING_M + SLAB_M);
         let wall = self.wall;
         let mut put = |along: [f32; 2], up: [f32; 2]| {
@@ -217,20 +231,21 @@ impl BuildingDraft {
                 return;
             }
             let (mut min, mut max) = (Vec2::splat(along[0]), Vec2::splat(along[1]));
-            (min[axis], max[axis]) = (at - wall, at + wall);
+            (min[axis], max[axis]) = (across - wall, across + wall);
             let (low, high) = (min.extend(floor + up[0]).xzy(), max.extend(floor + up[1]).xzy());
             self.solids.push(Aabb::new(low, high));
         };
         // Extended to the posts where walls meet.
         let ends = [ends[0] - wall, ends[1] + wall];
-        let Some((hole, open)) = hole else { return put(ends, [0.0, CEILING_M]) };
-        put([ends[0], hole[0]], [0.0, CEILING_M]);
-        put([hole[1], ends[1]], [0.0, CEILING_M]);
-        put(hole, [0.0, open[0]]);
-        put(hole, [open[1], CEILING_M]);
+        let Some(Opening { along, up }) = opening else { return put(ends, [0.0, CEILING_M]) };
+        put([ends[0], along[0]], [0.0, CEILING_M]);
+        put([along[1], ends[1]], [0.0, CEILING_M]);
+        put(along, [0.0, up[0]]);
+        put(along, [up[1], CEILING_M]);
     }
 
-    fn put_door(&mut self, storey: usize, axis: usize, line: usize, piece: usize, middle: f32) {
+    fn put_door(&mut self, at: WallPiece, middle: f32) {
+        let WallPiece { storey, axis, line, piece } = at;
         let rooms_z = self.lines[1].len() - 1;
         let rooms = (self.lines[0].len() - 1) * rooms_z;
         let room = |line: usize| {

@@ -31,12 +31,13 @@ use sightline_cli::trace::Trace;
 use sightline_compiler::pvs;
 use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity};
 use sightline_replay::{
-    self as replay, NetworkConditions, OracleStride, ReplayOptions, ReplayReport,
+    NetworkConditions, OracleStride, ReplayOptions, ReplayReport, TickView, run_watched,
 };
 use sightline_world::{CellId, Portal, World};
 
 pub use building::SimulatedBuilding;
 pub use invariants::{InvariantChecker, Observations, SMALL_TBV_SCALE, Violation};
+use walkers::Walks;
 
 /// The longest round trip, in milliseconds.
 const ROUND_TRIP_MAX_MS: u64 = 300;
@@ -218,9 +219,10 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
     let speed_max = [1.5, 2.0, 4.0, 7.0][rng.random_range(0..4)];
-    let (walkers, steps) = (rng.random_range(3..=8), rng.random_range(120..=240));
+    let (agents, steps) = (rng.random_range(3..=8), rng.random_range(120..=240));
     let jump_chance = if rng.random_bool(0.2) { JUMP_CHANCE } else { 0.0 };
-    let trace = walkers::trace(building, &mut rng, (walkers, steps), speed_max, jump_chance);
+    let trace =
+        walkers::trace(building, &mut rng, &Walks { agents, steps, speed_max, jump_chance });
     let options = options(seed, &mut rng, speed_max, fault);
     let ReplayOptions { round_trip, network, config: Config { validity, margin, .. }, .. } =
         &options;
@@ -232,7 +234,7 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
     let has_lost_portal = lost.is_some();
     let world = lost.unwrap_or_else(|| Arc::clone(&building.world));
     let mut checker = InvariantChecker::new(&building.world, &options);
-    let run = replay::run_watched(&world, &trace, &options, None, &mut |now| checker.check(now));
+    let run = run_watched(&world, &trace, &options, None, &mut |now| checker.check(now));
     let report = run.expect("there is no dump to write");
     let observed = checker.end();
     let mut violations = observed.violations.clone();
@@ -253,18 +255,20 @@ pub fn run(seed: u64, pool: &BuildingPool, fault: Fault) -> SimulationOutcome {
 pub fn outputs_by_tick(
     seed: u64,
     pool: &BuildingPool,
-    walkers: usize,
-    [threads, sight_test_budget]: [u32; 2],
+    agents: usize,
+    threads: usize,
+    sight_test_budget: u32,
 ) -> Vec<Vec<Output>> {
     let building = pool.of(seed);
     let mut rng = SmallRng::seed_from_u64(seed);
-    let trace = walkers::trace(building, &mut rng, (walkers, 120), 4.0, JUMP_CHANCE);
+    let walks = Walks { agents, steps: 120, speed_max: 4.0, jump_chance: JUMP_CHANCE };
+    let trace = walkers::trace(building, &mut rng, &walks);
     let mut options = options(seed, &mut rng, 4.0, Fault::None);
     options.oracle = OracleStride::Off;
-    options.config = Config { threads: threads as usize, sight_test_budget, ..options.config };
+    options.config = Config { threads, sight_test_budget, ..options.config };
     let mut outputs_by_tick = Vec::new();
-    let invariants = &mut |now: &replay::TickView<'_>| outputs_by_tick.push(now.outputs.to_vec());
-    replay::run_watched(&building.world, &trace, &options, None, invariants)
+    let record = &mut |now: &TickView<'_>| outputs_by_tick.push(now.outputs.to_vec());
+    run_watched(&building.world, &trace, &options, None, record)
         .expect("there is no dump to write");
     outputs_by_tick
 }

@@ -46,17 +46,25 @@ struct Agent {
     present: std::ops::Range<u32>,
 }
 
-/// The walk of a number of agents over a number of steps, none faster than `speed_max` metres per
-/// second. `jump_chance` is the chance per step that an agent is put elsewhere.
-pub fn trace(
-    building: &SimulatedBuilding,
-    rng: &mut SmallRng,
-    (walkers, steps): (usize, u32),
-    speed_max: f32,
-    jump_chance: f64,
-) -> Trace {
+/// What a walk is like.
+#[derive(Clone, Copy, Debug)]
+pub struct Walks {
+    /// The number of agents. Those for whom no free place is found are left out.
+    pub agents: usize,
+    /// The number of samples.
+    pub steps: u32,
+    /// The top speed of all agents, in metres per second.
+    pub speed_max: f32,
+    /// The chance per step that an agent is put elsewhere.
+    pub jump_chance: f64,
+}
+
+/// The recorded walks of agents in a building.
+pub fn trace(building: &SimulatedBuilding, rng: &mut SmallRng, walks: &Walks) -> Trace {
+    let Walks { agents, steps, speed_max, jump_chance } = *walks;
+    assert!(speed_max > 0.0 && (0.0..=1.0).contains(&jump_chance), "{walks:?}");
     let mut all: Vec<Agent> =
-        (0..walkers).filter_map(|_| Agent::new(building, rng, steps, speed_max)).collect();
+        (0..agents).filter_map(|_| Agent::new(building, rng, steps, speed_max)).collect();
     let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
     for step in 0..steps {
         for (id, walker) in all.iter_mut().enumerate() {

@@ -6,7 +6,6 @@ mod stranger;
 
 use std::{net::SocketAddr, time::Duration};
 
-use building::{EAST, SPEED_MAX, WAY, WEST};
 use glam::Vec3;
 use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session, Trust, TrustError};
 use sightline_client_core::replica::{Event, VisibleAvatar};
@@ -18,6 +17,8 @@ use sightline_protocol::{
 };
 use sightline_server::net::{Identity, ServeConfig, Server};
 use sightline_world::motion::{AvatarId, Pose, ReportingState};
+
+use building::{EAST, SPEED_MAX, WAY, WEST};
 use stranger::{Stranger, hello, hello_and_enter};
 
 fn config() -> ServeConfig {

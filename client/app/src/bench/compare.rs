@@ -1,10 +1,10 @@
 //! The renderer's modes compared with each other, view by view.
 
 use serde::Serialize;
+use sightline_renderer::{Camera, Frame, Mode, Renderer};
 use sightline_world::octree::Octree;
 
 use super::{FrameCounts, PictureDifference, Spread};
-use sightline_renderer::{Camera, Frame, Mode, Renderer};
 
 /// How pictures in orthogonal mode differ from those in perspective mode, at one size.
 #[derive(Clone, Debug, Serialize)]
@@ -40,13 +40,14 @@ pub struct ViewComparison {
 }
 
 impl ModeComparison {
-    /// Compares all views. Calls `hear` with the share done, from 0 to 1.
+    /// Compares all views. Calls `progress` with the share done, from 0 to 1.
     pub fn of(
         octree: &Octree,
         cameras: &[Camera],
-        (width, height): (usize, usize),
-        hear: &mut dyn FnMut(f32),
+        size: (usize, usize),
+        progress: &mut dyn FnMut(f32),
     ) -> Self {
+        let (width, height) = size;
         let mut renderer = Renderer::default();
         let mut frames = [Frame::new(width, height), Frame::new(width, height)];
         let tolerance = octree.voxel() * 3f32.sqrt();
@@ -59,7 +60,7 @@ impl ModeComparison {
             });
             let difference = PictureDifference::of(&frames[0], &frames[1], tolerance);
             views.push(ViewComparison { difference, perspective, orthogonal });
-            hear((i + 1) as f32 / cameras.len() as f32);
+            progress((i + 1) as f32 / cameras.len() as f32);
         }
         let spread = |figure: &dyn Fn(&ViewComparison) -> f64| {
             Spread::of(&views.iter().map(figure).collect::<Vec<_>>())

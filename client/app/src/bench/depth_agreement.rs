@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
+use sightline_renderer::{Camera, Frame};
 
 use super::{BvhKind, RayCaster, rays::PixelRays};
-use sightline_renderer::{Camera, Frame};
 
 /// Shares of the pixels of a picture that agree with rays, from 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -86,9 +86,10 @@ fn around(i: usize, width: usize, height: usize) -> impl Iterator<Item = usize> 
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use glam::Vec3;
     use sightline_world::Mesh;
+
+    use super::*;
 
     /// A wall 5 m ahead that ends in the middle of the picture.
     #[test]

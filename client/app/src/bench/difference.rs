@@ -2,7 +2,6 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
-
 use sightline_renderer::Frame;
 
 /// The largest difference of a channel due to rounding: one level for each of two colours, and one

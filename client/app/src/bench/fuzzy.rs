@@ -5,14 +5,14 @@ use std::{io, sync::Arc};
 
 use cpu_time::ProcessTime;
 use serde::Serialize;
-use sightline_world::{World, geometry::Aabb, motion::Pose};
-use thiserror::Error;
-
-use super::BenchOptions;
 use sightline_renderer::{
     Camera, Frame, Renderer,
     node_visibility::{NodeVisibility, VoxelOccluders, boxes_ahead},
 };
+use sightline_world::{World, geometry::Aabb, motion::Pose};
+use thiserror::Error;
+
+use super::BenchOptions;
 
 /// The time between two pictures, in seconds.
 pub const FRAME_S: f64 = 1.0 / 60.0;
@@ -74,7 +74,7 @@ pub enum FuzzyError {
 }
 
 /// Draws pictures a sixtieth of a second apart, each in all three ways, with the box around the
-/// eye. The three pictures must be the same. Calls `hear` with the share done, from 0 to 1.
+/// eye. The three pictures must be the same. Calls `progress` with the share done, from 0 to 1.
 ///
 /// # Errors
 /// See [`FuzzyError`].
@@ -82,7 +82,7 @@ pub fn fuzzy(
     world: &World,
     poses: &[Pose],
     options: &BenchOptions,
-    hear: &mut dyn FnMut(f32),
+    progress: &mut dyn FnMut(f32),
 ) -> Result<FuzzyRun, FuzzyError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
     let pool = pool.map_err(io::Error::other)?;
@@ -101,7 +101,7 @@ pub fn fuzzy(
         if !is_same {
             return Err(FuzzyError::Differs(i));
         }
-        hear((i + 1) as f32 / poses.len() as f32);
+        progress((i + 1) as f32 / poses.len() as f32);
     }
     Ok(stage.run(&worker, walls_ms, poses.len().max(1)))
 }
@@ -238,9 +238,10 @@ impl<'a> FuzzyTimer<'a> {
 
 #[cfg(test)]
 mod tests {
+    use sightline_fixtures::voxel_floor::world;
+
     use super::*;
     use crate::camera_path::CameraPath;
-    use sightline_fixtures::voxel_floor::world;
 
     #[test]
     fn leaving_out_hidden_nodes_changes_no_picture() {

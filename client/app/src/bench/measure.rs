@@ -7,10 +7,10 @@ use std::{
 
 use cpu_time::{ProcessTime, ThreadTime};
 use serde::Serialize;
+use sightline_renderer::{Camera, Counters, Frame, Mode, Renderer};
 use sightline_world::World;
 
 use super::{BvhKind, RayCaster, Views};
-use sightline_renderer::{Camera, Counters, Frame, Mode, Renderer};
 
 /// A method to draw a picture, or to find its depths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,7 +167,7 @@ impl Spread {
     }
 }
 
-/// Draws all views by all methods. Calls `hear` with the share done, from 0 to 1.
+/// Draws all views by all methods. Calls `progress` with the share done, from 0 to 1.
 ///
 /// # Errors
 /// When the threads cannot be started, or the system does not report CPU time.
@@ -176,7 +176,7 @@ pub fn measure(
     rays: Option<&RayCaster>,
     views: &Views,
     options: &BenchOptions,
-    hear: &mut dyn FnMut(f32),
+    progress: &mut dyn FnMut(f32),
 ) -> io::Result<BenchRun> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
     let pool = pool.map_err(io::Error::other)?;
@@ -196,7 +196,7 @@ pub fn measure(
             }
         }
         samples.iter_mut().zip(best).for_each(|(samples, best)| samples.push(best));
-        hear((i + 1) as f32 / count as f32);
+        progress((i + 1) as f32 / count as f32);
     }
     let spawns = views.spawns.len();
     let of =
@@ -320,11 +320,12 @@ impl MethodRow {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::camera_path::CameraPath;
     use glam::Vec3;
     use sightline_fixtures::voxel_floor::world;
     use sightline_world::Mesh;
+
+    use super::*;
+    use crate::camera_path::CameraPath;
 
     #[test]
     fn an_even_number_of_figures_has_the_mean_of_the_middle_two_as_median() {

@@ -35,9 +35,10 @@ pub use moving::{
 pub use rays::{BvhKind, RayCaster};
 pub use shimmer::Shimmer;
 
-use crate::camera_path::CameraPath;
 use sightline_renderer::Camera;
 use sightline_world::motion::Pose;
+
+use crate::camera_path::CameraPath;
 
 /// The cameras that frames are drawn with.
 #[derive(Clone, Debug, Default)]

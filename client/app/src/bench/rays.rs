@@ -18,9 +18,8 @@ use obvhs::{
     triangle::Triangle,
 };
 use rayon::prelude::*;
-use sightline_world::Mesh;
-
 use sightline_renderer::Camera;
+use sightline_world::Mesh;
 
 /// The width and height of a block of rays, in pixels.
 const BLOCK: usize = 8;

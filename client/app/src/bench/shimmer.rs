@@ -1,9 +1,9 @@
 //! How much more the pixels change along a slow path than the scene does.
 
 use serde::Serialize;
+use sightline_renderer::Frame;
 
 use super::channels;
-use sightline_renderer::Frame;
 
 /// The number of samples per pixel of the reference picture, along each axis.
 const SAMPLES: usize = 3;

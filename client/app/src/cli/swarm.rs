@@ -1,11 +1,11 @@
 //! `sightline-client swarm`.
 
-use std::{path::PathBuf, time::Duration};
+use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, ensure};
 use sightline_cli::{flags, log, output, progress::Progress, trace::Trace};
 use sightline_client::{
-    net::{self, Trust},
+    net::{self, Dialer, Trust},
     swarm::{self, SwarmOptions, SwarmReport},
 };
 use sightline_protocol::fingerprint::Fingerprint;
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let options = SwarmOptions {
         seed: args.seed,
         trace,
-        world_folder: net::world_folder_of_user(),
+        dialer: Arc::new(Dialer::new(net::world_folder_of_user())),
         ..SwarmOptions::new(args.clients as usize, duration, trust)
     };
     let progress = Progress::new();

@@ -2,11 +2,10 @@
 
 use std::{collections::HashSet, f32::consts::FRAC_PI_2};
 
+use sightline_client_core::walker::MoveInput;
 use sightline_protocol::text::LINE_CHARS_MAX;
 use sightline_world::motion::Pose;
 use winit::keyboard::KeyCode;
-
-use sightline_client_core::walker::MoveInput;
 
 /// An action of a key, besides movement.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,13 +3,6 @@
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
-use sightline_visibility::rooms::RoomIndex;
-use sightline_world::{Spawn, World, motion::Pose};
-
-use super::{
-    WorldSource, bookmarks::Bookmarks, controls::Controls, dynamic_resolution::DynamicResolution,
-    overlay, overlay::Log,
-};
 use sightline_client_core::{
     replica::{AvatarSource, Event, VisibleAvatar},
     walker::Walker,
@@ -21,6 +14,13 @@ use sightline_renderer::{
     moving::{Culling, MovingRenderer},
     node_visibility::VisibilityPrefetcher,
     rooms::RoomWireframes,
+};
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::{Spawn, World, motion::Pose};
+
+use super::{
+    WorldSource, bookmarks::Bookmarks, controls::Controls, dynamic_resolution::DynamicResolution,
+    overlay, overlay::Log,
 };
 
 /// Everything that the window shows, without the window itself.
@@ -163,14 +163,15 @@ impl<'a> Scene<'a> {
     pub(super) fn frame(
         &mut self,
         controls: &mut Controls,
-        (width, height): (usize, usize),
+        size: (usize, usize),
         now: Instant,
     ) -> &Frame {
+        let (width, height) = size;
         self.handle_events(now);
         let dt_s = self.before.map_or(0.0, |before| (now - before).as_secs_f32());
         self.before = Some(now);
         self.rate.count(now);
-        let pose = self.go(controls, now, dt_s, (width, height));
+        let pose = self.go(controls, now, dt_s, size);
         if let WorldSource::Shared(session) = self.visit {
             session.set_pose(pose);
         }

@@ -7,7 +7,7 @@ use std::{
     sync::{Arc, Weak},
 };
 
-use sightline_world::{self as world, ContentId, ReadError, World};
+use sightline_world::{ContentId, ReadError, World, content_id, write_whole};
 
 /// Worlds that were fetched. Connections that need the same world at the same time share one copy.
 #[derive(Debug, Default)]
@@ -82,7 +82,7 @@ fn receive(bytes: &[u8], id: ContentId, path: Option<&Path>) -> Result<World, Re
     let world = check(bytes, id)?;
     if let Some(path) = path {
         let folder_made = path.parent().map_or(Ok(()), fs::create_dir_all);
-        if let Err(error) = folder_made.and_then(|()| world::write_whole(path, bytes)) {
+        if let Err(error) = folder_made.and_then(|()| write_whole(path, bytes)) {
             tracing::warn!(path = %path.display(), %error, "the world cannot be stored");
         }
     }
@@ -90,7 +90,7 @@ fn receive(bytes: &[u8], id: ContentId, path: Option<&Path>) -> Result<World, Re
 }
 
 fn check(bytes: &[u8], id: ContentId) -> Result<World, ReadError> {
-    if world::content_id(bytes)? != id {
+    if content_id(bytes)? != id {
         return Err(ReadError::Damaged);
     }
     World::from_bytes(bytes)
@@ -126,7 +126,7 @@ mod tests {
     async fn a_world_is_fetched_once_and_again_when_its_file_is_damaged() {
         let folder = tempfile::tempdir().unwrap();
         let bytes = world().to_bytes();
-        let id = world::content_id(&bytes).unwrap();
+        let id = content_id(&bytes).unwrap();
         let fetches = Cell::new(0);
         let get = async || {
             let cache = WorldCache::new(Some(folder.path().join("worlds")));

@@ -4,9 +4,14 @@
 mod report;
 mod visitor;
 
-use std::{collections::VecDeque, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
+use std::{collections::VecDeque, net::SocketAddr, sync::Arc, time::Duration};
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_cli::trace::{Trace, Track};
+use sightline_client_core::{
+    navigation::Navigation,
+    replica::{Event, HeldAvatar},
+};
 use sightline_protocol::text::Name;
 use sightline_world::{
     World,
@@ -19,11 +24,6 @@ use tokio::{
 
 use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
 use report::SwarmStatistics;
-use sightline_cli::trace::{Trace, Track};
-use sightline_client_core::{
-    navigation::Navigation,
-    replica::{Event, HeldAvatar},
-};
 use visitor::{Visitor, Wanderer};
 
 pub use report::SwarmReport;
@@ -44,8 +44,8 @@ pub struct SwarmOptions {
     pub seed: u64,
     /// The trusted servers.
     pub trust: Trust,
-    /// The folder of downloaded worlds; `None` to keep them only in memory.
-    pub world_folder: Option<PathBuf>,
+    /// Connects the visitors. Share it with other clients of the process to share the world too.
+    pub dialer: Arc<Dialer>,
     /// Recorded walks to follow instead of wandering: one visitor per recorded avatar.
     pub trace: Option<Trace>,
     /// The time between two calls of the observer.
@@ -60,7 +60,7 @@ impl SwarmOptions {
             duration,
             seed: 1,
             trust,
-            world_folder: None,
+            dialer: Arc::new(Dialer::new(None)),
             trace: None,
             snapshot_interval: Duration::from_millis(250),
         }
@@ -216,7 +216,7 @@ async fn connect_visitors(
         return Err(SwarmError::TraceTooSmall { tracks: tracks.len(), clients: options.clients });
     }
     let start = |i: usize| tracks.and_then(|tracks| Some(tracks.get(i)?.at(0.0).eye));
-    let dialer = Arc::new(Dialer::new(options.world_folder.clone()));
+    let dialer = options.dialer.clone();
     // The first visitor starts at a spawn point: nothing else is known of the building yet.
     let first = dialer.connect(address, &connect_options(options, 0, start(0))).await?;
     let world = first.world().clone();

@@ -4,13 +4,12 @@ use std::collections::VecDeque;
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_world::{Spawn, World, motion::Pose};
-
 use sightline_cli::trace::Track;
 use sightline_client_core::{
     navigation::Navigation,
     walker::{MoveInput, Walker},
 };
+use sightline_world::{Spawn, World, motion::Pose};
 
 /// The distance within which a place counts as reached, in metres.
 const NEAR: f32 = 0.12;

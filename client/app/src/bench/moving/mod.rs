@@ -13,12 +13,13 @@ use thiserror::Error;
 
 use self::routes::{Route, RoutePlanner};
 pub use self::simulated_people::SimulatedPeople;
-use super::BenchOptions;
 use sightline_client_core::replica::AvatarSource;
 use sightline_renderer::{
     Camera, Frame, Renderer,
     moving::{Culling, MovingCounters, MovingRenderer},
 };
+
+use super::BenchOptions;
 
 /// The time between two pictures.
 const STEP: Duration = Duration::from_millis(33);
@@ -92,7 +93,7 @@ pub enum MovingError {
 
 /// Draws from the first spawn point, where the eye turns once in `pictures` pictures, with a
 /// growing number of moving things: at most `most`. Compares the three ways of culling. Of
-/// `options.repeats` rounds the cheapest counts. The world's own movers are left out. Calls `hear`
+/// `options.repeats` rounds the cheapest counts. The world's own movers are left out. Calls `progress`
 /// with the share done, from 0 to 1.
 ///
 /// # Errors
@@ -102,7 +103,7 @@ pub fn moving(
     most: usize,
     pictures: usize,
     options: &BenchOptions,
-    hear: &mut dyn FnMut(f32),
+    progress: &mut dyn FnMut(f32),
 ) -> Result<MovingRun, MovingError> {
     world.movers.clear();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads.max(1)).build();
@@ -120,7 +121,7 @@ pub fn moving(
             for act in &mut acts {
                 pool.install(|| stage.draw_all(act, &camera, STEP * (at as u32 + 30), at > 0))?;
             }
-            hear((round as f64 + share) as f32 / rounds as f32);
+            progress((round as f64 + share) as f32 / rounds as f32);
         }
         acts.iter_mut().for_each(Scenario::end);
     }
@@ -215,8 +216,8 @@ struct MovingScene {
 }
 
 impl MovingScene {
-    fn new(world: World, (width, height): (usize, usize)) -> Self {
-        let [building, first, other] = [(); 3].map(|()| Frame::new(width, height));
+    fn new(world: World, size: (usize, usize)) -> Self {
+        let [building, first, other] = [(); 3].map(|()| Frame::new(size.0, size.1));
         Self { world, renderer: Renderer::default(), building, first, other }
     }
 
@@ -274,8 +275,9 @@ impl MovingCost {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use sightline_fixtures::voxel_floor::world;
+
+    use super::*;
 
     #[test]
     fn every_scenario_is_measured_with_each_way_of_culling() {

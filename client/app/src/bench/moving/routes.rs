@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3, Quat, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_client_core::navigation::Navigation;
 use sightline_world::{
     Mesh, Mover, World,
     geometry::Aabb,
@@ -12,8 +13,6 @@ use sightline_world::{
         trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
     },
 };
-
-use sightline_client_core::navigation::Navigation;
 
 /// The length of a route, in metres.
 const WAY_M: f32 = 1.5;

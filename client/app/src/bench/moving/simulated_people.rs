@@ -2,10 +2,9 @@
 
 use std::time::Duration;
 
+use sightline_client_core::replica::Replica;
 use sightline_protocol::{message::ServerMessage, pose_stream::PoseEncoder, text::Name};
 use sightline_world::motion::{Agility, AvatarId, Body, Pose};
-
-use sightline_client_core::replica::Replica;
 
 const TICK: Duration = Duration::from_millis(50);
 /// The top speed of the onlooker, in metres per second. It stands still.

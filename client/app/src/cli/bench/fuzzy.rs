@@ -31,8 +31,8 @@ pub fn run<'a>(
     let poses: Vec<Pose> = times.map(|time| path.at(time)).collect();
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
     let options = BenchOptions { size, threads, repeats: args.repeats.into() };
-    let hear = &mut |share| progress.show("viewpoint boxes", share);
-    let run = bench::fuzzy(world, &poses, &options, hear)?;
+    let show = &mut |share| progress.show("viewpoint boxes", share);
+    let run = bench::fuzzy(world, &poses, &options, show)?;
     let text = text(&run, &table::stage(size, threads));
     let (width, height) = size;
     let report = FuzzyReport { world: &args.world, width, height, threads, run };

@@ -17,7 +17,7 @@ use sightline_client::{
     },
     camera_path::CameraPath,
 };
-use sightline_renderer::{Camera, Renderer};
+use sightline_renderer::{Camera, Frame, Renderer};
 use sightline_world::World;
 
 use super::{
@@ -229,8 +229,8 @@ fn measure(
             let options =
                 BenchOptions { size, threads: threads.into(), repeats: args.repeats.into() };
             let stage = table::stage(size, threads.into());
-            let hear = &mut |share| progress.show(&stage, share);
-            runs.push(bench::measure(world, rays, views, &options, hear)?);
+            let show = &mut |share| progress.show(&stage, share);
+            runs.push(bench::measure(world, rays, views, &options, show)?);
         }
     }
     Ok(runs)
@@ -240,8 +240,8 @@ fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Ve
     let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
     let compared = sizes(args).iter().map(|&size| {
         let stage = format!("modes, {} × {}", size.0, size.1);
-        let hear = &mut |share| progress.show(&stage, share);
-        ModeComparison::of(&world.octree, &cameras, size, hear)
+        let show = &mut |share| progress.show(&stage, share);
+        ModeComparison::of(&world.octree, &cameras, size, show)
     });
     compared.collect()
 }
@@ -269,13 +269,13 @@ fn depths(
     rays: Option<&RayCaster>,
     method: DrawMethod,
     views: &Views,
-    (width, height): (usize, usize),
+    size: (usize, usize),
     progress: &Progress,
 ) -> Vec<DepthAgreement> {
     let Some(rays) = rays else { return Vec::new() };
     let mut renderer = Renderer::default();
     method.configure(&mut renderer);
-    let mut frame = sightline_renderer::Frame::new(width, height);
+    let mut frame = Frame::new(size.0, size.1);
     let agreement = |(i, camera): (usize, &Camera)| {
         renderer.draw(&world.octree, camera, &mut frame);
         progress.show("depths", (i + 1) as f32 / views.spawns.len() as f32);

@@ -31,8 +31,8 @@ pub fn run<'a>(
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
     let options = BenchOptions { size, threads, repeats: args.repeats.into() };
     let pictures = args.frames.max(2);
-    let hear = &mut |share| progress.show("moving things", share);
-    let run = bench::moving(world, most, pictures, &options, hear)?;
+    let show = &mut |share| progress.show("moving things", share);
+    let run = bench::moving(world, most, pictures, &options, show)?;
     let text = text(&run, &table::stage(size, threads), pictures);
     let (width, height) = size;
     let report = MovingReport { world: &args.world, width, height, threads, pictures, run };

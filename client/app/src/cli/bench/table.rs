@@ -47,7 +47,8 @@ pub fn text(report: &BenchReport) -> String {
 }
 
 /// A size and a number of threads, in words.
-pub fn stage((width, height): (usize, usize), threads: usize) -> String {
+pub fn stage(size: (usize, usize), threads: usize) -> String {
+    let (width, height) = size;
     let threads = if threads == 1 { "1 thread".to_owned() } else { format!("{threads} threads") };
     format!("{width} × {height}, {threads}")
 }
