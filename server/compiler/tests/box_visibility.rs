@@ -1,4 +1,4 @@
-//! The test of two boxes in real maps: see `random_buildings/box_visibility.rs`.
+//! Box visibility in real maps, against random lines: see `random_buildings/box_visibility.rs`.
 
 #[path = "random_buildings/box_visibility.rs"]
 mod pairs;
@@ -32,7 +32,7 @@ fn nobody_is_missed(map: &str, share_min: f64) {
         return;
     }
     let model = import::read(&path, &[]).unwrap();
-    // What the PVS knows is not asked.
+    // The PVS is not asked, so large cells will do.
     let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
     let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
     let mut tally = pairs::BoxPairTally::default();

@@ -7,10 +7,10 @@
 //! | What do all eyes in a box miss, or see? | [`fuzzy`] | [`FuzzyBuffer`](fuzzy::FuzzyBuffer), [`Surfaces`](fuzzy::Surfaces) |
 //! | Who may see whom by an author's rooms? | [`rooms`] | [`RoomIndex`](rooms::RoomIndex), [`RoomOverlap`](rooms::RoomOverlap) |
 //!
-//! The compiler makes the potentially visible set (PVS) of each cell by portal flow. The engine then
-//! asks about two regions: the eyes of a viewer and the body of an avatar. Where their cells may see
-//! each other, box visibility decides whether the two boxes really do, and rooms may still rule the
-//! pair out. The fuzzy buffer finds what a client need not draw from a box of eyes.
+//! The compiler makes the potentially visible set (PVS) of each cell by portal flow. The engine
+//! then asks about two regions: the eyes of a viewer and the body of an avatar. Where their cells
+//! may see each other, box visibility decides whether the two boxes really do, and rooms may still
+//! rule the pair out. The fuzzy buffer finds what a client need not draw from a box of eyes.
 //!
 //! Every answer errs on one side only: what is reported hidden is hidden from every eye in the box.
 //! All of them take boxes in the building's own axes
@@ -18,9 +18,9 @@
 //!
 //! # Example
 //!
-//! Two rooms with a door at one end of the wall between them. Somebody can see from some place of one
-//! room into the other, so the PVS lets the rooms see each other. But from the middle of one room,
-//! the wall hides the middle of the other.
+//! Two rooms with a door at one end of the wall between them. Somebody can see from some place of
+//! one room into the other, so the PVS lets the rooms see each other. But from the middle of one
+//! room, the wall hides the middle of the other.
 //!
 //! ```
 //! use glam::Vec3;

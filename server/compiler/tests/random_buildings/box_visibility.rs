@@ -1,5 +1,5 @@
-//! The naive twin of [`sightline_visibility::box_visibility`]: many random lines between two boxes, each traced
-//! through the original triangles.
+//! The reference model of [`sightline_visibility::box_visibility`]: many random lines between two
+//! boxes, each traced through the original triangles.
 
 use std::collections::BTreeSet;
 
@@ -9,27 +9,29 @@ use sightline_oracle::Oracle;
 use sightline_visibility::box_visibility::{BoxScratch, BoxVisibility, Occluders, SightLine};
 use sightline_world::{CellId, World, geometry::Aabb};
 
-/// Lines in each pair of boxes.
+/// The number of lines between each pair of boxes.
 const LINES: usize = 300;
+/// The budget of each question.
 const BUDGET: u32 = 20_000;
-/// In large buildings pairs are no further apart, in metres, if they can be.
+/// The distance, in metres, below which pairs are sought in large buildings.
 const APART_MAX: f32 = 15.0;
-/// Nobody is inside of a wall, which is no thicker, in metres.
+/// The greatest thickness of a wall, in metres. Nobody is inside one.
 const WALL_MAX: f32 = 0.6;
 
-/// What became of pairs of boxes between which no line was free.
+/// The answers for pairs of boxes between which no line was free, and the number of other pairs.
 #[derive(Default)]
 pub struct BoxPairTally {
     hidden: usize,
     unknown: usize,
     visible: usize,
     seen: usize,
-    /// Free lines between points in cells, and how many of them no gates lead.
+    /// The number of free lines between points in cells, and of those among them that no gates let
+    /// pass.
     free: [usize; 2],
 }
 
 impl BoxPairTally {
-    /// Tries pairs of boxes in a building.
+    /// Asks about random pairs of boxes in a building.
     pub fn add(&mut self, world: &World, pairs: usize, rng: &mut SmallRng, place: &str) {
         let (occluders, sight) = (Occluders::new(world), Oracle::new(&world.mesh));
         let is_free = |line: &SightLine| {
@@ -71,7 +73,7 @@ impl BoxPairTally {
         }
     }
 
-    /// Follows a line through gates: those that are free are led, but for some that graze an edge.
+    /// Follows a line through gates. They let free lines pass, except some that graze an edge.
     fn follow(
         &mut self,
         world: &World,
@@ -88,7 +90,7 @@ impl BoxPairTally {
         self.free[1] += usize::from(is_free && !is_led);
     }
 
-    /// Whether of what is blocked at least such a share was found to be.
+    /// Checks that at least such a share of the hidden pairs was found hidden.
     pub fn judge(&self, kind: &str, share_min: f64) {
         let Self { hidden, unknown, visible, seen, free: [free, lost] } = *self;
         let blocked = hidden + unknown + visible;
@@ -101,7 +103,7 @@ impl BoxPairTally {
     }
 }
 
-/// The cells that hang together with where somebody begins, or with some that are wider than a wall.
+/// The cells that are connected to a spawn point, or to a cell wider than a wall.
 fn open_cells(world: &World) -> Vec<CellId> {
     let cells = &world.cells;
     let is_wide = |cell: &CellId| {
@@ -120,7 +122,7 @@ fn open_cells(world: &World) -> Vec<CellId> {
     found.into_iter().collect()
 }
 
-/// A box about a point of some cell, no wider than `widest` metres, that may reach out of it.
+/// A box around a point of some cell, no wider than `widest` metres. It may reach out of the cell.
 fn region(world: &World, open: &[CellId], rng: &mut SmallRng, widest: f32) -> Aabb {
     let cell = open[rng.random_range(0..open.len())];
     let centre = point(&world.cells.cells[cell.0 as usize].bounds, rng);

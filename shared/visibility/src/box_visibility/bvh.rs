@@ -31,8 +31,8 @@ impl BvhNode {
         Self { low: bounds.min.extend(number(at)), high: bounds.max.extend(number(count)) }
     }
 
-    /// For a leaf, the place in `order` at which it begins. For any other node, the index of its second
-    /// child; the first child is the next node.
+    /// For a leaf, the place in `order` at which it begins. For any other node, the index of its
+    /// second child; the first child is the next node.
     fn at(&self) -> u32 {
         self.low.w.to_bits()
     }
@@ -78,8 +78,8 @@ impl Bvh {
         self.nodes[node] = BvhNode::new(&bounds, second, 0);
     }
 
-    /// Visits every box that a line meets or comes near to, until `visit` breaks. `visited` grows by the
-    /// number of nodes visited.
+    /// Visits every box that a line meets or comes near to, until `visit` breaks. `visited` grows
+    /// by the number of nodes visited.
     pub fn along<B>(
         &self,
         line: &SightLine,

@@ -22,8 +22,8 @@ pub(super) enum ConvexOccluder {
 /// The line between two boxes that misses an occluder by most.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gap {
-    /// By what share of its length the line has left the occluder on one side before it enters it on
-    /// another. Smaller is better.
+    /// By what share of its length the line has left the occluder on one side before it enters it
+    /// on another. Smaller is better.
     pub by: f64,
     /// The corners that the line joins, one of each box, as numbers in [`Aabb::corners`].
     pub corners: [usize; 2],
@@ -89,8 +89,8 @@ impl ConvexOccluder {
         size_of::<Self>() + sides * size_of::<HalfSpace>()
     }
 
-    /// The middle of the part of a line that is inside, as a share of its length from 0 to 1. None if
-    /// the line misses the occluder.
+    /// The middle of the part of a line that is inside, as a share of its length from 0 to 1. None
+    /// if the line misses the occluder.
     pub fn meets(&self, from: Vec3, to: Vec3) -> Option<f64> {
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         let mut cut = |(low, high): (f64, f64)| (enter, leave) = (enter.max(low), leave.min(high));
@@ -134,8 +134,8 @@ fn set_back(side: HalfSpace) -> HalfSpace {
 /// independent, and three intervals share a point if each two of them do. So twelve intervals are
 /// enough.
 fn box_blocks_all(bounds: &Aabb, from: &Aabb, to: &Aabb) -> Result<(), Gap> {
-    // Along each axis the last entry and the first exit, and the line that has it: a bit for each end
-    // says which side of the box the line joins.
+    // Along each axis the last entry and the first exit, and the line that has it: a bit for each
+    // end says which side of the box the line joins.
     let (mut enters, mut leaves) = ([(f64::NEG_INFINITY, 0); 3], [(f64::INFINITY, 0); 3]);
     for axis in 0..3 {
         for ends in 0..4 {
@@ -193,8 +193,8 @@ fn sides_block_all(sides: &[HalfSpace], from: &Aabb, to: &Aabb) -> Result<(), Ga
     if gap.by > 0.0 { Err(gap) } else { Ok(()) }
 }
 
-/// The part of a line that is between the two faces of a box across an axis, as shares of its length.
-/// A line in the plane of a flat box is never inside.
+/// The part of a line that is between the two faces of a box across an axis, as shares of its
+/// length. A line in the plane of a flat box is never inside.
 fn inside(bounds: &Aabb, axis: usize, from: f32, to: f32) -> (f64, f64) {
     let (min, max) = (f64::from(bounds.min[axis]), f64::from(bounds.max[axis]));
     let (from, to) = (f64::from(from), f64::from(to));
@@ -208,8 +208,8 @@ fn inside(bounds: &Aabb, axis: usize, from: f32, to: f32) -> (f64, f64) {
     (a.min(b), a.max(b))
 }
 
-/// The part of a line that is in a half-space, as shares of its length. Given are the heights of its
-/// ends.
+/// The part of a line that is in a half-space, as shares of its length. Given are the heights of
+/// its ends.
 fn behind(from: f64, to: f64) -> (f64, f64) {
     match (from > 0.0, to > 0.0) {
         (true, true) => (f64::INFINITY, f64::NEG_INFINITY),

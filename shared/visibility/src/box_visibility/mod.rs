@@ -15,10 +15,10 @@
 //! blocked by one of them, however narrow it is. So occluders have to overlap. They are made as
 //! large as possible, whatever polygons the building came in:
 //!
-//! * Boxes in the solid part of the building (`solid_occluders`). Where there is no cell, nobody can
-//!   be, and something opaque stands between a point in a cell and a point in none. So a line that
-//!   passes through such a box is blocked if one of its ends is in a cell. Each box grows as far as
-//!   there is no cell.
+//! * Boxes in the solid part of the building (`solid_occluders`). Where there is no cell, nobody
+//!   can be, and something opaque stands between a point in a cell and a point in none. So a line
+//!   that passes through such a box is blocked if one of its ends is in a cell. Each box grows as
+//!   far as there is no cell.
 //! * The brushes of a Quake map that are not boxes.
 //! * Rectangles in flat surfaces that are not the faces of a solid (`surface_occluders`).
 //!

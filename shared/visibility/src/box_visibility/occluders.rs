@@ -61,10 +61,10 @@ impl Occluders {
         self.blocks_counted(line, &mut 0)
     }
 
-    /// Whether gates let a line pass from one space to another and no occluder blocks it. Spaces are
-    /// indices into [`Cells::spaces`](sightline_world::Cells::spaces). The line must begin in the
-    /// first space and end in the second, or the answer means nothing. For most blocked lines this
-    /// takes a fraction of a microsecond.
+    /// Whether gates let a line pass from one space to another and no occluder blocks it. Spaces
+    /// are indices into [`Cells::spaces`](sightline_world::Cells::spaces). The line must begin in
+    /// the first space and end in the second, or the answer means nothing. For most blocked lines
+    /// this takes a fraction of a microsecond.
     pub fn is_free_through_gates(&self, line: &SightLine, spaces: [u32; 2]) -> bool {
         self.flood.lets_pass(line, spaces) && !self.blocks(line)
     }

@@ -12,8 +12,8 @@ use super::{
     sight_line::{BoxInSpaces, BoxVisibility, SightLine},
 };
 
-/// Boxes narrower than this, in metres, are not halved again. What is undecided then is a slit, or a
-/// seam between occluders that do not overlap.
+/// Boxes narrower than this, in metres, are not halved again. What is undecided then is a slit, or
+/// a seam between occluders that do not overlap.
 const NARROW_M: f32 = 0.005;
 /// The number of occluders that are tried first, because they blocked a pair of boxes recently.
 const RECENT_MAX: usize = 4;
@@ -113,9 +113,9 @@ impl Occluders {
         BoxVisibility::Hidden
     }
 
-    /// Whether gates let no line pass from a box of eyes to a box of bodies, for eyes and bodies that
-    /// are in the given spaces. It finds fewer hidden pairs than [`Occluders::between`] and takes a
-    /// microsecond at most.
+    /// Whether gates let no line pass from a box of eyes to a box of bodies, for eyes and bodies
+    /// that are in the given spaces. It finds fewer hidden pairs than [`Occluders::between`] and
+    /// takes a microsecond at most.
     pub fn are_apart(
         &self,
         scratch: &mut BoxScratch,
@@ -126,8 +126,8 @@ impl Occluders {
         pair.is_sane() && self.flood.are_apart(&mut scratch.flood, eyes, bodies, &mut 0)
     }
 
-    /// Whether no occluder blocks a line, at the cost of a budget. Without a budget, no line is known
-    /// to be free.
+    /// Whether no occluder blocks a line, at the cost of a budget. Without a budget, no line is
+    /// known to be free.
     fn is_free(&self, line: &SightLine, budget: &mut u32) -> bool {
         let mut spent = 0;
         let is_blocked = *budget == 0 || self.blocks_counted(line, &mut spent);
@@ -232,9 +232,9 @@ impl BoxPair {
         SightLine { from: point(&self.from, shares(1)), to: point(&self.to, shares(4)) }
     }
 
-    /// Two pairs that together are this one. None if both boxes are narrow. Only along the axes of the
-    /// gap can halving help. Among these, the box that is widest is halved, as seen from the other
-    /// box and projected to where the occluder is.
+    /// Two pairs that together are this one. None if both boxes are narrow. Only along the axes of
+    /// the gap can halving help. Among these, the box that is widest is halved, as seen from the
+    /// other box and projected to where the occluder is.
     fn halves(&self, PartialBlock { gap, at }: &PartialBlock) -> Option<[Self; 2]> {
         let along = (self.to.centre() - self.from.centre()).normalize_or_zero();
         // Depth along the line matters little, but it does matter.

@@ -12,10 +12,11 @@ use sightline_world::{
 
 use super::bvh::Bvh;
 
-/// A hollow no thicker than this, in metres, may be the inside of a wall or slab, where nobody can be.
+/// A hollow no thicker than this, in metres, may be the inside of a wall or slab, where nobody can
+/// be.
 const WALL_MAX_M: f32 = 0.6;
-/// The orders in which boxes grow along the axes. A box that grows long along one axis first may end
-/// up short along another.
+/// The orders in which boxes grow along the axes. A box that grows long along one axis first may
+/// end up short along another.
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 /// The most boxes to start growing from. Growing takes 24 bytes for each of them and each order.
 const SEEDS_MAX: usize = 1 << 18;
@@ -54,13 +55,15 @@ impl<'a> SolidOccluders<'a> {
         outermost(&grown)
     }
 
-    /// The boxes to start growing from: solid leaves, and the brushes of a Quake map that are boxes.
+    /// The boxes to start growing from: solid leaves, and the brushes of a Quake map that are
+    /// boxes.
     fn seeds(&self, world: &World) -> Vec<Aabb> {
         let mut seeds = Vec::new();
         self.leaves(0, self.cells.bounds, &mut seeds);
         if let Some(origin) = &world.origin {
             let boxes = origin.solids.iter().filter(|solid| is_box(origin, solid));
-            // In turned axes this is a box around the brush, and most likely not all of it is solid.
+            // In turned axes this is a box around the brush, and most likely not all of it is
+            // solid.
             let own = boxes.map(|solid| self.cells.axes.own_box(&solid.bounds));
             seeds.extend(own.map(|region| region.intersection(&self.cells.bounds)));
         }
@@ -115,8 +118,8 @@ impl<'a> SolidOccluders<'a> {
         region.min[axis] = region.min[axis].min(below.min[axis]);
     }
 
-    /// Moves the far face of a box inwards until no cell below a node reaches into the box. `up` says
-    /// whether the far face is the upper one.
+    /// Moves the far face of a box inwards until no cell below a node reaches into the box. `up`
+    /// says whether the far face is the upper one.
     fn shorten(&self, node: u32, sweep: &mut Aabb, axis: usize, up: bool) {
         match self.cells.tree[node as usize] {
             Node::Solid => {}
@@ -161,8 +164,8 @@ pub(super) fn is_box(origin: &Origin, solid: &Solid) -> bool {
     origin.sides(solid).all(|side| side.normal.abs().max_element() == 1.0)
 }
 
-/// For each space, whether it is the inside of a wall. It is one if gates join it to no space that is
-/// thicker than a wall, reaches the edge of the world or holds a spawn point.
+/// For each space, whether it is the inside of a wall. It is one if gates join it to no space that
+/// is thicker than a wall, reaches the edge of the world or holds a spawn point.
 fn walls(world: &World) -> Vec<bool> {
     let cells = &world.cells;
     let eyes: Vec<Vec3> = world.spawns.iter().map(|spawn| cells.axes.own(spawn.eye)).collect();

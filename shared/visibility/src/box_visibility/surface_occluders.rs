@@ -120,8 +120,8 @@ fn directions(normal: DVec3, axis: Option<usize>, corners: &[DVec3; 3]) -> [DVec
 }
 
 impl TrianglePlane {
-    /// The occluders in this plane: large rectangles, and large triangles in no rectangle. `work` is
-    /// the number of pieces that may still be tested.
+    /// The occluders in this plane: large rectangles, and large triangles in no rectangle. `work`
+    /// is the number of pieces that may still be tested.
     fn polygons(&self, work: &mut usize) -> Vec<Vec<DVec3>> {
         let flat = |point: DVec2| Vec3::new(point.x as f32, point.y as f32, 0.0);
         let boxes: Vec<Aabb> =
@@ -281,8 +281,8 @@ fn clip(piece: &[DVec2], height: impl Fn(DVec2) -> f64) -> Vec<DVec2> {
     kept
 }
 
-/// The approximate width of a convex polygon across its longest edge: twice its area over the length
-/// of that edge.
+/// The approximate width of a convex polygon across its longest edge: twice its area over the
+/// length of that edge.
 fn width(piece: &[DVec2]) -> f64 {
     if piece.len() < 3 {
         return 0.0;

@@ -1,4 +1,5 @@
-//! The fuzzy buffer: the distance of the nearest non-fuzzy region in every direction (Lim 1999, FIG. 6).
+//! The fuzzy buffer: the distance of the nearest non-fuzzy region in every direction (Lim 1999,
+//! FIG. 6).
 
 use glam::{DVec2, DVec3, USizeVec2};
 use sightline_world::geometry::Aabb;
@@ -13,8 +14,8 @@ use super::{
     visibility::PatchVisibility,
 };
 
-/// For every direction, the greatest distance at which the nearest surface can be that hides what is
-/// behind it from all eyes of a box. Distances are from the middle of the box.
+/// For every direction, the greatest distance at which the nearest surface can be that hides what
+/// is behind it from all eyes of a box. Distances are from the middle of the box.
 #[derive(Clone, Debug)]
 pub struct FuzzyBuffer {
     size: usize,
@@ -27,10 +28,11 @@ pub struct FuzzyBuffer {
 
 /// A surface that spans fewer elements each way is not worth projecting.
 const ELEMENTS_MIN: f64 = 4.0;
-/// Nor is a surface with fewer elements for each facet: curved surfaces hide little for what they cost.
+/// Nor is a surface with fewer elements for each facet: curved surfaces hide little for what they
+/// cost.
 const ELEMENTS_PER_FACET_MIN: f64 = 16.0;
-/// Nor is a surface that is not this many times wider than the box of eyes: it has next to no non-fuzzy
-/// region.
+/// Nor is a surface that is not this many times wider than the box of eyes: it has next to no
+/// non-fuzzy region.
 const WIDER_MIN: f32 = 4.0;
 
 /// Something that may be worth projecting.
@@ -43,8 +45,8 @@ struct Candidate<'a> {
 }
 
 impl FuzzyBuffer {
-    /// Projects all surfaces that are wide enough to hide something. Faces have `size` × `size` elements,
-    /// from 1 to 4,096 each way.
+    /// Projects all surfaces that are wide enough to hide something. Faces have `size` × `size`
+    /// elements, from 1 to 4,096 each way.
     pub fn new(surfaces: &Surfaces, viewpoints: &ViewpointBox, size: usize) -> Self {
         let size = size.clamp(1, 4_096);
         let mut buffer = Self {
@@ -73,15 +75,16 @@ impl FuzzyBuffer {
         buffer
     }
 
-    /// The distance from the middle of the box of eyes to a box, along the axis on which it is greatest.
+    /// The distance from the middle of the box of eyes to a box, along the axis on which it is
+    /// greatest.
     fn distance(&self, bounds: &Aabb) -> f64 {
         let (below, above) =
             (bounds.min.as_dvec3() - self.middle, self.middle - bounds.max.as_dvec3());
         below.max(above).max(DVec3::ZERO).max_element()
     }
 
-    /// Whether something may have a non-fuzzy region worth having. `width_m` is the least width of the
-    /// box of eyes.
+    /// Whether something may have a non-fuzzy region worth having. `width_m` is the least width of
+    /// the box of eyes.
     fn is_worthy(&self, candidate: &Candidate<'_>, width_m: f32) -> bool {
         let &Candidate { bounds, facets, distance } = candidate;
         let width = bounds.size().max_element();
@@ -91,8 +94,8 @@ impl FuzzyBuffer {
             && elements * elements > ELEMENTS_PER_FACET_MIN * facets as f64 * distance * distance
     }
 
-    /// Fills in a face. Surfaces around the eyes come first. The others follow, nearest first, unless
-    /// they are hidden already.
+    /// Fills in a face. Surfaces around the eyes come first. The others follow, nearest first,
+    /// unless they are hidden already.
     fn project_all(
         &mut self,
         face: CubeFace,
@@ -181,20 +184,22 @@ impl FuzzyBuffer {
         CubeFace::ALL.into_iter().filter(is_towards)
     }
 
-    /// What the buffer says about the part of a box that projects onto one face. None if no part does.
+    /// What the buffer says about the part of a box that projects onto one face. None if no part
+    /// does.
     fn test_on(&self, face: CubeFace, bounds: &Aabb) -> Option<Occlusion> {
         let projected = self.project_box(face, bounds)?;
         let found = |depths: &DepthPyramid| depths.test(&projected);
         Some(self.faces[face.index()].as_ref().map_or(Occlusion::Nothing, found))
     }
 
-    /// What other depths say about the part of a box that projects onto one face. None if no part does.
+    /// What other depths say about the part of a box that projects onto one face. None if no part
+    /// does.
     fn test_with(&self, face: CubeFace, bounds: &Aabb, depths: &DepthPyramid) -> Option<Occlusion> {
         Some(depths.test(&self.project_box(face, bounds)?))
     }
 
-    /// The projection of a box onto a face, as seen from the middle of the box of eyes. None if the box
-    /// does not project onto the face.
+    /// The projection of a box onto a face, as seen from the middle of the box of eyes. None if the
+    /// box does not project onto the face.
     fn project_box(&self, face: CubeFace, bounds: &Aabb) -> Option<ProjectedBox> {
         let [low, high] =
             [bounds.min, bounds.max].map(|at| face.turned(at.as_dvec3() - self.middle));
@@ -243,8 +248,8 @@ impl FuzzyBuffer {
         depths.nearest[element.y * self.size + element.x] < hidden_from(depth)
     }
 
-    /// Marks the patches that no eye sees, among those that are not settled. `classes` has an entry for
-    /// each patch, in order.
+    /// Marks the patches that no eye sees, among those that are not settled. `classes` has an entry
+    /// for each patch, in order.
     pub fn find_hidden(&self, surfaces: &Surfaces, classes: &mut [PatchVisibility]) {
         debug_assert_eq!(classes.len(), surfaces.len(), "one entry for each patch");
         let mut spare = Vec::new();
@@ -279,7 +284,8 @@ impl FuzzyBuffer {
         }
     }
 
-    /// The projection of a patch onto a face, in elements, as seen from the middle of the box of eyes.
+    /// The projection of a patch onto a face, in elements, as seen from the middle of the box of
+    /// eyes.
     fn project(
         &self,
         face: CubeFace,

@@ -5,9 +5,9 @@ use super::{
     visible,
 };
 
-/// What a box of eyes sees of each patch of all surfaces, in their order. Faces have `size` × `size`
-/// elements. [`FuzzyBuffer::find_hidden`] does the first half of the work, which is cheaper and mostly
-/// the more useful half.
+/// What a box of eyes sees of each patch of all surfaces, in their order. Faces have `size` ×
+/// `size` elements. [`FuzzyBuffer::find_hidden`] does the first half of the work, which is cheaper
+/// and mostly the more useful half.
 ///
 /// `settled` may have the result for a larger box around this one. What is settled there stays
 /// settled.

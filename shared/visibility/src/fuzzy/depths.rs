@@ -53,7 +53,8 @@ impl DepthPyramid {
         Self { nearest: vec![f32::INFINITY; size * size], size, levels: Vec::new() }
     }
 
-    /// Builds the pyramid. If depths become less afterwards, tests stay correct but find less hidden.
+    /// Builds the pyramid. If depths become less afterwards, tests stay correct but find less
+    /// hidden.
     pub(super) fn find_levels(&mut self) {
         self.levels.clear();
         let mut level = PyramidLevel::above(self.size, &self.nearest, |depth| [*depth; 2]);

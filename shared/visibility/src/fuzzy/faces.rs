@@ -17,14 +17,14 @@ pub struct ViewpointBox {
 }
 
 impl ViewpointBox {
-    /// Eyes that look all round. A box that is empty or not finite holds no eyes, so that everything
-    /// counts as hidden.
+    /// Eyes that look all round. A box that is empty or not finite holds no eyes, so that
+    /// everything counts as hidden.
     pub fn all_round(eyes: Aabb) -> Self {
         Self { eyes, active: [true; 6] }
     }
 
-    /// Eyes that look in some directions only. Faces that no such direction meets are inactive and cost
-    /// nothing. Whatever may project onto an inactive face counts as not hidden.
+    /// Eyes that look in some directions only. Faces that no such direction meets are inactive and
+    /// cost nothing. Whatever may project onto an inactive face counts as not hidden.
     pub fn within(eyes: Aabb, directions: &Frustum) -> Self {
         let active = CubeFace::ALL.map(|face| {
             let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
@@ -113,8 +113,8 @@ fn element(point: DVec3, size: f64) -> DVec2 {
     (point.truncate() / point.z + 1.0) * (0.5 * size)
 }
 
-/// The projection of a convex polygon onto a face, in elements, with its corners in order. The polygon
-/// is given relative to the eye, in the face's coordinates, and is clipped.
+/// The projection of a convex polygon onto a face, in elements, with its corners in order. The
+/// polygon is given relative to the eye, in the face's coordinates, and is clipped.
 pub(super) fn projected(polygon: &mut Vec<DVec3>, size: f64, spare: &mut Vec<DVec3>) -> Vec<DVec2> {
     let sides = [
         DVec3::new(1.0, 0.0, 1.0),
@@ -146,8 +146,9 @@ fn clip(polygon: &mut Vec<DVec3>, height: impl Fn(DVec3) -> f64, spare: &mut Vec
     std::mem::swap(polygon, spare);
 }
 
-/// The fuzzy region of some points: the directions from any eye to any point of their convex hull, on a
-/// face. It is a convex polygon in elements, with its corners in order. Empty if it misses the face.
+/// The fuzzy region of some points: the directions from any eye to any point of their convex hull,
+/// on a face. It is a convex polygon in elements, with its corners in order. Empty if it misses the
+/// face.
 pub(super) fn region(
     face: CubeFace,
     points: &[DVec3],
@@ -202,9 +203,9 @@ fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     all
 }
 
-/// The fuzzy extent of a box on a face: the least and the greatest X and Y at which any eye may see it,
-/// from -1 to 1. The face looks along `axis`, `backwards` or not. None if no eye sees the box there. By
-/// equations (1) and (2) of Lim 1999, Appendix 2, for the corners of both boxes.
+/// The fuzzy extent of a box on a face: the least and the greatest X and Y at which any eye may see
+/// it, from -1 to 1. The face looks along `axis`, `backwards` or not. None if no eye sees the box
+/// there. By equations (1) and (2) of Lim 1999, Appendix 2, for the corners of both boxes.
 pub fn fuzzy_extent(
     bounds: &Aabb,
     eyes: &Aabb,
@@ -221,7 +222,8 @@ pub fn fuzzy_extent(
     held.iter().all(|[least, most]| least <= most).then_some(held)
 }
 
-/// The least and greatest quotients of x and y by z between two corners. None if all of it is behind.
+/// The least and greatest quotients of x and y by z between two corners. None if all of it is
+/// behind.
 pub(super) fn spans(low: DVec3, high: DVec3) -> Option<[[f64; 2]; 2]> {
     if high.z <= 0.0 {
         return None;

@@ -1,5 +1,5 @@
-//! Facets: the parts of a surface that lie in one plane, with their outlines. To project a facet takes
-//! time by its edges, so a wall of a thousand patches costs no more than its four edges.
+//! Facets: the parts of a surface that lie in one plane, with their outlines. To project a facet
+//! takes time by its edges, so a wall of a thousand patches costs no more than its four edges.
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;

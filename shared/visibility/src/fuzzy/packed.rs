@@ -6,9 +6,9 @@ use super::visibility::PatchVisibility;
 const CLASSES: [PatchVisibility; 3] =
     [PatchVisibility::Invisible, PatchVisibility::Visible, PatchVisibility::Remaining];
 
-/// The visibility of all patches for one box of eyes, packed. There are two forms. One has the smaller
-/// two of the three lists of patches, as differences from one patch to the next. The other has the
-/// changes to the lists of a neighbouring box. The shorter form is stored.
+/// The visibility of all patches for one box of eyes, packed. There are two forms. One has the
+/// smaller two of the three lists of patches, as differences from one patch to the next. The other
+/// has the changes to the lists of a neighbouring box. The shorter form is stored.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PackedVisibility {
     count: u32,
@@ -30,8 +30,8 @@ pub enum UnpackError {
 }
 
 impl PackedVisibility {
-    /// Packs the visibility of all patches. If it is shorter, only the changes to a neighbouring box's are
-    /// stored.
+    /// Packs the visibility of all patches. If it is shorter, only the changes to a neighbouring
+    /// box's are stored.
     pub fn new(classes: &[PatchVisibility], neighbour: Option<&[PatchVisibility]>) -> Self {
         let count = u32::try_from(classes.len()).unwrap_or(u32::MAX);
         let whole = Self { count, bytes: whole(classes), is_change: false };

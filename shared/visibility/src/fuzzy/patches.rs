@@ -30,7 +30,8 @@ pub(super) struct SurfacePatch {
     /// The distance of its plane from the origin along the normal, in metres.
     pub(super) offset: f64,
     pub(super) bounds: Aabb,
-    /// The number of a group of patches. Patches of one group that face the eyes do not hide each other.
+    /// The number of a group of patches. Patches of one group that face the eyes do not hide each
+    /// other.
     pub(super) group: u32,
 }
 
@@ -123,8 +124,8 @@ impl PatchMesh {
     }
 }
 
-/// On which side of a plane all eyes are: 1 where the normal points, -1 on the other side, and 0 if eyes
-/// are on both sides or too near. `eyes` are the corners of the box of eyes.
+/// On which side of a plane all eyes are: 1 where the normal points, -1 on the other side, and 0 if
+/// eyes are on both sides or too near. `eyes` are the corners of the box of eyes.
 pub(super) fn side(normal: DVec3, offset: f64, eyes: &[DVec3; 8]) -> i8 {
     // The first corner and the last are opposite each other.
     let middle = normal.dot(eyes[0] + eyes[7]) * 0.5 - offset;

@@ -5,8 +5,8 @@ use glam::DVec2;
 /// The most that rounding may move a point by, in elements.
 pub(super) const ROUNDING: f64 = 1e-6;
 
-/// Visits every row of elements that a closed convex polygon meets or comes near to. `visit` gets the
-/// row, and the first and the last element of it that the polygon meets.
+/// Visits every row of elements that a closed convex polygon meets or comes near to. `visit` gets
+/// the row, and the first and the last element of it that the polygon meets.
 pub(super) fn rows(
     polygon: &[DVec2],
     size: usize,

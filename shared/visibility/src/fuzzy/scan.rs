@@ -19,7 +19,8 @@ pub(super) struct ElementRun {
     pub(super) plane: u32,
 }
 
-/// The plane of a patch or facet in a face's coordinates, relative to the middle of the box of eyes.
+/// The plane of a patch or facet in a face's coordinates, relative to the middle of the box of
+/// eyes.
 pub(super) struct FacePlane {
     pub(super) normal: DVec3,
     pub(super) offset: f64,
@@ -55,7 +56,8 @@ impl RowDepths {
     }
 }
 
-/// The rows of a face while a sub-surface is projected, kept from one to the next to save allocations.
+/// The rows of a face while a sub-surface is projected, kept from one to the next to save
+/// allocations.
 pub(super) struct FaceRows {
     /// For each row the runs that facets cover.
     runs: Vec<Vec<ElementRun>>,
@@ -63,8 +65,8 @@ pub(super) struct FaceRows {
     border: Vec<Vec<[u32; 2]>>,
     /// The rows with runs.
     touched: Range<usize>,
-    /// For each row the places where the outline of a facet crosses its middle, and how far along the
-    /// row each is.
+    /// For each row the places where the outline of a facet crosses its middle, and how far along
+    /// the row each is.
     crossings: Vec<Vec<(f64, DVec3)>>,
     pub(super) planes: Vec<FacePlane>,
     /// The depths of one row.
@@ -131,8 +133,8 @@ impl FaceRows {
         self.touch(row);
     }
 
-    /// Adds, for each row, the parts of the line through its middle that lie in a facet. They are between
-    /// the places where the outline crosses the line.
+    /// Adds, for each row, the parts of the line through its middle that lie in a facet. They are
+    /// between the places where the outline crosses the line.
     pub(super) fn cross(
         &mut self,
         plane: u32,
@@ -189,8 +191,8 @@ impl FaceRows {
         });
     }
 
-    /// Merges all rows into a buffer: in each row the depths of the facets, without the bands of the
-    /// border, where they are nearer.
+    /// Merges all rows into a buffer: in each row the depths of the facets, without the bands of
+    /// the border, where they are nearer.
     pub(super) fn merge_into(&mut self, nearest: &mut [f32], size: usize) {
         for row in std::mem::replace(&mut self.touched, 0..0) {
             let runs = &mut self.runs[row];

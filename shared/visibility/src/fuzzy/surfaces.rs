@@ -11,8 +11,8 @@ use super::{
     patches::{PatchMesh, SurfaceError, SurfacePatch, weld},
 };
 
-/// The most patches of a surface that are tested for convexity, since the test takes time quadratic in
-/// their number.
+/// The most patches of a surface that are tested for convexity, since the test takes time quadratic
+/// in their number.
 const CONVEX_PATCHES_MAX: usize = 512;
 /// The number of patches, or of such runs, in one box of the next level.
 pub(super) const RUN: usize = 8;
@@ -22,7 +22,8 @@ pub(super) const RUN: usize = 8;
 pub struct Surfaces {
     pub(super) mesh: PatchMesh,
     facets: Vec<PlanarFacet>,
-    /// Boxes around each patch, around each run of [`RUN`] such boxes, and so on, up to a few in all.
+    /// Boxes around each patch, around each run of [`RUN`] such boxes, and so on, up to a few in
+    /// all.
     runs: Vec<Vec<Aabb>>,
     surfaces: Vec<PatchSurface>,
 }
@@ -36,8 +37,9 @@ pub(super) struct PatchSurface {
 }
 
 impl Surfaces {
-    /// Surfaces of polygons. Each polygon has the number of its surface and the indices of its corners
-    /// in order. Corners at the same place count as one. Polygons without an area hide nothing.
+    /// Surfaces of polygons. Each polygon has the number of its surface and the indices of its
+    /// corners in order. Corners at the same place count as one. Polygons without an area hide
+    /// nothing.
     ///
     /// # Errors
     /// A polygon is not flat and convex, or a corner of it is missing or not finite.
@@ -130,8 +132,8 @@ impl Surfaces {
         }
     }
 
-    /// Whether all corners of some patches lie on the same side of all their planes. Too many patches
-    /// count as hiding each other.
+    /// Whether all corners of some patches lie on the same side of all their planes. Too many
+    /// patches count as hiding each other.
     fn does_not_hide_itself(&self, patches: &[u32]) -> bool {
         if patches.len() > CONVEX_PATCHES_MAX {
             return false;

@@ -1,5 +1,5 @@
-//! The reference model: dense eyes in the box, with lines to points of every patch, each compared with all
-//! triangles.
+//! The reference model: dense eyes in the box, with lines to points of every patch, each compared
+//! with all triangles.
 
 use glam::{DVec3, Quat, Vec3};
 use proptest::prelude::*;

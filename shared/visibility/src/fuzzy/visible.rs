@@ -1,5 +1,5 @@
-//! Visible patches, by the modified visibility method (Lim 1999): homogeneity indicators and lists of
-//! projected patches for each element.
+//! Visible patches, by the modified visibility method (Lim 1999): homogeneity indicators and lists
+//! of projected patches for each element.
 
 use glam::DVec3;
 use sightline_world::tolerance::NEAR_PLANE_M;
@@ -16,8 +16,8 @@ use super::{
 enum ElementContent {
     /// No patch's.
     Nothing,
-    /// Patches of one group only. Those that may be visible are in a list, given by the index of its last
-    /// entry.
+    /// Patches of one group only. Those that may be visible are in a list, given by the index of
+    /// its last entry.
     One { group: u64, list: u32 },
     /// Patches of several groups.
     Several,
@@ -34,7 +34,8 @@ struct Homogeneity {
     entries: Vec<(u32, u32)>,
 }
 
-/// Marks the patches that every eye sees whole and that hide nothing, among those that are not settled.
+/// Marks the patches that every eye sees whole and that hide nothing, among those that are not
+/// settled.
 pub(super) fn find(
     surfaces: &Surfaces,
     viewpoints: &ViewpointBox,

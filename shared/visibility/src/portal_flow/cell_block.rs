@@ -31,8 +31,8 @@ pub(super) fn blocks(cells: &Cells, targets: &[DAabb]) -> Vec<CellBlock> {
     blocks
 }
 
-/// The cells of a subtree as one block, if they are few and of one space. If not, adds blocks of them
-/// to those found.
+/// The cells of a subtree as one block, if they are few and of one space. If not, adds blocks of
+/// them to those found.
 fn block(
     cells: &Cells,
     targets: &[DAabb],

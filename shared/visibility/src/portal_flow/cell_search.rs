@@ -89,8 +89,8 @@ impl Sightlines<'_> {
         }
     }
 
-    /// Finds which parts of the source may see which cells of a block through a step's gate. The step
-    /// shows some of the block to the part `source` of the source.
+    /// Finds which parts of the source may see which cells of a block through a step's gate. The
+    /// step shows some of the block to the part `source` of the source.
     fn test_block(
         &self,
         search: &mut CellSearch<'_, '_>,

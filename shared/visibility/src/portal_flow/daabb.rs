@@ -28,7 +28,8 @@ impl DAabb {
         self.min.cmple(other.min).all() && other.max.cmple(self.max).all()
     }
 
-    /// The corners. Bit `axis` of a corner's number says whether it is the upper one along the axis.
+    /// The corners. Bit `axis` of a corner's number says whether it is the upper one along the
+    /// axis.
     pub(super) fn corners(&self) -> [DVec3; 8] {
         std::array::from_fn(|i| {
             let pick = |axis: usize| [self.min[axis], self.max[axis]][i >> axis & 1];
@@ -41,8 +42,8 @@ impl DAabb {
         (other.min - self.max).max(self.min - other.max).max(DVec3::ZERO).length_squared()
     }
 
-    /// Shrinks the box to the smallest one that holds its part in a half-space. False if there is no
-    /// such part.
+    /// Shrinks the box to the smallest one that holds its part in a half-space. False if there is
+    /// no such part.
     pub(super) fn keep(&mut self, half: &HalfSpace) -> bool {
         debug_assert!(self.min.cmple(self.max).all(), "only boxes with points are cut");
         let nearest = (half.normal * self.min).min(half.normal * self.max);

@@ -117,8 +117,8 @@ impl DirectedGate {
     }
 }
 
-/// Adds half-spaces that every line from a box through a gate stays in beyond the gate. Their planes
-/// go through the gate's edges. An axial rectangle adds none.
+/// Adds half-spaces that every line from a box through a gate stays in beyond the gate. Their
+/// planes go through the gate's edges. An axial rectangle adds none.
 pub(super) fn edge_separators(
     source: &DAabb,
     gate: &DirectedGate,
@@ -140,9 +140,9 @@ pub(super) fn edge_separators(
     }
 }
 
-/// How far a plane through an edge has to lean outwards, per metre beyond the gate, to touch a box: the
-/// least such lean. Given are the heights of the box's corners, in the order of [`DAabb::corners`].
-/// Not finite if there is no such plane.
+/// How far a plane through an edge has to lean outwards, per metre beyond the gate, to touch a box:
+/// the least such lean. Given are the heights of the box's corners, in the order of
+/// [`DAabb::corners`]. Not finite if there is no such plane.
 fn least_lean(heights: &[CornerHeight; 8]) -> f64 {
     let mut lean = f64::INFINITY;
     for (corner, &CornerHeight { out, beyond }) in heights.iter().enumerate() {
@@ -165,8 +165,8 @@ fn least_lean(heights: &[CornerHeight; 8]) -> f64 {
     lean
 }
 
-/// Shrinks a box around a polygon to hold the part of the polygon in all of some half-spaces. False if
-/// there is no such part.
+/// Shrinks a box around a polygon to hold the part of the polygon in all of some half-spaces. False
+/// if there is no such part.
 pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut DAabb) -> bool {
     let mut polygon = corners.to_vec();
     let mut kept = Vec::with_capacity(polygon.len() + 2);
@@ -194,7 +194,8 @@ pub(super) fn cut_polygon(corners: &[DVec3], halves: &HalfSpaces, around: &mut D
     around.min.cmple(around.max).all()
 }
 
-/// Whether every line from one box to another passes a gate, which is an axial rectangle between them.
+/// Whether every line from one box to another passes a gate, which is an axial rectangle between
+/// them.
 pub(super) fn is_between(source: &DAabb, gate: &DAabb, target: &DAabb) -> bool {
     let Some(axis) = (0..3).find(|&axis| gate.min[axis] == gate.max[axis]) else { return false };
     let at = gate.min[axis];

@@ -8,26 +8,28 @@
 //! y₀·d.z − z₁·d.y ≤ m.x ≤ y₁·d.z − z₀·d.y
 //! ```
 //!
-//! and the same holds for the other axes in turn. Only moments with `d · m = 0` belong to lines. Let
-//! `w = (1/d.x, 1/d.y, 1/d.z)`, and divide each moment by the two other components of `d`. Then all
-//! conditions are linear:
+//! and the same holds for the other axes in turn. Only moments with `d · m = 0` belong to lines.
+//! Let `w = (1/d.x, 1/d.y, 1/d.z)`, and divide each moment by the two other components of `d`. Then
+//! all conditions are linear:
 //!
 //! ```text
 //! y₀·w.y − z₁·w.z ≤ X ≤ y₁·w.y − z₀·w.z      (and in turn)      X + Y + Z = 0
 //! ```
 //!
 //! So for a given `w` there are three kinds of conditions. No lower bound of X, Y or Z exceeds the
-//! upper bound. The lower bounds do not sum to more than 0. The upper bounds do not sum to less than
+//! upper bound. The lower bounds do not sum to more than 0. The upper bounds do not sum to less
+//! than
 //! 0. Each condition, with the boxes that give its bounds, is a half-plane in the triangle of all
 //! directions: `w ≥ 0`, `w.x + w.y + w.z = 1`.
 //!
 //! The test tries one direction. If a condition fails there, its half-plane cuts the polygon of
-//! remaining directions, and the middle of the rest is tried next. Each cut through the middle takes
-//! off a good part, so a few tries decide. What is undecided after [`TRIES_MAX`] counts as met.
+//! remaining directions, and the middle of the rest is tried next. Each cut through the middle
+//! takes off a good part, so a few tries decide. What is undecided after [`TRIES_MAX`] counts as
+//! met.
 //!
 //! All level directions share one corner of the triangle, and so do the directions along each other
-//! pair of axes. When only a corner remains, those directions are tested in a plane, with rectangles
-//! for boxes ([`level_line_meets_all`]).
+//! pair of axes. When only a corner remains, those directions are tested in a plane, with
+//! rectangles for boxes ([`level_line_meets_all`]).
 //!
 //! This takes time linear in the number of boxes. The original test is by Hohmeyer and Teller 1992,
 //! "Stabbing isothetic boxes and rectangles in O(n lg n) time".
@@ -40,9 +42,9 @@ use super::daabb::DAabb;
 const TRIES_MAX: usize = 24;
 /// The most corners of the polygon of directions: three, and one for each cut.
 const CORNERS_MAX: usize = TRIES_MAX + 4;
-/// Directions closer than this to a corner of the triangle count as level. Near the corner, conditions
-/// fail by no more than rounding, and the test among level lines is sharper. Over 100 m such a line
-/// may rise by a millimetre.
+/// Directions closer than this to a corner of the triangle count as level. Near the corner,
+/// conditions fail by no more than rounding, and the test among level lines is sharper. Over 100 m
+/// such a line may rise by a millimetre.
 const LEVEL_WEIGHT: f64 = 1e-5;
 /// The rounding of a condition, as a moment over squared slopes. One that fails by less holds.
 const ROUNDING: f64 = 1e-9;
@@ -100,8 +102,8 @@ fn rising_line_meets_all(boxes: &[DAabb], towards: DVec3) -> bool {
     true
 }
 
-/// Whether a line that hardly rises along one axis meets all boxes. For each metre along the two other
-/// axes it rises by no more than the two `rises`.
+/// Whether a line that hardly rises along one axis meets all boxes. For each metre along the two
+/// other axes it rises by no more than the two `rises`.
 fn level_line_meets_all(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let (mut lowest, mut highest) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
@@ -152,8 +154,8 @@ fn level_line_meets_all(boxes: &[DAabb], axis: usize, rises: [f64; 2]) -> bool {
     true
 }
 
-/// The condition that fails most at a direction, if one fails. It is given by the coefficients of `w`:
-/// it holds where their product with `w` is not positive.
+/// The condition that fails most at a direction, if one fails. It is given by the coefficients of
+/// `w`: it holds where their product with `w` is not positive.
 fn failure(boxes: &[DAabb], w: DVec3) -> Option<DVec3> {
     let (mut low, mut high) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
     for region in boxes {
@@ -229,8 +231,8 @@ struct DirectionPolygon {
 enum CutResult {
     /// Its middle, to be tried next.
     Middle(DVec3),
-    /// All directions are nearly level: they rise along `axis` by at most `rises` for each metre along
-    /// the two other axes.
+    /// All directions are nearly level: they rise along `axis` by at most `rises` for each metre
+    /// along the two other axes.
     Corner { axis: usize, rises: [f64; 2] },
     /// The polygon has more corners than there is room for, which only rounding can cause.
     TooMany,

@@ -1,5 +1,5 @@
-//! Eye-to-cell visibility: what can be seen from a box of eyes in some directions (Teller and Séquin
-//! 1991, section 5).
+//! Eye-to-cell visibility: what can be seen from a box of eyes in some directions (Teller and
+//! Séquin 1991, section 5).
 
 use std::{borrow::Cow, ops::Range};
 
@@ -30,19 +30,20 @@ pub(super) struct EyeScratch {
 }
 
 impl Sightlines<'_> {
-    /// The cells of which some point may be visible to an eye somewhere in a box: never too few. With
-    /// a frustum, only what is inside the frustum of some eye counts. The box is given in the world's
-    /// axes.
+    /// The cells of which some point may be visible to an eye somewhere in a box: never too few.
+    /// With a frustum, only what is inside the frustum of some eye counts. The box is given in the
+    /// world's axes.
     ///
-    /// If the box overlaps several spaces, each has a search of its own, from the part of the box in
-    /// it. The result lies within the PVS of the cells that the box overlaps, so the subdivision must
-    /// have its PVS.
+    /// If the box overlaps several spaces, each has a search of its own, from the part of the box
+    /// in it. The result lies within the PVS of the cells that the box overlaps, so the subdivision
+    /// must have its PVS.
     ///
     /// A box that lies in something solid stands for eyes in the nearest cell, if one is within
     /// [`ASTRAY_M`] of its centre. A box out of bounds stands for eyes on the boundary. Nothing is
     /// seen from an empty box.
     ///
-    /// Keep `scratch` from one call to the next: then little memory is allocated besides the result.
+    /// Keep `scratch` from one call to the next: then little memory is allocated besides the
+    /// result.
     ///
     /// ```
     /// use glam::Vec3;
@@ -107,8 +108,8 @@ impl Sightlines<'_> {
         eyes
     }
 
-    /// The cells that may be visible from the part of the box in one space. `eye.cells[part]` are the
-    /// cells of that space which the box overlaps.
+    /// The cells that may be visible from the part of the box in one space. `eye.cells[part]` are
+    /// the cells of that space which the box overlaps.
     fn visible_from_space(
         &self,
         scratch: &mut FlowScratch,

@@ -22,8 +22,8 @@ pub struct FlowScratch {
     pub(super) at_gate: Vec<GateSteps>,
     /// The gates that have steps.
     pub(super) touched: Vec<u32>,
-    /// For each part of the source and each cell, or for each space, the number of the last search that
-    /// found it.
+    /// For each part of the source and each cell, or for each space, the number of the last search
+    /// that found it.
     pub(super) seen: Vec<u32>,
     /// For each space the last search that may enter it.
     pub(super) allowed: Vec<u32>,
@@ -84,8 +84,8 @@ impl FlowScratch {
         }
     }
 
-    /// Whether another step at the same gate shows everything that a step does. If so, that one takes
-    /// over the step's parents.
+    /// Whether another step at the same gate shows everything that a step does. If so, that one
+    /// takes over the step's parents.
     pub(super) fn is_known(&mut self, step: &FlowStep) -> bool {
         let at = &self.at_gate[step.gate as usize];
         let holds = |of: &&u32| {
@@ -98,7 +98,8 @@ impl FlowScratch {
         true
     }
 
-    /// Whether some line from a part of the source to a target passes one of the gathered sequences.
+    /// Whether some line from a part of the source to a target passes one of the gathered
+    /// sequences.
     pub(super) fn line_reaches(&mut self, source: &DAabb, target: &DAabb) -> bool {
         let mut certain: DirectionSigns = [None; 3];
         for (axis, sign) in certain.iter_mut().enumerate() {

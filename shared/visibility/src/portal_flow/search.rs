@@ -51,8 +51,8 @@ impl Sightlines<'_> {
         }
     }
 
-    /// The step from the last one through the next gate. None if no line passes both. `index` is the
-    /// last step's, and `halves` separate its source from its pass.
+    /// The step from the last one through the next gate. None if no line passes both. `index` is
+    /// the last step's, and `halves` separate its source from its pass.
     fn step(
         &self,
         index: u32,

@@ -43,8 +43,9 @@ impl HalfSpaces {
     }
 }
 
-/// Finds half-spaces that every line from a box through another stays in, from the second box on. The
-/// first box is outside each of them or on its plane, and the second box is inside or on its plane.
+/// Finds half-spaces that every line from a box through another stays in, from the second box on.
+/// The first box is outside each of them or on its plane, and the second box is inside or on its
+/// plane.
 pub(super) fn separators(source: &DAabb, pass: &DAabb, found: &mut HalfSpaces) {
     found.count = 0;
     for (u, v) in [(0, 1), (1, 2), (2, 0)] {
@@ -80,8 +81,8 @@ pub(super) fn tangents(
         }
     };
     let ((source_near, source_far), (pass_near, pass_far)) = (near_far(source), near_far(pass));
-    // The upper tangent goes from the lowest point of the source to the highest of the pass, as steeply
-    // as possible. The lower tangent is the same upside down.
+    // The upper tangent goes from the lowest point of the source to the highest of the pass, as
+    // steeply as possible. The lower tangent is the same upside down.
     for up in [1.0, -1.0] {
         let (low, high) = if up > 0.0 {
             (source.min[across], pass.max[across])

@@ -55,8 +55,8 @@ impl PortalSequences {
 }
 
 impl Sightlines<'_> {
-    /// Lists for every sequence of steps that ends with the given one what a line has to meet to pass
-    /// it. Where there are too many sequences, their beginnings are left out.
+    /// Lists for every sequence of steps that ends with the given one what a line has to meet to
+    /// pass it. Where there are too many sequences, their beginnings are left out.
     pub(super) fn gather_sequences(&self, scratch: &mut FlowScratch, last: &FlowStep) {
         let FlowScratch { steps, sequences, .. } = scratch;
         let begin = |sequence: &mut PortalSequence| {
@@ -76,8 +76,8 @@ impl Sightlines<'_> {
                 step = steps[next as usize];
                 self.put(&mut sequences.all[index], &step);
             }
-            // Boxes are larger than what they stand for, so steps may seem to form a cycle. The limit
-            // of the length ends it.
+            // Boxes are larger than what they stand for, so steps may seem to form a cycle. The
+            // limit of the length ends it.
             loop {
                 let (&first, others) = match step.parents.as_slice() {
                     [first, others @ ..]

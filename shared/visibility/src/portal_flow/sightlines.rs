@@ -79,8 +79,8 @@ impl<'a> Sightlines<'a> {
         })
     }
 
-    /// The spaces of which some point may be visible from some point of the source. The source's own
-    /// space comes first.
+    /// The spaces of which some point may be visible from some point of the source. The source's
+    /// own space comes first.
     pub fn spaces(&self, scratch: &mut FlowScratch, query: &Query<'_>) -> Vec<u32> {
         scratch.begin(self.sizes(1), query.spaces.unwrap_or_default());
         let mut found = vec![query.space];
@@ -103,8 +103,8 @@ impl<'a> Sightlines<'a> {
         found
     }
 
-    /// For each cell of a block, the cells of which some point may be visible from some point of it.
-    /// Only the given spaces are entered.
+    /// For each cell of a block, the cells of which some point may be visible from some point of
+    /// it. Only the given spaces are entered.
     pub fn rows(
         &self,
         scratch: &mut FlowScratch,

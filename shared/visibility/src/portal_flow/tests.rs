@@ -43,7 +43,8 @@ fn around(rng: &mut SmallRng, point: DVec3, size: f64) -> DAabb {
     DAabb { min: point - below, max: point + above }
 }
 
-/// The signs of a direction, some of them left open. Where the direction is level, either sign will do.
+/// The signs of a direction, some of them left open. Where the direction is level, either sign will
+/// do.
 fn signs(rng: &mut SmallRng, along: DVec3) -> exact::DirectionSigns {
     std::array::from_fn(|axis| match rng.random_range(0..3) {
         0 => None,
@@ -86,7 +87,8 @@ fn a_line_that_exists_is_found() {
     }
 }
 
-/// Two slits whose heights hardly differ and that are far apart: the line between them is nearly level.
+/// Two slits whose heights hardly differ and that are far apart: the line between them is nearly
+/// level.
 #[test]
 fn nearly_level_lines_through_thin_gaps_are_found() {
     let mut spare = Vec::new();
@@ -131,9 +133,9 @@ fn moments(boxes: &[DAabb], w: DVec3) -> (DVec3, DVec3) {
     (low, high)
 }
 
-/// By how much the best rising direction fails; not positive if some line meets all boxes. The failure
-/// is the maximum of functions that are linear in the inverse direction, so it is convex. Two nested
-/// ternary searches find its minimum.
+/// By how much the best rising direction fails; not positive if some line meets all boxes. The
+/// failure is the maximum of functions that are linear in the inverse direction, so it is convex.
+/// Two nested ternary searches find its minimum.
 fn best_rising(boxes: &[DAabb]) -> (f64, DVec3) {
     let fails = |w: DVec3| {
         let (low, high) = moments(boxes, w);
@@ -302,7 +304,8 @@ fn points_outside_a_separating_plane_are_on_no_line() {
     println!("of {kept} points kept, {inside} are on a line");
 }
 
-/// Includes sources that reach through the gate's plane, as boxes around cells with slanted sides do.
+/// Includes sources that reach through the gate's plane, as boxes around cells with slanted sides
+/// do.
 #[test]
 fn lines_stay_between_the_planes_through_slanted_edges() {
     let mut rng = SmallRng::seed_from_u64(5);

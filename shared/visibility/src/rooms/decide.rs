@@ -19,9 +19,9 @@ pub enum RoomVerdict {
 }
 
 impl RoomIndex {
-    /// Whether rooms let an eye in one region see some of a body in another. The answer is no only if
-    /// it is no for every place in the two regions. A smaller region never gets a yes where a larger
-    /// one gets a no.
+    /// Whether rooms let an eye in one region see some of a body in another. The answer is no only
+    /// if it is no for every place in the two regions. A smaller region never gets a yes where a
+    /// larger one gets a no.
     pub fn may_see(&self, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
         if !eyes.may_share_sealed_rooms(body) {
             return false;
@@ -29,8 +29,8 @@ impl RoomIndex {
         eyes.is_bare || eyes.restricting.iter().any(|id| self.shows(*id, eyes, body))
     }
 
-    /// What somebody may see of somebody else, when each of them is entirely in the given room and in
-    /// no other.
+    /// What somebody may see of somebody else, when each of them is entirely in the given room and
+    /// in no other.
     pub fn verdict(&self, from: RoomId, to: RoomId) -> RoomVerdict {
         let room = self.room(from);
         let is_sealed = from != to && (room.is_sealed || self.room(to).is_sealed);

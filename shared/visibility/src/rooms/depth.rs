@@ -8,8 +8,8 @@
 //!   room.
 //! * None of its windows that face the eye lets a line from the eye pass to that box.
 //!
-//! Then every sight line to the other room has to pass through a wall of the nearer one. A room that
-//! is hidden only in part is kept as a whole.
+//! Then every sight line to the other room has to pass through a wall of the nearer one. A room
+//! that is hidden only in part is kept as a whole.
 
 use glam::{DVec3, Vec3};
 use sightline_world::{
@@ -28,7 +28,8 @@ use super::{
 pub struct RoomAtDepth {
     /// The room.
     pub room: RoomId,
-    /// The distance from the eye to the nearest point of the room, in metres; 0 if the eye is in it.
+    /// The distance from the eye to the nearest point of the room, in metres; 0 if the eye is in
+    /// it.
     pub distance_m: f32,
     /// The nearest room that hides all of this one, if any does.
     pub hidden_by: Option<RoomId>,

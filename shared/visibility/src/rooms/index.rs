@@ -175,8 +175,8 @@ impl RoomIndex {
         self.at(point).min_by(|a, b| size(a).total_cmp(&size(b)))
     }
 
-    /// What is seen from a viewpoint in a room through its windows. The region holds everything that
-    /// any of the eyes sees.
+    /// What is seen from a viewpoint in a room through its windows. The region holds everything
+    /// that any of the eyes sees.
     pub fn seen(&self, room: RoomId, viewpoint: &Viewpoint) -> BooleanRegion {
         self.room(room).windows.seen(viewpoint)
     }

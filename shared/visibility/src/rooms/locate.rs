@@ -36,8 +36,8 @@ impl RoomIndex {
         self.overlap_of(&region, is_bare)
     }
 
-    /// The rooms that some boxes overlap inside some cells, which come in ascending order. It is for
-    /// somebody who can be in these cells only, whatever walls the boxes reach through.
+    /// The rooms that some boxes overlap inside some cells, which come in ascending order. It is
+    /// for somebody who can be in these cells only, whatever walls the boxes reach through.
     pub fn overlap_in_cells(&self, cells: &Cells, boxes: &[Aabb], found: &[CellId]) -> RoomOverlap {
         debug_assert!(found.is_sorted(), "cells come in ascending order");
         if self.is_empty() {

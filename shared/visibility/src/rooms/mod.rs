@@ -15,16 +15,16 @@
 //! Rooms can hide what cells show, and never show what cells hide. A viewer is told about an avatar
 //! only if cells let it see the avatar and rooms do too. From the strongest rule to the weakest:
 //!
-//! 1. *Sealed rooms.* If one of two avatars is in a sealed room and the other is not, neither is told
-//!    about the other.
+//! 1. *Sealed rooms.* If one of two avatars is in a sealed room and the other is not, neither is
+//!    told about the other.
 //! 2. *Rooms with a set or windows.* A viewer in such a room is told about an avatar if the room's
 //!    set names the avatar's place, or if a window shows it. A viewer in several such rooms is told
 //!    what any of them shows. A room shows itself, unless its set hides it.
 //! 3. *Cells.* For a viewer in no such room, cells alone decide.
 //!
 //! Questions are about regions, and answers err on the safe side: a pair is ruled out only if it is
-//! ruled out for every place in one region and every place in the other. So no avatar is missed that
-//! the author leaves visible.
+//! ruled out for every place in one region and every place in the other. So no avatar is missed
+//! that the author leaves visible.
 
 mod decide;
 pub mod depth;

@@ -38,8 +38,8 @@ impl RoomOverlap {
         &self.within
     }
 
-    /// Whether some of the region may be in no room that restricts what is seen from it. What is seen
-    /// from there is up to cells alone.
+    /// Whether some of the region may be in no room that restricts what is seen from it. What is
+    /// seen from there is up to cells alone.
     pub fn is_bare(&self) -> bool {
         self.is_bare
     }

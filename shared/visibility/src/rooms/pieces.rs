@@ -64,8 +64,8 @@ impl ConvexPiece {
         Some(Self { bounds, sides, faces })
     }
 
-    /// The convex hull of some points. None if it is flat. Every plane through three points that has
-    /// all other points on one side is a side. That is fast enough, since there are few points.
+    /// The convex hull of some points. None if it is flat. Every plane through three points that
+    /// has all other points on one side is a side. That is fast enough, since there are few points.
     pub fn hull(points: Vec<Vec3>) -> Option<Self> {
         let bounds = Aabb::from_points(points.iter().copied());
         let exact: Vec<DVec3> = points.iter().map(|point| point.as_dvec3()).collect();

@@ -40,8 +40,8 @@ impl BooleanRegion {
         }
     }
 
-    /// Where a box lies relative to the region. [`Containment::Partial`] is also the answer when it is
-    /// not known.
+    /// Where a box lies relative to the region. [`Containment::Partial`] is also the answer when it
+    /// is not known.
     pub fn containment(&self, region: &Aabb) -> Containment {
         match self {
             Self::Half(half) => half.containment(region),
@@ -89,8 +89,9 @@ impl BooleanRegion {
         }
     }
 
-    /// A region of at most so many half-spaces that holds all of this one. Regions that were taken out
-    /// are filled in first. Then half-spaces are dropped: those that differ least from the kept ones.
+    /// A region of at most so many half-spaces that holds all of this one. Regions that were taken
+    /// out are filled in first. Then half-spaces are dropped: those that differ least from the kept
+    /// ones.
     pub fn simplified(&self, planes_max: usize) -> Self {
         if self.planes() <= planes_max {
             return self.clone();

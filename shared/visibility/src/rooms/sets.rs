@@ -1,8 +1,8 @@
 //! Visibility sets: everything that may be visible from a viewpoint, by cells and rooms together
 //! (Menon and Rossignac 1999, FIG. 8).
 //!
-//! A set is kept for viewpoints near its own. While a camera moves from one viewpoint to another, the
-//! union of their sets is used.
+//! A set is kept for viewpoints near its own. While a camera moves from one viewpoint to another,
+//! the union of their sets is used.
 
 use std::f32::consts::PI;
 
@@ -129,13 +129,14 @@ impl VisibilitySets {
     /// The most sets that are kept. The least recently used one is dropped first.
     pub const KEPT_MAX: usize = 64;
 
-    /// Keeps no set yet. `field` has the angles of the field of view, across and upright, in radians.
+    /// Keeps no set yet. `field` has the angles of the field of view, across and upright, in
+    /// radians.
     pub fn new(tolerance: ViewpointTolerance, field: [f32; 2]) -> Self {
         Self { tolerance, field, kept: Vec::new(), made: 0 }
     }
 
-    /// What may be visible from a viewpoint. A set that was made for a viewpoint within the tolerance
-    /// is used again.
+    /// What may be visible from a viewpoint. A set that was made for a viewpoint within the
+    /// tolerance is used again.
     pub fn at(&mut self, world: &World, index: &RoomIndex, pose: &Pose) -> &VisibilitySet {
         let known = self.kept.iter().position(|(of, _)| self.is_near(of, pose));
         let entry = match known {
@@ -153,8 +154,8 @@ impl VisibilitySets {
         &self.kept[self.kept.len() - 1].1
     }
 
-    /// What may be visible on the straight way from one viewpoint to another: the union of their two
-    /// sets. Where their tolerances leave a gap, sets on the way between them are added.
+    /// What may be visible on the straight way from one viewpoint to another: the union of their
+    /// two sets. Where their tolerances leave a gap, sets on the way between them are added.
     pub fn between(
         &mut self,
         world: &World,
@@ -192,8 +193,8 @@ impl VisibilitySets {
     fn viewpoint(&self, world: &World, pose: &Pose) -> Viewpoint {
         let axes = &world.cells.axes;
         let around = Aabb::around(pose.eye, self.tolerance.eye_m * 2.0);
-        // Yaw and pitch together move a direction by at most twice the tolerance. Towards the corners
-        // of a picture, its sides are half as far apart as in the middle.
+        // Yaw and pitch together move a direction by at most twice the tolerance. Towards the
+        // corners of a picture, its sides are half as far apart as in the middle.
         let [across, upright] = self.field.map(|angle| angle + 8.0 * self.tolerance.look);
         let field = Frustum::new(pose.yaw, pose.pitch, across, upright);
         Viewpoint::looking(axes.own_box(&around), &field, axes)
@@ -201,7 +202,8 @@ impl VisibilitySets {
 }
 
 impl VisibilitySet {
-    /// Whether some of a box may be visible, by the cells it overlaps. The box is in the world's axes.
+    /// Whether some of a box may be visible, by the cells it overlaps. The box is in the world's
+    /// axes.
     pub fn shows(&self, world: &World, region: &Aabb) -> bool {
         let mut cells = Vec::new();
         world.cells.overlapping(&world.cells.axes.own_box(region), &mut cells);

@@ -1,11 +1,11 @@
 //! What an eye, or a box of eyes, sees through the windows of a room it is in.
 //!
-//! A plane goes through each edge of a window and an eye. Through a convex window, the eye sees what
-//! lies beyond the window and on the inner side of all these planes. For a box of eyes, each edge has
-//! two planes:
+//! A plane goes through each edge of a window and an eye. Through a convex window, the eye sees
+//! what lies beyond the window and on the inner side of all these planes. For a box of eyes, each
+//! edge has two planes:
 //!
-//! * The *outer* plane goes through the corner of the box from which the eye looks furthest past the
-//!   edge. Everything that any eye sees is inside all outer planes.
+//! * The *outer* plane goes through the corner of the box from which the eye looks furthest past
+//!   the edge. Everything that any eye sees is inside all outer planes.
 //! * The *inner* plane goes through the corner from which it looks least past the edge. Everything
 //!   inside all inner planes is seen by all eyes.
 //!
@@ -16,14 +16,14 @@
 //! Their windows form a tree (Menon and Rossignac 1999, FIG. 9):
 //!
 //! * Through a window of level 1 an eye sees what is outside the room.
-//! * Where it then sees a window of level 2 from outside, it looks into the room again, and no longer
-//!   at what is outside.
+//! * Where it then sees a window of level 2 from outside, it looks into the room again, and no
+//!   longer at what is outside.
 //! * Through a window of level 3 behind that, it looks out once more.
 //!
-//! So what the children of a window show is taken away from what the window shows, level by level. The
-//! region of a window of odd level is outer and that of even level is inner, so that what is left is
-//! never too small. The source goes on with the nearest window of each level alone. Here all windows
-//! in view count, which shows more and never less.
+//! So what the children of a window show is taken away from what the window shows, level by level.
+//! The region of a window of odd level is outer and that of even level is inner, so that what is
+//! left is never too small. The source goes on with the nearest window of each level alone. Here
+//! all windows in view count, which shows more and never less.
 
 use glam::{DVec3, Vec3};
 use sightline_world::{
@@ -142,8 +142,8 @@ impl RoomWindows {
         self.parts.is_empty()
     }
 
-    /// Whether some eye that looks all round may see some of a box outside through the windows: never
-    /// wrongly denied.
+    /// Whether some eye that looks all round may see some of a box outside through the windows:
+    /// never wrongly denied.
     pub fn show(&self, eyes: &Aabb, body: &Aabb) -> bool {
         let first = (0..self.parts.len()).filter(|at| self.parts[*at].is_first);
         first.into_iter().any(|at| self.part_shows(at, eyes, body))
@@ -238,8 +238,8 @@ fn level(room: &Room, window: u32) -> u32 {
     level
 }
 
-/// The unit normal of a polygon that points out of the room. None if the room is on both sides of it,
-/// or on neither.
+/// The unit normal of a polygon that points out of the room. None if the room is on both sides of
+/// it, or on neither.
 fn outward(corners: &[DVec3], pieces: &[ConvexPiece]) -> Option<DVec3> {
     let normal = normal(corners)?;
     let centre = corners.iter().sum::<DVec3>() / corners.len() as f64;

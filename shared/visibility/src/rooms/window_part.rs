@@ -106,8 +106,8 @@ struct WindowEdge {
 }
 
 impl WindowEdge {
-    /// The plane through the edge and the eye that looks furthest past it (outer), or least (inner). All
-    /// eyes are on the near side of the window.
+    /// The plane through the edge and the eye that looks furthest past it (outer), or least
+    /// (inner). All eyes are on the near side of the window.
     fn plane(&self, normal: DVec3, eyes: &Aabb, bound: EyeBound) -> HalfSpace {
         // In the plane of the window, away from its inside.
         let out = self.along.cross(normal).normalize_or_zero();

@@ -1,7 +1,8 @@
-//! Rooms and windows: small scenes whose answer can be checked by hand, and random ones against rays.
+//! Rooms and windows: small scenes whose answers can be checked by hand, and random scenes against
+//! sight lines.
 
 mod picture;
+mod reference_model;
 mod scenes;
 mod sets;
 mod stage;
-mod twin;

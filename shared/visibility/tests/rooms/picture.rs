@@ -1,4 +1,4 @@
-//! A scene from above, for whoever wants to see what a test says.
+//! Pictures of scenes from above, which show what a test says.
 
 use std::path::Path;
 
@@ -16,20 +16,20 @@ const EYE: [u8; 3] = [220, 60, 40];
 const RIGHT: [u8; 3] = [40, 140, 60];
 const HIDDEN: [u8; 3] = [150, 150, 150];
 
-/// What is drawn.
+/// A scene to draw.
 pub struct Picture<'a> {
     pub rooms: &'a Rooms,
     pub eyes: Aabb,
-    /// Boxes, and whether they are expected to show.
+    /// Boxes, and whether each is expected to be visible.
     pub targets: &'a [(Aabb, bool)],
-    /// The part of the plan that is drawn: x and z from, to.
+    /// The part of the plan that is drawn: its least and its greatest x and z.
     pub area: [[f32; 2]; 2],
-    /// Whether a point at the height of the eyes shows.
+    /// Whether a point at the height of the eyes is visible.
     pub shows: &'a dyn Fn(Vec3) -> bool,
 }
 
 impl Picture<'_> {
-    /// Writes it among the tests' output.
+    /// Writes the picture into the folder of the tests' output.
     pub fn save(&self, name: &str) {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("rooms");
         std::fs::create_dir_all(&folder).unwrap();

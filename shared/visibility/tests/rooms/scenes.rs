@@ -1,6 +1,8 @@
-//! One small scene for each way in which rooms and windows can be used, and for each claim of the paper;
-//! their answers can be checked by hand. Each leaves a picture: the eye is red, what shows at its height
-//! green, windows blue; boxes that must show are dark green, those that must not are grey.
+//! One small scene for each use of rooms and windows, and for each claim of Menon and Rossignac
+//! 1999. Their answers can be checked by hand.
+//!
+//! Each scene leaves a picture: the eye is red, what is visible at its height is green, windows are
+//! blue. Boxes that must be visible are dark green, and those that must be hidden are grey.
 
 use glam::Vec3;
 use sightline_visibility::{
@@ -20,7 +22,7 @@ use crate::{
 
 const AREA: [[f32; 2]; 2] = [[-10.0, -10.0], [10.0, 10.0]];
 
-/// Checks what shows from eyes, all round, and draws it.
+/// Checks what is visible to eyes that look all round, and draws it.
 fn check(name: &str, rooms: Rooms, eyes: Aabb, targets: &[(Aabb, bool)]) {
     let world = world(rooms, 0.0);
     let index = RoomIndex::new(&world);
@@ -58,8 +60,8 @@ fn hall() -> Shape {
     block([-3.0, 0.0, -3.0], [3.0, 3.0, 3.0])
 }
 
-/// Claims 1, 4, 9, 12 and Fig. 4: a room that is a volume, with a beam, a pipe and a pump, of which
-/// only the first two are of its visible set; and the set need not lie in the room.
+/// Claims 1, 4, 9, 12 and FIG. 4: a room that is a volume, with a beam, a pipe and a pump. Only the
+/// beam and the pipe are in its visible set. Members of the set need not lie in the room.
 #[test]
 fn a_visible_set_of_objects() {
     let [beam, pipe, pump] = [cube(-1.0, -1.0), cube(7.0, 7.0), cube(-7.0, 1.0)];
@@ -70,7 +72,8 @@ fn a_visible_set_of_objects() {
     check("visible-set", Rooms::new(vec![a], objects).unwrap(), eye(0.0, 0.0), &targets);
 }
 
-/// Claim 1 the other way round: what is hidden is named, and hides only who is all in it.
+/// Claim 1 with a hidden set: the set names what is hidden. A body is hidden only if it lies
+/// entirely in a member.
 #[test]
 fn a_hidden_set() {
     let pump = Aabb::around(Vec3::new(-7.0, 1.5, 1.0), 1.0);
@@ -81,7 +84,7 @@ fn a_hidden_set() {
     check("hidden-set", rooms, eye(0.0, 0.0), &targets);
 }
 
-/// A set of rooms: all of another room shows, however far; and one of cells.
+/// A set of rooms: all of another room is visible, however far away it is.
 #[test]
 fn a_set_of_rooms() {
     let a = seeing(room("A", vec![hall()]), only_rooms(&[1]), vec![]);
@@ -94,7 +97,7 @@ fn a_set_of_rooms() {
 fn a_set_of_cells() {
     let set = |cell| ObjectSet { cells: vec![CellId(cell)], ..ObjectSet::default() };
     let a = seeing(room("A", vec![hall()]), RoomVisibility::Only(set(0)), vec![]);
-    // The one cell is everywhere.
+    // The one cell is the whole world.
     check("set-of-cells", rooms(vec![a]), eye(0.0, 0.0), &[(cube(7.0, 7.0), true)]);
     let b = seeing(room("A", vec![hall()]), RoomVisibility::AllBut(set(0)), vec![]);
     check("set-of-hidden-cells", rooms(vec![b]), eye(0.0, 0.0), &[(cube(7.0, 7.0), false)]);
@@ -113,7 +116,7 @@ fn a_rectangle_of_the_plan() {
     check("rectangle-outside", rooms, eye(0.0, 4.0), &[(cube(7.0, 1.0), true)]);
 }
 
-/// A polygon with a height need not be convex; above it one is not in it.
+/// A polygon with a height need not be convex. An eye above it is not in the room.
 #[test]
 fn a_polygon_with_a_height() {
     let l = [[-4.0, -4.0], [4.0, -4.0], [4.0, -1.0], [-1.0, -1.0], [-1.0, 4.0], [-4.0, 4.0]];
@@ -126,7 +129,7 @@ fn a_polygon_with_a_height() {
     check("polygon-above", rooms, above, &[(cube(2.0, 2.0), true)]);
 }
 
-/// A volume with slanted sides: a pyramid.
+/// A pyramid: a volume with slanted sides.
 #[test]
 fn a_convex_hull() {
     let base = [[-4.0, -4.0], [4.0, -4.0], [4.0, 4.0], [-4.0, 4.0]];
@@ -135,22 +138,22 @@ fn a_convex_hull() {
     let a = seeing(room("tent", vec![Shape::Hull(points)]), only_rooms(&[]), vec![]);
     let rooms = rooms(vec![a]);
     check("hull", rooms.clone(), eye(1.0, 1.0), &[(cube(7.0, 7.0), false)]);
-    // In the box around it, but beside its slope.
+    // In the box around the pyramid, but beside its slope.
     check("hull-beside", rooms, eye(3.5, 3.5), &[(cube(7.0, 7.0), true)]);
 }
 
-/// Who is outside of a room is not concerned by it, nor by its windows.
+/// A room does not affect viewers outside it, and neither do its windows.
 #[test]
-fn outside_a_room_says_nothing() {
+fn outside_a_room_it_has_no_effect() {
     let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [1.0, 2.0]);
     let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![east]);
     let targets = [(cube(0.0, 0.0), true), (cube(-7.0, 7.0), true), (cube(7.0, 7.0), true)];
     check("outside", rooms(vec![a]), eye(6.0, 0.0), &targets);
 }
 
-/// Who is in several rooms gets what any of them shows.
+/// A viewer in several rooms sees what any of them shows.
 #[test]
-fn in_several_rooms_the_union() {
+fn in_several_rooms_the_union_is_visible() {
     let a = seeing(room("A", vec![hall()]), only_rooms(&[2]), vec![]);
     let east = block([0.0, 0.0, -2.0], [6.0, 3.0, 2.0]);
     let b = seeing(room("B", vec![east]), only_rooms(&[3]), vec![]);
@@ -164,12 +167,12 @@ fn in_several_rooms_the_union() {
     check("several-rooms-b", rooms, eye(5.0, 0.0), &[(c, false), (d, true)]);
 }
 
-/// Claims 5 and 13, Fig. 6(A): through a square window one sees what lies beyond it, and no more.
+/// Claims 5 and 13, FIG. 6A: a square window shows what lies beyond it, and no more.
 #[test]
 fn a_window() {
     let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
     let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![east]);
-    // From three metres away the window is 2 m wide at 3 m, and so 6 m at 9 m.
+    // The window is 2 m wide at a distance of 3 m, so it shows 6 m at a distance of 9 m.
     let targets = [
         (cube(1.0, -2.0), true),
         (cube(9.0, 0.0), true),
@@ -180,26 +183,26 @@ fn a_window() {
         (cube(-9.0, 0.0), false),
     ];
     check("window", rooms(vec![a.clone()]), eye(0.0, 0.0), &targets);
-    // What may be seen from a box of eyes is more.
+    // A box of eyes may see more.
     let eyes = Aabb::new(Vec3::new(-1.0, 1.0, -1.0), Vec3::new(1.0, 2.0, 1.0));
     let targets = [(cube(9.0, 7.3), true), (cube(9.0, 7.9), false), (cube(-9.0, 0.0), false)];
     check("window-eye-box", rooms(vec![a]), eyes, &targets);
 }
 
-/// Who is partly in a room into which no window leads may show beyond it.
+/// A body that is partly in a room into which no window leads may be visible beyond that room.
 #[test]
-fn part_of_a_body_may_be_where_no_window_leads() {
+fn a_window_may_show_the_part_of_a_body_outside_a_room_it_does_not_lead_to() {
     let east = window("east", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5]);
     let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![east]);
     let shed = room("shed", vec![block([1.0, 0.0, 3.2], [2.9, 3.0, 6.0])]);
     let body = |x: f32| Aabb::new(Vec3::new(1.5, 1.1, 3.3), Vec3::new(x, 1.9, 3.7));
-    // Along the wall of the shed and out to where the window shows it; or not so far.
+    // One body reaches along the wall of the shed to where the window shows it. The other does not.
     let targets = [(body(10.5), true), (body(2.8), false), (cube(2.0, 5.0), false)];
     check("window-partly", rooms(vec![a, shed]), eye(0.0, 0.0), &targets);
 }
 
-/// Claims 6, 7, 14 and 15, Fig. 6(B): only the part of the window that is in the field of view counts, and
-/// the region is a boolean combination of planes.
+/// Claims 6, 7, 14 and 15, FIG. 6B: only the part of the window in the field of view counts, and
+/// the region is a boolean combination of half-spaces.
 #[test]
 fn a_window_in_a_field_of_view() {
     let east = window("east", [[3.0, -3.0], [3.0, 3.0]], [0.5, 2.5]);
@@ -210,7 +213,7 @@ fn a_window_in_a_field_of_view() {
         let field = Frustum::new(yaw, 0.0, 1.0, 1.2);
         Viewpoint::looking(eye(0.0, 0.0), &field, &world.cells.axes)
     };
-    // To the east and to the south at once.
+    // Looks south-east.
     let viewpoint = look(-2.2);
     let seen = index.seen(RoomId(0), &viewpoint);
     let targets = [(cube(8.0, 7.0), true), (cube(8.0, 0.0), false), (cube(2.0, 8.0), false)];
@@ -245,8 +248,8 @@ fn the_simplified_region_is_larger(seen: &BooleanRegion) {
     assert_eq!(seen.simplified(99), *seen);
 }
 
-/// Fig. 9: a room like a C, open to the east: its mouth is between two arms. From the upper arm one looks down
-/// through B out of the room, through C into the lower arm, and through D out of that.
+/// FIG. 9: a C-shaped room, open to the east between its two arms. From the upper arm, an eye looks
+/// down through B out of the room, through C into the lower arm, and through D out of that.
 fn c_shaped(tree: bool) -> Rooms {
     let outline = [
         [-8.0, -8.0],
@@ -272,11 +275,11 @@ fn the_tree_of_windows_of_a_room_that_is_not_convex() {
     let targets = [
         // Between the arms, seen through B.
         (cube(2.0, -1.0), true),
-        // In the lower arm: the room itself always shows.
+        // In the lower arm: the room always shows itself.
         (cube(2.0, 4.0), true),
-        // Beyond the lower arm, through B, C and D …
+        // Beyond the lower arm, through B, C and D.
         (cube(1.4, 8.0), true),
-        // … and beside D, where the wall of the lower arm is.
+        // Beside D, where the wall of the lower arm is.
         (cube(6.0, 9.0), false),
         (cube(-2.0, 9.0), false),
         // Through A.
@@ -284,14 +287,14 @@ fn the_tree_of_windows_of_a_room_that_is_not_convex() {
         (cube(9.0, 9.0), false),
     ];
     check("tree", c_shaped(true), eye(2.0, -6.0), &targets);
-    // Without the tree, all that is beyond B counts: more, not less.
+    // Without the tree, everything beyond B is visible: more, not less.
     let targets = targets.map(|(target, seen)| (target, seen || target.min.x > -3.0));
     check("tree-flat", c_shaped(false), eye(2.0, -6.0), &targets[..6]);
     let world = world(c_shaped(true), 0.0);
     let index = RoomIndex::new(&world);
     let viewpoint = Viewpoint::all_round(eye(2.0, -6.0));
     assert_eq!(index.windows_in_view(RoomId(0), &viewpoint), [1, 0], "the nearest first");
-    // The region says the same of points as the engine's question.
+    // The region and the engine's question agree at every point.
     let seen = index.seen(RoomId(0), &viewpoint);
     let mut inside = 0;
     for i in 0..4_000 {
@@ -305,7 +308,7 @@ fn the_tree_of_windows_of_a_room_that_is_not_convex() {
     assert!((500..3_500).contains(&inside), "{inside}");
 }
 
-/// Steps 703 and 705: rooms sorted by depth, and those dropped that a nearer one hides.
+/// FIG. 7, steps 703 and 705: rooms sorted by depth, and those that a nearer one hides.
 #[test]
 fn rooms_in_depth() {
     let screen = |windows| Room {
@@ -338,15 +341,15 @@ fn rooms_in_depth() {
     assert_eq!(closed[1].distance_m, 2.0);
     let hidden: Vec<_> = closed.iter().map(|room| room.hidden_by).collect();
     assert_eq!(hidden, [None, None, Some(RoomId(1)), None]);
-    // A window that faces the eye lets it through; one that does not face it changes nothing.
+    // A window that faces the eye lets sight lines pass. One that does not face it changes nothing.
     let facing = order(vec![window("w", [[2.0, -1.0], [2.0, 1.0]], [0.5, 2.5])]);
     assert!(facing.iter().all(|room| room.hidden_by.is_none()), "{facing:?}");
     let back = order(vec![window("w", [[3.0, -1.0], [3.0, 1.0]], [0.5, 2.5])]);
     assert_eq!(back[2].hidden_by, Some(RoomId(1)));
 }
 
-/// Nothing inside is told to anybody outside, nor the other way round; whatever sets and windows say. A region
-/// across the wall is told of by where somebody truly is.
+/// Nobody outside is told about anybody inside, nor the other way round, whatever sets and windows
+/// say. For a region across the wall, it is the true position that decides.
 #[test]
 fn a_sealed_room() {
     let glass = window("glass", [[3.0, -2.0], [3.0, 2.0]], [0.5, 2.5]);
@@ -385,7 +388,7 @@ fn a_sealed_room() {
     assert!(seal(3.1).is_open() && !seal(2.9).is_open());
 }
 
-/// A sealed room in another: three kinds of places, no two of which know of each other.
+/// Sealed rooms within each other make three kinds of places. None of them is told about another.
 #[test]
 fn sealed_rooms_within_each_other() {
     let sealed = |name: &str, half: f32| Room {
@@ -401,15 +404,15 @@ fn sealed_rooms_within_each_other() {
             assert_eq!(seal(a).agrees(&seal(b)), i == j, "{a} {b}");
         }
     }
-    // In too many at once one agrees with nobody, so that none is forgotten.
+    // A point in too many sealed rooms agrees with none, so that no room is forgotten.
     let six = index(&list);
     let seal = |x: f32| six.sealed_rooms_at(Vec3::new(x, 1.5, 0.0));
     assert!(!seal(0.5).agrees(&seal(0.5)) && seal(5.5).agrees(&seal(-5.5)));
 }
 
-/// A room whose set is empty and that has no windows still shows itself; one that hides itself does not.
+/// A room with an empty set and without windows still shows itself. One that hides itself does not.
 #[test]
-fn a_room_shows_itself_unless_it_says_not() {
+fn a_room_shows_itself_unless_its_set_hides_it() {
     let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![]);
     check("itself", rooms(vec![a]), eye(0.0, 0.0), &[(cube(2.0, 2.0), true)]);
     let set = ObjectSet { rooms: vec![RoomId(0)], ..ObjectSet::default() };
@@ -418,9 +421,9 @@ fn a_room_shows_itself_unless_it_says_not() {
     check("not-itself", rooms(vec![b]), eye(0.0, 0.0), &targets);
 }
 
-/// A room that only carries a title takes part in nothing.
+/// A room with nothing but a name restricts nothing.
 #[test]
-fn a_room_that_says_nothing() {
+fn a_room_without_set_windows_or_seal_restricts_nothing() {
     let office = room("office", vec![block([-9.0, 0.0, -9.0], [9.0, 9.0, 9.0])]);
     let a = seeing(room("A", vec![hall()]), only_rooms(&[]), vec![]);
     let list = rooms(vec![office, a]);
@@ -432,7 +435,7 @@ fn a_room_that_says_nothing() {
     assert_eq!(index.room_at(Vec3::new(15.0, 1.0, 0.0)), None);
 }
 
-/// A window that is no rectangle, nor convex.
+/// A window that is not convex.
 #[test]
 fn a_window_like_an_arrow() {
     let corners = [[0.5, -2.0], [2.5, 0.0], [0.5, 2.0], [1.2, 0.0]];
@@ -440,14 +443,14 @@ fn a_window_like_an_arrow() {
     let arrow = Window { name: "arrow".into(), corners, behind: None };
     let a = seeing(room("A", vec![hall()]), RoomVisibility::Unspecified, vec![arrow]);
     let low = |z: f32| Aabb::around(Vec3::new(6.0, 0.7, z), 0.1);
-    // Through the notch between the wings there is nothing to see.
+    // Nothing is seen through the notch between the wings.
     let targets = [(cube(6.0, 0.0), true), (low(0.0), false), (low(-2.6), true), (low(2.6), true)];
     check("arrow", rooms(vec![a]), eye(0.0, 0.0), &targets);
 }
 
-/// A region of space knows whether a box is inside, outside, or neither.
+/// A region says whether a box is inside, outside, or neither.
 #[test]
-fn boxes_are_inside_outside_or_both() {
+fn boxes_are_inside_outside_or_partly_inside() {
     let world: World = world(c_shaped(true), 0.0);
     let index = RoomIndex::new(&world);
     let seen = index.seen(RoomId(0), &Viewpoint::all_round(eye(2.0, -6.0)));

@@ -1,4 +1,5 @@
-//! Visibility sets: what is kept for a viewpoint, and the union of two on the way between them.
+//! Visibility sets: one is kept for a viewpoint, and the union of two is used on the way between
+//! them.
 
 use glam::Vec3;
 use sightline_visibility::rooms::{
@@ -16,7 +17,7 @@ use crate::{
     stage::{at, block, room, window, world},
 };
 
-/// Two rooms side by side, each with a window to its own side, and three things outside.
+/// Two rooms side by side, each with a window on its outer side, and three objects outside.
 fn pair() -> World {
     let west = Room {
         windows: vec![window("w", [[-6.0, -1.0], [-6.0, 1.0]], [0.5, 2.5])],
@@ -45,7 +46,7 @@ fn objects(set: &VisibilitySet) -> Vec<u32> {
     set.objects.iter().collect()
 }
 
-/// Claims 8 and 16, and Fig. 8.
+/// Menon and Rossignac 1999, claims 8 and 16, and FIG. 8.
 #[test]
 fn sets_are_kept_and_joined() {
     let world = pair();
@@ -56,7 +57,7 @@ fn sets_are_kept_and_joined() {
     assert_eq!(objects(sets.at(&world, &index, &first)), [0]);
     assert_eq!(objects(sets.at(&world, &index, &second)), [1]);
     assert_eq!(sets.made(), 2);
-    // Near the first, and looking a little aside: the same set again.
+    // Near the first viewpoint, looking a little aside: its set is used again.
     for near in [pose(-3.2, 0.05), pose(-2.8, 6.2), first] {
         assert_eq!(objects(sets.at(&world, &index, &near)), [0]);
     }
@@ -74,7 +75,7 @@ fn sets_are_kept_and_joined() {
         .save("between-two-sets");
 }
 
-/// What is seen from anywhere near a viewpoint, or on the way from one to another, is in the set.
+/// Whatever is visible near a viewpoint, or on the way from one to another, is in the set.
 #[test]
 fn a_set_is_good_for_all_viewpoints_that_share_it() {
     let world = pair();

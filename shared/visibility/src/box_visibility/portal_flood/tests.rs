@@ -6,8 +6,8 @@ use sightline_world::{Cell, CellId, Gate, Node, Space, geometry::Axes};
 
 use super::*;
 
-/// Rooms in a row along x, each 10 m wide. In each wall between two of them is a door that spans the
-/// given part of z.
+/// Rooms in a row along x, each 10 m wide. In each wall between two of them is a door that spans
+/// the given part of z.
 fn row(doors: &[[f32; 2]]) -> PortalFlood {
     let room = |i: usize| {
         Aabb::new(

@@ -1,4 +1,4 @@
-//! Random rooms against lines of sight: whatever a line shows by the author's word, the index shows.
+//! Random rooms against sight lines: whatever a line shows by the author's rules, the index shows.
 
 use glam::{DVec3, Vec2, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -11,14 +11,14 @@ use sightline_world::{
 
 use crate::stage::{EVERYTHING, may_see, world};
 
-/// A room as the twin knows it: a turned box, or an L of two, with openings in its walls.
+/// A room of the reference model: a turned box, or an L of two, with openings in its walls.
 struct Naive {
     boxes: Vec<Turned>,
     openings: Vec<Opening>,
     room: Room,
 }
 
-/// A box turned about the vertical through a point.
+/// A box turned about the vertical through its centre.
 #[derive(Clone, Copy)]
 struct Turned {
     centre: Vec3,
@@ -26,7 +26,7 @@ struct Turned {
     turn: f32,
 }
 
-/// A parallelogram, and the window behind which it is seen from outside.
+/// An opening: a parallelogram, and the opening behind which it is seen from outside, if it is.
 struct Opening {
     corner: DVec3,
     sides: [DVec3; 2],
@@ -68,7 +68,7 @@ impl Turned {
 }
 
 impl Opening {
-    /// Where a line goes through it, as a share of it, and whether outwards.
+    /// The share of a line's length at which it passes the opening, and whether it goes outwards.
     fn crossed(&self, from: DVec3, to: DVec3) -> Option<(f64, bool)> {
         let normal = self.sides[0].cross(self.sides[1]);
         let [a, b] = [from, to].map(|at| normal.dot(at - self.corner));
@@ -88,7 +88,7 @@ impl Naive {
         self.boxes.iter().any(|part| part.contains(point))
     }
 
-    /// What a line shows by this room's windows, level by level.
+    /// Whether a line shows its end by this room's windows, level by level.
     fn shows(&self, from: DVec3, to: DVec3) -> bool {
         let first = (0..self.openings.len()).filter(|at| self.openings[*at].behind.is_none());
         first.into_iter().any(|at| self.goes_out(at, from, to))
@@ -107,7 +107,7 @@ impl Naive {
     }
 }
 
-/// A scene: rooms, objects, and a world cut into cells that all see each other.
+/// A scene: rooms, objects, and a world of cells that all see each other.
 struct Scene {
     rooms: Vec<Naive>,
     objects: Vec<Aabb>,
@@ -144,19 +144,19 @@ impl Scene {
     }
 
     fn may_see_in_cells(&self, eyes: Aabb, body: Aabb) -> bool {
-        let place = |region: Aabb| {
+        let overlap = |region: Aabb| {
             let mut found = Vec::new();
             self.world.cells.overlapping(&region, &mut found);
             self.index.overlap_in_cells(&self.world.cells, &[region], &found)
         };
-        self.index.may_see(&place(eyes), &place(body))
+        self.index.may_see(&overlap(eyes), &overlap(body))
     }
 
     fn rooms_at(&self, point: Vec3) -> Vec<usize> {
         (0..self.rooms.len()).filter(|at| self.rooms[*at].contains(point)).collect()
     }
 
-    /// The author's word for an eye and a point, both in own axes.
+    /// Whether the author's rules let an eye see a point, both in own axes.
     fn shows(&self, eye: Vec3, body: Vec3) -> bool {
         let cell = self.world.cells.at_own(body);
         let [eye, body] = [eye, body].map(|at| self.world.cells.axes.world(at));
@@ -187,7 +187,7 @@ impl Scene {
     }
 
     fn holds(&self, object: u32, body: Vec3) -> bool {
-        // Sets are made of places in own axes: an object is the box around its box there.
+        // Sets consist of boxes in own axes: that of an object is the box around it there.
         let axes = &self.world.cells.axes;
         axes.own_box(&self.objects[object as usize]).contains(axes.own(body))
     }
@@ -208,7 +208,7 @@ fn naive(rng: &mut SmallRng, number: usize) -> Naive {
     };
     let mut boxes = vec![main];
     if rng.random_bool(0.4) {
-        // Beside the first and touching it: a room that is not convex.
+        // The second box touches the first, so the room is not convex.
         let half = Vec3::new(half(rng), main.half.y, half(rng));
         let away = Vec3::new(main.half.x + half.x, 0.0, rng.random_range(-1.0..1.0) * main.half.z);
         boxes.push(Turned { centre: main.out(away), half, turn });
@@ -225,7 +225,7 @@ fn naive(rng: &mut SmallRng, number: usize) -> Naive {
     naive
 }
 
-/// Makes an opening in a wall that has the room on one side only, maybe behind another.
+/// Makes an opening in a wall that has the room on one side only. It may be behind another opening.
 fn open(rng: &mut SmallRng, naive: &mut Naive) {
     let part = naive.boxes[rng.random_range(0..naive.boxes.len())];
     let axis = rng.random_range(0..3usize);
@@ -248,7 +248,7 @@ fn open(rng: &mut SmallRng, naive: &mut Naive) {
     step[axis] = sign;
     let outwards = part.out(step) - part.centre;
     let corners = vec![corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-    // A window leads out: all around it, the room is on its one side only.
+    // A window leads out: along all of it, the room is on one side only.
     let beside = |far: f32| corners.iter().any(|at| naive.contains(*at + outwards * far));
     let middle = corners.iter().sum::<Vec3>() / 4.0;
     if beside(0.05) || naive.contains(middle + outwards * 0.02) {
@@ -282,7 +282,7 @@ fn sees(rng: &mut SmallRng, rooms: usize) -> RoomVisibility {
     }
 }
 
-/// Four cells in place of one.
+/// Divides the one cell into four.
 fn quartered(cells: &Cells, rng: &mut SmallRng) -> Cells {
     let [x, z] = [0, 1].map(|_| rng.random_range(-6.0..6.0f32));
     let tree = vec![
@@ -362,7 +362,8 @@ fn nobody_is_ruled_out_whom_a_line_shows() {
     assert!(loose < 24_000 / 5, "{loose} pairs kept that no line shows");
 }
 
-/// Rooms like a C, as in Fig. 9: through a window of the upper arm one sees the lower one from outside.
+/// C-shaped rooms, as in FIG. 9 of Menon and Rossignac 1999. Through a window of the upper arm, the
+/// lower arm is seen from outside.
 fn folded(rng: &mut SmallRng) -> Naive {
     let part = |[x, z]: [f32; 2], [to_x, to_z]: [f32; 2]| Turned {
         centre: Vec3::new((x + to_x) * 0.5, 1.5, (z + to_z) * 0.5),
@@ -426,7 +427,7 @@ fn rooms_that_fold_back_show_what_lines_show() {
     assert!(denied > 3_000 && beyond > 500, "{denied} {beyond}");
 }
 
-/// A part of a region is never shown where all of it is not.
+/// If rooms hide a region, they hide every part of it.
 #[test]
 fn what_holds_for_a_region_holds_for_its_parts() {
     for seed in 0..200 {
@@ -447,9 +448,10 @@ fn what_holds_for_a_region_holds_for_its_parts() {
     }
 }
 
-/// Seals tell apart who is in different sealed rooms, at every point.
+/// Points in different sealed rooms never agree, and points in the same ones do unless there are
+/// too many.
 #[test]
-fn seals_agree_with_the_rooms_that_a_point_is_in() {
+fn points_agree_if_they_are_in_the_same_sealed_rooms() {
     let mut apart = 0;
     for seed in 0..300 {
         let scene = Scene::new(seed);
