@@ -14,7 +14,7 @@ use sightline_cli::{progress::Progress, trace::Trace};
 use sightline_client::swarm::{Snapshot, SwarmReport};
 use sightline_engine::Policy;
 use sightline_replay::{OracleStride, ReplayOptions, ReplayReport};
-use sightline_server::net::ServerStats;
+use sightline_server::operate::ServerStats;
 use sightline_world::World;
 
 use super::live_check::{CHECK_INTERVAL, LiveCheck};

@@ -1,4 +1,5 @@
-//! Who may come in, and how much a peer may send: counts and budgets, without sockets or clocks.
+//! Limits on what peers may take: connections for each address, messages for each client. No
+//! sockets and no clocks are needed here.
 
 use std::{
     collections::HashMap,
@@ -6,29 +7,33 @@ use std::{
     time::Duration,
 };
 
-/// How many connections each address has. An IPv6 address stands for its /64, as one subscriber
-/// has at least that. At most as many entries as there are connections.
+/// How many connections each address has. An IPv6 address stands for its /64 network, since one
+/// subscriber has at least that. There are at most as many entries as connections.
 #[derive(Debug, Default)]
 pub struct AddressCounts {
     counts: HashMap<IpAddr, usize>,
 }
 
 impl AddressCounts {
-    /// Counts a connection in, if its address has fewer than `connections_max`. The own machine
-    /// has no limit.
+    /// Counts a new connection, if its address has fewer than `connections_max`. The server's own
+    /// machine has no limit.
     pub fn admit(&mut self, address: IpAddr, connections_max: usize) -> bool {
-        let count = self.counts.entry(network(address)).or_default();
-        if *count >= connections_max && !address.to_canonical().is_loopback() {
+        let is_own_machine = address.to_canonical().is_loopback();
+        let network = network(address);
+        let count = self.counts.get(&network).copied().unwrap_or_default();
+        if count >= connections_max && !is_own_machine {
             return false;
         }
-        *count += 1;
+        self.counts.insert(network, count + 1);
         true
     }
 
-    /// Counts out a connection that was admitted.
+    /// Removes a connection that was admitted.
     pub fn release(&mut self, address: IpAddr) {
         let network = network(address);
-        if let Some(count) = self.counts.get_mut(&network) {
+        let count = self.counts.get_mut(&network);
+        debug_assert!(count.is_some(), "{address} was not admitted");
+        if let Some(count) = count {
             *count -= 1;
             if *count == 0 {
                 self.counts.remove(&network);
@@ -37,6 +42,7 @@ impl AddressCounts {
     }
 }
 
+/// The network that an address stands for.
 fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => {
@@ -47,80 +53,83 @@ fn network(address: IpAddr) -> IpAddr {
     }
 }
 
-/// A token bucket: so much at once, and so much a second.
+/// A token bucket: it allows a burst at once, and a rate in the long run.
 #[derive(Clone, Debug)]
-pub struct Bucket {
+pub struct TokenBucket {
     per_second: f64,
     burst: f64,
     level: f64,
     filled_at: Duration,
 }
 
-impl Bucket {
+impl TokenBucket {
     /// A full bucket.
     pub fn new(per_second: f64, burst: f64, now: Duration) -> Self {
+        assert!(per_second > 0.0 && burst > 0.0, "{per_second} a second, {burst} at once");
         Self { per_second, burst, level: burst, filled_at: now }
     }
 
-    /// Takes an amount out, if there is as much.
+    /// Takes an amount out, if the bucket holds as much.
     pub fn take(&mut self, amount: f64, now: Duration) -> bool {
         let passed = now.saturating_sub(self.filled_at).as_secs_f64();
         self.level = (self.level + passed * self.per_second).min(self.burst);
         self.filled_at = self.filled_at.max(now);
-        let enough = self.level >= amount;
-        if enough {
+        let holds_enough = self.level >= amount;
+        if holds_enough {
             self.level -= amount;
         }
-        enough
+        holds_enough
     }
 }
 
-/// What one client may send: messages and bytes. A client that goes on after its budget is spent
-/// is not worth listening to.
+/// How many messages and bytes one client may send. A client that goes on after its budget is spent
+/// is disconnected in the end.
 #[derive(Clone, Debug)]
-pub struct Budget {
-    messages: Bucket,
-    bytes: Bucket,
-    /// For what may go over the budget before the client has to go.
-    patience: Bucket,
+pub struct MessageBudget {
+    messages: TokenBucket,
+    bytes: TokenBucket,
+    /// How many messages over the budget are tolerated.
+    tolerated: TokenBucket,
 }
 
-/// What becomes of a message.
+/// What is done with a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// Listen to it.
-    Take,
+pub enum BudgetDecision {
+    /// Handle it.
+    Accept,
     /// Ignore it.
     Ignore,
-    /// End the connection.
-    Kick,
+    /// Disconnect the client.
+    Disconnect,
 }
 
-impl Budget {
-    /// Messages that may come at once, as after a stall of the path.
+impl MessageBudget {
+    /// How many messages may arrive at once, for example after the path has stalled.
     const MESSAGES_BURST: f64 = 128.0;
     /// Bytes for each message of the budget, on average.
     const MESSAGE_BYTES: f64 = 128.0;
+    /// How many bytes may arrive at once.
+    const BYTES_BURST: f64 = 16.0 * 1_024.0;
 
-    /// A budget of twice as many messages as there are ticks.
+    /// A budget of two messages for each tick.
     pub fn new(tick_hz: u32, now: Duration) -> Self {
         let per_second = 2.0 * f64::from(tick_hz);
-        let (rate, burst) = (per_second * Self::MESSAGE_BYTES, 16.0 * 1_024.0);
+        let bytes_per_second = per_second * Self::MESSAGE_BYTES;
         Self {
-            messages: Bucket::new(per_second, Self::MESSAGES_BURST, now),
-            bytes: Bucket::new(rate, burst, now),
-            patience: Bucket::new(per_second, 4.0 * Self::MESSAGES_BURST, now),
+            messages: TokenBucket::new(per_second, Self::MESSAGES_BURST, now),
+            bytes: TokenBucket::new(bytes_per_second, Self::BYTES_BURST, now),
+            tolerated: TokenBucket::new(per_second, 4.0 * Self::MESSAGES_BURST, now),
         }
     }
 
-    /// Accounts for a message.
-    pub fn judge(&mut self, bytes: usize, now: Duration) -> Verdict {
+    /// Charges a message to the budget.
+    pub fn charge(&mut self, bytes: usize, now: Duration) -> BudgetDecision {
         if self.messages.take(1.0, now) && self.bytes.take(bytes as f64, now) {
-            Verdict::Take
-        } else if self.patience.take(1.0, now) {
-            Verdict::Ignore
+            BudgetDecision::Accept
+        } else if self.tolerated.take(1.0, now) {
+            BudgetDecision::Ignore
         } else {
-            Verdict::Kick
+            BudgetDecision::Disconnect
         }
     }
 }
@@ -130,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_are_capped_by_network_and_the_own_machine_is_not() {
+    fn connections_are_limited_for_each_network_but_not_for_the_own_machine() {
         let mut counts = AddressCounts::default();
         let far: IpAddr = "203.0.113.9".parse().unwrap();
         let mapped: IpAddr = "::ffff:203.0.113.9".parse().unwrap();
@@ -152,33 +161,38 @@ mod tests {
         for address in [far, far, six, other] {
             counts.release(address);
         }
-        assert!(counts.counts.is_empty(), "nothing is remembered of those who left");
+        assert!(counts.counts.is_empty(), "released addresses leave no entry");
     }
 
     #[test]
-    fn a_steady_client_is_heard_and_a_flood_is_kicked() {
-        let mut budget = Budget::new(20, Duration::ZERO);
+    fn a_steady_client_is_accepted_and_a_flood_disconnects() {
+        let mut budget = MessageBudget::new(20, Duration::ZERO);
         for i in 0..10_000 {
             let now = Duration::from_millis(i * 25);
-            assert_eq!(budget.judge(60, now), Verdict::Take, "at the limit of 40 a second");
+            assert_eq!(
+                budget.charge(60, now),
+                BudgetDecision::Accept,
+                "at the limit of 40 a second"
+            );
         }
         let now = Duration::from_secs(300);
-        let verdicts: Vec<_> = (0..2_000).map(|_| budget.judge(60, now)).collect();
-        let count = |verdict| verdicts.iter().filter(|v| **v == verdict).count();
-        assert_eq!((count(Verdict::Take), count(Verdict::Ignore)), (128, 512));
-        assert_eq!(verdicts.last(), Some(&Verdict::Kick));
+        let decisions: Vec<_> = (0..2_000).map(|_| budget.charge(60, now)).collect();
+        let count = |decision| decisions.iter().filter(|d| **d == decision).count();
+        assert_eq!((count(BudgetDecision::Accept), count(BudgetDecision::Ignore)), (128, 512));
+        assert_eq!(decisions.last(), Some(&BudgetDecision::Disconnect));
     }
 
     #[test]
-    fn big_messages_spend_the_budget_of_bytes() {
-        let mut budget = Budget::new(20, Duration::ZERO);
-        let taken = (0..100).filter(|_| budget.judge(1_200, Duration::ZERO) == Verdict::Take);
+    fn large_messages_spend_the_budget_of_bytes() {
+        let mut budget = MessageBudget::new(20, Duration::ZERO);
+        let taken =
+            (0..100).filter(|_| budget.charge(1_200, Duration::ZERO) == BudgetDecision::Accept);
         assert_eq!(taken.count(), 13);
     }
 
     #[test]
-    fn a_clock_that_goes_back_fills_nothing() {
-        let mut bucket = Bucket::new(10.0, 1.0, Duration::from_secs(9));
+    fn a_clock_that_goes_back_does_not_fill_the_bucket() {
+        let mut bucket = TokenBucket::new(10.0, 1.0, Duration::from_secs(9));
         assert!(bucket.take(1.0, Duration::from_secs(9)));
         assert!(!bucket.take(1.0, Duration::from_secs(1)));
         assert!(!bucket.take(1.0, Duration::from_secs(9)));

@@ -1,4 +1,4 @@
-//! How to serve: limits, intervals and places.
+//! The configuration of a server: limits, intervals and places.
 
 use std::{
     fmt::Display,
@@ -9,25 +9,28 @@ use std::{
 };
 
 use serde::{Deserialize, Deserializer, de};
+use sightline_engine::{Config, TbvShape, Validity};
 
-use sightline_engine::{self as engine, TbvShape, Validity};
+/// Avatars that the engine keeps beyond the clients: those of clients that have just left.
+const AVATARS_SPARE: usize = 64;
 
-/// How to serve. In a TOML file each field may be left out; an unknown one is an error.
+/// The configuration of a server. A TOML file may leave out any field. An unknown one is an error.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServeConfig {
-    /// Where clients come in; port 0 picks a free one.
+    /// The address for clients; port 0 picks a free one.
     pub listen: SocketAddr,
-    /// Ticks a second: 1 to 128.
+    /// Ticks in a second: 1 to 128.
     pub tick_hz: u32,
-    /// More clients are refused: 1 to 16,384. Each may hold 640 KiB at the worst.
+    /// The most clients: 1 to 16,384. Each may occupy up to 640 KiB of memory.
     pub clients_max: usize,
-    /// More connections from one address are refused, but for the own machine's.
+    /// The most connections from one address: 1 to 16,384. The server's own machine has no limit.
     pub clients_per_address_max: usize,
-    /// How far ahead visibility is decided at most, in milliseconds: 50 to 2000. Whoever has a longer round trip may
-    /// see others late.
+    /// The greatest horizon, in milliseconds: 50 to 2000. Clients with longer round trips may see
+    /// others late.
     pub horizon_max_ms: u32,
-    /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or so many milliseconds.
+    /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or a number of
+    /// milliseconds.
     #[serde(deserialize_with = "parsed")]
     pub validity: Validity,
     /// What bounds TBVs in space: `reach` or `sphere`.
@@ -37,20 +40,22 @@ pub struct ServeConfig {
     /// five milliseconds: 0 to 100,000,000. A pair that the budget does not decide is sent.
     #[serde(alias = "look_budget")]
     pub sight_test_budget: u32,
-    /// No TBV lasts longer, in seconds: 0.1 to 60.
+    /// The longest validity of a TBV, in seconds: 0.1 to 60.
     pub validity_max_s: f64,
-    /// Threads that share a tick of the engine, 1 to 64. It pays for a second one from about a thousand clients on.
+    /// Threads that share a tick of the engine: 1 to 64. A second thread pays from about a thousand
+    /// clients on.
     pub threads: usize,
-    /// How long a client may take for its first message, in seconds.
+    /// How long a client may take for its first message, in seconds: 0.1 to 600.
     pub hello_s: f64,
-    /// How long a client that is in may be silent beyond the validity of a TBV, in seconds.
+    /// How long a client may be silent after its TBV has expired, in seconds: 0.1 to 3600.
     pub silence_s: f64,
-    /// Whether clients may come in anywhere, as recorded walks do. Otherwise at spawn points only:
-    /// who may choose freely could look into every room by coming again and again.
+    /// Whether clients may enter anywhere, as recorded walks do. Otherwise they enter at spawn
+    /// points only, since a client that chooses freely could look into every room, one after the
+    /// other.
     pub free_entry: bool,
-    /// Where the certificate is kept; the user's data folder when absent.
+    /// The folder for the certificate; the user's data folder when `None`.
     pub data: Option<PathBuf>,
-    /// The world file to serve.
+    /// The world file to serve; the demo building when `None`.
     pub world: Option<PathBuf>,
 }
 
@@ -58,15 +63,15 @@ pub struct ServeConfig {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfigError {
-    /// It is no TOML, or a field is unknown or of the wrong kind.
+    /// The text is no TOML, or a field is unknown or of the wrong kind.
     #[error("{0}")]
     Toml(String),
-    /// A number makes no sense.
+    /// A number is out of its range.
     #[error("{field} must be {range}")]
     Range {
-        /// Which field.
+        /// The field.
         field: &'static str,
-        /// What would make sense.
+        /// Its range.
         range: &'static str,
     },
 }
@@ -81,7 +86,7 @@ impl Default for ServeConfig {
             horizon_max_ms: 400,
             validity: Validity::UntilLeft,
             shape: TbvShape::Reach,
-            sight_test_budget: engine::Config::default().sight_test_budget,
+            sight_test_budget: Config::default().sight_test_budget,
             validity_max_s: 8.0,
             threads: 1,
             hello_s: 10.0,
@@ -94,7 +99,10 @@ impl Default for ServeConfig {
 }
 
 impl ServeConfig {
-    /// Reads a TOML file's text.
+    /// Reads the text of a TOML file.
+    ///
+    /// # Errors
+    /// When it is no TOML, or a field is unknown, of the wrong kind or out of its range.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
         let config: Self =
             toml::from_str(text).map_err(|error| ConfigError::Toml(error.message().to_owned()))?;
@@ -102,7 +110,10 @@ impl ServeConfig {
         Ok(config)
     }
 
-    /// Whether all numbers make sense.
+    /// Checks that every number is in its range.
+    ///
+    /// # Errors
+    /// When one is not.
     pub fn check(&self) -> Result<(), ConfigError> {
         let seconds = |s: f64, max: f64| (0.1..=max).contains(&s);
         let per_address = (1..=16_384).contains(&self.clients_per_address_max);
@@ -124,29 +135,29 @@ impl ServeConfig {
         Ok(())
     }
 
-    /// From tick to tick.
+    /// The interval between ticks.
     pub fn tick_interval(&self) -> Duration {
         Duration::from_secs(1) / self.tick_hz.max(1)
     }
 
-    /// What the engine is told.
-    pub fn engine(&self) -> engine::Config {
-        let usual = engine::Config::default().with_sight_test_budget(self.sight_test_budget);
-        engine::Config {
+    /// The engine's configuration.
+    pub fn engine(&self) -> Config {
+        debug_assert!(self.check().is_ok(), "the configuration was checked");
+        let usual = Config::default().with_sight_test_budget(self.sight_test_budget);
+        Config {
             tick: self.tick_interval(),
             horizon_max: Duration::from_millis(self.horizon_max_ms.into()),
             validity: self.validity,
             shape: self.shape,
             validity_max: Duration::from_secs_f64(self.validity_max_s),
-            // Some that left may not be out yet when others come in.
-            avatars_max: self.clients_max + 64,
+            avatars_max: self.clients_max + AVATARS_SPARE,
             threads: self.threads,
             ..usual
         }
     }
 }
 
-/// What is written as on the command line.
+/// Deserialises a value that is written as on the command line.
 fn parsed<'de, D, T>(deserializer: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
@@ -161,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_may_say_little_but_nothing_unknown_or_absurd() {
+    fn a_file_may_leave_fields_out_but_not_name_unknown_ones_or_absurd_numbers() {
         let config = ServeConfig::from_toml("tick_hz = 30\nlisten = '127.0.0.1:0'").unwrap();
         assert_eq!((config.tick_hz, config.listen.port()), (30, 0));
         assert_eq!(config.clients_max, ServeConfig::default().clients_max);
@@ -170,10 +181,10 @@ mod tests {
         assert_eq!(engine.horizon_max, Duration::from_millis(250));
         assert_eq!(engine.validity, Validity::Constant(Duration::from_millis(500)));
         assert_eq!(engine.shape, TbvShape::Sphere);
-        let (plain, usual) = (ServeConfig::default().engine(), engine::Config::default());
+        let (plain, usual) = (ServeConfig::default().engine(), Config::default());
         assert_eq!((plain.validity, plain.shape), (usual.validity, usual.shape));
         assert_eq!(plain.horizon_max, usual.horizon_max);
-        let budget = |config: &engine::Config| (config.sight_test_budget, config.sight_test_max);
+        let budget = |config: &Config| (config.sight_test_budget, config.sight_test_max);
         assert_eq!(budget(&plain), budget(&usual));
         let double = ServeConfig::from_toml("sight_test_budget = 600000").unwrap().engine();
         assert_eq!(budget(&double), (2 * usual.sight_test_budget, 2 * usual.sight_test_max));

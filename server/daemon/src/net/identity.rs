@@ -1,4 +1,5 @@
-//! The server's certificate: made once, kept in the data folder, known by its fingerprint.
+//! The server's certificate: made once, kept in the data folder, known to clients by its
+//! fingerprint.
 
 use std::{
     fs, io,
@@ -12,9 +13,9 @@ use sightline_protocol::fingerprint::Fingerprint;
 /// A self-signed certificate and its key.
 #[derive(Debug)]
 pub struct Identity {
-    /// What clients are shown.
+    /// The certificate, which clients are shown.
     pub certificate: CertificateDer<'static>,
-    /// What proves that it is ours.
+    /// The private key, which proves that the certificate is the server's own.
     pub key: PrivateKeyDer<'static>,
 }
 
@@ -25,30 +26,40 @@ pub enum IdentityError {
     /// The file cannot be read or written.
     #[error("cannot keep the certificate in {path}: {source}")]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The system's reason.
         source: io::Error,
     },
-    /// The file holds something else. It is left as it is, since clients know the old certificate.
-    #[error("{path} holds no certificate and key; remove it to have new ones made")]
+    /// The file holds something else. It is left alone, since clients know the old certificate.
+    #[error(
+        "{path} holds no certificate and key; restore it, or remove it to have new ones made \
+         (clients will then see another fingerprint)"
+    )]
     Damaged {
-        /// Which file.
+        /// The file.
         path: PathBuf,
     },
-    /// A certificate cannot be made.
+    /// No certificate could be made.
     #[error("cannot make a certificate: {0}")]
     Make(#[from] rcgen::Error),
 }
 
 impl Identity {
-    /// Makes a certificate that is kept nowhere.
+    /// Makes a certificate that is not kept.
+    ///
+    /// # Errors
+    /// When the system gives no randomness.
     pub fn generate() -> Result<Self, IdentityError> {
         Ok(Self::generate_pem()?.0)
     }
 
-    /// The certificate in a data folder, made now if it has none. One file holds it and its key, so
-    /// that one cannot be lost without the other; nobody else may read it.
+    /// The certificate in a data folder, which is made now if the folder has none. One file holds
+    /// the certificate and its key, so that neither can be lost without the other. Only its owner
+    /// may read it.
+    ///
+    /// # Errors
+    /// When the file cannot be read or written, or holds something else.
     pub fn keep(folder: &Path) -> Result<Self, IdentityError> {
         let path = folder.join("identity.pem");
         match fs::read(&path) {
@@ -63,7 +74,7 @@ impl Identity {
         }
     }
 
-    /// How clients know it.
+    /// The fingerprint, by which clients know the server.
     pub fn fingerprint(&self) -> Fingerprint {
         Fingerprint::of(&self.certificate)
     }
@@ -82,7 +93,7 @@ impl Identity {
     }
 }
 
-/// Writes a file that only its owner may read, whole or not at all.
+/// Writes a file that only its owner may read. A crash leaves all of it or nothing.
 fn write_private(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     fs::create_dir_all(folder)?;
     let partial = path.with_extension(format!("partial-{}", std::process::id()));
@@ -101,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_made_once_and_kept() {
+    fn a_certificate_is_made_once_and_kept() {
         let folder = tempfile::tempdir().unwrap();
         let data = folder.path().join("new");
         let first = Identity::keep(&data).unwrap();
@@ -118,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_one_is_told_not_replaced() {
+    fn a_damaged_certificate_is_an_error_and_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("identity.pem"), "not a key").unwrap();
         assert!(matches!(Identity::keep(folder.path()), Err(IdentityError::Damaged { .. })));

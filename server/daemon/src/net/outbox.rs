@@ -1,125 +1,126 @@
-//! What is to be sent to one client: control messages in order, and the newest poses.
+//! The outbox of one client: control messages in order, and the newest poses.
 
 use std::{
     sync::{Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
+use sightline_engine::Output;
 use sightline_protocol::{
     frame, message::ServerMessage, outbound::Outbound, pose_stream::Ack, text::ChatLine,
 };
 use sightline_world::motion::ReportingState;
 use tokio::sync::Notify;
 
-use sightline_engine::Output;
-
-/// A client for which more control messages wait is too slow to be served, in bytes.
+/// The most control messages that may wait, in bytes. A client for which more wait does not read,
+/// and is dropped.
 const CONTROL_BYTES_MAX: usize = 256 * 1_024;
 
-/// What is to be sent to one client. The engine's task fills it and never waits; the client's own
-/// task empties it. Poses do not queue: a newer one takes the place of an older one.
+/// The messages that wait to be sent to one client. The engine's task fills the outbox and never
+/// waits; the client's own task empties it. Poses do not queue: a newer one replaces an older one.
 #[derive(Debug, Default)]
 pub struct Outbox {
-    state: Mutex<State>,
+    waiting: Mutex<Waiting>,
     filled: Notify,
 }
 
-/// What to send now.
+/// What is to be sent now.
 #[derive(Debug, Default)]
 pub struct Batch {
     /// Whole frames, for the stream.
     pub control: Vec<u8>,
-    /// How many frames these are.
+    /// The number of these frames.
     pub frames: u64,
-    /// Poses.
+    /// Datagrams with poses.
     pub datagrams: Vec<Vec<u8>>,
-    /// Nothing comes after this batch; the connection is to be closed.
+    /// Whether this is the last batch. Then the connection is to be closed.
     pub is_last: bool,
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct Waiting {
+    /// Whole frames: at most [`CONTROL_BYTES_MAX`].
     control: Vec<u8>,
     frames: u64,
     outbound: Outbound,
+    /// The engine's newest tick.
     tick: u32,
-    /// Counts up to `tick` when poses were encoded.
+    /// The tick at which poses were last encoded.
     encoded_tick: u32,
-    /// What the server expects of the client; `None` before it is in the world.
+    /// How the client is expected to report; `None` before it has entered.
     reporting: Option<ReportingState>,
     has_ended: bool,
 }
 
 impl Outbox {
-    /// Takes in a message for the client.
+    /// Adds a message.
     pub fn push(&self, message: &ServerMessage) {
-        self.state().push(message);
+        self.waiting().push(message);
         self.filled.notify_one();
     }
 
-    /// Takes in an output of the engine for the client.
+    /// Adds an output of the engine. The client's task is not woken before [`Outbox::flush`].
     pub fn tell(&self, output: &Output, now: Duration) {
-        let mut state = self.state();
-        if let Some(message) = state.outbound.convert(output, now) {
-            state.push(&message);
+        let mut waiting = self.waiting();
+        if let Some(message) = waiting.outbound.convert(output, now) {
+            waiting.push(&message);
         }
     }
 
-    /// Says goodbye: nothing can be added any more.
+    /// Adds a goodbye. Nothing can be added after it.
     pub fn end(&self, reason: &str) {
-        self.state().push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
-        self.filled.notify_one();
+        self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
     }
 
-    /// All that the engine had to tell at a tick was told: the client's task may send it.
+    /// Wakes the client's task, once every output of a tick is there.
     pub fn flush(&self, tick: u32) {
-        self.state().tick = tick;
+        self.waiting().tick = tick;
         self.filled.notify_one();
     }
 
-    /// What the client says that it has received.
+    /// Takes in which datagrams the client has received.
     pub fn acknowledge(&self, ack: Ack) {
-        self.state().outbound.acknowledge(ack);
+        self.waiting().outbound.acknowledge(ack);
     }
 
-    /// What the server expects of the client; `None` before it is in the world.
+    /// How the client is expected to report; `None` before it has entered.
     pub fn reporting_state(&self) -> Option<ReportingState> {
-        self.state().reporting
+        self.waiting().reporting
     }
 
-    /// Waits until there may be something to send. One task may wait.
+    /// Waits until there may be something to send. Only one task may wait.
     pub async fn filled(&self) {
         self.filled.notified().await;
     }
 
-    /// All that is to be sent now; poses only when the path has room for them, in datagrams of so
-    /// many bytes.
+    /// Takes what is to be sent now. Poses are among it once a tick, and only when the path has
+    /// room for datagrams; `datagram_bytes_max` is then their greatest length.
     pub fn take(&self, datagram_bytes_max: Option<usize>) -> Batch {
-        let mut state = self.state();
+        let mut waiting = self.waiting();
         let mut datagrams = Vec::new();
         if let Some(bytes_max) = datagram_bytes_max
-            && state.tick != state.encoded_tick
+            && waiting.tick != waiting.encoded_tick
         {
-            state.encoded_tick = state.tick;
-            state.outbound.set_datagram_bytes_max(bytes_max);
-            let tick = state.tick;
-            datagrams = state.outbound.encode_poses(tick);
+            let tick = waiting.tick;
+            waiting.encoded_tick = tick;
+            waiting.outbound.set_datagram_bytes_max(bytes_max);
+            datagrams = waiting.outbound.encode_poses(tick);
         }
         Batch {
-            control: std::mem::take(&mut state.control),
-            frames: std::mem::take(&mut state.frames),
+            control: std::mem::take(&mut waiting.control),
+            frames: std::mem::take(&mut waiting.frames),
             datagrams,
-            is_last: state.has_ended,
+            is_last: waiting.has_ended,
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
-        // Nothing that holds the lock leaves the state half done.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        // No panic while the lock is held leaves this half changed.
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl State {
+impl Waiting {
     fn push(&mut self, message: &ServerMessage) {
         if self.has_ended {
             return;
@@ -127,18 +128,20 @@ impl State {
         self.reporting = reporting_after(message).or(self.reporting);
         let frame = frame::encode(message);
         if self.control.len() + frame.len() > CONTROL_BYTES_MAX {
-            // It does not read: there is no use in telling it why.
+            // The client does not read, so there is no point in telling it why it is dropped.
             self.control.clear();
+            self.frames = 0;
             self.has_ended = true;
             return;
         }
         self.control.extend_from_slice(&frame);
         self.frames += 1;
         self.has_ended = matches!(message, ServerMessage::Goodbye { .. });
+        assert!(self.control.len() <= CONTROL_BYTES_MAX, "the outbox has a limit");
     }
 }
 
-/// How a client reports once it has received a message; `None` when that changes nothing.
+/// How a client reports once it has received a message; `None` when that does not change.
 fn reporting_after(message: &ServerMessage) -> Option<ReportingState> {
     match message {
         ServerMessage::Entered { .. } | ServerMessage::Live => Some(ReportingState::Live),
@@ -151,7 +154,6 @@ fn reporting_after(message: &ServerMessage) -> Option<ReportingState> {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use sightline_engine::Output;
     use sightline_protocol::{frame::FrameBuffer, pose_stream::PoseDecoder};
     use sightline_world::motion::{AvatarId, Pose};
 
@@ -181,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_pose_takes_the_place_of_one_that_waits() {
+    fn a_newer_pose_replaces_one_that_waits() {
         let outbox = Outbox::default();
         for tick in 1..=100 {
             outbox.tell(&poses(tick as f32), Duration::ZERO);
@@ -198,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_sent_about_the_vanished() {
+    fn no_pose_of_a_vanished_avatar_is_sent() {
         let outbox = Outbox::default();
         outbox.tell(&appear(), Duration::ZERO);
         outbox.tell(&poses(1.0), Duration::ZERO);
@@ -221,18 +223,18 @@ mod tests {
     }
 
     #[test]
-    fn one_that_does_not_read_is_given_up_with_bounded_memory() {
+    fn a_client_that_does_not_read_is_dropped_and_its_outbox_stays_bounded() {
         let outbox = Outbox::default();
         for _ in 0..100_000 {
             outbox.tell(&appear(), Duration::ZERO);
-            assert!(outbox.state().control.len() <= CONTROL_BYTES_MAX);
+            assert!(outbox.waiting().control.len() <= CONTROL_BYTES_MAX);
         }
         let batch = outbox.take(None);
-        assert!(batch.is_last && batch.control.is_empty());
+        assert!(batch.is_last && batch.control.is_empty() && batch.frames == 0);
     }
 
     #[test]
-    fn goodbye_is_the_last_word() {
+    fn nothing_is_sent_after_a_goodbye() {
         let outbox = Outbox::default();
         outbox.tell(&Output::Drop { to: ME, reason: "enough\n".to_owned() }, Duration::ZERO);
         outbox.tell(&Output::Live { to: ME }, Duration::ZERO);

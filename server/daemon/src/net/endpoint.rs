@@ -1,0 +1,56 @@
+//! The QUIC endpoint: its certificate, its address and the limits of each connection.
+
+use std::{io, net::Ipv4Addr, sync::Arc};
+
+use quinn::{Endpoint, TransportConfig, VarInt, crypto::rustls::QuicServerConfig};
+use sightline_protocol::ALPN;
+
+use super::{BindError, config::ServeConfig, identity::Identity};
+
+/// The most connections that may wait to be accepted.
+const INCOMING_MAX: usize = 1_024;
+/// A connection that is silent for longer is lost, in milliseconds.
+const IDLE_MS_MAX: u32 = 10_000;
+
+/// Opens the endpoint on the configured address.
+pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, BindError> {
+    let quic = quic_config(identity)?;
+    let address = config.listen;
+    let bound = match Endpoint::server(quic.clone(), address) {
+        // On a machine without IPv6, every IPv4 address is meant.
+        Err(_) if address.is_ipv6() && address.ip().is_unspecified() => {
+            Endpoint::server(quic, (Ipv4Addr::UNSPECIFIED, address.port()).into())
+        }
+        bound => bound,
+    };
+    bound.map_err(|source: io::Error| BindError::Listen { address, source })
+}
+
+fn quic_config(identity: &Identity) -> Result<quinn::ServerConfig, rustls::Error> {
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let mut tls = rustls::ServerConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])?
+        .with_no_client_auth()
+        .with_single_cert(vec![identity.certificate.clone()], identity.key.clone_key())?;
+    tls.alpn_protocols = vec![ALPN.to_vec()];
+    let crypto = QuicServerConfig::try_from(tls)
+        .map_err(|error| rustls::Error::General(error.to_string()))?;
+    let mut quic = quinn::ServerConfig::with_crypto(Arc::new(crypto));
+    quic.transport_config(Arc::new(transport())).max_incoming(INCOMING_MAX);
+    Ok(quic)
+}
+
+/// The limits of a connection. Quinn's own defaults are a thousand times as generous.
+fn transport() -> TransportConfig {
+    let mut transport = TransportConfig::default();
+    transport
+        .max_concurrent_bidi_streams(VarInt::from_u32(1))
+        .max_concurrent_uni_streams(VarInt::from_u32(0))
+        .stream_receive_window(VarInt::from_u32(64 * 1_024))
+        .receive_window(VarInt::from_u32(256 * 1_024))
+        .send_window(256 * 1_024)
+        .datagram_receive_buffer_size(Some(64 * 1_024))
+        .datagram_send_buffer_size(64 * 1_024)
+        .max_idle_timeout(Some(VarInt::from_u32(IDLE_MS_MAX).into()));
+    transport
+}

@@ -1,0 +1,48 @@
+//! A world and the bytes of its file, ready to be served.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use sightline_world::{ContentId, ReadError, World, content_id};
+
+/// A world and the bytes of its file, ready to be served. Copies share the memory.
+#[derive(Clone, Debug)]
+pub struct ServedWorld {
+    world: Arc<World>,
+    bytes: Bytes,
+    id: ContentId,
+}
+
+impl ServedWorld {
+    /// Reads the bytes of a world file.
+    ///
+    /// # Errors
+    /// When they are no world file, of another version, or damaged.
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, ReadError> {
+        let id = content_id(&bytes)?;
+        let world = Arc::new(World::from_bytes(&bytes)?);
+        Ok(Self { world, bytes: bytes.into(), id })
+    }
+
+    /// Writes a world's file into memory.
+    pub fn from_world(world: Arc<World>) -> Self {
+        let bytes = world.to_bytes();
+        let id = content_id(&bytes).expect("a world's own bytes are a world file");
+        Self { world, bytes: bytes.into(), id }
+    }
+
+    /// The world.
+    pub fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// The bytes of the world file, as clients download them.
+    pub(super) fn bytes(&self) -> &Bytes {
+        &self.bytes
+    }
+
+    /// The content id by which clients cache the file.
+    pub(super) fn id(&self) -> &ContentId {
+        &self.id
+    }
+}

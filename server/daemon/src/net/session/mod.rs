@@ -1,0 +1,324 @@
+//! One connection, from its first message to its last.
+
+mod download;
+mod frames;
+mod writer;
+
+use std::{
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+    time::Duration,
+};
+
+use glam::Vec3;
+use quinn::Connection;
+use sightline_engine::Input;
+use sightline_protocol::{
+    DecodeError, VERSION,
+    message::{ClientMessage, Refusal, ServerMessage},
+    pose_stream::ClientDatagram,
+    text::Name,
+};
+use sightline_world::{motion::Pose, tolerance::WIRE_POSE_M};
+use tokio::{
+    task::JoinSet,
+    time::{Instant, sleep_until, timeout, timeout_at},
+};
+
+use super::{
+    admission::{BudgetDecision, MessageBudget, TokenBucket},
+    client::{ConnectedClient, Hello},
+    engine_task::EngineEvent,
+    state::ServerState,
+};
+use frames::FrameReader;
+use writer::OutboxWriter;
+
+/// How long a client may take to enter, apart from its download of the world.
+const ENTER_DEADLINE: Duration = Duration::from_secs(30);
+/// How long the last messages may take.
+const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
+/// How many lines of chat a client may send in a second; more are ignored.
+const CHAT_PER_SECOND: f64 = 1.0;
+/// How many lines of chat may arrive at once.
+const CHAT_BURST: f64 = 5.0;
+/// The length prefix of a frame, in bytes.
+const PREFIX_BYTES: usize = 2;
+
+/// Why a session ended.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionEnd {
+    /// The connection broke.
+    #[error("connection lost: {0}")]
+    Lost(String),
+    /// The client said goodbye.
+    #[error("left")]
+    Left,
+    /// The client was not admitted.
+    #[error("refused: {0}")]
+    Refused(Refusal),
+    /// The server sent a goodbye.
+    #[error("dismissed by the server")]
+    Dismissed,
+    /// The client sent bytes that no client sends.
+    #[error("{0}")]
+    Malformed(#[from] DecodeError),
+    /// The client broke the protocol, or the server closes.
+    #[error("{0}")]
+    Breach(&'static str),
+}
+
+/// Serves a connection until it ends. The caller cleans up.
+pub async fn run(state: &ServerState, client: Arc<ConnectedClient>) -> SessionEnd {
+    let connection = client.connection.clone();
+    let deadline = Instant::now() + Duration::from_secs_f64(state.config.hello_s);
+    let mut closing = state.closing.clone();
+    let greeted = tokio::select! {
+        greeted = timeout_at(deadline, greet(&connection)) => greeted,
+        _ = closing.wait_for(|is_closing| *is_closing) => {
+            connection.close(0u32.into(), b"the server is closing");
+            return SessionEnd::Breach("the server is closing");
+        }
+    };
+    let Ok(greeted) = greeted else {
+        connection.close(1u32.into(), b"no hello in time");
+        return SessionEnd::Breach("no hello in time");
+    };
+    let Greeted { mut writer, frames, hello } = match greeted {
+        Ok(greeted) => greeted,
+        Err(end) => {
+            connection.close(1u32.into(), end.to_string().as_bytes());
+            return end;
+        }
+    };
+    let end = match state.admit(&client, &hello) {
+        Ok(()) => Session::new(state, client.clone(), hello).talk(&mut writer, frames).await,
+        Err(refusal) => {
+            client.outbox.push(&ServerMessage::Refused { reason: refusal });
+            SessionEnd::Refused(refusal)
+        }
+    };
+    if !matches!(end, SessionEnd::Lost(_)) {
+        let _ = timeout(FAREWELL_DEADLINE, writer.finish(&client)).await;
+    }
+    connection.close(0u32.into(), b"");
+    end
+}
+
+/// A client's stream, once its hello has arrived.
+struct Greeted {
+    writer: OutboxWriter,
+    frames: FrameReader,
+    hello: Hello,
+}
+
+/// Waits for the stream and its first frame.
+async fn greet(connection: &Connection) -> Result<Greeted, SessionEnd> {
+    let (send, receive) =
+        connection.accept_bi().await.map_err(|error| SessionEnd::Lost(error.to_string()))?;
+    let mut frames = FrameReader::new(receive);
+    let first = frames.next().await?;
+    // The rest of a hello of another version may have another form.
+    let hello = if ClientMessage::version(&first)? != VERSION {
+        Hello { name: Name::clipped(""), colour: [0; 3], is_foreign: true }
+    } else {
+        match ClientMessage::decode(&first)? {
+            ClientMessage::Hello { name, colour, .. } => Hello { name, colour, is_foreign: false },
+            _ => return Err(SessionEnd::Breach("no hello")),
+        }
+    };
+    Ok(Greeted { writer: OutboxWriter::new(send), frames, hello })
+}
+
+/// The conversation with an admitted client.
+struct Session<'a> {
+    state: &'a ServerState,
+    client: Arc<ConnectedClient>,
+    hello: Hello,
+    has_entered: AtomicBool,
+    limits: Mutex<SessionLimits>,
+}
+
+struct SessionLimits {
+    budget: MessageBudget,
+    chat: TokenBucket,
+    /// When the client must have sent its next message.
+    deadline: Instant,
+}
+
+impl<'a> Session<'a> {
+    fn new(state: &'a ServerState, client: Arc<ConnectedClient>, hello: Hello) -> Self {
+        assert!(!hello.is_foreign, "clients of other versions are not admitted");
+        let now = state.now();
+        let limits = SessionLimits {
+            budget: MessageBudget::new(state.config.tick_hz, now),
+            chat: TokenBucket::new(CHAT_PER_SECOND, CHAT_BURST, now),
+            deadline: Instant::now() + ENTER_DEADLINE,
+        };
+        let (has_entered, limits) = (AtomicBool::new(false), Mutex::new(limits));
+        Self { state, client, hello, has_entered, limits }
+    }
+
+    /// Listens and sends, until something ends the session.
+    async fn talk(&self, writer: &mut OutboxWriter, mut frames: FrameReader) -> SessionEnd {
+        self.client.outbox.push(&self.state.welcome(self.client.avatar));
+        let mut closing = self.state.closing.clone();
+        let end = tokio::select! {
+            end = self.listen(&mut frames) => end,
+            end = self.listen_to_datagrams() => end,
+            end = self.watch_silence() => end,
+            end = writer.run(&self.client) => end,
+            _ = closing.wait_for(|closing| *closing) => SessionEnd::Breach("the server is closing"),
+        };
+        if let SessionEnd::Malformed(_) | SessionEnd::Breach(_) = end {
+            self.client.outbox.end(&end.to_string());
+        }
+        end
+    }
+
+    async fn listen(&self, frames: &mut FrameReader) -> SessionEnd {
+        let mut downloads = JoinSet::new();
+        loop {
+            let handled = match frames.next().await {
+                Ok(frame) => self.handle_frame(&frame, &mut downloads).await,
+                Err(end) => Err(end),
+            };
+            if let Err(end) = handled {
+                return end;
+            }
+        }
+    }
+
+    async fn listen_to_datagrams(&self) -> SessionEnd {
+        loop {
+            let datagram = match self.client.connection.read_datagram().await {
+                Ok(datagram) => datagram,
+                Err(error) => return SessionEnd::Lost(error.to_string()),
+            };
+            if let Err(end) = self.handle_datagram(&datagram).await {
+                return end;
+            }
+        }
+    }
+
+    /// Ends when the client has been silent for too long.
+    async fn watch_silence(&self) -> SessionEnd {
+        loop {
+            let deadline = self.limits().deadline;
+            if deadline <= Instant::now() {
+                return SessionEnd::Breach("silent for too long");
+            }
+            sleep_until(deadline).await;
+        }
+    }
+
+    async fn handle_frame(
+        &self,
+        frame: &[u8],
+        downloads: &mut JoinSet<()>,
+    ) -> Result<(), SessionEnd> {
+        self.client.counters.frame_in(frame.len() + PREFIX_BYTES);
+        if !self.is_within_budget(frame.len())? {
+            return Ok(());
+        }
+        let avatar = self.client.avatar;
+        match ClientMessage::decode(frame)? {
+            ClientMessage::Hello { .. } => Err(SessionEnd::Breach("a second hello")),
+            ClientMessage::FetchWorld => self.send_world(downloads),
+            ClientMessage::Enter { place } => self.enter(place.map(Into::into)).await,
+            ClientMessage::Report { sequence, pose } => {
+                self.pass_on(Input::Report { avatar, sequence, pose: Pose::from(pose) }).await
+            }
+            ClientMessage::Chat { text } => {
+                let now = self.state.now();
+                if !self.limits().chat.take(1.0, now) {
+                    return Ok(());
+                }
+                self.pass_on(Input::Chat { avatar, text: text.into() }).await
+            }
+            ClientMessage::Goodbye => Err(SessionEnd::Left),
+        }
+    }
+
+    async fn handle_datagram(&self, datagram: &[u8]) -> Result<(), SessionEnd> {
+        self.client.counters.datagram_in(datagram.len());
+        if !self.is_within_budget(datagram.len())? {
+            return Ok(());
+        }
+        let ClientDatagram { ack, report } = ClientDatagram::decode(datagram)?;
+        self.client.outbox.acknowledge(ack);
+        match report {
+            Some((sequence, pose)) => {
+                let (avatar, pose) = (self.client.avatar, Pose::from(pose));
+                self.pass_on(Input::Report { avatar, sequence, pose }).await
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Whether a message is to be handled, or else ignored.
+    fn is_within_budget(&self, bytes: usize) -> Result<bool, SessionEnd> {
+        match self.limits().budget.charge(bytes, self.state.now()) {
+            BudgetDecision::Accept => Ok(true),
+            BudgetDecision::Ignore => Ok(false),
+            BudgetDecision::Disconnect => Err(SessionEnd::Breach("too many messages")),
+        }
+    }
+
+    /// Whether a client may enter at a place of its choice. Spawn points are open to everybody.
+    fn may_enter_at(&self, place: Vec3) -> bool {
+        let spawns = &self.state.world.world().spawns;
+        self.state.config.free_entry
+            || spawns.iter().any(|spawn| spawn.eye.distance(place) <= WIRE_POSE_M)
+    }
+
+    async fn enter(&self, place: Option<Vec3>) -> Result<(), SessionEnd> {
+        if self.has_entered.swap(true, Relaxed) {
+            return Err(SessionEnd::Breach("entered twice"));
+        }
+        self.extend_deadline();
+        let (name, colour) = (self.hello.name.clone().into(), self.hello.colour);
+        let client = self.client.clone();
+        let place = place.filter(|place| self.may_enter_at(*place));
+        self.send_event(EngineEvent::Join { client, name, colour, place }).await
+    }
+
+    /// Passes on what a client in the world did. From a client that has not entered it is ignored.
+    async fn pass_on(&self, input: Input) -> Result<(), SessionEnd> {
+        if !self.has_entered.load(Relaxed) {
+            return Ok(());
+        }
+        self.extend_deadline();
+        self.send_event(EngineEvent::Input(input)).await
+    }
+
+    async fn send_event(&self, event: EngineEvent) -> Result<(), SessionEnd> {
+        let sent = self.state.events.send(event).await;
+        sent.map_err(|_| SessionEnd::Breach("the server is closing"))
+    }
+
+    /// Gives the client the time from now on that it may be silent.
+    fn extend_deadline(&self) {
+        let config = &self.state.config;
+        // A quiet client need not say anything while its TBV is valid.
+        let silence = Duration::from_secs_f64(config.silence_s + config.validity_max_s);
+        self.limits().deadline = Instant::now() + silence;
+    }
+
+    /// Starts the download of the world, which extends the time to enter.
+    fn send_world(&self, downloads: &mut JoinSet<()>) -> Result<(), SessionEnd> {
+        if !downloads.is_empty() || self.has_entered.load(Relaxed) {
+            return Err(SessionEnd::Breach("the world asked for twice"));
+        }
+        let world = self.state.world.bytes().clone();
+        self.limits().deadline += download::time_allowed(world.len());
+        download::start(world, self.client.clone(), downloads);
+        Ok(())
+    }
+
+    fn limits(&self) -> MutexGuard<'_, SessionLimits> {
+        self.limits.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

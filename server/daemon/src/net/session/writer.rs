@@ -1,0 +1,91 @@
+//! The task that empties a client's outbox into its connection.
+
+use std::time::Duration;
+
+use quinn::{SendDatagramError, SendStream};
+use tokio::time::timeout;
+
+use super::{
+    super::{client::ConnectedClient, outbox::Batch},
+    SessionEnd,
+};
+
+/// A client whose stream takes nothing for so long is dropped.
+const WRITE_DEADLINE: Duration = Duration::from_secs(10);
+/// Poses are sent only while QUIC's own queue of datagrams has room for so many bytes.
+const DATAGRAM_SPACE_MIN: usize = 16 * 1_024;
+
+/// Empties an outbox. May be cancelled at any point: the next call goes on from there.
+pub(super) struct OutboxWriter {
+    stream: SendStream,
+    /// Frames that were taken from the outbox.
+    unsent: Vec<u8>,
+    /// How much of them is written.
+    written: usize,
+}
+
+impl OutboxWriter {
+    pub(super) fn new(stream: SendStream) -> Self {
+        Self { stream, unsent: Vec::new(), written: 0 }
+    }
+
+    /// Sends all that comes into the outbox, until the session has to end.
+    pub(super) async fn run(&mut self, client: &ConnectedClient) -> SessionEnd {
+        let connection = &client.connection;
+        loop {
+            // While the path is busy, poses wait in the outbox, where newer ones replace them. In
+            // QUIC's queue they would grow old.
+            let has_room = connection.datagram_send_buffer_space() >= DATAGRAM_SPACE_MIN;
+            let bytes_max = connection.max_datagram_size().filter(|_| has_room);
+            let batch = client.outbox.take(bytes_max);
+            let is_last = batch.is_last;
+            if let Err(end) = self.send(client, batch).await {
+                return end;
+            }
+            if is_last {
+                return SessionEnd::Dismissed;
+            }
+            client.outbox.filled().await;
+        }
+    }
+
+    async fn send(&mut self, client: &ConnectedClient, batch: Batch) -> Result<(), SessionEnd> {
+        client.counters.frames_out(batch.frames, batch.control.len());
+        self.unsent.extend_from_slice(&batch.control);
+        for datagram in batch.datagrams {
+            client.counters.datagram_out(datagram.len());
+            match client.connection.send_datagram(datagram.into()) {
+                // The path has just become too narrow for it: it counts as lost.
+                Ok(()) | Err(SendDatagramError::TooLarge) => {}
+                Err(error) => return Err(SessionEnd::Lost(error.to_string())),
+            }
+        }
+        self.drain().await
+    }
+
+    /// Writes all frames that were taken from the outbox.
+    async fn drain(&mut self) -> Result<(), SessionEnd> {
+        assert!(self.written <= self.unsent.len(), "only what is there is written");
+        while let Some(rest) = self.unsent.get(self.written..).filter(|rest| !rest.is_empty()) {
+            let written = timeout(WRITE_DEADLINE, self.stream.write(rest)).await;
+            match written {
+                Ok(Ok(bytes)) => self.written += bytes,
+                Ok(Err(error)) => return Err(SessionEnd::Lost(error.to_string())),
+                Err(_) => return Err(SessionEnd::Breach("it does not read")),
+            }
+        }
+        self.unsent.clear();
+        self.written = 0;
+        Ok(())
+    }
+
+    /// Sends what is left in the outbox, and waits until it has arrived.
+    pub(super) async fn finish(&mut self, client: &ConnectedClient) {
+        let batch = client.outbox.take(None);
+        client.counters.frames_out(batch.frames, batch.control.len());
+        self.unsent.extend_from_slice(&batch.control);
+        if self.drain().await.is_ok() && self.stream.finish().is_ok() {
+            let _ = self.stream.stopped().await;
+        }
+    }
+}

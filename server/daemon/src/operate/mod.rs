@@ -1,0 +1,41 @@
+//! What an operator sees of a running server: traffic, tick times, states of clients.
+
+mod ticks;
+mod traffic;
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use sightline_world::motion::ReportingState;
+
+pub(crate) use ticks::TickMetrics;
+pub use ticks::TickSummary;
+pub use traffic::Traffic;
+pub(crate) use traffic::TrafficCounters;
+
+/// The statistics of a server.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ServerStats {
+    /// The connected clients, by avatar.
+    pub clients: BTreeMap<u32, ClientStats>,
+    /// How long ticks took.
+    pub ticks: TickSummary,
+    /// How many clients are in each state.
+    #[serde(skip)]
+    pub counts: sightline_engine::Counts,
+    /// The engine's own statistics.
+    #[serde(skip)]
+    pub engine: sightline_engine::Stats,
+}
+
+/// The statistics of one client.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ClientStats {
+    /// What was sent and received.
+    pub traffic: Traffic,
+    /// How the client is expected to report; `None` before it has entered.
+    #[serde(skip)]
+    pub reporting_state: Option<ReportingState>,
+    /// The round trip, in milliseconds.
+    pub round_trip_ms: f64,
+}

@@ -1,0 +1,101 @@
+//! How long the engine's ticks take.
+
+use std::{
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use serde::Serialize;
+use sightline_cli::percentile::percentile;
+use sightline_engine::{Counts, Stats};
+
+/// How many of the last ticks are summarised: 1.7 minutes at 20 ticks a second.
+const TICKS_MAX: usize = 2_048;
+
+/// The times of the last ticks, and the engine's own statistics after the last one. The engine's
+/// task records, any task reads.
+#[derive(Debug, Default)]
+pub(crate) struct TickMetrics(Mutex<Recorded>);
+
+#[derive(Debug, Default)]
+struct Recorded {
+    /// Ticks since the start.
+    ticks: u64,
+    /// How long the last ticks took: a ring of at most [`TICKS_MAX`].
+    times: Vec<Duration>,
+    counts: Counts,
+    stats: Stats,
+}
+
+/// How long the last ticks took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct TickSummary {
+    /// Ticks since the start.
+    pub ticks: u64,
+    /// The median, in microseconds.
+    pub median_us: u64,
+    /// The 99th percentile, in microseconds.
+    pub p99_us: u64,
+    /// The longest, in microseconds.
+    pub max_us: u64,
+}
+
+impl TickMetrics {
+    /// Records a tick: how long it took, and the engine's statistics after it.
+    pub(crate) fn record(&self, time: Duration, counts: Counts, stats: Stats) {
+        let mut recorded = self.recorded();
+        let place = recorded.ticks as usize % TICKS_MAX;
+        recorded.ticks += 1;
+        (recorded.counts, recorded.stats) = (counts, stats);
+        match recorded.times.get_mut(place) {
+            Some(slot) => *slot = time,
+            None => recorded.times.push(time),
+        }
+        debug_assert!(recorded.times.len() <= TICKS_MAX, "the ring has a limit");
+    }
+
+    /// How many clients were in each state after the last tick, and the engine's statistics.
+    pub(crate) fn engine(&self) -> (Counts, Stats) {
+        let recorded = self.recorded();
+        (recorded.counts, recorded.stats)
+    }
+
+    /// The summary of the last ticks.
+    pub(crate) fn summary(&self) -> TickSummary {
+        let (ticks, mut times) = {
+            let recorded = self.recorded();
+            (recorded.ticks, recorded.times.clone())
+        };
+        times.sort_unstable();
+        let us = |percent| percentile(&times, percent).unwrap_or_default().as_micros() as u64;
+        TickSummary { ticks, median_us: us(50), p99_us: us(99), max_us: us(100) }
+    }
+
+    fn recorded(&self) -> MutexGuard<'_, Recorded> {
+        // A panic while the lock is held leaves at worst one wrong time.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_summary_covers_the_last_ticks_only() {
+        let metrics = TickMetrics::default();
+        assert_eq!(metrics.summary(), TickSummary::default());
+        let record = |time| {
+            let counts = Counts { live: 3, ..Counts::default() };
+            metrics.record(time, counts, Stats::default());
+        };
+        record(Duration::from_secs(9));
+        for us in 0..TICKS_MAX as u64 {
+            record(Duration::from_micros(us));
+        }
+        let summary = metrics.summary();
+        assert_eq!(summary.ticks, TICKS_MAX as u64 + 1);
+        assert_eq!((summary.median_us, summary.p99_us, summary.max_us), (1_023, 2_027, 2_047));
+        assert_eq!(metrics.engine().0.live, 3);
+    }
+}
