@@ -37,7 +37,7 @@ impl ServedWorld {
     }
 
     /// The bytes of the world file, as clients download them.
-    pub(super) fn bytes(&self) -> &Bytes {
+    pub fn bytes(&self) -> &Bytes {
         &self.bytes
     }
 
