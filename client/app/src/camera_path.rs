@@ -71,6 +71,7 @@ impl CameraPath {
 
     /// The pose at a time in seconds. Before the start and after the end it is the pose there.
     pub fn at(&self, seconds: f64) -> Pose {
+        debug_assert!(!self.segments.is_empty(), "a path has a segment");
         let segment = self.segments.partition_point(|segment| segment.times[0] <= seconds);
         self.segments[segment.saturating_sub(1)].at(seconds)
     }
@@ -133,6 +134,8 @@ impl Segment {
         let slopes =
             (0..times.len()).map(|i| std::array::from_fn(|k| slope(&times, &values, i, k)));
         let samples = values.iter().copied().zip(slopes).collect();
+        debug_assert!(times.is_sorted_by(|a, b| a < b), "times ascend strictly");
+        assert!(!times.is_empty(), "a segment has a sample");
         Self { times, samples }
     }
 

@@ -14,33 +14,18 @@
 //!
 //! # Example
 //!
-//! Draw the middle of a walk through a building without doors:
+//! Draw the picture half way along a walk through a building:
 //!
 //! ```
-//! use glam::Vec3;
 //! use sightline_client::camera_path::CameraPath;
 //! use sightline_renderer::{Camera, Frame, Renderer};
-//! use sightline_world::{
-//!     Cells, Mesh, Spawn, World, geometry::Aabb, motion::Body, octree::Octree,
-//! };
 //!
-//! let world = World {
-//!     title: "an empty room".to_owned(),
-//!     octree: Octree::empty(Vec3::ZERO, 4.0, 4),
-//!     cells: Cells::whole(Aabb::new(Vec3::ZERO, Vec3::splat(4.0))),
-//!     mesh: Mesh::default(),
-//!     spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],
-//!     body: Body::PERSON,
-//!     speed_max: 4.0,
-//!     movers: Vec::new(),
-//!     rooms: Default::default(),
-//!     origin: None,
-//! };
+//! # let world = sightline_fixtures::voxel_floor::world(&[]);
 //! let path = CameraPath::through(&world);
 //! let pose = path.at(path.duration_s() / 2.0);
 //! let mut frame = Frame::new(64, 36);
 //! Renderer::default().draw(&world.octree, &Camera::at(&pose), &mut frame);
-//! assert!(frame.depth.iter().all(|depth| depth.is_infinite()), "nothing is solid here");
+//! assert!(frame.depth.iter().any(|depth| depth.is_finite()), "the floor is in the picture");
 //! ```
 
 pub mod bench;

@@ -91,26 +91,12 @@ impl BuildingCache {
 mod tests {
     use std::sync::Arc;
 
-    use glam::Vec3;
-    use sightline_world::{
-        Cells, Mesh, Spawn, World, geometry::Aabb, motion::Body, octree::Octree,
-    };
+    use sightline_fixtures::voxel_floor;
 
     use super::*;
 
     fn building() -> ServedWorld {
-        ServedWorld::from_world(Arc::new(World {
-            title: "one cell".to_owned(),
-            octree: Octree::empty(Vec3::ZERO, 4.0, 4),
-            cells: Cells::whole(Aabb::new(Vec3::ZERO, Vec3::splat(4.0))),
-            mesh: Mesh::default(),
-            spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],
-            body: Body::PERSON,
-            speed_max: 5.0,
-            movers: Vec::new(),
-            rooms: Default::default(),
-            origin: None,
-        }))
+        ServedWorld::from_world(Arc::new(voxel_floor::world(&[])))
     }
 
     #[test]

@@ -4,11 +4,10 @@ use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
 
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_compiler::{
-    CompileOptions, compile,
-    model::{Model, Surface, SurfaceMaterial},
-};
-use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
+use sightline_compiler::{CompileOptions, compile, model::Model};
+use sightline_world::{World, geometry::Aabb, motion::Body};
+
+use crate::box_model;
 
 /// From a floor to its ceiling, in metres.
 const CEILING_M: f32 = 2.6;
@@ -77,6 +76,7 @@ impl SimulatedBuilding {
         let turn = DMat3::from_rotation_y(angle);
         let wider = (angle.sin().abs() + angle.cos().abs()) as f32;
         let half_width = Body::PERSON.half_width * wider;
+        assert!(!draft.rooms.is_empty(), "a grid has rooms");
         let model = draft.model(&turn);
         let voxel = VOXELS_M[(seed / 2 % 2) as usize];
         let options = CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
@@ -259,6 +259,7 @@ impl BuildingDraft {
         };
         let (near, far) = (place(-1.0), place(1.0));
         let (before, behind) = (room(line - 1), room(line));
+        assert_ne!(before, behind, "a door joins two rooms");
         self.rooms[before].doors.push(Doorway { near, far, to: behind });
         self.rooms[behind].doors.push(Doorway { near: far, far: near, to: before });
     }
@@ -281,47 +282,10 @@ impl BuildingDraft {
 
     fn model(&self, turn: &DMat3) -> Model {
         let moved = |p: Vec3| -> Vec3 { (*turn * DVec3::from(p)).as_vec3() };
-        let faces = self.solids.iter().flat_map(faces);
+        let faces = self.solids.iter().flat_map(box_model::triangles);
         let opaque: Vec<[Vec3; 3]> = faces.map(|triangle| triangle.map(moved)).collect();
-        let positions = opaque.as_flattened().to_vec();
-        let triangles = (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| 3 * i + k)).collect();
-        let material = SurfaceMaterial { colour: [200; 3], texture: None, glass: false };
-        let surface =
-            Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
         let room = &self.rooms[0];
         let eye = (room.min + 0.4).extend(room.eye).xzy();
-        Model {
-            title: "simulated".to_owned(),
-            surfaces: vec![surface],
-            is_lit: true,
-            opaque,
-            solids: Vec::new(),
-            spawns: vec![Spawn { eye: moved(eye), yaw: 0.0 }],
-            places: Vec::new(),
-            body: Body::PERSON,
-            speed_max: 4.0,
-            origin: None,
-            movers: Vec::new(),
-            rooms: Vec::new(),
-            nodes: Vec::new(),
-            warnings: Vec::new(),
-        }
+        box_model::model("simulated", opaque, [200; 3], moved(eye), 4.0)
     }
-}
-
-/// The twelve triangles of a box, facing outward.
-fn faces(of: &Aabb) -> Vec<[Vec3; 3]> {
-    let size = of.size();
-    let mut triangles = Vec::new();
-    for axis in 0..3 {
-        let [mut u, mut v, mut across] = [Vec3::ZERO; 3];
-        u[(axis + 1) % 3] = size[(axis + 1) % 3];
-        v[(axis + 2) % 3] = size[(axis + 2) % 3];
-        across[axis] = size[axis];
-        for (corner, [u, v]) in [(of.min, [v, u]), (of.min + across, [u, v])] {
-            triangles.push([corner, corner + u, corner + u + v]);
-            triangles.push([corner, corner + u + v, corner + v]);
-        }
-    }
-    triangles
 }

@@ -174,6 +174,7 @@ impl BuildingPool {
     }
 
     fn of(&self, seed: u64) -> &SimulatedBuilding {
+        assert!(self.size > 0, "a pool has a building");
         &self.buildings[&(seed % self.size)]
     }
 }

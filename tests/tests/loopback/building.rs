@@ -4,12 +4,10 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
-use sightline_compiler::{
-    CompileOptions, compile,
-    model::{Model, Surface, SurfaceMaterial},
-};
+use sightline_compiler::{CompileOptions, compile, model::Model};
 use sightline_server::net::ServedWorld;
-use sightline_world::{Spawn, geometry::Aabb, motion::Body};
+use sightline_tests::box_model;
+use sightline_world::geometry::Aabb;
 
 /// The top speed of avatars, in metres per second.
 pub const SPEED_MAX: f32 = 12.0;
@@ -55,38 +53,6 @@ fn model() -> Model {
         baffle(20.0, [1.2, 10.0]),
     ];
     let boxes: Vec<Aabb> = shell.chain(inner).collect();
-    let opaque: Vec<[Vec3; 3]> = boxes.iter().flat_map(triangles).collect();
-    let positions: Vec<Vec3> = opaque.iter().flatten().copied().collect();
-    let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    let material = SurfaceMaterial { colour: [200, 180, 160], texture: None, glass: false };
-    let triangles = triangles.collect();
-    let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
-    Model {
-        title: "two rooms".to_owned(),
-        surfaces: vec![surface],
-        is_lit: true,
-        opaque,
-        solids: Vec::new(),
-        spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],
-        places: Vec::new(),
-        body: Body::PERSON,
-        speed_max: SPEED_MAX,
-        movers: Vec::new(),
-        rooms: Vec::new(),
-        nodes: Vec::new(),
-        origin: None,
-        warnings: Vec::new(),
-    }
-}
-
-/// The twelve triangles of a box.
-fn triangles(solid: &Aabb) -> Vec<[Vec3; 3]> {
-    let corner = |bits: usize| {
-        let pick = |axis: usize| if bits >> axis & 1 == 1 { solid.max } else { solid.min }[axis];
-        Vec3::new(pick(0), pick(1), pick(2))
-    };
-    let faces =
-        [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-    let halves = |f: [usize; 4]| [[f[0], f[1], f[2]], [f[0], f[2], f[3]]];
-    faces.into_iter().flat_map(halves).map(|half| half.map(corner)).collect()
+    let opaque = boxes.iter().flat_map(box_model::triangles).collect();
+    box_model::model("two rooms", opaque, [200, 180, 160], WEST, SPEED_MAX)
 }

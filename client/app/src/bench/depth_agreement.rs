@@ -66,6 +66,7 @@ impl DepthAgreement {
         };
         let faults: Vec<(usize, DepthFault)> =
             (0..frame.depth.len()).into_par_iter().filter_map(look).collect();
+        assert!(faults.len() <= frame.depth.len(), "a pixel has one fault at most");
         let pixels = frame.depth.len().max(1) as f64;
         let part =
             |which| faults.iter().filter(|(_, fault)| *fault == which).count() as f64 / pixels;

@@ -34,7 +34,8 @@ impl PictureDifference {
     /// Compares two frames of equal size. Depths match within `tolerance` metres. Far away, where a
     /// pixel spans more than that, they match within a hundredth.
     pub fn of(a: &Frame, b: &Frame, tolerance: f32) -> Self {
-        let (width, height) = (a.width().min(b.width()), a.height().min(b.height()));
+        let (width, height) = (a.width(), a.height());
+        assert_eq!((width, height), (b.width(), b.height()), "pictures of equal size");
         let look = |(x, y): (usize, usize)| {
             let differing = differs(a.colour[y * a.width() + x], b.colour[y * b.width() + x]);
             let unlike = differing && (is_unlike(a, b, [x, y]) || is_unlike(b, a, [x, y]));

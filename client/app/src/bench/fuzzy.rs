@@ -154,6 +154,7 @@ impl Worker {
         let share = |count: usize| count as f64 / counts.all.max(1) as f64;
         self.sum.hidden += share(counts.hidden);
         self.sum.visible += share(counts.visible);
+        assert!(counts.hidden + counts.visible <= counts.all, "a node is hidden or visible");
         self.free_at_s = now_s + ms * 1e-3;
         let known = [hidden.clone().without_unoccluded(), hidden].map(Arc::new);
         self.ready.push((self.free_at_s, known));

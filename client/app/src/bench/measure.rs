@@ -202,6 +202,7 @@ pub fn measure(
     let of =
         |method| methods.iter().position(|other| *other == method).map(|i| &samples[i][..spawns]);
     let trees = [BvhKind::Bvh2, BvhKind::Cwbvh].map(|tree| of(DrawMethod::Rays(tree)));
+    debug_assert!(samples.iter().all(|samples| samples.len() == count), "a sample per view");
     let row = |(method, samples): (&DrawMethod, &Vec<FrameTime>)| {
         MethodRow::new(*method, samples, spawns, (width * height) as f64, trees)
     };
@@ -293,6 +294,7 @@ impl MethodRow {
             let (spawns, path) = figures.split_at(spawns);
             Timing { spawns: Spread::of(spawns), path: Spread::of(path) }
         };
+        assert!(spawns <= samples.len(), "the spawn points come first");
         let cpu: Vec<f64> = samples.iter().map(|sample| sample.cpu).collect();
         let (spawns_cpu_ms, path_cpu_ms) = cpu.split_at(spawns);
         let cpu_ms = timing(|sample| sample.cpu);

@@ -70,6 +70,7 @@ fn levels(pixel: u32) -> [f32; 3] {
 
 /// The mean of each square of samples.
 fn means(large: &Frame, width: usize) -> Vec<[f32; 3]> {
+    assert!(large.width() == width * SAMPLES, "{SAMPLES} samples per pixel and axis");
     let mut sums = vec![[0.0f32; 3]; large.colour.len() / SAMPLES / SAMPLES];
     for (i, &pixel) in large.colour.iter().enumerate() {
         let (x, y) = (i % (width * SAMPLES) / SAMPLES, i / (width * SAMPLES) / SAMPLES);

@@ -48,6 +48,7 @@ impl PathFlags {
         let from = self.from.as_secs_f64().min(path.duration_s());
         let until = self.until.map_or(path.duration_s(), |until| until.as_secs_f64());
         let until = until.clamp(from, path.duration_s());
+        debug_assert!(0.0 <= from && from <= until, "a part of the path");
         Ok((path, from, until))
     }
 

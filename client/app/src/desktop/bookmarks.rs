@@ -55,6 +55,7 @@ impl Bookmarks {
             return Some(to);
         }
         // Smoothstep: the flight starts and ends gently.
+        debug_assert!((0.0..1.0).contains(&share), "the flight is on");
         let share = share * share * (3.0 - 2.0 * share);
         let turn = (to.yaw - from.yaw + PI).rem_euclid(TAU) - PI;
         Some(Pose {

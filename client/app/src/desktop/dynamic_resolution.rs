@@ -38,6 +38,7 @@ impl DynamicResolution {
     pub(super) fn drew(&mut self, milliseconds: f32) {
         self.mean_ms += (milliseconds.min(COUNTED_MS_MAX) - self.mean_ms) * WEIGHT;
         self.since = self.since.saturating_add(1);
+        debug_assert!(self.divisor == 1 || self.divisor == 2, "full or half resolution");
         let divisor = match self.divisor {
             1 if self.mean_ms > SLOW_MS => 2,
             2 if self.mean_ms < FAST_MS => 1,

@@ -298,6 +298,7 @@ impl Rate {
 /// Draws each pixel as a square of `divisor` × `divisor` pixels.
 fn enlarge(small: &Frame, large: &mut Frame, divisor: usize) {
     let width = large.width();
+    assert!(small.width() >= width.div_ceil(divisor), "the drawn frame covers the window");
     for (y, row) in large.colour.chunks_mut(width.max(1)).enumerate() {
         let start = y / divisor * small.width();
         let source = &small.colour[start..start + small.width()];

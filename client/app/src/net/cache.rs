@@ -100,26 +100,12 @@ fn check(bytes: &[u8], id: ContentId) -> Result<World, ReadError> {
 mod tests {
     use std::cell::Cell;
 
-    use glam::Vec3;
-    use sightline_world::{Cells, Mesh, Spawn, geometry::Aabb, motion::Body, octree::Octree};
+    use sightline_fixtures::voxel_floor;
 
     use super::*;
 
-    /// A world of one empty cell.
     fn world() -> World {
-        let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(4.0));
-        World {
-            title: "one cell".to_owned(),
-            octree: Octree::empty(Vec3::ZERO, 4.0, 4),
-            cells: Cells::whole(bounds),
-            mesh: Mesh::default(),
-            spawns: vec![Spawn { eye: Vec3::splat(2.0), yaw: 0.0 }],
-            body: Body::PERSON,
-            speed_max: 5.0,
-            movers: Vec::new(),
-            rooms: Default::default(),
-            origin: None,
-        }
+        voxel_floor::world(&[])
     }
 
     #[tokio::test]

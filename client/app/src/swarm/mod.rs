@@ -278,6 +278,7 @@ async fn connect_all(
             None => break,
         }
     }
+    debug_assert!(connecting.is_empty(), "every attempt has ended");
     sessions.sort_by_key(|(i, _)| *i);
     (sessions, refused)
 }

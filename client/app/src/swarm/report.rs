@@ -95,6 +95,7 @@ impl SwarmStatistics {
     /// Records a visitor's position.
     pub fn moved(&mut self, avatar: AvatarId, elapsed: Duration, eye: Vec3) {
         let history = self.history.entry(avatar).or_default();
+        debug_assert!(history.back().is_none_or(|(t, _)| *t <= elapsed), "time goes forward");
         history.push_back((elapsed, eye));
         while history.front().is_some_and(|(t, _)| elapsed.saturating_sub(*t) > HISTORY) {
             history.pop_front();
@@ -132,6 +133,7 @@ impl SwarmStatistics {
             let sum: u64 = pairs.map(|(e, s)| figure(e).saturating_sub(figure(s))).sum();
             sum as f64 / client_seconds
         };
+        assert_eq!(end.len(), self.start.len(), "the sessions that were counted from the start");
         let views = self.views.max(1) as f64;
         let aged: u64 = self.ages.iter().sum();
         let round_trips = end.iter().map(|stats| stats.round_trip.as_secs_f64() * 1e3);
