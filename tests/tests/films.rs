@@ -90,7 +90,7 @@ fn things_replaced_by_bounding_volumes_are_not_in_the_picture() {
         let mut building = Frame::new(160, 90);
         renderer.draw(&world.octree, &camera, &mut building);
         let pictures = ways.each_mut().map(|(moving, crowd)| {
-            crowd.hear(now, |avatar, time| walker(&path, avatar, time));
+            crowd.advance(now, |avatar, time| walker(&path, avatar, time));
             // Now and then a person vanishes and appears again.
             if i % 10 == 0 {
                 let avatar = i / 10 % PEOPLE;

@@ -246,7 +246,7 @@ impl MovingScene {
             let frame = if at == 0 { &mut self.first } else { &mut self.other };
             frame.clone_from(&self.building);
             if let Some(crowd) = &mut turn.crowd {
-                crowd.hear(now, |avatar, time| act.ways[avatar].pose(time));
+                crowd.advance(now, |avatar, time| act.ways[avatar].pose(time));
             }
             let start = ProcessTime::try_now()?;
             let told = turn.crowd.as_mut().map(|crowd| crowd.replica() as &mut dyn AvatarSource);

@@ -33,7 +33,7 @@ impl SimulatedPeople {
     }
 
     /// Advances to a time: encodes all poses, by number and time, at each tick up to it.
-    pub fn hear(&mut self, now: Duration, pose: impl Fn(usize, Duration) -> Pose) {
+    pub fn advance(&mut self, now: Duration, pose: impl Fn(usize, Duration) -> Pose) {
         while TICK * self.tick <= now {
             let time = TICK * self.tick;
             if self.tick == 0 {

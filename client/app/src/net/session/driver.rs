@@ -53,7 +53,7 @@ impl Driver {
             if let ServerMessage::Goodbye { reason } = message {
                 return Err(ConnectError::Goodbye(reason.into()));
             }
-            self.hear(message).await?;
+            self.handle(message).await?;
         }
         Ok(())
     }
@@ -83,7 +83,7 @@ impl Driver {
         loop {
             tokio::select! {
                 message = self.control.receive() => {
-                    if let Some(goodbye) = self.hear(message?).await? {
+                    if let Some(goodbye) = self.handle(message?).await? {
                         return Ok(goodbye);
                     }
                 }
@@ -114,7 +114,7 @@ impl Driver {
         self.shared.connection.close_reason()?;
         // Messages that arrived before the end are finite, and can still be read.
         while let Ok(message) = self.control.receive().await {
-            if let Ok(Some(goodbye)) = self.hear(message).await {
+            if let Ok(Some(goodbye)) = self.handle(message).await {
                 return Some(goodbye);
             }
         }
@@ -123,7 +123,7 @@ impl Driver {
 
     /// Applies a message to the replica, and answers it if the server asked. Returns the reason of
     /// a goodbye.
-    async fn hear(&mut self, message: ServerMessage) -> Result<Option<String>, ConnectError> {
+    async fn handle(&mut self, message: ServerMessage) -> Result<Option<String>, ConnectError> {
         self.shared.count_received(self.control.frame_bytes());
         let mut goodbye = None;
         let answer = {
