@@ -35,16 +35,14 @@
 //! the other's body can be, and the line between them that is free.
 //!
 //! ```
-//! # mod example { include!(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/embed/two_rooms.rs")); }
-//! # use example::two_rooms;
 //! use std::{sync::Arc, time::Duration};
 //!
 //! use glam::Vec3;
-//! use crate::{Config, Engine, Input, Output};
+//! use sightline_engine::{Config, Engine, Input, Output};
 //! use sightline_world::motion::AvatarId;
 //!
 //! // Two rooms of 6 m side by side, and a door at one end of the wall between them, at x = 6.
-//! let mut engine = Engine::new(Arc::new(two_rooms()), Config::default());
+//! let mut engine = Engine::new(Arc::new(sightline_fixtures::two_rooms::world()), Config::default());
 //! let (ada, ben) = (AvatarId(1), AvatarId(2));
 //! for (avatar, name, x) in [(ada, "Ada", 3.0), (ben, "Ben", 9.0)] {
 //!     let (name, colour, place) = (name.to_owned(), [255, 0, 0], Some(Vec3::new(x, 1.6, 5.0)));

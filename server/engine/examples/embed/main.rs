@@ -2,16 +2,15 @@
 //! and fall silent; then Ben comes through the door. It prints what each is told, and fails where that
 //! is not as it should be.
 
-mod two_rooms;
 mod visitor;
 
 use std::{collections::BTreeMap, sync::Arc, time::Duration};
 
 use glam::Vec3;
 use sightline_engine::{Config, Engine, Input, Output, Reason};
+use sightline_fixtures::two_rooms;
 use sightline_world::motion::AvatarId;
 
-use two_rooms::two_rooms;
 use visitor::Visitor;
 
 const ADA: AvatarId = AvatarId(1);
@@ -84,7 +83,10 @@ fn words(output: &Output) -> Option<String> {
 }
 
 fn main() {
-    let engine = Engine::new(Arc::new(two_rooms()), Config { tick: TICK, ..Config::default() });
+    // A real host reads its world from the file that `sightline-server compile` makes, by
+    // `World::read`.
+    let engine =
+        Engine::new(Arc::new(two_rooms::world()), Config { tick: TICK, ..Config::default() });
     let mut host = Host { engine, now: Duration::ZERO, visitors: BTreeMap::new() };
     host.join(ADA, "Ada", Vec3::new(3.0, 1.6, 5.0));
     host.join(BEN, "Ben", Vec3::new(9.0, 1.6, 5.0));

@@ -239,7 +239,7 @@ impl Engine {
         other: &LiveAvatar,
         pair: &mut Pair,
     ) -> bool {
-        let rules = self.rooms.rules();
+        let rules = self.rooms.can_rule_out();
         let [home, other_home] = [viewer, other].map(|live| live.near.home());
         if home.is_some() && home == other_home && !rules {
             // A space is convex, and nothing is in it.

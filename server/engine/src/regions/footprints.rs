@@ -103,7 +103,7 @@ impl RegionFootprint {
 
     /// Whether rooms let somebody with an eye here see somebody whose body is in another.
     pub(crate) fn shows(&self, bodies: &Self, rooms: &RoomIndex) -> bool {
-        !rooms.rules() || rooms.may_see(&self.rooms, &bodies.rooms)
+        !rooms.can_rule_out() || rooms.may_see(&self.rooms, &bodies.rooms)
     }
 
     /// Adds what can be seen from some of its cells.
@@ -148,7 +148,7 @@ fn place(
     parts: &CoverBoxes,
     found: &[CellId],
 ) -> rooms::RoomOverlap {
-    if rooms.rules() {
+    if rooms.can_rule_out() {
         rooms.overlap_in_cells(cells, parts.boxes(), found)
     } else {
         rooms::RoomOverlap::default()
@@ -208,7 +208,7 @@ impl HiddenFootprint {
 
     /// Whether rooms let somebody here see somebody there.
     pub(crate) fn shows(&self, other: &Self, rooms: &RoomIndex) -> bool {
-        !rooms.rules() || rooms.may_see(&self.rooms[0], &other.rooms[1])
+        !rooms.can_rule_out() || rooms.may_see(&self.rooms[0], &other.rooms[1])
     }
 }
 

@@ -18,7 +18,7 @@ impl AuthorRules {
     /// `None` when every pair may see each other.
     pub(super) fn new(world: &Arc<World>) -> Option<Self> {
         let rooms = RoomIndex::new(world);
-        rooms.rules().then(|| Self { world: Arc::clone(world), rooms })
+        rooms.can_rule_out().then(|| Self { world: Arc::clone(world), rooms })
     }
 
     /// The sealed rooms that an eye is in.

@@ -147,7 +147,7 @@ impl RoomIndex {
     }
 
     /// Whether rooms can rule out any pair at all.
-    pub fn rules(&self) -> bool {
+    pub fn can_rule_out(&self) -> bool {
         self.is_restricting || !self.sealed.is_empty()
     }
 

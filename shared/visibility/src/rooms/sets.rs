@@ -200,18 +200,3 @@ impl VisibilitySets {
         Viewpoint::looking(axes.own_box(&around), &field, axes)
     }
 }
-
-impl VisibilitySet {
-    /// Whether some of a box may be visible, by the cells it overlaps. The box is in the world's
-    /// axes.
-    pub fn shows(&self, world: &World, region: &Aabb) -> bool {
-        let mut cells = Vec::new();
-        world.cells.overlapping(&world.cells.axes.own_box(region), &mut cells);
-        cells.is_empty() || cells.iter().any(|cell| self.cells.contains(cell.0))
-    }
-
-    /// Whether a room may be visible.
-    pub fn has_room(&self, room: RoomId) -> bool {
-        self.rooms.contains(room.0.into())
-    }
-}
