@@ -1,5 +1,7 @@
-//! The spatial subdivision: a tree of planes whose leaves are cells, the portals between them, the
-//! PVS; and the spaces that the cells are parts of, with the gates between those.
+//! The spatial subdivision: a BSP tree whose leaves are cells, the portals between cells, and the
+//! PVS.
+//!
+//! Cells are grouped into spaces, and the portals between two spaces are joined into gates.
 
 use std::ops::Range;
 
@@ -21,40 +23,40 @@ pub struct CellId(pub u32);
 /// A convex leaf of the subdivision.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cell {
-    /// The smallest box around it, in metres and own axes. Most cells are boxes and fill theirs.
+    /// The smallest box around the cell, in metres and own axes. Most cells fill their boxes.
     pub bounds: Aabb,
-    /// Index into [`Cells::spaces`]: the space it is a part of.
+    /// The space that the cell belongs to: an index into [`Cells::spaces`].
     pub space: u32,
-    /// Indices into [`Cells::portals`], ascending.
+    /// The cell's portals: ascending indices into [`Cells::portals`].
     pub portals: Vec<u32>,
 }
 
-/// A convex polygon through which one can see from a cell into another.
+/// A convex polygon through which one cell can be seen from another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Portal {
-    /// The cells on the lesser and the greater side.
+    /// The cells on the lesser and on the greater side.
     pub cells: [CellId; 2],
     /// The polygon.
     pub polygon: Polygon,
 }
 
-/// A convex part of the building between occluders: it may be one cell or many. Sight lines are
-/// propagated from space to space, since all that occludes lies between spaces.
+/// A convex part of the building between occluders, made of one or more cells. Nothing inside a
+/// space occludes, so sight lines are propagated from space to space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
-    /// The smallest box around it, in metres and own axes.
+    /// The smallest box around the space, in metres and own axes.
     pub bounds: Aabb,
-    /// Its cells. They cover it.
+    /// The cells of the space. They cover it.
     pub cells: Range<u32>,
-    /// Indices into [`Cells::gates`], ascending.
+    /// The gates of the space: ascending indices into [`Cells::gates`].
     pub gates: Vec<u32>,
 }
 
-/// A convex polygon through which one can see from a space into another: the portals between their
-/// cells, joined.
+/// A convex polygon through which one space can be seen from another: the union of the portals
+/// between their cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gate {
-    /// Indices of the spaces on the lesser and the greater side.
+    /// The spaces on the lesser and on the greater side: indices into [`Cells::spaces`].
     pub spaces: [u32; 2],
     /// The polygon.
     pub polygon: Polygon,
@@ -65,33 +67,31 @@ pub struct Gate {
 pub enum Polygon {
     /// A rectangle with edges along the axes.
     Rectangle {
-        /// Which axis it is perpendicular to: 0, 1 or 2.
+        /// The axis that it is perpendicular to: 0, 1 or 2.
         axis: u8,
-        /// The rectangle: a box of no width along `axis`.
+        /// The rectangle, as a box without width along `axis`.
         bounds: Aabb,
     },
-    /// Any other.
+    /// Any other convex polygon.
     Other {
-        /// Of unit length, towards the greater side.
+        /// The unit normal, towards the greater side.
         normal: DVec3,
-        /// At least three, in order around the polygon.
+        /// The corners in order around the polygon, at least three.
         corners: Box<[Vec3]>,
     },
 }
 
 impl Polygon {
-    /// The smallest box around it.
+    /// The smallest box around the polygon.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Rectangle { bounds, .. } => *bounds,
             Self::Other { corners, .. } => Aabb::from_points(corners.iter().copied()),
         }
     }
-}
 
-impl Polygon {
-    /// The line that a horizontal plane at a height, in metres, shares with it; none when it
-    /// is level or elsewhere.
+    /// The segment in which a horizontal plane cuts the polygon. `None` when the polygon is
+    /// horizontal, or above or below the plane. `height` is in metres.
     pub fn across(&self, height: f32) -> Option<[Vec3; 2]> {
         match self {
             Self::Rectangle { axis: 1, .. } => None,
@@ -111,60 +111,62 @@ impl Polygon {
     }
 }
 
-/// A node of the tree.
+/// A node of the BSP tree.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Node {
-    /// An axial plane, and the nodes on its lesser and greater side.
+    /// An axial plane that splits space into a lesser and a greater side.
     Axial {
-        /// Which axis it is perpendicular to: 0, 1 or 2.
+        /// The axis that the plane is perpendicular to: 0, 1 or 2.
         axis: u8,
-        /// Where, in metres.
+        /// The plane's coordinate along the axis, in metres.
         at: f32,
-        /// Indices into [`Cells::tree`], both greater than this node's own.
+        /// The nodes on the lesser and on the greater side: indices into [`Cells::tree`], both
+        /// greater than this node's own.
         sides: [u32; 2],
     },
-    /// Any plane, and the nodes behind and in front of it.
+    /// A plane of any direction that splits space into a part behind it and one in front of it.
     Plane {
-        /// Of unit length.
+        /// The unit normal.
         normal: DVec3,
-        /// From the origin along the normal, in metres.
+        /// The distance from the origin along the normal, in metres.
         distance: f64,
-        /// Indices into [`Cells::tree`], both greater than this node's own.
+        /// The nodes behind and in front of the plane: indices into [`Cells::tree`], both greater
+        /// than this node's own.
         sides: [u32; 2],
     },
     /// A leaf in which an eye can be.
     Leaf(CellId),
-    /// A leaf that is opaque all through, or that no sight line from a spawn point gets into.
+    /// A leaf that is opaque throughout, or that no sight line from a spawn point reaches.
     Solid,
 }
 
-/// For each cell, the cells of which some point is visible from some point of it: never too few.
-/// Symmetric, and each cell sees itself.
+/// The potentially visible set (PVS): for each cell, the cells of which some point may be visible
+/// from some point of it. It never has too few. It is symmetric, and each cell sees itself.
 pub type Pvs = Vec<RoaringBitmap>;
 
-/// All of the subdivision. Cells do not overlap; cells and solid leaves cover `bounds`.
+/// The whole subdivision. Cells do not overlap. Cells and solid leaves together cover `bounds`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cells {
-    /// The building's own axes, in which all that follows is given.
+    /// The building's own axes. All other fields are given along these.
     pub axes: Axes,
-    /// What is subdivided, in metres.
+    /// The region that is subdivided, in metres.
     pub bounds: Aabb,
-    /// The planes; the root comes first. Never empty.
+    /// The nodes of the tree, the root first. Never empty.
     pub tree: Vec<Node>,
-    /// The leaves, those of one space one after another.
+    /// The cells. Those of one space are contiguous.
     pub cells: Vec<Cell>,
-    /// Where they join.
+    /// The portals between cells.
     pub portals: Vec<Portal>,
-    /// What the cells are parts of.
+    /// The spaces that the cells belong to.
     pub spaces: Vec<Space>,
-    /// Where the spaces join.
+    /// The gates between spaces.
     pub gates: Vec<Gate>,
-    /// Who sees whom.
+    /// The potentially visible set, one row per cell.
     pub pvs: Pvs,
 }
 
 impl Cells {
-    /// A subdivision of one cell.
+    /// A subdivision with a single cell.
     pub fn whole(bounds: Aabb) -> Self {
         Self {
             axes: Axes::WORLD,
@@ -178,13 +180,15 @@ impl Cells {
         }
     }
 
-    /// The cell that contains a point of the world; none where it is solid. On a shared boundary
-    /// it is the one on the greater side; outside `bounds` the nearest by the tree's planes.
+    /// The cell that contains a point, given in the world's axes. `None` in a solid leaf.
+    ///
+    /// On a shared boundary it is the cell on the greater side. Outside `bounds` it is the cell
+    /// that the tree's planes lead to.
     pub fn at(&self, point: Vec3) -> Option<CellId> {
         self.at_own(self.axes.own(point))
     }
 
-    /// Likewise, of a point in own axes.
+    /// The cell that contains a point, given in own axes; otherwise like [`Cells::at`].
     pub fn at_own(&self, point: Vec3) -> Option<CellId> {
         let mut node = 0;
         loop {
@@ -200,13 +204,14 @@ impl Cells {
         }
     }
 
-    /// The cell that contains a point of the world, or one that is a hand's breadth away when the
-    /// point is in something solid.
+    /// The cell that contains a point, given in the world's axes. For a point in a solid leaf, the
+    /// nearest cell within [`ASTRAY_M`].
     pub fn near(&self, point: Vec3) -> Option<CellId> {
         self.near_own(self.axes.own(point))
     }
 
-    /// Likewise, of a point in own axes.
+    /// The cell that contains a point, given in own axes, or is near it; otherwise like
+    /// [`Cells::near`].
     pub fn near_own(&self, point: Vec3) -> Option<CellId> {
         self.at_own(point).or_else(|| {
             let mut found = Vec::new();
@@ -219,9 +224,10 @@ impl Cells {
         })
     }
 
-    /// Appends every cell that shares a point with a box in own axes, boundaries included;
-    /// ascending. Cells that are no boxes may be found when they only come near.
+    /// Appends every cell that shares a point with a box along own axes, boundaries included, in
+    /// ascending order. A cell that is not a box may be found although it only comes near.
     pub fn overlapping(&self, region: &Aabb, found: &mut Vec<CellId>) {
+        debug_assert!(!self.tree.is_empty(), "a subdivision has at least a leaf");
         let start = found.len();
         self.descend(0, region, found);
         found[start..].sort_unstable();
@@ -238,7 +244,6 @@ impl Cells {
             Node::Plane { normal, distance, sides } => {
                 let centre = region.centre().as_dvec3();
                 let away = normal.dot(centre) - distance;
-                // What single precision may lose, and a little more.
                 let reach = normal.abs().dot(region.size().as_dvec3() * 0.5) + SLANTED_PLANE_M;
                 (away <= reach, away >= -reach, sides)
             }
@@ -253,21 +258,23 @@ impl Cells {
 
     /// Whether some point of one cell may be visible from some point of the other.
     pub fn sees(&self, from: CellId, to: CellId) -> bool {
+        debug_assert!((to.0 as usize) < self.cells.len(), "no cell has the number {}", to.0);
         self.pvs[from.0 as usize].contains(to.0)
     }
 
-    /// The part of all pairs of cells that the PVS holds, from 0 to 1.
+    /// The share of all pairs of cells that the PVS contains, from 0 to 1.
     pub fn density(&self) -> f64 {
         let pairs: u64 = self.pvs.iter().map(RoaringBitmap::len).sum();
         pairs as f64 / (self.cells.len() as f64).powi(2)
     }
 
-    /// The cells that may be visible from the cell of a point; none when that is solid.
+    /// The cells that may be visible from the cell of a point, given in the world's axes. Empty
+    /// when there is no cell near it.
     pub fn visible_from_point(&self, point: Vec3) -> RoaringBitmap {
         self.near(point).map_or_else(RoaringBitmap::new, |cell| self.pvs[cell.0 as usize].clone())
     }
 
-    /// The cells that may be visible from somewhere in a box in own axes.
+    /// The cells that may be visible from some point of a box along own axes.
     pub fn visible_from(&self, region: &Aabb) -> RoaringBitmap {
         let mut cells = Vec::new();
         self.overlapping(region, &mut cells);

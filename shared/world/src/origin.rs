@@ -1,88 +1,89 @@
-//! What a Quake map says of itself, kept in its world so that both can be verified: the brushes that
-//! block sight as they were, without rounding to triangles, and the map's own subdivision and PVS.
+//! A Quake map's own data, kept in the world that was compiled from it to verify the compiler: the
+//! brushes that block sight, before rounding to triangles, and the map's own BSP tree and PVS.
 
 use glam::{DVec3, Vec3};
 
 use crate::geometry::Aabb;
 
-/// The original of a world that comes from a Quake map.
+/// The data of the Quake map that a world was compiled from.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Origin {
-    /// The planes of solids and nodes.
+    /// The planes of the solids and of the nodes.
     pub planes: Vec<OriginPlane>,
-    /// The brushes that block sight. Patches block it too, but are only among the triangles.
+    /// The brushes that block sight. Curved patches block sight too, but exist only as triangles.
     pub solids: Vec<Solid>,
-    /// The map's own subdivision, for a map that has one.
+    /// The map's own BSP tree, if it has one.
     pub tree: Option<OriginTree>,
 }
 
 /// A plane: the points with `normal · p = distance`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OriginPlane {
-    /// Of unit length as well as the map's author cared.
+    /// The normal. Its length is one only as far as the map's editor rounded it so.
     pub normal: Vec3,
-    /// In metres.
+    /// The distance from the origin along the normal, in metres.
     pub distance: f64,
 }
 
 impl OriginPlane {
-    /// How far a point is in front of the plane, in metres.
+    /// The signed distance of a point in front of the plane, in metres.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.as_dvec3().dot(point) - self.distance
     }
 }
 
-/// A convex solid: what is behind all its sides.
+/// A convex solid: the points behind all of its sides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solid {
-    /// All of it is inside, in metres.
+    /// A box around the solid, in metres.
     pub bounds: Aabb,
-    /// Indices into [`Origin::planes`].
+    /// The sides: indices into [`Origin::planes`].
     pub sides: Vec<u32>,
 }
 
-/// The map's own BSP, and its vis lump.
+/// The map's own BSP tree and PVS.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OriginTree {
-    /// The root comes first. Never empty.
+    /// The nodes, the root first. Never empty.
     pub nodes: Vec<OriginNode>,
-    /// The leafs, none of them twice in the tree.
+    /// The leaves. None occurs twice in the tree.
     pub leafs: Vec<OriginLeaf>,
-    /// How many clusters there are.
+    /// The number of clusters.
     pub clusters: u32,
-    /// A bit for each pair of clusters, whole bytes for each row; empty when the map was never vised.
+    /// The map's PVS: a bit for each pair of clusters, in rows of whole bytes. Empty when the map's
+    /// author never computed it.
     pub visible: Vec<u8>,
 }
 
-/// A node of the map's BSP.
+/// A node of the map's BSP tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OriginNode {
-    /// Index into [`Origin::planes`].
+    /// The splitting plane: an index into [`Origin::planes`].
     pub plane: u32,
-    /// What is in front of the plane, and what is behind it.
+    /// The children in front of the plane and behind it.
     pub sides: [OriginSide; 2],
 }
 
-/// Where a node leads to.
+/// A child of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OriginSide {
-    /// Index into [`OriginTree::nodes`], greater than that of the node that leads there.
+    /// A node: an index into [`OriginTree::nodes`], greater than the parent's.
     Node(u32),
-    /// Index into [`OriginTree::leafs`].
+    /// A leaf: an index into [`OriginTree::leafs`].
     Leaf(u32),
 }
 
-/// A leaf of the map's BSP.
+/// A leaf of the map's BSP tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OriginLeaf {
-    /// Its extent as the map tells it, in metres.
+    /// The leaf's box as the map gives it, in metres.
     pub bounds: Aabb,
-    /// Which cluster it belongs to; none when it is solid or outside.
+    /// The leaf's cluster. `None` for a leaf that is solid or outside of the map.
     pub cluster: Option<u32>,
 }
 
 impl Origin {
-    /// The leaf of the map's own tree that contains a point, if there is a tree.
+    /// The leaf of the map's own tree that contains a point. `None` without a tree.
     pub fn leaf_at(&self, point: DVec3) -> Option<u32> {
         let tree = self.tree.as_ref()?;
         let mut node = 0;
@@ -103,13 +104,15 @@ impl Origin {
 }
 
 impl OriginTree {
-    /// Whether the map's own PVS holds a pair of clusters; all, when it was never vised.
+    /// Whether the map's own PVS contains a pair of clusters. Without a PVS all pairs count as
+    /// contained.
     pub fn sees(&self, from: u32, to: u32) -> bool {
+        debug_assert!(from < self.clusters && to < self.clusters, "no such cluster");
         let byte = from as usize * self.row_bytes() + to as usize / 8;
         self.visible.get(byte).is_none_or(|byte| byte & 1 << (to % 8) != 0)
     }
 
-    /// The bytes of one row of [`OriginTree::visible`].
+    /// The number of bytes in a row of [`OriginTree::visible`].
     pub fn row_bytes(&self) -> usize {
         (self.clusters as usize).div_ceil(8)
     }

@@ -1,7 +1,7 @@
 //! Packing bytes with zstd (RFC 8878), and unpacking them.
 //!
-//! Natively the C library does both. In a browser (`wasm32`) a library in pure Rust does. Each reads
-//! what the other wrote, but the packed bytes differ, and so do the content ids made of them.
+//! Natively the C library does both. In a browser (`wasm32`) a library in pure Rust does. Each
+//! reads what the other wrote, but the packed bytes differ, and so do the content ids made of them.
 
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use native::{Unpacker, pack};

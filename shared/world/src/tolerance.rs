@@ -10,7 +10,8 @@
 //! | [`WIRE_UNIT_M`] and more | poses on the wire, bodies against voxels | [`WIRE_BOUNDARY_M`] to [`ASTRAY_M`] |
 //!
 //! Numbers in single precision are 2⁻²³ of the next lower power of two apart: 7.6e-6 m from 64 m,
-//! 1.5e-5 m from 128 m, 6.1e-5 m from 512 m to 1,024 m. Rounding moves a coordinate by half of that.
+//! 1.5e-5 m from 128 m, 6.1e-5 m from 512 m to 1,024 m. Rounding moves a coordinate by half of
+//! that.
 //!
 //! A margin in single precision has the type `f32`, one in double precision `f64`.
 
@@ -68,7 +69,8 @@ pub const BESIDE_RAY_M: f32 = WELD_M as f32;
 pub const AXIAL_PLANE_M: f64 = quanta(3);
 /// Sums and differences of a few coordinates in single precision lose less: four roundings.
 pub const SUM_F32_M: f32 = quanta(4) as f32;
-/// Gaps that are narrower count as closed. Where two walls meet, each has up to two rounded corners.
+/// Gaps that are narrower count as closed. Where two walls meet, each has up to two rounded
+/// corners.
 pub const CLOSED_M: f64 = quanta(5);
 
 // Chains of operations in single precision, and what several programs rounded in turn.
@@ -86,13 +88,14 @@ pub const EYE_CLEARANCE_M: f64 = quanta(10);
 /// A line that is inside a grown brush for no longer than this merely grazes it. At a right angle
 /// the growth itself accounts for two quanta; at a flat one for some more.
 pub const GRAZE_M: f64 = quanta(10);
-/// Portals and sources of sight grow by this on each side. It exceeds the sum of what importers, the
-/// compiler ([`CLOSED_M`]) and single precision (6.1e-5 m within a kilometre) move a surface by.
+/// Portals and sources of sight grow by this on each side. It exceeds the sum of what importers,
+/// the compiler ([`CLOSED_M`]) and single precision (6.1e-5 m within a kilometre) move a surface
+/// by.
 pub const WIDENING_M: f64 = quanta(20);
 /// [`WIDENING_M`] for gates in single precision.
 pub const GATE_WIDENING_M: f32 = WIDENING_M as f32;
-/// Occluders shrink by this on each side, by the argument of [`WIDENING_M`]: a line that slips along
-/// an edge counts as free.
+/// Occluders shrink by this on each side, by the argument of [`WIDENING_M`]: a line that slips
+/// along an edge counts as free.
 pub const OCCLUDER_INSET_M: f64 = WIDENING_M;
 /// A point this close to a room's boundary may be on either side of it. Single precision loses less
 /// within two kilometres.

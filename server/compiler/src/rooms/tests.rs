@@ -154,7 +154,10 @@ fn faults_tell_where_they_are() {
     let flat = "[[room]]\nname = \"a\"\npolygon = [[0, 0], [1, 0], [2, 0]]";
     check(flat, "2: room \"a\": a shape of it is flat");
     let far = "[[room]]\nname = \"a\"\nbox = [[0, 0, 0], [1, 1, 1e9]]";
-    check(far, "2: room \"a\": a room is not a sane place");
+    check(
+        far,
+        "2: room \"a\": a room has an invalid number of corners, or coordinates out of range",
+    );
     let set = |set: &str| format!("{WEST}visible = {{ {set} }}");
     check(&set("rooms = [\"est\"]"), "4: there is no room \"est\"");
     check(&set("objects = [\"tabel\"]"), "4: the model has no mover and no node \"tabel\"");
@@ -191,7 +194,10 @@ fn windows_are_on_the_boundary_of_their_room() {
     check(&at(4.0, 5.0), " is off the boundary of its room");
     check("polygon = [[4, 0, 1], [4, 0, 2], [4, 2, 2], [3, 2, 1]]", " is not flat: its corner");
     check("polygon = [[4, 0, 1], [4, 0, 2], [4, 0, 3]]", " has no area");
-    check("polygon = [[4, 0, 1], [4, 0, 2]]", ": a window is not a sane place");
+    check(
+        "polygon = [[4, 0, 1], [4, 0, 2]]",
+        ": a window has an invalid number of corners, or coordinates out of range",
+    );
     let behind = format!("{}\nbehind = \"v\"", at(4.0, 2.0));
     let toml = format!("{WEST}\n[[room.window]]\nname = \"w\"\n{behind}");
     let error = compiled(&toml).unwrap_err().to_string();

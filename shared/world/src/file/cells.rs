@@ -1,4 +1,4 @@
-//! The sections of cells and of the PVS.
+//! The sections of the cells and of the PVS.
 
 use glam::DVec3;
 use roaring::RoaringBitmap;
@@ -13,13 +13,14 @@ use crate::{
     geometry::Axes,
 };
 
-/// The tree is walked by recursion, so its depth has a limit.
+/// The greatest depth of the tree, which is walked by recursion.
 const TREE_DEPTH_MAX: u16 = 512;
-/// More than any building has; a row of the PVS then has sixteen containers at most, a gigabyte in
-/// all if there is one in each.
+/// The greatest number of cells. A row of the PVS then has at most sixteen containers. Sixteen in
+/// each row take about a gigabyte.
 const CELLS_MAX: usize = 1 << 20;
-/// The pairs of cells that see each other, each counted once. A pair takes four bytes at most once
-/// read, so all take a gigabyte at most. A hall of 23,000 cells without a wall has fewer.
+/// The greatest number of pairs of cells that see each other, each counted once. A pair takes at
+/// most four bytes in memory, so all pairs take at most a gigabyte. A hall of 23,000 cells without
+/// a wall has fewer pairs.
 const PAIRS_MAX: u64 = 1 << 28;
 
 pub(super) fn cells_bytes(cells: &Cells) -> Vec<u8> {
@@ -49,8 +50,8 @@ pub(super) fn cells_bytes(cells: &Cells) -> Vec<u8> {
     out
 }
 
-/// Thirteen bytes for each node, padded, so that a count can be checked at once; then the planes
-/// that are not axial, in the order of their nodes.
+/// Appends the tree: thirteen bytes for each node, so that the reader can check the count at once,
+/// then the planes that are not axial, in the order of their nodes.
 fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
     put_count(out, tree.len());
     let mut planes = Vec::new();
@@ -73,11 +74,11 @@ fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
     out.append(&mut planes);
 }
 
-/// Tags of nodes; those below are axes.
+/// The tags of nodes that are not axial planes. The tag of an axial plane is its axis.
 const NODE_LEAF: u8 = 3;
 const NODE_SOLID: u8 = 4;
 const NODE_PLANE: u8 = 5;
-/// Tag of a polygon that is no axial rectangle.
+/// The tag of a polygon that is not an axial rectangle.
 const POLYGON_OTHER: u8 = 3;
 
 fn put_polygon(out: &mut Vec<u8>, polygon: &Polygon) {
@@ -145,7 +146,8 @@ fn read_spaces_and_cells(input: &mut SectionReader) -> Result<(Vec<Space>, Vec<C
     Ok((spaces, cells))
 }
 
-/// Reads what joins two of `count` things, and tells `found` of each.
+/// Reads polygons between two of `count` cells or spaces, and calls `found` with the number of each
+/// polygon and what it joins.
 fn read_joins(
     input: &mut SectionReader,
     count: usize,
@@ -179,11 +181,11 @@ fn read_polygon(input: &mut SectionReader) -> Result<Polygon, ReadError> {
     Ok(Polygon::Other { normal, corners })
 }
 
-/// The most corners of a polygon.
+/// The greatest number of corners of a polygon.
 const CORNERS_MAX: usize = 64;
 
-/// Every node but the root is somebody's child exactly once, and every cell is a leaf exactly
-/// once, so that a walk down ends and visits nothing twice.
+/// Reads a tree in which every node but the root has exactly one parent, and every cell is exactly
+/// one leaf. A walk down such a tree ends and visits nothing twice.
 fn read_tree(input: &mut SectionReader, cells: usize) -> Result<Vec<Node>, ReadError> {
     let bad = ReadError::Malformed("the tree");
     let count = input.count(13)?;
@@ -234,7 +236,7 @@ fn read_tree(input: &mut SectionReader, cells: usize) -> Result<Vec<Node>, ReadE
     Ok(tree)
 }
 
-/// For each cell, those of its row that are no lesser: the PVS is symmetric.
+/// The upper half of the PVS, diagonal included. The lower half follows by symmetry.
 pub(super) fn pvs_bytes(cells: &Cells) -> Vec<u8> {
     let mut out = Vec::new();
     for (cell, row) in (0..).zip(&cells.pvs) {
@@ -261,7 +263,7 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
             return bad("the PVS");
         }
         pairs += row.len();
-        // A run of a few bytes can stand for very many.
+        // A run of a few bytes can stand for very many pairs.
         if pairs > PAIRS_MAX {
             return bad("more pairs in the PVS than any world may have");
         }
@@ -270,13 +272,13 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
     if input.is_empty() { Ok(both_ways(upper)) } else { bad("the PVS") }
 }
 
-/// Adds to rows what they lack to be symmetric: the lesser cells.
+/// Adds the lower half of a symmetric PVS to its upper half.
 fn both_ways(mut rows: Pvs) -> Pvs {
     let mut lesser = vec![RoaringBitmap::new(); rows.len()];
     for (cell, row) in (0..).zip(&rows) {
         for other in row.iter().skip(1) {
-            // Cells come in ascending order here, and so they do in each row: never refused.
-            let _ = lesser[other as usize].try_push(cell);
+            let pushed = lesser[other as usize].try_push(cell);
+            debug_assert!(pushed.is_ok(), "cells come in ascending order");
         }
     }
     for (row, mut lesser) in rows.iter_mut().zip(lesser) {
@@ -308,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_pvs_is_enough() {
+    fn half_of_the_pvs_gives_the_other_half() {
         let mut pvs = vec![RoaringBitmap::new(); 300];
         for cell in 0..300u32 {
             for other in
@@ -324,16 +326,16 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_are_no_half_are_refused() {
+    fn rows_that_are_not_an_upper_half_are_refused() {
         assert_eq!(read(&[run(0, 2), run(1, 2)], 2).unwrap(), [run(0, 2), run(0, 2)]);
         for rows in [[run(0, 2), run(0, 2)], [run(0, 3), run(1, 2)], [run(0, 1), run(2, 2)]] {
             assert!(read(&rows, 2).is_err());
         }
     }
 
-    /// Half a megabyte that stands for 450 million pairs.
+    /// Half a megabyte can stand for 450 million pairs.
     #[test]
-    fn runs_that_unpack_to_very_much_are_refused() {
+    fn runs_that_unpack_to_too_many_pairs_are_refused() {
         let cells = 30_000;
         let rows: Vec<_> = (0..cells).map(|cell| run(cell, cells)).collect();
         let error = read(&rows, cells as usize).unwrap_err().to_string();

@@ -1,4 +1,5 @@
-//! The section of the mesh: the vertices, then three indices for each triangle. Movers have one each.
+//! The section of the mesh: the vertices, then three indices for each triangle. Movers have one
+//! each.
 
 use super::{
     ReadError,

@@ -1,5 +1,5 @@
-//! The sections that serde writes: the meta section (title, body, speed limit, spawn points) and the
-//! rooms.
+//! The sections that serde writes: the meta section (title, body, speed limit, spawn points) and
+//! the rooms.
 
 use serde::{Deserialize, Serialize};
 

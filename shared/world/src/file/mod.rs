@@ -1,17 +1,17 @@
 //! The world file (`.slw`): a header, then one zstd frame of sections.
 //!
-//! | bytes | what |
+//! | bytes | content |
 //! | --- | --- |
-//! | 0..4 | magic, `SLW` and a line feed, so that a text-mode transfer shows |
-//! | 4..8 | version, little-endian, as is all else |
-//! | 8..40 | content id: BLAKE3 of all that follows |
-//! | 40..48 | length of the sections, unpacked |
-//! | 48.. | zstd frame |
+//! | 0..4 | magic: `SLW` and a line feed, so that a text-mode transfer is noticed |
+//! | 4..8 | version, little-endian like every number |
+//! | 8..40 | content id: BLAKE3 of all bytes that follow |
+//! | 40..48 | unpacked length of the sections, in bytes |
+//! | 48.. | the zstd frame |
 //!
-//! A section is a tag of four letters, a length, and that many bytes. The reader survives any
-//! bytes: the content id is checked before anything is unpacked, and since whoever made a hostile
-//! file can also hash it, every count is checked against what is left before memory is taken, and
-//! every index before it is stored.
+//! A section is a tag of four letters, a length, and so many bytes. The reader survives any bytes.
+//! It checks the content id before it unpacks anything. Since an attacker can compute the content
+//! id of a hostile file, it also checks every count against the bytes that are left before it takes
+//! memory, and every index before it stores it.
 
 mod cells;
 mod mesh;
@@ -40,12 +40,14 @@ use crate::{
 const MAGIC: [u8; 4] = *b"SLW\n";
 const VERSION: u32 = 6;
 const HEADER_BYTES: usize = 48;
-/// Unpacked, no world is larger: 2 GiB.
+/// The greatest unpacked length of a world: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
+/// The greatest number of characters of a title or of a mover's name.
 const TITLE_CHARS_MAX: usize = 200;
+/// Higher levels take much longer and gain little.
 const ZSTD_LEVEL: i32 = 6;
 
-/// Names a world by what is in it.
+/// The content id of a world: the BLAKE3 hash of its file after the header's first 40 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ContentId(pub [u8; 32]);
 
@@ -55,41 +57,44 @@ impl std::fmt::Display for ContentId {
     }
 }
 
-/// Why some bytes are not a world.
+/// Why a world cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
     /// The file cannot be read.
     #[error("cannot read {path}: {source}")]
     Io {
-        /// Which.
+        /// The path of the file.
         path: String,
-        /// Why.
+        /// The system's reason.
         source: io::Error,
     },
-    /// It begins with something else.
+    /// The bytes do not begin with the magic number.
     #[error("this is not a Sightline world (.slw)")]
     NotAWorld,
-    /// Another version of Sightline made it.
+    /// The file has the version of another Sightline.
     #[error("world file version {found}, but this program reads version {VERSION}; compile again")]
     Version {
-        /// What the file says.
+        /// The version in the file.
         found: u32,
     },
-    /// Bytes were lost or changed since it was written.
+    /// The content does not match the content id: bytes were lost or changed.
     #[error("the world file is damaged: its content does not match its content id")]
     Damaged,
-    /// It was made to harm, or by a faulty program.
+    /// A section is invalid, although the content id matches: the file is hostile, or a faulty
+    /// program wrote it.
     #[error("the world file is malformed: {0}")]
     Malformed(&'static str),
-    /// Likewise, in the voxels.
+    /// The section of the octree is invalid, although the content id matches.
     #[error("the world file is malformed: {0}")]
     Octree(#[from] OctreeError),
 }
 
 impl World {
-    /// The bytes of the world file. Equal worlds give equal bytes.
+    /// The bytes of the world file. Equal worlds give equal bytes on all native platforms.
     pub fn to_bytes(&self) -> Vec<u8> {
+        debug_assert_eq!(self.cells.pvs.len(), self.cells.cells.len(), "a row for each cell");
+        debug_assert!(!self.spawns.is_empty(), "no reader takes a world without a spawn point");
         let mut sections = Vec::new();
         section(&mut sections, b"META", &meta::meta_bytes(self));
         section(&mut sections, b"OCTR", &self.octree.to_bytes());
@@ -114,7 +119,7 @@ impl World {
     /// Reads the bytes of a world file.
     ///
     /// # Errors
-    /// When they are not a whole, valid world.
+    /// When they are not one whole, valid world.
     pub fn from_bytes(file: &[u8]) -> Result<Self, ReadError> {
         content_id(file)?;
         let (length, packed) = file[HEADER_BYTES - 8..].split_at(8);
@@ -137,7 +142,7 @@ impl World {
         Self::from_bytes(&fs::read(path).map_err(io)?)
     }
 
-    /// Writes a world file: whole, or not at all.
+    /// Writes a world file whole or not at all.
     ///
     /// # Errors
     /// When the file system refuses.
@@ -146,10 +151,10 @@ impl World {
     }
 }
 
-/// The content id of a world file, once header and content agree.
+/// The content id of the bytes of a world file. It checks that the content matches.
 ///
 /// # Errors
-/// When it is no world file, of another version, or damaged.
+/// When the bytes are not a world file, have another version, or are damaged.
 pub fn content_id(file: &[u8]) -> Result<ContentId, ReadError> {
     if file.len() < 4 || file[..4] != MAGIC {
         return Err(ReadError::NotAWorld);

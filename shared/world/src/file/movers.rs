@@ -1,4 +1,4 @@
-//! The section of movers: for each its name, mesh, colours, and trajectory.
+//! The section of the movers: the name, mesh, colours and trajectory of each.
 
 use glam::{DAffine3, DMat3, DVec3, Quat};
 
@@ -12,7 +12,8 @@ use crate::{
     mover::{MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover},
 };
 
-/// The least that a mover takes: two counts of its mesh, a name's length, course, length, joints.
+/// The least number of bytes of a mover: three counts, the playback, the length, and the number of
+/// joints.
 const MOVER_BYTES_MIN: usize = 18;
 
 pub(super) fn to_bytes(movers: &[Mover]) -> Vec<u8> {
@@ -40,7 +41,7 @@ pub(super) fn read(input: &mut SectionReader) -> Result<Vec<Mover>, ReadError> {
         let mover = read_mover(input)?;
         triangles += mover.mesh().triangles.len();
         if triangles > MOVER_TRIANGLES_MAX {
-            return Err(ReadError::Malformed("too many triangles that move"));
+            return Err(ReadError::Malformed("too many triangles of movers"));
         }
         movers.push(mover);
     }
@@ -91,7 +92,7 @@ fn read_trajectory(input: &mut SectionReader) -> Result<Trajectory, ReadError> {
         return Err(ReadError::Malformed("the joints of a mover"));
     }
     let joints = (0..count).map(|_| read_joint(input)).collect::<Result<_, _>>()?;
-    let bad = |_| ReadError::Malformed("the motion of a mover");
+    let bad = |_| ReadError::Malformed("the trajectory of a mover");
     Trajectory::new(joints, length_s, playback).map_err(bad)
 }
 

@@ -1,4 +1,4 @@
-//! Boxes, frustums and a building's own axes, on glam.
+//! Boxes, frustums and a building's own axes.
 
 mod axes;
 mod confines;
@@ -19,16 +19,16 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The box that contains nothing; the identity of [`Aabb::union`].
+    /// The box that contains no point: the identity of [`Aabb::union`].
     pub const EMPTY: Self =
         Self { min: Vec3::splat(f32::INFINITY), max: Vec3::splat(f32::NEG_INFINITY) };
 
-    /// The box between two opposite corners, of which `min` is the lesser on each axis.
+    /// The box between two opposite corners. `min` has the lesser coordinate on each axis.
     pub const fn new(min: Vec3, max: Vec3) -> Self {
         Self { min, max }
     }
 
-    /// The smallest box around some points; [`Aabb::EMPTY`] when there are none.
+    /// The smallest box around some points; [`Aabb::EMPTY`] around none.
     pub fn from_points(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Self::EMPTY, |b, p| Self { min: b.min.min(p), max: b.max.max(p) })
     }
@@ -38,17 +38,17 @@ impl Aabb {
         Self { min: centre - radius, max: centre + radius }
     }
 
-    /// Whether no point is inside.
+    /// Whether the box contains no point.
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
 
-    /// The smallest box around both.
+    /// The smallest box around both boxes.
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// What both boxes share; empty when they are apart.
+    /// The intersection of both boxes; empty when they are apart.
     pub fn intersection(&self, other: &Self) -> Self {
         Self { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
@@ -73,7 +73,7 @@ impl Aabb {
         Self { min: self.min - margin, max: self.max + margin }
     }
 
-    /// Width along each axis.
+    /// The width along each axis, in metres.
     pub fn size(&self) -> Vec3 {
         self.max - self.min
     }
@@ -86,25 +86,25 @@ impl Aabb {
         })
     }
 
-    /// The middle.
+    /// The centre.
     pub fn centre(&self) -> Vec3 {
         (self.min + self.max) * 0.5
     }
 }
 
-/// The directions that a camera takes in: a pyramid that has a pose but no place, so that it can be
-/// put anywhere in a box of eyes.
+/// The directions that a camera sees: a pyramid without an apex position, so that it applies to
+/// every eye in a box.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frustum {
-    /// Of unit length, out of the pyramid's sides.
+    /// The outward unit normals of the pyramid's sides.
     outwards: [DVec3; 4],
     count: usize,
 }
 
 impl Frustum {
-    /// What a camera takes in that looks as a [`Pose`](crate::motion::Pose) with this yaw and pitch
-    /// does, and whose picture spans these angles across and upright: all in radians. An angle of π
-    /// or more, or one that is no number, bounds nothing.
+    /// The frustum of a camera with the yaw and pitch of a [`Pose`](crate::motion::Pose). Its
+    /// picture spans the angle `across` horizontally and `upright` vertically, in radians. An angle
+    /// of π or more, or NaN, bounds nothing.
     pub fn new(yaw: f32, pitch: f32, across: f32, upright: f32) -> Self {
         let (sin_yaw, cos_yaw) = f64::from(yaw).sin_cos();
         let (sin_pitch, cos_pitch) = f64::from(pitch).sin_cos();
@@ -121,16 +121,17 @@ impl Frustum {
                 }
             }
         }
+        debug_assert!(frustum.outwards().iter().all(|normal| normal.is_normalized()));
         frustum
     }
 
-    /// Of unit length, out of its sides: four at most. A direction is inside when its product with
-    /// none of them is positive.
+    /// The outward unit normals of the pyramid's sides, at most four. A direction is inside when
+    /// its dot product with none of them is positive.
     pub fn outwards(&self) -> &[DVec3] {
         &self.outwards[..self.count]
     }
 
-    /// Whether a direction, of any length, is inside or on the boundary.
+    /// Whether a direction of any length is inside or on the boundary.
     pub fn contains(&self, direction: Vec3) -> bool {
         self.outwards().iter().all(|outwards| outwards.dot(direction.as_dvec3()) <= 0.0)
     }
@@ -142,7 +143,7 @@ mod tests {
     use crate::motion::Pose;
 
     #[test]
-    fn a_frustum_holds_what_is_ahead_within_its_angles() {
+    fn a_frustum_contains_directions_within_its_angles() {
         for i in 0..100 {
             let (yaw, pitch) = (i as f32 * 0.7, (i as f32 * 0.37).sin() * 1.4);
             let forward = Pose { yaw, pitch, ..Pose::default() }.forward();

@@ -1,3 +1,5 @@
+//! What bodies can do of their own power.
+
 use std::time::Duration;
 
 use glam::{Vec2, Vec3};
@@ -5,42 +7,42 @@ use glam::{Vec2, Vec3};
 use super::Body;
 use crate::geometry::Aabb;
 
-/// In metres a second squared.
+/// The acceleration of a falling body, in metres per second squared.
 const GRAVITY: f32 = 20.0;
-/// In metres a second, where bodies fall as the game lets them.
+/// The terminal speed of falling bodies in Quake maps, in metres per second.
 const FALL_MAX: f32 = 45.0;
 
-/// What a body can do of its own power: how far it can be from where it was, some time later.
+/// What a body can do of its own power. It bounds how far the body moves in a given time.
 ///
-/// An eye that moves at `v` is, `t` later, in a region that depends on `v`. Whatever a body runs
-/// into takes away the part of `v` that is towards it, so that without any effort it is somewhere
-/// in the ball that has the way `v t` as its diameter (Thales). It may turn aside at once by
-/// [`dash`](Self::dash), and then gains speed by [`acceleration_max`](Self::acceleration_max).
-/// Stairs lift and lower it, and it falls. In no case does it get further than its speed limit, or
-/// the speed that it has, takes it.
+/// An eye that moves at `v` is in a region that depends on `v` after a time `t`. An obstacle takes
+/// away the component of `v` towards it. So a body without effort stays in the ball whose diameter
+/// is the path `v t` (Thales). A body can change its velocity by [`dash`](Self::dash) at once, and
+/// accelerates by [`acceleration_max`](Self::acceleration_max) afterwards. Stairs lift and lower
+/// it, and it falls. The speed limit bounds the whole motion, or the body's own speed if that is
+/// higher.
 ///
-/// What goes beyond is an *impulse*: a rocket's push, a jump pad. It is for the host to announce.
+/// A faster motion is an *impulse*, such as a rocket's push or a jump pad. The host announces it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agility {
-    /// No body gets faster by its own power, in metres a second.
+    /// The greatest speed that a body reaches by its own power, in metres per second.
     pub speed_max: f32,
-    /// How much its velocity along the ground may change within no time, in metres a second.
+    /// The greatest instant change of the velocity along the ground, in metres per second.
     pub dash: f32,
-    /// How fast its velocity along the ground changes beyond that, in metres a second squared.
+    /// The acceleration along the ground on top of the dash, in metres per second squared.
     pub acceleration_max: f32,
-    /// How far its eye may rise or sink within no time, in metres: a step of a stair, a crouch.
+    /// The greatest instant change of the eye's height, in metres: a step of a stair, or a crouch.
     pub step: f32,
-    /// How fast stairs and jumps lift it, in metres a second.
+    /// The speed at which stairs and jumps lift the eye, in metres per second.
     pub climb: f32,
-    /// No body falls faster, in metres a second.
+    /// The greatest speed of a falling body, in metres per second.
     pub fall_max: f32,
 }
 
 impl Agility {
-    /// What a kind of body can do.
+    /// The agility of a kind of body.
     ///
-    /// A Quake III player accelerates at ten times its running speed of 8.1 m/s for as long as a
-    /// frame of the game lasts, jumps off at 6.9 m/s, climbs steps of 0.46 m and crouches by 0.4 m.
+    /// A Quake III player runs at 8.1 m/s and accelerates at ten times that speed per second, for
+    /// one frame of the game. It jumps at 6.9 m/s, climbs steps of 0.46 m and crouches by 0.4 m.
     pub fn of(body: &Body, speed_max: f32) -> Self {
         if *body == Body::QUAKE {
             Self {
@@ -63,9 +65,18 @@ impl Agility {
         }
     }
 
-    /// A box that holds the eye from now on until some time later, when it is at a place now and
-    /// moves at a velocity: in whatever axes these are given, provided that y is up.
+    /// Whether every limit is a number of at least zero. Otherwise regions would be too small.
+    fn is_valid(&self) -> bool {
+        let Self { speed_max, dash, acceleration_max, step, climb, fall_max } = *self;
+        [speed_max, dash, acceleration_max, step, climb, fall_max]
+            .into_iter()
+            .all(|limit| limit >= 0.0)
+    }
+
+    /// A box that contains the eye from now until `time` has passed. The eye is at `eye` now, and
+    /// moves at `velocity`. Any axes will do if y is up.
     pub fn eyes(&self, eye: Vec3, velocity: Vec3, time: Duration) -> Aabb {
+        debug_assert!(self.is_valid(), "{self:?} bounds no motion");
         let t = time.as_secs_f32();
         let along = Vec2::new(velocity.x, velocity.z) * (0.5 * t);
         let aside = along.length() + self.dash * t + 0.5 * self.acceleration_max * t * t;
@@ -78,8 +89,8 @@ impl Agility {
         able.intersection(&Aabb::around(eye, self.way(velocity, time)))
     }
 
-    /// How far an eye that moves at a velocity can get in some time, in metres. One that is faster
-    /// than the limit, by a fall or a push, may stay so.
+    /// The greatest distance that an eye moving at `velocity` covers in `time`, in metres. An eye
+    /// that is faster than the limit, because of a fall or a push, may keep its speed.
     pub fn way(&self, velocity: Vec3, time: Duration) -> f32 {
         let t = time.as_secs_f32();
         let falls = if self.fall_max > self.speed_max { 0.5 * GRAVITY * t * t } else { 0.0 };
@@ -103,10 +114,10 @@ mod tests {
     };
 
     #[test]
-    fn a_walker_gets_ahead_more_than_back() {
+    fn a_walker_moves_farther_ahead_than_back() {
         let time = Duration::from_millis(100);
         let eyes = PERSON.eyes(Vec3::ZERO, Vec3::X * 2.0, time);
-        // 0.2 m of way, 0.14 m aside at once, 0.03 m by acceleration; stairs.
+        // A path of 0.2 m, 0.14 m by the dash, 0.03 m by acceleration; then stairs.
         assert!((eyes.max.x - 0.37).abs() < 1e-5, "{eyes:?}");
         assert!((eyes.min.x + 0.17).abs() < 1e-5 && (eyes.max.z - 0.27).abs() < 1e-5, "{eyes:?}");
         assert!(
@@ -116,9 +127,9 @@ mod tests {
     }
 
     proptest! {
-        /// Whoever runs, turns, stops at walls and runs again as the limits allow is inside.
+        /// Bodies run, turn, stop at walls and run again, all within the limits.
         #[test]
-        fn nobody_gets_out(
+        fn no_eye_leaves_its_box(
             turns in proptest::collection::vec((-3.2..3.2f32, 0.0..1.0f32, 0.0..1.0f32), 40),
             heading in -3.2..3.2f32,
             speed in 0.0..4.0f32,

@@ -22,7 +22,8 @@ impl Body {
     /// A Quake III player: 0.76 m wide, 1.42 m high.
     pub const QUAKE: Self = Self { half_width: 0.38, above_eye: 0.15, below_eye: 1.27 };
 
-    /// The highest step that the body climbs without a jump, in metres. It is 18 units in Quake maps.
+    /// The highest step that the body climbs without a jump, in metres. It is 18 units in Quake
+    /// maps.
     pub fn step_height(&self) -> f32 {
         if *self == Self::QUAKE { 0.46 } else { 0.35 }
     }
@@ -39,6 +40,10 @@ impl Body {
 
     /// The box that the body cannot leave while its eye stays in a box.
     pub fn around_box(&self, eyes: &Aabb) -> Aabb {
+        debug_assert!(
+            self.half_width >= 0.0 && self.above_eye >= 0.0 && self.below_eye >= 0.0,
+            "{self:?} does not contain its eye"
+        );
         Aabb {
             min: eyes.min - Vec3::new(self.half_width, self.below_eye, self.half_width),
             max: eyes.max + Vec3::new(self.half_width, self.above_eye, self.half_width),

@@ -13,7 +13,8 @@ pub enum ReportingState {
     /// The client reports at every tick: some viewer may see its avatar, or it may see somebody.
     #[default]
     Live,
-    /// The client is silent: while its avatar is inside its TBV nobody can see it and it can see nobody.
+    /// The client is silent: while its avatar is inside its TBV nobody can see it and it can see
+    /// nobody.
     Quiet,
     /// The client owes one report: its TBV expired or was revealed.
     Asked,

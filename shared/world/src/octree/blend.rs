@@ -1,4 +1,4 @@
-//! Materials of inner nodes: the mean of what is below, in light and not in sRGB.
+//! The materials of inner nodes: the mean of the leaves below, taken in linear light.
 
 use std::ops::Range;
 
@@ -7,12 +7,10 @@ use super::{
     palette::{Palette, unit},
 };
 
-/// Gives every inner node the materials of what is below it, and its flags. The same leaves and palette give the
-/// same result, bit for bit, on every machine.
+/// Gives every inner node its flags and the mean material of the leaves below it. The same leaves
+/// and palette give the same result on every machine, bit for bit.
 ///
-/// # Errors
-///
-/// When the palette has no room for a mean.
+/// `None` when the palette has no room for a mean.
 pub(super) fn average(
     inner: &mut [InnerNode],
     roots: &Range<usize>,
@@ -61,7 +59,7 @@ pub(super) fn average(
     Some(())
 }
 
-/// The children of one node, as they come.
+/// Sums over the children of one node.
 #[derive(Default)]
 struct Children {
     opaque: Blend,
@@ -83,12 +81,13 @@ impl Children {
         }
     }
 
-    /// Glass that shares a node with something opaque does not change its materials.
+    /// Sets the node's material and flags. Glass does not change the material of a node that has an
+    /// opaque leaf too. `None` when the palette has no room.
     fn finish(self, node: &mut InnerNode, palette: &mut Palette) -> Option<Blend> {
         let is_glass = self.opaque.weight == 0;
         let blend = if is_glass { Blend { is_glass, ..self.glass } } else { self.opaque };
         node.material = match self.material {
-            // Rounding must not move what is all alike.
+            // Rounding must not change the common material of all children.
             Some(material) if !self.differ => material,
             _ => palette.index(&blend.material())?,
         };
@@ -103,7 +102,7 @@ impl Children {
 struct Blend {
     is_glass: bool,
     weight: u32,
-    /// Sums of squares: close enough to sums of light, and exact.
+    /// The weighted sums of squared sRGB values: close to sums of light, and exact.
     light: [u64; 3],
     normal: [i64; 3],
 }

@@ -1,4 +1,4 @@
-//! From voxels to the tree: blocks first, which threads can make apart, then all together.
+//! Builds a tree from voxels: first blocks, which threads can build independently, then the whole.
 
 use std::ops::Range;
 
@@ -12,33 +12,33 @@ use super::{
     palette::Palette,
 };
 
-/// A leaf on its way into an octree.
+/// A voxel to build an octree from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Voxel {
-    /// Where: see [`morton`].
+    /// The place: see [`morton`].
     pub key: u64,
-    /// As in [`Material::colour`].
+    /// The sRGB colour, as in [`Material::colour`].
     pub colour: [u8; 3],
-    /// As in [`Material::normal`].
+    /// The outward normal, as in [`Material::normal`].
     pub normal: [i8; 3],
-    /// As in [`Material::flags`].
+    /// The flags, as in [`Material::flags`].
     pub flags: u8,
 }
 
 impl Voxel {
-    /// How it materials.
+    /// The material.
     pub fn material(&self) -> Material {
         Material { colour: self.colour, normal: self.normal, flags: self.flags & Material::GLASS }
     }
 }
 
-/// The key of the voxel at these coordinates, of which the lowest 16 bits count: the octants on
-/// the way from the root, three bits each.
+/// The Morton key of the voxel at these coordinates: the octants on the way from the root, three
+/// bits each. Only the lowest 16 bits of each coordinate count.
 pub fn morton(voxel: UVec3) -> u64 {
     spread(voxel.x) | spread(voxel.y) << 1 | spread(voxel.z) << 2
 }
 
-/// Puts two zeros between the lowest 16 bits.
+/// Inserts two zeros between neighbouring bits of the lowest 16.
 fn spread(bits: u32) -> u64 {
     let b = u64::from(bits & 0xffff);
     let b = (b | b << 16) & 0xff00_00ff;
@@ -47,23 +47,23 @@ fn spread(bits: u32) -> u64 {
     (b | b << 2) & 0x2492_4924_9249
 }
 
-/// What is in a cube of 2^[`BLOCK_LEVELS`] voxels each way, or in the whole of a shallower tree:
-/// nine bytes a voxel, about.
+/// The voxels of a cube of 2^[`BLOCK_LEVELS`] voxels each way, or of a whole shallower tree. It
+/// takes about nine bytes for each voxel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelBlock {
     key: u64,
-    /// Child masks, breadth-first, the root's first.
+    /// The child masks, breadth-first, the root's first.
     masks: Vec<u8>,
     materials: Vec<Material>,
 }
 
 impl VoxelBlock {
-    /// Makes the block of these voxels, whose keys ascend and lie in the block's cube. None when
-    /// there are no voxels.
+    /// Builds a block from voxels of its cube, in ascending order of their keys. `None` without
+    /// voxels.
     ///
     /// # Errors
     ///
-    /// When keys do not ascend, or are not all of one block.
+    /// When the keys do not ascend, or are not all in one block.
     pub fn new(depth: u8, voxels: &[Voxel]) -> Result<Option<Self>, OctreeError> {
         let Some(first) = voxels.first() else { return Ok(None) };
         let below = levels(depth).1;
@@ -77,14 +77,14 @@ impl VoxelBlock {
         Ok(Some(Self { key, masks: masks_above(keys, below), materials }))
     }
 
-    /// How many voxels it has.
+    /// The number of voxels.
     pub fn voxels(&self) -> usize {
         self.materials.len()
     }
 }
 
-/// The child masks of so many levels above some nodes, which are given by ascending keys;
-/// breadth-first from the top.
+/// The child masks of so many levels above some nodes, breadth-first from the top. The nodes are
+/// given by ascending keys.
 fn masks_above(mut keys: Vec<u64>, levels: u8) -> Vec<u8> {
     let mut all = Vec::with_capacity(levels.into());
     for _ in 0..levels {
@@ -106,8 +106,8 @@ fn masks_above(mut keys: Vec<u64>, levels: u8) -> Vec<u8> {
 }
 
 impl Octree {
-    /// Makes a tree of voxels of edge `voxel` (in metres) whose keys count from `origin`, all at
-    /// `depth`. Of voxels with one key the first is kept.
+    /// Builds a tree from voxels at one depth. `voxel` is their edge in metres; their keys count
+    /// from `origin`. Of several voxels with one key the first is kept.
     ///
     /// # Errors
     ///
@@ -133,7 +133,8 @@ impl Octree {
         Self::from_blocks(origin, voxel, depth, blocks)
     }
 
-    /// The same of blocks, which come in the order of their voxels' keys.
+    /// Builds a tree from blocks, in ascending order of their voxels' keys. `voxel` is the edge of
+    /// a voxel in metres.
     ///
     /// # Errors
     ///
@@ -173,7 +174,7 @@ impl Octree {
         if painted { Ok(octree) } else { Err(OctreeError::Nonsense("palette")) }
     }
 
-    /// Fills in all materials, if they fit into a palette.
+    /// Fills in all materials. `None` when the palette has no room for them.
     fn paint(
         &mut self,
         mut palette: Palette,
@@ -192,11 +193,12 @@ impl Octree {
             .chain(&mut self.leaves)
             .for_each(|material| *material = places[usize::from(*material)]);
         (self.keys, self.materials) = (palette.keys, palette.materials);
+        debug_assert_eq!(self.materials.len(), self.keys.len(), "a key for each material");
         Some(())
     }
 }
 
-/// All child masks in the order of nodes in memory; the blocks' are taken out.
+/// All child masks in the order of nodes in memory. Those of the blocks are moved out of these.
 fn masks_of(blocks: &mut [VoxelBlock], above: u8) -> Vec<u8> {
     let mut masks = masks_above(blocks.iter().map(|block| block.key).collect(), above);
     masks.extend(blocks.iter().filter_map(|block| block.masks.first()));
@@ -223,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn inner_nodes_average_what_is_opaque() {
+    fn inner_nodes_average_their_opaque_leaves() {
         let voxel = |x, colour, flags| Voxel {
             key: morton(UVec3::new(x, 0, 0)),
             colour,
@@ -231,7 +233,7 @@ mod tests {
             flags,
         };
         for levels in [2, 3, 6, 7, 9] {
-            // Two groups, next to each other or in blocks of their own.
+            // Two groups of voxels, in one block or in two.
             let far = 1 << levels;
             let voxels = vec![
                 voxel(0, [100, 0, 0], 0),
@@ -254,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn any_number_of_looks_fits() {
+    fn any_number_of_materials_fits() {
         let voxels = (0..300_000u32).map(|i| {
             let [x, r, g, b] = i.wrapping_mul(2_654_435_761).to_be_bytes();
             let normal = [x as i8, r as i8, i as i8];
@@ -264,12 +266,12 @@ mod tests {
         assert!((1_000..=MATERIALS_MAX).contains(&octree.materials.len()));
         let glass = octree.first_glass();
         assert!(octree.materials[..glass].iter().all(|material| !material.is_glass()));
-        // Whoever reads it finds the same entries for inner nodes.
+        // The reader finds the same entries for inner nodes.
         assert!(Octree::from_bytes(&octree.to_bytes()) == Ok(octree));
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn voxels_and_blocks_outside_of_the_tree_are_refused() {
         let voxels = vec![Voxel { key: 8, ..Voxel::default() }];
         let check = |depth, voxels| Octree::from_voxels(Vec3::ZERO, 1.0, depth, voxels);
         assert_eq!(check(1, voxels), Err(OctreeError::Outside));

@@ -1,4 +1,4 @@
-//! Which materials a palette should have: what many voxels have at fine grains, the rest at coarser ones.
+//! Chooses the materials of a palette: frequent ones at fine grains, rare ones at coarser grains.
 
 use rustc_hash::FxHashMap;
 
@@ -8,23 +8,24 @@ use super::{
 };
 use crate::packing;
 
-/// Colours are exact when there are no more materials.
+/// Up to so many materials are kept exactly.
 const FEW: usize = 4_096;
 
-/// So many materials are chosen at finer grains than the rest.
+/// The greatest number of materials at finer grains than the rest.
 const CHOSEN: usize = 30_000;
 
-/// The finest grain is one with which colours take no more bytes for each voxel, packed on trial (a whole
-/// building packs better): between neighbours finer steps are mere noise.
+/// The finest grain is the finest whose colours take at most so many packed bytes per voxel in a
+/// trial. Finer steps between neighbours are mere noise. A whole building packs better than the
+/// trial.
 const WIRE_BYTES: f64 = 0.9;
 
-/// So many voxels are packed on trial.
+/// The number of voxels in the trial.
 const TRIAL: usize = 1 << 20;
 
-/// No more kinds of materials are weighed against each other: 224 MiB of them.
+/// The greatest number of distinct materials to choose from: they take 224 MiB.
 const KINDS_MAX: usize = 4 << 20;
 
-/// How many voxels have which material.
+/// The number of voxels of each material.
 #[derive(Default)]
 pub(super) struct Census {
     counts: FxHashMap<Key, u32>,
@@ -33,7 +34,8 @@ pub(super) struct Census {
 }
 
 impl Census {
-    /// Counts some neighbours. A part of them is kept; `total` is how many will come.
+    /// Counts the materials of neighbouring voxels. A share of them is kept for the trial. `total`
+    /// is the number of all voxels.
     pub(super) fn count(&mut self, materials: &[Material], total: usize) {
         for material in materials {
             let key = match self.last {
@@ -44,14 +46,13 @@ impl Census {
             let count = self.counts.entry(key).or_insert(0);
             *count = count.saturating_add(1);
         }
-        // From every so many neighbours, so that these stay together.
+        // A share of every group, so that neighbours stay together.
         let kept =
             (materials.len() as u64 * TRIAL as u64).div_ceil(total.max(TRIAL) as u64) as usize;
         self.trial.extend(&materials[..kept.min(materials.len())]);
     }
 
-    /// Palettes, the best first, to which materials can be added while there is room. The last one has
-    /// room for anything.
+    /// Open palettes, the best first. The last one has room for any materials.
     pub(super) fn palettes(&self) -> impl Iterator<Item = Palette> {
         let few = self.counts.len() <= FEW;
         let finest = if few { 0 } else { self.finest() };
@@ -62,7 +63,7 @@ impl Census {
         })
     }
 
-    /// The finest grain that packs well enough.
+    /// The finest grain whose colours pack well enough.
     fn finest(&self) -> usize {
         let packs_well = |&grain: &usize| {
             let materials = self
@@ -91,7 +92,7 @@ impl Census {
     }
 }
 
-/// Voxels that material alike, and their keys at all grains but the first and the last.
+/// The voxels of one material, and their keys at all grains but the first and the last.
 struct Kind {
     voxels: u32,
     keys: [Key; GRAINS.len() - 2],
@@ -104,11 +105,11 @@ impl Kind {
     }
 }
 
-/// Keys at grains from `finest` to before `coarsest`, for the looks for which that makes the greatest
-/// difference.
+/// Up to [`CHOSEN`] keys at grains from `finest` to before `coarsest`, for the materials that gain
+/// the most from a finer grain.
 fn best(kinds: &[Kind], finest: usize, coarsest: usize) -> Vec<Key> {
     let total: u64 = kinds.iter().map(|kind| u64::from(kind.voxels)).sum();
-    // So that the first choice is surely not too many.
+    // A threshold that surely chooses few enough keys.
     let mut threshold = total * u64::from(GRAINS[GRAINS.len() - 1].luma) / CHOSEN as u64 + 1;
     let mut best = choice(kinds, finest, coarsest, threshold);
     while threshold > 1 {
@@ -122,8 +123,8 @@ fn best(kinds: &[Kind], finest: usize, coarsest: usize) -> Vec<Key> {
     best
 }
 
-/// From the finest grain on, the keys that are worth so much to those for whom there is none yet:
-/// the error that the next coarser grain would add, once for each voxel.
+/// The keys whose worth reaches a threshold, from the finest grain on. The worth is the error that
+/// the next coarser grain would add, summed over the voxels without a chosen key.
 fn choice(kinds: &[Kind], finest: usize, coarsest: usize, threshold: u64) -> Vec<Key> {
     let mut chosen = Vec::new();
     let mut left: Vec<&Kind> = kinds.iter().collect();
@@ -160,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_many_have_is_close_and_what_is_rare_is_coarser() {
+    fn frequent_materials_are_closer_than_rare_ones() {
         let mut census = Census::default();
         for i in 0..200_000 {
             census.count(&vec![shade(i); if i < 10_000 { 60 } else { 1 }], 790_000);
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn few_looks_are_exact() {
+    fn few_materials_are_exact() {
         let mut census = Census::default();
         (0..1_000).for_each(|i| census.count(&[shade(i)], 1_000));
         let mut palette = census.palettes().next().expect("there is one");

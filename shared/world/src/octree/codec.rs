@@ -6,14 +6,19 @@
 //! seven times: length u32 · a zstd frame
 //! ```
 //!
-//! The frames are the palette, whose keys ascend, as six planes of the differences' bytes; the child masks, a
-//! byte for each inner node; and five planes of a byte for each leaf: what is added to the luma of the leaf
-//! before it, the two chromas, and the material (which normal, and whether it is glass) in two. Shape is apart
-//! from materials, and like bytes lie together. All is in the order in memory.
+//! The frames are:
 //!
-//! Indices of nodes are not stored, so that no bytes can make a cycle. Inner nodes get their materials back
-//! from the leaves. Whoever reads takes 12 bytes for an inner node and 2 for a leaf at most: with
-//! [`INNER_MAX`] and [`LEAVES_MAX`] no bytes, however hostile, make it take more than 1.1 GiB.
+//! * the palette: the differences of its ascending keys, as six planes of bytes;
+//! * the child masks, a byte for each inner node;
+//! * five planes of a byte for each leaf: the luma less that of the leaf before, the two chromas,
+//!   and the finish (normal and glass) in two planes.
+//!
+//! Structure and materials are apart, and bytes of one kind are together, which packs best. Nodes
+//! are in the order of memory.
+//!
+//! Indices of nodes are not stored, so no bytes can make a cycle. The reader computes the materials
+//! of inner nodes from the leaves. It takes at most 12 bytes for an inner node and 2 for a leaf.
+//! With [`INNER_MAX`] and [`LEAVES_MAX`] that is at most 1.1 GiB, however hostile the bytes.
 
 use std::io::Read;
 
@@ -29,45 +34,48 @@ use super::{
 };
 use crate::packing::{self, Unpacker};
 
-/// Why there is no octree.
+/// Why an octree cannot be built or read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum OctreeError {
-    /// No level, or more than [`DEPTH_MAX`].
+    /// The depth is zero or greater than [`DEPTH_MAX`].
     #[error("an octree has 1 to {DEPTH_MAX} levels")]
     Depth,
-    /// More nodes than [`INNER_MAX`] or [`LEAVES_MAX`].
+    /// There are more nodes than [`INNER_MAX`] or [`LEAVES_MAX`], or more materials than
+    /// [`MATERIALS_MAX`].
     #[error("an octree has more than {INNER_MAX} inner nodes or {LEAVES_MAX} leaves")]
     TooLarge,
-    /// A voxel's key does not belong to the tree.
+    /// A voxel or a block lies outside of the tree, or is out of order.
     #[error("a voxel lies outside its octree")]
     Outside,
-    /// The bytes stop early, or go on after the end.
+    /// There are too few bytes or too many.
     #[error("an octree has too few or too many bytes")]
     Length,
-    /// A number has no meaning.
-    #[error("an octree's {0} makes no sense")]
+    /// A number is out of its range.
+    #[error("an octree's {0} is invalid")]
     Nonsense(&'static str),
 }
 
-/// No coordinate or edge is greater, in metres.
+/// The greatest coordinate and the greatest edge, in metres.
 const EXTENT_MAX: f32 = 1.0e6;
 
-/// Bytes of a key.
+/// The number of bytes of a key.
 const KEY_BYTES: usize = 6;
 
-/// Bytes for each leaf.
+/// The number of planes, and so of bytes for each leaf.
 const PLANES: usize = 5;
 
-/// So many leaves are unpacked at a time.
+/// The number of leaves that are unpacked at a time.
 const CHUNK: usize = 1 << 15;
 
-/// Higher ones take longer than they are worth.
+/// Higher levels take much longer and gain little.
 const ZSTD_LEVEL: i32 = 7;
 
 impl Octree {
-    /// Writes the tree.
+    /// The bytes of the tree.
     pub fn to_bytes(&self) -> Vec<u8> {
+        debug_assert!(self.inner.len() <= INNER_MAX && self.leaves.len() <= LEAVES_MAX);
+        debug_assert_eq!(self.materials.len(), self.keys.len(), "a key for each material");
         let mut bytes = Vec::new();
         for number in self.origin.to_array().into_iter().chain([self.edge]) {
             bytes.extend(number.to_le_bytes());
@@ -88,7 +96,7 @@ impl Octree {
         bytes
     }
 
-    /// Reads what [`Octree::to_bytes`] wrote: any bytes give a sound tree or an error.
+    /// Reads the bytes that [`Octree::to_bytes`] wrote. Any bytes give a valid tree or an error.
     ///
     /// # Errors
     ///
@@ -128,7 +136,7 @@ fn put_frame(bytes: &mut Vec<u8>, content: &[u8]) {
     bytes.extend(packed);
 }
 
-/// A frame that is being unpacked.
+/// A plane of bytes in a frame that is being unpacked.
 struct PackedPlane<'a>(Unpacker<'a>);
 
 impl<'a> PackedPlane<'a> {
@@ -150,7 +158,7 @@ impl<'a> PackedPlane<'a> {
         }
     }
 
-    /// All of it, which must be so many bytes. Memory is taken as they come.
+    /// All bytes, which must be so many. Memory is taken as they are unpacked.
     fn all(mut self, length: usize) -> Result<Vec<u8>, OctreeError> {
         let mut values = Vec::new();
         let mut limited = self.0.by_ref().take(length as u64);
@@ -187,10 +195,10 @@ fn read_palette(plane: &mut PackedPlane<'_>, materials: usize) -> Result<Vec<Key
     if is_sound { Ok(keys) } else { Err(OctreeError::Nonsense("palette")) }
 }
 
-/// A material but for its colour: the normal and the flags.
+/// A material without its colour: the normal and the flags.
 type Finish = ([i8; 3], u8);
 
-/// The finishes of all materials, each once.
+/// The distinct finishes of all materials, in ascending order.
 fn finishes(materials: &[Material]) -> Vec<Finish> {
     let mut finishes: Vec<_> = materials.iter().map(|m| (m.normal, m.flags)).collect();
     finishes.sort_unstable();
@@ -198,7 +206,8 @@ fn finishes(materials: &[Material]) -> Vec<Finish> {
     finishes
 }
 
-/// Luma, the low bytes of both chromas, the low byte of the finish, and what is left of these.
+/// The bytes of a material in the planes: luma, the low bytes of both chromas and of the finish,
+/// and the high bits of these three.
 fn to_plane_bytes(material: &Material, finishes: &[Finish]) -> [u8; PLANES] {
     let [luma, orange, green] = to_ycocg(material.colour);
     let finish = finishes.partition_point(|&known| known < (material.normal, material.flags));
@@ -250,7 +259,7 @@ fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<
     Ok(leaves)
 }
 
-/// Where the tree is, and how deep and fine; still empty.
+/// Reads the origin, edge and depth of a tree, and gives it without nodes.
 fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
     let mut float = || take(rest).map(f32::from_le_bytes);
     let origin = Vec3::new(float()?, float()?, float()?);
@@ -292,14 +301,14 @@ mod tests {
                 flags,
             },
         );
-        // Shallow trees are one block or less.
+        // Shallow trees are at most one block.
         (1u8..=9, prop::collection::vec(voxel, 0..100)).prop_map(|(depth, mut voxels)| {
             voxels.iter_mut().for_each(|voxel| voxel.key &= (1 << (3 * depth)) - 1);
             Octree::from_voxels(Vec3::new(1.0, -2.0, 3.0), 0.125, depth, voxels).expect("small")
         })
     }
 
-    /// No index is out of range, and every node but the root is the child of exactly one.
+    /// Whether no index is out of range, and every node but the root has exactly one parent.
     fn is_sound(octree: &Octree) -> bool {
         let (mut inner, mut leaves) = (0, 0);
         let mut stack: Vec<_> = octree.root().into_iter().collect();
@@ -313,7 +322,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_is_read(octree in octree()) {
+        fn a_written_tree_reads_back_equal(octree in octree()) {
             prop_assert!(is_sound(&octree));
             prop_assert_eq!(Octree::from_bytes(&octree.to_bytes()), Ok(octree));
         }
@@ -336,7 +345,7 @@ mod tests {
         }
 
         #[test]
-        fn noise_is_survived(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        fn the_reader_survives_noise(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
             if let Ok(octree) = Octree::from_bytes(&bytes) {
                 prop_assert!(is_sound(&octree));
             }

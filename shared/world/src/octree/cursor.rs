@@ -1,12 +1,12 @@
-//! A place in the tree, for walks that need not be the fastest.
+//! A position in the tree, for walks outside of inner loops.
 
 use super::{InnerNode, Material, Octree};
 
-/// A node: its children, and how it materials.
+/// A node of an octree, inner node or leaf: its level, children and material.
 #[derive(Clone, Copy, Debug)]
 pub struct Cursor<'a> {
     octree: &'a Octree,
-    /// In `leaves` when `level` is the tree's depth, else in `inner`.
+    /// An index into `leaves` when `level` is the tree's depth, otherwise into `inner`.
     index: u32,
     level: u8,
 }
@@ -16,17 +16,17 @@ impl<'a> Cursor<'a> {
         (!octree.inner.is_empty()).then_some(Self { octree, index: 0, level: 0 })
     }
 
-    /// How far it is from the root.
+    /// The number of levels below the root.
     pub fn level(self) -> u8 {
         self.level
     }
 
-    /// Whether it is a voxel, with nothing below.
+    /// Whether the node is a leaf, that is a voxel.
     pub fn is_leaf(self) -> bool {
         self.level == self.octree.depth
     }
 
-    /// The inner node, unless it is a leaf.
+    /// The inner node; `None` for a leaf.
     pub fn inner(self) -> Option<&'a InnerNode> {
         (!self.is_leaf()).then(|| &self.octree.inner[self.index as usize])
     }
@@ -42,7 +42,7 @@ impl<'a> Cursor<'a> {
         (0..8).filter_map(move |octant| Some((octant, self.child(octant)?)))
     }
 
-    /// The index of its materials in [`Octree::materials`].
+    /// The index of the material in [`Octree::materials`].
     pub fn material_index(self) -> u16 {
         match self.inner() {
             Some(inner) => inner.material,
@@ -50,12 +50,12 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// How it materials; an inner node as the mean of what is below.
+    /// The material; an inner node's is the mean of the leaves below.
     pub fn material(self) -> &'a Material {
         &self.octree.materials[usize::from(self.material_index())]
     }
 
-    /// Whether everything in it can be seen through.
+    /// Whether the node can be seen through: all leaves below are glass.
     pub fn is_glass(self) -> bool {
         self.material().is_glass()
     }

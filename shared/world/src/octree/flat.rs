@@ -1,23 +1,25 @@
-//! Flat nodes: those whose leaves are one whole layer of voxels.
+//! Flat nodes: nodes whose leaves form one complete layer of voxels.
 //!
-//! Walls and floors are made of them. Whoever draws needs no tree there: which voxel lies where is
-//! arithmetic, since the leaves below a node follow one another in memory.
+//! Walls and floors consist of these. A renderer needs no tree there: the leaves below a node are
+//! contiguous, so the index of each voxel follows from its position.
 
 use super::InnerNode;
 
-/// Layers are told up to this many levels above the leaves: the bits of a flag suffice for more
-/// no longer.
+/// The greatest height above the leaves at which flat nodes are marked. The flags have no bits for
+/// the place of a layer in larger nodes.
 pub(super) const LEVELS_MAX: u32 = 4;
 
-/// From which bit on, in [`InnerNode::flags`], two tell the axis, from 1 on, and four the place.
+/// The first of two bits in [`InnerNode::flags`] with the axis plus one, and the first of four bits
+/// with the place.
 const AXIS_SHIFT: u32 = 2;
 const PLACE_SHIFT: u32 = 4;
 
-/// The children on the lower side of each axis.
+/// The child masks of the lower half along each axis.
 const LOWER: [u8; 3] = [0x55, 0x33, 0x0f];
 
-/// The layer that a node's leaves make up, if it is whole: see [`InnerNode::flat`]. `index` is that of
-/// the node, whose children have their flags; from `bottom` on the children of nodes are leaves.
+/// The bits for [`InnerNode::flat`] of the node at `index`; zero when its leaves are not one
+/// complete layer. The children have their flags already. From `bottom` on the children of nodes
+/// are leaves.
 pub(super) fn flags(inner: &[InnerNode], index: usize, bottom: usize) -> u8 {
     let node = inner[index];
     let layer = LOWER.iter().position(|&lower| node.mask == lower || node.mask == !lower);
@@ -47,8 +49,9 @@ pub(super) fn flags(inner: &[InnerNode], index: usize, bottom: usize) -> u8 {
 }
 
 impl InnerNode {
-    /// When the leaves below are just one whole layer of voxels, its axis, and how many voxels lie
-    /// before it. The leaves then follow one another in memory, in the order of [`morton`](super::morton).
+    /// The axis of the layer and the number of voxels before it along the axis, when the leaves
+    /// below are exactly one complete layer of voxels. The leaves are then contiguous in memory, in
+    /// the order of [`morton`](super::morton).
     #[inline(always)]
     pub fn flat(&self) -> Option<(usize, u8)> {
         let axis = self.flags >> AXIS_SHIFT & 3;
@@ -62,7 +65,7 @@ mod tests {
 
     use crate::octree::{Octree, Voxel, morton};
 
-    /// A layer without those voxels, and what the root says of it.
+    /// Checks what the root says of a layer that lacks its first `without` voxels.
     fn check(depth: u8, axis: usize, at: u32, without: u32, expected: Option<(usize, u8)>) {
         let side = 1 << depth;
         let voxels = (without..side * side).map(|i| {
@@ -78,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_layers_are_flat() {
+    fn complete_layers_are_flat() {
         for axis in 0..3 {
             for depth in 1..5 {
                 for at in 0..1 << depth {
@@ -91,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_not() {
+    fn stairs_are_not_flat() {
         let voxels = (0..16).map(|i| {
             let at = UVec3::new(i % 4, i / 4, i / 8);
             Voxel { key: morton(at), ..Voxel::default() }

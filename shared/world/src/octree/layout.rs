@@ -1,30 +1,30 @@
-//! From child masks to linked nodes: the order of nodes in memory, which is theirs in the file too.
+//! The order of nodes in memory and in the file: from child masks to linked nodes.
 
 use std::ops::Range;
 
 use super::{BLOCK_LEVELS, InnerNode, OctreeError};
 
-/// Inner nodes whose children are found, still without materials.
+/// Inner nodes linked to their children, without materials.
 pub(super) struct TreeLayout {
     pub(super) inner: Vec<InnerNode>,
-    /// The blocks' roots.
+    /// The roots of the blocks.
     pub(super) roots: Range<usize>,
-    /// How many leaves the masks lead to.
+    /// The number of leaves.
     pub(super) leaves: usize,
 }
 
-/// Levels of inner nodes above a block's root, and from it on.
+/// The number of levels of inner nodes above the roots of the blocks, and from the roots down.
 pub(super) fn levels(depth: u8) -> (u8, u8) {
     let below = depth.min(BLOCK_LEVELS);
     (depth - below, below)
 }
 
 impl TreeLayout {
-    /// Links nodes with these masks in a tree of some depth.
+    /// Links nodes with these child masks in a tree of a given depth.
     ///
     /// # Errors
     ///
-    /// When a mask is zero, or they are too few or too many.
+    /// When a mask is zero, or there are too few or too many masks.
     pub(super) fn link(masks: &[u8], depth: u8) -> Result<Self, OctreeError> {
         if masks.contains(&0) {
             return Err(OctreeError::Nonsense("mask"));
@@ -55,8 +55,7 @@ impl TreeLayout {
     }
 }
 
-/// The inner nodes of a block below its root, and where those just above the leaves begin among
-/// them; the root itself when there are no others.
+/// The inner nodes of the block with a given root.
 pub(super) fn block(
     inner: &[InnerNode],
     roots: &Range<usize>,
@@ -77,9 +76,10 @@ pub(super) fn block(
     BlockRange { nodes, bottom }
 }
 
-/// See [`block`].
+/// The inner nodes of a block below its root.
 pub(super) struct BlockRange {
     pub(super) nodes: Range<usize>,
+    /// The first node just above the leaves: the root itself when there are no nodes below it.
     pub(super) bottom: usize,
 }
 
@@ -90,7 +90,7 @@ struct Linking {
 }
 
 impl Linking {
-    /// Gives the nodes of a level their children, which come next.
+    /// Links the nodes of a level to their children, which are the next nodes.
     fn children(&mut self, level: Range<usize>) -> Result<Range<usize>, OctreeError> {
         let start = self.next;
         for node in self.inner.get_mut(level).ok_or(OctreeError::Length)? {

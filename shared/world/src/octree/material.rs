@@ -1,21 +1,22 @@
-//! How a voxel materials.
+//! The material of a voxel.
 
-/// What is drawn where a voxel is, or a node that is too small to halve.
+/// The appearance of a voxel, or the mean appearance of the voxels below a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct Material {
-    /// sRGB colour; the light that comes with the building is in it.
+    /// The sRGB colour, baked light included.
     pub colour: [u8; 3],
-    /// The surface normal, outwards, as signed hundred-and-twenty-sevenths; zero when it has none.
+    /// The outward surface normal in units of 1/127; zero when there is none.
     pub normal: [i8; 3],
-    /// Material bits: see [`Material::GLASS`].
+    /// The flags of the material: see [`Material::GLASS`].
     pub flags: u8,
 }
 
 impl Material {
-    /// Blocks bodies, not sight; drawn as a tint. An inner node has it when all its leaves do.
+    /// Set for glass, which blocks bodies but not sight and is drawn as a tint. An inner node is
+    /// glass when all leaves below are.
     pub const GLASS: u8 = 1;
 
-    /// Whether it can be seen through.
+    /// Whether the material can be seen through.
     pub fn is_glass(&self) -> bool {
         self.flags & Self::GLASS != 0
     }

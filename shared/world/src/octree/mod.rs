@@ -1,22 +1,22 @@
-//! The one octree: static voxels, their colours and normals. Objects that come, move and go have
-//! one of their own, over a cube as well: [`occupants`].
+//! The octree of static voxels. Moving objects have an octree of their own: [`occupants`].
 //!
-//! All leaves are at the greatest depth. An inner node takes eight bytes ([`InnerNode`]); a leaf is
-//! two, an index into the palette of materials ([`Material`]), and inner nodes have the averaged materials of
-//! what is below them, from the same palette. So what lies behind a node or a voxel is one look-up
-//! away, and whoever draws shades the palette once in place of every pixel.
+//! All leaves are at the greatest depth. An inner node ([`InnerNode`]) takes eight bytes. A leaf
+//! takes two: an index into the palette of materials ([`Material`]). An inner node has the mean
+//! material of the leaves below it, from the same palette. So the material of any node is one
+//! look-up away, and a renderer shades the palette once instead of every pixel.
 //!
 //! Octant bit 0 is +x, bit 1 is +y, bit 2 is +z. The children of a node are contiguous and in
-//! ascending octant order. Nodes lie in memory as follows, so that a walk through a part of the
-//! building stays within a few kilobytes:
+//! ascending octant order. The order of nodes in memory keeps a walk through a part of the building
+//! within a few kilobytes:
 //!
-//! * breadth-first, all nodes whose height over the leaves is [`BLOCK_LEVELS`] or more: the last of
-//!   these levels are the blocks' roots;
-//! * block by block, in the roots' order, the inner nodes below the root, breadth-first;
-//! * all leaves in their depth-first order, which is that of [`morton`].
+//! * First come all nodes at least [`BLOCK_LEVELS`] above the leaves, breadth-first. The lowest of
+//!   these are the roots of the blocks.
+//! * Then come the inner nodes below each root, block by block in the order of the roots, and
+//!   breadth-first within a block.
+//! * The leaves are apart, in depth-first order, which is the order of [`morton`].
 //!
-//! [`Cursor`] walks without knowing any of this. [`Octree::from_voxels`] and [`Octree::from_blocks`]
-//! make the tree, [`Octree::to_bytes`] and [`Octree::from_bytes`] keep it.
+//! A [`Cursor`] walks the tree without knowledge of this order. [`Octree::from_voxels`] and
+//! [`Octree::from_blocks`] build a tree. [`Octree::to_bytes`] and [`Octree::from_bytes`] store it.
 
 mod blend;
 mod build;
@@ -38,65 +38,67 @@ pub use material::Material;
 
 use crate::geometry::Aabb;
 
-/// No octree has more inner nodes: 512 MiB of them.
+/// The greatest number of inner nodes: they take 512 MiB.
 pub const INNER_MAX: usize = 1 << 26;
 
-/// No octree has more leaves: 256 MiB of them.
+/// The greatest number of leaves: they take 256 MiB.
 pub const LEAVES_MAX: usize = 1 << 27;
 
-/// No octree has more materials: what an index of 16 bits can tell apart.
+/// The greatest number of materials: as many as an index of 16 bits can tell apart.
 pub const MATERIALS_MAX: usize = 1 << 16;
 
-/// No octree is deeper.
+/// The greatest depth.
 pub const DEPTH_MAX: u8 = 16;
 
-/// A block is 2^6 voxels wide, or the whole tree when that is not so deep.
+/// The number of levels of a block, which is 2^6 voxels wide. A shallower tree is one block.
 pub const BLOCK_LEVELS: u8 = 6;
 
-/// A node with something below.
+/// A node above the leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct InnerNode {
-    /// Index of the first child: in [`Octree::leaves`] for a node just above the leaves, else in
-    /// [`Octree::inner`].
+    /// The index of the first child: in [`Octree::leaves`] for a node just above the leaves,
+    /// otherwise in [`Octree::inner`].
     pub first: u32,
-    /// Its averaged materials, in [`Octree::materials`].
+    /// The mean material of the leaves below: an index into [`Octree::materials`].
     pub material: u16,
     /// Bit `i` is set when the child in octant `i` is not empty. Never zero.
     pub mask: u8,
-    /// [`InnerNode::GLASS`], [`InnerNode::SOME_GLASS`] and what [`InnerNode::flat`] tells.
+    /// [`InnerNode::GLASS`], [`InnerNode::SOME_GLASS`], and the bits that [`InnerNode::flat`]
+    /// decodes.
     pub flags: u8,
 }
 
 impl InnerNode {
-    /// Everything below is glass.
+    /// Set when all leaves below are glass.
     pub const GLASS: u8 = Material::GLASS;
-    /// Something below is glass.
+    /// Set when some leaf below is glass.
     pub const SOME_GLASS: u8 = 2;
 
     /// The index of the child in an octant, if there is one.
     pub fn child(&self, octant: u8) -> Option<u32> {
+        debug_assert!(octant < 8, "an octant has the number {octant}");
         let bit = 1u8 << octant;
         (self.mask & bit != 0).then(|| self.first + (self.mask & (bit - 1)).count_ones())
     }
 }
 
-/// A sparse voxel octree over a cube. Its parts fit together by how it was made; whoever changes
-/// one breaks it.
+/// A sparse voxel octree over a cube. The fields are public for renderers to read. They depend on
+/// one another, so do not change them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
     /// The cube's corner with the least coordinates, in metres.
     pub origin: Vec3,
     /// The cube's edge, in metres: `voxel` × 2^`depth`.
     pub edge: f32,
-    /// All leaves are so deep; the root is at depth 0. From 1 to 16.
+    /// The depth of all leaves, from 1 to 16. The root is at depth 0.
     pub depth: u8,
-    /// The root comes first. Empty when there is no voxel.
+    /// The inner nodes, the root first. Empty when there is no voxel.
     pub inner: Vec<InnerNode>,
-    /// Indices into the materials.
+    /// The leaves: indices into the materials.
     pub leaves: Vec<u16>,
-    /// The palette. Glass comes last.
+    /// The palette of materials, opaque ones first and glass last.
     pub materials: Vec<Material>,
-    /// The looks as the file has them.
+    /// The materials' keys, as in the file.
     keys: Vec<palette::Key>,
 }
 
@@ -113,12 +115,12 @@ impl Octree {
         self.edge / (1u32 << self.depth) as f32
     }
 
-    /// The cube.
+    /// The cube that the tree covers.
     pub fn bounds(&self) -> Aabb {
         Aabb::new(self.origin, self.origin + self.edge)
     }
 
-    /// What inner nodes, leaves and materials take in memory.
+    /// The memory that inner nodes, leaves and materials take, in bytes.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.inner.as_slice())
             + size_of_val(self.leaves.as_slice())
@@ -126,22 +128,22 @@ impl Octree {
             + size_of_val(self.keys.as_slice())
     }
 
-    /// The index of the first material that is glass: leaves are glass from there on.
+    /// The index of the first material that is glass. All later ones are glass too.
     pub fn first_glass(&self) -> usize {
         self.materials.partition_point(|material| !material.is_glass())
     }
 
-    /// The root, if there is any voxel.
+    /// The root; `None` in a tree without voxels.
     pub fn root(&self) -> Option<Cursor<'_>> {
         Cursor::root(self)
     }
 
-    /// Whether any voxel, glass included, shares volume with a box; touching does not count.
+    /// Whether any voxel, glass included, shares volume with a box. Touching does not count.
     pub fn solid_in(&self, region: &Aabb) -> bool {
         self.root().is_some_and(|root| solid_below(root, self.origin, self.edge, region))
     }
 
-    /// The materials of the leaf voxel that a point lies in, if there is one.
+    /// The material of the voxel that contains a point, if there is one.
     pub fn leaf_at(&self, point: Vec3) -> Option<&Material> {
         let mut min = self.origin;
         let mut edge = self.edge;
@@ -172,7 +174,7 @@ fn solid_below(node: Cursor<'_>, min: Vec3, edge: f32, region: &Aabb) -> bool {
         })
 }
 
-/// The least corner of an octant within a cube of edge 2.
+/// The corner with the least coordinates of an octant, in a cube of edge 2.
 fn octant_corner(octant: u8) -> Vec3 {
     Vec3::new((octant & 1) as f32, (octant >> 1 & 1) as f32, (octant >> 2 & 1) as f32)
 }
@@ -200,7 +202,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn points_lie_in_the_voxels_that_were_put_in(cells in cells()) {
+        fn points_lie_in_the_voxels_that_the_tree_was_built_from(cells in cells()) {
             let octree = octree_of(&cells, 4, 0.25);
             for i in 0..4096u32 {
                 let cell = UVec3::new(i & 15, i >> 4 & 15, i >> 8);
@@ -229,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_nowhere() {
+    fn a_tree_without_voxels_is_empty_everywhere() {
         let empty = octree_of(&BTreeSet::new(), 4, 0.25);
         assert!(!empty.solid_in(&Aabb::around(Vec3::ZERO, 100.0)));
         assert!(empty.leaf_at(ORIGIN + 0.1).is_none());

@@ -1,28 +1,29 @@
-//! The palette: which materials are told apart.
+//! The palette of materials.
 //!
-//! Materials are rounded in a space in which equal steps material about equally large: luma and two
-//! chromas, made of sRGB by whole numbers (YCoCg-R), and the normal as a point of a grid on an
-//! octahedron, on which the axes lie exactly. There are several grains, from exact colours to very
-//! coarse ones, and an entry of the palette has one of them: what many voxels have is kept exactly, what is rare
-//! is rounded more. The entry for a material is the one of the finest grain that there is, so that
-//! whoever reads a file finds the same entries for inner nodes as whoever wrote it.
+//! Materials are rounded in a space where equal steps look about equally large. Colours become luma
+//! and two chromas by integer arithmetic (YCoCg-R: Malvar and Sullivan 2003). Normals become points
+//! of a grid on an octahedron that contains the axes exactly. Each entry of the palette has one of
+//! several grains, from exact to very coarse: frequent materials have finer grains than rare ones.
+//! A material belongs to the entry with the finest grain that matches it, so the reader of a file
+//! finds the same entries for inner nodes as its writer.
 
 use rustc_hash::FxHashMap;
 
 use super::{MATERIALS_MAX, Material};
 
-/// How coarsely materials are rounded.
+/// The step to which materials are rounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Grain {
     /// The step in luma, of 255.
     pub(super) luma: u8,
     /// The step in each chroma, of ±255.
     pub(super) chroma: u8,
-    /// Steps from one axis of the octahedron to the next.
+    /// The number of steps from one axis of the octahedron to the next.
     pub(super) normal: u8,
 }
 
-/// From exact colours to grains with which everything fits: 9 × 9 × 9 colours, 18 normals, glass.
+/// All grains, from exact colours to a grain at which every material fits: 9 × 9 × 9 colours, 18
+/// normals, glass or not.
 pub(super) const GRAINS: [Grain; 7] = [
     Grain { luma: 1, chroma: 1, normal: 16 },
     Grain { luma: 1, chroma: 3, normal: 16 },
@@ -33,16 +34,16 @@ pub(super) const GRAINS: [Grain; 7] = [
     Grain { luma: 32, chroma: 64, normal: 2 },
 ];
 
-/// A material, rounded, with its grain.
+/// A rounded material and its grain, packed into 42 bits.
 pub(super) type Key = u64;
 
-/// The greatest key: 42 bits.
+/// The greatest key.
 pub(super) const KEY_MAX: Key = (1 << 42) - 1;
 
-/// Zero is added to chromas so that they have no sign.
+/// The offset that makes chromas positive.
 const CHROMA_ZERO: i32 = 256;
 
-/// The key of a material at a grain.
+/// The key of a material at a grain: an index into [`GRAINS`].
 pub(super) fn key_of(material: &Material, grain: usize) -> Key {
     let Grain { luma, chroma, normal } = GRAINS[grain];
     let colour = to_ycocg(material.colour);
@@ -59,7 +60,7 @@ pub(super) fn key_of(material: &Material, grain: usize) -> Key {
     .join()
 }
 
-/// What is drawn for a key. Any number is fine.
+/// The material of a key. Any number gives a material.
 pub(super) fn material_of(key: Key) -> Material {
     let fields = Fields::split(key);
     let grain = GRAINS[fields.grain.min(GRAINS.len() - 1)];
@@ -72,8 +73,8 @@ pub(super) fn material_of(key: Key) -> Material {
     }
 }
 
-/// A direction as a point of the grid, from 1 on; zeros when it has none. By whole numbers, so that
-/// all machines agree.
+/// The grid point of a direction, with coordinates from 1 on; zeros for a zero vector. The
+/// arithmetic is in integers, so that all machines agree.
 fn fold([x, y, z]: [i32; 3], steps: i32) -> [u32; 2] {
     let sum = x.abs() + y.abs() + z.abs();
     if sum == 0 {
@@ -87,7 +88,7 @@ fn fold([x, y, z]: [i32; 3], steps: i32) -> [u32; 2] {
             rounded_ratio((sum - x.abs()) * sign(y) * steps, sum),
         ];
     }
-    // Each direction on the rim has two points, and the corners are all one.
+    // Each direction on the rim has two grid points, and all four corners are one direction.
     if u.abs() == steps {
         v = v.abs();
     }
@@ -97,6 +98,7 @@ fn fold([x, y, z]: [i32; 3], steps: i32) -> [u32; 2] {
     [(u + steps + 1) as u32, (v + steps + 1) as u32]
 }
 
+/// The unit vector of a grid point, in units of 1/127; zero for zeros.
 fn unfold([u, v]: [u32; 2], steps: i32) -> [i8; 3] {
     if u == 0 || v == 0 {
         return [0; 3];
@@ -113,16 +115,16 @@ fn unfold([u, v]: [u32; 2], steps: i32) -> [i8; 3] {
     unit([x, y, z].map(f64::from))
 }
 
-/// A direction's unit vector, in hundred-and-twenty-sevenths.
+/// The unit vector along a direction, in units of 1/127; zero for a zero vector.
 pub(super) fn unit([x, y, z]: [f64; 3]) -> [i8; 3] {
-    // Roots and quotients are exactly rounded, so that all machines agree.
+    // IEEE 754 rounds roots and quotients exactly, so all machines agree.
     let length = (x * x + y * y + z * z).sqrt();
-    // Casting rounds down what is positive, and does so faster than a call.
+    // A cast rounds positive numbers down, faster than a call of `floor`.
     let byte = |part: f64| ((part / length * 127.0 + 127.5) as i32 - 127) as i8;
     if length > 0.0 { [x, y, z].map(byte) } else { [0; 3] }
 }
 
-/// A key's parts.
+/// The parts of a key.
 struct Fields {
     glass: bool,
     grain: usize,
@@ -157,7 +159,7 @@ impl Fields {
     }
 }
 
-/// Luma, orange against blue, green against both.
+/// The YCoCg-R transform: luma, orange against blue, and green against both.
 pub(super) fn to_ycocg([r, g, b]: [u8; 3]) -> [i32; 3] {
     let [r, g, b] = [r, g, b].map(i32::from);
     let orange = r - b;
@@ -172,43 +174,45 @@ fn from_ycocg([luma, orange, green]: [i32; 3]) -> [u8; 3] {
     [b + orange, middle + green, b].map(|channel| channel.clamp(0, 255) as u8)
 }
 
-/// The number of steps nearest to a value.
+/// The number of steps nearest to a value. Halves round away from zero.
 fn rounded(value: i32, step: u8) -> i32 {
     rounded_ratio(value, i32::from(step))
 }
 
-/// Halves go away from zero.
+/// The integer nearest to a ratio. Halves round away from zero.
 fn rounded_ratio(value: i32, by: i32) -> i32 {
     (value + value.signum() * (by / 2)) / by
 }
 
-/// Materials by their keys. Where entries material alike, the index of the first one stands for all.
+/// Keys and their materials. When several keys have one material, the index of the first stands for
+/// all.
 pub(super) struct Palette {
     pub(super) keys: Vec<Key>,
     pub(super) materials: Vec<Material>,
     known: FxHashMap<Key, u16>,
     firsts: FxHashMap<Material, u16>,
     is_used: Vec<bool>,
-    /// Whether there are entries of a grain: the others need not be tried.
+    /// Whether the palette has entries of each grain. Others need not be tried.
     has_grain: [bool; GRAINS.len()],
-    /// The grain at which materials are added; none are when there is none.
+    /// The grain at which materials are added. `None` in a closed palette.
     added: Option<usize>,
-    /// What was asked for lately, by a part of its hash: neighbours are alike.
+    /// A cache of recent queries by their hash: neighbours have similar materials.
     lately: Vec<(Material, u16)>,
 }
 
-/// A power of two.
+/// The number of cached queries: a power of two.
 const LATELY: usize = 1 << 13;
 
 impl Palette {
-    /// One of given keys, to which materials are added at a grain; all keys are at finer ones.
+    /// A palette of given keys, to which materials are added at a grain. All keys have finer
+    /// grains.
     pub(super) fn open(keys: Vec<Key>, grain: usize) -> Self {
         Self { added: Some(grain), ..Self::closed(keys) }
     }
 
-    /// One of given keys, to which none is added.
+    /// A palette of given keys, to which nothing is added.
     pub(super) fn closed(keys: Vec<Key>) -> Self {
-        // No material is like this one.
+        // No material has these flags.
         let nothing = Material { flags: !0, ..Material::default() };
         let mut palette = Self {
             keys: Vec::with_capacity(keys.len()),
@@ -226,19 +230,20 @@ impl Palette {
         palette
     }
 
-    /// The index of a material that an entry has.
+    /// The index of the first entry with exactly this material.
     pub(super) fn first_like(&self, material: &Material) -> Option<u16> {
         self.firsts.get(material).copied()
     }
 
-    /// The index of the entry for a material; `None` when there is neither one nor room for it.
+    /// The index of the entry for a material. An open palette adds one if need be. `None` when it
+    /// has no room, or a closed palette has no entry.
     pub(super) fn index(&mut self, material: &Material) -> Option<u16> {
         let slot = slot(material);
         if self.lately[slot].0 == *material {
             return Some(self.lately[slot].1);
         }
-        // Materials that are added must not be those that somebody before would have taken: so whoever looks
-        // for a coarser grain than theirs adds one.
+        // An added entry must not match materials that belonged to another entry before. So only
+        // grains up to the added one are tried.
         let grains = 0..self.added.map_or(GRAINS.len(), |grain| grain + 1);
         let grains = grains.filter(|&grain| self.has_grain[grain]);
         let mut known = grains.filter_map(|grain| self.known.get(&key_of(material, grain)));
@@ -252,7 +257,7 @@ impl Palette {
         Some(index)
     }
 
-    /// Makes an entry.
+    /// Adds an entry. `None` when the palette is full.
     fn add(&mut self, key: Key) -> Option<u16> {
         if self.keys.len() >= MATERIALS_MAX {
             return None;
@@ -269,13 +274,14 @@ impl Palette {
         Some(entry)
     }
 
-    /// Leaves out what nobody asked for, and puts the rest in the order of keys, so that glass is last;
-    /// gives where each one went.
+    /// Drops the unused entries and sorts the rest by their keys, so that glass comes last. Returns
+    /// the new index of each old entry.
     pub(super) fn sort(&mut self) -> Vec<u16> {
         let used = self.keys.iter().zip(&self.is_used).filter(|(_, is_used)| **is_used);
         let mut keys: Vec<Key> = used.map(|(&key, _)| key).collect();
         keys.sort_unstable();
         let sorted = Self::closed(keys);
+        debug_assert!(sorted.materials.is_sorted_by_key(Material::is_glass), "glass comes last");
         let places = self
             .materials
             .iter()
@@ -286,6 +292,7 @@ impl Palette {
     }
 }
 
+/// The place of a material in the cache.
 fn slot(material: &Material) -> usize {
     let [r, g, b] = material.colour.map(u32::from);
     let [x, y, z] = material.normal.map(|part| u32::from(part as u8));
@@ -320,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_moves_looks_by_half_a_step() {
+    fn rounding_moves_materials_by_half_a_step() {
         for (index, grain) in GRAINS.iter().enumerate() {
             let reach = i32::from(grain.luma / 2 + grain.chroma) + 1;
             for i in 0..5_000u32 {
@@ -342,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_have_one_point_each() {
+    fn each_direction_has_one_grid_point() {
         for grain in GRAINS {
             let steps = i32::from(grain.normal);
             let mut seen = FxHashMap::default();
@@ -358,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn glass_is_last_and_what_is_unused_is_left_out() {
+    fn glass_is_last_and_unused_entries_are_dropped() {
         let mut palette = Palette::open(Vec::new(), 0);
         let glass = Material { flags: Material::GLASS, ..material([1; 3], [127, 0, 0]) };
         let materials = [glass, material([255; 3], [0, 0, -127]), material([0; 3], [0; 3])];

@@ -1,13 +1,13 @@
-//! What an author knows about a building: rooms, what may be seen from them, and their windows.
+//! Rooms as an author describes them: regions, what may be seen from inside, and windows.
 //!
-//! After "Efficient rendering utilizing user defined rooms and windows" (seeds: rooms-and-windows). A [`Room`] is a
-//! region that is named, and no part of what is drawn. To whoever is inside, it says what may be
-//! seen: a set of rooms, cells and objects, or all but such a set; what else there is shows only
-//! through its [`Window`]s. To whoever is outside it says nothing, unless it is sealed.
+//! (*Efficient rendering utilizing user defined rooms and windows*, a patent application.) A
+//! [`Room`] is a named region. It is not drawn. For an eye inside, it says what may be seen: a set
+//! of rooms, cells and objects, or all but such a set. Everything else shows only through the
+//! room's [`Window`]s. For an eye outside, it says nothing unless it is sealed or opaque.
 //!
-//! An *object* is what the world has that can be named: a room, a cell, a mover (the box that it
-//! never leaves), or a node of the model (the box around its triangles). A set stands for the
-//! places of its members: somebody belongs to it by being there.
+//! A set ([`ObjectSet`]) can name rooms, cells, movers (by the boxes that they never leave) and
+//! nodes of the model (by the boxes around their triangles). It stands for places: an avatar
+//! belongs to a set while it is in one of them.
 
 mod shape;
 
@@ -18,32 +18,33 @@ pub use shape::Shape;
 
 use crate::{cells::CellId, geometry::Aabb, motion::Spawn};
 
-/// No world has more rooms: who shows whom then takes no more than 4 MiB.
+/// The greatest number of rooms of a world. A bit for each pair of them takes at most 4 MiB.
 pub const ROOMS_MAX: usize = 4_096;
-/// No room has more shapes, and none more windows.
+/// The greatest number of shapes of a room, and of its windows.
 pub const PARTS_MAX: usize = 256;
-/// All rooms of a world together have no more shapes, and no more windows: the worst take some seconds to take
-/// apart.
+/// The greatest number of shapes of all rooms of a world together, and of windows. In the worst
+/// case it takes some seconds to cut so many into convex pieces.
 pub const PARTS_ALL_MAX: usize = 1 << 14;
-/// No polygon has more corners.
+/// The greatest number of corners of a polygon.
 pub const CORNERS_MAX: usize = 64;
-/// No hull has more points.
+/// The greatest number of points of a hull.
 pub const HULL_POINTS_MAX: usize = 32;
-/// Names, titles and tags have no more characters.
+/// The greatest number of characters of a name, a title or a tag.
 pub const NAME_CHARS_MAX: usize = 100;
-/// All sets of a world together have no more members.
+/// The greatest number of members of all sets of a world together.
 pub const MEMBERS_MAX: usize = 1 << 18;
-/// No room is further out, in metres.
+/// The greatest coordinate of a room, in metres.
 pub const EXTENT_MAX: f32 = 1e6;
 
-/// Index of a room in [`Rooms::list`].
+/// The number of a room: an index into [`Rooms::list`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct RoomId(pub u16);
 
 impl RoomId {
-    /// The colour that it is drawn with, as sRGB: those of rooms that follow each other are far apart.
+    /// The sRGB colour that the room's outline is drawn in. Consecutive rooms have clearly
+    /// different colours.
     pub fn colour(self) -> [u8; 3] {
-        // Hues a golden section of a turn from each other.
+        // Consecutive hues differ by a golden section of a full turn.
         let hue = (f32::from(self.0) * 0.618_034).fract() * 6.0;
         [5.0, 3.0, 1.0].map(|n: f32| {
             let k = (n + hue) % 6.0;
@@ -52,7 +53,7 @@ impl RoomId {
     }
 }
 
-/// All rooms of a world.
+/// All rooms of a world, checked.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "UncheckedRooms")]
 pub struct Rooms {
@@ -60,57 +61,58 @@ pub struct Rooms {
     objects: Vec<Object>,
 }
 
-/// A region that an author names. Places are in metres and the world's axes.
+/// A region that an author names, in metres and the world's axes.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Room {
-    /// No other has the same.
+    /// The name, unique among the rooms of the world.
     pub name: String,
-    /// What people are told that it is called; its name without.
+    /// The title shown to people; the name if there is none.
     pub title: Option<String>,
-    /// The room is all of these together. Never empty.
+    /// The shapes whose union is the room. Never empty.
     pub shapes: Vec<Shape>,
-    /// What may be seen by whoever is inside.
+    /// What an eye inside may see.
     pub sees: RoomVisibility,
-    /// Where one sees out of it.
+    /// The windows through which an eye inside sees out.
     pub windows: Vec<Window>,
-    /// Nobody inside is told of anybody outside, nor the other way round.
+    /// Whether avatars inside and avatars outside are hidden from one another.
     pub sealed: bool,
-    /// Nobody outside sees through it but through its windows: it hides rooms behind it.
+    /// Whether the room hides what is behind it from eyes outside, except through its windows.
     pub opaque: bool,
-    /// Where one begins who is sent here.
+    /// The pose at which an avatar that is sent here begins.
     pub spawn: Option<Spawn>,
-    /// No more people fit in.
+    /// The greatest number of avatars inside.
     pub capacity: Option<u32>,
-    /// For whatever else hangs on to rooms.
+    /// Free text for the host's own use.
     pub tag: Option<String>,
 }
 
 impl Room {
-    /// What people are told that it is called.
+    /// The title shown to people.
     pub fn title(&self) -> &str {
         self.title.as_deref().unwrap_or(&self.name)
     }
 
-    /// Whether it says what may be seen from inside: it has a set, or windows.
+    /// Whether the room restricts what may be seen from inside: it has a set or windows.
     pub fn restricts(&self) -> bool {
         !self.windows.is_empty() || self.sees != RoomVisibility::Unspecified
     }
 }
 
-/// What a room says may be seen from inside.
+/// What an eye inside of a room may see.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub enum RoomVisibility {
-    /// Nothing is said: with windows itself, and what these show; without, whatever cells give.
+    /// The author says nothing. A room with windows then shows itself and what its windows show; a
+    /// room without shows whatever the PVS allows.
     #[default]
     Unspecified,
-    /// The potentially visible set: itself and these.
+    /// The potentially visible set: the room itself and these.
     Only(ObjectSet),
-    /// The potentially hidden set: all but these.
+    /// The potentially hidden set: everything but these.
     AllBut(ObjectSet),
 }
 
 impl RoomVisibility {
-    /// The set that is named, if one is.
+    /// The set that the author names, if any.
     pub fn members(&self) -> Option<&ObjectSet> {
         match self {
             Self::Unspecified => None,
@@ -119,78 +121,78 @@ impl RoomVisibility {
     }
 }
 
-/// A set of objects.
+/// A set of rooms, cells and objects.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct ObjectSet {
-    /// Rooms.
+    /// The rooms in the set.
     pub rooms: Vec<RoomId>,
-    /// Cells.
+    /// The cells in the set.
     pub cells: Vec<CellId>,
-    /// Indices into [`Rooms::objects`].
+    /// The objects in the set: indices into [`Rooms::objects`].
     pub objects: Vec<u32>,
 }
 
 impl ObjectSet {
-    /// Whether there is none.
+    /// Whether the set has no member.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many.
+    /// The number of members.
     pub fn len(&self) -> usize {
         self.rooms.len() + self.cells.len() + self.objects.len()
     }
 }
 
-/// A polygon of a room's boundary through which one sees out of it.
+/// A polygon in a room's boundary through which an eye inside sees out.
 #[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct Window {
-    /// No other of the room has the same.
+    /// The name, unique among the windows of the room.
     pub name: String,
-    /// A plane polygon without crossings, in order around it; it need not be convex.
+    /// The corners in order around a plane, simple polygon. It need not be convex.
     pub corners: Vec<Vec3>,
-    /// In a room that is not convex: the index of a window before it in the room's list, through
-    /// which one sees this one from outside. Windows thus make a tree: what is seen through one of
-    /// its first level is outside, what is seen through one of the second is the room again and no
-    /// longer what is outside, and so on in turns.
+    /// In a room that is not convex: the index of an earlier window of the room through which this
+    /// window is seen from outside. The windows make a tree. Through a window of the first level an
+    /// eye sees outside; through one of the second it sees the room again, and so on in turns.
     pub behind: Option<u32>,
 }
 
-/// A mover or a node of the model that some set names.
+/// A mover or a node of the model that a set names.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Object {
-    /// As the model has it.
+    /// The name in the model.
     pub name: String,
-    /// What it never leaves, in the world's axes.
+    /// A box that the object never leaves, in metres and the world's axes.
     pub bounds: Aabb,
-    /// Index into [`World::movers`](crate::World::movers), when it moves.
+    /// The mover, if the object is one: an index into [`World::movers`](crate::World::movers).
     pub mover: Option<u32>,
 }
 
-/// Why rooms make no sense.
+/// Why rooms are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RoomsError {
-    /// More rooms, shapes, windows, corners or members than there may be.
+    /// There are too many rooms, shapes, windows, corners or members.
     #[error("there are too many {0}")]
     TooMany(&'static str),
-    /// A name that is empty, too long, or taken.
-    #[error("the name of {0} is empty, too long or taken")]
+    /// A name is empty, too long or not unique.
+    #[error("the name of {0} is empty, too long or not unique")]
     Name(&'static str),
-    /// A number that is none, too large, or an interval the wrong way round.
-    #[error("{0} is not a sane place")]
+    /// There are too few or too many corners, a coordinate is NaN or too large, or an interval is
+    /// reversed.
+    #[error("{0} has an invalid number of corners, or coordinates out of range")]
     Place(&'static str),
-    /// An index of something that is not there.
-    #[error("{0} refers to something that is not there")]
+    /// An index refers to nothing.
+    #[error("{0} refers to something that does not exist")]
     Index(&'static str),
 }
 
 impl Rooms {
-    /// Rooms, and the objects that their sets name.
+    /// Checks rooms and the objects that their sets name.
     ///
     /// # Errors
-    /// When something is beyond its limits or refers to what is not there. Cells cannot be
-    /// checked here: see [`Rooms::fits`].
+    /// When something exceeds its limit or refers to nothing. Cells and movers are not known here:
+    /// see [`Rooms::fits`].
     pub fn new(list: Vec<Room>, objects: Vec<Object>) -> Result<Self, RoomsError> {
         if list.len() > ROOMS_MAX {
             return Err(RoomsError::TooMany("rooms"));
@@ -213,6 +215,7 @@ impl Rooms {
         names("a room", list.iter().map(|room| room.name.as_str()))?;
         let rooms = Self { list, objects };
         rooms.list.iter().try_for_each(|room| rooms.check(room))?;
+        debug_assert!(rooms.list.iter().all(|room| !room.shapes.is_empty()));
         Ok(rooms)
     }
 
@@ -221,22 +224,22 @@ impl Rooms {
         &self.list
     }
 
-    /// One of them.
+    /// The room with a number.
     pub fn get(&self, id: RoomId) -> Option<&Room> {
         self.list.get(usize::from(id.0))
     }
 
-    /// The one of this name.
+    /// The number of the room with a name.
     pub fn named(&self, name: &str) -> Option<RoomId> {
         self.list.iter().position(|room| room.name == name).map(|at| RoomId(at as u16))
     }
 
-    /// What sets name besides rooms and cells.
+    /// The objects that sets name.
     pub fn objects(&self) -> &[Object] {
         &self.objects
     }
 
-    /// Whether all cells and movers that are named are among so many.
+    /// Whether all cells and movers that the rooms name exist, in a world with so many.
     pub fn fits(&self, cells: usize, movers: usize) -> bool {
         let sets = self.list.iter().filter_map(|room| room.sees.members());
         let is_there = |index: u32, count: usize| (index as usize) < count;
@@ -276,7 +279,7 @@ impl Rooms {
     }
 }
 
-/// Checks that names are there, short, and all different.
+/// Checks that names are neither empty nor too long, and that each is unique.
 fn names<'a>(
     what: &'static str,
     names: impl Iterator<Item = &'a str> + Clone,
@@ -292,7 +295,7 @@ fn is_sane(points: &[Vec3]) -> bool {
     points.iter().all(|point| point.abs().cmple(Vec3::splat(EXTENT_MAX)).all())
 }
 
-/// Rooms as they are read, not checked.
+/// Rooms as they are read, before the check.
 #[derive(Deserialize)]
 struct UncheckedRooms {
     list: Vec<Room>,

@@ -9,12 +9,13 @@ use crate::geometry::Aabb;
 /// A part of a room, in metres and the world's axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Shape {
-    /// An upright prism; without heights a piece of the plan, whatever is above or below.
+    /// An upright prism over a polygon of the plan. Without heights it is unbounded above and
+    /// below.
     Plan {
-        /// A polygon without crossings, as x and z, in order around it; it need not be convex. A
-        /// rectangle has four.
+        /// The x and z coordinates of the corners, in order around a simple polygon. It need not be
+        /// convex.
         corners: Vec<Vec2>,
-        /// Its lower and its upper end.
+        /// The heights of the lower and the upper end, in metres.
         heights: Option<[f32; 2]>,
     },
     /// A box.
@@ -24,7 +25,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Whether it takes up some space and no more than there is.
+    /// Whether the shape has volume and all its coordinates are in range.
     pub(super) fn is_sane(&self) -> bool {
         match self {
             Self::Plan { corners, heights } => {
@@ -41,7 +42,8 @@ impl Shape {
         }
     }
 
-    /// The smallest box around it; without heights, as high as anything.
+    /// The smallest box around the shape. A plan without heights reaches from `-EXTENT_MAX` to
+    /// `EXTENT_MAX`.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Plan { corners, heights } => {

@@ -1,4 +1,5 @@
-//! Known motions: where a mover is at a time, and a box that it does not leave between two times.
+//! Trajectories: the place of a mover at any time, and a box that it does not leave between two
+//! times.
 
 mod sweep;
 #[cfg(test)]
@@ -14,19 +15,19 @@ pub use track::{Interpolate, KeyframeTrack};
 
 use crate::geometry::Aabb;
 
-/// A trajectory has no more joints.
+/// The greatest number of joints of a trajectory.
 pub const JOINTS_MAX: usize = 16;
-/// All tracks of a trajectory together have no more keys: 192 KiB of them at most.
+/// The greatest number of keys in all tracks of a trajectory together: they take 192 KiB at most.
 pub const KEYS_MAX: usize = 4_096;
-/// No trajectory takes longer, in seconds: a day.
+/// The greatest length of a trajectory, in seconds: a day.
 pub const LENGTH_S_MAX: f32 = 86_400.0;
-/// No part of one is further from where it is counted from, in metres, and nothing is scaled by more.
+/// The greatest coordinate of a joint or key, in metres, and the greatest scale.
 const VALUE_MAX: f64 = 1e6;
 
-/// How a mover moves: where it is at every time.
+/// The motion of a mover: its place at every time.
 ///
-/// It hangs on a chain of joints, as nodes of a scene do, the first at the world. Rotations go
-/// along arcs at constant speed, the shorter way round.
+/// The mover hangs on a chain of joints, as nodes of a scene do. The first joint is fixed to the
+/// world. Rotations follow the shorter arc at constant speed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     joints: Vec<Joint>,
@@ -34,51 +35,51 @@ pub struct Trajectory {
     playback: Playback,
 }
 
-/// When a mover moves.
+/// When a mover plays its trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Playback {
-    /// From the beginning of the server's clock, again and again.
+    /// From the start of the server's clock, over and over.
     Loop,
-    /// From the beginning of the server's clock, once; it stays where it ends.
+    /// Once, from the start of the server's clock. The mover stays where the trajectory ends.
     Once,
-    /// Once whenever somebody or something sets it off; it rests where it begins.
+    /// Once after each trigger. Between triggers the mover rests where the trajectory begins.
     Triggered,
 }
 
-/// A node that moves: what hangs on it is first scaled, then turned, then moved, then put into the
-/// frame, which is that of the joint above.
+/// A moving node. Whatever hangs on it is scaled, rotated and translated, in this order, and then
+/// placed in the frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
-    /// Where the joint is, as the joint above has it, or the world if it is the first.
+    /// The joint's place relative to the joint above; the first joint's, relative to the world.
     pub frame: DAffine3,
-    /// In metres.
+    /// The translation, in metres.
     pub translation: KeyframeTrack<glam::Vec3>,
-    /// Unit quaternions.
+    /// The rotation, as unit quaternions.
     pub rotation: KeyframeTrack<glam::Quat>,
-    /// Factors.
+    /// The scale along each axis.
     pub scale: KeyframeTrack<glam::Vec3>,
 }
 
-/// Why something is no trajectory.
+/// Why a trajectory is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum TrajectoryError {
-    /// See [`KEYS_MAX`], [`JOINTS_MAX`].
-    #[error("a motion has more than {KEYS_MAX} keys or {JOINTS_MAX} joints")]
+    /// It has more than [`KEYS_MAX`] keys or [`JOINTS_MAX`] joints.
+    #[error("a trajectory has more than {KEYS_MAX} keys or {JOINTS_MAX} joints")]
     TooMany,
-    /// It has no key, or the times do not ascend within its length.
-    #[error("the times of a motion do not ascend, or are beyond its end")]
+    /// A track has no key, or the times of its keys do not ascend within the length.
+    #[error("the key times of a trajectory do not ascend, or lie beyond its end")]
     Times,
-    /// The length is not finite, negative, or too long; or a loop takes no time.
-    #[error("the length of a motion is not between 0 and {LENGTH_S_MAX} s")]
+    /// The length is negative, too long or not finite; or a loop takes no time.
+    #[error("the length of a trajectory is not between 0 and {LENGTH_S_MAX} s")]
     Length,
-    /// A value is not finite, far too great, or no rotation.
-    #[error("a motion leads nowhere")]
+    /// A value is not finite, is too great, or is not a rotation.
+    #[error("a trajectory has a value that is out of range or is not a rotation")]
     Value,
 }
 
 impl Joint {
-    /// A joint that does not move.
+    /// A joint that does not move, at a place relative to the joint above.
     pub fn still(frame: DAffine3) -> Self {
         Self {
             frame,
@@ -109,11 +110,11 @@ impl Joint {
 }
 
 impl Trajectory {
-    /// A motion of a length in seconds, which no key is beyond.
+    /// A trajectory of a given length, in seconds. Every key lies within the length.
     ///
     /// # Errors
     ///
-    /// When something is not finite, too long, too much, or out of order.
+    /// When a value, a time, the length or the number of keys or joints is out of range.
     pub fn new(
         joints: Vec<Joint>,
         length_s: f32,
@@ -137,30 +138,30 @@ impl Trajectory {
         }
     }
 
-    /// The joints, from the world on.
+    /// The joints, the one fixed to the world first.
     pub fn joints(&self) -> &[Joint] {
         &self.joints
     }
 
-    /// How long it takes, in seconds.
+    /// The length, in seconds.
     pub fn length_s(&self) -> f32 {
         self.length_s
     }
 
-    /// When it moves.
+    /// When the mover plays the trajectory.
     pub fn playback(&self) -> Playback {
         self.playback
     }
 
-    /// From a mover's own coordinates to the world's, a time after the start: that of the server's
-    /// clock, or what set it off.
+    /// The transform from the mover's own coordinates to the world's. The start is that of the
+    /// server's clock, or the trigger.
     pub fn at(&self, since_start: Duration) -> DAffine3 {
         self.at_local(self.local_s(since_start.as_secs_f64()))
     }
 
-    /// A box sure to hold, from one time after the start to another, what a box in a mover's own
-    /// coordinates holds. It takes in the arcs between keys, and is as tight as a box can be around
-    /// boxes where just one thing moves.
+    /// A box that contains a moving box between two times after the start. `bounds` is given in the
+    /// mover's own coordinates. The result covers the arcs between keys. It is as tight as a box
+    /// can be if only one of rotation, translation and scale changes.
     pub fn swept(&self, bounds: &Aabb, from: Duration, until: Duration) -> Aabb {
         if bounds.is_empty() {
             return Aabb::EMPTY;
@@ -178,13 +179,14 @@ impl Trajectory {
         to_the_end.union(&sweep::between(self, bounds, 0.0, last))
     }
 
-    /// A box that what moves never leaves, whenever it is set off.
+    /// A box that a moving box never leaves, whenever the trajectory is triggered. `bounds` is
+    /// given in the mover's own coordinates.
     pub fn everywhere(&self, bounds: &Aabb) -> Aabb {
         let whole = Duration::from_secs_f32(self.length_s) + Duration::from_millis(1);
         self.swept(bounds, Duration::ZERO, whole)
     }
 
-    /// Time within the motion.
+    /// The time within the trajectory, in seconds.
     fn local_s(&self, since_start_s: f64) -> f64 {
         let length = f64::from(self.length_s);
         match self.playback {
@@ -198,7 +200,7 @@ impl Trajectory {
     }
 }
 
-/// A box in double precision, as [`Aabb`].
+/// An axis-aligned box in double precision.
 #[derive(Clone, Copy, Debug)]
 struct ExactBounds {
     min: DVec3,

@@ -1,9 +1,9 @@
-//! A box around all that a box comes through.
+//! The box around everything that a moving box passes through.
 //!
-//! Time is cut at every key, so that on each piece every value goes straight, and finer where several
-//! things move at once. On a piece the box is carried through the joints, the last one first: where a
-//! corner goes along an arc, by the arc's own extremes; else by sums of intervals. Each step gives a
-//! box around all that it is given, so the outcome is never too small.
+//! Time is cut at every key, so that every value is linear on each piece. Where several values
+//! change at once, pieces are cut finer. On a piece the box is carried through the joints, the last
+//! one first. An arc is bounded by its own extremes; everything else by interval arithmetic. Each
+//! step gives a box around its input, so the result is never too small.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,12 +18,12 @@ use crate::{
     tolerance::{SWEPT_M, SWEPT_SHARE},
 };
 
-/// Where a rotation is not alone, pieces turn by no more, in radians.
+/// The greatest rotation on a piece where other values change too, in radians.
 const TURN_MAX: f64 = PI / 16.0;
-/// A piece is cut into no more parts.
+/// The greatest number of parts that a piece is cut into.
 const PARTS_MAX: f64 = 16.0;
 
-/// The box, from one time within a motion to another. Both times count.
+/// The swept box from one time within a trajectory to another, both included.
 pub(super) fn between(trajectory: &Trajectory, bounds: &Aabb, from_s: f64, until_s: f64) -> Aabb {
     let bounds = ExactBounds { min: bounds.min.as_dvec3(), max: bounds.max.as_dvec3() };
     let mut times = vec![from_s, until_s];
@@ -34,7 +34,7 @@ pub(super) fn between(trajectory: &Trajectory, bounds: &Aabb, from_s: f64, until
     }
     times.sort_by(f64::total_cmp);
     times.dedup();
-    // What jumps at the very end is there.
+    // A value that jumps at the very end has jumped.
     let mut whole = swept_piece(trajectory, bounds, until_s, until_s);
     for pair in times.windows(2) {
         let parts = parts(trajectory, pair[0], pair[1]);
@@ -48,7 +48,7 @@ pub(super) fn between(trajectory: &Trajectory, bounds: &Aabb, from_s: f64, until
     whole.rounded()
 }
 
-/// Into how many parts to cut a piece of time without keys.
+/// The number of parts to cut a piece without keys into.
 fn parts(trajectory: &Trajectory, from_s: f64, until_s: f64) -> f64 {
     let (mut turn, mut moving) = (0.0f64, 0);
     for joint in trajectory.joints() {
@@ -63,7 +63,7 @@ fn parts(trajectory: &Trajectory, from_s: f64, until_s: f64) -> f64 {
     if moving > 1 { (turn / TURN_MAX).ceil().clamp(1.0, PARTS_MAX) } else { 1.0 }
 }
 
-/// The box on a piece of time without keys.
+/// The swept box on a piece without keys.
 fn swept_piece(
     trajectory: &Trajectory,
     bounds: ExactBounds,
@@ -109,8 +109,8 @@ impl ExactBounds {
         })
     }
 
-    /// Around the arcs of all corners, seen as a frame has them but for its place. What is inside of
-    /// the box stays between them.
+    /// Around the arcs of all corners, seen as a frame has them but for its place. What is inside
+    /// of the box stays between them.
     fn turned(
         &self,
         rotation: &TrackSegment<Quat>,
@@ -131,11 +131,17 @@ impl ExactBounds {
         arcs.reduce(|a, b| a.union(&b)).expect("eight corners")
     }
 
-    /// In single precision, and no smaller.
+    /// The box in single precision, rounded outwards.
     fn rounded(&self) -> Aabb {
         let reach = self.min.abs().max(self.max.abs());
         let margin = DVec3::splat(SWEPT_M) + reach * SWEPT_SHARE;
-        Aabb::new((self.min - margin).as_vec3(), (self.max + margin).as_vec3())
+        let rounded = Aabb::new((self.min - margin).as_vec3(), (self.max + margin).as_vec3());
+        debug_assert!(
+            rounded.min.as_dvec3().cmple(self.min).all()
+                && rounded.max.as_dvec3().cmpge(self.max).all(),
+            "rounding must not shrink {self:?}"
+        );
+        rounded
     }
 }
 

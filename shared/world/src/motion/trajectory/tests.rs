@@ -10,7 +10,7 @@ fn seconds(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds)
 }
 
-/// Where the corners of a box come, at many times.
+/// The box around a moving box's corners, sampled at many times.
 fn sampled(trajectory: &Trajectory, bounds: &Aabb, from: f64, until: f64, count: u32) -> Aabb {
     let times = (0..=count).map(|i| from + (until - from) * f64::from(i) / f64::from(count));
     let places = times.flat_map(|time_s| {
@@ -37,7 +37,7 @@ fn track<V>(
     let mut times: Vec<f32> =
         (0..rng.random_range(1..6)).map(|_| rng.random_range(0.0..length_s)).collect();
     times.sort_by(f32::total_cmp);
-    // Samples would miss the most of what happens faster.
+    // Samples would miss the extremes of faster changes.
     times.dedup_by(|later, before| *later - *before < 0.05);
     let keys = times.into_iter().map(|time_s| (time_s, value(rng))).collect();
     KeyframeTrack { keys, steps: rng.random_bool(0.25) }
@@ -69,7 +69,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn nothing_that_moves_leaves_its_swept_box(
+    fn no_moving_box_leaves_its_swept_box(
         seed: u64, joints in 0usize..4, from in 0f64..20.0, lasting in 0f64..10.0,
     ) {
         let rng = &mut SmallRng::seed_from_u64(seed);
@@ -85,13 +85,13 @@ proptest! {
     }
 
     #[test]
-    fn it_is_tight_where_one_thing_moves_and_nearly_so_elsewhere(
+    fn swept_boxes_are_tight_where_one_value_changes_and_nearly_so_elsewhere(
         seed: u64, joints in 1usize..3, from in 0f64..8.0, lasting in 0.01f64..3.0,
     ) {
         let rng = &mut SmallRng::seed_from_u64(seed);
         let mut trajectory = some_trajectory(rng, joints);
         let bounds = Aabb::around(Vec3::ZERO, 0.5);
-        // Steps make jumps that samples miss.
+        // Samples miss jumps.
         for joint in &mut trajectory.joints {
             joint.rotation.steps = false;
             joint.translation.steps = false;
@@ -102,7 +102,7 @@ proptest! {
         let excess = |t: &Trajectory| {
             (swept(t).size() - sampled(t).size()).max_element() / (sampled(t).size().max_element())
         };
-        // A box around a box that is turned is never tight: joints multiply that.
+        // The box around a rotated box is never tight, and each joint adds to that.
         let excess_max = [0.4, 2.0][joints - 1];
         prop_assert!(excess(&trajectory) < excess_max, "{}", excess(&trajectory));
         let joint = &mut trajectory.joints[0];
@@ -121,19 +121,19 @@ fn hinged(keys: Vec<(f32, f32)>, playback: Playback) -> Trajectory {
     Trajectory::new(vec![joint], length_s, playback).expect("sound")
 }
 
-/// A key pose at each end says nothing of the arc between: the door's edge is farthest out halfway.
+/// The poses at both ends tell nothing about the arc: the door's edge is farthest out halfway.
 #[test]
 fn a_door_on_a_hinge_sweeps_its_arc() {
     let half_turn = hinged(vec![(0.0, 0.0), (1.0, 3.0)], Playback::Once);
     let swept = half_turn.swept(&DOOR, Duration::ZERO, seconds(1.0));
-    // Turned left it opens towards -z: a metre and its thickness at the middle of its way.
+    // Turned left, the door opens towards -z. Halfway its diagonal points along -z.
     assert!((swept.min.z - (5.0 - 1.01f32.sqrt())).abs() < 1e-3, "{swept:?}");
     let [start, end] = [0.0, 1.0].map(|at| half_turn.swept(&DOOR, seconds(at), seconds(at)));
     assert!(start.union(&end).min.z > 4.7);
 }
 
 #[test]
-fn courses_differ_in_what_comes_after_the_end() {
+fn playbacks_differ_after_the_end_of_the_trajectory() {
     let keys = vec![(0.0, 0.0), (2.0, 1.0)];
     let edge = |playback, at| {
         let motion = hinged(keys.clone(), playback);
@@ -153,7 +153,7 @@ fn courses_differ_in_what_comes_after_the_end() {
 }
 
 #[test]
-fn a_jump_is_held_at_both_ends() {
+fn a_swept_box_contains_both_ends_of_a_jump() {
     let mut joint = Joint::still(DAffine3::IDENTITY);
     joint.translation = KeyframeTrack::steps(vec![(0.0, Vec3::ZERO), (1.0, Vec3::X * 9.0)]);
     let lift = Trajectory::new(vec![joint], 2.0, Playback::Loop).expect("sound");
@@ -166,7 +166,7 @@ fn a_jump_is_held_at_both_ends() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
+fn invalid_trajectories_are_refused() {
     let check = |change: &dyn Fn(&mut Joint, &mut f32), expected| {
         let mut joint = Joint::still(DAffine3::IDENTITY);
         let mut length_s = 1.0;

@@ -1,32 +1,32 @@
-//! One value over time.
+//! Keyframe tracks: one value over time.
 
 use glam::{DQuat, DVec3, Quat, Vec3};
 
 use super::{KEYS_MAX, TrajectoryError, VALUE_MAX};
 use crate::tolerance::UNIT_F32;
 
-/// A value at some times, and in between.
+/// A value given at key times and interpolated in between.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeyframeTrack<V> {
-    /// Seconds and values, at least one, the times ascending. Before the first and after the last
-    /// key the value stays.
+    /// The times, in seconds and ascending, and the values. There is at least one key. The value is
+    /// constant before the first key and after the last.
     pub keys: Vec<(f32, V)>,
-    /// The value jumps at each key, and stays in between.
+    /// Whether the value jumps at each key and is constant in between.
     pub steps: bool,
 }
 
-/// What can change over time.
+/// A type of value that a track can have.
 pub trait Interpolate: Copy {
-    /// The value in double precision, in which all is computed.
+    /// The same value in double precision, for computations.
     type Exact: Copy;
 
-    /// It, in double precision.
+    /// The value in double precision.
     fn exact(self) -> Self::Exact;
 
-    /// A part of the way from one to another, from 0 to 1.
+    /// The value at a fraction of the way from one value to another. The fraction is from 0 to 1.
     fn between(a: Self::Exact, b: Self::Exact, part: f64) -> Self::Exact;
 
-    /// Whether it is finite, not too great, and what it should be.
+    /// Whether the value is finite and within range; a rotation must have unit length.
     fn is_sane(self) -> bool;
 }
 
@@ -59,12 +59,12 @@ impl Interpolate for Quat {
     }
 
     fn is_sane(self) -> bool {
-        // Not so exactly as glam has it: files round.
+        // Files round rotations, so glam's own check would be too strict.
         (self.length_squared() - 1.0).abs() < UNIT_F32 as f32
     }
 }
 
-/// The axis and the angle by which one rotation becomes another, the shorter way round.
+/// The axis and the angle that turn one rotation into another along the shorter arc.
 pub(super) fn arc(a: DQuat, b: DQuat) -> (DVec3, f64) {
     let b = if a.dot(b) < 0.0 { -b } else { b };
     let turn = b * a.conjugate();
@@ -77,12 +77,12 @@ pub(super) fn arc(a: DQuat, b: DQuat) -> (DVec3, f64) {
 }
 
 impl<V: Interpolate> KeyframeTrack<V> {
-    /// A value that stays.
+    /// A constant value.
     pub fn constant(value: V) -> Self {
         Self { keys: vec![(0.0, value)], steps: true }
     }
 
-    /// A value that goes straight from key to key.
+    /// A value that is linear between keys.
     pub fn linear(keys: Vec<(f32, V)>) -> Self {
         Self { keys, steps: false }
     }
@@ -98,8 +98,9 @@ impl<V: Interpolate> KeyframeTrack<V> {
         V::between(segment.from, segment.to, segment.part(time_s))
     }
 
-    /// What the value does from a time on, until the next key.
+    /// The segment that a time falls in: from a key to the next.
     pub(super) fn segment(&self, time_s: f64) -> TrackSegment<V> {
+        debug_assert!(!self.keys.is_empty(), "a checked track has a key");
         let next = self.keys.partition_point(|&(key_s, _)| f64::from(key_s) <= time_s);
         let (start_s, from) = self.keys[next.saturating_sub(1)];
         let (end_s, to) = match self.keys.get(next) {
@@ -110,14 +111,14 @@ impl<V: Interpolate> KeyframeTrack<V> {
         TrackSegment { start_s, end_s, from: from.exact(), to: to.exact() }
     }
 
-    /// The times of keys strictly between two times.
+    /// The times of the keys strictly between two times.
     pub(super) fn times_between(&self, from_s: f64, until_s: f64) -> impl Iterator<Item = f64> {
         let first = self.keys.partition_point(|&(key_s, _)| f64::from(key_s) <= from_s);
         let keys = self.keys[first..].iter().map(|&(key_s, _)| f64::from(key_s));
         keys.take_while(move |&key_s| key_s < until_s)
     }
 
-    /// How many keys there are, if they make sense.
+    /// The number of keys, if all of them are valid.
     pub(super) fn check(&self, length_s: f32) -> Result<usize, TrajectoryError> {
         if self.keys.len() > KEYS_MAX {
             return Err(TrajectoryError::TooMany);
@@ -134,7 +135,7 @@ impl<V: Interpolate> KeyframeTrack<V> {
     }
 }
 
-/// A stretch of a track on which the value goes straight.
+/// A part of a track on which the value is linear.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TrackSegment<V: Interpolate> {
     start_s: f64,
@@ -144,7 +145,7 @@ pub(super) struct TrackSegment<V: Interpolate> {
 }
 
 impl<V: Interpolate> TrackSegment<V> {
-    /// How much of it is done at a time, from 0 to 1.
+    /// The fraction of the segment that has passed at a time, from 0 to 1.
     pub(super) fn part(&self, time_s: f64) -> f64 {
         if self.end_s > self.start_s {
             ((time_s - self.start_s) / (self.end_s - self.start_s)).clamp(0.0, 1.0)
@@ -157,7 +158,7 @@ impl<V: Interpolate> TrackSegment<V> {
         V::between(self.from, self.to, self.part(time_s))
     }
 
-    /// Whether it goes anywhere.
+    /// Whether the value can change.
     pub(super) fn moves(&self) -> bool {
         self.end_s > self.start_s
     }

@@ -1,29 +1,30 @@
-//! The cells of every level, and which of them a box lies in.
+//! The cells of every level, and the cells that a box overlaps.
 
 use glam::{UVec3, Vec3};
 
 use crate::geometry::Aabb;
 
-/// The cubic region, cut into 2^`depth` cells along each axis at the deepest level.
+/// The cubic region, divided into 2^`depth` cells along each axis at the deepest level.
 #[derive(Clone, Debug)]
 pub(super) struct OccupantGrid {
     pub(super) region: Aabb,
     pub(super) depth: u8,
-    /// Cells of the deepest level in a metre.
+    /// The number of cells of the deepest level per metre.
     scale: f32,
 }
 
-/// The cells that a box lies in, at any level down to the one that it may be kept at.
+/// The cells that a box overlaps, at every level down to the one at which it is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CellRange {
-    /// The least and the greatest cell, of the deepest level of all.
+    /// The first cell, in coordinates of the deepest level.
     pub(super) low: UVec3,
+    /// The last cell, in coordinates of the deepest level.
     pub(super) high: UVec3,
-    /// The deepest level at which nodes hold it: there it lies in at most two cells along each axis.
+    /// The level at which nodes keep the box. There it overlaps at most two cells along each axis.
     pub(super) level: u8,
 }
 
-/// A node's cell.
+/// The cell of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct GridCell {
     pub(super) depth: u8,
@@ -35,31 +36,32 @@ impl OccupantGrid {
         Self { region, depth, scale: (1u32 << depth) as f32 / region.size().x }
     }
 
-    /// The cells of a box that is to be kept. What reaches out of the region is for the root to hold.
+    /// The cells of a box that is to be kept. The root keeps boxes that reach out of the region.
     pub(super) fn span(&self, bounds: &Aabb) -> CellRange {
         let mut span = self.cells(bounds);
         span.level = 0;
         if self.region.contains_box(bounds) {
             let size_cells = bounds.size().max_element() * self.scale;
-            // It depends on the size alone, so that a body on its way stays at one level.
+            // The level depends on the size alone, so that a moving body stays at one level.
             let shift = (size_cells.ceil() as u32).max(1).next_power_of_two().trailing_zeros();
             span.level = self.depth.saturating_sub(shift as u8);
-            // Sums are rounded: an edge may come to lie one cell further.
+            // By rounding, an edge may fall into the next cell.
             while span.level > 0 && span.width(self.depth - span.level) > 1 {
                 span.level -= 1;
             }
         }
-        // What tells apart places within one cell of its level would only hide that nothing changes.
+        // Without the finer bits, equal spans show that no node changes.
         let mask = !((1 << (self.depth - span.level)) - 1);
         CellRange { low: span.low & mask, high: span.high & mask, ..span }
     }
 
-    /// The cells of a box, whatever its size, at all levels.
+    /// The cells of a box of any size, at all levels.
     pub(super) fn cells(&self, bounds: &Aabb) -> CellRange {
         CellRange { low: self.cell(bounds.min), high: self.cell(bounds.max), level: self.depth }
     }
 
-    /// Rounded, but monotonic: boxes that meet have a cell in common.
+    /// The cell of a point. It is monotonic in each coordinate, so boxes that touch share a cell
+    /// even after rounding.
     fn cell(&self, point: Vec3) -> UVec3 {
         let last = (1u32 << self.depth) - 1;
         ((point - self.region.min) * self.scale)
@@ -67,15 +69,16 @@ impl OccupantGrid {
             .as_uvec3()
     }
 
-    /// Whether a node's cell is one of a box's.
+    /// Whether a cell is one of the cells of a box.
     pub(super) fn meets(&self, cell: GridCell, span: &CellRange) -> bool {
         let shift = u32::from(self.depth - cell.depth);
         let at = cell.place();
         (span.low >> shift).cmple(at).all() && at.cmple(span.high >> shift).all()
     }
 
-    /// The octants of a node's cell, which is one of a box's, that the box lies in: a bit each.
+    /// The octants of a cell that a box overlaps, a bit each. The cell must be one of the box's.
     pub(super) fn octants(&self, cell: GridCell, span: &CellRange) -> u8 {
+        debug_assert!(self.meets(cell, span), "the box must overlap the cell");
         let shift = u32::from(self.depth - cell.depth - 1);
         let middle = cell.place() * 2 + 1;
         let below = (span.low >> shift).cmplt(middle).bitmask() as usize;
@@ -86,15 +89,15 @@ impl OccupantGrid {
         })
     }
 
-    /// The depth of the least node that may hold all that lies in these cells: their common ancestor,
-    /// or above it what the level calls for.
+    /// The depth of the lowest node that contains these cells: their common ancestor, or higher if
+    /// the level demands it.
     pub(super) fn common_depth(&self, span: &CellRange) -> u8 {
         let differ = span.low ^ span.high;
         let bits = u32::BITS - (differ.x | differ.y | differ.z).leading_zeros();
         (self.depth - bits as u8).min(span.level)
     }
 
-    /// The cube of a cell.
+    /// The cube of a cell, in metres.
     pub(super) fn bounds(&self, cell: GridCell) -> Aabb {
         let edge = self.region.size() / (1u32 << cell.depth) as f32;
         let min = self.region.min + cell.place().as_vec3() * edge;
@@ -102,11 +105,11 @@ impl OccupantGrid {
     }
 }
 
-/// The octants on the lesser side of the plane across each axis.
+/// The octants in the lower half along each axis, a bit each.
 const LOWER: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
 
 impl CellRange {
-    /// The cells of both, and the level that is high enough for both.
+    /// The range around both, with the higher of both levels.
     pub(super) fn union(&self, other: &Self) -> Self {
         let (low, high) = (self.low.min(other.low), self.high.max(other.high));
         Self { low, high, level: self.level.min(other.level) }

@@ -1,31 +1,31 @@
-//! Several objects at once.
+//! Moves of several objects at once.
 
 use super::{Change, OccupantError, OccupantId, Occupants};
 use crate::geometry::Aabb;
 
-/// How far below a group's node the node of one of its objects may be.
+/// The greatest number of levels from a group's node down to the node of one of its moves.
 const HEIGHT_MAX: u8 = 2;
 
-/// A move, and the least node that holds its object before and after.
+/// A move, and the lowest node that contains its object before and after.
 struct PlannedMove {
-    /// The node's least cell of the deepest level as a Morton key, and the node's depth: in this
-    /// order ancestors come before what is below them.
+    /// The Morton key of the node's first cell at the deepest level, and the node's depth.
+    /// Ancestors come before their descendants in this order.
     node: (u64, u8),
-    /// A primitive of its object.
+    /// A primitive of the object.
     anchor: u32,
-    /// Which move.
+    /// The index of the move.
     index: usize,
 }
 
 impl Occupants {
-    /// Moves several objects. Those whose common ancestors are the same node, or one not far below
-    /// another, are moved together: all leave before any enters, and what one leaves and another
-    /// enters is never deleted. The tree is the same as after moving one by one.
+    /// Moves several objects. Moves with the same or a nearby common ancestor are made together:
+    /// all objects leave before any enters, so a node that one leaves and another enters is never
+    /// deleted. The resulting tree is that of single moves.
     ///
     /// # Errors
     ///
-    /// As [`Occupants::move_to`]; then nothing has moved. An object may be named once only: the
-    /// second time it is [`OccupantError::Unknown`].
+    /// The errors of [`Occupants::move_to`]; then nothing has moved. An object that is named twice
+    /// gives [`OccupantError::Unknown`].
     pub fn move_all(&mut self, moves: &[(OccupantId, &[Aabb])]) -> Result<(), OccupantError> {
         self.check_all(moves)?;
         let mut plans = Vec::with_capacity(moves.len());
@@ -71,10 +71,10 @@ impl Occupants {
         (crate::octree::morton((change.span.low >> shift) << shift), depth)
     }
 
-    /// Which moves to make together, and the depth of the node that holds them all.
+    /// Groups the moves that are made together.
     fn groups(&self, plans: &[PlannedMove]) -> Vec<MoveGroup> {
         let mut groups: Vec<MoveGroup> = Vec::new();
-        // The groups whose nodes hold the one at hand, the highest first.
+        // The groups whose nodes contain the node of this move, the highest first.
         let mut open: Vec<usize> = Vec::new();
         for plan in plans {
             let holds = |group: &MoveGroup| {
@@ -108,7 +108,7 @@ impl Occupants {
     }
 }
 
-/// Moves to make together.
+/// Moves that are made together, below one node.
 struct MoveGroup {
     node: (u64, u8),
     anchor: u32,

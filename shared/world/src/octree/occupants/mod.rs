@@ -1,28 +1,27 @@
-//! Who is where: objects that come, move and go, kept at octree nodes.
+//! An octree of moving objects.
 //!
-//! An object is one or more boxes, its *primitives*: what a TBV or a mover may fill. [`Occupants`]
-//! keeps each at the nodes of an octree that it lies in, by one rule, so that the tree depends on
-//! what is in it and not on what happened before:
+//! An object is one or more boxes, its *primitives*: for instance a TBV, or what a mover may fill.
+//! [`Occupants`] keeps each primitive at the nodes that it overlaps, by the following rules. They
+//! make the tree depend on its content alone, and not on its history.
 //!
-//! * A primitive has a level: the deepest whose nodes are no smaller than its longest side. There it
-//!   lies in eight nodes at most. What reaches out of the region has level 0, the root's.
-//! * A node is split while several primitives lie in it of which one may go deeper: until they are
-//!   apart, or as deep as their levels and the tree's depth let them. Primitives of its own level
-//!   stay at a split node itself; others are at the children that they lie in.
-//! * A node exists when its parent is split and something lies in it; the root always does.
+//! * A primitive has a level: the deepest level whose nodes are at least as large as its longest
+//!   side. At that level it overlaps at most eight nodes. A primitive that reaches out of the
+//!   region has level 0, the root's.
+//! * A node is split while several primitives overlap it and one of them may go deeper. A split
+//!   node keeps the primitives of its own level; others are at the children that they overlap.
+//! * A node exists when its parent is split and a primitive overlaps it. The root always exists.
 //!
-//! [`Occupants::move_to`] is method B of the paper (Sudarsky and Gotsman, *Output-Sensitive
-//! Visibility Algorithms for Dynamic Scenes*, section 3.1.1). It climbs from a node that the object
-//! is in to the least node that holds all of the object's primitives, at their old and new places;
-//! the cells' coordinates tell how far. Nodes above are never looked at. Below, primitives leave
-//! nodes, then all enter the new ones, and only then are nodes deleted that hold nothing any more: so
-//! nothing is deleted that would be made again. Nodes that a primitive stays in are left alone.
-//! [`Occupants::move_all`] shares the climb, and the nodes, among several objects.
+//! [`Occupants::move_to`] is method B of Sudarsky and Gotsman 1996 (*Output-Sensitive Visibility
+//! Algorithms for Dynamic Scenes*, section 3.1.1). It climbs from a node of the object to the
+//! lowest common ancestor of all primitives, at their old and new places. The coordinates of the
+//! cells tell how far. It never visits nodes above. Below, all primitives leave their old nodes,
+//! then all enter their new nodes, and only then are empty nodes deleted. So no node is deleted and
+//! made again, and nodes in which a primitive stays are not touched. [`Occupants::move_all`] shares
+//! the climb and the nodes among several objects.
 //!
-//! Depth is at most [`DEPTH_MAX`]. Memory: about 130 bytes for each primitive and 90 for each node.
-//! Of these there are at most 8 for a primitive on each level down to its own, so 12 kB for a
-//! primitive at worst, at depth 16; with bodies in a building it is about one node each. There are
-//! [`PRIMITIVES_MAX`] primitives at most.
+//! The depth is at most [`DEPTH_MAX`]. A primitive takes about 130 bytes, and a node 90. A
+//! primitive has at most 8 nodes on each level down to its own: 12 kB at depth 16. Bodies in a
+//! building have about one node each. There are at most [`PRIMITIVES_MAX`] primitives.
 
 mod grid;
 mod group;
@@ -41,90 +40,91 @@ use grid::{CellRange, OccupantGrid};
 use tree::{OccupantTree, ROOT};
 pub use walk::Visit;
 
-/// No tree holds more boxes.
+/// The greatest number of primitives in a tree.
 pub const PRIMITIVES_MAX: usize = 1 << 20;
 
-/// An object in [`Occupants`]. The numbers are dense, and given again once an object is removed.
+/// The number of an object in [`Occupants`]. Numbers are dense. Those of removed objects are
+/// reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct OccupantId(pub u32);
 
-/// Why objects cannot be taken in, or moved. Nothing has changed then.
+/// Why objects cannot be inserted or moved. The tree is unchanged then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum OccupantError {
     /// An object has no box.
     #[error("an object needs at least one box")]
     NoPrimitive,
-    /// A corner is not finite, or the box contains nothing.
+    /// A box is empty or not finite.
     #[error("a box is empty or not finite")]
     BadBox,
-    /// See [`PRIMITIVES_MAX`].
+    /// There would be more than [`PRIMITIVES_MAX`] boxes.
     #[error("more than {PRIMITIVES_MAX} boxes")]
     TooMany,
-    /// No object has this number.
+    /// No object has this number, or a list of moves names it twice.
     #[error("there is no such object")]
     Unknown,
 }
 
-/// What the tree has done so far, in counts that do not depend on the machine.
+/// Counts of the tree's work so far. They do not depend on the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct WorkCounters {
-    /// Nodes looked at to move, insert or remove something.
+    /// The nodes visited to move, insert or remove objects.
     pub visited: u64,
-    /// Nodes made.
+    /// The nodes created.
     pub created: u64,
-    /// Nodes deleted.
+    /// The nodes deleted.
     pub deleted: u64,
 }
 
-/// A dynamic octree of objects over a cube.
+/// An octree of moving objects over a cube.
 ///
 /// ```
 /// use glam::Vec3;
-/// use sightline_shared::{geometry::Aabb, octree::occupants::Occupants};
+/// use sightline_world::{geometry::Aabb, octree::occupants::Occupants};
 ///
 /// let mut occupants = Occupants::new(Vec3::ZERO, 64.0, 12);
 /// let somebody = occupants.insert(&[Aabb::around(Vec3::splat(10.0), 0.5)])?;
 /// occupants.move_to(somebody, &[Aabb::around(Vec3::new(10.5, 10.0, 10.0), 0.5)])?;
 /// let here = Aabb::around(Vec3::splat(10.0), 2.0);
 /// assert_eq!(occupants.meeting(&here), [somebody]);
-/// # Ok::<(), crate::octree::occupants::OccupantError>(())
+/// # Ok::<(), sightline_world::octree::occupants::OccupantError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Occupants {
     tree: OccupantTree,
-    /// The primitives of each object; none where a number is not in use.
+    /// The primitives of each object; none for a number that is not in use.
     objects: Vec<Vec<u32>>,
     free: Vec<u32>,
     scratch: MoveScratch,
 }
 
-/// What a move needs, kept for its memory.
+/// Buffers for moves, kept to save allocations.
 #[derive(Clone, Debug, Default)]
 struct MoveScratch {
-    /// Of an object's boxes to come.
+    /// The cells of an object's new boxes.
     spans: Vec<CellRange>,
-    /// Primitives on their way to other nodes.
+    /// The primitives that are to enter nodes.
     entering: Vec<u32>,
-    /// Nodes that primitives left.
+    /// The nodes that primitives have left.
     left: Vec<u32>,
 }
 
-/// What of an object moves to other nodes.
+/// The part of an object that moves to other nodes.
 struct Change {
-    /// The cells of all its primitives that do, before and after.
+    /// The cells of the primitives that change nodes, before and after.
     span: CellRange,
-    /// One of them, or one near them.
+    /// One of these primitives, or one near them.
     anchor: u32,
 }
 
 impl Occupants {
-    /// An empty tree over a cube that should hold all that is put in: its least corner, its edge in
-    /// metres, and how deep nodes may be, [`DEPTH_MAX`] at most.
+    /// An empty tree over a cube that should contain all objects. `origin` is its corner with the
+    /// least coordinates, `edge` its edge in metres, and `depth` the greatest depth of nodes.
     ///
     /// # Panics
     ///
-    /// When the cube is not finite or has no volume, or the depth is too great.
+    /// When the cube is not finite or has no volume, or the depth exceeds [`DEPTH_MAX`].
     pub fn new(origin: Vec3, edge: f32, depth: u8) -> Self {
         assert!(origin.is_finite() && edge.is_finite() && edge > 0.0, "not a cube");
         assert!(depth <= DEPTH_MAX, "too deep");
@@ -132,11 +132,11 @@ impl Occupants {
         Self { tree, objects: Vec::new(), free: Vec::new(), scratch: MoveScratch::default() }
     }
 
-    /// Takes an object in.
+    /// Inserts an object.
     ///
     /// # Errors
     ///
-    /// When it has no box, one that is not finite, or there is no room.
+    /// When it has no box, a box is empty or not finite, or there are too many boxes.
     pub fn insert(&mut self, primitives: &[Aabb]) -> Result<OccupantId, OccupantError> {
         self.check(primitives, 0)?;
         let id = self.free.pop().unwrap_or_else(|| {
@@ -152,11 +152,11 @@ impl Occupants {
         Ok(OccupantId(id))
     }
 
-    /// Moves an object: method B. It may have another number of boxes than before.
+    /// Moves an object (method B). The number of its boxes may change.
     ///
     /// # Errors
     ///
-    /// When there is no such object, or as for [`Occupants::insert`]; then it stays where it was.
+    /// When there is no such object, or the boxes are invalid as for [`Occupants::insert`].
     pub fn move_to(
         &mut self,
         object: OccupantId,
@@ -178,7 +178,7 @@ impl Occupants {
         Ok(())
     }
 
-    /// Removes an object; tells whether it was there.
+    /// Removes an object. Returns whether it existed.
     pub fn remove(&mut self, object: OccupantId) -> bool {
         if self.held(object).is_err() {
             return false;
@@ -192,43 +192,45 @@ impl Occupants {
         true
     }
 
-    /// An object's boxes, in the order in which they were given; none when it is not there.
+    /// The boxes of an object, in the order in which they were given. None when it does not exist.
     pub fn primitives(&self, object: OccupantId) -> impl Iterator<Item = &Aabb> {
         let held = self.held(object).unwrap_or_default();
         held.iter().map(|&primitive| &self.tree.primitives[primitive as usize].bounds)
     }
 
-    /// How many objects there are.
+    /// The number of objects.
     pub fn len(&self) -> usize {
         self.objects.len() - self.free.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no objects.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// How many nodes there are, the root included.
+    /// The number of nodes, the root included.
     pub fn node_count(&self) -> usize {
         self.tree.node_count()
     }
 
-    /// How deep the deepest node is; the root's depth is 0. Looks at all nodes.
+    /// The depth of the deepest node; the root's is 0. It takes time proportional to the number of
+    /// nodes.
     pub fn depth(&self) -> u8 {
         self.tree.nodes_in_use().map(|(_, node)| node.cell.depth).max().unwrap_or(0)
     }
 
-    /// What was done since the tree was made.
+    /// Counts of the work since the tree was made.
     pub fn counters(&self) -> WorkCounters {
         self.tree.counters
     }
 
+    /// The primitives of an object.
     fn held(&self, object: OccupantId) -> Result<&[u32], OccupantError> {
         let held = self.objects.get(object.0 as usize).filter(|held| !held.is_empty());
         held.map(Vec::as_slice).ok_or(OccupantError::Unknown)
     }
 
-    /// Whether these boxes may take the place of a number of boxes.
+    /// Checks boxes that are to replace `held` boxes.
     fn check(&self, primitives: &[Aabb], held: usize) -> Result<(), OccupantError> {
         if primitives.is_empty() {
             return Err(OccupantError::NoPrimitive);
@@ -242,14 +244,14 @@ impl Occupants {
         Ok(())
     }
 
-    /// Finds the cells of boxes to come.
+    /// Finds the cells of an object's new boxes.
     fn measure(&mut self, primitives: &[Aabb]) {
         self.scratch.spans.clear();
         self.scratch.spans.extend(primitives.iter().map(|bounds| self.tree.grid.span(bounds)));
     }
 
-    /// What of an object moves to other nodes, once its boxes to come are measured; nothing when all
-    /// stay in their cells.
+    /// The part of an object that moves to other nodes, once its new boxes are measured. `None`
+    /// when all boxes stay in their cells.
     fn change(&self, object: OccupantId) -> Option<Change> {
         let held = &self.objects[object.0 as usize];
         let spans = &self.scratch.spans;
@@ -267,7 +269,7 @@ impl Occupants {
         {
             add(of, span);
         }
-        // One box more or less: the first shows where the object is.
+        // The first box shows where an object with more or fewer boxes is.
         for span in spans.iter().skip(held.len()) {
             add(held[0], &primitive(held[0]).span.union(span));
         }
@@ -277,8 +279,8 @@ impl Occupants {
         change
     }
 
-    /// Puts an object's boxes in place, once they are measured, and takes primitives out of the nodes
-    /// where they will not be.
+    /// Stores an object's new boxes, once they are measured, and detaches primitives from the nodes
+    /// that they leave.
     fn leave(&mut self, object: OccupantId, primitives: &[Aabb]) {
         let MoveScratch { spans, entering, left } = &mut self.scratch;
         let held = &mut self.objects[object.0 as usize];
@@ -301,13 +303,14 @@ impl Occupants {
         }
     }
 
-    /// Puts primitives where they belong, below a node that holds them all.
+    /// Attaches the entering primitives to their nodes, below a node that contains them all.
     fn enter(&mut self, start: u32) {
         for primitive in self.scratch.entering.drain(..) {
             self.tree.insert(start, primitive);
         }
     }
 
+    /// Deletes the nodes that are not needed any more.
     fn tidy(&mut self) {
         for at in self.scratch.left.drain(..) {
             self.tree.tidy(at);

@@ -1,16 +1,17 @@
-//! Method N of the paper: delete, then search from the root. What method B is compared with.
+//! Method N of Sudarsky and Gotsman 1996: delete, then insert from the root. It is the reference
+//! for method B.
 
 use super::{OccupantError, OccupantId, Occupants, tree::ROOT};
 use crate::geometry::Aabb;
 
 impl Occupants {
-    /// Does what [`Occupants::move_to`] does, the naive way, for tests and benches: each primitive is
-    /// deleted with the nodes that only it needs, and inserted again from the root. One after the
-    /// other, as the paper advises, so that those yet to be moved keep their nodes in place.
+    /// Moves an object like [`Occupants::move_to`], but naively, for tests and benchmarks. Each
+    /// primitive is deleted with the nodes that only it needs, and inserted again from the root.
+    /// They are moved one after another, as the paper advises, so that the others keep their nodes.
     ///
     /// # Errors
     ///
-    /// As [`Occupants::move_to`], and when the number of boxes changes.
+    /// The errors of [`Occupants::move_to`]; also when the number of boxes changes.
     #[doc(hidden)]
     pub fn move_naively(
         &mut self,

@@ -8,7 +8,7 @@ use super::{grid::GridCell, *};
 const ORIGIN: Vec3 = Vec3::new(-7.0, 2.0, -31.0);
 const EDGE: f32 = 64.0;
 
-/// What lies at each node: an object, and which of its boxes.
+/// The primitives at each node: an object, and the index of its box.
 type TreeShape = BTreeMap<GridCell, BTreeSet<(u32, usize)>>;
 
 impl Occupants {
@@ -22,7 +22,7 @@ impl Occupants {
         nodes.map(|(_, n)| (n.cell, n.primitives.iter().map(|&p| index(p)).collect())).collect()
     }
 
-    /// The tree made anew by the rule, from all that there is.
+    /// The tree that the rules of the module give for the present objects.
     fn shape_by_rule(&self) -> TreeShape {
         let mut all = Vec::new();
         for object in 0..self.objects.len() as u32 {
@@ -35,7 +35,7 @@ impl Occupants {
         shape
     }
 
-    /// Whether nodes and primitives name each other, parents and children too.
+    /// Checks that nodes and primitives refer to one another, and so do parents and children.
     fn check_links(&self) {
         for (at, node) in self.tree.nodes_in_use() {
             for &primitive in &node.primitives {
@@ -57,7 +57,7 @@ impl Occupants {
     }
 }
 
-/// The rule, as the head of the module has it.
+/// Applies the rules of the module.
 fn put(
     grid: &OccupantGrid,
     cell: GridCell,
@@ -78,13 +78,13 @@ fn put(
     }
 }
 
-/// Objects on walks: mostly short steps, seldom a leap; boxes from millimetres to the whole region,
-/// some of them partly outside.
+/// Objects on random walks with short steps and rare leaps. Boxes measure from millimetres to the
+/// whole region. Some are partly outside.
 struct Crowd {
     rng: SmallRng,
-    /// Middle of each object.
+    /// The centre of each object.
     middles: Vec<Vec3>,
-    /// Its boxes about the middle.
+    /// The boxes of each object relative to its centre.
     boxes: Vec<Vec<Aabb>>,
 }
 
@@ -102,7 +102,7 @@ impl Crowd {
     }
 
     fn anywhere(&mut self) -> Vec3 {
-        // A few places many share, so that objects meet.
+        // Half of all places are close together, so that objects meet.
         let place = Vec3::from_array(std::array::from_fn(|_| self.rng.random_range(0.0..1.0)));
         let spread = if self.rng.random_bool(0.5) { 3.0 } else { EDGE * 1.05 };
         ORIGIN + place * spread
@@ -150,7 +150,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn both_methods_make_the_tree_that_the_rule_makes(
+    fn both_methods_give_the_tree_of_the_rules(
         seed: u64, count in 1usize..24, depth in 0u8..=16,
     ) {
         let mut crowd = Crowd::new(seed, count);
@@ -170,7 +170,7 @@ proptest! {
     }
 
     #[test]
-    fn groups_make_the_tree_that_single_moves_make(
+    fn grouped_moves_give_the_tree_of_single_moves(
         seed: u64, count in 2usize..24, depth in 1u8..=16,
     ) {
         let mut crowd = Crowd::new(seed, count);
@@ -196,7 +196,7 @@ proptest! {
     }
 
     #[test]
-    fn who_comes_and_goes_leaves_no_trace(seed: u64, count in 1usize..24, depth in 0u8..=16) {
+    fn removed_objects_leave_no_trace(seed: u64, count in 1usize..24, depth in 0u8..=16) {
         let mut crowd = Crowd::new(seed, count);
         let (mut occupants, mut ids) = with(&crowd, depth);
         for _ in 0..60 {
@@ -234,7 +234,7 @@ proptest! {
     }
 
     #[test]
-    fn a_walk_meets_all_once_and_what_can_hide_first(
+    fn a_walk_visits_each_object_once_and_possible_hiders_first(
         seed: u64, count in 1usize..60, eye in prop::array::uniform3(-40f32..80.0),
     ) {
         let crowd = Crowd::new(seed, count);
@@ -259,8 +259,8 @@ proptest! {
     }
 }
 
-/// Whether two cubes are apart, and the eye is on the first's side of every axial plane between them:
-/// else the first cannot hide the second.
+/// Whether the first of two cubes may hide the second. It may only if they are apart, and the eye
+/// is on the first's side of every axial plane between them.
 fn may_hide(first: &Aabb, second: &Aabb, eye: Vec3) -> bool {
     let below = first.max.cmple(second.min);
     let above = second.max.cmple(first.min);
@@ -269,7 +269,7 @@ fn may_hide(first: &Aabb, second: &Aabb, eye: Vec3) -> bool {
 }
 
 #[test]
-fn a_hidden_node_hides_what_is_only_in_it() {
+fn objects_only_in_refused_nodes_are_not_visited() {
     let mut occupants = Occupants::new(Vec3::ZERO, 64.0, 10);
     let near = occupants.insert(&[Aabb::around(Vec3::splat(10.0), 1.0)]).expect("good");
     let far = occupants.insert(&[Aabb::around(Vec3::splat(50.0), 1.0)]).expect("good");
@@ -298,10 +298,10 @@ fn a_primitive_is_in_eight_nodes_at_most() {
     assert!(occupants.node_count() <= 400 * 8 * usize::from(DEPTH_MAX) + 1);
 }
 
-/// Claim 2 of the paper, and what several objects together gain: a row of carriages, each of which
-/// enters the nodes that the one before it leaves.
+/// Claim 2 of the paper, and its gain for several objects: in a row of carriages each enters the
+/// nodes that the one before leaves.
 #[test]
-fn nodes_are_not_deleted_to_be_made_again() {
+fn no_node_is_deleted_and_made_again() {
     let carriage = |place: f32| {
         let front = Aabb::around(Vec3::new(place, 20.3, 20.3), 0.24);
         [front, Aabb::new(front.min - 0.1, front.max - 0.1)]
@@ -328,7 +328,7 @@ fn nodes_are_not_deleted_to_be_made_again() {
 }
 
 #[test]
-fn what_stays_in_its_cells_changes_no_node() {
+fn a_move_within_cells_changes_no_node() {
     let mut occupants = Occupants::new(Vec3::ZERO, 64.0, 10);
     let here = |x: f32| [Aabb::around(Vec3::new(x, 10.0, 10.0), 0.4)];
     let body = occupants.insert(&here(10.5)).expect("good");
@@ -340,7 +340,7 @@ fn what_stays_in_its_cells_changes_no_node() {
 }
 
 #[test]
-fn bad_input_changes_nothing() {
+fn invalid_input_changes_nothing() {
     let mut occupants = Occupants::new(Vec3::ZERO, 64.0, 10);
     let good = [Aabb::around(Vec3::splat(9.0), 1.0)];
     let body = occupants.insert(&good).expect("good");

@@ -1,4 +1,4 @@
-//! The nodes: attached to and detached from, split by need, deleted when nothing is under them.
+//! The nodes: primitives are attached and detached, nodes are split and deleted.
 
 use super::{
     WorkCounters,
@@ -6,14 +6,14 @@ use super::{
 };
 use crate::geometry::Aabb;
 
-/// No node.
+/// Stands for no node.
 const NONE: u32 = u32::MAX;
 /// The depth of a node that is not in use.
 const FREE: u8 = u8::MAX;
 
 pub(super) const ROOT: u32 = 0;
 
-/// A box of an object, and the nodes that it is in.
+/// A box of an object, and the nodes that it is attached to.
 #[derive(Clone, Debug)]
 pub(super) struct Primitive {
     pub(super) object: u32,
@@ -23,19 +23,20 @@ pub(super) struct Primitive {
     node_count: u8,
 }
 
-/// A cube of the region. It is split while it holds several primitives of which one may go deeper.
+/// A node. It is split while several primitives overlap it and one of them may go deeper.
 #[derive(Clone, Debug)]
 pub(super) struct OccupantNode {
     pub(super) cell: GridCell,
     pub(super) parent: u32,
     children: [u32; 8],
-    /// Bit `i` is set when there is a child in octant `i`; zero when it is not split.
+    /// Bit `i` is set when there is a child in octant `i`. Zero when the node is not split.
     pub(super) child_mask: u8,
-    /// In no order. A split node holds only what may go no deeper.
+    /// The attached primitives, in no particular order. A split node has only primitives of its own
+    /// level.
     pub(super) primitives: Vec<u32>,
 }
 
-/// All nodes and all primitives.
+/// All nodes and primitives.
 #[derive(Clone, Debug)]
 pub(super) struct OccupantTree {
     pub(super) grid: OccupantGrid,
@@ -52,7 +53,8 @@ impl Primitive {
     }
 
     fn attach(&mut self, node: u32) {
-        // At its own level it lies in eight cells at most, and every node it is in has one of them.
+        // A primitive overlaps at most eight cells of its level, and each of its nodes contains
+        // one.
         self.nodes[usize::from(self.node_count)] = node;
         self.node_count += 1;
     }
@@ -103,12 +105,12 @@ impl OccupantTree {
         self.nodes.len() - self.nodes_free.len()
     }
 
-    /// The nodes there are, and where.
+    /// The nodes in use with their indices.
     pub(super) fn nodes_in_use(&self) -> impl Iterator<Item = (u32, &OccupantNode)> {
         (0..).zip(&self.nodes).filter(|(_, node)| node.cell.depth != FREE)
     }
 
-    /// The first node on the way up from a primitive that is no deeper than this.
+    /// The first node at most this deep on the way up from a primitive.
     pub(super) fn ancestor(&mut self, primitive: u32, depth: u8) -> u32 {
         let mut at = self.primitives[primitive as usize].nodes()[0];
         while self.nodes[at as usize].cell.depth > depth {
@@ -118,7 +120,7 @@ impl OccupantTree {
         at
     }
 
-    /// A primitive that is in no node yet.
+    /// Adds a primitive that is not attached to any node.
     pub(super) fn add(&mut self, object: u32, bounds: Aabb, span: CellRange) -> u32 {
         let primitive = Primitive { object, bounds, span, nodes: [NONE; 8], node_count: 0 };
         if let Some(free) = self.primitives_free.pop() {
@@ -129,14 +131,14 @@ impl OccupantTree {
         (self.primitives.len() - 1) as u32
     }
 
-    /// Forgets a primitive that is in no node any more.
+    /// Forgets a primitive that is not attached to any node.
     pub(super) fn forget(&mut self, primitive: u32) {
         debug_assert!(self.primitives[primitive as usize].nodes().is_empty());
         self.primitives_free.push(primitive);
     }
 
-    /// Puts a primitive where it belongs below a node that holds all its cells. Nodes that it is in
-    /// already keep it.
+    /// Attaches a primitive to its nodes, below a node that contains all its cells. Nodes that it
+    /// is attached to already keep it.
     pub(super) fn insert(&mut self, at: u32, primitive: u32) {
         self.counters.visited += 1;
         let node = &self.nodes[at as usize];
@@ -170,11 +172,11 @@ impl OccupantTree {
         }
     }
 
-    /// Moves to children what may go deeper.
+    /// Moves the primitive that may go deeper from a node to its children.
     fn push_down(&mut self, at: u32) {
         let node = &self.nodes[at as usize];
         let deeper = |&&of: &&u32| self.primitives[of as usize].span.level > node.cell.depth;
-        // A node that is not split holds one such primitive at most.
+        // A node that is not split has at most one such primitive.
         if let Some(&primitive) = node.primitives.iter().find(deeper) {
             self.detach(at, primitive);
             self.insert_below(at, primitive);
@@ -193,8 +195,8 @@ impl OccupantTree {
         self.primitives[primitive as usize].detach(at);
     }
 
-    /// Takes a primitive out of its nodes, but for those that are still right for new cells, and
-    /// names the nodes that it left. They, and what is above them, are left untidy.
+    /// Detaches a primitive from its nodes, except from those that overlap its new cells too.
+    /// Appends the nodes that it left, which still have to be tidied.
     pub(super) fn leave(&mut self, primitive: u32, new: Option<&CellRange>, left: &mut Vec<u32>) {
         let of = &self.primitives[primitive as usize];
         let new = new.filter(|new| new.level == of.span.level);
@@ -208,10 +210,10 @@ impl OccupantTree {
         }
     }
 
-    /// Deletes what is not needed any more at a node that was left, and above it.
+    /// Deletes nodes that are not needed any more, from a node that was left upwards.
     ///
-    /// It stops at a node that must stay split. That may be for the sake of another node that is not
-    /// tidied yet; when that one is, this node is looked at again.
+    /// It stops at a node that must stay split. If that is because of another node that is still to
+    /// be tidied, tidying that one comes back here.
     pub(super) fn tidy(&mut self, mut at: u32) {
         if self.nodes[at as usize].cell.depth == FREE {
             return;
@@ -235,7 +237,7 @@ impl OccupantTree {
         }
     }
 
-    /// Whether a node that is split holds several primitives.
+    /// Whether several primitives overlap a split node.
     fn must_stay_split(&self, at: u32) -> bool {
         let node = &self.nodes[at as usize];
         let mut found = node.primitives.first().copied();
@@ -254,7 +256,7 @@ impl OccupantTree {
         false
     }
 
-    /// Takes up what is left in children, none of which is split.
+    /// Deletes the children, none of which is split, and attaches their last primitive to the node.
     fn merge(&mut self, at: u32) {
         let children = self.nodes[at as usize].children;
         let mut last = None;
@@ -290,7 +292,7 @@ impl OccupantTree {
         child
     }
 
-    /// Deletes a node that holds nothing and is not split.
+    /// Deletes a node without primitives and children.
     fn delete(&mut self, at: u32) {
         self.counters.deleted += 1;
         let node = &mut self.nodes[at as usize];

@@ -1,21 +1,22 @@
-//! Asking who is where.
+//! Queries.
 
 use glam::Vec3;
 
 use super::{OccupantId, Occupants, grid::CellRange, tree::ROOT};
 use crate::geometry::Aabb;
 
-/// What [`Occupants::front_to_back`] comes upon.
+/// A step of [`Occupants::front_to_back`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Visit {
-    /// A node, by its cube. What is asked is whether to go in.
+    /// A node, by its cube. The answer is whether to enter it.
     Node(Aabb),
-    /// An object, the first time that one of its boxes comes up. The answer does not matter.
+    /// An object, when the first of its boxes is reached. The answer does not matter.
     Occupant(OccupantId),
 }
 
 impl Occupants {
-    /// The objects of which a box shares a point with a box, in order of their numbers, each once.
+    /// The objects with a box that shares a point with a region, each once, in order of their
+    /// numbers.
     pub fn meeting(&self, region: &Aabb) -> Vec<OccupantId> {
         let mut found = Vec::new();
         if !region.is_empty() {
@@ -44,12 +45,12 @@ impl Occupants {
         }
     }
 
-    /// Walks through the tree as a renderer does: nodes nearer to the eye come before those that they
-    /// can hide, and what is at a node before what is below it. `visit` is told of each node, and
-    /// answers whether to go in, and of each object found.
+    /// Walks the tree from front to back. A node comes before the nodes that it can hide from the
+    /// eye, and the objects at a node before those below it. `visit` is called for each node,
+    /// answers whether to enter it, and is called for each object found.
     ///
-    /// An object lies within the cubes of its nodes taken together. The root is not asked about: it
-    /// also holds what reaches out of the region.
+    /// The union of the cubes of an object's nodes contains the object. The root is entered without
+    /// a question, because it also has the objects that reach out of the region.
     pub fn front_to_back(&self, eye: Vec3, mut visit: impl FnMut(Visit) -> bool) {
         let mut seen = vec![0u64; self.objects.len().div_ceil(64)];
         self.walk(ROOT, eye, &mut seen, &mut visit);
@@ -79,6 +80,6 @@ impl Occupants {
     }
 }
 
-/// Octants by how many of the three middle planes part them from the nearest: one that can hide
-/// another comes first.
+/// The octants relative to the nearest one, ordered by the number of middle planes between. An
+/// octant that can hide another comes first.
 const NEARER_FIRST: [u8; 8] = [0, 1, 2, 4, 3, 5, 6, 7];
