@@ -1,6 +1,25 @@
-//! The oracle: rays against the original triangles.
+//! The oracle: visibility by rays against the original triangles.
 //!
-//! It knows nothing of cells, portals or the PVS, so that it can prove them wrong.
+//! It knows nothing of cells, portals or the PVS, so it can prove them wrong. An [`Oracle`] is made
+//! from the [`Mesh`] of a world. It says whether two points see each other, whether some sampled
+//! point of a box is in sight, and how far a ray goes. Rays are in single precision: a miss that it
+//! reports near an edge must be confirmed in double precision.
+//!
+//! ```
+//! use glam::Vec3;
+//! use sightline_oracle::Oracle;
+//! use sightline_world::Mesh;
+//!
+//! let wall = Mesh {
+//!     positions: vec![Vec3::new(-9.0, 0.0, 0.0), Vec3::new(9.0, 0.0, 0.0), Vec3::new(0.0, 9.0, 0.0)],
+//!     triangles: vec![[0, 1, 2]],
+//! };
+//! let oracle = Oracle::new(&wall);
+//! let (before, behind) = (Vec3::new(0.0, 1.6, 4.0), Vec3::new(0.0, 1.6, -4.0));
+//! assert!(!oracle.between(before, behind), "the wall is between them");
+//! assert!(oracle.between(before, before + Vec3::X));
+//! assert_eq!(oracle.distance(before, Vec3::NEG_Z), Some(4.0));
+//! ```
 
 use std::time::Duration;
 
@@ -13,14 +32,14 @@ use obvhs::{
 };
 use sightline_world::{Mesh, geometry::Aabb, tolerance::BESIDE_RAY_M};
 
-/// A building's opaque triangles, ready for rays.
+/// The opaque triangles of a building in a bounding volume hierarchy.
 pub struct Oracle {
     bvh: Bvh2,
     triangles: Vec<Triangle>,
 }
 
 impl Oracle {
-    /// Prepares the triangles of a mesh.
+    /// Builds the hierarchy over a mesh.
     pub fn new(mesh: &Mesh) -> Self {
         let triangle = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
         let triangles: Vec<Triangle> = mesh.corners().map(triangle).collect();
@@ -29,11 +48,13 @@ impl Oracle {
             BvhBuildParams::medium_build(),
             &mut Duration::default(),
         );
+        assert!(bvh.primitive_indices.len() >= triangles.len(), "a triangle is missing");
         Self { bvh, triangles }
     }
 
-    /// Whether the open segment between two points meets no triangle.
+    /// Whether two points see each other: no triangle meets the open segment between them.
     pub fn between(&self, from: Vec3, to: Vec3) -> bool {
+        debug_assert!(from.is_finite() && to.is_finite(), "no segment from {from} to {to}");
         let along = to - from;
         if along.length_squared() < 1e-12 {
             return true;
@@ -45,14 +66,16 @@ impl Oracle {
         [u, -u, v, -v].into_iter().all(|beside| !self.blocked(from + beside * BESIDE_RAY_M, along))
     }
 
-    /// Whether some sampled point of a box is in sight of an eye: `samples` points a side on its
-    /// three axes, corners included.
+    /// Whether some sampled point of a box is in sight of an eye. The samples form a regular grid,
+    /// `samples` along each axis (at least two), corners included.
     pub fn of_box(&self, eye: Vec3, target: &Aabb, samples: u32) -> bool {
         box_samples(target, samples).any(|point| self.between(eye, point))
     }
 
-    /// How far along a direction of unit length the first triangle is, in metres.
+    /// The distance to the first triangle along a direction of unit length, in metres. `None` when
+    /// there is none.
     pub fn distance(&self, from: Vec3, direction: Vec3) -> Option<f32> {
+        debug_assert!(direction.is_normalized(), "{direction} is not of unit length");
         let ray = Ray::new_inf(from.into(), direction.into());
         let mut hit = obvhs::ray::RayHit::none();
         self.bvh
@@ -60,17 +83,20 @@ impl Oracle {
             .then_some(hit.t)
     }
 
+    /// Whether a triangle meets the segment `along` from a point.
     fn blocked(&self, from: Vec3, along: Vec3) -> bool {
         let ray = Ray::new(from.into(), along.into(), 0.0, 1.0);
         !self.bvh.ray_traverse_miss(ray, |ray, id| self.triangle(id).intersect(ray))
     }
 
+    /// The triangle at a place in the hierarchy.
     fn triangle(&self, id: usize) -> &Triangle {
         &self.triangles[self.bvh.primitive_indices[id] as usize]
     }
 }
 
-/// Points of a box on a regular grid, `samples` a side (at least 2), corners included.
+/// The points of a regular grid in a box, `samples` along each axis (at least two), corners
+/// included.
 fn box_samples(target: &Aabb, samples: u32) -> impl Iterator<Item = Vec3> + use<> {
     let samples = samples.max(2);
     let (min, size) = (target.min, target.size());
@@ -88,8 +114,8 @@ fn box_samples(target: &Aabb, samples: u32) -> impl Iterator<Item = Vec3> + use<
 mod tests {
     use super::*;
 
+    /// A square wall at z = 0 from (-1, -1) to (1, 1).
     fn wall() -> Oracle {
-        // A square at z = 0 from (-1, -1) to (1, 1).
         Oracle::new(&Mesh {
             positions: vec![
                 Vec3::new(-1.0, -1.0, 0.0),
@@ -103,32 +129,32 @@ mod tests {
 
     #[test]
     fn a_wall_blocks_from_both_sides_and_only_where_it_is() {
-        let sight = wall();
+        let oracle = wall();
         let (near, far) = (Vec3::new(0.1, 0.2, 3.0), Vec3::new(-0.3, 0.1, -3.0));
-        assert!(!sight.between(near, far));
-        assert!(!sight.between(far, near));
-        assert!(sight.between(near, near + Vec3::X));
-        assert!(sight.between(near + Vec3::X * 2.0, far + Vec3::X * 2.0));
-        assert!((sight.distance(near, -Vec3::Z).unwrap() - 3.0).abs() < 1e-5);
-        assert_eq!(sight.distance(near, Vec3::Z), None);
+        assert!(!oracle.between(near, far));
+        assert!(!oracle.between(far, near));
+        assert!(oracle.between(near, near + Vec3::X));
+        assert!(oracle.between(near + Vec3::X * 2.0, far + Vec3::X * 2.0));
+        assert!((oracle.distance(near, -Vec3::Z).unwrap() - 3.0).abs() < 1e-5);
+        assert_eq!(oracle.distance(near, Vec3::Z), None);
     }
 
     #[test]
     fn the_edge_between_two_triangles_lets_nothing_through() {
-        let sight = wall();
+        let oracle = wall();
         for i in 0..10_000 {
             let t = i as f32 / 10_000.0 * 1.9 - 0.95;
-            assert!(!sight.between(Vec3::new(t, t, 1.0), Vec3::new(t, t, -1.0)));
+            assert!(!oracle.between(Vec3::new(t, t, 1.0), Vec3::new(t, t, -1.0)));
         }
     }
 
     #[test]
-    fn a_box_is_in_sight_when_a_corner_sticks_out() {
-        let sight = wall();
+    fn a_box_is_in_sight_when_one_of_its_corners_is() {
+        let oracle = wall();
         let eye = Vec3::new(0.0, 0.0, 1.0);
         let behind = Aabb::around(Vec3::new(0.0, 0.0, -1.0), 0.5);
-        assert!(!sight.of_box(eye, &behind, 3));
+        assert!(!oracle.of_box(eye, &behind, 3));
         let out = Aabb::new(behind.min, behind.max + Vec3::X * 3.0);
-        assert!(sight.of_box(eye, &out, 3));
+        assert!(oracle.of_box(eye, &out, 3));
     }
 }

@@ -1,18 +1,18 @@
-//! A server's certificate, short enough to be read out.
+//! Fingerprints of servers' certificates.
 
 use std::{fmt, str::FromStr};
 
-/// The BLAKE3 hash of a certificate in DER. Clients pin it: it is how they know a server.
+/// The BLAKE3 hash of a certificate in DER. Clients pin it to recognise a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fingerprint(pub [u8; 32]);
 
-/// A text is not 64 hexadecimal digits.
+/// A text is not a fingerprint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a fingerprint has 64 hexadecimal digits")]
 pub struct FingerprintError;
 
 impl Fingerprint {
-    /// Of a certificate in DER.
+    /// The fingerprint of a certificate in DER.
     pub fn of(certificate_der: &[u8]) -> Self {
         Self(*blake3::hash(certificate_der).as_bytes())
     }
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_written_and_read() {
+    fn a_fingerprint_reads_back_from_its_text() {
         let fingerprint = Fingerprint::of(b"a certificate");
         let text = fingerprint.to_string();
         assert_eq!(text.len(), 64);

@@ -1,18 +1,18 @@
-//! Messages on a stream: two bytes of length, the least significant first, then the message.
+//! Frames of messages on a stream: two bytes of length, little-endian, and then the message.
 
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::DecodeError;
 
-/// No message is longer, in bytes.
+/// The greatest length of a message, in bytes.
 pub const FRAME_BYTES_MAX: usize = 2_048;
 
-/// A message with its length before it.
+/// Encodes a message as a frame.
 ///
 /// # Panics
 ///
-/// When the message is longer than [`FRAME_BYTES_MAX`], which no message can be: the tests encode
-/// the longest of each.
+/// When the message is longer than [`FRAME_BYTES_MAX`]. The tests encode the longest message of
+/// each kind.
 pub fn encode<M: Serialize>(message: &M) -> Vec<u8> {
     let mut bytes = vec![0; 2];
     bytes = postcard::to_extend(message, bytes).expect("messages hold nothing but plain data");
@@ -22,30 +22,32 @@ pub fn encode<M: Serialize>(message: &M) -> Vec<u8> {
     bytes
 }
 
-/// The message that fills all of some bytes.
+/// Decodes a message that fills all the bytes.
 pub fn decode<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, DecodeError> {
     let (message, rest) = postcard::take_from_bytes(bytes).map_err(|_| DecodeError::Malformed)?;
     if rest.is_empty() { Ok(message) } else { Err(DecodeError::Trailing) }
 }
 
-/// Puts the pieces of a stream together. Holds no more than one frame and one piece.
+/// Reassembles frames from the pieces of a stream. It holds at most one frame and one piece.
 #[derive(Clone, Debug, Default)]
 pub struct FrameBuffer {
     bytes: Vec<u8>,
-    /// Where in `bytes` the first unread byte is.
+    /// The index in `bytes` of the first unread byte.
     start: usize,
 }
 
 impl FrameBuffer {
-    /// Takes in what the stream gave. Read all frames with [`FrameBuffer::next_frame`] before the
+    /// Appends a piece of the stream. Take all frames with [`FrameBuffer::next_frame`] before the
     /// next call.
     pub fn push(&mut self, piece: &[u8]) {
+        debug_assert!(self.start <= self.bytes.len());
         self.bytes.drain(..self.start);
         self.start = 0;
         self.bytes.extend_from_slice(piece);
     }
 
-    /// The next whole message, without its length. After an error the stream is of no use.
+    /// The next complete message, without its length. `None` when more of the stream is needed.
+    /// After an error the stream cannot be read any further.
     pub fn next_frame(&mut self) -> Result<Option<&[u8]>, DecodeError> {
         let unread = &self.bytes[self.start..];
         let Some((length, rest)) = unread.split_first_chunk::<2>() else { return Ok(None) };

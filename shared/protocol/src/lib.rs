@@ -1,14 +1,37 @@
-//! What travels between server and client.
+//! The protocol between server and client, as bytes.
 //!
-//! * [`message`]: control messages, on the one stream of a connection, in [`frame`]s.
-//! * [`pose_stream`]: poses, in datagrams, delta-coded against what the client acknowledged.
-//! * [`fingerprint`]: how a client knows a server.
-//! * [`quantise`]: the one place where domain types become wire types and back.
-//! * [`text`]: names and lines that are fit to be shown.
+//! * [`message`]: the control messages, [`ClientMessage`](message::ClientMessage) and
+//!   [`ServerMessage`](message::ServerMessage), in [`frame`]s on a reliable stream.
+//! * [`pose_stream`]: poses in datagrams. The server's [`PoseEncoder`](pose_stream::PoseEncoder)
+//!   codes them against what the client's [`PoseDecoder`](pose_stream::PoseDecoder) has
+//!   acknowledged.
+//! * [`quantise`]: the only conversions between domain types and wire types.
+//! * [`text`]: names and chat lines that are fit to be shown.
+//! * [`fingerprint`]: how a client recognises a server.
 //!
-//! A connection has one bidirectional stream, which the client opens, and one unidirectional
-//! stream, which the server opens to send the world when it is asked to. No float travels, so no
-//! NaN can; no length, index or character is trusted, so a value that decodes is a valid one.
+//! A connection has one bidirectional stream, which the client opens. The server opens a
+//! unidirectional stream to send the world when it is asked for it. No floating-point number is on
+//! the wire, so no NaN is either. No length, index or character is trusted: a value that decodes is
+//! valid.
+//!
+//! This crate knows no socket. A server sends a pose like this:
+//!
+//! ```
+//! use glam::Vec3;
+//! use sightline_protocol::pose_stream::{PoseDecoder, PoseEncoder};
+//! use sightline_world::motion::{AvatarId, Pose};
+//!
+//! let pose = Pose { eye: Vec3::new(2.0, 1.6, -3.0), ..Pose::default() };
+//! let (mut server, mut client) = (PoseEncoder::default(), PoseDecoder::default());
+//! for datagram in server.encode(1, &[(AvatarId(7), pose)]) {
+//!     let update = client.decode(&datagram)?.expect("it is new");
+//!     let shown = Pose::from(update.pose(AvatarId(7)).expect("it has this avatar"));
+//!     assert!(shown.eye.distance(pose.eye) < 0.002);
+//! }
+//! server.acknowledge(client.ack());
+//! assert!(server.encode(2, &[(AvatarId(7), pose)]).is_empty(), "nothing has changed");
+//! # Ok::<(), sightline_protocol::DecodeError>(())
+//! ```
 
 pub mod fingerprint;
 pub mod frame;
@@ -20,31 +43,31 @@ pub mod quantise;
 pub mod text;
 mod varint;
 
-/// Both ends must speak the same version.
+/// The version of the protocol, which both ends must share.
 pub const VERSION: u32 = 2;
-/// The TLS application protocol. It does not carry the version, so that a client of another
-/// version can be told so in words.
+/// The TLS application protocol. It has no version, so that the server can tell a client of another
+/// version the reason in words.
 pub const ALPN: &[u8] = b"sightline";
 
-/// Why bytes from a peer are not what they should be.
+/// Why bytes from a peer cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DecodeError {
     /// The bytes end too early, or a value is out of its range.
     #[error("malformed message")]
     Malformed,
-    /// Bytes are left over after the last field.
+    /// Bytes follow the last field.
     #[error("a message with bytes after its end")]
     Trailing,
-    /// Longer than any message may be.
+    /// The message is longer than allowed.
     #[error("a message of {bytes} bytes, where {bytes_max} is the most")]
     TooLong {
-        /// How long it claims to be.
+        /// The length that it claims, in bytes.
         bytes: usize,
-        /// How long it may be.
+        /// The greatest length allowed, in bytes.
         bytes_max: usize,
     },
-    /// Coded against a datagram that is not held any more.
-    #[error("a pose coded against a datagram that is not at hand")]
+    /// A pose is coded against a datagram that the decoder does not hold.
+    #[error("a pose coded against an unknown datagram")]
     NoBaseline,
 }

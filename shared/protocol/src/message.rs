@@ -1,4 +1,4 @@
-//! Control messages: what joins, appears, vanishes, is asked, and is said.
+//! Control messages between client and server, on the reliable stream.
 
 use std::num::NonZeroU32;
 
@@ -11,51 +11,52 @@ use super::{
 };
 use sightline_world::motion::AvatarId;
 
-/// From a client. The first is [`ClientMessage::Hello`], then, once the world is at hand,
-/// [`ClientMessage::Enter`].
+/// A message from a client. The first is [`ClientMessage::Hello`]. Once the client has the world,
+/// [`ClientMessage::Enter`] follows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ClientMessage {
-    /// Who comes. The version comes first, so that every version can read every other's.
+    /// Asks to join. The version is the first field, so that every version can read that of every
+    /// other.
     Hello {
-        /// [`super::VERSION`] of the client.
+        /// The client's [`VERSION`](super::VERSION).
         version: u32,
-        /// How it wants to be called.
+        /// The name it wants.
         name: Name,
-        /// The colour it wants, sRGB.
+        /// The colour it wants, in sRGB.
         colour: [u8; 3],
     },
-    /// Send the world, on a stream of its own.
+    /// Asks for the world, which is sent on a stream of its own.
     FetchWorld,
-    /// The world is here: let me in.
+    /// Asks to enter the world, which the client has now.
     Enter {
-        /// Where it wants its eye; a spawn point when `None`.
+        /// The wanted position of the eye. `None` for any spawn point.
         place: Option<WirePosition>,
     },
-    /// Where I am; the answer to an ask, or because I am about to leave my TBV. Of the same
-    /// sequence as the reports in datagrams.
+    /// Reports the pose, to answer an ask or because the body is about to leave its TBV. Its
+    /// sequence numbers are those of the reports in datagrams.
     Report {
-        /// Grows with each report.
+        /// The sequence number, which grows with each report.
         sequence: u32,
-        /// Where.
+        /// The pose.
         pose: WirePose,
     },
-    /// Says something to those it sees.
+    /// Says something to the avatars in sight.
     Chat {
-        /// What.
+        /// The text.
         text: ChatLine,
     },
-    /// Leaves.
+    /// Leaves the world.
     Goodbye,
 }
 
 impl ClientMessage {
-    /// The message that fills all of a frame.
+    /// Decodes the message of a frame.
     pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
         frame::decode(frame)
     }
 
-    /// The version in the first frame of a client that may be of another version, whose other
-    /// fields may be other ones.
+    /// The version in the first frame of a client. It can be read although the other fields may
+    /// differ between versions.
     pub fn version(frame: &[u8]) -> Result<u32, DecodeError> {
         let hello: Result<(u8, u32), _> = postcard::from_bytes(frame);
         match hello {
@@ -65,96 +66,98 @@ impl ClientMessage {
     }
 }
 
-/// From the server.
+/// A message from the server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ServerMessage {
-    /// The answer to a hello.
+    /// Accepts a client, in answer to its hello.
     Welcome {
-        /// Who you are.
+        /// The client's own avatar.
         avatar: AvatarId,
         /// The content id of the world.
         world: [u8; 32],
-        /// How long its file is.
+        /// The length of the world's file, in bytes.
         world_bytes: u64,
-        /// From tick to tick, in microseconds.
+        /// The time between ticks, in microseconds.
         tick_interval_us: NonZeroU32,
     },
-    /// The other answer to a hello. The connection closes.
+    /// Refuses a client, in answer to its hello. The connection closes.
     Refused {
-        /// Why.
+        /// The reason.
         reason: Refusal,
     },
-    /// You are in.
+    /// The client has entered the world.
     Entered {
-        /// Where.
+        /// The pose at which it begins.
         pose: WirePose,
     },
     /// An avatar may come into view.
     Appear {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
-        /// How it is called.
+        /// Its name.
         name: Name,
-        /// sRGB.
+        /// Its colour, in sRGB.
         colour: [u8; 3],
-        /// Where it was last.
+        /// Its last pose.
         pose: WirePose,
-        /// Older pose datagrams are not about this appearance.
+        /// The first pose datagram that concerns this appearance. Older ones concern an earlier
+        /// one.
         since_sequence: u32,
     },
-    /// An avatar cannot be seen any more, or has left.
+    /// An avatar cannot be seen any more, or has left the world.
     Vanish {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
     },
-    /// Report once, now.
+    /// Asks for one report at once.
     Ask,
-    /// Nobody can see you: be silent unless asked, or about to leave this region.
+    /// Nobody can see the client's avatar. The client is silent until it is asked or is about to
+    /// leave the region.
     Quiet {
-        /// The region.
+        /// The region and its validity.
         tbv: WireTbv,
     },
-    /// Report at every tick, from now on.
+    /// The client reports at every tick from now on.
     Live,
-    /// Your claim was refused: you are here.
+    /// A claim was refused. The avatar is at this pose instead.
     Correct {
-        /// Where.
+        /// The avatar's pose.
         pose: WirePose,
     },
-    /// Somebody you can see, or you yourself, said something.
+    /// An avatar in sight, or the client's own, said something.
     Chat {
-        /// Who.
+        /// The speaker.
         from: AvatarId,
-        /// What.
+        /// The text.
         text: ChatLine,
     },
-    /// The end, and why. The connection closes.
+    /// The server ends the connection.
     Goodbye {
-        /// Why, for people.
+        /// The reason, to show to people.
         reason: ChatLine,
     },
 }
 
 impl ServerMessage {
-    /// The message that fills all of a frame.
+    /// Decodes the message of a frame.
     pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
         frame::decode(frame)
     }
 }
 
-/// Why a client may not come in.
+/// Why a client is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum Refusal {
-    /// It speaks another version.
+    /// The client speaks another version of the protocol.
     #[error("the server speaks version {server} of the protocol")]
     Version {
-        /// The server's.
+        /// The server's version.
         server: u32,
     },
-    /// No more clients are taken.
+    /// The server has as many clients as it allows.
     #[error("the server is full")]
     Full,
-    /// The server is about to end.
+    /// The server is shutting down.
     #[error("the server is closing")]
     Closing,
 }
@@ -182,7 +185,7 @@ mod tests {
         ChatLine::new(&"🦉".repeat(text::LINE_CHARS_MAX)).unwrap()
     }
 
-    /// One of each, as long as it can be.
+    /// The longest message of each kind.
     fn client_messages() -> Vec<ClientMessage> {
         vec![
             ClientMessage::Hello { version: u32::MAX, name: longest_name(), colour: [255; 3] },
@@ -238,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn every_message_comes_back() {
+    fn every_message_decodes_to_itself() {
         for message in client_messages() {
             assert_eq!(ClientMessage::decode(&body(&message)), Ok(message));
         }
@@ -248,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn every_cut_and_every_longer_message_is_refused() {
+    fn cut_and_extended_messages_are_refused() {
         let all = client_messages().iter().map(body).collect::<Vec<_>>();
         for bytes in all {
             for end in 0..bytes.len() {
@@ -259,10 +262,10 @@ mod tests {
         }
     }
 
-    /// Whatever a flipped bit makes of a message, it is refused, or a message that can be encoded
-    /// again and whose numbers are finite.
+    /// A message with a changed byte is refused, or is a message that encodes again and has finite
+    /// numbers.
     #[test]
-    fn every_flip_is_refused_or_valid() {
+    fn every_changed_byte_is_refused_or_valid() {
         let mut valid = 0;
         for original in client_messages().iter().map(body) {
             for_each_flip(&original, |bytes| {
@@ -286,7 +289,7 @@ mod tests {
         assert!(valid > 100, "the flips must reach past the first byte");
     }
 
-    /// Each byte, changed to every other value.
+    /// Calls `check` with each byte changed to every other value.
     fn for_each_flip(original: &[u8], mut check: impl FnMut(&[u8])) {
         let mut bytes = original.to_vec();
         for i in 0..bytes.len() {
@@ -299,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hello_of_any_version_tells_its_version() {
+    fn the_version_of_any_hello_can_be_read() {
         let name = Name::new("Ada").unwrap();
         let hello = ClientMessage::Hello { version: VERSION, name, colour: [0; 3] };
         assert_eq!(ClientMessage::version(&body(&hello)), Ok(VERSION));
@@ -312,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn no_tick_interval_is_nothing() {
+    fn a_tick_interval_of_zero_is_refused() {
         let message = server_messages().remove(0);
         let bytes = body(&message);
         let zero = [&bytes[..bytes.len() - 5], &[0]].concat();

@@ -1,4 +1,4 @@
-//! Domain types as integers and back. Any wire value turns into finite numbers.
+//! Conversions between domain types and wire types. Every wire value converts to finite numbers.
 
 use std::{
     f32::consts::{FRAC_PI_2, TAU},
@@ -14,27 +14,27 @@ use sightline_world::{
     tolerance::WIRE_UNITS_PER_METRE,
 };
 
-/// Lengths travel in 512ths of a metre: 2 mm.
+/// Positions on the wire are in 512ths of a metre, about 2 mm.
 pub const UNITS_PER_METRE: f32 = WIRE_UNITS_PER_METRE;
-/// Speeds travel in 128ths of a metre a second.
+/// Velocities on the wire are in 128ths of a metre per second.
 pub const SPEED_UNITS: f32 = 128.0;
-/// Turns of axes travel in these, in radians.
+/// The unit of turns of axes on the wire, in radians: 2⁻³² of a full turn.
 const TURN_UNIT: f64 = std::f64::consts::TAU / 4_294_967_296.0;
-/// No coordinate is farther from the origin than 100 km.
+/// The greatest coordinate on the wire: 100 km.
 pub const COORDINATE_MAX: i32 = 100_000 * 512;
 
-/// A place, in 512ths of a metre. No coordinate is beyond [`COORDINATE_MAX`].
+/// A position in 512ths of a metre. No coordinate exceeds [`COORDINATE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(try_from = "[i32; 3]", into = "[i32; 3]")]
 pub struct WirePosition([i32; 3]);
 
 impl WirePosition {
-    /// The place with these coordinates, if all are within [`COORDINATE_MAX`].
+    /// The position with these coordinates. `None` when one exceeds [`COORDINATE_MAX`].
     pub fn new(units: [i32; 3]) -> Option<Self> {
         units.iter().all(|u| u.unsigned_abs() <= COORDINATE_MAX as u32).then_some(Self(units))
     }
 
-    /// Its coordinates.
+    /// The coordinates, in 512ths of a metre.
     pub fn units(&self) -> [i32; 3] {
         self.0
     }
@@ -44,7 +44,7 @@ impl TryFrom<[i32; 3]> for WirePosition {
     type Error = &'static str;
 
     fn try_from(units: [i32; 3]) -> Result<Self, Self::Error> {
-        Self::new(units).ok_or("a place beyond the end of the world")
+        Self::new(units).ok_or("a position beyond the limits of the world")
     }
 }
 
@@ -54,7 +54,7 @@ impl From<WirePosition> for [i32; 3] {
     }
 }
 
-/// To the nearest unit, within the limits.
+/// Rounds to the nearest unit and clamps to the limits.
 impl From<Vec3> for WirePosition {
     fn from(place: Vec3) -> Self {
         let limit = f64::from(COORDINATE_MAX);
@@ -69,16 +69,16 @@ impl From<WirePosition> for Vec3 {
     }
 }
 
-/// A pose as integers.
+/// A quantised pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct WirePose {
-    /// The eye.
+    /// The position of the eye.
     pub position: WirePosition,
-    /// 65,536ths of a full turn.
+    /// The yaw, in 65,536ths of a full turn.
     pub yaw: u16,
-    /// 32,767ths of a right angle.
+    /// The pitch, in 32,767ths of a right angle.
     pub pitch: i16,
-    /// 128ths of a metre a second.
+    /// The velocity, in 128ths of a metre per second.
     pub velocity: [i16; 3],
 }
 
@@ -105,29 +105,32 @@ impl From<WirePose> for Pose {
     }
 }
 
-/// A TBV as a client learns of it: never larger than the server's, and it never lasts longer.
+/// A quantised TBV. It is never larger than the server's, and never lasts longer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WireTbv {
-    /// The corner with the least coordinates along the building's axes.
+    /// The corner with the least coordinates, along the building's axes.
     pub min: WirePosition,
-    /// The one with the greatest; where one is not greater, there is nothing in between.
+    /// The corner with the greatest coordinates. Where one is less than in `min`, the region is
+    /// empty.
     pub max: WirePosition,
-    /// From the world's axes to the building's, in 2^32nds of a full turn.
+    /// The turn from the world's axes to the building's, in 2⁻³² of a full turn.
     pub turn: i32,
-    /// How long it holds from when it was sent, in milliseconds.
+    /// The validity from the moment of sending, in milliseconds.
     pub validity_ms: u32,
-    /// How long before it could be left that must be said, in milliseconds; 0 when it cannot be.
+    /// The notice that the client must give before its body can leave, in milliseconds. Zero when
+    /// the body cannot leave.
     pub notice_ms: u16,
 }
 
 impl WireTbv {
-    /// What is left of a TBV at `now`, on the server's clock.
+    /// What remains of a TBV at `now`, on the server's clock.
     pub fn new(tbv: &Tbv, now: Duration) -> Self {
-        // Coordinates move by up to half a unit when rounded to integers, by a rounding of f32 when turned
-        // back, and by what the turn has lost.
+        // A coordinate moves by up to half a unit when rounded to integers, by a rounding of `f32`
+        // when converted back, and by the rounding of the turn.
         let Aabb { min, max } = tbv.within;
         let farthest_m = min.abs().max(max.abs()).max_element();
         let inwards = (0.6 + farthest_m * UNITS_PER_METRE * (0.5f32).powi(22)) / UNITS_PER_METRE;
+        debug_assert!(inwards > 0.0, "the region on the wire must be inside of {tbv:?}");
         let left = tbv.expiry.saturating_sub(now).as_millis();
         Self {
             min: (min + inwards).into(),
@@ -169,15 +172,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_was_quantised_once_stays_as_it_is(wire in wire_pose()) {
+        fn quantised_poses_quantise_to_themselves(wire in wire_pose()) {
             let mut wire = wire;
-            // Beyond 2^24 units an f32 has not enough bits; buildings are smaller.
+            // Beyond 2^24 units an `f32` has too few bits. Buildings are smaller.
             wire.position = WirePosition(wire.position.0.map(|u| u % (1 << 24)));
             prop_assert_eq!(WirePose::from(&Pose::from(wire)), wire);
         }
 
         #[test]
-        fn any_pose_becomes_a_near_and_finite_one(
+        fn quantising_moves_any_pose_by_little(
             eye in proptest::array::uniform3(-2_000f32..2_000.0),
             yaw in -20f32..20.0,
             pitch in -1.5f32..1.5,
@@ -191,7 +194,7 @@ mod tests {
         }
 
         #[test]
-        fn no_bits_make_anything_but_finite_numbers(
+        fn any_bits_give_finite_numbers(
             x: u32, y: u32, z: u32, yaw: u32, pitch: u32, speed: u32,
         ) {
             let pose = Pose {
@@ -223,11 +226,11 @@ mod tests {
             let Aabb { min, max } = client.within;
             let place = client.axes.world(min + (max - min) * Vec3::from(place));
             if client.contains(place) {
-                // Who is so far away that single precision does not tell is so for both.
+                // Far away, single precision bounds how well either end can tell.
                 let lost_m = place.abs().max_element() * (0.5f32).powi(22);
                 prop_assert!(server.grown(lost_m).contains(place), "{:?}", place);
             }
-            // No more than what rounding takes is lost.
+            // The client's TBV is smaller by no more than rounding takes.
             let lost = (max - min) - (within.max - within.min);
             let bound_m = 0.01 + within.max.abs().max(within.min.abs()).max_element() * 1e-6;
             prop_assert!(lost.abs().max_element() < bound_m, "{lost}");
@@ -235,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn places_beyond_the_world_are_refused() {
+    fn positions_beyond_the_limits_are_refused() {
         let encode = |units: [i32; 3]| postcard::to_stdvec(&units).unwrap();
         let decode = |bytes: &[u8]| postcard::from_bytes::<WirePosition>(bytes);
         assert!(decode(&encode([0, COORDINATE_MAX, -COORDINATE_MAX])).is_ok());

@@ -1,48 +1,47 @@
-//! Names and lines: text that came from a peer and is fit to be shown.
+//! Names and chat lines: text from a peer that is fit to be shown.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// No name has more characters.
+/// The greatest number of characters of a name.
 pub const NAME_CHARS_MAX: usize = 32;
-/// No line has more characters.
+/// The greatest number of characters of a chat line.
 pub const LINE_CHARS_MAX: usize = 256;
 
 /// Why a text is not fit to be shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TextError {
-    /// Nothing, or only spaces.
+    /// The text is empty, or only spaces.
     #[error("empty")]
     Empty,
-    /// Too many characters.
+    /// The text has too many characters.
     #[error("longer than {0} characters")]
     TooLong(usize),
-    /// A control or an invisible formatting character.
+    /// The text has a control character or an invisible formatting character.
     #[error("with characters that cannot be shown")]
     Unprintable,
 }
 
-/// How somebody is called: 1 to 32 characters, none of them a control character, no space at
-/// either end.
+/// The name of an avatar: 1 to 32 printable characters without spaces at either end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Name(String);
 
-/// What somebody says: 1 to 256 characters, none of them a control character, no space at either
-/// end.
+/// A line of chat: 1 to 256 printable characters without spaces at either end.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct ChatLine(String);
 
 impl Name {
-    /// Trims the text and takes it if it is fit.
+    /// Trims a text and checks it.
     pub fn new(text: &str) -> Result<Self, TextError> {
         fit(text, NAME_CHARS_MAX).map(Self)
     }
 
-    /// As much of a text as fits, without what cannot be shown; for words of our own.
+    /// Drops unprintable characters from a text and cuts it to fit. It is for the server's own
+    /// words.
     pub fn clipped(text: &str) -> Self {
         Self(clip(text, NAME_CHARS_MAX))
     }
@@ -54,12 +53,13 @@ impl Name {
 }
 
 impl ChatLine {
-    /// Trims the text and takes it if it is fit.
+    /// Trims a text and checks it.
     pub fn new(text: &str) -> Result<Self, TextError> {
         fit(text, LINE_CHARS_MAX).map(Self)
     }
 
-    /// As much of a text as fits, without what cannot be shown; for words of our own.
+    /// Drops unprintable characters from a text and cuts it to fit. It is for the server's own
+    /// words.
     pub fn clipped(text: &str) -> Self {
         Self(clip(text, LINE_CHARS_MAX))
     }
@@ -110,6 +110,7 @@ impl fmt::Display for ChatLine {
     }
 }
 
+/// Trims a text and checks its characters and their number.
 fn fit(text: &str, chars_max: usize) -> Result<String, TextError> {
     let text = text.trim();
     if text.is_empty() {
@@ -124,13 +125,14 @@ fn fit(text: &str, chars_max: usize) -> Result<String, TextError> {
     Ok(text.to_owned())
 }
 
-/// A dash when nothing can be shown.
+/// Drops unprintable characters and cuts the text to fit. A dash when nothing is left.
 fn clip(text: &str, chars_max: usize) -> String {
     let shown: String = text.trim().chars().filter(|&c| is_shown(c)).take(chars_max).collect();
     fit(&shown, chars_max).unwrap_or_else(|_| "-".to_owned())
 }
 
-/// Not a control character, nor one of the marks that reorder, hide or break the text around them.
+/// Whether a character is neither a control character nor a mark that reorders, hides or breaks the
+/// text around it.
 fn is_shown(c: char) -> bool {
     !c.is_control()
         && !matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}'
@@ -161,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn our_own_words_are_cut_to_fit() {
+    fn the_servers_own_words_are_cut_to_fit() {
         assert_eq!(ChatLine::clipped("full\n").as_str(), "full");
         assert_eq!(ChatLine::clipped("\n").as_str(), "-");
         assert_eq!(Name::clipped(" a\u{7}b ").as_str(), "ab");

@@ -1,4 +1,5 @@
-//! Integers of one to five bytes, seven bits each, the least significant first.
+//! Variable-length integers (LEB128): one to five bytes with seven bits each, the least significant
+//! first.
 
 use super::DecodeError;
 
@@ -11,7 +12,7 @@ pub fn write(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
-/// Appends a signed number: small ones of either sign are short.
+/// Appends a signed number (zigzag-coded, so that small numbers of either sign are short).
 pub fn write_signed(out: &mut Vec<u8>, value: i32) {
     write(out, ((value << 1) ^ (value >> 31)) as u32);
 }
@@ -59,7 +60,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn numbers_come_back(value: u32, signed: i32) {
+        fn numbers_decode_to_themselves(value: u32, signed: i32) {
             let mut out = Vec::new();
             write(&mut out, value);
             write_signed(&mut out, signed);

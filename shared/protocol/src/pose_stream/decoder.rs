@@ -1,4 +1,4 @@
-//! The client's end.
+//! The client's end of a pose stream.
 
 use std::collections::VecDeque;
 
@@ -9,29 +9,31 @@ use super::{
 use crate::{DecodeError, quantise::WirePose, varint};
 use sightline_world::motion::AvatarId;
 
-/// Datagrams remembered as baselines. More than the server goes back, for those that overtake.
+/// The number of datagrams remembered as baselines. It exceeds [`BASELINE_DISTANCE_MAX`], because
+/// datagrams overtake one another.
 const REMEMBERED_MAX: u32 = BASELINE_DISTANCE_MAX + 32;
 
-/// The client's end of its pose stream.
+/// The client's end of its pose stream: it decodes datagrams.
 #[derive(Clone, Debug, Default)]
 pub struct PoseDecoder {
-    /// In ascending order of sequence, none older than [`REMEMBERED_MAX`] before the newest.
+    /// The remembered datagrams in ascending order of sequence. All are within [`REMEMBERED_MAX`]
+    /// of the newest.
     pub(super) received: VecDeque<PoseUpdate>,
 }
 
-/// What a datagram told: the newest of some avatars as the server knew them at a tick.
+/// The content of a datagram: the newest poses of some avatars at a tick of the server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PoseUpdate {
-    /// The number of the datagram.
+    /// The sequence number of the datagram.
     pub sequence: u32,
-    /// When.
+    /// The tick of the poses.
     pub tick: u32,
-    /// In ascending order of id.
+    /// The poses in ascending order of id.
     pub poses: Vec<(AvatarId, WirePose)>,
 }
 
 impl PoseUpdate {
-    /// What it tells of an avatar.
+    /// The pose of an avatar, if the datagram has it.
     pub fn pose(&self, avatar: AvatarId) -> Option<WirePose> {
         let found = self.poses.binary_search_by_key(&avatar, |(id, _)| *id).ok()?;
         self.poses.get(found).map(|(_, pose)| *pose)
@@ -39,8 +41,8 @@ impl PoseUpdate {
 }
 
 impl PoseDecoder {
-    /// Takes in a datagram. `None` when it came before or is too old. After an error all is as if
-    /// the datagram had been lost.
+    /// Decodes a datagram. `None` when it is a duplicate or too old. After an error the decoder is
+    /// as if the datagram had been lost.
     pub fn decode(&mut self, datagram: &[u8]) -> Result<Option<&PoseUpdate>, DecodeError> {
         check_length(datagram)?;
         let mut bytes = datagram;
@@ -60,11 +62,12 @@ impl PoseDecoder {
         while self.received.front().is_some_and(|u| newest - u.sequence >= REMEMBERED_MAX) {
             self.received.pop_front();
         }
+        debug_assert!(self.received.len() <= REMEMBERED_MAX as usize);
         let place = self.find(sequence).ok();
         Ok(place.and_then(|place| self.received.get(place)))
     }
 
-    /// What to tell the server.
+    /// The acknowledgement of all datagrams received so far.
     pub fn ack(&self) -> Ack {
         let Some(newest) = self.received.back().map(|update| update.sequence) else {
             return Ack::default();
@@ -78,8 +81,9 @@ impl PoseDecoder {
         Ack { newest, earlier }
     }
 
-    /// The newest word of an avatar in the datagrams at hand, of which none is older than `since`:
-    /// the tick and the pose. For poses that overtook the message that their avatar appears.
+    /// The sequence number, tick and pose of the newest entry for an avatar in the remembered
+    /// datagrams from `since` on. It finds poses that overtook the message that their avatar
+    /// appears.
     pub fn newest(&self, avatar: AvatarId, since: u32) -> Option<(u32, u32, WirePose)> {
         self.received
             .iter()
@@ -88,6 +92,7 @@ impl PoseDecoder {
             .find_map(|update| update.pose(avatar).map(|pose| (update.sequence, update.tick, pose)))
     }
 
+    /// The index of a remembered datagram, or where it would be inserted.
     fn find(&self, sequence: u32) -> Result<usize, usize> {
         self.received.binary_search_by_key(&sequence, |update| update.sequence)
     }
@@ -115,6 +120,7 @@ impl PoseDecoder {
             }
             next_id = avatar.0.checked_add(1);
         }
+        debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "ids ascend by construction");
         Ok(poses)
     }
 

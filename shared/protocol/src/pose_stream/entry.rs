@@ -1,4 +1,4 @@
-//! One avatar's pose as the difference from another.
+//! Poses coded as differences from a baseline.
 
 use crate::{
     DecodeError,
@@ -6,18 +6,18 @@ use crate::{
     varint,
 };
 
-/// The flags of an entry; what is not announced has not changed.
+/// Set when the x or z coordinate differs. Whatever no flag announces is as in the baseline.
 pub const LEVEL_POSITION: u8 = 1;
 const HEIGHT: u8 = 1 << 1;
 const YAW: u8 = 1 << 2;
 const PITCH: u8 = 1 << 3;
 const LEVEL_VELOCITY: u8 = 1 << 4;
 const CLIMB: u8 = 1 << 5;
-/// How far back the baseline is follows the id.
+/// Set when the distance to the baseline follows the id.
 pub const BASELINE: u8 = 1 << 6;
 const DIFFERENCE: u8 = LEVEL_POSITION | HEIGHT | YAW | PITCH | LEVEL_VELOCITY | CLIMB;
 
-/// Which differences there are.
+/// The flags for the differences between a pose and its baseline.
 pub fn flags(base: &WirePose, pose: &WirePose) -> u8 {
     let ([bx, by, bz], [x, y, z]) = (base.position.units(), pose.position.units());
     let ([bu, bv, bw], [u, v, w]) = (base.velocity, pose.velocity);
@@ -30,14 +30,14 @@ pub fn flags(base: &WirePose, pose: &WirePose) -> u8 {
         | when(bv != v, CLIMB)
 }
 
-/// Appends the flags, then the differences.
+/// Appends the flags and then the differences.
 pub fn write_difference(out: &mut Vec<u8>, base: &WirePose, pose: &WirePose) {
     let flags = flags(base, pose);
     out.push(flags);
     write_fields(out, flags, base, pose);
 }
 
-/// Appends the differences that some flags announce.
+/// Appends the differences that flags announce.
 pub fn write_fields(out: &mut Vec<u8>, flags: u8, base: &WirePose, pose: &WirePose) {
     let (from, to) = (base.position.units(), pose.position.units());
     for axis in position_axes(flags) {
@@ -54,7 +54,7 @@ pub fn write_fields(out: &mut Vec<u8>, flags: u8, base: &WirePose, pose: &WirePo
     }
 }
 
-/// Takes the differences that some flags announce off the front.
+/// Takes the differences that flags announce off the front of some bytes.
 pub fn read_difference(
     bytes: &mut &[u8],
     flags: u8,

@@ -1,14 +1,21 @@
-//! Poses in datagrams: quantised, and delta-coded against what the client has acknowledged.
+//! Pose streams: quantised poses in datagrams, delta-coded against what the client has
+//! acknowledged.
 //!
-//! The server has a [`PoseEncoder`] for each client, the client a [`PoseDecoder`]. Each datagram
-//! can be decoded from acknowledged ones alone, so a lost one costs nothing but freshness; a pose
-//! whose datagram is not acknowledged is sent again until it is, even when it no longer changes.
+//! The server has a [`PoseEncoder`] for each client; the client has a [`PoseDecoder`]. A datagram
+//! depends on acknowledged datagrams only, so a lost one costs nothing but freshness. A pose is
+//! sent again until its datagram is acknowledged, even when it no longer changes.
 //!
-//! A datagram to a client is a sequence number, a tick, and an entry for each avatar in ascending
-//! order of id: a byte of flags, the step from the preceding id, how many datagrams back the
-//! baseline is (when it is not as for the preceding entry; 0 is "none, from zero"), and the
-//! differences that the flags announce. A datagram to the server is an [`Ack`] and perhaps a
-//! report. All numbers are variable-length.
+//! A datagram to a client has a sequence number, a tick, and an entry for each avatar in ascending
+//! order of id. An entry has:
+//!
+//! * a byte of flags;
+//! * the step from the preceding entry's id;
+//! * the distance to the baseline in datagrams, unless it is that of the preceding entry (0 stands
+//!   for the default pose);
+//! * the differences that the flags announce.
+//!
+//! A datagram to the server has an [`Ack`], and a report if there is one. All numbers have variable
+//! length.
 
 mod decoder;
 mod encoder;
@@ -19,24 +26,25 @@ pub use encoder::PoseEncoder;
 
 use super::{DecodeError, quantise::WirePose, varint};
 
-/// No datagram is longer.
+/// The greatest length of a datagram, in bytes.
 pub const DATAGRAM_BYTES_MAX: usize = 1_200;
-/// No datagram tells of more avatars, so that little memory comes of it.
+/// The greatest number of entries in a datagram. It bounds the memory that a datagram can demand.
 pub const ENTRIES_MAX: usize = 255;
-/// No baseline is further back, in datagrams.
+/// The greatest distance to a baseline, in datagrams.
 pub const BASELINE_DISTANCE_MAX: u32 = 64;
 
-/// What a client has received: the newest sequence, and a bit for each of the 32 before it.
+/// An acknowledgement: the newest datagram that a client has received, and which of the 32 before
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Ack {
-    /// The newest datagram received; 0 is none, as the first has number 1.
+    /// The sequence number of the newest datagram received; 0 for none. The first datagram has 1.
     pub newest: u32,
     /// Bit `i` is set when datagram `newest - 1 - i` was received too.
     pub earlier: u32,
 }
 
 impl Ack {
-    /// Whether it tells that a datagram was received.
+    /// Whether this acknowledges a datagram.
     pub fn covers(&self, sequence: u32) -> bool {
         match self.newest.checked_sub(sequence) {
             Some(0) => sequence != 0,
@@ -46,30 +54,31 @@ impl Ack {
     }
 }
 
-/// A datagram to the server: what came, and where the client is.
+/// A datagram to the server: an acknowledgement, and a report if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct ClientDatagram {
-    /// What came.
+    /// The datagrams that the client has received.
     pub ack: Ack,
-    /// The number of the report and the pose; none from a client that only acknowledges.
+    /// The sequence number and the pose of a report. `None` from a client that only acknowledges.
     pub report: Option<(u32, WirePose)>,
 }
 
 impl ClientDatagram {
-    /// As bytes.
+    /// Encodes the datagram.
     pub fn encode(&self) -> Vec<u8> {
         let mut out = Vec::with_capacity(40);
         varint::write(&mut out, self.ack.newest);
-        // Mostly ones, so that its complement is short.
+        // The bits are mostly ones, so the complement is a short number.
         varint::write(&mut out, !self.ack.earlier);
         if let Some((sequence, pose)) = &self.report {
             varint::write(&mut out, *sequence);
             entry::write_difference(&mut out, &WirePose::default(), pose);
         }
+        debug_assert!(out.len() <= DATAGRAM_BYTES_MAX);
         out
     }
 
-    /// From bytes.
+    /// Decodes a datagram from a client.
     pub fn decode(mut bytes: &[u8]) -> Result<Self, DecodeError> {
         check_length(bytes)?;
         let newest = varint::read(&mut bytes)?;

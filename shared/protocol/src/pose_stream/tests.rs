@@ -7,7 +7,7 @@ use super::*;
 use crate::quantise::{COORDINATE_MAX, WirePosition};
 use sightline_world::motion::{AvatarId, Pose};
 
-/// A stream of small random numbers; the same for the same seed.
+/// A generator of random numbers that depend on the seed alone.
 struct Dice(u64);
 
 impl Dice {
@@ -39,13 +39,13 @@ fn walk(pose: &mut Pose, dice: &mut Dice) {
     pose.eye += pose.velocity * 0.05;
 }
 
-/// A path that loses, doubles and reorders; what is on the way arrives when its tick comes.
+/// A network path that loses, duplicates and reorders items. Each arrives at a tick of its own.
 #[derive(Default)]
-struct Path<T> {
+struct LossyPath<T> {
     on_the_way: Vec<(u32, T)>,
 }
 
-impl<T: Clone> Path<T> {
+impl<T: Clone> LossyPath<T> {
     fn send(&mut self, item: T, tick: u32, loss_percent: u64, dice: &mut Dice) {
         for _ in 0..1 + u64::from(dice.roll(10) == 0) {
             if dice.roll(100) >= loss_percent {
@@ -63,8 +63,8 @@ impl<T: Clone> Path<T> {
     }
 }
 
-/// Walks avatars under loss; checks that whatever arrives is what was sent, and that after the
-/// last step the client comes to hold the last pose of each.
+/// Walks avatars over a lossy path. Checks that every pose that arrives was sent, and that the
+/// client holds the last pose of each avatar in the end.
 fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: usize) {
     let mut dice = Dice(seed);
     let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
@@ -73,7 +73,7 @@ fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: us
         (0..avatars).map(|i| (AvatarId(i * 3), Pose::default())).collect();
     let mut truth: BTreeMap<(u32, AvatarId), WirePose> = BTreeMap::new();
     let mut held: BTreeMap<AvatarId, (u32, WirePose)> = BTreeMap::new();
-    let (mut down, mut up) = (Path::default(), Path::default());
+    let (mut down, mut up) = (LossyPath::default(), LossyPath::default());
     for tick in 1..400 {
         let moving = tick < 200;
         if moving {
@@ -117,7 +117,7 @@ fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: us
     for (id, pose) in &poses {
         assert_eq!(held[id].1, WirePose::from(pose), "avatar {id:?} at the end");
     }
-    assert!(encoder.encode(400, &[]).is_empty(), "all was acknowledged: nothing is left to say");
+    assert!(encoder.encode(400, &[]).is_empty(), "everything was acknowledged, so nothing is sent");
 }
 
 fn wire_pose() -> impl Strategy<Value = WirePose> {
@@ -136,7 +136,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn what_arrives_is_what_was_sent_whatever_is_lost(
+    fn every_pose_that_arrives_was_sent_whatever_is_lost(
         seed: u64,
         avatars in 1u32..30,
         loss_percent in 0u64..60,
@@ -148,7 +148,7 @@ proptest! {
 
 proptest! {
     #[test]
-    fn any_difference_comes_back(base in wire_pose(), pose in wire_pose()) {
+    fn any_difference_decodes_to_the_pose(base in wire_pose(), pose in wire_pose()) {
         let mut out = Vec::new();
         entry::write_difference(&mut out, &base, &pose);
         let mut bytes = &out[1..];
@@ -157,7 +157,7 @@ proptest! {
     }
 
     #[test]
-    fn a_clients_datagram_comes_back(newest: u32, earlier: u32, sequence: u32, pose in wire_pose()) {
+    fn a_clients_datagram_decodes_to_itself(newest: u32, earlier: u32, sequence: u32, pose in wire_pose()) {
         for report in [None, Some((sequence, pose))] {
             let datagram = ClientDatagram { ack: Ack { newest, earlier }, report };
             prop_assert_eq!(ClientDatagram::decode(&datagram.encode()), Ok(datagram));
@@ -165,7 +165,7 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_leave_the_decoder_as_it_was_or_are_a_datagram(
+    fn any_bytes_are_a_valid_datagram_or_leave_the_decoder_unchanged(
         bytes in proptest::collection::vec(any::<u8>(), 0..1_300),
     ) {
         let mut decoder = primed().1;
@@ -182,7 +182,7 @@ proptest! {
     }
 }
 
-/// A stream under way: three avatars, all acknowledged.
+/// A stream with three avatars that are all acknowledged.
 fn primed() -> (PoseEncoder, PoseDecoder) {
     let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
     let at = |x: f32| Pose { eye: Vec3::new(x, 1.6, -x), ..Pose::default() };
@@ -195,7 +195,7 @@ fn primed() -> (PoseEncoder, PoseDecoder) {
 }
 
 #[test]
-fn what_is_acknowledged_late_is_not_sent_for_ever() {
+fn late_acknowledgements_end_the_resending() {
     let (mut encoder, mut decoder) = primed();
     let mut acks = VecDeque::new();
     let mut datagrams = 0;
@@ -229,8 +229,8 @@ fn every_flip_of_a_datagram_is_refused_or_valid() {
         for i in 0..original.len() {
             let mut bytes = original.clone();
             bytes[i] ^= flip;
-            let mut twin = decoder.clone();
-            if let Ok(Some(update)) = twin.decode(&bytes) {
+            let mut copy = decoder.clone();
+            if let Ok(Some(update)) = copy.decode(&bytes) {
                 assert!(update.poses.iter().all(|(_, pose)| Pose::from(*pose).is_finite()));
             }
         }
@@ -274,13 +274,13 @@ fn a_walking_avatar_takes_six_to_nine_bytes() {
 }
 
 #[test]
-fn what_is_known_is_not_said_again_and_what_is_lost_is() {
+fn lost_poses_are_sent_again_and_known_poses_are_not() {
     let (mut encoder, mut decoder) = primed();
     let still = [(AvatarId(0), Pose { eye: Vec3::new(1.0, 1.6, -1.0), ..Pose::default() })];
     assert!(encoder.encode(2, &still).is_empty());
     let lost = encoder.encode(3, &moved(0.5));
     assert_eq!(lost.len(), 1);
-    assert!(encoder.encode(4, &moved(0.5)).is_empty(), "on the way: not yet lost");
+    assert!(encoder.encode(4, &moved(0.5)).is_empty(), "it may still be on the way");
     let again = encoder.encode(7, &[]);
     let update = decoder.decode(&again[0]).unwrap().unwrap();
     assert_eq!(update.tick, 7);
@@ -289,7 +289,7 @@ fn what_is_known_is_not_said_again_and_what_is_lost_is() {
 }
 
 #[test]
-fn nothing_is_said_of_the_forgotten() {
+fn forgotten_avatars_are_not_sent() {
     let (mut encoder, mut decoder) = primed();
     encoder.encode(2, &moved(0.5));
     encoder.forget(AvatarId(0));
@@ -299,7 +299,7 @@ fn nothing_is_said_of_the_forgotten() {
 }
 
 #[test]
-fn duplicates_and_stale_datagrams_tell_nothing() {
+fn duplicate_and_stale_datagrams_are_ignored() {
     let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
     let datagrams: Vec<_> = (1..=200)
         .flat_map(|tick| encoder.encode(tick, &[(AvatarId(1), moved(tick as f32)[0].1)]))
@@ -315,7 +315,7 @@ fn duplicates_and_stale_datagrams_tell_nothing() {
 }
 
 #[test]
-fn acks_tell_exactly_what_came() {
+fn acks_cover_exactly_the_received_datagrams() {
     let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
     let came = [1, 2, 5, 9, 20, 33, 40];
     for tick in 1..=40 {
@@ -326,12 +326,12 @@ fn acks_tell_exactly_what_came() {
     }
     let ack = decoder.ack();
     let covered: Vec<u32> = (0..=50).filter(|sequence| ack.covers(*sequence)).collect();
-    assert_eq!(covered, [9, 20, 33, 40], "what lies within 32 of the newest");
+    assert_eq!(covered, [9, 20, 33, 40], "those within 32 of the newest");
     assert!(!Ack::default().covers(0));
 }
 
 #[test]
-fn an_ack_of_what_was_never_sent_is_ignored() {
+fn an_ack_of_a_datagram_that_was_never_sent_is_ignored() {
     let (mut encoder, mut decoder) = primed();
     encoder.encode(2, &moved(0.5));
     encoder.acknowledge(Ack { newest: 99, earlier: u32::MAX });
@@ -349,6 +349,6 @@ fn a_client_that_never_acknowledges_costs_bounded_memory() {
         encoder.encode(tick, &crowd(tick));
         let held: usize = encoder.sent.iter().map(|sent| sent.poses.len()).sum();
         assert_eq!(held, encoder.sent_poses);
-        assert!(held <= 4_096 && encoder.told.len() == 500);
+        assert!(held <= 4_096 && encoder.avatars.len() == 500);
     }
 }
