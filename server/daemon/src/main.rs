@@ -1,4 +1,5 @@
-//! `sightline-server`: compile, inspect, demo-building, serve, replay.
+//! The program `sightline-server`: its commands are compile, demo-building, inspect, replay and
+//! serve.
 
 mod cli;
 
@@ -7,7 +8,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use sightline_cli::exit;
 
-/// Compiles buildings into worlds, decides who can see whom, and serves them.
+/// Compiles buildings into worlds, serves them to clients, and replays recorded walks.
+///
+/// To begin: `sightline-server serve` serves a demo building; `sightline-client walk` enters it.
 #[derive(Parser)]
 #[command(version)]
 struct Args {
@@ -17,11 +20,11 @@ struct Args {
 
 #[derive(Subcommand)]
 enum Command {
-    Compile(cli::compile::Args),
-    DemoBuilding(cli::demo_building::Args),
-    Inspect(cli::inspect::Args),
-    Replay(cli::replay::Args),
-    Serve(cli::serve::Args),
+    Compile(cli::compile::CompileArgs),
+    DemoBuilding(cli::demo_building::DemoBuildingArgs),
+    Inspect(cli::inspect::InspectArgs),
+    Replay(cli::replay::ReplayArgs),
+    Serve(cli::serve::ServeArgs),
 }
 
 fn main() -> ExitCode {

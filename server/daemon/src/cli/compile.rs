@@ -1,4 +1,4 @@
-//! `sightline-server compile`.
+//! The command `sightline-server compile`.
 
 use std::{fmt::Write, path::PathBuf};
 
@@ -14,19 +14,22 @@ use sightline_world::write_whole;
 
 use super::interrupt::Interrupt;
 
-/// Makes a world (.slw) of a building (.glb, .gltf or a Quake III .bsp).
+/// Compiles a building (.glb, .gltf or a Quake III .bsp) into a world (.slw).
+///
+/// The world holds what clients draw, and which parts of the building can be seen from which.
+/// Example: `sightline-server compile house.glb -o house.slw`.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The building.
+pub struct CompileArgs {
+    /// The building: a .glb, .gltf or .bsp file.
     input: PathBuf,
-    /// The world to write.
+    /// The world file to write.
     #[arg(short, long, value_name = "OUT.slw")]
     output: PathBuf,
-    /// The width of the widest cell, in metres; by default chosen by how much there is to see.
-    /// Narrower cells tell more exactly who sees whom, and take longer.
+    /// The greatest width of a cell, in metres: 0.25 to 1000. By default the compiler chooses it.
+    /// Narrower cells tell more exactly who sees whom, but compiling takes longer.
     #[arg(long, value_name = "METRES", value_parser = cell_size)]
     cell: Option<f32>,
-    /// The edge of a voxel, in metres; by default chosen by the building's size.
+    /// The edge of a voxel, in metres: 0.001 to 10. By default it depends on the building's size.
     #[arg(long, value_name = "METRES", value_parser = voxel_size)]
     voxel: Option<f32>,
     /// What is carved at a time: clusters of non-axial polygons, or elements, which are smaller.
@@ -35,11 +38,11 @@ pub struct Args {
     /// An archive with the textures of a Quake III map; may be given several times.
     #[arg(long, value_name = "FILE.pk3")]
     pk3: Vec<PathBuf>,
-    /// A file with rooms (TOML); by default the one beside the model that has its name and ends in .rooms.toml,
-    /// if there is one.
+    /// A TOML file with rooms and windows. By default the file beside the building that has its name
+    /// and the ending .rooms.toml, if there is one.
     #[arg(long, value_name = "R.toml")]
     rooms: Option<PathBuf>,
-    /// Write the figures of the closing table to this file too.
+    /// Also write the figures of the table to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -47,14 +50,14 @@ pub struct Args {
 fn cell_size(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(edge) if (0.25..=1_000.0).contains(&edge) => Ok(edge),
-        _ => Err("a cell is between 0.25 and 1000 metres wide".into()),
+        _ => Err("a cell is from 0.25 to 1000 metres wide, such as 4".into()),
     }
 }
 
 fn voxel_size(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(metres) if (0.001..=10.0).contains(&metres) => Ok(metres),
-        _ => Err("a length from 0.001 to 10 metres, such as 0.03".into()),
+        _ => Err("a voxel is from 0.001 to 10 metres wide, such as 0.03".into()),
     }
 }
 
@@ -62,17 +65,17 @@ fn carving_units(text: &str) -> Result<CarvingUnits, String> {
     match text {
         "clusters" => Ok(CarvingUnits::Clusters),
         "elements" => Ok(CarvingUnits::Elements),
-        _ => Err("clusters or elements".into()),
+        _ => Err("use clusters or elements".into()),
     }
 }
 
 /// Runs the command.
-pub fn run(args: &Args) -> anyhow::Result<()> {
+pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
     let mut model = import::read(&args.input, &args.pk3)?;
     let beside = args.input.with_extension("rooms.toml");
     if let Some(path) = args.rooms.as_ref().or(Some(&beside).filter(|path| path.is_file())) {
-        model.rooms.extend(told(text::read_file(path))?);
+        model.rooms.extend(declared_rooms(text::read_file(path))?);
     }
     for warning in &model.warnings {
         output::note(&format!("warning: {warning}"));
@@ -90,7 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     progress.finish();
     let (world, report) = match outcome {
         Err(CompileError::Cancelled) => return Err(Interrupted.into()),
-        Err(CompileError::Rooms(faults)) => return Err(tell(faults)),
+        Err(CompileError::Rooms(errors)) => return Err(report_errors(errors)),
         other => other.with_context(|| args.input.display().to_string())?,
     };
     for warning in &report.room_warnings {
@@ -108,23 +111,23 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     output::write_json(args.json.as_deref(), &report)
 }
 
-/// The rooms of a file, or each of its faults on a line of its own, and an error.
-fn told(
+/// The rooms of a file. Each of its errors but the last is printed; the last one is returned.
+fn declared_rooms(
     read: Result<Vec<rooms::RoomDeclaration>, text::FileError>,
 ) -> anyhow::Result<Vec<rooms::RoomDeclaration>> {
     match read {
-        Err(text::FileError::RoomErrors(faults)) => Err(tell(faults)),
+        Err(text::FileError::RoomErrors(errors)) => Err(report_errors(errors)),
         other => Ok(other?),
     }
 }
 
-/// All faults but the last are told here: that one is the error.
-fn tell(rooms::RoomErrors(mut faults): rooms::RoomErrors) -> anyhow::Error {
-    let last = faults.pop();
-    for fault in &faults {
-        output::note(&format!("error: {fault}"));
+/// Prints all errors but the last, which becomes the command's error.
+fn report_errors(rooms::RoomErrors(mut errors): rooms::RoomErrors) -> anyhow::Error {
+    let last = errors.pop();
+    for error in &errors {
+        output::note(&format!("error: {error}"));
     }
-    last.map_or_else(|| anyhow::anyhow!("the rooms are faulty"), anyhow::Error::new)
+    last.map_or_else(|| anyhow::anyhow!("the rooms have errors"), anyhow::Error::new)
 }
 
 fn table(report: &CompileReport) -> String {

@@ -1,4 +1,4 @@
-//! `sightline-server inspect`.
+//! The command `sightline-server inspect`.
 
 use std::{fmt::Write, path::PathBuf, time::Duration};
 
@@ -18,67 +18,69 @@ use sightline_world::{
 
 use super::{interrupt::Interrupt, verification};
 
-/// Movers that the table lists one by one; the JSON file has all.
+/// How many movers the table lists; the JSON file has all.
 const MOVERS_SHOWN: usize = 40;
 
-/// Likewise of rooms.
+/// How many rooms the table lists; the JSON file has all.
 const ROOMS_SHOWN: usize = 40;
 
-/// Tells what is in a world, and draws its plan.
+/// Shows what is in a world, draws its plan, and verifies its PVS.
+///
+/// Example: `sightline-server inspect house.slw --map house.png --pvs-from 2,1.6,3`.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The world.
+pub struct InspectArgs {
+    /// The world file (.slw).
     world: PathBuf,
-    /// Draw the storeys from above, with cells, portals, rooms, windows and spawn points.
+    /// Draw each storey from above, with cells, portals, rooms, windows and spawn points.
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
-    /// On the map, draw beside each storey how much of the building each cell may see.
+    /// Beside each storey of the map, draw how much of the building each cell may see.
     #[arg(long, requires = "map")]
     density: bool,
-    /// On the map, keep bright only what may be visible from this point.
+    /// On the map, show in grey what cannot be visible from this point.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "map",
           allow_hyphen_values = true)]
     pvs_from: Option<Vec3>,
-    /// Draw the carved model: with its cuttings, and without them.
+    /// Draw the carved model twice: with its cuttings, and without them.
     #[arg(long, value_name = "OUT.png")]
     carved: Option<PathBuf>,
-    /// Where the eye is for that picture; at the first spawn point when absent.
+    /// The eye of the carved picture; by default the first spawn point.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "carved",
           allow_hyphen_values = true)]
     eye: Option<Vec3>,
-    /// What that picture looks at; straight ahead when absent.
+    /// The point that the carved picture looks at; by default straight ahead.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "carved",
           allow_hyphen_values = true)]
     look: Option<Vec3>,
-    /// Write the rooms and windows that the building suggests as TOML: to this file, or to stdout in place of the
-    /// table. Edit it and give it to compile.
+    /// Suggest rooms and windows, as TOML, in this file; without a file, on stdout in place of the
+    /// table. Edit the file and give it to `compile --rooms`.
     #[arg(long, value_name = "R.toml", num_args = 0..=1, default_missing_value = "-")]
     suggest_rooms: Option<PathBuf>,
-    /// Compare the PVS with rays: so many random pairs of points by volume, and as many by cell.
-    /// Fails when a pair in sight is missing from it.
+    /// Compare the PVS with rays between N random pairs of points by volume, and N by cell. Exits
+    /// with 1 when a visible pair is missing from the PVS.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
     verify: Option<u64>,
-    /// The same seed verifies the same pairs.
+    /// The seed of the random pairs; the same seed verifies the same pairs.
     #[arg(long, default_value_t = 1, requires = "verify")]
     seed: u64,
-    /// How many entries of the PVS to test for looseness.
+    /// How many entries of the PVS to test for looseness: whether any line can be found for them.
     #[arg(long, value_name = "N", default_value_t = 2_000, requires = "verify",
           value_parser = clap::value_parser!(u32).range(..=10_000_000))]
     entries: u32,
-    /// An entry is loose when so many random lines find nothing.
+    /// How many random lines to try before an entry counts as loose.
     #[arg(long, value_name = "N", default_value_t = 100_000, requires = "verify",
           value_parser = clap::value_parser!(u32).range(1..))]
     lines: u32,
-    /// Put the loose entries to fuzzy projection: how many of them it shows to be closed.
+    /// Also test loose entries by fuzzy projection, which proves some of them closed.
     #[arg(long, requires = "verify")]
     fuzzy: bool,
-    /// Write the figures to this file too.
+    /// Also write the figures to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
-struct Figures {
+struct InspectFigures {
     title: String,
     content_id: String,
     bytes: usize,
@@ -94,7 +96,7 @@ struct Figures {
     spawns: usize,
     speed_max_m_s: f32,
     #[serde(flatten)]
-    verified: Option<verification::Figures>,
+    verified: Option<verification::VerificationFigures>,
 }
 
 #[derive(Serialize)]
@@ -126,8 +128,9 @@ struct MoverFigures {
     triangles: usize,
     course: &'static str,
     length_s: f32,
-    /// Of the box that it never leaves, and of the mover itself.
+    /// The size of the box that it never leaves.
     everywhere_m: [f32; 3],
+    /// The size of its box at the start.
     size_m: [f32; 3],
 }
 
@@ -154,12 +157,12 @@ fn printable(text: &str) -> String {
 }
 
 /// Runs the command.
-pub fn run(args: &Args) -> anyhow::Result<()> {
+pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
     let named = || args.world.display().to_string();
     let bytes = std::fs::read(&args.world).with_context(|| format!("cannot read {}", named()))?;
     let world = World::from_bytes(&bytes).with_context(named)?;
     let suggested = args.suggest_rooms.as_ref().map(|_| suggested(&world)).transpose()?;
-    let mut figures = Figures {
+    let mut figures = InspectFigures {
         title: world.title.clone(),
         content_id: content_id(&bytes)?.to_string(),
         bytes: bytes.len(),
@@ -196,17 +199,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(pairs) = args.verify {
-        let Args { entries, lines, seed, fuzzy, .. } = *args;
+        let InspectArgs { entries, lines, seed, fuzzy, .. } = *args;
         let options = verify::VerifyOptions { pairs, entries, lines, seed, fuzzy };
-        let found = verification::Figures::find(&world, &options).with_context(named)?;
+        let found =
+            verification::VerificationFigures::find(&world, &options).with_context(named)?;
         output::print(&found.table())?;
         figures.verified = Some(found);
     }
     output::write_json(args.json.as_deref(), &figures)?;
-    figures.verified.as_ref().map_or(Ok(()), verification::Figures::verdict).with_context(named)
+    figures
+        .verified
+        .as_ref()
+        .map_or(Ok(()), verification::VerificationFigures::verdict)
+        .with_context(named)
 }
 
-/// The rooms that the building suggests, as TOML.
+/// The rooms and windows that the building suggests, as TOML.
 fn suggested(world: &World) -> anyhow::Result<String> {
     let interrupt = Interrupt::listen()?;
     let progress = Progress::new();
@@ -217,19 +225,19 @@ fn suggested(world: &World) -> anyhow::Result<String> {
     progress.finish();
     let rooms = rooms.ok_or(Interrupted)?;
     let windows: usize = rooms.iter().map(|room| room.windows.len()).sum();
-    output::note(&format!("{} rooms and {windows} windows", rooms.len()));
+    output::note(&format!("suggested: {} rooms and {windows} windows", rooms.len()));
     Ok(suggest::to_toml(world, &rooms))
 }
 
-fn view(world: &World, args: &Args) -> anyhow::Result<View> {
-    let spawn = world.spawns.first().context("the world has no place to begin")?;
+fn view(world: &World, args: &InspectArgs) -> anyhow::Result<View> {
+    let spawn = world.spawns.first().context("the world has no spawn point: give --eye X,Y,Z")?;
     let eye = args.eye.unwrap_or(spawn.eye);
     let (sin, cos) = spawn.yaw.sin_cos();
     let look = args.look.unwrap_or(eye + Vec3::new(-sin, 0.0, -cos));
     Ok(View { eye, look })
 }
 
-fn overlay(world: &World, args: &Args) -> Overlay {
+fn overlay(world: &World, args: &InspectArgs) -> Overlay {
     let mark = |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled };
     let mut marks: Vec<_> = world.spawns.iter().map(|spawn| mark(spawn.eye, false)).collect();
     let mut legend = vec![("spawn point", mark(Vec3::ZERO, false))];
@@ -247,7 +255,7 @@ fn overlay(world: &World, args: &Args) -> Overlay {
     }
 }
 
-fn table(figures: &Figures) -> String {
+fn table(figures: &InspectFigures) -> String {
     let mut table = String::new();
     let mut row = |name: &str, value: String| {
         let _ = writeln!(table, "{name:<18} {value}");

@@ -1,4 +1,4 @@
-//! Ctrl-C, and the system's wish that the program end.
+//! Interruption by Ctrl-C or by the system.
 
 use std::{
     io,
@@ -11,23 +11,24 @@ use std::{
 
 use sightline_cli::exit;
 
-/// Takes note of an interruption, so that a long task can end in order. A second one ends the
-/// program at once, though never while a file is being written.
+/// Listens for an interruption, so that a long task can end in order. A second interruption ends the
+/// program at once, but not while a file is being written.
 pub struct Interrupt {
-    noticed: Arc<AtomicBool>,
+    is_noticed: Arc<AtomicBool>,
+    /// Held while a file is being written.
     writing: Arc<Mutex<()>>,
 }
 
 impl Interrupt {
-    /// Begins to listen.
+    /// Starts to listen.
     ///
     /// # Errors
-    /// When the system gives no thread or no handler.
+    /// When the system gives no thread or no signal handler.
     pub fn listen() -> io::Result<Self> {
-        let noticed = Arc::new(AtomicBool::new(false));
+        let is_noticed = Arc::new(AtomicBool::new(false));
         let writing = Arc::new(Mutex::new(()));
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let (flag, lock) = (noticed.clone(), writing.clone());
+        let (flag, lock) = (is_noticed.clone(), writing.clone());
         std::thread::Builder::new().name("interrupt".into()).spawn(move || {
             runtime.block_on(async {
                 while ended().await.is_ok() {
@@ -38,24 +39,27 @@ impl Interrupt {
                 }
             });
         })?;
-        Ok(Self { noticed, writing })
+        Ok(Self { is_noticed, writing })
     }
 
-    /// Whether to go on.
+    /// Whether the task goes on or stops.
     pub fn flow(&self) -> ControlFlow<()> {
-        match self.noticed.load(Relaxed) {
+        match self.is_noticed.load(Relaxed) {
             true => ControlFlow::Break(()),
             false => ControlFlow::Continue(()),
         }
     }
 
-    /// Hold it while a file is written.
+    /// Keeps a second interruption from ending the program while the guard lives.
     pub fn hold_off(&self) -> MutexGuard<'_, ()> {
         self.writing.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Waits for Ctrl-C, or for the system to end the program.
+/// Waits for Ctrl-C, or for the signal by which the system ends a program.
+///
+/// # Errors
+/// When the system gives no signal handler.
 pub async fn ended() -> io::Result<()> {
     #[cfg(unix)]
     {

@@ -1,4 +1,5 @@
-//! The commands: flags in, one outcome out. Exit codes: 0 done, 1 failed, 2 wrong usage.
+//! The commands: each reads its flags and returns one outcome. `sightline_cli::exit` makes the
+//! exit code of it.
 
 pub mod compile;
 pub mod demo_building;
@@ -10,7 +11,7 @@ pub mod verification;
 
 use sightline_compiler::{carve::CarveReport, octree_statistics::OctreeStatistics};
 
-/// What carving did, for a table.
+/// The rows about carving, for the tables of `compile` and `inspect`.
 pub fn carving_rows(report: &CarveReport) -> [(&'static str, String); 9] {
     let sealed =
         if report.added > 0 { format!(" ({} sealed)", report.sealed) } else { String::new() };
@@ -27,7 +28,7 @@ pub fn carving_rows(report: &CarveReport) -> [(&'static str, String); 9] {
     ]
 }
 
-/// What an octree takes, for the tables of `compile` and `inspect`.
+/// The rows about the octree, for the tables of `compile` and `inspect`.
 pub fn octree_rows(figures: &OctreeStatistics) -> [(&'static str, String); 5] {
     let bytes = |total: usize, each: f64| format!("{total} bytes, {each:.3} a voxel");
     [

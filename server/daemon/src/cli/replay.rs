@@ -1,4 +1,4 @@
-//! `sightline-server replay`.
+//! The command `sightline-server replay`.
 
 use std::{
     fs::File,
@@ -12,77 +12,82 @@ use std::{
 use anyhow::Context;
 use sightline_cli::{output, progress::Progress, trace::Trace};
 use sightline_engine::{Config, Policy, PolicyError, TbvShape, Validity};
-use sightline_replay::{self as replay, Comparison, OracleStride, ReplayOptions, TickView};
+use sightline_replay::{Comparison, OracleStride, ReplayOptions, TickView};
 use sightline_world::{World, rooms::Rooms};
 
-/// Runs the engine over a recorded trace, without sockets.
+/// Runs the engine over a recorded walk, in virtual time and without a network.
+///
+/// It prints what each client is sent, and checks by rays that nobody visible is missed. Example:
+/// `sightline-server replay house.slw walk.csv --policy all` compares all policies.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The world (.slw).
+pub struct ReplayArgs {
+    /// The world file (.slw).
     world: PathBuf,
-    /// Where everyone was (.csv or .csv.gz).
+    /// The trace: where everybody was (.csv or .csv.gz). Its columns are t_ms, id, x, y, z, yaw,
+    /// pitch, vx, vy and vz.
     trace: PathBuf,
-    /// Who is told what: broadcast, radius:METRES, grid:METRES, region:METRES[:MARGIN] (squares with
-    /// a margin), room[:DOORS] (rooms, and those so many doors away), pvs or tbv; or all, one after
-    /// the other, for a table with a row each.
+    /// The policy that decides who is told of whom: broadcast, radius:METRES, grid:METRES,
+    /// region:METRES[:MARGIN] (squares with a margin), room[:DOORS] (rooms up to so many doors away),
+    /// pvs or tbv. With `all`, a table has a row for each.
     #[arg(long, default_value = "tbv", value_parser = policies)]
-    policy: Policies,
-    /// Every client's round trip, in milliseconds.
+    policy: PolicyChoice,
+    /// The round trip of every client, in milliseconds: 0 to 10000.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
     rtt: u32,
-    /// Faster than this nobody moves without announcing a jump, in metres a second, in place of the
-    /// limit that the world has.
+    /// The speed limit in metres a second, in place of the world's own. An avatar that moves faster
+    /// announces a jump.
     #[arg(long, value_name = "METRES")]
     speed_max: Option<f32>,
-    /// How long a TBV is made to last: until-left (its client says when it is about to leave it),
-    /// maximal (as long as it stays unseen), adaptive (by how the last one ended), or so many milliseconds;
-    /// or all, in both shapes, for a table with a row each.
+    /// How long TBVs last: until-left (until the client is about to leave it), maximal (as long as it
+    /// stays unseen), adaptive (by how the last one ended), or a number of milliseconds. With `all`,
+    /// a table has a row for each, in both shapes.
     #[arg(long, value_name = "VALIDITY", default_value = "until-left", value_parser = validities)]
-    validity: Validities,
-    /// What bounds a TBV in space: reach (what the body can do, and what portals lead to), or
-    /// sphere (maximum speed times validity, whatever is in between).
+    validity: ValidityChoice,
+    /// What bounds a TBV in space: reach (where the body can get, through portals) or sphere (greatest
+    /// speed times validity, through walls as well).
     #[arg(long, default_value = "reach")]
     shape: TbvShape,
-    /// What all sight tests between regions may cost in a tick, in units of which 100,000 take one to
-    /// five milliseconds. A pair that the budget does not decide is sent.
+    /// The budget of a tick for sight tests between regions. 100000 units take one to five
+    /// milliseconds. A pair that the budget does not decide is sent.
     #[arg(long, alias = "look-budget", value_name = "UNITS", default_value_t = Config::default().sight_test_budget)]
     sight_test_budget: u32,
-    /// Leaves aside what the building's author says of rooms and windows.
+    /// Ignore the rooms and windows of the building's author.
     #[arg(long)]
     no_rooms: bool,
-    /// Only so many seconds of the trace.
+    /// Run only so many seconds of the trace.
     #[arg(long, value_name = "S")]
     seconds: Option<u32>,
-    /// How often rays check what is held: off, auto, or every so many milliseconds.
+    /// How often rays check what clients hold: off, auto, or an interval in milliseconds.
     #[arg(long, default_value = "auto", value_parser = stride)]
     oracle: OracleStride,
-    /// Tells why an avatar was sent to a viewer at a time, or not, in place of the table.
+    /// Explain why a viewer was told of an avatar at a time, or was not, in place of the table. Give
+    /// two ids and a time of the trace, such as 3,7,12500.
     #[arg(long, value_name = "VIEWER,AVATAR,T_MS")]
-    explain: Option<Question>,
-    /// Writes every event as CSV: t_ms,viewer,avatar,what.
+    explain: Option<ExplainQuery>,
+    /// Write every event to this file, as CSV: t_ms,viewer,avatar,what.
     #[arg(long, value_name = "EVENTS.csv")]
     dump: Option<PathBuf>,
-    /// Writes the figures of the closing table, and those of each client, as JSON.
+    /// Also write the figures of the table, and those of each client, to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// What `--policy` names.
+/// The value of `--policy`.
 #[derive(Clone, Copy, Debug)]
-enum Policies {
+enum PolicyChoice {
     One(Policy),
     All,
 }
 
-/// What `--validity` names.
+/// The value of `--validity`.
 #[derive(Clone, Copy, Debug)]
-enum Validities {
+enum ValidityChoice {
     One(Validity),
     All,
 }
 
 /// Runs the command.
-pub fn run(args: &Args) -> anyhow::Result<()> {
+pub fn run(args: &ReplayArgs) -> anyhow::Result<()> {
     let mut world = World::read(&args.world)?;
     if args.no_rooms {
         world.rooms = Rooms::default();
@@ -96,26 +101,28 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         changed
     };
     match (args.policy, args.validity) {
-        (Policies::All, Validities::One(_)) => {
+        (PolicyChoice::All, ValidityChoice::One(_)) => {
             let all = Comparison::POLICIES.map(|policy| with(&|config| config.policy = policy));
             compare(args, &world, &trace, &all)
         }
-        (Policies::One(Policy::Tbv), Validities::All) => {
+        (PolicyChoice::One(Policy::Tbv), ValidityChoice::All) => {
             let tbvs = |(shape, validity)| {
                 with(&|config| (config.shape, config.validity) = (shape, validity))
             };
             compare(args, &world, &trace, &Comparison::TBVS.map(tbvs))
         }
-        (_, Validities::All) => anyhow::bail!("--validity all goes with --policy tbv"),
-        (Policies::One(_), Validities::One(_)) => match &args.explain {
-            Some(question) => explain(question, args, &world, &trace, &options),
+        (_, ValidityChoice::All) => {
+            anyhow::bail!("--validity all needs --policy tbv: other policies have no TBVs")
+        }
+        (PolicyChoice::One(_), ValidityChoice::One(_)) => match &args.explain {
+            Some(query) => explain(query, args, &world, &trace, &options),
             None => run_one(args, &world, &trace, &options),
         },
     }
 }
 
 fn run_one(
-    args: &Args,
+    args: &ReplayArgs,
     world: &Arc<World>,
     trace: &Trace,
     options: &ReplayOptions,
@@ -124,17 +131,18 @@ fn run_one(
     let progress = Progress::new();
     let dump = dump.as_mut().map(|file| file as &mut dyn Write);
     let show = &mut |done| progress.show("replay", done);
-    let report = replay::run(world, trace, options, dump, show);
+    let report = sightline_replay::run(world, trace, options, dump, show);
     progress.finish();
     let report = report.context("cannot write the dump")?;
     output::write_json(args.json.as_deref(), &report)?;
     output::print(&report.to_string())
 }
 
-/// Runs a trace up to the tick that is asked about. What rays would say of it changes nothing.
+/// Runs a trace, and explains the decision at the tick that was asked about. The audit is off, since
+/// it decides nothing.
 fn explain(
-    question: &Question,
-    args: &Args,
+    query: &ExplainQuery,
+    args: &ReplayArgs,
     world: &Arc<World>,
     trace: &Trace,
     options: &ReplayOptions,
@@ -143,46 +151,46 @@ fn explain(
     anyhow::ensure!(args.json.is_none(), "--json goes without --explain");
     let (first, last) = trace.span();
     let length = options.length.map_or(last - first, |length| length.min(last - first));
-    anyhow::ensure!(question.at <= first + length, "the trace ends before that time");
-    let length = (question.at + options.config.tick).saturating_sub(first);
+    anyhow::ensure!(query.at <= first + length, "--explain: the trace ends before that time");
+    let length = (query.at + options.config.tick).saturating_sub(first);
     let (length, oracle) = (Some(length), OracleStride::Off);
     let options = ReplayOptions { length, oracle, ..options.clone() };
     let progress = Progress::new();
     let mut answer = None;
-    let mut watch = |moment: &TickView<'_>| {
-        progress.show("replay", moment.done);
-        if moment.now >= question.at && answer.is_none() {
-            answer = Some(question.answer(moment));
+    let mut watch = |tick: &TickView<'_>| {
+        progress.show("replay", tick.done);
+        if tick.now >= query.at && answer.is_none() {
+            answer = Some(query.answer(tick));
         }
     };
-    replay::run_watched(world, trace, &options, None, &mut watch)?;
+    sightline_replay::run_watched(world, trace, &options, None, &mut watch)?;
     progress.finish();
-    output::print(&answer.context("the trace ends before that time")??)
+    output::print(&answer.context("--explain: the trace ends before that time")??)
 }
 
-/// Of whom `--explain` is asked, by the trace's ids, and when.
+/// The value of `--explain`: a viewer and an avatar by the trace's ids, and a time.
 #[derive(Clone, Copy, Debug)]
-struct Question {
+struct ExplainQuery {
     viewer: u32,
     avatar: u32,
     at: Duration,
 }
 
-impl Question {
-    fn answer(&self, moment: &TickView<'_>) -> anyhow::Result<String> {
-        let t_ms = moment.now.as_millis();
-        let find = |walker: u32| {
-            let mut present = moment.engine.avatars();
-            let found = present.find(|id| moment.trace_id(*id) == walker);
-            found.with_context(|| format!("{walker} is not present at {t_ms} ms"))
+impl ExplainQuery {
+    fn answer(&self, tick: &TickView<'_>) -> anyhow::Result<String> {
+        let t_ms = tick.now.as_millis();
+        let find = |id: u32| {
+            let mut present = tick.engine.avatars();
+            let found = present.find(|avatar| tick.trace_id(*avatar) == id);
+            found.with_context(|| format!("--explain: avatar {id} is not present at {t_ms} ms"))
         };
-        let explanation = moment.engine.explain(find(self.viewer)?, find(self.avatar)?);
+        let explanation = tick.engine.explain(find(self.viewer)?, find(self.avatar)?);
         let explanation = explanation.context("both are present")?;
         Ok(format!("{:<34} {t_ms} ms\n{explanation}", "at the tick at"))
     }
 }
 
-impl FromStr for Question {
+impl FromStr for ExplainQuery {
     type Err = &'static str;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -197,21 +205,21 @@ impl FromStr for Question {
     }
 }
 
-/// Runs a trace in several ways, one after the other.
+/// Runs a trace with several options, one after the other, and prints a table.
 fn compare(
-    args: &Args,
+    args: &ReplayArgs,
     world: &Arc<World>,
     trace: &Trace,
-    ways: &[ReplayOptions],
+    all: &[ReplayOptions],
 ) -> anyhow::Result<()> {
-    anyhow::ensure!(args.dump.is_none(), "--dump wants one policy and one validity");
-    anyhow::ensure!(args.explain.is_none(), "--explain wants one policy and one validity");
+    anyhow::ensure!(args.dump.is_none(), "--dump needs one policy and one validity, not all");
+    anyhow::ensure!(args.explain.is_none(), "--explain needs one policy and one validity, not all");
     let progress = Progress::new();
     let mut comparison = Comparison::default();
-    for options in ways {
+    for options in all {
         let done = comparison.reports.len() as f32;
-        let show = &mut |share| progress.show("replay", (done + share) / ways.len() as f32);
-        let report = replay::run(world, trace, options, None, show)?;
+        let show = &mut |share| progress.show("replay", (done + share) / all.len() as f32);
+        let report = sightline_replay::run(world, trace, options, None, show)?;
         comparison.reports.push(report);
     }
     progress.finish();
@@ -219,9 +227,9 @@ fn compare(
     output::print(&comparison.to_string())
 }
 
-/// As the arguments say; where they say all, as it is served.
-fn options(args: &Args) -> anyhow::Result<ReplayOptions> {
-    let policy = if let Policies::One(policy) = args.policy { policy } else { Policy::Tbv };
+/// The options of one run. Where a flag says `all`, this has what `serve` does.
+fn options(args: &ReplayArgs) -> anyhow::Result<ReplayOptions> {
+    let policy = if let PolicyChoice::One(policy) = args.policy { policy } else { Policy::Tbv };
     let mut options = ReplayOptions::new(policy, Duration::from_millis(args.rtt.into()));
     if let Some(speed_max) = args.speed_max {
         anyhow::ensure!(
@@ -230,7 +238,7 @@ fn options(args: &Args) -> anyhow::Result<ReplayOptions> {
         );
         options.config.speed_max = Some(speed_max);
     }
-    if let Validities::One(validity) = args.validity {
+    if let ValidityChoice::One(validity) = args.validity {
         options.config.validity = validity;
     }
     options.config.shape = args.shape;
@@ -244,12 +252,12 @@ fn create(path: &Path) -> anyhow::Result<File> {
     File::create(path).with_context(|| format!("cannot write {}", path.display()))
 }
 
-fn policies(text: &str) -> Result<Policies, PolicyError> {
-    if text == "all" { Ok(Policies::All) } else { text.parse().map(Policies::One) }
+fn policies(text: &str) -> Result<PolicyChoice, PolicyError> {
+    if text == "all" { Ok(PolicyChoice::All) } else { text.parse().map(PolicyChoice::One) }
 }
 
-fn validities(text: &str) -> Result<Validities, &'static str> {
-    if text == "all" { Ok(Validities::All) } else { text.parse().map(Validities::One) }
+fn validities(text: &str) -> Result<ValidityChoice, &'static str> {
+    if text == "all" { Ok(ValidityChoice::All) } else { text.parse().map(ValidityChoice::One) }
 }
 
 fn stride(text: &str) -> Result<OracleStride, String> {
@@ -258,7 +266,7 @@ fn stride(text: &str) -> Result<OracleStride, String> {
         "auto" => Ok(OracleStride::Auto),
         ms => match ms.parse() {
             Ok(ms @ 1..=3_600_000) => Ok(OracleStride::Every(Duration::from_millis(ms))),
-            _ => Err("use off, auto, or milliseconds above 0".to_owned()),
+            _ => Err("use off, auto, or an interval from 1 to 3600000 milliseconds".to_owned()),
         },
     }
 }

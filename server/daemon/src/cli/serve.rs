@@ -1,4 +1,4 @@
-//! `sightline-server serve`.
+//! The command `sightline-server serve`.
 
 use std::{
     net::SocketAddr,
@@ -11,31 +11,35 @@ use anyhow::Context;
 use sightline_cli::{log, output, progress::Progress};
 use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
-use sightline_world::{self as world, World};
+use sightline_world::{World, write_whole};
 
-/// Serves a world to clients; the demo building when no world is given.
+/// Serves a world to clients; without a world, a demo building.
+///
+/// It prints its address and its fingerprint, which clients may check, and serves until Ctrl-C.
+/// Clients enter with `sightline-client walk HOST:PORT`.
 #[derive(clap::Args)]
-pub struct Args {
-    /// The world to serve, made by `compile`.
+pub struct ServeArgs {
+    /// The world file, made by `compile`.
     #[arg(value_name = "WORLD.slw")]
     world: Option<PathBuf>,
-    /// Where clients come in; port 0 picks a free one.
+    /// The address for clients, such as 0.0.0.0:4777; port 0 picks a free port.
     #[arg(long, value_name = "ADDR")]
     listen: Option<SocketAddr>,
-    /// A TOML file: listen, tick_hz, clients_max, clients_per_address_max, horizon_max_ms, validity, shape,
-    /// sight_test_budget, validity_max_s, threads, hello_s, silence_s, free_entry, data, world.
+    /// A TOML file with settings: listen, tick_hz, clients_max, clients_per_address_max,
+    /// horizon_max_ms, validity, shape, sight_test_budget, validity_max_s, threads, hello_s,
+    /// silence_s, free_entry, data, world. Flags override it.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
-    /// The folder in which the certificate and the demo building are kept.
+    /// The folder for the certificate and the demo building. By default it is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
 }
 
-/// How often it says how it is.
+/// How often the log shows the state of the server.
 const STATUS_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Runs the command.
-pub fn run(args: &Args) -> anyhow::Result<()> {
+pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     log::show_log("info");
     let config = config(args)?;
     let data = match &config.data {
@@ -51,8 +55,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     runtime.block_on(serve(world, config, &identity))
 }
 
-/// What the file says, and over it what the flags say.
-fn config(args: &Args) -> anyhow::Result<ServeConfig> {
+/// The settings of the file, overridden by those of the flags.
+fn config(args: &ServeArgs) -> anyhow::Result<ServeConfig> {
     let mut config = match &args.config {
         Some(path) => {
             let text = std::fs::read_to_string(path)
@@ -70,7 +74,7 @@ fn config(args: &Args) -> anyhow::Result<ServeConfig> {
 fn data_folder() -> anyhow::Result<PathBuf> {
     directories::ProjectDirs::from("", "", "sightline")
         .map(|folders| folders.data_dir().to_owned())
-        .context("there is no home folder: give a data folder with --data DIR")
+        .context("there is no home folder: choose a data folder with --data DIR")
 }
 
 fn read(path: &Path) -> anyhow::Result<ServedWorld> {
@@ -78,11 +82,11 @@ fn read(path: &Path) -> anyhow::Result<ServedWorld> {
     ServedWorld::from_bytes(bytes).with_context(|| path.display().to_string())
 }
 
-/// The demo building, compiled once into the data folder.
+/// The demo building, which is compiled once and kept in the data folder.
 fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     const ROOMS: usize = 60;
     const SEED: u64 = 1;
-    // The model is in the name, so that a newer program does not serve an older building.
+    // The hash of the model is in the name, so that a newer program does not serve an older building.
     let model = sightline_demo_building::glb(ROOMS, SEED);
     let hash = blake3::hash(&model).to_hex();
     let path = data.join(format!("demo-building-{}.slw", &hash[..16]));
@@ -100,8 +104,7 @@ fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     })?;
     progress.finish();
     let bytes = World::to_bytes(&world);
-    world::write_whole(&path, &bytes)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    write_whole(&path, &bytes).with_context(|| format!("cannot write {}", path.display()))?;
     Ok(ServedWorld::from_bytes(bytes)?)
 }
 
@@ -123,13 +126,13 @@ async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> 
                 server.shutdown().await;
                 return Ok(());
             }
-            () = server.failed() => anyhow::bail!("the engine failed"),
-            _ = status.tick() => say_how_it_is(&server),
+            () = server.failed() => anyhow::bail!("the engine failed: the log above says why"),
+            _ = status.tick() => log_status(&server),
         }
     }
 }
 
-fn say_how_it_is(server: &Server) {
+fn log_status(server: &Server) {
     let stats = server.stats();
     tracing::info!(
         live = stats.counts.live,

@@ -1,4 +1,4 @@
-//! The part of `inspect` that verifies a world.
+//! The verification of a world, for `inspect --verify`.
 
 use std::{fmt::Write, time::Instant};
 
@@ -9,9 +9,9 @@ use sightline_compiler::verify::{
 };
 use sightline_world::World;
 
-/// What was found, for machines: the principal figures, then all of them.
+/// The figures of a verification: the principal ones, then all of them.
 #[derive(Serialize)]
-pub struct Figures {
+pub struct VerificationFigures {
     #[serde(flatten)]
     principal: VerifySummary,
     verification: Details,
@@ -25,8 +25,11 @@ struct Details {
     seconds: f64,
 }
 
-impl Figures {
+impl VerificationFigures {
     /// Verifies a world.
+    ///
+    /// # Errors
+    /// When the world cannot be verified.
     pub fn find(world: &World, options: &VerifyOptions) -> anyhow::Result<Self> {
         let (progress, start) = (Progress::new(), Instant::now());
         let report = verify::verify(world, options, &|stage, share| progress.show(stage, share));
@@ -39,7 +42,10 @@ impl Figures {
         })
     }
 
-    /// An error when there is a miss.
+    /// Fails when there is a miss.
+    ///
+    /// # Errors
+    /// When a visible pair is missing from the PVS.
     pub fn verdict(&self) -> anyhow::Result<()> {
         let VerifyReport { by_volume, by_cell, .. } = &self.verification.report;
         let (misses, sight) = (self.principal.misses, by_volume.sight + by_cell.sight);
@@ -47,7 +53,7 @@ impl Figures {
         Ok(())
     }
 
-    /// A table, the map's own figures beside ours, and the first misses.
+    /// A table of the figures, with those of the map's own PVS beside them, and the first misses.
     pub fn table(&self) -> String {
         let Details { report, seed, seconds } = &self.verification;
         let mut table = String::new();
