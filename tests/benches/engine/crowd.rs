@@ -121,13 +121,13 @@ impl Pedestrian {
 
 /// All pedestrians, and the floors that they walk on.
 #[derive(Debug)]
-pub struct Crowd {
+pub struct Pedestrians {
     floors: Floors,
     /// The pedestrians: first those in the building, then one in each closed room.
     pub walkers: Vec<Pedestrian>,
 }
 
-impl Crowd {
+impl Pedestrians {
     /// A number of pedestrians on the floors of a building, and one more in each closed room.
     pub fn new(
         mut floors: Floors,

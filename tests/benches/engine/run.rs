@@ -20,7 +20,7 @@ use sightline_world::{
 
 use super::{
     Args, annex,
-    crowd::{Crowd, Floors},
+    crowd::{Floors, Pedestrians},
 };
 
 /// The figures of a run.
@@ -138,7 +138,7 @@ pub fn row(world: &World, args: &Args, size: CrowdSize) -> anyhow::Result<Engine
     let mut seeds = SmallRng::seed_from_u64(args.seed);
     let mut rng = || SmallRng::seed_from_u64(seeds.random());
     let before = resident_bytes();
-    let crowd = Crowd::new(Floors::new(&plan), walkers, &closed, &mut rng);
+    let crowd = Pedestrians::new(Floors::new(&plan), walkers, &closed, &mut rng);
     let mut run = EngineRun::new(&world, args, crowd);
     let wanted = args.seconds.max(1) * 20;
     run.steps(wanted as usize, args.patience);
@@ -218,7 +218,7 @@ struct BenchClient {
 struct EngineRun {
     world: Arc<World>,
     engine: Engine,
-    crowd: Crowd,
+    crowd: Pedestrians,
     /// By avatar id, in the order of the crowd's pedestrians.
     clients: Vec<BenchClient>,
     one_way: Duration,
@@ -231,7 +231,7 @@ struct EngineRun {
 }
 
 impl EngineRun {
-    fn new(world: &Arc<World>, args: &Args, crowd: Crowd) -> Self {
+    fn new(world: &Arc<World>, args: &Args, crowd: Pedestrians) -> Self {
         let config = Config {
             policy: args.policy,
             margin: Margin::Fixed(Duration::ZERO),

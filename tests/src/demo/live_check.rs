@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use rayon::prelude::*;
-use sightline_client::swarm::{Snapshot, VisitorView};
+use sightline_client::swarm::{SwarmSnapshot, VisitorView};
 use sightline_oracle::Oracle;
 use sightline_world::{World, motion::AvatarId};
 
@@ -27,7 +27,7 @@ impl LiveCheck {
     /// Checks all pairs of visitors, once per [`CHECK_INTERVAL`]. The news about a visible avatar
     /// may be on its way at one moment, so a pair counts as missed only when the next snapshot
     /// misses it too.
-    pub(super) fn of(world: &World, snapshots: &[Snapshot]) -> Self {
+    pub(super) fn of(world: &World, snapshots: &[SwarmSnapshot]) -> Self {
         let oracle = Oracle::new(&world.mesh);
         let checked = every(snapshots, CHECK_INTERVAL);
         let checks = checked.par_iter().map(|&index| {
@@ -48,7 +48,12 @@ impl LiveCheck {
         self.held as f64 / self.visible.max(1) as f64
     }
 
-    fn at(world: &World, oracle: &Oracle, snapshot: &Snapshot, next: Option<&Snapshot>) -> Self {
+    fn at(
+        world: &World,
+        oracle: &Oracle,
+        snapshot: &SwarmSnapshot,
+        next: Option<&SwarmSnapshot>,
+    ) -> Self {
         let mut check = Self::default();
         for (viewer, other) in pairs(snapshot) {
             let is_held = holds(viewer, other.avatar);
@@ -79,7 +84,7 @@ fn sees(world: &World, oracle: &Oracle, viewer: &VisitorView, other: &VisitorVie
 fn misses(
     world: &World,
     oracle: &Oracle,
-    snapshot: &Snapshot,
+    snapshot: &SwarmSnapshot,
     viewer: AvatarId,
     other: AvatarId,
 ) -> bool {
@@ -89,7 +94,7 @@ fn misses(
 }
 
 /// All ordered pairs of two visitors: the viewer first.
-fn pairs(snapshot: &Snapshot) -> impl Iterator<Item = (&VisitorView, &VisitorView)> {
+fn pairs(snapshot: &SwarmSnapshot) -> impl Iterator<Item = (&VisitorView, &VisitorView)> {
     let visitors = &snapshot.visitors;
     visitors.iter().flat_map(move |viewer| {
         visitors.iter().filter(|o| o.avatar != viewer.avatar).map(move |other| (viewer, other))
@@ -97,7 +102,7 @@ fn pairs(snapshot: &Snapshot) -> impl Iterator<Item = (&VisitorView, &VisitorVie
 }
 
 /// The indices of snapshots at least an interval apart. The first interval is left out.
-fn every(snapshots: &[Snapshot], interval: Duration) -> Vec<usize> {
+fn every(snapshots: &[SwarmSnapshot], interval: Duration) -> Vec<usize> {
     let mut next = interval;
     let mut chosen = Vec::new();
     for (index, snapshot) in snapshots.iter().enumerate() {

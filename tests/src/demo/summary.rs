@@ -11,7 +11,7 @@ use std::{
 
 use anyhow::anyhow;
 use sightline_cli::{progress::Progress, trace::Trace};
-use sightline_client::swarm::{Snapshot, SwarmReport};
+use sightline_client::swarm::{SwarmReport, SwarmSnapshot};
 use sightline_engine::Policy;
 use sightline_replay::{OracleStride, ReplayOptions, ReplayReport};
 use sightline_server::operate::ServerStats;
@@ -46,7 +46,7 @@ impl Summary {
     /// When a replay fails.
     pub(super) fn new(
         world: &Arc<World>,
-        snapshots: &[Snapshot],
+        snapshots: &[SwarmSnapshot],
         report: &SwarmReport,
     ) -> anyhow::Result<Self> {
         let trace = trace(snapshots)?;
@@ -156,7 +156,7 @@ fn round_trip(report: &SwarmReport) -> Duration {
 }
 
 /// The visitors' true poses, in the form of a recorded trace.
-fn trace(snapshots: &[Snapshot]) -> anyhow::Result<Trace> {
+fn trace(snapshots: &[SwarmSnapshot]) -> anyhow::Result<Trace> {
     let mut csv = String::from("t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n");
     for snapshot in snapshots {
         for visitor in &snapshot.visitors {

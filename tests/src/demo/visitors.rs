@@ -14,7 +14,7 @@ use std::{
 use anyhow::{Context, anyhow};
 use sightline_client::{
     net::{Dialer, Trust},
-    swarm::{self, Snapshot, SwarmOptions, SwarmReport},
+    swarm::{self, SwarmOptions, SwarmReport, SwarmSnapshot},
 };
 use tokio::runtime::Runtime;
 
@@ -29,7 +29,7 @@ const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 pub(super) struct Visitors {
     thread: JoinHandle<anyhow::Result<SwarmReport>>,
     stop: mpsc::Sender<()>,
-    snapshots: Arc<Mutex<Vec<Snapshot>>>,
+    snapshots: Arc<Mutex<Vec<SwarmSnapshot>>>,
     /// Set when they have ended.
     is_over: Arc<AtomicBool>,
 }
@@ -49,7 +49,7 @@ impl Visitors {
             dialer,
             ..SwarmOptions::new(options.visitors, options.duration, trust)
         };
-        let snapshots: Arc<Mutex<Vec<Snapshot>>> = Arc::default();
+        let snapshots: Arc<Mutex<Vec<SwarmSnapshot>>> = Arc::default();
         let is_over = Arc::new(AtomicBool::new(false));
         let (stop, stopped) = mpsc::channel();
         let handle = runtime.handle().clone();
@@ -84,7 +84,7 @@ impl Visitors {
     }
 
     /// The snapshots so far, oldest first.
-    pub(super) fn snapshots(&self) -> MutexGuard<'_, Vec<Snapshot>> {
+    pub(super) fn snapshots(&self) -> MutexGuard<'_, Vec<SwarmSnapshot>> {
         lock(&self.snapshots)
     }
 
@@ -92,7 +92,7 @@ impl Visitors {
     ///
     /// # Errors
     /// When none of them could come in, or they were stopped before that.
-    pub(super) fn end(self) -> anyhow::Result<(Vec<Snapshot>, SwarmReport)> {
+    pub(super) fn end(self) -> anyhow::Result<(Vec<SwarmSnapshot>, SwarmReport)> {
         let report = self.thread.join().map_err(|_| anyhow!("the visitors' thread failed"))??;
         let snapshots = std::mem::take(&mut *lock(&self.snapshots));
         snapshots.first().context("the visitors were stopped before they came in")?;

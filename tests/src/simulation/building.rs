@@ -136,7 +136,7 @@ struct WallPiece {
 
 /// An opening in a piece of wall, in metres: along the wall, and above the floor.
 #[derive(Clone, Copy)]
-struct Opening {
+struct WallOpening {
     along: [f32; 2],
     up: [f32; 2],
 }
@@ -215,13 +215,13 @@ impl BuildingDraft {
             15..17 => (WINDOW_M, false),
             _ => return self.put_wall(at, ends, None),
         };
-        self.put_wall(at, ends, Some(Opening { along, up }));
+        self.put_wall(at, ends, Some(WallOpening { along, up }));
         if is_door {
             self.put_door(at, (along[0] + along[1]) * 0.5);
         }
     }
 
-    fn put_wall(&mut self, at: WallPiece, ends: [f32; 2], opening: Option<Opening>) {
+    fn put_wall(&mut self, at: WallPiece, ends: [f32; 2], opening: Option<WallOpening>) {
         let WallPiece { storey, axis, line, .. } = at;
         let across = self.lines[axis][line];
         let floor = storey as f32 * (CEILING_M + SLAB_M);
@@ -237,7 +237,7 @@ impl BuildingDraft {
         };
         // Extended to the posts where walls meet.
         let ends = [ends[0] - wall, ends[1] + wall];
-        let Some(Opening { along, up }) = opening else { return put(ends, [0.0, CEILING_M]) };
+        let Some(WallOpening { along, up }) = opening else { return put(ends, [0.0, CEILING_M]) };
         put([ends[0], along[0]], [0.0, CEILING_M]);
         put([along[1], ends[1]], [0.0, CEILING_M]);
         put(along, [0.0, up[0]]);

@@ -4,7 +4,7 @@ use std::{collections::HashMap, time::Duration};
 
 use sightline_client::{
     net::Trust,
-    swarm::{self, Snapshot, SwarmOptions},
+    swarm::{self, SwarmOptions, SwarmSnapshot},
 };
 use sightline_oracle::Oracle;
 use sightline_server::net::{Identity, ServeConfig, Server};
@@ -33,7 +33,7 @@ async fn visitors_of_a_swarm_hold_all_avatars_in_view() {
     };
     let mut late: HashMap<(AvatarId, AvatarId), u32> = HashMap::new();
     let (mut in_view, mut worst) = (0, 0);
-    let check = |snapshot: &Snapshot| {
+    let check = |snapshot: &SwarmSnapshot| {
         for viewer in &snapshot.visitors {
             for other in &snapshot.visitors {
                 let pair = (viewer.avatar, other.avatar);

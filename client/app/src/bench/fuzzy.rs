@@ -114,13 +114,13 @@ fn since(start: ProcessTime) -> io::Result<f64> {
 struct Worker {
     walls: VoxelOccluders,
     /// The prepared boxes, and when each is ready, in seconds.
-    ready: Vec<(f64, BoxVisibility)>,
+    ready: Vec<(f64, PreparedBox)>,
     free_at_s: f64,
     sum: Sum,
 }
 
 /// The nodes hidden from a box; and the same with those that every eye sees whole.
-type BoxVisibility = [Arc<NodeVisibility>; 2];
+type PreparedBox = [Arc<NodeVisibility>; 2];
 
 #[derive(Default)]
 struct Sum {
@@ -131,14 +131,14 @@ struct Sum {
 }
 
 impl Worker {
-    fn at(&mut self, pose: &Pose, focal: f32, now_s: f64) -> io::Result<Option<BoxVisibility>> {
+    fn at(&mut self, pose: &Pose, focal: f32, now_s: f64) -> io::Result<Option<PreparedBox>> {
         for eyes in boxes_ahead(pose.eye, pose.velocity) {
             let is_there = self.ready.iter().any(|(_, [known, _])| known.eyes() == eyes);
             if !is_there && self.free_at_s <= now_s {
                 self.prepare(eyes, focal, now_s)?;
             }
         }
-        let of = |(ready_s, [known, _]): &&(f64, BoxVisibility)| {
+        let of = |(ready_s, [known, _]): &&(f64, PreparedBox)| {
             *ready_s <= now_s && known.eyes().contains(pose.eye)
         };
         Ok(self.ready.iter().find(of).map(|(_, known)| known.clone()))
@@ -192,13 +192,13 @@ impl<'a> FuzzyTimer<'a> {
     }
 
     /// Draws a picture in all ways. Returns whether the three are the same.
-    fn draw(&mut self, camera: &Camera, known: Option<BoxVisibility>) -> io::Result<bool> {
+    fn draw(&mut self, camera: &Camera, known: Option<PreparedBox>) -> io::Result<bool> {
         self.hits += usize::from(known.is_some());
         let mut best = [f64::INFINITY; WAYS];
         for turn in 0..WAYS * self.repeats {
             // The ways take turns, and each is first as often as last.
             let way = (turn + turn / WAYS) % WAYS;
-            let hidden = |known: &BoxVisibility| (way > 0).then(|| Arc::clone(&known[way - 1]));
+            let hidden = |known: &PreparedBox| (way > 0).then(|| Arc::clone(&known[way - 1]));
             self.renderer.node_visibility = known.as_ref().and_then(hidden);
             let start = ProcessTime::try_now()?;
             self.renderer.draw(&self.world.octree, camera, &mut self.frames[way]);

@@ -20,7 +20,7 @@ use sightline_world::{Spawn, World};
 use thiserror::Error;
 use winit::event_loop::EventLoop;
 
-use self::{scene::Scene, window::WindowApp};
+use self::{scene::WalkScene, window::WindowApp};
 use crate::net::Session;
 
 /// The building that is walked in.
@@ -105,7 +105,7 @@ pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, De
     let context = softbuffer::Context::new(display)
         .map_err(|error| DesktopError::Surface(error.to_string()))?;
     let start = Instant::now();
-    let mut shell = WindowApp::new(Scene::new(visit, options.fuzzy), options, context, start);
+    let mut shell = WindowApp::new(WalkScene::new(visit, options.fuzzy), options, context, start);
     events.run_app(&mut shell).map_err(display_error)?;
     shell.finish()
 }

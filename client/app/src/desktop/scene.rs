@@ -24,7 +24,7 @@ use super::{
 };
 
 /// Everything that the window shows, without the window itself.
-pub(super) struct Scene<'a> {
+pub(super) struct WalkScene<'a> {
     visit: WorldSource<'a>,
     walker: Walker,
     rooms: RoomIndex,
@@ -51,7 +51,7 @@ pub(super) struct Scene<'a> {
 const HELP: &str =
     "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
 
-impl<'a> Scene<'a> {
+impl<'a> WalkScene<'a> {
     pub(super) fn new(visit: WorldSource<'a>, fuzzy: bool) -> Self {
         let spawn = match visit {
             WorldSource::Alone(_, spawn) => spawn,

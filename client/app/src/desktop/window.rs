@@ -21,12 +21,12 @@ use winit::{
 use super::{
     DesktopError, FRAMES_PER_S_MAX, WalkSummary, WindowOptions,
     controls::{Action, Controls},
-    scene::Scene,
+    scene::WalkScene,
 };
 
 /// The handler of winit's events.
 pub(super) struct WindowApp<'a> {
-    scene: Scene<'a>,
+    scene: WalkScene<'a>,
     options: WindowOptions<'a>,
     context: Context<OwnedDisplayHandle>,
     screen: Option<Screen>,
@@ -50,7 +50,7 @@ const SIZE: LogicalSize<f64> = LogicalSize::new(960.0, 540.0);
 
 impl<'a> WindowApp<'a> {
     pub(super) fn new(
-        scene: Scene<'a>,
+        scene: WalkScene<'a>,
         options: WindowOptions<'a>,
         context: Context<OwnedDisplayHandle>,
         start: Instant,

@@ -69,7 +69,7 @@ impl SwarmOptions {
 
 /// The true poses, and what each visitor's replica holds, at one moment.
 #[derive(Clone, Debug, Default)]
-pub struct Snapshot {
+pub struct SwarmSnapshot {
     /// The time since all visitors were in.
     pub elapsed: Duration,
     /// The connected visitors.
@@ -125,7 +125,7 @@ struct ConnectedVisitor {
 pub async fn run(
     address: SocketAddr,
     options: &SwarmOptions,
-    mut observer: impl FnMut(&Snapshot),
+    mut observer: impl FnMut(&SwarmSnapshot),
 ) -> Result<SwarmReport, SwarmError> {
     let (mut members, navigation, refused) = connect_visitors(address, options).await?;
     let world = members.first().map(|member| member.session.world().clone());
@@ -192,14 +192,14 @@ impl ConnectedVisitor {
     }
 }
 
-fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> Snapshot {
+fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
     let visitors = members.iter().filter(|member| !member.has_ended).map(|member| VisitorView {
         avatar: member.session.avatar(),
         pose: member.pose,
         reporting_state: member.session.stats().reporting_state,
         held: member.session.held(),
     });
-    Snapshot { elapsed, visitors: visitors.collect() }
+    SwarmSnapshot { elapsed, visitors: visitors.collect() }
 }
 
 /// Connects all visitors: the first one alone, because it downloads the world, then the others.

@@ -10,7 +10,7 @@ use serde::Serialize;
 use sightline_cli::percentile;
 use sightline_world::motion::{AvatarId, ReportingState};
 
-use super::{STEP, Snapshot};
+use super::{STEP, SwarmSnapshot};
 use crate::net::{Session, SessionStats};
 
 /// How long the past positions of a visitor are kept.
@@ -103,7 +103,7 @@ impl SwarmStatistics {
     }
 
     /// Counts what all visitors hold.
-    pub fn observe(&mut self, snapshot: &Snapshot) {
+    pub fn observe(&mut self, snapshot: &SwarmSnapshot) {
         for view in &snapshot.visitors {
             self.views += 1;
             self.quiet += u64::from(view.reporting_state == Some(ReportingState::Quiet));
