@@ -43,7 +43,7 @@ fn measure() {
     ];
     println!(
         "{:<12} {:>12} {:>12} {:>12}",
-        "ns a pixel", "orthogonal", "perspective", "pixels hit"
+        "ns per pixel", "orthogonal", "perspective", "pixels hit"
     );
     for (name, octree, camera) in scenes {
         let [(orthogonal, hit), (perspective, _)] =
@@ -54,7 +54,7 @@ fn measure() {
     let bytes = hills.to_bytes();
     let written = least_ns(3, || drop(hills.to_bytes())) / voxels;
     let read = least_ns(3, || drop(Octree::from_bytes(&bytes).expect("just written"))) / voxels;
-    println!("{:<12} {:>12} {:>12} {:>12}", "ns a voxel", "written", "read", "bytes");
+    println!("{:<12} {:>12} {:>12} {:>12}", "ns per voxel", "written", "read", "bytes");
     println!("{:<12} {written:>12.1} {read:>12.1} {:>12.2}", "hills", bytes.len() as f64 / voxels);
 }
 

@@ -22,11 +22,11 @@ type PlacingMethod = fn(&Edges) -> i64;
 fn main() {
     let forms: Vec<Edges> = (0..FORMS as i32).map(edges).collect();
     let nodes = FORMS as f64 * (1..=LEVELS).map(|level| 8f64.powi(level as i32)).sum::<f64>();
-    println!("{:<44} {:>8}", "way", "ns/node");
+    println!("{:<44} {:>8}", "method", "ns/node");
     let ways: [(&str, PlacingMethod); 3] = [
         ("offsets from the corner, shifted", by_corner),
-        ("four offsets from the centre, and reversed", by_halves),
-        ("multiplied and added", by_product),
+        ("four offsets from the centre, and negated", by_halves),
+        ("floating point, scaled and added", by_product),
     ];
     for (name, way) in ways {
         let least = (0..ROUNDS).map(|_| time_ns(&forms, way)).fold(f64::INFINITY, f64::min);
