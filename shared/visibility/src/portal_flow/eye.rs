@@ -13,21 +13,10 @@ use sightline_world::{
 
 use super::{
     daabb::DAabb,
-    scratch::FlowScratch,
+    scratch::{EyeScratch, FlowScratch},
     sightlines::{Query, Sightlines},
 };
 use crate::HalfSpace;
-
-/// The memory of a call, kept from one to the next.
-#[derive(Default)]
-pub(super) struct EyeScratch {
-    /// The cells that the viewpoint box overlaps.
-    cells: Vec<CellId>,
-    /// The spaces that the PVS of these cells names.
-    spaces: Vec<u32>,
-    /// Half-spaces that hold the frusta of all eyes.
-    frustum: Vec<HalfSpace>,
-}
 
 impl Sightlines<'_> {
     /// The cells of which some point may be visible to an eye somewhere in a box: never too few.

@@ -26,6 +26,7 @@ mod daabb;
 mod directed_gate;
 mod exact;
 mod eye;
+mod gather;
 mod scratch;
 mod search;
 mod separators;

@@ -2,14 +2,16 @@
 
 use std::collections::BinaryHeap;
 
+use sightline_world::CellId;
+
 use super::{
     daabb::DAabb,
     directed_gate::is_between,
     exact::{self, DirectionSigns},
-    eye::EyeScratch,
     sequences::PortalSequences,
     step::{FlowStep, QueuedStep},
 };
+use crate::HalfSpace;
 
 /// The memory of a search, kept from one to the next to save allocations. It may be used for any
 /// building.
@@ -35,6 +37,17 @@ pub struct FlowScratch {
     /// Boxes as the exact test reflects them.
     pub(super) reflected: Vec<DAabb>,
     pub(super) eye: EyeScratch,
+}
+
+/// The memory of a search from a box of eyes.
+#[derive(Default)]
+pub(super) struct EyeScratch {
+    /// The cells that the viewpoint box overlaps.
+    pub(super) cells: Vec<CellId>,
+    /// The spaces that the PVS of these cells names.
+    pub(super) spaces: Vec<u32>,
+    /// Half-spaces that hold the frusta of all eyes.
+    pub(super) frustum: Vec<HalfSpace>,
 }
 
 /// The steps at one gate.

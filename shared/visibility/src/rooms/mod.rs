@@ -36,6 +36,7 @@ pub mod region;
 mod sealed;
 pub mod sets;
 pub mod sight;
+mod viewpoint;
 mod window_part;
 
 pub use decide::RoomVerdict;

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use sightline_world::{geometry::Aabb, tolerance::ROOM_BOUNDARY_M};
 
-use super::{region::BooleanRegion, sight::Viewpoint};
+use super::{region::BooleanRegion, viewpoint::Viewpoint};
 use crate::{Containment, HalfSpace};
 
 /// A convex part of a window.

@@ -3,7 +3,7 @@
 use glam::{Vec3A, Vec4};
 use sightline_world::{geometry::Aabb, tolerance::GATE_WIDENING_M};
 
-use super::swept_box::SimdBox;
+use super::simd_box::SimdBox;
 
 /// The direction in which lines leave by an exit. Below [`AXIAL_DIRECTIONS`] it is twice the axis,
 /// plus one if coordinates grow; the gate then fills its box. Any other value less

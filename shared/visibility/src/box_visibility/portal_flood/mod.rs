@@ -16,6 +16,7 @@
 
 mod exit;
 mod scratch;
+mod simd_box;
 mod space_tree;
 mod swept_box;
 #[cfg(test)]
@@ -29,8 +30,9 @@ pub(super) use scratch::FloodScratch;
 use super::sight_line::{BoxInSpaces, SightLine};
 use exit::{AXIAL_DIRECTIONS, Exit, ExitDirection};
 use scratch::FloodStep;
+use simd_box::SimdBox;
 use space_tree::SpaceTree;
-use swept_box::{SimdBox, SweptBox};
+use swept_box::SweptBox;
 
 /// A flood that looks at more gates than this gives up and says that the boxes are joined.
 const GATES_MAX: u32 = 200;

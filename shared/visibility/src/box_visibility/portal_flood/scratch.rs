@@ -1,6 +1,6 @@
 //! What a flood keeps in memory: the steps it took, and those it has yet to go on from.
 
-use super::swept_box::SimdBox;
+use super::simd_box::SimdBox;
 
 /// The most steps into one space that are kept apart. Further ones are merged.
 const STEPS_PER_SPACE_MAX: usize = 3;

@@ -1,9 +1,12 @@
 //! The boxes between two boxes, and the gates they meet on the way.
 
 use glam::{BVec3A, Vec3A};
-use sightline_world::{geometry::Aabb, tolerance::SUM_F32_M};
+use sightline_world::tolerance::SUM_F32_M;
 
-use super::exit::{AXIAL_DIRECTIONS, ExitDirection};
+use super::{
+    exit::{AXIAL_DIRECTIONS, ExitDirection},
+    simd_box::SimdBox,
+};
 
 /// What single precision may lose in a share of a line's length.
 const ROUNDING_T: f32 = 1e-6;
@@ -11,42 +14,6 @@ const ROUNDING_T: f32 = 1e-6;
 const NEAR_T: f32 = 1e-3;
 /// A plane that moves by less than this, in metres, counts as moving by this much.
 const MOVE_MIN_M: f32 = 1e-9;
-
-/// An axis-aligned box in vector registers, in metres and own axes.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SimdBox {
-    pub low: Vec3A,
-    pub high: Vec3A,
-}
-
-impl SimdBox {
-    pub(super) fn new(region: &Aabb) -> Self {
-        Self { low: region.min.into(), high: region.max.into() }
-    }
-
-    pub(super) fn union(&self, other: &Self) -> Self {
-        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    pub(super) fn holds(&self, other: &Self) -> bool {
-        (self.low.cmple(other.low) & self.high.cmpge(other.high)).all()
-    }
-
-    /// The far ends, within this box, of lines that begin in the box `near` and pass a gate between
-    /// two shares of their length. None if there are no such lines.
-    fn narrowed(&self, near: &Self, gate: &Self, [first, last]: [f32; 2]) -> Option<Self> {
-        if first < NEAR_T {
-            return Some(*self);
-        }
-        let (most, least) = (first.recip(), last.min(1.0).recip());
-        let (low, high) = (gate.low - near.high, gate.high - near.low);
-        let margin = Vec3A::splat(SUM_F32_M * most);
-        let low = near.high + (low * most).min(low * least) - margin;
-        let high = near.low + (high * most).max(high * least) + margin;
-        let narrowed = Self { low: self.low.max(low), high: self.high.min(high) };
-        narrowed.low.cmple(narrowed.high).all().then_some(narrowed)
-    }
-}
 
 /// A box that moves from one place and size to another as `t` goes from 0 to 1.
 pub(super) struct SweptBox {
@@ -115,16 +82,36 @@ impl SweptBox {
     /// length. None if there are no such lines.
     pub(super) fn narrowed(&self, gate: &SimdBox, [first, last]: [f32; 2]) -> Option<[SimdBox; 2]> {
         debug_assert!(first <= last, "shares come in order");
-        let from = self.from.narrowed(&self.to, gate, [1.0 - last, 1.0 - first])?;
-        Some([from, self.to.narrowed(&self.from, gate, [first, last])?])
+        let from = narrowed_end(&self.from, &self.to, gate, [1.0 - last, 1.0 - first])?;
+        Some([from, narrowed_end(&self.to, &self.from, gate, [first, last])?])
     }
+}
+
+/// The ends, within the box `far`, of lines that begin in the box `near` and pass a gate between two
+/// shares of their length. None if there are no such lines.
+fn narrowed_end(
+    far: &SimdBox,
+    near: &SimdBox,
+    gate: &SimdBox,
+    [first, last]: [f32; 2],
+) -> Option<SimdBox> {
+    if first < NEAR_T {
+        return Some(*far);
+    }
+    let (most, least) = (first.recip(), last.min(1.0).recip());
+    let (low, high) = (gate.low - near.high, gate.high - near.low);
+    let margin = Vec3A::splat(SUM_F32_M * most);
+    let low = near.high + (low * most).min(low * least) - margin;
+    let high = near.low + (high * most).max(high * least) + margin;
+    let narrowed = SimdBox { low: far.low.max(low), high: far.high.min(high) };
+    narrowed.low.cmple(narrowed.high).all().then_some(narrowed)
 }
 
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
     use proptest::prelude::*;
-    use sightline_world::tolerance::GATE_WIDENING_M;
+    use sightline_world::{geometry::Aabb, tolerance::GATE_WIDENING_M};
 
     use super::*;
 
