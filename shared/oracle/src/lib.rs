@@ -30,7 +30,11 @@ use obvhs::{
     ray::Ray,
     triangle::Triangle,
 };
-use sightline_world::{Mesh, geometry::Aabb, tolerance::BESIDE_RAY_M};
+use sightline_world::{
+    Mesh,
+    geometry::Aabb,
+    tolerance::{BESIDE_RAY_M, POINT_M2},
+};
 
 /// The opaque triangles of a building in a bounding volume hierarchy.
 pub struct Oracle {
@@ -56,7 +60,7 @@ impl Oracle {
     pub fn between(&self, from: Vec3, to: Vec3) -> bool {
         debug_assert!(from.is_finite() && to.is_finite(), "no segment from {from} to {to}");
         let along = to - from;
-        if along.length_squared() < 1e-12 {
+        if along.length_squared() < POINT_M2 {
             return true;
         }
         if self.blocked(from, along) {

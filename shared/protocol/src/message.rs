@@ -164,9 +164,10 @@ pub enum Refusal {
 
 #[cfg(test)]
 mod tests {
+    use sightline_world::motion::Pose;
+
     use super::*;
     use crate::{VERSION, quantise::COORDINATE_MAX, text};
-    use sightline_world::motion::Pose;
 
     fn pose() -> WirePose {
         WirePose {

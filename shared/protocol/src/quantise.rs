@@ -7,7 +7,6 @@ use std::{
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
-
 use sightline_world::{
     geometry::{Aabb, Axes},
     motion::{Pose, Tbv},

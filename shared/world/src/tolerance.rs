@@ -4,10 +4,10 @@
 //!
 //! | scale | what rounds | margins |
 //! | --- | --- | --- |
-//! | below [`QUANTUM_M`] | sums and cuts in double precision | [`SLIVER_M`] to [`ON_PLANE_F64_M`] |
-//! | a few [`QUANTUM_M`] | corners stored in single precision | [`ON_PLANE_F32_M`] to [`CLOSED_M`] |
-//! | ten and more | chains of operations in single precision | [`TOUCH_M`] to [`NEAR_PLANE_M`] |
-//! | [`WIRE_UNIT_M`] and more | poses on the wire, bodies against voxels | [`WIRE_BOUNDARY_M`] to [`ASTRAY_M`] |
+//! | below a quantum | sums and cuts in double precision | [`SLIVER_M`] to [`ON_PLANE_F64_M`] |
+//! | a few quanta | corners in single precision | [`ON_PLANE_F32_M`] to [`CLOSED_M`] |
+//! | ten quanta and more | chains of operations in single precision | [`TOUCH_M`] to [`RAY_LIFT_M`] |
+//! | two millimetres and more | poses on the wire, bodies | [`WIRE_BOUNDARY_M`] to [`ASTRAY_M`] |
 //!
 //! Numbers in single precision are 2⁻²³ of the next lower power of two apart: 7.6e-6 m from 64 m,
 //! 1.5e-5 m from 128 m, 6.1e-5 m from 512 m to 1,024 m. Rounding moves a coordinate by half of
@@ -37,6 +37,9 @@ const fn quantum_divided_by(parts: u32) -> f64 {
 /// Whatever is thinner is left over by cuts in double precision, and is nothing. It is thousands of
 /// times the spacing at 1 km, and thousands of times below what single precision can store.
 pub const SLIVER_M: f64 = quantum_divided_by(10_000);
+/// The squared length below which a segment is a point, in square metres: a micrometre, which is
+/// below the spacing of single precision for all but points near the origin.
+pub const POINT_M2: f32 = 1e-12;
 /// A volume that is thinner is degenerate; boxes that are closer have no separating planes worth
 /// finding, since rounding alone would define these.
 pub const DEGENERATE_M: f64 = quantum_divided_by(100);
@@ -56,8 +59,8 @@ pub const SWEPT_SHARE: f64 = 2e-7;
 /// A Quake map's brushes grow by this before lines are tested against them, so that lines along the
 /// seam of two brushes do not slip through.
 pub const BRUSH_GROWTH_M: f64 = QUANTUM_M;
-/// Corners that are no farther apart are one point: both ends of a distance may be rounded. Whoever
-/// welds corners farther than 84 m from the origin uses two units in the last place instead.
+/// Corners that are no farther apart are one point: both ends of a distance may be rounded. Farther
+/// than 84 m from the origin, the compiler welds within two units in the last place instead.
 pub const WELD_M: f64 = quanta(2);
 /// Triangles lie in one plane when each corner is this close to it.
 pub const COPLANAR_M: f64 = WELD_M;
@@ -135,7 +138,8 @@ pub const WIRE_BOUNDARY_M: f32 = quanta(400) as f32;
 /// A reported eye may differ by this from where its motion puts it: rounding on the wire of both
 /// ends, and of the velocity for the time in between.
 pub const WIRE_POSE_M: f32 = quanta(1_000) as f32;
-/// Side of a surface: a solid is looked for this far from its triangles.
+/// A surface belongs to a solid if there is one this far from it: well beyond all rounding, and within
+/// the thinnest wall.
 pub const BESIDE_SURFACE_M: f64 = quanta(1_000);
 /// A movement budget begins with this much: [`WIRE_POSE_M`] at both ends of a movement.
 pub const BUDGET_ROUNDING_M: f64 = quanta(2_000);
@@ -163,6 +167,7 @@ pub const UNIT_F32: f64 = 1e-3;
 
 /// Each scale must swallow what the finer ones leave. A change that breaks this does not compile.
 const _: () = {
+    assert!(POINT_M2 as f64 <= ON_PLANE_F64_M * ON_PLANE_F64_M * (1.0 + f32::EPSILON as f64));
     assert!(SLIVER_M < DEGENERATE_M && DEGENERATE_M < ON_PLANE_F64_M);
     assert!(ON_PLANE_F64_M < ON_PLANE_F32_M && ON_PLANE_F32_M <= QUANTUM_M);
     // Half the spacing of single precision at 256 m, and the spacing itself at 1 km.
@@ -207,6 +212,8 @@ mod tests {
             assert_eq!(margin.to_bits(), f64::to_bits(decimal), "{decimal}");
         }
         let single = [
+            (SLIVER_M as f32, 1e-9),
+            (DEGENERATE_M as f32, 1e-7),
             (BESIDE_RAY_M, 2e-5),
             (SUM_F32_M, 4e-5),
             (TOUCH_M, 1e-4),

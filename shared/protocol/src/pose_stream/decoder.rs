@@ -2,12 +2,13 @@
 
 use std::collections::VecDeque;
 
+use sightline_world::motion::AvatarId;
+
 use super::{
     Ack, BASELINE_DISTANCE_MAX, ENTRIES_MAX, check_length,
     entry::{self, BASELINE},
 };
 use crate::{DecodeError, quantise::WirePose, varint};
-use sightline_world::motion::AvatarId;
 
 /// The number of datagrams remembered as baselines. It exceeds [`BASELINE_DISTANCE_MAX`], because
 /// datagrams overtake one another.

@@ -2,12 +2,13 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use sightline_world::motion::{AvatarId, Pose};
+
 use super::{
     Ack, BASELINE_DISTANCE_MAX, DATAGRAM_BYTES_MAX, ENTRIES_MAX,
     entry::{self, BASELINE},
 };
 use crate::{quantise::WirePose, varint};
-use sightline_world::motion::{AvatarId, Pose};
 
 /// The number of ticks after which a pose is sent again unless its datagram was acknowledged.
 const RESEND_TICKS: u32 = 4;

@@ -2,10 +2,10 @@ use std::collections::{BTreeMap, VecDeque};
 
 use glam::Vec3;
 use proptest::prelude::*;
+use sightline_world::motion::{AvatarId, Pose};
 
 use super::*;
 use crate::quantise::{COORDINATE_MAX, WirePosition};
-use sightline_world::motion::{AvatarId, Pose};
 
 /// A generator of random numbers that depend on the seed alone.
 struct Dice(u64);

@@ -10,11 +10,11 @@ use crate::geometry::{Aabb, Axes};
 /// What the server expects of the client of an avatar that is in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum ReportingState {
-    /// The client reports at every tick: some viewer may see its avatar, or it may see somebody.
+    /// The client reports at every tick: some viewer may see its avatar, or its client may see another.
     #[default]
     Live,
-    /// The client is silent: while its avatar is inside its TBV nobody can see it and it can see
-    /// nobody.
+    /// The client is silent: while its avatar is inside its TBV no viewer can see it, and it can
+    /// see no other avatar.
     Quiet,
     /// The client owes one report: its TBV expired or was revealed.
     Asked,

@@ -84,10 +84,10 @@ pub struct WorkCounters {
 /// use sightline_world::{geometry::Aabb, octree::occupants::Occupants};
 ///
 /// let mut occupants = Occupants::new(Vec3::ZERO, 64.0, 12);
-/// let somebody = occupants.insert(&[Aabb::around(Vec3::splat(10.0), 0.5)])?;
-/// occupants.move_to(somebody, &[Aabb::around(Vec3::new(10.5, 10.0, 10.0), 0.5)])?;
+/// let avatar = occupants.insert(&[Aabb::around(Vec3::splat(10.0), 0.5)])?;
+/// occupants.move_to(avatar, &[Aabb::around(Vec3::new(10.5, 10.0, 10.0), 0.5)])?;
 /// let here = Aabb::around(Vec3::splat(10.0), 2.0);
-/// assert_eq!(occupants.meeting(&here), [somebody]);
+/// assert_eq!(occupants.meeting(&here), [avatar]);
 /// # Ok::<(), sightline_world::octree::occupants::OccupantError>(())
 /// ```
 #[derive(Clone, Debug)]
