@@ -8,6 +8,7 @@
 //! * [`quantise`]: the only conversions between domain types and wire types.
 //! * [`text`]: names and chat lines that are fit to be shown.
 //! * [`fingerprint`]: how a client recognises a server.
+//! * `outbound` (feature `engine`): the engine's output as messages and datagrams.
 //!
 //! A connection has one bidirectional stream, which the client opens. The server opens a
 //! unidirectional stream to send the world when it is asked for it. No floating-point number is on

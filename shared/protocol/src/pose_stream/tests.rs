@@ -245,7 +245,7 @@ fn every_flip_of_a_datagram_is_refused_or_valid() {
 }
 
 #[test]
-fn a_walking_avatar_takes_six_to_nine_bytes() {
+fn a_walking_avatar_takes_four_to_nine_bytes() {
     let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
     let mut dice = Dice(1);
     let mut poses: Vec<_> = (0..20).map(|i| (AvatarId(i), Pose::default())).collect();

@@ -27,7 +27,7 @@ impl<'a> SectionReader<'a> {
         &mut self.0
     }
 
-    /// Takes so many bytes.
+    /// Takes `length` bytes.
     pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], ReadError> {
         let (head, rest) =
             self.0.split_at_checked(length).ok_or(ReadError::Malformed("it ends too soon"))?;
@@ -50,7 +50,7 @@ impl<'a> SectionReader<'a> {
     }
 
     /// Reads a number of records of at least `record_bytes` each. The bytes that are left must be
-    /// enough for all of them, so memory for so many may be taken at once.
+    /// enough for all of them, so memory for the records may be taken at once.
     pub(super) fn count(&mut self, record_bytes: usize) -> Result<usize, ReadError> {
         debug_assert!(record_bytes > 0, "a record without bytes bounds no count");
         let count = self.u32()? as usize;
