@@ -26,8 +26,10 @@ pub fn warnings(
     cells: &Cells,
     sight: &dyn Fn() -> Oracle,
 ) -> Vec<RoomError> {
+    assert_eq!(declared.len(), rooms.list().len(), "each declared room is resolved");
     let index = RoomIndex::of(rooms, cells);
-    let mut found = overlaps(declared, &index);
+    let mut found = ineffective(declared);
+    found.extend(overlaps(declared, &index));
     let hides =
         |room: &sightline_world::rooms::Room| matches!(room.sees, RoomVisibility::AllBut(_));
     if rooms.list().iter().any(hides) {
@@ -38,7 +40,28 @@ pub fn warnings(
     found
 }
 
-/// Pairs of rooms of which one does not hold the other, and that do not say that they overlap.
+/// Settings that the format has and that nothing uses yet.
+fn ineffective(declared: &[RoomDeclaration]) -> Vec<RoomError> {
+    let warn = |room: &RoomDeclaration, setting: &str, effect: &str| {
+        let what = format!("room {:?}: {setting} has no effect yet: {effect}", room.name.text);
+        RoomError::new(&room.name.place, what)
+    };
+    let mut found = Vec::new();
+    for room in declared {
+        if room.opaque {
+            found.push(warn(room, "opaque", "the room hides nobody behind it"));
+        }
+        if room.capacity.is_some() {
+            found.push(warn(room, "capacity", "any number of people may enter"));
+        }
+        if room.spawn.is_some() {
+            found.push(warn(room, "spawn", "nobody begins in the room unless the model says so"));
+        }
+    }
+    found
+}
+
+/// Pairs of rooms that overlap, neither of which holds the other or declares the overlap.
 fn overlaps(declared: &[RoomDeclaration], index: &RoomIndex) -> Vec<RoomError> {
     let mut found = Vec::new();
     for (j, second) in declared.iter().enumerate() {

@@ -229,6 +229,27 @@ fn rooms_that_overlap_by_accident_are_told_of() {
 }
 
 #[test]
+fn settings_without_an_effect_are_warned_of() {
+    let check = |settings: &str, expected: &[&str]| {
+        let (_, report) = compiled(&format!("{WEST}{settings}\n")).unwrap();
+        let warnings: Vec<String> = report.room_warnings.iter().map(ToString::to_string).collect();
+        assert_eq!(warnings.len(), expected.len(), "{warnings:?}");
+        for (warning, setting) in warnings.iter().zip(expected) {
+            let start = format!("house.rooms.toml:2: room \"west\": {setting} has no effect yet: ");
+            assert!(warning.starts_with(&start), "{warning}");
+        }
+    };
+    check("opaque = true", &["opaque"]);
+    check("capacity = 12", &["capacity"]);
+    check("spawn = { eye = [1, 1.6, 1], yaw = 90 }", &["spawn"]);
+    check(
+        "spawn = { eye = [1, 1.6, 1] }\ncapacity = 0\nopaque = true",
+        &["opaque", "capacity", "spawn"],
+    );
+    check("opaque = false\nsealed = true\ntag = \"private\"\ntitle = \"West\"", &[]);
+}
+
+#[test]
 fn what_is_hidden_though_it_is_plainly_visible_is_told_of() {
     let told = |toml: &str| -> Vec<String> {
         let (_, report) = compiled(toml).unwrap();

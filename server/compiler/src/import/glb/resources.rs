@@ -106,27 +106,12 @@ fn fetch(uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, String> {
         let data = buffer::Data::from_source(buffer::Source::Uri(uri), None);
         return data.map(|data| data.0).map_err(|error| format!("bad data URI: {error}"));
     }
-    let name = percent_decoded(uri).ok_or("its URI is not text")?;
+    let name = urlencoding::decode(uri).map_err(|_| "its URI is not text")?;
     let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
-    let path = Path::new(&name);
+    let path = Path::new(name.as_ref());
     if name.contains("://") || name.contains('\\') || !path.components().all(inside) {
         return Err(format!("{uri:.200} is outside the model's folder"));
     }
     let folder = folder.ok_or("there is no folder to look in")?;
     limits::read_file(&folder.join(path)).map_err(|error| format!("{uri:.200}: {error}"))
-}
-
-fn percent_decoded(uri: &str) -> Option<String> {
-    let mut bytes = Vec::with_capacity(uri.len());
-    let mut rest = uri.as_bytes();
-    while let Some((&first, tail)) = rest.split_first() {
-        rest = tail;
-        let hex = (first == b'%').then(|| tail.get(..2)).flatten();
-        let byte = hex.and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
-        if byte.is_some() {
-            rest = &tail[2..];
-        }
-        bytes.push(byte.unwrap_or(first));
-    }
-    String::from_utf8(bytes).ok()
 }
