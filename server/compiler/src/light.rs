@@ -289,13 +289,7 @@ mod tests {
     }
 
     fn surface(triangles: &[[Vec3; 3]]) -> Surface {
-        Surface {
-            positions: triangles.concat(),
-            uvs: Vec::new(),
-            colours: Vec::new(),
-            triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-            material: SurfaceMaterial { colour: [255; 3], texture: None, glass: false },
-        }
+        Surface::of_triangles(triangles, SurfaceMaterial::opaque([255; 3]))
     }
 
     /// The light at the vertex nearest to a point.

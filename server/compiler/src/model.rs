@@ -1,4 +1,4 @@
-//! A building as it comes in: the one form that every importer makes and the compiler takes.
+//! A building as it comes in: what every importer makes, and what the compiler takes.
 
 use std::sync::Arc;
 
@@ -7,50 +7,77 @@ use sightline_world::{Mover, Origin, Spawn, geometry::Aabb, motion::Body};
 
 use crate::rooms::RoomDeclaration;
 
-/// Triangles to draw, surfaces that block sight, and places to stand. In metres, y up.
+/// The speed limit of people on foot, in metres per second.
+const WALKING_SPEED_MAX: f32 = 4.0;
+
+/// A building: triangles to draw, triangles that block sight, and spawn points. In metres, y up.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// What it is called.
+    /// The title that people read.
     pub title: String,
-    /// What is drawn and bumped into.
+    /// The surfaces that are drawn and that bodies bump into.
     pub surfaces: Vec<Surface>,
-    /// Whether the light is in the surfaces' colours already.
+    /// Whether the colours of the surfaces already contain light.
     pub is_lit: bool,
-    /// What blocks sight: opaque triangles, in no order. Every one is kept for the oracle; which
-    /// of them make cells is the compiler's choice.
+    /// The opaque triangles, in no order: exactly what blocks sight. The oracle keeps all of them. The
+    /// compiler chooses which of them make cells.
     pub opaque: Vec<[Vec3; 3]>,
-    /// What is opaque all through, its faces among `opaque`; empty when the source knows of
-    /// surfaces only.
+    /// Convex opaque solids, whose faces are among `opaque`. Empty when the source has only surfaces.
     pub solids: Vec<ConvexSolid>,
-    /// What moves by itself. None of it is among the above.
+    /// Objects that move by themselves. None of their triangles is among the above.
     pub movers: Vec<Mover>,
     /// Rooms, as named nodes or a file beside the model declare them.
     pub rooms: Vec<RoomDeclaration>,
-    /// Named nodes that do not move, each with the box around its triangles: what sets can name.
+    /// Named nodes that do not move, each with the box around its triangles. Rooms can name them.
     pub nodes: Vec<(String, Aabb)>,
-    /// Where avatars can begin; the compiler finds a place when there is none.
+    /// Where avatars begin. The compiler finds a place when there is none.
     pub spawns: Vec<Spawn>,
-    /// Other places where things are that avatars get to, such as the ends of teleporters: what is solid all
-    /// through does not hold them.
+    /// Other points that avatars can get to, such as the ends of teleporters. No solid holds them.
     pub places: Vec<Vec3>,
     /// The shape of every body.
     pub body: Body,
-    /// No avatar moves faster, in metres a second.
+    /// The speed limit of avatars, in metres per second.
     pub speed_max: f32,
-    /// What the source says of itself, to verify the compiled world against.
+    /// The subdivision and PVS that the source brings, to compare the compiled world with.
     pub origin: Option<Origin>,
-    /// What was skipped, a line each.
+    /// What the importer left out, one line each.
     pub warnings: Vec<String>,
 }
 
 impl Model {
-    /// The smallest box around all that is drawn or blocks sight; none when there is nothing.
+    /// A model without triangles, for people, whose surfaces bring no light.
+    pub fn empty(title: impl Into<String>) -> Self {
+        Self {
+            title: title.into(),
+            surfaces: Vec::new(),
+            is_lit: false,
+            opaque: Vec::new(),
+            solids: Vec::new(),
+            movers: Vec::new(),
+            rooms: Vec::new(),
+            nodes: Vec::new(),
+            spawns: Vec::new(),
+            places: Vec::new(),
+            body: Body::PERSON,
+            speed_max: WALKING_SPEED_MAX,
+            origin: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// A lit model of opaque triangles, all of one colour.
+    pub fn of_triangles(title: impl Into<String>, opaque: Vec<[Vec3; 3]>, colour: [u8; 3]) -> Self {
+        let surface = Surface::of_triangles(&opaque, SurfaceMaterial::opaque(colour));
+        Self { surfaces: vec![surface], is_lit: true, opaque, ..Self::empty(title) }
+    }
+
+    /// The smallest box around all triangles. None when there are none.
     pub fn bounds(&self) -> Option<Aabb> {
         let bounds = Aabb::from_points(self.points());
         (!bounds.is_empty()).then_some(bounds)
     }
 
-    /// All corners of what is drawn or blocks sight, in metres.
+    /// The corners of all triangles, in metres.
     pub fn points(&self) -> impl Iterator<Item = Vec3> {
         let drawn = self.surfaces.iter().flat_map(|surface| {
             surface.triangles.iter().flatten().map(|&i| surface.positions[i as usize])
@@ -59,71 +86,91 @@ impl Model {
     }
 }
 
-/// A convex solid: what lies behind all of its faces.
+/// A convex solid: the points behind all of its faces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexSolid {
-    /// In no order.
+    /// The faces, in no order.
     pub faces: Vec<ConvexFace>,
 }
 
 impl ConvexSolid {
-    /// The smallest box around it.
+    /// The smallest box around the solid.
     pub fn bounds(&self) -> Aabb {
         Aabb::from_points(self.faces.iter().flat_map(|face| face.corners.iter().copied()))
     }
 
-    /// Whether a point is inside, or outside by no more than `tolerance`, in metres.
+    /// Whether a point lies inside, or outside by at most `tolerance`, in metres.
     pub fn contains(&self, point: DVec3, tolerance: f64) -> bool {
         self.faces.iter().all(|face| face.normal.dot(point) <= face.distance + tolerance)
     }
 }
 
-/// A side of a convex solid.
+/// A face of a convex solid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexFace {
-    /// Outwards, of unit length.
+    /// The outward normal, of unit length.
     pub normal: DVec3,
-    /// From the origin to its plane along the normal, in metres.
+    /// The distance of the plane from the origin along the normal, in metres.
     pub distance: f64,
-    /// A convex polygon, in metres.
+    /// The corners of a convex polygon, in metres.
     pub corners: Vec<Vec3>,
 }
 
 /// Triangles that share a material.
 #[derive(Clone, Debug)]
 pub struct Surface {
-    /// Vertices, in metres.
+    /// The vertices, in metres.
     pub positions: Vec<Vec3>,
-    /// Texture coordinates, one for each vertex; empty when there is no texture.
+    /// Texture coordinates of each vertex. Empty when there is no texture.
     pub uvs: Vec<Vec2>,
-    /// sRGB colour for each vertex, multiplied with the material's; empty when there is none.
+    /// The sRGB colour of each vertex, to be multiplied with that of the material. Empty when all are
+    /// white.
     pub colours: Vec<[u8; 3]>,
-    /// Three indices for each triangle; all are within `positions`.
+    /// Three indices into `positions` for each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// How it looks.
+    /// The material of all triangles.
     pub material: SurfaceMaterial,
 }
 
 impl Surface {
+    /// Triangles without texture and colours of their own. No two share a vertex.
+    pub fn of_triangles(triangles: &[[Vec3; 3]], material: SurfaceMaterial) -> Self {
+        let indices = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+        Self {
+            positions: triangles.as_flattened().to_vec(),
+            uvs: Vec::new(),
+            colours: Vec::new(),
+            triangles: indices.collect(),
+            material,
+        }
+    }
+
     /// The corners of each triangle, in metres.
     pub fn corners(&self) -> impl Iterator<Item = [Vec3; 3]> {
         (0..self.triangles.len()).filter_map(|triangle| self.corners_of(triangle))
     }
 
-    /// The corners of one triangle, in metres; `None` when there is none or an index is wrong.
+    /// The corners of one triangle, in metres. `None` when there is no such triangle or vertex.
     pub fn corners_of(&self, triangle: usize) -> Option<[Vec3; 3]> {
         let [a, b, c] = self.triangles.get(triangle)?.map(|i| self.positions.get(i as usize));
         Some([*a?, *b?, *c?])
     }
 }
 
-/// How a surface looks.
+/// The material of a surface.
 #[derive(Clone, Debug)]
 pub struct SurfaceMaterial {
-    /// sRGB.
+    /// The colour, in sRGB.
     pub colour: [u8; 3],
-    /// sRGB, multiplied with the colour; coordinates repeat.
+    /// A texture in sRGB, multiplied with the colour. Texture coordinates repeat.
     pub texture: Option<Arc<image::RgbImage>>,
-    /// Lets sight through: drawn as glass.
+    /// Whether sight passes through; drawn as glass.
     pub glass: bool,
+}
+
+impl SurfaceMaterial {
+    /// An opaque material of one colour, in sRGB.
+    pub fn opaque(colour: [u8; 3]) -> Self {
+        Self { colour, texture: None, glass: false }
+    }
 }

@@ -3,10 +3,11 @@
 #[path = "random_buildings/box_visibility.rs"]
 mod pairs;
 
-use std::{ops::ControlFlow, path::PathBuf};
+use std::ops::ControlFlow;
 
 use rand::{SeedableRng, rngs::SmallRng};
 use sightline_compiler::{CompileOptions, compile, import};
+use sightline_fixtures::shared_files::shared_file;
 
 #[test]
 fn nobody_is_missed_in_open_arenas() {
@@ -24,13 +25,7 @@ fn nobody_is_missed_between_rooms() {
 }
 
 fn nobody_is_missed(map: &str, share_min: f64) {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
-    let path = shared.join(map);
-    if !path.is_file() {
-        println!("skipped: {} is absent", path.display());
-        return;
-    }
+    let Some(path) = shared_file(map) else { return };
     let model = import::read(&path, &[]).unwrap();
     // The PVS is not asked, so large cells will do.
     let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };

@@ -1,6 +1,6 @@
 //! What is visible from a box of eyes, against rays.
 
-use std::{ops::ControlFlow, path::PathBuf, time::Instant};
+use std::{ops::ControlFlow, time::Instant};
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -10,6 +10,7 @@ use sightline_compiler::{
     import::{self, glb},
     model::Model,
 };
+use sightline_fixtures::shared_files::shared_file;
 use sightline_oracle::Oracle;
 use sightline_visibility::portal_flow::{FlowScratch, Sightlines};
 use sightline_world::{
@@ -28,13 +29,7 @@ fn building(rooms: usize, seed: u64) -> Model {
 }
 
 fn map(name: &str) -> Option<Model> {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
-    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(beside, PathBuf::from);
-    let path = shared.join("maps").join(name);
-    if !path.exists() {
-        println!("skipped: ../shared is absent");
-        return None;
-    }
+    let path = shared_file(&format!("maps/{name}"))?;
     Some(import::read(&path, &[]).unwrap())
 }
 

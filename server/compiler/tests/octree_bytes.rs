@@ -1,6 +1,6 @@
 //! What an octree takes, in memory and on the wire.
 
-use std::{ops::ControlFlow, path::PathBuf};
+use std::ops::ControlFlow;
 
 use sightline_compiler::{
     import::{self, glb},
@@ -8,8 +8,9 @@ use sightline_compiler::{
     octree_statistics::OctreeStatistics,
     voxelise,
 };
+use sightline_fixtures::shared_files::shared_file;
 
-/// A leaf takes so much, with its part of inner nodes and looks.
+/// A leaf takes so much, with its part of inner nodes and materials.
 const MEMORY_BYTES_MAX: f64 = 6.0;
 const WIRE_BYTES_MAX: f64 = 1.0;
 
@@ -28,13 +29,7 @@ fn a_voxel_takes_six_bytes_in_memory_and_one_on_the_wire() {
     let building = sightline_demo_building::glb(6, 3);
     let model = glb::read_slice(&building, None, "demo").expect("our own");
     check("demo building", &model, 0.06);
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
-    let map = shared.join("maps/oa_dm4.bsp");
-    if !map.exists() {
-        println!("skipped: ../shared is absent");
-        return;
-    }
+    let Some(map) = shared_file("maps/oa_dm4.bsp") else { return };
     let model = import::read(&map, &[]).expect("a real map");
     check("oa_dm4", &model, 0.05);
 }

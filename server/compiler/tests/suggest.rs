@@ -1,6 +1,6 @@
 //! Suggested rooms against what was planned.
 
-use std::{fs, ops::ControlFlow, path::Path};
+use std::ops::ControlFlow;
 
 use glam::{Vec2, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -12,6 +12,7 @@ use sightline_compiler::{
     suggest::{self, SuggestedRoom},
 };
 use sightline_demo_building::{SpaceKind, UNITS_PER_METRE};
+use sightline_fixtures::shared_files::shared_file;
 use sightline_oracle::Oracle;
 use sightline_visibility::rooms::{RoomIndex, RoomVerdict};
 use sightline_world::{World, geometry::Aabb, rooms::RoomId};
@@ -154,13 +155,7 @@ fn a_turned_building_has_its_rooms_too() {
 
 #[test]
 fn rooms400_has_four_hundred_rooms() {
-    let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared"));
-    let shared = std::env::var_os("SIGHTLINE_SHARED");
-    let shared = shared.as_ref().map_or(beside, Path::new);
-    let Ok(bytes) = fs::read(shared.join("traces/rooms400.glb")) else {
-        println!("skipped: ../shared is absent");
-        return;
-    };
+    let Some(file) = shared_file("traces/rooms400.glb") else { return };
     // Twenty rows of twenty, 5 m apart; a wall of 0.2 m between them.
     let real: Vec<_> = (0..400)
         .map(|i| {
@@ -168,7 +163,7 @@ fn rooms400_has_four_hundred_rooms() {
             ([corner + 0.1, corner + 4.9], 1.3)
         })
         .collect();
-    let model = glb::read_slice(&bytes, None, "rooms400").unwrap();
+    let model = glb::read(&file).unwrap();
     let mut world = compiled(&model, 0.1);
     let found = check(&world, &real, "rooms400");
     is_sound(&model, &mut world, &found);

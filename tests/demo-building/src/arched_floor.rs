@@ -59,7 +59,7 @@ enum Filling {
     Outside,
     Hallway,
     Room,
-    WallOpening,
+    Opening,
     /// The head of a window, where the arch is made by other means.
     Arch,
 }
@@ -171,7 +171,7 @@ fn looks(open: Filling, face: &Face) -> (usize, Paint) {
         (Filling::Hallway, ..) => (0, PLASTER),
         (Filling::Room, 1, true) => (1, WOOD),
         (Filling::Room, ..) => (1, PLASTER),
-        (Filling::WallOpening, ..) => (2, TRIM),
+        (Filling::Opening, ..) => (2, TRIM),
         _ => (2, BRICK),
     }
 }
@@ -184,7 +184,7 @@ const CROWN: i32 = 168;
 const HEAD: i32 = 180;
 
 fn layers() -> Vec<Layer> {
-    use Filling::{Arch, Hallway, Room, Solid, WallOpening};
+    use Filling::{Arch, Hallway, Opening, Room, Solid};
     let mut layers = vec![
         ([0, -SLAB, 0], [LENGTH, CEILING + SLAB, DEPTH], Solid),
         ([WALL, 0, WALL], [LENGTH - WALL, CEILING, WALL + HALLWAY], Hallway),
@@ -194,15 +194,15 @@ fn layers() -> Vec<Layer> {
         let x = WALL + room * (ROOM_WIDTH + WALL);
         let z = inner + WALL;
         layers.push(([x, 0, z], [x + ROOM_WIDTH, CEILING, z + ROOM_DEPTH], Room));
-        layers.push(([x + 24, 0, inner], [x + 88, 136, z], WallOpening));
-        layers.push(([x + 48, 56, DEPTH - WALL], [x + 176, 152, DEPTH], WallOpening));
+        layers.push(([x + 24, 0, inner], [x + 88, 136, z], Opening));
+        layers.push(([x + 48, 56, DEPTH - WALL], [x + 176, 152, DEPTH], Opening));
     }
     for [from, to] in windows() {
-        layers.push(([from, SILL, 0], [to, SPRING, WALL], WallOpening));
+        layers.push(([from, SILL, 0], [to, SPRING, WALL], Opening));
         layers.push(([from, SPRING, 0], [to, HEAD, WALL], Arch));
     }
     for x in [0, LENGTH - WALL] {
-        layers.push(([x, 0, WALL + 64], [x + WALL, 136, WALL + 128], WallOpening));
+        layers.push(([x, 0, WALL + 64], [x + WALL, 136, WALL + 128], Opening));
     }
     layers
 }

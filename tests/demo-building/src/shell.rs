@@ -23,8 +23,8 @@ const TILE: i32 = 96;
 enum Patch {
     Outside,
     Wall,
-    PlanSpace(usize),
-    WallOpening(usize),
+    Space(usize),
+    Opening(usize),
 }
 
 /// Adds walls and slabs to the scene.
@@ -51,9 +51,9 @@ impl<'a> Walls<'a> {
         let spaces = plan.spaces.iter().enumerate().filter(|(_, space)| space.storey == storey);
         let layers: Vec<(LatticeRect, Patch)> =
             (plan.outlines.iter().map(|&rect| (rect, Patch::Wall)))
-                .chain(spaces.map(|(index, space)| (space.rect, Patch::PlanSpace(index))))
+                .chain(spaces.map(|(index, space)| (space.rect, Patch::Space(index))))
                 .chain(plan.blocks[storey].iter().map(|&rect| (rect, Patch::Wall)))
-                .chain(openings.iter().enumerate().map(|(i, o)| (o.rect, Patch::WallOpening(i))))
+                .chain(openings.iter().enumerate().map(|(i, o)| (o.rect, Patch::Opening(i))))
                 .collect();
         let mut heights: Vec<i32> =
             openings.iter().flat_map(|o| [o.sill, o.head]).chain([0, CEILING]).collect();
@@ -122,8 +122,8 @@ impl<'a> Walls<'a> {
     fn is_solid(&self, patch: Patch, band: usize) -> bool {
         match patch {
             Patch::Wall => true,
-            Patch::Outside | Patch::PlanSpace(_) => false,
-            Patch::WallOpening(index) => {
+            Patch::Outside | Patch::Space(_) => false,
+            Patch::Opening(index) => {
                 let opening = &self.plan.openings[self.storey][index];
                 !(opening.sill..opening.head).contains(&self.heights[band])
             }
@@ -133,12 +133,12 @@ impl<'a> Walls<'a> {
     /// The node and the paint of a wall's face towards what is open.
     fn looks(&self, open: Patch, axis: usize, positive: bool, shell: usize) -> (usize, Paint) {
         match open {
-            Patch::PlanSpace(index) => {
+            Patch::Space(index) => {
                 let space = &self.plan.spaces[index];
                 let stands_out = space.accent == (axis, positive);
                 (index, Paint::opaque(space.colours[usize::from(stands_out)]))
             }
-            Patch::WallOpening(_) => (shell, TRIM),
+            Patch::Opening(_) => (shell, TRIM),
             Patch::Outside | Patch::Wall => (shell, OUTSIDE_WALL),
         }
     }

@@ -1,5 +1,3 @@
-use sightline_world::motion::Body;
-
 use super::*;
 use crate::model::SurfaceMaterial;
 
@@ -27,24 +25,9 @@ fn house() -> Model {
         }
     }
     let opaque = triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
-    let material = SurfaceMaterial { colour: [180, 90, 60], texture: None, glass: false };
+    let material = SurfaceMaterial::opaque([180, 90, 60]);
     let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
-    Model {
-        title: "house".into(),
-        surfaces: vec![surface],
-        is_lit: true,
-        opaque,
-        solids: Vec::new(),
-        spawns: Vec::new(),
-        places: Vec::new(),
-        body: Body::PERSON,
-        speed_max: 5.0,
-        movers: Vec::new(),
-        rooms: Vec::new(),
-        nodes: Vec::new(),
-        origin: None,
-        warnings: Vec::new(),
-    }
+    Model { surfaces: vec![surface], is_lit: true, opaque, speed_max: 5.0, ..Model::empty("house") }
 }
 
 #[test]

@@ -1,5 +1,7 @@
 use std::path::Path;
 
+use sightline_fixtures::{glb_draft::GlbDraft, shared_files::shared_file};
+
 use super::*;
 use crate::model::ConvexSolid;
 
@@ -72,30 +74,20 @@ fn damage(bytes: &[u8], attempt: Attempt<'_>) {
 
 #[test]
 fn no_damage_to_a_glb_makes_its_reader_panic() {
-    for draft in [glb::tests::Draft::square(), glb::tests::Draft::sliding_door()] {
+    for draft in [GlbDraft::square(), GlbDraft::sliding_door()] {
         damage(&draft.bytes(), &|bytes| glb::read_slice(bytes, None, "damaged").is_ok());
     }
 }
 
 #[test]
 fn no_damage_to_a_bsp_makes_its_reader_panic() {
-    let bsp = bsp::tests::Draft::unlit_room().bytes();
+    let bsp = bsp::tests::BspDraft::unlit_room().bytes();
     damage(&bsp, &|bytes| bsp::read_slice(bytes, &[], "damaged").is_ok());
 }
 
-/// The folder with real maps and traces, unless it is absent.
-fn shared(file: &str) -> Option<PathBuf> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let folder = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
-    let path = folder.join(file);
-    if !path.exists() {
-        println!("skipped: ../shared is absent");
-    }
-    path.exists().then_some(path)
-}
-
+/// A real map or building; none when it is absent.
 fn real(file: &str) -> Option<Model> {
-    Some(read(&shared(file)?, &[]).unwrap())
+    Some(read(&shared_file(file)?, &[]).unwrap())
 }
 
 #[test]

@@ -2,20 +2,16 @@ use std::ops::ControlFlow;
 
 use glam::{Vec2, Vec3};
 use serde_json::json;
+use sightline_fixtures::glb_draft::GlbDraft;
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{
     Spawn, World,
     geometry::Aabb,
-    motion::Body,
     rooms::{RoomId, RoomVisibility, Rooms, Shape},
 };
 
 use super::*;
-use crate::{
-    CompileError, CompileOptions, CompileReport,
-    import::glb::{self, tests::Draft},
-    model::{Model, Surface, SurfaceMaterial},
-};
+use crate::{CompileError, CompileOptions, CompileReport, import::glb, model::Model};
 
 /// Two rooms of 4 × 3 × 4 m side by side, and a door in the wall between them, 1 m wide.
 fn house() -> Model {
@@ -36,25 +32,10 @@ fn house() -> Model {
     wall([4.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 3.0, 0.0]);
     wall([4.0, 0.0, 2.0], [0.0, 0.0, 2.0], [0.0, 3.0, 0.0]);
     wall([4.0, 2.0, 1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
-    let positions: Vec<Vec3> = opaque.as_flattened().to_vec();
-    let triangles = (0..opaque.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    let material = SurfaceMaterial { colour: [200; 3], texture: None, glass: false };
-    let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
     Model {
-        title: "house".into(),
-        surfaces: vec![surface],
-        is_lit: true,
-        opaque,
-        solids: Vec::new(),
-        movers: Vec::new(),
-        rooms: Vec::new(),
         nodes: vec![("table".into(), Aabb::around(Vec3::new(6.0, 0.4, 3.0), 0.4))],
         spawns: vec![Spawn { eye: Vec3::new(2.0, 1.6, 2.0), yaw: 0.0 }],
-        places: Vec::new(),
-        body: Body::PERSON,
-        speed_max: 4.0,
-        origin: None,
-        warnings: Vec::new(),
+        ..Model::of_triangles("house", opaque, [200; 3])
     }
 }
 
@@ -281,7 +262,7 @@ fn what_is_hidden_though_it_is_plainly_visible_is_told_of() {
 /// Nodes of a glTF, in coordinates of their own.
 #[test]
 fn nodes_are_rooms_and_windows() {
-    let mut draft = Draft::square();
+    let mut draft = GlbDraft::square();
     draft.root["scenes"][0]["nodes"] = json!([0]);
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let level = json!([half, 0.0, 0.0, half]);
@@ -310,8 +291,8 @@ fn nodes_are_rooms_and_windows() {
     assert_eq!(names, ["A", "C"], "after what it is behind");
     assert_eq!(hall.windows[1].behind.as_ref().map(|name| name.text.as_str()), Some("A"));
     assert_eq!(hall.windows[1].corners.len(), 4);
-    let fault = |change: &dyn Fn(&mut Draft)| {
-        let mut draft = Draft::square();
+    let fault = |change: &dyn Fn(&mut GlbDraft)| {
+        let mut draft = GlbDraft::square();
         draft.root["nodes"] = json!([{ "name": "room:a", "mesh": 0 }]);
         change(&mut draft);
         glb::read_slice(&draft.bytes(), None, "draft").unwrap_err().to_string()

@@ -1,8 +1,9 @@
-use std::{io::Read, path::PathBuf};
+use std::io::Read;
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use roaring::RoaringBitmap;
+use sightline_fixtures::shared_files::shared_file;
 use sightline_oracle::Oracle;
 use sightline_world::{
     Cell, CellId, Cells, Mesh, Node, Spawn, geometry::Aabb, motion::Body, octree::Octree,
@@ -160,15 +161,7 @@ fn a_world_that_is_all_brush_is_full() {
 /// A real map in one cell, which sees itself. Our PVS can have no miss, and the vis lump of the map is
 /// measured all the same.
 fn uncompiled(map: &str) -> Option<World> {
-    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared")),
-        PathBuf::from,
-    );
-    let path = shared.join("maps").join(map);
-    if !path.exists() {
-        println!("skipped: ../shared is absent");
-        return None;
-    }
+    let path = shared_file(&format!("maps/{map}"))?;
     Some(in_one_cell(bsp::read(&path, &[]).unwrap()))
 }
 

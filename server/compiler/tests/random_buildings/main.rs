@@ -9,10 +9,10 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{
     CompileOptions, CompileReport, compile,
     import::glb,
-    model::{ConvexFace, ConvexSolid, Model, Surface, SurfaceMaterial},
+    model::{ConvexFace, ConvexSolid, Model},
     verify::{self, verify},
 };
-use sightline_world::{Spawn, World, motion::Body};
+use sightline_world::{Spawn, World};
 
 /// Of each of the five kinds; every second one is turned.
 const BUILDINGS: u64 = 40;
@@ -233,25 +233,11 @@ fn point(rng: &mut SmallRng) -> Vec3 {
 }
 
 fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<ConvexSolid>) -> Model {
-    let positions = opaque.as_flattened().to_vec();
-    let triangles = (0..opaque.len() as u32).map(|i| [0, 1, 2].map(|k| i * 3 + k)).collect();
-    let material = SurfaceMaterial { colour: [90, 120, 150], texture: None, glass: false };
-    let surface = Surface { positions, uvs: Vec::new(), colours: Vec::new(), triangles, material };
     Model {
-        title: "random".into(),
-        surfaces: vec![surface],
-        is_lit: true,
-        opaque,
         solids,
         spawns: vec![Spawn { eye: Vec3::new(0.43, 1.6, 4.1), yaw: 0.0 }],
-        places: Vec::new(),
-        body: Body::PERSON,
         speed_max: 5.0,
-        movers: Vec::new(),
-        rooms: Vec::new(),
-        nodes: Vec::new(),
-        origin: None,
-        warnings: Vec::new(),
+        ..Model::of_triangles("random", opaque, [90, 120, 150])
     }
 }
 

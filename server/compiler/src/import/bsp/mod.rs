@@ -51,20 +51,12 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
     let map = Map::parse(bytes)?;
     let entities = entities::parse(&map.entities);
     let mut model = Model {
-        title: limits::tidy_title(entities.title.as_deref().unwrap_or(title)),
-        surfaces: Vec::new(),
         is_lit: true,
-        opaque: Vec::new(),
-        solids: Vec::new(),
         spawns: entities.spawns.clone(),
         places: entities.places.clone(),
         body: Body::QUAKE,
         speed_max: SPEED_MAX,
-        warnings: Vec::new(),
-        movers: Vec::new(),
-        rooms: Vec::new(),
-        nodes: Vec::new(),
-        origin: None,
+        ..Model::empty(limits::tidy_title(entities.title.as_deref().unwrap_or(title)))
     };
     let mut archives = Archives::open(pk3s)?;
     let moving = movers::moving(&map, &entities, &mut model.warnings);

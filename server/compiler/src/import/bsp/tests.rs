@@ -7,7 +7,7 @@ use sightline_world::geometry::Aabb;
 use super::*;
 
 /// A map under construction: records as bytes, lump by lump.
-pub(crate) struct Draft {
+pub(crate) struct BspDraft {
     lumps: [Vec<u8>; 17],
     world_brushes: i32,
     world_faces: i32,
@@ -25,7 +25,7 @@ fn floats(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-impl Draft {
+impl BspDraft {
     /// A map with nothing in it.
     fn new() -> Self {
         Self { lumps: Default::default(), world_brushes: 0, world_faces: 0, models: Vec::new() }
@@ -156,7 +156,7 @@ fn metres(units: [f64; 3]) -> Vec3 {
 
 #[test]
 fn a_room_has_its_box_its_patch_its_title_and_its_spawn() {
-    let model = Draft::room().model();
+    let model = BspDraft::room().model();
     assert_eq!(model.title, "Cell");
     assert_eq!(model.body, Body::QUAKE);
     // Quake's y is our -z.
@@ -174,7 +174,7 @@ fn a_room_has_its_box_its_patch_its_title_and_its_spawn() {
 
 #[test]
 fn a_map_tells_its_own_brushes_clusters_and_pvs() {
-    let origin = Draft::room().model().origin.unwrap();
+    let origin = BspDraft::room().model().origin.unwrap();
     // The glass blocks nothing.
     assert_eq!(origin.solids.len(), 1);
     let inside = |z: f64| {
@@ -196,7 +196,7 @@ fn a_map_tells_its_own_brushes_clusters_and_pvs() {
 #[test]
 fn where_teleporters_lead_is_inside_and_what_nothing_is_in_is_not() {
     // Three chambers side by side along x in one block of stone; one may see from none into another.
-    let mut draft = Draft::room();
+    let mut draft = BspDraft::room();
     let shader = draft.shader("textures/wall", 0, SOLID);
     for chamber in 0..3 {
         let x = 200.0 * chamber as f32 + 1_000.0;
@@ -221,7 +221,7 @@ fn where_teleporters_lead_is_inside_and_what_nothing_is_in_is_not() {
 fn glass_water_and_the_parts_of_doors_do_not_block_sight() {
     for (contents, blocks) in [(SOLID, true), (SOLID | CONTENTS_TRANSLUCENT, false), (0x20, false)]
     {
-        let mut draft = Draft::new();
+        let mut draft = BspDraft::new();
         let shader = draft.shader("textures/some", 0, contents);
         draft.brush(shader, [0.0; 3], [8.0; 3]);
         assert_eq!(draft.model().opaque.len(), if blocks { 12 } else { 0 }, "{contents:#x}");
@@ -234,7 +234,7 @@ fn glass_water_and_the_parts_of_doors_do_not_block_sight() {
 fn sky_and_nodraw_are_not_drawn() {
     let corners = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [8.0, 8.0, 0.0]];
     for (flags, drawn) in [(0, 1), (0x4, 0), (0x80, 0), (0x100, 0), (0x200, 0), (0x10, 1)] {
-        let mut draft = Draft::new();
+        let mut draft = BspDraft::new();
         let shader = draft.shader("textures/some", flags, SOLID);
         draft.face(1, shader, &corners, &[0, 1, 2], [0, 0]);
         assert_eq!(draft.model().surfaces.len(), drawn, "{flags:#x}");
@@ -243,7 +243,7 @@ fn sky_and_nodraw_are_not_drawn() {
 
 #[test]
 fn large_faces_are_divided_so_that_light_is_kept() {
-    let mut draft = Draft::new();
+    let mut draft = BspDraft::new();
     let shader = draft.shader("textures/floor", 0, SOLID);
     // The lightmap is dark on its left half.
     let pixel = |i: usize| if i / 3 % 128 < 64 { 0 } else { 120 };
@@ -265,14 +265,14 @@ fn large_faces_are_divided_so_that_light_is_kept() {
 
 #[test]
 fn faulty_records_are_refused_with_a_reason() {
-    let check = |edit: &dyn Fn(&mut Draft), expected: &str| {
-        let mut draft = Draft::room();
+    let check = |edit: &dyn Fn(&mut BspDraft), expected: &str| {
+        let mut draft = BspDraft::room();
         edit(&mut draft);
         let error = draft.error();
         assert!(error.contains(expected), "{error:?} does not contain {expected:?}");
     };
     let set = |lump: usize, at: usize, value: i32| {
-        move |draft: &mut Draft| {
+        move |draft: &mut BspDraft| {
             draft.lumps[lump][at..at + 4].copy_from_slice(&value.to_le_bytes());
         }
     };

@@ -69,4 +69,4 @@ fn check_positions(root: &Root) -> Result<(), GlbError> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;

@@ -25,7 +25,6 @@ use crate::{
     rooms,
 };
 
-const SPEED_MAX: f32 = 4.0;
 /// A spawn point is where feet stand.
 const EYE_HEIGHT: f64 = Body::PERSON.below_eye as f64;
 
@@ -65,22 +64,7 @@ struct Visit<'a> {
 
 impl<'a> Reader<'a> {
     pub fn new(document: &'a Document, resources: Resources, title: &str) -> Self {
-        let model = Model {
-            title: limits::tidy_title(title),
-            surfaces: Vec::new(),
-            is_lit: false,
-            opaque: Vec::new(),
-            solids: Vec::new(),
-            spawns: Vec::new(),
-            places: Vec::new(),
-            body: Body::PERSON,
-            speed_max: SPEED_MAX,
-            movers: Vec::new(),
-            rooms: Vec::new(),
-            nodes: Vec::new(),
-            origin: None,
-            warnings: Vec::new(),
-        };
+        let model = Model::empty(limits::tidy_title(title));
         Self {
             document,
             resources,

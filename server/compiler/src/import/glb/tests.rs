@@ -4,100 +4,26 @@ use std::f32::consts::FRAC_PI_2;
 
 use glam::Vec3;
 use serde_json::{Value, json};
+use sightline_fixtures::glb_draft::GlbDraft;
 
 use super::*;
 
-/// A document under construction: accessors on one buffer, one mesh, nodes as a test wants them.
-pub(crate) struct Draft {
-    pub root: Value,
-    bin: Vec<u8>,
+/// Reads a draft.
+fn read_draft(draft: &GlbDraft) -> Result<Model, GlbError> {
+    read_slice(&draft.bytes(), None, "draft")
 }
 
-impl Draft {
-    /// One scene with one node that shows mesh 0, which has no primitive yet.
-    pub fn new() -> Self {
-        let root = json!({
-            "asset": { "version": "2.0" },
-            "scene": 0,
-            "scenes": [{ "nodes": [0] }],
-            "nodes": [{ "mesh": 0 }],
-            "meshes": [{ "primitives": [] }],
-            "materials": [],
-            "accessors": [],
-            "bufferViews": [],
-            "buffers": [{ "byteLength": 0 }],
-        });
-        Self { root, bin: Vec::new() }
-    }
+fn read_model(draft: &GlbDraft) -> Model {
+    read_draft(draft).unwrap()
+}
 
-    /// Two triangles that make a square of 1 m in the plane z = 0.
-    pub fn square() -> Self {
-        let mut draft = Self::new();
-        let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0];
-        let positions = draft.floats("VEC3", &corners);
-        let indices = draft.accessor(5123, "SCALAR", 6, &[0, 0, 1, 0, 2, 0, 0, 0, 2, 0, 3, 0]);
-        draft.primitive(json!({ "attributes": { "POSITION": positions }, "indices": indices }));
-        draft
-    }
-
-    fn list(&mut self, name: &str, item: Value) -> usize {
-        let list = self.root[name].as_array_mut().unwrap();
-        list.push(item);
-        list.len() - 1
-    }
-
-    fn primitive(&mut self, primitive: Value) {
-        self.root["meshes"][0]["primitives"].as_array_mut().unwrap().push(primitive);
-    }
-
-    fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
-        let components = if kind == "VEC3" { 3 } else { 2 };
-        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        self.accessor(5126, kind, values.len() / components, &bytes)
-    }
-
-    fn view(&mut self, bytes: &[u8]) -> usize {
-        let offset = self.bin.len();
-        self.bin.extend_from_slice(bytes);
-        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
-        self.root["buffers"][0]["byteLength"] = json!(self.bin.len());
-        let view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": bytes.len() });
-        self.list("bufferViews", view)
-    }
-
-    fn accessor(&mut self, component: u32, kind: &str, count: usize, bytes: &[u8]) -> usize {
-        let view = self.view(bytes);
-        self.list(
-            "accessors",
-            json!({
-                "bufferView": view, "componentType": component, "type": kind, "count": count,
-                "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 0.0],
-            }),
-        )
-    }
-
-    pub fn bytes(&self) -> Vec<u8> {
-        let header = gltf::binary::Header { magic: *b"glTF", version: 2, length: 0 };
-        let json = self.root.to_string().into_bytes().into();
-        gltf::binary::Glb { header, json, bin: Some(self.bin.as_slice().into()) }.to_vec().unwrap()
-    }
-
-    fn read(&self) -> Result<Model, GlbError> {
-        read_slice(&self.bytes(), None, "draft")
-    }
-
-    fn model(&self) -> Model {
-        self.read().unwrap()
-    }
-
-    fn error(&self) -> String {
-        self.read().expect_err("read without an error").to_string()
-    }
+fn read_error(draft: &GlbDraft) -> String {
+    read_draft(draft).expect_err("read without an error").to_string()
 }
 
 #[test]
 fn a_square_is_two_opaque_triangles() {
-    let model = Draft::square().model();
+    let model = read_model(&GlbDraft::square());
     assert_eq!(model.title, "draft");
     assert_eq!(model.opaque.len(), 2);
     assert_eq!(model.surfaces[0].triangles, [[0, 1, 2], [0, 2, 3]]);
@@ -107,13 +33,13 @@ fn a_square_is_two_opaque_triangles() {
 
 #[test]
 fn transforms_of_all_ancestors_apply_and_quarter_turns_stay_exact() {
-    let mut draft = Draft::square();
+    let mut draft = GlbDraft::square();
     let half = std::f32::consts::FRAC_1_SQRT_2;
     draft.root["nodes"] = json!([
         { "children": [1], "translation": [10.0, 0.0, 0.0] },
         { "mesh": 0, "rotation": [0.0, half, 0.0, half], "scale": [2.0, 3.0, 1.0] },
     ]);
-    let model = draft.model();
+    let model = read_model(&draft);
     // A quarter turn to the left takes +x to -z.
     let expected = [
         Vec3::new(10.0, 0.0, 0.0),
@@ -134,14 +60,14 @@ fn indices_of_every_width_and_none_give_the_same_triangles() {
         (0..3u32).flat_map(|i| i.to_le_bytes()[..width].to_vec()).collect()
     };
     for component in [None, Some((5121, 1)), Some((5123, 2)), Some((5125, 4))] {
-        let mut draft = Draft::new();
+        let mut draft = GlbDraft::new();
         let positions = draft.floats("VEC3", &corners);
         let mut primitive = json!({ "attributes": { "POSITION": positions } });
         if let Some((component, width)) = component {
             primitive["indices"] = json!(draft.accessor(component, "SCALAR", 3, &bytes(width)));
         }
         draft.primitive(primitive);
-        assert_eq!(draft.model().surfaces[0].triangles, [[0, 1, 2]], "{component:?}");
+        assert_eq!(read_model(&draft).surfaces[0].triangles, [[0, 1, 2]], "{component:?}");
     }
 }
 
@@ -154,11 +80,11 @@ fn strips_and_fans_become_triangles_and_lines_are_left_out_with_a_warning() {
         (1, vec![]),
         (3, vec![]),
     ] {
-        let mut draft = Draft::new();
+        let mut draft = GlbDraft::new();
         let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 2.0, 0.0];
         let positions = draft.floats("VEC3", &corners);
         draft.primitive(json!({ "attributes": { "POSITION": positions }, "mode": mode }));
-        let model = draft.model();
+        let model = read_model(&draft);
         let triangles: Vec<[u32; 3]> =
             model.surfaces.iter().flat_map(|s| s.triangles.clone()).collect();
         let sorted = |mut t: [u32; 3]| {
@@ -173,11 +99,11 @@ fn strips_and_fans_become_triangles_and_lines_are_left_out_with_a_warning() {
 
 #[test]
 fn a_strip_keeps_its_winding() {
-    let mut draft = Draft::new();
+    let mut draft = GlbDraft::new();
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
     let positions = draft.floats("VEC3", &corners);
     draft.primitive(json!({ "attributes": { "POSITION": positions }, "mode": 5 }));
-    for [a, b, c] in draft.model().opaque {
+    for [a, b, c] in read_model(&draft).opaque {
         assert!((b - a).cross(c - a).z > 0.0);
     }
 }
@@ -191,10 +117,10 @@ fn what_blocks_sight_follows_the_material() {
         (json!({ "pbrMetallicRoughness": looks(1.0), "alphaMode": "BLEND" }), false),
         (json!({ "pbrMetallicRoughness": looks(1.0), "alphaMode": "MASK" }), false),
     ] {
-        let mut draft = Draft::square();
+        let mut draft = GlbDraft::square();
         draft.root["materials"] = json!([material]);
         draft.root["meshes"][0]["primitives"][0]["material"] = json!(0);
-        let model = draft.model();
+        let model = read_model(&draft);
         assert_eq!(model.opaque.len(), if opaque { 2 } else { 0 }, "{material}");
         assert_eq!(model.surfaces[0].material.glass, !opaque, "{material}");
         // A linear half is 188 in sRGB.
@@ -207,7 +133,7 @@ fn textures_and_vertex_colours_come_along() {
     let mut picture = Vec::new();
     let pixels = image::RgbImage::from_pixel(2, 2, image::Rgb([10, 20, 30]));
     pixels.write_to(&mut std::io::Cursor::new(&mut picture), image::ImageFormat::Png).unwrap();
-    let mut draft = Draft::square();
+    let mut draft = GlbDraft::square();
     let view = draft.view(&picture);
     let uvs = draft.floats("VEC2", &[0.0, 0.0, 4.0, 0.0, 4.0, 4.0, 0.0, 4.0]);
     let colours = draft.accessor(5121, "VEC4", 4, &[255; 16]);
@@ -223,7 +149,7 @@ fn textures_and_vertex_colours_come_along() {
     primitive["attributes"]["TEXCOORD_0"] = json!(uvs);
     primitive["attributes"]["TEXCOORD_1"] = json!(uvs);
     primitive["attributes"]["COLOR_0"] = json!(colours);
-    let model = draft.model();
+    let model = read_model(&draft);
     let surface = &model.surfaces[0];
     assert_eq!(surface.material.texture.as_deref(), Some(&pixels));
     assert_eq!(surface.uvs[2].to_array(), [2.25, 4.0]);
@@ -231,7 +157,7 @@ fn textures_and_vertex_colours_come_along() {
 
     for image in [json!({ "uri": "missing.png" }), json!({}), json!({ "bufferView": 0 })] {
         draft.root["images"][0] = image;
-        let model = draft.model();
+        let model = read_model(&draft);
         assert!(model.surfaces[0].material.texture.is_none());
         assert_eq!(model.warnings.len(), 1, "{:?}", model.warnings);
     }
@@ -239,7 +165,7 @@ fn textures_and_vertex_colours_come_along() {
 
 #[test]
 fn a_spawn_point_is_where_feet_stand() {
-    let mut draft = Draft::square();
+    let mut draft = GlbDraft::square();
     let half = std::f32::consts::FRAC_1_SQRT_2;
     draft.root["extensionsUsed"] = json!(["OMI_spawn_point"]);
     draft.root["scenes"] = json!([{ "nodes": [0, 1], "name": "Town hall" }]);
@@ -250,7 +176,7 @@ fn a_spawn_point_is_where_feet_stand() {
             "extensions": { "OMI_spawn_point": { "title": "gate" } },
         }),
     );
-    let model = draft.model();
+    let model = read_model(&draft);
     assert_eq!(model.title, "Town hall");
     assert_eq!(model.spawns.len(), 1);
     assert!((model.spawns[0].eye - Vec3::new(1.0, 3.6, 3.0)).length() < 1e-6);
@@ -259,19 +185,19 @@ fn a_spawn_point_is_where_feet_stand() {
 
 #[test]
 fn triangles_without_area_are_dropped() {
-    let mut draft = Draft::new();
+    let mut draft = GlbDraft::new();
     let positions = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
     draft.primitive(json!({ "attributes": { "POSITION": positions } }));
-    let model = draft.model();
+    let model = read_model(&draft);
     assert!(model.opaque.is_empty() && model.surfaces.is_empty());
 }
 
 #[test]
 fn hostile_documents_are_refused_with_a_reason() {
     let check = |edit: &dyn Fn(&mut Value), expected: &str| {
-        let mut draft = Draft::square();
+        let mut draft = GlbDraft::square();
         edit(&mut draft.root);
-        let error = draft.error();
+        let error = read_error(&draft);
         assert!(error.contains(expected), "{error:?} does not contain {expected:?}");
     };
     check(&|root| root["accessors"][0]["count"] = json!(5), "beyond its bytes");
@@ -297,17 +223,17 @@ fn hostile_documents_are_refused_with_a_reason() {
 
 #[test]
 fn indices_beyond_the_vertices_are_refused() {
-    let mut draft = Draft::new();
+    let mut draft = GlbDraft::new();
     let positions = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0]);
     let indices = draft.accessor(5121, "SCALAR", 3, &[0, 1, 3]);
     draft.primitive(json!({ "attributes": { "POSITION": positions }, "indices": indices }));
-    assert_eq!(draft.error(), "mesh 0: index 3 is beyond its 3 vertices");
+    assert_eq!(read_error(&draft), "mesh 0: index 3 is beyond its 3 vertices");
 }
 
 #[test]
 fn files_beside_the_model_are_read_and_those_elsewhere_are_not() {
     let folder = tempfile::tempdir().unwrap();
-    let mut draft = Draft::square();
+    let mut draft = GlbDraft::square();
     std::fs::create_dir(folder.path().join("models")).unwrap();
     std::fs::write(folder.path().join("models/my data.bin"), &draft.bin).unwrap();
     std::fs::write(folder.path().join("data.bin"), &draft.bin).unwrap();

@@ -1,5 +1,6 @@
 use std::time::Duration;
 
+use sightline_fixtures::shared_files::shared_file;
 use sightline_world::{Mover, motion::trajectory::Playback};
 
 use super::*;
@@ -9,7 +10,7 @@ const PANEL: [f32; 3] = [64.0, 2.0, 96.0];
 
 /// A room with a panel as brush model 1, and some entities.
 fn with_panel(entities: &str) -> Model {
-    let mut draft = Draft::room();
+    let mut draft = BspDraft::room();
     let stone = draft.shader("textures/panel", 0, SOLID);
     let first = (draft.lumps[13].len() / 104) as i32;
     let [x, y, z] = PANEL;
@@ -40,7 +41,7 @@ fn place(mover: &Mover, time_s: f64) -> [f64; 3] {
 
 #[test]
 fn what_moves_is_neither_drawn_nor_in_the_way_where_it_stands() {
-    let (with, without) = (panel("\"classname\" \"func_door\""), Draft::room().model());
+    let (with, without) = (panel("\"classname\" \"func_door\""), BspDraft::room().model());
     assert_eq!(with.opaque, without.opaque);
     assert_eq!(with.solids, without.solids);
     assert_eq!(with.surfaces.len(), without.surfaces.len());
@@ -140,7 +141,7 @@ fn a_train_goes_from_corner_to_corner() {
     for nowhere in ["", "none"] {
         let model = train(nowhere);
         assert!(model.movers.is_empty() && model.warnings.len() == 1, "{:?}", model.warnings);
-        assert_eq!(model.surfaces.len(), Draft::room().model().surfaces.len() + 1);
+        assert_eq!(model.surfaces.len(), BspDraft::room().model().surfaces.len() + 1);
     }
 }
 
@@ -191,19 +192,14 @@ fn entities_that_make_no_sense_move_nothing() {
     ] {
         let model = panel(keys);
         assert!(model.movers.is_empty(), "{keys}");
-        assert_eq!(model.surfaces.len(), Draft::room().model().surfaces.len() + 1, "{keys}");
+        assert_eq!(model.surfaces.len(), BspDraft::room().model().surfaces.len() + 1, "{keys}");
     }
 }
 
 #[test]
 fn the_doors_lifts_and_the_train_of_a_real_map_are_found() {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
-    if !shared.is_dir() {
-        println!("skipped: ../shared is absent");
-        return;
-    }
-    let model = read(&shared.join("maps/oa_dm2.bsp"), &[]).unwrap();
+    let Some(map) = shared_file("maps/oa_dm2.bsp") else { return };
+    let model = read(&map, &[]).unwrap();
     let count = |class: &str| model.movers.iter().filter(|m| m.name.starts_with(class)).count();
     let classes = ["func_door", "func_plat", "func_train", "func_bobbing"];
     assert_eq!(classes.map(count), [11, 2, 1, 1]);
