@@ -1,4 +1,4 @@
-//! Pictures of a carved model: what it was, what it became, and what was cut out.
+//! The carve preview: pictures of a model before and after carving, and of what was cut off.
 
 use std::time::Duration;
 
@@ -18,23 +18,25 @@ use crate::{
     drawing::{INK, PAPER, write},
 };
 
-/// One panel, in pixels.
+/// The width of a panel, in pixels.
 const WIDTH: u32 = 400;
+/// The height of a panel without its caption, in pixels.
 const HEIGHT: u32 = 400;
+/// The height of a caption, in pixels.
 const CAPTION: u32 = 20;
+/// The gap between panels, in pixels.
 const GAP: u32 = 8;
-/// From the left edge to the right one: half of it as a tangent, 70 degrees in all.
+/// The tangent of half the horizontal field of view, which is 70 degrees.
 const HALF_VIEW: f32 = 0.7;
-/// Rays for a pixel along one of its sides, both ends included: what runs between two pixels is
-/// seen from both.
+/// Rays along each side of a pixel, both ends included, so that both pixels see an edge between them.
 const RAYS: u32 = 3;
 
 const SKY: [f32; 3] = [196.0, 214.0, 232.0];
 const AXIAL: [f32; 3] = [216.0, 213.0, 206.0];
 const SEMI_AXIAL: [f32; 3] = [188.0, 202.0, 214.0];
 const NON_AXIAL: [f32; 3] = [232.0, 212.0, 170.0];
-const ADDED: [f32; 3] = [74.0, 76.0, 84.0];
-/// For cuttings, in turn.
+const CAP: [f32; 3] = [74.0, 76.0, 84.0];
+/// The colours of cuttings, by number of the unit.
 const CUTTINGS: [[f32; 3]; 6] = [
     [214.0, 84.0, 62.0],
     [62.0, 130.0, 190.0],
@@ -44,18 +46,18 @@ const CUTTINGS: [[f32; 3]; 6] = [
     [48.0, 160.0, 156.0],
 ];
 
-/// From where to where one looks, in metres.
+/// A point of view, in metres.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     /// The eye.
     pub eye: Vec3,
-    /// What is in the middle of the picture.
+    /// The point in the middle of the picture.
     pub look: Vec3,
 }
 
-/// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the
-/// model, what is non-axial of what will be cut tinted; the carved model with the cuttings in colour; the carved model
-/// alone, what was added to close it dark.
+/// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the model,
+/// with non-axial polygons tinted; the carved model with its cuttings in colour; and the carved model
+/// alone, with its caps dark.
 pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
     let corner = |i: u32| mesh.positions[i as usize];
     let opaque: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
@@ -80,26 +82,26 @@ pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
     (picture, carved)
 }
 
-/// Triangles with a colour and the number of the polygon that each is of.
+/// Triangles, each with a colour and the number of its polygon.
 struct Scene {
     triangles: Vec<Triangle>,
-    looks: Vec<([f32; 3], u32)>,
+    materials: Vec<([f32; 3], u32)>,
     bvh: Bvh2,
 }
 
 impl Scene {
     fn new<'a>(parts: impl Iterator<Item = (&'a [[DVec3; 3]], [f32; 3])>) -> Self {
-        let (mut triangles, mut looks) = (Vec::new(), Vec::new());
+        let (mut triangles, mut materials) = (Vec::new(), Vec::new());
         for (number, (part, colour)) in (0..).zip(parts) {
             for corners in part {
                 let [v0, v1, v2] = corners.map(|p| Vec3A::from(p.as_vec3()));
                 triangles.push(Triangle { v0, v1, v2 });
-                looks.push((colour, number));
+                materials.push((colour, number));
             }
         }
         let params = BvhBuildParams::medium_build();
         let bvh = build_bvh2_from_tris(&triangles, params, &mut Duration::default());
-        Self { triangles, looks, bvh }
+        Self { triangles, materials, bvh }
     }
 
     fn model(carved: &CarvedModel) -> Self {
@@ -110,14 +112,14 @@ impl Scene {
 
     fn carved(carved: &CarvedModel, with_cuttings: bool) -> Self {
         let kept = carved.polygons.iter().map(|p| (&p.triangles[..], grey(p.class)));
-        // With the cuttings back in place, what was added lies within the solid.
-        let added = carved.caps.iter().filter(|_| !with_cuttings);
-        let added = added.map(|a| (&a.triangles[..], ADDED));
+        // With the cuttings in place, the caps lie inside the solid.
+        let caps = carved.caps.iter().filter(|_| !with_cuttings);
+        let caps = caps.map(|a| (&a.triangles[..], CAP));
         let cut = carved.cuttings.iter().filter(|_| with_cuttings).map(|p| {
             let colour = CUTTINGS[p.unit.unwrap_or(0) as usize % CUTTINGS.len()];
             (&p.triangles[..], colour)
         });
-        Self::new(kept.chain(added).chain(cut))
+        Self::new(kept.chain(caps).chain(cut))
     }
 
     fn draw(&self, view: &View, left: u32, picture: &mut RgbImage) {
@@ -133,7 +135,7 @@ impl Scene {
         }
     }
 
-    /// The mean over its rays; darker where two polygons meet.
+    /// The mean of the rays of a pixel; darker where two polygons meet.
     fn pixel(&self, rays: &Rays, x: u32, y: u32) -> [u8; 3] {
         let mut sum = Vec3::ZERO;
         let mut first = None;
@@ -163,12 +165,12 @@ impl Scene {
         let index = triangle(hit.primitive_id as usize);
         let Triangle { v0, v1, v2 } = self.triangles[index];
         let normal = Vec3::from((v1 - v0).cross(v2 - v0)).normalize_or_zero();
-        let (colour, number) = self.looks[index];
+        let (colour, number) = self.materials[index];
         (colour.map(|c| c * lit(normal)), number)
     }
 }
 
-/// How bright a face is, from either side.
+/// The brightness of a face, the same from both sides.
 fn lit(normal: Vec3) -> f32 {
     let n = normal.abs();
     0.62 * n.x * n.x + 0.96 * n.y * n.y + 0.8 * n.z * n.z
@@ -182,7 +184,7 @@ fn grey(class: Class) -> [f32; 3] {
     }
 }
 
-/// The way from the eye through every place of a panel.
+/// Rays from the eye through points of a panel.
 struct Rays {
     eye: Vec3,
     forward: Vec3,
@@ -212,9 +214,9 @@ mod tests {
     use crate::import::glb;
     use sightline_demo_building::arched_floor;
 
-    /// How many pixels of each panel show the sky, and whether in the first two it is the same.
+    /// The first two panels show the sky in the same pixels; the third shows more of it.
     #[test]
-    fn only_without_the_cuttings_more_of_the_sky_is_seen() {
+    fn without_the_cuttings_more_of_the_sky_is_visible() {
         let model = glb::read_slice(&arched_floor().glb, None::<&Path>, "floor").unwrap();
         let positions = model.opaque.concat();
         let triangles = (0..positions.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);

@@ -1,33 +1,33 @@
-//! What an octree takes.
+//! The size of an octree, in memory and on the wire.
 
 use serde::Serialize;
 use sightline_world::octree::Octree;
 
-/// How large an octree is, in memory and on the wire.
+/// The size of an octree, in memory and on the wire.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct OctreeStatistics {
-    /// Leaves.
+    /// The number of leaves.
     pub voxels: usize,
     /// The edge of a leaf, in metres.
     pub voxel_m: f32,
-    /// Nodes that are no leaves.
+    /// The number of inner nodes.
     pub inner_nodes: usize,
-    /// Looks that are told apart.
+    /// The number of different materials.
     pub materials: usize,
-    /// Levels below the root.
+    /// The number of levels below the root.
     pub depth: u8,
-    /// Nodes and materials, as a client holds them.
+    /// Bytes of nodes and materials in a client.
     pub memory_bytes: usize,
-    /// The same for each leaf.
+    /// Bytes in a client for each leaf.
     pub memory_bytes_per_voxel: f64,
-    /// What the octree's part of the world file takes.
+    /// Bytes of the octree in the world file.
     pub wire_bytes: usize,
-    /// The same for each leaf.
+    /// Bytes in the world file for each leaf.
     pub wire_bytes_per_voxel: f64,
 }
 
 impl OctreeStatistics {
-    /// Measures an octree; it is coded for that.
+    /// Measures an octree. It is encoded to measure its size on the wire.
     pub fn of(octree: &Octree) -> Self {
         let voxels = octree.leaves.len();
         let (memory_bytes, wire_bytes) = (octree.memory_bytes(), octree.to_bytes().len());

@@ -1,10 +1,9 @@
-//! Cell-to-cell visibility: who sees whom.
+//! The PVS: which cells see which.
 //!
-//! Sight lines are sought by [`sightline_visibility::portal_flow`], in two rounds. The first one is quick
-//! and coarse: from each space, which other spaces. Sight goes both ways, so a pair counts only when
-//! each has found the other. The second one goes from each cell, through those spaces alone, and
-//! tests every cell of a space against the sight lines that get into it. Again a pair counts when
-//! each has found the other.
+//! [`sightline_visibility::portal_flow`] finds sight lines, in two rounds. The first round is coarse: it
+//! finds which spaces each space sees. The second round starts from each cell, goes through those
+//! spaces only, and tests every cell of a space against the sight lines that enter the space. Sight goes
+//! both ways, so in both rounds a pair counts only when each finds the other.
 
 use std::{
     ops::ControlFlow,
@@ -18,11 +17,11 @@ use sightline_world::{Cells, Pvs, Space, tolerance::WIDENING_M};
 
 use super::subdivide::CellSize;
 
-/// For each space, the spaces that may be visible from it, ascending.
+/// For each space, the spaces that it may see, ascending.
 pub type SpacesSeen = Vec<Vec<u32>>;
 
-/// The first round. `progress` is told the share done, from 0 to 1, from any thread; none when it
-/// breaks.
+/// The first round: which spaces see which. `progress` hears the share that is done, from 0 to 1, from
+/// any thread. When it breaks, the result is `None`.
 pub fn spaces_seen(
     cells: &Cells,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
@@ -36,39 +35,40 @@ pub fn spaces_seen(
     Some(mutual(sorted(each(cells.spaces.len(), from_spaces, progress)?)))
 }
 
-/// How finely to split so that about so many pairs of cells see each other; but no finer than
+/// The finest cells with which about `pairs` pairs of cells see each other, but no finer than
 /// `WIDTH_MIN`.
-pub fn cell_size_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> CellSize {
-    let pairs_at = |grain: &CellSize| {
+pub(crate) fn cell_size_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> CellSize {
+    let pairs_at = |size: &CellSize| {
         let count: Vec<f64> =
-            spaces.iter().map(|space| grain.cells_in(space.bounds.size())).collect();
+            spaces.iter().map(|space| size.cells_in(space.bounds.size())).collect();
         let visible = |row: &Vec<u32>| row.iter().map(|&to| count[to as usize]).sum::<f64>();
         count.iter().zip(seen).map(|(from, row)| from * visible(row)).sum::<f64>()
     };
     let widths = std::iter::successors(Some(WIDTH_MIN), |width| Some(width * 1.1));
-    let mut grains = widths.take_while(|&width| width < WIDTH_MAX).map(CellSize::of_width);
-    grains.find(|grain| pairs_at(grain) <= pairs).unwrap_or(CellSize::of_width(WIDTH_MAX))
+    let mut sizes = widths.take_while(|&width| width < WIDTH_MAX).map(CellSize::of_width);
+    sizes.find(|size| pairs_at(size) <= pairs).unwrap_or(CellSize::of_width(WIDTH_MAX))
 }
 
-/// Bodies are about as wide as this, in metres: what is finer tells little more.
+/// The narrowest cells, in metres: about as wide as a body. Narrower cells tell little more.
 const WIDTH_MIN: f32 = 1.0;
-/// Nor need cells be wider than this, in metres.
+/// The widest cells, in metres.
 const WIDTH_MAX: f32 = 12.0;
 
-/// The second round: finds the PVS of a subdivision whose spaces see each other so. `progress` is
-/// told the share done, from 0 to 1, from any thread; none when it breaks.
+/// The second round: the PVS of cells, given which spaces see which. `progress` hears the share that is
+/// done, from 0 to 1, from any thread. When it breaks, the result is `None`.
 pub fn potentially_visible(
     cells: &Cells,
     seen: &SpacesSeen,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Option<Pvs> {
+    assert_eq!(seen.len(), cells.spaces.len(), "a row for each space");
     let lines = Sightlines::new(cells);
     let blocks = lines.blocks();
     let from_blocks = |scratch: &mut FlowScratch, block: usize| {
         let block = &blocks[block];
         lines.rows(scratch, block, &seen[block.space as usize])
     };
-    // Blocks come in the order of their cells.
+    // Blocks are in the order of their cells.
     let rows = each(blocks.len(), from_blocks, progress)?.into_iter().flatten().collect();
     let rows = mutual(sorted(rows));
     Some(rows.into_par_iter().map(compressed).collect())
@@ -79,7 +79,7 @@ fn sorted(mut rows: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     rows
 }
 
-/// What is found for each of some things, on all cores.
+/// Runs a search for each of `count` sources, on all cores.
 fn each<T: Default + Send>(
     count: usize,
     seen_from: impl Fn(&mut FlowScratch, usize) -> T + Sync,
@@ -103,7 +103,7 @@ fn each<T: Default + Send>(
     (!cancelled.load(Relaxed)).then_some(found)
 }
 
-/// The pairs of which each sees the other.
+/// Keeps the pairs in which each has found the other.
 fn mutual(seen: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
     let is_mutual = |from: u32, to: u32| seen[to as usize].binary_search(&from).is_ok();
     seen.par_iter()
@@ -134,7 +134,7 @@ mod tests {
     };
     use sightline_oracle::Oracle;
 
-    /// A grid of rooms whose walls are full, have a hole, or are missing; and a few slanted panes.
+    /// A grid of rooms whose walls are whole, have a hole, or are missing; and a few slanted panes.
     fn random_building(rng: &mut SmallRng) -> (Aabb, Vec<[Vec3; 3]>) {
         let bounds = Aabb::new(Vec3::ZERO, Vec3::new(9.0, 6.0, 9.0));
         let mut opaque = Vec::new();
@@ -190,7 +190,7 @@ mod tests {
         }
     }
 
-    /// Without a PVS.
+    /// Cells without a PVS.
     fn subdivided(bounds: &Aabb, all: &[[Vec3; 3]], axes: Axes) -> Cells {
         let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
         let opaque = |t: &[Vec3; 3]| OccluderTriangle { corners: t.map(own), is_last: false };
@@ -222,7 +222,7 @@ mod tests {
         Vec3::from_array(std::array::from_fn(|i| rng.random_range(within.min[i]..within.max[i])))
     }
 
-    /// How many sight lines were tried and found, and how many of those the PVS denies.
+    /// Counts random sight lines, and how many of them the PVS denies.
     fn misses(rng: &mut SmallRng, cells: &Cells, sight: &Oracle, lines: usize) -> (usize, usize) {
         let (mut found, mut missed) = (0, 0);
         for i in 0..lines {
@@ -233,7 +233,7 @@ mod tests {
             let (a, b) = (cells.axes.world(a), cells.axes.world(b));
             if sight.between(a, b) {
                 found += 1;
-                // What is in a wall is in no cell.
+                // A point in a wall lies in no cell.
                 let (Some(a), Some(b)) = (cells.at(a), cells.at(b)) else { continue };
                 missed += usize::from(!cells.sees(a, b));
             }
@@ -258,7 +258,7 @@ mod tests {
         assert!(dense < 0.6, "and much that is hidden: density {dense}");
     }
 
-    /// A building turned about the vertical, its cells in its own axes.
+    /// Buildings are turned about the vertical, with cells in their own axes.
     #[test]
     fn no_sight_line_is_missed_in_turned_buildings() {
         let mut dense = 0.0;
@@ -277,7 +277,7 @@ mod tests {
         assert!(dense < 0.7, "walls hide: {dense}");
     }
 
-    /// The proof that the tests above can fail.
+    /// Removes a gate, to prove that the tests of sight lines can fail.
     #[test]
     fn a_lost_portal_is_noticed() {
         let mut noticed = 0;

@@ -1,28 +1,28 @@
-//! Planes along which space is split, and the plane's own two coordinates.
+//! Planes along which space is split, and coordinates within them.
 
 use glam::{DVec2, DVec3};
 
 /// A plane to split along.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SplitPlane {
-    /// The points where one coordinate has a value, in metres.
+    /// The points where one coordinate has a value.
     Axial {
-        /// 0, 1 or 2.
+        /// The coordinate: 0, 1 or 2.
         axis: usize,
-        /// In metres.
+        /// The value, in metres.
         at: f32,
     },
     /// The points where `normal · point = distance`.
     Plane {
-        /// Of unit length.
+        /// The normal, of unit length.
         normal: DVec3,
-        /// In metres.
+        /// The distance from the origin, in metres.
         distance: f64,
     },
 }
 
 impl SplitPlane {
-    /// How far on the greater side of the plane a point is, in metres.
+    /// The distance of a point from the plane, in metres; negative on the lesser side.
     pub fn height(&self, point: DVec3) -> f64 {
         match *self {
             Self::Axial { axis, at } => point[axis] - f64::from(at),
@@ -30,7 +30,7 @@ impl SplitPlane {
         }
     }
 
-    /// Towards the greater side, of unit length.
+    /// The normal towards the greater side, of unit length.
     pub fn normal(&self) -> DVec3 {
         match *self {
             Self::Axial { axis, .. } => DVec3::AXES[axis],
@@ -38,8 +38,8 @@ impl SplitPlane {
         }
     }
 
-    /// A point of an axial or vertical plane in the plane's coordinates: the two other axes, or
-    /// along the horizontal and up.
+    /// The coordinates of a point within the plane: the two other axes of an axial plane, or along the
+    /// horizontal and up in a vertical one.
     pub fn flat(&self, point: DVec3) -> DVec2 {
         match *self {
             Self::Axial { axis, .. } => in_plane(point, axis),
@@ -49,7 +49,7 @@ impl SplitPlane {
         }
     }
 
-    /// The other way round.
+    /// The point of the plane at these coordinates.
     pub fn upright(&self, point: DVec2) -> DVec3 {
         match *self {
             Self::Axial { axis, at } => {
@@ -71,7 +71,7 @@ pub fn in_plane(point: DVec3, axis: usize) -> DVec2 {
     DVec2::new(point[u], point[v])
 }
 
-/// The axes that span the planes perpendicular to one, in ascending order.
+/// The two other axes, in ascending order.
 pub fn other_axes(axis: usize) -> (usize, usize) {
     match axis {
         0 => (1, 2),

@@ -5,8 +5,8 @@ use sightline_world::tolerance::SLIVER_M;
 
 use super::rectangle::{PlaneRect, PlaneTriangle};
 
-/// The parts of a rectangle that no triangle covers, as rectangles that do not overlap. A part
-/// that is bounded by a slanted edge is rounded up to a rectangle: never too small.
+/// The parts of a rectangle that no triangle covers, as rectangles that do not overlap. A part with a
+/// slanted edge is rounded up to rectangles: never too small.
 pub fn uncovered(rect: &PlaneRect, triangles: &[&PlaneTriangle]) -> Vec<PlaneRect> {
     if triangles.is_empty() {
         return vec![*rect];
@@ -18,14 +18,14 @@ pub fn uncovered(rect: &PlaneRect, triangles: &[&PlaneTriangle]) -> Vec<PlaneRec
     grid.merged(&grid.free(triangles))
 }
 
-/// A rectangle cut along the corners of what lies in it.
+/// A rectangle cut along the corners of the triangles in it.
 struct Grid {
     us: Vec<f64>,
     vs: Vec<f64>,
 }
 
-/// Triangles whose surroundings are smaller than this, in square metres, cut no lines of their
-/// own: a hole they bound is rounded up to the lines of larger ones.
+/// Triangles with a smaller bounding rectangle than this, in square metres, cut no lines. A hole
+/// between them is rounded up to the lines of larger triangles.
 const CUTTING_AREA_MIN: f64 = 0.01;
 
 impl Grid {
@@ -47,7 +47,7 @@ impl Grid {
         }
     }
 
-    /// For each row of cells, which are not covered.
+    /// For each row of cells, which cells are not covered.
     fn free(&self, triangles: &[&PlaneTriangle]) -> Vec<Vec<bool>> {
         let mut near = Vec::new();
         (0..self.vs.len() - 1)
@@ -68,7 +68,7 @@ impl Grid {
             .collect()
     }
 
-    /// Free cells joined to rectangles: along rows, then equal runs of neighbouring rows.
+    /// Joins free cells to rectangles: along rows, then equal runs of neighbouring rows.
     fn merged(&self, free: &[Vec<bool>]) -> Vec<PlaneRect> {
         let mut done = Vec::new();
         let mut open: Vec<(usize, usize, usize)> = Vec::new();
@@ -94,6 +94,7 @@ impl Grid {
     }
 }
 
+/// The cutting lines between two ends, ascending.
 fn lines(min: f64, max: f64, cuts: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut lines: Vec<f64> = cuts.filter(|&c| c > min && c < max).collect();
     lines.push(min);
@@ -120,7 +121,7 @@ fn runs(row: &[bool]) -> Vec<(usize, usize)> {
     runs
 }
 
-/// More pieces than this, and the rest is called uncovered.
+/// When more pieces than this are left, the rectangle counts as uncovered.
 const PIECES_MAX: usize = 512;
 
 /// Whether the union of triangles covers a rectangle, to within rounding.
@@ -148,15 +149,14 @@ fn without(piece: Vec<DVec2>, triangle: &PlaneTriangle) -> Vec<Vec<DVec2>> {
         outside.extend(right);
         match left {
             Some(left) => inside = left,
-            // The polygon and the triangle are apart: nothing to cut off.
+            // The polygon and the triangle are apart.
             None => return vec![piece],
         }
     }
     outside
 }
 
-/// A convex polygon's parts on the left and on the right of a line; those thinner than a sliver
-/// are dropped.
+/// The parts of a convex polygon on the left and on the right of a line. Slivers are dropped.
 fn cut(polygon: &[DVec2], from: DVec2, to: DVec2) -> (Option<Vec<DVec2>>, Option<Vec<DVec2>>) {
     let along = (to - from).normalize();
     let sides: Vec<f64> = polygon.iter().map(|&p| along.perp_dot(p - from)).collect();
@@ -251,7 +251,7 @@ mod tests {
             }
         }
 
-        /// Made of rectangles alone, nothing is rounded: what is covered is not called free.
+        /// Rectangles are not rounded: a covered point is never called free.
         #[test]
         fn rectangles_are_exact(
             opaque in prop::collection::vec(((0u8..7, 1u8..4), (0u8..7, 1u8..4)), 0..10),

@@ -16,8 +16,8 @@ pub(crate) use rectangle::{PlaneRect, PlaneTriangle};
 
 use crate::carve::{CarvedModel, Class};
 
-/// What carving left that hides, and whether it is to be split along last: level surfaces that are
-/// turned leave no portals when everything upright is split along before them.
+/// The triangles of a carved model that may be occluders. Level surfaces with turned edges come last:
+/// they leave no portal when space is split along everything upright before them.
 pub fn occluder_triangles(carved: &CarvedModel) -> Vec<OccluderTriangle> {
     let kept = carved.polygons.iter().flat_map(|polygon| {
         let is_last = polygon.class == Class::SemiAxial && polygon.plane.axis() == Some(1);
@@ -25,7 +25,7 @@ pub fn occluder_triangles(carved: &CarvedModel) -> Vec<OccluderTriangle> {
     });
     let sealed = carved.caps.iter().filter(|added| added.sealed);
     let added = sealed.flat_map(|added| &added.triangles);
-    // Parts of the model that lie in axial planes hide where they are, whatever their edges are.
+    // A cutting in an axial plane occludes where it is, whatever its edges are.
     let flat = carved.cuttings.iter().filter(|cutting| cutting.plane.axis().is_some());
     let flat = flat.flat_map(|cutting| &cutting.triangles);
     let opaque = |&corners| OccluderTriangle { corners, is_last: false };

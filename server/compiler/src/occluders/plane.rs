@@ -8,16 +8,16 @@ use crate::split_plane::SplitPlane;
 /// The opaque part of one plane: axial, or vertical at any angle.
 #[derive(Debug)]
 pub struct OccluderPlane {
-    /// Where it is.
+    /// The plane.
     pub cut: SplitPlane,
-    /// What is opaque, overlaps included. Corners run anticlockwise.
+    /// The opaque triangles, which may overlap. Corners run anticlockwise.
     pub triangles: Vec<PlaneTriangle>,
     /// For each triangle, [`OccluderTriangle::is_last`].
     pub is_last: Vec<bool>,
     buckets: HashMap<(i64, i64), Vec<u32>>,
 }
 
-/// Buckets of the index over a plane are this wide, in metres.
+/// The width of a bucket, in metres.
 const BUCKET: f64 = 4.0;
 
 impl OccluderPlane {
@@ -35,7 +35,7 @@ impl OccluderPlane {
         Self { cut, triangles, is_last, buckets }
     }
 
-    /// The triangles whose surroundings overlap a rectangle, each once, in order.
+    /// The triangles whose bounding rectangles overlap a rectangle, each once, in order.
     pub fn overlapping(&self, rect: &PlaneRect) -> Vec<&PlaneTriangle> {
         let mut found: Vec<u32> = buckets_of(rect)
             .filter_map(|bucket| self.buckets.get(&bucket))

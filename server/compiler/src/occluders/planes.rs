@@ -11,20 +11,20 @@ use super::{
 };
 use crate::split_plane::{SplitPlane, in_plane};
 
-/// An opaque triangle, in a building's own axes.
+/// An opaque triangle, in the building's own axes.
 #[derive(Clone, Copy, Debug)]
 pub struct OccluderTriangle {
-    /// In metres.
+    /// The corners, in metres.
     pub corners: [DVec3; 3],
-    /// Whether to split along it only when nothing else is left to split along.
+    /// Whether space is split along it only when nothing else is left to split along.
     pub is_last: bool,
 }
 
-/// Every plane with something opaque on it, out of triangles in a building's own axes: the axial
-/// ones by axis, then ascending; then those that are vertical at other angles.
+/// Groups opaque triangles, in the building's own axes, by plane. Axial planes come first, by axis and
+/// then ascending; other vertical planes follow.
 ///
-/// Corners that lie next to an axial plane are moved onto it first, by [`AXIAL_PLANE_M`] at
-/// most, so that walls that meet in the model but for rounding leave no gap.
+/// First, corners next to an axial plane are moved onto it, by at most [`AXIAL_PLANE_M`]. So walls
+/// that meet in the model but for rounding leave no gap.
 pub fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
     let levels = [0, 1, 2].map(|axis| {
         let planes = planes_along(axis, opaque);
@@ -54,12 +54,13 @@ pub fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
     planes
 }
 
-/// Whether three coordinates are the same but for rounding.
+/// Whether three coordinates differ by rounding only.
 fn agree(along: [f64; 3]) -> bool {
     let low = along.into_iter().fold(f64::INFINITY, f64::min);
     along.into_iter().all(|c| c - low <= AXIAL_PLANE_M)
 }
 
+/// The planes perpendicular to one axis.
 fn planes_along(axis: usize, opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
     let mut axial: Vec<(f64, (PlaneTriangle, bool))> = opaque
         .iter()
@@ -69,7 +70,7 @@ fn planes_along(axis: usize, opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> 
             Some((low, (anticlockwise(corners.map(|c| in_plane(c, axis)))?, *is_last)))
         })
         .collect();
-    // A stable sort: the order of equal planes stays that of the model.
+    // The sort is stable: triangles of one plane keep the order of the model.
     axial.sort_by(|a, b| a.0.total_cmp(&b.0));
     axial
         .chunk_by(|a, b| b.0 - a.0 <= AXIAL_PLANE_M)
@@ -81,9 +82,9 @@ fn planes_along(axis: usize, opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> 
         .collect()
 }
 
-/// The vertical planes that are not axial, in the order of the model.
+/// The other vertical planes, in the order of the model.
 fn slanted(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
-    /// Planes are sought among those alike in steps of a metre and of a hundredth of a radian.
+    /// The steps of distance (metres) and direction (radians) by which similar planes are found.
     const STEP: [f64; 2] = [1.0, 0.01];
     let mut found: Vec<(SplitPlane, Vec<(PlaneTriangle, bool)>)> = Vec::new();
     let mut alike: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
@@ -113,7 +114,8 @@ fn slanted(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
         .collect()
 }
 
-/// The vertical plane of a triangle; none when that is axial, or the triangle has no area.
+/// The vertical plane of a triangle. None when the plane is axial or not vertical, or the triangle has
+/// no area.
 fn vertical(corners: &[DVec3; 3]) -> Option<SplitPlane> {
     let [a, b, c] = *corners;
     if (0..3).any(|axis| agree(corners.map(|corner| corner[axis]))) {
@@ -129,7 +131,8 @@ fn vertical(corners: &[DVec3; 3]) -> Option<SplitPlane> {
     corners.iter().all(|&corner| cut.height(corner).abs() <= AXIAL_PLANE_M).then_some(cut)
 }
 
-/// A chain of planes, each within the tolerance of the next, may be wider than the tolerance.
+/// Splits a chain of planes, each within the tolerance of the next, where it is wider than the
+/// tolerance.
 fn split_wide<T>(mut near: &[(f64, T)]) -> Vec<&[(f64, T)]> {
     let mut parts = Vec::new();
     while let Some(first) = near.first() {

@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-/// A triangle in the coordinates of its plane: those of the two other axes, in ascending order.
+/// A triangle in the coordinates of its plane.
 pub type PlaneTriangle = [DVec2; 3];
 
 /// A rectangle in the coordinates of a plane.
@@ -21,29 +21,29 @@ impl PlaneRect {
         Self { min: a.min(b).min(c), max: a.max(b).max(c) }
     }
 
-    /// What both share; of negative size when they are apart.
+    /// The common part of two rectangles; of negative size when they are apart.
     pub fn intersection(&self, other: &Self) -> Self {
         Self { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
 
-    /// Whether it has no area.
+    /// Whether the rectangle has no area.
     pub fn is_flat(&self) -> bool {
         !self.min.cmplt(self.max).all()
     }
 
-    /// In square metres; zero when flat.
+    /// The area, in square metres; zero when flat.
     pub fn area(&self) -> f64 {
         if self.is_flat() { 0.0 } else { (self.max - self.min).element_product() }
     }
 
-    /// Its corners, anticlockwise.
+    /// The corners, anticlockwise.
     pub fn corners(&self) -> [DVec2; 4] {
         let (a, b) = (self.min, self.max);
         [a, DVec2::new(b.x, a.y), b, DVec2::new(a.x, b.y)]
     }
 }
 
-/// The triangle with its corners anticlockwise; none when it has no area.
+/// The triangle with its corners anticlockwise. None when it has no area.
 pub(super) fn anticlockwise([a, b, c]: PlaneTriangle) -> Option<PlaneTriangle> {
     let doubled = (b - a).perp_dot(c - a);
     if doubled > 0.0 {

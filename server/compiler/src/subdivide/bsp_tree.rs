@@ -1,4 +1,4 @@
-//! A tree of planes in the making, and the polygons where its leaves join.
+//! A BSP tree, and the polygons where two of its leaves join.
 
 use glam::DVec3;
 use sightline_world::tolerance::ON_PLANE_F32_M;
@@ -6,37 +6,37 @@ use sightline_world::tolerance::ON_PLANE_F32_M;
 use super::region::{Region, part};
 use crate::split_plane::SplitPlane;
 
-/// No deeper: the world file's reader allows twice as much.
+/// The greatest depth of a tree. The reader of world files allows twice as much.
 pub(super) const DEPTH_MAX: u16 = 256;
 
-/// A node of the draft.
+/// A node of the tree.
 #[derive(Clone, Debug)]
 pub enum BspNode {
     /// A plane, and the nodes on its lesser and greater side.
     Split {
         /// The plane.
         cut: SplitPlane,
-        /// Index of the occluder plane of which it is made, where one lies in it.
+        /// The index of the occluder plane in it, if any.
         plane: Option<u32>,
-        /// Both greater than the node's own index.
+        /// The children on the lesser and on the greater side, with greater indices than the node.
         sides: [u32; 2],
     },
-    /// A leaf, as an index into the leaves.
+    /// A leaf, by its index.
     Leaf(u32),
-    /// A leaf in which nobody can be.
+    /// A solid leaf.
     Solid,
 }
 
-/// A tree of planes whose leaves are regions.
+/// A BSP tree whose leaves are convex regions.
 #[derive(Clone, Debug, Default)]
 pub struct BspTree {
-    /// The root comes first.
+    /// All nodes, the root first.
     pub nodes: Vec<BspNode>,
     /// The regions of the leaves, in the order of the tree.
     pub leaves: Vec<Region>,
 }
 
-/// A convex polygon where two leaves join, the one on the lesser side of its plane first.
+/// A convex polygon where two leaves join. The leaf on the lesser side of its plane comes first.
 pub struct SharedFace {
     pub leaves: [u32; 2],
     pub cut: SplitPlane,
@@ -45,7 +45,7 @@ pub struct SharedFace {
 }
 
 impl BspTree {
-    /// A node to be set later; its children come after it.
+    /// Adds a node to be set later, so that its children come after it.
     pub fn reserve(&mut self) -> u32 {
         self.nodes.push(BspNode::Solid);
         self.nodes.len() as u32 - 1
@@ -53,6 +53,7 @@ impl BspTree {
 
     /// Makes a reserved node a split.
     pub fn set_split(&mut self, index: u32, cut: SplitPlane, plane: Option<u32>, sides: [u32; 2]) {
+        assert!(sides.iter().all(|&side| side > index), "children come after their parent");
         self.nodes[index as usize] = BspNode::Split { cut, plane, sides };
     }
 
@@ -68,7 +69,7 @@ impl BspTree {
         self.nodes.len() as u32 - 1
     }
 
-    /// The leaf that contains a point; none when it is solid there.
+    /// The leaf that contains a point. None when it is solid there.
     pub fn leaf_at(&self, point: DVec3) -> Option<u32> {
         let mut node = 0;
         loop {
@@ -82,7 +83,7 @@ impl BspTree {
         }
     }
 
-    /// The polygons where leaves of a subtree join.
+    /// All polygons where two leaves of a subtree join.
     pub fn shared_faces(&self, root: u32, region: &Region) -> Vec<SharedFace> {
         let mut found = Vec::new();
         self.add_faces_below(root, region, &mut found);
@@ -98,7 +99,8 @@ impl BspTree {
         }
     }
 
-    /// Adds the joins of a subtree below a plane with one above it, within a polygon on it.
+    /// Adds the polygons where leaves of a subtree below a plane join leaves of one above it, within a
+    /// polygon on the plane.
     pub fn add_faces_across(
         &self,
         nodes: [u32; 2],
@@ -120,7 +122,7 @@ impl BspTree {
             let (lowest, highest) =
                 heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
             if lowest > -ON_PLANE_F32_M && highest < ON_PLANE_F32_M {
-                // The same plane, or as good as: only the side that touches it can join.
+                // The planes nearly coincide: only the side that touches can join.
                 let agree = other.normal().dot(cut.normal()) > 0.0;
                 let side = sides[usize::from((below == 1) != agree)];
                 self.add_faces_across(replaced(side), cut, plane, polygon, found);

@@ -28,20 +28,21 @@ pub(crate) fn cells(spaces: &Spaces, size: &CellSize) -> Cells {
     builder.finish()
 }
 
+/// Cells that are being made.
 struct CellBuilder<'a> {
     spaces_in: &'a Spaces,
     size: CellSize,
-    /// The final tree. Its leaves are the cells.
+    /// The final tree, whose leaves are the cells.
     fine: BspTree,
     spaces: Vec<(Range<u32>, Region)>,
-    /// For each leaf of the draft, its space.
+    /// The space of each leaf of the coarse tree.
     space_of: Vec<u32>,
-    /// For each space, its node in the final tree.
+    /// The node of each space in the final tree.
     roots: Vec<u32>,
 }
 
 impl CellBuilder<'_> {
-    /// Adds a subtree of the draft, its spaces split into cells.
+    /// Adds a subtree of the coarse tree, with its spaces split into cells.
     fn refine(&mut self, node: u32) -> u32 {
         match &self.spaces_in.tree.nodes[node as usize] {
             BspNode::Split { cut, plane, sides } => {
@@ -63,7 +64,7 @@ impl CellBuilder<'_> {
         }
     }
 
-    /// Adds the subtree of a space.
+    /// Adds a space as a subtree of cells: halved across its longest side until all are small enough.
     fn split_open(&mut self, region: Region) -> u32 {
         let Some((bounds, _)) = region.extent() else { return self.fine.solid() };
         let size = bounds.size();
@@ -79,6 +80,7 @@ impl CellBuilder<'_> {
         index
     }
 
+    /// Collects spaces, gates, cells and portals.
     fn finish(self) -> Cells {
         let Spaces { bounds, axes, gates, .. } = self.spaces_in;
         let mut spaces: Vec<Space> = self
@@ -128,6 +130,7 @@ impl CellBuilder<'_> {
     }
 }
 
+/// A node as the world has it.
 fn world_node(node: &BspNode) -> Node {
     match *node {
         BspNode::Split { cut: SplitPlane::Axial { axis, at }, sides, .. } => {

@@ -21,36 +21,36 @@ use crate::{model::ConvexSolid, occluders::OccluderPlane};
 
 pub(crate) use cells::cells;
 pub(crate) use spaces::Spaces;
-/// What occludes.
-pub struct SubdivisionInput<'a> {
-    /// Opaque surfaces, by plane, in own axes.
+/// What space is split along.
+pub(crate) struct SubdivisionInput<'a> {
+    /// Opaque surfaces by plane, in the building's own axes.
     pub planes: &'a [OccluderPlane],
-    /// What is opaque all through. When there is any, surfaces do not count: they are its faces.
+    /// Opaque solids. When there are any, surfaces do not count: they are the faces of solids.
     pub solids: &'a [ConvexSolid],
-    /// Eyes are sure to be in some of these places; spaces between solids that no sight line from
-    /// there gets into count as solid.
+    /// Points where eyes can be. A space between solids that no sequence of gates joins to one of them
+    /// counts as solid.
     pub eyes: &'a [Vec3],
 }
 
 /// How finely spaces are split into cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CellSize {
-    /// No cell is wider, in metres.
+pub(crate) struct CellSize {
+    /// The width of the widest cell, in metres.
     pub width_max: f32,
-    /// No cell is higher, in metres.
+    /// The height of the highest cell, in metres.
     pub height_max: f32,
 }
 
 impl CellSize {
-    /// Every space is one cell.
+    /// Each space is one cell.
     pub const WHOLE: Self = Self { width_max: f32::INFINITY, height_max: f32::INFINITY };
 
-    /// Cells of this width, in metres. They are higher than wide, since eyes move on floors.
+    /// Cells of this width, in metres. Cells are higher than wide, since eyes move on floors.
     pub fn of_width(width_max: f32) -> Self {
         Self { width_max, height_max: width_max * 1.5 }
     }
 
-    /// Into how many cells a box of this size is split, roughly.
+    /// About how many cells a box of this size is split into.
     pub fn cells_in(&self, size: Vec3) -> f64 {
         let cell = Vec3::new(self.width_max, self.height_max, self.width_max);
         (size / cell).ceil().max(Vec3::ONE).as_dvec3().element_product()

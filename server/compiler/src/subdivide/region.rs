@@ -1,4 +1,4 @@
-//! A convex part of space in the making, and convex polygons in it.
+//! Convex regions of space, and convex polygons in them.
 
 use glam::DVec3;
 use sightline_world::geometry::Aabb;
@@ -6,15 +6,15 @@ use sightline_world::tolerance::{DEGENERATE_M, ON_PLANE_F32_M};
 
 use crate::split_plane::SplitPlane;
 
-/// Walls and slabs are no thicker than this, in metres.
+/// Walls and slabs are at most this thick, in metres.
 pub(super) const WALL_MAX: f32 = 0.6;
 
-/// A box, less what is behind some planes that are not axial.
+/// A convex region: a box cut by planes that are not axial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
     /// The box, in metres.
     pub bounds: Aabb,
-    /// Planes, and whether the region is on the greater side.
+    /// The planes that cut it, and whether the region is on their greater side.
     slants: Vec<(SplitPlane, bool)>,
 }
 
@@ -24,7 +24,7 @@ impl Region {
         Self { bounds, slants: Vec::new() }
     }
 
-    /// Whether it is all of its box.
+    /// Whether the region fills its box.
     pub fn is_box(&self) -> bool {
         self.slants.is_empty()
     }
@@ -42,7 +42,7 @@ impl Region {
         })
     }
 
-    /// What a plane shares with the region: a convex polygon, or nothing.
+    /// The section of the region with a plane: a convex polygon, or nothing.
     pub fn section(&self, cut: &SplitPlane) -> Vec<DVec3> {
         let mut polygon = match *cut {
             SplitPlane::Axial { axis, at } => rectangle(&self.bounds, axis, at),
@@ -56,14 +56,14 @@ impl Region {
                 whole
             }
         };
-        // What lies in a side of the region has no width on either side of that.
+        // A section that lies in a side of the region is not cut by that side.
         for (slant, is_greater) in self.slants.iter().filter(|(slant, _)| slant != cut) {
             polygon = part(&polygon, slant, *is_greater);
         }
         polygon
     }
 
-    /// The smallest box around it, and a point inside; none when it has no volume to speak of.
+    /// The smallest box around the region, and a point inside. None when the region is degenerate.
     pub fn extent(&self) -> Option<(Aabb, DVec3)> {
         if self.is_box() {
             let has_volume = self.bounds.size().cmpgt(glam::Vec3::ZERO).all();
@@ -87,7 +87,7 @@ impl Region {
         ((max - min).min_element() > DEGENERATE_M && !bounds.is_empty()).then_some((bounds, inside))
     }
 
-    /// The box shrunk to what the slanted planes leave.
+    /// The region with its box shrunk to what the cutting planes leave.
     pub fn tightened(mut self) -> Self {
         if !self.is_box()
             && let Some((bounds, _)) = self.extent()
@@ -115,7 +115,7 @@ fn rectangle(bounds: &Aabb, axis: usize, at: f32) -> Vec<DVec3> {
     ]
 }
 
-/// A square on a plane that holds all the plane shares with a box.
+/// A square on a plane that contains the section of the plane with a box.
 fn square(cut: &SplitPlane, bounds: &Aabb) -> Vec<DVec3> {
     let centre = bounds.centre().as_dvec3();
     let normal = cut.normal();
@@ -126,8 +126,7 @@ fn square(cut: &SplitPlane, bounds: &Aabb) -> Vec<DVec3> {
     vec![centre - u - v, centre + u - v, centre + u + v, centre - u + v]
 }
 
-/// What of a convex polygon lies on one side of a plane, boundary included; nothing when that has
-/// no width.
+/// The part of a convex polygon on one side of a plane, boundary included. Empty when it is degenerate.
 pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3> {
     let sign = if is_greater { 1.0 } else { -1.0 };
     let height = |p: DVec3| cut.height(p) * sign;

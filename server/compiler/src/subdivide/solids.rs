@@ -1,5 +1,5 @@
-//! Spaces between convex solids: a BSP tree along their faces, as tools for Quake maps make it, with
-//! leaves that are all solid or all empty.
+//! Spaces between convex solids: a BSP tree along their faces, as compilers of Quake maps make it. Each
+//! leaf is all solid or all empty.
 
 use std::collections::HashMap;
 
@@ -12,20 +12,20 @@ use super::{
 };
 use crate::{model::ConvexSolid, split_plane::SplitPlane};
 
-/// A solid of which no face is larger, in square metres, is furniture: it hides little, and
-/// splitting along it would make many spaces.
+/// A solid without a face of at least this area, in square metres, is furniture and splits nothing.
+/// Zero: all solids count.
 const FACE_AREA_MIN: f64 = 0.0;
-/// Of so many planes that are worth most, the best is sought with care.
+/// This many of the most opaque planes are compared by their cost.
 const CANDIDATES: usize = 16;
 
-/// A part of a solid's face.
+/// A part of a face of a solid.
 #[derive(Clone)]
 struct Face {
     plane: u32,
     polygon: Vec<DVec3>,
 }
 
-/// A solid that hides.
+/// A solid with its box.
 struct Occluder<'a> {
     solid: &'a ConvexSolid,
     bounds: Aabb,
@@ -51,14 +51,14 @@ pub fn split(bounds: &Aabb, solids: &[ConvexSolid]) -> BspTree {
     builder.tree
 }
 
-/// The planes of all faces, each once, and the faces on them.
+/// The planes of all faces, each once, and the faces.
 fn cuts_and_faces(occluders: &[Occluder<'_>]) -> (Vec<SplitPlane>, Vec<Face>) {
     let mut known: HashMap<[u64; 4], u32> = HashMap::new();
     let mut cuts = Vec::new();
     let mut faces = Vec::new();
     for face in occluders.iter().flat_map(|occluder| &occluder.solid.faces) {
         let axis = (0..3).find(|&axis| face.normal[axis].abs() == 1.0);
-        // One of the two directions stands for both.
+        // One of the two opposite normals stands for both.
         let flip = face.normal.to_array().into_iter().find(|&n| n != 0.0).is_some_and(|n| n < 0.0);
         let sign = if flip { -1.0 } else { 1.0 };
         let cut = match axis {
@@ -120,15 +120,15 @@ impl Builder<'_> {
         index
     }
 
-    /// A region that no face crosses is inside a solid, or outside of all.
+    /// Adds a leaf. A region that no face crosses lies inside a solid, or outside all solids.
     fn leaf(&mut self, region: Region, solids: &[u32]) -> u32 {
         let Some((_, inside)) = region.extent() else { return self.tree.solid() };
         let holds = |&solid: &u32| self.occluders[solid as usize].solid.contains(inside, 0.0);
         if solids.iter().any(holds) { self.tree.solid() } else { self.tree.space(region) }
     }
 
-    /// The plane to split along: axial before vertical before others; then that of which most of
-    /// the section is face, splitting few other faces.
+    /// The plane to split along: axial before vertical before others; among these, a plane whose
+    /// section is mostly covered by faces and that splits few other faces.
     fn best(&self, region: &Region, faces: &[Face]) -> Option<u32> {
         let mut areas: HashMap<u32, f64> = HashMap::new();
         for face in faces {
@@ -157,7 +157,7 @@ impl Builder<'_> {
             .map(|(plane, _)| plane)
     }
 
-    /// What part of the faces a plane splits, and how unevenly it divides the others.
+    /// The cost of a plane: the share of faces that it splits, and how unevenly it divides the others.
     fn cost(&self, plane: u32, faces: &[Face]) -> f64 {
         let cut = &self.cuts[plane as usize];
         let (mut low, mut high, mut both) = (0.0, 0.0, 0.0f64);

@@ -20,7 +20,7 @@ use crate::{
     split_plane::SplitPlane,
 };
 
-/// A building split along its occluders.
+/// A building split along its occluders into spaces.
 pub struct Spaces {
     pub(super) bounds: Aabb,
     pub(super) axes: Axes,
@@ -31,31 +31,31 @@ pub struct Spaces {
 }
 
 impl Spaces {
-    /// Splits a region, given in own axes.
+    /// Splits a region, which is given in the building's own axes.
     pub fn new(bounds: &Aabb, axes: Axes, occluders: &SubdivisionInput<'_>) -> Self {
         let tree = if occluders.solids.is_empty() {
             surfaces::split(bounds, occluders.planes)
         } else {
             solids::split(bounds, occluders.solids)
         };
-        let joins = tree.shared_faces(0, &Region::new(*bounds));
-        let gates: Vec<(SharedFace, Polygon)> = joins
+        let faces = tree.shared_faces(0, &Region::new(*bounds));
+        let gates: Vec<(SharedFace, Polygon)> = faces
             .into_par_iter()
-            .flat_map_iter(|join| open_parts(join, occluders.planes))
+            .flat_map_iter(|face| open_parts(face, occluders.planes))
             .collect();
         let kept = kept(&tree, &gates, occluders);
         Self { bounds: *bounds, axes, tree, kept, gates }
     }
 }
 
-/// The open parts of where two spaces join.
-fn open_parts(join: SharedFace, planes: &[OccluderPlane]) -> Vec<(SharedFace, Polygon)> {
-    let Some(plane) = join.plane else {
-        let polygon = polygon(&join.cut, &join.polygon);
-        return polygon.map(|polygon| (join, polygon)).into_iter().collect();
+/// The open parts of the boundary between two spaces: the gates.
+fn open_parts(face: SharedFace, planes: &[OccluderPlane]) -> Vec<(SharedFace, Polygon)> {
+    let Some(plane) = face.plane else {
+        let polygon = polygon(&face.cut, &face.polygon);
+        return polygon.map(|polygon| (face, polygon)).into_iter().collect();
     };
     let plane = &planes[plane as usize];
-    let flat: Vec<DVec2> = join.polygon.iter().map(|&corner| join.cut.flat(corner)).collect();
+    let flat: Vec<DVec2> = face.polygon.iter().map(|&corner| face.cut.flat(corner)).collect();
     let around = PlaneRect {
         min: flat.iter().fold(DVec2::INFINITY, |a, &b| a.min(b)),
         max: flat.iter().fold(DVec2::NEG_INFINITY, |a, &b| a.max(b)),
@@ -63,22 +63,22 @@ fn open_parts(join: SharedFace, planes: &[OccluderPlane]) -> Vec<(SharedFace, Po
     uncovered(&around, &plane.overlapping(&around))
         .into_iter()
         .filter_map(|free| {
-            let corners = within(&join, &free);
-            let polygon = polygon(&join.cut, &corners)?;
-            let SharedFace { leaves, cut, plane, .. } = join;
+            let corners = within(&face, &free);
+            let polygon = polygon(&face.cut, &corners)?;
+            let SharedFace { leaves, cut, plane, .. } = face;
             Some((SharedFace { leaves, cut, plane, polygon: corners }, polygon))
         })
         .collect()
 }
 
-/// What a rectangle in a join's plane and the join's polygon share.
-fn within(join: &SharedFace, free: &PlaneRect) -> Vec<DVec3> {
-    let corners = free.corners().map(|corner| join.cut.upright(corner));
-    let normal = join.cut.normal();
-    let centre = join.polygon.iter().sum::<DVec3>() / join.polygon.len() as f64;
+/// The common part of a shared face and a rectangle in its plane.
+fn within(face: &SharedFace, free: &PlaneRect) -> Vec<DVec3> {
+    let corners = free.corners().map(|corner| face.cut.upright(corner));
+    let normal = face.cut.normal();
+    let centre = face.polygon.iter().sum::<DVec3>() / face.polygon.len() as f64;
     let mut kept = corners.to_vec();
-    for (i, &from) in join.polygon.iter().enumerate() {
-        let along = join.polygon[(i + 1) % join.polygon.len()] - from;
+    for (i, &from) in face.polygon.iter().enumerate() {
+        let along = face.polygon[(i + 1) % face.polygon.len()] - from;
         let Some(inwards) = normal.cross(along).try_normalize() else { continue };
         let inwards = if inwards.dot(centre - from) < 0.0 { -inwards } else { inwards };
         let edge = SplitPlane::Plane { normal: inwards, distance: inwards.dot(from) - SLIVER_M };
@@ -87,7 +87,7 @@ fn within(join: &SharedFace, free: &PlaneRect) -> Vec<DVec3> {
     kept
 }
 
-/// Which leaves of the tree are spaces in which somebody can be.
+/// Which leaves of the tree are spaces.
 fn kept(
     tree: &BspTree,
     gates: &[(SharedFace, Polygon)],
@@ -99,7 +99,7 @@ fn kept(
         next[*b as usize].push(*a);
     }
     if occluders.solids.is_empty() {
-        // The inside of walls and slabs.
+        // A thin leaf without a gate is the inside of a wall or slab.
         let is_wall = |leaf: &Region| leaf.bounds.size().min_element() <= WALL_MAX;
         return (0..)
             .zip(&tree.leaves)

@@ -1,5 +1,5 @@
-//! Spaces along surfaces, after Teller and Séquin: split each time along the plane of which the
-//! greatest share of the cross-section is opaque.
+//! Spaces along surfaces (Teller and Séquin 1991): each split is along the plane of which the greatest
+//! share of the cross-section is opaque.
 
 use glam::{DVec2, DVec3};
 use sightline_world::geometry::Aabb;
@@ -14,27 +14,27 @@ use crate::{
     split_plane::SplitPlane,
 };
 
-/// A plane splits a space when one of its triangles covers at least this much, in square metres, and
-/// what is opaque on it at least this part of the cross-section. What is smaller is furniture: it
-/// hides little, and splitting along it would make many spaces.
+/// A plane splits a space when one of its triangles covers at least this area, in square metres, and
+/// all opaque triangles together at least [`SHARE_MIN`] of the cross-section. Smaller triangles are
+/// furniture: they hide little, and splits along them would make many spaces.
 const TRIANGLE_AREA_MIN: f64 = 1.25;
-/// See [`TRIANGLE_AREA_MIN`].
+/// The least opaque share of the cross-section; see [`TRIANGLE_AREA_MIN`].
 const SHARE_MIN: f64 = 0.1;
-/// Or what is opaque on it is this much …
+/// A plane also splits a space when its opaque area is at least this, in square metres …
 const AREA_MIN: f64 = 2.5;
-/// … and this part of the cross-section, in pieces of any size.
+/// … and at least this share of the cross-section, in triangles of any size.
 const AREA_SHARE_MIN: f64 = 0.25;
-/// Inside walls and slabs a plane splits when this part of the cross-section is opaque: the jambs,
-/// sills and lintels of doors and windows, without which one would see sideways through the wall …
+/// Inside walls and slabs a plane splits when this share of the cross-section is opaque. These are
+/// jambs, sills and lintels, without which sight would pass sideways through the wall …
 const WALL_SHARE_MIN: f64 = 0.35;
-/// … and at least this much, in square metres: not the frames of panes.
+/// … and at least this area, in square metres. Frames of panes are smaller.
 const WALL_AREA_MIN: f64 = 0.15;
-/// Of two opaque planes that are no farther apart than this, in metres, one is enough: what is
-/// between them is the inside of a thin wall, or the frame of a pane.
+/// Of two opaque planes no farther apart than this, in metres, one is enough. Between them is the
+/// inside of a thin wall, or the frame of a pane.
 const THIN_MAX: f32 = 0.1;
 
-/// Splits a region along opaque surfaces: axial planes first, then those that are vertical at other
-/// angles, then level ones whose edges are turned, of which only the covered part is left by then.
+/// Splits a region along opaque surfaces: along axial planes first, then other vertical planes, then
+/// level planes with turned edges, of which only the covered part is left by then.
 pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
     let mut builder = Builder { planes, tree: BspTree::default() };
     let all = planes
@@ -76,7 +76,7 @@ impl Builder<'_> {
         if region.extent().is_some() { self.tree.space(region) } else { self.tree.solid() }
     }
 
-    /// Whether an occluder has a part in the interior of a region.
+    /// Whether part of an occluder lies in the interior of a region.
     fn crosses(&self, (plane, triangle): OccluderRef, region: &Region) -> bool {
         let OccluderPlane { cut, ref triangles, .. } = self.planes[plane as usize];
         if let SplitPlane::Axial { axis, at } = cut
@@ -88,8 +88,8 @@ impl Builder<'_> {
         section.area > 0.0 && section.covered(&triangles[triangle as usize]) > 0.0
     }
 
-    /// The plane of the first kind there is of which the greatest share of the cross-section is
-    /// opaque; among those alike, the one nearest the middle.
+    /// The plane to split along: of the first kind there is, the one with the greatest opaque share;
+    /// among similar ones, the one nearest the middle.
     fn best_plane(&self, region: &Region, inside: &[OccluderRef]) -> Option<u32> {
         inside
             .chunk_by(|a, b| a.0 == b.0)
@@ -111,7 +111,7 @@ impl Builder<'_> {
             .map(|(plane, ..)| plane)
     }
 
-    /// How good it is to split a region along a plane; none when the region is better left whole.
+    /// The benefit of a split along a plane. None when the region is better left whole.
     fn worth(&self, region: &Region, on_plane: &[OccluderRef]) -> Option<f64> {
         let OccluderPlane { cut, ref triangles, .. } = self.planes[on_plane[0].0 as usize];
         let section = Section::new(region, &cut);
@@ -121,7 +121,7 @@ impl Builder<'_> {
             area += part;
             largest = largest.max(part);
         }
-        // Overlapping triangles count twice; a share is never more than all.
+        // Overlapping triangles count twice, but the share is at most 1.
         let share = (area / section.area).min(1.0);
         let in_wall = region.bounds.size().min_element() <= WALL_MAX;
         let enough = (largest >= TRIANGLE_AREA_MIN && share >= SHARE_MIN)
@@ -139,7 +139,7 @@ impl Builder<'_> {
         Some(share - 0.1 * f64::from(off_middle))
     }
 
-    /// Whether a plane lies so close to a side of the region that hides as much.
+    /// Whether the plane lies close to a side of the region that already hides as much.
     fn repeats_boundary(&self, region: &Region, cut: &SplitPlane, area: f64) -> bool {
         let SplitPlane::Axial { axis, at } = *cut else { return false };
         let near = |side: f32| (side - at).abs() <= THIN_MAX;
@@ -156,7 +156,7 @@ impl Builder<'_> {
     }
 
     fn plane_at(&self, axis: usize, at: f32) -> Option<&OccluderPlane> {
-        // The axial planes come first, by axis, then ascending.
+        // Axial planes come first, by axis and then ascending.
         let before = |p: &OccluderPlane| match p.cut {
             SplitPlane::Axial { axis: a, at: there } => (a, there) < (axis, at),
             SplitPlane::Plane { .. } => false,
@@ -166,9 +166,9 @@ impl Builder<'_> {
     }
 }
 
-/// What a plane shares with a region, in the plane's coordinates.
+/// The section of a region with a plane, in the coordinates of the plane.
 struct Section {
-    /// Anticlockwise.
+    /// The corners, anticlockwise.
     polygon: Vec<DVec2>,
     around: PlaneRect,
     is_rect: bool,
