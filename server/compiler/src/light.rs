@@ -1,10 +1,10 @@
-//! Light for models that bring none: how open it is around each point of a surface, and one soft
-//! lamp, so that corners, edges and what stands on a floor can be read.
+//! Light for models that bring none: ambient occlusion and one soft lamp, which make corners, edges and
+//! objects on a floor visible.
 //!
-//! Triangles are divided until their edges are short; from each corner rays go out over the side it
-//! faces. What they meet nearby takes light away, the nearer the more; the lamp makes rays towards it
-//! count more. Light is a factor on the vertex colours and lies linearly between corners. It depends on the
-//! triangles alone: there is no chance in it.
+//! Triangles are divided until their edges are short. From each corner, rays go out over the side that it
+//! faces. Surfaces that they meet nearby take light away, near ones more. Rays towards the lamp count more.
+//! Light is a factor on vertex colours, linear between corners. It depends on the triangles alone and uses
+//! no random numbers.
 
 use std::{collections::HashMap, f32::consts::TAU, ops::ControlFlow};
 
@@ -20,28 +20,28 @@ use sightline_world::tolerance::RAY_LIFT_M;
 
 use super::model::Surface;
 
-/// What is farther away takes no light, in metres.
+/// Surfaces farther away than this take no light, in metres.
 const REACH: f32 = 1.6;
-/// Rays from a corner.
+/// The number of rays from a corner.
 const RAYS: usize = 40;
-/// Towards the lamp.
+/// The direction towards the lamp.
 const LAMP: Vec3 = Vec3::new(0.44, 0.78, 0.45);
 /// How much more a ray straight towards the lamp counts.
 const LAMP_SHARE: f32 = 0.45;
-/// No place is darker than this part of full light: one should still know the walls.
+/// The least light of a place, from 0 to 1, so that walls stay visible.
 const DARKEST: f32 = 0.3;
-/// A corner from which more rays than this part meet backs of surfaces is inside of something.
+/// A corner is inside something solid when more than this share of its rays meet backs of surfaces.
 const BACKS_MAX: f32 = 0.3;
-/// Edges are divided until they are no longer, in metres …
+/// Edges are divided until they are no longer than this, in metres …
 const EDGE_MIN: f32 = 0.22;
-/// … or so many voxels, whichever is more …
+/// … or than this many voxels, whichever is more …
 const EDGE_VOXELS: f32 = 5.0;
-/// … and in large buildings stay longer, so that there are about as many triangles.
+/// … and in large buildings stay longer, so that there are about this many triangles.
 const DIVIDED_TRIANGLES: f32 = 500_000.0;
-/// One triangle becomes at most two to this power.
+/// How often one triangle is halved at most.
 const DIVISIONS_MAX: u32 = 14;
 
-/// The same surfaces with the light in their vertex colours; none when `progress` breaks.
+/// The surfaces with light in their vertex colours. None when `progress` breaks.
 pub(super) fn lit(
     surfaces: &[Surface],
     opaque: &[[Vec3; 3]],
@@ -61,7 +61,7 @@ pub(super) fn lit(
         let light: Vec<_> = spots.places.par_iter().map(|spot| shell.light(spot)).collect();
         let light = spots.filled(&light);
         for (colour, &spot) in divided.colours.iter_mut().zip(&spots.of_vertex) {
-            // Colours are multiplied as sRGB; the root of light is close to that.
+            // Colours are multiplied in sRGB, where the square root of light is about right.
             let share = light[spot].sqrt();
             *colour = colour.map(|channel| (f32::from(channel) * share + 0.5) as u8);
         }
@@ -74,7 +74,7 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
     (b - a).cross(c - a).length() / 2.0
 }
 
-/// What takes light away.
+/// The surfaces that take light away.
 struct Shell {
     bvh: Option<Bvh2>,
     triangles: Vec<Triangle>,
@@ -99,7 +99,7 @@ impl Shell {
         Self { bvh, triangles, directions: directions() }
     }
 
-    /// The light from 0 to 1, on the brighter side of a sheet; none inside of something.
+    /// The light from 0 to 1, on the brighter side of a sheet. None inside something solid.
     fn light(&self, spot: &Spot) -> Option<f32> {
         let front = self.light_on(spot);
         if front.is_some_and(|light| light > 0.5) {
@@ -126,12 +126,12 @@ impl Shell {
             }
         }
         let is_inside = backs as f32 > BACKS_MAX * RAYS as f32;
-        // Against a place in the open that faces the lamp half.
+        // Relative to a place in the open that half faces the lamp.
         let lamp = 1.0 + LAMP_SHARE * (spot.normal.dot(LAMP) - 1.0) * 0.5;
         (!is_inside).then(|| (open / full * lamp).clamp(0.0, 1.0).max(DARKEST))
     }
 
-    /// How far the first surface in reach is, and whether it is met from its back.
+    /// The distance of the first surface within reach, and whether the ray meets its back.
     fn first(&self, from: Vec3, along: Vec3) -> Option<(f32, bool)> {
         let bvh = self.bvh.as_ref()?;
         let ray = Ray::new(from.into(), along.into(), 0.0, REACH);
@@ -146,7 +146,7 @@ impl Shell {
     }
 }
 
-/// Directions about the z axis, more of them where light falls steeply: a spiral.
+/// Directions about the z axis on a spiral, denser where light falls steeply.
 fn directions() -> Vec<Vec3> {
     let golden = 0.618_034;
     (0..RAYS)
@@ -159,16 +159,16 @@ fn directions() -> Vec<Vec3> {
         .collect()
 }
 
-/// The corners of a surface, each once for each direction in which it is seen.
+/// The corners of a surface, each once for each normal.
 struct Spots {
     places: Vec<Spot>,
     of_vertex: Vec<usize>,
-    /// By threes, a triangle each.
+    /// The three spots of each triangle.
     triangles: Vec<[usize; 3]>,
 }
 
 impl Spots {
-    /// Of a surface in which no two triangles share a vertex.
+    /// The spots of a surface in which no two triangles share a vertex.
     fn of(divided: &Surface) -> Self {
         let mut known: HashMap<([u32; 3], [i8; 3]), usize> = HashMap::new();
         let mut spots = Self {
@@ -195,8 +195,8 @@ impl Spots {
         spots
     }
 
-    /// Corners inside of something get the light of their neighbours, so that they do not darken
-    /// what shows.
+    /// Gives corners inside something solid the light of their neighbours, so that they darken nothing
+    /// visible.
     fn filled(&self, light: &[Option<f32>]) -> Vec<f32> {
         let mut sums = vec![(0.0, 0.0); light.len()];
         for triangle in &self.triangles {
@@ -213,7 +213,7 @@ impl Spots {
     }
 }
 
-/// A surface's triangles, divided until no edge is longer; none shares a vertex with another.
+/// The triangles of a surface, divided until no edge is longer. No two share a vertex.
 fn divided(surface: &Surface, edge_max: f32) -> Surface {
     let mut pieces = Surface {
         positions: Vec::new(),
@@ -250,7 +250,7 @@ fn divide(triangle: [Corner; 3], edge_max: f32, divisions: u32, pieces: &mut Sur
     let longest = (0..3).max_by(|&a, &b| length(a).total_cmp(&length(b))).unwrap_or(0);
     if divisions > 0 && length(longest) > edge_max {
         let [a, b, c] = [0, 1, 2].map(|i| triangle[(longest + i) % 3]);
-        // The same from both sides of an edge, bit for bit.
+        // The midpoint is the same from both sides of an edge, bit for bit.
         let middle = Corner {
             at: (a.at + b.at) * 0.5,
             uv: (a.uv + b.uv) * 0.5,
@@ -315,8 +315,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_buried_darkens_nothing() {
-        // A wall that goes on below the floor: its foot is inside of nothing that shows.
+    fn buried_corners_darken_nothing() {
+        // A wall that continues below the floor, where its foot is not visible.
         let quad = |a: Vec3, u: Vec3, v: Vec3| [[a, a + u, a + u + v], [a, a + u + v, a + v]];
         let post = quad(Vec3::new(2.0, -0.2, 3.0), Vec3::X * 2.0, Vec3::Y * 2.2);
         let lit = lit_room(&post);

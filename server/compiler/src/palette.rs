@@ -1,4 +1,4 @@
-//! The looks of voxels: material × texture × vertex colour, the texture averaged over a voxel.
+//! The colours of triangles: material × texture × vertex colour, with the texture averaged over a voxel.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -7,21 +7,22 @@ use image::RgbImage;
 
 use crate::model::Surface;
 
-/// The textures of a model, each with its halved copies.
+/// The textures of a model, each with its smaller copies (a mipmap; Williams 1983).
 pub(crate) struct Palette {
-    /// By the address of the original, since many surfaces share one.
+    /// Mipmaps by the address of the texture, since many surfaces share one.
     textures: HashMap<usize, Vec<RgbImage>>,
 }
 
-/// How one triangle looks.
+/// The material of one triangle.
 pub(crate) struct TriangleMaterial<'a> {
-    /// Whether it can be seen through.
+    /// Whether sight passes through.
     pub(crate) glass: bool,
     colours: [Vec3; 3],
     texture: Option<(&'a RgbImage, [Vec2; 3])>,
 }
 
 impl Palette {
+    /// The mipmaps of all textures of some surfaces.
     pub(crate) fn new(surfaces: &[Surface]) -> Self {
         let mut textures = HashMap::new();
         for texture in surfaces.iter().filter_map(|surface| surface.material.texture.as_ref()) {
@@ -32,7 +33,7 @@ impl Palette {
         Self { textures }
     }
 
-    /// `None` when the surface has no such triangle.
+    /// The material of a triangle, for voxels of this edge in metres. `None` when there is no such triangle.
     pub(crate) fn material_of(
         &self,
         surface: &Surface,
@@ -58,7 +59,7 @@ impl Palette {
 }
 
 impl TriangleMaterial<'_> {
-    /// sRGB from 0 to 1 at a point, given as the corners' shares in it.
+    /// The sRGB colour, from 0 to 1, at the point with these barycentric weights.
     pub(crate) fn colour(&self, weights: [f32; 3]) -> Vec3 {
         let [a, b, c] = weights;
         let colour = self.colours[0] * a + self.colours[1] * b + self.colours[2] * c;
@@ -77,7 +78,7 @@ fn unit(colour: [u8; 3]) -> Vec3 {
     Vec3::from(colour.map(f32::from)) / 255.0
 }
 
-/// An image, and copies of half the size each down to one texel.
+/// The mipmap of an image: the image, and copies of half the size each, down to one texel.
 fn halvings(image: &RgbImage) -> Vec<RgbImage> {
     let mut levels = vec![image.clone()];
     while let Some(last) = levels.last().filter(|last| last.width() * last.height() > 1) {
@@ -97,7 +98,7 @@ fn halvings(image: &RgbImage) -> Vec<RgbImage> {
     levels
 }
 
-/// The copy of which a texel is about as large as a voxel on this triangle.
+/// The level of a mipmap whose texels are about as large as a voxel on this triangle.
 fn level_for(levels: &[RgbImage], uvs: [Vec2; 3], corners: [Vec3; 3], voxel: f32) -> &RgbImage {
     let size = Vec2::new(levels[0].width() as f32, levels[0].height() as f32);
     let [a, b, c] = uvs.map(|uv| uv * size);
@@ -108,7 +109,7 @@ fn level_for(levels: &[RgbImage], uvs: [Vec2; 3], corners: [Vec3; 3], voxel: f32
     &levels[level.min(levels.len() - 1)]
 }
 
-/// The texture at some coordinates, which repeat; between texels it is blended.
+/// The colour of a texture at coordinates, which repeat. Between texels it is blended.
 fn texel(image: &RgbImage, uv: Vec2) -> Vec3 {
     let uv = if uv.is_finite() { uv - uv.floor() } else { Vec2::ZERO };
     let (width, height) = (image.width(), image.height());

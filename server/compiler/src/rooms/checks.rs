@@ -1,8 +1,9 @@
-//! What is not wrong in rooms, but probably not meant: rooms that overlap, and what is declared hidden though
-//! one sees it plainly.
+//! Warnings about rooms that are valid but probably not meant: settings without an effect, rooms that
+//! overlap, and members of a hidden set that are plainly visible.
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_oracle::Oracle;
 use sightline_visibility::rooms::{RoomIndex, RoomOverlap, pieces::ConvexPiece};
 use sightline_world::{
     Cells,
@@ -12,14 +13,13 @@ use sightline_world::{
 };
 
 use super::{RoomDeclaration, RoomError};
-use sightline_oracle::Oracle;
 
-/// So many lines of sight are tried for each member of a hidden set.
+/// How many lines of sight are tried for each member of a hidden set.
 const LINES: u32 = 4_000;
-/// Points are looked for so often in a shape that fills little of its box.
+/// How many points are tried to find one in a shape that fills little of its box.
 const TRIES: u32 = 200;
 
-/// All that there is to say of rooms that are not wrong.
+/// All warnings about valid rooms. `sight` makes the oracle, when it is needed.
 pub fn warnings(
     declared: &[RoomDeclaration],
     rooms: &Rooms,
@@ -94,7 +94,7 @@ fn overlaps(declared: &[RoomDeclaration], index: &RoomIndex) -> Vec<RoomError> {
     found
 }
 
-/// A point that is well inside of both.
+/// A point well inside both pieces.
 fn shared(a: &ConvexPiece, b: &ConvexPiece) -> Option<Vec3> {
     let region = a.bounds.intersection(&b.bounds);
     if region.size().min_element() <= AUTHORED_M {
@@ -112,15 +112,18 @@ fn shared(a: &ConvexPiece, b: &ConvexPiece) -> Option<Vec3> {
         .find(|at| within(*at))
 }
 
+/// Whether a point lies in a piece, or nearly.
 fn is_near(piece: &ConvexPiece, at: Vec3) -> bool {
     piece.all_sides().all(|side| side.holds(at, AUTHORED_M.into()))
 }
 
+/// A uniform random point of a box.
 fn inside(rng: &mut SmallRng, region: &Aabb) -> Vec3 {
     let mut share = || rng.random_range(0.0..=1.0f32);
     region.min + region.size() * Vec3::new(share(), share(), share())
 }
 
+/// What the check of hidden sets needs.
 struct Checker<'a> {
     declared: &'a [RoomDeclaration],
     rooms: &'a Rooms,
@@ -130,7 +133,7 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    /// What a room hides though there is a free line to it that goes through no window of the room.
+    /// Warns of members of a hidden set that a free line reaches, without a window of the room.
     fn plainly_visible(&self, at: usize) -> Vec<RoomError> {
         let id = RoomId(at as u16);
         let RoomVisibility::AllBut(set) = &self.rooms.list()[at].sees else { return Vec::new() };
@@ -162,7 +165,7 @@ impl Checker<'_> {
             .collect()
     }
 
-    /// A free line from a room to some boxes of what it hides: its ends, in the world.
+    /// A free line from a room to boxes that it hides: its two ends, in the world's axes.
     fn line(&self, room: RoomId, targets: &[Aabb]) -> Option<[Vec3; 2]> {
         let mut rng = SmallRng::seed_from_u64(u64::from(room.0));
         let pieces = self.index.pieces(room);
@@ -180,7 +183,7 @@ impl Checker<'_> {
         })
     }
 
-    /// A point of a box where somebody can be, in own axes.
+    /// A random point of a box that lies in a cell, in own axes. None when the drawn point does not.
     fn open(&self, rng: &mut SmallRng, region: &Aabb) -> Option<Vec3> {
         let region = region.intersection(&self.cells.bounds);
         if region.is_empty() {

@@ -1,10 +1,9 @@
-//! Rooms as an author writes them: in a TOML file beside the model, or as named nodes of a glTF.
+//! Rooms as an author declares them: in a TOML file beside the model, or as named nodes of a glTF.
 //!
-//! * [`text`]: the TOML, and the extras of nodes.
-//! * [`nodes`]: meshes of nodes as shapes and windows.
-//! * [`checks`]: what is not wrong, but probably not meant.
-//!
-//! Here names become what they mean, once cells are known. Every fault names the line, or the node.
+//! * [`text`] reads the TOML file, and the extras of nodes.
+//! * [`nodes`] turns the meshes of nodes into shapes and windows.
+//! * [`resolve`] looks up names once the cells are known. Every error names its line or node.
+//! * [`checks`] warns of what is valid but probably not meant, or has no effect yet.
 
 pub mod checks;
 pub mod nodes;
@@ -24,10 +23,10 @@ use sightline_world::{
     tolerance::AUTHORED_M,
 };
 
-/// Where something is written.
+/// Where a declaration is written.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub enum SourceLocation {
-    /// In a file, at a line that is counted from 1.
+    /// In a file, at a line, counted from 1.
     Line(String, usize),
     /// In a model, at a node of this name.
     Node(String),
@@ -42,13 +41,13 @@ impl fmt::Display for SourceLocation {
     }
 }
 
-/// What is wrong with a room, in one line.
+/// An error in a declaration of rooms, or a warning, in one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize)]
 #[error("{place}: {what}")]
 pub struct RoomError {
-    /// Where.
+    /// Where the declaration is written.
     pub place: SourceLocation,
-    /// What.
+    /// What is wrong.
     pub what: String,
 }
 
@@ -58,16 +57,17 @@ impl RoomError {
     }
 }
 
-/// All that is wrong with the rooms of a model.
+/// All errors in the rooms of a model.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{}", summary(.0))]
 pub struct RoomErrors(pub Vec<RoomError>);
 
-fn summary(faults: &[RoomError]) -> String {
-    match faults {
+/// The first error, and how many more there are.
+fn summary(errors: &[RoomError]) -> String {
+    match errors {
         [only] => only.to_string(),
-        [first, rest @ ..] => format!("{first} (and {} more faults in rooms)", rest.len()),
-        [] => "no fault in rooms".into(),
+        [first, rest @ ..] => format!("{first} (and {} more errors in rooms)", rest.len()),
+        [] => "no error in rooms".into(),
     }
 }
 
@@ -76,42 +76,42 @@ fn summary(faults: &[RoomError]) -> String {
 pub struct LocatedName {
     /// The name.
     pub text: String,
-    /// Where it is.
+    /// Where it is written.
     pub place: SourceLocation,
 }
 
-/// A cell, as an author says which.
+/// A reference to a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum CellReference {
-    /// The cell that this point of the world is in.
+    /// The cell that contains this point of the world.
     At(Vec3),
-    /// By its number, which holds for as long as the model is not compiled anew.
+    /// The cell of this number. Numbers may change whenever the model is compiled.
     Number(u32),
 }
 
-/// A set, as it is written.
+/// A visible or hidden set, as it is declared.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct SetDeclaration {
-    /// Rooms.
+    /// Names of rooms.
     pub rooms: Vec<LocatedName>,
-    /// Movers and nodes of the model.
+    /// Names of movers and nodes of the model.
     pub objects: Vec<LocatedName>,
-    /// Cells.
+    /// References to cells.
     pub cells: Vec<CellReference>,
 }
 
-/// A room as it is written.
+/// A room, as it is declared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoomDeclaration {
-    /// Its name, and where it begins.
+    /// The name, and where the declaration begins.
     pub name: LocatedName,
-    /// What it takes up.
+    /// The shapes that it fills.
     pub shapes: Vec<Shape>,
-    /// Its windows.
+    /// The windows.
     pub windows: Vec<WindowDeclaration>,
-    /// The potentially visible set.
+    /// The potentially visible set, if declared.
     pub visible: Option<SetDeclaration>,
-    /// The potentially hidden set; not both.
+    /// The potentially hidden set, if declared. A room has at most one of the two.
     pub hidden: Option<SetDeclaration>,
     /// Rooms that it overlaps on purpose.
     pub overlaps: Vec<LocatedName>,
@@ -130,7 +130,7 @@ pub struct RoomDeclaration {
 }
 
 impl RoomDeclaration {
-    /// A room that is nothing but a name.
+    /// A room with a name and nothing else.
     pub fn named(name: LocatedName) -> Self {
         Self {
             name,
@@ -149,65 +149,66 @@ impl RoomDeclaration {
     }
 }
 
-/// A window as it is written.
+/// A window, as it is declared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowDeclaration {
-    /// Its name, and where it begins.
+    /// The name, and where the declaration begins.
     pub name: LocatedName,
-    /// A polygon, in the world.
+    /// The corners of a polygon, in the world's axes.
     pub corners: Vec<Vec3>,
-    /// The window through which one sees it from outside.
+    /// The window through which it is visible from outside.
     pub behind: Option<LocatedName>,
 }
 
-/// What names in sets can mean.
+/// The names that declarations can refer to.
 pub struct RoomScope<'a> {
-    /// The subdivision.
+    /// The cells of the world.
     pub cells: &'a Cells,
-    /// What moves.
+    /// The movers of the model.
     pub movers: &'a [Mover],
-    /// Named nodes of the model that do not move, each with the box around its triangles.
+    /// The named nodes that do not move, each with the box around its triangles.
     pub nodes: &'a [(String, Aabb)],
 }
 
-/// Makes rooms of what is written.
+/// Resolves declarations to rooms.
 ///
 /// # Errors
-/// All faults at once: names that are taken or unknown, shapes that are flat, windows that are not in one plane
-/// or off the boundary of their room.
+/// All errors at once: names that are taken or unknown, flat shapes, windows that are not flat or lie off
+/// the boundary of their room.
 pub fn resolve(declared: &[RoomDeclaration], known: &RoomScope<'_>) -> Result<Rooms, RoomErrors> {
     let mut resolver =
-        Resolver { known, ids: HashMap::new(), objects: Vec::new(), faults: Vec::new() };
+        Resolver { known, ids: HashMap::new(), objects: Vec::new(), errors: Vec::new() };
     for (id, room) in (0u16..).zip(declared.iter().take(usize::from(u16::MAX))) {
         let LocatedName { text, place } = &room.name;
         if resolver.ids.insert(text, RoomId(id)).is_some() {
-            resolver.fault(place, format!("there is a room {text:?} already"));
+            resolver.error(place, format!("there is a room {text:?} already"));
         }
     }
     let list: Vec<Room> = declared.iter().map(|room| resolver.room(room)).collect();
-    let Resolver { objects, mut faults, .. } = resolver;
-    if !faults.is_empty() {
-        return Err(RoomErrors(faults));
+    let Resolver { objects, mut errors, .. } = resolver;
+    if !errors.is_empty() {
+        return Err(RoomErrors(errors));
     }
     Rooms::new(list, objects).map_err(|error| {
         let place = declared
             .first()
             .map_or(SourceLocation::Node(String::new()), |room| room.name.place.clone());
-        faults.push(RoomError { place, what: format!("the rooms: {error}") });
-        RoomErrors(faults)
+        errors.push(RoomError { place, what: format!("the rooms: {error}") });
+        RoomErrors(errors)
     })
 }
 
+/// Declarations that are being resolved.
 struct Resolver<'a> {
     known: &'a RoomScope<'a>,
     ids: HashMap<&'a str, RoomId>,
     objects: Vec<Object>,
-    faults: Vec<RoomError>,
+    errors: Vec<RoomError>,
 }
 
 impl<'a> Resolver<'a> {
-    fn fault(&mut self, place: &SourceLocation, what: String) {
-        self.faults.push(RoomError::new(place, what));
+    fn error(&mut self, place: &SourceLocation, what: String) {
+        self.errors.push(RoomError::new(place, what));
     }
 
     fn room(&mut self, declared: &'a RoomDeclaration) -> Room {
@@ -223,19 +224,19 @@ impl<'a> Resolver<'a> {
             tag: declared.tag.clone(),
             ..Room::default()
         };
-        // Alone, its own faults are found at its own place.
+        // A room is checked alone, so that the error names its own place.
         if let Err(error) = Rooms::new(vec![room.clone()], Vec::new()) {
-            self.fault(place, format!("room {text:?}: {error}"));
+            self.error(place, format!("room {text:?}: {error}"));
             return room;
         }
         let axes = &self.known.cells.axes;
         if room.shapes.iter().any(|shape| ConvexPiece::of(shape, axes).is_empty()) {
-            self.fault(place, format!("room {text:?}: a shape of it is flat"));
+            self.error(place, format!("room {text:?}: a shape of it is flat"));
         }
         room.sees = match (&declared.visible, &declared.hidden) {
             (Some(_), Some(_)) => {
                 let what = "has a visible and a hidden set: a room has one of the two";
-                self.fault(place, format!("room {text:?} {what}"));
+                self.error(place, format!("room {text:?} {what}"));
                 RoomVisibility::Unspecified
             }
             (Some(names), None) => RoomVisibility::Only(self.members(names, place)),
@@ -252,7 +253,7 @@ impl<'a> Resolver<'a> {
     fn room_id(&mut self, name: &LocatedName) -> Option<RoomId> {
         let id = self.ids.get(name.text.as_str()).copied();
         if id.is_none() {
-            self.fault(&name.place, format!("there is no room {:?}", name.text));
+            self.error(&name.place, format!("there is no room {:?}", name.text));
         }
         id
     }
@@ -272,17 +273,17 @@ impl<'a> Resolver<'a> {
             match (cell, name) {
                 (Some(cell), _) => cells.push(cell),
                 (None, CellReference::At(at)) => {
-                    self.fault(place, format!("there is no cell at {at}"))
+                    self.error(place, format!("there is no cell at {at}"))
                 }
                 (None, CellReference::Number(n)) => {
-                    self.fault(place, format!("there is no cell {n}"))
+                    self.error(place, format!("there is no cell {n}"))
                 }
             }
         }
         ObjectSet { rooms, cells, objects }
     }
 
-    /// All movers and nodes of a name, as indices of objects.
+    /// All movers and nodes with a name, as indices of objects.
     fn named(&mut self, name: &LocatedName) -> Vec<u32> {
         let text = name.text.as_str();
         let movers = self.known.movers.iter().zip(0u32..).filter(|(mover, _)| mover.name == text);
@@ -290,7 +291,7 @@ impl<'a> Resolver<'a> {
         let nodes = self.known.nodes.iter().filter(|(node, _)| node == text);
         let found: Vec<_> = movers.chain(nodes.map(|(_, bounds)| (*bounds, None))).collect();
         if found.is_empty() {
-            self.fault(&name.place, format!("the model has no mover and no node {text:?}"));
+            self.error(&name.place, format!("the model has no mover and no node {text:?}"));
         }
         let mut numbers = Vec::new();
         for (bounds, mover) in found {
@@ -314,7 +315,7 @@ impl<'a> Resolver<'a> {
                 if at.is_none() {
                     let what =
                         format!("{full} is behind {:?}, which is no window before it", name.text);
-                    self.fault(&name.place, what);
+                    self.error(&name.place, what);
                 }
                 at.map(|at| at as u32)
             });
@@ -324,11 +325,11 @@ impl<'a> Resolver<'a> {
             if let Err(error) =
                 Rooms::new(vec![Room { sees: RoomVisibility::Unspecified, ..alone }], Vec::new())
             {
-                self.fault(place, format!("{full}: {error}"));
+                self.error(place, format!("{full}: {error}"));
             } else if windows.iter().any(|before| before.name == *text) {
-                self.fault(place, format!("room {:?} has a window {text:?} already", room.name));
+                self.error(place, format!("room {:?} has a window {text:?} already", room.name));
             } else if let Some(what) = misplaced(&made, room, self.known.cells) {
-                self.fault(place, format!("{full} {what}"));
+                self.error(place, format!("{full} {what}"));
             }
             windows.push(made);
         }
@@ -336,7 +337,7 @@ impl<'a> Resolver<'a> {
     }
 }
 
-/// What is wrong with where a window is.
+/// What is wrong with the place of a window.
 fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
     let corners = &window.corners;
     let Some(plane) = nodes::plane_of(corners) else { return Some("has no area".into()) };
@@ -352,13 +353,13 @@ fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
         room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, axes)).collect();
     let middle = corners.iter().sum::<Vec3>() / corners.len() as f32;
     let ring = corners.iter().zip(corners.iter().cycle().skip(1));
-    // Corners, and points between them, all a little towards the middle.
+    // Corners and midpoints of edges, moved a little towards the middle.
     let probes = ring.flat_map(|(a, b)| [*a, a.midpoint(*b)]).map(|at| at.lerp(middle, 0.02));
     let is_in = |at: Vec3| pieces.iter().any(|piece| piece.contains(axes.own(at)));
     for probe in probes {
         let beside = [AUTHORED_M, -AUTHORED_M].map(|far| is_in(probe + plane.0 * far));
         match beside {
-            [true, true] => return Some(format!("is inside of its room at {probe}")),
+            [true, true] => return Some(format!("is inside its room at {probe}")),
             [false, false] => return Some(format!("is off the boundary of its room at {probe}")),
             _ => (),
         }

@@ -1,9 +1,9 @@
-//! Nodes of a glTF as rooms and windows: `room:NAME` and `window:ROOM/NAME`. Their meshes are not drawn and
-//! hide nobody.
+//! Nodes of a glTF as rooms and windows: `room:NAME` and `window:ROOM/NAME`. Their meshes are not drawn
+//! and hide nobody.
 //!
-//! The room is the convex hull of its node's mesh; a mesh that is level and flat is a piece of the plan. Several
-//! nodes of one name are parts of one room. Extras of a room's node say the rest, with the
-//! keys of the TOML; `behind` in the extras of a window names another window of the room.
+//! A room is the convex hull of the mesh of its node. A level, flat mesh is a piece of the plan instead.
+//! Several nodes of one name are parts of one room. The extras of a node give the other settings, with
+//! the keys of the TOML file. `behind` in the extras of a window names another window of the room.
 
 use glam::{Vec2, Vec3};
 use sightline_world::{rooms::Shape, tolerance::AUTHORED_POINT_M};
@@ -15,21 +15,21 @@ use super::{LocatedName, RoomDeclaration, RoomError, SourceLocation, WindowDecla
 pub enum NodeRole<'a> {
     /// A part of the room of this name.
     Room(&'a str),
-    /// A window of a room.
+    /// A window: the name of the room, and its own.
     Window(&'a str, &'a str),
 }
 
-/// What a node of this name stands for, if not for itself.
+/// The role of a node of this name. None for an ordinary node.
 pub fn role(node: &str) -> Option<NodeRole<'_>> {
     if let Some(name) = node.strip_prefix("room:") {
-        return Some(NodeRole::Room(untwinned(name)));
+        return Some(NodeRole::Room(without_number(name)));
     }
     let (room, name) = node.strip_prefix("window:")?.split_once('/')?;
     Some(NodeRole::Window(room, name))
 }
 
-/// Modellers allow a name once and number what is named alike: `hall.001` is a part of `hall`.
-fn untwinned(name: &str) -> &str {
+/// The name without the number that modelling programs add to duplicates: `hall.001` is part of `hall`.
+fn without_number(name: &str) -> &str {
     match name.rsplit_once('.') {
         Some((stem, number)) if number.len() == 3 && number.bytes().all(|b| b.is_ascii_digit()) => {
             stem
@@ -38,10 +38,11 @@ fn untwinned(name: &str) -> &str {
     }
 }
 
-/// Adds what a node stands for to the rooms so far. `corners` are those of its triangles, in the world.
+/// Adds a part of a room, or a window, to the rooms so far. `corners` are those of the triangles of the
+/// node, in the world's axes.
 ///
 /// # Errors
-/// When it has no mesh, or one that is no shape, or extras that mean nothing.
+/// When the node has no mesh, or a mesh without a shape, or unknown extras.
 pub fn add(
     rooms: &mut Vec<RoomDeclaration>,
     node: &str,
@@ -65,7 +66,7 @@ pub fn add(
         NodeRole::Room(_) => {
             room.name.place = place.clone();
             room.shapes.push(shape(&points));
-            extras.map_or(Ok(()), |extras| text::tell_extras(extras, room))
+            extras.map_or(Ok(()), |extras| text::apply_extras(extras, room))
         }
         NodeRole::Window(_, name) => {
             let behind = extras.and_then(|extras| {
@@ -83,7 +84,7 @@ pub fn add(
     }
 }
 
-/// Puts windows after those that they are behind.
+/// Sorts windows: each comes after the window that it is behind.
 pub fn in_order(rooms: &mut [RoomDeclaration]) {
     for room in rooms {
         let mut left = std::mem::take(&mut room.windows);
@@ -93,7 +94,7 @@ pub fn in_order(rooms: &mut [RoomDeclaration]) {
                     |name: &LocatedName| room.windows.iter().any(|w| w.name.text == name.text);
                 window.behind.as_ref().is_none_or(known)
             };
-            // What is behind nothing that there is stays as it is, and is found to be a fault.
+            // A window behind an unknown one stays; it is reported as an error later.
             let next = left.iter().position(is_next).unwrap_or(0);
             let window = left.remove(next);
             room.windows.push(window);
@@ -101,7 +102,7 @@ pub fn in_order(rooms: &mut [RoomDeclaration]) {
     }
 }
 
-/// A plane's normal and distance, by a polygon's corners; none without area.
+/// The normal and the distance of the plane of a polygon. None when it has no area.
 pub(super) fn plane_of(corners: &[Vec3]) -> Option<(Vec3, f32)> {
     let first = *corners.first()?;
     let sum: Vec3 = corners.windows(2).map(|two| (two[0] - first).cross(two[1] - first)).sum();
@@ -110,6 +111,7 @@ pub(super) fn plane_of(corners: &[Vec3]) -> Option<(Vec3, f32)> {
     Some((normal, normal.dot(middle)))
 }
 
+/// The shape of a mesh: a piece of the plan when level, otherwise a hull.
 fn shape(points: &[Vec3]) -> Shape {
     let level = points[0].y;
     if points.iter().all(|at| (at.y - level).abs() < AUTHORED_POINT_M) {
@@ -120,11 +122,11 @@ fn shape(points: &[Vec3]) -> Shape {
     Shape::Hull(extreme(points))
 }
 
-/// Points, each once.
+/// The points without duplicates.
 fn distinct(points: &[Vec3]) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = Vec::new();
     for point in points {
-        // A mesh with so many corners is no shape; it is found to have too many later.
+        // A mesh with so many corners is no shape. It is reported as an error later.
         if kept.len() > 1_000 {
             break;
         }
@@ -135,8 +137,8 @@ fn distinct(points: &[Vec3]) -> Vec<Vec3> {
     kept
 }
 
-/// Without the points that are between others along some direction: those that no direction of many has as its
-/// furthest. Only used when there are more than a hull may have.
+/// The points that are furthest in one of many directions. When there are few enough points for a hull,
+/// all are kept.
 fn extreme(points: &[Vec3]) -> Vec<Vec3> {
     use sightline_world::rooms::HULL_POINTS_MAX;
     if points.len() <= HULL_POINTS_MAX {
@@ -153,7 +155,7 @@ fn extreme(points: &[Vec3]) -> Vec<Vec3> {
     kept
 }
 
-/// The plane of three of the points that are far from each other.
+/// The plane of three points that are far from each other.
 fn widest_plane(points: &[Vec3]) -> Option<(Vec3, f32)> {
     let a = points[0];
     let b = *points.iter().max_by(|p, q| p.distance(a).total_cmp(&q.distance(a)))?;
@@ -162,7 +164,7 @@ fn widest_plane(points: &[Vec3]) -> Option<(Vec3, f32)> {
     plane_of(&[a, b, c])
 }
 
-/// The corners of the convex hull in a plane, in order around it.
+/// The corners of the convex hull in a plane, in order around it (Andrew 1979).
 fn hull2(points: &[Vec3], flat: &dyn Fn(Vec3) -> Vec2) -> Vec<Vec3> {
     let mut sorted: Vec<(Vec2, Vec3)> = points.iter().map(|at| (flat(*at), *at)).collect();
     sorted.sort_by(|(a, _), (b, _)| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));

@@ -62,9 +62,9 @@ name = "door"
 polygon = [[4, 0, 1], [4, 0, 2], [4, 2, 2], [4, 2, 1]]
 "#;
 
-/// Every key, as the world has it.
+/// Every key of the format reaches the world.
 #[test]
-fn what_is_written_is_what_the_world_has() {
+fn every_key_reaches_the_world() {
     let toml = format!(
         r#"{WEST}title = "West room"
 visible = {{ rooms = ["east"], objects = ["table"], cells = [[6.0, 1.5, 1.0], 0] }}
@@ -106,15 +106,15 @@ boxes = [[[5, 0, 2], [6, 1, 3]], [[6, 0, 2], [7, 1, 3]]]
     assert!(matches!(&plan.shapes[..], [Shape::Plan { heights: None, .. }]));
     assert_eq!(tent.shapes.len(), 3);
     assert_eq!(west.windows[0].corners.len(), 4);
-    // And it is what the rooms are asked.
+    // The index of rooms has it too.
     let index = RoomIndex::new(&world);
     assert_eq!(index.room_at(Vec3::new(2.0, 1.0, 2.0)), Some(RoomId(0)));
     assert!(!index.sealed_rooms_at(Vec3::new(2.0, 1.0, 2.0)).is_open());
 }
 
-/// Each fault is one line that tells the line of the file.
+/// Each error is one line that names the line of the file.
 #[test]
-fn faults_tell_where_they_are() {
+fn errors_name_their_line() {
     let check = |toml: &str, expected: &str| {
         let error = compiled(toml).expect_err(expected).to_string();
         assert_eq!(error, format!("house.rooms.toml:{expected}"), "{toml}");
@@ -148,7 +148,7 @@ fn faults_tell_where_they_are() {
     check(&both, "2: room \"west\" has a visible and a hidden set: a room has one of the two");
     check(&format!("{WEST}overlaps = [\"est\"]"), "4: there is no room \"est\"");
     let two = format!("{WEST}visible = {{ rooms = [\"a\", \"b\"] }}");
-    check(&two, "4: there is no room \"a\" (and 1 more faults in rooms)");
+    check(&two, "4: there is no room \"a\" (and 1 more errors in rooms)");
 }
 
 #[test]
@@ -170,7 +170,7 @@ fn windows_are_on_the_boundary_of_their_room() {
     };
     check(&at(4.0, 2.0), "");
     check(&at(4.03, 2.0), "");
-    check(&at(3.0, 2.0), " is inside of its room");
+    check(&at(3.0, 2.0), " is inside its room");
     check(&at(4.5, 2.0), " is off the boundary of its room");
     check(&at(4.0, 5.0), " is off the boundary of its room");
     check("polygon = [[4, 0, 1], [4, 0, 2], [4, 2, 2], [3, 2, 1]]", " is not flat: its corner");
@@ -187,7 +187,7 @@ fn windows_are_on_the_boundary_of_their_room() {
 }
 
 #[test]
-fn rooms_that_overlap_by_accident_are_told_of() {
+fn undeclared_overlaps_are_warned_of() {
     let check = |toml: &str, expected: &[&str]| {
         let (_, report) = compiled(toml).unwrap();
         let told: Vec<String> = report.room_warnings.iter().map(ToString::to_string).collect();
@@ -202,10 +202,10 @@ fn rooms_that_overlap_by_accident_are_told_of() {
     check(&other(overlapping), &["5: room \"b\" overlaps room \"west\" at"]);
     check(&other(&format!("{overlapping}\noverlaps = [\"west\"]")), &[]);
     check(&other("box = [[3.96, 0, 0], [5, 3, 4]]"), &[]);
-    // One that holds the other is meant.
+    // A room inside another one is meant.
     check(&other("box = [[1, 0, 1], [2, 3, 2]]"), &[]);
     check(&other("box = [[-1, -1, -1], [9, 4, 5]]"), &[]);
-    // The boxes around them meet, they do not.
+    // Their boxes meet, but the rooms do not.
     check(&other("polygon = [[4.5, -3], [9, -3], [9, 4.5]]"), &[]);
 }
 
@@ -231,7 +231,7 @@ fn settings_without_an_effect_are_warned_of() {
 }
 
 #[test]
-fn what_is_hidden_though_it_is_plainly_visible_is_told_of() {
+fn plainly_visible_members_of_hidden_sets_are_warned_of() {
     let told = |toml: &str| -> Vec<String> {
         let (_, report) = compiled(toml).unwrap();
         report.room_warnings.iter().map(ToString::to_string).collect()
@@ -242,7 +242,7 @@ fn what_is_hidden_though_it_is_plainly_visible_is_told_of() {
     assert_eq!(lines.len(), 1, "{lines:?}");
     let start = "house.rooms.toml:2: room \"west\" hides room \"east\", but from [";
     assert!(lines[0].starts_with(start), "{lines:?}");
-    // The line that it names is a line that rays take.
+    // A ray confirms the line in the warning.
     let numbers: Vec<f32> =
         lines[0].split(['[', ']', ',']).filter_map(|part| part.trim().parse().ok()).collect();
     let [eye, point] = [0, 3].map(|at| Vec3::from_slice(&numbers[at..at + 3]));
@@ -250,16 +250,16 @@ fn what_is_hidden_though_it_is_plainly_visible_is_told_of() {
     assert!(
         eye.x < 4.0 && point.x > 4.0 && sightline_oracle::Oracle::new(&mesh).between(eye, point)
     );
-    // What is seen through a window is meant to be seen.
+    // What is visible through a window is meant to be visible.
     assert_eq!(told(&format!("{room}{DOOR}{EAST}")), [] as [&str; 0]);
     assert_eq!(told(&hides("objects = [\"table\"]")).len(), 1);
     assert_eq!(told(&hides("cells = [[6.0, 1.5, 1.0]]")).len(), 1);
-    // What a roof hides, there is nothing to say of.
+    // A roof hides the east room here.
     let above = "[[room]]\nname = \"east\"\nbox = [[0, 3.2, 0], [8, 4, 4]]\n";
     assert_eq!(told(&format!("{room}{above}")), [] as [&str; 0]);
 }
 
-/// Nodes of a glTF, in coordinates of their own.
+/// Nodes of a glTF have coordinates of their own.
 #[test]
 fn nodes_are_rooms_and_windows() {
     let mut draft = GlbDraft::square();
@@ -288,7 +288,7 @@ fn nodes_are_rooms_and_windows() {
     let bounds = hall.shapes[0].bounds().union(&hall.shapes[1].bounds());
     assert!((bounds.min.x - 10.0).abs() < 1e-5 && (bounds.max.x - 12.0).abs() < 1e-5, "{bounds:?}");
     let names: Vec<&str> = hall.windows.iter().map(|window| window.name.text.as_str()).collect();
-    assert_eq!(names, ["A", "C"], "after what it is behind");
+    assert_eq!(names, ["A", "C"], "a window comes after the one that it is behind");
     assert_eq!(hall.windows[1].behind.as_ref().map(|name| name.text.as_str()), Some("A"));
     assert_eq!(hall.windows[1].corners.len(), 4);
     let fault = |change: &dyn Fn(&mut GlbDraft)| {
@@ -303,7 +303,7 @@ fn nodes_are_rooms_and_windows() {
     assert_eq!(none, "node \"room:a\": it has no mesh to take a shape from");
 }
 
-/// A hull with more points than it may have keeps those that matter.
+/// A hull with too many points keeps its corners.
 #[test]
 fn a_round_room_keeps_its_corners() {
     let cube = Aabb::around(Vec3::ZERO, 1.0).corners();
@@ -317,7 +317,7 @@ fn a_round_room_keeps_its_corners() {
 }
 
 #[test]
-fn names_of_nodes_tell_what_they_stand_for() {
+fn names_of_nodes_tell_their_role() {
     use nodes::{NodeRole, role};
     assert_eq!(role("room:hall"), Some(NodeRole::Room("hall")));
     assert_eq!(role("room:hall.001"), Some(NodeRole::Room("hall")));
@@ -327,7 +327,7 @@ fn names_of_nodes_tell_what_they_stand_for() {
     assert_eq!(role("bedroom:hall"), None);
 }
 
-/// Nothing written makes no rooms.
+/// An empty file declares no rooms.
 #[test]
 fn no_rooms_are_fine() {
     assert_eq!(compiled("").unwrap().0.rooms, Rooms::default());

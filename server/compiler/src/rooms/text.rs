@@ -1,4 +1,4 @@
-//! Rooms in TOML; and the same keys as extras of nodes, in JSON.
+//! Rooms in TOML, and the same keys in JSON as extras of nodes.
 //!
 //! ```toml
 //! [[room]]
@@ -36,22 +36,22 @@ use super::{
     SourceLocation, WindowDeclaration,
 };
 
-/// No file with rooms is longer, in bytes.
+/// The longest file with rooms, in bytes.
 pub const BYTES_MAX: u64 = 16 << 20;
 
-/// Why a file gives no rooms.
+/// Why a file with rooms cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FileError {
-    /// It cannot be had.
+    /// The file cannot be read.
     #[error("cannot read {path}: {source}")]
     Io {
-        /// Which.
+        /// The file.
         path: String,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// What it says makes no sense.
+    /// The file has errors.
     #[error(transparent)]
     RoomErrors(#[from] RoomErrors),
 }
@@ -59,23 +59,23 @@ pub enum FileError {
 /// Reads a file with rooms.
 ///
 /// # Errors
-/// When it cannot be read, is too long, or makes no sense.
+/// When the file cannot be read, is too long or has errors.
 pub fn read_file(path: &Path) -> Result<Vec<RoomDeclaration>, FileError> {
     let io = |source| FileError::Io { path: path.display().to_string(), source };
     let mut bytes = Vec::new();
     let file = fs::File::open(path).map_err(io)?;
     file.take(BYTES_MAX + 1).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > BYTES_MAX {
-        return Err(io(std::io::Error::other("it is too long for rooms")));
+        return Err(io(std::io::Error::other("the file is too long")));
     }
     let text = String::from_utf8(bytes).map_err(|error| io(std::io::Error::other(error)))?;
     Ok(read(&text, &path.display().to_string())?)
 }
 
-/// Reads rooms from the text of a file of this name.
+/// Reads rooms from the text of a file. The name of the file appears in errors.
 ///
 /// # Errors
-/// When it is no TOML, or has keys or values that mean nothing.
+/// When the text is not TOML, or has unknown keys or values.
 pub fn read(text: &str, file: &str) -> Result<Vec<RoomDeclaration>, RoomErrors> {
     let line = |at: usize| {
         let before = text.as_bytes().iter().take(at);
@@ -89,33 +89,34 @@ pub fn read(text: &str, file: &str) -> Result<Vec<RoomDeclaration>, RoomErrors> 
         text: said.get_ref().clone(),
         place: line(said.span().start),
     };
-    let mut faults = Vec::new();
+    let mut errors = Vec::new();
     let mut rooms = Vec::new();
     for entry in read.room {
         let at = line(entry.span().start);
         let entry = entry.into_inner();
         let Some(said) = entry.name.as_ref() else {
-            faults.push(RoomError::new(&at, "a room without a name"));
+            errors.push(RoomError::new(&at, "a room without a name"));
             continue;
         };
         let mut room = RoomDeclaration::named(name(said));
         match entry.shapes() {
             Ok(shapes) => room.shapes = shapes,
             Err(what) => {
-                faults.push(RoomError::new(&at, format!("room {:?}: {what}", said.get_ref())))
+                errors.push(RoomError::new(&at, format!("room {:?}: {what}", said.get_ref())))
             }
         }
-        entry.tell(&mut room, &name);
+        entry.apply(&mut room, &name);
         rooms.push(room);
     }
-    if faults.is_empty() { Ok(rooms) } else { Err(RoomErrors(faults)) }
+    if errors.is_empty() { Ok(rooms) } else { Err(RoomErrors(errors)) }
 }
 
-/// Gives a room what the extras of a node say; other keys are somebody else's.
-pub(super) fn tell_extras(json: &str, room: &mut RoomDeclaration) -> Result<(), RoomError> {
+/// Sets what the extras of a node say of a room. Unknown keys belong to other programs.
+pub(super) fn apply_extras(json: &str, room: &mut RoomDeclaration) -> Result<(), RoomError> {
     let place = room.name.place.clone();
-    let fault = |error: serde_json::Error| RoomError::new(&place, format!("its extras: {error}"));
-    let mut value: serde_json::Value = serde_json::from_str(json).map_err(fault)?;
+    let error_of =
+        |error: serde_json::Error| RoomError::new(&place, format!("its extras: {error}"));
+    let mut value: serde_json::Value = serde_json::from_str(json).map_err(error_of)?;
     if let Some(extras) = value.as_object_mut() {
         const KEYS: [&str; 11] = [
             "title", "heights", "visible", "hidden", "overlaps", "sealed", "opaque", "spawn",
@@ -124,7 +125,7 @@ pub(super) fn tell_extras(json: &str, room: &mut RoomDeclaration) -> Result<(), 
         extras.retain(|key, _| KEYS.contains(&key.as_str()));
         extras.remove("behind");
     }
-    let entry: Entry<String> = serde_json::from_value(value).map_err(fault)?;
+    let entry: Entry<String> = serde_json::from_value(value).map_err(error_of)?;
     if let Some(heights) = entry.heights {
         for shape in &mut room.shapes {
             if let Shape::Plan { heights: all, .. } = shape {
@@ -132,7 +133,7 @@ pub(super) fn tell_extras(json: &str, room: &mut RoomDeclaration) -> Result<(), 
             }
         }
     }
-    entry.tell(room, &|text: &String| LocatedName { text: text.clone(), place: place.clone() });
+    entry.apply(room, &|text: &String| LocatedName { text: text.clone(), place: place.clone() });
     Ok(())
 }
 
@@ -143,7 +144,7 @@ struct File {
     room: Vec<Spanned<Entry<Spanned<String>>>>,
 }
 
-/// A room; `S` is a name.
+/// A room. `S` is a name.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields, bound = "S: DeserializeOwned")]
 struct Entry<S> {
@@ -231,8 +232,8 @@ impl<S: DeserializeOwned> Entry<S> {
         Ok(shapes)
     }
 
-    /// Gives a room all but its shapes.
-    fn tell(self, room: &mut RoomDeclaration, name: &dyn Fn(&S) -> LocatedName) {
+    /// Sets all of a room but its shapes.
+    fn apply(self, room: &mut RoomDeclaration, name: &dyn Fn(&S) -> LocatedName) {
         let set = |set: Set<S>| SetDeclaration {
             rooms: set.rooms.iter().map(name).collect(),
             objects: set.objects.iter().map(name).collect(),

@@ -1,40 +1,41 @@
-//! The plan of a storey, and the areas that it falls apart into.
+//! The plan of a storey, divided into areas.
 //!
-//! It is sampled on a grid. What a body cannot pass is closed; from how far each open place is from what is
-//! closed follows how wide it is there. Places are taken from the widest to the narrowest (a watershed): one
-//! next to an area belongs to it, and one between two joins them, unless it is much narrower than both.
+//! The plan is sampled on a grid of places. A place that a body cannot pass is closed. The distance of an
+//! open place from the nearest closed one tells how wide the plan is there. A watershed (Vincent and
+//! Soille 1991) takes places from the widest to the narrowest. A place next to an area belongs to it. A
+//! place between two areas joins them, unless it is much narrower than both.
 
 use glam::Vec3;
 use rayon::prelude::*;
 use sightline_world::{World, geometry::Aabb};
 
-/// The grid's step, in metres, or more where a building is large …
+/// The step of the grid, in metres, or more where a building is large …
 const STEP_M: f32 = 0.125;
-/// … so that it has no more places along a side.
+/// … so that the grid has at most this many places along a side.
 const SIDE_MAX: f32 = 2_400.0;
-/// A place is closed where there is something at all of these heights above the floor, in metres: tables are
+/// A place is closed when it is solid at all of these heights above the floor, in metres. Tables are
 /// lower, and lintels higher.
 const HEIGHTS_M: [f32; 3] = [1.0, 1.4, 1.8];
-/// What is walked on is no further from the storey's floor, in metres: below it, and above.
+/// A walkable place is no farther than this below and above the floor of the storey, in metres.
 const FLOOR_M: [f32; 2] = [0.4, 0.9];
-/// An opening is a door when it is narrower than this part of the narrower of the areas that it joins.
+/// An opening is a door when it is narrower than this share of the narrower of the areas that it joins.
 const NECK: f32 = 0.7;
-/// A roof is at least so far above the floor, in metres.
+/// A roof is at least this far above the floor, in metres.
 const ROOF_M: f32 = 1.9;
-/// Smaller areas are no rooms, in square metres.
+/// The smallest area of a room, in square metres.
 const AREA_MIN_M2: f32 = 1.5;
 
 /// The area that a place belongs to.
 type Label = Option<u32>;
 
-/// What most of the plan under a cell is.
+/// What fills most of the plan under a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ground {
-    /// A part of this area.
+    /// This area.
     Area(u32),
-    /// Closed: a wall, or furniture.
+    /// Closed places: a wall, or furniture.
     Closed,
-    /// Anything else, such as what is outside.
+    /// Other places, such as the outside.
     Elsewhere,
 }
 
@@ -50,7 +51,7 @@ pub(super) struct Areas {
 }
 
 impl Areas {
-    /// The areas of the storey on whose floor feet are at a height.
+    /// The areas of the storey whose floor is at this height.
     pub(super) fn of_storey(world: &World, feet: f32) -> Self {
         let bounds = &world.cells.bounds;
         let size = bounds.size();
@@ -86,8 +87,7 @@ impl Areas {
             && solid(-FLOOR_M[0], FLOOR_M[1])
     }
 
-    /// Whether there is something above a place. Maps made for Quake are closed all around, and their
-    /// skies are not drawn.
+    /// Whether a place has a roof. Quake maps are closed all around, and their skies are not drawn.
     fn is_roofed(&self, world: &World, at: usize) -> bool {
         let foot = world.cells.axes.world(self.point(at));
         let bounds = world.octree.bounds();
@@ -97,7 +97,7 @@ impl Areas {
         world.origin.is_some() || world.octree.solid_in(&column)
     }
 
-    /// Drops what is outside, without a roof or reaching the edge of the plan, and what is tiny.
+    /// Keeps areas that are rooms: large enough, under a roof, and not at the edge of the plan.
     fn keep_rooms(&mut self, world: &World) {
         let labels =
             self.labels.iter().flatten().map(|label| *label as usize + 1).max().unwrap_or(0);
@@ -134,11 +134,11 @@ impl Areas {
         }
     }
 
-    /// What most of the plan under a box in own axes is.
+    /// What fills most of the plan under a box in own axes.
     pub(super) fn under(&self, region: &Aabb) -> Ground {
         let range = |min: f32, max: f32, from: f32, count: usize| {
             let at = |x: f32| (((x - from) / self.step).max(0.0) as usize).min(count);
-            // Places whose middle is inside, or the one at the middle of what is narrower than a step.
+            // The places whose middles are inside, or one place when the box is narrower than a step.
             let (low, high) = (at(min + self.step * 0.5), at(max + self.step * 0.5));
             let middle = at((min + max) * 0.5);
             if low < high { low..high } else { middle..(middle + 1).min(count) }
@@ -164,7 +164,8 @@ impl Areas {
     }
 }
 
-/// How far each open place is from what is closed, in steps: exact, after Felzenszwalb and Huttenlocher (2012).
+/// The distance of each open place from the nearest closed one, in steps. It is exact (Felzenszwalb and
+/// Huttenlocher 2012).
 fn distances(open: &[bool], columns: usize, rows: usize) -> Vec<f32> {
     let far = (columns + rows) as f32;
     let mut squares: Vec<f32> =
@@ -184,7 +185,7 @@ fn distances(open: &[bool], columns: usize, rows: usize) -> Vec<f32> {
     squares.iter().map(|square| square.sqrt()).collect()
 }
 
-/// For each place, the least of all values there are, each plus the square of how far away it is.
+/// For each place, the least of all values, each plus the square of its distance.
 fn lower_envelope(values: &[f32]) -> Vec<f32> {
     let mut roots: Vec<(usize, f32)> = Vec::with_capacity(values.len());
     for (at, value) in values.iter().enumerate() {
@@ -212,7 +213,7 @@ fn lower_envelope(values: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// Gives each open place the area that it belongs to.
+/// The area of each open place.
 fn watershed(width: &[f32], columns: usize, rows: usize) -> Vec<Label> {
     let mut order: Vec<usize> = (0..width.len()).filter(|at| width[*at] > 0.0).collect();
     order.sort_by(|a, b| width[*b].total_cmp(&width[*a]).then(a.cmp(b)));
@@ -249,7 +250,7 @@ fn watershed(width: &[f32], columns: usize, rows: usize) -> Vec<Label> {
     labels.into_iter().map(|label| label.map(root)).collect()
 }
 
-/// Areas while they grow together.
+/// Areas that grow and join.
 #[derive(Default)]
 struct Basins {
     above: Vec<u32>,
@@ -270,12 +271,12 @@ impl Basins {
         at
     }
 
-    /// How wide it is where it is widest.
+    /// The width of an area where it is widest.
     fn peak(&self, root: u32) -> f32 {
         self.peaks[root as usize]
     }
 
-    /// The first has the higher peak.
+    /// Joins two areas, of which the first has the higher peak.
     fn join(&mut self, first: u32, other: u32) {
         self.above[other as usize] = first;
     }

@@ -1,8 +1,8 @@
 //! The cells of an area, and the boxes that they make.
 //!
-//! A room's boxes are unions of whole cells: where somebody is in the box, the cell is one of the room's. A
-//! box grows from the largest cell of the area, side by side, as long as what is added is mostly of the
-//! area, and no cell of another area, nor one that is no box, gets into it. What is solid does not count.
+//! The boxes of a room are unions of whole cells: every cell in a box belongs to the room. A box grows from
+//! the largest cell of the area, side by side. It grows as long as most of what is added belongs to the area,
+//! and no cell of another area and no cell that is not a box gets into it. Solid space does not count.
 
 use std::collections::HashMap;
 
@@ -14,24 +14,24 @@ use super::areas::{Areas, Ground};
 
 /// [`CELL_OVERLAP_M`] in single precision.
 const TOUCH_M: f32 = CELL_OVERLAP_M as f32;
-/// What a box grows by is of the area by at least this part.
+/// At least this share of what a box grows by belongs to the area.
 const FILL_MIN: f32 = 0.5;
-/// No room has more boxes …
+/// The most boxes of a room …
 const BOXES_MAX: usize = 12;
-/// … and none after the first is smaller than this part of the area.
+/// … and the least share of the area for every box but the first.
 const PART_MIN: f32 = 0.06;
-/// Areas are found by what cells have at this height above the floor, in metres.
+/// The height above the floor at which cells belong to areas, in metres.
 const CUT_M: f32 = 1.3;
-/// Cells that begin no further below the floor belong to its storey, in metres.
+/// A cell belongs to a storey when it begins no farther below the floor, in metres.
 const BELOW_M: f32 = 0.5;
 
-/// A room in the making.
+/// A room that is being made.
 pub(super) struct Extent {
     pub(super) boxes: Vec<Aabb>,
     pub(super) cells: Vec<CellId>,
 }
 
-/// The rooms of a storey between two heights. Cells that are taken belong to rooms below.
+/// The rooms of a storey between two heights. Taken cells belong to rooms of lower storeys.
 pub(super) fn rooms(
     world: &World,
     areas: &Areas,
@@ -62,7 +62,7 @@ pub(super) fn rooms(
     by_label.into_iter().zip(0..).filter_map(|(own, label)| grower.grow(own, label)).collect()
 }
 
-/// Which cells fill the box around them.
+/// Which cells fill their boxes.
 fn boxes_among(cells: &Cells) -> Vec<bool> {
     let mut is_box = vec![true; cells.cells.len()];
     let mut left = vec![(0u32, Vec::new())];
@@ -90,7 +90,7 @@ fn boxes_among(cells: &Cells) -> Vec<bool> {
 
 struct Grower<'a> {
     cells: &'a Cells,
-    /// Of the cells that may belong to rooms of this storey, what is under them.
+    /// What is under each cell that may belong to a room of this storey.
     grounds: &'a HashMap<CellId, Ground>,
     feet: f32,
 }
@@ -100,7 +100,7 @@ impl Grower<'_> {
         &self.cells.cells[cell.0 as usize].bounds
     }
 
-    /// The boxes of an area that has some cells.
+    /// The boxes of an area, given its cells.
     fn grow(&self, mut own: Vec<CellId>, label: u32) -> Option<Extent> {
         let all: f32 = own.iter().map(|cell| volume(self.bounds(*cell))).sum();
         let mut extent = Extent { boxes: Vec::new(), cells: Vec::new() };
@@ -124,7 +124,7 @@ impl Grower<'_> {
         (!extent.boxes.is_empty()).then_some(extent)
     }
 
-    /// The largest box that can be had around a cell, and all cells in it.
+    /// The box that grows around a cell, and all cells in it.
     fn box_from(&self, seed: CellId, label: u32, extent: &Extent) -> Option<(Aabb, Vec<CellId>)> {
         let (mut region, mut inside) = self.closed(*self.bounds(seed), label, extent)?;
         loop {
@@ -134,7 +134,7 @@ impl Grower<'_> {
         }
     }
 
-    /// The box further out on one side, by what is the least step there, if that is mostly of the area.
+    /// The box grown on one side by the least step there, if most of that belongs to the area.
     fn grown(
         &self,
         region: &Aabb,
@@ -171,8 +171,8 @@ impl Grower<'_> {
         (own.sum::<f32>() >= FILL_MIN * added).then_some((larger, inside))
     }
 
-    /// The smallest box around one that cuts no cell, and the cells in it; none when it would have one that it
-    /// may not.
+    /// The smallest box around a box that cuts no cell, and the cells in it. None when it would contain a
+    /// cell that it may not have.
     fn closed(&self, region: Aabb, label: u32, extent: &Extent) -> Option<(Aabb, Vec<CellId>)> {
         let mut region = region;
         loop {
@@ -192,7 +192,7 @@ impl Grower<'_> {
     fn is_own(&self, cell: CellId, label: u32) -> bool {
         match self.grounds.get(&cell) {
             Some(Ground::Area(known)) => *known == label,
-            // What is above or below furniture belongs to what is around it.
+            // A cell above or below furniture belongs to the area around it.
             Some(Ground::Closed) => !self.is_cut(cell),
             _ => false,
         }
@@ -211,7 +211,7 @@ impl Grower<'_> {
         bounds.min.y <= self.feet + CUT_M && bounds.max.y > self.feet + CUT_M
     }
 
-    /// The cells that share volume with a box.
+    /// The cells that overlap a box.
     fn overlapping(&self, region: &Aabb) -> Vec<CellId> {
         let mut found = Vec::new();
         self.cells.overlapping(&region.grown(-TOUCH_M * 0.5), &mut found);

@@ -1,4 +1,4 @@
-//! Where one sees out of a room: the portals from its cells to others, joined to few windows.
+//! The openings of a room: portals from its cells to others, joined to a few windows.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -7,10 +7,10 @@ use sightline_world::{Polygon, World, geometry::Aabb, tolerance::TOUCH_M};
 
 use super::room::{SuggestedRoom, SuggestedWindow};
 
-/// Rectangles that are no further apart are one window, in metres.
+/// Rectangles no farther apart than this are one window, in metres.
 const APART_M: f32 = 0.02;
 
-/// Where openings lie, and what they are to: joined when it is the same.
+/// The plane of an opening and the room behind it. Openings with the same key are joined.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Wall {
     axis: u8,
@@ -18,7 +18,7 @@ struct Wall {
     to: Option<usize>,
 }
 
-/// The windows of a room that has some cells. `taken` tells for each cell which room has it.
+/// The windows of a room. `taken` gives the room of each cell.
 pub(super) fn windows(
     world: &World,
     taken: &[Option<usize>],
@@ -69,8 +69,8 @@ pub(super) fn windows(
         .collect()
 }
 
-/// Rectangles of one plane, those that touch as the one around them, where that is on the boundary of the room
-/// too: larger, never smaller.
+/// Joins rectangles of one plane that touch, where the rectangle around them is on the boundary of the
+/// room too. Windows become larger, never smaller.
 fn joined(mut parts: Vec<Aabb>, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
     let mut at = 0;
     while at < parts.len() {
@@ -82,7 +82,7 @@ fn joined(mut parts: Vec<Aabb>, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
             Some(other) => {
                 let other = parts.swap_remove(other);
                 parts[at] = parts[at].union(&other);
-                // It may touch now what it did not before.
+                // The joined rectangle may touch others.
                 at = 0;
             }
             None => at += 1,
@@ -91,7 +91,7 @@ fn joined(mut parts: Vec<Aabb>, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
     parts
 }
 
-/// Whether a rectangle that is flat along an axis is part of one side of one box, and not inside of another.
+/// Whether a rectangle is part of one side of one box, and inside no other box.
 fn is_on_boundary(boxes: &[Aabb], part: &Aabb, axis: u8) -> bool {
     let axis = usize::from(axis);
     let beside = |far: f32| {
@@ -105,7 +105,7 @@ fn is_on_boundary(boxes: &[Aabb], part: &Aabb, axis: u8) -> bool {
     (holds(&sides[0]) && !meets(&sides[1])) || (holds(&sides[1]) && !meets(&sides[0]))
 }
 
-/// The corners of a rectangle that is flat along an axis, in order around it.
+/// The corners of a rectangle perpendicular to an axis, in order.
 fn corners(part: &Aabb, axis: u8) -> Vec<Vec3> {
     let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(usize::from);
     let ends = [part.min, part.max];

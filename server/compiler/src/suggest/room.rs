@@ -3,24 +3,24 @@
 use glam::Vec3;
 use sightline_world::{CellId, geometry::Aabb};
 
-/// A room that is suggested.
+/// A suggested room.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SuggestedRoom {
-    /// Storey and number.
+    /// A name made of the storey and a number.
     pub name: String,
-    /// What it takes up, in own axes.
+    /// The boxes that it fills, in the building's own axes.
     pub boxes: Vec<Aabb>,
-    /// Where one sees out of it.
+    /// The windows, through which lines of sight leave it.
     pub windows: Vec<SuggestedWindow>,
-    /// The cells that it consists of, ascending.
+    /// Its cells, ascending.
     pub cells: Vec<CellId>,
 }
 
-/// A window that is suggested.
+/// A suggested window.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SuggestedWindow {
-    /// Where it leads.
+    /// A name that says where the window leads.
     pub name: String,
-    /// In the world, in order around it.
+    /// The corners in order, in the world's axes.
     pub corners: Vec<Vec3>,
 }

@@ -8,18 +8,19 @@ use sightline_world::{World, geometry::Aabb};
 use super::room::SuggestedRoom;
 
 const HEAD: &str = "\
-# Rooms as the building suggests them. What is here is where they are and where one sees out of them: a room with
-# windows shows itself, and what its windows show. Name them, take out what is no room, and say what only you know:
+# Rooms that the building suggests: their shapes, and their windows. From a room with windows, only the room
+# itself and what lies behind its windows is visible. Rename the rooms, delete what is not a room, and add:
 #
-#   title = \"Board room\"        what people are told that it is called
-#   visible = { rooms = [], objects = [], cells = [] }    all that may be seen from inside, windows apart; or
-#   hidden = { rooms = [], objects = [], cells = [] }     what may not, all else may
+#   title = \"Board room\"        the name that people read
+#   visible = { rooms = [], objects = [], cells = [] }    all that is visible from inside, besides windows; or
+#   hidden = { rooms = [], objects = [], cells = [] }     all that is not; everything else may be visible
 #   sealed = true               nobody inside is told of anybody outside, nor the other way round
-#   opaque = true               nobody sees through it but through its windows
-#   capacity = 12, tag = \"...\", spawn = { eye = [x, y, z], yaw = degrees }
+#   opaque = true               hides what is behind it, except through its windows (no effect yet)
+#   tag = \"...\"
+#   capacity = 12, spawn = { eye = [x, y, z], yaw = degrees }    (no effect yet)
 ";
 
-/// All rooms.
+/// The TOML of all rooms.
 pub(super) fn write(world: &World, rooms: &[SuggestedRoom]) -> String {
     let mut text = String::from(HEAD);
     let is_turned = world.cells.axes.turn() != 0.0;
@@ -53,11 +54,11 @@ fn list(points: &[Vec3]) -> String {
     format!("[{}]", points.iter().map(point).collect::<Vec<_>>().join(", "))
 }
 
-/// To a hundredth of a millimetre: exact enough for walls to meet.
+/// A point, rounded to a hundredth of a millimetre: exact enough for walls to meet.
 fn point(at: &Vec3) -> String {
     let number = |x: f32| {
         let rounded = (f64::from(x) * 1e5).round() / 1e5;
-        // No minus before a nought.
+        // Adding zero removes the minus sign of zero.
         format!("{}", rounded + 0.0)
     };
     format!("[{}, {}, {}]", number(at.x), number(at.y), number(at.z))

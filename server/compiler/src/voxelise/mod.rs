@@ -1,9 +1,9 @@
 //! From surfaces to the octree: every voxel that a triangle touches, with the mean of its materials.
 //!
-//! The grid is cut into the octree's blocks. Triangles are first scattered to the blocks they touch,
-//! then each block is halved down to voxels and packed on its own, on any thread, so that
-//! voxels in the making are held for a block at a time; blocks follow one another in the
-//! order of their keys, so the result does not depend on the threads.
+//! The grid is cut into the blocks of the octree. First, triangles are scattered to the blocks that they
+//! touch. Then each block is halved down to voxels and packed on its own, on any thread, so that only one
+//! block of voxels per thread is in memory. Blocks follow in the order of their keys, so the result does
+//! not depend on the threads.
 
 mod material_mean;
 mod overlap;
@@ -29,42 +29,42 @@ use crate::{
 use material_mean::MaterialMean;
 use overlap::Overlap;
 
-/// No world has more voxels: the octree of so many takes about 640 MiB, and to make it 2 GiB.
+/// The most voxels of a world. Such an octree takes about 640 MiB, and 2 GiB while it is made.
 pub const VOXELS_MAX: usize = 128 << 20;
 
-/// What [`default_voxel`] aims to stay below: an octree of about 100 MiB.
+/// [`default_voxel`] aims at fewer voxels than this: an octree of about 100 MiB.
 const VOXELS_DEFAULT: f64 = 20.0e6;
 
-/// The least edge that makes sense, in metres.
+/// The least edge of a voxel, in metres.
 const EDGE_MIN: f32 = 0.001;
 
-/// The greatest edge that makes sense, in metres.
+/// The greatest edge of a voxel, in metres.
 const EDGE_MAX: f32 = 100.0;
 
-/// No more pairs of block and triangle are kept: 8 bytes each.
+/// The most pairs of a block and a triangle: 8 bytes each.
 const SCATTERED_MAX: usize = 64 << 20;
 
-/// Where the grid's lines lie between whole multiples of the voxel. Authors put walls and floors at
-/// round places; a surface exactly between two voxels would fill both. Upward, voxels reach just
-/// above the surfaces, so that one stands on the floor and not over it.
+/// The offset of the grid from whole multiples of the voxel. Authors put walls and floors at round
+/// coordinates, and a surface exactly between two voxels would fill both. Upwards, voxels reach just above
+/// surfaces, so that feet stand on the floor and not above it.
 const GRID_SHIFT: Vec3 = Vec3::new(0.37, 0.87, 0.37);
 
-/// Why there are no voxels.
+/// Why a model cannot be voxelised.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum VoxeliseError {
-    /// More than memory should hold.
+    /// The voxels would take too much memory.
     #[error("voxels of {voxel} m are too many for this model; --voxel {enough} would do")]
     TooMany {
-        /// What was asked for, in metres.
+        /// The edge that was asked for, in metres.
         voxel: f32,
-        /// An edge that would do, in metres.
+        /// An edge that is large enough, in metres.
         enough: f32,
     },
-    /// No such edge.
+    /// The edge is out of range.
     #[error("--voxel must be between {EDGE_MIN} and {EDGE_MAX} metres, not {0}")]
     Edge(f32),
-    /// The progress callback said so.
+    /// The progress callback broke the work.
     #[error("cancelled")]
     Cancelled,
     /// The octree cannot be made.
@@ -72,29 +72,30 @@ pub enum VoxeliseError {
     Octree(#[from] OctreeError),
 }
 
-/// An edge that suits a model, in metres: 1/32, or as many times 4/3 and 3/2 in turn as a large
-/// building needs. Every second one is a power of two.
+/// An edge that suits a model, in metres: 1/32, or more for a large building, in alternating steps of 4/3
+/// and 3/2. Every second edge is a power of two.
 pub fn default_voxel(surfaces: &[Surface], bounds: &Aabb) -> f32 {
     let powers = std::iter::successors(Some(1.0 / 32.0), |power| Some(power * 2.0));
     let mut edges = powers.flat_map(|power| [power, power * 4.0 / 3.0]);
     edges.find(|&edge| fits(surfaces, bounds, edge, VOXELS_DEFAULT)).unwrap_or(EDGE_MAX)
 }
 
-/// The least double, fourfold and so on of an edge that does.
+/// An edge that is large enough: the given one, doubled until the voxels fit.
 fn enough(surfaces: &[Surface], bounds: &Aabb, voxel: f32) -> f32 {
     let mut edges = std::iter::successors(Some(voxel * 2.0), |edge| Some(edge * 2.0));
     let edge = edges.find(|&edge| fits(surfaces, bounds, edge, 0.8 * VOXELS_MAX as f64));
     edge.unwrap_or(EDGE_MAX)
 }
 
-/// Whether about so many voxels are enough, or the edge cannot be larger anyway.
+/// Whether a model needs at most about this many voxels, or the edge cannot be larger anyway.
 fn fits(surfaces: &[Surface], bounds: &Aabb, edge: f32, voxels: f64) -> bool {
     let can_be_larger = edge < EDGE_MAX * 0.5;
     let is_small = voxels_about(surfaces, edge) <= voxels && depth_for(bounds, edge) <= DEPTH_MAX;
     is_small || !can_be_larger
 }
 
-/// A slanted plane fills more voxels than its area, and overlapping ones fill fewer.
+/// An estimate of the number of voxels. A slanted surface fills more voxels than its area, and
+/// overlapping surfaces fill fewer.
 fn voxels_about(surfaces: &[Surface], voxel: f32) -> f64 {
     let area = surfaces.iter().flat_map(Surface::corners).map(doubled_area).sum::<f64>() / 2.0;
     1.2 * area / f64::from(voxel * voxel)
@@ -105,18 +106,18 @@ fn doubled_area([a, b, c]: [Vec3; 3]) -> f64 {
     if area.is_finite() { area } else { 0.0 }
 }
 
-/// The least depth with which a grid covers a box, wherever its lines lie.
+/// The least depth of a grid that covers a box, wherever its lines lie.
 fn depth_for(bounds: &Aabb, voxel: f32) -> u8 {
     let across = (bounds.size().max_element() / voxel).max(1.0) + 2.0;
     across.log2().ceil().min(255.0) as u8
 }
 
-/// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches.
-/// `progress` is told the part done, from 0 to 1, from any thread; when it breaks, no more work is begun.
+/// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches. `progress` hears
+/// the share that is done, from 0 to 1, from any thread. When it breaks, no more work begins.
 ///
 /// # Errors
 ///
-/// When there would be too many voxels, the edge makes no sense, or `progress` breaks.
+/// When there would be too many voxels, the edge is out of range, or `progress` breaks.
 pub fn voxelise(
     surfaces: &[Surface],
     bounds: &Aabb,
@@ -128,7 +129,7 @@ pub fn voxelise(
     }
     let too_many = || VoxeliseError::TooMany { voxel, enough: enough(surfaces, bounds, voxel) };
     let depth = depth_for(bounds, voxel);
-    // Far too many need not be tried.
+    // A hopeless number of voxels is not tried.
     if depth > DEPTH_MAX || voxels_about(surfaces, voxel) > 4.0 * VOXELS_MAX as f64 {
         return Err(too_many());
     }
@@ -141,7 +142,7 @@ pub fn voxelise(
         .par_iter()
         .map(|(&key, triangles)| {
             let mut voxels = Vec::new();
-            // Once there are too many, the rest need not be made: all is thrown away.
+            // Once there are too many voxels, the rest is not made: the result is an error.
             let given_up = filled.load(Ordering::Relaxed) > VOXELS_MAX;
             if given_up || cancelled.load(Ordering::Relaxed) {
                 return Ok(None);
@@ -164,13 +165,14 @@ pub fn voxelise(
     Ok(Octree::from_blocks(origin, voxel, depth, parts.into_iter().flatten().collect())?)
 }
 
-/// A triangle of a surface.
+/// A triangle of a surface, by indices.
 #[derive(Clone, Copy)]
 struct Face {
     surface: u32,
     triangle: u32,
 }
 
+/// The voxel grid, and what fills it.
 struct Grid<'a> {
     surfaces: &'a [Surface],
     palette: Palette,
@@ -180,7 +182,7 @@ struct Grid<'a> {
 }
 
 impl Grid<'_> {
-    /// Which triangles touch which block; `None` when they are too many.
+    /// The triangles that touch each block. `None` when there are too many.
     fn scatter(&self) -> Option<BTreeMap<u64, Vec<Face>>> {
         let mut blocks = BTreeMap::<u64, Vec<Face>>::new();
         let mut total = 0;
@@ -203,14 +205,14 @@ impl Grid<'_> {
         (total <= SCATTERED_MAX).then_some(blocks)
     }
 
-    /// Corners in voxels from a corner of the grid. Through f64, since far from the origin of a
-    /// large model f32 has no digits left for parts of a voxel.
+    /// Corners in voxels, from a corner of the grid. The way leads through f64: far from the origin, f32 has
+    /// no digits left for parts of a voxel.
     fn to_grid(&self, corners: [Vec3; 3], from: Vec3) -> [Vec3; 3] {
         let (origin, from) = (self.origin.as_dvec3(), from.as_dvec3());
         corners.map(|c| ((c.as_dvec3() - origin) / f64::from(self.voxel) - from).as_vec3())
     }
 
-    /// Appends a block's voxels in ascending order of key.
+    /// Appends the voxels of a block, in ascending order of key.
     fn fill(&self, key: u64, faces: &[Face], voxels: &mut Vec<Voxel>) {
         let levels = self.depth.min(BLOCK_LEVELS);
         let corner = unmorton(key) << u32::from(levels);
@@ -264,11 +266,13 @@ fn unmorton(key: u64) -> UVec3 {
     at
 }
 
+/// A triangle that touches a block.
 struct Candidate<'a> {
     overlap: Overlap,
     material: TriangleMaterial<'a>,
 }
 
+/// A block that is being filled.
 struct Block<'a> {
     candidates: Vec<Candidate<'a>>,
     first_key: u64,
@@ -276,6 +280,7 @@ struct Block<'a> {
 }
 
 impl Block<'_> {
+    /// Adds the voxels of a cube that some candidates touch.
     fn descend(&mut self, touching: &[u32], corner: UVec3, levels: u8) {
         if levels == 0 {
             let voxel = self.voxel(touching, corner);

@@ -1,23 +1,23 @@
-//! Whether a triangle touches a cube: its box, its plane, and its outline seen along each axis.
-//! (Schwarz and Seidel, *Fast Parallel Surface and Solid Voxelization on GPUs*, section 3.)
+//! Whether a triangle touches a cube: by its box, its plane, and its projection along each axis (Schwarz
+//! and Seidel 2010, section 3).
 
 use glam::Vec3;
 
-/// What rounding may add up to, in voxels: rather a voxel too many than a hole.
+/// A bound on accumulated rounding, in voxels: rather a voxel too many than a hole.
 const SLACK: f32 = 1.0e-3;
 
-/// A triangle prepared for many tests; lengths are in voxels.
+/// A triangle prepared for many tests. Lengths are in voxels.
 pub(super) struct Overlap {
     corners: [Vec3; 3],
     min: Vec3,
     max: Vec3,
     normal: Vec3,
     offset: f32,
-    /// For each axis, the three lines of the outline seen along it.
+    /// For each axis, the three edge lines of the projection along it.
     outlines: [[Line; 3]; 3],
 }
 
-/// A line in a plane, with the inside where `across · point + offset` is positive.
+/// A line in a plane. The inside is where `across · point + offset` is positive.
 #[derive(Clone, Copy)]
 struct Line {
     across: [f32; 2],
@@ -57,12 +57,12 @@ impl Overlap {
             })
     }
 
-    /// The unit normal; which side it is on follows from the order of the corners.
+    /// The unit normal, on the side given by the order of the corners.
     pub(super) fn normal(&self) -> Vec3 {
         self.normal
     }
 
-    /// The corners' shares in the point of the triangle nearest to this one, or close to that.
+    /// Barycentric weights of the point of the triangle that is nearly the nearest to a point.
     pub(super) fn weights(&self, point: Vec3) -> [f32; 3] {
         let [a, b, c] = self.corners;
         let share =
@@ -72,7 +72,7 @@ impl Overlap {
         if sum > 0.0 { shares.map(|share| share / sum) } else { [1.0 / 3.0; 3] }
     }
 
-    /// The area of the part inside the unit cube around a point, and a little more.
+    /// The area of the part inside the unit cube around a point, plus a little.
     pub(super) fn area_in(&self, centre: Vec3) -> f32 {
         let mut polygon = self.corners.map(|corner| corner - centre).to_vec();
         for axis in 0..3 {
@@ -101,7 +101,7 @@ impl Line {
     }
 }
 
-/// The part of a polygon where `side` × the coordinate is at most a half.
+/// The part of a polygon where `side` times the coordinate is at most a half.
 fn clipped(polygon: &[Vec3], axis: usize, side: f32) -> Vec<Vec3> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, &to) in polygon.iter().enumerate() {
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_triangle_is_none() {
+    fn degenerate_triangles_are_refused() {
         assert!(Overlap::new([Vec3::ZERO, Vec3::X, Vec3::X * 2.0]).is_none());
         assert!(Overlap::new([Vec3::ZERO, Vec3::X, Vec3::NAN]).is_none());
         assert!(Overlap::new([Vec3::ZERO, Vec3::X, Vec3::INFINITY]).is_none());

@@ -108,7 +108,7 @@ fn threads_do_not_matter() {
 }
 
 #[test]
-fn looks_come_from_what_is_there() {
+fn materials_come_from_the_surfaces_inside() {
     let (surfaces, bounds) = scene();
     let octree =
         voxelise(&surfaces, &bounds, 1.0 / 32.0, &|_| ControlFlow::Continue(())).expect("small");
@@ -134,7 +134,7 @@ fn a_wall_on_a_round_place_is_one_voxel_thick() {
 }
 
 #[test]
-fn a_texture_gives_its_mean_to_what_is_coarser() {
+fn coarse_voxels_get_the_mean_of_a_texture() {
     let fine = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([((x ^ y) & 1) as u8 * 200; 3]));
     let corners = [Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0];
     let mut floor = surface(&[corners], [255; 3], false);
@@ -146,7 +146,7 @@ fn a_texture_gives_its_mean_to_what_is_coarser() {
 }
 
 #[test]
-fn too_many_voxels_say_what_would_do() {
+fn too_many_voxels_are_refused_with_an_edge_that_fits() {
     let wide = Vec3::new(400.0, 0.0, 400.0);
     let floor = [surface(
         &[[Vec3::ZERO, wide * Vec3::Z, wide], [Vec3::ZERO, wide, wide * Vec3::X]],
