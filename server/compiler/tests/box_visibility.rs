@@ -1,4 +1,4 @@
-//! Box visibility in real maps, against random lines: see `random_buildings/box_visibility.rs`.
+//! Box visibility in real maps: see `random_buildings/box_visibility.rs`.
 
 #[path = "random_buildings/box_visibility.rs"]
 mod pairs;
@@ -27,7 +27,7 @@ fn nobody_is_missed_between_rooms() {
 fn nobody_is_missed(map: &str, share_min: f64) {
     let Some(path) = shared_file(map) else { return };
     let model = import::read(&path, &[]).unwrap();
-    // The PVS is not asked, so large cells will do.
+    // The PVS is not used, so cells may be coarse.
     let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
     let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
     let mut tally = pairs::BoxPairTally::default();

@@ -1,4 +1,4 @@
-//! What is visible from a box of eyes, against rays.
+//! Visibility from a box of eyes, against rays.
 
 use std::{ops::ControlFlow, time::Instant};
 
@@ -47,14 +47,14 @@ fn point(rng: &mut SmallRng, within: &Aabb) -> Vec3 {
     within.min + within.size() * Vec3::from_array(std::array::from_fn(|_| rng.random()))
 }
 
-/// A place in a cell, by cell or by volume, in the world's axes.
+/// A random place, by cell or by volume, in the world's axes.
 fn place(rng: &mut SmallRng, cells: &Cells) -> Vec3 {
     let cell = &cells.cells[rng.random_range(0..cells.cells.len())].bounds;
     let within = if rng.random_bool(0.5) { cell } else { &cells.bounds };
     cells.axes.world(point(rng, within))
 }
 
-/// A frustum, and a direction in it.
+/// A random frustum, and a direction in it.
 fn look(rng: &mut SmallRng) -> (Frustum, Vec3) {
     let (yaw, pitch) = (rng.random_range(-4.0..4.0f32), rng.random_range(-1.5..1.5f32));
     let (across, upright) = (rng.random_range(0.05..2.5f32), rng.random_range(0.05..2.0f32));
@@ -65,14 +65,14 @@ fn look(rng: &mut SmallRng) -> (Frustum, Vec3) {
     (Frustum::new(yaw, pitch, across, upright), direction.normalize())
 }
 
-/// The union of the rows of the cells that a box in the world's axes overlaps, or is near to.
+/// The union of the PVS rows of the cells that a box overlaps or is near to.
 fn rows(cells: &Cells, viewpoint: &Aabb) -> RoaringBitmap {
     let rows = cells.visible_from(&cells.axes.own_box(viewpoint).grown(1e-4));
     if rows.is_empty() { cells.visible_from_point(viewpoint.centre()) } else { rows }
 }
 
-/// Looks from boxes of all sizes, with and without a frustum, and back along rays from eyes in them.
-/// Tells how many sight lines there were.
+/// Checks boxes of all sizes, with and without a frustum, against rays from eyes in them. Gives the number
+/// of sight lines.
 fn check(world: &World, seed: u64, boxes: usize) -> usize {
     let mut rng = SmallRng::seed_from_u64(seed);
     let (cells, sight) = (&world.cells, Oracle::new(&world.mesh));
@@ -109,8 +109,8 @@ fn check(world: &World, seed: u64, boxes: usize) -> usize {
     found
 }
 
-/// What of its cell's row a box of 10 cm sees on average, and how long that takes, in microseconds:
-/// all around, and with a camera's frustum.
+/// The share of its PVS row that a box of 10 cm sees on average, and the time in microseconds: all around,
+/// and with the frustum of a camera.
 fn figures(world: &World, boxes: usize) -> [(f64, f64); 2] {
     let mut rng = SmallRng::seed_from_u64(1);
     let cells = &world.cells;
@@ -131,7 +131,8 @@ fn figures(world: &World, boxes: usize) -> [(f64, f64); 2] {
     })
 }
 
-/// Whole cells see what their rows hold, nearly; a hair less, lest their neighbours do too.
+/// The share of its PVS row that a whole cell sees. Boxes are a little smaller than cells, so that they do
+/// not touch neighbours.
 fn part_seen_by_whole_cells(world: &World, count: usize) -> f64 {
     let (lines, mut scratch) = (Sightlines::new(&world.cells), FlowScratch::default());
     let cells = world.cells.cells.iter().enumerate();
@@ -182,7 +183,7 @@ fn a_map_from_boxes_of_eyes() {
     assert!(around < 0.95 && ahead < 0.35, "{around}, {ahead}");
 }
 
-/// Eyes in something solid are taken for eyes beside it; nowhere, and nothing, sees nothing.
+/// An eye in something solid counts as an eye beside it. Invalid and empty boxes see nothing.
 #[test]
 fn odd_boxes() {
     let world = compiled(&building(1, 1));
@@ -192,7 +193,7 @@ fn odd_boxes() {
         assert!(from(Aabb::around(Vec3::splat(odd), 1.0)).is_empty());
     }
     assert!(from(Aabb::EMPTY).is_empty());
-    // Out of bounds: as from the boundary.
+    // An eye out of bounds counts as an eye on the boundary.
     assert!(!from(Aabb::around(Vec3::splat(1e6), 1.0)).is_empty());
     let mut rng = SmallRng::seed_from_u64(5);
     let mut solid = 0;

@@ -1,4 +1,4 @@
-//! What an octree takes, in memory and on the wire.
+//! The size of an octree, in memory and on the wire.
 
 use std::ops::ControlFlow;
 
@@ -10,8 +10,9 @@ use sightline_compiler::{
 };
 use sightline_fixtures::shared_files::shared_file;
 
-/// A leaf takes so much, with its part of inner nodes and materials.
+/// The most bytes of a leaf in memory, with its share of inner nodes and materials.
 const MEMORY_BYTES_MAX: f64 = 6.0;
+/// The most bytes of a leaf on the wire.
 const WIRE_BYTES_MAX: f64 = 1.0;
 
 fn check(name: &str, model: &Model, voxel: f32) {

@@ -1,4 +1,4 @@
-//! Suggested rooms against what was planned.
+//! Suggested rooms against the plan of the building.
 
 use std::ops::ControlFlow;
 
@@ -17,9 +17,9 @@ use sightline_oracle::Oracle;
 use sightline_visibility::rooms::{RoomIndex, RoomVerdict};
 use sightline_world::{World, geometry::Aabb, rooms::RoomId};
 
-/// A room is found when a suggestion shares so much of its plan with it, as a part of what either has.
+/// A room is found when a suggestion overlaps its plan by this share of their union.
 const SHARED: f32 = 0.8;
-/// So many of the real rooms are found.
+/// This share of the real rooms is found.
 const FOUND: f32 = 0.95;
 
 fn compiled(model: &Model, voxel: f32) -> World {
@@ -32,7 +32,7 @@ fn suggested(world: &World) -> Vec<SuggestedRoom> {
     suggest::suggest(world, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
-/// What a room shares with a rectangle of the plan at a height, as a part of what either has.
+/// The overlap of a suggested room with a rectangle of the plan at a height, as a share of their union.
 fn shared(world: &World, room: &SuggestedRoom, [min, max]: [Vec2; 2], height: f32) -> f32 {
     let area = |min: Vec2, max: Vec2| (max - min).max(Vec2::ZERO).element_product();
     let boxes = room.boxes.iter().map(|region| world.cells.axes.world_box(region));
@@ -44,7 +44,7 @@ fn shared(world: &World, room: &SuggestedRoom, [min, max]: [Vec2; 2], height: f3
     both / (own + area(min, max) - both)
 }
 
-/// Checks how many of some rooms, each a rectangle of the plan and a height, are suggested.
+/// Checks how many real rooms are suggested. Each is a rectangle of the plan and a height.
 fn check(world: &World, real: &[([Vec2; 2], f32)], name: &str) -> Vec<SuggestedRoom> {
     let rooms = suggested(world);
     let best = |(rect, height): &([Vec2; 2], f32)| {
@@ -61,7 +61,7 @@ fn check(world: &World, real: &[([Vec2; 2], f32)], name: &str) -> Vec<SuggestedR
     rooms
 }
 
-/// What is suggested is read without a word, and rules out nobody whom rays show.
+/// Suggested rooms are read without an error, and rule out nothing that rays show.
 fn is_sound(model: &Model, world: &mut World, suggested: &[SuggestedRoom]) {
     let toml = suggest::to_toml(world, suggested);
     let declared = text::read(&toml, "suggested.toml").unwrap();

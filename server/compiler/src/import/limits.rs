@@ -1,4 +1,4 @@
-//! What every importer holds its input to.
+//! Limits and helpers of all importers.
 
 use std::{
     fs::File,
@@ -9,17 +9,18 @@ use std::{
 use glam::Vec3;
 use image::{ImageFormat, ImageReader, RgbImage};
 
-/// No coordinate is further from the origin, in metres.
+/// The greatest distance of a coordinate from the origin, in metres.
 pub(crate) const EXTENT_MAX: f32 = 100_000.0;
-/// The most places to begin that a model keeps.
+/// The most spawn points of a model.
 pub(crate) const SPAWNS_MAX: usize = 10_000;
-/// The largest file that is read: 1 GiB.
+/// The largest file: 1 GiB.
 const FILE_BYTES_MAX: u64 = 1 << 30;
-/// The widest or highest texture, in pixels.
+/// The greatest width and height of a texture, in pixels.
 const TEXTURE_EDGE_MAX: u32 = 8192;
+/// The longest title, in characters.
 const TITLE_CHARS_MAX: usize = 64;
 
-/// The bytes of a regular file of a size that can be dealt with.
+/// The bytes of a regular file, within the limit of size.
 pub(crate) fn read_file(path: &Path) -> io::Result<Vec<u8>> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() {
@@ -33,7 +34,7 @@ pub(crate) fn read_file(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A title for a model that has none: the file's name without its extension.
+/// The title of a model that has none: the name of the file without its extension.
 pub(crate) fn title_of(path: &Path) -> String {
     path.file_stem().map_or_else(|| "building".into(), |stem| stem.to_string_lossy().into_owned())
 }
@@ -50,12 +51,12 @@ pub(crate) fn is_sane(point: Vec3) -> bool {
     point.abs().cmple(Vec3::splat(EXTENT_MAX)).all()
 }
 
-/// Whether a triangle is more than a line or a point, by far less than one can see.
+/// Whether a triangle has an area. The limit is far below what is visible.
 pub(crate) fn has_area([a, b, c]: [Vec3; 3]) -> bool {
     (b - a).as_dvec3().cross((c - a).as_dvec3()).length_squared() > 1e-18
 }
 
-/// From a linear colour component to an sRGB byte; what is no number becomes 0.
+/// The sRGB byte of a linear colour component. NaN becomes 0.
 pub(crate) fn srgb_byte(linear: f32) -> u8 {
     let value = linear.clamp(0.0, 1.0);
     let encoded =
@@ -63,7 +64,7 @@ pub(crate) fn srgb_byte(linear: f32) -> u8 {
     (encoded * 255.0).round() as u8
 }
 
-/// Decodes a PNG or JPEG, or a TGA when `format` says so, that takes at most `bytes_max` as RGB.
+/// Decodes a PNG or JPEG, or a TGA when `format` says so, of at most `bytes_max` bytes as RGB.
 pub(crate) fn decode_image(
     bytes: &[u8],
     format: Option<ImageFormat>,

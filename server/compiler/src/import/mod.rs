@@ -16,40 +16,40 @@ use limits::{read_file, title_of};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The file itself cannot be had.
+    /// The file cannot be read.
     #[error("cannot read {path}")]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// There is nothing in it.
+    /// The file is empty.
     #[error("{0} is empty")]
     Empty(PathBuf),
-    /// It is none of the formats that can be read.
+    /// The format is unknown.
     #[error("{0} is neither GLB, glTF nor a Quake III BSP")]
     Format(PathBuf),
     /// A faulty GLB or glTF file.
     #[error("{path}: {source}")]
     Glb {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         source: GlbError,
     },
     /// A faulty BSP file.
     #[error("{path}: {source}")]
     Bsp {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         source: BspError,
     },
 }
 
-/// Reads a building: a .glb, a .gltf with what lies beside it, or a Quake III .bsp with textures
-/// from the archives in which the game keeps them.
+/// Reads a building: a .glb, a .gltf with the files beside it, or a Quake III .bsp with textures from
+/// the archives of the game.
 pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, ReadError> {
     let io = |source| ReadError::Io { path: path.to_owned(), source };
     let bytes = read_file(path).map_err(io)?;

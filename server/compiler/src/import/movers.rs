@@ -1,4 +1,4 @@
-//! From animated surfaces to movers, for every importer.
+//! From animated surfaces to movers.
 
 use glam::Vec3;
 use sightline_world::{
@@ -8,7 +8,7 @@ use sightline_world::{
 use super::limits::tidy_title;
 use crate::{model::Surface, palette::Palette};
 
-/// The movers of a model under construction, within the limits of a world.
+/// The movers of a model, within the limits of a world.
 #[derive(Default)]
 pub(super) struct MoverList {
     movers: Vec<Mover>,
@@ -17,8 +17,8 @@ pub(super) struct MoverList {
 }
 
 impl MoverList {
-    /// Adds a mover of surfaces in its own coordinates. What is too much, or has no triangle, is
-    /// left out.
+    /// Adds a mover, whose surfaces are in its own coordinates. It is left out when it has no triangle, or
+    /// exceeds the limits of a world.
     pub(super) fn add(&mut self, name: &str, surfaces: &[Surface], trajectory: Trajectory) {
         let triangles: usize = surfaces.iter().map(|surface| surface.triangles.len()).sum();
         if self.movers.len() == MOVERS_MAX || self.triangles + triangles > MOVER_TRIANGLES_MAX {
@@ -32,7 +32,7 @@ impl MoverList {
         }
     }
 
-    /// All of them; a warning tells what was left out.
+    /// All movers. A warning counts those left out.
     pub(super) fn finish(self, warnings: &mut Vec<String>) -> Vec<Mover> {
         if self.left_out > 0 {
             warnings.push(format!("{} movers left out: more than a world takes", self.left_out));
@@ -41,7 +41,7 @@ impl MoverList {
     }
 }
 
-/// All triangles, each in the colour that it has about its middle.
+/// The mesh of all triangles, and the colour about the middle of each.
 fn coloured(surfaces: &[Surface]) -> (Mesh, Vec<[u8; 3]>) {
     let palette = Palette::new(surfaces);
     let (mut mesh, mut colours) = (Mesh::default(), Vec::new());
@@ -60,5 +60,6 @@ fn coloured(surfaces: &[Surface]) -> (Mesh, Vec<[u8; 3]>) {
             colours.push(colour.to_array().map(|channel| channel.round() as u8));
         }
     }
+    assert_eq!(mesh.triangles.len(), colours.len(), "a colour for each triangle");
     (mesh, colours)
 }

@@ -5,7 +5,7 @@ use sightline_fixtures::{glb_draft::GlbDraft, shared_files::shared_file};
 use super::*;
 use crate::model::ConvexSolid;
 
-/// The one line that `read` gives for a file with these bytes.
+/// The error of `read` for a file with these bytes, in one line.
 fn error_of(name: &str, bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -20,7 +20,7 @@ fn line(error: ReadError) -> String {
 }
 
 #[test]
-fn what_is_no_building_is_refused_with_one_clear_line() {
+fn invalid_files_are_refused_with_one_clear_line() {
     let glb = sightline_demo_building::glb(1, 1);
     let mut nan = glb.clone();
     // The binary chunk is mostly positions: fill its first half.
@@ -53,10 +53,10 @@ fn what_is_no_building_is_refused_with_one_clear_line() {
     assert!(line(read(&missing, &[]).unwrap_err()).contains("cannot read"));
 }
 
-/// A reader of hostile bytes: whether they gave a model.
+/// A reader of hostile bytes, which tells whether they gave a model.
 type Attempt<'a> = &'a dyn Fn(&[u8]) -> bool;
 
-/// Every byte changed, and every length: an error or a model, never a panic.
+/// Changes every byte, and tries every length. The reader gives an error or a model, and never panics.
 fn damage(bytes: &[u8], attempt: Attempt<'_>) {
     assert!(attempt(bytes));
     for length in 0..bytes.len() {
@@ -91,7 +91,7 @@ fn real(file: &str) -> Option<Model> {
 }
 
 #[test]
-fn real_maps_have_what_they_should() {
+fn real_maps_have_surfaces_solids_and_spawn_points() {
     for (map, solids_min) in
         [("oa_dm4", 600), ("aggressor", 600), ("oa_dm2", 1_200), ("delta", 300)]
     {

@@ -1,4 +1,4 @@
-//! Archives (pk3): where the game keeps images and shader scripts.
+//! Archives (pk3) with images and shader scripts.
 
 use std::{
     collections::HashMap,
@@ -14,20 +14,21 @@ use zip::ZipArchive;
 use super::{error::BspError, shader_script::Scripts};
 use crate::import::limits;
 
-/// The most files of all archives together.
+/// The most files in all archives together.
 const FILES_MAX: usize = 1 << 20;
-/// The largest file that is taken out: 32 MiB.
+/// The largest file in an archive: 32 MiB.
 const FILE_BYTES_MAX: u64 = 32 << 20;
-/// The longest text of all shader scripts together: 32 MiB.
+/// The most text of all shader scripts together: 32 MiB.
 const SCRIPT_BYTES_MAX: usize = 32 << 20;
-/// What one image may take while it is decoded.
+/// The most bytes of one decoded image.
 const DECODE_BYTES_MAX: usize = 256 << 20;
-/// Larger images are made smaller: no voxel is so fine that one would see more.
+/// Larger images are scaled down to this width and height: voxels are never finer.
 const TEXTURE_EDGE: u32 = 128;
+/// The extensions of images, in order of preference.
 const EXTENSIONS: [(&str, Option<ImageFormat>); 4] =
     [("jpg", None), ("tga", Some(ImageFormat::Tga)), ("png", None), ("jpeg", None)];
 
-/// Open archives and what they hold, by name in lower case.
+/// Open archives, and their files by name in lower case.
 pub(super) struct Archives {
     archives: Vec<ZipArchive<BufReader<File>>>,
     files: HashMap<String, (usize, usize)>,
@@ -35,7 +36,7 @@ pub(super) struct Archives {
 }
 
 impl Archives {
-    /// Opens archives; where several hold a file, the last one counts.
+    /// Opens archives. When several hold a file, the last one counts.
     pub fn open(paths: &[PathBuf]) -> Result<Self, BspError> {
         let mut all =
             Self { archives: Vec::new(), files: HashMap::new(), scripts: Scripts::default() };
@@ -50,7 +51,7 @@ impl Archives {
         self.archives.is_empty()
     }
 
-    /// The image of a shader, if it has one that can be read.
+    /// The image of a shader, if it can be read.
     pub fn texture(&mut self, shader: &str) -> Option<Arc<RgbImage>> {
         let shown = self.scripts.image(shader).map(str::to_owned);
         let image = self.image(shader).or_else(|| self.image(&shown?))?;
@@ -66,7 +67,7 @@ impl Archives {
         Some(Arc::new(image))
     }
 
-    /// An image by its name, whatever its extension.
+    /// An image by name, with any extension.
     fn image(&mut self, name: &str) -> Option<RgbImage> {
         let (stem, _) = split_extension(name);
         EXTENSIONS.iter().find_map(|&(extension, format)| {
@@ -116,8 +117,7 @@ impl Archives {
     }
 }
 
-/// The game shows all at twice its brightness, and cuts off what gets too bright. This doubles what is
-/// dark, and what is bright less and less.
+/// The game doubles all brightness and clips. This doubles dark values, and bright ones less and less.
 fn lifted(channel: u8) -> u8 {
     let dark = 255 - u32::from(channel);
     (255 - (dark * dark + 127) / 255) as u8
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_dark_is_doubled_and_nothing_is_cut_off() {
+    fn dark_values_are_doubled_and_bright_ones_are_not_clipped() {
         assert_eq!([0, 10, 128, 254, 255].map(lifted), [0, 20, 192, 255, 255]);
         assert!((0..255).all(|channel| lifted(channel) <= lifted(channel + 1)));
     }

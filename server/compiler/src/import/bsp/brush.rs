@@ -5,18 +5,18 @@ use sightline_world::tolerance::UNIT_F32;
 
 use super::map::{Brush, Plane};
 
-/// No brush reaches further from the origin, in Quake units.
+/// The farthest a brush reaches from the origin, in Quake units.
 const REACH: f64 = 65_536.0;
-/// Points this near a plane lie on it, in Quake units.
+/// A point this near a plane lies on it, in Quake units.
 const ON_PLANE: f64 = 1.0 / 1024.0;
-/// Faces smaller than this are none, in square units: a few square millimetres.
+/// The least area of a face, in square units: a few square millimetres.
 const AREA_MIN: f64 = 1.0 / 128.0;
-/// Vertices lie on a lattice this fine where they do so but for rounding.
+/// Vertices nearly on a lattice are moved onto it. It has this many points per unit.
 const LATTICE: f64 = 64.0;
 const LATTICE_TOLERANCE: f64 = 1.0 / 256.0;
 
-/// The faces of a brush in Quake units, convex polygons each on its plane; `None` when it is
-/// unbounded or not a number.
+/// The faces of a brush, in Quake units: convex polygons, each with its plane. `None` when the brush is
+/// unbounded or not finite.
 pub(super) fn faces(brush: &Brush) -> Option<Vec<(Plane, Vec<DVec3>)>> {
     let planes = distinct(&brush.planes);
     let mut faces = Vec::with_capacity(planes.len());
@@ -28,7 +28,7 @@ pub(super) fn faces(brush: &Brush) -> Option<Vec<(Plane, Vec<DVec3>)>> {
         while winding.len() > 1 && winding.first() == winding.last() {
             winding.pop();
         }
-        // A bevel touches the brush along an edge only.
+        // A bevel plane touches the brush along an edge only.
         if area(&winding) < AREA_MIN {
             continue;
         }
@@ -40,7 +40,7 @@ pub(super) fn faces(brush: &Brush) -> Option<Vec<(Plane, Vec<DVec3>)>> {
     Some(faces)
 }
 
-/// Each plane once.
+/// The planes without duplicates.
 fn distinct(planes: &[Plane]) -> Vec<Plane> {
     let mut distinct: Vec<Plane> = Vec::with_capacity(planes.len());
     for plane in planes {
@@ -51,7 +51,7 @@ fn distinct(planes: &[Plane]) -> Vec<Plane> {
     distinct
 }
 
-/// The axis that a plane is perpendicular to, where it crosses it, and whether it faces along it.
+/// The axis to which a plane is perpendicular, where it crosses the axis, and whether it faces along it.
 fn axial(plane: &Plane) -> Option<(usize, f64, bool)> {
     let axis = (0..3).find(|&axis| plane.normal[axis].abs() == 1.0)?;
     let others = (0..3).filter(|&other| other != axis);
@@ -63,7 +63,7 @@ fn axial(plane: &Plane) -> Option<(usize, f64, bool)> {
     ))
 }
 
-/// A square on a plane, larger than any map; `None` when the plane is none.
+/// A square on a plane, larger than any map. `None` when the plane is invalid.
 fn whole(plane: &Plane) -> Option<Vec<DVec3>> {
     let normal = plane.normal;
     let is_unit = (normal.length_squared() - 1.0).abs() < UNIT_F32;
@@ -91,7 +91,7 @@ fn whole(plane: &Plane) -> Option<Vec<DVec3>> {
     Some(vec![centre - u - v, centre + u - v, centre + u + v, centre - u + v])
 }
 
-/// What of a convex polygon lies within a half-space.
+/// The part of a convex polygon within a half-space.
 fn clipped(winding: &[DVec3], plane: &Plane) -> Vec<DVec3> {
     let height = |p: DVec3| plane.normal.dot(p) - plane.distance;
     let mut kept = Vec::with_capacity(winding.len() + 1);
@@ -110,7 +110,7 @@ fn clipped(winding: &[DVec3], plane: &Plane) -> Vec<DVec3> {
     kept
 }
 
-/// A point between two; exactly on the plane when that is axial.
+/// A point between two others, exactly on the plane when the plane is axial.
 fn crossing(from: DVec3, to: DVec3, share: f64, plane: &Plane) -> DVec3 {
     let mut point = from + (to - from) * share;
     if let Some((axis, at, _)) = axial(plane) {
@@ -119,8 +119,8 @@ fn crossing(from: DVec3, to: DVec3, share: f64, plane: &Plane) -> DVec3 {
     point
 }
 
-/// Moves vertices onto the lattice where rounding alone keeps them from it, so that those of
-/// neighbouring brushes coincide; never off an axial plane of the brush.
+/// Moves vertices that are nearly on the lattice onto it, so that those of neighbouring brushes coincide.
+/// No vertex leaves an axial plane of the brush.
 fn snap(winding: &mut [DVec3], planes: &[Plane]) {
     let levels: Vec<(usize, f64)> =
         planes.iter().filter_map(axial).map(|(axis, at, _)| (axis, at)).collect();
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_unbounded_empty_or_no_number_has_no_faces() {
+    fn unbounded_empty_and_invalid_brushes_have_no_faces() {
         let brush = |planes| Brush { planes, sides: Vec::new(), shader: 0 };
         assert!(faces(&brush(box_planes()[..5].to_vec())).is_none());
         assert!(faces(&brush(vec![plane([f64::NAN; 3], 1.0)])).is_none());

@@ -1,4 +1,4 @@
-//! What a map draws: faces and tessellated patches, by shader, with their light.
+//! The drawn surfaces of a map: faces and tessellated patches, by shader, with their light.
 
 use std::{collections::BTreeMap, ops::Range};
 
@@ -19,20 +19,21 @@ use crate::{
 
 /// The most triangles of a model.
 pub(super) const TRIANGLES_MAX: usize = 4 << 20;
-/// Triangles are divided until their edges are no longer, in Quake units, since light is kept by
-/// vertex: a pixel of a lightmap is 16 units wide.
+/// Triangles are divided until their edges are no longer than this, in Quake units. Light is kept by
+/// vertex, and a pixel of a lightmap is 16 units wide.
 const EDGE_MIN: f32 = 24.0;
-/// In large maps edges stay longer, so that there are about as many triangles.
+/// In large maps edges stay longer, so that there are about this many triangles.
 const DIVIDED_TRIANGLES: f32 = 300_000.0;
-/// One triangle becomes at most two to this power.
+/// How often one triangle is halved at most.
 const DIVISIONS_MAX: u32 = 12;
-/// The same for what moves, which is drawn triangle by triangle.
+/// How often one triangle of a mover is halved at most. Movers are drawn triangle by triangle.
 const DIVISIONS_APART: u32 = 5;
-/// A patch deviates no further from its true curve, in Quake units.
+/// The greatest deviation of a patch from its true curve, in Quake units.
 const CURVE_TOLERANCE: f32 = 1.0;
+/// The most segments of one curve.
 const SEGMENTS_MAX: usize = 16;
 
-/// Adds all that is drawn and does not move, and the patches that block sight.
+/// Adds all drawn surfaces that do not move, and the patches that block sight.
 pub(super) fn surfaces(
     map: &Map<'_>,
     moving: &[Moving],
@@ -68,7 +69,7 @@ pub(super) fn surfaces(
     Ok(())
 }
 
-/// What some faces draw, whatever it is of the model.
+/// The drawn surfaces of some faces, apart from the model.
 pub(super) fn apart(
     map: &Map<'_>,
     faces: Range<usize>,
@@ -123,7 +124,7 @@ fn draw(
     }
 }
 
-/// In square units.
+/// The area, in square units.
 fn area(triangle: &[Vertex; 3]) -> f32 {
     let [a, b, c] = triangle.map(|vertex| vertex.position);
     (b - a).cross(c - a).length() / 2.0
@@ -138,7 +139,7 @@ struct Pieces {
 }
 
 impl Pieces {
-    /// Adds a triangle, divided so that its light is kept; gives how many it has become.
+    /// Adds a triangle, divided so that its light is kept, and gives the number of pieces.
     fn add(
         &mut self,
         triangle: [Vertex; 3],
@@ -247,20 +248,20 @@ fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
     triangles
 }
 
-/// How many straight pieces follow curves of which the control points bend so far.
+/// The number of straight pieces for curves whose control points bend this far.
 fn segments(bends: impl Iterator<Item = f32>) -> usize {
     let bend = bends.fold(0.0, f32::max);
-    // A quadratic curve is a quarter of its bend off its chord, and less by the square of pieces.
+    // A quadratic curve is off its chord by a quarter of its bend, divided by the square of the pieces.
     ((bend / 4.0 / CURVE_TOLERANCE).sqrt().ceil() as usize).clamp(1, SEGMENTS_MAX)
 }
 
-/// The `i`th point on a chain of quadratic curves, each divided into so many pieces.
+/// The `i`th point on a chain of quadratic curves, each divided into `pieces` pieces.
 fn curve(control: impl Fn(usize) -> Vertex, points: usize, pieces: usize, i: usize) -> Vertex {
     let piece = (i / pieces).min((points - 3) / 2);
     let t = (i - piece * pieces) as f32 / pieces as f32;
     let [a, b, c] = [0, 1, 2].map(|k| control(2 * piece + k));
     match t {
-        // Ends stay exactly where they are, so that neighbouring patches meet.
+        // Ends stay exact, so that neighbouring patches meet.
         0.0 => a,
         1.0 => c,
         _ => between(&between(&a, &b, t), &between(&b, &c, t), t),

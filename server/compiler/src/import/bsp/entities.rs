@@ -1,4 +1,4 @@
-//! The entities of a map: a text of key and value pairs in braces.
+//! The entities of a map: text of key and value pairs in braces.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,11 @@ use crate::import::limits::{SPAWNS_MAX, is_sane};
 
 /// The eye of a player above the origin of its box, in Quake units.
 const EYE: f64 = 26.0;
-/// What stands on a floor is so much above it, in Quake units.
+/// An object on a floor is this far above it, in Quake units.
 const FLOOR: f64 = 1.0;
-/// More places than these are not needed to find out what is inside of a map.
+/// The most places. More are not needed to find the inside of a map.
 const PLACES_MAX: usize = 1 << 14;
+/// The classes of entities at which players begin.
 const SPAWN_CLASSES: [&str; 6] = [
     "info_player_deathmatch",
     "info_player_start",
@@ -23,26 +24,26 @@ const SPAWN_CLASSES: [&str; 6] = [
     "team_ctf_bluespawn",
 ];
 
-/// What is used of the entities.
+/// The entities that are used.
 #[derive(Debug, Default)]
 pub(super) struct Entities {
     pub title: Option<String>,
     pub spawns: Vec<Spawn>,
-    /// Where anything is: a map's inside, as its own compiler finds it. Players come to some of that by teleporters
-    /// only.
+    /// Points of all entities. They tell the inside of a map, as for the map's own compiler. Players reach
+    /// some of it by teleporters only.
     pub places: Vec<Vec3>,
-    /// Those that have a brush model.
+    /// Entities with a brush model.
     pub brush_models: Vec<Keys>,
-    /// Corners of the ways of trains, by their names. Of several with one name the first counts.
+    /// Corners of the paths of trains, by name. When several have one name, the first counts.
     pub corners: HashMap<String, Keys>,
 }
 
-/// The keys of an entity, in lower case, and what they say.
+/// The keys of an entity, in lower case, and their values.
 #[derive(Debug, Default)]
 pub(super) struct Keys(HashMap<String, String>);
 
 impl Keys {
-    /// What a key says; nothing when it is absent.
+    /// The value of a key; empty when it is absent.
     pub fn text(&self, key: &str) -> &str {
         self.0.get(key).map_or("", String::as_str)
     }
@@ -51,7 +52,7 @@ impl Keys {
         numbers::<1>(self.text(key)).map(|[number]| number)
     }
 
-    /// A number that stands for the default when it is 0, as most do in the game.
+    /// A number, or the default when it is 0, as for most keys in the game.
     pub fn number_not_0(&self, key: &str, default: f64) -> f64 {
         self.number(key).filter(|&number| number != 0.0).unwrap_or(default)
     }
@@ -71,7 +72,7 @@ impl Keys {
     }
 }
 
-/// Reads entities as far as they make sense.
+/// Reads entities, and skips what is invalid.
 pub(super) fn parse(text: &str) -> Entities {
     let mut entities = Entities::default();
     let mut pairs: HashMap<String, &str> = HashMap::new();
@@ -129,19 +130,19 @@ fn spawn<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Spawn> {
         .or_else(|| get("angles").and_then(numbers::<3>).map(|[_, yaw, _]| yaw))
         .unwrap_or(0.0)
         .to_radians();
-    // Quake measures from +x towards +y, which is -z here.
+    // Quake measures angles from +x towards +y, which is -z here.
     let yaw = (-turn.cos()).atan2(turn.sin()) as f32;
     is_sane(eye).then_some(Spawn { eye, yaw })
 }
 
-/// Where an entity is; nothing where that was not set.
+/// The place of an entity. None when it is not set.
 fn place<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Vec3> {
     let origin = DVec3::from(numbers::<3>(get("origin")?)?);
     let place = placed(origin + DVec3::Z * FLOOR);
     (origin != DVec3::ZERO && is_sane(place)).then_some(place)
 }
 
-/// The first numbers of a text, all finite.
+/// The first numbers of a text, when all are finite.
 fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let mut words = text.split_ascii_whitespace();
     let mut numbers = [0.0; N];
@@ -158,7 +159,7 @@ enum Token<'a> {
     Word(&'a str),
 }
 
-/// Braces and words, of which those in quotes may contain anything but quotes.
+/// Braces and words. Words in quotes may contain anything but quotes.
 fn tokens(text: &str) -> impl Iterator<Item = Token<'_>> {
     let mut rest = text;
     std::iter::from_fn(move || {
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_passed_over() {
+    fn invalid_text_is_skipped() {
         for text in [
             "",
             "{",

@@ -8,50 +8,50 @@ use crate::import::limits;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BspError {
-    /// The file itself cannot be had.
+    /// The file cannot be read.
     #[error("cannot read {path}")]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// An archive with textures cannot be had.
+    /// An archive with textures cannot be read.
     #[error("{path}: {reason}")]
     Archive {
-        /// Which archive.
+        /// The archive.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         reason: String,
     },
-    /// Shorter than its header.
+    /// The file is shorter than its header.
     #[error("truncated BSP")]
     Truncated,
-    /// Another format.
+    /// The file has another format.
     #[error("not a Quake III BSP")]
     Magic,
-    /// Another version.
+    /// The file has another version.
     #[error("BSP version {0}; only version 46 can be read")]
     Version(i32),
     /// A lump reaches beyond the file or holds a broken record.
     #[error("lump {lump} reaches beyond the file or is cut off")]
     Lump {
-        /// Which of the seventeen.
+        /// The index of the lump.
         lump: usize,
     },
-    /// A record refers to something that is not there.
+    /// A record refers to something that does not exist.
     #[error("a {what} refers to something that is not there")]
     Index {
-        /// What kind of record.
+        /// The kind of record.
         what: &'static str,
     },
-    /// A coordinate is not a number, infinite, or further out than anything real.
+    /// A coordinate is not finite, or out of range.
     #[error("a vertex is not finite or beyond {} km", limits::EXTENT_MAX / 1000.0)]
     Coordinate,
-    /// There is no world model.
+    /// The map has no world model.
     #[error("there is no world model")]
     NoWorld,
-    /// More than this reader takes.
+    /// The map exceeds a limit of the reader.
     #[error("too many {0}")]
     TooMany(&'static str),
 }

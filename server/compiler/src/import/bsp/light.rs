@@ -1,22 +1,22 @@
-//! Baked light: what a map's lightmaps say at a point.
+//! Baked light: the lightmaps of a map.
 
 use glam::{Vec2, Vec3};
 
 use super::map::{LIGHTMAP_EDGE, Map};
 
-/// Lightmaps hold half of what is meant, so that highlights fit in.
+/// Lightmaps hold half of the light, to leave room for highlights.
 const OVERBRIGHT: f32 = 2.0;
-/// Maps are lit for dark rooms and screens with the gamma turned up; this turns it up.
+/// Maps are lit for dark rooms and a raised gamma. This raises it.
 const GAMMA: f32 = 0.7;
-/// No place is darker than this share of full light: one should still know the walls.
+/// The least light of a place, from 0 to 1, so that walls stay visible.
 const AMBIENT: f32 = 0.16;
 
 /// The light of one face.
 #[derive(Clone, Copy)]
 pub(super) enum Light<'a> {
-    /// An image that coordinates from 0 to 1 span.
+    /// A lightmap, with coordinates from 0 to 1.
     Lightmap(&'a [u8]),
-    /// What the vertices say.
+    /// Light at the vertices.
     Vertices,
 }
 
@@ -27,23 +27,23 @@ impl<'a> Light<'a> {
             .map_or(Self::Vertices, |pixels| Self::Lightmap(pixels))
     }
 
-    /// The light at a point, as an sRGB colour to multiply with.
+    /// The light at a point, as a factor on sRGB colours.
     pub fn at(&self, lightmap: Vec2, vertex: Vec3) -> [u8; 3] {
         let light = match self {
             Self::Lightmap(pixels) => bilinear(pixels, lightmap) * OVERBRIGHT,
             Self::Vertices => vertex * OVERBRIGHT,
         };
-        // Too bright a light keeps its hue.
+        // Excessive light keeps its hue.
         let light = light / light.max_element().max(255.0);
         let lifted = light.powf(GAMMA) * (1.0 - AMBIENT) + AMBIENT;
         lifted.to_array().map(|value| (value * 255.0) as u8)
     }
 }
 
-/// An image's colour between its pixels' centres; the image ends at its outermost ones.
+/// The colour of a lightmap, interpolated between the centres of pixels and clamped at its border.
 fn bilinear(pixels: &[u8], at: Vec2) -> Vec3 {
     let edge = (LIGHTMAP_EDGE - 1) as f32;
-    // A coordinate that is no number is taken for 0.
+    // A NaN coordinate becomes 0.
     let at = (at * LIGHTMAP_EDGE as f32 - 0.5).max(Vec2::ZERO).min(Vec2::splat(edge));
     let low = at.floor();
     let share = at - low;

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::error::BspError;
 
-/// The table of contents, and what it leads to.
+/// The file, and its directory of lumps.
 pub(super) struct Lumps<'a> {
     bytes: &'a [u8],
     directory: [(i32, i32); LUMPS],
@@ -46,7 +46,7 @@ impl<'a> Lumps<'a> {
     }
 }
 
-/// Reads little-endian fields one after the other; beyond the end there are zeros.
+/// Reads little-endian fields one after the other. Beyond the end, all bytes are zero.
 pub(super) struct Fields<'a>(pub &'a [u8]);
 
 impl Fields<'_> {
@@ -81,18 +81,20 @@ impl Fields<'_> {
     }
 }
 
-/// A range within so many elements.
+/// A range of indices, when it lies within a number of elements.
 pub(super) fn range(first: i32, count: i32, within: usize) -> Option<std::ops::Range<usize>> {
     let (first, count) = (usize::try_from(first).ok()?, usize::try_from(count).ok()?);
     let end = first.checked_add(count)?;
     (end <= within).then_some(first..end)
 }
 
-/// An index of so many elements.
+/// An index, when it lies within a number of elements.
 pub(super) fn index(value: i32, within: usize) -> Option<usize> {
     usize::try_from(value).ok().filter(|&index| index < within)
 }
 
+/// The version of Quake III maps.
 const VERSION: i32 = 46;
 
+/// The number of lumps.
 const LUMPS: usize = 17;

@@ -1,4 +1,4 @@
-//! The lumps of a BSP file, every range and index checked.
+//! The records of a BSP file, every range and index checked.
 
 use glam::{DVec3, Vec2, Vec3};
 
@@ -8,16 +8,16 @@ use super::{
     tree::Tree,
 };
 
-/// Edge of a lightmap, in pixels.
+/// The edge of a lightmap, in pixels.
 pub(super) const LIGHTMAP_EDGE: usize = 128;
 const LIGHTMAP_BYTES: usize = LIGHTMAP_EDGE * LIGHTMAP_EDGE * 3;
 
-/// The most records of each kind, four times what the game itself takes or more.
+/// The most records of each kind: at least four times what the game takes.
 const SHADERS_MAX: usize = 1 << 14;
 const PLANES_MAX: usize = 1 << 20;
 const MODELS_MAX: usize = 1 << 13;
 const BRUSHES_MAX: usize = 1 << 17;
-/// The most sides of a brush; the work is in the square of it.
+/// The most sides of a brush. The work grows with its square.
 const BRUSH_SIDES_MAX: usize = 128;
 const SIDES_MAX: usize = 1 << 21;
 const VERTICES_MAX: usize = 1 << 21;
@@ -26,7 +26,7 @@ const FACES_MAX: usize = 1 << 19;
 const LIGHTMAPS_MAX: usize = 1 << 12;
 const ENTITY_BYTES_MAX: usize = 8 << 20;
 
-/// A surface or content: its name and what it does.
+/// A shader: its name and its flags.
 pub(super) struct Shader {
     pub name: String,
     pub surface_flags: i32,
@@ -43,14 +43,14 @@ pub(super) struct Plane {
 /// A convex solid: the half-spaces of its sides.
 pub(super) struct Brush {
     pub planes: Vec<Plane>,
-    /// The same planes, as indices of those of the map.
+    /// The same planes, as indices into those of the map.
     pub sides: Vec<usize>,
     pub shader: usize,
 }
 
 #[derive(Clone, Copy, Default)]
 pub(super) struct Vertex {
-    /// In Quake units and axes.
+    /// The position, in Quake units and axes.
     pub position: Vec3,
     pub texture: Vec2,
     pub lightmap: Vec2,
@@ -59,9 +59,9 @@ pub(super) struct Vertex {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FaceKind {
-    /// Planar faces and meshes: triangles by mesh vertices.
+    /// A planar face or mesh: triangles of mesh vertices.
     Triangles,
-    /// A grid of control points, so many wide.
+    /// A grid of control points.
     Patch {
         width: usize,
         height: usize,
@@ -77,13 +77,13 @@ pub(super) struct Face {
     pub lightmap: Option<usize>,
 }
 
-/// What is read of a map. The brushes are those of the world model.
+/// What is read of a map. Brushes are those of the world model.
 pub(super) struct Map<'a> {
     pub entities: String,
     pub shaders: Vec<Shader>,
     pub planes: Vec<Plane>,
     pub world_brushes: Vec<Brush>,
-    /// The world first, then what moves or is set off.
+    /// The world model first, then brush models of entities.
     pub models: Vec<SubModel>,
     pub tree: Tree<'a>,
     pub vertices: Vec<Vertex>,
@@ -138,15 +138,16 @@ impl<'a> Map<'a> {
     }
 }
 
-/// A part of a map that stands or moves as a whole.
+/// A brush model: a part of a map that moves as a whole.
 pub(super) struct SubModel {
-    /// As the game takes its box, in Quake units: a unit larger on each side than the file says.
+    /// The box in Quake units, one unit larger on each side than in the file, as in the game.
     pub min: DVec3,
     pub max: DVec3,
     pub faces: std::ops::Range<usize>,
     brushes: std::ops::Range<usize>,
 }
 
+/// Numbers of records, to check indices against.
 struct Counts {
     shaders: usize,
     vertices: usize,
@@ -204,7 +205,7 @@ fn face(bytes: &[u8; 104], counts: &Counts) -> Result<Face, BspError> {
     Ok(Face { kind, shader, vertices, mesh_vertices, lightmap })
 }
 
-/// A grid of control points has an odd number of them each way, three at least.
+/// A patch, whose control points are odd in number each way, and at least three.
 fn patch(width: i32, height: i32, vertices: usize) -> Option<FaceKind> {
     let (width, height) = (usize::try_from(width).ok()?, usize::try_from(height).ok()?);
     let is_odd = width >= 3 && height >= 3 && width % 2 == 1 && height % 2 == 1;

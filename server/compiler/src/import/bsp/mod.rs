@@ -1,8 +1,8 @@
 //! Quake III BSP, version 46: drawn surfaces with textures and light, brushes that block sight.
 //!
-//! What is drawn and what blocks sight are different things in these maps: faces and patches are
-//! drawn; the solid, not translucent brushes of the world model, and its patches, block sight.
-//! Doors and lifts block nothing; they become movers.
+//! In these maps, what is drawn and what blocks sight are different. Faces and patches are drawn. Solid,
+//! not translucent brushes and patches of the world model block sight. Doors and lifts block nothing: they
+//! become movers.
 
 mod archive;
 mod brush;
@@ -32,21 +32,24 @@ use units::{UNIT, placed};
 
 pub use error::BspError;
 
+/// The speed limit of players, in metres per second.
 const SPEED_MAX: f32 = 15.0;
+/// Contents that are solid.
 const CONTENTS_SOLID: i32 = 1;
+/// Contents that let sight through.
 const CONTENTS_TRANSLUCENT: i32 = 0x2000_0000;
-/// Sky, nodraw, hint and skip.
+/// Surfaces that are not drawn: sky, nodraw, hint and skip.
 const SURFACE_NOT_DRAWN: i32 = 0x4 | 0x80 | 0x100 | 0x200;
 
-/// Reads a map, with textures from the archives in which the game keeps them; where several hold
-/// a file, the last one counts.
+/// Reads a map, with textures from the archives of the game. When several archives hold a file, the last
+/// one counts.
 pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, BspError> {
     let io = |source| BspError::Io { path: path.to_owned(), source };
     let bytes = limits::read_file(path).map_err(io)?;
     read_slice(&bytes, pk3s, &limits::title_of(path))
 }
 
-/// Reads the bytes of a map.
+/// Reads a map from bytes.
 pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, BspError> {
     let map = Map::parse(bytes)?;
     let entities = entities::parse(&map.entities);
@@ -61,11 +64,11 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
     let mut archives = Archives::open(pk3s)?;
     let moving = movers::moving(&map, &entities, &mut model.warnings);
     draw::surfaces(&map, &moving, &mut archives, &mut model)?;
-    let mut fleet = MoverList::default();
+    let mut mover_list = MoverList::default();
     for Moving { name, faces, trajectory } in moving {
-        fleet.add(&name, &draw::apart(&map, faces, &mut archives)?, trajectory);
+        mover_list.add(&name, &draw::apart(&map, faces, &mut archives)?, trajectory);
     }
-    model.movers = fleet.finish(&mut model.warnings);
+    model.movers = mover_list.finish(&mut model.warnings);
     let mut origin = origin::origin(&map)?;
     brushes(&map, &mut model, &mut origin)?;
     model.origin = Some(origin);
@@ -82,7 +85,7 @@ impl Shader {
     }
 }
 
-/// Adds the faces of the brushes that block sight, and the brushes themselves.
+/// Adds the brushes that block sight, and their faces.
 fn brushes(map: &Map<'_>, model: &mut Model, origin: &mut Origin) -> Result<(), BspError> {
     let mut left_out = 0;
     for brush in map.world_brushes.iter().filter(|b| map.shaders[b.shader].is_opaque()) {

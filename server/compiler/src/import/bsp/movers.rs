@@ -1,6 +1,6 @@
-//! Doors, lifts and trains: brush models that move by Quake III's rules, with its keys and defaults.
+//! Doors, lifts and trains: brush models that move by the rules of Quake III, with its keys and defaults.
 //!
-//! | class | keys | course |
+//! | class | keys | motion |
 //! | --- | --- | --- |
 //! | func_door | angle or angles, lip 8, speed 400, wait 2, spawnflags 1 | when set off: opens, waits, closes |
 //! | func_plat | height, lip 8, speed 200 | when set off: from below up, waits 1 s, and down |
@@ -9,9 +9,8 @@
 //! | func_pendulum | speed 30, phase, angle or angles | for ever, a sine |
 //! | func_rotating | speed 100, angle or angles, spawnflags 4 and 8 | for ever |
 //!
-//! A door that waits less than no time stays open. As in the game, a brush model's box is a unit
-//! larger on each side than the map says. Of a train's way that leads into a circle only the circle
-//! is kept.
+//! A door with a negative wait stays open. As in the game, the box of a brush model is one unit larger on
+//! each side than in the map. When the path of a train leads into a loop, only the loop is kept.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -28,20 +27,21 @@ use super::{
     units::placed,
 };
 
-/// Keys for one swing of a sine: straight lines between them are off by half a percent.
+/// Keys for one period of a sine: straight lines between them are off by half a per cent.
 const SINE_KEYS: u32 = 32;
-/// A train has no more corners.
+/// The most corners of a train.
 const CORNERS_MAX: usize = 1_000;
+/// In Quake units per second squared.
 const GRAVITY: f64 = 800.0;
 
-/// What moves: faces of the map, in coordinates about the entity's origin, and how.
+/// A brush model that moves: its faces, in coordinates about the origin of the entity, and its trajectory.
 pub(super) struct Moving {
     pub name: String,
     pub faces: Range<usize>,
     pub trajectory: Trajectory,
 }
 
-/// All brush models that move. What makes no sense is told in a warning and stays where it is drawn.
+/// All brush models that move. One with invalid keys gives a warning and stays in place.
 pub(super) fn moving(
     map: &Map<'_>,
     entities: &Entities,
@@ -62,14 +62,14 @@ pub(super) fn moving(
                 let (name, faces) = (format!("{class} {name}"), model.faces.clone());
                 all.push(Moving { name, faces, trajectory });
             }
-            None => warnings.push(format!("{class} {name} makes no sense; it does not move")),
+            None => warnings.push(format!("{class} {name} has invalid keys; it does not move")),
         }
     }
     all
 }
 
-/// How an entity of a class moves; `None` when the class does not, and none within when its keys lead
-/// nowhere.
+/// The trajectory of an entity. The outer `None`: its class does not move. The inner `None`: its keys are
+/// invalid.
 fn trajectory(
     class: &str,
     keys: &Keys,
@@ -108,7 +108,7 @@ fn plat(keys: &Keys, model: &SubModel, top: DVec3) -> Option<Trajectory> {
     there_and_back([top - DVec3::Z * height, top], keys.number_not_0("speed", 200.0), 1.0)
 }
 
-/// Once, when set off; it does not come back when it is to wait less than no time.
+/// A triggered motion to the end and back. With a negative wait it does not come back.
 fn there_and_back([start, end]: [DVec3; 2], speed: f64, wait_s: f64) -> Option<Trajectory> {
     let way_s = start.distance(end) / speed.abs();
     let mut keys = vec![(0.0, start), (way_s, end)];
@@ -130,7 +130,7 @@ fn train(keys: &Keys, corners: &HashMap<String, Keys>) -> Option<Trajectory> {
         way.push(corner);
         next = corner.text("target");
     }
-    // Where it comes back to, if it does.
+    // The corner to which the path returns, if any.
     let again = way.iter().position(|corner| corner.text("targetname") == next);
     way.drain(..again.unwrap_or(0));
     way.extend(again.and_then(|_| way.first().copied()));
@@ -180,7 +180,7 @@ fn rotating(keys: &Keys, origin: DVec3) -> Option<Trajectory> {
     turning(origin, quarters.map(turn))
 }
 
-/// Times and sines over one swing.
+/// Times and sines over one period.
 fn swing(cycle_s: f64, phase: f64) -> impl Iterator<Item = (f64, f64)> {
     (0..=SINE_KEYS).map(move |i| {
         let share = f64::from(i) / f64::from(SINE_KEYS);
@@ -188,7 +188,7 @@ fn swing(cycle_s: f64, phase: f64) -> impl Iterator<Item = (f64, f64)> {
     })
 }
 
-/// A way through places, by seconds, in Quake units.
+/// A trajectory through places in Quake units, by seconds.
 fn along(places: &[(f64, DVec3)], course: Playback) -> Option<Trajectory> {
     let mut keys: Vec<(f32, Vec3)> = Vec::with_capacity(places.len());
     for &(at_s, place) in places {
@@ -205,7 +205,7 @@ fn along(places: &[(f64, DVec3)], course: Playback) -> Option<Trajectory> {
     Trajectory::new(vec![joint], length_s, course).ok()
 }
 
-/// Turns about a place for ever, by seconds, and pitch, yaw and roll in degrees.
+/// A trajectory that turns about a place for ever: seconds, and pitch, yaw and roll in degrees.
 fn turning(about: DVec3, turns: impl Iterator<Item = (f64, DVec3)>) -> Option<Trajectory> {
     let frame = DAffine3::from_translation(placed(about).as_dvec3());
     let keys: Vec<(f32, Quat)> =
@@ -215,7 +215,7 @@ fn turning(about: DVec3, turns: impl Iterator<Item = (f64, DVec3)>) -> Option<Tr
     Trajectory::new(vec![joint], length_s, Playback::Loop).ok()
 }
 
-/// In our axes. Positive pitch looks down, yaw turns left, roll tilts to the right.
+/// The rotation in our axes. Positive pitch looks down, yaw turns left, roll tilts to the right.
 fn rotation(angles: DVec3) -> DQuat {
     let DVec3 { x: pitch, y: yaw, z: roll } = angles.map(f64::to_radians);
     // Quake's axes x, y and z are our x, -z and y.
@@ -224,7 +224,7 @@ fn rotation(angles: DVec3) -> DQuat {
         * DQuat::from_rotation_x(roll)
 }
 
-/// In Quake's axes.
+/// The direction of angles, in Quake's axes.
 fn forward(angles: DVec3) -> DVec3 {
     let (sin_pitch, cos_pitch) = angles.x.to_radians().sin_cos();
     let (sin_yaw, cos_yaw) = angles.y.to_radians().sin_cos();
@@ -232,7 +232,7 @@ fn forward(angles: DVec3) -> DVec3 {
 }
 
 impl SubModel {
-    /// As the game takes it.
+    /// The size of the box, in Quake units.
     fn size(&self) -> DVec3 {
         self.max - self.min
     }

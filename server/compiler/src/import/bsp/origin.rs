@@ -1,4 +1,4 @@
-//! What the map says of itself, in our axes and units: see [`sightline_world::Origin`].
+//! The map's own subdivision and PVS, in our axes and units; see [`sightline_world::Origin`].
 
 use glam::{DVec3, Vec3};
 use sightline_world::{
@@ -12,13 +12,13 @@ use super::{
     units::{UNIT, placed},
 };
 
-/// The original without its solids; [`super::brushes`] adds those.
+/// The original without its solids, which [`super::brushes`] adds.
 pub(super) fn origin(map: &Map<'_>) -> Result<Origin, BspError> {
     let planes = map.planes.iter().map(plane).collect();
     Ok(Origin { planes, solids: Vec::new(), tree: tree(&map.tree)? })
 }
 
-/// A box of Quake's, which may have its corners in any order and anywhere; never empty.
+/// The box around points in Quake units, which may be anywhere. Never empty.
 pub(super) fn bounds(corners: impl IntoIterator<Item = DVec3>) -> Aabb {
     let limit = DVec3::splat(1e6);
     Aabb::from_points(corners.into_iter().map(|corner| placed(corner.clamp(-limit, limit))))
@@ -26,15 +26,15 @@ pub(super) fn bounds(corners: impl IntoIterator<Item = DVec3>) -> Aabb {
 
 fn plane(plane: &Plane) -> OriginPlane {
     let Plane { normal, distance } = *plane;
-    // A plane that is none belongs to no brush that has faces; in a tree it sends all one way.
+    // An invalid plane belongs to no brush with faces. In a tree, all points are on one side of it.
     let is_sane = normal.abs().max_element() <= 1.01 && distance.abs() <= 1e7;
     let (normal, distance) = if is_sane { (normal, distance) } else { (DVec3::ZERO, 0.0) };
     let normal = Vec3::new(normal.x as f32, normal.z as f32, -normal.y as f32);
     OriginPlane { normal, distance: distance * UNIT }
 }
 
-/// The world's tree with its nodes in the order of a walk from the root; none where the map has no
-/// clusters. A tree that is none is an error.
+/// The tree of the map, with its nodes in breadth-first order. None when the map has no clusters. A graph
+/// that is not a tree is an error.
 fn tree(tree: &Tree<'_>) -> Result<Option<OriginTree>, BspError> {
     if tree.nodes.is_empty() || tree.leafs.iter().all(|leaf| leaf.cluster.is_none()) {
         return Ok(None);
@@ -48,7 +48,7 @@ fn tree(tree: &Tree<'_>) -> Result<Option<OriginTree>, BspError> {
         for side in tree.nodes[order[next] as usize].sides {
             if let OriginSide::Node(node) = side {
                 let known = new_index.get_mut(node as usize).ok_or_else(fault)?;
-                // A node that two lead to would make a tree without an end.
+                // A node with two parents would make an endless tree.
                 if known.replace(order.len() as u32).is_some() {
                     return Err(fault());
                 }

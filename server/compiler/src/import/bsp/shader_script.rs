@@ -1,17 +1,17 @@
-//! Shader scripts: which image a shader shows, when none has its name.
+//! Shader scripts: the image of a shader, when no image has its name.
 
 use std::collections::HashMap;
 
-/// The most shaders that are remembered.
+/// The most shaders.
 const SHADERS_MAX: usize = 1 << 17;
 
-/// Images by the shaders that show them, all in lower case.
+/// Images by shader, all in lower case.
 #[derive(Debug, Default)]
 pub(super) struct Scripts {
     images: HashMap<String, String>,
 }
 
-/// What is known of a shader while it is read.
+/// A shader that is being read.
 #[derive(Default)]
 struct Shader {
     name: String,
@@ -20,7 +20,7 @@ struct Shader {
 }
 
 impl Scripts {
-    /// Takes in the shaders of one script; the first of a name counts.
+    /// Reads the shaders of one script. The first of a name counts.
     pub fn read(&mut self, text: &str) {
         let mut depth = 0usize;
         let mut shader = Shader::default();
@@ -49,7 +49,7 @@ impl Scripts {
         }
     }
 
-    /// The image that a shader shows.
+    /// The image of a shader.
     pub fn image(&self, shader: &str) -> Option<&str> {
         self.images.get(shader).map(String::as_str)
     }
@@ -68,7 +68,7 @@ impl Shader {
         let key = key.to_ascii_lowercase();
         let image = match key.as_str() {
             "qer_editorimage" | "map" | "clampmap" => values.first(),
-            // A frequency comes before the frames.
+            // The frequency comes before the frames.
             "animmap" => values.get(1),
             _ => None,
         };

@@ -6,12 +6,12 @@ use sightline_world::geometry::Aabb;
 
 use super::*;
 
-/// A map under construction: records as bytes, lump by lump.
+/// A map under construction: the records of each lump, as bytes.
 pub(crate) struct BspDraft {
     lumps: [Vec<u8>; 17],
     world_brushes: i32,
     world_faces: i32,
-    /// Records of models but the world.
+    /// Records of models other than the world.
     models: Vec<u8>,
 }
 
@@ -53,7 +53,7 @@ impl BspDraft {
         draft
     }
 
-    /// The same without its lightmap, which is most of its bytes.
+    /// The small map without its lightmap, which is most of its bytes.
     pub fn unlit_room() -> Self {
         let mut draft = Self::room();
         draft.lumps[14].clear();
@@ -83,8 +83,8 @@ impl BspDraft {
         self.world_brushes += 1;
     }
 
-    /// Above the floor's top, plane 4, is cluster 1, which sees none but itself; below the floor's
-    /// bottom, plane 5, is cluster 0, which sees both; between them it is solid.
+    /// Cluster 1 lies above plane 4, the top of the floor, and sees only itself. Cluster 0 lies below plane
+    /// 5, the bottom of the floor, and sees both. Between the planes is solid space.
     fn tree(&mut self) {
         for (plane, sides) in [(4, [-1, 1]), (5, [-3, -2])] {
             self.lumps[3].extend(ints(&[plane, sides[0], sides[1]]));
@@ -194,8 +194,8 @@ fn a_map_tells_its_own_brushes_clusters_and_pvs() {
 }
 
 #[test]
-fn where_teleporters_lead_is_inside_and_what_nothing_is_in_is_not() {
-    // Three chambers side by side along x in one block of stone; one may see from none into another.
+fn rooms_behind_teleporters_are_inside_and_unused_rooms_are_not() {
+    // Three closed chambers side by side along x, in one block of stone.
     let mut draft = BspDraft::room();
     let shader = draft.shader("textures/wall", 0, SOLID);
     for chamber in 0..3 {

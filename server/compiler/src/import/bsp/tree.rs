@@ -8,17 +8,19 @@ use super::{
     lumps::{Fields, Lumps, index},
 };
 
-/// Four times what the game itself takes or more.
+/// The most nodes: at least four times what the game takes.
 const NODES_MAX: usize = 1 << 20;
+/// The most leafs.
 const LEAFS_MAX: usize = 1 << 20;
+/// The most clusters.
 const CLUSTERS_MAX: usize = 1 << 18;
 
-/// The map's own subdivision, as it is in the file.
+/// The map's own BSP tree and PVS.
 pub(super) struct Tree<'a> {
     pub nodes: Vec<OriginNode>,
     pub leafs: Vec<Leaf>,
     pub clusters: u32,
-    /// Rows of bits, one for each cluster; empty when the map was never vised.
+    /// A row of bits for each cluster. Empty when the map has no vis lump.
     rows: &'a [u8],
     row_bytes: usize,
 }
@@ -55,7 +57,7 @@ impl<'a> Tree<'a> {
         Ok(Self { nodes, leafs, clusters, rows, row_bytes })
     }
 
-    /// The rows without the bytes that pad them.
+    /// The rows without padding.
     pub fn visible(&self) -> Vec<u8> {
         let kept = (self.clusters as usize).div_ceil(8);
         let rows = self.rows.chunks_exact(self.row_bytes.max(1));
@@ -63,7 +65,7 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// The number of clusters, the bytes of a row, and the rows.
+/// The number of clusters, the bytes of a row, and the rows of a vis lump.
 fn vis(lump: &[u8]) -> Option<(u32, usize, &[u8])> {
     let mut fields = Fields(lump);
     let clusters = usize::try_from(fields.int()).ok()?;

@@ -11,8 +11,8 @@ use super::{
     resources::Resources,
 };
 
-/// The vectors of an accessor as floats; normalised integers become 0 to 1 or -1 to 1. Components
-/// beyond `N` are left out; there must be at least `at_least`, and missing ones are 1.
+/// The vectors of an accessor as floats. Normalised integers become 0 to 1 or -1 to 1. Components beyond `N`
+/// are left out. At least `at_least` components are required; missing ones become 1.
 pub(super) fn vectors<const N: usize>(
     accessor: &Accessor<'_>,
     resources: &Resources,
@@ -39,7 +39,7 @@ pub(super) fn vectors<const N: usize>(
     elements(accessor, resources, components * size, decode)
 }
 
-/// The numbers of an accessor, each by itself.
+/// The scalars of an accessor.
 pub(super) fn scalars(
     accessor: &Accessor<'_>,
     resources: &Resources,
@@ -51,7 +51,7 @@ pub(super) fn scalars(
     elements(accessor, resources, kind.size(), |bytes| component(kind, normalised, bytes))
 }
 
-/// The whole numbers of an accessor.
+/// The indices of an accessor.
 pub(super) fn indices(
     accessor: &Accessor<'_>,
     resources: &Resources,
@@ -68,7 +68,7 @@ fn fault(accessor: &Accessor<'_>, reason: &'static str) -> GlbError {
     GlbError::Accessor { index: accessor.index(), reason }
 }
 
-/// Every element, sparse ones put in their places.
+/// All elements, with sparse ones in their places.
 fn elements<T: Clone>(
     accessor: &Accessor<'_>,
     resources: &Resources,
@@ -76,7 +76,7 @@ fn elements<T: Clone>(
     decode: impl Fn(&[u8]) -> T,
 ) -> Result<Vec<T>, GlbError> {
     let count = accessor.count();
-    // Every triangle has three indices.
+    // A triangle has three indices.
     if count > 3 * VERTICES_MAX {
         return Err(GlbError::TooMany("elements in an accessor"));
     }
@@ -106,7 +106,7 @@ fn elements<T: Clone>(
     Ok(elements)
 }
 
-/// `count` slices of `size` bytes each; `None` when a single one is not there.
+/// `count` slices of `size` bytes each. `None` when one of them reaches beyond the view.
 fn strided<'a>(
     view: &View<'_>,
     resources: &'a Resources,
@@ -126,7 +126,7 @@ fn whole(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |value, &byte| value << 8 | u32::from(byte))
 }
 
-/// One number, of as many bytes as its kind has.
+/// One component, by its type.
 fn component(kind: DataType, normalised: bool, bytes: &[u8]) -> f32 {
     let bits = whole(bytes);
     let (value, greatest) = match kind {

@@ -1,4 +1,4 @@
-//! How nodes move: the translations, rotations and scales of a document's animations.
+//! The animations of a document: translations, rotations and scales of nodes.
 
 use std::collections::HashMap;
 
@@ -15,44 +15,44 @@ use sightline_world::motion::trajectory::{
 
 use super::{accessor, error::GlbError, resources::Resources};
 
-/// All motions of a document, instances counted one by one, have no more keys: some 80 MB of them.
+/// The most keys of all motions, instances counted one by one: about 80 MB.
 const KEYS_OF_ALL_MAX: usize = 4 << 20;
-/// More would tell nothing new.
+/// The most warnings.
 const WARNINGS_MAX: usize = 1_000;
-/// A cubic piece between two keys becomes so many straight ones.
+/// How many straight pieces replace a cubic piece between two keys.
 const CUBIC_PIECES: usize = 16;
 
-/// What moves in a document, by the index of the node. Every animation plays from the beginning of
-/// the server's clock, again and again; of several that move one node the first counts.
+/// The animated nodes of a document, by index. Every animation loops from the beginning of the server's
+/// clock. When several move one node, the first counts.
 #[derive(Default)]
 pub(super) struct Animations {
     nodes: HashMap<usize, Motion>,
-    /// Keys read or instanced so far.
+    /// Keys so far, instances counted one by one.
     keys: usize,
 }
 
-/// What an animation does to one node; the rest stays as the node has it.
+/// The motion of one node. Without a track, the node keeps its own value.
 #[derive(Default)]
 struct Motion {
     animation: usize,
-    /// Of the whole animation.
+    /// The length of the whole animation.
     length_s: f32,
     translation: Option<KeyframeTrack<Vec3>>,
     rotation: Option<KeyframeTrack<Quat>>,
     scale: Option<KeyframeTrack<Vec3>>,
 }
 
-/// What a node that moves, and all that hangs on it, hangs on.
+/// The chain of joints that moves a node and its descendants.
 #[derive(Clone, Default)]
 pub(super) struct Chain {
     joints: Vec<Joint>,
     length_s: f32,
-    /// Joints whose lengths differ, or that make no sense.
+    /// Whether lengths of joints differ, or joints are invalid.
     faulty: bool,
 }
 
-/// What moves which property of which node. The `gltf` crate has one too, but does not check that
-/// all of it is there, and looks it up in linear time.
+/// A channel: the property of a node that it moves, and its data. The `gltf` crate has such a type too, but
+/// does not check references and looks them up in linear time.
 struct Channel<'a> {
     node: usize,
     property: Option<Property>,
@@ -62,7 +62,7 @@ struct Channel<'a> {
 }
 
 impl<'a> Channel<'a> {
-    /// `None` when something that it refers to is not there.
+    /// `None` when the channel refers to something that does not exist.
     fn find(
         channel: &json::animation::Channel,
         animation: &json::Animation,
@@ -89,7 +89,7 @@ impl<'a> Channel<'a> {
 }
 
 impl Animations {
-    /// Reads all of a document's animations.
+    /// Reads all animations of a document.
     pub fn read(
         document: &Document,
         resources: &Resources,
@@ -121,7 +121,9 @@ impl Animations {
                     motion.length_s = length_s;
                 }
             }
-            for (count, what) in [(faulty, "make no sense"), (twice, "move what moves already")] {
+            for (count, what) in
+                [(faulty, "are invalid"), (twice, "move a node that moves already")]
+            {
                 if count > 0 && warnings.len() < WARNINGS_MAX {
                     let all = format!("animation {index}: {count} channels left out: they {what}");
                     warnings.push(all);
@@ -136,8 +138,7 @@ impl Animations {
         if self.keys > KEYS_OF_ALL_MAX { Err(GlbError::TooMany("keys of motions")) } else { Ok(()) }
     }
 
-    /// What a node hangs on, if it moves: the chain above, which its parent is placed in, and a joint
-    /// more.
+    /// The chain of a node that moves: the chain above, in which `parent` is placed, and one more joint.
     pub fn chain(
         &mut self,
         node: &Node<'_>,
@@ -162,7 +163,7 @@ impl Animations {
 }
 
 impl Chain {
-    /// The motion; one that makes no sense is replaced by none. Tells whether that was so.
+    /// The trajectory, and whether the chain was invalid. An invalid chain does not move.
     pub fn trajectory(&self) -> (Trajectory, bool) {
         let course = if self.length_s > 0.0 { Playback::Loop } else { Playback::Once };
         match Trajectory::new(self.joints.clone(), self.length_s, course) {
@@ -171,7 +172,7 @@ impl Chain {
         }
     }
 
-    /// Where everything is at the beginning, for ever.
+    /// A trajectory that stays where the chain begins.
     fn still(&self) -> Trajectory {
         let place = self.joints.iter().fold(DAffine3::IDENTITY, |above, joint| {
             let (turn, place) = (joint.rotation.keys[0].1, joint.translation.keys[0].1);
@@ -185,12 +186,12 @@ impl Chain {
         let reach = place.to_cols_array().into_iter().fold(0.0f64, |most, v| most.max(v.abs()));
         let place = if reach <= 1e6 { place } else { DAffine3::IDENTITY };
         Trajectory::new(vec![Joint::still(place)], 0.0, Playback::Once)
-            .expect("a joint that is finite and still makes sense")
+            .expect("a finite joint that does not move is valid")
     }
 }
 
 impl Motion {
-    /// Takes in a channel; tells when it ends, unless it makes no sense.
+    /// Adds a channel and gives the time at which it ends. `None` when the channel is invalid.
     fn add(
         &mut self,
         channel: &Channel<'_>,
@@ -238,7 +239,7 @@ fn end_s<V>(track: Option<&KeyframeTrack<V>>) -> Option<f32> {
     track.and_then(|track| track.keys.last()).map(|&(at_s, _)| at_s)
 }
 
-/// The keys of a track; `None` when they make no sense.
+/// The keys of a track. `None` when they are invalid.
 fn keys<const N: usize, V: Interpolate>(
     times: &[f32],
     values: &[[f32; N]],
@@ -258,8 +259,8 @@ fn keys<const N: usize, V: Interpolate>(
     (!track.keys.is_empty() && ascend && in_time && sane).then_some(track)
 }
 
-/// Points on a cubic spline, of which each key has the tangent before it, the value, and the one
-/// after it. What stands for the curve is what both server and client take for the motion.
+/// Points on a cubic spline. Each key has the tangent before it, the value, and the tangent after it. Server
+/// and client both take the straight pieces for the motion.
 fn cubic<'a, const N: usize>(
     times: &'a [f32],
     values: &'a [[f32; N]],
@@ -281,7 +282,7 @@ fn cubic<'a, const N: usize>(
     })
 }
 
-/// The curve through two values with their slopes.
+/// The cubic Hermite curve through two values with their slopes.
 fn hermite(t: f32, [from, leaving, to, arriving]: [f32; 4]) -> f32 {
     let (t2, t3) = (t * t, t * t * t);
     (2.0 * t3 - 3.0 * t2 + 1.0) * from

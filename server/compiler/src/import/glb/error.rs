@@ -4,88 +4,89 @@ use std::path::PathBuf;
 
 use crate::{import::limits, rooms::RoomError};
 
-/// The most vertices and the most triangles of a model, instances counted one by one: 8 Mi of
-/// each take at most 700 MB.
+/// The most vertices of a model, instances counted one by one. Together with as many triangles they take
+/// at most 700 MB.
 pub(super) const VERTICES_MAX: usize = 8 << 20;
 
+/// The most triangles of a model, instances counted one by one.
 pub(super) const TRIANGLES_MAX: usize = 8 << 20;
 
-/// The most nodes that are visited, instances counted one by one.
+/// The most nodes, instances counted one by one.
 pub(super) const NODES_MAX: usize = 1 << 20;
 
-/// The most ancestors that a node has.
+/// The most ancestors of a node.
 pub(super) const DEPTH_MAX: usize = 256;
 
 /// Why a GLB or glTF file cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GlbError {
-    /// The file itself cannot be had.
+    /// The file cannot be read.
     #[error("cannot read {path}")]
     Io {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// Not a glTF document, or an invalid one.
+    /// The document is not valid glTF.
     #[error("not valid glTF 2.0: {0}")]
     Document(#[from] gltf::Error),
     /// The header of the GLB disagrees with the file.
     #[error("truncated GLB: the header says {header} bytes, the file has {file}")]
     Truncated {
-        /// Bytes, by the header.
+        /// The length in the header, in bytes.
         header: u64,
-        /// Bytes in the file.
+        /// The length of the file, in bytes.
         file: u64,
     },
-    /// A buffer refers to something that may not or cannot be read.
+    /// A buffer cannot be read, or lies outside the folder.
     #[error("buffer {index}: {reason}")]
     Buffer {
-        /// Which buffer of the document.
+        /// The index of the buffer.
         index: usize,
-        /// Why.
+        /// The cause.
         reason: String,
     },
-    /// An accessor reaches beyond its bytes, or is of a kind that does not fit its use.
+    /// An accessor reaches beyond its bytes, or has an unsuitable type.
     #[error("accessor {index}: {reason}")]
     Accessor {
-        /// Which accessor of the document.
+        /// The index of the accessor.
         index: usize,
-        /// Why.
+        /// The cause.
         reason: &'static str,
     },
     /// A channel of an animation has no sampler, accessor, or node.
     #[error("animation {index}: a channel refers to something that is not there")]
     Animation {
-        /// Which animation of the document.
+        /// The index of the animation.
         index: usize,
     },
-    /// An index points at no vertex.
+    /// An index refers to no vertex.
     #[error("mesh {mesh}: index {index} is beyond its {vertices} vertices")]
     Index {
-        /// Which mesh of the document.
+        /// The index of the mesh.
         mesh: usize,
-        /// The index.
+        /// The index of the vertex.
         index: u32,
-        /// How many vertices there are.
+        /// The number of vertices.
         vertices: usize,
     },
-    /// A coordinate is not a number, infinite, or further out than anything real.
+    /// A coordinate is not finite, or out of range.
     #[error("mesh {mesh}: vertex {vertex} is not finite or beyond {} km", limits::EXTENT_MAX / 1000.0)]
     Coordinate {
-        /// Which mesh of the document.
+        /// The index of the mesh.
         mesh: usize,
-        /// Which vertex of the primitive.
+        /// The vertex of the primitive.
         vertex: usize,
     },
-    /// A node that stands for a room or a window, and cannot.
+    /// A node declares an invalid room or window.
     #[error(transparent)]
     Room(#[from] RoomError),
-    /// More than this reader takes.
+    /// The document exceeds a limit of the reader.
     #[error("too many {0}")]
     TooMany(&'static str),
-    /// Nodes nest too deeply, or in a circle.
+    /// Nodes nest too deeply, or in a cycle.
     #[error("nodes nest deeper than {DEPTH_MAX}")]
     Depth,
 }

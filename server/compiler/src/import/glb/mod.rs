@@ -1,9 +1,9 @@
-//! GLB and glTF 2.0: the scene's triangles in world space, their colours and what blocks sight; and
-//! what its animations move, which blocks nothing.
+//! GLB and glTF 2.0: the triangles of the scene with their colours, opaque ones among them. Animated nodes
+//! become movers and block nothing.
 //!
-//! The `gltf` crate parses and validates the document. What the document says of its bytes
-//! (offsets, counts, indices) is checked here before it is used: a file cannot make the reader
-//! panic, nor make it allocate more than a small multiple of the limits below.
+//! The `gltf` crate parses and validates the document. Offsets, counts and indices are checked here before
+//! use. A file can neither make the reader panic, nor make it allocate more than a small multiple of the
+//! limits in `error`.
 
 mod accessor;
 mod animation;
@@ -23,14 +23,14 @@ use crate::model::Model;
 pub use error::GlbError;
 use resources::Resources;
 
-/// Reads a .glb, or a .gltf with what lies beside it.
+/// Reads a .glb, or a .gltf with the files beside it.
 pub fn read(path: &Path) -> Result<Model, GlbError> {
     let io = |source| GlbError::Io { path: path.to_owned(), source };
     let bytes = limits::read_file(path).map_err(io)?;
     read_slice(&bytes, path.parent(), &limits::title_of(path))
 }
 
-/// Reads the bytes of a .glb or .gltf. Files that it names are looked for in `folder` only.
+/// Reads a .glb or .gltf from bytes. Files that it names are read from `folder` only.
 pub fn read_slice(bytes: &[u8], folder: Option<&Path>, title: &str) -> Result<Model, GlbError> {
     check_length(bytes)?;
     let gltf::Gltf { document, blob } = gltf::Gltf::from_slice_without_validation(bytes)?;
@@ -40,7 +40,7 @@ pub fn read_slice(bytes: &[u8], folder: Option<&Path>, title: &str) -> Result<Mo
     scene::Reader::new(&document, resources, title).read()
 }
 
-/// The `gltf` crate trusts that the length in a GLB's header covers the header.
+/// Checks the length in the header of a GLB. The `gltf` crate trusts that it covers the header.
 fn check_length(bytes: &[u8]) -> Result<(), GlbError> {
     if !bytes.starts_with(b"glTF") {
         return Ok(());
@@ -56,8 +56,8 @@ fn check_length(bytes: &[u8]) -> Result<(), GlbError> {
     Ok(())
 }
 
-/// Validation by the `gltf` crate looks into the accessors of positions without checking that they
-/// are there.
+/// Checks that the accessors of positions exist. The validation of the `gltf` crate takes that for
+/// granted.
 fn check_positions(root: &Root) -> Result<(), GlbError> {
     let positions = Checked::Valid(Semantic::Positions);
     let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);

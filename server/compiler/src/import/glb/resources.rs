@@ -1,4 +1,4 @@
-//! The bytes behind a document: buffers and images, inside the file or beside it.
+//! Buffers and images of a document, inside the file or beside it.
 
 use std::{
     borrow::Cow,
@@ -12,12 +12,12 @@ use image::RgbImage;
 use super::error::GlbError;
 use crate::import::limits;
 
-/// What all textures of a model may take, decoded: 256 MB.
+/// The most bytes of all decoded textures: 256 MiB.
 const TEXTURE_BYTES_MAX: usize = 256 << 20;
-/// What all buffers of a model may take: 1 GiB.
+/// The most bytes of all buffers: 1 GiB.
 const BUFFER_BYTES_MAX: usize = 1 << 30;
 
-/// Buffers, and images by index as far as they are needed.
+/// Buffers, and images as far as they were needed.
 pub(super) struct Resources {
     buffers: Vec<Vec<u8>>,
     folder: Option<PathBuf>,
@@ -55,13 +55,13 @@ impl Resources {
         })
     }
 
-    /// The bytes of a view; `None` when it reaches beyond its buffer.
+    /// The bytes of a view. `None` when it reaches beyond its buffer.
     pub fn view(&self, view: &buffer::View<'_>) -> Option<&[u8]> {
         let end = view.offset().checked_add(view.length())?;
         self.buffers.get(view.buffer().index())?.get(view.offset()..end)
     }
 
-    /// An image, decoded once. One that cannot be had becomes `None`, with a warning.
+    /// An image, decoded once. An image that cannot be read becomes `None`, with a warning.
     pub fn image(
         &mut self,
         document: &Document,
@@ -83,7 +83,7 @@ impl Resources {
     }
 
     fn load_image(&mut self, document: &Document, index: usize) -> Result<RgbImage, String> {
-        // The crate's own view of an image takes for granted that it has a source.
+        // The `gltf` crate takes for granted that an image has a source.
         let source = document.as_json().images.get(index).ok_or("it is not there")?;
         let view = source.buffer_view.and_then(|view| document.views().nth(view.value()));
         let bytes = match (&source.uri, view) {
@@ -99,10 +99,10 @@ impl Resources {
     }
 }
 
-/// What a URI names: data within it, or a file in the folder or below it.
+/// The bytes of a URI: data within it, or a file in the folder or below it.
 fn fetch(uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, String> {
     if uri.starts_with("data:") {
-        // The crate decodes this form without touching files.
+        // The `gltf` crate decodes data URIs without touching files.
         let data = buffer::Data::from_source(buffer::Source::Uri(uri), None);
         return data.map(|data| data.0).map_err(|error| format!("bad data URI: {error}"));
     }

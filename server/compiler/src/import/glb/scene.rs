@@ -1,4 +1,4 @@
-//! Nodes, meshes and materials: from a document to a model.
+//! From a document to a model: nodes, meshes and materials.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ use crate::{
     rooms,
 };
 
-/// A spawn point is where feet stand.
+/// The height of an eye above a spawn point, where feet stand, in metres.
 const EYE_HEIGHT: f64 = Body::PERSON.below_eye as f64;
 
 /// Walks the scene and fills the model.
@@ -36,17 +36,17 @@ pub(super) struct Reader<'a> {
     vertices: usize,
     triangles: usize,
     animations: Animations,
-    /// What moves.
-    hangers: Vec<Hanger>,
-    /// For each of the model's nodes, the one that it hangs on.
+    /// Nodes that move.
+    moving: Vec<MovingNode>,
+    /// For each named node of the model, the nearest named ancestor.
     above: Vec<Option<usize>>,
 }
 
-/// A node that moves, and what hangs on it and not on another below.
-struct Hanger {
+/// A node that moves, and the surfaces below it that no other moving node carries.
+struct MovingNode {
     name: String,
     chain: Chain,
-    /// As it has them.
+    /// The surfaces, in the coordinates of the node.
     surfaces: Vec<Surface>,
 }
 
@@ -54,11 +54,11 @@ struct Hanger {
 #[derive(Clone)]
 struct Visit<'a> {
     node: Node<'a>,
-    /// Where its parent is: in the world, or on a hanger.
+    /// The transform of its parent, relative to the world or to the moving node that carries it.
     parent: DMat4,
     depth: usize,
-    hanger: Option<usize>,
-    /// Index into the model's nodes of the nearest one with a name that it hangs on.
+    carrier: Option<usize>,
+    /// The nearest named ancestor, as an index into the named nodes of the model.
     within: Option<usize>,
 }
 
@@ -72,12 +72,12 @@ impl<'a> Reader<'a> {
             vertices: 0,
             triangles: 0,
             animations: Animations::default(),
-            hangers: Vec::new(),
+            moving: Vec::new(),
             above: Vec::new(),
         }
     }
 
-    /// Reads the default scene, or all of them when none is.
+    /// Reads the default scene, or all scenes when there is none.
     pub fn read(mut self) -> Result<Model, GlbError> {
         let scenes: Vec<_> = match self.document.default_scene() {
             Some(scene) => vec![scene],
@@ -91,7 +91,7 @@ impl<'a> Reader<'a> {
         self.animations =
             Animations::read(self.document, &self.resources, &mut self.model.warnings)?;
         let visit =
-            |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, hanger: None, within: None };
+            |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, carrier: None, within: None };
         let mut stack: Vec<Visit<'a>> =
             scenes.iter().flat_map(|scene| scene.nodes()).map(visit).collect();
         stack.reverse();
@@ -106,68 +106,68 @@ impl<'a> Reader<'a> {
             }
             self.visit(&visit, &mut stack)?;
         }
-        self.launch();
+        self.make_movers();
         self.model.nodes.retain(|(_, bounds)| !bounds.is_empty());
         rooms::nodes::in_order(&mut self.model.rooms);
         Ok(self.model)
     }
 
     fn visit(&mut self, visit: &Visit<'a>, stack: &mut Vec<Visit<'a>>) -> Result<(), GlbError> {
-        let Visit { node, parent, depth, mut hanger, mut within } = visit.clone();
-        let above = hanger.and_then(|index| self.hangers.get(index)).map(|above| &above.chain);
+        let Visit { node, parent, depth, mut carrier, mut within } = visit.clone();
+        let above = carrier.and_then(|index| self.moving.get(index)).map(|above| &above.chain);
         let mut place = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
         if let Some(chain) = self.animations.chain(&node, above, &parent)? {
             let name = node.name().map_or_else(|| format!("node {}", node.index()), str::to_owned);
-            hanger = Some(self.hangers.len());
-            self.hangers.push(Hanger { name, chain, surfaces: Vec::new() });
+            carrier = Some(self.moving.len());
+            self.moving.push(MovingNode { name, chain, surfaces: Vec::new() });
             place = DMat4::IDENTITY;
         }
         if let Some(role) = node.name().and_then(rooms::nodes::role) {
-            self.room(&node, &role, &tidied(place), hanger)?;
+            self.room(&node, &role, &tidied(place), carrier)?;
         } else {
-            if let Some(name) = node.name().filter(|_| hanger.is_none()) {
+            if let Some(name) = node.name().filter(|_| carrier.is_none()) {
                 self.model.nodes.push((name.to_owned(), Aabb::EMPTY));
                 self.above.push(within);
                 within = Some(self.above.len() - 1);
             }
-            self.node(&node, &tidied(place), hanger, within)?;
+            self.node(&node, &tidied(place), carrier, within)?;
         }
-        let child = |node| Visit { node, parent: place, depth: depth + 1, hanger, within };
+        let child = |node| Visit { node, parent: place, depth: depth + 1, carrier, within };
         stack.extend(node.children().map(child));
         Ok(())
     }
 
-    /// Makes movers of all that hangs somewhere.
-    fn launch(&mut self) {
-        let mut fleet = MoverList::default();
-        for Hanger { name, chain, surfaces } in self.hangers.drain(..) {
+    /// Makes movers of all nodes that move.
+    fn make_movers(&mut self) {
+        let mut movers = MoverList::default();
+        for MovingNode { name, chain, surfaces } in self.moving.drain(..) {
             let (trajectory, faulty) = chain.trajectory();
             if faulty && !surfaces.is_empty() {
-                let what = "moves as several animations say, too deeply, or nowhere";
+                let what = "has conflicting, too deep or invalid animations";
                 self.model.warnings.push(format!("{}: {what}", limits::tidy_title(&name)));
             }
-            fleet.add(&name, &surfaces, trajectory);
+            movers.add(&name, &surfaces, trajectory);
         }
-        self.model.movers = fleet.finish(&mut self.model.warnings);
+        self.model.movers = movers.finish(&mut self.model.warnings);
     }
 
     fn node(
         &mut self,
         node: &Node<'a>,
         place: &DMat4,
-        hanger: Option<usize>,
+        carrier: Option<usize>,
         within: Option<usize>,
     ) -> Result<(), GlbError> {
         if node.extension_value("OMI_spawn_point").is_some() {
-            let above = hanger.and_then(|index| self.hangers.get(index));
+            let above = carrier.and_then(|index| self.moving.get(index));
             let start = above.map(|above| above.chain.trajectory().0.at(Duration::ZERO));
             self.spawn(&start.map_or(*place, |start| DMat4::from(start) * *place));
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
         for primitive in mesh.primitives() {
             let Some(surface) = self.primitive(mesh.index(), &primitive, place)? else { continue };
-            if let Some(hanger) = hanger.and_then(|index| self.hangers.get_mut(index)) {
-                hanger.surfaces.push(surface);
+            if let Some(carrier) = carrier.and_then(|index| self.moving.get_mut(index)) {
+                carrier.surfaces.push(surface);
                 continue;
             }
             if !surface.material.glass {
@@ -185,16 +185,16 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// A node that stands for a part of a room, or for a window.
+    /// Reads a node that declares a part of a room, or a window.
     fn room(
         &mut self,
         node: &Node<'a>,
         role: &rooms::nodes::NodeRole<'_>,
         place: &DMat4,
-        hanger: Option<usize>,
+        carrier: Option<usize>,
     ) -> Result<(), GlbError> {
         let name = node.name().unwrap_or_default();
-        if hanger.is_some() {
+        if carrier.is_some() {
             self.model.warnings.push(format!("{name}: rooms do not move; left out"));
             return Ok(());
         }
@@ -210,6 +210,7 @@ impl<'a> Reader<'a> {
         Ok(added?)
     }
 
+    /// Adds a spawn point.
     fn spawn(&mut self, to_world: &DMat4) {
         let feet = to_world.transform_point3(DVec3::ZERO);
         let forward = to_world.transform_vector3(DVec3::NEG_Z);
@@ -222,7 +223,7 @@ impl<'a> Reader<'a> {
         self.model.spawns.push(Spawn { eye, yaw: if yaw.is_finite() { yaw } else { 0.0 } });
     }
 
-    /// What a primitive shows, if it shows triangles.
+    /// The surface of a primitive, if it has triangles.
     fn primitive(
         &mut self,
         mesh: usize,
@@ -254,7 +255,7 @@ impl<'a> Reader<'a> {
         Ok(Some(Surface { positions, uvs, colours, triangles, material }))
     }
 
-    /// Triples of indices within the positions, those without area left out.
+    /// The triangles as indices into the positions, without degenerate ones.
     fn triangles(
         &mut self,
         mesh: usize,
@@ -289,15 +290,14 @@ impl<'a> Reader<'a> {
         Ok(triples.into_iter().filter(has_area).collect())
     }
 
-    /// How a primitive looks, and its texture coordinates if it has a texture.
+    /// The material of a primitive, and its texture coordinates if it has a texture.
     fn material(
         &mut self,
         primitive: &Primitive<'a>,
         vertices: usize,
     ) -> Result<(SurfaceMaterial, Vec<Vec2>), GlbError> {
         let source = primitive.material();
-        let looks = source.pbr_metallic_roughness();
-        let [r, g, b, alpha] = looks.base_color_factor();
+        let [r, g, b, alpha] = source.pbr_metallic_roughness().base_color_factor();
         let glass = source.alpha_mode() != AlphaMode::Opaque || alpha < 1.0;
         let mut material =
             SurfaceMaterial { colour: [r, g, b].map(limits::srgb_byte), texture: None, glass };
@@ -333,7 +333,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// How the base-colour texture lies on the surface, `KHR_texture_transform` included.
+/// The mapping of the base-colour texture, with `KHR_texture_transform`.
 struct Mapping<'a> {
     texture: gltf::Texture<'a>,
     set: u32,
@@ -365,13 +365,13 @@ impl<'a> Mapping<'a> {
     }
 
     fn apply(&self, uv: Vec2) -> Vec2 {
-        // In texture space, with v downwards, the extension turns the other way round.
+        // In texture space v points down, so the extension rotates the other way.
         let turned = Vec2::from_angle(-self.rotation).rotate(uv * self.scale) + self.offset;
         if turned.is_finite() { turned } else { Vec2::ZERO }
     }
 }
 
-/// Makes what is a quarter turn but for rounding exactly one, so that axial faces stay axial.
+/// Makes nearly exact quarter turns exact, so that axial faces stay axial.
 fn tidied(mut transform: DMat4) -> DMat4 {
     const TOLERANCE: f64 = 1e-6;
     for column in [&mut transform.x_axis, &mut transform.y_axis, &mut transform.z_axis] {
@@ -387,7 +387,7 @@ fn tidied(mut transform: DMat4) -> DMat4 {
     transform
 }
 
-/// Positions in the world.
+/// Positions in the world's axes.
 fn placed(mesh: usize, local: &[[f32; 3]], to_world: &DMat4) -> Result<Vec<Vec3>, GlbError> {
     let place = |(vertex, &position): (usize, &[f32; 3])| {
         let placed = to_world.transform_point3(Vec3::from(position).as_dvec3()).as_vec3();

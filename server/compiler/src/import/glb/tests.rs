@@ -129,7 +129,7 @@ fn what_blocks_sight_follows_the_material() {
 }
 
 #[test]
-fn textures_and_vertex_colours_come_along() {
+fn textures_and_vertex_colours_are_read() {
     let mut picture = Vec::new();
     let pixels = image::RgbImage::from_pixel(2, 2, image::Rgb([10, 20, 30]));
     pixels.write_to(&mut std::io::Cursor::new(&mut picture), image::ImageFormat::Png).unwrap();

@@ -33,14 +33,14 @@ fn mover(model: &Model) -> &Mover {
     mover
 }
 
-/// Where the entity's origin is after a time, in Quake's units and axes.
+/// The origin of the entity after a time, in Quake's units and axes.
 fn place(mover: &Mover, time_s: f64) -> [f64; 3] {
     let at = mover.trajectory.at(Duration::from_secs_f64(time_s)).translation / UNIT;
     [at.x, -at.z, at.y].map(|value| (value * 100.0).round() / 100.0 + 0.0)
 }
 
 #[test]
-fn what_moves_is_neither_drawn_nor_in_the_way_where_it_stands() {
+fn movers_are_neither_drawn_nor_solid_where_they_stand() {
     let (with, without) = (panel("\"classname\" \"func_door\""), BspDraft::room().model());
     assert_eq!(with.opaque, without.opaque);
     assert_eq!(with.solids, without.solids);
@@ -55,7 +55,7 @@ fn what_moves_is_neither_drawn_nor_in_the_way_where_it_stands() {
 
 #[test]
 fn doors_and_plats_go_and_come_back() {
-    // The size along the way and a unit on each side, less the lip of 8.
+    // The size along the path and a unit on each side, less the lip of 8.
     let wide = 64.0 + 2.0 - 8.0;
     let high = 96.0 + 2.0 - 8.0;
     for (keys, times) in [
@@ -146,7 +146,7 @@ fn a_train_goes_from_corner_to_corner() {
 }
 
 #[test]
-fn what_bobs_swings_or_turns_does_so_for_ever() {
+fn bobbing_swinging_and_turning_never_end() {
     let bobbing = panel("\"classname\" \"func_bobbing\" \"height\" \"10\" \"phase\" \"0.25\"");
     for (time_s, height) in [(0.0, -10.0), (1.0, 0.0), (2.0, 10.0), (42.0, 10.0)] {
         assert_eq!(place(mover(&bobbing), time_s), [0.0, 0.0, height], "at {time_s}");
@@ -170,14 +170,14 @@ fn what_bobs_swings_or_turns_does_so_for_ever() {
 
     let pendulum = panel("\"classname\" \"func_pendulum\" \"speed\" \"90\"");
     let cycle_s = f64::from(mover(&pendulum).trajectory.length_s());
-    // It hangs no lower than its origin, so it counts as 8 units long.
+    // It does not hang below its origin, so it counts as 8 units long.
     assert!((cycle_s - std::f64::consts::TAU * (24f64 / 800.0).sqrt()).abs() < 1e-6);
     assert_eq!(turned(&pendulum, cycle_s / 4.0), [1.0, -1.0, 0.0]);
     assert_eq!(turned(&pendulum, cycle_s / 2.0), [1.0, 0.0, 1.0]);
 }
 
 #[test]
-fn entities_that_make_no_sense_move_nothing() {
+fn entities_with_invalid_keys_do_not_move() {
     for keys in [
         "\"classname\" \"func_door\" \"lip\" \"1e300\"",
         "\"classname\" \"func_door\" \"speed\" \"1e-300\"",

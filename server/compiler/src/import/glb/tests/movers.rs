@@ -5,7 +5,7 @@ use sightline_world::{Mover, motion::trajectory::Playback};
 
 use super::*;
 
-/// Where a point of a mover's own is after a time.
+/// A point of a mover after a time, in the world.
 fn place(mover: &Mover, point: [f64; 3], time_s: f64) -> [f64; 3] {
     let at = mover.trajectory.at(Duration::from_secs_f64(time_s));
     at.transform_point3(DVec3::from(point)).to_array().map(|v| (v * 1e4).round() / 1e4 + 0.0)
@@ -25,7 +25,7 @@ fn a_sliding_door_is_a_mover_and_blocks_nothing() {
 }
 
 #[test]
-fn what_hangs_on_what_moves_moves_along_and_the_rest_stays() {
+fn descendants_of_moving_nodes_move_along_and_others_stay() {
     let mut draft = GlbDraft::square();
     let half = std::f32::consts::FRAC_1_SQRT_2;
     draft.root["nodes"] = json!([
@@ -47,13 +47,13 @@ fn what_hangs_on_what_moves_moves_along_and_the_rest_stays() {
     assert_eq!(model.surfaces[0].positions[1], Vec3::new(1.0, 0.0, 7.0));
     let lift = &model.movers[0];
     assert_eq!(lift.name, "lift");
-    // A quarter turn to the left takes +x to -z; both are scaled by what they hang on.
+    // A quarter turn to the left takes +x to -z. The parent scales both.
     let corner = lift.mesh().positions[1].as_dvec3().to_array();
     for (time_s, y) in [(0.5, 0.0), (1.0, 9.0), (1.9, 9.0), (2.5, 0.0)] {
         assert_eq!(place(lift, corner, time_s), [0.0, y, 5.0], "at {time_s}");
     }
 
-    // The door has an animation of its own now: it hangs on two joints.
+    // Now the door has an animation of its own: two joints move it.
     draft.animate(
         2,
         "rotation",
@@ -98,11 +98,11 @@ fn scales_turns_and_several_channels_of_one_animation_go_together() {
         &[0.0, 2.0],
         &[0.0, 0.0, 0.0, 1.0, 0.0, half, 0.0, half],
     );
-    // What another animation says of the same node is left out ...
+    // A second animation of the same node is left out ...
     let model = read_model(&draft);
     assert_eq!(model.warnings.len(), 1);
     assert_eq!(place(&model.movers[0], [1.0, 0.0, 0.0], 2.0), [2.0, 0.0, 0.0]);
-    // ... and counts as a channel more of the first; the shorter one stays where it ends.
+    // ... but counts as a second channel of the first. The shorter channel stays where it ends.
     let second = draft.root["animations"].as_array_mut().unwrap().pop().unwrap();
     let animation = &mut draft.root["animations"][0];
     animation["samplers"].as_array_mut().unwrap().push(second["samplers"][0].clone());
@@ -115,7 +115,7 @@ fn scales_turns_and_several_channels_of_one_animation_go_together() {
 }
 
 #[test]
-fn motions_that_make_no_sense_leave_a_mover_that_stays() {
+fn invalid_motions_leave_a_mover_that_stays() {
     for (path, times, value) in [
         ("translation", [0.0, 0.0], 1.0),
         ("translation", [1.0, 0.0], 1.0),
@@ -139,7 +139,7 @@ fn motions_that_make_no_sense_leave_a_mover_that_stays() {
             draft.bin[start + 4 * i..start + 4 * i + 4].copy_from_slice(&time_s.to_le_bytes());
         }
         let model = read_model(&draft);
-        assert!(model.opaque.is_empty(), "it is no occluder all the same");
+        assert!(model.opaque.is_empty(), "it is still no occluder");
         assert_eq!(model.warnings.len(), 1, "{path} {times:?} {value}");
         for time_s in [0.0, 0.5, 9.0] {
             assert_eq!(place(&model.movers[0], [0.0; 3], time_s), [3.0, 2.0, 1.0]);
