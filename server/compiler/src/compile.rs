@@ -86,6 +86,8 @@ pub fn compile(
         voxelise::voxelise(&lit, &bounds, voxel, &|share| relay.report(Stage::Voxels, share))
     })?;
     assert_eq!(cells.pvs.len(), cells.cells.len(), "each cell has a row of the PVS");
+    assert_eq!(mesh.triangles.len(), model.opaque.len(), "the oracle gets every opaque triangle");
+    assert_eq!(rooms.list().len(), model.rooms.len(), "each declared room is resolved");
 
     let report = CompileReport {
         triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),

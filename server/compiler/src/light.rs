@@ -67,6 +67,7 @@ pub(super) fn lit(
         }
         done.push(divided);
     }
+    assert_eq!(done.len(), surfaces.len(), "each surface is lit");
     Some(done)
 }
 
@@ -192,6 +193,7 @@ impl Spots {
             }
             spots.triangles.push(of_corners);
         }
+        assert_eq!(spots.of_vertex.len(), divided.positions.len(), "a spot for each vertex");
         spots
     }
 

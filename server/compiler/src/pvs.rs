@@ -71,6 +71,7 @@ pub fn potentially_visible(
     // Blocks are in the order of their cells.
     let rows = each(blocks.len(), from_blocks, progress)?.into_iter().flatten().collect();
     let rows = mutual(sorted(rows));
+    assert_eq!(rows.len(), cells.cells.len(), "blocks cover all cells");
     Some(rows.into_par_iter().map(compressed).collect())
 }
 

@@ -61,6 +61,7 @@ pub(crate) fn storeys_within(world: &World, area: &Aabb) -> Vec<f32> {
         floors.retain(|&floor| !shows(best, floor));
     }
     storeys.sort_unstable_by(f32::total_cmp);
+    assert!(storeys.len() <= STOREYS_MAX, "a picture has room for every storey");
     storeys
 }
 

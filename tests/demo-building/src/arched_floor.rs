@@ -1,8 +1,8 @@
-//! A single floor with eight arched windows: what carving is shown on.
+//! A single floor with eight arched windows, on which carving is shown.
 //!
-//! It is the fifth floor of the paper (carving, section 5) in kind: a hallway with arched windows
-//! on one side and rooms on the other, walls and slabs only. All of it is one closed solid, made of
-//! boxes but for the arches.
+//! It resembles the fifth floor of Lei and Ouhyoung 1999, section 5: a hallway with arched windows on one
+//! side and rooms on the other, with walls and slabs only. It is one closed solid, made of boxes except for
+//! the arches.
 
 use std::f32::consts::PI;
 
@@ -15,7 +15,7 @@ use super::{
 
 const ROOMS: i32 = 16;
 const WINDOWS: i32 = 8;
-/// Of the polygonal line of an arch.
+/// The number of segments of an arch.
 const SEGMENTS: i32 = 8;
 /// Lengths on the lattice of 1/64 m.
 const WALL: i32 = 16;
@@ -24,23 +24,23 @@ const CEILING: i32 = 192;
 const ROOM_WIDTH: i32 = 224;
 const ROOM_DEPTH: i32 = 384;
 const HALLWAY: i32 = 192;
-/// Faces are divided into rectangles no longer than this.
+/// The longest side of a rectangle into which faces are divided.
 const PIECE_MAX: i32 = 95;
 
 const LENGTH: i32 = WALL + ROOMS * (ROOM_WIDTH + WALL);
 const DEPTH: i32 = WALL + HALLWAY + WALL + ROOM_DEPTH + WALL;
 
-/// A floor that has been made.
+/// A generated floor.
 pub struct ArchedFloor {
-    /// A GLB 2.0 file.
+    /// The floor as a GLB 2.0 file.
     pub glb: Vec<u8>,
-    /// How many triangles it has.
+    /// The number of triangles.
     pub triangles: usize,
-    /// How many polygons it was made of: rectangles, and the pieces of the arches.
+    /// The number of polygons: rectangles, and the pieces of the arches.
     pub polygons: usize,
 }
 
-/// Makes the floor; always the same.
+/// Makes the floor, which is always the same.
 pub fn arched_floor() -> ArchedFloor {
     let mut scene = Scene::with_nodes(vec!["hallway".into(), "rooms".into(), "shell".into()]);
     let boxes = Boxes::new();
@@ -60,11 +60,11 @@ enum Filling {
     Hallway,
     Room,
     Opening,
-    /// The head of a window, where the arch is made by other means.
+    /// The head of a window, which the arch fills.
     Arch,
 }
 
-/// Lattice boxes, later ones over earlier ones: from, to, and what fills them.
+/// A lattice box: from, to, and what fills it. Later layers cover earlier ones.
 type Layer = ([i32; 3], [i32; 3], Filling);
 
 struct Boxes {
@@ -80,7 +80,7 @@ impl Boxes {
                 layers.iter().flat_map(|(min, max, _)| [min[axis], max[axis]]).collect();
             cuts.sort_unstable();
             cuts.dedup();
-            // All round there is one layer of nothing.
+            // One empty layer surrounds everything.
             let (first, last) = (cuts[0] - 1, cuts[cuts.len() - 1] + 1);
             [vec![first], cuts, vec![last]].concat()
         });
@@ -109,7 +109,7 @@ impl Boxes {
         (x * (self.cuts[1].len() - 1) + y) * (self.cuts[2].len() - 1) + z
     }
 
-    /// Adds a face wherever solid and open parts meet; returns how many.
+    /// Adds a face wherever solid and open parts meet, and gives the number of polygons.
     fn build(&self, scene: &mut Scene) -> usize {
         let mut count = 0;
         for axis in 0..3 {
@@ -143,9 +143,9 @@ impl Boxes {
     }
 }
 
-/// Adds a face in pieces; returns how many.
+/// Adds a face in pieces, and gives their number.
 fn pieces(scene: &mut Scene, open: Filling, face: Face) -> usize {
-    let (node, paint) = looks(open, &face);
+    let (node, paint) = paint(open, &face);
     let parts = [0, 1].map(|side| {
         let (from, to) = (face.min[side], face.max[side]);
         let count = (to - from + PIECE_MAX - 1) / PIECE_MAX;
@@ -160,7 +160,8 @@ fn pieces(scene: &mut Scene, open: Filling, face: Face) -> usize {
     parts[0].len() * parts[1].len()
 }
 
-fn looks(open: Filling, face: &Face) -> (usize, Paint) {
+/// The node and the paint of a face, by what is in front of it.
+fn paint(open: Filling, face: &Face) -> (usize, Paint) {
     const PLASTER: Paint = Paint::opaque([236, 230, 218]);
     const BRICK: Paint = Paint::opaque([176, 112, 88]);
     const TRIM: Paint = Paint::opaque([214, 208, 196]);
@@ -176,11 +177,13 @@ fn looks(open: Filling, face: &Face) -> (usize, Paint) {
     }
 }
 
-/// Heights of an arched window: where it begins, where its sides end and its round begins, the
-/// highest point of the round, and the top of the pieces of wall over it.
+/// The height of the sill of an arched window.
 const SILL: i32 = 32;
+/// The height at which the round part begins.
 const SPRING: i32 = 96;
+/// The height of the top of the arch.
 const CROWN: i32 = 168;
+/// The height of the top of the pieces of wall above the arch.
 const HEAD: i32 = 180;
 
 fn layers() -> Vec<Layer> {
@@ -207,13 +210,13 @@ fn layers() -> Vec<Layer> {
     layers
 }
 
-/// From where to where along the hallway each arched window is.
+/// The extent of each arched window along the hallway.
 fn windows() -> impl Iterator<Item = [i32; 2]> {
     let pitch = LENGTH / WINDOWS;
     (0..WINDOWS).map(move |i| [pitch * i + (pitch - 160) / 2, pitch * i + (pitch + 160) / 2])
 }
 
-/// Adds the round parts of the windows; returns how many polygons they have.
+/// Adds the round parts of the windows, and gives the number of polygons.
 fn arches(scene: &mut Scene) -> usize {
     let brick = Paint::opaque([176, 112, 88]);
     let (plaster, trim) = (Paint::opaque([236, 230, 218]), Paint::opaque([214, 208, 196]));
@@ -275,8 +278,8 @@ mod tests {
         (triangles, carved)
     }
 
-    /// The figures of the paper's fifth floor: 3104 polygons with eight clusters of 24 polygons,
-    /// three added for each window, and 16 pieces of the walls over it left.
+    /// The figures agree with the fifth floor of Lei and Ouhyoung 1999: 3104 polygons with eight clusters of
+    /// 24 polygons, three caps for each window, and 16 pieces of wall left above it.
     #[test]
     fn carving_leaves_an_axial_model() {
         let (_, carved) = carved();
@@ -291,8 +294,8 @@ mod tests {
         assert_eq!(report.semi_axial, 0);
     }
 
-    /// Figs. 10 and 11: with the cuttings it looks the same from everywhere; without them there are
-    /// rectangular holes where the arches were.
+    /// With its cuttings, the model looks the same from everywhere. Without them, it has rectangular holes
+    /// where the arches were (Lei and Ouhyoung 1999, Figs. 10 and 11).
     #[test]
     fn with_the_cuttings_it_looks_the_same_and_without_them_it_has_holes() {
         let (triangles, carved) = carved();
@@ -316,7 +319,7 @@ mod tests {
             assert!(at(&holed) >= at(&original) - 1e-3, "{eye} {towards}");
             holes += usize::from(at(&holed) > at(&original) + 0.01);
         }
-        // The corners beside the arches are a small part of what one sees.
+        // The corners beside the arches are a small part of the picture.
         assert!((20..2_000).contains(&holes), "{holes}");
     }
 }

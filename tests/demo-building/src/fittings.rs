@@ -1,5 +1,4 @@
-//! What belongs to the building but not to its shell: steps, arches, glass, columns, balustrades,
-//! the landmark in the hall, and the places where avatars begin.
+//! Fittings: steps, arches, glass, columns, balustrades, the landmark in the hall, and spawn points.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -18,18 +17,18 @@ const STEP: Paint = Paint::opaque([176, 172, 164]);
 const FRAME: Paint = Paint::opaque([88, 92, 98]);
 const RAIL: Paint = Paint::opaque([104, 74, 48]);
 const STONE: Paint = Paint::opaque([226, 218, 200]);
-/// How far an arch rises above where it springs.
+/// The rise of an arch above its springing line.
 const ARCH_RISE: i32 = 40;
 const ARCH_SEGMENTS: i32 = 10;
-/// Sides of a column, as many as the hours of a clock.
+/// The number of sides of a column.
 const COLUMN_SIDES: u32 = 12;
 const COLUMN_RADIUS_M: f32 = 0.28;
-/// A building has at least as many places to begin.
+/// The least number of spawn points.
 const SPAWNS_MIN: usize = 12;
-/// Rooms on a storey in which avatars begin.
+/// The number of rooms on a storey with a spawn point.
 const ROOM_SPAWNS_PER_STOREY: usize = 6;
 
-/// Adds all of it to the scene.
+/// Adds all fittings to the scene.
 pub(super) fn build(plan: &Plan, scene: &mut Scene) {
     for stair in &plan.stairs {
         steps(plan, stair, scene);
@@ -50,7 +49,7 @@ pub(super) fn build(plan: &Plan, scene: &mut Scene) {
     spawns(plan, scene);
 }
 
-/// Treads and risers; the last riser is the edge of the upper floor.
+/// Adds treads and risers. The last riser is the edge of the upper floor.
 fn steps(plan: &Plan, stair: &Stair, scene: &mut Scene) {
     let node = stair.spaces[0];
     let floor = plan.floor(stair.storey);
@@ -104,7 +103,7 @@ impl Frame<'_> {
     }
 }
 
-/// Fills the upper corners of an opening with spandrels below half an ellipse.
+/// Fills the upper corners of an opening with spandrels, so that half an ellipse stays open.
 fn arch(opening: &WallOpening, floor: i32, scene: &mut Scene) {
     let frame = Frame { opening, floor };
     let [start, end] = frame.along().map(metres);
@@ -139,7 +138,7 @@ fn arch(opening: &WallOpening, floor: i32, scene: &mut Scene) {
     }
 }
 
-/// A pane in the middle of the wall, a thin frame around it and mullions across it.
+/// Adds a pane in the middle of the wall, with a thin frame and mullions.
 fn glazing(opening: &WallOpening, floor: i32, scene: &mut Scene) {
     let frame = Frame { opening, floor };
     let [near, far] = frame.through();
@@ -201,7 +200,7 @@ fn prism(scene: &mut Scene, paint: Paint, foot: Vec3, below: f32, above: f32, he
     }
 }
 
-/// A handrail on posts with glass below, along one edge of the void.
+/// Adds a handrail on posts with glass below, along one edge of the void.
 fn balustrade(void: &LatticeRect, z: i32, floor: i32, scene: &mut Scene) {
     let shell = scene.shell();
     let [start, end] = void.span(0);
@@ -215,7 +214,7 @@ fn balustrade(void: &LatticeRect, z: i32, floor: i32, scene: &mut Scene) {
     scene.face(shell, Paint::GLASS, Face { axis: 2, at: z, min, max, positive: true });
 }
 
-/// Glass over the hall, on beams.
+/// Adds glass on beams over the hall.
 fn skylight(void: &LatticeRect, roof: i32, scene: &mut Scene) {
     let shell = scene.shell();
     let beams = (void.size(0) / 128).max(1);
@@ -227,8 +226,8 @@ fn skylight(void: &LatticeRect, roof: i32, scene: &mut Scene) {
     scene.face(shell, Paint::GLASS, Face { axis: 1, at: roof, min, max, positive: false });
 }
 
-/// A striped column in the middle of the hall, as high as the building, and a disc at each storey
-/// in the colour of its floor: one knows how high one is from afar.
+/// Adds a striped column in the middle of the hall, as high as the building, with a disc at each storey in
+/// the colour of its floor. It shows the storey from afar.
 fn landmark(void: &LatticeRect, storeys: usize, scene: &mut Scene) {
     let [x, z] = void.centre();
     let shell = scene.shell();
@@ -249,7 +248,7 @@ fn landmark(void: &LatticeRect, storeys: usize, scene: &mut Scene) {
     }
 }
 
-/// Places to begin: in the hall, on galleries, in corridors, and behind the doors of rooms.
+/// Adds spawn points in the hall, on galleries, in corridors, and behind doors of rooms.
 fn spawns(plan: &Plan, scene: &mut Scene) {
     for storey in 0..plan.storeys {
         let on_storey = plan.spaces.iter().filter(|space| space.storey == storey);
@@ -259,7 +258,7 @@ fn spawns(plan: &Plan, scene: &mut Scene) {
             let yaw = if long == 0 { FRAC_PI_2 } else { 0.0 };
             match space.kind {
                 SpaceKind::Corridor => spawn(plan, storey, [x, z], yaw, scene),
-                // The gallery's own middle is over the void.
+                // The middle of a gallery lies over the void.
                 SpaceKind::Gallery => {
                     let z = plan.void.map_or(z, |void| void.max[1] + 96);
                     spawn(plan, storey, [x + 40, z], 0.0, scene);

@@ -1,4 +1,4 @@
-//! Furniture: detail objects that stand in rooms and leave the way from door to door free.
+//! Furniture: detail objects in rooms that leave the way from door to door free.
 
 use std::f32::consts::TAU;
 
@@ -19,13 +19,14 @@ const POT: Paint = Paint::opaque([186, 96, 62]);
 const LEAF: Paint = Paint::opaque([62, 128, 58]);
 const CARTON: Paint = Paint::opaque([190, 156, 110]);
 const BOARD: Paint = Paint::opaque([36, 70, 60]);
-/// Free along every wall of a room, so that all its doors join: a body and a half.
+/// The width that stays free along every wall of a room, so that all doors are connected: a body and a
+/// half.
 const AISLE: i32 = 64;
-/// Free in front of a door.
+/// The depth that stays free in front of a door.
 const DOOR_CLEARANCE: i32 = 72;
 const SHELF_DEPTH: i32 = 22;
 
-/// Furnishes every room; corridors and galleries get plants.
+/// Furnishes every room, and puts plants into corridors and galleries.
 pub(super) fn build(plan: &Plan, seed: u64, scene: &mut Scene) {
     let mut rng = SmallRng::seed_from_u64(seed ^ 0xF00D);
     for (node, space) in plan.spaces.iter().enumerate() {
@@ -76,7 +77,7 @@ impl Furnishing<'_> {
         }
     }
 
-    /// Whether something may stand here: inside, and away from every door.
+    /// Whether furniture may stand here: inside the room, and away from every door.
     fn is_free(&self, rect: &LatticeRect) -> bool {
         let inside =
             self.space.rect.contains(rect.min) && self.space.rect.contains(rect.max.map(|v| v - 1));
@@ -90,7 +91,7 @@ impl Furnishing<'_> {
         self.scene.block(self.node, paint, min, [rect.max[0], floor + up[1], rect.max[1]]);
     }
 
-    /// A top on two panels.
+    /// Adds a table: a top on two panels.
     fn table(&mut self, rect: LatticeRect, paint: Paint) {
         self.block(paint, rect, [45, 48]);
         let axis = usize::from(rect.size(1) > rect.size(0));
@@ -104,7 +105,7 @@ impl Furnishing<'_> {
         }
     }
 
-    /// A seat on a foot, with its back against `axis`.
+    /// Adds a chair: a seat on a foot, with its back across `axis`.
     fn chair(&mut self, centre: [i32; 2], axis: usize, back_at_max: bool) {
         let seat = LatticeRect::new(centre, centre).grown(14);
         let paint = Paint::opaque(self.space.colours[1]);
@@ -115,7 +116,7 @@ impl Furnishing<'_> {
         self.block(paint, seat.with_span(axis, back), [30, 56]);
     }
 
-    /// One long table with chairs on both sides.
+    /// Adds one long table with chairs on both sides.
     fn meeting(&mut self, middle: LatticeRect) {
         let axis = usize::from(middle.size(1) > middle.size(0));
         let across = 1 - axis;
@@ -133,7 +134,7 @@ impl Furnishing<'_> {
         }
     }
 
-    /// Rows of desks with a screen and a chair each.
+    /// Adds rows of desks with a screen and a chair each.
     fn desks(&mut self, middle: LatticeRect) {
         let count = [middle.size(0) / 128, middle.size(1) / 128].map(|n| n.clamp(1, 4));
         for i in 0..count[0] * count[1] {
@@ -154,7 +155,7 @@ impl Furnishing<'_> {
         }
     }
 
-    /// Sofas round a low round table.
+    /// Adds sofas around a low round table.
     fn lounge(&mut self, middle: LatticeRect, rng: &mut SmallRng) {
         let paint = Paint::opaque(srgb(rng.random(), 0.6, 0.7));
         let axis = usize::from(middle.size(1) > middle.size(0));
@@ -173,7 +174,7 @@ impl Furnishing<'_> {
         self.cone(WOOD, centre, [0.44, 0.47], [0.45, 0.0]);
     }
 
-    /// Stacked boxes.
+    /// Adds stacks of boxes.
     fn store(&mut self, middle: LatticeRect, rng: &mut SmallRng) {
         for x in (middle.min[0]..middle.max[0] - 36).step_by(44) {
             for z in (middle.min[1]..middle.max[1] - 36).step_by(44) {
@@ -189,7 +190,7 @@ impl Furnishing<'_> {
         }
     }
 
-    /// Rows of tables towards a board on the wall.
+    /// Adds rows of tables that face a board on the wall.
     fn class(&mut self, middle: LatticeRect) {
         for z in (middle.min[1]..middle.max[1] - 52).step_by(76) {
             for x in (middle.min[0]..=middle.max[0] - 64).step_by(84) {
@@ -212,7 +213,7 @@ impl Furnishing<'_> {
         self.plan.openings[self.space.storey].iter().all(|opening| !opening.rect.overlaps(&behind))
     }
 
-    /// Shelves with coloured books, against some piece of wall without a door or window.
+    /// Adds shelves with coloured books, against a piece of wall without an opening.
     fn shelf(&mut self, rng: &mut SmallRng) {
         let axis = rng.random_range(0..2);
         let rect = self.space.rect;
@@ -244,14 +245,14 @@ impl Furnishing<'_> {
         }
     }
 
-    /// A pot and leaves, none of them axial.
+    /// Adds a plant: a pot and leaves, none of them axial.
     fn plant(&mut self, at: [i32; 2], height: f32) {
         self.cone(POT, at, [0.0, 0.35], [0.13, 0.2]);
         self.cone(LEAF, at, [0.35, 0.35 + height * 0.45], [0.06, 0.3]);
         self.cone(LEAF, at, [0.35 + height * 0.45, 0.4 + height], [0.3, 0.0]);
     }
 
-    /// A seven-sided ring of triangles between two heights and radii, in metres.
+    /// Adds a seven-sided ring between two heights and radii, in metres.
     fn cone(&mut self, paint: Paint, at: [i32; 2], up: [f32; 2], radii: [f32; 2]) {
         const SIDES: u32 = 7;
         let foot = Vec3::new(metres(at[0]), metres(self.floor), metres(at[1]));

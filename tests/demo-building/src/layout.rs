@@ -1,8 +1,8 @@
-//! From a number of rooms to a plan: a hall in the middle, a wing on either side of it.
+//! From a number of rooms to a floor plan: a hall in the middle, and a wing on either side.
 //!
-//! A wing begins with a spine, a corridor across its whole length. What lies beyond is divided:
-//! large regions by a corridor at right angles to the one that leads to them, wide ones into
-//! strips, until a region is one room deep and can be cut into rooms that all have a door.
+//! A wing begins with a spine, a corridor along its whole length. The rest of the wing is divided. A large
+//! region is split by a corridor at right angles to the one that leads to it, a wide region into strips. A
+//! region that is one room deep is cut into rooms, each with a door.
 
 mod hall;
 
@@ -13,20 +13,24 @@ use super::{
     rect::LatticeRect,
 };
 
+/// The width of a corridor.
 const CORRIDOR: i32 = 144;
-/// A region that is no deeper is cut into rooms.
+/// The greatest depth of a region that is cut into rooms.
 const ROOM_DEPTH_MAX: i32 = 544;
 /// The width of a strip: two rooms and a corridor between them.
 const STRIP: i32 = 928;
-/// What a room takes of a wing, its share of corridors and walls included, in square units.
+/// The area of a wing for each room, corridors and walls included, in square units.
 const ROOM_AREA: i64 = 38 * 64 * 64;
+/// The width of a door.
 const DOOR_WIDTH: i32 = 68;
+/// The height of a door.
 const DOOR_HEAD: i32 = 136;
+/// The height of an arch.
 const ARCH_HEAD: i32 = 176;
-/// From an opening to the corner of a room, at least.
+/// The least distance from an opening to the corner of a room.
 const JAMB: i32 = 14;
 
-/// Makes the plan for this many rooms.
+/// Makes the plan for a number of rooms.
 pub(super) fn plan(rooms: usize, seed: u64) -> Plan {
     let storeys = match rooms {
         0..=6 => 1,
@@ -49,20 +53,20 @@ pub(super) fn plan(rooms: usize, seed: u64) -> Plan {
 struct Layout {
     plan: Plan,
     rng: SmallRng,
-    /// The storey, the wing and the hue that spaces are being made for.
+    /// The storey, wing and hue of the spaces that are being made.
     storey: usize,
     wing: char,
     hue: f32,
     rooms_named: usize,
 }
 
-/// A part of a wing that still has to be divided.
+/// A part of a wing that is not divided yet.
 #[derive(Clone, Copy)]
 struct Region {
     rect: LatticeRect,
     /// The axis of the depth: at right angles to the corridor that leads here.
     axis: usize,
-    /// Whether that corridor is on the side of greater coordinates.
+    /// Whether that corridor lies on the side of greater coordinates.
     at_max: bool,
     corridor: usize,
     rooms: usize,
@@ -104,7 +108,7 @@ impl Layout {
         Self { plan, rng, storey: 0, wing: 'A', hue: 0.0, rooms_named: 0 }
     }
 
-    /// One storey: a corridor, and rooms along it.
+    /// Lays out one storey: a corridor, and rooms along it.
     fn cottage(&mut self, rooms: usize) {
         let (length, depth) = wing_size(rooms);
         let corridor = LatticeRect::new([0, 0], [length, CORRIDOR]);
@@ -164,7 +168,7 @@ impl Layout {
         }
     }
 
-    /// Side by side along the corridor, with a wall between.
+    /// Divides a region into strips side by side along the corridor.
     fn divide_into_strips(&mut self, region: Region, strips: usize) {
         let across = 1 - region.axis;
         let spans = self.cut(region.rect.span(across), strips, 0.12);
@@ -175,7 +179,7 @@ impl Layout {
         }
     }
 
-    /// A new corridor from the old one to the far end, and what lies on its sides.
+    /// Divides a region by a new corridor from the old one to the far end.
     fn divide_by_corridor(&mut self, region: Region) {
         let across = 1 - region.axis;
         let [start, end] = region.rect.span(across);
@@ -202,7 +206,7 @@ impl Layout {
         }
     }
 
-    /// Rooms side by side, each with a door to the corridor and some with one to the next room.
+    /// Cuts a region into rooms side by side, each with a door to the corridor, some with one to the next room.
     fn cut_into_rooms(&mut self, region: Region) {
         let across = 1 - region.axis;
         let spans = self.cut(region.rect.span(across), region.rooms, 0.2);
@@ -239,7 +243,7 @@ impl Layout {
         room
     }
 
-    /// A door through the wall before `rect`, between two rooms that lie along `axis`.
+    /// Adds a door through the wall before `rect`, between two rooms that lie along `axis`.
     fn connect(&mut self, before: usize, after: usize, rect: LatticeRect, axis: usize) {
         let across = 1 - axis;
         let [start, end] = rect.span(across);
@@ -249,8 +253,7 @@ impl Layout {
         self.door(door, axis, OpeningKind::Door, (before, Some(after)));
     }
 
-    /// Cuts an extent into pieces with walls between, each up to `jitter` longer or shorter than
-    /// the mean.
+    /// Cuts an extent into pieces with walls between. Each is up to `jitter` longer or shorter than the mean.
     fn cut(&mut self, span: [i32; 2], pieces: usize, jitter: f32) -> Vec<[i32; 2]> {
         let free = (span[1] - span[0] - WALL * (pieces as i32 - 1)) as f32;
         let weights: Vec<f32> =
@@ -269,7 +272,7 @@ impl Layout {
         spans
     }
 
-    /// Windows wherever a wall has the open air behind it.
+    /// Adds windows to all outer walls.
     fn windows(&mut self) {
         for index in 0..self.plan.spaces.len() {
             let PlanSpace { rect, storey, kind, .. } = self.plan.spaces[index];
@@ -323,7 +326,7 @@ impl Layout {
     }
 }
 
-/// The length and the depth of a region for this many rooms.
+/// The length and the depth of a wing for a number of rooms.
 fn wing_size(rooms: usize) -> (i32, i32) {
     let area = rooms as i64 * ROOM_AREA;
     let strips = ((area as f64).sqrt() * 1.2 / f64::from(STRIP)).round().max(1.0) as i32;
@@ -331,7 +334,7 @@ fn wing_size(rooms: usize) -> (i32, i32) {
     (length, ((area / i64::from(length)) as i32).max(ROOM_DEPTH_MAX * 3 / 5))
 }
 
-/// Shares a number out in proportion to weights, at least one each as long as there are enough.
+/// Shares a number out in proportion to weights, with at least one each when there are enough.
 fn share_out(total: usize, weights: &[i32]) -> Vec<usize> {
     let sum: i64 = weights.iter().map(|&w| i64::from(w)).sum::<i64>().max(1);
     let mut left = total;
@@ -350,6 +353,7 @@ fn share_out(total: usize, weights: &[i32]) -> Vec<usize> {
         left -= share;
         weight_left -= i64::from(weight);
     }
+    assert_eq!(shares.iter().sum::<usize>(), total, "nothing is lost");
     shares
 }
 

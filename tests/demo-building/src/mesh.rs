@@ -1,4 +1,4 @@
-//! Triangles by space and colour, and the GLB that they are written to.
+//! Triangles by node and colour, and the GLB file.
 
 use std::{borrow::Cow, collections::BTreeMap};
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::{UNITS_PER_METRE, plan::Plan};
 
-/// sRGB and opacity; less than 255 is glass.
+/// An sRGB colour and an opacity. Glass has less than 255.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Paint(pub [u8; 3], pub u8);
 
@@ -20,16 +20,17 @@ impl Paint {
     }
 }
 
-/// What the building consists of, by node.
+/// The triangles of a building, by node.
 pub(super) struct Scene {
     names: Vec<String>,
     shell: usize,
     soups: BTreeMap<(usize, Paint), Soup>,
     spawns: Vec<(Vec3, f32)>,
-    /// Nodes that move: seconds, and how far they are from where they are drawn, in metres.
+    /// The nodes that move: seconds, and the offset from where they are drawn, in metres.
     ways: BTreeMap<usize, Vec<(f32, Vec3)>>,
 }
 
+/// Triangles of one node and colour.
 #[derive(Default)]
 struct Soup {
     positions: Vec<Vec3>,
@@ -37,7 +38,7 @@ struct Soup {
 }
 
 impl Scene {
-    /// An empty scene with a node for each space, and one for all that belongs to none.
+    /// An empty scene with a node for each space, and one for everything else.
     pub fn new(plan: &Plan) -> Self {
         let names = plan.spaces.iter().map(|space| space.name.clone());
         Self::with_nodes(names.chain(["shell".to_owned()]).collect())
@@ -50,12 +51,12 @@ impl Scene {
         Self { names, shell, soups, spawns: Vec::new(), ways }
     }
 
-    /// The node of what belongs to no space.
+    /// The node of everything that belongs to no space.
     pub fn shell(&self) -> usize {
         self.shell
     }
 
-    /// Adds a node that moves for ever: seconds, and how far it is from where it is drawn.
+    /// Adds a node that moves for ever: seconds, and the offset from where it is drawn.
     pub fn mover(&mut self, name: String, way: Vec<(f32, Vec3)>) -> usize {
         self.names.push(name);
         self.ways.insert(self.names.len() - 1, way);
@@ -82,6 +83,7 @@ impl Scene {
             point[(axis + 2) % 3] = metres(v);
             point
         };
+        debug_assert!(axis < 3, "a face lies across x, y or z");
         let mut corners = [
             corner(min[0], min[1]),
             corner(max[0], min[1]),
@@ -106,7 +108,7 @@ impl Scene {
         }
     }
 
-    /// Adds a place to begin: where the feet stand, in metres, and the yaw.
+    /// Adds a spawn point: where the feet stand, in metres, and the yaw.
     pub fn spawn(&mut self, feet: Vec3, yaw: f32) {
         self.spawns.push((feet, yaw));
     }
@@ -127,6 +129,7 @@ impl Scene {
         }
         let nodes = self.nodes(&writer.primitives);
         let animations = self.animations(&mut writer);
+        assert!(writer.bytes.len().is_multiple_of(4), "views are aligned");
         let bytes = writer.bytes.len();
         let mut root = json!({
             "asset": { "version": "2.0", "generator": "sightline-server demo-building" },
@@ -152,7 +155,7 @@ impl Scene {
         glb.to_vec().unwrap_or_default()
     }
 
-    /// One for each node that moves.
+    /// One animation for each node that moves.
     fn animations(&self, writer: &mut Writer) -> Vec<Value> {
         let places: Vec<usize> = writer.primitives.keys().copied().collect();
         let drawn = |node: &usize| places.iter().position(|place| place == node);
@@ -200,6 +203,7 @@ pub(super) fn metres(units: i32) -> f32 {
     units as f32 / UNITS_PER_METRE as f32
 }
 
+/// The parts of a GLB file that is being written.
 #[derive(Default)]
 struct Writer {
     bytes: Vec<u8>,
@@ -207,7 +211,7 @@ struct Writer {
     accessors: Vec<Value>,
     materials: Vec<Value>,
     material_of: BTreeMap<Paint, usize>,
-    /// By node.
+    /// Primitives by node.
     primitives: BTreeMap<usize, Vec<Value>>,
 }
 
@@ -274,7 +278,7 @@ impl Writer {
 
     fn indices(&mut self, triangles: &[[u32; 3]], vertices: usize) -> usize {
         let indices = triangles.iter().flatten();
-        // 65535 itself is reserved for a restart.
+        // Index 65535 is reserved for restarts.
         let (view, component) = if vertices < 65_535 {
             (self.view(indices.flat_map(|&i| (i as u16).to_le_bytes()), Some(34_963)), 5123)
         } else {

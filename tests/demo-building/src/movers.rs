@@ -1,4 +1,4 @@
-//! What moves in the building: a lift in the hall, and doors that slide.
+//! The movers of the building: a lift in the hall, and sliding doors.
 
 use glam::Vec3;
 
@@ -12,17 +12,20 @@ const CABIN_RIM: Paint = Paint::opaque([70, 74, 82]);
 const LEAF: Paint = Paint::opaque([150, 112, 74]);
 /// Half the width of the lift's platform, in lattice units.
 const CABIN_HALF: i32 = 56;
+/// The speed of the lift, in metres per second.
 const LIFT_SPEED: f32 = 1.2;
-/// How long the lift stays at a storey, in seconds.
+/// How long the lift stays at each storey, in seconds.
 const LIFT_STAY_S: f32 = 4.0;
-/// Room doors that slide, on each storey.
+/// The number of sliding doors on each storey.
 const DOORS_PER_STOREY: usize = 4;
-/// How thick a door is, in lattice units; its wall is thicker.
+/// The thickness of a door, in lattice units. Its wall is thicker.
 const LEAF_THICKNESS: i32 = 4;
+/// How long a door takes to open, in seconds.
 const DOOR_S: f32 = 1.5;
+/// How long a door stays open or closed, in seconds.
 const DOOR_STAY_S: f32 = 6.0;
 
-/// Adds all of it to the scene.
+/// Adds the movers to the scene.
 pub(super) fn build(plan: &Plan, scene: &mut Scene) {
     if plan.storeys > 1 && plan.void.is_some_and(|void| void.size(0) > 8 * CABIN_HALF) {
         lift(plan, scene);
@@ -36,7 +39,7 @@ pub(super) fn build(plan: &Plan, scene: &mut Scene) {
     }
 }
 
-/// An open platform beside the landmark, from the hall's floor to the highest gallery and back.
+/// Adds the lift: an open platform beside the landmark, from the floor of the hall to the top gallery.
 fn lift(plan: &Plan, scene: &mut Scene) {
     let Some(void) = &plan.void else { return };
     let [x, z] = void.centre();
@@ -68,7 +71,7 @@ fn leads_to_room(plan: &Plan, storey: usize, opening: &WallOpening) -> bool {
         })
 }
 
-/// A leaf that slides into the wall beside its opening; each opens at a time of its own.
+/// Adds a door that slides into the wall beside its opening. Each opens at a time of its own.
 fn door(plan: &Plan, storey: usize, number: usize, opening: &WallOpening, scene: &mut Scene) {
     let (through, along) = (opening.axis, 1 - opening.axis);
     let [start, end] = opening.rect.span(along);

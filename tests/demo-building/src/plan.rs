@@ -1,92 +1,92 @@
-//! What a plan consists of.
+//! The floor plan: spaces, doors, stairs and openings.
 
 use super::rect::LatticeRect;
 
-/// From one floor to the next: twenty steps.
+/// The height from one floor to the next: twenty steps.
 pub(super) const STOREY: i32 = STEPS * RISE;
 /// The thickness of a slab.
 pub(super) const SLAB: i32 = 16;
-/// From a floor to its ceiling.
+/// The height from a floor to its ceiling.
 pub(super) const CEILING: i32 = STOREY - SLAB;
 /// The thickness of a wall.
 pub(super) const WALL: i32 = 12;
-/// How many steps lead from one floor to the next.
+/// The number of steps from one floor to the next.
 pub(super) const STEPS: i32 = 20;
 /// The height of a step: 0.172 m.
 pub(super) const RISE: i32 = 11;
 /// The depth of a step: 0.281 m.
 pub(super) const RUN: i32 = 18;
 
-/// A building's spaces, and how they join. Lengths are in lattice units.
+/// The floor plan of a building. Lengths are in lattice units.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// How many floors there are.
+    /// The number of storeys.
     pub storeys: usize,
-    /// Every space, on every storey.
+    /// The spaces of all storeys.
     pub spaces: Vec<PlanSpace>,
-    /// Where one can walk from one space to another on the same storey.
+    /// Passages between spaces of the same storey.
     pub doors: Vec<PlanDoor>,
-    /// Where one can walk from one storey to the next.
+    /// Flights of steps from one storey to the next.
     pub stairs: Vec<Stair>,
-    /// The hall that is open over all storeys; its walkable floor is that of its galleries.
+    /// The hall that is open over all storeys, without its galleries.
     pub void: Option<LatticeRect>,
-    /// The building's outline, the same on every storey: the union of these.
+    /// The outline of the building, the same on every storey: the union of these rectangles.
     pub(super) outlines: Vec<LatticeRect>,
-    /// Solid parts inside spaces, storey by storey.
+    /// Solid parts inside spaces, by storey.
     pub(super) blocks: Vec<Vec<LatticeRect>>,
-    /// Holes through walls, doors among them, storey by storey.
+    /// Holes through walls, doors included, by storey.
     pub(super) openings: Vec<Vec<WallOpening>>,
 }
 
-/// A part of one storey that one can stand in.
+/// A part of one storey between walls, where people can stand.
 #[derive(Clone, Debug)]
 pub struct PlanSpace {
-    /// What it is called: storey, wing and number for a room.
+    /// The name; for a room, its storey, wing and number.
     pub name: String,
-    /// What it is for.
+    /// The use of the space.
     pub kind: SpaceKind,
-    /// Which floor it is on; 0 is at ground level.
+    /// The storey; 0 is at ground level.
     pub storey: usize,
-    /// Between its walls.
+    /// The floor between its walls.
     pub rect: LatticeRect,
-    /// sRGB colours of its walls: most of them, and the one that stands out.
+    /// The sRGB colours of its walls: of most of them, and of the accent wall.
     pub colours: [[u8; 3]; 2],
-    /// The axis and the sense in which the wall that stands out faces.
+    /// The axis along which the accent wall faces, and whether it faces along or against it.
     pub(super) accent: (usize, bool),
 }
 
-/// What a space is for.
+/// The use of a space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpaceKind {
     /// A room with a door.
     Room,
-    /// What leads to rooms.
+    /// A corridor that leads to rooms.
     Corridor,
-    /// The floor round the hall; on the ground, the hall's own floor too.
+    /// The floor around the hall. At ground level, the floor of the hall too.
     Gallery,
-    /// A staircase, between its landings.
+    /// A staircase between landings.
     Stairs,
 }
 
 /// A passage between two spaces of one storey.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanDoor {
-    /// Indices of the spaces; the second is `None` when the door leads outside.
+    /// The indices of the two spaces. The second is `None` when the door leads outside.
     pub spaces: (usize, Option<usize>),
     /// The part of the wall that it takes.
     pub rect: LatticeRect,
-    /// Which floor it is on.
+    /// The storey.
     pub storey: usize,
 }
 
 /// A flight of steps between two spaces.
 #[derive(Clone, Copy, Debug)]
 pub struct Stair {
-    /// Indices of the lower and the upper space.
+    /// The indices of the lower and the upper space.
     pub spaces: [usize; 2],
-    /// What the steps cover.
+    /// The floor that the steps cover.
     pub flight: LatticeRect,
-    /// Whether one goes up towards greater z.
+    /// Whether the steps rise towards greater z.
     pub towards_z: bool,
     /// The storey of the lower space.
     pub storey: usize,
@@ -97,10 +97,11 @@ pub struct Stair {
 pub(super) struct WallOpening {
     /// The part of the wall that it takes.
     pub rect: LatticeRect,
-    /// Which way one goes through: 0 along x, 1 along z.
+    /// The axis of the way through: 0 for x, 1 for z.
     pub axis: usize,
-    /// Heights above the floor.
+    /// The height of its lower edge above the floor.
     pub sill: i32,
+    /// The height of its upper edge above the floor.
     pub head: i32,
     pub kind: OpeningKind,
 }
@@ -113,7 +114,7 @@ pub(super) enum OpeningKind {
 }
 
 impl Plan {
-    /// How many rooms there are.
+    /// The number of rooms.
     pub fn room_count(&self) -> usize {
         self.spaces.iter().filter(|space| space.kind == SpaceKind::Room).count()
     }
@@ -128,7 +129,7 @@ impl Plan {
         !self.outlines.iter().any(|outline| outline.overlaps(rect))
     }
 
-    /// The doors and arches of one storey that a body needs to get through.
+    /// The doors and arches of one storey.
     pub(super) fn doors_on(&self, storey: usize) -> impl Iterator<Item = &PlanDoor> {
         self.doors.iter().filter(move |door| door.storey == storey)
     }

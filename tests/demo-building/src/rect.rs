@@ -1,6 +1,6 @@
 //! Rectangles of the floor plan, and their subdivision along shared coordinates.
 
-/// A rectangle in the floor plan, in lattice units: index 0 is x, index 1 is z.
+/// A rectangle of the floor plan, in lattice units. Index 0 is x, index 1 is z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LatticeRect {
     /// The corner with the least coordinates.
@@ -21,17 +21,17 @@ impl LatticeRect {
         rect
     }
 
-    /// Its extent along an axis.
+    /// The extent along an axis.
     pub(super) fn span(&self, axis: usize) -> [i32; 2] {
         [self.min[axis], self.max[axis]]
     }
 
-    /// Its width along an axis.
+    /// The width along an axis.
     pub(super) fn size(&self, axis: usize) -> i32 {
         self.max[axis] - self.min[axis]
     }
 
-    /// The same rectangle with another extent along an axis.
+    /// The rectangle with another extent along an axis.
     pub(super) fn with_span(mut self, axis: usize, span: [i32; 2]) -> Self {
         (self.min[axis], self.max[axis]) = (span[0], span[1]);
         self
@@ -45,7 +45,7 @@ impl LatticeRect {
         self.min[0] >= self.max[0] || self.min[1] >= self.max[1]
     }
 
-    /// Whether the two share more than a boundary.
+    /// Whether two rectangles share more than a boundary.
     pub(super) fn overlaps(&self, other: &Self) -> bool {
         (0..2).all(|axis| self.min[axis] < other.max[axis] && other.min[axis] < self.max[axis])
     }
@@ -60,16 +60,16 @@ impl LatticeRect {
     }
 }
 
-/// A plan cut along every coordinate that occurs in it, so that each patch is all one thing.
+/// A plan cut along every coordinate in it, so that each patch has one value.
 pub(super) struct Patches<T> {
-    /// Cutting coordinates along x and z, ascending.
+    /// The cutting coordinates along x and z, ascending.
     pub cuts: [Vec<i32>; 2],
     values: Vec<T>,
 }
 
 impl<T: Copy> Patches<T> {
-    /// Paints the rectangles over each other in order, on a ground of `outside`. A margin of one
-    /// patch of `outside` is left all round.
+    /// Paints rectangles over each other, in order, on a background of `outside`. A margin of one patch of
+    /// `outside` surrounds them.
     pub fn paint(layers: &[(LatticeRect, T)], outside: T) -> Self {
         let cuts = [0, 1].map(|axis| {
             let mut cuts: Vec<i32> = layers.iter().flat_map(|(rect, _)| rect.span(axis)).collect();
@@ -100,7 +100,7 @@ impl<T: Copy> Patches<T> {
         }
     }
 
-    /// How many patches there are along an axis.
+    /// The number of patches along an axis.
     pub fn count(&self, axis: usize) -> usize {
         count(&self.cuts[axis])
     }
@@ -114,8 +114,8 @@ fn count(cuts: &[i32]) -> usize {
     cuts.len().saturating_sub(1)
 }
 
-/// Covers the labelled squares of a grid with few rectangles, each all of one label; gives
-/// `[column, row]` ranges.
+/// Covers the labelled squares of a grid with few rectangles of one label each. Gives ranges as
+/// `[column, row]`.
 pub(super) fn merge<L: PartialEq + Copy>(
     columns: usize,
     rows: usize,

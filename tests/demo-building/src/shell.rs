@@ -1,4 +1,4 @@
-//! Walls and slabs: all that is made of boxes, without a face inside and without a crack.
+//! Walls and slabs: all parts made of boxes, without inner faces and without cracks.
 
 use super::{
     layout::srgb,
@@ -13,12 +13,12 @@ const CEILING_PAINT: Paint = Paint::opaque([238, 238, 234]);
 const ROOF: Paint = Paint::opaque([120, 124, 128]);
 const LAWN: Paint = Paint::opaque([112, 150, 84]);
 const SLAB_EDGE: Paint = Paint::opaque([196, 188, 176]);
-/// How far the ground goes beyond the building.
+/// How far the ground reaches beyond the building.
 const GROUND_MARGIN: i32 = 384;
 /// The edge of a tile of the hall's floor.
 const TILE: i32 = 96;
 
-/// What a patch of a storey's plan is.
+/// What fills a patch of the plan of a storey.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Patch {
     Outside,
@@ -41,7 +41,7 @@ struct Walls<'a> {
     plan: &'a Plan,
     storey: usize,
     patches: Patches<Patch>,
-    /// Heights above the floor at which some opening begins or ends.
+    /// The heights above the floor at which an opening begins or ends.
     heights: Vec<i32>,
 }
 
@@ -81,8 +81,7 @@ impl<'a> Walls<'a> {
         }
     }
 
-    /// The faces of walls in one plane across an axis: between the patches before the cut and
-    /// those behind it.
+    /// Adds the faces of walls in one plane across an axis, between the patches before and behind the cut.
     fn faces_at_cut(&self, axis: usize, cut: usize, scene: &mut Scene) {
         let across = 1 - axis;
         let pair = |along: usize| {
@@ -114,7 +113,7 @@ impl<'a> Walls<'a> {
                 ([along[0], up[0]], [along[1], up[1]])
             };
             let at = self.patches.cuts[axis][cut + 1];
-            let (node, paint) = self.looks(open, axis, positive, scene.shell());
+            let (node, paint) = self.paint(open, axis, positive, scene.shell());
             scene.face(node, paint, Face { axis: axis * 2, at, min, max, positive });
         }
     }
@@ -130,8 +129,8 @@ impl<'a> Walls<'a> {
         }
     }
 
-    /// The node and the paint of a wall's face towards what is open.
-    fn looks(&self, open: Patch, axis: usize, positive: bool, shell: usize) -> (usize, Paint) {
+    /// The node and the paint of a face of a wall, by what is in front of it.
+    fn paint(&self, open: Patch, axis: usize, positive: bool, shell: usize) -> (usize, Paint) {
         match open {
             Patch::Space(index) => {
                 let space = &self.plan.spaces[index];
@@ -227,7 +226,7 @@ impl Slab {
     }
 }
 
-/// Each storey has its own.
+/// The paint of the floor of a storey.
 fn floor_paint(storey: usize, saturation: f32) -> Paint {
     Paint::opaque(srgb(0.06 + 0.27 * storey as f32, saturation, 0.72))
 }

@@ -65,8 +65,8 @@ fn the_same_seed_gives_the_same_building_and_another_seed_another() {
     assert_ne!(glb(14, 5), glb(14, 6));
 }
 
-/// Along every upright edge as many faces go up as down: walls have no crack and no open end.
-/// (Above and below they end exactly on slabs, which are whole under them.)
+/// Along every upright edge as many faces run up as down: walls have no cracks and no open ends. (Above and
+/// below they end exactly on whole slabs.)
 #[test]
 fn walls_close() {
     let plan = plan(12, 2);
@@ -97,9 +97,9 @@ fn walls_close() {
     assert!(open.is_empty(), "{open:?}");
 }
 
-/// A lift that serves every storey, and doors that leave their openings free; none blocks sight.
+/// The lift serves every storey, and doors leave their openings free. None of them blocks sight.
 #[test]
-fn what_moves_stays_inside_and_comes_everywhere() {
+fn movers_stay_inside_and_the_lift_serves_every_storey() {
     let (rooms, seed) = (60, 2);
     let plan = plan(rooms, seed);
     let model =

@@ -53,6 +53,7 @@ pub(super) fn cap_polygons(
             let triangles = side.inside(&edges, cutting);
             if !triangles.is_empty() {
                 let normal = DVec3::AXES[axis] * -outwards;
+                debug_assert!(side.min.cmplt(side.max).all(), "the volume is not flat");
                 caps.push((Plane { normal, distance: -outwards * side.at }, triangles));
             }
         }

@@ -51,6 +51,7 @@ struct Split {
 
 impl<'a> Carver<'a> {
     pub fn new(triangles: &'a [Triangle], polygons: &'a Polygons, classes: &'a [Class]) -> Self {
+        assert_eq!(classes.len(), polygons.len(), "a class for each polygon");
         Self {
             triangles,
             polygons,

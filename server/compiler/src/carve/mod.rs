@@ -162,6 +162,7 @@ fn report(
     groups: &Groups,
     carving: &Carving,
 ) -> CarveReport {
+    assert!(carving.kept.len() <= polygons.len(), "carving adds no polygon");
     let count = |class| classes.iter().filter(|&&c| c == class).count();
     let worst = |classes: &mut dyn Iterator<Item = Class>| classes.max().unwrap_or(Class::Axial);
     CarveReport {

@@ -65,6 +65,11 @@ impl Polygons {
                 None => degenerate.push(triangle),
             }
         }
+        assert_eq!(
+            polygon_of.len(),
+            triangles.len(),
+            "each triangle is in a polygon or degenerate"
+        );
         let borders = borders(&topology.halves, &polygon_of);
         let (border_starts, border_order) = by_polygon(&borders, planes.len());
         Self {

@@ -93,6 +93,10 @@ impl Topology {
             }
         }
         halves.par_sort_unstable_by_key(|half| (half.key(), half.triangle, half.forward));
+        debug_assert!(
+            halves.iter().all(|half| half.ends().iter().all(|&end| (end as usize) < points.len())),
+            "edges join known points"
+        );
         Self { points, halves, degenerate }
     }
 }

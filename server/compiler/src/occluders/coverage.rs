@@ -15,7 +15,12 @@ pub fn uncovered(rect: &PlaneRect, triangles: &[&PlaneTriangle]) -> Vec<PlaneRec
         return Vec::new();
     }
     let grid = Grid::new(rect, triangles);
-    grid.merged(&grid.free(triangles))
+    let parts = grid.merged(&grid.free(triangles));
+    debug_assert!(
+        parts.iter().all(|part| part.intersection(rect) == *part),
+        "uncovered parts lie in the rectangle"
+    );
+    parts
 }
 
 /// A rectangle cut along the corners of the triangles in it.

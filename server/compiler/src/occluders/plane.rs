@@ -25,13 +25,14 @@ impl OccluderPlane {
         cut: SplitPlane,
         opaque: impl Iterator<Item = (PlaneTriangle, bool)>,
     ) -> Self {
-        let (triangles, is_last): (Vec<_>, _) = opaque.unzip();
+        let (triangles, is_last): (Vec<_>, Vec<_>) = opaque.unzip();
         let mut buckets: HashMap<_, Vec<u32>> = HashMap::new();
         for (index, triangle) in triangles.iter().enumerate() {
             for bucket in buckets_of(&PlaneRect::around(triangle)) {
                 buckets.entry(bucket).or_default().push(index as u32);
             }
         }
+        assert_eq!(triangles.len(), is_last.len(), "a flag for each triangle");
         Self { cut, triangles, is_last, buckets }
     }
 

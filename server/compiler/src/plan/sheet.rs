@@ -40,6 +40,7 @@ impl<'a> Sheet<'a> {
     pub(super) fn new(world: &'a World, overlay: &'a Overlay, area: Aabb, storeys: usize) -> Self {
         let side_px = SIDE_PX_MAX[usize::from(storeys > STOREYS_FEW)];
         let px_per_m = (side_px / area.size().x.max(area.size().z)).min(PX_PER_M_MAX);
+        assert!(px_per_m > 0.0, "the area has a size");
         let all = world.cells.cells.len() as f32;
         let densities: Vec<f32> =
             world.cells.pvs.iter().map(|row| row.len() as f32 / all).collect();

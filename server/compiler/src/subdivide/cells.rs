@@ -105,6 +105,7 @@ impl CellBuilder<'_> {
             for space in ids {
                 spaces[space as usize].gates.push(world_gates.len() as u32);
             }
+            debug_assert_ne!(ids[0], ids[1], "a gate joins two spaces");
             world_gates.push(Gate { spaces: ids, polygon: polygon.clone() });
             let roots = ids.map(|space| self.roots[space as usize]);
             self.fine.add_faces_across(roots, &join.cut, None, join.polygon.clone(), &mut found);
@@ -124,6 +125,7 @@ impl CellBuilder<'_> {
             }
             portals.push(Portal { cells: join.leaves.map(CellId), polygon });
         }
+        assert_eq!(cells.len(), self.fine.leaves.len(), "each leaf is a cell");
         let tree = self.fine.nodes.iter().map(world_node).collect();
         let gates = world_gates;
         Cells { axes: *axes, bounds: *bounds, tree, cells, portals, spaces, gates, pvs: Vec::new() }

@@ -44,6 +44,7 @@ impl Spaces {
             .flat_map_iter(|face| open_parts(face, occluders.planes))
             .collect();
         let kept = kept(&tree, &gates, occluders);
+        assert_eq!(kept.len(), tree.leaves.len(), "each leaf is kept or not");
         Self { bounds: *bounds, axes, tree, kept, gates }
     }
 }

@@ -64,7 +64,9 @@ impl Areas {
         areas.open =
             (0..columns * rows).into_par_iter().map(|at| areas.is_open(world, at)).collect();
         let width = distances(&areas.open, columns, rows);
+        assert_eq!(width.len(), areas.open.len(), "a width for each place");
         areas.labels = watershed(&width, columns, rows);
+        assert_eq!(areas.labels.len(), areas.open.len(), "a label for each place");
         areas.keep_rooms(world);
         areas
     }

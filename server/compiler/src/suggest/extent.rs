@@ -121,6 +121,7 @@ impl Grower<'_> {
             extent.cells.extend(inside);
         }
         extent.cells.sort_unstable();
+        debug_assert!(extent.cells.is_sorted_by(|a, b| a < b), "a cell is in one box only");
         (!extent.boxes.is_empty()).then_some(extent)
     }
 

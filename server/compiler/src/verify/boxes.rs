@@ -20,7 +20,9 @@ impl Boxes {
             sum += b.size().as_dvec3().element_product();
             sum
         });
-        Self { volumes: volumes.collect(), boxes }
+        let volumes: Vec<f64> = volumes.collect();
+        debug_assert!(volumes.is_sorted(), "volumes add up");
+        Self { volumes, boxes }
     }
 
     /// The boxes of some leafs of a map, a Quake unit larger: the map rounds them down to whole units.

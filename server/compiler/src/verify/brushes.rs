@@ -95,6 +95,7 @@ impl Brushes {
     }
 
     fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        debug_assert!(x < self.size[0] && y < self.size[1] && z < self.size[2]);
         (z * self.size[1] + y) * self.size[0] + x
     }
 }

@@ -89,6 +89,11 @@ pub fn verify(
             progress("entries of the map's own", share);
         })
     });
+    for counts in [&by_volume, &by_cell] {
+        assert!(counts.sight <= counts.pairs, "pairs in sight are among the pairs");
+        assert!(counts.pairs + counts.closed <= options.pairs, "each pair counts once");
+    }
+    assert!(entries.loose <= entries.entries, "loose entries are among the entries");
     let sampled = original.sampled();
     let cells_sampled = cells.len();
     Ok(VerifyReport { sampled, by_volume, by_cell, cells_sampled, entries, own_entries })

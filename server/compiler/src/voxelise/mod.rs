@@ -133,6 +133,7 @@ pub fn voxelise(
     if depth > DEPTH_MAX || voxels_about(surfaces, voxel) > 4.0 * VOXELS_MAX as f64 {
         return Err(too_many());
     }
+    assert!(depth <= DEPTH_MAX, "the grid fits an octree");
     let origin = (bounds.min / voxel).floor() * voxel - (1.0 - GRID_SHIFT) * voxel;
     let grid = Grid { surfaces, palette: Palette::new(surfaces), origin, voxel, depth };
     let blocks = grid.scatter().ok_or_else(too_many)?;
@@ -231,6 +232,7 @@ impl Grid<'_> {
         let all = (0..candidates.len() as u32).collect::<Vec<_>>();
         let mut block = Block { candidates, first_key: morton(corner), voxels };
         block.descend(&all, UVec3::ZERO, levels);
+        debug_assert!(voxels.is_sorted_by_key(|voxel| voxel.key), "voxels are in order of key");
     }
 }
 

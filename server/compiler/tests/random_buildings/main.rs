@@ -1,4 +1,4 @@
-//! Buildings that nobody designed: whatever is compiled, nobody who is in sight may be missed.
+//! Random buildings: in none of them may the PVS deny a pair in sight.
 
 mod box_visibility;
 
@@ -14,13 +14,14 @@ use sightline_compiler::{
 };
 use sightline_world::{Spawn, World};
 
-/// Of each of the five kinds; every second one is turned.
+/// The number of buildings of each kind. Every second one is turned.
 const BUILDINGS: u64 = 40;
-/// Of each of the two ways to sample, for each building.
+/// The number of pairs in each of the two samples of a building.
 const PAIRS: u64 = 2_000;
 
-/// Inside of the shell, in metres. The first metre of it along x is kept free.
+/// The inside of the shell, in metres. The first metre along x stays empty.
 const ROOM: Vec3 = Vec3::new(9.0, 4.0, 8.0);
+/// The thickness of the shell, in metres.
 const WALL: f32 = 0.25;
 
 #[test]
@@ -53,7 +54,7 @@ fn nobody_is_missed_among_convex_solids() {
 }
 
 #[test]
-fn a_turned_building_is_as_good_as_it_was() {
+fn a_turned_building_compiles_to_as_good_a_world() {
     let upright = office(6, 1);
     let turned = turned(&upright, 30f64.to_radians());
     let [(world, report), (turned_world, turned_report)] = [&upright, &turned].map(compiled);
@@ -66,7 +67,7 @@ fn a_turned_building_is_as_good_as_it_was() {
     assert_eq!(verified(&turned_world, 10 * PAIRS).summary().misses, 0);
 }
 
-/// Compiles and verifies buildings of a kind, one for each seed.
+/// Compiles and verifies one building of a kind for each seed.
 fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
     let (mut sight, mut seen, mut pairs) = (0, 0, 0);
     let mut tally = box_visibility::BoxPairTally::default();
@@ -105,7 +106,7 @@ fn office(rooms: usize, seed: u64) -> Model {
     glb::read_slice(&sightline_demo_building::glb(rooms, seed), None, "office").unwrap()
 }
 
-/// Rooms in a grid whose walls are full, have a hole, or are missing.
+/// A grid of rooms whose walls are whole, have a hole, or are missing.
 fn thin_walls(rng: &mut SmallRng) -> Model {
     let mut opaque = Vec::new();
     let step = ROOM / Vec3::new(3.0, 2.0, 3.0);
@@ -139,7 +140,7 @@ fn thin_walls(rng: &mut SmallRng) -> Model {
     model(opaque, Vec::new())
 }
 
-/// Upright walls in any direction, and panes that are not even upright, in a closed room.
+/// A closed room with upright walls in any direction, and panes in any orientation.
 fn slanted_walls(rng: &mut SmallRng) -> Model {
     let mut opaque = outlines(&shell());
     for _ in 0..rng.random_range(4..12) {
@@ -152,7 +153,7 @@ fn slanted_walls(rng: &mut SmallRng) -> Model {
     model(opaque, Vec::new())
 }
 
-/// A closed room with boxes in it, some of which reach into each other or to the ceiling.
+/// A closed room with boxes, some of which overlap or reach the ceiling.
 fn boxes(rng: &mut SmallRng) -> Vec<ConvexSolid> {
     let mut solids = shell();
     for _ in 0..rng.random_range(4..12) {
@@ -197,7 +198,7 @@ fn cuboid(min: Vec3, max: Vec3) -> ConvexSolid {
     extruded(&base, [min.y, max.y], |p| p)
 }
 
-/// A convex base, (x, z) anticlockwise from above, raised and then moved.
+/// A prism over a convex base, which is (x, z) anticlockwise from above, then moved.
 fn extruded(base: &[Vec2], [low, high]: [f32; 2], moved: impl Fn(Vec3) -> Vec3) -> ConvexSolid {
     let ring = |y: f32| base.iter().map(move |p| Vec3::new(p.x, y, p.y));
     let mut faces = vec![ring(high).collect::<Vec<_>>(), ring(low).rev().collect()];
@@ -216,7 +217,7 @@ fn face(corners: Vec<Vec3>) -> ConvexFace {
     ConvexFace { normal, distance: normal.dot(a), corners }
 }
 
-/// The triangles around solids.
+/// The triangles of solids.
 fn outlines(solids: &[ConvexSolid]) -> Vec<[Vec3; 3]> {
     let faces = solids.iter().flat_map(|solid| &solid.faces);
     let fan = |face: &ConvexFace| {
@@ -226,7 +227,7 @@ fn outlines(solids: &[ConvexSolid]) -> Vec<[Vec3; 3]> {
     faces.flat_map(fan).collect()
 }
 
-/// Somewhere in the room, not in its first metre.
+/// A random point of the room, not in its first metre.
 fn point(rng: &mut SmallRng) -> Vec3 {
     let from = Vec3::X;
     from + (ROOM - from) * Vec3::new(rng.random(), rng.random(), rng.random())
@@ -241,7 +242,7 @@ fn model(opaque: Vec<[Vec3; 3]>, solids: Vec<ConvexSolid>) -> Model {
     }
 }
 
-/// The same building turned about the vertical as axes are, by an angle in radians.
+/// The building turned about the vertical as axes are, by an angle in radians.
 fn turned(model: &Model, angle: f64) -> Model {
     let turn = DMat3::from_rotation_y(-angle);
     let moved = |p: Vec3| (turn * p.as_dvec3()).as_vec3();

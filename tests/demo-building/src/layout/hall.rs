@@ -16,12 +16,13 @@ const GALLERY: i32 = 160;
 const LANE: i32 = 80;
 /// The length of a flight: its last step is the upper floor.
 const FLIGHT: i32 = (STEPS - 1) * RUN;
+/// The depth of a landing.
 const LANDING: i32 = 96;
-/// A staircase between its walls.
+/// The size of a staircase between its walls.
 const CORE_SIZE: [i32; 2] = [2 * LANE + WALL, FLIGHT + 2 * LANDING];
 
 impl Layout {
-    /// Several storeys: a hall with two staircases, and a wing to the west and to the east.
+    /// Lays out several storeys: a hall with two staircases, and wings to the west and to the east.
     pub(super) fn wings_and_hall(&mut self, rooms: usize) {
         let storeys = self.plan.storeys;
         let rooms_of = |storey: usize| rooms * (storey + 1) / storeys - rooms * storey / storeys;
@@ -55,7 +56,7 @@ impl Layout {
         }
     }
 
-    /// Where a wing lies: beside the hall, shifted along it.
+    /// The place of a wing: beside the hall, shifted along it.
     fn place_wing(
         &mut self,
         east: bool,
@@ -71,7 +72,7 @@ impl Layout {
         LatticeRect::new([x, z], [x + width, z + length])
     }
 
-    /// The hall on one storey; gives its space.
+    /// Adds the hall on one storey, and gives the index of its space.
     fn hall(&mut self, hall: LatticeRect) -> usize {
         (self.wing, self.hue) = ('H', 0.12);
         let name = format!("{} {}", if self.storey == 0 { "hall" } else { "gallery" }, self.storey);
@@ -88,8 +89,8 @@ impl Layout {
         gallery
     }
 
-    /// A staircase on one storey: two lanes, of which flights take turns, landings at both ends.
-    /// One arrives and goes on at the same end, so that the other end is walled up.
+    /// Adds a staircase on one storey. Flights alternate between two lanes, with landings at both ends.
+    /// People arrive and leave at the same end, so the other end is walled up.
     fn staircase(&mut self, east: bool, hall: &LatticeRect, gallery: usize) {
         let x = if east { hall.max[0] - GALLERY - WALL - CORE_SIZE[0] } else { GALLERY + WALL };
         let z = GALLERY + WALL;
@@ -124,7 +125,7 @@ impl Layout {
         self.flight_below(&core, flights, space);
     }
 
-    /// The flight that arrives in a staircase from the storey below, if there is one.
+    /// Adds the flight that arrives from the storey below, if there is one.
     fn flight_below(&mut self, core: &LatticeRect, span: [i32; 2], upper: usize) {
         let Some(storey) = self.storey.checked_sub(1) else { return };
         let below = |space: &PlanSpace| space.storey == storey && space.rect == *core;
@@ -135,7 +136,7 @@ impl Layout {
         self.plan.stairs.push(Stair { spaces: [lower, upper], flight, towards_z, storey });
     }
 
-    /// One storey of a wing: its spine, and all that lies beyond.
+    /// Adds one storey of a wing: its spine, and the rooms beyond.
     fn wing(
         &mut self,
         east: bool,

@@ -1,4 +1,4 @@
-//! Walks through the building's triangles, knowing nothing of its plan.
+//! Walks through the triangles of a building, without its plan.
 
 use std::collections::{HashMap, HashSet};
 
@@ -9,13 +9,13 @@ use sightline_compiler::{import::glb, model::Model};
 
 /// The grid on which a body steps, in metres.
 const STEP: f32 = 0.125;
-/// A body is so many grid columns wide, and free from knees to head.
+/// The half width of a body, in metres.
 const HALF_WIDTH: f32 = 0.18;
 const HEIGHT: f32 = 1.7;
-/// What a foot can get over, up or down.
+/// The highest step, up or down, in metres.
 const CLIMB: f32 = 0.25;
 
-/// The heights at which something is, in each column of the grid.
+/// The heights of triangles in each column of the grid.
 struct Columns(HashMap<(i32, i32), Vec<(f32, f32)>>);
 
 impl Columns {
@@ -23,7 +23,7 @@ impl Columns {
         let mut columns: HashMap<(i32, i32), Vec<(f32, f32)>> = HashMap::new();
         for [a, b, c] in model.surfaces.iter().flat_map(|surface| surface.corners()) {
             let (min, max) = (a.min(b).min(c), a.max(b).max(c));
-            // Only what reaches into a column counts, not what touches its side.
+            // A triangle that only touches the side of a column does not count.
             let cells = |from: f32, to: f32| {
                 let first = (from / STEP + 1e-3).floor() as i32;
                 first..=first.max((to / STEP - 1e-3).floor() as i32)
@@ -37,7 +37,7 @@ impl Columns {
         Self(columns)
     }
 
-    /// Where feet stand when a body comes to a column from another one at a height.
+    /// The floor on which feet stand when a body enters a column from a height.
     fn floor(&self, column: (i32, i32), from: f32) -> Option<f32> {
         let levels = self.0.get(&column)?.iter().map(|span| span.1);
         levels.filter(|y| (y - from).abs() <= CLIMB).max_by(f32::total_cmp)
@@ -54,7 +54,7 @@ impl Columns {
         })
     }
 
-    /// Every place that can be walked to: columns, with the floor's height in centimetres.
+    /// All places that can be walked to: columns, with the height of the floor in centimetres.
     fn flood(&self, start: Vec3) -> HashSet<(i32, i32, i32)> {
         let column = ((start.x / STEP).floor() as i32, (start.z / STEP).floor() as i32);
         let mut stack = vec![(column, start.y)];
@@ -70,7 +70,7 @@ impl Columns {
     }
 }
 
-/// From the first place to begin one can walk to every other, and into every room.
+/// From the first spawn point, people can walk to every other one and into every room.
 #[test]
 fn every_room_can_be_walked_to() {
     for (rooms, seed) in [(1, 1), (5, 2), (21, 3), (60, 1)] {

@@ -170,6 +170,8 @@ impl Pieces {
     }
 
     fn into_surface(self, material: SurfaceMaterial) -> Surface {
+        assert_eq!(self.positions.len(), self.colours.len(), "a colour for each vertex");
+        assert!(self.positions.len().is_multiple_of(3), "three vertices for each triangle");
         let count = self.positions.len() as u32 / 3;
         let triangles = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let uvs = if material.texture.is_some() { self.uvs } else { Vec::new() };

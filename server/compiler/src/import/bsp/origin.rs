@@ -57,6 +57,7 @@ fn tree(tree: &Tree<'_>) -> Result<Option<OriginTree>, BspError> {
         }
         next += 1;
     }
+    assert!(order.len() <= tree.nodes.len(), "each node is visited once");
     let renamed = |side| match side {
         OriginSide::Node(node) => OriginSide::Node(new_index[node as usize].unwrap_or_default()),
         leaf @ OriginSide::Leaf(_) => leaf,
