@@ -28,7 +28,8 @@ const CAPTION: u32 = 20;
 const GAP: u32 = 8;
 /// The tangent of half the horizontal field of view, which is 70 degrees.
 const HALF_VIEW: f32 = 0.7;
-/// Rays along each side of a pixel, both ends included, so that both pixels see an edge between them.
+/// Rays along each side of a pixel, both ends included, so that both pixels see an edge between
+/// them.
 const RAYS: u32 = 3;
 
 const SKY: [f32; 3] = [196.0, 214.0, 232.0];
@@ -55,9 +56,9 @@ pub struct View {
     pub look: Vec3,
 }
 
-/// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the model,
-/// with non-axial polygons tinted; the carved model with its cuttings in colour; and the carved model
-/// alone, with its caps dark.
+/// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the
+/// model, with non-axial polygons tinted; the carved model with its cuttings in colour; and the
+/// carved model alone, with its caps dark.
 pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
     let corner = |i: u32| mesh.positions[i as usize];
     let opaque: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();

@@ -1,10 +1,10 @@
-//! Light for models that bring none: ambient occlusion and one soft lamp, which make corners, edges and
-//! objects on a floor visible.
+//! Light for models that bring none: ambient occlusion and one soft lamp, which make corners, edges
+//! and objects on a floor visible.
 //!
-//! Triangles are divided until their edges are short. From each corner, rays go out over the side that it
-//! faces. Surfaces that they meet nearby take light away, near ones more. Rays towards the lamp count more.
-//! Light is a factor on vertex colours, linear between corners. It depends on the triangles alone and uses
-//! no random numbers.
+//! Triangles are divided until their edges are short. From each corner, rays go out over the side
+//! that it faces. Surfaces that they meet nearby take light away, near ones more. Rays towards the
+//! lamp count more. Light is a factor on vertex colours, linear between corners. It depends on the
+//! triangles alone and uses no random numbers.
 
 use std::{collections::HashMap, f32::consts::TAU, ops::ControlFlow};
 
@@ -197,8 +197,8 @@ impl Spots {
         spots
     }
 
-    /// Gives corners inside something solid the light of their neighbours, so that they darken nothing
-    /// visible.
+    /// Gives corners inside something solid the light of their neighbours, so that they darken
+    /// nothing visible.
     fn filled(&self, light: &[Option<f32>]) -> Vec<f32> {
         let mut sums = vec![(0.0, 0.0); light.len()];
         for triangle in &self.triangles {

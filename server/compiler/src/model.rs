@@ -19,10 +19,11 @@ pub struct Model {
     pub surfaces: Vec<Surface>,
     /// Whether the colours of the surfaces already contain light.
     pub is_lit: bool,
-    /// The opaque triangles, in no order: exactly what blocks sight. The oracle keeps all of them. The
-    /// compiler chooses which of them make cells.
+    /// The opaque triangles, in no order: exactly what blocks sight. The oracle keeps all of them.
+    /// The compiler chooses which of them make cells.
     pub opaque: Vec<[Vec3; 3]>,
-    /// Convex opaque solids, whose faces are among `opaque`. Empty when the source has only surfaces.
+    /// Convex opaque solids, whose faces are among `opaque`. Empty when the source has only
+    /// surfaces.
     pub solids: Vec<ConvexSolid>,
     /// Objects that move by themselves. None of their triangles is among the above.
     pub movers: Vec<Mover>,
@@ -123,8 +124,8 @@ pub struct Surface {
     pub positions: Vec<Vec3>,
     /// Texture coordinates of each vertex. Empty when there is no texture.
     pub uvs: Vec<Vec2>,
-    /// The sRGB colour of each vertex, to be multiplied with that of the material. Empty when all are
-    /// white.
+    /// The sRGB colour of each vertex, to be multiplied with that of the material. Empty when all
+    /// are white.
     pub colours: Vec<[u8; 3]>,
     /// Three indices into `positions` for each triangle.
     pub triangles: Vec<[u32; 3]>,

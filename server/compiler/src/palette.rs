@@ -1,4 +1,5 @@
-//! The colours of triangles: material × texture × vertex colour, with the texture averaged over a voxel.
+//! The colours of triangles: material × texture × vertex colour, with the texture averaged over a
+//! voxel.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -33,7 +34,8 @@ impl Palette {
         Self { textures }
     }
 
-    /// The material of a triangle, for voxels of this edge in metres. `None` when there is no such triangle.
+    /// The material of a triangle, for voxels of this edge in metres. `None` when there is no such
+    /// triangle.
     pub(crate) fn material_of(
         &self,
         surface: &Surface,

@@ -1,9 +1,9 @@
 //! The PVS: which cells see which.
 //!
-//! [`sightline_visibility::portal_flow`] finds sight lines, in two rounds. The first round is coarse: it
-//! finds which spaces each space sees. The second round starts from each cell, goes through those
-//! spaces only, and tests every cell of a space against the sight lines that enter the space. Sight goes
-//! both ways, so in both rounds a pair counts only when each finds the other.
+//! [`sightline_visibility::portal_flow`] finds sight lines, in two rounds. The first round is
+//! coarse: it finds which spaces each space sees. The second round starts from each cell, goes
+//! through those spaces only, and tests every cell of a space against the sight lines that enter
+//! the space. Sight goes both ways, so in both rounds a pair counts only when each finds the other.
 
 use std::{
     ops::ControlFlow,
@@ -20,8 +20,8 @@ use super::subdivide::CellSize;
 /// For each space, the spaces that it may see, ascending.
 pub type SpacesSeen = Vec<Vec<u32>>;
 
-/// The first round: which spaces see which. `progress` hears the share that is done, from 0 to 1, from
-/// any thread. When it breaks, the result is `None`.
+/// The first round: which spaces see which. `progress` hears the share that is done, from 0 to 1,
+/// from any thread. When it breaks, the result is `None`.
 pub fn spaces_seen(
     cells: &Cells,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
@@ -54,8 +54,8 @@ const WIDTH_MIN: f32 = 1.0;
 /// The widest cells, in metres.
 const WIDTH_MAX: f32 = 12.0;
 
-/// The second round: the PVS of cells, given which spaces see which. `progress` hears the share that is
-/// done, from 0 to 1, from any thread. When it breaks, the result is `None`.
+/// The second round: the PVS of cells, given which spaces see which. `progress` hears the share
+/// that is done, from 0 to 1, from any thread. When it breaks, the result is `None`.
 pub fn potentially_visible(
     cells: &Cells,
     seen: &SpacesSeen,

@@ -38,8 +38,8 @@ impl SplitPlane {
         }
     }
 
-    /// The coordinates of a point within the plane: the two other axes of an axial plane, or along the
-    /// horizontal and up in a vertical one.
+    /// The coordinates of a point within the plane: the two other axes of an axial plane, or along
+    /// the horizontal and up in a vertical one.
     pub fn flat(&self, point: DVec3) -> DVec2 {
         match *self {
             Self::Axial { axis, .. } => in_plane(point, axis),

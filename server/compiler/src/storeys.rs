@@ -1,5 +1,5 @@
-//! The storeys of a building: heights of floors such that a level cut above each of them shows every
-//! floor.
+//! The storeys of a building: heights of floors such that a level cut above each of them shows
+//! every floor.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -81,8 +81,8 @@ fn floors(world: &World, area: &Aabb, column: f32) -> Vec<f32> {
     found
 }
 
-/// The floors of a column that have a roof. Under the open sky there is only the roof itself, or the
-/// ground outside. Quake maps are closed all around, and their skies are not drawn: there every
+/// The floors of a column that have a roof. Under the open sky there is only the roof itself, or
+/// the ground outside. Quake maps are closed all around, and their skies are not drawn: there every
 /// floor counts.
 fn floors_below(world: &World, foot: Vec3, top: f32) -> Vec<f32> {
     let (octree, body) = (&world.octree, &world.body);

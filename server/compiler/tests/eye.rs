@@ -71,8 +71,8 @@ fn rows(cells: &Cells, viewpoint: &Aabb) -> RoaringBitmap {
     if rows.is_empty() { cells.visible_from_point(viewpoint.centre()) } else { rows }
 }
 
-/// Checks boxes of all sizes, with and without a frustum, against rays from eyes in them. Gives the number
-/// of sight lines.
+/// Checks boxes of all sizes, with and without a frustum, against rays from eyes in them. Gives the
+/// number of sight lines.
 fn check(world: &World, seed: u64, boxes: usize) -> usize {
     let mut rng = SmallRng::seed_from_u64(seed);
     let (cells, sight) = (&world.cells, Oracle::new(&world.mesh));
@@ -109,8 +109,8 @@ fn check(world: &World, seed: u64, boxes: usize) -> usize {
     found
 }
 
-/// The share of its PVS row that a box of 10 cm sees on average, and the time in microseconds: all around,
-/// and with the frustum of a camera.
+/// The share of its PVS row that a box of 10 cm sees on average, and the time in microseconds: all
+/// around, and with the frustum of a camera.
 fn figures(world: &World, boxes: usize) -> [(f64, f64); 2] {
     let mut rng = SmallRng::seed_from_u64(1);
     let cells = &world.cells;
@@ -131,8 +131,8 @@ fn figures(world: &World, boxes: usize) -> [(f64, f64); 2] {
     })
 }
 
-/// The share of its PVS row that a whole cell sees. Boxes are a little smaller than cells, so that they do
-/// not touch neighbours.
+/// The share of its PVS row that a whole cell sees. Boxes are a little smaller than cells, so that
+/// they do not touch neighbours.
 fn part_seen_by_whole_cells(world: &World, count: usize) -> f64 {
     let (lines, mut scratch) = (Sightlines::new(&world.cells), FlowScratch::default());
     let cells = world.cells.cells.iter().enumerate();

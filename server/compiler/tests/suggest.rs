@@ -32,7 +32,8 @@ fn suggested(world: &World) -> Vec<SuggestedRoom> {
     suggest::suggest(world, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
-/// The overlap of a suggested room with a rectangle of the plan at a height, as a share of their union.
+/// The overlap of a suggested room with a rectangle of the plan at a height, as a share of their
+/// union.
 fn shared(world: &World, room: &SuggestedRoom, [min, max]: [Vec2; 2], height: f32) -> f32 {
     let area = |min: Vec2, max: Vec2| (max - min).max(Vec2::ZERO).element_product();
     let boxes = room.boxes.iter().map(|region| world.cells.axes.world_box(region));
@@ -80,7 +81,7 @@ fn is_sound(model: &Model, world: &mut World, suggested: &[SuggestedRoom]) {
     no_line_is_denied(world, &index);
 }
 
-/// Whoever sees somebody by rays is not ruled out by rooms.
+/// Rooms never rule out what rays show.
 fn no_line_is_denied(world: &World, index: &RoomIndex) {
     let sight = Oracle::new(&world.mesh);
     let mut rng = SmallRng::seed_from_u64(5);

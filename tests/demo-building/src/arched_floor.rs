@@ -1,8 +1,8 @@
 //! A single floor with eight arched windows, on which carving is shown.
 //!
-//! It resembles the fifth floor of Lei and Ouhyoung 1999, section 5: a hallway with arched windows on one
-//! side and rooms on the other, with walls and slabs only. It is one closed solid, made of boxes except for
-//! the arches.
+//! It resembles the fifth floor of Lei and Ouhyoung 1999, section 5: a hallway with arched windows
+//! on one side and rooms on the other, with walls and slabs only. It is one closed solid, made of
+//! boxes except for the arches.
 
 use std::f32::consts::PI;
 
@@ -278,8 +278,8 @@ mod tests {
         (triangles, carved)
     }
 
-    /// The figures agree with the fifth floor of Lei and Ouhyoung 1999: 3104 polygons with eight clusters of
-    /// 24 polygons, three caps for each window, and 16 pieces of wall left above it.
+    /// The figures agree with the fifth floor of Lei and Ouhyoung 1999: 3104 polygons with eight
+    /// clusters of 24 polygons, three caps for each window, and 16 pieces of wall left above it.
     #[test]
     fn carving_leaves_an_axial_model() {
         let (_, carved) = carved();
@@ -294,8 +294,8 @@ mod tests {
         assert_eq!(report.semi_axial, 0);
     }
 
-    /// With its cuttings, the model looks the same from everywhere. Without them, it has rectangular holes
-    /// where the arches were (Lei and Ouhyoung 1999, Figs. 10 and 11).
+    /// With its cuttings, the model looks the same from everywhere. Without them, it has
+    /// rectangular holes where the arches were (Lei and Ouhyoung 1999, Figs. 10 and 11).
     #[test]
     fn with_the_cuttings_it_looks_the_same_and_without_them_it_has_holes() {
         let (triangles, carved) = carved();

@@ -1,4 +1,5 @@
-//! Fittings: steps, arches, glass, columns, balustrades, the landmark in the hall, and spawn points.
+//! Fittings: steps, arches, glass, columns, balustrades, the landmark in the hall, and spawn
+//! points.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -226,8 +227,8 @@ fn skylight(void: &LatticeRect, roof: i32, scene: &mut Scene) {
     scene.face(shell, Paint::GLASS, Face { axis: 1, at: roof, min, max, positive: false });
 }
 
-/// Adds a striped column in the middle of the hall, as high as the building, with a disc at each storey in
-/// the colour of its floor. It shows the storey from afar.
+/// Adds a striped column in the middle of the hall, as high as the building, with a disc at each
+/// storey in the colour of its floor. It shows the storey from afar.
 fn landmark(void: &LatticeRect, storeys: usize, scene: &mut Scene) {
     let [x, z] = void.centre();
     let shell = scene.shell();

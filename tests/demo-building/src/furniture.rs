@@ -19,8 +19,8 @@ const POT: Paint = Paint::opaque([186, 96, 62]);
 const LEAF: Paint = Paint::opaque([62, 128, 58]);
 const CARTON: Paint = Paint::opaque([190, 156, 110]);
 const BOARD: Paint = Paint::opaque([36, 70, 60]);
-/// The width that stays free along every wall of a room, so that all doors are connected: a body and a
-/// half.
+/// The width that stays free along every wall of a room, so that all doors are connected: a body
+/// and a half.
 const AISLE: i32 = 64;
 /// The depth that stays free in front of a door.
 const DOOR_CLEARANCE: i32 = 72;

@@ -1,8 +1,8 @@
 //! From a number of rooms to a floor plan: a hall in the middle, and a wing on either side.
 //!
-//! A wing begins with a spine, a corridor along its whole length. The rest of the wing is divided. A large
-//! region is split by a corridor at right angles to the one that leads to it, a wide region into strips. A
-//! region that is one room deep is cut into rooms, each with a door.
+//! A wing begins with a spine, a corridor along its whole length. The rest of the wing is divided.
+//! A large region is split by a corridor at right angles to the one that leads to it, a wide region
+//! into strips. A region that is one room deep is cut into rooms, each with a door.
 
 mod hall;
 
@@ -206,7 +206,8 @@ impl Layout {
         }
     }
 
-    /// Cuts a region into rooms side by side, each with a door to the corridor, some with one to the next room.
+    /// Cuts a region into rooms side by side, each with a door to the corridor, some with one to
+    /// the next room.
     fn cut_into_rooms(&mut self, region: Region) {
         let across = 1 - region.axis;
         let spans = self.cut(region.rect.span(across), region.rooms, 0.2);
@@ -253,7 +254,8 @@ impl Layout {
         self.door(door, axis, OpeningKind::Door, (before, Some(after)));
     }
 
-    /// Cuts an extent into pieces with walls between. Each is up to `jitter` longer or shorter than the mean.
+    /// Cuts an extent into pieces with walls between. Each is up to `jitter` longer or shorter than
+    /// the mean.
     fn cut(&mut self, span: [i32; 2], pieces: usize, jitter: f32) -> Vec<[i32; 2]> {
         let free = (span[1] - span[0] - WALL * (pieces as i32 - 1)) as f32;
         let weights: Vec<f32> =

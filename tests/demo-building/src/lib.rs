@@ -4,11 +4,12 @@
 //! [`plan()`] the plan alone. The same number of rooms and the same seed give the same building.
 //!
 //! A [`Plan`] has spaces ([`PlanSpace`]), doors ([`PlanDoor`]) and stairs ([`Stair`]), whose
-//! rectangles ([`LatticeRect`]) lie on a lattice of 1/64 m. The shell of walls and slabs follows from
-//! the plan exactly, so that faces meet without cracks. Arches, columns, plants and furniture are
-//! detail objects. A lift and some doors move.
+//! rectangles ([`LatticeRect`]) lie on a lattice of 1/64 m. The shell of walls and slabs follows
+//! from the plan exactly, so that faces meet without cracks. Arches, columns, plants and furniture
+//! are detail objects. A lift and some doors move.
 //!
-//! [`arched_floor()`] makes a second model: one floor with arched windows, on which carving is shown.
+//! [`arched_floor()`] makes a second model: one floor with arched windows, on which carving is
+//! shown.
 //!
 //! ```
 //! use sightline_demo_building::{SpaceKind, build};

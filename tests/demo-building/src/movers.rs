@@ -39,7 +39,8 @@ pub(super) fn build(plan: &Plan, scene: &mut Scene) {
     }
 }
 
-/// Adds the lift: an open platform beside the landmark, from the floor of the hall to the top gallery.
+/// Adds the lift: an open platform beside the landmark, from the floor of the hall to the top
+/// gallery.
 fn lift(plan: &Plan, scene: &mut Scene) {
     let Some(void) = &plan.void else { return };
     let [x, z] = void.centre();

@@ -68,8 +68,8 @@ pub(super) struct Patches<T> {
 }
 
 impl<T: Copy> Patches<T> {
-    /// Paints rectangles over each other, in order, on a background of `outside`. A margin of one patch of
-    /// `outside` surrounds them.
+    /// Paints rectangles over each other, in order, on a background of `outside`. A margin of one
+    /// patch of `outside` surrounds them.
     pub fn paint(layers: &[(LatticeRect, T)], outside: T) -> Self {
         let cuts = [0, 1].map(|axis| {
             let mut cuts: Vec<i32> = layers.iter().flat_map(|(rect, _)| rect.span(axis)).collect();

@@ -81,7 +81,8 @@ impl<'a> Walls<'a> {
         }
     }
 
-    /// Adds the faces of walls in one plane across an axis, between the patches before and behind the cut.
+    /// Adds the faces of walls in one plane across an axis, between the patches before and behind
+    /// the cut.
     fn faces_at_cut(&self, axis: usize, cut: usize, scene: &mut Scene) {
         let across = 1 - axis;
         let pair = |along: usize| {

@@ -65,8 +65,8 @@ fn the_same_seed_gives_the_same_building_and_another_seed_another() {
     assert_ne!(glb(14, 5), glb(14, 6));
 }
 
-/// Along every upright edge as many faces run up as down: walls have no cracks and no open ends. (Above and
-/// below they end exactly on whole slabs.)
+/// Along every upright edge as many faces run up as down: walls have no cracks and no open ends.
+/// (Above and below they end exactly on whole slabs.)
 #[test]
 fn walls_close() {
     let plan = plan(12, 2);

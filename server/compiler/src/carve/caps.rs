@@ -1,15 +1,15 @@
 //! The caps that close the hole in a solid: ComputeBinA (Lei and Ouhyoung 1999, section 4.2.2).
 //!
-//! The surface of a cutting ends in *external edges*, which belong to one polygon only. Where such an
-//! edge lies in the interior of a side of the volume, the surface of the model crosses that side: one
-//! side of the edge is inside the solid and the other is outside. The normal of the polygon that ends
-//! there tells which.
+//! The surface of a cutting ends in *external edges*, which belong to one polygon only. Where such
+//! an edge lies in the interior of a side of the volume, the surface of the model crosses that
+//! side: one side of the edge is inside the solid and the other is outside. The normal of the
+//! polygon that ends there tells which.
 //!
-//! The paper follows oriented chains of external edges. Here each edge is taken by itself. A side is
-//! swept in strips between the ends of edges. In each strip, the edges that run through it bound
+//! The paper follows oriented chains of external edges. Here each edge is taken by itself. A side
+//! is swept in strips between the ends of edges. In each strip, the edges that run through it bound
 //! trapezoids, which are inside or outside. This gives the polygon of a chain or its complement,
-//! whichever is right. Chains need not close, and there may be several. In a strip without an edge, a
-//! ray into the volume decides.
+//! whichever is right. Chains need not close, and there may be several. In a strip without an edge,
+//! a ray into the volume decides.
 
 use glam::{DVec2, DVec3};
 
@@ -134,8 +134,8 @@ impl Side {
         if !on_plane(edge.from) || !on_plane(edge.to) || !is_interior {
             return None;
         }
-        // A polygon in the plane of the side covers the inside when it faces into the volume. Behind
-        // any other polygon lies the solid.
+        // A polygon in the plane of the side covers the inside when it faces into the volume.
+        // Behind any other polygon lies the solid.
         let facing = edge.normal[self.axis] * self.outwards;
         let inside = if facing.abs() > 0.999 {
             edge.normal.cross(edge.to - edge.from) * -facing.signum()

@@ -9,11 +9,11 @@ use super::plane::Plane;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
-    /// The normal and all edges are parallel to axes: a union of rectangles. An axial model has axial
-    /// polygons only.
+    /// The normal and all edges are parallel to axes: a union of rectangles. An axial model has
+    /// axial polygons only.
     Axial,
-    /// The polygon is upright at any angle, with level or upright edges; or it is level, with edges in
-    /// two directions at a right angle. A semi-axial model has no non-axial polygon.
+    /// The polygon is upright at any angle, with level or upright edges; or it is level, with edges
+    /// in two directions at a right angle. A semi-axial model has no non-axial polygon.
     SemiAxial,
     /// Any other polygon. A non-axial model has at least one.
     NonAxial,

@@ -103,8 +103,8 @@ impl<'a> Carver<'a> {
     }
 
     /// Splits the polygons that are connected to the unit inside the volume (Lei and Ouhyoung 1999,
-    /// section 4.2.1, Fig. 8), and gives how much of the inside is not the unit's, in square metres.
-    /// None when that is too much.
+    /// section 4.2.1, Fig. 8), and gives how much of the inside is not the unit's, in square
+    /// metres. None when that is too much.
     fn splits(&mut self, unit: &[u32], volume: &Volume) -> Option<(Vec<Split>, f64)> {
         self.attempts += 1;
         let mut pool: VecDeque<u32> = unit.iter().copied().collect();
@@ -122,7 +122,8 @@ impl<'a> Carver<'a> {
             if inside <= volume.near * volume.near {
                 continue;
             }
-            // Polygons of the unit come first, so that all of their area is known before others count.
+            // Polygons of the unit come first, so that all of their area is known before others
+            // count.
             if taken <= unit.len() {
                 own += inside;
             } else {

@@ -5,8 +5,8 @@
 //! polygons that share edges make *clusters*; those that share non-axial edges make the smaller
 //! *elements*. Each cluster or element is a carving unit. From the model, the box of the non-axial
 //! edges of the unit is subtracted, but only in the part of the model that is connected to the unit
-//! inside the box. What was in the box is a *cutting*: a detail object, still drawn and still in the
-//! oracle's mesh, but no occluder. What is left has only axial and semi-axial polygons.
+//! inside the box. What was in the box is a *cutting*: a detail object, still drawn and still in
+//! the oracle's mesh, but no occluder. What is left has only axial and semi-axial polygons.
 //!
 //! ```
 //! use glam::DVec3;
@@ -24,27 +24,28 @@
 //!
 //! # What may be used as an occluder
 //!
-//! [`CarvedModel::polygons`] may always be used. Each is a part of an original polygon, to within the
-//! tolerance of welding, so whatever it blocks was blocked before. Merging moves no corner of the
-//! triangles in it. Cuttings in an axial plane may be used too; to leave them out makes the PVS
+//! [`CarvedModel::polygons`] may always be used. Each is a part of an original polygon, to within
+//! the tolerance of welding, so whatever it blocks was blocked before. Merging moves no corner of
+//! the triangles in it. Cuttings in an axial plane may be used too; to leave them out makes the PVS
 //! larger, never wrong.
 //!
 //! [`CarvedModel::caps`] may be used only where [`CapPolygon::sealed`]. Caps close the hole that a
 //! box leaves in a solid, and lie inside what was solid. In a model whose surfaces do not close,
-//! inside and outside are a guess, and a cap may stand in the open. A cap is sealed when the surface
-//! that was cut is a closed 2-manifold, and all of the cap is inside the closed surfaces of the
-//! model, cavities counted. A line of sight between two points outside all solids that crosses a
-//! sealed cap enters the solid first. It crosses the original surface there, so it was blocked
-//! before. (Points inside a solid wall are different: a caller that counts them as places to be must
-//! not use caps.)
+//! inside and outside are a guess, and a cap may stand in the open. A cap is sealed when the
+//! surface that was cut is a closed 2-manifold, and all of the cap is inside the closed surfaces of
+//! the model, cavities counted. A line of sight between two points outside all solids that crosses
+//! a sealed cap enters the solid first. It crosses the original surface there, so it was blocked
+//! before. (Points inside a solid wall are different: a caller that counts them as places to be
+//! must not use caps.)
 //!
 //! # What bounds the loss
 //!
-//! The box of a large cluster, such as a terrain, would take all axial walls that are joined to it. So
-//! a unit takes at most [`LOSS_MAX`] times its own area of other polygons. It takes more than
-//! [`FREE_LOSS_M2`] only where sealed caps make up for it. Thus carving does not cost more occluders
-//! than it gives. Where a cluster would take more, its elements are the units. Where an element would
-//! take more, only its own polygons are cut and no cap is added. What is left is axial all the same.
+//! The box of a large cluster, such as a terrain, would take all axial walls that are joined to it.
+//! So a unit takes at most [`LOSS_MAX`] times its own area of other polygons. It takes more than
+//! [`FREE_LOSS_M2`] only where sealed caps make up for it. Thus carving does not cost more
+//! occluders than it gives. Where a cluster would take more, its elements are the units. Where an
+//! element would take more, only its own polygons are cut and no cap is added. What is left is
+//! axial all the same.
 
 mod caps;
 mod carved_model;

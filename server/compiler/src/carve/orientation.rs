@@ -1,4 +1,5 @@
-//! The orientation of a building: the angle about the vertical by which most of its walls are turned.
+//! The orientation of a building: the angle about the vertical by which most of its walls are
+//! turned.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -9,13 +10,13 @@ use sightline_world::tolerance::WELD_M;
 const BINS: usize = 180;
 /// A triangle is part of a wall when its unit normal rises by no more than this.
 const UPRIGHT: f64 = 1e-3;
-/// The angle about the vertical by which the walls with the most area are turned, in radians, from 0
-/// to a quarter turn. In [`Axes::turned`](sightline_world::geometry::Axes::turned) by this angle, these
-/// walls are axial. Exactly 0 when they are axial already.
+/// The angle about the vertical by which the walls with the most area are turned, in radians, from
+/// 0 to a quarter turn. In [`Axes::turned`](sightline_world::geometry::Axes::turned) by this angle,
+/// these walls are axial. Exactly 0 when they are axial already.
 ///
 /// The direction with the most wall area wins, to half a degree, modulo quarter turns. The angle is
-/// then the weighted mean of the walls near it. The weight of a wall is its area times the square of
-/// its length, because long walls tell a direction better.
+/// then the weighted mean of the walls near it. The weight of a wall is its area times the square
+/// of its length, because long walls tell a direction better.
 pub fn dominant_orientation(opaque: &[[Vec3; 3]]) -> f64 {
     let walls: Vec<Wall> = opaque.iter().filter_map(Wall::of).collect();
     let mut bins = vec![0.0; BINS];

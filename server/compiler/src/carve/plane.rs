@@ -5,16 +5,16 @@ use glam::DVec3;
 /// The points whose dot product with the normal is the distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// The normal, of unit length, towards the front. It is exactly an axis when the plane is axial to
-    /// within the tolerance.
+    /// The normal, of unit length, towards the front. It is exactly an axis when the plane is axial
+    /// to within the tolerance.
     pub normal: DVec3,
     /// The distance from the origin along the normal, in metres.
     pub distance: f64,
 }
 
 impl Plane {
-    /// The plane of a triangle. A nearly axial plane becomes exactly axial, and a nearly upright one
-    /// exactly upright.
+    /// The plane of a triangle. A nearly axial plane becomes exactly axial, and a nearly upright
+    /// one exactly upright.
     pub(super) fn through(triangle: &[DVec3; 3], normal: DVec3, near: f64) -> Self {
         let centre = triangle.iter().sum::<DVec3>() / 3.0;
         let [a, b, c] = *triangle;

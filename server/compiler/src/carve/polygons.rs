@@ -15,9 +15,9 @@ const COMPARED_MAX: usize = 12;
 /// The polygons of a model, and the edges that they share.
 ///
 /// Two triangles merge across an edge when they lie in one plane, face the same way, belong to one
-/// surface, and no rectangle could have the edge (see [`is_regular`]). So diagonals vanish, however a
-/// wall was triangulated. What the modeller divided along the axes stays divided: the pieces of wall
-/// above an arch make its elements.
+/// surface, and no rectangle could have the edge (see [`is_regular`]). So diagonals vanish, however
+/// a wall was triangulated. What the modeller divided along the axes stays divided: the pieces of
+/// wall above an arch make its elements.
 pub(super) struct Polygons {
     pub tolerance: Tolerance,
     pub points: Vec<DVec3>,
@@ -114,8 +114,8 @@ impl Polygons {
         border.ends.map(|i| self.points[i as usize])
     }
 
-    /// The outline as closed loops of points. Seen from the front, outer loops run anticlockwise and
-    /// holes clockwise.
+    /// The outline as closed loops of points. Seen from the front, outer loops run anticlockwise
+    /// and holes clockwise.
     #[cfg(test)]
     pub fn loops(&self, polygon: u32) -> Vec<Vec<u32>> {
         let mut next: std::collections::BTreeMap<u32, Vec<u32>> = std::collections::BTreeMap::new();
@@ -166,8 +166,8 @@ struct Merging<'a> {
 }
 
 impl Merging<'_> {
-    /// Grows polygons from the largest triangles. Each stays within the plane of its first triangle, so
-    /// that a dome of fine triangles does not become one polygon.
+    /// Grows polygons from the largest triangles. Each stays within the plane of its first
+    /// triangle, so that a dome of fine triangles does not become one polygon.
     fn grow(&self) -> (Vec<u32>, Vec<Plane>) {
         let (starts, neighbours) = self.neighbours();
         let mut order: Vec<u32> = (0..self.triangles.len() as u32).collect();
@@ -202,7 +202,8 @@ impl Merging<'_> {
         (polygon_of, planes)
     }
 
-    /// For each triangle, the triangles that it may merge with: where its list starts, and the lists.
+    /// For each triangle, the triangles that it may merge with: where its list starts, and the
+    /// lists.
     fn neighbours(&self) -> (Vec<u32>, Vec<u32>) {
         let mut pairs: Vec<[u32; 2]> = Vec::new();
         for halves in self.topology.halves.chunk_by(|a, b| a.key() == b.key()) {
@@ -241,8 +242,8 @@ impl Merging<'_> {
             let [from, to] = a.ends().map(|i| self.topology.points[i as usize]);
             to - from
         };
-        // The normals of two needle-like triangles may be anything, though one lies in the plane of the
-        // other.
+        // The normals of two needle-like triangles may be anything, though one lies in the plane of
+        // the other.
         plane.normal.dot(other.normal) > 0.5
             && surface(a) == surface(b)
             && !is_regular(Facing::of(plane), along, self.tolerance.weld)

@@ -1,10 +1,10 @@
 //! Whether a cap certainly lies inside a solid.
 //!
 //! The surfaces of a model that are closed 2-manifolds give every point a winding number: how often
-//! they go around it. It is at least 1 inside a solid and 0 outside, also where a solid has a cavity
-//! or solids overlap. It changes only where such a surface is crossed. So a line of sight between two
-//! points outside all solids, through a point with a positive winding number, crosses such a surface
-//! on the way. It was blocked before anything was carved.
+//! they go around it. It is at least 1 inside a solid and 0 outside, also where a solid has a
+//! cavity or solids overlap. It changes only where such a surface is crossed. So a line of sight
+//! between two points outside all solids, through a point with a positive winding number, crosses
+//! such a surface on the way. It was blocked before anything was carved.
 //!
 //! A cap is sealed when the winding number is positive just behind it, at one point of each convex
 //! part, and no closed surface crosses that part. Then the number is positive everywhere on it.
@@ -81,8 +81,8 @@ impl<'a> Sealing<'a> {
         number
     }
 
-    /// Whether a closed surface enters the box around a part. Polygons that were cut do not count: they
-    /// end at the edges of the part, or lie in its plane and are replaced by it.
+    /// Whether a closed surface enters the box around a part. Polygons that were cut do not count:
+    /// they end at the edges of the part, or lie in its plane and are replaced by it.
     fn is_crossed(&self, part: &Triangle, normal: DVec3, cut: &HashSet<u32>) -> bool {
         let near = self.polygons.tolerance.plane;
         let grow = DVec3::splat(-2.0 * near) + normal.abs() * 3.0 * near;

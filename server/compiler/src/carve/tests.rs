@@ -12,8 +12,8 @@ fn fan(corners: &[DVec3]) -> Vec<Triangle> {
     (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]).collect()
 }
 
-/// A solid: an outline, anticlockwise, extruded from z = 0 to a depth. `faces` are the polygons of
-/// its front, which fill the outline.
+/// A solid: an anticlockwise outline, extruded from z = 0 to a depth. `faces` are the polygons of its
+/// front, which fill the outline.
 fn extruded(outline: &[[f64; 2]], faces: &[Vec<[f64; 2]>], depth: f64) -> Vec<Triangle> {
     let at = |[x, y]: [f64; 2], z: f64| DVec3::new(x, y, z);
     let mut triangles = Vec::new();
@@ -30,8 +30,8 @@ fn extruded(outline: &[[f64; 2]], faces: &[Vec<[f64; 2]>], depth: f64) -> Vec<Tr
     triangles
 }
 
-/// The arch of Fig. 4, its front divided as in Fig. 5: a wall 4 m wide and 3 m high, half a metre
-/// thick, with a passage from x = 1 to 3 that is round above 1.5 m.
+/// The arch of Lei and Ouhyoung 1999, Fig. 4, with its front divided as in Fig. 5: a wall 4 m wide,
+/// 3 m high and half a metre thick, with a passage from x = 1 to 3 that is round above 1.5 m.
 fn arch(segments: usize, rise: f64) -> Vec<Triangle> {
     let curve: Vec<[f64; 2]> = (0..=segments)
         .map(|i| {
@@ -48,7 +48,8 @@ fn arch(segments: usize, rise: f64) -> Vec<Triangle> {
     extruded(&outline, &faces, 0.5)
 }
 
-/// A block with an octagonal passage (Fig. 9); with a shaft through its roof if asked for.
+/// A block with an octagonal passage (Lei and Ouhyoung 1999, Fig. 9), with or without a shaft through
+/// its roof.
 fn passage(shaft: bool) -> Vec<Triangle> {
     let octagon: Vec<[f64; 2]> = [
         [1.5, 1.0],
@@ -125,13 +126,13 @@ fn covered(polygons: &[Polygon]) -> f64 {
     polygons.iter().map(|polygon| area(&polygon.triangles)).sum()
 }
 
-/// All of it that is a model: what is left, and what was added.
+/// The carved model: what is left of the polygons, and the caps.
 fn carved_model(carved: &CarvedModel) -> Vec<Triangle> {
     let kept = carved.polygons.iter().flat_map(|p| &p.triangles);
     kept.chain(carved.caps.iter().flat_map(|a| &a.triangles)).copied().collect()
 }
 
-/// Whether every edge is run through as often one way as the other.
+/// Whether every edge is used as often in one direction as in the other.
 fn is_closed(triangles: &[Triangle]) -> bool {
     let polygons = Polygons::merge(triangles, &[]);
     polygons.edges().all(|edge| edge.iter().map(|border| border.sense).sum::<i32>() == 0)
@@ -146,7 +147,7 @@ fn contains(&[a, b, c]: &Triangle, point: DVec3) -> bool {
             .all(|&(p, q)| normal.cross((q - p).normalize_or_zero()).dot(point - p) > -1e-5)
 }
 
-/// What must hold of every carving.
+/// Checks what holds for every carving.
 fn check_sound(model: &[Triangle], carved: &CarvedModel) {
     let (before, after) = (area(model), covered(&carved.polygons) + covered(&carved.cuttings));
     assert!((before - after).abs() < 1e-6 * before.max(1.0), "{before} {after}");
@@ -182,7 +183,7 @@ fn the_arch_of_figure_4() {
         carved.report;
     assert_eq!((units, confined, cuttings, removed), (1, 0, 18, 6));
     assert_eq!((before, after), (Class::NonAxial, Class::Axial));
-    // The three dark polygons of Fig. 4b: above, and on both sides.
+    // The three dark polygons of Fig. 4b: above and on both sides.
     assert_eq!((added, sealed), (3, 3));
     let sizes: Vec<f64> = carved.caps.iter().map(|a| area(&a.triangles)).collect();
     let normals: Vec<DVec3> = carved.caps.iter().map(|a| a.plane.normal).collect();
@@ -191,7 +192,8 @@ fn the_arch_of_figure_4() {
     assert!(is_closed(&carved_model(&carved)));
 }
 
-/// Fig. 6d: smaller units leave more of the wall, and stairs instead of one opening.
+/// Smaller units leave more of the wall, and stairs instead of one opening (Lei and Ouhyoung 1999,
+/// Fig. 6d).
 #[test]
 fn elements_as_units_cut_less() {
     let model = arch(6, 1.0);
@@ -203,7 +205,8 @@ fn elements_as_units_cut_less() {
     assert!(is_closed(&carved_model(&elements)));
 }
 
-/// Fig. 9: the sides of the passage lie on the sides of the volume, which are added whole.
+/// The sides of the passage lie on the sides of the volume, which become caps as a whole (Lei and
+/// Ouhyoung 1999, Fig. 9).
 #[test]
 fn an_octagonal_passage_becomes_square() {
     let model = passage(false);
@@ -215,7 +218,7 @@ fn an_octagonal_passage_becomes_square() {
     assert!(is_closed(&carved_model(&carved)));
 }
 
-/// External edges in the interior of a side: it is added but for the hole that they go round.
+/// External edges in the interior of a side bound a hole in its cap.
 #[test]
 fn a_shaft_in_the_roof_of_a_passage_stays_open() {
     let model = passage(true);
@@ -228,9 +231,10 @@ fn a_shaft_in_the_roof_of_a_passage_stays_open() {
     assert!(is_closed(&carved_model(&carved)));
 }
 
-/// Fig. 8: what is in the box, but does not hang together with the unit there, stays whole.
+/// Polygons in the box that are not connected to the unit there stay whole (Lei and Ouhyoung 1999,
+/// Fig. 8).
 #[test]
-fn what_only_passes_through_the_box_is_not_split() {
+fn unconnected_polygons_in_the_box_are_not_split() {
     let mut model = arch(6, 1.0);
     let beam = cuboid(DVec3::new(-1.0, 1.8, 0.2), DVec3::new(5.0, 2.0, 0.3));
     model.extend(&beam);
@@ -242,7 +246,7 @@ fn what_only_passes_through_the_box_is_not_split() {
     assert!((left - area(&beam)).abs() < 1e-9, "{left}");
 }
 
-/// In a wall without thickness there is no inside: whatever is added must not be relied on.
+/// A wall without thickness has no inside, so its caps are not sealed.
 #[test]
 fn nothing_is_sealed_in_an_open_surface() {
     let mut model = arch(6, 1.0);
@@ -250,12 +254,12 @@ fn nothing_is_sealed_in_an_open_surface() {
     let carved = carve(&model, &[], &CarveOptions::default());
     check_sound(&model, &carved);
     assert_eq!(carved.report.sealed, 0);
-    // Nor in one that is inside out.
+    // An inside-out surface seals nothing either.
     let turned: Vec<Triangle> = arch(6, 1.0).into_iter().map(|[a, b, c]| [a, c, b]).collect();
     assert_eq!(carve(&turned, &[], &CarveOptions::default()).report.sealed, 0);
 }
 
-/// A cavity in the block that reaches through one of the sides that are added.
+/// A cavity in the block reaches through one of the caps.
 #[test]
 fn nothing_is_sealed_across_a_cavity() {
     let mut model = passage(false);
@@ -267,15 +271,15 @@ fn nothing_is_sealed_across_a_cavity() {
         carved.caps.iter().filter(|a| !a.sealed).map(|a| a.plane.normal).collect();
     assert_eq!(open, [DVec3::NEG_Y]);
     assert_eq!(carved.report.sealed, 3);
-    // Nor where all of it is inside of a room that was hewn from something larger.
+    // A block inside a room that was hewn from something larger has no sealed cap either.
     let mut hewn = passage(false);
     let room = cuboid(DVec3::splat(-5.0), DVec3::splat(9.0));
     hewn.extend(room.iter().map(|&[a, b, c]| [a, c, b]));
     assert_eq!(carve(&hewn, &[], &CarveOptions::default()).report.sealed, 0);
 }
 
-/// A corridor with chamfered edges: the box of all chamfers is the corridor, and carving it would
-/// leave nothing.
+/// In a corridor with chamfered edges, the box of all chamfers is the corridor: carving it would leave
+/// nothing.
 #[test]
 fn a_cluster_does_not_take_all_that_is_joined_to_it() {
     let chamfered = [
@@ -299,8 +303,8 @@ fn a_cluster_does_not_take_all_that_is_joined_to_it() {
     );
 }
 
-/// A terrain of squares a metre wide, with a house on a level place in its middle whose walls rise
-/// from edges of the terrain, lower than the hills.
+/// A terrain of squares one metre wide, and a house on a level place in its middle. The walls rise from
+/// edges of the terrain, and are lower than the hills.
 fn house_on_terrain() -> (Vec<Triangle>, Vec<Triangle>) {
     let height = |x: i32, z: i32| {
         let away = f64::from((x - 10).abs().max((z - 10).abs()) - 3).max(0.0);
@@ -320,7 +324,7 @@ fn house_on_terrain() -> (Vec<Triangle>, Vec<Triangle>) {
     (terrain, house.into_iter().filter(|t| !is_floor(t)).collect())
 }
 
-/// The box of the terrain holds the house, and its walls hang together with the terrain.
+/// The box of the terrain contains the house, and the walls are connected to the terrain.
 #[test]
 fn a_terrain_does_not_take_the_house_that_stands_on_it() {
     let (terrain, house) = house_on_terrain();
@@ -333,7 +337,7 @@ fn a_terrain_does_not_take_the_house_that_stands_on_it() {
     assert!(carved.report.clusters >= 1 && carved.report.cuttings > 100);
 }
 
-/// Turned by any angle, in single precision, a building is in its own axes what it was.
+/// In its own axes, a building turned by any angle is the building it was, in single precision.
 #[test]
 fn a_turned_building_is_carved_like_one_that_is_not() {
     let glb = sightline_demo_building::glb(6, 3);

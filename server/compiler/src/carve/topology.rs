@@ -28,8 +28,8 @@ impl Tolerance {
     }
 }
 
-/// Welded points and the edges of triangles between them. An edge is split where another corner lies
-/// on it, so that overlapping edges are shared in spite of T-junctions.
+/// Welded points and the edges of triangles between them. An edge is split where another corner
+/// lies on it, so that overlapping edges are shared in spite of T-junctions.
 pub(super) struct Topology {
     pub points: Vec<DVec3>,
     /// Sorted by [`Half::key`]. Triangles without area have none.
@@ -247,8 +247,8 @@ impl Grid {
     }
 }
 
-/// Points by the axial line that they lie on, in order along it. Most edges of a building are axial,
-/// and many are long: this finds the points on them without all points near them.
+/// Points by the axial line that they lie on, in order along it. Most edges of a building are
+/// axial, and many are long: this finds the points on them without all points near them.
 struct Lines {
     axis: usize,
     cell: f64,
@@ -377,8 +377,8 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// The points found on each edge are those that a search through all points finds, for axial
-        /// and slanted edges, coordinates a little off, and cells of any size.
+        /// The points found on each edge are those that a search through all points finds, for
+        /// axial and slanted edges, coordinates a little off, and cells of any size.
         #[test]
         fn edges_are_split_where_a_point_is_on_them(
             corners in prop::collection::vec((-3..4i8, -3..4i8, -3..4i8, 0u8..8), 3..40),

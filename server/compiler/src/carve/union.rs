@@ -21,7 +21,8 @@ impl Union {
         of
     }
 
-    /// Connects two things. The root is the least member, so that the order of calls does not matter.
+    /// Connects two things. The root is the least member, so that the order of calls does not
+    /// matter.
     pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b) as usize] = a.min(b);

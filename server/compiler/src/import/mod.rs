@@ -48,8 +48,8 @@ pub enum ReadError {
     },
 }
 
-/// Reads a building: a .glb, a .gltf with the files beside it, or a Quake III .bsp with textures from
-/// the archives of the game.
+/// Reads a building: a .glb, a .gltf with the files beside it, or a Quake III .bsp with textures
+/// from the archives of the game.
 pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, ReadError> {
     let io = |source| ReadError::Io { path: path.to_owned(), source };
     let bytes = read_file(path).map_err(io)?;

@@ -17,8 +17,8 @@ pub(super) struct MoverList {
 }
 
 impl MoverList {
-    /// Adds a mover, whose surfaces are in its own coordinates. It is left out when it has no triangle, or
-    /// exceeds the limits of a world.
+    /// Adds a mover, whose surfaces are in its own coordinates. It is left out when it has no
+    /// triangle, or exceeds the limits of a world.
     pub(super) fn add(&mut self, name: &str, surfaces: &[Surface], trajectory: Trajectory) {
         let triangles: usize = surfaces.iter().map(|surface| surface.triangles.len()).sum();
         if self.movers.len() == MOVERS_MAX || self.triangles + triangles > MOVER_TRIANGLES_MAX {

@@ -56,7 +56,8 @@ fn invalid_files_are_refused_with_one_clear_line() {
 /// A reader of hostile bytes, which tells whether they gave a model.
 type Attempt<'a> = &'a dyn Fn(&[u8]) -> bool;
 
-/// Changes every byte, and tries every length. The reader gives an error or a model, and never panics.
+/// Changes every byte, and tries every length. The reader gives an error or a model, and never
+/// panics.
 fn damage(bytes: &[u8], attempt: Attempt<'_>) {
     assert!(attempt(bytes));
     for length in 0..bytes.len() {

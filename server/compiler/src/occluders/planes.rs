@@ -20,8 +20,8 @@ pub struct OccluderTriangle {
     pub is_last: bool,
 }
 
-/// Groups opaque triangles, in the building's own axes, by plane. Axial planes come first, by axis and
-/// then ascending; other vertical planes follow.
+/// Groups opaque triangles, in the building's own axes, by plane. Axial planes come first, by axis
+/// and then ascending; other vertical planes follow.
 ///
 /// First, corners next to an axial plane are moved onto it, by at most [`AXIAL_PLANE_M`]. So walls
 /// that meet in the model but for rounding leave no gap.
@@ -114,8 +114,8 @@ fn slanted(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
         .collect()
 }
 
-/// The vertical plane of a triangle. None when the plane is axial or not vertical, or the triangle has
-/// no area.
+/// The vertical plane of a triangle. None when the plane is axial or not vertical, or the triangle
+/// has no area.
 fn vertical(corners: &[DVec3; 3]) -> Option<SplitPlane> {
     let [a, b, c] = *corners;
     if (0..3).any(|axis| agree(corners.map(|corner| corner[axis]))) {

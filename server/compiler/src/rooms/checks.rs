@@ -1,5 +1,5 @@
-//! Warnings about rooms that are valid but probably not meant: settings without an effect, rooms that
-//! overlap, and members of a hidden set that are plainly visible.
+//! Warnings about rooms that are valid but probably not meant: settings without an effect, rooms
+//! that overlap, and members of a hidden set that are plainly visible.
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -183,7 +183,8 @@ impl Checker<'_> {
         })
     }
 
-    /// A random point of a box that lies in a cell, in own axes. None when the drawn point does not.
+    /// A random point of a box that lies in a cell, in own axes. None when the drawn point does
+    /// not.
     fn open(&self, rng: &mut SmallRng, region: &Aabb) -> Option<Vec3> {
         let region = region.intersection(&self.cells.bounds);
         if region.is_empty() {

@@ -6,7 +6,7 @@
 //! * [`checks`] warns of what is valid but probably not meant, or has no effect yet.
 
 pub mod checks;
-pub mod nodes;
+pub(crate) mod nodes;
 #[cfg(test)]
 mod tests;
 pub mod text;
@@ -173,8 +173,8 @@ pub struct RoomScope<'a> {
 /// Resolves declarations to rooms.
 ///
 /// # Errors
-/// All errors at once: names that are taken or unknown, flat shapes, windows that are not flat or lie off
-/// the boundary of their room.
+/// All errors at once: names that are taken or unknown, flat shapes, windows that are not flat or
+/// lie off the boundary of their room.
 pub fn resolve(declared: &[RoomDeclaration], known: &RoomScope<'_>) -> Result<Rooms, RoomErrors> {
     let mut resolver =
         Resolver { known, ids: HashMap::new(), objects: Vec::new(), errors: Vec::new() };

@@ -1,9 +1,10 @@
-//! Nodes of a glTF as rooms and windows: `room:NAME` and `window:ROOM/NAME`. Their meshes are not drawn
-//! and hide nobody.
+//! Nodes of a glTF as rooms and windows: `room:NAME` and `window:ROOM/NAME`. Their meshes are not
+//! drawn and hide nobody.
 //!
-//! A room is the convex hull of the mesh of its node. A level, flat mesh is a piece of the plan instead.
-//! Several nodes of one name are parts of one room. The extras of a node give the other settings, with
-//! the keys of the TOML file. `behind` in the extras of a window names another window of the room.
+//! A room is the convex hull of the mesh of its node. A level, flat mesh is a piece of the plan
+//! instead. Several nodes of one name are parts of one room. The extras of a node give the other
+//! settings, with the keys of the TOML file. `behind` in the extras of a window names another
+//! window of the room.
 
 use glam::{Vec2, Vec3};
 use sightline_world::{rooms::Shape, tolerance::AUTHORED_POINT_M};
@@ -28,7 +29,8 @@ pub fn role(node: &str) -> Option<NodeRole<'_>> {
     Some(NodeRole::Window(room, name))
 }
 
-/// The name without the number that modelling programs add to duplicates: `hall.001` is part of `hall`.
+/// The name without the number that modelling programs add to duplicates: `hall.001` is part of
+/// `hall`.
 fn without_number(name: &str) -> &str {
     match name.rsplit_once('.') {
         Some((stem, number)) if number.len() == 3 && number.bytes().all(|b| b.is_ascii_digit()) => {
@@ -38,8 +40,8 @@ fn without_number(name: &str) -> &str {
     }
 }
 
-/// Adds a part of a room, or a window, to the rooms so far. `corners` are those of the triangles of the
-/// node, in the world's axes.
+/// Adds a part of a room, or a window, to the rooms so far. `corners` are those of the triangles of
+/// the node, in the world's axes.
 ///
 /// # Errors
 /// When the node has no mesh, or a mesh without a shape, or unknown extras.
@@ -137,8 +139,8 @@ fn distinct(points: &[Vec3]) -> Vec<Vec3> {
     kept
 }
 
-/// The points that are furthest in one of many directions. When there are few enough points for a hull,
-/// all are kept.
+/// The points that are furthest in one of many directions. When there are few enough points for a
+/// hull, all are kept.
 fn extreme(points: &[Vec3]) -> Vec<Vec3> {
     use sightline_world::rooms::HULL_POINTS_MAX;
     if points.len() <= HULL_POINTS_MAX {

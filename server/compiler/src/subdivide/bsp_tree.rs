@@ -99,8 +99,8 @@ impl BspTree {
         }
     }
 
-    /// Adds the polygons where leaves of a subtree below a plane join leaves of one above it, within a
-    /// polygon on the plane.
+    /// Adds the polygons where leaves of a subtree below a plane join leaves of one above it,
+    /// within a polygon on the plane.
     pub fn add_faces_across(
         &self,
         nodes: [u32; 2],

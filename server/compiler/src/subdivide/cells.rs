@@ -64,7 +64,8 @@ impl CellBuilder<'_> {
         }
     }
 
-    /// Adds a space as a subtree of cells: halved across its longest side until all are small enough.
+    /// Adds a space as a subtree of cells: halved across its longest side until all are small
+    /// enough.
     fn split_open(&mut self, region: Region) -> u32 {
         let Some((bounds, _)) = region.extent() else { return self.fine.solid() };
         let size = bounds.size();

@@ -27,8 +27,8 @@ pub(crate) struct SubdivisionInput<'a> {
     pub planes: &'a [OccluderPlane],
     /// Opaque solids. When there are any, surfaces do not count: they are the faces of solids.
     pub solids: &'a [ConvexSolid],
-    /// Points where eyes can be. A space between solids that no sequence of gates joins to one of them
-    /// counts as solid.
+    /// Points where eyes can be. A space between solids that no sequence of gates joins to one of
+    /// them counts as solid.
     pub eyes: &'a [Vec3],
 }
 

@@ -6,8 +6,8 @@ use sightline_world::{Polygon, geometry::Aabb};
 
 use crate::split_plane::SplitPlane;
 
-/// A convex polygon as the world has it: a rectangle where it is one. None when it is so narrow that it
-/// counts as closed.
+/// A convex polygon as the world has it: a rectangle where it is one. None when it is so narrow
+/// that it counts as closed.
 pub(super) fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
     if corners.len() < 3 || width(corners) < CLOSED_M {
         return None;
@@ -28,8 +28,8 @@ pub(super) fn polygon(cut: &SplitPlane, corners: &[DVec3]) -> Option<Polygon> {
     Some(Polygon::Other { normal: cut.normal(), corners })
 }
 
-/// The width of a convex polygon: the least distance between two parallel lines around it, one of them
-/// along an edge, in metres.
+/// The width of a convex polygon: the least distance between two parallel lines around it, one of
+/// them along an edge, in metres.
 fn width(corners: &[DVec3]) -> f64 {
     let across = |i: usize| {
         let (from, to) = (corners[i], corners[(i + 1) % corners.len()]);

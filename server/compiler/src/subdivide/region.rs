@@ -126,7 +126,8 @@ fn square(cut: &SplitPlane, bounds: &Aabb) -> Vec<DVec3> {
     vec![centre - u - v, centre + u - v, centre + u + v, centre - u + v]
 }
 
-/// The part of a convex polygon on one side of a plane, boundary included. Empty when it is degenerate.
+/// The part of a convex polygon on one side of a plane, boundary included. Empty when it is
+/// degenerate.
 pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3> {
     let sign = if is_greater { 1.0 } else { -1.0 };
     let height = |p: DVec3| cut.height(p) * sign;

@@ -1,5 +1,5 @@
-//! Spaces between convex solids: a BSP tree along their faces, as compilers of Quake maps make it. Each
-//! leaf is all solid or all empty.
+//! Spaces between convex solids: a BSP tree along their faces, as compilers of Quake maps make it.
+//! Each leaf is all solid or all empty.
 
 use std::collections::HashMap;
 
@@ -157,7 +157,8 @@ impl Builder<'_> {
             .map(|(plane, _)| plane)
     }
 
-    /// The cost of a plane: the share of faces that it splits, and how unevenly it divides the others.
+    /// The cost of a plane: the share of faces that it splits, and how unevenly it divides the
+    /// others.
     fn cost(&self, plane: u32, faces: &[Face]) -> f64 {
         let cut = &self.cuts[plane as usize];
         let (mut low, mut high, mut both) = (0.0, 0.0, 0.0f64);

@@ -1,5 +1,5 @@
-//! Spaces along surfaces (Teller and Séquin 1991): each split is along the plane of which the greatest
-//! share of the cross-section is opaque.
+//! Spaces along surfaces (Teller and Séquin 1991): each split is along the plane of which the
+//! greatest share of the cross-section is opaque.
 
 use glam::{DVec2, DVec3};
 use sightline_world::geometry::Aabb;
@@ -14,9 +14,9 @@ use crate::{
     split_plane::SplitPlane,
 };
 
-/// A plane splits a space when one of its triangles covers at least this area, in square metres, and
-/// all opaque triangles together at least [`SHARE_MIN`] of the cross-section. Smaller triangles are
-/// furniture: they hide little, and splits along them would make many spaces.
+/// A plane splits a space when one of its triangles covers at least this area, in square metres,
+/// and all opaque triangles together at least [`SHARE_MIN`] of the cross-section. Smaller triangles
+/// are furniture: they hide little, and splits along them would make many spaces.
 const TRIANGLE_AREA_MIN: f64 = 1.25;
 /// The least opaque share of the cross-section; see [`TRIANGLE_AREA_MIN`].
 const SHARE_MIN: f64 = 0.1;
@@ -33,8 +33,8 @@ const WALL_AREA_MIN: f64 = 0.15;
 /// inside of a thin wall, or the frame of a pane.
 const THIN_MAX: f32 = 0.1;
 
-/// Splits a region along opaque surfaces: along axial planes first, then other vertical planes, then
-/// level planes with turned edges, of which only the covered part is left by then.
+/// Splits a region along opaque surfaces: along axial planes first, then other vertical planes,
+/// then level planes with turned edges, of which only the covered part is left by then.
 pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
     let mut builder = Builder { planes, tree: BspTree::default() };
     let all = planes
@@ -88,8 +88,8 @@ impl Builder<'_> {
         section.area > 0.0 && section.covered(&triangles[triangle as usize]) > 0.0
     }
 
-    /// The plane to split along: of the first kind there is, the one with the greatest opaque share;
-    /// among similar ones, the one nearest the middle.
+    /// The plane to split along: of the first kind there is, the one with the greatest opaque
+    /// share; among similar ones, the one nearest the middle.
     fn best_plane(&self, region: &Region, inside: &[OccluderRef]) -> Option<u32> {
         inside
             .chunk_by(|a, b| a.0 == b.0)

@@ -1,9 +1,9 @@
 //! The plan of a storey, divided into areas.
 //!
-//! The plan is sampled on a grid of places. A place that a body cannot pass is closed. The distance of an
-//! open place from the nearest closed one tells how wide the plan is there. A watershed (Vincent and
-//! Soille 1991) takes places from the widest to the narrowest. A place next to an area belongs to it. A
-//! place between two areas joins them, unless it is much narrower than both.
+//! The plan is sampled on a grid of places. A place that a body cannot pass is closed. The distance
+//! of an open place from the nearest closed one tells how wide the plan is there. A watershed
+//! (Vincent and Soille 1991) takes places from the widest to the narrowest. A place next to an area
+//! belongs to it. A place between two areas joins them, unless it is much narrower than both.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -13,12 +13,13 @@ use sightline_world::{World, geometry::Aabb};
 const STEP_M: f32 = 0.125;
 /// … so that the grid has at most this many places along a side.
 const SIDE_MAX: f32 = 2_400.0;
-/// A place is closed when it is solid at all of these heights above the floor, in metres. Tables are
-/// lower, and lintels higher.
+/// A place is closed when it is solid at all of these heights above the floor, in metres. Tables
+/// are lower, and lintels higher.
 const HEIGHTS_M: [f32; 3] = [1.0, 1.4, 1.8];
 /// A walkable place is no farther than this below and above the floor of the storey, in metres.
 const FLOOR_M: [f32; 2] = [0.4, 0.9];
-/// An opening is a door when it is narrower than this share of the narrower of the areas that it joins.
+/// An opening is a door when it is narrower than this share of the narrower of the areas that it
+/// joins.
 const NECK: f32 = 0.7;
 /// A roof is at least this far above the floor, in metres.
 const ROOF_M: f32 = 1.9;
@@ -140,7 +141,8 @@ impl Areas {
     pub(super) fn under(&self, region: &Aabb) -> Ground {
         let range = |min: f32, max: f32, from: f32, count: usize| {
             let at = |x: f32| (((x - from) / self.step).max(0.0) as usize).min(count);
-            // The places whose middles are inside, or one place when the box is narrower than a step.
+            // The places whose middles are inside, or one place when the box is narrower than a
+            // step.
             let (low, high) = (at(min + self.step * 0.5), at(max + self.step * 0.5));
             let middle = at((min + max) * 0.5);
             if low < high { low..high } else { middle..(middle + 1).min(count) }
@@ -166,8 +168,8 @@ impl Areas {
     }
 }
 
-/// The distance of each open place from the nearest closed one, in steps. It is exact (Felzenszwalb and
-/// Huttenlocher 2012).
+/// The distance of each open place from the nearest closed one, in steps. It is exact (Felzenszwalb
+/// and Huttenlocher 2012).
 fn distances(open: &[bool], columns: usize, rows: usize) -> Vec<f32> {
     let far = (columns + rows) as f32;
     let mut squares: Vec<f32> =

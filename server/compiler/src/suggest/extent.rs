@@ -1,8 +1,9 @@
 //! The cells of an area, and the boxes that they make.
 //!
-//! The boxes of a room are unions of whole cells: every cell in a box belongs to the room. A box grows from
-//! the largest cell of the area, side by side. It grows as long as most of what is added belongs to the area,
-//! and no cell of another area and no cell that is not a box gets into it. Solid space does not count.
+//! The boxes of a room are unions of whole cells: every cell in a box belongs to the room. A box
+//! grows from the largest cell of the area, side by side. It grows as long as most of what is added
+//! belongs to the area, and no cell of another area and no cell that is not a box gets into it.
+//! Solid space does not count.
 
 use std::collections::HashMap;
 
@@ -172,8 +173,8 @@ impl Grower<'_> {
         (own.sum::<f32>() >= FILL_MIN * added).then_some((larger, inside))
     }
 
-    /// The smallest box around a box that cuts no cell, and the cells in it. None when it would contain a
-    /// cell that it may not have.
+    /// The smallest box around a box that cuts no cell, and the cells in it. None when it would
+    /// contain a cell that it may not have.
     fn closed(&self, region: Aabb, label: u32, extent: &Extent) -> Option<(Aabb, Vec<CellId>)> {
         let mut region = region;
         loop {

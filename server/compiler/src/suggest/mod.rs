@@ -20,8 +20,8 @@ use sightline_world::{World, geometry::Aabb, rooms::PARTS_MAX};
 use crate::storeys::storeys;
 pub use room::{SuggestedRoom, SuggestedWindow};
 
-/// Suggests rooms. `progress` hears the share that is done, from 0 to 1; when it breaks, the result is
-/// `None`.
+/// Suggests rooms. `progress` hears the share that is done, from 0 to 1; when it breaks, the result
+/// is `None`.
 pub fn suggest(
     world: &World,
     progress: &mut dyn FnMut(f32) -> ControlFlow<()>,

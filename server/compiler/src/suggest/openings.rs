@@ -69,8 +69,8 @@ pub(super) fn windows(
         .collect()
 }
 
-/// Joins rectangles of one plane that touch, where the rectangle around them is on the boundary of the
-/// room too. Windows become larger, never smaller.
+/// Joins rectangles of one plane that touch, where the rectangle around them is on the boundary of
+/// the room too. Windows become larger, never smaller.
 fn joined(mut parts: Vec<Aabb>, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
     let mut at = 0;
     while at < parts.len() {

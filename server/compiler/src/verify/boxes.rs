@@ -25,7 +25,8 @@ impl Boxes {
         Self { volumes, boxes }
     }
 
-    /// The boxes of some leafs of a map, a Quake unit larger: the map rounds them down to whole units.
+    /// The boxes of some leafs of a map, a Quake unit larger: the map rounds them down to whole
+    /// units.
     pub fn of_leafs(tree: &OriginTree, leafs: impl IntoIterator<Item = usize>) -> Self {
         let larger = |leaf: usize| tree.leafs[leaf].bounds.grown(0.0254);
         Self::new(leafs.into_iter().map(|leaf| (leaf as u32, larger(leaf))))

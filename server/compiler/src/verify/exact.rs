@@ -6,10 +6,10 @@
 //!
 //! * No brush, ten micrometres larger, holds more than a tenth of a millimetre of the line. The
 //!   growth closes the seams between brushes whose planes were rounded apart. The tenth of a
-//!   millimetre lets a line touch an edge. A true sight line that this denies squeezes through a gap
-//!   of twenty micrometres, or grazes a wall along its length; its neighbours are tested.
-//! * The line crosses no triangle, and neither end is within a tenth of a millimetre of one. So near
-//!   a triangle, rounding decides on which side the line begins.
+//!   millimetre lets a line touch an edge. A true sight line that this denies squeezes through a
+//!   gap of twenty micrometres, or grazes a wall along its length; its neighbours are tested.
+//! * The line crosses no triangle, and neither end is within a tenth of a millimetre of one. So
+//!   near a triangle, rounding decides on which side the line begins.
 
 use glam::DVec3;
 use sightline_world::tolerance::{BRUSH_CORNER_M, BRUSH_GROWTH_M, EYE_CLEARANCE_M, GRAZE_M};

@@ -1,4 +1,5 @@
-//! Fuzzy projection of loose entries (Lim 1999): does it prove that two cells cannot see each other?
+//! Fuzzy projection of loose entries (Lim 1999): does it prove that two cells cannot see each
+//! other?
 
 use std::collections::HashMap;
 
@@ -22,7 +23,8 @@ impl<'a> Fuzzy<'a> {
         Ok(Self { world, surfaces })
     }
 
-    /// Whether all of one cell is hidden from every eye in the other, in one direction or the other.
+    /// Whether all of one cell is hidden from every eye in the other, in one direction or the
+    /// other.
     pub(super) fn parts(&self, cells: [u32; 2]) -> bool {
         let bounds = cells.map(|cell| {
             let known = self.world.cells.cells.get(cell as usize);

@@ -1,9 +1,9 @@
 //! Which leafs of a map lie inside its hull.
 //!
-//! A map's compiler fills the space outside, which then has no cluster. It may leave pockets that do
-//! have one, in the corners of the map's bounds. No player is ever there. Points of two pockets see
-//! each other through the filled space, where there is no brush, and no vis lump says so. Rays that
-//! pass through filled space tell such pockets.
+//! A map's compiler fills the space outside, which then has no cluster. It may leave pockets that
+//! do have one, in the corners of the map's bounds. No player is ever there. Points of two pockets
+//! see each other through the filled space, where there is no brush, and no vis lump says so. Rays
+//! that pass through filled space tell such pockets.
 
 use std::f32::consts::TAU;
 

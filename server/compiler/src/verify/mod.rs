@@ -1,19 +1,20 @@
 //! Verifies a compiled world: its PVS against rays through the original model.
 //!
-//! Pairs of points in empty space are sampled in two ways. *By volume*, points are uniform in space,
-//! as people are. *By cell*, all cells are equally likely, so that small cells are tested too.
+//! Pairs of points in empty space are sampled in two ways. *By volume*, points are uniform in
+//! space, as people are. *By cell*, all cells are equally likely, so that small cells are tested
+//! too.
 //!
 //! * A *miss* is a pair in sight that the PVS denies.
 //! * The *over-send* is how many pairs the PVS holds for each pair in sight.
-//! * An entry of the PVS, a pair of cells, is *loose* when none of many random lines between the two
-//!   cells is free.
+//! * An entry of the PVS, a pair of cells, is *loose* when none of many random lines between the
+//!   two cells is free.
 //!
 //! The vis lump of a Quake map is measured on the same points.
 //!
 //! The original alone decides what is empty and what is in sight (`original`), never the cells. A
-//! point may lie in no cell: inside a wall, or where nobody who began at a spawn point can look. Two
-//! such points may see each other. When a point in a cell sees one without, that is a miss: the space
-//! was not closed off.
+//! point may lie in no cell: inside a wall, or where nobody who began at a spawn point can look.
+//! Two such points may see each other. When a point in a cell sees one without, that is a miss: the
+//! space was not closed off.
 
 mod boxes;
 mod brushes;
@@ -50,8 +51,8 @@ pub enum VerifyError {
     Surfaces(#[from] sightline_visibility::fuzzy::SurfaceError),
 }
 
-/// Verifies a world. `progress` hears the name of a step and the share of it that is done, from 0 to
-/// 1, from any thread.
+/// Verifies a world. `progress` hears the name of a step and the share of it that is done, from 0
+/// to 1, from any thread.
 ///
 /// # Errors
 /// When the world has no empty space, and when fuzzy projection is asked for and impossible.

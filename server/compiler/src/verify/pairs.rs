@@ -152,8 +152,8 @@ mod tests {
         }
     }
 
-    /// Two points without a cell may see each other, as two points inside a wall do. A point in a cell
-    /// may not see one without.
+    /// Two points without a cell may see each other, as two points inside a wall do. A point in a
+    /// cell may not see one without.
     #[test]
     fn points_without_a_cell_do_not_count_unless_they_are_seen() {
         let check = |has_wall: bool, misses: bool| {

@@ -73,7 +73,8 @@ pub struct PairCounts {
     pub closed: u64,
     /// Pairs in sight.
     pub sight: u64,
-    /// Pairs that a PVS denies and rays take to be in sight, but that double precision shows blocked.
+    /// Pairs that a PVS denies and rays take to be in sight, but that double precision shows
+    /// blocked.
     pub grazing: u64,
     /// What the world's PVS says.
     pub ours: PvsTally,

@@ -12,8 +12,8 @@ use sightline_world::{
 use super::*;
 use crate::{import::bsp, model};
 
-/// Three rooms in a row, 4 m each, that fill the world. A wall without a door lies between the first
-/// two, and no wall between the last two. Cell 0 sees itself; cells 1 and 2 see each other.
+/// Three rooms in a row, 4 m each, that fill the world. A wall without a door lies between the
+/// first two, and no wall between the last two. Cell 0 sees itself; cells 1 and 2 see each other.
 fn rooms() -> World {
     let bounds = Aabb::new(Vec3::ZERO, Vec3::new(12.0, 3.0, 4.0));
     let room = |i: f32| Aabb::new(Vec3::X * i * 4.0, Vec3::new(i * 4.0 + 4.0, 3.0, 4.0));
@@ -158,8 +158,8 @@ fn a_world_that_is_all_brush_is_full() {
     assert!(matches!(verify(&world, &options(10), &|_, _| ()), Err(VerifyError::Full)));
 }
 
-/// A real map in one cell, which sees itself. Our PVS can have no miss, and the vis lump of the map is
-/// measured all the same.
+/// A real map in one cell, which sees itself. Our PVS can have no miss, and the vis lump of the map
+/// is measured all the same.
 fn uncompiled(map: &str) -> Option<World> {
     let path = shared_file(&format!("maps/{map}"))?;
     Some(in_one_cell(bsp::read(&path, &[]).unwrap()))

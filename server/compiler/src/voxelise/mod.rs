@@ -1,9 +1,10 @@
-//! From surfaces to the octree: every voxel that a triangle touches, with the mean of its materials.
+//! From surfaces to the octree: every voxel that a triangle touches, with the mean of its
+//! materials.
 //!
-//! The grid is cut into the blocks of the octree. First, triangles are scattered to the blocks that they
-//! touch. Then each block is halved down to voxels and packed on its own, on any thread, so that only one
-//! block of voxels per thread is in memory. Blocks follow in the order of their keys, so the result does
-//! not depend on the threads.
+//! The grid is cut into the blocks of the octree. First, triangles are scattered to the blocks that
+//! they touch. Then each block is halved down to voxels and packed on its own, on any thread, so
+//! that only one block of voxels per thread is in memory. Blocks follow in the order of their keys,
+//! so the result does not depend on the threads.
 
 mod material_mean;
 mod overlap;
@@ -45,8 +46,8 @@ const EDGE_MAX: f32 = 100.0;
 const SCATTERED_MAX: usize = 64 << 20;
 
 /// The offset of the grid from whole multiples of the voxel. Authors put walls and floors at round
-/// coordinates, and a surface exactly between two voxels would fill both. Upwards, voxels reach just above
-/// surfaces, so that feet stand on the floor and not above it.
+/// coordinates, and a surface exactly between two voxels would fill both. Upwards, voxels reach
+/// just above surfaces, so that feet stand on the floor and not above it.
 const GRID_SHIFT: Vec3 = Vec3::new(0.37, 0.87, 0.37);
 
 /// Why a model cannot be voxelised.
@@ -72,8 +73,8 @@ pub enum VoxeliseError {
     Octree(#[from] OctreeError),
 }
 
-/// An edge that suits a model, in metres: 1/32, or more for a large building, in alternating steps of 4/3
-/// and 3/2. Every second edge is a power of two.
+/// An edge that suits a model, in metres: 1/32, or more for a large building, in alternating steps
+/// of 4/3 and 3/2. Every second edge is a power of two.
 pub fn default_voxel(surfaces: &[Surface], bounds: &Aabb) -> f32 {
     let powers = std::iter::successors(Some(1.0 / 32.0), |power| Some(power * 2.0));
     let mut edges = powers.flat_map(|power| [power, power * 4.0 / 3.0]);
@@ -112,8 +113,9 @@ fn depth_for(bounds: &Aabb, voxel: f32) -> u8 {
     across.log2().ceil().min(255.0) as u8
 }
 
-/// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches. `progress` hears
-/// the share that is done, from 0 to 1, from any thread. When it breaks, no more work begins.
+/// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches.
+/// `progress` hears the share that is done, from 0 to 1, from any thread. When it breaks, no more
+/// work begins.
 ///
 /// # Errors
 ///
@@ -206,8 +208,8 @@ impl Grid<'_> {
         (total <= SCATTERED_MAX).then_some(blocks)
     }
 
-    /// Corners in voxels, from a corner of the grid. The way leads through f64: far from the origin, f32 has
-    /// no digits left for parts of a voxel.
+    /// Corners in voxels, from a corner of the grid. The way leads through f64: far from the
+    /// origin, f32 has no digits left for parts of a voxel.
     fn to_grid(&self, corners: [Vec3; 3], from: Vec3) -> [Vec3; 3] {
         let (origin, from) = (self.origin.as_dvec3(), from.as_dvec3());
         corners.map(|c| ((c.as_dvec3() - origin) / f64::from(self.voxel) - from).as_vec3())
@@ -305,8 +307,8 @@ impl Block<'_> {
         }
     }
 
-    /// The material of a voxel: the mean of what touches it, weighted by the area inside. Glass counts
-    /// only where there is nothing else.
+    /// The material of a voxel: the mean of what touches it, weighted by the area inside. Glass
+    /// counts only where there is nothing else.
     fn voxel(&self, touching: &[u32], corner: UVec3) -> Voxel {
         let candidates = touching.iter().map(|&candidate| &self.candidates[candidate as usize]);
         let glass = candidates.clone().all(|candidate| candidate.material.glass);

@@ -1,5 +1,5 @@
-//! Whether a triangle touches a cube: by its box, its plane, and its projection along each axis (Schwarz
-//! and Seidel 2010, section 3).
+//! Whether a triangle touches a cube: by its box, its plane, and its projection along each axis
+//! (Schwarz and Seidel 2010, section 3).
 
 use glam::Vec3;
 

@@ -142,7 +142,7 @@ fn coarse_voxels_get_the_mean_of_a_texture() {
     floor.material.texture = Some(std::sync::Arc::new(fine));
     let bounds = Aabb::new(Vec3::ZERO, Vec3::splat(2.0));
     let octree = voxelise(&[floor], &bounds, 0.125, &|_| ControlFlow::Continue(())).expect("small");
-    assert!(octree.materials.iter().all(|look| look.colour == [100; 3]));
+    assert!(octree.materials.iter().all(|material| material.colour == [100; 3]));
 }
 
 #[test]

@@ -89,8 +89,8 @@ impl Layout {
         gallery
     }
 
-    /// Adds a staircase on one storey. Flights alternate between two lanes, with landings at both ends.
-    /// People arrive and leave at the same end, so the other end is walled up.
+    /// Adds a staircase on one storey. Flights alternate between two lanes, with landings at both
+    /// ends. People arrive and leave at the same end, so the other end is walled up.
     fn staircase(&mut self, east: bool, hall: &LatticeRect, gallery: usize) {
         let x = if east { hall.max[0] - GALLERY - WALL - CORE_SIZE[0] } else { GALLERY + WALL };
         let z = GALLERY + WALL;

@@ -1,10 +1,10 @@
-//! No line of sight is blocked by what carving leaves that the model lets through.
+//! A carved model blocks no line of sight that the original model lets through.
 
 use proptest::prelude::*;
+use sightline_oracle::Oracle;
 use sightline_world::Mesh;
 
 use super::*;
-use sightline_oracle::Oracle;
 
 fn sight(triangles: &[Triangle]) -> Oracle {
     let positions = triangles.as_flattened().iter().map(|p| p.as_vec3()).collect();
@@ -61,7 +61,7 @@ proptest! {
             if original.between(from, to) {
                 prop_assert!(kept.between(from, to), "{from} {to}");
             }
-            // With the cuttings, it is the original.
+            // With its cuttings, the carved model is the original.
             let direction = (to - from).normalize_or(glam::Vec3::X);
             match (original.distance(from, direction), all.distance(from, direction)) {
                 (Some(a), Some(b)) => prop_assert!((a - b).abs() < 1e-3, "{a} {b}"),
@@ -70,9 +70,9 @@ proptest! {
         }
     }
 
-    /// One arch alone is a closed solid, and stays one; what is added lies inside of it.
+    /// One arch is a closed solid and stays one. Its caps lie inside it.
     #[test]
-    fn what_is_sealed_lies_in_the_solid(model in moved_arch(), smallest in any::<bool>()) {
+    fn sealed_caps_lie_in_the_solid(model in moved_arch(), smallest in any::<bool>()) {
         let units = if smallest { CarvingUnits::Elements } else { CarvingUnits::Clusters };
         let carved = carve(&model, &[], &CarveOptions { units });
         prop_assert!(carved.report.added > 0 && carved.report.sealed == carved.report.added);
@@ -81,7 +81,8 @@ proptest! {
         for triangle in carved.caps.iter().flat_map(|a| &a.triangles) {
             let centre = (triangle.iter().sum::<DVec3>() / 3.0).as_vec3();
             // Wherever one goes from there, one meets the surface first from behind: an odd number
-            // of times. Past an edge that is nearer than a step a crossing may be lost, so most ways count.
+            // of times. Past an edge that is nearer than a step a crossing may be lost, so most
+            // ways count.
             let is_odd = |direction: &glam::Vec3| {
                 let direction = direction.normalize();
                 let (mut at, mut crossings) = (centre, 0);

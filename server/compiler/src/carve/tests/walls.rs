@@ -1,14 +1,14 @@
-//! Merging and classing against a naive twin: random walls with openings, triangulated at random.
+//! Merging and classes against a reference model: random walls with openings, triangulated at random.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// A wall of squares of which some are open: the corners of the grid, and which squares are there.
+/// A wall of squares, some of which are open.
 #[derive(Debug, Clone)]
 struct Wall {
     squares: [[bool; 6]; 5],
-    /// Where each square is fanned from, and which axis the wall is across.
+    /// Which diagonal each square has.
     fans: [[bool; 6]; 5],
     axis: usize,
     turn: f64,
@@ -49,7 +49,7 @@ impl Wall {
     }
 }
 
-/// Whether, by looking at every pair of triangles, two are in one polygon: they share a diagonal.
+/// The number of polygons, by brute force: triangles that share a diagonal are in one polygon.
 fn naive_polygons(triangles: &[Triangle]) -> usize {
     let mut of: Vec<usize> = (0..triangles.len()).collect();
     for i in 0..triangles.len() {
@@ -86,12 +86,12 @@ proptest! {
         }
     }
 
-    /// Turned about the vertical, upright and level ones are semi-axial; in their own axes, axial.
+    /// Walls turned about the vertical are semi-axial. In their own axes they are axial.
     #[test]
     fn turned_walls_are_semi_axial(wall in wall()) {
         prop_assume!(wall.count() > 0 && wall.turn > 0.01);
         let triangles = wall.triangles(wall.turn);
-        // A diagonal that happens to run along an axis looks like a side.
+        // A diagonal along an axis would look like a side.
         let is_along_axis = |edge: DVec3| edge.x.abs().min(edge.z.abs()) < edge.length() * 1e-3;
         let edges = |t: &Triangle| [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
         let level = triangles.iter().flat_map(edges).filter(|edge| edge.y.abs() < 1e-6);
@@ -104,7 +104,7 @@ proptest! {
         prop_assert_eq!(carve(&own, &[], &CarveOptions::default()).report.before, Class::Axial);
     }
 
-    /// Surfaces stay apart.
+    /// Triangles of different surfaces stay apart.
     #[test]
     fn triangles_of_two_surfaces_do_not_merge(wall in wall()) {
         let triangles = wall.triangles(0.0);
@@ -112,8 +112,8 @@ proptest! {
         prop_assert_eq!(Polygons::merge(&triangles, &surfaces).len(), triangles.len());
     }
 
-    /// A polygon cut into random triangles at random points of its diagonals is one again, though
-    /// no two triangles share a whole edge.
+    /// A polygon cut at random points of its diagonal merges again, though no two triangles share a whole
+    /// edge.
     #[test]
     fn t_junctions_do_not_matter(cuts in prop::collection::vec(0.05..0.95f64, 1..6)) {
         let [a, b, c, d] = [[0., 0.], [5., 0.], [5., 3.], [0., 3.]]

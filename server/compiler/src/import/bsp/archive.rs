@@ -117,7 +117,8 @@ impl Archives {
     }
 }
 
-/// The game doubles all brightness and clips. This doubles dark values, and bright ones less and less.
+/// The game doubles all brightness and clips. This doubles dark values, and bright ones less and
+/// less.
 fn lifted(channel: u8) -> u8 {
     let dark = 255 - u32::from(channel);
     (255 - (dark * dark + 127) / 255) as u8

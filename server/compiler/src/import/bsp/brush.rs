@@ -15,8 +15,8 @@ const AREA_MIN: f64 = 1.0 / 128.0;
 const LATTICE: f64 = 64.0;
 const LATTICE_TOLERANCE: f64 = 1.0 / 256.0;
 
-/// The faces of a brush, in Quake units: convex polygons, each with its plane. `None` when the brush is
-/// unbounded or not finite.
+/// The faces of a brush, in Quake units: convex polygons, each with its plane. `None` when the
+/// brush is unbounded or not finite.
 pub(super) fn faces(brush: &Brush) -> Option<Vec<(Plane, Vec<DVec3>)>> {
     let planes = distinct(&brush.planes);
     let mut faces = Vec::with_capacity(planes.len());
@@ -51,7 +51,8 @@ fn distinct(planes: &[Plane]) -> Vec<Plane> {
     distinct
 }
 
-/// The axis to which a plane is perpendicular, where it crosses the axis, and whether it faces along it.
+/// The axis to which a plane is perpendicular, where it crosses the axis, and whether it faces
+/// along it.
 fn axial(plane: &Plane) -> Option<(usize, f64, bool)> {
     let axis = (0..3).find(|&axis| plane.normal[axis].abs() == 1.0)?;
     let others = (0..3).filter(|&other| other != axis);
@@ -119,8 +120,8 @@ fn crossing(from: DVec3, to: DVec3, share: f64, plane: &Plane) -> DVec3 {
     point
 }
 
-/// Moves vertices that are nearly on the lattice onto it, so that those of neighbouring brushes coincide.
-/// No vertex leaves an axial plane of the brush.
+/// Moves vertices that are nearly on the lattice onto it, so that those of neighbouring brushes
+/// coincide. No vertex leaves an axial plane of the brush.
 fn snap(winding: &mut [DVec3], planes: &[Plane]) {
     let levels: Vec<(usize, f64)> =
         planes.iter().filter_map(axial).map(|(axis, at, _)| (axis, at)).collect();

@@ -19,8 +19,8 @@ use crate::{
 
 /// The most triangles of a model.
 pub(super) const TRIANGLES_MAX: usize = 4 << 20;
-/// Triangles are divided until their edges are no longer than this, in Quake units. Light is kept by
-/// vertex, and a pixel of a lightmap is 16 units wide.
+/// Triangles are divided until their edges are no longer than this, in Quake units. Light is kept
+/// by vertex, and a pixel of a lightmap is 16 units wide.
 const EDGE_MIN: f32 = 24.0;
 /// In large maps edges stay longer, so that there are about this many triangles.
 const DIVIDED_TRIANGLES: f32 = 300_000.0;
@@ -253,7 +253,8 @@ fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
 /// The number of straight pieces for curves whose control points bend this far.
 fn segments(bends: impl Iterator<Item = f32>) -> usize {
     let bend = bends.fold(0.0, f32::max);
-    // A quadratic curve is off its chord by a quarter of its bend, divided by the square of the pieces.
+    // A quadratic curve is off its chord by a quarter of its bend, divided by the square of the
+    // pieces.
     ((bend / 4.0 / CURVE_TOLERANCE).sqrt().ceil() as usize).clamp(1, SEGMENTS_MAX)
 }
 

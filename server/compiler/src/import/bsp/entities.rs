@@ -29,8 +29,8 @@ const SPAWN_CLASSES: [&str; 6] = [
 pub(super) struct Entities {
     pub title: Option<String>,
     pub spawns: Vec<Spawn>,
-    /// Points of all entities. They tell the inside of a map, as for the map's own compiler. Players reach
-    /// some of it by teleporters only.
+    /// Points of all entities. They tell the inside of a map, as for the map's own compiler.
+    /// Players reach some of it by teleporters only.
     pub places: Vec<Vec3>,
     /// Entities with a brush model.
     pub brush_models: Vec<Keys>,

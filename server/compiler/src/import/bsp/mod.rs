@@ -1,8 +1,8 @@
 //! Quake III BSP, version 46: drawn surfaces with textures and light, brushes that block sight.
 //!
-//! In these maps, what is drawn and what blocks sight are different. Faces and patches are drawn. Solid,
-//! not translucent brushes and patches of the world model block sight. Doors and lifts block nothing: they
-//! become movers.
+//! In these maps, what is drawn and what blocks sight are different. Faces and patches are drawn.
+//! Solid, not translucent brushes and patches of the world model block sight. Doors and lifts block
+//! nothing: they become movers.
 
 mod archive;
 mod brush;
@@ -41,8 +41,8 @@ const CONTENTS_TRANSLUCENT: i32 = 0x2000_0000;
 /// Surfaces that are not drawn: sky, nodraw, hint and skip.
 const SURFACE_NOT_DRAWN: i32 = 0x4 | 0x80 | 0x100 | 0x200;
 
-/// Reads a map, with textures from the archives of the game. When several archives hold a file, the last
-/// one counts.
+/// Reads a map, with textures from the archives of the game. When several archives hold a file, the
+/// last one counts.
 pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, BspError> {
     let io = |source| BspError::Io { path: path.to_owned(), source };
     let bytes = limits::read_file(path).map_err(io)?;

@@ -1,4 +1,5 @@
-//! Doors, lifts and trains: brush models that move by the rules of Quake III, with its keys and defaults.
+//! Doors, lifts and trains: brush models that move by the rules of Quake III, with its keys and
+//! defaults.
 //!
 //! | class | keys | motion |
 //! | --- | --- | --- |
@@ -9,8 +10,9 @@
 //! | func_pendulum | speed 30, phase, angle or angles | for ever, a sine |
 //! | func_rotating | speed 100, angle or angles, spawnflags 4 and 8 | for ever |
 //!
-//! A door with a negative wait stays open. As in the game, the box of a brush model is one unit larger on
-//! each side than in the map. When the path of a train leads into a loop, only the loop is kept.
+//! A door with a negative wait stays open. As in the game, the box of a brush model is one unit
+//! larger on each side than in the map. When the path of a train leads into a loop, only the loop
+//! is kept.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -34,7 +36,8 @@ const CORNERS_MAX: usize = 1_000;
 /// In Quake units per second squared.
 const GRAVITY: f64 = 800.0;
 
-/// A brush model that moves: its faces, in coordinates about the origin of the entity, and its trajectory.
+/// A brush model that moves: its faces, in coordinates about the origin of the entity, and its
+/// trajectory.
 pub(super) struct Moving {
     pub name: String,
     pub faces: Range<usize>,
@@ -68,8 +71,8 @@ pub(super) fn moving(
     all
 }
 
-/// The trajectory of an entity. The outer `None`: its class does not move. The inner `None`: its keys are
-/// invalid.
+/// The trajectory of an entity. The outer `None`: its class does not move. The inner `None`: its
+/// keys are invalid.
 fn trajectory(
     class: &str,
     keys: &Keys,

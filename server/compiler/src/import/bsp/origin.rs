@@ -33,8 +33,8 @@ fn plane(plane: &Plane) -> OriginPlane {
     OriginPlane { normal, distance: distance * UNIT }
 }
 
-/// The tree of the map, with its nodes in breadth-first order. None when the map has no clusters. A graph
-/// that is not a tree is an error.
+/// The tree of the map, with its nodes in breadth-first order. None when the map has no clusters. A
+/// graph that is not a tree is an error.
 fn tree(tree: &Tree<'_>) -> Result<Option<OriginTree>, BspError> {
     if tree.nodes.is_empty() || tree.leafs.iter().all(|leaf| leaf.cluster.is_none()) {
         return Ok(None);

@@ -83,8 +83,8 @@ impl BspDraft {
         self.world_brushes += 1;
     }
 
-    /// Cluster 1 lies above plane 4, the top of the floor, and sees only itself. Cluster 0 lies below plane
-    /// 5, the bottom of the floor, and sees both. Between the planes is solid space.
+    /// Cluster 1 lies above plane 4, the top of the floor, and sees only itself. Cluster 0 lies
+    /// below plane 5, the bottom of the floor, and sees both. Between the planes is solid space.
     fn tree(&mut self) {
         for (plane, sides) in [(4, [-1, 1]), (5, [-3, -2])] {
             self.lumps[3].extend(ints(&[plane, sides[0], sides[1]]));

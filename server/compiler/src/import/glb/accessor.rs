@@ -11,8 +11,8 @@ use super::{
     resources::Resources,
 };
 
-/// The vectors of an accessor as floats. Normalised integers become 0 to 1 or -1 to 1. Components beyond `N`
-/// are left out. At least `at_least` components are required; missing ones become 1.
+/// The vectors of an accessor as floats. Normalised integers become 0 to 1 or -1 to 1. Components
+/// beyond `N` are left out. At least `at_least` components are required; missing ones become 1.
 pub(super) fn vectors<const N: usize>(
     accessor: &Accessor<'_>,
     resources: &Resources,

@@ -22,8 +22,8 @@ const WARNINGS_MAX: usize = 1_000;
 /// How many straight pieces replace a cubic piece between two keys.
 const CUBIC_PIECES: usize = 16;
 
-/// The animated nodes of a document, by index. Every animation loops from the beginning of the server's
-/// clock. When several move one node, the first counts.
+/// The animated nodes of a document, by index. Every animation loops from the beginning of the
+/// server's clock. When several move one node, the first counts.
 #[derive(Default)]
 pub(super) struct Animations {
     nodes: HashMap<usize, Motion>,
@@ -51,8 +51,8 @@ pub(super) struct Chain {
     faulty: bool,
 }
 
-/// A channel: the property of a node that it moves, and its data. The `gltf` crate has such a type too, but
-/// does not check references and looks them up in linear time.
+/// A channel: the property of a node that it moves, and its data. The `gltf` crate has such a type
+/// too, but does not check references and looks them up in linear time.
 struct Channel<'a> {
     node: usize,
     property: Option<Property>,
@@ -138,7 +138,8 @@ impl Animations {
         if self.keys > KEYS_OF_ALL_MAX { Err(GlbError::TooMany("keys of motions")) } else { Ok(()) }
     }
 
-    /// The chain of a node that moves: the chain above, in which `parent` is placed, and one more joint.
+    /// The chain of a node that moves: the chain above, in which `parent` is placed, and one more
+    /// joint.
     pub fn chain(
         &mut self,
         node: &Node<'_>,
@@ -259,8 +260,8 @@ fn keys<const N: usize, V: Interpolate>(
     (!track.keys.is_empty() && ascend && in_time && sane).then_some(track)
 }
 
-/// Points on a cubic spline. Each key has the tangent before it, the value, and the tangent after it. Server
-/// and client both take the straight pieces for the motion.
+/// Points on a cubic spline. Each key has the tangent before it, the value, and the tangent after
+/// it. Server and client both take the straight pieces for the motion.
 fn cubic<'a, const N: usize>(
     times: &'a [f32],
     values: &'a [[f32; N]],

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use crate::{import::limits, rooms::RoomError};
 
-/// The most vertices of a model, instances counted one by one. Together with as many triangles they take
-/// at most 700 MB.
+/// The most vertices of a model, instances counted one by one. Together with as many triangles they
+/// take at most 700 MB.
 pub(super) const VERTICES_MAX: usize = 8 << 20;
 
 /// The most triangles of a model, instances counted one by one.

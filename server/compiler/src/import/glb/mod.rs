@@ -1,9 +1,9 @@
-//! GLB and glTF 2.0: the triangles of the scene with their colours, opaque ones among them. Animated nodes
-//! become movers and block nothing.
+//! GLB and glTF 2.0: the triangles of the scene with their colours, opaque ones among them.
+//! Animated nodes become movers and block nothing.
 //!
-//! The `gltf` crate parses and validates the document. Offsets, counts and indices are checked here before
-//! use. A file can neither make the reader panic, nor make it allocate more than a small multiple of the
-//! limits in `error`.
+//! The `gltf` crate parses and validates the document. Offsets, counts and indices are checked here
+//! before use. A file can neither make the reader panic, nor make it allocate more than a small
+//! multiple of the limits in `error`.
 
 mod accessor;
 mod animation;

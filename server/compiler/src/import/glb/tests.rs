@@ -110,12 +110,12 @@ fn a_strip_keeps_its_winding() {
 
 #[test]
 fn what_blocks_sight_follows_the_material() {
-    let looks = |alpha: f32| json!({ "baseColorFactor": [1.0, 0.5, 0.0, alpha] });
+    let colour = |alpha: f32| json!({ "baseColorFactor": [1.0, 0.5, 0.0, alpha] });
     for (material, opaque) in [
-        (json!({ "pbrMetallicRoughness": looks(1.0) }), true),
-        (json!({ "pbrMetallicRoughness": looks(0.5) }), false),
-        (json!({ "pbrMetallicRoughness": looks(1.0), "alphaMode": "BLEND" }), false),
-        (json!({ "pbrMetallicRoughness": looks(1.0), "alphaMode": "MASK" }), false),
+        (json!({ "pbrMetallicRoughness": colour(1.0) }), true),
+        (json!({ "pbrMetallicRoughness": colour(0.5) }), false),
+        (json!({ "pbrMetallicRoughness": colour(1.0), "alphaMode": "BLEND" }), false),
+        (json!({ "pbrMetallicRoughness": colour(1.0), "alphaMode": "MASK" }), false),
     ] {
         let mut draft = GlbDraft::square();
         draft.root["materials"] = json!([material]);
