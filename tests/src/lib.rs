@@ -4,7 +4,6 @@
 //!   compared with brute force at every tick. [`simulation::run`] runs one seed.
 //! * [`demo`]: `cargo demo`. A real server, simulated visitors, a window or pictures, and a table of
 //!   what each client was told.
-//! * [`box_model`]: models made of boxes, for the simulation and the tests.
 //!
 //! The folder `tests` has the tests over loopback QUIC, of pictures against rays, and of walls. The
 //! folder `benches` has the measurements.
@@ -20,6 +19,5 @@
 //! assert!(outcome.is_good(), "{outcome}");
 //! ```
 
-pub mod box_model;
 pub mod demo;
 pub mod simulation;

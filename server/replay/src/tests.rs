@@ -3,9 +3,8 @@ mod house;
 use std::{
     collections::{BTreeMap, BTreeSet},
     fmt::Write as _,
-    fs,
     ops::ControlFlow,
-    path::{Path, PathBuf},
+    path::Path,
     sync::Arc,
     time::Duration,
 };
@@ -17,6 +16,7 @@ use sightline_compiler::{
     model::Model,
 };
 use sightline_engine::{Margin, Policy};
+use sightline_fixtures::shared_files::shared_file;
 
 use super::*;
 use house::House;
@@ -191,18 +191,6 @@ fn the_figures_of_a_report_agree_with_each_other() {
     assert!(lines.iter().all(|line| line.chars().count() == lines[0].chars().count()), "{table}");
 }
 
-/// The folder of test data: `SIGHTLINE_SHARED`, or `shared` beside the repository.
-fn shared() -> Option<PathBuf> {
-    let named = std::env::var_os("SIGHTLINE_SHARED").map(PathBuf::from);
-    let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared"));
-    let has_traces = |path: &PathBuf| path.join("traces").is_dir();
-    let found = [named, Some(beside)].into_iter().flatten().find(has_traces);
-    if found.is_none() {
-        println!("skipped: no folder of test data; name one in SIGHTLINE_SHARED");
-    }
-    found
-}
-
 /// Checks that no avatar is missed in the first seconds of a trace.
 fn check_no_misses(model: &Model, trace: &Path, length: Duration, stride: Duration) {
     let coarse = CompileOptions { voxel: Some(1.0), cell: Some(3.0), ..Default::default() };
@@ -223,17 +211,18 @@ fn check_no_misses(model: &Model, trace: &Path, length: Duration, stride: Durati
 
 #[test]
 fn no_pedestrian_in_four_hundred_rooms_is_missed() {
-    let Some(shared) = shared() else { return };
-    let bytes = fs::read(shared.join("traces/rooms400.glb")).unwrap();
-    let model = glb::read_slice(&bytes, None, "rooms400").unwrap();
+    let Some(building) = shared_file("traces/rooms400.glb") else { return };
+    let Some(trace) = shared_file("traces/rooms400-60.csv.gz") else { return };
+    let model = glb::read(&building).unwrap();
     let (length, stride) = (Duration::from_secs(6), Duration::from_millis(200));
-    check_no_misses(&model, &shared.join("traces/rooms400-60.csv.gz"), length, stride);
+    check_no_misses(&model, &trace, length, stride);
 }
 
 #[test]
 fn no_bot_that_jumps_or_is_thrown_about_is_missed() {
-    let Some(shared) = shared() else { return };
-    let model = bsp::read(&shared.join("maps/oa_dm2.bsp"), &[]).unwrap();
+    let Some(map) = shared_file("maps/oa_dm2.bsp") else { return };
+    let Some(trace) = shared_file("traces/oa_dm2-32.csv.gz") else { return };
+    let model = bsp::read(&map, &[]).unwrap();
     let (length, stride) = (Duration::from_secs(4), Duration::from_millis(100));
-    check_no_misses(&model, &shared.join("traces/oa_dm2-32.csv.gz"), length, stride);
+    check_no_misses(&model, &trace, length, stride);
 }

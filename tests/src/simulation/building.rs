@@ -5,9 +5,8 @@ use std::{f64::consts::TAU, ops::ControlFlow, sync::Arc};
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec3Swizzles};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_compiler::{CompileOptions, compile, model::Model};
-use sightline_world::{World, geometry::Aabb, motion::Body};
-
-use crate::box_model;
+use sightline_fixtures::boxes::box_triangles;
+use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
 
 /// From a floor to its ceiling, in metres.
 const CEILING_M: f32 = 2.6;
@@ -282,10 +281,14 @@ impl BuildingDraft {
 
     fn model(&self, turn: &DMat3) -> Model {
         let moved = |p: Vec3| -> Vec3 { (*turn * DVec3::from(p)).as_vec3() };
-        let faces = self.solids.iter().flat_map(box_model::triangles);
+        let faces = self.solids.iter().flat_map(box_triangles);
         let opaque: Vec<[Vec3; 3]> = faces.map(|triangle| triangle.map(moved)).collect();
         let room = &self.rooms[0];
         let eye = (room.min + 0.4).extend(room.eye).xzy();
-        box_model::model("simulated", opaque, [200; 3], moved(eye), 4.0)
+        Model {
+            spawns: vec![Spawn { eye: moved(eye), yaw: 0.0 }],
+            speed_max: 4.0,
+            ..Model::of_triangles("simulated", opaque, [200; 3])
+        }
     }
 }

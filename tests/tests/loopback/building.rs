@@ -5,9 +5,9 @@ use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
 use sightline_compiler::{CompileOptions, compile, model::Model};
+use sightline_fixtures::boxes::box_triangles;
 use sightline_server::net::ServedWorld;
-use sightline_tests::box_model;
-use sightline_world::geometry::Aabb;
+use sightline_world::{Spawn, geometry::Aabb};
 
 /// The top speed of avatars, in metres per second.
 pub const SPEED_MAX: f32 = 12.0;
@@ -53,6 +53,10 @@ fn model() -> Model {
         baffle(20.0, [1.2, 10.0]),
     ];
     let boxes: Vec<Aabb> = shell.chain(inner).collect();
-    let opaque = boxes.iter().flat_map(box_model::triangles).collect();
-    box_model::model("two rooms", opaque, [200, 180, 160], WEST, SPEED_MAX)
+    let opaque = boxes.iter().flat_map(box_triangles).collect();
+    Model {
+        spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],
+        speed_max: SPEED_MAX,
+        ..Model::of_triangles("two rooms", opaque, [200, 180, 160])
+    }
 }

@@ -5,12 +5,10 @@ use std::{collections::BTreeMap, fmt::Write as _, ops::ControlFlow, sync::Arc};
 use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
 use sightline_cli::trace::Trace;
-use sightline_compiler::{
-    CompileOptions, compile,
-    model::{Model, Surface, SurfaceMaterial},
-};
+use sightline_compiler::{CompileOptions, compile, model::Model};
+use sightline_fixtures::boxes::box_triangles;
 use sightline_oracle::Oracle;
-use sightline_world::{Spawn, World, geometry::Aabb, motion::Body};
+use sightline_world::{Spawn, World, geometry::Aabb};
 
 /// A square building: rooms in rows and columns, most inner walls with a door, solid outer walls,
 /// a floor and a ceiling.
@@ -47,22 +45,11 @@ impl House {
                 }
             }
         }
-        let opaque: Vec<[Vec3; 3]> = boxes.iter().flat_map(faces).collect();
+        let opaque: Vec<[Vec3; 3]> = boxes.iter().flat_map(box_triangles).collect();
         let model = Model {
-            title: "house".to_owned(),
-            surfaces: vec![surface(&opaque)],
-            is_lit: true,
-            opaque,
-            solids: Vec::new(),
             spawns: vec![Spawn { eye: Vec3::new(3.0, 1.6, 3.0), yaw: 0.0 }],
-            places: Vec::new(),
-            body: Body::PERSON,
             speed_max: 2.0,
-            movers: Vec::new(),
-            rooms: Vec::new(),
-            nodes: Vec::new(),
-            origin: None,
-            warnings: Vec::new(),
+            ..Model::of_triangles("house", opaque, [200; 3])
         };
         let options = CompileOptions { voxel: Some(0.5), cell: Some(3.0), ..Default::default() };
         let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
@@ -110,32 +97,4 @@ fn wall(axis: usize, at: f32, from: f32, to: f32) -> Aabb {
     (min[axis], max[axis]) = (at - 0.1, at + 0.1);
     (min[2 - axis], max[2 - axis]) = (from, to);
     Aabb::new(min, max)
-}
-
-/// The twelve triangles of a box.
-fn faces(of: &Aabb) -> Vec<[Vec3; 3]> {
-    let size = of.size();
-    let mut triangles = Vec::new();
-    for axis in 0..3 {
-        let (mut u, mut v) = (Vec3::ZERO, Vec3::ZERO);
-        u[(axis + 1) % 3] = size[(axis + 1) % 3];
-        v[(axis + 2) % 3] = size[(axis + 2) % 3];
-        let mut across = Vec3::ZERO;
-        across[axis] = size[axis];
-        for corner in [of.min, of.min + across] {
-            triangles.push([corner, corner + u, corner + u + v]);
-            triangles.push([corner, corner + u + v, corner + v]);
-        }
-    }
-    triangles
-}
-
-fn surface(triangles: &[[Vec3; 3]]) -> Surface {
-    Surface {
-        positions: triangles.iter().flatten().copied().collect(),
-        uvs: Vec::new(),
-        colours: Vec::new(),
-        triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        material: SurfaceMaterial { colour: [200; 3], texture: None, glass: false },
-    }
 }
