@@ -7,13 +7,12 @@ use std::{
 
 use glam::Vec3;
 use pulp::WithSimd;
-use rayon::prelude::*;
 use sightline_world::{
     geometry::Aabb,
     motion::{Body, Pose},
 };
 
-use super::{BAND, Camera, Frame, panes::Panes, shade, text, view::View};
+use super::{Camera, Frame, band::BAND_ROWS, colour, panes::Panes, parallel, text, view::View};
 
 /// One avatar as it is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +51,7 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec
         return vec![false; figures.len()];
     }
     let view = View::new(camera, width, height);
-    let mut parts: Vec<Part> = figures
+    let mut parts: Vec<Ellipsoid> = figures
         .iter()
         .zip(&seen)
         .filter(|(figure, _)| figure.pose.is_finite())
@@ -61,12 +60,12 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec
         .collect();
     // What is hidden by others is not coloured.
     parts.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
-    let bands = frame.colour.par_chunks_mut(BAND * width);
-    let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
+    let bands = frame.colour.chunks_mut(BAND_ROWS * width);
+    let bands = bands.zip(frame.depth.chunks_mut(BAND_ROWS * width));
     let (panes, processor) = (&frame.panes, pulp::Arch::new());
-    bands.for_each(|(band, (colour, depth))| {
-        let (parts, view, first) = (&parts[..], &view, band * BAND);
-        processor.dispatch(Drawing { parts, view, panes, width, first, colour, depth });
+    parallel::for_each(bands.collect(), |band, (colour, depth)| {
+        let (parts, view, first) = (&parts[..], &view, band * BAND_ROWS);
+        processor.dispatch(FigureBand { parts, view, panes, width, first, colour, depth });
     });
     let mut named: Vec<&AvatarFigure> =
         figures.iter().filter(|figure| figure.pose.is_finite()).collect();
@@ -82,8 +81,8 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec
 const LANES: usize = 8;
 
 /// The work on a band, for each kind of processor.
-struct Drawing<'a> {
-    parts: &'a [Part<'a>],
+struct FigureBand<'a> {
+    parts: &'a [Ellipsoid<'a>],
     view: &'a View,
     panes: &'a Panes,
     width: usize,
@@ -93,7 +92,7 @@ struct Drawing<'a> {
     depth: &'a mut [f32],
 }
 
-impl WithSimd for Drawing<'_> {
+impl WithSimd for FigureBand<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -104,7 +103,7 @@ impl WithSimd for Drawing<'_> {
         for (y, (colour, depth)) in (self.first..).zip(rows) {
             let mut drawn = self.width..0;
             for (part, number) in self.parts.iter().zip(1..) {
-                let mut row = Row { y, colour, depth, shown: &mut shown };
+                let mut row = PixelRow { y, colour, depth, shown: &mut shown };
                 let columns = part.draw_row(self.view, self.panes, number, &mut row);
                 drawn = drawn.start.min(columns.start)..drawn.end.max(columns.end);
             }
@@ -120,7 +119,7 @@ impl WithSimd for Drawing<'_> {
 }
 
 /// A row of the picture.
-struct Row<'a> {
+struct PixelRow<'a> {
     y: usize,
     colour: &'a mut [u32],
     depth: &'a mut [f32],
@@ -128,7 +127,7 @@ struct Row<'a> {
 }
 
 /// An ellipsoid with upright axes.
-struct Part<'a> {
+struct Ellipsoid<'a> {
     /// Set when a pixel shows it in the end.
     seen: &'a AtomicBool,
     /// Relative to the eye.
@@ -144,7 +143,7 @@ struct Part<'a> {
     nearest: f32,
 }
 
-fn parts<'a>(figure: &AvatarFigure, view: &View, seen: &'a AtomicBool) -> [Part<'a>; 2] {
+fn parts<'a>(figure: &AvatarFigure, view: &View, seen: &'a AtomicBool) -> [Ellipsoid<'a>; 2] {
     let body = &figure.body;
     let height = body.above_eye + body.below_eye;
     let colour = Vec3::from(figure.colour.map(f32::from));
@@ -153,15 +152,15 @@ fn parts<'a>(figure: &AvatarFigure, view: &View, seen: &'a AtomicBool) -> [Part<
     let trunk = Vec3::new(body.half_width, height * 0.5 - head.y * 0.9, body.half_width);
     let soles = figure.pose.eye - Vec3::Y * body.below_eye;
     [
-        Part::new(view, soles + Vec3::Y * trunk.y, trunk, colour, seen),
-        Part {
+        Ellipsoid::new(view, soles + Vec3::Y * trunk.y, trunk, colour, seen),
+        Ellipsoid {
             face: figure.pose.forward(),
-            ..Part::new(view, top - Vec3::Y * head.y, head, colour * 0.8, seen)
+            ..Ellipsoid::new(view, top - Vec3::Y * head.y, head, colour * 0.8, seen)
         },
     ]
 }
 
-impl<'a> Part<'a> {
+impl<'a> Ellipsoid<'a> {
     fn new(view: &View, centre: Vec3, radii: Vec3, colour: Vec3, seen: &'a AtomicBool) -> Self {
         let (columns, rows) = view.bounds(centre, radii);
         let nearest = view.depth(centre) - view.depth_reach(radii);
@@ -176,7 +175,13 @@ impl<'a> Part<'a> {
 
     /// Tells which columns of a row may have changed.
     #[inline(always)]
-    fn draw_row(&self, view: &View, panes: &Panes, number: u32, row: &mut Row) -> Range<usize> {
+    fn draw_row(
+        &self,
+        view: &View,
+        panes: &Panes,
+        number: u32,
+        row: &mut PixelRow,
+    ) -> Range<usize> {
         let y = row.y;
         if !(self.rows[0]..=self.rows[1]).contains(&(y as f32)) {
             return row.depth.len()..0;
@@ -239,7 +244,7 @@ impl<'a> Part<'a> {
                 .map(|axis| ((ray[axis] + step[axis] * i as f32) * t - centre[axis]) / radii[axis]);
             let normal = [0, 1, 2].map(|axis| out[axis] / radii[axis]);
             let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
-            let light = shade::light_outside(normal, 1.0 / length.sqrt());
+            let light = colour::light_outside(normal, 1.0 / length.sqrt());
             let is_face = face[0] * out[0] + face[1] * out[1] + face[2] * out[2] > 0.55;
             for channel in 0..3 {
                 let own = if is_face { FACE[channel] } else { colour[channel] };

@@ -8,6 +8,9 @@ use super::{
 };
 
 /// Pixels of a block.
+/// Rows that are drawn together: whole blocks.
+pub(super) const BAND_ROWS: usize = 136;
+
 const PIXELS: usize = BLOCK * BLOCK;
 
 /// For each byte its bits apart.
@@ -71,7 +74,14 @@ impl Band {
 
     /// Writes the pixels of an area within an outline.
     #[inline(always)]
-    pub(super) fn fill(&mut self, area: &Area, hull: &Hull, look: u16, depth: f32, glass: bool) {
+    pub(super) fn fill(
+        &mut self,
+        area: &Area,
+        hull: &Hull,
+        material_id: u16,
+        depth: f32,
+        glass: bool,
+    ) {
         let [columns, rows] = area.blocks();
         for row in rows {
             let ends = hull.rows(area, row);
@@ -82,9 +92,9 @@ impl Band {
                     continue;
                 }
                 if glass {
-                    self.tint(block, open, look, depth);
+                    self.tint(block, open, material_id, depth);
                 } else {
-                    self.write(block, open, look, depth);
+                    self.write(block, open, material_id, depth);
                 }
             }
         }
@@ -139,14 +149,14 @@ impl Band {
     }
 
     #[inline(always)]
-    fn write(&mut self, block: usize, pixels: u64, look: u16, depth: f32) {
+    fn write(&mut self, block: usize, pixels: u64, material_id: u16, depth: f32) {
         if pixels == !0 {
-            self.material_ids[block] = [look; PIXELS];
+            self.material_ids[block] = [material_id; PIXELS];
             self.depths[block] = [depth; PIXELS];
         } else {
             let (material_ids, depths) = (&mut self.material_ids[block], &mut self.depths[block]);
             for pixel in bits(pixels) {
-                material_ids[pixel] = look;
+                material_ids[pixel] = material_id;
                 depths[pixel] = depth;
             }
         }
@@ -156,9 +166,9 @@ impl Band {
 
     /// Puts glass in front of pixels that have none yet.
     #[inline(never)]
-    pub(super) fn tint(&mut self, block: usize, pixels: u64, look: u16, depth: f32) {
+    pub(super) fn tint(&mut self, block: usize, pixels: u64, material_id: u16, depth: f32) {
         for pixel in bits(pixels & !self.tinted[block]) {
-            self.glass[block][pixel] = look;
+            self.glass[block][pixel] = material_id;
             self.glass_depths[block][pixel] = depth;
         }
         self.tinted[block] |= pixels;

@@ -9,7 +9,7 @@ use sightline_world::octree::{InnerNode, Octree};
 
 use super::{
     band::Band,
-    form::{BrickForm, Flat},
+    form::{BrickForm, OrthoNode},
     lines::PLANES,
     mask::{Area, BLOCK, bits, lines},
     view::BandView,
@@ -72,15 +72,15 @@ impl Bricks<'_> {
                                     met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
                                 continue;
                             }
-                            let look = brick.look(self.octree, cell, self.leaves);
-                            if GLASS && usize::from(look) >= self.glass_from {
+                            let material_id = brick.material_id(self.octree, cell, self.leaves);
+                            if GLASS && usize::from(material_id) >= self.glass_from {
                                 let depth = brick.depth + self.form.deeper(cell);
-                                band.tint(block, 1 << pixel, look, depth);
+                                band.tint(block, 1 << pixel, material_id, depth);
                                 is_met =
                                     met != 0 && brick.meets_one(&sight, x, met.trailing_zeros());
                                 continue;
                             }
-                            band.material_ids[block][pixel] = look;
+                            band.material_ids[block][pixel] = material_id;
                             band.depths[block][pixel] = brick.depth + self.form.deeper(cell);
                             written |= 1 << pixel;
                             break;
@@ -104,14 +104,14 @@ impl Bricks<'_> {
         cells: &[(f32, u8)],
     ) -> u64 {
         for &(_, cell) in cells {
-            let look = brick.look(self.octree, usize::from(cell), self.leaves);
+            let material_id = brick.material_id(self.octree, usize::from(cell), self.leaves);
             let depth = brick.depth + self.form.deeper(usize::from(cell));
-            if usize::from(look) < self.glass_from {
-                band.material_ids[block][pixel] = look;
+            if usize::from(material_id) < self.glass_from {
+                band.material_ids[block][pixel] = material_id;
                 band.depths[block][pixel] = depth;
                 return 1 << pixel;
             }
-            band.tint(block, 1 << pixel, look, depth);
+            band.tint(block, 1 << pixel, material_id, depth);
         }
         0
     }
@@ -174,7 +174,7 @@ impl Brick {
     pub(super) fn new(
         inner: &[InnerNode],
         view: &BandView,
-        flat: &Flat,
+        flat: &OrthoNode,
         form: &BrickForm,
         middle: Vec2,
         half: f32,
@@ -263,7 +263,7 @@ impl Brick {
 
     /// The looks of a cell that is there.
     #[inline(always)]
-    fn look(&self, octree: &Octree, cell: usize, leaves: bool) -> u16 {
+    fn material_id(&self, octree: &Octree, cell: usize, leaves: bool) -> u16 {
         let index = self.index(cell);
         if leaves { octree.leaves[index] } else { octree.inner[index].material }
     }

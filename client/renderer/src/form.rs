@@ -13,51 +13,19 @@
 use glam::{Vec2, Vec3A, Vec4};
 
 use super::{
-    lines::{ENTRIES, FIRST, Lines, PLACES, PLANES, Row},
-    traversal::SPARE_PX,
-    view::{BandView, NEAR},
+    lines::{CellRow, ENTRIES, FIRST, Lines, PLACES, PLANES},
+    margins::SPARE_PX,
+    view::BandView,
 };
-
-/// How far apart, in pixels, front and back of a node may be seen that is taken to look alike all over, where perspective
-/// inside is left out.
-const FINE_PX: f32 = 0.125;
-
-/// By how much depths inside of a node differ at most from the centre's, relatively, when nodes below are placed by its form …
-const DEEPER_MAX: f32 = 0.25;
-/// … and half of how large it is seen, in pixels. What the eighth power of the one makes of the other is below a fiftieth.
-const HALF_MAX_PX: f32 = 1_200.0;
 
 /// Fractional bits of places in pixels.
 pub(super) const FRACTION: u32 = 16;
 
-/// The least ratio of nearest to farthest distance of a node that is taken to look alike all over,
-/// for a focal length in pixels: see the paper, box 101. By bisection: where a cube of edge 2 must
-/// stand so that its corners (1, 1, -1) and (1, 1, 1) are seen so far apart.
-pub(super) fn ratio_min(focal: f32) -> f32 {
-    let apart = |z: f32| focal / (z - 1.0) - focal / (z + 1.0);
-    let (mut near, mut far) = (1.0 + NEAR, 1.0e5);
-    for _ in 0..40 {
-        let middle = 0.5 * (near + far);
-        if apart(middle) > FINE_PX {
-            near = middle;
-        } else {
-            far = middle;
-        }
-    }
-    (far - 1.0) / (far + 1.0)
-}
-
-/// The least ratio of nearest to farthest distance with which a node may be drawn in orthogonal mode.
-pub(super) fn coarse_ratio_min(focal: f32) -> f32 {
-    let deeper = DEEPER_MAX.min(HALF_MAX_PX / focal);
-    (1.0 - deeper) / (1.0 + deeper)
-}
-
 /// A place in the picture: pixels with [`FRACTION`] bits.
-pub(super) type Place = [i32; 2];
+pub(super) type ScreenPoint = [i32; 2];
 
 #[inline(always)]
-fn fixed(pixels: Vec2) -> Place {
+fn fixed(pixels: Vec2) -> ScreenPoint {
     pixels.to_array().map(|part| (part * (1 << FRACTION) as f32) as i32)
 }
 
@@ -69,9 +37,9 @@ pub(super) struct Form {
     middle: Vec2,
     depth_inverse: f32,
     /// The bounding box's size.
-    size: Place,
+    size: ScreenPoint,
     /// From the bounding box's corner to those of the octants.
-    octants: [Place; 8],
+    octants: [ScreenPoint; 8],
     /// From the centre to those of the octants, in metres; the last is how much deeper they lie.
     octants_centres: [Vec4; 8],
     /// Half the edge, in metres.
@@ -85,14 +53,14 @@ pub(super) struct Form {
 /// A node in the orthogonal mode: the index, how many levels below the form's own node, the
 /// bounding box's corner, and the centre relative to the eye with its depth.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Flat {
+pub(super) struct OrthoNode {
     pub(super) index: u32,
     pub(super) below: u32,
     /// Whether the form is a fine one.
     pub(super) fine: bool,
     /// Whether nothing is before it.
-    pub(super) clear: bool,
-    pub(super) at: Place,
+    pub(super) unoccluded: bool,
+    pub(super) at: ScreenPoint,
     pub(super) centre: Vec4,
 }
 
@@ -105,7 +73,7 @@ impl Form {
         index: u32,
         middle: Vec2,
         centre: Vec4,
-    ) -> (Self, Flat) {
+    ) -> (Self, OrthoNode) {
         let pattern = &view.patterns[usize::from(level)];
         let depth_inverse = 1.0 / centre.w;
         let edges = edges(view, middle, 2.0 * pattern.half * depth_inverse);
@@ -134,12 +102,12 @@ impl Form {
             reach: half * (1.0 + 2.0 * deviation),
         };
         let at = fixed(middle - half);
-        (form, Flat { index, below: 0, fine: false, clear: false, at, centre })
+        (form, OrthoNode { index, below: 0, fine: false, unoccluded: false, at, centre })
     }
 
     /// The columns and rows that a node's bounding box meets.
     #[inline(always)]
-    pub(super) fn span(&self, node: &Flat) -> [[i32; 2]; 2] {
+    pub(super) fn span(&self, node: &OrthoNode) -> [[i32; 2]; 2] {
         let middle = self.middle(node);
         let reach = self.reach * halved(node.below) + SPARE_PX;
         let (low, high) = (middle - reach, middle + reach);
@@ -154,7 +122,7 @@ impl Form {
 
     /// Where the centre of a node is seen.
     #[inline(always)]
-    pub(super) fn middle(&self, node: &Flat) -> Vec2 {
+    pub(super) fn middle(&self, node: &OrthoNode) -> Vec2 {
         let unit = 1.0 / (1 << FRACTION) as f32;
         let middle = [0, 1].map(|axis| {
             node.at[axis].saturating_add(self.size[axis] >> (node.below + 1)) as f32 * unit
@@ -167,13 +135,13 @@ impl Form {
 
     /// The place of a node's octant.
     #[inline(always)]
-    pub(super) fn octant(&self, node: &Flat, octant: usize, index: u32) -> Flat {
+    pub(super) fn octant(&self, node: &OrthoNode, octant: usize, index: u32) -> OrthoNode {
         let offset = self.octants[octant];
-        Flat {
+        OrthoNode {
             index,
             below: node.below + 1,
             fine: node.fine,
-            clear: node.clear,
+            unoccluded: node.unoccluded,
             at: [0, 1].map(|axis| node.at[axis].saturating_add(offset[axis] >> node.below)),
             centre: node.centre + self.octants_centres[octant] * halved(node.below),
         }
@@ -212,7 +180,7 @@ pub(super) struct BrickForm {
     /// Which axes are mirrored so that lines of sight go upwards along all.
     pub(super) flip: u8,
     /// Those of the lines' slope, for each of [`PLANES`].
-    pub(super) rows: [&'static Row; 3],
+    pub(super) rows: [&'static CellRow; 3],
     /// Places for each pixel to the right and downwards.
     across: [f32; 3],
     down: [f32; 3],

@@ -33,7 +33,7 @@ pub(super) struct Layer {
 }
 
 /// A node that is a layer: its centre relative to the eye, the centre's depth, half its edge in metres.
-pub(super) struct Whole {
+pub(super) struct LayerNode {
     pub(super) centre: Vec3A,
     pub(super) depth: f32,
     pub(super) half: f32,
@@ -44,7 +44,7 @@ pub(super) struct Whole {
 impl Layer {
     /// The layer of a node across an axis, so many voxels from the lower side.
     #[inline(always)]
-    pub(super) fn new(view: &BandView, node: &Whole, axis: usize, place: u8) -> Self {
+    pub(super) fn new(view: &BandView, node: &LayerNode, axis: usize, place: u8) -> Self {
         let side = (1u32 << node.levels) as f32;
         let voxel = node.half * 2.0 / side;
         let (mut low, mut high) = (node.centre - node.half, node.centre + node.half);

@@ -28,14 +28,14 @@ pub(super) const ENTRIES: usize = 2 * FIRST + PLACES;
 pub(super) const PLANES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 
 /// The cells that lines of one slope meet, by their places.
-pub(super) type Row = [u64; ENTRIES];
+pub(super) type CellRow = [u64; ENTRIES];
 
 /// How much wider cells may be taken to be on each side, in cells' edges.
 const MARGINS: [f32; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
 
 /// For each of [`PLANES`] and each slope, the cells: 800 kB, of which a brick uses 6.
 pub(super) struct Lines {
-    rows: Vec<Row>,
+    rows: Vec<CellRow>,
 }
 
 /// For each of [`MARGINS`].
@@ -69,7 +69,7 @@ impl Lines {
 
     /// A row by its index.
     #[inline(always)]
-    pub(super) fn row(&self, index: usize) -> &Row {
+    pub(super) fn row(&self, index: usize) -> &CellRow {
         &self.rows[index]
     }
 }

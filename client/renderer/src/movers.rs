@@ -6,14 +6,10 @@
 use std::time::Duration;
 
 use glam::Vec3;
-use rayon::prelude::*;
 use sightline_world::Mover;
 
 use super::{
-    BAND, Camera, Frame,
-    panes::Panes,
-    shade,
-    view::{NEAR, View},
+    Camera, Frame, band::BAND_ROWS, colour, margins::NEAR, panes::Panes, parallel, view::View,
 };
 
 /// Draws movers as they are at a time of the server's clock into a frame that shows the building
@@ -29,22 +25,21 @@ pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Du
         return;
     }
     let view = View::new(camera, width, height);
-    let facets: Vec<Facet> = movers
-        .par_iter()
-        .filter(|mover| is_in(mover, now, &view, frame))
-        .flat_map_iter(|mover| facets(mover, now, &view))
-        .filter(|facet| facet.area.meets(width, height))
-        .collect();
+    let facets = parallel::flat_map(movers, |mover| {
+        let is_in_view = is_in_view(mover, now, &view, frame);
+        let facets = is_in_view.then(|| facets(mover, now, &view));
+        facets.into_iter().flatten().filter(|facet| facet.bounds.meets(width, height))
+    });
     if facets.is_empty() {
         return;
     }
-    let bands = frame.colour.par_chunks_mut(BAND * width);
-    let bands = bands.zip(frame.depth.par_chunks_mut(BAND * width)).enumerate();
+    let bands = frame.colour.chunks_mut(BAND_ROWS * width);
+    let bands = bands.zip(frame.depth.chunks_mut(BAND_ROWS * width));
     let panes = &frame.panes;
-    bands.for_each(|(band, (colour, depth))| {
-        let rows = band * BAND..band * BAND + colour.len() / width;
+    parallel::for_each(bands.collect(), |band, (colour, depth)| {
+        let rows = band * BAND_ROWS..band * BAND_ROWS + colour.len() / width;
         for facet in &facets {
-            for y in facet.area.rows_within(&rows) {
+            for y in facet.bounds.rows_within(&rows) {
                 let row = (y - rows.start) * width..(y - rows.start + 1) * width;
                 facet.draw_row(&view, panes, y, (&mut colour[row.clone()], &mut depth[row]));
             }
@@ -62,11 +57,11 @@ fn time_of(mover: &Mover, now: Duration) -> Duration {
 }
 
 /// Whether any of a mover's box may be in the picture.
-fn is_in(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool {
+fn is_in_view(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool {
     let now = time_of(mover, now);
     let bounds = mover.swept(now, now);
     let (columns, rows) = view.bounds(bounds.centre(), bounds.size() * 0.5);
-    Area { columns, rows }.meets(frame.width(), frame.height())
+    ScreenBounds { columns, rows }.meets(frame.width(), frame.height())
 }
 
 fn facets<'a>(
@@ -88,12 +83,12 @@ fn facets<'a>(
 }
 
 /// Least and greatest column and row, in pixels.
-struct Area {
+struct ScreenBounds {
     columns: [f32; 2],
     rows: [f32; 2],
 }
 
-impl Area {
+impl ScreenBounds {
     fn meets(&self, width: usize, height: usize) -> bool {
         let meets = |[min, max]: [f32; 2], side: usize| min < side as f32 && max >= 0.0;
         meets(self.columns, width) && meets(self.rows, height)
@@ -119,7 +114,7 @@ struct Facet {
     /// The product of all three corners.
     volume: f32,
     colour: u32,
-    area: Area,
+    bounds: ScreenBounds,
 }
 
 impl Facet {
@@ -135,8 +130,8 @@ impl Facet {
         Some(Self {
             sides: [b.cross(c), c.cross(a), a.cross(b)].map(|side| side * sign),
             volume: volume.abs(),
-            colour: shade::lit(Vec3::from(colour.map(f32::from)), normal, middle),
-            area: Area::of([a, b, c], view),
+            colour: colour::lit(Vec3::from(colour.map(f32::from)), normal, middle),
+            bounds: ScreenBounds::of([a, b, c], view),
         })
     }
 
@@ -151,7 +146,7 @@ impl Facet {
         let step = view.ray(1.0, y as f32) - ray;
         let start = self.sides.map(|side| side.dot(ray));
         let step = self.sides.map(|side| side.dot(step));
-        for x in whole(self.area.columns, 0, colour.len()) {
+        for x in whole(self.bounds.columns, 0, colour.len()) {
             let [a, b, c] = [0, 1, 2].map(|i| start[i] + step[i] * x as f32);
             if a < 0.0 || b < 0.0 || c < 0.0 {
                 continue;
@@ -165,7 +160,7 @@ impl Facet {
     }
 }
 
-impl Area {
+impl ScreenBounds {
     /// Of a triangle, by its corners as seen from the eye.
     fn of(corners: [Vec3; 3], view: &View) -> Self {
         let at = corners.map(|corner| view.project(view.eye + corner));

@@ -10,19 +10,19 @@ use sightline_world::octree::InnerNode;
 
 use super::{
     brick::{Brick, Bricks, is_beside_eye},
-    form::{BrickForm, Flat, Form, halved},
-    layer::{Layer, Whole},
+    form::{BrickForm, Form, OrthoNode, halved},
+    layer::{Layer, LayerNode},
     mask::Area,
-    traversal::{Cube, Traversal},
+    traversal::{PerspectiveNode, Traversal},
 };
 
 /// Cells whose edge is longer, in pixels, are drawn each as a whole.
 const WHOLE_PX: f32 = 8.0;
 
 /// A node with a fine form.
-struct Fine {
+struct FineForm {
     form: Form,
-    root: Flat,
+    root: OrthoNode,
     /// The level of the cells, and how many that is below.
     last: u8,
     levels: u32,
@@ -37,54 +37,54 @@ struct Fine {
 impl Traversal<'_> {
     /// Draws a node and all below.
     #[inline(always)]
-    pub(super) fn draw_orthogonal(&mut self, cube: &Cube) {
+    pub(super) fn draw_orthogonal(&mut self, cube: &PerspectiveNode) {
         let middle = Vec2::new(cube.projected.x, cube.projected.y) / cube.projected.z;
         let centre = cube.centre.extend(cube.projected.z);
         let (coarse, root) = Form::new(self.view, cube.level, cube.index, middle, centre);
         let mut fine = None;
-        self.walker.flats.clear();
-        self.walker.flats.push(Flat { clear: cube.clear, ..root });
-        while let Some(mut flat) = self.walker.flats.pop() {
+        self.stacks.orthogonal.clear();
+        self.stacks.orthogonal.push(OrthoNode { unoccluded: cube.unoccluded, ..root });
+        while let Some(mut node) = self.stacks.orthogonal.pop() {
             let form =
-                fine.as_ref().filter(|_| flat.fine).map_or(&coarse, |fine: &Fine| &fine.form);
-            let level = form.level + flat.below as u8;
-            if self.known.is_hidden(flat.index, level) {
+                fine.as_ref().filter(|_| node.fine).map_or(&coarse, |fine: &FineForm| &fine.form);
+            let level = form.level + node.below as u8;
+            if self.classes.is_hidden(node.index, level) {
                 continue;
             }
-            flat.clear |= self.known.is_clear(flat.index, level);
+            node.unoccluded |= self.classes.is_unoccluded(node.index, level);
             self.counters.nodes += 1;
-            let Some(area) = self.band.clip(form.span(&flat)) else { continue };
-            if !self.is_open(&area, flat.clear) {
+            let Some(area) = self.band.clip(form.span(&node)) else { continue };
+            if !self.is_open(&area, node.unoccluded) {
                 continue;
             }
-            if !flat.fine {
-                if self.has_ratio(flat.centre.w, level, self.view.ratio_min) {
-                    flat = fine.insert(self.fine(level, &flat, coarse.middle(&flat))).root;
+            if !node.fine {
+                if self.has_ratio(node.centre.w, level, self.view.ratio_min) {
+                    node = fine.insert(self.fine(level, &node, coarse.middle(&node))).root;
                 } else if level == self.octree.depth {
-                    self.draw_cell(&flat, level, &area);
+                    self.draw_cell(&node, level, &area);
                     continue;
-                } else if self.draw_near_layer(flat.index, level, flat.centre, &area) {
+                } else if self.draw_near_layer(node.index, level, node.centre, &area) {
                     continue;
                 }
             }
-            match fine.as_mut().filter(|_| flat.fine) {
-                Some(fine) => self.draw_fine(fine, &flat, &area),
-                None => self.halve(&coarse, &flat),
+            match fine.as_mut().filter(|_| node.fine) {
+                Some(fine) => self.draw_fine(fine, &node, &area),
+                None => self.halve(&coarse, &node),
             }
         }
     }
 
     /// A node with a form of its own.
     #[inline(always)]
-    fn fine(&self, level: u8, flat: &Flat, middle: Vec2) -> Fine {
-        let (form, root) = Form::new(self.view, level, flat.index, middle, flat.centre);
-        let last = self.last_level(flat.centre.w, level);
+    fn fine(&self, level: u8, node: &OrthoNode, middle: Vec2) -> FineForm {
+        let (form, root) = Form::new(self.view, level, node.index, middle, node.centre);
+        let last = self.last_level(node.centre.w, level);
         let levels = u32::from(last - level);
         let whole = levels < 2 || form.cell_px(levels) > WHOLE_PX;
-        Fine {
-            beside_eye: is_beside_eye(flat.centre, form.half),
+        FineForm {
+            beside_eye: is_beside_eye(node.centre, form.half),
             form,
-            root: Flat { fine: true, clear: flat.clear, ..root },
+            root: OrthoNode { fine: true, unoccluded: node.unoccluded, ..root },
             last,
             levels,
             drawn_at: if whole { levels } else { levels - 2 },
@@ -95,55 +95,55 @@ impl Traversal<'_> {
 
     /// Draws a node with a fine form, or puts its octants on the stack.
     #[inline(always)]
-    fn draw_fine(&mut self, fine: &mut Fine, flat: &Flat, area: &Area) {
-        let level = fine.last - (fine.levels - flat.below) as u8;
-        let is_cell = flat.below == fine.levels;
+    fn draw_fine(&mut self, fine: &mut FineForm, node: &OrthoNode, area: &Area) {
+        let level = fine.last - (fine.levels - node.below) as u8;
+        let is_cell = node.below == fine.levels;
         let is_leaves = fine.last == self.octree.depth;
-        if is_leaves && !is_cell && self.draw_layer(flat.index, level, flat.centre, area) {
+        if is_leaves && !is_cell && self.draw_layer(node.index, level, node.centre, area) {
             return;
         }
-        if flat.below != fine.drawn_at {
-            self.halve(&fine.form, flat);
+        if node.below != fine.drawn_at {
+            self.halve(&fine.form, node);
         } else if fine.whole {
-            self.draw_cell(flat, fine.last, area);
+            self.draw_cell(node, fine.last, area);
         } else {
-            self.draw_brick(fine, flat, area);
+            self.draw_brick(fine, node, area);
         }
     }
 
     /// Puts the octants on the stack, so that the nearest comes off first.
     #[inline(always)]
-    fn halve(&mut self, form: &Form, flat: &Flat) {
-        let node = &self.octree.inner[flat.index as usize];
-        let nearest = Vec3A::from_vec4(flat.centre).cmplt(Vec3A::ZERO).bitmask() as u8;
+    fn halve(&mut self, form: &Form, parent: &OrthoNode) {
+        let node = &self.octree.inner[parent.index as usize];
+        let nearest = Vec3A::from_vec4(parent.centre).cmplt(Vec3A::ZERO).bitmask() as u8;
         for octant in (0..8).rev().map(|order| order ^ nearest) {
             if let Some(index) = node.child(octant) {
-                self.walker.flats.push(form.octant(flat, usize::from(octant), index));
+                self.stacks.orthogonal.push(form.octant(parent, usize::from(octant), index));
             }
         }
     }
 
     /// Draws a cell as a whole.
     #[inline(always)]
-    fn draw_cell(&mut self, flat: &Flat, level: u8, area: &Area) {
-        let look = self.look(flat.index, level);
-        self.fill(flat.centre, level, look, area);
+    fn draw_cell(&mut self, node: &OrthoNode, level: u8, area: &Area) {
+        let material_id = self.material_id(node.index, level);
+        self.fill(node.centre, level, material_id, area);
     }
 
     /// Draws a brick.
     #[inline(always)]
-    fn draw_brick(&mut self, fine: &mut Fine, flat: &Flat, area: &Area) {
+    fn draw_brick(&mut self, fine: &mut FineForm, node: &OrthoNode, area: &Area) {
         let (octree, view, glass_from) = (self.octree, self.view, self.glass_from);
-        let half = fine.form.half * halved(flat.below);
-        let middle = fine.form.middle(flat);
+        let half = fine.form.half * halved(node.below);
+        let middle = fine.form.middle(node);
         if fine.beside_eye {
-            fine.bricks = Some(BrickForm::new(view, half, flat.centre, middle, 2));
+            fine.bricks = Some(BrickForm::new(view, half, node.centre, middle, 2));
         }
-        let Fine { form, root, levels, bricks, .. } = fine;
+        let FineForm { form, root, levels, bricks, .. } = fine;
         let form = bricks.get_or_insert_with(|| {
             BrickForm::new(view, form.half, root.centre, form.middle(root), *levels)
         });
-        let brick = Brick::new(&octree.inner, view, flat, form, middle, half);
+        let brick = Brick::new(&octree.inner, view, node, form, middle, half);
         let leaves = fine.last == octree.depth;
         let bricks = Bricks { octree, view, form, glass_from, leaves };
         if brick.some_glass {
@@ -178,7 +178,7 @@ impl Traversal<'_> {
         if glass == InnerNode::SOME_GLASS {
             return false;
         }
-        let whole = Whole {
+        let whole = LayerNode {
             centre: Vec3A::from_vec4(centre),
             depth: centre.w,
             half: self.view.patterns[usize::from(level)].half,

@@ -1,9 +1,9 @@
 //! Glass in a frame, for what is drawn into the frame later and lies behind it.
 
 use super::{
-    BAND,
+    band::BAND_ROWS,
+    colour,
     mask::{BLOCK, bits},
-    shade,
 };
 
 /// The panes that pixels of a picture show first.
@@ -18,9 +18,9 @@ impl Panes {
     /// The colour of something at a depth, with the glass over it.
     pub(super) fn over(&self, [x, y]: [usize; 2], depth: f32, colour: u32) -> u32 {
         let [x, y] = if self.finer { [2 * x, 2 * y] } else { [x, y] };
-        let pane = self.bands.get(y / BAND).and_then(|band| band.at(x, y % BAND));
+        let pane = self.bands.get(y / BAND_ROWS).and_then(|band| band.at(x, y % BAND_ROWS));
         match pane.filter(|&(pane_depth, _)| pane_depth < depth) {
-            Some((_, glass)) => shade::through_glass(colour, glass),
+            Some((_, glass)) => colour::through_glass(colour, glass),
             None => colour,
         }
     }

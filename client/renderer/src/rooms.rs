@@ -9,10 +9,7 @@ use sightline_world::{
     rooms::{Room, RoomId, Rooms, Window},
 };
 
-use super::{
-    Camera, Frame, text,
-    view::{NEAR, View},
-};
+use super::{Camera, Frame, margins::NEAR, text, view::View};
 
 /// Lines of a window's hatching are so far apart, in metres, or further in large ones …
 const HATCH_M: f32 = 0.2;
@@ -31,11 +28,11 @@ const PIXELS_MAX: f32 = 4.0 * super::SIDE_MAX as f32;
 /// The wire frames of all rooms.
 #[derive(Clone, Debug, Default)]
 pub struct RoomWireframes {
-    rooms: Vec<Wire>,
+    rooms: Vec<RoomWireframe>,
 }
 
 #[derive(Clone, Debug)]
-struct Wire {
+struct RoomWireframe {
     name: String,
     /// Where the name is.
     centre: Vec3,
@@ -52,7 +49,7 @@ impl RoomWireframes {
 
     fn of(rooms: &Rooms, bounds: &Aabb) -> Self {
         let ids = (0..).map(RoomId);
-        let wire = |(room, id)| Wire::new(room, id, bounds);
+        let wire = |(room, id)| RoomWireframe::new(room, id, bounds);
         Self { rooms: rooms.list().iter().zip(ids).filter_map(wire).collect() }
     }
 
@@ -73,7 +70,7 @@ impl RoomWireframes {
     }
 }
 
-impl Wire {
+impl RoomWireframe {
     /// None for a room without volume.
     fn new(room: &Room, id: RoomId, bounds: &Aabb) -> Option<Self> {
         let pieces: Vec<_> =

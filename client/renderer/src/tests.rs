@@ -1,8 +1,11 @@
-use glam::UVec3;
+use glam::{UVec3, Vec3};
 use proptest::prelude::*;
-use sightline_world::octree::{Material, Voxel, morton};
+use sightline_world::{
+    motion::Pose,
+    octree::{Material, Octree, Voxel, morton},
+};
 
-use super::*;
+use super::{mask::BLOCK, view::View, *};
 
 const ORIGIN: Vec3 = Vec3::new(-1.0, -1.0, -1.0);
 const VOXEL: f32 = 0.25;
@@ -25,6 +28,13 @@ fn voxels(count: std::ops::Range<usize>) -> impl Strategy<Value = Vec<Placed>> {
     })
 }
 
+/// A renderer with some settings.
+fn renderer(set: impl FnOnce(&mut Renderer)) -> Renderer {
+    let mut renderer = Renderer::default();
+    set(&mut renderer);
+    renderer
+}
+
 fn octree_of(voxels: &[Placed]) -> Octree {
     let voxels = voxels.iter().map(|(voxel, _)| *voxel).collect();
     Octree::from_voxels(ORIGIN, VOXEL, DEPTH, voxels).expect("small")
@@ -32,7 +42,7 @@ fn octree_of(voxels: &[Placed]) -> Octree {
 
 /// What a ray meets first among all voxels, each tried: colour and depth.
 fn cast(voxels: &[(Material, Vec3)], eye: Vec3, ray: Vec3, forward: Vec3) -> (u32, f32) {
-    let mut first = (shade::sky(ray), f32::INFINITY);
+    let mut first = (colour::sky(ray), f32::INFINITY);
     let mut first_enters = f32::INFINITY;
     let mut glass = (0, f32::INFINITY);
     for (look, corner) in voxels {
@@ -43,16 +53,16 @@ fn cast(voxels: &[(Material, Vec3)], eye: Vec3, ray: Vec3, forward: Vec3) -> (u3
             continue;
         }
         if look.is_glass() && enters < glass.1 {
-            glass = (shade::surface(look), enters);
+            glass = (colour::of_material(look), enters);
         }
         if !look.is_glass() && enters < first_enters {
-            let depth = forward.dot((low + high) * 0.5).max(view::NEAR);
-            first = (shade::hazed(shade::surface(look), ray.length() * depth), depth);
+            let depth = forward.dot((low + high) * 0.5).max(margins::NEAR);
+            first = (colour::hazed(colour::of_material(look), ray.length() * depth), depth);
             first_enters = enters;
         }
     }
     let tint = glass.1 < first_enters;
-    (if tint { shade::through_glass(first.0, glass.0) } else { first.0 }, first.1)
+    (if tint { colour::through_glass(first.0, glass.0) } else { first.0 }, first.1)
 }
 
 /// The part of the pixels that differ from what rays find.
@@ -60,7 +70,7 @@ fn difference(voxels: &[Placed], camera: &Camera, mode: Mode) -> f32 {
     let (width, height) = (90, 70);
     let mut frame = Frame::new(width, height);
     let octree = octree_of(voxels);
-    let mut renderer = Renderer { mode, ..Renderer::default() };
+    let mut renderer = renderer(|it| it.mode = mode);
     renderer.draw(&octree, camera, &mut frame);
     let view = View::new(camera, width, height);
     let forward = view.ray((width - 1) as f32 * 0.5, (height - 1) as f32 * 0.5);
@@ -138,7 +148,7 @@ fn processors_do_not_matter() {
     let camera = Camera::looking_at(ORIGIN + Vec3::new(3.8, 3.2, 3.7), ORIGIN + Vec3::Y);
     let drawn = |portable| {
         let mut frame = Frame::new(333, 222);
-        let mut renderer = Renderer { portable, ..Renderer::default() };
+        let mut renderer = renderer(|it| it.portable = portable);
         renderer.draw(&octree, &camera, &mut frame);
         frame
     };
@@ -153,7 +163,7 @@ fn smooth_edges_lie_between_the_colours_beside_them() {
     let camera = Camera::looking_at(ORIGIN + Vec3::new(3.8, 3.2, 3.7), ORIGIN + Vec3::Y);
     let drawn = |antialias, width, height| {
         let mut frame = Frame::new(width, height);
-        let mut renderer = Renderer { antialias, ..Renderer::default() };
+        let mut renderer = renderer(|it| it.antialias = antialias);
         renderer.draw(&octree, &camera, &mut frame);
         frame
     };
@@ -208,7 +218,7 @@ fn glass_is_in_front_of_figures_behind_it_alone() {
     let body = sightline_world::motion::Body { half_width: 0.3, above_eye: 0.1, below_eye: 0.8 };
     let drawn = |octree: &Octree, z: f32, antialias: bool| {
         let mut frame = Frame::new(120, 301);
-        let mut renderer = Renderer { antialias, ..Renderer::default() };
+        let mut renderer = renderer(|it| it.antialias = antialias);
         renderer.draw(octree, &camera, &mut frame);
         let pose = Pose { eye: Vec3::new(0.0, 0.0, z), ..Pose::default() };
         avatars::draw(
@@ -225,7 +235,7 @@ fn glass_is_in_front_of_figures_behind_it_alone() {
         let mut count = 0;
         for i in figure {
             let expected =
-                if z < 0.0 { shade::through_glass(bare.colour[i], 0) } else { bare.colour[i] };
+                if z < 0.0 { colour::through_glass(bare.colour[i], 0) } else { bare.colour[i] };
             assert_eq!(seen.colour[i], expected, "pixel {i}, {z}, {antialias}");
             count += 1;
         }
@@ -278,7 +288,7 @@ fn orthogonal_mode_agrees_with_perspective() {
         let eye = ORIGIN + Vec3::new(3.8 + i as f32 * 0.1, 3.1, 3.7);
         let camera = Camera { eye, yaw, pitch: -0.3 + 0.1 * i as f32, fov_y: 1.1 };
         let [(perspective, all), (frame, some)] = Mode::ALL.map(|mode| {
-            let mut renderer = Renderer { mode, ..Renderer::default() };
+            let mut renderer = renderer(|it| it.mode = mode);
             let mut frame = Frame::new(width, height);
             renderer.draw(&octree, &camera, &mut frame);
             (frame, renderer.counters())

@@ -8,42 +8,79 @@ use glam::{Vec3A, Vec4};
 use sightline_world::octree::Octree;
 
 use super::{
-    Counters, Mode,
     band::Band,
-    form::Flat,
+    form::OrthoNode,
     hull::Hull,
+    margins::{NEAR, SPARE_PX},
     mask::Area,
-    view::{BandView, NEAR},
+    view::BandView,
 };
 
-/// Bounding boxes are taken larger by more than what is in them is drawn larger and what is rounded, in pixels.
-pub(super) const SPARE_PX: f32 = 1.0 / 64.0;
+/// How nodes are projected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Each node for itself, at all levels.
+    Perspective,
+    /// By form patterns, below nodes in which perspective is too small to see (Dell 2012).
+    #[default]
+    Orthogonal,
+}
+
+impl Mode {
+    /// All modes.
+    pub const ALL: [Self; 2] = [Self::Perspective, Self::Orthogonal];
+}
+
+/// What drawing a picture took, in counts that do not depend on the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Counters {
+    /// Nodes projected from space to the picture.
+    pub projections: u64,
+    /// Nodes visited.
+    pub nodes: u64,
+    /// Nodes tested against the mask buffer.
+    pub mask_tests: u64,
+    /// Pixels written.
+    pub pixels: u64,
+}
+
+impl Counters {
+    pub(super) fn add(&mut self, other: &Self) {
+        self.projections += other.projections;
+        self.nodes += other.nodes;
+        self.mask_tests += other.mask_tests;
+        self.pixels += other.pixels;
+    }
+}
 
 /// No more octants wait to be drawn: seven on each level, and one.
 const WAITING_MAX: usize = 128;
 
 /// What a walk needs beside the picture, kept from one to the next.
 pub(super) struct TraversalStacks {
-    waiting: Vec<Cube>,
-    pub(super) flats: Vec<Flat>,
+    perspective: Vec<PerspectiveNode>,
+    pub(super) orthogonal: Vec<OrthoNode>,
 }
 
 impl Default for TraversalStacks {
     fn default() -> Self {
-        Self { waiting: Vec::with_capacity(WAITING_MAX), flats: Vec::with_capacity(WAITING_MAX) }
+        Self {
+            perspective: Vec::with_capacity(WAITING_MAX),
+            orthogonal: Vec::with_capacity(WAITING_MAX),
+        }
     }
 }
 
 /// A node in perspective.
 #[derive(Clone, Copy)]
-pub(super) struct Cube {
+pub(super) struct PerspectiveNode {
     /// In the leaves when the level is the tree's depth.
     pub(super) index: u32,
     pub(super) level: u8,
     /// The level at which nodes are drawn as a whole; [`UNDECIDED`] while the node is large.
     last: u8,
     /// Whether nothing is before it.
-    pub(super) clear: bool,
+    pub(super) unoccluded: bool,
     /// Relative to the eye.
     pub(super) centre: Vec3A,
     pub(super) projected: Vec4,
@@ -57,14 +94,14 @@ pub(super) struct NodeClasses<'a> {
     /// These are left out.
     pub(super) hidden: &'a [u64],
     /// What is in these is not tested against the mask buffer. Where that is wrong it takes time, and nothing else.
-    pub(super) clear: &'a [u64],
+    pub(super) unoccluded: &'a [u64],
     /// Down to this level anything is hidden, and on it anything is clear.
     pub(super) level: u8,
 }
 
 impl NodeClasses<'_> {
     /// Nothing.
-    pub(super) const NOTHING: Self = Self { hidden: &[0], clear: &[0], level: 0 };
+    pub(super) const UNKNOWN: Self = Self { hidden: &[0], unoccluded: &[0], level: 0 };
 
     #[inline(always)]
     fn is_in(nodes: &[u64], index: u32) -> bool {
@@ -79,8 +116,8 @@ impl NodeClasses<'_> {
 
     /// Whether nothing is known to be before a node.
     #[inline(always)]
-    pub(super) fn is_clear(&self, index: u32, level: u8) -> bool {
-        level == self.level && Self::is_in(self.clear, index)
+    pub(super) fn is_unoccluded(&self, index: u32, level: u8) -> bool {
+        level == self.level && Self::is_in(self.unoccluded, index)
     }
 }
 
@@ -89,11 +126,11 @@ pub(super) struct Traversal<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) mode: Mode,
-    pub(super) known: NodeClasses<'a>,
+    pub(super) classes: NodeClasses<'a>,
     /// The first look that is glass.
     pub(super) glass_from: usize,
     pub(super) band: &'a mut Band,
-    pub(super) walker: &'a mut TraversalStacks,
+    pub(super) stacks: &'a mut TraversalStacks,
     pub(super) counters: &'a mut Counters,
 }
 
@@ -104,16 +141,16 @@ impl Traversal<'_> {
         if self.octree.inner.is_empty() {
             return;
         }
-        self.walker.waiting.clear();
-        self.walker.waiting.push(Cube {
+        self.stacks.perspective.clear();
+        self.stacks.perspective.push(PerspectiveNode {
             index: 0,
             level: 0,
             last: UNDECIDED,
-            clear: false,
+            unoccluded: false,
             centre: self.view.centre,
             projected: self.view.projected,
         });
-        while let Some(cube) = self.walker.waiting.pop() {
+        while let Some(cube) = self.stacks.perspective.pop() {
             self.consider(cube);
             if self.band.mask.is_full() {
                 return;
@@ -123,11 +160,11 @@ impl Traversal<'_> {
 
     /// Draws a node, or puts its octants on the stack, unless it is out of view or covered.
     #[inline(always)]
-    fn consider(&mut self, mut cube: Cube) {
-        if self.known.is_hidden(cube.index, cube.level) {
+    fn consider(&mut self, mut cube: PerspectiveNode) {
+        if self.classes.is_hidden(cube.index, cube.level) {
             return;
         }
-        cube.clear |= self.known.is_clear(cube.index, cube.level);
+        cube.unoccluded |= self.classes.is_unoccluded(cube.index, cube.level);
         self.counters.nodes += 1;
         if self.mode == Mode::Perspective {
             self.consider_in_perspective(cube);
@@ -138,7 +175,7 @@ impl Traversal<'_> {
         } else if let Some(area) = self.open_area(&cube) {
             let centre = cube.centre.extend(cube.projected.z);
             if cube.level == self.octree.depth {
-                self.fill(centre, cube.level, self.look(cube.index, cube.level), &area);
+                self.fill(centre, cube.level, self.material_id(cube.index, cube.level), &area);
             } else if self.has_ratio(centre.w, cube.level, self.view.coarse_ratio_min) {
                 self.draw_orthogonal(&cube);
             } else if !self.draw_near_layer(cube.index, cube.level, centre, &area) {
@@ -149,15 +186,15 @@ impl Traversal<'_> {
 
     /// The same, where every node is projected.
     #[inline(always)]
-    fn consider_in_perspective(&mut self, mut cube: Cube) {
+    fn consider_in_perspective(&mut self, mut cube: PerspectiveNode) {
         let Some(area) = self.open_area(&cube) else { return };
         let depth = cube.projected.z;
         if cube.last == UNDECIDED && self.has_ratio(depth, cube.level, self.view.ratio_min) {
             cube.last = self.last_level(depth, cube.level);
         }
         if cube.level >= cube.last.min(self.octree.depth) {
-            let look = self.look(cube.index, cube.level);
-            self.fill(cube.centre.extend(depth), cube.level, look, &area);
+            let material_id = self.material_id(cube.index, cube.level);
+            self.fill(cube.centre.extend(depth), cube.level, material_id, &area);
         } else {
             self.descend(&cube);
         }
@@ -171,7 +208,7 @@ impl Traversal<'_> {
 
     /// Whether a node is neither a voxel nor a layer and so near that nothing is gained by knowing where it is seen.
     #[inline(always)]
-    fn is_large(&self, cube: &Cube) -> bool {
+    fn is_large(&self, cube: &PerspectiveNode) -> bool {
         cube.level < self.octree.depth
             && !self.has_ratio(cube.projected.z, cube.level, self.view.coarse_ratio_min)
             && self.octree.inner[cube.index as usize].flat().is_none()
@@ -179,15 +216,15 @@ impl Traversal<'_> {
 
     /// The pixels that a node's bounding box meets; none when it is out of view or covered.
     #[inline(always)]
-    fn open_area(&mut self, cube: &Cube) -> Option<Area> {
+    fn open_area(&mut self, cube: &PerspectiveNode) -> Option<Area> {
         let area = self.area(cube)?;
-        self.is_open(&area, cube.clear).then_some(area)
+        self.is_open(&area, cube.unoccluded).then_some(area)
     }
 
     /// Whether a node may be seen in an area: known to be clear, or not covered.
     #[inline(always)]
-    pub(super) fn is_open(&mut self, area: &Area, clear: bool) -> bool {
-        if clear {
+    pub(super) fn is_open(&mut self, area: &Area, unoccluded: bool) -> bool {
+        if unoccluded {
             return true;
         }
         self.counters.mask_tests += 1;
@@ -204,7 +241,7 @@ impl Traversal<'_> {
 
     /// The pixels that a node's bounding box meets; none when it is out of view.
     #[inline(always)]
-    fn area(&mut self, cube: &Cube) -> Option<Area> {
+    fn area(&mut self, cube: &PerspectiveNode) -> Option<Area> {
         let pattern = &self.view.patterns[usize::from(cube.level)];
         let (z, reach) = (cube.projected.z, pattern.reach.z);
         if z + reach < NEAR {
@@ -228,7 +265,7 @@ impl Traversal<'_> {
 
     /// Whether a node surely lies beside all lines of sight.
     #[inline(always)]
-    fn is_beside(&self, cube: &Cube) -> bool {
+    fn is_beside(&self, cube: &PerspectiveNode) -> bool {
         let reach = self.reach(cube.level);
         let [x, y, z, _] = cube.projected.to_array();
         let far = z + reach.z;
@@ -248,18 +285,18 @@ impl Traversal<'_> {
     /// Puts the octants on the stack so that the one towards the eye comes off first: among octants
     /// that differ in one axis only, the nearer one always comes before the other.
     #[inline(always)]
-    fn descend(&mut self, cube: &Cube) {
+    fn descend(&mut self, cube: &PerspectiveNode) {
         let pattern = &self.view.patterns[usize::from(cube.level)];
         let node = &self.octree.inner[cube.index as usize];
         let nearest = cube.centre.cmplt(Vec3A::ZERO).bitmask() as u8;
         for octant in (0..8).rev().map(|order| order ^ nearest) {
             let Some(index) = node.child(octant) else { continue };
             let octant = usize::from(octant);
-            self.walker.waiting.push(Cube {
+            self.stacks.perspective.push(PerspectiveNode {
                 index,
                 level: cube.level + 1,
                 last: cube.last,
-                clear: cube.clear,
+                unoccluded: cube.unoccluded,
                 centre: cube.centre + pattern.octants[octant],
                 projected: cube.projected + pattern.octants_projected[octant],
             });
@@ -268,7 +305,7 @@ impl Traversal<'_> {
 
     /// Writes the pixels whose lines of sight meet a node, which has its depth with its centre.
     #[inline(always)]
-    pub(super) fn fill(&mut self, centre: Vec4, level: u8, look: u16, area: &Area) {
+    pub(super) fn fill(&mut self, centre: Vec4, level: u8, material_id: u16, area: &Area) {
         let half = self.view.patterns[usize::from(level)].half;
         let (centre, depth) = (Vec3A::from_vec4(centre), centre.w);
         if centre.abs().max_element() <= half {
@@ -277,12 +314,12 @@ impl Traversal<'_> {
         }
         let grown = half + self.view.seam(depth);
         let hull = Hull::new(self.view, centre - grown, centre + grown);
-        let is_glass = usize::from(look) >= self.glass_from;
-        self.band.fill(area, &hull, look, depth.max(NEAR), is_glass);
+        let is_glass = usize::from(material_id) >= self.glass_from;
+        self.band.fill(area, &hull, material_id, depth.max(NEAR), is_glass);
     }
 
     #[inline(always)]
-    pub(super) fn look(&self, index: u32, level: u8) -> u16 {
+    pub(super) fn material_id(&self, index: u32, level: u8) -> u16 {
         if level == self.octree.depth {
             self.octree.leaves[index as usize]
         } else {

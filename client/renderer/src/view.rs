@@ -8,15 +8,9 @@ use sightline_world::{
 
 use super::{
     Camera,
-    form::{coarse_ratio_min, ratio_min},
+    margins::{NEAR, SEAM_PX},
+    ratio::{coarse_ratio_min, ratio_min},
 };
-
-/// Nothing nearer is projected, in metres; such nodes are halved, or tested pixel by pixel.
-pub(super) const NEAR: f32 = 0.01;
-
-/// A voxel is drawn larger by so many pixels, so that no line of sight slips between two that
-/// share a face.
-const SEAM_PX: f32 = 1.0e-3;
 
 /// An inner node is drawn as a whole when its edge spans no more pixels.
 const EDGE_PX: f32 = 1.0;
@@ -161,7 +155,7 @@ impl View {
             ratio_min: self.ratio_min,
             coarse_ratio_min: self.coarse_ratio_min,
             patterns: std::array::from_fn(|level| {
-                Pattern::new(&axes, octree.edge * 0.5f32.powi(level as i32), self.focal)
+                LevelPattern::new(&axes, octree.edge * 0.5f32.powi(level as i32), self.focal)
             }),
         };
         view.projected = view.project(view.centre);
@@ -187,7 +181,7 @@ pub(super) struct BandView {
     pub(super) ratio_min: f32,
     pub(super) coarse_ratio_min: f32,
     /// For the nodes of each level, which are all of one shape.
-    pub(super) patterns: [Pattern; LEVELS],
+    pub(super) patterns: [LevelPattern; LEVELS],
 }
 
 impl BandView {
@@ -211,7 +205,7 @@ impl BandView {
 }
 
 /// The form pattern of a level: what all its nodes' projections have in common.
-pub(super) struct Pattern {
+pub(super) struct LevelPattern {
     /// Half the edge, in metres.
     pub(super) half: f32,
     /// From the centre to the corners, projected.
@@ -226,7 +220,7 @@ pub(super) struct Pattern {
     pub(super) small_from: f32,
 }
 
-impl Pattern {
+impl LevelPattern {
     fn new(axes: &[Vec4; 3], edge: f32, focal: f32) -> Self {
         let half = edge * 0.5;
         let sign = |octant: usize, bit: usize| if octant >> bit & 1 == 1 { 1.0 } else { -1.0 };

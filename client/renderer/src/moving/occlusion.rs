@@ -5,8 +5,9 @@ use sightline_world::geometry::Aabb;
 use super::moving_set::ROUNDING;
 use crate::{
     Camera, Frame, avatars,
+    margins::NEAR,
     pyramid::{Pyramid, Span},
-    view::{NEAR, View},
+    view::View,
 };
 
 /// What a picture hides.

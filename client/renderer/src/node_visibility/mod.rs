@@ -1,27 +1,31 @@
-//! What of the building no eye in a box can see: it is left out of all pictures from there. And what every eye sees whole.
+//! Which octree nodes no eye of a viewpoint box can see, and which every eye sees whole.
 //!
-//! **Surfaces** of the octree are what its voxels are without a gap: rectangles of opaque voxels in one layer
-//! (`walls`), by a plane through their middles. A line of sight that meets such a rectangle meets a voxel
-//! right there, whatever the building was modelled of; so nothing need be known about how voxels differ from
-//! polygons. **Patches** are the octree's nodes down to 0.6 m, each by the box around what is in it, that is with
-//! all below it.
+//! **Occluders** (`occluders`) are rectangles of opaque voxels in one layer, each as a plane through
+//! their middles. A line of sight that meets such a rectangle meets a voxel right there, so it does
+//! not matter how voxels differ from the polygons that they were made of. **Patches** are the
+//! octree's nodes down to 0.6 m, each as the box around its contents.
 //!
-//! **A picture is the same with and without.** A node is left out when every line of sight that meets what is drawn of it
-//! meets a voxel of a wall before. That voxel, or the cell that stands for it, comes first in the order of the walk
-//! and closes the pixel, or something before it has. What is drawn of a node in place of its voxels, where these
-//! are smaller than a pixel, is cells a pixel wide: where such a cell may be larger than the steps in which
-//! the box around the node's voxels is known, all of the node's cube is tested.
+//! **A picture is the same with and without.** A node is left out when every line of sight that
+//! meets what is drawn of it meets a voxel of an occluder before. That voxel, or the inner node that
+//! stands for it, comes first in the traversal and covers the pixel, or something nearer has. Where
+//! voxels are smaller than a pixel, inner nodes a pixel wide are drawn in their place. Where such a
+//! node may be larger than the steps in which the box around the voxels is known, its whole cube is
+//! tested.
 //!
-//! **What every eye sees whole** (`clear`) is drawn without a test against the mask buffer, as such tests find nothing
-//! covered. Here being wrong would take time and change nothing, so roundings do not matter.
+//! **Unoccluded nodes** (`unoccluded`) are drawn without tests against the mask buffer, because such
+//! tests would find nothing covered. An error here costs time and changes no picture, so roundings
+//! do not matter.
 //!
-//! [`NodeVisibility`] is for one box of eyes, [`VisibilityPrefetcher`] makes them on another thread, ahead of the eye.
+//! [`NodeVisibility`] holds for one viewpoint box. `VisibilityPrefetcher` makes them ahead of the
+//! eye, on another thread (feature `threads`). The method is fuzzy projection (Lim 1999).
 
 mod occluders;
+#[cfg(feature = "threads")]
 mod prefetcher;
 #[cfg(test)]
 mod tests;
 mod unoccluded;
+mod viewpoint_boxes;
 
 use sightline_visibility::fuzzy::{FuzzyBuffer, SurfaceError, Surfaces, ViewpointBox};
 use sightline_world::{
@@ -30,7 +34,10 @@ use sightline_world::{
 };
 
 use super::traversal::NodeClasses;
-pub use prefetcher::{VisibilityPrefetcher, boxes_ahead};
+
+#[cfg(feature = "threads")]
+pub use self::prefetcher::VisibilityPrefetcher;
+pub use self::viewpoint_boxes::boxes_ahead;
 
 /// Nodes are tested down to this edge, in metres.
 const NODE_M: f32 = 0.6;
@@ -46,7 +53,7 @@ const MARGIN: f32 = 0.05;
 pub struct VoxelOccluders {
     surfaces: Surfaces,
     /// With what is below right behind each.
-    nodes: Vec<Node>,
+    nodes: Vec<OccluderNode>,
     voxel: f32,
     /// How many inner nodes the octree has.
     inner: usize,
@@ -56,7 +63,7 @@ pub struct VoxelOccluders {
 
 /// A node of the octree.
 #[derive(Clone, Copy, Debug)]
-struct Node {
+struct OccluderNode {
     index: u32,
     /// The node after all that is below.
     end: u32,
@@ -78,7 +85,7 @@ pub struct NodeVisibility {
     /// A bit for each inner node of the octree.
     nodes: Vec<u64>,
     /// The same of those that every eye sees whole.
-    clear: Vec<u64>,
+    unoccluded: Vec<u64>,
     inner: usize,
     level: u8,
     counts: NodeCounts,
@@ -131,13 +138,20 @@ impl VoxelOccluders {
 
 /// Adds a node, by its index, and those below; tells its place.
 fn add(
-    nodes: &mut Vec<Node>,
+    nodes: &mut Vec<OccluderNode>,
     (node, index): (Cursor<'_>, u32),
     cube: Aabb,
     (level, octree): (u8, &Octree),
 ) -> usize {
     let place = nodes.len();
-    nodes.push(Node { index, end: 0, cube, tight: Aabb::EMPTY, voxels: Aabb::EMPTY, layer: None });
+    nodes.push(OccluderNode {
+        index,
+        end: 0,
+        cube,
+        tight: Aabb::EMPTY,
+        voxels: Aabb::EMPTY,
+        layer: None,
+    });
     if node.level() == level {
         let tight = around(node, &cube, level + FINER);
         let mut voxels = tight;
@@ -186,12 +200,12 @@ impl NodeVisibility {
             eyes,
             focal_min,
             nodes: vec![0; walls.inner.div_ceil(64).max(1)],
-            clear: Vec::new(),
+            unoccluded: Vec::new(),
             inner: walls.inner,
             level: walls.level,
             counts: NodeCounts::default(),
         };
-        let mut clear = hidden.nodes.clone();
+        let mut unoccluded = hidden.nodes.clone();
         let (mut at, mut open) = (0, Vec::new());
         while let Some(node) = walls.nodes.get(at) {
             hidden.counts.tested += 1;
@@ -212,11 +226,12 @@ impl NodeVisibility {
             }
         }
         let mut visible = 0;
-        for node in open.into_iter().filter(|node| unoccluded::is_clear(walls, &hidden, node)) {
-            clear[node.index as usize / 64] |= 1 << (node.index % 64);
+        for node in open.into_iter().filter(|node| unoccluded::is_unoccluded(walls, &hidden, node))
+        {
+            unoccluded[node.index as usize / 64] |= 1 << (node.index % 64);
             visible += 1;
         }
-        (hidden.clear, hidden.counts.visible) = (clear, visible);
+        (hidden.unoccluded, hidden.counts.visible) = (unoccluded, visible);
         hidden
     }
 
@@ -226,13 +241,13 @@ impl NodeVisibility {
 
     /// The same, but all that is drawn is tested.
     pub fn without_unoccluded(mut self) -> Self {
-        self.clear.fill(0);
+        self.unoccluded.fill(0);
         self.counts.visible = 0;
         self
     }
 
     /// What may be drawn of a node.
-    fn bounds(&self, node: &Node) -> Aabb {
+    fn bounds(&self, node: &OccluderNode) -> Aabb {
         let step = node.cube.size().x / f32::from(1u16 << FINER);
         let aside = (node.cube.max - self.eyes.min).max(self.eyes.max - node.cube.min);
         // As far as its steps are no smaller than a pixel.
@@ -250,7 +265,7 @@ impl NodeVisibility {
     }
 
     /// What is known of each inner node, if it holds for an octree, an eye and a focal length.
-    pub(super) fn known(
+    pub(super) fn classes(
         &self,
         octree: &Octree,
         eye: glam::Vec3,
@@ -258,6 +273,10 @@ impl NodeVisibility {
     ) -> Option<NodeClasses<'_>> {
         let holds =
             self.eyes.contains(eye) && focal >= self.focal_min && octree.inner.len() == self.inner;
-        holds.then_some(NodeClasses { hidden: &self.nodes, clear: &self.clear, level: self.level })
+        holds.then_some(NodeClasses {
+            hidden: &self.nodes,
+            unoccluded: &self.unoccluded,
+            level: self.level,
+        })
     }
 }

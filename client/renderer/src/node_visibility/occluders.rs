@@ -14,13 +14,13 @@ const SQUARE_LEVELS_MAX: u8 = 4;
 const NARROW_M: f32 = 0.25;
 
 /// A layer of voxels: the axis that it lies across, and how many voxels come before it.
-type Layer = (usize, u32);
+type LayerKey = (usize, u32);
 /// A rectangle of squares, by its least corner and the one beyond its greatest.
 type Rectangle = [[u32; 2]; 2];
 
 /// Where squares are, layer by layer.
 #[derive(Default)]
-struct Squares(BTreeMap<Layer, BTreeSet<[u32; 2]>>);
+struct Squares(BTreeMap<LayerKey, BTreeSet<[u32; 2]>>);
 
 /// Surfaces through the middles of the opaque voxels of an octree, for [`Surfaces::new`]: a line that meets one
 /// meets the voxel around the place.
@@ -34,7 +34,7 @@ pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
     if let Some(root) = octree.root() {
         squares.collect(root, [0; 3], octree.depth - levels, (levels, glass_from));
     }
-    let mut sheets = Sheets::default();
+    let mut sheets = SurfaceMesh::default();
     for (&(axis, layer), places) in &squares.0 {
         let rectangles: Vec<Rectangle> = rectangles(places)
             .into_iter()
@@ -126,13 +126,13 @@ fn rectangles(places: &BTreeSet<[u32; 2]>) -> Vec<Rectangle> {
 
 /// Patches, with corners wherever another patch has one, so that neighbours share edges.
 #[derive(Default)]
-struct Sheets {
+struct SurfaceMesh {
     corners: Vec<Vec3>,
     patches: Vec<(u32, Vec<u32>)>,
     surfaces: u32,
 }
 
-impl Sheets {
+impl SurfaceMesh {
     /// Adds the rectangles of a layer; those that touch are one surface.
     fn add(&mut self, rectangles: &[Rectangle], corner: impl Fn([u32; 2]) -> Vec3) {
         let mut lines: [BTreeMap<u32, BTreeSet<u32>>; 2] = Default::default();

@@ -84,8 +84,9 @@ fn what_is_seen_whole_is_never_covered() {
         let min = Vec3::from([0; 3].map(|_| random.random_range(0.0..7.0)));
         let hidden = NodeVisibility::new(&walls, Aabb::new(min, min + edge), 40.0);
         (visible, all) = (visible + hidden.counts().visible, all + hidden.counts().all);
-        let is_clear =
-            |node: &&Node| hidden.clear[node.index as usize / 64] >> (node.index % 64) & 1 == 1;
+        let is_clear = |node: &&OccluderNode| {
+            hidden.unoccluded[node.index as usize / 64] >> (node.index % 64) & 1 == 1
+        };
         for node in walls.nodes.iter().filter(is_clear) {
             let eye = min + edge * Vec3::from([0; 3].map(|_| random.random_range(0.0..=1.0)));
             let (mut point, size) = (node.cube.min, node.cube.size());
@@ -109,11 +110,11 @@ fn what_holds_for_others_is_not_used() {
     let octree = house();
     let eyes = Aabb::around(Vec3::new(1.0, 1.7, 1.0), 0.2);
     let hidden = NodeVisibility::new(&VoxelOccluders::new(&octree).unwrap(), eyes, 100.0);
-    let holds = |eye: Vec3, focal: f32| hidden.known(&octree, eye, focal).is_some();
+    let holds = |eye: Vec3, focal: f32| hidden.classes(&octree, eye, focal).is_some();
     assert!(holds(eyes.centre(), 100.0) && hidden.counts().hidden > 0);
     assert!(!holds(eyes.centre() + Vec3::X, 100.0) && !holds(eyes.centre(), 99.0));
     let other = Octree::empty(Vec3::ZERO, 0.1, 3);
-    assert!(hidden.known(&other, eyes.centre(), 100.0).is_none());
+    assert!(hidden.classes(&other, eyes.centre(), 100.0).is_none());
     assert!(VoxelOccluders::new(&other).unwrap().is_empty());
 }
 

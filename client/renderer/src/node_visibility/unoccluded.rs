@@ -11,7 +11,7 @@ use sightline_world::{
     octree::{Cursor, Octree},
 };
 
-use super::{Node, NodeVisibility, VoxelOccluders};
+use super::{NodeVisibility, OccluderNode, VoxelOccluders};
 
 /// What is no farther before than this share of the way touches, and does not hide.
 const TOUCHING: f32 = 1e-5;
@@ -45,7 +45,11 @@ fn take(node: Cursor<'_>, at: UVec3, voxels: &mut [UVec3; 2]) {
 }
 
 /// Whether every eye sees a node whole, as far as it faces the eyes.
-pub(super) fn is_clear(walls: &VoxelOccluders, hidden: &NodeVisibility, node: &Node) -> bool {
+pub(super) fn is_unoccluded(
+    walls: &VoxelOccluders,
+    hidden: &NodeVisibility,
+    node: &OccluderNode,
+) -> bool {
     let Some(side) = node.layer.and_then(|axis| side(&node.voxels, axis, &hidden.eyes)) else {
         return false;
     };

@@ -1,0 +1,148 @@
+//! Colours: light, air, sky and glass.
+
+use glam::{Vec3, Vec3A};
+use sightline_world::octree::Material;
+
+use super::mask::BLOCK;
+
+/// For what brings no light of its own, as movers and figures do, two lamps that never move, and how strong they are: every
+/// side of a box looks different.
+const LAMPS: [(Vec3, f32); 2] =
+    [(Vec3::new(0.48, 0.82, 0.31), 0.38), (Vec3::new(-0.55, 0.08, -0.83), 0.28)];
+
+/// What reaches every surface.
+const AMBIENT: f32 = 0.62;
+
+/// What is far takes on the colour of the air, by half at this many metres.
+const HAZE_M: f32 = 160.0;
+
+const HORIZON: Vec3 = Vec3::new(214.0, 224.0, 232.0);
+/// [`HORIZON`] as 0x00RRGGBB.
+const HORIZON_COLOUR: u32 = 0x00d6_e0e8;
+const ZENITH: Vec3 = Vec3::new(108.0, 156.0, 214.0);
+const GROUND: Vec3 = Vec3::new(132.0, 128.0, 122.0);
+
+/// How much of a pane's colour covers what is behind.
+const GLASS_SHARE: f32 = 0.3;
+
+/// A look, as 0x00RRGGBB: the light is in it.
+pub(super) fn of_material(look: &Material) -> u32 {
+    let [r, g, b] = look.colour;
+    u32::from_be_bytes([0, r, g, b])
+}
+
+/// A colour behind so many metres of air.
+#[inline(always)]
+pub(super) fn hazed(colour: u32, distance: f32) -> u32 {
+    let share = distance / (HAZE_M + distance);
+    // The lowest bits of so large a number count ones, which takes less than a cast.
+    let share = (share * share * 256.0 + 8_388_608.0).to_bits() & 0x1ff;
+    let mix = |mask: u32| {
+        let (from, to) = (colour >> 8 & mask, HORIZON_COLOUR >> 8 & mask);
+        from * (256 - share) + to * share
+    };
+    let low = |mask: u32| {
+        let (from, to) = (colour & mask, HORIZON_COLOUR & mask);
+        (from * (256 - share) + to * share) >> 8 & mask
+    };
+    (mix(0x0000_00ff) & 0x0000_ff00) | low(0x00ff_00ff)
+}
+
+/// A colour in the light and behind the air, as 0x00RRGGBB. `along` points from the eye to it.
+pub(super) fn lit(colour: Vec3, normal: Vec3, along: Vec3) -> u32 {
+    let colour = colour * light(normal, along);
+    let haze = along.length() / (along.length() + HAZE_M);
+    pack(colour.lerp(HORIZON, haze * haze))
+}
+
+/// The light on a surface, whichever side of it faces the eye.
+pub(super) fn light(normal: Vec3, along: Vec3) -> f32 {
+    let normal = if normal.dot(along) > 0.0 { -normal } else { normal };
+    light_outside(normal.to_array(), 1.0)
+}
+
+/// The light on what is seen from outside, by a vector along its normal and the inverse of the vector's length.
+#[inline(always)]
+pub(super) fn light_outside(normal: [f32; 3], scale: f32) -> f32 {
+    let mut light = AMBIENT;
+    for (lamp, power) in LAMPS {
+        let share = normal[0] * lamp.x + normal[1] * lamp.y + normal[2] * lamp.z;
+        light += power * if share > 0.0 { share * scale } else { 0.0 };
+    }
+    light
+}
+
+/// The sky along some lines of sight, each by so much beside the one before.
+#[inline(always)]
+pub(super) fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
+    let (toward_zenith, toward_ground) = (ZENITH - HORIZON, GROUND - HORIZON);
+    let mut colours = [0; BLOCK];
+    for (i, colour) in colours.iter_mut().enumerate() {
+        let [x, y, z] = [0, 1, 2].map(|axis| first[axis] + step[axis] * i as f32);
+        let height = y / (x * x + y * y + z * z).sqrt();
+        let share = height.abs().sqrt();
+        for channel in 0..3 {
+            let toward = if height > 0.0 { toward_zenith[channel] } else { toward_ground[channel] };
+            // The lowest bits of so large a number count ones, which takes less than a cast.
+            let level = (HORIZON[channel] + toward * share + 8_388_608.0).to_bits() & 0xff;
+            *colour = *colour << 8 | level;
+        }
+    }
+    colours
+}
+
+/// The sky along a line of sight.
+#[cfg(test)]
+pub(super) fn sky(ray: Vec3) -> u32 {
+    sky_line(ray.into(), Vec3A::ZERO)[0]
+}
+
+/// What is seen through a pane.
+pub(super) fn through_glass(behind: u32, glass: u32) -> u32 {
+    pack(unpack(behind).lerp(unpack(glass), GLASS_SHARE))
+}
+
+pub(super) fn pack(colour: Vec3) -> u32 {
+    let [r, g, b] = colour.to_array().map(|channel| channel as u8);
+    u32::from_be_bytes([0, r, g, b])
+}
+
+fn unpack(colour: u32) -> Vec3 {
+    let [_, r, g, b] = colour.to_be_bytes();
+    Vec3::new(r.into(), g.into(), b.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sides_of_a_box_can_be_told_apart() {
+        let lights: Vec<f32> = Vec3::AXES
+            .iter()
+            .flat_map(|&axis| [axis, -axis])
+            .map(|normal| light(normal, -normal))
+            .collect();
+        for (i, a) in lights.iter().enumerate() {
+            assert!((0.5..=1.02).contains(a));
+            for b in &lights[i + 1..] {
+                assert!((a - b).abs() > 0.015, "{lights:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn from_outside_the_light_is_the_same() {
+        for normal in [Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.3, -0.1, 0.7), -Vec3::Z] {
+            let (length, along) = (normal.length(), -normal);
+            let light = light(normal / length, along);
+            assert!((light_outside(normal.to_array(), 1.0 / length) - light).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn both_sides_of_a_sheet_are_lit() {
+        let normal = Vec3::new(0.6, 0.8, 0.0);
+        assert_eq!(light(normal, -Vec3::Y), light(-normal, -Vec3::Y));
+    }
+}
