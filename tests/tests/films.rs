@@ -55,7 +55,7 @@ fn movers_outside_the_visibility_sets_are_not_in_the_picture() {
             let now = Duration::from_secs_f64(seconds);
             movers::draw(&mut frame, &camera, &world.movers, now);
             let those = mover_visibility.movers(&world, &index, &pose);
-            movers::draw_those(&mut some, &camera, &those, now);
+            movers::draw_selected(&mut some, &camera, &those, now);
             assert_eq!(frame, some, "at {seconds} s, with rooms: {with_rooms}");
             drawn += those.len();
             all += world.movers.len();

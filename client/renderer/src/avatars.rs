@@ -1,4 +1,4 @@
-//! The others, as simple figures: a body, a head with a face, and a name above.
+//! Avatars, drawn as simple figures: a trunk, a head with a face, and a name above.
 
 use std::{
     ops::Range,
@@ -14,36 +14,36 @@ use sightline_world::{
 
 use super::{Camera, Frame, band::BAND_ROWS, colour, panes::Panes, parallel, text, view::View};
 
-/// One avatar as it is drawn.
+/// The figure of one avatar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AvatarFigure<'a> {
-    /// Where, and where it looks.
+    /// Where the avatar is, and where it looks.
     pub pose: Pose,
-    /// Its shape: what is drawn stays inside.
+    /// The body of the avatar. The figure stays inside of it.
     pub body: Body,
-    /// sRGB.
+    /// The colour of the trunk, in sRGB.
     pub colour: [u8; 3],
-    /// Written above the head.
+    /// The name that is written above the head.
     pub name: &'a str,
 }
 
-/// How far above the head the foot of a name is, in metres.
+/// The height of the lower edge of a name above the head, in metres.
 const NAME_ABOVE_M: f32 = 0.08;
 
-/// Nearer, in metres, there is no room for a name.
+/// A nearer name is left out, in metres: there is no room for it.
 const NAME_FROM_M: f32 = 0.3;
 
-/// Farther away, in metres, names cannot be read and are left out.
+/// A name farther away is left out, in metres: it could not be read.
 const NAME_WITHIN_M: f32 = 40.0;
 
-/// No more letters of a name are shown.
+/// The number of letters of a name that are shown.
 const NAME_LETTERS_MAX: usize = 24;
 
 const FACE: Vec3 = Vec3::new(250.0, 240.0, 228.0);
 
-/// Draws figures into a frame that shows the building from the same camera, where nothing in the
-/// frame is nearer, and their names. Tells which of them can be seen: for each figure, whether at
-/// least one pixel shows it.
+/// Draws figures and their names into a frame that shows the building from the same camera, where
+/// nothing in the frame is nearer. Returns for each figure whether it can be seen: whether at least
+/// one pixel shows it.
 pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec<bool> {
     let seen: Vec<AtomicBool> = figures.iter().map(|_| AtomicBool::new(false)).collect();
     let (width, height) = (frame.width(), frame.height());
@@ -58,7 +58,7 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec
         .flat_map(|(figure, seen)| parts(figure, &view, seen))
         .filter(|part| part.is_in(width, height))
         .collect();
-    // What is hidden by others is not coloured.
+    // Near parts come first, so that parts which they hide need no colouring.
     parts.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
     let bands = frame.colour.chunks_mut(BAND_ROWS * width);
     let bands = bands.zip(frame.depth.chunks_mut(BAND_ROWS * width));
@@ -77,16 +77,17 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec
     seen.into_iter().map(AtomicBool::into_inner).collect()
 }
 
-/// Pixels that are worked out side by side.
+/// The number of pixels that are worked out side by side.
 const LANES: usize = 8;
 
-/// The work on a band, for each kind of processor.
+/// The work on one band. It is a type and not a closure, because only functions without closures are
+/// compiled as a whole for each kind of processor.
 struct FigureBand<'a> {
     parts: &'a [Ellipsoid<'a>],
     view: &'a View,
     panes: &'a Panes,
     width: usize,
-    /// The first row.
+    /// The first row of the band.
     first: usize,
     colour: &'a mut [u32],
     depth: &'a mut [f32],
@@ -98,7 +99,7 @@ impl WithSimd for FigureBand<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
         let rows = self.colour.chunks_mut(self.width).zip(self.depth.chunks_mut(self.width));
-        // One more than the part that each pixel of a row shows; zero where it shows none.
+        // The index of the part that each pixel of a row shows, plus one; zero where it shows none.
         let mut shown = vec![0; self.width];
         for (y, (colour, depth)) in (self.first..).zip(rows) {
             let mut drawn = self.width..0;
@@ -118,7 +119,7 @@ impl WithSimd for FigureBand<'_> {
     }
 }
 
-/// A row of the picture.
+/// A row of the picture, and which part each pixel shows.
 struct PixelRow<'a> {
     y: usize,
     colour: &'a mut [u32],
@@ -126,23 +127,25 @@ struct PixelRow<'a> {
     shown: &'a mut [u32],
 }
 
-/// An ellipsoid with upright axes.
+/// A part of a figure: an ellipsoid with upright axes.
 struct Ellipsoid<'a> {
-    /// Set when a pixel shows it in the end.
+    /// Set when a pixel shows the part in the end.
     seen: &'a AtomicBool,
-    /// Relative to the eye.
+    /// The centre relative to the eye, in metres.
     centre: Vec3,
     radii: Vec3,
     colour: Vec3,
-    /// Where the face is, for a head; zero without one.
+    /// The direction of the face, for a head; zero for a trunk.
     face: Vec3,
-    /// Least and greatest column and row, in pixels.
+    /// Least and greatest column, in pixels.
     columns: [f32; 2],
+    /// Least and greatest row, in pixels.
     rows: [f32; 2],
-    /// No depth is less.
+    /// The least depth of the part, in metres.
     nearest: f32,
 }
 
+/// The trunk and the head of a figure.
 fn parts<'a>(figure: &AvatarFigure, view: &View, seen: &'a AtomicBool) -> [Ellipsoid<'a>; 2] {
     let body = &figure.body;
     let height = body.above_eye + body.below_eye;
@@ -173,7 +176,7 @@ impl<'a> Ellipsoid<'a> {
         meets(self.columns, width) && meets(self.rows, height)
     }
 
-    /// Tells which columns of a row may have changed.
+    /// Draws a row of the part. Returns the columns that may have changed.
     #[inline(always)]
     fn draw_row(
         &self,
@@ -200,28 +203,29 @@ impl<'a> Ellipsoid<'a> {
             if !behind.iter().zip(entries).any(|(behind, entry)| entry < *behind) {
                 continue;
             }
-            let materials = self.materials(view.ray(from as f32, y as f32), step, &entries);
-            for (x, (entry, look)) in columns.zip(entries.into_iter().zip(materials)) {
+            let colours = self.colours(view.ray(from as f32, y as f32), step, &entries);
+            for (x, (entry, colour)) in columns.zip(entries.into_iter().zip(colours)) {
                 if entry < row.depth[x] {
                     (row.depth[x], row.shown[x]) = (entry, number);
-                    row.colour[x] = panes.over([x, y], entry, look);
+                    row.colour[x] = panes.over([x, y], entry, colour);
                 }
             }
         }
         first..after
     }
 
-    /// Where rays from the eye enter, each by a step beside the one before, in their own lengths; infinite for those
-    /// that do not.
+    /// Where eight rays from the eye, each a step beside the one before, enter the ellipsoid, in multiples
+    /// of each ray; infinite for rays that miss it.
     #[inline(always)]
     fn entries(&self, ray: Vec3, step: Vec3) -> [f32; LANES] {
-        // In units of the radii it is a sphere.
+        // In units of the radii the ellipsoid is a sphere.
         let [ray, step, centre] = [ray, step, self.centre].map(|of| (of / self.radii).to_array());
         let mut entries = [f32::INFINITY; LANES];
         for (i, entry) in entries.iter_mut().enumerate() {
             let [x, y, z] = [0, 1, 2].map(|axis| ray[axis] + step[axis] * i as f32);
             let a = x * x + y * y + z * z;
-            // Where the ray is nearest to the centre, and how near: far away no difference of squares would tell.
+            // The point of the ray nearest to the centre. A difference of squares would be too coarse
+            // far away.
             let middle = (x * centre[0] + y * centre[1] + z * centre[2]) / a;
             let [u, v, w] =
                 [centre[0] - x * middle, centre[1] - y * middle, centre[2] - z * middle];
@@ -233,13 +237,13 @@ impl<'a> Ellipsoid<'a> {
         entries
     }
 
-    /// The colours of what these rays meet.
+    /// The colours of the points where eight rays enter the ellipsoid.
     #[inline(always)]
-    fn materials(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
+    fn colours(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
         let [ray, step, centre] = [ray, step, self.centre].map(|of| of.to_array());
         let [radii, face, colour] = [self.radii, self.face, self.colour].map(|of| of.to_array());
-        let mut materials = [0; LANES];
-        for (i, (look, &t)) in materials.iter_mut().zip(entries).enumerate() {
+        let mut packed = [0; LANES];
+        for (i, (packed, &t)) in packed.iter_mut().zip(entries).enumerate() {
             let out = [0, 1, 2]
                 .map(|axis| ((ray[axis] + step[axis] * i as f32) * t - centre[axis]) / radii[axis]);
             let normal = [0, 1, 2].map(|axis| out[axis] / radii[axis]);
@@ -249,43 +253,43 @@ impl<'a> Ellipsoid<'a> {
             for channel in 0..3 {
                 let own = if is_face { FACE[channel] } else { colour[channel] };
                 let level = if own * light < 255.0 { own * light } else { 255.0 };
-                // The lowest bits of so large a number count ones, which takes less than a cast.
-                *look = *look << 8 | (level + 8_388_608.0).to_bits() & 0xff;
+                // The lowest bits of so large a number count ones; this takes less time than a cast.
+                *packed = *packed << 8 | (level + 8_388_608.0).to_bits() & 0xff;
             }
         }
-        materials
+        packed
     }
 }
 
-/// The box that figures and the feet of their names fill, when their eyes are in a box.
+/// The box that contains a figure and the lower edge of its name while its eye is in a box.
 pub(super) fn bounds(body: &Body, eyes: &Aabb) -> Aabb {
     let bounds = body.around_box(eyes);
     Aabb { max: bounds.max + Vec3::Y * NAME_ABOVE_M, ..bounds }
 }
 
-/// How many letters of a name are shown.
+/// The number of letters of a name that are shown.
 pub(super) fn letters(name: &str) -> usize {
     name.chars().take(NAME_LETTERS_MAX).count()
 }
 
-/// How many pixels, across and up or down, a name of so many letters reaches from its foot, which is
-/// no nearer than that.
+/// How many pixels a name of this many letters reaches from the middle of its lower edge, across and up
+/// or down. The edge's depth is at least `nearest` metres.
 pub(super) fn name_reach(view: &View, nearest: f32, letters: usize) -> [f32; 2] {
     if letters == 0 || nearest >= NAME_WITHIN_M {
         return [0.0; 2];
     }
     let scale = name_scale(view, nearest.max(NAME_FROM_M));
-    // Its shade, and a pixel for what is rounded.
+    // The shade of the name, and one pixel for rounding.
     let (side, more) = (text::LETTER * scale, scale + 1);
     [letters * side / 2 + more, side + more].map(|pixels| pixels as f32)
 }
 
-/// Pixels of the picture to one of a letter.
+/// The scale of a name at a depth in metres: pixels of the picture for each pixel of a letter.
 fn name_scale(view: &View, depth: f32) -> usize {
     ((view.focal() * 0.012 / depth).round() as usize).clamp(1, 3)
 }
 
-/// Writes the name above the head.
+/// Writes the name of a figure above its head.
 fn name(frame: &mut Frame, view: &View, figure: &AvatarFigure) {
     let above = figure.pose.eye + Vec3::Y * (figure.body.above_eye + NAME_ABOVE_M);
     let at = view.project(above);
@@ -356,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_behind_others_in_all_pixels_is_not_seen() {
+    fn a_figure_behind_others_in_all_pixels_is_not_seen() {
         let camera = Camera { eye: Vec3::Y * 1.6, yaw: 0.0, pitch: -0.8, fov_y: Camera::FOV_Y };
         let eyes = [Vec3::new(0.0, 2.1, -3.0), Vec3::new(0.0, 1.6, -2.6)];
         let both = eyes.map(|eye| AvatarFigure { name: "", ..figure(eye, [9; 3]) });
@@ -366,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_far_away_has_no_holes_and_is_no_nearer() {
+    fn a_far_figure_has_no_holes_and_is_no_nearer() {
         let mut frame = Frame::new(1200, 900);
         let eye = Vec3::new(31.0, 1.6, -400.0);
         let narrow = Camera { fov_y: 0.03, ..Camera::looking_at(Vec3::Y, eye) };
@@ -378,7 +382,7 @@ mod tests {
         let nearest = view.depth(around.centre()) - view.depth_reach(around.size() * 0.5);
         for row in frame.depth.chunks(1200) {
             assert!(row.iter().all(|depth| *depth >= nearest - 1e-3));
-            // The head's sides are beside the trunk's nowhere: one run of pixels in each row.
+            // The head is nowhere beside the trunk, so each row has one run of pixels.
             let edges = row.windows(2).filter(|two| two[0].is_finite() != two[1].is_finite());
             assert!(edges.count() <= 2);
         }

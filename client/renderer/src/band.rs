@@ -7,13 +7,15 @@ use super::{
     view::BandView,
 };
 
-/// Pixels of a block.
-/// Rows that are drawn together: whole blocks.
+/// The number of pixels in a block.
+/// The number of rows of a band: whole blocks.
 pub(super) const BAND_ROWS: usize = 136;
+
+const _: () = assert!(BAND_ROWS.is_multiple_of(BLOCK));
 
 const PIXELS: usize = BLOCK * BLOCK;
 
-/// For each byte its bits apart.
+/// The bits of each byte, one by one.
 const LINES_WANTED: [[u8; BLOCK]; 256] = {
     let mut lines = [[0; BLOCK]; 256];
     let mut i = 0;
@@ -30,22 +32,23 @@ pub(super) struct Band {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) mask: Mask,
-    /// The index of the looks that each pixel of a block shows, where it is written.
+    /// The material that each pixel of a block shows, where it is written.
     pub(super) material_ids: Vec<[u16; PIXELS]>,
-    /// Likewise how far away that is.
+    /// The depth of what each pixel shows in metres, where it is written.
     pub(super) depths: Vec<[f32; PIXELS]>,
-    /// Pixels with glass in front.
+    /// The pixels of each block that have glass in front, as masks.
     pub(super) tinted: Vec<u64>,
-    /// The looks of that glass, and how far away it is.
+    /// The material of the glass in front of each pixel, and its depth.
     pub(super) glass: Vec<[u16; PIXELS]>,
     pub(super) glass_depths: Vec<[f32; PIXELS]>,
-    /// How many pixels were written.
+    /// The number of pixels written.
     pub(super) pixels: u64,
 }
 
 impl Band {
-    /// Begins a band of this size.
+    /// Begins a band of this size in which nothing is written.
     pub(super) fn clear(&mut self, width: usize, height: usize) {
+        assert!(height <= BAND_ROWS, "{height} rows");
         (self.width, self.height) = (width, height);
         self.mask.clear(width, height);
         let blocks = width.div_ceil(BLOCK) * height.div_ceil(BLOCK);
@@ -58,8 +61,8 @@ impl Band {
         self.pixels = 0;
     }
 
-    /// Columns and rows, the ends not included, without what lies outside; none when nothing is
-    /// left.
+    /// The part of some columns and rows that lies in the band; none when it is empty. The second of
+    /// each two numbers lies outside.
     #[inline(always)]
     pub(super) fn clip(&self, [columns, rows]: [[i32; 2]; 2]) -> Option<Area> {
         let [left, right] = [columns[0].max(0), columns[1].min(self.width as i32)];
@@ -72,7 +75,7 @@ impl Band {
         })
     }
 
-    /// Writes the pixels of an area within an outline.
+    /// Writes the pixels of an area that are within an outline and open. Glass tints them instead.
     #[inline(always)]
     pub(super) fn fill(
         &mut self,
@@ -100,8 +103,8 @@ impl Band {
         }
     }
 
-    /// Writes the pixels of an area that see a layer of voxels, whose looks these are; of glass, puts it in front of those
-    /// that have none yet.
+    /// Writes the open pixels of an area that show a layer of voxels with these materials. A layer of
+    /// glass is put in front of those that have no glass yet.
     #[inline(always)]
     pub(super) fn fill_layer<const GLASS: bool>(
         &mut self,
@@ -130,7 +133,7 @@ impl Band {
                     let (voxels, line_depths) =
                         layer.voxels(view, [column * BLOCK, row * BLOCK + y], &wanted);
                     let line_ids = voxels.map(|voxel| material_ids[voxel as usize]);
-                    // All pixels of the line, without a branch.
+                    // All pixels of the line are assigned, so that there is no branch.
                     for x in 0..BLOCK {
                         let pixel = BLOCK * y + x;
                         let is_wanted = wanted[x] != 0;
@@ -148,6 +151,7 @@ impl Band {
         }
     }
 
+    /// Writes pixels of a block that are open.
     #[inline(always)]
     fn write(&mut self, block: usize, pixels: u64, material_id: u16, depth: f32) {
         if pixels == !0 {
@@ -164,7 +168,7 @@ impl Band {
         self.mask.cover(block, pixels);
     }
 
-    /// Puts glass in front of pixels that have none yet.
+    /// Puts glass in front of those pixels of a block that have none yet.
     #[inline(never)]
     pub(super) fn tint(&mut self, block: usize, pixels: u64, material_id: u16, depth: f32) {
         for pixel in bits(pixels & !self.tinted[block]) {

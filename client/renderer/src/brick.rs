@@ -1,8 +1,9 @@
-//! The last two levels in orthogonal mode: 4 × 4 × 4 cells, drawn pixel by pixel.
+//! Bricks: the last two levels in orthogonal mode, 4 × 4 × 4 cells, drawn pixel by pixel.
 //!
-//! Look-ups tell which cells a line of sight may meet (see [`lines`](super::lines)): some too many, since
-//! the look-ups are rounded and perspective inside of the brick is left out. The first of them, in the order
-//! in which lines of sight meet cells, is tested exactly, eight pixels at a time; where it is not met the others are.
+//! Look-ups give the cells that a line of sight may meet (see [`lines`](super::lines)). These are some
+//! too many, because the look-ups are rounded and leave out perspective inside of the brick. The
+//! first cell, in the order in which a line of sight meets them, is tested exactly, eight pixels at a
+//! time. Where it is not met, the next ones are tested.
 
 use glam::{Vec2, Vec3A, Vec3Swizzles, Vec4};
 use sightline_world::octree::{InnerNode, Octree};
@@ -15,19 +16,20 @@ use super::{
     view::BandView,
 };
 
-/// What a brick needs to be drawn with.
+/// What drawing a brick needs.
 pub(super) struct Bricks<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) form: &'a BrickForm,
-    /// The first look that is glass.
+    /// The first material that is glass.
     pub(super) glass_from: usize,
-    /// Whether cells are voxels.
+    /// Whether cells are voxels, and not inner nodes.
     pub(super) leaves: bool,
 }
 
 impl Bricks<'_> {
-    /// Draws the cells of a brick: each open pixel shows the first of them that the line of sight meets.
+    /// Draws the cells of a brick: each open pixel of an area shows the first cell that its line of
+    /// sight meets.
     #[inline(always)]
     pub(super) fn draw<const GLASS: bool>(&self, band: &mut Band, brick: &Brick, area: &Area) {
         let [columns, rows] = area.blocks();
@@ -95,7 +97,8 @@ impl Bricks<'_> {
         }
     }
 
-    /// Draws a pixel that meets cells, nearest first, and tells whether it is written.
+    /// Draws a pixel whose line of sight meets these cells, nearest first. Returns the pixel's bit if it
+    /// is written, else zero.
     fn draw_sorted(
         &self,
         band: &mut Band,
@@ -117,7 +120,7 @@ impl Bricks<'_> {
     }
 }
 
-/// The lines of sight of eight pixels in a row, mirrored as the cells of a brick are.
+/// The lines of sight of eight pixels in a row, mirrored like the cells of a brick.
 struct RayRow {
     rays: [[f32; BLOCK]; 3],
 }
@@ -141,31 +144,33 @@ impl RayRow {
     }
 }
 
-/// The cells of a node, two levels below.
+/// The cells two levels below a node.
 pub(super) struct Brick {
-    /// Which are there, in mirrored order.
+    /// Which cells are there: a bit for each, in mirrored order.
     cells: u64,
-    /// For each octant, in mirrored order, the index of its first cell.
+    /// The index of the first cell of each octant. The octants are in mirrored order.
     firsts: [u32; 8],
-    /// Likewise which cells it has, not mirrored.
+    /// Which cells each octant has. The octants are in mirrored order, the bits are not mirrored.
     masks: [u8; 8],
+    /// Which axes are mirrored: a bit for each.
     flip: usize,
     /// Whether any cell is glass.
     pub(super) some_glass: bool,
-    /// Whether the eye is between two opposite sides, so that lines of sight go both ways along an axis and meet cells
-    /// in another order than theirs.
+    /// Whether the eye is between two opposite sides. Lines of sight then go both ways along an axis
+    /// and do not meet cells in ascending order.
     beside_eye: bool,
-    /// Where the centre is seen, and its depth.
+    /// Where the brick's centre is seen, in pixels.
     middle: Vec2,
+    /// The depth of the brick's centre, in metres.
     depth: f32,
-    /// What mirrors.
+    /// The factors that mirror coordinates.
     sign: Vec3A,
-    /// The corner of the first cell, relative to the eye and mirrored: no coordinate of any cell's is negative, unless the
-    /// eye is beside the brick.
+    /// The least corner of the first cell, relative to the eye and mirrored. No cell has a negative
+    /// coordinate, unless the eye is beside the brick.
     low: Vec3A,
-    /// From a cell to the next.
+    /// The distance from a cell to the next, in metres.
     step: f32,
-    /// The edge of a cell, drawn larger by a seam.
+    /// The edge of a cell with its seam, in metres.
     edge: f32,
 }
 
@@ -209,8 +214,9 @@ impl Brick {
         brick
     }
 
-    /// Whether each line of sight meets the cell that is asked for. All of what a line of sight has before it in the brick lies
-    /// in the same direction along each axis, so that two stretches between planes have a point in common when two products tell.
+    /// Whether the line of sight of each pixel meets the cell that is given for it. Lines of sight go
+    /// upwards along each axis, so two products tell whether two stretches between planes have a point
+    /// in common.
     #[inline(always)]
     fn meets(&self, sight: &RayRow, cells: &[u32; BLOCK]) -> [bool; BLOCK] {
         let mut low = [[0.0; BLOCK]; 3];
@@ -240,15 +246,16 @@ impl Brick {
         (before & (low.yzx() * ray).cmple(high * ray.yzx())).all()
     }
 
-    /// The corner of a cell, mirrored.
+    /// The least corner of a cell, mirrored.
     #[inline(always)]
     fn corner(&self, cell: u32) -> Vec3A {
         self.low + Vec3A::new(place(cell, 0), place(cell, 1), place(cell, 2)) * self.step
     }
 
-    /// The cells that a line of sight meets, of those that it may meet, nearest first.
+    /// Those of the given cells that a line of sight meets, nearest first, each with the place where the
+    /// line enters it.
     fn sorted(&self, sight: &RayRow, x: usize, met: u64) -> Vec<(f32, u8)> {
-        // What is added changes nothing but a zero, whose inverse would be of no use.
+        // The summand changes nothing but a zero, whose inverse would be infinite.
         let inverse = (sight.ray(x) + 1.0e-20).recip();
         let met = bits(met).filter_map(|cell| {
             let low = self.corner(cell as u32);
@@ -261,35 +268,37 @@ impl Brick {
         sorted
     }
 
-    /// The looks of a cell that is there.
+    /// The material of a cell that is there.
     #[inline(always)]
     fn material_id(&self, octree: &Octree, cell: usize, leaves: bool) -> u16 {
         let index = self.index(cell);
         if leaves { octree.leaves[index] } else { octree.inner[index].material }
     }
 
-    /// The index of a cell that is there.
+    /// The index of a cell that is there, among the leaves or the inner nodes.
     #[inline(always)]
     fn index(&self, cell: usize) -> usize {
+        debug_assert!(self.cells >> cell & 1 == 1, "cell {cell} is not there");
         let place = cell >> 3 & 7;
         let before = self.masks[place] & ((1u8 << ((cell ^ self.flip) & 7)) - 1);
         self.firsts[place] as usize + before.count_ones() as usize
     }
 }
 
-/// Whether the eye is between the planes of two opposite sides of a cube.
+/// Whether the eye is between the planes of two opposite sides of a cube, whose centre is relative to
+/// the eye.
 #[inline(always)]
 pub(super) fn is_beside_eye(centre: Vec4, half: f32) -> bool {
     Vec3A::from_vec4(centre).abs().cmple(Vec3A::splat(half)).any()
 }
 
-/// Where a cell lies along an axis, from 0 to 3.
+/// The place of a cell along an axis, from 0 to 3.
 #[inline(always)]
 fn place(cell: u32, axis: usize) -> f32 {
     ((cell >> axis & 1) + (cell >> (axis + 2) & 2)) as f32
 }
 
-/// Mirrors the order of the bits in each byte, which are cells of an octant.
+/// Mirrors the order of the bits in each byte. A byte has the cells of an octant.
 #[inline(always)]
 fn mirrored(mut cells: u64, flip: u8) -> u64 {
     if flip & 1 != 0 {

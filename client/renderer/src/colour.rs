@@ -5,15 +5,16 @@ use sightline_world::octree::Material;
 
 use super::mask::BLOCK;
 
-/// For what brings no light of its own, as movers and figures do, two lamps that never move, and how strong they are: every
-/// side of a box looks different.
+/// Two fixed lamps and their strengths, for what has no baked light: movers and figures. With them
+/// every side of a box has a different colour.
 const LAMPS: [(Vec3, f32); 2] =
     [(Vec3::new(0.48, 0.82, 0.31), 0.38), (Vec3::new(-0.55, 0.08, -0.83), 0.28)];
 
-/// What reaches every surface.
+/// The light that reaches every surface.
 const AMBIENT: f32 = 0.62;
 
-/// What is far takes on the colour of the air, by half at this many metres.
+/// How fast far surfaces take on the colour of the air: at a distance of d metres its share is the
+/// square of d / (d + `HAZE_M`).
 const HAZE_M: f32 = 160.0;
 
 const HORIZON: Vec3 = Vec3::new(214.0, 224.0, 232.0);
@@ -22,20 +23,20 @@ const HORIZON_COLOUR: u32 = 0x00d6_e0e8;
 const ZENITH: Vec3 = Vec3::new(108.0, 156.0, 214.0);
 const GROUND: Vec3 = Vec3::new(132.0, 128.0, 122.0);
 
-/// How much of a pane's colour covers what is behind.
+/// The share of a pane's colour in what is seen through it.
 const GLASS_SHARE: f32 = 0.3;
 
-/// A look, as 0x00RRGGBB: the light is in it.
-pub(super) fn of_material(look: &Material) -> u32 {
-    let [r, g, b] = look.colour;
+/// The colour of a material as 0x00RRGGBB. The light is baked into it.
+pub(super) fn of_material(material: &Material) -> u32 {
+    let [r, g, b] = material.colour;
     u32::from_be_bytes([0, r, g, b])
 }
 
-/// A colour behind so many metres of air.
+/// A colour as 0x00RRGGBB, seen through this many metres of air.
 #[inline(always)]
 pub(super) fn hazed(colour: u32, distance: f32) -> u32 {
     let share = distance / (HAZE_M + distance);
-    // The lowest bits of so large a number count ones, which takes less than a cast.
+    // The lowest bits of so large a number count ones; this takes less time than a cast.
     let share = (share * share * 256.0 + 8_388_608.0).to_bits() & 0x1ff;
     let mix = |mask: u32| {
         let (from, to) = (colour >> 8 & mask, HORIZON_COLOUR >> 8 & mask);
@@ -48,20 +49,22 @@ pub(super) fn hazed(colour: u32, distance: f32) -> u32 {
     (mix(0x0000_00ff) & 0x0000_ff00) | low(0x00ff_00ff)
 }
 
-/// A colour in the light and behind the air, as 0x00RRGGBB. `along` points from the eye to it.
+/// The colour of a lit surface seen through air, as 0x00RRGGBB. `along` leads from the eye to the
+/// surface, in metres.
 pub(super) fn lit(colour: Vec3, normal: Vec3, along: Vec3) -> u32 {
     let colour = colour * light(normal, along);
     let haze = along.length() / (along.length() + HAZE_M);
     pack(colour.lerp(HORIZON, haze * haze))
 }
 
-/// The light on a surface, whichever side of it faces the eye.
+/// The light on a surface, on the side that faces the eye.
 pub(super) fn light(normal: Vec3, along: Vec3) -> f32 {
     let normal = if normal.dot(along) > 0.0 { -normal } else { normal };
     light_outside(normal.to_array(), 1.0)
 }
 
-/// The light on what is seen from outside, by a vector along its normal and the inverse of the vector's length.
+/// The light on a surface that is seen from outside. `normal` points along its normal, and `scale` is
+/// one over the length of `normal`.
 #[inline(always)]
 pub(super) fn light_outside(normal: [f32; 3], scale: f32) -> f32 {
     let mut light = AMBIENT;
@@ -72,7 +75,7 @@ pub(super) fn light_outside(normal: [f32; 3], scale: f32) -> f32 {
     light
 }
 
-/// The sky along some lines of sight, each by so much beside the one before.
+/// The colours of the sky along eight lines of sight, each `step` beside the one before.
 #[inline(always)]
 pub(super) fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
     let (toward_zenith, toward_ground) = (ZENITH - HORIZON, GROUND - HORIZON);
@@ -83,7 +86,7 @@ pub(super) fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
         let share = height.abs().sqrt();
         for channel in 0..3 {
             let toward = if height > 0.0 { toward_zenith[channel] } else { toward_ground[channel] };
-            // The lowest bits of so large a number count ones, which takes less than a cast.
+            // The lowest bits of so large a number count ones; this takes less time than a cast.
             let level = (HORIZON[channel] + toward * share + 8_388_608.0).to_bits() & 0xff;
             *colour = *colour << 8 | level;
         }
@@ -91,17 +94,18 @@ pub(super) fn sky_line(first: Vec3A, step: Vec3A) -> [u32; BLOCK] {
     colours
 }
 
-/// The sky along a line of sight.
+/// The colour of the sky along a line of sight.
 #[cfg(test)]
 pub(super) fn sky(ray: Vec3) -> u32 {
     sky_line(ray.into(), Vec3A::ZERO)[0]
 }
 
-/// What is seen through a pane.
+/// A colour seen through a pane of another colour.
 pub(super) fn through_glass(behind: u32, glass: u32) -> u32 {
     pack(unpack(behind).lerp(unpack(glass), GLASS_SHARE))
 }
 
+/// A colour with channels from 0 to 255, as 0x00RRGGBB. Channels saturate.
 pub(super) fn pack(colour: Vec3) -> u32 {
     let [r, g, b] = colour.to_array().map(|channel| channel as u8);
     u32::from_be_bytes([0, r, g, b])

@@ -1,18 +1,20 @@
-//! Orthogonal mode: the form pattern of a node, from which those below it are placed without any
-//! projection.
+//! The form pattern of a node, by which nodes below it are placed without projection (Dell 2012,
+//! Figs. 20 to 22).
 //!
-//! Were there no perspective inside of a node, all its octants would look alike: the same
-//! hexagon, half as large. Their places follow from the node's own by halving offsets, which is
-//! a shift, and adding. What is e times deeper than the node's centre is seen nearer to it by 1 / (1 + e), for
-//! which (1 - e) (1 + e²) (1 + e⁴) stands: so places are right but for e⁸, and sizes but for e.
+//! Without perspective inside of a node, all its octants look alike: the same hexagon, half as
+//! large. Their places follow from the node's own by adding offsets, which a shift halves from level
+//! to level. A point deeper than the node's centre by a share e of its depth is seen nearer to the
+//! centre, by the factor 1 / (1 + e). The product (1 - e) (1 + e²) (1 + e⁴) stands for it, so places
+//! are right to the order of e⁸, and sizes to the order of e.
 //!
 //! **Precision.** Places are in pixels with 16 fractional bits. An offset is rounded once and then
-//! shifted, so each level errs by less than 2⁻¹⁵ pixels; sixteen levels make 2⁻¹¹ at most, and half a
-//! pixel is far away. A picture is at most 8,192 pixels wide: what is drawn fits into 31 bits.
+//! shifted, so each level errs by less than 2⁻¹⁵ pixels. Sixteen levels err by at most 2⁻¹¹, far
+//! less than half a pixel. A picture is at most 8,192 pixels wide, so places fit into 31 bits.
 
 use glam::{Vec2, Vec3A, Vec4};
 
 use super::{
+    SIDE_MAX,
     lines::{CellRow, ENTRIES, FIRST, Lines, PLACES, PLANES},
     margins::SPARE_PX,
     view::BandView,
@@ -21,7 +23,9 @@ use super::{
 /// Fractional bits of places in pixels.
 pub(super) const FRACTION: u32 = 16;
 
-/// A place in the picture: pixels with [`FRACTION`] bits.
+const _: () = assert!(SIDE_MAX < 1 << (30 - FRACTION), "places fit into 31 bits");
+
+/// A place in the picture: pixels with [`FRACTION`] fractional bits.
 pub(super) type ScreenPoint = [i32; 2];
 
 #[inline(always)]
@@ -29,43 +33,48 @@ fn fixed(pixels: Vec2) -> ScreenPoint {
     pixels.to_array().map(|part| (part * (1 << FRACTION) as f32) as i32)
 }
 
-/// What all nodes below one have in common.
+/// The form pattern of a node: what all nodes below it have in common.
 pub(super) struct Form {
-    /// Of the form's own node.
+    /// The level of the form's own node.
     pub(super) level: u8,
-    /// Where the centre is seen, and one over its depth.
+    /// Where the node's centre is seen, in pixels.
     middle: Vec2,
+    /// One over the depth of the node's centre.
     depth_inverse: f32,
-    /// The bounding box's size.
+    /// The size of the bounding box.
     size: ScreenPoint,
-    /// From the bounding box's corner to those of the octants.
+    /// From the least corner of the bounding box to those of the octants.
     octants: [ScreenPoint; 8],
-    /// From the centre to those of the octants, in metres; the last is how much deeper they lie.
+    /// From the node's centre to those of the octants, in metres. The last number is how much deeper
+    /// they lie.
     octants_centres: [Vec4; 8],
     /// Half the edge, in metres.
     pub(super) half: f32,
     /// The longest edge, in pixels.
     edge_px: f32,
-    /// Half the bounding box, and more by what perspective inside makes of it.
+    /// Half the size of the bounding box, and what perspective inside may add to it, in pixels.
     reach: Vec2,
 }
 
-/// A node in the orthogonal mode: the index, how many levels below the form's own node, the
-/// bounding box's corner, and the centre relative to the eye with its depth.
+/// A node in orthogonal mode.
 #[derive(Clone, Copy, Default)]
 pub(super) struct OrthoNode {
+    /// The index among the inner nodes, or among the leaves at the octree's depth.
     pub(super) index: u32,
+    /// How many levels it is below the form's own node.
     pub(super) below: u32,
-    /// Whether the form is a fine one.
+    /// Whether its form is a fine one.
     pub(super) fine: bool,
-    /// Whether nothing is before it.
+    /// Whether nothing is in front of the node.
     pub(super) unoccluded: bool,
+    /// The least corner of the bounding box in the picture.
     pub(super) at: ScreenPoint,
+    /// The centre relative to the eye in metres, and its depth.
     pub(super) centre: Vec4,
 }
 
 impl Form {
-    /// The form of a node, and its own place.
+    /// The form of a node whose centre is seen at `middle`, and the node itself in orthogonal mode.
     #[inline(always)]
     pub(super) fn new(
         view: &BandView,
@@ -114,13 +123,13 @@ impl Form {
         [0, 1].map(|axis| [low[axis].ceil() as i32, (high[axis].floor() as i32).saturating_add(1)])
     }
 
-    /// How long the longest edge of a cell so many levels below looks, in pixels.
+    /// The longest edge of a node so many levels below, in pixels.
     #[inline(always)]
     pub(super) fn cell_px(&self, levels: u32) -> f32 {
         self.edge_px * halved(levels)
     }
 
-    /// Where the centre of a node is seen.
+    /// Where the centre of a node is seen, corrected for perspective.
     #[inline(always)]
     pub(super) fn middle(&self, node: &OrthoNode) -> Vec2 {
         let unit = 1.0 / (1 << FRACTION) as f32;
@@ -133,7 +142,7 @@ impl Form {
         self.middle + (Vec2::from(middle) - self.middle) * nearer
     }
 
-    /// The place of a node's octant.
+    /// An octant of a node, by the octant's own index.
     #[inline(always)]
     pub(super) fn octant(&self, node: &OrthoNode, octant: usize, index: u32) -> OrthoNode {
         let offset = self.octants[octant];
@@ -148,26 +157,28 @@ impl Form {
     }
 }
 
-/// Two to the power of minus so many.
+/// Two to the power of `-times`.
 #[inline(always)]
 pub(super) fn halved(times: u32) -> f32 {
+    debug_assert!(times < 127, "{times} levels");
     f32::from_bits((127 - times) << 23)
 }
 
-/// What edges along the axes add to places, for the line of sight through a pixel and a scale.
+/// How far edges along the axes reach in the picture, in pixels, for edges at a point that is seen at
+/// `from` and has `scale` as the ratio of edge to depth.
 #[inline(always)]
 fn edges(view: &BandView, from: Vec2, scale: f32) -> [Vec2; 3] {
     view.axes.map(|step| (Vec2::new(step.x, step.y) - from * step.z) * scale)
 }
 
-/// By how much depths differ from a centre's at most, relatively, when they reach so far.
+/// By which share of it depths differ from a centre's at most, when they reach so far from it.
 #[inline(always)]
 fn deviation(reach: f32, depth: f32) -> f32 {
     reach / (depth - reach).max(f32::MIN_POSITIVE)
 }
 
-/// A direction turned by a thousandth where it lies in a plane of two axes, so that no cube is seen
-/// exactly along a side.
+/// A direction, turned by a thousandth where it lies in a plane of two axes. So no cube is seen
+/// exactly along one of its sides.
 #[inline(always)]
 fn inclined(direction: Vec3A) -> Vec3A {
     let least = Vec3A::splat(direction.abs().max_element() * 1.0e-3);
@@ -175,33 +186,34 @@ fn inclined(direction: Vec3A) -> Vec3A {
     direction.abs().max(least) * signs
 }
 
-/// How bricks of 4 × 4 × 4 cells below a form look: which cells a pixel's line of sight may meet.
+/// The form of bricks of 4 × 4 × 4 cells: which cells the line of sight through a pixel may meet.
 pub(super) struct BrickForm {
-    /// Which axes are mirrored so that lines of sight go upwards along all.
+    /// Which axes are mirrored so that lines of sight go upwards along all: a bit for each.
     pub(super) flip: u8,
-    /// Those of the lines' slope, for each of [`PLANES`].
+    /// The rows of the look-up table for the slope of the lines, one for each of [`PLANES`].
     pub(super) rows: [&'static CellRow; 3],
-    /// Places for each pixel to the right and downwards.
+    /// By how many entries of a row lines differ from pixel to pixel, to the right and downwards.
     across: [f32; 3],
     down: [f32; 3],
-    /// The place of a line through the brick's centre.
+    /// The entry of a line through the brick's centre.
     start: [f32; 3],
-    /// Places from the first pixel of a block to others, with [`FRACTION`] bits.
+    /// Entries from the first pixel of a line to the others, with [`FRACTION`] fractional bits.
     steps: [[i32; 8]; 3],
     steps_down: [i32; 3],
-    /// How much deeper than the brick's centre those of octants lie.
+    /// How much deeper than the brick's centre the octants' centres lie, in metres.
     octants_deeper: [f32; 8],
-    /// How much deeper than an octant's centre those of its cells lie.
+    /// How much deeper than an octant's centre its cells' centres lie, in metres.
     cells_deeper: [f32; 8],
 }
 
 impl BrickForm {
-    /// The form of the bricks whose cells are so many levels below a node, in which depths differ little.
+    /// The form of the bricks whose cells are `levels` below a node in which depths differ little.
     ///
-    /// **What may be missed.** A brick's centre is placed right ([`Form::middle`]); what lies in the brick is moved by
-    /// perspective that is left out. In the node, whose centre is seen in the `middle`, depths differ from the centre's by ε at most, relatively, and so does the
-    /// direction of sight: each moves what is in the brick by ε times half the brick's size in the picture. The look-ups are
-    /// made with a margin of both.
+    /// **Margin.** A brick's centre is placed exactly ([`Form::middle`]). Its cells are moved by the
+    /// perspective that is left out. In the node, whose centre is seen at `middle`, depths differ from
+    /// the centre's by a share ε at most, and so does the direction of sight. Each of the two moves a
+    /// cell by at most ε times half the brick's size in the picture. The look-ups have a margin of
+    /// both, so no cell is missed.
     #[inline(always)]
     pub(super) fn new(view: &BandView, half: f32, centre: Vec4, middle: Vec2, levels: u32) -> Self {
         let towards = inclined(Vec3A::from_vec4(centre));
@@ -226,7 +238,7 @@ impl BrickForm {
             let third = cells[3 - first - second];
             let (along, up) = (share[first] * sign, share[second] * sign);
             let both = (along + up).max(f32::MIN_POSITIVE);
-            // The grid is 4 · both wide.
+            // The grid is four times as wide as `both`.
             margin = margin.max((slack.x * third.y.abs() + slack.y * third.x.abs()) / both);
             let per_unit = (PLACES / 4) as f32 * sign / both;
             (across[plane], down[plane]) = (third.y * per_unit, -third.x * per_unit);
@@ -252,13 +264,14 @@ impl BrickForm {
         }
     }
 
-    /// How much deeper than the brick's centre a cell's lies.
+    /// How much deeper than the brick's centre a cell's centre lies, in metres.
     #[inline(always)]
     pub(super) fn deeper(&self, cell: usize) -> f32 {
         self.octants_deeper[cell >> 3 & 7] + self.cells_deeper[cell & 7]
     }
 
-    /// Where, in the rows, the line of sight through a block's first pixel lies, for a brick with its centre there.
+    /// The entries of the rows for the line of sight through the first pixel of a block, for a brick
+    /// whose centre is seen at `middle`.
     #[inline(always)]
     pub(super) fn places(&self, middle: Vec2, block: [usize; 2]) -> [i32; 3] {
         let [x, y] = [block[0] as f32 - middle.x, block[1] as f32 - middle.y];
@@ -266,14 +279,14 @@ impl BrickForm {
             .map(|plane| whole(x * self.across[plane] + y * self.down[plane] + self.start[plane]))
     }
 
-    /// The places of a line of pixels further down.
+    /// The entries for the first pixel of a line, `y` lines further down.
     #[inline(always)]
     pub(super) fn line(&self, places: [i32; 3], y: usize) -> [i32; 3] {
         [0, 1, 2]
             .map(|plane| places[plane].wrapping_add(self.steps_down[plane].wrapping_mul(y as i32)))
     }
 
-    /// The cells that the line of sight through a pixel of a line meets.
+    /// The cells that the line of sight through a pixel of a line may meet: a bit for each.
     #[inline(always)]
     pub(super) fn cells(&self, line: [i32; 3], x: usize) -> u64 {
         let cells = |plane: usize| {
@@ -284,7 +297,7 @@ impl BrickForm {
     }
 }
 
-/// A number with [`FRACTION`] bits.
+/// A number with [`FRACTION`] fractional bits. It saturates where it does not fit.
 #[inline(always)]
 pub(super) fn whole(number: f32) -> i32 {
     (number * (1 << FRACTION) as f32) as i32

@@ -1,30 +1,30 @@
-//! The outline of a box in perspective, exactly: the lines of sight that meet it.
+//! The exact outline of a box in perspective: the pixels whose lines of sight meet it.
 //!
 //! As in [`lines`](super::lines), a line of sight meets a box when it does so as seen along each
-//! axis. Seen along an axis the box is a rectangle, and the lines of sight from the eye that meet it
-//! lie between those to two of its corners; the eye may be inside, and then all do. So there are at
-//! most six bounds, and each is linear in the pixel. Nothing is clipped, and the box may lie behind
-//! the eye in part.
+//! axis. Seen along an axis the box is a rectangle, and the lines of sight that meet it lie between
+//! those to two of its corners. Where the eye is inside of the rectangle all lines of sight meet it. So
+//! there are at most six bounds, and each is linear in the pixel. Nothing is clipped, and part of
+//! the box may lie behind the eye.
 
 use glam::Vec3A;
 
 use super::{mask::Area, mask::BLOCK, view::BandView};
 
-/// A bound that changes less from one column to the next holds for all of a row or none.
+/// A bound that changes less from column to column holds for a whole row or for none of it.
 const LEVEL: f32 = 1.0e-15;
 
-/// What is left of a picture's rows between the bounds.
+/// The outline of a box: the pixels between some bounds.
 pub(super) struct Hull {
-    /// Below them lie no columns of a row.
+    /// Bounds on the left: pixels lie at no lower column.
     lefts: Bounds,
-    /// Likewise above.
+    /// Bounds on the right: pixels lie at no higher column.
     rights: Bounds,
 }
 
-/// Some lines: x · `across` + y · `down` + `start` is zero on them.
+/// Lines in the picture, on which x · `across` + y · `down` + `start` is zero.
 struct Bounds {
     count: usize,
-    /// -1 / `across`.
+    /// -1 / `across` of each line.
     inverse: [f32; 6],
     down: [f32; 6],
     start: [f32; 6],
@@ -41,16 +41,18 @@ impl Bounds {
 }
 
 impl Hull {
-    /// The outline of a box, given by its corners relative to the eye, which is outside.
+    /// The outline of a box, given by its least and greatest corner relative to the eye. The eye is
+    /// outside of the box.
     #[inline(always)]
     pub(super) fn new(view: &BandView, low: Vec3A, high: Vec3A) -> Self {
+        debug_assert!(!low.cmpgt(high).any(), "{low} above {high}");
         let mut hull = Self { lefts: Bounds::NONE, rights: Bounds::NONE };
         for [a, b] in [[0, 1], [1, 2], [2, 0]] {
             let Some([first, last]) = tangents([low[a], high[a]], [low[b], high[b]]) else {
                 continue;
             };
             for (corner, sign) in [(first, 1.0), (last, -1.0)] {
-                // The product of the corner and the line of sight, which is linear in the pixel.
+                // The cross product of the corner and the line of sight is linear in the pixel.
                 let product = |ray: Vec3A| (corner[0] * ray[b] - corner[1] * ray[a]) * sign;
                 let (across, down) = (product(view.ray_step[0]), product(view.ray_step[1]));
                 hull.bound(across, down, product(view.first_ray));
@@ -59,7 +61,7 @@ impl Hull {
         hull
     }
 
-    /// Leaves the pixels for which `across` · x + `down` · y + `start` is not negative.
+    /// Keeps the pixels for which `across` · x + `down` · y + `start` is not negative.
     #[inline(always)]
     fn bound(&mut self, across: f32, down: f32, start: f32) {
         let (to, across) = if across > LEVEL {
@@ -72,7 +74,7 @@ impl Hull {
         to.count += 1;
     }
 
-    /// The pixels of an area that are inside, in a row of blocks.
+    /// The pixels of an area that are inside of the outline, in a row of blocks.
     #[inline(always)]
     pub(super) fn rows(&self, area: &Area, row: usize) -> Ends {
         let first = (row * BLOCK) as f32;
@@ -94,7 +96,7 @@ impl Hull {
         let bottom = area.bottom as i32 - (row * BLOCK) as i32;
         let mut ends = Ends { left: [0; BLOCK], end: [0; BLOCK] };
         for y in 0..BLOCK {
-            // What lies far outside is held to the area: none of it is left then.
+            // Columns far outside are held to the area, where none of the row is left.
             let far = area.right as f32;
             let from = if left[y] < far { left[y] } else { far };
             let to = if right[y] > -1.0 { right[y] } else { -1.0 };
@@ -106,14 +108,14 @@ impl Hull {
     }
 }
 
-/// Columns of some rows of pixels: the first, and the one after the last.
+/// The columns of eight rows of pixels: the first, and the one after the last.
 pub(super) struct Ends {
     left: [i32; BLOCK],
     end: [i32; BLOCK],
 }
 
 impl Ends {
-    /// The mask of a block at a column.
+    /// The pixels in the block at a column of blocks, as a mask.
     #[inline(always)]
     pub(super) fn word(&self, column: usize) -> u64 {
         let x = (column * BLOCK) as i32;
@@ -126,8 +128,8 @@ impl Ends {
     }
 }
 
-/// Of a rectangle, given by its ends along two axes, the corners between which it is seen from the
-/// origin, anticlockwise; none when the origin is inside.
+/// The two corners between which a rectangle is seen from the origin, anticlockwise; none when the
+/// origin is inside. The rectangle is given by its ends along two axes.
 #[inline(always)]
 fn tangents([a0, a1]: [f32; 2], [b0, b1]: [f32; 2]) -> Option<[[f32; 2]; 2]> {
     let side = |low: f32, high: f32| i32::from(low > 0.0) - i32::from(high < 0.0);
@@ -190,7 +192,7 @@ mod tests {
                     }
                 }
             }
-            // On an edge the two may differ.
+            // Pixels on an edge may differ.
             prop_assert!(differ <= 4, "{differ} pixels");
         }
     }

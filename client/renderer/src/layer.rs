@@ -1,50 +1,58 @@
-//! A whole layer of voxels: which of them a pixel sees is arithmetic.
+//! A whole layer of voxels, drawn at once: which voxel a pixel shows follows by arithmetic.
 //!
-//! The layer is what it is, a box one voxel thick. A line of sight that comes in through the side
-//! towards the eye sees the voxel where it meets that side's plane: two quotients of numbers that are linear in the
-//! pixel. One that comes in through a narrow side sees the voxel where it comes in. So both modes
-//! of the renderer show the same voxel, and a layer of any size is drawn at once, however near it is.
+//! A layer is a box one voxel thick. A line of sight that enters through the side towards the eye
+//! shows the voxel where it meets the plane of that side. Its place is two quotients of numbers that
+//! are linear in the pixel. A line of sight that enters through a narrow side shows the voxel where
+//! it enters. So both modes of the renderer show the same voxel, at any distance and size.
 
 use glam::Vec3A;
 
 use super::{hull::Hull, mask::BLOCK, view::BandView};
 
-/// A layer, relative to the eye.
+/// A layer of voxels, relative to the eye.
 pub(super) struct Layer {
     outline: Hull,
+    /// The least and the greatest corner of the layer's box.
     low: Vec3A,
     high: Vec3A,
     /// Where the first voxel begins along each axis.
     starts: Vec3A,
     /// The two axes along the layer, lower axis first.
     along: [usize; 2],
-    /// Voxels for each metre.
+    /// The number of voxels in a metre.
     per_metre: f32,
-    /// The greatest voxel along each axis.
+    /// The index of the last voxel along each axis.
     last: f32,
-    /// Numbers whose quotients by the last are the voxel along the two axes, in the plane towards the
-    /// eye: for each pixel to the right, and downwards, and at the picture's corner.
+    /// Three numbers that are linear in the pixel, each as its changes to the right and downwards and
+    /// its value at the band's corner. The quotients of the first two by the third are the place in
+    /// the plane towards the eye, in voxels along the two axes.
     ratios: [[f32; 3]; 3],
-    /// Whether the eye is between the two planes: it sees narrow sides only.
+    /// Whether the eye is between the two planes, so that it sees narrow sides only.
     between: bool,
-    /// How far away the first voxel's centre is, and how much farther the next along each axis.
+    /// The depth of the first voxel's centre, in metres.
     depth: f32,
+    /// How much deeper the next voxel's centre is along each of the two axes, in metres.
     deeper: [f32; 2],
 }
 
-/// A node that is a layer: its centre relative to the eye, the centre's depth, half its edge in metres.
+/// A node whose voxels form one whole layer.
 pub(super) struct LayerNode {
+    /// The centre relative to the eye, in metres.
     pub(super) centre: Vec3A,
+    /// The depth of the centre, in metres.
     pub(super) depth: f32,
+    /// Half the edge, in metres.
     pub(super) half: f32,
-    /// How many levels it is above the leaves.
+    /// How many levels the node is above the leaves.
     pub(super) levels: u32,
 }
 
 impl Layer {
-    /// The layer of a node across an axis, so many voxels from the lower side.
+    /// The layer of a node across an axis, `place` voxels from the lower side.
     #[inline(always)]
     pub(super) fn new(view: &BandView, node: &LayerNode, axis: usize, place: u8) -> Self {
+        debug_assert!(u32::from(place) < 1 << node.levels, "{place} of 2^{} voxels", node.levels);
+        debug_assert!(node.levels <= 4, "the index of a voxel has at most eight bits");
         let side = (1u32 << node.levels) as f32;
         let voxel = node.half * 2.0 / side;
         let (mut low, mut high) = (node.centre - node.half, node.centre + node.half);
@@ -59,7 +67,7 @@ impl Layer {
             [number(view.ray_step[0]), number(view.ray_step[1]), number(view.first_ray)]
         };
         let towards = near.signum();
-        // Of two voxels the nearer one covers the seam.
+        // Where two voxels meet, the nearer one covers the seam.
         let starts = node.centre - node.half + Vec3A::splat(seam).copysign(node.centre);
         let voxel_at = |of: usize| {
             let start = starts[of];
@@ -84,14 +92,14 @@ impl Layer {
         }
     }
 
-    /// What lines of sight meet it.
+    /// The outline of the layer's box.
     #[inline(always)]
     pub(super) fn outline(&self) -> &Hull {
         &self.outline
     }
 
-    /// Of a line of pixels that begins there, those that are wanted see which voxels, in their order in memory, and how
-    /// far away?
+    /// The voxels that a line of eight pixels shows, as indices in memory, and their depths in metres.
+    /// Only the results of `wanted` pixels, which the outline contains, mean anything.
     #[inline(always)]
     pub(super) fn voxels(
         &self,
@@ -118,7 +126,8 @@ impl Layer {
         self.voxels_at(&places)
     }
 
-    /// Where a line of pixels sees the layer, in voxels along both axes, also through its narrow sides.
+    /// Where the lines of sight of eight pixels enter the layer, in voxels along both axes, also through
+    /// its narrow sides.
     #[inline(never)]
     fn through_sides(&self, view: &BandView, [x, y]: [usize; 2]) -> [[f32; BLOCK]; 2] {
         let mut places = [[0.0; BLOCK]; 2];
@@ -133,7 +142,7 @@ impl Layer {
         places
     }
 
-    /// The voxels at places along both axes.
+    /// The voxels at eight places, given in voxels along both axes.
     #[inline(always)]
     fn voxels_at(&self, places: &[[f32; BLOCK]; 2]) -> ([u32; BLOCK], [f32; BLOCK]) {
         let mut voxels = [0; BLOCK];
@@ -148,10 +157,10 @@ impl Layer {
     }
 }
 
-/// The lowest bits of a number of this size count ones.
+/// A number so large that its lowest bits count ones.
 const ONES: f32 = 12_582_912.0;
 
-/// The whole part of a number that is held between zero and a greatest, and [`ONES`] more.
+/// The whole part of a number clamped to 0 and `last`, plus [`ONES`].
 #[inline(always)]
 fn whole(number: f32, last: f32) -> f32 {
     let number = number - 0.5;
@@ -159,7 +168,7 @@ fn whole(number: f32, last: f32) -> f32 {
     (if number < last { number } else { last }) + ONES
 }
 
-/// Two numbers of up to four bits, one of them sixteen bits up, with their bits in turn.
+/// Interleaves the bits of two numbers of up to four bits, of which the second is shifted up by sixteen.
 #[inline(always)]
 fn spread(both: u32) -> u32 {
     let both = (both | both << 2) & 0x0033_0033;

@@ -1,48 +1,49 @@
 //! Which of 4 × 4 × 4 cells a line meets, by three look-ups.
 //!
-//! A line meets a cell when the stretches in which it lies between the cell's planes along x, y and
-//! z have a point in common, and three stretches have one when each two of them have (Helly). So
-//! the cells on a line are those that it meets as seen along z, and along x, and along y; and as
-//! seen along an axis it is a line in a grid of 4 × 4 squares, which has two numbers: its slope, and
-//! where it lies. [`Lines`] has the squares for all slopes and places, rounded.
+//! A line meets a cell when the three stretches in which it lies between the cell's planes along x,
+//! y and z have a point in common. Three stretches have one when each two of them have (Helly's
+//! theorem). So a line meets exactly the cells that it meets as seen along each of the three axes.
+//! Seen along an axis it is a line in a grid of 4 × 4 squares, which is given by two numbers: its
+//! slope and its place. [`Lines`] holds the squares for all slopes and places, rounded.
 //!
-//! Lines never go backwards along an axis: whoever asks mirrors the axes until that holds. Cells
-//! are numbered as by [`morton`](sightline_world::octree::morton), so that along a line the
-//! numbers ascend.
+//! Lines never go backwards along an axis: callers mirror the axes until that holds. Cells are
+//! numbered as by [`morton`](sightline_world::octree::morton), so the numbers ascend along a line.
 
 use std::sync::OnceLock;
 
-/// Slopes that are told apart, less one.
+/// The number of slopes that are told apart, less one.
 const SLOPES: usize = 128;
 
-/// Places that are told apart.
+/// The number of places that are told apart.
 pub(super) const PLACES: usize = 128;
 
-/// The entry of place 0 in a row: there is room for lines that pass the grid by.
+/// The entry of place 0 in a row. The entries before it are of lines that pass the grid by.
 pub(super) const FIRST: usize = 64;
 
-/// Entries of a row; the first and last have no cells.
+/// The number of entries of a row. The first and the last have no cells.
 pub(super) const ENTRIES: usize = 2 * FIRST + PLACES;
 
 /// The axes of each plane.
 pub(super) const PLANES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 
-/// The cells that lines of one slope meet, by their places.
+/// The cells that lines of one slope meet, by their places: a bit for each cell.
 pub(super) type CellRow = [u64; ENTRIES];
 
-/// How much wider cells may be taken to be on each side, in cells' edges.
+/// By how much cells may be widened on each side, in edges of a cell.
 const MARGINS: [f32; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
 
-/// For each of [`PLANES`] and each slope, the cells: 800 kB, of which a brick uses 6.
+/// The look-up table for one margin: a row for each of [`PLANES`] and each slope. It takes 800 kB, of
+/// which a brick reads 6 kB.
 pub(super) struct Lines {
     rows: Vec<CellRow>,
 }
 
-/// For each of [`MARGINS`].
+/// The look-up table for each of [`MARGINS`], made when it is first used.
 static LINES: [OnceLock<Lines>; MARGINS.len()] = [const { OnceLock::new() }; MARGINS.len()];
 
 impl Lines {
-    /// All that can be asked for, when lines may lie beside where they are said to by so much of a cell's edge.
+    /// The look-up table for lines whose place may be wrong by `margin` edges of a cell: that of the
+    /// least of [`MARGINS`] that is enough.
     pub(super) fn with_margin(margin: f32) -> &'static Self {
         let which = MARGINS.iter().position(|&wider| margin <= wider).unwrap_or(MARGINS.len() - 1);
         LINES[which].get_or_init(|| Self::new(MARGINS[which]))
@@ -59,10 +60,11 @@ impl Lines {
         Self { rows: rows.collect() }
     }
 
-    /// Which row is that of lines in a plane, whose direction's share along the plane's first axis
-    /// is so much of that along both.
+    /// The index of the row for lines in a plane. `share` is the component of their direction along
+    /// the plane's first axis, divided by the sum of both components.
     #[inline(always)]
     pub(super) fn index(plane: usize, share: f32) -> usize {
+        debug_assert!(plane < PLANES.len(), "plane {plane}");
         let slope = (share * SLOPES as f32 + 0.5) as usize;
         plane * (SLOPES + 1) + slope.min(SLOPES)
     }
@@ -74,11 +76,11 @@ impl Lines {
     }
 }
 
-/// The cells whose squares some lines meet: the direction is (`share`, 1 − `share`), and the place
-/// goes from 0, where a line touches the corner (4, 0), to the last, where it touches (0, 4).
+/// The cells whose squares lines of this slope and place meet. The direction of the lines is (`share`,
+/// 1 − `share`). At place 0 a line touches the corner (4, 0), at the last place the corner (0, 4).
 ///
-/// All lines that are rounded to this slope and place count, so that no cell is missing from all
-/// three planes' cells. What is too much lies within a sixteenth of a cell's edge, and the margin.
+/// All lines that are rounded to this slope and place count, so no cell on a line is missing. A cell
+/// that is there without need lies within a sixteenth of a cell's edge, and the margin, of the line.
 fn cells_met([first, second]: [usize; 2], share: f32, place: f32, margin: f32) -> u64 {
     let rest = 1.0 - share;
     let s = 4.0 * (place + 0.5) / PLACES as f32 - 4.0 * rest;
@@ -91,7 +93,7 @@ fn cells_met([first, second]: [usize; 2], share: f32, place: f32, margin: f32) -
         let (a, b) = (at(first), at(second));
         let low = b * share - (a + 1.0) * rest;
         let high = (b + 1.0) * share - a * rest;
-        // Half a place, and what half a slope makes of the way to the grid's middle.
+        // Half a place, and half a slope times the distance to the middle of the grid.
         let turn = (a + b - 3.0).abs().max(1.0);
         let rounding = 2.0 / PLACES as f32 + turn * 0.5 / SLOPES as f32 + margin;
         if low - rounding < s && s < high + rounding {
@@ -108,7 +110,7 @@ mod tests {
 
     use super::*;
 
-    /// The stretch in which a line lies in a cell that is grown on all sides.
+    /// The length of the stretch in which a line lies in a cell that is grown on all sides.
     fn stretch(cell: usize, from: Vec3, direction: Vec3, grown: f32) -> f32 {
         let at = |axis: usize| ((cell >> axis & 1) + 2 * (cell >> (axis + 3) & 1)) as f32;
         let low = Vec3::new(at(0), at(1), at(2)) - grown - from;

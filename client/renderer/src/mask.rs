@@ -1,9 +1,10 @@
-//! The mask buffer of a band: one bit a pixel in words of 8 × 8 pixels, and one bit a word above.
+//! The mask buffer of a band: one bit for each pixel in words of 8 × 8 pixels, and above these one
+//! bit for each word (Dell 2012, box 83).
 
-/// Pixels along each side of a block, whose mask is one word: bit 8·y + x.
+/// The side of a block in pixels. The mask of a block is one word, with bit 8·y + x for each pixel.
 pub(super) const BLOCK: usize = 8;
 
-/// Some pixels of a band: columns and rows, the ends not included.
+/// A rectangle of pixels of a band. `right` and `bottom` lie outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Area {
     pub(super) left: usize,
@@ -13,7 +14,7 @@ pub(super) struct Area {
 }
 
 impl Area {
-    /// The pixels of it that lie in a block: the mask of one word.
+    /// The pixels of the area that lie in a block which it meets, as a mask.
     #[inline(always)]
     pub(super) fn word(&self, column: usize, row: usize) -> u64 {
         let (x, y) = (column * BLOCK, row * BLOCK);
@@ -22,7 +23,7 @@ impl Area {
         ((columns & 0xff) * 0x0101_0101_0101_0101) & rows
     }
 
-    /// The blocks that it meets: columns and rows.
+    /// The columns and rows of blocks that the area meets.
     #[inline(always)]
     pub(super) fn blocks(&self) -> [std::ops::Range<usize>; 2] {
         [
@@ -32,21 +33,23 @@ impl Area {
     }
 }
 
-/// Which pixels are written. Pixels outside of the picture count as written.
+/// The mask buffer: which pixels are written. Pixels outside of the picture count as written.
 #[derive(Default)]
 pub(super) struct Mask {
+    /// Blocks in a row.
     across: usize,
-    /// Row by row of blocks.
+    /// The mask of each block, row by row.
     words: Vec<u64>,
-    /// For each row of blocks so many words, in which the bit of a block is set when it is not
-    /// all written.
+    /// A bit for each block that has pixels left to write, row by row. Rows begin at whole words.
     open: Vec<u64>,
+    /// Words of `open` in a row.
     open_across: usize,
+    /// The number of blocks that have pixels left to write.
     blocks_open: usize,
 }
 
 impl Mask {
-    /// Begins a picture of this size, nothing of which is written.
+    /// Begins a picture of this size in which nothing is written.
     pub(super) fn clear(&mut self, width: usize, height: usize) {
         let (across, down) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
         self.across = across;
@@ -60,13 +63,13 @@ impl Mask {
         self.open.extend((0..down).flat_map(|_| (0..self.open_across).map(word)));
     }
 
-    /// Blocks in a row.
+    /// The number of blocks in a row.
     #[inline(always)]
     pub(super) fn across(&self) -> usize {
         self.across
     }
 
-    /// Whether nothing is left to write.
+    /// Whether every pixel is written.
     #[inline(always)]
     pub(super) fn is_full(&self) -> bool {
         self.blocks_open == 0
@@ -91,8 +94,8 @@ impl Mask {
         }
     }
 
-    /// Whether any pixel of an area is not written; where the area is large, it may say so when
-    /// only others in the same blocks are not.
+    /// Whether an area has pixels left to write. For an area of many blocks the answer may be yes
+    /// because of other pixels in the same blocks.
     #[inline(always)]
     pub(super) fn is_open(&self, area: &Area) -> bool {
         let [columns, rows] = area.blocks();
@@ -116,19 +119,19 @@ impl Mask {
     }
 }
 
-/// So many ones, at most 64.
+/// A word whose lowest `count` bits are set; all of them from 64 on.
 #[inline(always)]
 pub(super) fn low_bits(count: usize) -> u64 {
     if count >= 64 { !0 } else { (1 << count) - 1 }
 }
 
-/// So many bytes of ones, at most 8.
+/// A word whose lowest `count` bytes are set; all of them from 8 on.
 #[inline(always)]
 fn low_bytes(count: usize) -> u64 {
     if count >= 8 { !0 } else { (1 << (8 * count)) - 1 }
 }
 
-/// The bits of the bytes, lines of a block, that are not zero.
+/// Which lines of a block have pixels: a bit for each byte that is not zero.
 #[inline(always)]
 pub(super) fn lines(pixels: u64) -> u64 {
     let low = 0x7f7f_7f7f_7f7f_7f7f;
@@ -136,7 +139,7 @@ pub(super) fn lines(pixels: u64) -> u64 {
     (some >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56
 }
 
-/// The places of the ones.
+/// The positions of the bits that are set, in ascending order.
 #[inline(always)]
 pub(super) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -187,7 +190,7 @@ mod tests {
                 let open = (area.top..area.bottom).any(|y| {
                     naive[y * WIDTH + area.left..y * WIDTH + area.right].contains(&false)
                 });
-                // Large areas may be told open when they are not.
+                // Large areas may be called open when they are not.
                 let small = area.blocks()[0].len() <= 4;
                 prop_assert!(mask.is_open(&area) == open || !small && !open);
             }

@@ -1,7 +1,7 @@
-//! What moves by itself, as coloured triangles where nothing in the frame is nearer.
+//! Movers, drawn as coloured triangles where nothing in the frame is nearer.
 //!
-//! A triangle is drawn as the cone of lines of sight that meet it: for each side a plane through the
-//! eye. So nothing is clipped, however near it is or however far behind the eye it reaches.
+//! A triangle is drawn as the cone of lines of sight that meet it: each side gives a plane through the
+//! eye. So nothing is clipped, however near the triangle is or however far behind the eye it reaches.
 
 use std::time::Duration;
 
@@ -12,14 +12,14 @@ use super::{
     Camera, Frame, band::BAND_ROWS, colour, margins::NEAR, panes::Panes, parallel, view::View,
 };
 
-/// Draws movers as they are at a time of the server's clock into a frame that shows the building
-/// from the same camera. Those that something sets off rest where they begin.
+/// Draws movers as they are at a time of the server's clock into a frame that shows the building from
+/// the same camera. A triggered mover rests where it begins.
 pub fn draw(frame: &mut Frame, camera: &Camera, movers: &[Mover], now: Duration) {
-    draw_those(frame, camera, &movers.iter().collect::<Vec<_>>(), now);
+    draw_selected(frame, camera, &movers.iter().collect::<Vec<_>>(), now);
 }
 
-/// The same of some movers: those that a visibility set has.
-pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Duration) {
+/// Draws selected movers, such as those of a visibility set, as [`draw`] does.
+pub fn draw_selected(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Duration) {
     let (width, height) = (frame.width(), frame.height());
     if width == 0 || height == 0 {
         return;
@@ -47,7 +47,7 @@ pub fn draw_those(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Du
     });
 }
 
-/// When one that runs is, or one that rests.
+/// The time at which a mover's trajectory is evaluated: the beginning for a mover that rests.
 fn time_of(mover: &Mover, now: Duration) -> Duration {
     use sightline_world::motion::trajectory::Playback;
     match mover.trajectory.playback() {
@@ -56,7 +56,7 @@ fn time_of(mover: &Mover, now: Duration) -> Duration {
     }
 }
 
-/// Whether any of a mover's box may be in the picture.
+/// Whether any part of a mover's box may be in the picture.
 fn is_in_view(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool {
     let now = time_of(mover, now);
     let bounds = mover.swept(now, now);
@@ -64,6 +64,7 @@ fn is_in_view(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool 
     ScreenBounds { columns, rows }.meets(frame.width(), frame.height())
 }
 
+/// The triangles of a mover that are visible from some side.
 fn facets<'a>(
     mover: &'a Mover,
     now: Duration,
@@ -82,7 +83,7 @@ fn facets<'a>(
     })
 }
 
-/// Least and greatest column and row, in pixels.
+/// The bounding rectangle of a triangle in the picture: least and greatest column and row, in pixels.
 struct ScreenBounds {
     columns: [f32; 2],
     rows: [f32; 2],
@@ -99,26 +100,27 @@ impl ScreenBounds {
     }
 }
 
-/// The whole numbers between two others that lie in a range.
+/// The whole numbers between two numbers that lie in a range.
 fn whole([min, max]: [f32; 2], start: usize, end: usize) -> std::ops::Range<usize> {
-    // Casts hold infinities and what is no number to what fits.
+    // Casts saturate infinities, and make zero of NaN.
     let (first, after) = (min.max(0.0).ceil() as usize, (max.max(-1.0) + 1.0).floor() as usize);
     first.clamp(start, end)..after.clamp(start, end)
 }
 
 /// A triangle as seen from the eye.
 struct Facet {
-    /// Inwards from the planes through the eye and a side. A line of sight meets the triangle when
-    /// its product with none of them is negative.
+    /// The inward normals of the planes through the eye and a side. A line of sight meets the triangle
+    /// when its dot product with none of them is negative.
     sides: [Vec3; 3],
-    /// The product of all three corners.
+    /// The triple product of the corners, made positive.
     volume: f32,
     colour: u32,
     bounds: ScreenBounds,
 }
 
 impl Facet {
-    /// `None` when it is seen from the edge, or is nowhere.
+    /// A triangle by its corners relative to the eye; `None` when it is seen from its edge, or a corner is
+    /// not finite.
     fn new([a, b, c]: [Vec3; 3], colour: [u8; 3], view: &View) -> Option<Self> {
         let volume = a.dot(b.cross(c));
         if !(volume.abs() > 0.0 && volume.is_finite()) {
@@ -135,6 +137,7 @@ impl Facet {
         })
     }
 
+    /// Draws a row of the triangle into that row of the picture.
     fn draw_row(
         &self,
         view: &View,
@@ -161,7 +164,7 @@ impl Facet {
 }
 
 impl ScreenBounds {
-    /// Of a triangle, by its corners as seen from the eye.
+    /// The bounds of a triangle, by its corners relative to the eye.
     fn of(corners: [Vec3; 3], view: &View) -> Self {
         let at = corners.map(|corner| view.project(view.eye + corner));
         if at.iter().any(|corner| corner.z < NEAR) {
@@ -209,7 +212,7 @@ mod tests {
         frame
     }
 
-    /// Where a ray meets a triangle, in its own lengths, by the formula of Möller and Trumbore.
+    /// Where a ray meets a triangle, in multiples of the ray (Möller and Trumbore 1997).
     fn hit(ray: Vec3, [a, b, c]: [Vec3; 3]) -> Option<f32> {
         let (u, v, origin) = (b - a, c - a, -a);
         let p = ray.cross(v);
@@ -221,7 +224,7 @@ mod tests {
 
     #[test]
     fn a_pixel_shows_what_its_ray_meets_first() {
-        // One of them reaches from before the eye to behind it.
+        // One of the triangles reaches from in front of the eye to behind it.
         let corners = [
             [-1.0, 0.5, -2.0],
             [2.0, 0.7, -1.0],
@@ -243,7 +246,7 @@ mod tests {
             let hits = corners.as_chunks::<3>().0.iter().filter_map(|t| hit(ray, t.map(place)));
             let nearest = hits.filter(|&t| t >= NEAR).fold(f32::INFINITY, f32::min);
             seen += usize::from(nearest.is_finite());
-            // On an edge the two may differ.
+            // Pixels on an edge may differ.
             let same = depth == nearest || (depth - nearest).abs() < 1e-3 * depth;
             differ += usize::from(!same);
             assert_eq!(depth.is_finite(), frame.colour[i] != 0);

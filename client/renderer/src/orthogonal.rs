@@ -1,9 +1,10 @@
-//! Orthogonal mode: what is below a node, placed by form patterns.
+//! Orthogonal mode: everything below a node is placed by form patterns (Dell 2012, Figs. 20 to 28).
 //!
-//! Two forms follow one another. The *coarse* one is that of a node that was projected; nodes below are placed by it, with
-//! perspective put right in each place. Where a node is so small that perspective inside of it cannot be seen
-//! it gets a *fine* form, from its place: it is decided at which level cells are no larger than a pixel, and the last two levels
-//! are drawn together as bricks. Layers of voxels are drawn wherever they turn up.
+//! Two forms follow one another. The *coarse* form is that of a node that was projected. Nodes below
+//! are placed by it, and each place is corrected for perspective. Where perspective inside of a node
+//! cannot be seen, the node gets a *fine* form of its own. There the traversal decides at which level
+//! cells are no larger than a pixel, and draws the last two levels together as bricks. Layers of
+//! voxels are drawn wherever they turn up.
 
 use glam::{Vec2, Vec3A, Vec4};
 use sightline_world::octree::InnerNode;
@@ -16,26 +17,28 @@ use super::{
     traversal::{PerspectiveNode, Traversal},
 };
 
-/// Cells whose edge is longer, in pixels, are drawn each as a whole.
+/// Cells with a longer edge, in pixels, are drawn one by one.
 const WHOLE_PX: f32 = 8.0;
 
 /// A node with a fine form.
 struct FineForm {
     form: Form,
     root: OrthoNode,
-    /// The level of the cells, and how many that is below.
+    /// The level of the cells.
     last: u8,
+    /// How many levels the cells are below the root.
     levels: u32,
-    /// How many levels below nodes are bricks, or cells that are drawn as a whole.
+    /// How many levels below the root nodes are drawn: bricks, or cells one by one.
     drawn_at: u32,
+    /// Whether cells are drawn one by one.
     whole: bool,
-    /// Whether lines of sight into it go both ways along an axis.
+    /// Whether lines of sight into the node go both ways along an axis.
     beside_eye: bool,
     bricks: Option<BrickForm>,
 }
 
 impl Traversal<'_> {
-    /// Draws a node and all below.
+    /// Draws a node and everything below it.
     #[inline(always)]
     pub(super) fn draw_orthogonal(&mut self, cube: &PerspectiveNode) {
         let middle = Vec2::new(cube.projected.x, cube.projected.y) / cube.projected.z;
@@ -74,7 +77,7 @@ impl Traversal<'_> {
         }
     }
 
-    /// A node with a form of its own.
+    /// Gives a node a fine form.
     #[inline(always)]
     fn fine(&self, level: u8, node: &OrthoNode, middle: Vec2) -> FineForm {
         let (form, root) = Form::new(self.view, level, node.index, middle, node.centre);
@@ -111,7 +114,7 @@ impl Traversal<'_> {
         }
     }
 
-    /// Puts the octants on the stack, so that the nearest comes off first.
+    /// Puts the octants of a node on the stack so that the nearest comes off first.
     #[inline(always)]
     fn halve(&mut self, form: &Form, parent: &OrthoNode) {
         let node = &self.octree.inner[parent.index as usize];
@@ -123,14 +126,14 @@ impl Traversal<'_> {
         }
     }
 
-    /// Draws a cell as a whole.
+    /// Draws a cell by its outline.
     #[inline(always)]
     fn draw_cell(&mut self, node: &OrthoNode, level: u8, area: &Area) {
         let material_id = self.material_id(node.index, level);
         self.fill(node.centre, level, material_id, area);
     }
 
-    /// Draws a brick.
+    /// Draws the cells two levels below a node.
     #[inline(always)]
     fn draw_brick(&mut self, fine: &mut FineForm, node: &OrthoNode, area: &Area) {
         let (octree, view, glass_from) = (self.octree, self.view, self.glass_from);
@@ -153,7 +156,7 @@ impl Traversal<'_> {
         }
     }
 
-    /// Draws a node that is a whole layer of voxels larger than pixels, and tells whether it is.
+    /// Draws a node that is one whole layer of voxels, each larger than a pixel. Returns whether it is.
     #[inline(always)]
     pub(super) fn draw_near_layer(
         &mut self,
@@ -169,7 +172,7 @@ impl Traversal<'_> {
             && self.draw_layer(index, level, centre, area)
     }
 
-    /// Draws a node that is a whole layer of voxels, and tells whether it is.
+    /// Draws a node that is one whole layer of voxels. Returns whether it is.
     #[inline(always)]
     fn draw_layer(&mut self, index: u32, level: u8, centre: Vec4, area: &Area) -> bool {
         let node = &self.octree.inner[index as usize];
@@ -186,16 +189,16 @@ impl Traversal<'_> {
         };
         let layer = Layer::new(self.view, &whole, axis, place);
         let first = self.first_leaf(node, whole.levels);
-        let materials = &self.octree.leaves[first..];
+        let material_ids = &self.octree.leaves[first..];
         if glass == 0 {
-            self.band.fill_layer::<false>(self.view, area, &layer, materials);
+            self.band.fill_layer::<false>(self.view, area, &layer, material_ids);
         } else {
-            self.band.fill_layer::<true>(self.view, area, &layer, materials);
+            self.band.fill_layer::<true>(self.view, area, &layer, material_ids);
         }
         true
     }
 
-    /// The index of the first leaf below a node that is so many levels above the leaves.
+    /// The index of the first leaf below a node that is `levels` above the leaves.
     #[inline(always)]
     fn first_leaf(&self, node: &InnerNode, levels: u32) -> usize {
         let child = |first: u32, _| self.octree.inner[first as usize].first;

@@ -1,4 +1,4 @@
-//! Glass in a frame, for what is drawn into the frame later and lies behind it.
+//! The glass of a frame, seen in front of what is drawn into the frame later.
 
 use super::{
     band::BAND_ROWS,
@@ -6,16 +6,16 @@ use super::{
     mask::{BLOCK, bits},
 };
 
-/// The panes that pixels of a picture show first.
+/// The nearest pane of glass of each pixel of a picture.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(super) struct Panes {
     pub(super) bands: Vec<BandPanes>,
-    /// Whether there are twice as many rows and columns of them as the frame has.
+    /// Whether the panes have twice as many rows and columns as the frame.
     pub(super) finer: bool,
 }
 
 impl Panes {
-    /// The colour of something at a depth, with the glass over it.
+    /// The colour that a pixel shows of something at a depth: seen through the pane, if that is nearer.
     pub(super) fn over(&self, [x, y]: [usize; 2], depth: f32, colour: u32) -> u32 {
         let [x, y] = if self.finer { [2 * x, 2 * y] } else { [x, y] };
         let pane = self.bands.get(y / BAND_ROWS).and_then(|band| band.at(x, y % BAND_ROWS));
@@ -26,11 +26,12 @@ impl Panes {
     }
 }
 
-/// Those of a band.
+/// The panes of a band.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(super) struct BandPanes {
+    /// Blocks in a row.
     across: usize,
-    /// For each block of the band one more than its place in `blocks`; zero when it has no glass.
+    /// The index in `blocks` plus one for each block of the band; zero for a block without glass.
     places: Vec<u32>,
     blocks: Vec<Block>,
 }
@@ -43,7 +44,7 @@ struct Block {
 }
 
 impl BandPanes {
-    /// Begins a band of so many blocks.
+    /// Begins a band of this many blocks, without glass.
     pub(super) fn clear(&mut self, across: usize, down: usize) {
         self.across = across;
         self.places.clear();
@@ -51,7 +52,7 @@ impl BandPanes {
         self.blocks.clear();
     }
 
-    /// Adds the glass of a block: which pixels have some, how far away and in which colour.
+    /// Adds the glass of a block: a mask of the pixels that have some, its depth and its colour.
     pub(super) fn add(
         &mut self,
         block: usize,
@@ -59,13 +60,14 @@ impl BandPanes {
         depths: &[f32; BLOCK * BLOCK],
         colour: impl Fn(usize) -> u32,
     ) {
+        debug_assert_eq!(self.places[block], 0, "block {block} has its glass already");
         let mut colours = [0; BLOCK * BLOCK];
         bits(tinted).for_each(|pixel| colours[pixel] = colour(pixel));
         self.blocks.push(Block { tinted, depths: *depths, colours });
         self.places[block] = self.blocks.len() as u32;
     }
 
-    /// The depth and the colour of a pixel's pane.
+    /// The depth and the colour of a pixel's pane, if it has one.
     fn at(&self, x: usize, y: usize) -> Option<(f32, u32)> {
         if self.blocks.is_empty() {
             return None;

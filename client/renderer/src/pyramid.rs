@@ -1,29 +1,33 @@
-//! The Z pyramid: how far away at the most everything in a part of the picture is.
+//! The Z pyramid: an upper bound of the depths in each part of a picture.
 //!
-//! Its lowest level has an entry for a block of 8 × 8 pixels, which comes with the picture; each other one
-//! for 2 × 2 entries of the one below. These are worked out when they are asked for, so a picture costs what is asked about it.
+//! The lowest level has an entry for each block of 8 × 8 pixels, which comes with the picture. Each
+//! higher level has an entry for 2 × 2 entries of the level below. Higher entries are worked out when
+//! a test needs them, so a picture costs only what it is tested for.
 
 use super::{Frame, mask::BLOCK};
 
-/// A picture's depths, from coarse to fine.
+/// The Z pyramid of a picture.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pyramid {
+    /// Columns and rows of the picture, in pixels.
     size: [usize; 2],
+    /// From fine to coarse.
     levels: Vec<Level>,
 }
 
 #[derive(Clone, Debug)]
 struct Level {
+    /// Entries in a row.
     across: usize,
-    /// Infinite where it is not known.
+    /// The upper bound of each entry's depths in metres; infinite where it is not known.
     farthest: Vec<f32>,
 }
 
-/// Rows or columns: the first, and the one after the last.
+/// A range of rows or columns: the first, and the one after the last.
 pub(super) type Span = [usize; 2];
 
 impl Pyramid {
-    /// Forgets everything, since there is a new picture.
+    /// Begins a new picture.
     pub(super) fn begin(&mut self, frame: &Frame) {
         let size = [frame.width, frame.height];
         if self.size != size {
@@ -43,7 +47,8 @@ impl Pyramid {
         self.levels[1..].iter_mut().for_each(|level| level.farthest.fill(f32::INFINITY));
     }
 
-    /// Whether everything in a rectangle of the picture, which is not empty, is nearer than something.
+    /// Whether every pixel of a rectangle is nearer than `nearest`. The rectangle lies in the picture and
+    /// is not empty.
     pub(super) fn hides(
         &mut self,
         depths: &[f32],
@@ -51,14 +56,17 @@ impl Pyramid {
         rows: Span,
         nearest: f32,
     ) -> bool {
+        assert_eq!(depths.len(), self.size[0] * self.size[1], "depths of another picture");
+        debug_assert!(columns[0] < columns[1] && columns[1] <= self.size[0], "{columns:?}");
+        debug_assert!(rows[0] < rows[1] && rows[1] <= self.size[1], "{rows:?}");
         let top = self.levels.len() - 1;
-        let is_hidden = self.look(depths, (top, [0, 0]), (columns, rows), nearest);
+        let is_hidden = self.test(depths, (top, [0, 0]), (columns, rows), nearest);
         is_hidden.is_some()
     }
 
-    /// Looks at the part of a rectangle that is in an entry. When all of it is nearer: how far away the
-    /// entry's pixels are at the most, as far as they were looked at.
-    fn look(
+    /// Tests the part of a rectangle that is in an entry. If every pixel of it is nearer, returns an
+    /// upper bound of the depths tested.
+    fn test(
         &mut self,
         depths: &[f32],
         (level, at): (usize, [usize; 2]),
@@ -73,7 +81,7 @@ impl Pyramid {
         let side = BLOCK << level;
         let mut farthest = 0.0f32;
         if level == 0 {
-            farthest = self.look_closely(depths, at, (columns, rows));
+            farthest = self.farthest_in_block(depths, at, (columns, rows));
             if farthest >= nearest {
                 return None;
             }
@@ -87,7 +95,7 @@ impl Pyramid {
                     };
                     if meets(0, columns) && meets(1, rows) {
                         let found =
-                            self.look(depths, (level - 1, child), (columns, rows), nearest)?;
+                            self.test(depths, (level - 1, child), (columns, rows), nearest)?;
                         farthest = farthest.max(found);
                     }
                 }
@@ -102,8 +110,13 @@ impl Pyramid {
         Some(farthest)
     }
 
-    /// How far away the part of a rectangle that is in a block is at the most.
-    fn look_closely(&self, depths: &[f32], at: [usize; 2], (columns, rows): (Span, Span)) -> f32 {
+    /// The greatest depth in the part of a rectangle that is in a block.
+    fn farthest_in_block(
+        &self,
+        depths: &[f32],
+        at: [usize; 2],
+        (columns, rows): (Span, Span),
+    ) -> f32 {
         let within = |axis: usize, span: Span| {
             [span[0].max(at[axis] * BLOCK), span[1].min((at[axis] + 1) * BLOCK)]
         };
@@ -120,7 +133,7 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// The twin looks at every pixel.
+        /// The reference model tests every pixel.
         #[test]
         fn a_rectangle_is_hidden_when_all_its_pixels_are_nearer(
             size in prop::array::uniform2(1usize..70),
@@ -143,7 +156,7 @@ mod tests {
             for (corners, depth) in patches {
                 pixels(spans(corners)).for_each(|pixel| frame.depth[pixel] = depth);
             }
-            // Of some blocks it is known how far away they are, of others not.
+            // The greatest depth is known of some blocks and unknown of others.
             let across = size[0].div_ceil(BLOCK);
             frame.farthest.iter_mut().step_by(known).for_each(|farthest| *farthest = 0.0);
             for (pixel, depth) in frame.depth.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Rooms as coloured wire frames with their names, windows cross-hatched: for whoever wants to see what an
-//! author declared. What the building hides of them is drawn faintly, if it is near.
+//! The rooms that an author declared, as coloured wire frames with their names and with cross-hatched
+//! windows. Lines that the building hides are drawn faintly if they are near.
 
 use glam::{Vec2, Vec3};
 use sightline_visibility::rooms::pieces::ConvexPiece;
@@ -11,18 +11,20 @@ use sightline_world::{
 
 use super::{Camera, Frame, margins::NEAR, text, view::View};
 
-/// Lines of a window's hatching are so far apart, in metres, or further in large ones …
+/// The distance between the lines of a window's hatching, in metres; greater in large windows.
 const HATCH_M: f32 = 0.2;
-/// … so that there are no more of them each way.
+/// The greatest number of lines of a window's hatching each way.
 const HATCHES_MAX: f32 = 40.0;
-/// A room's boundary lies in the walls: it shows when it is no further behind them, in metres, and as a
-/// part of the distance.
-const BEHIND: [f32; 2] = [0.06, 0.01];
-/// What is hidden is drawn faintly when it is no further away, in metres …
+/// A room's boundary lies in the walls. It counts as visible when it is at most this far behind a
+/// surface, in metres …
+const BEHIND_M: f32 = 0.06;
+/// … and this share of its depth more.
+const BEHIND_SHARE: f32 = 0.01;
+/// A hidden line is drawn faintly when it is no farther away, in metres.
 const FAINT_M: f32 = 8.0;
-/// … and names are, whether or not they are hidden.
+/// A name is written when it is no farther away, in metres.
 const NAME_M: f32 = 60.0;
-/// No line has more pixels.
+/// A line with more pixels is not drawn.
 const PIXELS_MAX: f32 = 4.0 * super::SIDE_MAX as f32;
 
 /// The wire frames of all rooms.
@@ -34,7 +36,7 @@ pub struct RoomWireframes {
 #[derive(Clone, Debug)]
 struct RoomWireframe {
     name: String,
-    /// Where the name is.
+    /// Where the name is written.
     centre: Vec3,
     colour: [u8; 3],
     edges: Vec<[Vec3; 2]>,
@@ -42,7 +44,7 @@ struct RoomWireframe {
 }
 
 impl RoomWireframes {
-    /// Those of a world's rooms.
+    /// The wire frames of a world's rooms.
     pub fn new(world: &World) -> Self {
         Self::of(&world.rooms, &world.bounds())
     }
@@ -53,7 +55,7 @@ impl RoomWireframes {
         Self { rooms: rooms.list().iter().zip(ids).filter_map(wire).collect() }
     }
 
-    /// Draws them into a frame that shows the building from the same camera.
+    /// Draws the wire frames into a frame that shows the building from the same camera.
     pub fn draw(&self, frame: &mut Frame, camera: &Camera) {
         if frame.width() == 0 || frame.height() == 0 {
             return;
@@ -71,11 +73,11 @@ impl RoomWireframes {
 }
 
 impl RoomWireframe {
-    /// None for a room without volume.
+    /// The wire frame of a room; `None` for a room without volume.
     fn new(room: &Room, id: RoomId, bounds: &Aabb) -> Option<Self> {
         let pieces: Vec<_> =
             room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, &Axes::WORLD)).collect();
-        // Rooms of the plan are as high as anything.
+        // A room that is given by its plan alone has no height of its own.
         let within = |at: Vec3| at.clamp(bounds.min, bounds.max);
         let mut edges: Vec<[Vec3; 2]> = Vec::new();
         for piece in &pieces {
@@ -128,7 +130,7 @@ fn hatching(window: &Window) -> Vec<[Vec3; 2]> {
     let Some(first) = corners.first() else { return Vec::new() };
     let sum: Vec3 = corners.windows(2).map(|two| (two[0] - first).cross(two[1] - first)).sum();
     let Some(normal) = sum.try_normalize() else { return Vec::new() };
-    // Along the edges of an upright window, so that the hatching is at an angle to them.
+    // These axes follow the edges of an upright window, so the hatching is at an angle to them.
     let side = normal.cross(Vec3::Y).try_normalize().unwrap_or(normal.any_orthonormal_vector());
     let up = side.cross(normal);
     let flat = |at: &Vec3| Vec2::new(side.dot(*at - first), up.dot(*at - first));
@@ -145,7 +147,8 @@ fn hatching(window: &Window) -> Vec<[Vec3; 2]> {
     lines.map(|ends| ends.map(|at| first + side * at.x + up * at.y)).collect()
 }
 
-/// The parts of a line that are inside of a polygon.
+/// The parts of a line that are inside of a polygon. The line holds the points whose component along
+/// `across` is `place`.
 fn crossing(ring: &[Vec2], across: Vec2, place: f32) -> Vec<[Vec2; 2]> {
     let ends = ring.iter().zip(ring.iter().cycle().skip(1));
     let mut met: Vec<Vec2> = ends
@@ -166,7 +169,7 @@ struct Pen<'a> {
 }
 
 impl Pen<'_> {
-    /// Draws a line of space, so many pixels wide on either side.
+    /// Draws a line in space, `wide` pixels thicker than one pixel.
     fn line(&mut self, ends: &[Vec3; 2], wide: i32) {
         let Some([from, to]) = self.projected(ends) else { return };
         let steps = (to - from).truncate().abs().max_element().ceil().max(1.0);
@@ -177,7 +180,7 @@ impl Pen<'_> {
         for step in 0..=steps as u32 {
             let share = step as f32 / steps;
             let at = from.truncate().lerp(to.truncate(), share);
-            // Along a line of the picture, one over the distance changes evenly.
+            // Along a line in the picture, one over the depth is linear.
             let depth = 1.0 / (1.0 / from.z + (1.0 / to.z - 1.0 / from.z) * share);
             for aside in 0..=wide {
                 let (x, y) = (at.x.round() as i32, at.y.round() as i32);
@@ -187,7 +190,8 @@ impl Pen<'_> {
         }
     }
 
-    /// Both ends in the picture's plane, cut to what is near the picture.
+    /// Both ends of a line as columns, rows and depths, cut to the near plane and to the picture; `None`
+    /// when nothing of it is left.
     fn projected(&self, ends: &[Vec3; 2]) -> Option<[Vec3; 2]> {
         let near = NEAR * 4.0;
         let depth = |at: Vec3| self.view.project(at).z;
@@ -229,7 +233,7 @@ impl Pen<'_> {
             return;
         }
         let at = y * self.frame.width() + x;
-        let is_seen = depth < self.frame.depth[at] * (1.0 + BEHIND[1]) + BEHIND[0];
+        let is_seen = depth < self.frame.depth[at] * (1.0 + BEHIND_SHARE) + BEHIND_M;
         let share = if is_seen { 224 } else { 32 };
         if is_seen || depth < FAINT_M {
             let old = self.frame.colour[at].to_be_bytes();

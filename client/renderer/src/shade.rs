@@ -1,4 +1,4 @@
-//! Light, sky and glass.
+//! Colouring a band: materials become colours, with air, sky and glass.
 
 use super::{
     band::Band,
@@ -8,25 +8,27 @@ use super::{
     view::BandView,
 };
 
-/// Rows of a picture that a band goes into.
+/// The rows of a frame that a band is written to.
 pub(super) struct FrameRows<'a> {
     pub(super) colour: &'a mut [u32],
     pub(super) depth: &'a mut [f32],
     pub(super) material_ids: &'a mut [u16],
-    /// The greatest depth of each block.
+    /// An upper bound of the depths of each block.
     pub(super) farthest: &'a mut [f32],
     pub(super) panes: &'a mut BandPanes,
 }
 
-/// Colours what a band shows, with the sky where nothing is and glass over what is behind it.
+/// Colours what a band shows, with the sky where nothing is written, and glass over what is behind it.
+/// `colours` has a colour for every material.
 #[inline(always)]
 pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut FrameRows) {
     let width = band.width;
+    assert_eq!(rows.colour.len(), width * band.height, "the frame's rows are the band's");
     rows.panes.clear(width.div_ceil(BLOCK), band.height.div_ceil(BLOCK));
     for row in 0..band.height.div_ceil(BLOCK) {
         for column in 0..width.div_ceil(BLOCK) {
             let block = row * band.mask.across() + column;
-            // Within a block the air is as thick all over.
+            // The air is equally thick all over a block.
             let ray = view.ray(column * BLOCK + BLOCK / 2, row * BLOCK + BLOCK / 2);
             let length = ray.length();
             let material_ids = band.material_ids[block].as_chunks::<BLOCK>().0;
@@ -54,7 +56,7 @@ pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut Fra
     }
 }
 
-/// Writes as many pixels of a block's row as fit.
+/// Writes as many pixels of a row of a block as fit.
 #[inline(always)]
 fn put<T: Copy>(to: &mut [T], from: &[T; BLOCK]) {
     match <&mut [T; BLOCK]>::try_from(&mut *to) {
@@ -63,7 +65,7 @@ fn put<T: Copy>(to: &mut [T], from: &[T; BLOCK]) {
     }
 }
 
-/// The sky and the glass of a block.
+/// Adds the sky and the glass of a block.
 #[inline(always)]
 fn finish(band: &Band, view: &BandView, colours: &[u32], rows: &mut FrameRows, at: [usize; 2]) {
     let block = at[1] * band.mask.across() + at[0];

@@ -40,24 +40,24 @@ fn octree_of(voxels: &[Placed]) -> Octree {
     Octree::from_voxels(ORIGIN, VOXEL, DEPTH, voxels).expect("small")
 }
 
-/// What a ray meets first among all voxels, each tried: colour and depth.
+/// The colour and the depth of what a ray meets first. Every voxel is tried.
 fn cast(voxels: &[(Material, Vec3)], eye: Vec3, ray: Vec3, forward: Vec3) -> (u32, f32) {
     let mut first = (colour::sky(ray), f32::INFINITY);
     let mut first_enters = f32::INFINITY;
     let mut glass = (0, f32::INFINITY);
-    for (look, corner) in voxels {
+    for (material, corner) in voxels {
         let (low, high) = (*corner - eye, *corner + VOXEL - eye);
         let (a, b) = (low / ray, high / ray);
         let (enters, leaves) = (a.min(b).max_element(), a.max(b).min_element());
         if enters > leaves || leaves < 0.0 || low.max(-high).max_element() <= 0.0 {
             continue;
         }
-        if look.is_glass() && enters < glass.1 {
-            glass = (colour::of_material(look), enters);
+        if material.is_glass() && enters < glass.1 {
+            glass = (colour::of_material(material), enters);
         }
-        if !look.is_glass() && enters < first_enters {
+        if !material.is_glass() && enters < first_enters {
             let depth = forward.dot((low + high) * 0.5).max(margins::NEAR);
-            first = (colour::hazed(colour::of_material(look), ray.length() * depth), depth);
+            first = (colour::hazed(colour::of_material(material), ray.length() * depth), depth);
             first_enters = enters;
         }
     }
@@ -65,7 +65,7 @@ fn cast(voxels: &[(Material, Vec3)], eye: Vec3, ray: Vec3, forward: Vec3) -> (u3
     (if tint { colour::through_glass(first.0, glass.0) } else { first.0 }, first.1)
 }
 
-/// The part of the pixels that differ from what rays find.
+/// The share of pixels that differ from what rays find.
 fn difference(voxels: &[Placed], camera: &Camera, mode: Mode) -> f32 {
     let (width, height) = (90, 70);
     let mut frame = Frame::new(width, height);
@@ -75,13 +75,13 @@ fn difference(voxels: &[Placed], camera: &Camera, mode: Mode) -> f32 {
     let view = View::new(camera, width, height);
     let forward = view.ray((width - 1) as f32 * 0.5, (height - 1) as f32 * 0.5);
     // The palette rounds normals.
-    let look = |corner: Vec3| *octree.leaf_at(corner + VOXEL * 0.5).expect("put in");
-    let voxels: Vec<_> = voxels.iter().map(|&(_, corner)| (look(corner), corner)).collect();
+    let material = |corner: Vec3| *octree.leaf_at(corner + VOXEL * 0.5).expect("put in");
+    let voxels: Vec<_> = voxels.iter().map(|&(_, corner)| (material(corner), corner)).collect();
     let differs = |i: usize| {
         let ray = view.ray((i % width) as f32, (i / width) as f32);
         let (colour, depth) = cast(&voxels, camera.eye, ray, forward);
         let near = frame.depth[i] == depth || (frame.depth[i] - depth).abs() < 0.01;
-        // The air is taken to be as thick all over a block of pixels.
+        // The air is equally thick all over a block of pixels.
         let channels = colour.to_be_bytes().into_iter().zip(frame.colour[i].to_be_bytes());
         !(near && channels.into_iter().all(|(a, b)| a.abs_diff(b) <= 2))
     };
@@ -105,7 +105,7 @@ proptest! {
     }
 }
 
-/// A mirrored axis would show far voxels through near ones in some of the eight sectors.
+/// With a mirrored axis, far voxels would show through near ones in some of the eight sectors.
 #[test]
 fn the_order_is_right_in_every_sector() {
     let places = (0..8).flat_map(|x| (0..64).map(move |yz| UVec3::new(x, yz / 8, yz % 8)));
@@ -181,12 +181,12 @@ fn smooth_edges_lie_between_the_colours_beside_them() {
 }
 
 #[test]
-fn of_each_block_it_is_known_how_far_away_it_is() {
+fn each_block_has_its_greatest_depth() {
     let octree = landscape();
     let eye = ORIGIN + Vec3::new(3.8, 3.2, 3.7);
     let mut frame = Frame::new(90, 301);
     let mut renderer = Renderer::default();
-    // The second time there are depths of another picture beside this one's.
+    // The second time, the buffers hold the depths of another picture.
     for target in [Vec3::ZERO, Vec3::Y] {
         renderer.draw(&octree, &Camera::looking_at(eye, ORIGIN + target), &mut frame);
         let mut farthest = vec![0.0f32; 12 * 38];
@@ -257,7 +257,7 @@ fn normals_are_those_of_what_is_seen() {
     assert!(frame.depth.iter().any(|depth| depth.is_finite()));
 }
 
-/// Bumpy ground and a ceiling, voxels of a few pixels and less.
+/// Bumpy ground and a ceiling, of voxels that span a few pixels and less.
 fn landscape() -> Octree {
     let depth = 8;
     let height = |x: u32, z: u32| {
@@ -278,8 +278,7 @@ fn landscape() -> Octree {
     Octree::from_voxels(ORIGIN, 0.03, depth, voxels.collect()).expect("small")
 }
 
-/// What is drawn by form patterns is what is drawn by projecting each node, but that edges may
-/// lie up to a pixel beside.
+/// Form patterns draw what projecting each node draws, but edges may lie up to a pixel beside.
 #[test]
 fn orthogonal_mode_agrees_with_perspective() {
     let octree = landscape();
@@ -311,7 +310,7 @@ fn orthogonal_mode_agrees_with_perspective() {
     }
 }
 
-/// A floor of voxels much smaller than pixels, seen flat: a hole would show the sky.
+/// A floor of voxels much smaller than pixels, seen at a flat angle. A hole would show the sky.
 #[test]
 fn a_floor_has_no_holes_at_any_distance() {
     let depth = 8;

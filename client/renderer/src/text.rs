@@ -1,4 +1,4 @@
-//! Letters of eight by eight pixels, for names, the status line and chat.
+//! Text in letters of eight by eight pixels, for names, the status line and chat.
 
 use font8x8::{BASIC_FONTS, LATIN_FONTS, UnicodeFonts};
 
@@ -7,17 +7,18 @@ use super::Frame;
 /// Pixels from one letter to the next, and from one line to the next, at scale 1.
 pub const LETTER: usize = 8;
 
-/// Pixels that a text takes, from its first letter's left to its last one's right.
+/// The width of a text in pixels.
 pub fn width(text: &str, scale: usize) -> usize {
     text.chars().count() * LETTER * scale
 }
 
-/// Writes a line with its upper left corner at a pixel, which may lie outside the picture.
+/// Writes a line of text with its upper left corner at a pixel, which may lie outside the picture.
 pub fn draw(frame: &mut Frame, [x, y]: [i32; 2], scale: usize, colour: u32, text: &str) {
     each_pixel(frame, [x, y], scale, text, |pixel, _| *pixel = colour);
 }
 
-/// Likewise, at a distance in metres: what is nearer hides it.
+/// Writes a line of text at a depth in metres, behind whatever is nearer. Its upper left corner is at a
+/// pixel, which may lie outside the picture.
 pub fn draw_at_depth(
     frame: &mut Frame,
     [x, y]: [i32; 2],
@@ -33,19 +34,19 @@ pub fn draw_at_depth(
     });
 }
 
-/// Darkens a rectangle, so that a text on it can be read.
+/// Darkens a rectangle, so that text on it can be read.
 pub fn darken(frame: &mut Frame, [x, y]: [i32; 2], [width, height]: [usize; 2]) {
     let columns = clipped(x, width, frame.width());
     for row in clipped(y, height, frame.height()) {
         let start = row * frame.width();
         for pixel in &mut frame.colour[start + columns.start..start + columns.end] {
-            // A quarter of each channel.
+            // Each channel becomes a quarter of itself.
             *pixel = *pixel >> 2 & 0x003f_3f3f;
         }
     }
 }
 
-/// The part of `start..start + length` that lies in a picture's side.
+/// The part of `start..start + length` that lies in a side of the picture.
 fn clipped(start: i32, length: usize, side: usize) -> std::ops::Range<usize> {
     let end = i64::from(start) + length.min(side * 2) as i64;
     let inside = |place: i64| place.clamp(0, side as i64) as usize;

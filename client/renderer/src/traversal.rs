@@ -1,8 +1,8 @@
-//! The front-to-back walk through the octree: in perspective, and then by form patterns.
+//! The front-to-back traversal of the octree: in perspective, and then by form patterns.
 //!
-//! The steps are those of the paper's Figs. 26 to 28 (seeds: orthogonal octree). A node is clipped
-//! to the picture, tested against the mask buffer and halved; the octants come in the order of the
-//! eye's sector, nearest first. What comes after that in orthogonal mode is in [`orthogonal`](super::orthogonal).
+//! The steps are those of Dell 2012, Figs. 26 to 28. A node is clipped to the picture, tested against
+//! the mask buffer and halved. Its octants follow in the order of the eye's sector, nearest first.
+//! Where orthogonal mode begins, [`orthogonal`](super::orthogonal) goes on.
 
 use glam::{Vec3A, Vec4};
 use sightline_world::octree::Octree;
@@ -53,10 +53,10 @@ impl Counters {
     }
 }
 
-/// No more octants wait to be drawn: seven on each level, and one.
+/// No more nodes wait on a stack: seven on each level, and one.
 const WAITING_MAX: usize = 128;
 
-/// What a walk needs beside the picture, kept from one to the next.
+/// The stacks of a traversal, kept from one picture to the next: nodes that wait to be drawn.
 pub(super) struct TraversalStacks {
     perspective: Vec<PerspectiveNode>,
     pub(super) orthogonal: Vec<OrthoNode>,
@@ -71,40 +71,44 @@ impl Default for TraversalStacks {
     }
 }
 
-/// A node in perspective.
+/// A node in perspective mode.
 #[derive(Clone, Copy)]
 pub(super) struct PerspectiveNode {
-    /// In the leaves when the level is the tree's depth.
+    /// The index among the inner nodes, or among the leaves at the octree's depth.
     pub(super) index: u32,
     pub(super) level: u8,
-    /// The level at which nodes are drawn as a whole; [`UNDECIDED`] while the node is large.
+    /// The level at which nodes are drawn as a whole; [`UNDECIDED`] while perspective inside of the
+    /// node can be seen.
     last: u8,
-    /// Whether nothing is before it.
+    /// Whether nothing is in front of the node.
     pub(super) unoccluded: bool,
-    /// Relative to the eye.
+    /// The centre relative to the eye, in metres.
     pub(super) centre: Vec3A,
+    /// The centre, projected as in [`BandView`].
     pub(super) projected: Vec4,
 }
 
 const UNDECIDED: u8 = u8::MAX;
 
-/// What is known of the octree's inner nodes from around the eye: a bit for each.
+/// What is known in advance of the octree's inner nodes, as seen from the eye: a bit for each.
 #[derive(Clone, Copy)]
 pub(super) struct NodeClasses<'a> {
-    /// These are left out.
+    /// Nodes that cannot be seen. They are left out.
     pub(super) hidden: &'a [u64],
-    /// What is in these is not tested against the mask buffer. Where that is wrong it takes time, and nothing else.
+    /// Nodes with nothing in front. They are not tested against the mask buffer. An error takes time
+    /// and changes no picture.
     pub(super) unoccluded: &'a [u64],
-    /// Down to this level anything is hidden, and on it anything is clear.
+    /// Hidden nodes are known down to this level, unoccluded ones on this level only.
     pub(super) level: u8,
 }
 
 impl NodeClasses<'_> {
-    /// Nothing.
+    /// Nothing is known of any node.
     pub(super) const UNKNOWN: Self = Self { hidden: &[0], unoccluded: &[0], level: 0 };
 
     #[inline(always)]
     fn is_in(nodes: &[u64], index: u32) -> bool {
+        debug_assert!((index as usize) < 64 * nodes.len(), "{index} of {} words", nodes.len());
         nodes[index as usize / 64] >> (index % 64) & 1 == 1
     }
 
@@ -114,20 +118,20 @@ impl NodeClasses<'_> {
         level <= self.level && Self::is_in(self.hidden, index)
     }
 
-    /// Whether nothing is known to be before a node.
+    /// Whether a node is known to have nothing in front.
     #[inline(always)]
     pub(super) fn is_unoccluded(&self, index: u32, level: u8) -> bool {
         level == self.level && Self::is_in(self.unoccluded, index)
     }
 }
 
-/// One walk.
+/// The traversal of the octree for one band.
 pub(super) struct Traversal<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) mode: Mode,
     pub(super) classes: NodeClasses<'a>,
-    /// The first look that is glass.
+    /// The first material that is glass.
     pub(super) glass_from: usize,
     pub(super) band: &'a mut Band,
     pub(super) stacks: &'a mut TraversalStacks,
@@ -135,7 +139,7 @@ pub(super) struct Traversal<'a> {
 }
 
 impl Traversal<'_> {
-    /// Draws all that is in view.
+    /// Draws everything in view, until every pixel is written.
     #[inline(always)]
     pub(super) fn run(&mut self) {
         if self.octree.inner.is_empty() {
@@ -152,6 +156,7 @@ impl Traversal<'_> {
         });
         while let Some(cube) = self.stacks.perspective.pop() {
             self.consider(cube);
+            debug_assert!(self.stacks.perspective.len() <= WAITING_MAX);
             if self.band.mask.is_full() {
                 return;
             }
@@ -184,7 +189,8 @@ impl Traversal<'_> {
         }
     }
 
-    /// The same, where every node is projected.
+    /// Draws a node in perspective mode, or puts its octants on the stack, unless it is out of view
+    /// or covered. Every node is projected.
     #[inline(always)]
     fn consider_in_perspective(&mut self, mut cube: PerspectiveNode) {
         let Some(area) = self.open_area(&cube) else { return };
@@ -200,13 +206,14 @@ impl Traversal<'_> {
         }
     }
 
-    /// How far the corners of a level's nodes are from the centre, projected.
+    /// How far the corners of a level's nodes reach from the centre, projected.
     #[inline(always)]
     fn reach(&self, level: u8) -> Vec4 {
         self.view.patterns[usize::from(level)].reach
     }
 
-    /// Whether a node is neither a voxel nor a layer and so near that nothing is gained by knowing where it is seen.
+    /// Whether a node is neither a voxel nor a layer, and too near for orthogonal mode. Such a node is
+    /// halved without being projected.
     #[inline(always)]
     fn is_large(&self, cube: &PerspectiveNode) -> bool {
         cube.level < self.octree.depth
@@ -221,7 +228,7 @@ impl Traversal<'_> {
         self.is_open(&area, cube.unoccluded).then_some(area)
     }
 
-    /// Whether a node may be seen in an area: known to be clear, or not covered.
+    /// Whether a node may be seen in an area: nothing is in front of it, or the area is not covered.
     #[inline(always)]
     pub(super) fn is_open(&mut self, area: &Area, unoccluded: bool) -> bool {
         if unoccluded {
@@ -231,7 +238,8 @@ impl Traversal<'_> {
         self.band.mask.is_open(area)
     }
 
-    /// Whether the ratio of nearest to farthest distance of a node at a depth is no less than that.
+    /// Whether the ratio of nearest to farthest distance of a node is at least `ratio_min`, for a node
+    /// of this level with its centre at this depth.
     #[inline(always)]
     pub(super) fn has_ratio(&self, depth: f32, level: u8, ratio_min: f32) -> bool {
         let reach = self.reach(level).z;
@@ -250,7 +258,7 @@ impl Traversal<'_> {
         if z - reach >= NEAR {
             self.counters.projections += 1;
             let [left, right, top, bottom] = pattern.bounds(cube.projected);
-            // Casts hold what is far outside to what fits.
+            // A cast saturates where a number does not fit.
             let span = |low: f32, high: f32| {
                 [
                     (low - SPARE_PX).ceil() as i32,
@@ -275,15 +283,16 @@ impl Traversal<'_> {
             || y - reach.y > (self.band.height - 1) as f32 * far
     }
 
-    /// The first level, from a node's on, at which nodes are no larger than a pixel at its depth, or that of the leaves.
+    /// The first level, from a node's own on, at which nodes at this depth are no larger than a pixel;
+    /// the octree's depth if there is none.
     #[inline(always)]
     pub(super) fn last_level(&self, depth: f32, level: u8) -> u8 {
         let is_small = |&level: &u8| depth > self.view.patterns[usize::from(level)].small_from;
         (level..self.octree.depth).find(is_small).unwrap_or(self.octree.depth)
     }
 
-    /// Puts the octants on the stack so that the one towards the eye comes off first: among octants
-    /// that differ in one axis only, the nearer one always comes before the other.
+    /// Puts the octants on the stack so that the one towards the eye comes off first. Of two octants
+    /// that differ along one axis only, the nearer one always comes first.
     #[inline(always)]
     fn descend(&mut self, cube: &PerspectiveNode) {
         let pattern = &self.view.patterns[usize::from(cube.level)];
@@ -303,13 +312,14 @@ impl Traversal<'_> {
         }
     }
 
-    /// Writes the pixels whose lines of sight meet a node, which has its depth with its centre.
+    /// Writes the pixels whose lines of sight meet a node. `centre` is relative to the eye, with the
+    /// depth as its last number.
     #[inline(always)]
     pub(super) fn fill(&mut self, centre: Vec4, level: u8, material_id: u16, area: &Area) {
         let half = self.view.patterns[usize::from(level)].half;
         let (centre, depth) = (Vec3A::from_vec4(centre), centre.w);
         if centre.abs().max_element() <= half {
-            // The eye is inside: better to look out of it than to see nothing.
+            // The eye is inside of the node, and looks out of it rather than see nothing.
             return;
         }
         let grown = half + self.view.seam(depth);
@@ -318,6 +328,7 @@ impl Traversal<'_> {
         self.band.fill(area, &hull, material_id, depth.max(NEAR), is_glass);
     }
 
+    /// The material of a node, by its index and its level.
     #[inline(always)]
     pub(super) fn material_id(&self, index: u32, level: u8) -> u16 {
         if level == self.octree.depth {

@@ -1,4 +1,4 @@
-//! The camera as numbers: how points become pixels, and pixels lines of sight.
+//! Projection: how points become pixels, and pixels lines of sight.
 
 use glam::{Vec3, Vec3A, Vec4};
 use sightline_world::{
@@ -12,10 +12,10 @@ use super::{
     ratio::{coarse_ratio_min, ratio_min},
 };
 
-/// An inner node is drawn as a whole when its edge spans no more pixels.
+/// An inner node is drawn as a whole when its edge spans no more than this many pixels.
 const EDGE_PX: f32 = 1.0;
 
-/// Levels of an octree, the root's included.
+/// The number of levels of the deepest octree, with that of the root.
 const LEVELS: usize = DEPTH_MAX as usize + 1;
 
 /// A camera and the size of its picture.
@@ -25,12 +25,13 @@ pub(super) struct View {
     right: Vec3,
     up: Vec3,
     forward: Vec3,
-    /// Pixels for each unit of the tangent.
+    /// The focal length in pixels.
     focal: f32,
-    /// The centre of the picture, with pixels' centres at whole numbers.
+    /// The centre of the picture, in pixels. The centres of pixels have whole coordinates.
     centre: [f32; 2],
-    /// See [`ratio_min`] and [`coarse_ratio_min`].
+    /// [`ratio_min`] for this focal length.
     ratio_min: f32,
+    /// [`coarse_ratio_min`] for this focal length.
     coarse_ratio_min: f32,
 }
 
@@ -54,30 +55,32 @@ impl View {
         }
     }
 
-    /// The line of sight through a pixel's centre; its share in the camera's direction is one.
+    /// The line of sight through the centre of a pixel. Its component along the camera's direction is
+    /// one.
     pub(super) fn ray(&self, x: f32, y: f32) -> Vec3 {
         let across = (x - self.centre[0]) / self.focal;
         let down = (y - self.centre[1]) / self.focal;
         self.forward + self.right * across - self.up * down
     }
 
-    /// By how much the line of sight through a pixel differs from that through the one before it in its row.
+    /// The difference between the lines of sight through a pixel and through the one to its left.
     pub(super) fn ray_step(&self) -> Vec3 {
         self.right / self.focal
     }
 
-    /// How far a point is in the camera's direction, in metres.
+    /// The depth of a point: its distance along the camera's direction, in metres.
     pub(super) fn depth(&self, point: Vec3) -> f32 {
         self.forward.dot(point - self.eye)
     }
 
-    /// By how much an ellipsoid's nearest point is nearer than its centre, in the camera's direction.
+    /// By how much the nearest point of an ellipsoid with these radii along the axes is less deep than
+    /// its centre, in metres.
     pub(super) fn depth_reach(&self, radii: Vec3) -> f32 {
         (self.forward * radii).length()
     }
 
-    /// Where a point is in the picture and how far in the camera's direction: pixels, pixels and
-    /// metres. Only of use when the distance is positive.
+    /// The column and the row of a point in pixels, and its depth in metres. Column and row mean
+    /// nothing unless the depth is positive.
     pub(super) fn project(&self, point: Vec3) -> Vec3 {
         let point = point - self.eye;
         let z = self.forward.dot(point);
@@ -86,18 +89,20 @@ impl View {
         Vec3::new(x, self.centre[1] - self.up.dot(point) * scale, z)
     }
 
-    /// Pixels that a length of a metre spans at a distance of a metre.
+    /// The focal length in pixels: how many pixels a length of one metre spans at a distance of one
+    /// metre.
     pub(super) fn focal(&self) -> f32 {
         self.focal
     }
 
-    /// Whether points, relative to the eye, all lie beyond the same side of the picture; so does
-    /// whatever is between them, before the eye or behind it.
+    /// Whether all points, relative to the eye, lie beyond the same side of the picture. Then so does
+    /// their convex hull, even where it reaches behind the eye.
     pub(super) fn are_beside<const N: usize>(&self, points: [Vec3; N]) -> bool {
         self.are_beside_by(points, 1.0)
     }
 
-    /// The same of a picture with so many pixels more on each side.
+    /// Whether all points, relative to the eye, lie beyond the same side of a picture that is this
+    /// many pixels larger on each side.
     fn are_beside_by<const N: usize>(&self, points: [Vec3; N], pixels: f32) -> bool {
         let reach = self.centre.map(|centre| (centre + pixels) / self.focal);
         let beyond = |side: Vec3, reach: f32| {
@@ -109,13 +114,15 @@ impl View {
             || beyond(-self.up, reach[1])
     }
 
-    /// The columns and rows, in pixels, that a box spans: none when it is wholly behind the eye or
-    /// beside the picture, all of them when it is partly behind the eye. Infinite ends are fine.
+    /// The columns and rows that a box spans, each as least and greatest number of pixels. A box that is
+    /// wholly behind the eye or beside the picture spans none. A box that is partly behind the eye
+    /// spans all, with infinite ends.
     pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
         self.bounds_within(centre, radii, 1.0)
     }
 
-    /// The same, where so many pixels around the picture count as parts of it.
+    /// The columns and rows that a box spans, where the picture is this many pixels larger on each side.
+    /// See [`View::bounds`].
     pub(super) fn bounds_within(
         &self,
         centre: Vec3,
@@ -138,8 +145,9 @@ impl View {
         ([bounds.min.x, bounds.max.x], [bounds.min.y, bounds.max.y])
     }
 
-    /// The same view, seen from the left end of a row.
+    /// The view for a band that begins at a row.
     pub(super) fn band(&self, row: usize, octree: &Octree) -> BandView {
+        debug_assert!(octree.depth <= DEPTH_MAX, "{} levels", octree.depth);
         let [x, y] = [self.centre[0], self.centre[1] - row as f32];
         let to_x = self.right * self.focal + self.forward * x;
         let to_y = self.forward * y - self.up * self.focal;
@@ -163,24 +171,27 @@ impl View {
     }
 }
 
-/// What one band needs to know of a view. Points are relative to the eye; a *projected* point is
-/// (x·z, y·z, z) with x and y in pixels from the band's corner, so that it changes linearly.
+/// The view of one band. Points are relative to the eye. A *projected* point is (x·z, y·z, z) with
+/// the depth z, and with x and y in pixels from the band's upper left corner. Projection is linear in
+/// these numbers.
 pub(super) struct BandView {
+    /// The line of sight through the band's first pixel.
     pub(super) first_ray: Vec3A,
-    /// To the next pixel on the right, and below.
+    /// The differences to the lines of sight through the next pixel on the right, and below.
     pub(super) ray_step: [Vec3A; 2],
-    /// What a metre along each axis adds to a projected point.
+    /// What one metre along each axis adds to a projected point.
     pub(super) axes: [Vec4; 3],
     /// The centre of the octree.
     pub(super) centre: Vec3A,
-    /// The same, projected.
+    /// The centre of the octree, projected.
     pub(super) projected: Vec4,
-    /// How wide a pixel is at a distance of one.
+    /// The width of a pixel at a distance of one metre, in metres.
     pub(super) pixel: f32,
-    /// See [`ratio_min`](super::form::ratio_min) and [`coarse_ratio_min`](super::form::coarse_ratio_min).
+    /// [`ratio_min`] for this focal length.
     pub(super) ratio_min: f32,
+    /// [`coarse_ratio_min`] for this focal length.
     pub(super) coarse_ratio_min: f32,
-    /// For the nodes of each level, which are all of one shape.
+    /// The patterns of the nodes of each level, which are all of one shape.
     pub(super) patterns: [LevelPattern; LEVELS],
 }
 
@@ -191,32 +202,32 @@ impl BandView {
         self.first_ray + self.ray_step[0] * x as f32 + self.ray_step[1] * y as f32
     }
 
-    /// By how much, in metres, what is so far away is drawn larger on all sides.
+    /// By how much a node at this depth is drawn larger on each side, in metres.
     #[inline(always)]
     pub(super) fn seam(&self, depth: f32) -> f32 {
         SEAM_PX * self.pixel * depth.max(NEAR)
     }
 
-    /// Projects a point.
+    /// Projects a point that is relative to the eye.
     #[inline(always)]
     pub(super) fn project(&self, point: Vec3A) -> Vec4 {
         self.axes[0] * point.x + self.axes[1] * point.y + self.axes[2] * point.z
     }
 }
 
-/// The form pattern of a level: what all its nodes' projections have in common.
+/// What the projections of all nodes of a level have in common.
 pub(super) struct LevelPattern {
     /// Half the edge, in metres.
     pub(super) half: f32,
-    /// From the centre to the corners, projected.
+    /// From a node's centre to its corners, projected: four corners in each vector, for x, y and z.
     corners: [[Vec4; 2]; 3],
-    /// How far the corners are from the centre, projected.
+    /// How far the corners reach from the centre, projected.
     pub(super) reach: Vec4,
-    /// From the centre to the octants' centres.
+    /// From the centre to the octants' centres, in metres.
     pub(super) octants: [Vec3A; 8],
-    /// The same, projected.
+    /// From the centre to the octants' centres, projected.
     pub(super) octants_projected: [Vec4; 8],
-    /// From this distance on, a node spans less than a pixel.
+    /// From this depth on, a node spans less than a pixel.
     pub(super) small_from: f32,
 }
 
@@ -242,8 +253,8 @@ impl LevelPattern {
         }
     }
 
-    /// The box around a projected node, in pixels: least x, greatest x, least y, greatest y. The
-    /// node lies wholly beyond [`NEAR`].
+    /// The bounding box of a projected node that lies wholly beyond [`NEAR`], in pixels: least x,
+    /// greatest x, least y, greatest y.
     #[inline(always)]
     pub(super) fn bounds(&self, centre: Vec4) -> [f32; 4] {
         let at = |part: usize| self.corners[part].map(|corners| corners + centre[part]);

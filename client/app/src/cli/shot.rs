@@ -172,7 +172,7 @@ impl<'a> ShotRenderer<'a> {
         let start = Instant::now();
         self.renderer.draw(&self.world.octree, &camera, frame);
         let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
-        movers::draw_those(frame, &camera, movers, now);
+        movers::draw_selected(frame, &camera, movers, now);
         if let Some(wires) = &self.wires {
             wires.draw(frame, &camera);
         }

@@ -226,7 +226,7 @@ impl<'a> WalkScene<'a> {
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
         if let Some(mover_visibility) = &mut self.mover_visibility {
             let movers = mover_visibility.movers(world, &self.rooms, pose);
-            movers::draw_those(&mut self.drawn, camera, &movers, time);
+            movers::draw_selected(&mut self.drawn, camera, &movers, time);
             return Vec::new();
         }
         let mut session = match self.visit {

@@ -1,21 +1,22 @@
-//! What moves, and is drawn at a cost that follows what of it is in view.
+//! Movers and avatars, drawn at a cost that follows how much of them is in view.
 //!
-//! Movers and avatars sit in an octree of their own ([`Occupants`]) and are drawn after the building, whose
-//! depths decide. In the order of Sudarsky and Gotsman (*Output-Sensitive Visibility Algorithms for
-//! Dynamic Scenes*, sections 2.1 and 3.2), each way does less than the one before:
+//! They sit in an octree of their own ([`Occupants`]) and are drawn after the building, whose depths
+//! decide what can be seen. There are three ways, each with less work than the one before (Sudarsky
+//! and Gotsman 1996, sections 2.1 and 3.2):
 //!
-//! * [`Culling::Plain`]: everything is placed and drawn, in each picture.
-//! * [`Culling::Hierarchical`]: everything is placed in the octree; its nodes are tested against the Z
-//!   pyramid, front to back, and what is in nodes that nothing of can be seen is not drawn.
-//! * [`Culling::Temporal`]: what was not seen is replaced by a temporal bounding volume, the box that it
-//!   stays in until the volume expires. It is not looked at again before that, or before the
-//!   volume comes into view. Volumes last longer after they expired, and shorter after they were seen.
+//! * [`Culling::Plain`]: every object is placed and drawn in every picture.
+//! * [`Culling::Hierarchical`]: every object is placed in the octree. The octree's nodes are tested
+//!   against the Z pyramid front to back, and objects in hidden nodes are not drawn.
+//! * [`Culling::Temporal`]: a temporal bounding volume (TBV) takes the place of an object that was not
+//!   seen: a box that the object stays in until the TBV expires. The object is left alone until the
+//!   TBV expires or comes into view. TBVs last longer after one expired, and shorter after one was
+//!   seen.
 //!
-//! A mover's volume is what it sweeps. An avatar's follows from its pose and what a body can do; it
-//! need not keep to that, so what the server tells of a hidden avatar is held against its
-//! volume when it comes ([`AvatarSource::updates`]).
+//! The TBV of a mover is the box that it sweeps. The TBV of an avatar follows from its pose and from
+//! what a body can do. An avatar need not keep to that, so each update of a hidden avatar is compared
+//! with its TBV ([`AvatarSource::updates`]).
 //!
-//! All three draw the same pixels. What moves does not hide what else does: walls do most of that.
+//! All three ways draw the same pixels. Moving objects do not count as occluders: walls hide most.
 
 mod moving_set;
 mod occlusion;
@@ -27,6 +28,7 @@ use std::{
     time::Duration,
 };
 
+use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 use sightline_world::{
     Mover, World,
     geometry::Aabb,
@@ -44,91 +46,93 @@ use super::{
     movers,
     pyramid::Pyramid,
 };
-use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 
-/// The edge of the smallest nodes, in metres: about what stands in a room.
+/// The edge of the octree's smallest nodes, in metres: about the size of what stands in a room.
 const NODE_M: f32 = 1.0;
-/// What a volume is made to last at first.
+/// The validity of an object's first TBV.
 const VALIDITY_FIRST: Duration = Duration::from_secs(1);
-/// Shorter ones are not worth it.
+/// A TBV with a shorter validity is not worth its cost.
 const VALIDITY_MIN: Duration = Duration::from_millis(50);
 const VALIDITY_MAX: Duration = Duration::from_secs(60);
 
-/// What is done about what moves and cannot be seen.
+/// How the cost of hidden objects is avoided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Culling {
-    /// Nothing.
+    /// Hidden objects are placed and drawn like others.
     Plain,
-    /// It is not drawn.
+    /// Hidden objects are placed but not drawn.
     Hierarchical,
-    /// It is not even looked at.
+    /// Hidden objects are left alone while a TBV stands for them.
     #[default]
     Temporal,
 }
 
 impl Culling {
-    /// All ways, in the order in which they do less.
+    /// All ways, the one with the most work first.
     pub const ALL: [Self; 3] = [Self::Plain, Self::Hierarchical, Self::Temporal];
 }
 
-/// What the last picture took, in counts that do not depend on the machine.
+/// What drawing a picture took, in counts that do not depend on the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct MovingCounters {
-    /// Movers and avatars that were drawn.
+    /// Objects drawn.
     pub drawn: usize,
-    /// Those whose place was worked out.
+    /// Objects whose place was worked out.
     pub placed: usize,
-    /// Boxes, of nodes and of what is in them, that were tested against the picture.
+    /// Boxes, of nodes and of objects, tested against the picture.
     pub tested: usize,
-    /// Volumes that expired.
+    /// TBVs that expired.
     pub expired: usize,
-    /// Volumes that came into view.
+    /// TBVs that came into view.
     pub revealed: usize,
-    /// Volumes that news of an avatar put an end to.
+    /// TBVs that an update of an avatar ended.
     pub refuted: usize,
 }
 
-/// The movers of a world, and the avatars that a client is told of, from one picture to the next.
+/// Draws the movers of a world and the avatars that a client is told of, and keeps their TBVs from one
+/// picture to the next.
 #[derive(Clone, Debug)]
 pub struct MovingRenderer {
     culling: Culling,
-    /// Movers first, in their order.
+    /// The boxes of the objects, or of the TBVs that stand for them. Movers come first, in their order.
     occupants: Occupants,
-    /// By number.
-    things: Vec<Option<MovingObject>>,
+    /// The objects, by their number in `occupants`.
+    objects: Vec<Option<MovingObject>>,
+    /// The numbers of the avatars.
     avatars: BTreeMap<AvatarId, u32>,
-    /// No avatar's name has more letters.
+    /// The length of the longest name that was shown so far.
     letters_max: usize,
-    /// By number, those that are placed in each picture.
+    /// The numbers of the objects that are placed in every picture: those without a TBV.
     tracked: BTreeSet<u32>,
+    /// The expiries of all TBVs, with the numbers of their objects.
     expiries: BTreeSet<(Duration, u32)>,
-    /// Of the last picture.
+    /// The time of the last picture.
     now: Duration,
     pyramid: Pyramid,
     counters: MovingCounters,
 }
 
-/// What is known of something that moves.
+/// A mover or an avatar.
 #[derive(Clone, Debug)]
 struct MovingObject {
-    what: MovingId,
-    /// Of the name above it, as it is shown.
+    id: MovingId,
+    /// The length of the name that is shown above it.
     letters: usize,
-    /// How long its volume was made to last.
+    /// The validity of its last TBV.
     validity: Duration,
-    /// When the volume expires that stands for it, if one does.
+    /// When the TBV that stands for it expires; `None` while it is tracked.
     until: Option<Duration>,
 }
 
 impl MovingRenderer {
-    /// The movers of a world. Those whose box is nowhere are never drawn.
+    /// A renderer for the movers of a world. A mover whose box is not finite is never drawn.
     pub fn new(world: &World, culling: Culling) -> Self {
         let octree = &world.octree;
         let depth = (octree.edge / NODE_M).log2().ceil().clamp(1.0, 12.0) as u8;
         let mut moving = Self {
             culling,
             occupants: Occupants::new(octree.origin, octree.edge, depth),
-            things: Vec::new(),
+            objects: Vec::new(),
             avatars: BTreeMap::new(),
             letters_max: 0,
             tracked: BTreeSet::new(),
@@ -137,34 +141,33 @@ impl MovingRenderer {
             pyramid: Pyramid::default(),
             counters: MovingCounters::default(),
         };
-        let cast = MovingSet::new(world, &NoAvatars, Duration::ZERO);
+        let set = MovingSet::new(world, &NoAvatars, Duration::ZERO);
         for at in 0..world.movers.len() {
-            let what = MovingId::Mover(at as u32);
-            if moving.add(what, 0, &cast).is_none() {
+            let id = MovingId::Mover(at as u32);
+            if moving.add(id, 0, &set).is_none() {
                 break;
             }
         }
         moving
     }
 
-    /// Draws what is in view at a time of the server's clock into a frame that shows the building from the
-    /// same camera: the movers of the world, which is the one that this was made for, and the avatars
-    /// that a client is told of, if there are others. Tells which of these can be seen: at
-    /// least one pixel shows them.
+    /// Draws the movers and avatars in view, at a time of the server's clock, into a frame that shows the
+    /// building from the same camera. The world is the one that this renderer was made for. Returns the
+    /// avatars that can be seen: those that at least one pixel shows.
     pub fn draw(
         &mut self,
         frame: &mut Frame,
         camera: &Camera,
         world: &World,
-        told: Option<&mut dyn AvatarSource>,
+        source: Option<&mut dyn AvatarSource>,
         now: Duration,
     ) -> Vec<VisibleAvatar> {
         self.counters = MovingCounters::default();
         let nobody: &mut dyn AvatarSource = &mut NoAvatars;
-        let told = told.unwrap_or(nobody);
-        let news = told.updates();
-        let cast = MovingSet::new(world, told, now);
-        self.hear(&news, &cast);
+        let source = source.unwrap_or(nobody);
+        let updates = source.updates();
+        let set = MovingSet::new(world, source, now);
+        self.take_in(&updates, &set);
         if frame.width() == 0 || frame.height() == 0 {
             return Vec::new();
         }
@@ -172,30 +175,30 @@ impl MovingRenderer {
             self.counters.placed = self.tracked.len();
             self.tracked.clone()
         } else {
-            self.wake(now);
+            self.expire(now);
             for number in self.tracked.clone() {
-                self.place(number, &cast);
+                self.place(number, &set);
             }
-            self.find(frame, camera, &cast)
+            self.find(frame, camera, &set)
         };
-        self.show(frame, camera, &seen, &cast)
+        self.show(frame, camera, &seen, &set)
     }
 
-    /// What the last picture took.
+    /// The counters of the last picture.
     pub fn counters(&self) -> MovingCounters {
         self.counters
     }
 
-    /// Takes in what was told of avatars since the last picture.
-    fn hear(&mut self, news: &[(AvatarId, Update)], cast: &MovingSet<'_>) {
-        for &(avatar, news) in news {
-            if news == Update::Appeared {
-                self.appear(avatar, cast);
+    /// Takes in the updates of avatars since the last picture.
+    fn take_in(&mut self, updates: &[(AvatarId, Update)], set: &MovingSet<'_>) {
+        for &(avatar, update) in updates {
+            if update == Update::Appeared {
+                self.appear(avatar, set);
             }
             let Some(&number) = self.avatars.get(&avatar) else { continue };
-            let thing = self.things[number as usize].as_ref();
-            let Some(until) = thing.and_then(|thing| thing.until) else { continue };
-            let path = cast.path(avatar, until);
+            let object = self.objects[number as usize].as_ref();
+            let Some(until) = object.and_then(|object| object.until) else { continue };
+            let path = set.path(avatar, until);
             let holds = path.is_some_and(|path| {
                 self.occupants.primitives(OccupantId(number)).any(|it| it.contains_box(&path))
             });
@@ -206,89 +209,90 @@ impl MovingRenderer {
         }
     }
 
-    /// Takes in somebody, or another name.
-    fn appear(&mut self, avatar: AvatarId, cast: &MovingSet<'_>) {
-        let letters = cast.letters(avatar);
+    /// Takes in an avatar that appeared, or one whose name changed.
+    fn appear(&mut self, avatar: AvatarId, set: &MovingSet<'_>) {
+        let letters = set.letters(avatar);
         self.letters_max = self.letters_max.max(letters);
         if let Some(&number) = self.avatars.get(&avatar) {
-            if let Some(thing) = &mut self.things[number as usize] {
-                thing.letters = letters;
+            if let Some(object) = &mut self.objects[number as usize] {
+                object.letters = letters;
             }
-        } else if let Some(number) = self.add(MovingId::Avatar(avatar), letters, cast) {
+        } else if let Some(number) = self.add(MovingId::Avatar(avatar), letters, set) {
             self.avatars.insert(avatar, number);
         }
     }
 
-    /// Takes something in, and tells its number.
-    fn add(&mut self, what: MovingId, letters: usize, cast: &MovingSet<'_>) -> Option<u32> {
-        // What has no sane box gets a number all the same, and is met by nobody.
-        let nowhere = Aabb::around(cast.world.octree.origin, 0.0);
-        let inserted = self.occupants.insert(&[cast.bounds(what).unwrap_or(nowhere)]);
+    /// Takes in an object. Returns its number, or `None` when there are too many objects.
+    fn add(&mut self, id: MovingId, letters: usize, set: &MovingSet<'_>) -> Option<u32> {
+        // An object without a finite box gets a number too, and an empty box.
+        let nowhere = Aabb::around(set.world.octree.origin, 0.0);
+        let inserted = self.occupants.insert(&[set.bounds(id).unwrap_or(nowhere)]);
         let OccupantId(number) = inserted.or_else(|_| self.occupants.insert(&[nowhere])).ok()?;
-        let thing = MovingObject { what, letters, validity: VALIDITY_FIRST, until: None };
-        if self.things.len() <= number as usize {
-            self.things.resize(number as usize + 1, None);
+        let object = MovingObject { id, letters, validity: VALIDITY_FIRST, until: None };
+        if self.objects.len() <= number as usize {
+            self.objects.resize(number as usize + 1, None);
         }
-        self.things[number as usize] = Some(thing);
+        self.objects[number as usize] = Some(object);
         self.tracked.insert(number);
         Some(number)
     }
 
-    /// Forgets who has vanished.
+    /// Removes an object that has vanished.
     fn forget(&mut self, number: u32) {
         self.track(number);
         self.tracked.remove(&number);
         self.occupants.remove(OccupantId(number));
-        if let Some(MovingObject { what: MovingId::Avatar(avatar), .. }) =
-            self.things[number as usize].take()
+        if let Some(MovingObject { id: MovingId::Avatar(avatar), .. }) =
+            self.objects[number as usize].take()
         {
             self.avatars.remove(&avatar);
         }
     }
 
-    /// Puts an end to the volume that stands for something.
+    /// Ends the TBV that stands for an object, if one does.
     fn track(&mut self, number: u32) {
-        let until = self.things[number as usize].as_mut().and_then(|thing| thing.until.take());
+        let until = self.objects[number as usize].as_mut().and_then(|object| object.until.take());
         if let Some(until) = until {
             self.expiries.remove(&(until, number));
         }
         self.tracked.insert(number);
     }
 
-    /// Tracks those again whose volumes have expired; all when time went backwards.
-    fn wake(&mut self, now: Duration) {
+    /// Ends the TBVs that have expired; all of them when time went backwards.
+    fn expire(&mut self, now: Duration) {
         let is_back = now < std::mem::replace(&mut self.now, now);
         while let Some(&(until, number)) = self.expiries.first()
             && (is_back || until < now)
         {
+            debug_assert!(!self.tracked.contains(&number), "{number} has a TBV and is tracked");
             self.counters.expired += 1;
-            if let Some(thing) = &mut self.things[number as usize] {
-                thing.validity = (thing.validity * 3 / 2).min(VALIDITY_MAX);
+            if let Some(object) = &mut self.objects[number as usize] {
+                object.validity = (object.validity * 3 / 2).min(VALIDITY_MAX);
             }
             self.track(number);
         }
     }
 
-    /// Puts something where it is now; tells its box, unless it has vanished.
-    fn place(&mut self, number: u32, cast: &MovingSet<'_>) -> Option<Aabb> {
+    /// Puts an object where it is now. Returns its box, or `None` when it has vanished.
+    fn place(&mut self, number: u32, set: &MovingSet<'_>) -> Option<Aabb> {
         self.counters.placed += 1;
-        let what = self.things[number as usize].as_ref().map(|thing| thing.what)?;
-        let bounds = cast.bounds(what);
+        let id = self.objects[number as usize].as_ref().map(|object| object.id)?;
+        let bounds = set.bounds(id);
         match bounds {
-            // What has no sane box stays where it was.
+            // An object whose box is not finite stays where it was.
             Some(bounds) => drop(self.occupants.move_to(OccupantId(number), &[bounds])),
             None => self.forget(number),
         }
         bounds
     }
 
-    /// Finds what to draw; and gives what is not seen a volume to be replaced by.
-    fn find(&mut self, frame: &Frame, camera: &Camera, cast: &MovingSet<'_>) -> BTreeSet<u32> {
+    /// Finds the objects to draw, and gives hidden objects a TBV.
+    fn find(&mut self, frame: &Frame, camera: &Camera, set: &MovingSet<'_>) -> BTreeSet<u32> {
         let mut pyramid = std::mem::take(&mut self.pyramid);
-        let mut sight = OcclusionTest::new(camera, frame, &mut pyramid);
+        let mut test = OcclusionTest::new(camera, frame, &mut pyramid);
         let mut met = Vec::new();
-        self.occupants.front_to_back(camera.eye, |what| match what {
-            Visit::Node(bounds) => sight.shows(&bounds, self.letters_max),
+        self.occupants.front_to_back(camera.eye, |visit| match visit {
+            Visit::Node(bounds) => test.shows(&bounds, self.letters_max),
             Visit::Occupant(id) => {
                 met.push(id);
                 true
@@ -296,83 +300,84 @@ impl MovingRenderer {
         });
         let mut seen = BTreeSet::new();
         for id in met {
-            let Some(thing) = &self.things[id.0 as usize] else { continue };
-            let (letters, is_tracked) = (thing.letters, thing.until.is_none());
-            let shows = self.occupants.primitives(id).any(|bounds| sight.shows(bounds, letters));
-            if shows && (is_tracked || self.reveal(&mut sight, id.0, cast)) {
+            let Some(object) = &self.objects[id.0 as usize] else { continue };
+            let (letters, is_tracked) = (object.letters, object.until.is_none());
+            let shows = self.occupants.primitives(id).any(|bounds| test.shows(bounds, letters));
+            if shows && (is_tracked || self.reveal(&mut test, id.0, set)) {
                 seen.insert(id.0);
             }
         }
         if self.culling == Culling::Temporal {
             let unseen: Vec<u32> = self.tracked.difference(&seen).copied().collect();
             for number in unseen {
-                self.hide(&mut sight, number, cast);
+                self.hide(&mut test, number, set);
             }
         }
-        self.counters.tested = sight.tested;
+        debug_assert_eq!(self.expiries.len() + self.tracked.len(), self.occupants.len());
+        self.counters.tested = test.tested;
         self.pyramid = pyramid;
         seen
     }
 
-    /// Looks at something whose volume has come into view: whether it is in view itself. Otherwise it
-    /// gets a shorter one.
-    fn reveal(&mut self, sight: &mut OcclusionTest<'_>, number: u32, cast: &MovingSet<'_>) -> bool {
+    /// Tests an object whose TBV has come into view. Returns whether the object is in view itself. Its
+    /// next TBV is shorter.
+    fn reveal(&mut self, test: &mut OcclusionTest<'_>, number: u32, set: &MovingSet<'_>) -> bool {
         self.counters.revealed += 1;
-        let Some(thing) = &mut self.things[number as usize] else { return false };
-        thing.validity = (thing.validity / 2).max(VALIDITY_MIN);
-        let letters = thing.letters;
+        let Some(object) = &mut self.objects[number as usize] else { return false };
+        object.validity = (object.validity / 2).max(VALIDITY_MIN);
+        let letters = object.letters;
         self.track(number);
-        self.place(number, cast).is_some_and(|bounds| sight.shows(&bounds, letters))
+        self.place(number, set).is_some_and(|bounds| test.shows(&bounds, letters))
     }
 
-    /// Lets a volume that is not in view stand for something, if there is one that is worth it.
-    fn hide(&mut self, sight: &mut OcclusionTest<'_>, number: u32, cast: &MovingSet<'_>) {
-        let Some(thing) = &mut self.things[number as usize] else { return };
-        let mut validity = thing.validity;
+    /// Lets a TBV that is not in view stand for an object, if one is worth it.
+    fn hide(&mut self, test: &mut OcclusionTest<'_>, number: u32, set: &MovingSet<'_>) {
+        let Some(object) = &mut self.objects[number as usize] else { return };
+        let mut validity = object.validity;
         while validity >= VALIDITY_MIN {
-            let until = cast.now.saturating_add(validity);
-            let Some(volume) = cast.volume(thing.what, until) else { return };
-            if !sight.shows(&volume, thing.letters)
+            let until = set.now.saturating_add(validity);
+            let Some(volume) = set.volume(object.id, until) else { return };
+            if !test.shows(&volume, object.letters)
                 && self.occupants.move_to(OccupantId(number), &[volume]).is_ok()
             {
                 self.counters.placed += 1;
-                (thing.validity, thing.until) = (validity, Some(until));
+                (object.validity, object.until) = (validity, Some(until));
                 self.tracked.remove(&number);
                 self.expiries.insert((until, number));
                 return;
             }
             validity /= 2;
         }
-        thing.validity = VALIDITY_MIN;
+        object.validity = VALIDITY_MIN;
     }
 
-    /// Draws some of what moves.
+    /// Draws some objects. Returns the avatars among them that at least one pixel shows.
     fn show(
         &mut self,
         frame: &mut Frame,
         camera: &Camera,
         seen: &BTreeSet<u32>,
-        cast: &MovingSet<'_>,
+        set: &MovingSet<'_>,
     ) -> Vec<VisibleAvatar> {
         let (mut doors, mut others): (Vec<&Mover>, Vec<AvatarId>) = Default::default();
-        for thing in seen.iter().filter_map(|number| self.things[*number as usize].as_ref()) {
-            match thing.what {
-                MovingId::Mover(at) => doors.extend(cast.world.movers.get(at as usize)),
+        for object in seen.iter().filter_map(|number| self.objects[*number as usize].as_ref()) {
+            match object.id {
+                MovingId::Mover(at) => doors.extend(set.world.movers.get(at as usize)),
                 MovingId::Avatar(avatar) => others.push(avatar),
             }
         }
-        movers::draw_those(frame, camera, &doors, cast.now);
+        movers::draw_selected(frame, camera, &doors, set.now);
         others.sort_unstable();
         let mut shown: Vec<VisibleAvatar> = Vec::with_capacity(others.len());
         for avatar in others {
-            match (cast.told.shown(avatar, cast.now), self.avatars.get(&avatar)) {
+            match (set.source.shown(avatar, set.now), self.avatars.get(&avatar)) {
                 (Some(avatar), _) => shown.push(avatar),
                 (None, Some(&number)) => self.forget(number),
                 (None, None) => {}
             }
         }
         self.counters.drawn = doors.len() + shown.len();
-        let body = cast.world.body;
+        let body = set.world.body;
         let figure = |avatar| {
             let VisibleAvatar { name, colour, pose, .. }: &'_ VisibleAvatar = avatar;
             AvatarFigure { pose: *pose, body, colour: *colour, name }

@@ -1,7 +1,8 @@
-//! Where what moves is, and will be.
+//! The moving set: where movers and avatars are, and where they will be.
 
 use std::time::Duration;
 
+use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 use sightline_world::{
     Mover, World,
     geometry::Aabb,
@@ -9,53 +10,52 @@ use sightline_world::{
 };
 
 use crate::avatars;
-use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 
-/// Boxes are taken to be so much larger on each side, for what rounding does, as a part of their
-/// distance from the origin.
+/// Boxes are grown on each side by this share of their distance from the origin, for rounding.
 pub(super) const ROUNDING: f32 = 1e-5;
 
-/// Something that moves.
+/// A mover or an avatar.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum MovingId {
-    /// By its place among the world's.
+    /// A mover, by its index in the world.
     Mover(u32),
+    /// An avatar.
     Avatar(AvatarId),
 }
 
-/// All that moves, at one time.
+/// The movers of a world and the avatars of a source, at one time.
 pub(super) struct MovingSet<'a> {
     pub(super) world: &'a World,
-    pub(super) told: &'a dyn AvatarSource,
+    pub(super) source: &'a dyn AvatarSource,
     pub(super) now: Duration,
     agility: Agility,
 }
 
 impl<'a> MovingSet<'a> {
-    pub(super) fn new(world: &'a World, told: &'a dyn AvatarSource, now: Duration) -> Self {
+    pub(super) fn new(world: &'a World, source: &'a dyn AvatarSource, now: Duration) -> Self {
         let agility = Agility::of(&world.body, world.speed_max);
-        Self { world, told, now, agility }
+        Self { world, source, now, agility }
     }
 
-    /// The box that something fills now, its name's foot included; `None` when it is gone.
-    pub(super) fn bounds(&self, what: MovingId) -> Option<Aabb> {
-        match what {
-            MovingId::Mover(_) => self.volume(what, self.now),
+    /// The box that an object fills now, with the lower edge of its name; `None` when it has vanished.
+    pub(super) fn bounds(&self, id: MovingId) -> Option<Aabb> {
+        match id {
+            MovingId::Mover(_) => self.volume(id, self.now),
             MovingId::Avatar(avatar) => {
-                let (Pose { eye, .. }, _) = self.told.path(avatar, self.now, self.now)?;
+                let (Pose { eye, .. }, _) = self.source.path(avatar, self.now, self.now)?;
                 Some(self.figure(&Aabb::new(eye, eye)))
             }
         }
     }
 
-    /// The box that it surely stays in up to a time, or does for all that a body can do.
-    pub(super) fn volume(&self, what: MovingId, until: Duration) -> Option<Aabb> {
-        match what {
+    /// A box that an object stays in until a time, as far as a body can move; `None` when it has vanished.
+    pub(super) fn volume(&self, id: MovingId, until: Duration) -> Option<Aabb> {
+        match id {
             MovingId::Mover(at) => {
                 self.world.movers.get(at as usize).map(|mover| swept(mover, self.now, until))
             }
             MovingId::Avatar(avatar) => {
-                let (pose, path) = self.told.path(avatar, self.now, until)?;
+                let (pose, path) = self.source.path(avatar, self.now, until)?;
                 let time = until.saturating_sub(self.now);
                 let eyes = self.agility.eyes(pose.eye, pose.velocity, time);
                 Some(self.figure(&eyes.union(&path)))
@@ -63,23 +63,25 @@ impl<'a> MovingSet<'a> {
         }
     }
 
-    /// The box that an avatar fills up to a time, as far as was told.
+    /// The box that an avatar fills until a time, unless there is an update of it; `None` when it has
+    /// vanished.
     pub(super) fn path(&self, avatar: AvatarId, until: Duration) -> Option<Aabb> {
-        self.told.path(avatar, self.now, until).map(|(_, eyes)| self.figure(&eyes))
+        self.source.path(avatar, self.now, until).map(|(_, eyes)| self.figure(&eyes))
     }
 
-    /// How many letters its name has, as it is drawn.
+    /// The number of letters of an avatar's name that are shown.
     pub(super) fn letters(&self, avatar: AvatarId) -> usize {
-        let shown = self.told.shown(avatar, self.now);
+        let shown = self.source.shown(avatar, self.now);
         shown.map_or(0, |avatar| avatars::letters(&avatar.name))
     }
 
+    /// The box that contains a figure while its eye is in a box.
     fn figure(&self, eyes: &Aabb) -> Aabb {
         rounded(&avatars::bounds(&self.world.body, eyes))
     }
 }
 
-/// The box that a mover stays in from one time to another. One that something sets off rests.
+/// The box that a mover stays in from one time to another. A triggered mover rests.
 fn swept(mover: &Mover, from: Duration, until: Duration) -> Aabb {
     rounded(&match mover.trajectory.playback() {
         Playback::Triggered => mover.swept(Duration::ZERO, Duration::ZERO),
@@ -87,12 +89,13 @@ fn swept(mover: &Mover, from: Duration, until: Duration) -> Aabb {
     })
 }
 
+/// A box grown by [`ROUNDING`].
 fn rounded(bounds: &Aabb) -> Aabb {
     let farthest = bounds.min.abs().max(bounds.max.abs()).max_element();
     bounds.grown(ROUNDING * farthest.min(f32::MAX))
 }
 
-/// Who is alone.
+/// The avatar source of a picture without avatars.
 pub(super) struct NoAvatars;
 
 impl AvatarSource for NoAvatars {

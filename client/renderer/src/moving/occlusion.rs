@@ -1,4 +1,4 @@
-//! Whether some of a box may be in a picture.
+//! Whether any part of a box may be visible in a picture.
 
 use sightline_world::geometry::Aabb;
 
@@ -10,11 +10,12 @@ use crate::{
     view::View,
 };
 
-/// What a picture hides.
+/// Tests boxes against the depths of one picture.
 pub(super) struct OcclusionTest<'a> {
     view: View,
     frame: &'a Frame,
     pyramid: &'a mut Pyramid,
+    /// The number of tests so far.
     pub(super) tested: usize,
 }
 
@@ -25,13 +26,13 @@ impl<'a> OcclusionTest<'a> {
         Self { view, frame, pyramid, tested: 0 }
     }
 
-    /// Whether some of a box may be in the picture, or of names of so many letters at most that have
-    /// their foot in it.
+    /// Whether any part of a box may be visible, or of a name of at most this many letters that has its
+    /// lower edge in the box.
     pub(super) fn shows(&mut self, bounds: &Aabb, letters: usize) -> bool {
         self.tested += 1;
         let depths = bounds.corners().map(|corner| self.view.project(corner).z);
         let nearest = depths.into_iter().fold(f32::INFINITY, f32::min) * (1.0 - ROUNDING);
-        // A pixel more on each side, for what rounding does.
+        // One pixel more on each side, for rounding.
         let [across, down] = avatars::name_reach(&self.view, nearest, letters).map(|px| px + 1.0);
         let (centre, half) = (bounds.centre(), bounds.size() * 0.5);
         let (columns, rows) = self.view.bounds_within(centre, half, across.max(down));

@@ -1,5 +1,6 @@
 use glam::{DAffine3, DVec3, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_fixtures::voxel_floor::world;
 use sightline_world::{
     Mesh,
     motion::{
@@ -10,11 +11,10 @@ use sightline_world::{
 };
 
 use super::*;
-use sightline_fixtures::voxel_floor::world;
 
 const SIZE: [usize; 2] = [160, 120];
 
-/// A tent that goes back and forth, stands still, or goes away for good.
+/// A tent that goes back and forth, rests, or goes away for good.
 fn mover(random: &mut SmallRng) -> Mover {
     let mut within = |low: f32, high: f32| random.random_range(low..high);
     let at = Vec3::new(within(1.0, 31.0), within(0.5, 4.0), within(1.0, 31.0));
@@ -54,7 +54,7 @@ fn building(random: &mut SmallRng) -> Frame {
     frame
 }
 
-/// Somebody who walks on for a while, until there is news.
+/// A person who walks on for a while, until there is an update.
 #[derive(Clone)]
 struct Person {
     name: String,
@@ -74,11 +74,11 @@ impl Person {
     }
 }
 
-/// People who walk as bodies do, are put elsewhere, vanish and appear again.
+/// People who walk as bodies can, are put elsewhere, vanish, and appear again.
 #[derive(Clone, Default)]
 struct Crowd {
     people: BTreeMap<AvatarId, Person>,
-    news: BTreeMap<AvatarId, Update>,
+    updates: BTreeMap<AvatarId, Update>,
 }
 
 impl Crowd {
@@ -95,7 +95,7 @@ impl Crowd {
                     let pose = Pose { eye: at(random, 1.0, 31.0), ..Pose::default() };
                     let name = "x".repeat(letters);
                     self.people.insert(id, Person { name, start: now, pose });
-                    self.news.insert(id, Update::Appeared);
+                    self.updates.insert(id, Update::Appeared);
                 }
                 4..60 => {
                     let Some(person) = self.people.get_mut(&id) else { continue };
@@ -103,7 +103,7 @@ impl Crowd {
                     let velocity = at(random, -1.5, 1.5);
                     person.pose = Pose { eye, velocity, ..person.pose };
                     person.start = now;
-                    self.news.entry(id).or_insert(Update::Moved);
+                    self.updates.entry(id).or_insert(Update::Moved);
                 }
                 _ => {}
             }
@@ -113,7 +113,7 @@ impl Crowd {
 
 impl AvatarSource for Crowd {
     fn updates(&mut self) -> Vec<(AvatarId, Update)> {
-        std::mem::take(&mut self.news).into_iter().collect()
+        std::mem::take(&mut self.updates).into_iter().collect()
     }
 
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {
@@ -141,7 +141,7 @@ fn stage(random: &mut SmallRng) -> World {
 }
 
 #[test]
-fn all_ways_draw_the_same_pixels() {
+fn all_ways_of_culling_draw_the_same_pixels() {
     let (mut saved, mut plain_placed, mut drawn, mut met) = (0, 0, 0, 0);
     let mut refuted = 0;
     for seed in 0..40 {
@@ -152,7 +152,7 @@ fn all_ways_draw_the_same_pixels() {
         let mut now = Duration::ZERO;
         let mut camera = Camera::looking_at(Vec3::new(16.0, 2.0, 16.0), Vec3::ZERO);
         for _ in 0..60 {
-            // Now and then time leaps, either way.
+            // Now and then time leaps, forwards or backwards.
             now = match random.random_range(0..40) {
                 0 => now / 2,
                 1 => now + Duration::from_secs(20),
@@ -184,21 +184,21 @@ fn all_ways_draw_the_same_pixels() {
 }
 
 #[test]
-fn who_is_hidden_is_left_alone() {
+fn hidden_avatars_are_left_alone() {
     let mut crowd = Crowd::default();
     let world = world(&[]);
     for id in (0..100).map(AvatarId) {
         let eye = Vec3::new(4.0, 1.7, 1.0 + id.0 as f32 * 0.01);
         let pose = Pose { eye, velocity: Vec3::X * 0.1, ..Pose::default() };
         crowd.people.insert(id, Person { name: "Ada".into(), start: Duration::ZERO, pose });
-        crowd.news.insert(id, Update::Appeared);
+        crowd.updates.insert(id, Update::Appeared);
     }
     let mut moving = MovingRenderer::new(&world, Culling::Temporal);
     let camera = Camera::looking_at(Vec3::new(4.0, 1.7, 7.0), Vec3::new(4.0, 1.7, 0.0));
-    let mut picture = |depth: f32, ms: u64, news: Option<u32>| {
+    let mut picture = |depth: f32, ms: u64, updates: Option<u32>| {
         let mut frame = Frame::new(SIZE[0], SIZE[1]);
         frame.depth.fill(depth);
-        crowd.news.extend(news.map(|id| (AvatarId(id), Update::Moved)));
+        crowd.updates.extend(updates.map(|id| (AvatarId(id), Update::Moved)));
         let told = Some(&mut crowd as &mut dyn AvatarSource);
         let seen = moving.draw(&mut frame, &camera, &world, told, Duration::from_millis(ms));
         (seen.len(), moving.counters())
@@ -212,7 +212,7 @@ fn who_is_hidden_is_left_alone() {
 }
 
 #[test]
-fn nobody_and_nothing_is_drawn_without_harm() {
+fn empty_worlds_and_frames_are_drawn_without_harm() {
     let random = &mut SmallRng::seed_from_u64(1);
     let mut world = World { octree: Octree::empty(Vec3::ZERO, 1.0, 2), ..world(&[]) };
     let camera = Camera::looking_at(Vec3::ONE, Vec3::ZERO);

@@ -41,60 +41,64 @@ pub use self::viewpoint_boxes::boxes_ahead;
 
 /// Nodes are tested down to this edge, in metres.
 const NODE_M: f32 = 0.6;
-/// So many levels below a node its voxels are known, to find the box around them.
+/// The box around a node's voxels is found from its contents this many levels below.
 const FINER: u8 = 3;
-/// Elements of a face of the fuzzy buffer, each way.
+/// The number of elements along each side of a face of the fuzzy buffer.
 const ELEMENTS: usize = 256;
-/// Boxes are taken to be larger on all sides by this part of a voxel.
+/// Boxes are grown on all sides by this share of a voxel, for rounding.
 const MARGIN: f32 = 0.05;
 
-/// A building as it hides itself, ready for any box of eyes.
+/// The occluders and the nodes of a building, for the node visibility of any viewpoint box.
 #[derive(Clone, Debug)]
 pub struct VoxelOccluders {
     surfaces: Surfaces,
-    /// With what is below right behind each.
+    /// The nodes down to the smallest that are tested. The nodes below a node follow right after it.
     nodes: Vec<OccluderNode>,
+    /// The edge of a voxel, in metres.
     voxel: f32,
-    /// How many inner nodes the octree has.
+    /// The number of inner nodes of the octree.
     inner: usize,
     /// The level of the smallest nodes that are tested.
     level: u8,
 }
 
-/// A node of the octree.
+/// An inner node of the octree.
 #[derive(Clone, Copy, Debug)]
 struct OccluderNode {
+    /// The index among the inner nodes.
     index: u32,
-    /// The node after all that is below.
+    /// The place of the first node that is not below this one.
     end: u32,
     cube: Aabb,
-    /// Around what is in it.
+    /// The box around the node's contents, [`FINER`] levels below.
     tight: Aabb,
-    /// The same, and where these are one layer no more than that; as large or smaller.
+    /// A box around the node's voxels that is no larger than `tight`: exact across the layer where they
+    /// form one.
     voxels: Aabb,
-    /// The axis that such a layer lies across; known of the smallest nodes.
+    /// The axis across which the voxels form one layer, if they do. Known of the smallest nodes only.
     layer: Option<usize>,
 }
 
-/// What no eye in a box can see, and what all do.
+/// Which inner nodes no eye of a viewpoint box can see, and which have nothing in front of them.
 #[derive(Clone, Debug)]
 pub struct NodeVisibility {
     eyes: Aabb,
-    /// It does not hold for pictures in which a metre at a metre's distance spans fewer pixels.
+    /// The least focal length in pixels for which the result holds.
     focal_min: f32,
-    /// A bit for each inner node of the octree.
+    /// A bit for each inner node of the octree: whether it is hidden.
     nodes: Vec<u64>,
-    /// The same of those that every eye sees whole.
+    /// A bit for each inner node of the octree: whether every eye sees it whole.
     unoccluded: Vec<u64>,
+    /// The number of inner nodes of the octree.
     inner: usize,
     level: u8,
     counts: NodeCounts,
 }
 
-/// What became of the nodes that were tested.
+/// How many nodes were found hidden or unoccluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct NodeCounts {
-    /// Nodes of the smallest size that no eye sees, or that are in nodes that none does.
+    /// Nodes of the smallest size that no eye sees.
     pub hidden: usize,
     /// Nodes of the smallest size that every eye sees whole.
     pub visible: usize,
@@ -105,10 +109,10 @@ pub struct NodeCounts {
 }
 
 impl VoxelOccluders {
-    /// Looks through all voxels for what hides others.
+    /// Finds the occluders of an octree. Every voxel is visited.
     ///
     /// # Errors
-    /// When there are more walls than can be numbered.
+    /// When there are more occluders than can be numbered.
     pub fn new(octree: &Octree) -> Result<Self, SurfaceError> {
         let level = (octree.edge / NODE_M).log2().ceil().max(1.0) as u8;
         let level = level.min(octree.depth - 1);
@@ -125,18 +129,18 @@ impl VoxelOccluders {
         })
     }
 
-    /// How many rectangles there are.
+    /// The number of occluders.
     pub fn len(&self) -> usize {
         self.surfaces.len()
     }
 
-    /// Whether nothing hides anything.
+    /// Whether there are no occluders.
     pub fn is_empty(&self) -> bool {
         self.surfaces.is_empty()
     }
 }
 
-/// Adds a node, by its index, and those below; tells its place.
+/// Adds a node, by its index, and the nodes below it. Returns its place.
 fn add(
     nodes: &mut Vec<OccluderNode>,
     (node, index): (Cursor<'_>, u32),
@@ -173,7 +177,7 @@ fn add(
     place
 }
 
-/// The box around the cubes of a level that are in a node.
+/// The box around the contents of a node, as the cubes of a level.
 fn around(node: Cursor<'_>, cube: &Aabb, level: u8) -> Aabb {
     if node.level() == level || node.is_leaf() {
         return *cube;
@@ -183,6 +187,7 @@ fn around(node: Cursor<'_>, cube: &Aabb, level: u8) -> Aabb {
     parts.fold(Aabb::EMPTY, |all, part| all.union(&part))
 }
 
+/// The cube of an octant of a cube.
 fn octant_of(cube: &Aabb, octant: u8) -> Aabb {
     let half = cube.size() * 0.5;
     let at = glam::Vec3::from([0, 1, 2].map(|axis| f32::from(octant >> axis & 1)));
@@ -191,9 +196,10 @@ fn octant_of(cube: &Aabb, octant: u8) -> Aabb {
 }
 
 impl NodeVisibility {
-    /// Finds it, for pictures in which a metre at a metre's distance spans so many pixels or more.
+    /// Finds the node visibility of a viewpoint box, for pictures with a focal length of at least
+    /// `focal_min` pixels.
     pub fn new(walls: &VoxelOccluders, eyes: Aabb, focal_min: f32) -> Self {
-        // A voxel that an eye is in is not drawn, and hides nothing.
+        // A voxel that contains the eye is not drawn, so it must not hide anything.
         let viewpoints = ViewpointBox::all_round(eyes.grown(walls.voxel));
         let buffer = FuzzyBuffer::new(&walls.surfaces, &viewpoints, ELEMENTS);
         let mut hidden = Self {
@@ -235,36 +241,38 @@ impl NodeVisibility {
         hidden
     }
 
+    /// Whether an inner node is hidden.
     fn is_hidden(&self, index: u32) -> bool {
         self.nodes[index as usize / 64] >> (index % 64) & 1 == 1
     }
 
-    /// The same, but all that is drawn is tested.
+    /// This node visibility without its unoccluded nodes, so that every node is tested.
     pub fn without_unoccluded(mut self) -> Self {
         self.unoccluded.fill(0);
         self.counts.visible = 0;
         self
     }
 
-    /// What may be drawn of a node.
+    /// The box around what may be drawn of a node.
     fn bounds(&self, node: &OccluderNode) -> Aabb {
         let step = node.cube.size().x / f32::from(1u16 << FINER);
         let aside = (node.cube.max - self.eyes.min).max(self.eyes.max - node.cube.min);
-        // As far as its steps are no smaller than a pixel.
+        // The tight box holds as long as its steps are no smaller than a pixel.
         if aside.length() < step * self.focal_min { node.tight } else { node.cube }
     }
 
-    /// The box of eyes.
+    /// The viewpoint box.
     pub fn eyes(&self) -> Aabb {
         self.eyes
     }
 
-    /// What became of the nodes.
+    /// How many nodes were found hidden or unoccluded.
     pub fn counts(&self) -> NodeCounts {
         self.counts
     }
 
-    /// What is known of each inner node, if it holds for an octree, an eye and a focal length.
+    /// What is known of each inner node; `None` when it does not hold for an octree, an eye and a focal
+    /// length.
     pub(super) fn classes(
         &self,
         octree: &Octree,

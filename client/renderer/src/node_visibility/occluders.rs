@@ -1,4 +1,4 @@
-//! What in an octree hides things: rectangles of voxels without a gap.
+//! The occluders of an octree: rectangles of opaque voxels without a gap.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,24 +6,24 @@ use glam::Vec3;
 use sightline_visibility::fuzzy::{SurfaceError, Surfaces};
 use sightline_world::octree::{Cursor, Octree};
 
-/// Rectangles are put together from squares of at least this width, in metres, and two voxels.
+/// Rectangles are made of squares that are at least this wide, in metres, and at least two voxels.
 const SQUARE_M: f32 = 0.06;
-/// Squares are no wider than so many levels' voxels.
+/// Squares are at most two to the power of this many voxels wide.
 const SQUARE_LEVELS_MAX: u8 = 4;
-/// Narrower rectangles hide next to nothing, in metres.
+/// Narrower rectangles, in metres, are left out: they hide almost nothing.
 const NARROW_M: f32 = 0.25;
 
-/// A layer of voxels: the axis that it lies across, and how many voxels come before it.
+/// A layer of voxels: the axis across it, and the number of voxels before it.
 type LayerKey = (usize, u32);
-/// A rectangle of squares, by its least corner and the one beyond its greatest.
+/// A rectangle of squares, by its least corner and the corner beyond its greatest square.
 type Rectangle = [[u32; 2]; 2];
 
-/// Where squares are, layer by layer.
+/// The squares of each layer.
 #[derive(Default)]
 struct Squares(BTreeMap<LayerKey, BTreeSet<[u32; 2]>>);
 
-/// Surfaces through the middles of the opaque voxels of an octree, for [`Surfaces::new`]: a line that meets one
-/// meets the voxel around the place.
+/// The occluders of an octree, as surfaces through the middles of opaque voxels. A line that meets a
+/// surface meets the voxel around that place.
 pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
     let levels = (SQUARE_M / octree.voxel()).log2().ceil().max(1.0) as u8;
     let levels = levels.min(SQUARE_LEVELS_MAX).min(octree.depth);
@@ -34,26 +34,26 @@ pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
     if let Some(root) = octree.root() {
         squares.collect(root, [0; 3], octree.depth - levels, (levels, glass_from));
     }
-    let mut sheets = SurfaceMesh::default();
+    let mut mesh = SurfaceMesh::default();
     for (&(axis, layer), places) in &squares.0 {
         let rectangles: Vec<Rectangle> = rectangles(places)
             .into_iter()
             .filter(|[min, max]| (0..2).all(|side| max[side] - min[side] >= narrow))
             .collect();
         let across = octree.origin[axis] + (layer as f32 + 0.5) * octree.voxel();
-        sheets.add(&rectangles, |[u, v]: [u32; 2]| {
+        mesh.add(&rectangles, |[u, v]: [u32; 2]| {
             let mut corner = Vec3::splat(across);
             corner[(axis + 1) % 3] = octree.origin[(axis + 1) % 3] + u as f32 * square;
             corner[(axis + 2) % 3] = octree.origin[(axis + 2) % 3] + v as f32 * square;
             corner
         });
     }
-    Surfaces::new(&sheets.corners, &sheets.patches)
+    Surfaces::new(&mesh.corners, &mesh.patches)
 }
 
 impl Squares {
-    /// Looks for whole layers of opaque voxels in the nodes of a level below a node, whose place is counted in
-    /// nodes of its own size.
+    /// Collects whole layers of opaque voxels from the nodes of a level that are below a node. The node's
+    /// place is counted in nodes of its own size.
     fn collect(&mut self, node: Cursor<'_>, at: [u32; 3], level: u8, (levels, glass): (u8, usize)) {
         if node.level() < level {
             for (octant, child) in node.children() {
@@ -62,6 +62,7 @@ impl Squares {
             }
             return;
         }
+        assert!(levels <= SQUARE_LEVELS_MAX, "{levels} levels");
         let mut counts = [[0u32; 1 << SQUARE_LEVELS_MAX]; 3];
         count(node, [0; 3], glass, &mut counts);
         let width = 1u32 << levels;
@@ -75,7 +76,7 @@ impl Squares {
     }
 }
 
-/// Counts the opaque voxels below a node in each layer across each axis.
+/// Counts the opaque voxels below a node, for each layer across each axis.
 fn count(node: Cursor<'_>, at: [usize; 3], glass: usize, counts: &mut [[u32; 16]; 3]) {
     if node.is_leaf() {
         if usize::from(node.material_index()) < glass {
@@ -89,10 +90,11 @@ fn count(node: Cursor<'_>, at: [usize; 3], glass: usize, counts: &mut [[u32; 16]
     }
 }
 
-/// Rectangles that cover some squares, each once: runs of squares, and runs beside them that are as long.
+/// Rectangles that cover each of some squares once: runs of squares, joined with equal runs in the rows
+/// that follow.
 fn rectangles(places: &BTreeSet<[u32; 2]>) -> Vec<Rectangle> {
     let mut done: Vec<Rectangle> = Vec::new();
-    // By where it begins and ends in the last row: where it began.
+    // The first row of each open rectangle, by where its run begins and ends.
     let mut open: BTreeMap<[u32; 2], u32> = BTreeMap::new();
     let mut row_before = None;
     let mut runs: Vec<(u32, [u32; 2])> = Vec::new();
@@ -124,7 +126,8 @@ fn rectangles(places: &BTreeSet<[u32; 2]>) -> Vec<Rectangle> {
     done
 }
 
-/// Patches, with corners wherever another patch has one, so that neighbours share edges.
+/// Surfaces of patches. A patch has a corner wherever another patch has one, so that neighbours share
+/// edges.
 #[derive(Default)]
 struct SurfaceMesh {
     corners: Vec<Vec3>,
@@ -133,7 +136,7 @@ struct SurfaceMesh {
 }
 
 impl SurfaceMesh {
-    /// Adds the rectangles of a layer; those that touch are one surface.
+    /// Adds the rectangles of a layer. Rectangles that touch form one surface.
     fn add(&mut self, rectangles: &[Rectangle], corner: impl Fn([u32; 2]) -> Vec3) {
         let mut lines: [BTreeMap<u32, BTreeSet<u32>>; 2] = Default::default();
         for [min, max] in rectangles {
@@ -142,13 +145,13 @@ impl SurfaceMesh {
                 lines[1].entry(v).or_default().insert(u);
             }
         }
-        let mut numbers: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+        let mut corners: BTreeMap<[u32; 2], u32> = BTreeMap::new();
         let outlines: Vec<Vec<u32>> = rectangles
             .iter()
             .map(|rectangle| {
                 let around = outline(rectangle, &lines);
                 let number = |place: [u32; 2]| {
-                    *numbers.entry(place).or_insert_with(|| {
+                    *corners.entry(place).or_insert_with(|| {
                         self.corners.push(corner(place));
                         self.corners.len() as u32 - 1
                     })
@@ -156,14 +159,15 @@ impl SurfaceMesh {
                 around.into_iter().map(number).collect()
             })
             .collect();
-        let kin = kin(&outlines);
+        let numbers = surfaces(&outlines);
         let first = self.surfaces;
-        self.surfaces += kin.iter().max().map_or(0, |last| last + 1);
-        self.patches.extend(kin.into_iter().map(|kin| first + kin).zip(outlines));
+        self.surfaces += numbers.iter().max().map_or(0, |last| last + 1);
+        self.patches.extend(numbers.into_iter().map(|number| first + number).zip(outlines));
     }
 }
 
-/// A rectangle's corners, and all others on its edges, in order. `lines` has the corners on each line.
+/// The corners on the outline of a rectangle, in order: its own, and those of others on its edges.
+/// `lines` has the corners on each line.
 fn outline([min, max]: &Rectangle, lines: &[BTreeMap<u32, BTreeSet<u32>>; 2]) -> Vec<[u32; 2]> {
     let on = |axis: usize, line: u32, from: u32, to: u32| {
         lines[axis].get(&line).into_iter().flat_map(move |line| line.range(from..to)).copied()
@@ -180,8 +184,8 @@ fn outline([min, max]: &Rectangle, lines: &[BTreeMap<u32, BTreeSet<u32>>; 2]) ->
     around
 }
 
-/// Numbers, from 0 on, that are the same for outlines which share corners.
-fn kin(outlines: &[Vec<u32>]) -> Vec<u32> {
+/// Numbers the surfaces of some outlines, from 0 on: outlines that share corners get the same number.
+fn surfaces(outlines: &[Vec<u32>]) -> Vec<u32> {
     let mut of_corner: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (at, outline) in outlines.iter().enumerate() {
         outline.iter().for_each(|corner| of_corner.entry(*corner).or_default().push(at));

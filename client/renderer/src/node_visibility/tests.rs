@@ -5,10 +5,10 @@ use std::{
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_fixtures::voxel_floor::world;
 
 use super::*;
 use crate::{Camera, Frame, Mode, Renderer};
-use sightline_fixtures::voxel_floor::world;
 
 /// Walls with a gap, thin and thick, and glass.
 const HOUSE: [([u32; 3], [u32; 3], u8); 6] = [
@@ -57,11 +57,12 @@ fn pictures_are_the_same_without_what_is_hidden() {
             untested += renderer.counters().mask_tests - tests;
         }
     }
-    assert!(left_out > 1_000 && saved > 1_000, "{left_out} nodes, {saved} materials");
+    assert!(left_out > 1_000 && saved > 1_000, "{left_out} nodes, {saved} nodes visited less");
     assert!(untested > 1_000, "{untested} tests");
 }
 
-/// Where a line from an eye to a point first meets a box of the house, or its floor.
+/// Where a line from an eye to a point first meets a box of the house, or its floor: the share of the
+/// line before it.
 fn meets(octree: &Octree, eye: Vec3, point: Vec3) -> f32 {
     let boxes = HOUSE.iter().map(|(min, max, _)| (*min, *max)).chain([([0; 3], [64, 1, 64])]);
     let enters = boxes.filter_map(|(min, max)| {
@@ -106,7 +107,7 @@ fn what_is_seen_whole_is_never_covered() {
 }
 
 #[test]
-fn what_holds_for_others_is_not_used() {
+fn results_for_other_boxes_pictures_and_octrees_are_not_used() {
     let octree = house();
     let eyes = Aabb::around(Vec3::new(1.0, 1.7, 1.0), 0.2);
     let hidden = NodeVisibility::new(&VoxelOccluders::new(&octree).unwrap(), eyes, 100.0);
@@ -136,7 +137,7 @@ fn boxes_are_there_before_the_eye() {
     assert!(boxes_ahead(eye, velocity)[1].contains(eye + velocity * 0.5));
     assert!(
         ahead.at(eye, velocity, 60.0).is_some(),
-        "what holds for small pictures does for large ones"
+        "what holds for small pictures holds for large ones"
     );
     assert!(ahead.at(eye, velocity, 40.0).is_none(), "but not the other way round");
 }

@@ -1,9 +1,11 @@
-//! What every eye of a box sees whole: flat pieces of floors, walls and ceilings with nothing before them.
+//! Which nodes every eye of a viewpoint box sees whole: flat pieces of floors, walls and ceilings with
+//! nothing in front of them.
 //!
-//! A node that is more than one layer of voxels hides a part of itself, so it is never seen whole, and its tests
-//! against the mask buffer pay. Of a layer the side towards the eyes is seen whole when no box around other voxels meets
-//! the convex hull of that side and the box of eyes before it. Between two boxes that is arithmetic: a share t of the way
-//! from the one to the other, the hull is again a box, whose sides are linear in t.
+//! A node of more than one layer of voxels hides a part of itself, so it is never seen whole, and
+//! testing it against the mask buffer pays. The near side of a single layer is seen whole when no box
+//! around other voxels meets the convex hull of that side and the viewpoint box in front of it. The
+//! test is arithmetic: at a share t of the way from one box to the other, the hull's cross section is
+//! again a box, whose sides are linear in t.
 
 use glam::UVec3;
 use sightline_world::{
@@ -13,23 +15,24 @@ use sightline_world::{
 
 use super::{NodeVisibility, OccluderNode, VoxelOccluders};
 
-/// What is no farther before than this share of the way touches, and does not hide.
+/// A box that is in front by no more than this share of the way touches the side and does not hide it.
 const TOUCHING: f32 = 1e-5;
 
-/// The axis that a node's voxels lie across, and where they begin and end along it in metres, if they are one layer.
+/// If a node's voxels form one layer: the axis across the layer, and where the layer begins and ends
+/// along it, in metres.
 pub(super) fn layer(node: Cursor<'_>, cube: &Aabb, octree: &Octree) -> Option<(usize, [f32; 2])> {
     let mut voxels = [UVec3::MAX, UVec3::ZERO];
     take(node, UVec3::ZERO, &mut voxels);
     let [first, last] = voxels;
     let axis = (0..3).find(|&axis| first[axis] == last[axis])?;
-    // Such that layers in one plane are in the very same place.
+    // Counted from the octree's origin, so that layers in one plane get the very same place.
     let before = ((cube.min[axis] - octree.origin[axis]) / octree.voxel()).round();
     let at = |voxel: u32| octree.origin[axis] + (before + voxel as f32) * octree.voxel();
     Some((axis, [at(first[axis]), at(first[axis] + 1)]))
 }
 
-/// Takes in the first and the last voxel of a node along each axis, until it cannot be a layer any more. Places are counted
-/// in nodes of the node's size.
+/// Extends the first and the last voxel along each axis by those of a node, until they cannot form a
+/// layer any more. Places are counted in nodes of the node's size.
 fn take(node: Cursor<'_>, at: UVec3, voxels: &mut [UVec3; 2]) {
     if node.is_leaf() {
         *voxels = [voxels[0].min(at), voxels[1].max(at)];
@@ -44,7 +47,7 @@ fn take(node: Cursor<'_>, at: UVec3, voxels: &mut [UVec3; 2]) {
     }
 }
 
-/// Whether every eye sees a node whole, as far as it faces the eyes.
+/// Whether every eye sees the side of a node that faces the eyes whole.
 pub(super) fn is_unoccluded(
     walls: &VoxelOccluders,
     hidden: &NodeVisibility,
@@ -66,7 +69,7 @@ pub(super) fn is_unoccluded(
     true
 }
 
-/// The side of a layer that faces the eyes, if all of them are on one side.
+/// The side of a layer that faces the eyes, if all eyes are on one side of it.
 fn side(voxels: &Aabb, axis: usize, eyes: &Aabb) -> Option<Aabb> {
     let mut side = *voxels;
     if voxels.max[axis] < eyes.min[axis] {
@@ -79,9 +82,9 @@ fn side(voxels: &Aabb, axis: usize, eyes: &Aabb) -> Option<Aabb> {
     Some(side)
 }
 
-/// Whether anything in a box may be between some eyes and what they see.
+/// Whether anything in a box may be between some eye and the side that it sees.
 fn is_before(bounds: &Aabb, seen: &Aabb, eyes: &Aabb) -> bool {
-    // From where to where on the way each of six sides lets it be.
+    // The range of the way in which each of six sides lets the box meet the hull.
     let (mut first, mut last) = (0.0f32, 1.0f32);
     for axis in 0..3 {
         let ends = [
@@ -89,7 +92,7 @@ fn is_before(bounds: &Aabb, seen: &Aabb, eyes: &Aabb) -> bool {
             (eyes.max[axis] - bounds.min[axis], eyes.max[axis] - seen.max[axis]),
         ];
         for (room, way) in ends {
-            // As far as `way` times the share is no more than `room`.
+            // The side allows shares with `way` times the share at most `room`.
             if way > 0.0 {
                 last = last.min(room / way);
             } else if way < 0.0 {
