@@ -3,7 +3,7 @@
 //! A search starts in a space and goes from gate to gate. Each step keeps two boxes. The *source*
 //! is the part of the original source from which the gate can be seen through the gates before it.
 //! The *pass* is the part of the gate that can be seen from there. Every line that goes from the
-//! source through the pass stays within the half-spaces that separate the two ([`separators`]).
+//! source through the pass stays within the half-spaces that separate the two (`separators`).
 //! These cut the next gate and, with the roles exchanged, the source. What is left of the two makes
 //! the next step. If nothing is left, no line passes that sequence of gates. The steps form a
 //! graph, in which each step knows the steps before it.
@@ -18,7 +18,7 @@
 //! nothing is missed, and the work grows with the number of gates, not of sequences.
 //!
 //! A target that lies within the half-spaces of a step is finally tested by the exact test
-//! ([`exact`]), with all boxes that a line has to meet on its way.
+//! (`exact`), with all boxes that a line has to meet on its way.
 
 mod cell_block;
 mod cell_search;
