@@ -1,5 +1,5 @@
 //! Eye-to-cell visibility: what can be seen from a box of eyes in some directions (Teller and
-//! Séquin 1991, section 5).
+//! Séquin 1991).
 
 use std::{borrow::Cow, ops::Range};
 

@@ -1,4 +1,5 @@
-//! Portal flow: sight lines through sequences of gates (Teller and Séquin 1991, sections 3 and 4).
+//! Portal flow: sight lines through sequences of gates. It is the cell-to-cell visibility of Teller
+//! and Séquin 1991.
 //!
 //! A search starts in a space and goes from gate to gate. Each step keeps two boxes. The *source*
 //! is the part of the original source from which the gate can be seen through the gates before it.
