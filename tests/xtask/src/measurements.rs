@@ -1,0 +1,399 @@
+//! What is measured, by which command, and what its table shows.
+//!
+//! In a command, `DATA/` is the data folder and `WORLD/` one of [`WORLDS`], compiled when needed.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+/// Figures of the product under one heading.
+pub struct Measurement {
+    /// The name of its file.
+    pub name: &'static str,
+    /// The heading of its table.
+    pub title: &'static str,
+    /// What the figures are, in a sentence or two.
+    pub note: &'static str,
+    /// What is run.
+    pub program: Program,
+    /// One command each.
+    pub runs: &'static [Run],
+    /// A JSON pointer to the list that has an object for each row of the table, or to one such object.
+    pub rows: &'static str,
+    /// Heads of columns, with JSON pointers from a row to the figure.
+    pub columns: &'static [(&'static str, &'static str)],
+}
+
+/// One command of a measurement.
+pub struct Run {
+    /// The first cell of its rows.
+    pub label: &'static str,
+    /// Arguments that every run has.
+    pub args: &'static [&'static str],
+    /// Arguments that follow in a whole run.
+    pub full: &'static [&'static str],
+    /// Arguments that follow with `--quick`.
+    pub quick: &'static [&'static str],
+}
+
+/// What is run.
+#[derive(Clone, Copy)]
+pub enum Program {
+    /// `sightline-server`.
+    Server,
+    /// `sightline-client`.
+    Client,
+    /// A bench of the package `sightline-tests`.
+    Bench(&'static str),
+}
+
+impl Program {
+    /// What cargo is told, up to `--`.
+    pub fn cargo_words(self) -> Vec<&'static str> {
+        match self {
+            Self::Server => vec!["run", "-q", "--release", "-p", "sightline-server"],
+            Self::Client => vec!["run", "-q", "--release", "-p", "sightline-client"],
+            Self::Bench(name) => vec!["bench", "-q", "-p", "sightline-tests", "--bench", name],
+        }
+    }
+
+    /// A command as a person would type it, files without their folders.
+    pub fn shown(self, words: &[String]) -> String {
+        let program = match self {
+            Self::Server => "sightline-server".into(),
+            Self::Client => "sightline-client".into(),
+            Self::Bench(name) => format!("cargo bench -p sightline-tests --bench {name} --"),
+        };
+        let bare = |word: &String| match Path::new(word).file_name() {
+            Some(name) if word.contains('/') => name.to_string_lossy().into_owned(),
+            _ => word.clone(),
+        };
+        let words: Vec<String> = words.iter().map(bare).collect();
+        format!("{program} {}", words.join(" ")).trim_end().to_owned()
+    }
+}
+
+impl Measurement {
+    /// The heads of the table's columns. The first is empty: it is for the runs' labels.
+    pub fn heads(&self) -> Vec<&'static str> {
+        [""].into_iter().chain(self.columns.iter().map(|column| column.0)).collect()
+    }
+
+    /// The table's rows of a run, from what it wrote.
+    pub fn rows_of(&self, run: &Run, figures: &Value) -> Vec<Vec<Value>> {
+        let rows = match figures.pointer(self.rows) {
+            Some(Value::Array(rows)) => rows.iter().collect(),
+            Some(row) => vec![row],
+            None => Vec::new(),
+        };
+        let cell = |row: &Value, pointer| row.pointer(pointer).cloned().unwrap_or_default();
+        let cells = |row| {
+            let label = Value::from(run.label);
+            [label].into_iter().chain(self.columns.iter().map(|c| cell(row, c.1))).collect()
+        };
+        rows.into_iter().map(cells).collect()
+    }
+}
+
+/// A world that measurements need.
+pub struct WorldSource {
+    /// What measurements call it.
+    pub name: &'static str,
+    /// Its model in the data folder.
+    pub source: &'static str,
+    /// Flags of `compile`.
+    pub flags: &'static [&'static str],
+}
+
+/// All worlds that measurements need.
+pub const WORLDS: &[WorldSource] = &[
+    WorldSource { name: "rooms400", source: "traces/rooms400.glb", flags: &[] },
+    WorldSource { name: "oa_dm2", source: "maps/oa_dm2.bsp", flags: &[] },
+    WorldSource { name: "oa_dm4", source: "maps/oa_dm4.bsp", flags: &[] },
+    WorldSource { name: "aggressor", source: "maps/aggressor.bsp", flags: &[] },
+    WorldSource { name: "delta", source: "maps/delta.bsp", flags: &[] },
+    WorldSource { name: "oa_dm2-fine", source: "maps/oa_dm2.bsp", flags: &["--voxel", "0.018"] },
+];
+
+/// Benches that only print: their figures are not kept.
+pub const WITHOUT_JSON: &[&str] =
+    &["simulation", "box_visibility", "fuzzy", "occupants", "forms", "drawing"];
+
+const REPLAY: &[(&str, &str)] = &[
+    ("others held, mean", "/held_mean"),
+    ("misses", "/oracle/misses"),
+    ("over-send", "/oracle/over_send"),
+    ("over-send against the horizon", "/oracle/over_send_horizon"),
+    ("bytes/s to a client", "/bytes_to_client"),
+    ("messages/s to a client", "/messages_to_client"),
+    ("hidden reports, share of ticks", "/oracle/hidden_reports"),
+    ("tick, CPU ms, median", "/tick_cpu_median_ms"),
+    ("99th percentile", "/tick_cpu_p99_ms"),
+];
+
+macro_rules! replay {
+    ($label:literal, $world:literal, $trace:literal, $rtt:literal, $oracle:literal) => {
+        Run {
+            label: $label,
+            args: &[
+                "replay",
+                concat!("WORLD/", $world),
+                concat!("DATA/traces/", $trace),
+                "--rtt",
+                $rtt,
+            ],
+            full: &["--oracle", $oracle],
+            quick: &["--seconds", "2"],
+        }
+    };
+}
+
+macro_rules! verify {
+    ($world:literal) => {
+        Run {
+            label: $world,
+            args: &["inspect", concat!("WORLD/", $world), "--verify"],
+            full: &["10000000"],
+            quick: &["10000", "--entries", "0"],
+        }
+    };
+}
+
+/// Everything that is measured.
+pub const ALL: &[Measurement] = &[
+    Measurement {
+        name: "replay",
+        title: "Over-send and misses over whole traces",
+        note: "Over-send is what is held for each avatar that rays see. A tick's time is that of the engine.",
+        program: Program::Server,
+        runs: &[
+            replay!("rooms400-60, 0 ms", "rooms400", "rooms400-60.csv.gz", "0", "50"),
+            replay!("rooms400-60, 100 ms", "rooms400", "rooms400-60.csv.gz", "100", "50"),
+            replay!("rooms400-500, 100 ms", "rooms400", "rooms400-500.csv.gz", "100", "4000"),
+            replay!("oa_dm2-32, 0 ms", "oa_dm2", "oa_dm2-32.csv.gz", "0", "50"),
+            replay!("oa_dm2-32, 100 ms", "oa_dm2", "oa_dm2-32.csv.gz", "100", "50"),
+            replay!("delta-60, 0 ms", "delta", "delta-60.csv.gz", "0", "100"),
+            replay!("delta-60, 100 ms", "delta", "delta-60.csv.gz", "100", "100"),
+        ],
+        rows: "",
+        columns: REPLAY,
+    },
+    Measurement {
+        name: "policies",
+        title: "Policies side by side",
+        note: "The first five seconds of 500 people in 400 rooms, with a round trip of 100 ms.",
+        program: Program::Server,
+        runs: &[Run {
+            label: "rooms400-500",
+            args: &[
+                "replay",
+                "WORLD/rooms400",
+                "DATA/traces/rooms400-500.csv.gz",
+                "--policy",
+                "all",
+                "--seconds",
+            ],
+            full: &["5"],
+            quick: &["1"],
+        }],
+        rows: "",
+        columns: &[
+            ("policy", "/policy"),
+            ("others held, mean", "/held_mean"),
+            ("misses", "/oracle/misses"),
+            ("over-send", "/oracle/over_send"),
+            ("states/s to a client", "/updates_to_client"),
+            ("bytes/s to a client", "/bytes_to_client"),
+            ("messages/s to a client", "/messages_to_client"),
+        ],
+    },
+    Measurement {
+        name: "tbvs",
+        title: "Kinds of TBVs",
+        note: "The first minute of 60 people in 400 rooms, with a round trip of 100 ms.",
+        program: Program::Server,
+        runs: &[Run {
+            label: "rooms400-60",
+            args: &[
+                "replay",
+                "WORLD/rooms400",
+                "DATA/traces/rooms400-60.csv.gz",
+                "--validity",
+                "all",
+                "--seconds",
+            ],
+            full: &["60"],
+            quick: &["2"],
+        }],
+        rows: "",
+        columns: &[
+            ("shape", "/shape"),
+            ("validity", "/validity"),
+            ("hidden reports, share of ticks", "/oracle/hidden_reports"),
+            ("asks/s", "/asks_per_s"),
+            ("tick, CPU ms, median", "/tick_cpu_median_ms"),
+        ],
+    },
+    Measurement {
+        name: "verify",
+        title: "The PVS compared with rays",
+        note: "Pairs of random points of open space: P(PVS) / P(sight), and that of the map's own PVS.",
+        program: Program::Server,
+        runs: &[
+            verify!("oa_dm4"),
+            verify!("aggressor"),
+            verify!("oa_dm2"),
+            verify!("delta"),
+            verify!("rooms400"),
+        ],
+        rows: "",
+        columns: &[
+            ("over-send", "/over_send"),
+            ("the map's own", "/own_over_send"),
+            ("misses", "/misses"),
+            ("the map's own", "/own_misses"),
+            ("looseness", "/looseness"),
+            ("the map's own", "/own_looseness"),
+        ],
+    },
+    Measurement {
+        name: "drawing",
+        title: "Drawing, beside a ray for each pixel",
+        note: "CPU time of one thread for 1920 × 1080 pixels from the spawn points. A ratio is the time of rays, by obvhs, over that of the row.",
+        program: Program::Client,
+        runs: &[Run {
+            label: "oa_dm2, 18 mm",
+            args: &["bench", "WORLD/oa_dm2-fine"],
+            full: &[],
+            quick: &["--size", "320x180", "--frames", "2", "--repeats", "1"],
+        }],
+        rows: "/runs/0/rows",
+        columns: &[
+            ("", "/name"),
+            ("median, ms", "/cpu_ms/spawns/median"),
+            ("worst, ms", "/cpu_ms/spawns/worst"),
+            ("times as fast as BVH2", "/ratio_bvh2"),
+            ("as CWBVH", "/ratio_cwbvh"),
+        ],
+    },
+    Measurement {
+        name: "modes",
+        title: "The renderer's modes compared",
+        note: "Shares of pixels that differ by more than rounding, and of projections left, from the spawn points and along a path.",
+        program: Program::Client,
+        runs: &[Run {
+            label: "oa_dm2, 18 mm",
+            args: &["bench", "WORLD/oa_dm2-fine", "--compare"],
+            full: &[],
+            quick: &["--size", "320x180", "--frames", "2"],
+        }],
+        rows: "/comparisons",
+        columns: &[
+            ("width", "/width"),
+            ("height", "/height"),
+            ("differing, median", "/differing/median"),
+            ("worst", "/differing/worst"),
+            ("largest shift, pixels", "/shift_max"),
+            ("projections left, median", "/projections/median"),
+        ],
+    },
+    Measurement {
+        name: "compile",
+        title: "The octree's bytes",
+        note: "On the wire means packed, as in the world file.",
+        program: Program::Server,
+        runs: &[Run {
+            label: "oa_dm2",
+            args: &["compile", "DATA/maps/oa_dm2.bsp", "-o", "/dev/null", "--voxel"],
+            full: &["0.018"],
+            quick: &["0.25"],
+        }],
+        rows: "",
+        columns: &[
+            ("voxels", "/voxels"),
+            ("voxel, m", "/voxel_m"),
+            ("bytes a voxel in memory", "/memory_bytes_per_voxel"),
+            ("on the wire", "/wire_bytes_per_voxel"),
+        ],
+    },
+    Measurement {
+        name: "worlds",
+        title: "Compiling worlds",
+        note: "CPU seconds are those of all threads together. Sight is carving, cells and portals, and the PVS.",
+        program: Program::Bench("worlds"),
+        runs: &[Run {
+            label: "",
+            args: &[],
+            full: &[],
+            quick: &["--rooms", "4", "--no-maps", "--pairs", "1000"],
+        }],
+        rows: "",
+        columns: &[
+            ("world", "/name"),
+            ("cells", "/cells"),
+            ("portals", "/portals"),
+            ("carving, CPU s", "/cpu_seconds/0"),
+            ("cells, CPU s", "/cpu_seconds/1"),
+            ("PVS, CPU s", "/cpu_seconds/2"),
+            ("whole, s", "/seconds"),
+            ("over-send", "/over_send"),
+            ("misses", "/misses"),
+        ],
+    },
+    Measurement {
+        name: "engine",
+        title: "A tick of the engine as the crowd grows",
+        note: "People who walk in a generated building of 2,000 rooms, 100 ms away, some with others hidden beside it.",
+        program: Program::Bench("engine"),
+        runs: &[Run {
+            label: "",
+            args: &["--avatars"],
+            full: &["1000,3000,10000"],
+            quick: &["50", "--rooms", "20", "--seconds", "1"],
+        }],
+        rows: "",
+        columns: &[
+            ("policy", "/policy"),
+            ("threads", "/threads"),
+            ("walkers", "/walkers"),
+            ("hidden", "/hidden"),
+            ("tick, CPU ms, median", "/cpu_median_ms"),
+            ("99th percentile", "/cpu_p99_ms"),
+            ("by the clock, ms", "/wall_median_ms"),
+            ("others held, mean", "/held_mean"),
+            ("memory, MB", "/memory_mb"),
+        ],
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn rows_are_read_from_a_list_or_from_one_object() {
+        let run = Run { label: "a", args: &[], full: &[], quick: &[] };
+        let of = |rows| Measurement {
+            name: "",
+            title: "",
+            note: "",
+            program: Program::Server,
+            runs: &[],
+            rows,
+            columns: &[("x", "/x"), ("y", "/deep/y")],
+        };
+        let row = json!({ "x": 1, "deep": { "y": "two" } });
+        let expected = vec![vec![json!("a"), json!(1), json!("two")]];
+        assert_eq!(of("").rows_of(&run, &row), expected);
+        assert_eq!(of("/list").rows_of(&run, &json!({ "list": [row] })), expected);
+        assert!(of("/absent").rows_of(&run, &json!({})).is_empty());
+    }
+
+    #[test]
+    fn commands_are_shown_without_folders() {
+        let words = ["replay", "/tmp/a.slw", "--rtt", "0"].map(String::from);
+        assert_eq!(Program::Server.shown(&words), "sightline-server replay a.slw --rtt 0");
+    }
+}
