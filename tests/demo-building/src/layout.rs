@@ -9,7 +9,9 @@ mod hall;
 use rand::{Rng, SeedableRng, rngs::SmallRng, seq::IndexedRandom};
 
 use super::{
-    plan::{CEILING, OpeningKind, Plan, PlanDoor, PlanSpace, SpaceKind, WALL, WallOpening},
+    plan::{
+        CEILING, OpeningKind, Plan, PlanDoor, PlanSpace, SpaceKind, WALL, WallOpening, WallSide,
+    },
     rect::LatticeRect,
 };
 
@@ -114,7 +116,12 @@ impl Layout {
         let corridor = LatticeRect::new([0, 0], [length, CORRIDOR]);
         let rect = LatticeRect::new([0, -WALL - depth], [length, -WALL]);
         self.plan.outlines = vec![corridor.grown(WALL), rect.grown(WALL)];
-        let corridor = self.space("corridor".into(), SpaceKind::Corridor, corridor, (1, true));
+        let corridor = self.space(
+            "corridor".into(),
+            SpaceKind::Corridor,
+            corridor,
+            WallSide { axis: 1, positive: true },
+        );
         let middle = length / 2;
         let entrance = LatticeRect::new([middle - 48, CORRIDOR], [middle + 48, CORRIDOR + WALL]);
         self.door(entrance, 1, OpeningKind::Arch, (corridor, None));
@@ -126,7 +133,7 @@ impl Layout {
         name: String,
         kind: SpaceKind,
         rect: LatticeRect,
-        accent: (usize, bool),
+        accent: WallSide,
     ) -> usize {
         let hue = self.hue + self.rng.random_range(-0.09..0.09);
         let colours = match kind {
@@ -192,7 +199,12 @@ impl Layout {
         };
         let rect = region.rect.with_span(across, [at, at + CORRIDOR]);
         let name = format!("corridor {}{}{}", self.storey, self.wing, self.plan.spaces.len());
-        let corridor = self.space(name, SpaceKind::Corridor, rect, (region.axis, region.at_max));
+        let corridor = self.space(
+            name,
+            SpaceKind::Corridor,
+            rect,
+            WallSide { axis: region.axis, positive: region.at_max },
+        );
         let opening = region.opening([at, at + CORRIDOR]);
         self.door(opening, region.axis, OpeningKind::Arch, (corridor, Some(region.corridor)));
 
@@ -229,7 +241,12 @@ impl Layout {
         let [start, end] = rect.span(across);
         self.rooms_named += 1;
         let name = format!("{}{}{:02}", self.storey, self.wing, self.rooms_named);
-        let room = self.space(name, SpaceKind::Room, rect, (region.axis, region.at_max));
+        let room = self.space(
+            name,
+            SpaceKind::Room,
+            rect,
+            WallSide { axis: region.axis, positive: region.at_max },
+        );
         let at = self.rng.random_range(start + JAMB..=(end - JAMB - DOOR_WIDTH).max(start + JAMB));
         let door = region.opening([at, at + DOOR_WIDTH]);
         self.door(door, region.axis, OpeningKind::Door, (room, Some(region.corridor)));

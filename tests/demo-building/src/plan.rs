@@ -51,8 +51,17 @@ pub struct PlanSpace {
     pub rect: LatticeRect,
     /// The sRGB colours of its walls: of most of them, and of the accent wall.
     pub colours: [[u8; 3]; 2],
-    /// The axis along which the accent wall faces, and whether it faces along or against it.
-    pub(super) accent: (usize, bool),
+    /// The direction in which the accent wall faces.
+    pub(super) accent: WallSide,
+}
+
+/// A direction in which a wall faces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct WallSide {
+    /// 0 for x, 1 for z.
+    pub axis: usize,
+    /// Whether it faces along the axis, or against it.
+    pub positive: bool,
 }
 
 /// The use of a space.

@@ -3,7 +3,7 @@
 use super::{
     layout::srgb,
     mesh::{Face, Paint, Scene},
-    plan::{CEILING, Plan, SLAB, SpaceKind},
+    plan::{CEILING, Plan, SLAB, SpaceKind, WallSide},
     rect::{LatticeRect, Patches, merge},
 };
 
@@ -135,7 +135,7 @@ impl<'a> Walls<'a> {
         match open {
             Patch::Space(index) => {
                 let space = &self.plan.spaces[index];
-                let stands_out = space.accent == (axis, positive);
+                let stands_out = space.accent == WallSide { axis, positive };
                 (index, Paint::opaque(space.colours[usize::from(stands_out)]))
             }
             Patch::Opening(_) => (shell, TRIM),

@@ -40,7 +40,10 @@ pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
     let all = planes
         .iter()
         .enumerate()
-        .flat_map(|(plane, p)| (0..p.triangles.len()).map(move |t| (plane as u32, t as u32)))
+        .flat_map(|(plane, p)| {
+            let triangles = 0..p.triangles.len() as u32;
+            triangles.map(move |triangle| OccluderRef { plane: plane as u32, triangle })
+        })
         .collect();
     builder.split(Region::new(*bounds), all, 0);
     builder.tree
@@ -51,8 +54,12 @@ struct Builder<'a> {
     tree: BspTree,
 }
 
-/// A triangle of a plane: both as indices.
-type OccluderRef = (u32, u32);
+/// A triangle of a plane, by indices.
+#[derive(Clone, Copy)]
+struct OccluderRef {
+    plane: u32,
+    triangle: u32,
+}
 
 impl Builder<'_> {
     /// Adds the subtree of a region, of which `inside` are the occluders that cross its interior.
@@ -63,9 +70,9 @@ impl Builder<'_> {
         let cut = self.planes[plane as usize].cut;
         let sides = region.halves(&cut).map(|half| {
             let half = half.tightened();
-            let kept =
-                inside.iter().copied().filter(|&(p, t)| p != plane && self.crosses((p, t), &half));
-            let kept = kept.collect();
+            let is_kept =
+                |&occluder: &OccluderRef| occluder.plane != plane && self.crosses(occluder, &half);
+            let kept = inside.iter().copied().filter(is_kept).collect();
             self.split(half, kept, depth + 1)
         });
         self.tree.set_split(index, cut, Some(plane), sides);
@@ -77,7 +84,8 @@ impl Builder<'_> {
     }
 
     /// Whether part of an occluder lies in the interior of a region.
-    fn crosses(&self, (plane, triangle): OccluderRef, region: &Region) -> bool {
+    fn crosses(&self, occluder: OccluderRef, region: &Region) -> bool {
+        let OccluderRef { plane, triangle } = occluder;
         let OccluderPlane { cut, ref triangles, .. } = self.planes[plane as usize];
         if let SplitPlane::Axial { axis, at } = cut
             && !(region.bounds.min[axis] < at && at < region.bounds.max[axis])
@@ -92,13 +100,13 @@ impl Builder<'_> {
     /// share; among similar ones, the one nearest the middle.
     fn best_plane(&self, region: &Region, inside: &[OccluderRef]) -> Option<u32> {
         inside
-            .chunk_by(|a, b| a.0 == b.0)
+            .chunk_by(|a, b| a.plane == b.plane)
             .filter_map(|on_plane| {
-                let plane = on_plane[0].0;
+                let plane = on_plane[0].plane;
                 let OccluderPlane { cut, is_last, .. } = &self.planes[plane as usize];
                 let rank = match cut {
                     SplitPlane::Axial { .. }
-                        if on_plane.iter().any(|&(_, t)| !is_last[t as usize]) =>
+                        if on_plane.iter().any(|of| !is_last[of.triangle as usize]) =>
                     {
                         2
                     }
@@ -113,11 +121,11 @@ impl Builder<'_> {
 
     /// The benefit of a split along a plane. None when the region is better left whole.
     fn worth(&self, region: &Region, on_plane: &[OccluderRef]) -> Option<f64> {
-        let OccluderPlane { cut, ref triangles, .. } = self.planes[on_plane[0].0 as usize];
+        let OccluderPlane { cut, ref triangles, .. } = self.planes[on_plane[0].plane as usize];
         let section = Section::new(region, &cut);
         let (mut area, mut largest) = (0.0, 0.0f64);
-        for &(_, triangle) in on_plane {
-            let part = section.covered(&triangles[triangle as usize]);
+        for occluder in on_plane {
+            let part = section.covered(&triangles[occluder.triangle as usize]);
             area += part;
             largest = largest.max(part);
         }

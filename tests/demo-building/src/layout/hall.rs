@@ -4,7 +4,7 @@ use rand::Rng;
 
 use super::{
     super::{
-        plan::{OpeningKind, PlanSpace, RUN, STEPS, SpaceKind, Stair, WALL},
+        plan::{OpeningKind, PlanSpace, RUN, STEPS, SpaceKind, Stair, WALL, WallSide},
         rect::LatticeRect,
     },
     CORRIDOR, DOOR_WIDTH, JAMB, Layout, Region, share_out, wing_size,
@@ -76,7 +76,8 @@ impl Layout {
     fn hall(&mut self, hall: LatticeRect) -> usize {
         (self.wing, self.hue) = ('H', 0.12);
         let name = format!("{} {}", if self.storey == 0 { "hall" } else { "gallery" }, self.storey);
-        let gallery = self.space(name, SpaceKind::Gallery, hall, (1, true));
+        let gallery =
+            self.space(name, SpaceKind::Gallery, hall, WallSide { axis: 1, positive: true });
         if self.storey == 0 {
             let middle = hall.centre()[0];
             let entrance =
@@ -111,7 +112,7 @@ impl Layout {
             LatticeRect::new([x + LANE, flights[0]], [x + LANE + WALL, flights[1]]),
         ]);
         let name = format!("stairs {}{}", self.storey, if east { 'E' } else { 'W' });
-        let space = self.space(name, SpaceKind::Stairs, core, (1, even));
+        let space = self.space(name, SpaceKind::Stairs, core, WallSide { axis: 1, positive: even });
 
         let towards_gallery = [outer.min[0], core.min[0]];
         let towards_void = [core.max[0], outer.max[0]];
@@ -155,7 +156,12 @@ impl Layout {
             ([x, wing.max[0]], [wing.min[0], x - WALL], [hall.min[0] - WALL, hall.min[0]])
         };
         let name = format!("spine {}{}", self.storey, self.wing);
-        let corridor = self.space(name, SpaceKind::Corridor, wing.with_span(0, spine), (0, !east));
+        let corridor = self.space(
+            name,
+            SpaceKind::Corridor,
+            wing.with_span(0, spine),
+            WallSide { axis: 0, positive: !east },
+        );
         let width = 112;
         let shared = [wing.min[1].max(hall.min[1]) + JAMB, wing.max[1].min(hall.max[1]) - JAMB];
         let at = self.rng.random_range(shared[0]..=(shared[1] - width).max(shared[0]));
