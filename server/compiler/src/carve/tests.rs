@@ -12,8 +12,8 @@ fn fan(corners: &[DVec3]) -> Vec<Triangle> {
     (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]]).collect()
 }
 
-/// A solid: an anticlockwise outline, extruded from z = 0 to a depth. `faces` are the polygons of its
-/// front, which fill the outline.
+/// A solid: an anticlockwise outline, extruded from z = 0 to a depth. `faces` are the polygons of
+/// its front, which fill the outline.
 fn extruded(outline: &[[f64; 2]], faces: &[Vec<[f64; 2]>], depth: f64) -> Vec<Triangle> {
     let at = |[x, y]: [f64; 2], z: f64| DVec3::new(x, y, z);
     let mut triangles = Vec::new();
@@ -48,8 +48,8 @@ fn arch(segments: usize, rise: f64) -> Vec<Triangle> {
     extruded(&outline, &faces, 0.5)
 }
 
-/// A block with an octagonal passage (Lei and Ouhyoung 1999, Fig. 9), with or without a shaft through
-/// its roof.
+/// A block with an octagonal passage (Lei and Ouhyoung 1999, Fig. 9), with or without a shaft
+/// through its roof.
 fn passage(shaft: bool) -> Vec<Triangle> {
     let octagon: Vec<[f64; 2]> = [
         [1.5, 1.0],
@@ -63,8 +63,8 @@ fn passage(shaft: bool) -> Vec<Triangle> {
     ]
     .into();
     let around = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
-    // Each corner of the block with the three corners of the passage near it, and between two
-    // corners what is above, below or beside the passage.
+    // Polygons from each corner of the block to the near corners of the passage, and polygons above,
+    // below and beside the passage.
     let mut faces = Vec::new();
     for i in 0..4 {
         let (corner, next) = (around[i], around[(i + 1) % 4]);
@@ -278,8 +278,8 @@ fn nothing_is_sealed_across_a_cavity() {
     assert_eq!(carve(&hewn, &[], &CarveOptions::default()).report.sealed, 0);
 }
 
-/// In a corridor with chamfered edges, the box of all chamfers is the corridor: carving it would leave
-/// nothing.
+/// In a corridor with chamfered edges, the box of all chamfers is the corridor: carving it would
+/// leave nothing.
 #[test]
 fn a_cluster_does_not_take_all_that_is_joined_to_it() {
     let chamfered = [
@@ -303,8 +303,8 @@ fn a_cluster_does_not_take_all_that_is_joined_to_it() {
     );
 }
 
-/// A terrain of squares one metre wide, and a house on a level place in its middle. The walls rise from
-/// edges of the terrain, and are lower than the hills.
+/// A terrain of squares one metre wide, and a house on a level place in its middle. The walls rise
+/// from edges of the terrain, and are lower than the hills.
 fn house_on_terrain() -> (Vec<Triangle>, Vec<Triangle>) {
     let height = |x: i32, z: i32| {
         let away = f64::from((x - 10).abs().max((z - 10).abs()) - 3).max(0.0);

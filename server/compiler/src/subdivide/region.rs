@@ -151,7 +151,7 @@ pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3>
     if deepest <= DEGENERATE_M || kept.len() < 3 { Vec::new() } else { kept }
 }
 
-/// On which sides of a plane a polygon has parts, but for what is within [`ON_PLANE_F32_M`] of it.
+/// On which sides of a plane a polygon has parts farther than [`ON_PLANE_F32_M`] from it.
 pub fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
     polygon.iter().fold([false; 2], |[low, high], &corner| {
         let height = cut.height(corner);

@@ -62,7 +62,7 @@ struct OccluderRef {
 }
 
 impl Builder<'_> {
-    /// Adds the subtree of a region, of which `inside` are the occluders that cross its interior.
+    /// Adds the subtree of a region. `inside` are the occluders that cross its interior.
     fn split(&mut self, region: Region, inside: Vec<OccluderRef>, depth: u16) -> u32 {
         let chosen = (depth < DEPTH_MAX).then(|| self.best_plane(&region, &inside)).flatten();
         let Some(plane) = chosen else { return self.leaf(region) };

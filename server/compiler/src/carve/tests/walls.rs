@@ -1,4 +1,5 @@
-//! Merging and classes against a reference model: random walls with openings, triangulated at random.
+//! Merging and classes against a reference model: random walls with openings, triangulated at
+//! random.
 
 use proptest::prelude::*;
 
@@ -112,8 +113,8 @@ proptest! {
         prop_assert_eq!(Polygons::merge(&triangles, &surfaces).len(), triangles.len());
     }
 
-    /// A polygon cut at random points of its diagonal merges again, though no two triangles share a whole
-    /// edge.
+    /// A polygon cut at random points of its diagonal merges again, though no two triangles share a
+    /// whole edge.
     #[test]
     fn t_junctions_do_not_matter(cuts in prop::collection::vec(0.05..0.95f64, 1..6)) {
         let [a, b, c, d] = [[0., 0.], [5., 0.], [5., 3.], [0., 3.]]

@@ -212,7 +212,7 @@ fn triangles(map: &Map<'_>, face: &Face) -> Result<Vec<[Vertex; 3]>, BspError> {
     }
 }
 
-/// Tessellates a grid of control points, each three by three of which (with shared edges) make a
+/// Tessellates a grid of control points. Each three by three of them, with shared edges, make a
 /// biquadratic Bézier surface.
 fn patch(control: &[Vertex], width: usize, height: usize) -> Vec<[Vertex; 3]> {
     let at = |x: usize, y: usize| control[y * width + x];
