@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 /// A plane to split along.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SplitPlane {
+pub(crate) enum SplitPlane {
     /// The points where one coordinate has a value.
     Axial {
         /// The coordinate: 0, 1 or 2.
@@ -23,7 +23,7 @@ pub enum SplitPlane {
 
 impl SplitPlane {
     /// The distance of a point from the plane, in metres; negative on the lesser side.
-    pub fn height(&self, point: DVec3) -> f64 {
+    pub(crate) fn height(&self, point: DVec3) -> f64 {
         match *self {
             Self::Axial { axis, at } => point[axis] - f64::from(at),
             Self::Plane { normal, distance } => normal.dot(point) - distance,
@@ -31,7 +31,7 @@ impl SplitPlane {
     }
 
     /// The normal towards the greater side, of unit length.
-    pub fn normal(&self) -> DVec3 {
+    pub(crate) fn normal(&self) -> DVec3 {
         match *self {
             Self::Axial { axis, .. } => DVec3::AXES[axis],
             Self::Plane { normal, .. } => normal,
@@ -40,7 +40,7 @@ impl SplitPlane {
 
     /// The coordinates of a point within the plane: the two other axes of an axial plane, or along
     /// the horizontal and up in a vertical one.
-    pub fn flat(&self, point: DVec3) -> DVec2 {
+    pub(crate) fn flat(&self, point: DVec3) -> DVec2 {
         match *self {
             Self::Axial { axis, .. } => in_plane(point, axis),
             Self::Plane { normal, .. } => {
@@ -50,7 +50,7 @@ impl SplitPlane {
     }
 
     /// The point of the plane at these coordinates.
-    pub fn upright(&self, point: DVec2) -> DVec3 {
+    pub(crate) fn upright(&self, point: DVec2) -> DVec3 {
         match *self {
             Self::Axial { axis, at } => {
                 let (u, v) = other_axes(axis);
@@ -66,13 +66,13 @@ impl SplitPlane {
 }
 
 /// The two other coordinates of a point, in ascending order of axis.
-pub fn in_plane(point: DVec3, axis: usize) -> DVec2 {
+pub(crate) fn in_plane(point: DVec3, axis: usize) -> DVec2 {
     let (u, v) = other_axes(axis);
     DVec2::new(point[u], point[v])
 }
 
 /// The two other axes, in ascending order.
-pub fn other_axes(axis: usize) -> (usize, usize) {
+pub(crate) fn other_axes(axis: usize) -> (usize, usize) {
     match axis {
         0 => (1, 2),
         1 => (0, 2),

@@ -50,7 +50,11 @@ struct Split {
 }
 
 impl<'a> Carver<'a> {
-    pub fn new(triangles: &'a [Triangle], polygons: &'a Polygons, classes: &'a [Class]) -> Self {
+    pub(super) fn new(
+        triangles: &'a [Triangle],
+        polygons: &'a Polygons,
+        classes: &'a [Class],
+    ) -> Self {
         assert_eq!(classes.len(), polygons.len(), "a class for each polygon");
         Self {
             triangles,
@@ -65,7 +69,7 @@ impl<'a> Carver<'a> {
     }
 
     /// Carves a unit. Does nothing and returns false when it would take too much of other polygons.
-    pub fn carve(&mut self, unit: &[u32]) -> bool {
+    pub(super) fn carve(&mut self, unit: &[u32]) -> bool {
         let volume = Volume::of(self.polygons, unit);
         let Some((splits, lost)) = self.splits(unit, &volume) else { return false };
         let caps = self.caps(&volume, &splits);
@@ -95,7 +99,7 @@ impl<'a> Carver<'a> {
     }
 
     /// Carves only the polygons of the unit itself.
-    pub fn carve_confined(&mut self, unit: &[u32]) {
+    pub(super) fn carve_confined(&mut self, unit: &[u32]) {
         let volume = Volume::of(self.polygons, unit);
         let splits = unit.iter().map(|&polygon| self.split(polygon, &volume)).collect();
         self.take(splits);
@@ -181,7 +185,7 @@ impl<'a> Carver<'a> {
     }
 
     /// The result, with what is left of the polygons of the model.
-    pub fn finish(mut self) -> Carving {
+    pub(super) fn finish(mut self) -> Carving {
         for polygon in 0..self.polygons.len() as u32 {
             let triangles = match self.left.remove(&polygon) {
                 Some(left) => left,

@@ -66,7 +66,7 @@ pub(super) struct Groups {
 
 impl Groups {
     /// The element of each of `polygons` polygons; `u32::MAX` for a polygon in none.
-    pub fn element_of(&self, polygons: usize) -> Vec<u32> {
+    pub(super) fn element_of(&self, polygons: usize) -> Vec<u32> {
         let mut element_of = vec![u32::MAX; polygons];
         for (index, element) in (0..).zip(&self.elements) {
             element.iter().for_each(|&polygon| element_of[polygon as usize] = index);
@@ -74,7 +74,7 @@ impl Groups {
         element_of
     }
 
-    pub fn of(polygons: &Polygons, classes: &[Class]) -> Self {
+    pub(super) fn of(polygons: &Polygons, classes: &[Class]) -> Self {
         let is_non_axial = |polygon: u32| classes[polygon as usize] == Class::NonAxial;
         let (mut elements, mut clusters) = (Union::new(polygons.len()), Union::new(polygons.len()));
         for edge in polygons.edges() {

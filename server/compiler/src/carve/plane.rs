@@ -59,7 +59,7 @@ pub(super) enum Facing {
 }
 
 impl Facing {
-    pub fn of(plane: &Plane) -> Self {
+    pub(super) fn of(plane: &Plane) -> Self {
         match plane.axis() {
             Some(axis) => Self::Axis(axis),
             None if plane.normal.y.abs() < UPRIGHT => Self::Upright,

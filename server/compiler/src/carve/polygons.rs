@@ -50,7 +50,7 @@ pub(super) struct Border {
 
 impl Polygons {
     /// Merges triangles. `surfaces` gives the surface of each, or is empty when there is only one.
-    pub fn merge(triangles: &[[DVec3; 3]], surfaces: &[u32]) -> Self {
+    pub(super) fn merge(triangles: &[[DVec3; 3]], surfaces: &[u32]) -> Self {
         let tolerance = Tolerance::of(triangles);
         let topology = Topology::new(triangles, tolerance);
         let seeds: Vec<Seed> = triangles.iter().map(|t| Seed::new(t, tolerance)).collect();
@@ -86,31 +86,31 @@ impl Polygons {
     }
 
     /// The number of polygons.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.planes.len()
     }
 
     /// The outline of a polygon, in no order.
-    pub fn borders_of(&self, polygon: u32) -> impl Iterator<Item = &Border> {
+    pub(super) fn borders_of(&self, polygon: u32) -> impl Iterator<Item = &Border> {
         let polygon = polygon as usize;
         let range = self.border_starts[polygon] as usize..self.border_starts[polygon + 1] as usize;
         self.border_order[range].iter().map(|&i| &self.borders[i as usize])
     }
 
     /// All borders on the edge of a border, that border included.
-    pub fn on_edge(&self, border: &Border) -> &[Border] {
+    pub(super) fn on_edge(&self, border: &Border) -> &[Border] {
         let from = &self.borders[border.first as usize..];
         let count = from.iter().take_while(|b| b.ends == border.ends).count();
         &from[..count]
     }
 
     /// All edges, each as the borders on it.
-    pub fn edges(&self) -> impl Iterator<Item = &[Border]> {
+    pub(super) fn edges(&self) -> impl Iterator<Item = &[Border]> {
         self.borders.chunk_by(|a, b| a.ends == b.ends)
     }
 
     /// The ends of a border, in metres.
-    pub fn segment(&self, border: &Border) -> [DVec3; 2] {
+    pub(super) fn segment(&self, border: &Border) -> [DVec3; 2] {
         border.ends.map(|i| self.points[i as usize])
     }
 

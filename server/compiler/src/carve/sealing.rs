@@ -49,18 +49,18 @@ struct Index {
 }
 
 impl<'a> Sealing<'a> {
-    pub fn new(triangles: &'a [Triangle], polygons: &'a Polygons) -> Self {
+    pub(super) fn new(triangles: &'a [Triangle], polygons: &'a Polygons) -> Self {
         let is_closed = closed(polygons);
         Self { triangles, polygons, is_closed, index: OnceCell::new() }
     }
 
     /// Whether a polygon belongs to a closed surface: every edge is used once in each direction.
-    pub fn is_closed(&self, polygon: u32) -> bool {
+    pub(super) fn is_closed(&self, polygon: u32) -> bool {
         self.is_closed[polygon as usize]
     }
 
     /// Whether the parts of a cap lie inside a solid. `cut` are the polygons that the volume cut.
-    pub fn holds(&self, parts: &[Triangle], normal: DVec3, cut: &HashSet<u32>) -> bool {
+    pub(super) fn holds(&self, parts: &[Triangle], normal: DVec3, cut: &HashSet<u32>) -> bool {
         let behind = normal * -BEHIND * self.polygons.tolerance.plane;
         parts.iter().all(|part| {
             let centre = part.iter().sum::<DVec3>() / 3.0 + behind;

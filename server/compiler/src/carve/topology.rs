@@ -20,7 +20,7 @@ pub(super) struct Tolerance {
 
 impl Tolerance {
     /// The tolerances for triangles. Far from the origin, single precision is coarser.
-    pub fn of(triangles: &[[DVec3; 3]]) -> Self {
+    pub(super) fn of(triangles: &[[DVec3; 3]]) -> Self {
         let farthest =
             triangles.as_flattened().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let weld = WELD_M.max(farthest * 0.5f64.powi(22));
@@ -55,12 +55,12 @@ impl Half {
     }
 
     /// The key of the edge, the same for all of its halves.
-    pub fn key(&self) -> u64 {
+    pub(super) fn key(&self) -> u64 {
         edge_key(self.low, self.high)
     }
 
     /// The points that it joins, the lower index first.
-    pub fn ends(&self) -> [u32; 2] {
+    pub(super) fn ends(&self) -> [u32; 2] {
         [self.low, self.high]
     }
 }
@@ -72,7 +72,7 @@ fn edge_key(low: u32, high: u32) -> u64 {
 
 impl Topology {
     /// Welds corners and splits edges. Time and memory are about linear in the number of triangles.
-    pub fn new(triangles: &[[DVec3; 3]], tolerance: Tolerance) -> Self {
+    pub(super) fn new(triangles: &[[DVec3; 3]], tolerance: Tolerance) -> Self {
         let (points, corners) = weld(triangles.as_flattened(), tolerance.weld);
         let corners: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
         let degenerate: Vec<bool> = corners

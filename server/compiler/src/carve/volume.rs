@@ -48,7 +48,7 @@ impl Volume {
     }
 
     /// Adds the parts of a triangle outside the volume, and the part inside or on its boundary.
-    pub fn split(
+    pub(super) fn split(
         &self,
         triangle: &Triangle,
         outside: &mut Vec<Triangle>,

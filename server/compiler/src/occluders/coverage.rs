@@ -7,7 +7,7 @@ use super::rectangle::{PlaneRect, PlaneTriangle};
 
 /// The parts of a rectangle that no triangle covers, as rectangles that do not overlap. A part with
 /// a slanted edge is rounded up to rectangles: never too small.
-pub fn uncovered(rect: &PlaneRect, triangles: &[&PlaneTriangle]) -> Vec<PlaneRect> {
+pub(crate) fn uncovered(rect: &PlaneRect, triangles: &[&PlaneTriangle]) -> Vec<PlaneRect> {
     if triangles.is_empty() {
         return vec![*rect];
     }

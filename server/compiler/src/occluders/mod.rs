@@ -18,7 +18,7 @@ use crate::carve::{CarvedModel, Class};
 
 /// The triangles of a carved model that may be occluders. Level surfaces with turned edges come
 /// last: they leave no portal when space is split along everything upright before them.
-pub fn occluder_triangles(carved: &CarvedModel) -> Vec<OccluderTriangle> {
+pub(crate) fn occluder_triangles(carved: &CarvedModel) -> Vec<OccluderTriangle> {
     let kept = carved.polygons.iter().flat_map(|polygon| {
         let is_last = polygon.class == Class::SemiAxial && polygon.plane.axis() == Some(1);
         polygon.triangles.iter().map(move |&corners| OccluderTriangle { corners, is_last })

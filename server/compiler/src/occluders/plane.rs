@@ -7,7 +7,7 @@ use crate::split_plane::SplitPlane;
 
 /// The opaque part of one plane: axial, or vertical at any angle.
 #[derive(Debug)]
-pub struct OccluderPlane {
+pub(crate) struct OccluderPlane {
     /// The plane.
     pub cut: SplitPlane,
     /// The opaque triangles, which may overlap. Corners run anticlockwise.
@@ -37,7 +37,7 @@ impl OccluderPlane {
     }
 
     /// The triangles whose bounding rectangles overlap a rectangle, each once, in order.
-    pub fn overlapping(&self, rect: &PlaneRect) -> Vec<&PlaneTriangle> {
+    pub(crate) fn overlapping(&self, rect: &PlaneRect) -> Vec<&PlaneTriangle> {
         let mut found: Vec<u32> = buckets_of(rect)
             .filter_map(|bucket| self.buckets.get(&bucket))
             .flatten()

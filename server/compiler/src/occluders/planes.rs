@@ -13,7 +13,7 @@ use crate::split_plane::{SplitPlane, in_plane};
 
 /// An opaque triangle, in the building's own axes.
 #[derive(Clone, Copy, Debug)]
-pub struct OccluderTriangle {
+pub(crate) struct OccluderTriangle {
     /// The corners, in metres.
     pub corners: [DVec3; 3],
     /// Whether space is split along it only when nothing else is left to split along.
@@ -25,7 +25,7 @@ pub struct OccluderTriangle {
 ///
 /// First, corners next to an axial plane are moved onto it, by at most [`AXIAL_PLANE_M`]. So walls
 /// that meet in the model but for rounding leave no gap.
-pub fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
+pub(crate) fn planes(opaque: &[OccluderTriangle]) -> Vec<OccluderPlane> {
     let levels = [0, 1, 2].map(|axis| {
         let planes = planes_along(axis, opaque);
         planes.iter().map(|plane| -plane.cut.height(DVec3::ZERO)).collect::<Vec<f64>>()

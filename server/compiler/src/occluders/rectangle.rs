@@ -3,11 +3,11 @@
 use glam::DVec2;
 
 /// A triangle in the coordinates of its plane.
-pub type PlaneTriangle = [DVec2; 3];
+pub(crate) type PlaneTriangle = [DVec2; 3];
 
 /// A rectangle in the coordinates of a plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlaneRect {
+pub(crate) struct PlaneRect {
     /// The lesser corner.
     pub min: DVec2,
     /// The greater corner.
@@ -16,28 +16,28 @@ pub struct PlaneRect {
 
 impl PlaneRect {
     /// The smallest rectangle around a triangle.
-    pub fn around(triangle: &PlaneTriangle) -> Self {
+    pub(crate) fn around(triangle: &PlaneTriangle) -> Self {
         let [a, b, c] = *triangle;
         Self { min: a.min(b).min(c), max: a.max(b).max(c) }
     }
 
     /// The common part of two rectangles; of negative size when they are apart.
-    pub fn intersection(&self, other: &Self) -> Self {
+    pub(crate) fn intersection(&self, other: &Self) -> Self {
         Self { min: self.min.max(other.min), max: self.max.min(other.max) }
     }
 
     /// Whether the rectangle has no area.
-    pub fn is_flat(&self) -> bool {
+    pub(crate) fn is_flat(&self) -> bool {
         !self.min.cmplt(self.max).all()
     }
 
     /// The area, in square metres; zero when flat.
-    pub fn area(&self) -> f64 {
+    pub(crate) fn area(&self) -> f64 {
         if self.is_flat() { 0.0 } else { (self.max - self.min).element_product() }
     }
 
     /// The corners, anticlockwise.
-    pub fn corners(&self) -> [DVec2; 4] {
+    pub(crate) fn corners(&self) -> [DVec2; 4] {
         let (a, b) = (self.min, self.max);
         [a, DVec2::new(b.x, a.y), b, DVec2::new(a.x, b.y)]
     }

@@ -13,7 +13,7 @@ use super::{LocatedName, RoomDeclaration, RoomError, SourceLocation, WindowDecla
 
 /// What a node stands for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum NodeRole<'a> {
+pub(crate) enum NodeRole<'a> {
     /// A part of the room of this name.
     Room(&'a str),
     /// A window: the name of the room, and its own.
@@ -21,7 +21,7 @@ pub enum NodeRole<'a> {
 }
 
 /// The role of a node of this name. None for an ordinary node.
-pub fn role(node: &str) -> Option<NodeRole<'_>> {
+pub(crate) fn role(node: &str) -> Option<NodeRole<'_>> {
     if let Some(name) = node.strip_prefix("room:") {
         return Some(NodeRole::Room(without_number(name)));
     }
@@ -45,7 +45,7 @@ fn without_number(name: &str) -> &str {
 ///
 /// # Errors
 /// When the node has no mesh, or a mesh without a shape, or unknown extras.
-pub fn add(
+pub(crate) fn add(
     rooms: &mut Vec<RoomDeclaration>,
     node: &str,
     role: &NodeRole<'_>,
@@ -87,7 +87,7 @@ pub fn add(
 }
 
 /// Sorts windows: each comes after the window that it is behind.
-pub fn in_order(rooms: &mut [RoomDeclaration]) {
+pub(crate) fn in_order(rooms: &mut [RoomDeclaration]) {
     for room in rooms {
         let mut left = std::mem::take(&mut room.windows);
         while !left.is_empty() {

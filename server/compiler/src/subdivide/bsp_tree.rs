@@ -11,7 +11,7 @@ pub(super) const DEPTH_MAX: u16 = 256;
 
 /// A node of the tree.
 #[derive(Clone, Debug)]
-pub enum BspNode {
+pub(super) enum BspNode {
     /// A plane, and the nodes on its lesser and greater side.
     Split {
         /// The plane.
@@ -29,7 +29,7 @@ pub enum BspNode {
 
 /// A BSP tree whose leaves are convex regions.
 #[derive(Clone, Debug, Default)]
-pub struct BspTree {
+pub(super) struct BspTree {
     /// All nodes, the root first.
     pub nodes: Vec<BspNode>,
     /// The regions of the leaves, in the order of the tree.
@@ -37,7 +37,7 @@ pub struct BspTree {
 }
 
 /// A convex polygon where two leaves join. The leaf on the lesser side of its plane comes first.
-pub struct SharedFace {
+pub(super) struct SharedFace {
     pub leaves: [u32; 2],
     pub cut: SplitPlane,
     pub plane: Option<u32>,
@@ -46,31 +46,37 @@ pub struct SharedFace {
 
 impl BspTree {
     /// Adds a node to be set later, so that its children come after it.
-    pub fn reserve(&mut self) -> u32 {
+    pub(super) fn reserve(&mut self) -> u32 {
         self.nodes.push(BspNode::Solid);
         self.nodes.len() as u32 - 1
     }
 
     /// Makes a reserved node a split.
-    pub fn set_split(&mut self, index: u32, cut: SplitPlane, plane: Option<u32>, sides: [u32; 2]) {
+    pub(super) fn set_split(
+        &mut self,
+        index: u32,
+        cut: SplitPlane,
+        plane: Option<u32>,
+        sides: [u32; 2],
+    ) {
         assert!(sides.iter().all(|&side| side > index), "children come after their parent");
         self.nodes[index as usize] = BspNode::Split { cut, plane, sides };
     }
 
     /// Adds a solid leaf.
-    pub fn solid(&mut self) -> u32 {
+    pub(super) fn solid(&mut self) -> u32 {
         self.reserve()
     }
 
     /// Adds a leaf.
-    pub fn space(&mut self, region: Region) -> u32 {
+    pub(super) fn space(&mut self, region: Region) -> u32 {
         self.nodes.push(BspNode::Leaf(self.leaves.len() as u32));
         self.leaves.push(region);
         self.nodes.len() as u32 - 1
     }
 
     /// The leaf that contains a point. None when it is solid there.
-    pub fn leaf_at(&self, point: DVec3) -> Option<u32> {
+    pub(super) fn leaf_at(&self, point: DVec3) -> Option<u32> {
         let mut node = 0;
         loop {
             match self.nodes[node] {
@@ -84,7 +90,7 @@ impl BspTree {
     }
 
     /// All polygons where two leaves of a subtree join.
-    pub fn shared_faces(&self, root: u32, region: &Region) -> Vec<SharedFace> {
+    pub(super) fn shared_faces(&self, root: u32, region: &Region) -> Vec<SharedFace> {
         let mut found = Vec::new();
         self.add_faces_below(root, region, &mut found);
         found
@@ -101,7 +107,7 @@ impl BspTree {
 
     /// Adds the polygons where leaves of a subtree below a plane join leaves of one above it,
     /// within a polygon on the plane.
-    pub fn add_faces_across(
+    pub(super) fn add_faces_across(
         &self,
         nodes: [u32; 2],
         cut: &SplitPlane,

@@ -43,15 +43,15 @@ pub(crate) struct CellSize {
 
 impl CellSize {
     /// Each space is one cell.
-    pub const WHOLE: Self = Self { width_max: f32::INFINITY, height_max: f32::INFINITY };
+    pub(crate) const WHOLE: Self = Self { width_max: f32::INFINITY, height_max: f32::INFINITY };
 
     /// Cells of this width, in metres. Cells are higher than wide, since eyes move on floors.
-    pub fn of_width(width_max: f32) -> Self {
+    pub(crate) fn of_width(width_max: f32) -> Self {
         Self { width_max, height_max: width_max * 1.5 }
     }
 
     /// About how many cells a box of this size is split into.
-    pub fn cells_in(&self, size: Vec3) -> f64 {
+    pub(crate) fn cells_in(&self, size: Vec3) -> f64 {
         let cell = Vec3::new(self.width_max, self.height_max, self.width_max);
         (size / cell).ceil().max(Vec3::ONE).as_dvec3().element_product()
     }

@@ -11,7 +11,7 @@ pub(super) const WALL_MAX: f32 = 0.6;
 
 /// A convex region: a box cut by planes that are not axial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Region {
+pub(super) struct Region {
     /// The box, in metres.
     pub bounds: Aabb,
     /// The planes that cut it, and whether the region is on their greater side.
@@ -20,17 +20,17 @@ pub struct Region {
 
 impl Region {
     /// A box.
-    pub fn new(bounds: Aabb) -> Self {
+    pub(super) fn new(bounds: Aabb) -> Self {
         Self { bounds, slants: Vec::new() }
     }
 
     /// Whether the region fills its box.
-    pub fn is_box(&self) -> bool {
+    pub(super) fn is_box(&self) -> bool {
         self.slants.is_empty()
     }
 
     /// The parts on the lesser and on the greater side of a plane.
-    pub fn halves(&self, cut: &SplitPlane) -> [Self; 2] {
+    pub(super) fn halves(&self, cut: &SplitPlane) -> [Self; 2] {
         [false, true].map(|is_greater| {
             let mut half = self.clone();
             match *cut {
@@ -43,7 +43,7 @@ impl Region {
     }
 
     /// The section of the region with a plane: a convex polygon, or nothing.
-    pub fn section(&self, cut: &SplitPlane) -> Vec<DVec3> {
+    pub(super) fn section(&self, cut: &SplitPlane) -> Vec<DVec3> {
         let mut polygon = match *cut {
             SplitPlane::Axial { axis, at } => rectangle(&self.bounds, axis, at),
             SplitPlane::Plane { .. } => {
@@ -64,7 +64,7 @@ impl Region {
     }
 
     /// The smallest box around the region, and a point inside. None when the region is degenerate.
-    pub fn extent(&self) -> Option<(Aabb, DVec3)> {
+    pub(super) fn extent(&self) -> Option<(Aabb, DVec3)> {
         if self.is_box() {
             let has_volume = self.bounds.size().cmpgt(glam::Vec3::ZERO).all();
             return has_volume.then(|| (self.bounds, self.bounds.centre().as_dvec3()));
@@ -88,7 +88,7 @@ impl Region {
     }
 
     /// The region with its box shrunk to what the cutting planes leave.
-    pub fn tightened(mut self) -> Self {
+    pub(super) fn tightened(mut self) -> Self {
         if !self.is_box()
             && let Some((bounds, _)) = self.extent()
         {
@@ -128,7 +128,7 @@ fn square(cut: &SplitPlane, bounds: &Aabb) -> Vec<DVec3> {
 
 /// The part of a convex polygon on one side of a plane, boundary included. Empty when it is
 /// degenerate.
-pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3> {
+pub(super) fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3> {
     let sign = if is_greater { 1.0 } else { -1.0 };
     let height = |p: DVec3| cut.height(p) * sign;
     let mut kept = Vec::with_capacity(polygon.len() + 1);
@@ -152,7 +152,7 @@ pub fn part(polygon: &[DVec3], cut: &SplitPlane, is_greater: bool) -> Vec<DVec3>
 }
 
 /// On which sides of a plane a polygon has parts farther than [`ON_PLANE_F32_M`] from it.
-pub fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
+pub(super) fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
     polygon.iter().fold([false; 2], |[low, high], &corner| {
         let height = cut.height(corner);
         [low || height < -ON_PLANE_F32_M, high || height > ON_PLANE_F32_M]
@@ -160,7 +160,7 @@ pub fn sides(polygon: &[DVec3], cut: &SplitPlane) -> [bool; 2] {
 }
 
 /// The area of a convex polygon, in square metres.
-pub fn area(polygon: &[DVec3]) -> f64 {
+pub(super) fn area(polygon: &[DVec3]) -> f64 {
     let fan = |i: usize| (polygon[i] - polygon[0]).cross(polygon[i + 1] - polygon[0]);
     (1..polygon.len().saturating_sub(1)).map(fan).sum::<DVec3>().length() * 0.5
 }

@@ -32,7 +32,7 @@ struct Occluder<'a> {
 }
 
 /// Splits a region along the faces of solids.
-pub fn split(bounds: &Aabb, solids: &[ConvexSolid]) -> BspTree {
+pub(super) fn split(bounds: &Aabb, solids: &[ConvexSolid]) -> BspTree {
     let large = |solid: &&ConvexSolid| {
         solid.faces.iter().any(|face| {
             let corners: Vec<DVec3> = face.corners.iter().map(|c| c.as_dvec3()).collect();

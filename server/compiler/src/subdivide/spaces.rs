@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// A building split along its occluders into spaces.
-pub struct Spaces {
+pub(crate) struct Spaces {
     pub(super) bounds: Aabb,
     pub(super) axes: Axes,
     pub(super) tree: BspTree,
@@ -32,7 +32,7 @@ pub struct Spaces {
 
 impl Spaces {
     /// Splits a region, which is given in the building's own axes.
-    pub fn new(bounds: &Aabb, axes: Axes, occluders: &SubdivisionInput<'_>) -> Self {
+    pub(crate) fn new(bounds: &Aabb, axes: Axes, occluders: &SubdivisionInput<'_>) -> Self {
         let tree = if occluders.solids.is_empty() {
             surfaces::split(bounds, occluders.planes)
         } else {

@@ -35,7 +35,7 @@ const THIN_MAX: f32 = 0.1;
 
 /// Splits a region along opaque surfaces: along axial planes first, then other vertical planes,
 /// then level planes with turned edges, of which only the covered part is left by then.
-pub fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
+pub(super) fn split(bounds: &Aabb, planes: &[OccluderPlane]) -> BspTree {
     let mut builder = Builder { planes, tree: BspTree::default() };
     let all = planes
         .iter()

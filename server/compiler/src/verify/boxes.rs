@@ -13,7 +13,7 @@ pub(super) struct Boxes {
 }
 
 impl Boxes {
-    pub fn new(boxes: impl IntoIterator<Item = (u32, Aabb)>) -> Self {
+    pub(super) fn new(boxes: impl IntoIterator<Item = (u32, Aabb)>) -> Self {
         let boxes: Vec<_> = boxes.into_iter().collect();
         let mut sum = 0.0;
         let volumes = boxes.iter().map(|(_, b)| {
@@ -27,13 +27,13 @@ impl Boxes {
 
     /// The boxes of some leafs of a map, a Quake unit larger: the map rounds them down to whole
     /// units.
-    pub fn of_leafs(tree: &OriginTree, leafs: impl IntoIterator<Item = usize>) -> Self {
+    pub(super) fn of_leafs(tree: &OriginTree, leafs: impl IntoIterator<Item = usize>) -> Self {
         let larger = |leaf: usize| tree.leafs[leaf].bounds.grown(0.0254);
         Self::new(leafs.into_iter().map(|leaf| (leaf as u32, larger(leaf))))
     }
 
     /// For each cluster of a map, the boxes of its leafs.
-    pub fn of_clusters(tree: &OriginTree) -> Vec<Self> {
+    pub(super) fn of_clusters(tree: &OriginTree) -> Vec<Self> {
         let mut leafs_of = vec![Vec::new(); tree.clusters as usize];
         for (leaf, OriginLeaf { cluster, .. }) in tree.leafs.iter().enumerate() {
             if let Some(cluster) = *cluster {
@@ -45,7 +45,7 @@ impl Boxes {
 
     /// A point of a random box, and the owner of the box. Where boxes overlap, the caller keeps a
     /// point only if it belongs to that owner: then all points are equally likely.
-    pub fn draw(&self, rng: &mut SmallRng) -> Option<(u32, Vec3)> {
+    pub(super) fn draw(&self, rng: &mut SmallRng) -> Option<(u32, Vec3)> {
         let at = rng.random::<f64>() * self.volumes.last()?;
         let index = self.volumes.partition_point(|&volume| volume <= at);
         let (owner, bounds) = self.boxes.get(index.min(self.boxes.len() - 1))?;

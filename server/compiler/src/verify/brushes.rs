@@ -33,7 +33,7 @@ struct Brush {
 
 impl Brushes {
     /// The brushes of a map within some bounds.
-    pub fn new(origin: &Origin, bounds: &Aabb) -> Self {
+    pub(super) fn new(origin: &Origin, bounds: &Aabb) -> Self {
         let size = bounds.size();
         let field = FIELD_M.max((size.element_product() / FIELDS_MAX).cbrt());
         let size = size.to_array().map(|side| (side / field) as usize + 1);
@@ -66,7 +66,7 @@ impl Brushes {
     }
 
     /// Whether a brush holds a point, when every brush is made `larger` metres larger.
-    pub fn hold(&self, point: Vec3, larger: f64) -> bool {
+    pub(super) fn hold(&self, point: Vec3, larger: f64) -> bool {
         let here = &self.fields[self.index(self.field(point))];
         here.iter().chain(&self.everywhere).any(|&index| {
             let Brush { bounds, sides } = &self.brushes[index as usize];

@@ -21,7 +21,7 @@ struct Node {
 }
 
 impl<'a> Locator<'a> {
-    pub fn new(origin: &'a Origin, tree: &OriginTree) -> Self {
+    pub(super) fn new(origin: &'a Origin, tree: &OriginTree) -> Self {
         let side = |side| match side {
             OriginSide::Node(node) => node as i32,
             OriginSide::Leaf(leaf) => !(leaf as i32),
@@ -38,7 +38,7 @@ impl<'a> Locator<'a> {
     }
 
     /// The leaf that contains a point.
-    pub fn leaf_at(&self, point: Vec3) -> u32 {
+    pub(super) fn leaf_at(&self, point: Vec3) -> u32 {
         let mut next = 0;
         while let Ok(node) = usize::try_from(next) {
             let Node { plane, sides, exact } = &self.nodes[node];

@@ -37,7 +37,7 @@ pub(super) struct Spot {
 }
 
 impl<'a> Original<'a> {
-    pub fn new(world: &'a World) -> Self {
+    pub(super) fn new(world: &'a World) -> Self {
         let oracle = Oracle::new(&world.mesh);
         let mut boxes = Boxes::new([(0, world.bounds())]);
         let Some(origin) = &world.origin else {
@@ -52,7 +52,7 @@ impl<'a> Original<'a> {
     }
 
     /// The space that [`Original::draw`] samples, in words.
-    pub fn sampled(&self) -> &'static str {
+    pub(super) fn sampled(&self) -> &'static str {
         match (&self.brushes, &self.tree) {
             (None, _) => "the model's bounds and the margin that the compiler adds, walls included",
             (_, None) => "the world's bounds where there is no brush",
@@ -61,7 +61,7 @@ impl<'a> Original<'a> {
     }
 
     /// A uniform random spot of empty space. None when there seems to be no empty space.
-    pub fn draw(&self, rng: &mut SmallRng) -> Option<Spot> {
+    pub(super) fn draw(&self, rng: &mut SmallRng) -> Option<Spot> {
         (0..TRIES_MAX).find_map(|_| {
             let (owner, point) = self.boxes.draw(rng)?;
             let leaf = self.tree.as_ref().map(|tree| tree.locator.leaf_at(point));
@@ -70,7 +70,7 @@ impl<'a> Original<'a> {
     }
 
     /// The spot at a point, if the point is empty.
-    pub fn spot(&self, point: Vec3) -> Option<Spot> {
+    pub(super) fn spot(&self, point: Vec3) -> Option<Spot> {
         self.spot_in(point, self.leaf_at(point))
     }
 
@@ -92,18 +92,18 @@ impl<'a> Original<'a> {
     }
 
     /// The leaf of the map's tree that contains a point. None when the map has no tree.
-    pub fn leaf_at(&self, point: Vec3) -> Option<u32> {
+    pub(super) fn leaf_at(&self, point: Vec3) -> Option<u32> {
         self.tree.as_ref().map(|tree| tree.locator.leaf_at(point))
     }
 
     /// Whether a ray in single precision finds nothing between two points.
-    pub fn in_sight(&self, from: Vec3, to: Vec3) -> bool {
+    pub(super) fn in_sight(&self, from: Vec3, to: Vec3) -> bool {
         self.oracle.between(from, to)
     }
 
     /// Whether the line between two points is free in double precision too ([`exact`]). Slow: only
     /// for misses.
-    pub fn confirms(&self, from: Vec3, to: Vec3) -> bool {
+    pub(super) fn confirms(&self, from: Vec3, to: Vec3) -> bool {
         let solids = self.world.origin.as_ref();
         exact::is_free(&self.world.mesh, solids, from.as_dvec3(), to.as_dvec3())
     }

@@ -25,7 +25,7 @@ pub(super) struct Survey<'a> {
 
 impl Survey<'_> {
     /// Tests pairs of spots that `draw` makes. `stage` gives this sample random numbers of its own.
-    pub fn run(
+    pub(super) fn run(
         &self,
         stage: u64,
         draw: &(dyn Fn(&mut SmallRng) -> Option<Spot> + Sync),

@@ -46,7 +46,7 @@ pub(super) struct Ours<'a> {
 }
 
 impl<'a> Ours<'a> {
-    pub fn new(cells: &'a Cells) -> Self {
+    pub(super) fn new(cells: &'a Cells) -> Self {
         let mut sum = 0;
         let entries = cells.pvs.iter().map(|row| {
             sum += row.len();
@@ -109,7 +109,7 @@ pub(super) struct Lump<'a> {
 
 impl<'a> Lump<'a> {
     /// The vis lump of a map; none when the map has none.
-    pub fn new(origin: &'a Origin, original: &'a Original<'a>) -> Option<Self> {
+    pub(super) fn new(origin: &'a Origin, original: &'a Original<'a>) -> Option<Self> {
         let tree = origin.tree.as_ref().filter(|tree| !tree.visible.is_empty())?;
         Some(Self { original, tree, boxes: Boxes::of_clusters(tree) })
     }

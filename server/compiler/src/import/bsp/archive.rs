@@ -37,7 +37,7 @@ pub(super) struct Archives {
 
 impl Archives {
     /// Opens archives. When several hold a file, the last one counts.
-    pub fn open(paths: &[PathBuf]) -> Result<Self, BspError> {
+    pub(super) fn open(paths: &[PathBuf]) -> Result<Self, BspError> {
         let mut all =
             Self { archives: Vec::new(), files: HashMap::new(), scripts: Scripts::default() };
         for path in paths {
@@ -47,12 +47,12 @@ impl Archives {
         Ok(all)
     }
 
-    pub fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.archives.is_empty()
     }
 
     /// The image of a shader, if it can be read.
-    pub fn texture(&mut self, shader: &str) -> Option<Arc<RgbImage>> {
+    pub(super) fn texture(&mut self, shader: &str) -> Option<Arc<RgbImage>> {
         let shown = self.scripts.image(shader).map(str::to_owned);
         let image = self.image(shader).or_else(|| self.image(&shown?))?;
         let (width, height) = image.dimensions();

@@ -44,30 +44,30 @@ pub(super) struct Keys(HashMap<String, String>);
 
 impl Keys {
     /// The value of a key; empty when it is absent.
-    pub fn text(&self, key: &str) -> &str {
+    pub(super) fn text(&self, key: &str) -> &str {
         self.0.get(key).map_or("", String::as_str)
     }
 
-    pub fn number(&self, key: &str) -> Option<f64> {
+    pub(super) fn number(&self, key: &str) -> Option<f64> {
         numbers::<1>(self.text(key)).map(|[number]| number)
     }
 
     /// A number, or the default when it is 0, as for most keys in the game.
-    pub fn number_not_0(&self, key: &str, default: f64) -> f64 {
+    pub(super) fn number_not_0(&self, key: &str, default: f64) -> f64 {
         self.number(key).filter(|&number| number != 0.0).unwrap_or(default)
     }
 
-    pub fn vector(&self, key: &str) -> Option<DVec3> {
+    pub(super) fn vector(&self, key: &str) -> Option<DVec3> {
         numbers::<3>(self.text(key)).map(DVec3::from)
     }
 
     /// Pitch, yaw and roll, in degrees.
-    pub fn angles(&self) -> DVec3 {
+    pub(super) fn angles(&self) -> DVec3 {
         let yaw = self.number("angle").map(|yaw| DVec3::Y * yaw);
         yaw.or_else(|| self.vector("angles")).unwrap_or(DVec3::ZERO)
     }
 
-    pub fn flags(&self) -> u32 {
+    pub(super) fn flags(&self) -> u32 {
         self.number("spawnflags").map_or(0, |flags| flags as u32)
     }
 }

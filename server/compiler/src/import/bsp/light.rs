@@ -21,14 +21,14 @@ pub(super) enum Light<'a> {
 }
 
 impl<'a> Light<'a> {
-    pub fn of(map: &Map<'a>, lightmap: Option<usize>) -> Self {
+    pub(super) fn of(map: &Map<'a>, lightmap: Option<usize>) -> Self {
         lightmap
             .and_then(|index| map.lightmaps.get(index))
             .map_or(Self::Vertices, |pixels| Self::Lightmap(pixels))
     }
 
     /// The light at a point, as a factor on sRGB colours.
-    pub fn at(&self, lightmap: Vec2, vertex: Vec3) -> [u8; 3] {
+    pub(super) fn at(&self, lightmap: Vec2, vertex: Vec3) -> [u8; 3] {
         let light = match self {
             Self::Lightmap(pixels) => bilinear(pixels, lightmap) * OVERBRIGHT,
             Self::Vertices => vertex * OVERBRIGHT,

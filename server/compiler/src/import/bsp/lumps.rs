@@ -50,7 +50,7 @@ impl<'a> Lumps<'a> {
 pub(super) struct Fields<'a>(pub &'a [u8]);
 
 impl Fields<'_> {
-    pub fn take<const N: usize>(&mut self) -> [u8; N] {
+    pub(super) fn take<const N: usize>(&mut self) -> [u8; N] {
         match self.0.split_first_chunk() {
             Some((field, rest)) => {
                 self.0 = rest;
@@ -60,23 +60,23 @@ impl Fields<'_> {
         }
     }
 
-    pub fn skip(&mut self, bytes: usize) {
+    pub(super) fn skip(&mut self, bytes: usize) {
         self.0 = self.0.get(bytes..).unwrap_or_default();
     }
 
-    pub fn int(&mut self) -> i32 {
+    pub(super) fn int(&mut self) -> i32 {
         i32::from_le_bytes(self.take())
     }
 
-    pub fn float(&mut self) -> f32 {
+    pub(super) fn float(&mut self) -> f32 {
         f32::from_le_bytes(self.take())
     }
 
-    pub fn vec2(&mut self) -> Vec2 {
+    pub(super) fn vec2(&mut self) -> Vec2 {
         Vec2::new(self.float(), self.float())
     }
 
-    pub fn vec3(&mut self) -> Vec3 {
+    pub(super) fn vec3(&mut self) -> Vec3 {
         Vec3::new(self.float(), self.float(), self.float())
     }
 }

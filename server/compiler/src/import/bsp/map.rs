@@ -94,7 +94,7 @@ pub(super) struct Map<'a> {
 }
 
 impl<'a> Map<'a> {
-    pub fn parse(bytes: &'a [u8]) -> Result<Self, BspError> {
+    pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, BspError> {
         let lumps = Lumps::parse(bytes)?;
         let shaders: Vec<Shader> =
             lumps.records(1, "shaders", SHADERS_MAX)?.iter().map(shader).collect();

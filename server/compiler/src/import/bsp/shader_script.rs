@@ -21,7 +21,7 @@ struct Shader {
 
 impl Scripts {
     /// Reads the shaders of one script. The first of a name counts.
-    pub fn read(&mut self, text: &str) {
+    pub(super) fn read(&mut self, text: &str) {
         let mut depth = 0usize;
         let mut shader = Shader::default();
         for line in text.lines() {
@@ -50,7 +50,7 @@ impl Scripts {
     }
 
     /// The image of a shader.
-    pub fn image(&self, shader: &str) -> Option<&str> {
+    pub(super) fn image(&self, shader: &str) -> Option<&str> {
         self.images.get(shader).map(String::as_str)
     }
 

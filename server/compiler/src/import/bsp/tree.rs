@@ -33,7 +33,7 @@ pub(super) struct Leaf {
 }
 
 impl<'a> Tree<'a> {
-    pub fn parse(lumps: &Lumps<'a>, planes: usize) -> Result<Self, BspError> {
+    pub(super) fn parse(lumps: &Lumps<'a>, planes: usize) -> Result<Self, BspError> {
         let leafs: Vec<Leaf> =
             lumps.records::<48>(4, "leafs", LEAFS_MAX)?.iter().map(leaf).collect();
         let nodes = lumps.records::<36>(3, "nodes", NODES_MAX)?;
@@ -58,7 +58,7 @@ impl<'a> Tree<'a> {
     }
 
     /// The rows without padding.
-    pub fn visible(&self) -> Vec<u8> {
+    pub(super) fn visible(&self) -> Vec<u8> {
         let kept = (self.clusters as usize).div_ceil(8);
         let rows = self.rows.chunks_exact(self.row_bytes.max(1));
         rows.flat_map(|row| &row[..kept.min(row.len())]).copied().collect()

@@ -90,7 +90,7 @@ impl<'a> Channel<'a> {
 
 impl Animations {
     /// Reads all animations of a document.
-    pub fn read(
+    pub(super) fn read(
         document: &Document,
         resources: &Resources,
         warnings: &mut Vec<String>,
@@ -140,7 +140,7 @@ impl Animations {
 
     /// The chain of a node that moves: the chain above, in which `parent` is placed, and one more
     /// joint.
-    pub fn chain(
+    pub(super) fn chain(
         &mut self,
         node: &Node<'_>,
         above: Option<&Chain>,
@@ -165,7 +165,7 @@ impl Animations {
 
 impl Chain {
     /// The trajectory, and whether the chain was invalid. An invalid chain does not move.
-    pub fn trajectory(&self) -> (Trajectory, bool) {
+    pub(super) fn trajectory(&self) -> (Trajectory, bool) {
         let course = if self.length_s > 0.0 { Playback::Loop } else { Playback::Once };
         match Trajectory::new(self.joints.clone(), self.length_s, course) {
             Ok(trajectory) => (trajectory, self.faulty),

@@ -27,7 +27,7 @@ pub(super) struct Resources {
 
 impl Resources {
     /// Loads every buffer of a document.
-    pub fn load(
+    pub(super) fn load(
         document: &Document,
         mut blob: Option<Vec<u8>>,
         folder: Option<&Path>,
@@ -56,13 +56,13 @@ impl Resources {
     }
 
     /// The bytes of a view. `None` when it reaches beyond its buffer.
-    pub fn view(&self, view: &buffer::View<'_>) -> Option<&[u8]> {
+    pub(super) fn view(&self, view: &buffer::View<'_>) -> Option<&[u8]> {
         let end = view.offset().checked_add(view.length())?;
         self.buffers.get(view.buffer().index())?.get(view.offset()..end)
     }
 
     /// An image, decoded once. An image that cannot be read becomes `None`, with a warning.
-    pub fn image(
+    pub(super) fn image(
         &mut self,
         document: &Document,
         index: usize,

@@ -63,7 +63,7 @@ struct Visit<'a> {
 }
 
 impl<'a> Reader<'a> {
-    pub fn new(document: &'a Document, resources: Resources, title: &str) -> Self {
+    pub(super) fn new(document: &'a Document, resources: Resources, title: &str) -> Self {
         let model = Model::empty(limits::tidy_title(title));
         Self {
             document,
@@ -78,7 +78,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads the default scene, or all scenes when there is none.
-    pub fn read(mut self) -> Result<Model, GlbError> {
+    pub(super) fn read(mut self) -> Result<Model, GlbError> {
         let scenes: Vec<_> = match self.document.default_scene() {
             Some(scene) => vec![scene],
             None => self.document.scenes().collect(),
