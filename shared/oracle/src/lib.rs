@@ -18,7 +18,8 @@
 //! let (before, behind) = (Vec3::new(0.0, 1.6, 4.0), Vec3::new(0.0, 1.6, -4.0));
 //! assert!(!oracle.between(before, behind), "the wall is between them");
 //! assert!(oracle.between(before, before + Vec3::X));
-//! assert_eq!(oracle.distance(before, Vec3::NEG_Z), Some(4.0));
+//! let distance = oracle.distance(before, Vec3::NEG_Z).expect("the wall is ahead");
+//! assert!((distance - 4.0).abs() < 1e-5);
 //! ```
 
 use std::time::Duration;
