@@ -1,8 +1,8 @@
-//! Sets of small numbers in which looking one up takes no search.
+//! Sets of small numbers, with a lookup that takes no search.
 
 use std::ops::RangeInclusive;
 
-/// A bit for each number up to the greatest: 2 KiB for 16,384.
+/// A bit for each number up to the greatest: 2 KiB for 16,384 numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub(crate) struct BitSet(Vec<u64>);
 
@@ -12,7 +12,7 @@ impl BitSet {
         self.0[number as usize / 64] |= 1 << (number % 64);
     }
 
-    /// Inserts all from a number up to another, both included.
+    /// Inserts all numbers of a range.
     pub(crate) fn insert_range(&mut self, range: RangeInclusive<u32>) {
         let (first, last) = range.into_inner();
         if first > last {
@@ -40,7 +40,7 @@ impl BitSet {
         self.0.clear();
     }
 
-    /// Takes in all of another set.
+    /// Inserts all numbers of another set.
     pub(crate) fn unite(&mut self, other: &Self) {
         self.reserve(other.0.len());
         self.0.iter_mut().zip(&other.0).for_each(|(word, other)| *word |= other);
@@ -50,7 +50,7 @@ impl BitSet {
         self.0.get(number as usize / 64).is_some_and(|word| word >> (number % 64) & 1 == 1)
     }
 
-    /// Those that are in another set as well, ascending.
+    /// The numbers that are in both sets, ascending.
     pub(crate) fn shared<'a>(&'a self, other: &'a Self) -> impl Iterator<Item = u32> + 'a {
         (0..).zip(self.0.iter().zip(&other.0)).flat_map(|(place, (word, other))| {
             let mut left = word & other;
@@ -79,7 +79,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn as_a_sorted_set_does(a in btree_set(0..500u32, 0..40), b in btree_set(0..300u32, 0..40)) {
+        fn a_bit_set_behaves_like_a_sorted_set(a in btree_set(0..500u32, 0..40), b in btree_set(0..300u32, 0..40)) {
             let (mut x, mut y) = (BitSet::default(), BitSet::default());
             a.iter().for_each(|number| x.insert(*number));
             b.iter().for_each(|number| y.insert(*number));
@@ -93,7 +93,7 @@ mod tests {
         }
 
         #[test]
-        fn a_range_is_all_its_numbers(a in btree_set(0..500u32, 0..9), first in 0..400u32, len in 0..200u32) {
+        fn inserting_a_range_inserts_each_of_its_numbers(a in btree_set(0..500u32, 0..9), first in 0..400u32, len in 0..200u32) {
             let (mut by_range, mut one_by_one) = (BitSet::default(), BitSet::default());
             for bits in [&mut by_range, &mut one_by_one] {
                 a.iter().for_each(|number| bits.insert(*number));

@@ -5,142 +5,144 @@ use std::time::Duration;
 use glam::Vec3;
 use sightline_world::motion::{AvatarId, Pose, Tbv};
 
-/// What happens to the engine. Times are on the server's clock.
+/// What the host tells the engine.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Input {
-    /// A participant comes in, at a place of its choice if it may stand there.
+    /// A participant joins.
     Join {
-        /// Who; the caller never uses an id twice.
+        /// The participant. The host never uses an id twice.
         avatar: AvatarId,
-        /// How it is called.
+        /// The name that others are shown.
         name: String,
         /// sRGB.
         colour: [u8; 3],
-        /// Where it wants its eye; a spawn point when `None`.
+        /// Where the participant wants its eye. If that is `None` or out of bounds, it begins at a
+        /// spawn point.
         place: Option<Vec3>,
     },
-    /// A participant is gone.
+    /// A participant leaves.
     Leave {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
     },
-    /// A client says where it is.
+    /// A client reports where its avatar is.
     Report {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
-        /// Grows with each report of the same client; an older one is ignored.
+        /// Grows with each report of the client. A report that is not newer is ignored.
         sequence: u32,
-        /// Where.
+        /// The pose.
         pose: Pose,
     },
-    /// The host itself puts an avatar elsewhere: a respawn, a teleporter, a jump pad. No limit
-    /// applies but the world's bounds.
+    /// The host itself puts an avatar elsewhere, or pushes it: a respawn, a teleporter, a jump pad.
+    /// Only the world's bounds limit it.
     Relocate {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
-        /// Where.
+        /// The pose.
         pose: Pose,
     },
-    /// A client's measured round trip.
+    /// The host has measured the round trip of a client.
     RoundTrip {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
-        /// From the ask to the answer.
+        /// The time from a message to its answer.
         round_trip: Duration,
     },
     /// A participant says something to those it sees.
     Chat {
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
-        /// What.
+        /// The text.
         text: String,
     },
 }
 
-/// What the engine wants told to a client.
+/// What the host must tell a client.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Output {
-    /// You are in.
+    /// The client is in the world.
     Entered {
-        /// To whom; also in the other outputs.
+        /// The client that is told. All outputs have this field.
         to: AvatarId,
-        /// Where.
+        /// The pose.
         pose: Pose,
     },
     /// An avatar may come into view.
     Appear {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
-        /// How it is called.
+        /// The name that others are shown.
         name: String,
         /// sRGB.
         colour: [u8; 3],
-        /// Where it was last.
+        /// The last accepted pose.
         pose: Pose,
     },
-    /// An avatar cannot be seen any more, or has left.
+    /// An avatar can no longer be seen, or has left.
     Vanish {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// Who.
+        /// The avatar.
         avatar: AvatarId,
     },
-    /// The avatars that this client may see and that have news, as they were at this tick.
+    /// New poses of avatars that the client may see, as of this tick.
     Poses {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// Counts ticks.
+        /// The number of the tick.
         tick: u32,
-        /// In ascending order of id.
+        /// The avatars and their poses, in ascending order of id.
         poses: Vec<(AvatarId, Pose)>,
     },
-    /// Report now and at every tick from now on. To a quiet client it is an ask as well.
+    /// The client must report now and at every tick from now on. For a quiet client this is an ask as
+    /// well.
     Live {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
     },
-    /// Nobody can see you: be silent unless asked, or about to leave this region.
+    /// Nobody can see the client: it is silent unless it is asked or is about to leave this TBV.
     Quiet {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// The region.
+        /// Where it may be silent.
         tbv: Tbv,
     },
-    /// Report once, now.
+    /// The client must report once, now.
     Ask {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
     },
-    /// Your claim was refused: you are here.
+    /// A claim of the client was refused. Its avatar is here.
     Correct {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// Where.
+        /// The pose.
         pose: Pose,
     },
-    /// Somebody you can see, or you yourself, said something.
+    /// An avatar that the client sees, or the client itself, said something.
     Chat {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// Who.
+        /// The avatar that said it.
         from: AvatarId,
-        /// What.
+        /// The text.
         text: String,
     },
-    /// You persist in false claims, do not answer, or find no room: out. The engine has forgotten
-    /// the avatar; a leave need not follow.
+    /// The client is out: it persists in false claims, does not answer, or the building is full. The
+    /// engine has forgotten the avatar, so no [`Input::Leave`] need follow.
     Drop {
-        /// To whom.
+        /// The client that is told.
         to: AvatarId,
-        /// Why, for people.
+        /// The reason, for people.
         reason: String,
     },
 }
 
 impl Output {
-    /// To whom it goes.
+    /// The client that is told.
     pub fn to(&self) -> AvatarId {
         match *self {
             Self::Entered { to, .. }

@@ -1,4 +1,4 @@
-//! Who comes, claims, speaks and goes.
+//! Session events: participants join, claim, move, speak and leave.
 
 use std::time::Duration;
 
@@ -10,28 +10,31 @@ use sightline_world::{
 };
 
 use crate::{
-    Engine, Output,
-    baselines::partition::Area,
-    claims::consistency::ClaimConsistency,
-    claims::movement_budget::{ClaimVerdict, MovementBudget},
-    population::{Avatar, Slot},
-    regions::footprints::HiddenFootprint,
-    regions::live_regions::LiveRegions,
-    silence::search::FIRST,
-    timing::jitter::Jitter,
+    baselines::Area,
+    claims::{Claim, ClaimConsistency, ClaimVerdict, MovementBudget, Walk},
+    engine::Engine,
+    generation::Generation,
+    interest::{end_pairs, forget_results},
+    messages::Output,
+    population::{Avatar, Profile},
+    regions::{HiddenFootprint, LiveRegions},
+    silence::VALIDITY_FIRST,
+    slot::{Member, Slot},
+    timing::Jitter,
 };
 
-/// A client that takes longer counts as one that takes so long: beyond all horizons.
+/// The longest round trip, beyond all horizons. A client with a longer one counts as having this.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
 
 impl Engine {
+    /// Adds a participant, at a place of its choice if an eye may be there.
     pub(crate) fn join(
         &mut self,
         now: Duration,
-        who: (AvatarId, String, [u8; 3]),
-        place: Option<Vec3>,
+        id: AvatarId,
+        profile: Profile,
+        eye: Option<Vec3>,
     ) {
-        let (id, name, colour) = who;
         if self.population.slot(id).is_some() {
             return;
         }
@@ -39,183 +42,192 @@ impl Engine {
             self.pending.push(Output::Drop { to: id, reason: "the building is full".to_owned() });
             return;
         }
-        let pose = self.first_pose(place);
+        let pose = self.first_pose(eye);
         let round_trip = self.config.round_trip_initial;
         self.horizons.add(round_trip);
+        let building = &self.building;
+        let name = profile.name.chars().take(self.config.name_chars_max).collect();
         self.population.insert(Avatar {
             id,
-            name: name.chars().take(self.config.name_chars_max).collect(),
-            colour,
+            profile: Profile { name, ..profile },
             pose,
-            seal: self.rooms.sealed_rooms_at(pose.eye),
-            version: 0,
+            sealed: building.rooms.sealed_rooms_at(pose.eye),
+            version: Generation::default(),
             heard: now,
             round_trip,
             jitter: Jitter::new(self.config.margin),
-            ledger: MovementBudget::new(now),
-            footing: self.ways.footing(&self.world, self.world.cells.axes.own(pose.eye)),
-            pledges: ClaimConsistency::default(),
+            budget: MovementBudget::new(now),
+            walk: building.walkways.state_at(&building.world, building.axes().own(pose.eye)),
+            consistency: ClaimConsistency::default(),
             state: ReportingState::Live,
             tbv: None,
+            sphere: None,
             unanswered: 0,
             told_quiet: false,
             silence_from: now,
-            zone: HiddenFootprint::default(),
-            zone_box: None,
-            far: Aabb::EMPTY,
-            close: Vec::new(),
+            footprint: HiddenFootprint::default(),
+            footprint_box: None,
+            reveal_box: Aabb::EMPTY,
+            nearby_hidden: Vec::new(),
             seen_by: None,
-            validity: self.config.validity.max(FIRST),
+            validity: self.config.validity.max(VALIDITY_FIRST),
             hidden_from: now,
-            near: LiveRegions::default(),
-            place: self.places.place(&self.world, Area::None, pose.eye),
+            regions: LiveRegions::default(),
+            area: building.partition.area_of(&building.world, Area::None, pose.eye),
             pairs: Vec::new(),
             watchers: 0,
         });
-        self.wait(now, id, self.config.stall);
+        self.deadlines.wait(now, id, self.config.stall);
         self.pending.push(Output::Entered { to: id, pose });
     }
 
-    /// The place asked for, if an eye may be there, else the next spawn point in turn. Whoever asks for a spawn point
-    /// looks as one does there.
-    pub(crate) fn first_pose(&mut self, place: Option<Vec3>) -> Pose {
-        let confines = self.world.confines();
-        if let Some(eye) = place.filter(|p| p.is_finite() && confines.contains(*p)) {
-            let mut spawns = self.world.spawns.iter();
+    /// The pose at the place that was asked for, if an eye may be there, or else at the next spawn
+    /// point in turn. An avatar at a spawn point faces as the spawn point says.
+    fn first_pose(&mut self, eye: Option<Vec3>) -> Pose {
+        let world = &self.building.world;
+        let confines = world.confines();
+        if let Some(eye) = eye.filter(|eye| eye.is_finite() && confines.contains(*eye)) {
+            let mut spawns = world.spawns.iter();
             let spawn = spawns.find(|spawn| spawn.eye.distance(eye) < AT_SPAWN_M);
             return Pose { eye, yaw: spawn.map_or(0.0, |spawn| spawn.yaw), ..Pose::default() };
         }
-        let spawns = &self.world.spawns;
         let turn = self.joined;
         self.joined = self.joined.wrapping_add(1);
-        match spawns.get(turn % spawns.len().max(1)) {
+        match world.spawns.get(turn % world.spawns.len().max(1)) {
             Some(spawn) => Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() },
             None => Pose { eye: confines.centre(), ..Pose::default() },
         }
     }
 
-    /// Takes an avatar out; those who held it are told at the next tick.
+    /// Removes an avatar. Clients that held it are told at the next tick.
     pub(crate) fn remove(&mut self, id: AvatarId) {
         let Some(slot) = self.population.slot(id) else { return };
-        self.part(slot);
-        self.expiries.cancel(id);
-        self.patience.cancel(id);
+        let silencing = self.silencing();
+        let coarse = &mut silencing.indices.coarse;
+        end_pairs(silencing.view, silencing.population, coarse, slot, silencing.pending);
+        self.deadlines.cancel(id);
         let Some((slot, gone)) = self.population.remove(id) else { return };
         self.horizons.remove(gone.round_trip);
-        match gone.state {
-            ReportingState::Live => self.live_zones.remove((id, slot), &gone.zone),
-            _ => self.hidden_zones.remove((id, slot), &gone.zone),
-        }
+        let index = if gone.is_live() { &mut self.indices.live } else { &mut self.indices.hidden };
+        index.remove(Member { id, slot }, &gone.footprint);
         for pair in gone.pairs.iter().filter(|pair| pair.is_held) {
-            self.population.at_mut(pair.slot).watchers -= 1;
+            let watched = self.population.at_mut(pair.slot);
+            debug_assert!(watched.watchers > 0, "who holds an avatar is counted");
+            watched.watchers -= 1;
         }
     }
 
+    /// Takes in a client's report.
     pub(crate) fn report(&mut self, now: Duration, id: AvatarId, sequence: u32, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
-        let avatar = self.population.at_mut(slot);
-        let believed = (avatar.pose.eye, avatar.tbv.as_ref());
-        let trip = avatar.round_trip;
-        let (world, footing) = (&self.world, &mut avatar.footing);
-        let lead = |way_m: f64| {
-            let [from, to] = [believed.0, pose.eye].map(|eye| world.cells.axes.own(eye));
-            let led = self.ways.lead(world, (from, *footing), to, way_m as f32);
-            self.stats.walls += u64::from(led.is_none());
-            let (space, led_m) = led?;
-            *footing = space;
-            Some(f64::from(led_m))
+        let Self { building, config, population, workspace, stats, pending, .. } = self;
+        let avatar = population.at_mut(slot);
+        let claim = Claim {
+            tbv: avatar.tbv.as_ref(),
+            sphere: avatar.sphere,
+            ..Claim::new(sequence, &pose, avatar.pose.eye, avatar.round_trip)
         };
-        match avatar.ledger.judge(now, (sequence, &pose), believed, trip, &self.limits, lead) {
+        let [from, to] = [claim.from, pose.eye].map(|eye| building.axes().own(eye));
+        let walk = Walk { from, state: avatar.walk, to };
+        let find_way = |longest_m: f64| {
+            let (world, ways) = (&building.world, &mut workspace.ways);
+            let way = building.walkways.find_way(ways, world, &walk, longest_m as f32);
+            stats.walls += u64::from(way.is_none());
+            avatar.walk = way?.state;
+            Some(f64::from(way?.length_m))
+        };
+        match avatar.budget.judge(now, &claim, &building.limits, find_way) {
             ClaimVerdict::Old => {}
             ClaimVerdict::Accepted => {
-                self.stats.reports += 1;
-                if avatar.state == ReportingState::Live {
-                    avatar.jitter.hear(now, sequence, self.config.tick);
+                stats.reports += 1;
+                if avatar.is_live() {
+                    avatar.jitter.hear(now, sequence, config.tick);
                 }
                 self.accept(now, slot, pose);
             }
             ClaimVerdict::Refused { correct } => {
-                self.stats.refusals += 1;
-                let pose = avatar.pose;
+                stats.refusals += 1;
                 if correct {
-                    self.pending.push(Output::Correct { to: id, pose });
+                    pending.push(Output::Correct { to: id, pose: avatar.pose });
                 }
             }
             ClaimVerdict::Expelled => {
-                self.stats.refusals += 1;
+                stats.refusals += 1;
                 self.expel(id, "its movements could not be believed");
             }
         }
     }
 
-    /// Moves an avatar to a place that it is sure to be at.
-    pub(crate) fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
+    /// Moves an avatar to a pose that is believed.
+    fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
+        let Self { building, config, .. } = self;
         let avatar = self.population.at_mut(slot);
-        let velocity = avatar.ledger.plausible(pose.velocity, &self.limits);
+        let velocity = avatar.budget.plausible(pose.velocity, &building.limits);
         avatar.pose = Pose { velocity, ..pose };
-        let slack = avatar.jitter.margin() + self.config.tick;
-        avatar.pledges.keep(now, avatar.pose, &self.agility, slack);
-        avatar.version = avatar.version.wrapping_add(1);
-        avatar.place = self.places.place(&self.world, avatar.place, pose.eye);
-        avatar.seal = self.rooms.sealed_rooms_at(pose.eye);
+        let slack = avatar.jitter.margin() + config.tick;
+        avatar.consistency.check(now, avatar.pose, &building.agility, slack);
+        avatar.version.advance();
+        avatar.area = building.partition.area_of(&building.world, avatar.area, pose.eye);
+        avatar.sealed = building.rooms.sealed_rooms_at(pose.eye);
         avatar.heard = now;
         avatar.unanswered = 0;
         match (avatar.state, avatar.tbv) {
-            (ReportingState::Quiet, Some(tbv)) => self.refresh(now, slot, &tbv),
-            (ReportingState::Quiet | ReportingState::Asked, _) => self.wake(now, slot),
+            (ReportingState::Quiet, Some(tbv)) => self.silencing().hear_quiet(slot, &tbv),
+            (ReportingState::Quiet | ReportingState::Asked, _) => self.silencing().wake(slot),
             (ReportingState::Live, _) => {}
         }
     }
 
+    /// Puts an avatar elsewhere, or pushes it, by the host's word.
     pub(crate) fn relocate(&mut self, now: Duration, id: AvatarId, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
-        if !pose.is_finite() || !self.limits.confines.contains(pose.eye) {
+        let Self { building, population, .. } = self;
+        if !pose.is_finite() || !building.limits.confines.contains(pose.eye) {
             return;
         }
-        let eye = self.world.cells.axes.own(pose.eye);
-        let avatar = self.population.at_mut(slot);
-        avatar.ledger.relocate(now, pose.velocity);
-        avatar.footing = self.ways.footing(&self.world, eye);
-        avatar.pledges.forget();
+        let avatar = population.at_mut(slot);
+        avatar.budget.relocate(now, pose.velocity);
+        avatar.walk = building.walkways.state_at(&building.world, building.axes().own(pose.eye));
+        avatar.consistency.forget();
+        avatar.regions.forget();
+        avatar.footprint_box = None;
+        let is_live = avatar.is_live();
+        forget_results(population, slot);
         self.stats.impulses += 1;
-        let avatar = self.population.at_mut(slot);
-        avatar.near.forget();
-        avatar.zone_box = None;
-        self.unlook(slot);
-        let avatar = self.population.at_mut(slot);
-        if avatar.state != ReportingState::Live {
-            self.wake(now, slot);
+        if !is_live {
+            self.silencing().wake(slot);
         }
         self.accept(now, slot, pose);
     }
 
+    /// Takes in a measured round trip.
     pub(crate) fn set_round_trip(&mut self, id: AvatarId, round_trip: Duration) {
         let Some(slot) = self.population.slot(id) else { return };
         let avatar = self.population.at_mut(slot);
-        let round_trip = round_trip.min(ROUND_TRIP_MAX);
         self.horizons.remove(avatar.round_trip);
-        avatar.round_trip = round_trip;
-        self.horizons.add(round_trip);
+        avatar.round_trip = round_trip.min(ROUND_TRIP_MAX);
+        self.horizons.add(avatar.round_trip);
     }
 
+    /// Passes on what an avatar says to all clients that hold it, and to its own.
     pub(crate) fn chat(&mut self, from: AvatarId, text: &str) {
         let Some(slot) = self.population.slot(from) else { return };
         let text: String = text.chars().take(self.config.chat_chars_max).collect();
-        let seal = self.population.at(slot).seal;
-        let hears = |a: &Avatar| {
-            let pair = a.pairs.binary_search_by_key(&from, |pair| pair.id);
-            // Since the last tick somebody may have gone into a sealed room.
-            let holds = || pair.is_ok_and(|place| a.pairs[place].is_held);
-            a.id == from || a.seal.agrees(&seal) && holds()
+        let sealed = self.population.at(slot).sealed;
+        let hears = |avatar: &Avatar| {
+            let pair = avatar.pairs.binary_search_by_key(&from, |pair| pair.id);
+            let holds = || pair.is_ok_and(|at| avatar.pairs[at].is_held);
+            // An avatar may have entered a sealed room since the last tick.
+            avatar.id == from || avatar.sealed.agrees(&sealed) && holds()
         };
-        for (to, slot) in self.population.all() {
+        for Member { id, slot } in self.population.all() {
             if hears(self.population.at(slot)) {
-                self.pending.push(Output::Chat { to, from, text: text.clone() });
+                self.pending.push(Output::Chat { to: id, from, text: text.clone() });
             }
         }
     }
 
-    /// Puts a client out for good.
+    /// Drops a client for good.
     pub(crate) fn expel(&mut self, id: AvatarId, reason: &str) {
         self.stats.drops += 1;
         self.pending.push(Output::Drop { to: id, reason: reason.to_owned() });

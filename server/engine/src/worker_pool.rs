@@ -1,7 +1,7 @@
-//! Threads for what can be done for each avatar by itself.
+//! Worker pool: threads for work on one avatar at a time.
 //!
-//! Whatever is done so reads what is there and writes what is its own, and what it gives is put together
-//! in order. So how many threads there are changes no output.
+//! Each task reads everything and writes only what belongs to its own avatar. Results are put
+//! together in order. So the number of threads changes no output.
 
 use std::{
     fmt,
@@ -9,98 +9,94 @@ use std::{
 };
 
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
-use sightline_visibility::box_visibility::Occluders;
 
-use crate::{bit_set::BitSet, interest::sight_tests::SightTester, regions::reach::Scratch};
+use crate::{
+    bit_set::BitSet,
+    claims::WaySearch,
+    regions::{ReachSearch, SightTester},
+};
 
-/// So many follow one another on one thread: enough that handing them out costs nothing.
+/// How many successive items one thread takes: enough to make handing them out cheap.
 const GRAIN: usize = 16;
 
-/// What a thread needs besides the answers, kept to save allocations. Nothing in it lives on.
-#[derive(Clone, Debug)]
+/// The memory of one thread's algorithms, kept to save allocations. No result depends on it.
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Workspace {
-    pub(crate) reach: Scratch,
-    pub(crate) shafts: SightTester,
-    /// Cells that can be seen.
-    pub(crate) seen: [BitSet; 2],
-    /// Avatars that were met.
+    pub(crate) reach: ReachSearch,
+    pub(crate) sight: SightTester,
+    pub(crate) ways: WaySearch,
+    /// Cells that are visible from where an eye can be.
+    pub(crate) seen_by_eyes: BitSet,
+    /// Cells that are visible from where a body can be.
+    pub(crate) seeing_bodies: BitSet,
+    /// Avatars that were met, by index in the snapshot.
     pub(crate) met: BitSet,
 }
 
-/// Those who do the work.
+/// Threads that share the work of a tick.
 pub(crate) struct WorkerPool {
-    /// None where the caller's thread does all.
+    /// `None` where the caller's thread does all the work.
     pool: Option<Arc<ThreadPool>>,
-    occluders: Arc<Occluders>,
     idle: Mutex<Vec<Workspace>>,
 }
 
 impl WorkerPool {
-    /// So many threads. Where the system grants no threads, the caller's own does all.
-    pub(crate) fn new(threads: usize, occluders: Arc<Occluders>) -> Self {
+    /// A pool of some threads. Where the system grants none, the caller's own does all the work.
+    pub(crate) fn new(threads: usize) -> Self {
         let build = || ThreadPoolBuilder::new().num_threads(threads).build().ok();
         let pool = (threads > 1).then(build).flatten().map(Arc::new);
-        Self { pool, occluders, idle: Mutex::default() }
+        Self { pool, idle: Mutex::default() }
     }
 
-    /// Does something for each.
+    /// Runs a task for each item.
     pub(crate) fn each<T: Send>(
         &self,
         items: &mut [T],
-        what: impl Fn(&mut Workspace, usize, &mut T) + Sync,
+        task: impl Fn(&mut Workspace, usize, &mut T) + Sync,
     ) {
-        self.gather::<T, ()>(items, |work, at, item, _| what(work, at, item));
+        self.gather::<T, ()>(items, |workspace, index, item, _| task(workspace, index, item));
     }
 
-    /// Does something for each, and gives what came of it in their order.
+    /// Runs a task for each item, and returns all results in the order of the items.
     pub(crate) fn gather<T: Send, R: Send>(
         &self,
         items: &mut [T],
-        what: impl Fn(&mut Workspace, usize, &mut T, &mut Vec<R>) + Sync,
+        task: impl Fn(&mut Workspace, usize, &mut T, &mut Vec<R>) + Sync,
     ) -> Vec<R> {
-        let some = |first: usize, items: &mut [T]| {
-            let (mut work, mut found) = (self.begin(), Vec::new());
-            for (at, item) in (first..).zip(items) {
-                what(&mut work, at, item, &mut found);
+        let run = |first: usize, items: &mut [T]| {
+            let (mut workspace, mut results) = (self.take(), Vec::new());
+            for (index, item) in (first..).zip(items) {
+                task(&mut workspace, index, item, &mut results);
             }
-            self.end(work);
-            found
+            self.give_back(workspace);
+            results
         };
         let Some(pool) = self.pool.as_ref().filter(|_| items.len() > GRAIN) else {
-            return some(0, items);
+            return run(0, items);
         };
         let parts: Vec<Vec<R>> = pool.install(|| {
             let parts = items.par_chunks_mut(GRAIN).enumerate();
-            parts.map(|(part, items)| some(part * GRAIN, items)).collect()
+            parts.map(|(part, items)| run(part * GRAIN, items)).collect()
         });
         let mut all = Vec::with_capacity(parts.iter().map(Vec::len).sum());
         parts.into_iter().for_each(|mut part| all.append(&mut part));
         all
     }
 
-    fn begin(&self) -> Workspace {
+    fn take(&self) -> Workspace {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        idle.unwrap_or_else(|| Workspace {
-            reach: Scratch::default(),
-            shafts: SightTester::new(Arc::clone(&self.occluders)),
-            seen: Default::default(),
-            met: BitSet::default(),
-        })
+        idle.unwrap_or_default()
     }
 
-    fn end(&self, work: Workspace) {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(work);
+    fn give_back(&self, workspace: Workspace) {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(workspace);
     }
 }
 
 impl Clone for WorkerPool {
-    /// The same threads, for another engine.
+    /// A pool that shares the threads, for another engine.
     fn clone(&self) -> Self {
-        Self {
-            pool: self.pool.clone(),
-            occluders: Arc::clone(&self.occluders),
-            idle: Mutex::default(),
-        }
+        Self { pool: self.pool.clone(), idle: Mutex::default() }
     }
 }
 

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, time::Duration};
 use glam::Vec3;
 use sightline_cli::trace::Trace;
 use sightline_client_core::reporting::{ReportReason, Reporter};
-use sightline_engine::{ClaimLimits, ClaimVerdict, Engine, MovementBudget};
+use sightline_engine::{Claim, ClaimLimits, ClaimVerdict, Engine, MovementBudget};
 use sightline_protocol::{pose_stream::Ack, quantise::WirePose};
 use sightline_world::{
     geometry::Confines,
@@ -66,10 +66,9 @@ impl SimulatedClient {
     /// nor does the TBV.
     fn is_believed(&mut self, now: Duration, claim: &Pose, limits: &ClaimLimits) -> bool {
         self.sequence += 1;
-        let believed = (self.claimed_eye, None);
-        let claimed = (self.sequence, claim);
+        let claim = Claim::new(self.sequence, claim, self.claimed_eye, Duration::ZERO);
         let no_walls = |_| Some(0.0);
-        let verdict = self.budget.judge(now, claimed, believed, Duration::ZERO, limits, no_walls);
+        let verdict = self.budget.judge(now, &claim, limits, no_walls);
         verdict == ClaimVerdict::Accepted
     }
 

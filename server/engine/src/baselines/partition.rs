@@ -1,39 +1,41 @@
-//! The places that servers without walls divide a world into: squares of a grid, and rooms.
+//! How policies for comparison divide the world: into squares of a grid, or into rooms.
 
 use glam::{IVec2, Vec2, Vec3, Vec3Swizzles};
 use roaring::RoaringBitmap;
 use sightline_world::{Cells, Gate, Polygon, Space, World, geometry::Aabb};
 
-use crate::Policy;
+use crate::config::Policy;
 
-/// A gate of which both sides are longer than this is no door, in metres.
+/// A gate with both sides longer than this is not a door, in metres.
 const DOOR_M: f32 = 1.6;
-/// A gate that is so much of the sides of both its spaces is no door, but where a corridor or a hall
-/// was cut, from 0 to 1.
+/// A gate that fills so much of the side of both its spaces is not a door, from 0 to 1. It is where
+/// the subdivision cut a corridor or a hall.
 const OPEN_SHARE: f32 = 0.5;
-/// What has less floor is no room of its own, in square metres, such as the way through a wall.
+/// A part with less floor than this is not a room of its own, in square metres. An example is the way
+/// through a wall.
 const ROOM_M2: f32 = 2.0;
 
-/// Where an avatar is taken to be by a policy that divides the world.
+/// The part of the world that a policy counts an avatar in.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) enum Area {
-    /// Nowhere: the policy does not divide the world, or the avatar has never been in a room.
+    /// None: the policy does not divide the world, or the avatar has never been in a room.
     #[default]
     None,
-    /// In a square of a horizontal grid.
+    /// A square of a horizontal grid.
     Square(IVec2),
-    /// In a room, by number.
+    /// A room, by number.
     Room(u32),
 }
 
-/// What a policy that divides the world knows of it.
+/// How a policy divides the world.
 #[derive(Clone, Debug)]
 pub(crate) enum Partition {
-    /// Nothing.
+    /// Not at all.
     None,
-    /// Squares of an edge, each of which holds on to whoever is within a margin of it, in metres.
+    /// Into squares. An avatar stays in its square until it is further outside than the margin. Both are
+    /// in metres.
     Squares { edge: f32, margin: f32 },
-    /// Rooms.
+    /// Into rooms.
     Rooms(Rooms),
 }
 
@@ -46,8 +48,8 @@ impl Partition {
         }
     }
 
-    /// Where an avatar is that was somewhere before. In a wall or beyond, it is where it was.
-    pub(crate) fn place(&self, world: &World, before: Area, eye: Vec3) -> Area {
+    /// The area of an avatar, given the area before. In a wall or outside, it stays the same.
+    pub(crate) fn area_of(&self, world: &World, before: Area, eye: Vec3) -> Area {
         match self {
             Self::None => Area::None,
             Self::Squares { edge, margin } => square(*edge, *margin, before, eye.xz()),
@@ -55,13 +57,13 @@ impl Partition {
                 let cell = world.cells.near(eye);
                 cell.map_or(before, |cell| {
                     let space = world.cells.cells[cell.0 as usize].space;
-                    Area::Room(rooms.of_space[space as usize])
+                    Area::Room(rooms.by_space[space as usize])
                 })
             }
         }
     }
 
-    /// Whether a viewer in one place is told of an avatar in another.
+    /// Whether a viewer in one area is told of an avatar in another.
     pub(crate) fn tells(&self, viewer: Area, avatar: Area) -> bool {
         match (self, viewer, avatar) {
             (Self::Squares { .. }, Area::Square(a), Area::Square(b)) => {
@@ -69,14 +71,14 @@ impl Partition {
                 (apart.cmpge(IVec2::NEG_ONE) & apart.cmple(IVec2::ONE)).all()
             }
             (Self::Rooms(rooms), Area::Room(a), Area::Room(b)) => {
-                rooms.near[a as usize].contains(b)
+                rooms.reached[a as usize].contains(b)
             }
             _ => false,
         }
     }
 }
 
-/// The square of an avatar: the one it was in, until it is further from it than the margin.
+/// The square of an avatar: the one it was in, until it is further outside than the margin.
 fn square(edge: f32, margin: f32, before: Area, at: Vec2) -> Area {
     if let Area::Square(square) = before {
         let corner = square.as_vec2();
@@ -88,21 +90,22 @@ fn square(edge: f32, margin: f32, before: Area, at: Vec2) -> Area {
     Area::Square((at / edge).floor().as_ivec2())
 }
 
-/// Rooms that nobody named: the world's spaces, merged where what parts them is wider than a door.
+/// Rooms that no author named: the world's spaces, merged where a gate between them is more than a
+/// door.
 ///
-/// Two spaces are in one room when a gate between them is longer than [`DOOR_M`] both ways, or is at
-/// least [`OPEN_SHARE`] of the side that it is on of both. What is left with a floor below
+/// Two spaces are in one room when both sides of a gate between them are longer than [`DOOR_M`], or
+/// when the gate fills at least [`OPEN_SHARE`] of the side of both. A part with less floor than
 /// [`ROOM_M2`] joins the room that its largest gate leads to.
 #[derive(Clone, Debug)]
 pub(crate) struct Rooms {
-    /// By space.
-    of_space: Vec<u32>,
-    /// By room: those that are so many doors away at most, itself among them.
-    near: Vec<RoaringBitmap>,
+    /// The room of each space.
+    by_space: Vec<u32>,
+    /// For each room, the rooms that are so many doors away at most, including itself.
+    reached: Vec<RoaringBitmap>,
 }
 
 impl Rooms {
-    /// The rooms of a world, and for each those that so many doors or fewer lead to.
+    /// Finds the rooms of a world, and for each the rooms that so many doors or fewer lead to.
     fn new(cells: &Cells, doors: u32) -> Self {
         let spaces = &cells.spaces;
         let mut sets = Sets((0..spaces.len() as u32).collect());
@@ -122,13 +125,13 @@ impl Rooms {
                 floors[sets.join([a, b]) as usize] = together;
             }
         }
-        let of_space: Vec<u32> = (0..spaces.len() as u32).map(|space| sets.find(space)).collect();
-        let near = near(&of_space, &cells.gates, doors);
-        Self { of_space, near }
+        let by_space: Vec<u32> = (0..spaces.len() as u32).map(|space| sets.find(space)).collect();
+        let reached = reached(&by_space, &cells.gates, doors);
+        Self { by_space, reached }
     }
 }
 
-/// Whether a gate is more than a door.
+/// Whether a gate is wider than a door.
 fn is_open(spaces: &[Space], gate: &Gate) -> bool {
     let sides = sides(&gate.polygon);
     if sides[0] > DOOR_M {
@@ -144,7 +147,8 @@ fn is_open(spaces: &[Space], gate: &Gate) -> bool {
     gate.spaces.iter().all(|space| across(bounds) >= OPEN_SHARE * side_of(*space))
 }
 
-/// The lengths of a polygon's sides, the lesser first; of a slanted one, how wide and high it is.
+/// The lengths of a polygon's sides in metres, the lesser first. A slanted polygon counts by its width
+/// and height.
 fn sides(polygon: &Polygon) -> [f32; 2] {
     let size = polygon.bounds().size();
     let sides = match polygon {
@@ -159,15 +163,15 @@ fn area(polygon: &Polygon) -> f32 {
     lesser * greater
 }
 
-/// For each room, those that so many doors or fewer lead to.
-fn near(of_space: &[u32], gates: &[Gate], doors: u32) -> Vec<RoaringBitmap> {
-    let mut next = vec![RoaringBitmap::new(); of_space.len()];
+/// For each room, the rooms that so many doors or fewer lead to.
+fn reached(by_space: &[u32], gates: &[Gate], doors: u32) -> Vec<RoaringBitmap> {
+    let mut next = vec![RoaringBitmap::new(); by_space.len()];
     for gate in gates {
-        let [a, b] = gate.spaces.map(|space| of_space[space as usize]);
+        let [a, b] = gate.spaces.map(|space| by_space[space as usize]);
         next[a as usize].insert(b);
         next[b as usize].insert(a);
     }
-    let reached = |room: u32| {
+    let reached_from = |room: u32| {
         let mut all = RoaringBitmap::from_iter([room]);
         let mut edge = all.clone();
         for _ in 0..doors {
@@ -180,10 +184,10 @@ fn near(of_space: &[u32], gates: &[Gate], doors: u32) -> Vec<RoaringBitmap> {
         }
         all
     };
-    (0..of_space.len() as u32).map(reached).collect()
+    (0..by_space.len() as u32).map(reached_from).collect()
 }
 
-/// Sets that are joined and told apart: each names the next one up, the last itself.
+/// Disjoint sets of numbers. Each number names its parent; the root of a set names itself.
 struct Sets(Vec<u32>);
 
 impl Sets {
@@ -196,7 +200,7 @@ impl Sets {
         one
     }
 
-    /// Joins two sets and names the one that they are now: the lesser.
+    /// Joins the sets of two numbers. Returns the root of the union: the lesser of the two roots.
     fn join(&mut self, two: [u32; 2]) -> u32 {
         let [a, b] = two.map(|one| self.find(one));
         let (lesser, greater) = (a.min(b), a.max(b));
@@ -212,22 +216,22 @@ mod tests {
 
     #[test]
     fn a_square_is_left_only_past_the_margin() {
-        let places = Partition::Squares { edge: 10.0, margin: 2.0 };
+        let partition = Partition::Squares { edge: 10.0, margin: 2.0 };
         let world = stage::row(3);
-        let mut place = Area::None;
+        let mut area = Area::None;
         for (x, square) in [(9.0, 0), (11.9, 0), (12.1, 1), (8.1, 1), (7.9, 0), (35.0, 3)] {
-            place = places.place(&world, place, Vec3::new(x, 1.6, 5.0));
-            assert_eq!(place, Area::Square(IVec2::new(square, 0)), "{x}");
+            area = partition.area_of(&world, area, Vec3::new(x, 1.6, 5.0));
+            assert_eq!(area, Area::Square(IVec2::new(square, 0)), "{x}");
         }
         let at = |x, z| Area::Square(IVec2::new(x, z));
-        assert!(places.tells(at(0, 0), at(1, -1)) && !places.tells(at(0, 0), at(2, 0)));
-        assert!(!places.tells(Area::None, at(0, 0)));
+        assert!(partition.tells(at(0, 0), at(1, -1)) && !partition.tells(at(0, 0), at(2, 0)));
+        assert!(!partition.tells(Area::None, at(0, 0)));
     }
 
     #[test]
     fn rooms_end_at_doors() {
         let mut world = stage::row(5);
-        // A door between the rooms 1 and 2, and a narrow piece of wall beyond it; the rest is open.
+        // A door is between rooms 1 and 2, and the way through a wall behind it. The rest is open.
         for (gate, width) in [(1, 1.0), (2, 1.5)] {
             let Polygon::Rectangle { bounds, .. } = &mut world.cells.gates[gate].polygon else {
                 unreachable!("rooms in a row join in rectangles")
@@ -237,10 +241,10 @@ mod tests {
         let spaces = &mut world.cells.spaces;
         spaces[2].bounds.max.x = spaces[2].bounds.min.x + 0.15;
         let check = |doors: u32, told: [bool; 5]| {
-            let places = Partition::new(Policy::Room { doors }, &world);
-            let at = |x: f32| places.place(&world, Area::None, Vec3::new(x, 1.6, 5.0));
+            let partition = Partition::new(Policy::Room { doors }, &world);
+            let at = |x: f32| partition.area_of(&world, Area::None, Vec3::new(x, 1.6, 5.0));
             let from_first =
-                [0, 1, 2, 3, 4].map(|i| places.tells(at(5.0), at(5.0 + 10.0 * i as f32)));
+                [0, 1, 2, 3, 4].map(|i| partition.tells(at(5.0), at(5.0 + 10.0 * i as f32)));
             assert_eq!(from_first, told, "{doors} doors");
         };
         check(0, [true, true, false, false, false]);
@@ -260,7 +264,7 @@ mod tests {
             bounds.max.z = 1.2;
         }
         let rooms = Rooms::new(&world.cells, 0);
-        assert_eq!(rooms.of_space, [0, 0, 0]);
-        assert_eq!(rooms.near[0].len(), 1);
+        assert_eq!(rooms.by_space, [0, 0, 0]);
+        assert_eq!(rooms.reached[0].len(), 1);
     }
 }

@@ -1,4 +1,6 @@
-//! Which gates a body fits through: not window panes, slits, and what is left open over lintels.
+//! Clearance: which gates a body fits through.
+//!
+//! Window panes, slits, and strips left open over lintels are open to sight and closed to bodies.
 
 use glam::Vec3;
 use sightline_world::{
@@ -7,31 +9,33 @@ use sightline_world::{
 
 use crate::bit_set::BitSet;
 
-/// Places at which an eye goes through a gate are told apart along the ground, and in height, in
-/// metres.
+/// The step along the ground between eye positions that are tried in a gate, in metres.
 const ASIDE_M: f32 = 0.05;
+/// The step in height between eye positions that are tried in a gate, in metres.
 const UP_M: f32 = 0.2;
-/// A body goes so far between two looks at what is in its way, in metres.
+/// How far a body moves between two tests of what is in its way, in metres.
 const STRIDE_M: f32 = 0.04;
-/// Gates at which more places would have to be looked at count as wide enough: 10 m² and more.
-const PLACES_MAX: usize = 1_000;
-/// No number of places is a multiple of it.
+/// The most eye positions that are tried in a gate. Larger gates, of 10 m² and more, count as wide
+/// enough.
+const POSITIONS_MAX: usize = 1_000;
+/// No number of positions is a multiple of this prime, so its multiples visit all of them.
 const PRIME: usize = 7_919;
 
-/// Whether a body may fit through gates; yes, where that is not sure.
+/// The gates and portals that are too narrow for a body.
 ///
-/// A body does not fit if at every place of the gate something solid is in the box of it that is
-/// sure to be free: less than the body by what is uncertain about it. Others may collide with
-/// surfaces rather than with the voxels in which these lie; knees and feet may be on a step. In
-/// Quake maps, where voxels are of all that is drawn, cobwebs and water too, all gates count as
-/// wide enough, and so do those that are slanted.
+/// A gate is too narrow if at every eye position in it something solid is in the part of the body
+/// that is sure to need room: the body, less what is uncertain about it. Other programs may collide
+/// with surfaces rather than with voxels, and knees and feet may be on a step. If it is not sure
+/// that a gate is too narrow, it counts as wide enough. That is so for slanted gates, and for all
+/// gates of Quake maps, whose voxels are of all that is drawn, cobwebs and water included.
 ///
-/// The same gates hold for what [reaches](crate::regions::reach) go through and for what [ways](crate::claims::walkability)
-/// claims may have taken, so that nobody is believed to be where it was not taken to get to. All are
-/// looked at when the engine is made: 30 µs each in the mean, of which a bit is kept.
+/// The same gates bound the [regions](crate::regions) and the [ways](super::walkability) of claims,
+/// so nobody is believed to be where its region is not. All gates are tested when the engine is
+/// made: 30 µs for each in the mean, of which one bit is kept.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Clearance {
-    /// What of a body is free wherever it walked to, about its eye; nothing where voxels are too coarse to tell.
+    /// The part of a body that is free wherever it walked to, about its eye; `None` where voxels
+    /// are too coarse to tell.
     free: Option<Aabb>,
     narrow_gates: BitSet,
     narrow_portals: BitSet,
@@ -51,40 +55,42 @@ impl Clearance {
             }
         }
         let free = standing(&world.body).around(Vec3::ZERO).grown(-WIRE_POSE_M);
-        Self { free: Some(free), ..Self::narrow(&world.cells, narrow_gates) }
+        Self { free: Some(free), ..Self::with_narrow_gates(&world.cells, narrow_gates) }
     }
 
-    /// Bodies fit through all gates but some.
-    pub(crate) fn narrow(cells: &Cells, narrow_gates: BitSet) -> Self {
+    /// The clearance when just these gates are too narrow.
+    pub(crate) fn with_narrow_gates(cells: &Cells, narrow_gates: BitSet) -> Self {
         let mut narrow_portals = BitSet::default();
         for (portal, index) in cells.portals.iter().zip(0..) {
             let spaces = portal.cells.map(|cell| cells.cells[cell.0 as usize].space);
             let bounds = portal.polygon.bounds();
-            let is_in = |gate: &&u32| {
-                let of = &cells.gates[**gate as usize];
-                of.spaces.contains(&spaces[1]) && of.polygon.bounds().intersects(&bounds)
+            let holds_portal = |gate: &&u32| {
+                let gate = &cells.gates[**gate as usize];
+                gate.spaces.contains(&spaces[1]) && gate.polygon.bounds().intersects(&bounds)
             };
-            let mut gates = cells.spaces[spaces[0] as usize].gates.iter().filter(is_in).peekable();
-            // What is in no gate is within a space.
-            let is_in_one = gates.peek().is_some() && spaces[0] != spaces[1];
-            if is_in_one && gates.all(|gate| narrow_gates.contains(*gate)) {
+            let mut gates =
+                cells.spaces[spaces[0] as usize].gates.iter().filter(holds_portal).peekable();
+            // A portal in no gate is inside a space.
+            let is_in_gate = gates.peek().is_some() && spaces[0] != spaces[1];
+            if is_in_gate && gates.all(|gate| narrow_gates.contains(*gate)) {
                 narrow_portals.insert(index);
             }
         }
         Self { free: None, narrow_gates, narrow_portals }
     }
 
-    /// Whether it may fit through a gate.
-    pub(crate) fn through_gate(&self, gate: u32) -> bool {
+    /// Whether a body may fit through a gate.
+    pub(crate) fn admits_gate(&self, gate: u32) -> bool {
         !self.narrow_gates.contains(gate)
     }
 
-    /// Whether it may fit through the gate that a portal is a part of.
-    pub(crate) fn through_portal(&self, portal: u32) -> bool {
+    /// Whether a body may fit through the gate that a portal is a part of.
+    pub(crate) fn admits_portal(&self, portal: u32) -> bool {
         !self.narrow_portals.contains(portal)
     }
 
-    /// Whether a body that walks can be with its eye at a place of the world: one that cannot was put there.
+    /// Whether a body has room with its eye at a point of the world. A body without room did not
+    /// walk there: the host put it there.
     pub(crate) fn has_room(&self, world: &World, eye: Vec3) -> bool {
         let around = |free: &Aabb| Aabb::new(free.min + eye, free.max + eye);
         !self.free.as_ref().is_some_and(|free| world.octree.solid_in(&around(free)))
@@ -96,11 +102,11 @@ fn standing(body: &Body) -> Body {
     Body { below_eye: body.below_eye - body.step_height(), ..*body }
 }
 
-/// What of a body is sure to be free of voxels wherever it goes, about its eye, and about all places
-/// around that which are not told apart from it.
+/// The part of a body that is sure to be free of voxels wherever it goes, about its eye. It is
+/// sure for all eye positions that are represented by one that is tried.
 fn sure_part(body: &Body, margin_m: f32) -> Aabb {
     let Aabb { min, max } = standing(body).around(Vec3::ZERO);
-    // Gates may be turned against the world's axes, and level ones have places in two directions.
+    // Gates may be turned against the world's axes, and level ones extend in two directions.
     let aside = 0.5 * ASIDE_M * std::f32::consts::SQRT_2;
     let less = Vec3::new(aside, 0.5 * UP_M, aside) + margin_m;
     Aabb::new(min + less, max - less)
@@ -111,13 +117,13 @@ fn may_pass(world: &World, polygon: &Polygon, sure: &Aabb) -> bool {
     let size = bounds.size();
     let steps = Vec3::new(ASIDE_M, UP_M, ASIDE_M);
     let counts = (size / steps).ceil().max(Vec3::ONE).as_usizevec3();
-    let places = counts.element_product();
-    if places > PLACES_MAX {
+    let positions = counts.element_product();
+    if positions > POSITIONS_MAX {
         return true;
     }
     let step = size / counts.as_vec3();
-    // In an order that soon comes to every part.
-    (0..places).map(|i| i * PRIME % places).any(|i| {
+    // This order soon visits every part of the gate.
+    (0..positions).map(|i| i * PRIME % positions).any(|i| {
         let [x, y] = [i % counts.x, i / counts.x % counts.y];
         let z = i / counts.x / counts.y;
         let own = bounds.min + (Vec3::new(x as f32, y as f32, z as f32) + 0.5) * step;
@@ -139,8 +145,8 @@ mod tests {
     /// The gate's rectangle, in voxels: z and y.
     const GATE: [u32; 2] = [20, 60];
 
-    /// Two rooms with a gate of 1 m by 3 m, and a pane in it but for some rectangles: z and y from and to,
-    /// in voxels.
+    /// Two rooms with a gate of 1 m by 3 m. A pane fills the gate except for some holes, each given
+    /// by its range of z and of y in voxels.
     fn with_pane(holes: &[[[u32; 2]; 2]]) -> World {
         let mut world = stage::row(2);
         stage::narrow(&mut world, 0, 2, [0.0, 1.0]);
@@ -159,10 +165,10 @@ mod tests {
         world
     }
 
-    fn fits(world: &World) -> bool {
-        let fit = Clearance::new(world);
-        assert_eq!(fit.through_gate(0), fit.through_portal(0));
-        fit.through_gate(0)
+    fn is_wide_enough(world: &World) -> bool {
+        let clearance = Clearance::new(world);
+        assert_eq!(clearance.admits_gate(0), clearance.admits_portal(0));
+        clearance.admits_gate(0)
     }
 
     #[test]
@@ -170,21 +176,22 @@ mod tests {
         for (hole, is_wide) in [
             ([[0, 0], [0, 0]], false),
             ([[0, 20], [0, 60]], true),
-            // 40 cm, as wide as a body; and a few less.
+            // A gap of 40 cm is as wide as a body; one of 15 cm is not.
             ([[6, 14], [0, 60]], true),
             ([[8, 11], [0, 60]], false),
-            // A hatch, what is open over a lintel, a window, and one down to the floor.
+            // A hatch, the opening over a lintel, a window, and a window down to the floor.
             ([[0, 20], [14, 28]], false),
             ([[0, 20], [50, 60]], false),
             ([[0, 20], [20, 38]], false),
             ([[0, 20], [7, 42]], true),
         ] {
-            assert_eq!(fits(&with_pane(&[hole])), is_wide, "{hole:?}");
+            assert_eq!(is_wide_enough(&with_pane(&[hole])), is_wide, "{hole:?}");
         }
     }
 
     proptest! {
-        /// Wherever the twin, which looks at every other centimetre, finds room for a body, there is room.
+        /// A gate is wide wherever the reference model, which tries every other centimetre, finds room
+        /// for a body.
         #[test]
         fn where_a_body_fits_it_may_pass(
             holes in prop::collection::vec((0..20_u32, 0..20_u32, 0..40_u32, 10..60_u32), 1..4),
@@ -196,7 +203,7 @@ mod tests {
                 let eye = Vec3::new(10.0, y as f32 * 0.02, z as f32 * 0.02);
                 !world.octree.solid_in(&world.body.around(eye))
             });
-            prop_assert!(!has_room || fits(&world));
+            prop_assert!(!has_room || is_wide_enough(&world));
         }
     }
 }

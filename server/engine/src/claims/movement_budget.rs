@@ -1,4 +1,4 @@
-//! What a client may claim: the server integrates time itself.
+//! How far a client can have moved: the server integrates time itself.
 
 use std::time::Duration;
 
@@ -9,27 +9,53 @@ use sightline_world::{
     tolerance::{BUDGET_ROUNDING_M, WALK_SPARE_M},
 };
 
-/// A claim may exceed the speed limit by so much.
-const TOLERANCE: f64 = 1.01;
-/// What a client did not use of its speed for so long it may still use: reports that were held up
-/// and arrive together are all accepted.
+use crate::sphere::Sphere;
+
+/// The factor by which a claim may exceed the speed limit.
+const SPEED_TOLERANCE: f64 = 1.01;
+/// A client may still use what it left unused of its speed for so long. So reports that were held
+/// up and arrive together are all accepted.
 const BUNCHING: Duration = Duration::from_millis(250);
-/// Silence longer than this earns no more way.
+/// Silence longer than this earns no more straight distance.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
 
 /// What is accepted from clients.
 #[derive(Clone, Copy, Debug)]
 pub struct ClaimLimits {
-    /// No eye leaves it.
+    /// The bounds of the world: no eye leaves them.
     pub confines: Confines,
-    /// In metres a second.
+    /// The top speed, in metres a second.
     pub speed_max: f32,
-    /// Downwards, in metres a second: no less than `speed_max`.
+    /// The top speed downwards, in metres a second: no less than `speed_max`.
     pub fall_max: f32,
-    /// As in [`Config`](crate::Config).
+    /// See [`Config::refusals_max`](crate::Config::refusals_max).
     pub refusals_max: u32,
-    /// As in [`Config`](crate::Config).
+    /// See [`Config::refusal_window`](crate::Config::refusal_window).
     pub refusal_window: Duration,
+}
+
+/// A client's word of where its avatar is, and what the server knows to hold it against.
+#[derive(Clone, Copy, Debug)]
+pub struct Claim<'a> {
+    /// Grows with each report of the client.
+    pub sequence: u32,
+    /// The pose that is claimed.
+    pub pose: &'a Pose,
+    /// The eye position that was accepted last.
+    pub from: Vec3,
+    /// The TBV of a hidden client.
+    pub tbv: Option<&'a Tbv>,
+    /// The ball that bounds the avatar as well, if its TBV is a sphere.
+    pub(crate) sphere: Option<Sphere>,
+    /// The client's measured round trip.
+    pub round_trip: Duration,
+}
+
+impl<'a> Claim<'a> {
+    /// The claim of a live client.
+    pub fn new(sequence: u32, pose: &'a Pose, from: Vec3, round_trip: Duration) -> Self {
+        Self { sequence, pose, from, tbv: None, sphere: None, round_trip }
+    }
 }
 
 /// How far one client can be believed.
@@ -38,7 +64,7 @@ pub struct MovementBudget {
     sequence: Option<u32>,
     accepted: Duration,
     unused_m: f64,
-    /// What is left of a speed that the server itself gave it, in metres a second.
+    /// The part that is left of a speed that the server itself gave, in metres a second.
     given: f32,
     refusals: u32,
     first_refusal: Duration,
@@ -49,21 +75,21 @@ pub struct MovementBudget {
 /// What becomes of a claim.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ClaimVerdict {
-    /// It enters the world.
+    /// The claim enters the world.
     Accepted,
-    /// It is older than one that was taken in before.
+    /// The claim is older than one that was taken in before.
     Old,
-    /// It is false. `correct` is unset when a correction is still on its way.
+    /// The claim is false.
     Refused {
-        /// Tell the client where it is.
+        /// Whether to tell the client where it is: no correction is on its way yet.
         correct: bool,
     },
-    /// It is false once more than can be borne.
+    /// The claim is false, and the client has made too many false ones.
     Expelled,
 }
 
 impl MovementBudget {
-    /// A client that has just been put in its place.
+    /// The budget of a client whose avatar has just been placed.
     pub fn new(now: Duration) -> Self {
         Self {
             sequence: None,
@@ -77,13 +103,14 @@ impl MovementBudget {
         }
     }
 
-    /// The client was put somewhere else by the server itself, or pushed: it moves at a velocity now.
+    /// Starts anew after the server itself placed the avatar elsewhere or pushed it. It moves at
+    /// this velocity now.
     pub fn relocate(&mut self, now: Duration, velocity: Vec3) {
         let given = velocity.length();
         *self = Self { sequence: self.sequence, given, ..Self::new(now) };
     }
 
-    /// The part of a velocity that its client can have, given what was accepted last.
+    /// The part of a velocity that the avatar can have, by what was accepted last.
     pub fn plausible(&self, velocity: Vec3, limits: &ClaimLimits) -> Vec3 {
         let speed_max = limits.speed_max.max(self.given);
         let aside = velocity.with_y(velocity.y.max(0.0)).clamp_length_max(speed_max);
@@ -91,51 +118,52 @@ impl MovementBudget {
         aside + Vec3::Y * fall
     }
 
-    /// Judges a claim against the last accepted place, for a hidden client its TBV, and the walls: `lead`
-    /// says how long the way is at least that leads from the one place to the other, if there is one
-    /// that is no longer than this, in metres.
+    /// Judges a claim by the last accepted place, by the TBV of a hidden client, and by the walls.
+    ///
+    /// `find_way` gives a lower bound of the length of the way to the claimed place, in metres, if
+    /// there is a way that is no longer than its argument.
     pub fn judge(
         &mut self,
         now: Duration,
-        (sequence, claim): (u32, &Pose),
-        (at, tbv): (Vec3, Option<&Tbv>),
-        round_trip: Duration,
+        claim: &Claim<'_>,
         limits: &ClaimLimits,
-        lead: impl FnOnce(f64) -> Option<f64>,
+        find_way: impl FnOnce(f64) -> Option<f64>,
     ) -> ClaimVerdict {
-        if self.sequence.is_some_and(|newest| sequence <= newest) {
+        debug_assert!(claim.from.is_finite(), "only finite places are accepted");
+        if self.sequence.is_some_and(|newest| claim.sequence <= newest) {
             return ClaimVerdict::Old;
         }
-        self.sequence = Some(sequence);
+        self.sequence = Some(claim.sequence);
         let elapsed = now.saturating_sub(self.accepted);
         let allowed_m = self.allowed_m(elapsed.min(SILENCE_MAX), limits);
-        let straight_m = way_m(at, claim.eye, limits);
-        let is_believable = claim.is_finite()
-            && limits.confines.contains(claim.eye)
+        let straight_m = straight_m(claim.from, claim.pose.eye, limits);
+        let is_believable = claim.pose.is_finite()
+            && limits.confines.contains(claim.pose.eye)
             && straight_m <= allowed_m
-            && tbv.is_none_or(|tbv| within(tbv, claim.eye, now, limits));
-        // Who was silent for long may have gone to and fro.
-        let led = is_believable.then(|| lead(self.allowed_m(elapsed, limits) + WALK_SPARE_M));
-        let Some(led_m) = led.flatten() else {
-            return self.refuse(now, round_trip, limits);
+            && is_in_tbv(claim, now, limits);
+        // A client that was silent for long may have gone to and fro.
+        let way = is_believable.then(|| find_way(self.allowed_m(elapsed, limits) + WALK_SPARE_M));
+        let Some(way_m) = way.flatten() else {
+            return self.refuse(now, claim.round_trip, limits);
         };
-        let unused_m = (allowed_m - straight_m.max(led_m)).max(0.0);
+        let unused_m = (allowed_m - straight_m.max(way_m)).max(0.0);
         let bunched_m = f64::from(limits.speed_max) * BUNCHING.as_secs_f64();
         self.unused_m = unused_m.min(bunched_m.max(BUDGET_ROUNDING_M));
+        debug_assert!(self.unused_m >= 0.0, "no client owes distance");
         self.accepted = now;
         self.refusals = 0;
-        self.given = self.given.min(claim.velocity.length());
+        self.given = self.given.min(claim.pose.velocity.length());
         ClaimVerdict::Accepted
     }
 
-    /// How far the client can have come so long after its last accepted claim.
+    /// The distance that the client can have moved in a time after its last accepted claim.
     fn allowed_m(&self, elapsed: Duration, limits: &ClaimLimits) -> f64 {
         let speed = f64::from(limits.speed_max.max(self.given));
-        self.unused_m + speed * TOLERANCE * elapsed.as_secs_f64()
+        self.unused_m + speed * SPEED_TOLERANCE * elapsed.as_secs_f64()
     }
 
-    /// Counts refusals in a row. Those that were on their way when the first correction left
-    /// expel nobody, and call for no further correction.
+    /// Counts refusals in a row. Refusals that were on their way when the first correction left
+    /// expel nobody, and need no further correction.
     fn refuse(
         &mut self,
         now: Duration,
@@ -160,8 +188,8 @@ impl MovementBudget {
     }
 }
 
-/// How far it is from one place to another, where falls count for less: in metres.
-fn way_m(from: Vec3, to: Vec3, limits: &ClaimLimits) -> f64 {
+/// The straight distance between two places, in metres. Falls count for less.
+fn straight_m(from: Vec3, to: Vec3, limits: &ClaimLimits) -> f64 {
     let mut way = to.as_dvec3() - from.as_dvec3();
     if way.y < 0.0 {
         way.y *= f64::from(limits.speed_max / limits.fall_max.max(limits.speed_max));
@@ -169,11 +197,15 @@ fn way_m(from: Vec3, to: Vec3, limits: &ClaimLimits) -> f64 {
     way.length()
 }
 
-/// Whether an eye can be somewhere by what its TBV says; one that has expired goes on growing.
-fn within(tbv: &Tbv, eye: Vec3, now: Duration, limits: &ClaimLimits) -> bool {
+/// Whether the claimed eye is in the client's TBV, if it has one. An expired TBV goes on growing at
+/// top speed.
+fn is_in_tbv(claim: &Claim<'_>, now: Duration, limits: &ClaimLimits) -> bool {
+    let Some(tbv) = claim.tbv else { return true };
     let beyond = now.saturating_sub(tbv.expiry).as_secs_f64() * f64::from(limits.speed_max);
-    let margin_m = (beyond * TOLERANCE + BUDGET_ROUNDING_M) as f32;
-    tbv.grown(margin_m).contains(eye)
+    let margin_m = (beyond * SPEED_TOLERANCE + BUDGET_ROUNDING_M) as f32;
+    let own = || tbv.axes.own(claim.pose.eye);
+    tbv.grown(margin_m).contains(claim.pose.eye)
+        && claim.sphere.is_none_or(|sphere| sphere.contains(own(), margin_m))
 }
 
 #[cfg(test)]
@@ -202,18 +234,20 @@ mod tests {
         Pose { eye: Vec3::new(x, 0.0, 0.0), ..Pose::default() }
     }
 
-    /// Feeds (milliseconds, place) claims and says which were accepted.
+    /// Judges a claim where no wall is in the way.
+    fn judge_freely(budget: &mut MovementBudget, now: Duration, claim: &Claim<'_>) -> ClaimVerdict {
+        budget.judge(now, claim, &LIMITS, |_| Some(0.0))
+    }
+
+    /// Which of these claims, as (milliseconds, x in metres), are accepted.
     fn accepted(claims: &[(u64, f32)]) -> Vec<bool> {
-        let mut ledger = MovementBudget::new(ms(0));
+        let mut budget = MovementBudget::new(ms(0));
         let mut place = Vec3::ZERO;
         let mut judge = |(i, &(t, x)): (usize, &(u64, f32))| {
-            let verdict = ledger.judge(
+            let verdict = judge_freely(
+                &mut budget,
                 ms(t),
-                (i as u32, &at(x)),
-                (place, None),
-                Duration::ZERO,
-                &LIMITS,
-                |_| Some(0.0),
+                &Claim::new(i as u32, &at(x), place, Duration::ZERO),
             );
             if verdict == ClaimVerdict::Accepted {
                 place = at(x).eye;
@@ -224,29 +258,28 @@ mod tests {
     }
 
     #[test]
-    fn way_is_earned_by_time_alone() {
+    fn distance_is_earned_by_time_alone() {
         assert_eq!(accepted(&[(50, 0.1), (100, 0.2), (1_100, 2.2)]), [true; 3]);
         assert_eq!(accepted(&[(50, 0.2), (100, 0.2)]), [false, true]);
         assert_eq!(accepted(&[(500, 50.0)]), [false]);
-        // Held up for 200 ms and then all at once.
+        // Reports held up for 200 ms arrive all at once.
         let bunch = [(300, 0.4), (300, 0.5), (300, 0.6), (301, 0.6), (350, 0.72), (350, 0.9)];
         assert_eq!(accepted(&bunch), [true, true, true, true, true, false]);
-        // What was saved long ago is gone.
+        // Unused distance is lost after a while.
         assert_eq!(accepted(&[(10_000, 0.0), (10_050, 1.0)]), [true, false]);
     }
 
     #[test]
-    fn over_a_long_time_nobody_gains_more_than_one_in_a_hundred() {
+    fn over_a_long_time_nobody_gains_more_than_one_per_cent() {
         for step in [1, 7, 50, 333] {
-            let mut ledger = MovementBudget::new(ms(0));
+            let mut budget = MovementBudget::new(ms(0));
             let (mut x, mut t) = (0.0_f32, 0);
             for i in 0..2_000 {
                 t += step;
                 let hop = 2.0 * step as f32 / 1_000.0 * if i % 3 == 0 { 2.0 } else { 1.015 };
                 let place = at(x).eye;
                 let claim = at(x + hop);
-                let verdict =
-                    ledger.judge(ms(t), (i, &claim), (place, None), RTT, &LIMITS, |_| Some(0.0));
+                let verdict = judge_freely(&mut budget, ms(t), &Claim::new(i, &claim, place, RTT));
                 if verdict == ClaimVerdict::Accepted {
                     x += hop;
                 }
@@ -258,26 +291,25 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_place_is_refused() {
+    fn claims_that_are_not_finite_or_out_of_bounds_are_refused() {
         for eye in [
             Vec3::new(f32::NAN, 0.0, 0.0),
             Vec3::new(0.0, f32::INFINITY, 0.0),
             Vec3::new(0.0, 0.0, 1_001.0),
         ] {
-            let mut ledger = MovementBudget::new(ms(0));
+            let mut budget = MovementBudget::new(ms(0));
             let claim = Pose { eye, ..Pose::default() };
             let verdict =
-                ledger
-                    .judge(ms(4_000), (0, &claim), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0));
+                judge_freely(&mut budget, ms(4_000), &Claim::new(0, &claim, Vec3::ZERO, RTT));
             assert_eq!(verdict, ClaimVerdict::Refused { correct: true }, "{eye}");
         }
     }
 
     #[test]
     fn old_reports_are_ignored_even_after_a_refusal() {
-        let mut ledger = MovementBudget::new(ms(0));
+        let mut budget = MovementBudget::new(ms(0));
         let mut judge = |t, sequence, x| {
-            ledger.judge(ms(t), (sequence, &at(x)), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0))
+            judge_freely(&mut budget, ms(t), &Claim::new(sequence, &at(x), Vec3::ZERO, RTT))
         };
         assert_eq!(judge(50, 5, 0.0), ClaimVerdict::Accepted);
         assert_eq!(judge(60, 5, 0.0), ClaimVerdict::Old);
@@ -288,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hidden_client_must_be_where_its_tbv_says() {
+    fn a_hidden_client_must_be_inside_its_tbv() {
         let region = |centre, size_m, expiry| Tbv {
             within: Aabb::around(centre, size_m),
             axes: Axes::WORLD,
@@ -302,81 +334,86 @@ mod tests {
             (1_500, 2.9, ClaimVerdict::Accepted),
             (1_500, 3.3, ClaimVerdict::Refused { correct: true }),
         ] {
-            let mut ledger = MovementBudget::new(ms(0));
-            let got =
-                ledger.judge(ms(t), (0, &at(x)), (Vec3::ZERO, Some(&tbv)), RTT, &LIMITS, |_| {
-                    Some(0.0)
-                });
+            let mut budget = MovementBudget::new(ms(0));
+            let got = judge_freely(
+                &mut budget,
+                ms(t),
+                &Claim { tbv: Some(&tbv), ..Claim::new(0, &at(x), Vec3::ZERO, RTT) },
+            );
             assert_eq!(got, verdict, "{t} ms, {x} m");
         }
-        // Way saved up does not lead out of the region.
-        let mut ledger = MovementBudget::new(ms(0));
+        // Unused distance does not lead out of the region.
+        let mut budget = MovementBudget::new(ms(0));
         let start = Vec3::new(-1.0, 0.0, 0.0);
         let small = region(start, 0.2, ms(3_100));
-        let got =
-            ledger.judge(ms(3_050), (0, &at(0.0)), (start, Some(&small)), RTT, &LIMITS, |_| {
-                Some(0.0)
-            });
+        let got = judge_freely(
+            &mut budget,
+            ms(3_050),
+            &Claim { tbv: Some(&small), ..Claim::new(0, &at(0.0), start, RTT) },
+        );
         assert_eq!(got, ClaimVerdict::Refused { correct: true });
     }
 
     #[test]
-    fn who_was_pushed_coasts_and_who_falls_falls() {
+    fn a_pushed_avatar_coasts_and_a_falling_one_falls() {
         let limits = ClaimLimits { fall_max: 20.0, ..LIMITS };
         let pose = |x: f32, y: f32, velocity: f32| Pose {
             eye: Vec3::new(x, y, 0.0),
             velocity: Vec3::X * velocity,
             ..Pose::default()
         };
-        let mut ledger = MovementBudget::new(ms(0));
-        ledger.relocate(ms(0), Vec3::X * 10.0);
+        let mut budget = MovementBudget::new(ms(0));
+        budget.relocate(ms(0), Vec3::X * 10.0);
         let mut judge = |t, sequence, claim: Pose, at: Pose| {
             let verdict =
-                ledger
-                    .judge(ms(t), (sequence, &claim), (at.eye, None), RTT, &limits, |_| Some(0.0));
+                budget.judge(ms(t), &Claim::new(sequence, &claim, at.eye, RTT), &limits, |_| {
+                    Some(0.0)
+                });
             verdict == ClaimVerdict::Accepted
         };
         assert!(judge(100, 1, pose(1.0, 0.0, 8.0), pose(0.0, 0.0, 10.0)));
-        assert!(!judge(200, 2, pose(2.3, 0.0, 8.0), pose(1.0, 0.0, 8.0)), "it was 8 m/s by now");
+        assert!(!judge(200, 2, pose(2.3, 0.0, 8.0), pose(1.0, 0.0, 8.0)), "it has slowed to 8 m/s");
         assert!(judge(300, 3, pose(2.0, -4.0, 1.0), pose(1.0, 0.0, 8.0)), "down at 20 m/s");
         assert!(
             !judge(400, 4, pose(2.8, -4.0, 8.0), pose(2.0, -4.0, 1.0)),
-            "what was lost is lost"
+            "lost speed does not come back"
         );
         let claimed = Vec3::new(9.0, -50.0, 0.0);
-        assert_eq!(ledger.plausible(claimed, &limits), Vec3::new(2.0, -20.0, 0.0));
+        assert_eq!(budget.plausible(claimed, &limits), Vec3::new(2.0, -20.0, 0.0));
     }
 
     #[test]
-    fn a_way_round_a_wall_is_used_up_like_a_straight_one() {
-        let mut ledger = MovementBudget::new(ms(0));
+    fn a_detour_round_a_wall_uses_up_the_budget_like_a_straight_way() {
+        let mut budget = MovementBudget::new(ms(0));
         let mut round = |t, sequence, way_m: f64| {
-            let lead = |most_m: f64| (way_m <= most_m).then_some(way_m);
-            ledger.judge(ms(t), (sequence, &at(0.01)), (Vec3::ZERO, None), RTT, &LIMITS, lead)
+            let find_way = |longest_m: f64| (way_m <= longest_m).then_some(way_m);
+            budget.judge(
+                ms(t),
+                &Claim::new(sequence, &at(0.01), Vec3::ZERO, RTT),
+                &LIMITS,
+                find_way,
+            )
         };
         assert_eq!(round(500, 1, 0.9), ClaimVerdict::Accepted);
         assert_eq!(round(550, 2, 0.9), ClaimVerdict::Refused { correct: true });
         assert_eq!(round(550, 3, 0.2), ClaimVerdict::Accepted);
         assert_eq!(round(1_000, 4, 0.9), ClaimVerdict::Accepted);
-        // Longer than any straight way can be believed: it may have gone to and fro.
+        // A way may be longer than any straight distance: the client may have gone to and fro.
         assert_eq!(round(9_000, 5, 16.0), ClaimVerdict::Accepted);
         assert_eq!(round(9_050, 6, 0.2), ClaimVerdict::Refused { correct: true });
     }
 
     #[test]
-    fn who_persists_is_expelled_and_who_stumbles_is_not() {
+    fn a_client_that_persists_is_expelled_and_one_that_stumbles_is_not() {
         let run = |every_ms: u64, round_trip: Duration, good: u64| {
-            let mut ledger = MovementBudget::new(ms(0));
+            let mut budget = MovementBudget::new(ms(0));
             (1..200_u64).position(|i| {
                 let x = if good > 0 && i % good == 0 { 0.0 } else { 500.0 };
                 let claim = at(x);
-                ledger.judge(
+                judge_freely(
+                    &mut budget,
                     ms(i * every_ms),
-                    (i as u32, &claim),
-                    (Vec3::ZERO, None),
-                    round_trip,
-                    &LIMITS,
-                    |_| Some(0.0),
+                    &Claim::new(i as u32, &claim, Vec3::ZERO, round_trip),
                 ) == ClaimVerdict::Expelled
             })
         };
@@ -387,17 +424,38 @@ mod tests {
     }
 
     #[test]
-    fn one_correction_a_round_trip() {
-        let mut ledger = MovementBudget::new(ms(0));
+    fn at_most_one_correction_is_sent_in_a_round_trip() {
+        let mut budget = MovementBudget::new(ms(0));
         let corrected: Vec<bool> = (1..10_u32)
             .map(|i| {
                 let claim = at(500.0);
                 let now = ms(u64::from(i) * 25);
                 let verdict =
-                    ledger.judge(now, (i, &claim), (Vec3::ZERO, None), RTT, &LIMITS, |_| Some(0.0));
+                    judge_freely(&mut budget, now, &Claim::new(i, &claim, Vec3::ZERO, RTT));
                 verdict == ClaimVerdict::Refused { correct: true }
             })
             .collect();
         assert_eq!(corrected, [true, false, false, false, true, false, false, false, true]);
+    }
+
+    #[test]
+    fn a_corner_of_the_box_around_a_sphere_is_refused() {
+        let tbv = Tbv {
+            within: Aabb::around(Vec3::ZERO, 2.0),
+            axes: Axes::WORLD,
+            expiry: ms(2_000),
+            notice: Duration::ZERO,
+        };
+        let sphere = Sphere { centre: Vec3::ZERO, radius_m: 2.0 };
+        for (eye, verdict) in [
+            (Vec3::new(1.4, 0.0, 1.4), ClaimVerdict::Accepted),
+            (Vec3::new(1.6, 0.0, 1.6), ClaimVerdict::Refused { correct: true }),
+        ] {
+            let mut budget = MovementBudget::new(ms(0));
+            let pose = Pose { eye, ..Pose::default() };
+            let plain = Claim::new(0, &pose, Vec3::ZERO, RTT);
+            let claim = Claim { tbv: Some(&tbv), sphere: Some(sphere), ..plain };
+            assert_eq!(judge_freely(&mut budget, ms(2_000), &claim), verdict, "{eye}");
+        }
     }
 }

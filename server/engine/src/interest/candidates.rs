@@ -1,232 +1,237 @@
-//! Which avatars concern which viewers: kept up to date by what moved, never gone through as a whole.
+//! Candidates: the pairs of avatars that may see each other by their coarse regions.
 //!
-//! Two live avatars have a pair each, the one as the viewer of the other, while their wide regions may
-//! see each other: by their cells, which an index has, and by the gates between them. Most people in a
-//! building have none with each other, and nothing is done about them until one has gone some way.
-//! What pairs leave open is [looked at](crate::interest::sight_tests) more closely.
+//! Two live avatars have a pair each, one as the viewer of the other, while their coarse regions may
+//! see each other: by an index of cells, then by rooms, and by the gates between them. Pairs are
+//! updated only for avatars with a new coarse region. Most people in a building have no pair with
+//! each other, and cost nothing until one of them has moved some way. [Sight tests](super::sight_tests)
+//! decide what pairs leave open.
 
 use sightline_world::motion::AvatarId;
 
+use super::snapshot::{LiveAvatars, Snapshot};
 use crate::{
-    Engine, Output,
-    interest::sight_tests::{Regions, SightResult},
-    interest::snapshot::{LiveAvatars, Snapshot},
-    population::Slot,
-    regions::footprints::Member,
-    worker_pool::Workspace,
+    messages::Output,
+    pair::{Pair, SightResult},
+    population::Population,
+    regions::{CoarseIndex, CoarseRegion, RegionFootprint},
+    slot::{Member, Slot},
+    view::View,
+    worker_pool::{WorkerPool, Workspace},
 };
 
-/// A viewer's dealings with an avatar. Ordered by id.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Pair {
-    pub(crate) id: AvatarId,
-    pub(crate) slot: Slot,
-    /// By their wide regions, the avatar may be visible to the viewer.
-    pub(crate) concerns: bool,
-    /// The viewer's client has been told of it.
-    pub(crate) is_held: bool,
-    /// Until that tick its client is not told that it is out of sight.
-    pub(crate) held_until: u32,
-    /// The [`Avatar::version`](crate::population::Avatar::version) that was sent last.
-    pub(crate) version: u32,
-    pub(crate) look: SightResult,
-    /// Cells of these regions see each other.
-    pub(crate) seen: Option<Regions>,
-    /// Between these regions, gates and cells left it open.
-    pub(crate) open: Option<Regions>,
-    /// Before that tick gates and cells are not asked again.
-    pub(crate) gates_from: u32,
-    /// Before that tick it is not tried whether regions with more to spare are hidden from each other.
-    pub(crate) spare_from: u32,
-}
-
-impl Pair {
-    pub(crate) fn new((id, slot): Member) -> Self {
-        let (concerns, is_held, look) = (true, false, SightResult::Unknown);
-        Self {
-            id,
-            slot,
-            concerns,
-            is_held,
-            held_until: 0,
-            version: 0,
-            look,
-            seen: None,
-            open: None,
-            gates_from: 0,
-            spare_from: 0,
-        }
-    }
-}
-
-/// Somebody with a new wide region, and whom it may see or be seen by: of others who have one too, only
-/// those that come after it.
-struct Mover {
-    place: usize,
+/// An avatar with a new coarse region.
+struct Moved {
+    /// Its index in the snapshot.
+    index: usize,
+    /// The avatars that it may see or be seen by. Of those that have moved too, only later ones.
     met: Vec<Member>,
 }
 
-impl Engine {
-    /// Makes and ends pairs after wide regions have changed.
-    pub(crate) fn pair(&self, scene: &mut Snapshot) {
-        let Snapshot { lives, pairs } = scene;
-        let moved = lives.all().iter().enumerate().filter(|(_, live)| live.moved.is_some());
-        let mut movers: Vec<Mover> =
-            moved.map(|(place, _)| Mover { place, met: Vec::new() }).collect();
-        self.crew.each(&mut movers, |work, _, mover| {
-            mover.met = self.met_by(work, (lives, pairs), mover.place);
-        });
-        let mut found: Vec<Vec<Member>> = vec![Vec::new(); movers.len()];
-        for (at, mover) in movers.iter().enumerate() {
-            let live = &lives.all()[mover.place];
-            for (_, slot) in &mover.met {
-                let other = lives.place(*slot);
-                if lives.all()[other].moved.is_some()
-                    && let Ok(later) = movers.binary_search_by_key(&other, |mover| mover.place)
-                {
-                    found[later].push((live.id, live.slot));
-                }
-            }
-            found[at].extend(&mover.met);
-        }
-        for (mover, mut found) in movers.iter().zip(found) {
-            found.sort_unstable();
-            renew(lives, pairs, mover.place, found);
-        }
-    }
+/// What the search for candidates reads.
+struct Candidates<'a> {
+    view: View<'a>,
+    index: &'a CoarseIndex,
+    live: &'a LiveAvatars<'a>,
+}
 
-    /// Finds all whom one with a new wide region has to do with, but for those before it who have one too.
-    fn met_by(
-        &self,
-        work: &mut Workspace,
-        (lives, pairs): (&LiveAvatars, &[Vec<Pair>]),
-        place: usize,
-    ) -> Vec<Member> {
+/// Makes and ends pairs after coarse regions have changed.
+pub(crate) fn update_pairs(
+    view: View<'_>,
+    pool: &WorkerPool,
+    index: &CoarseIndex,
+    snapshot: &mut Snapshot<'_>,
+) {
+    let Snapshot { live, pairs } = snapshot;
+    let all = live.all().iter().enumerate();
+    let mut moved: Vec<Moved> = all
+        .filter(|(_, avatar)| avatar.has_moved())
+        .map(|(index, _)| Moved { index, met: Vec::new() })
+        .collect();
+    let candidates = Candidates { view, index, live };
+    pool.each(&mut moved, |workspace, _, moved| {
+        moved.met = candidates.met_by(workspace, moved.index, pairs[moved.index]);
+    });
+    let mut found: Vec<Vec<Member>> = vec![Vec::new(); moved.len()];
+    for (position, one) in moved.iter().enumerate() {
+        let member = live.all()[one.index].member;
+        for other in &one.met {
+            let other = live.index(other.slot);
+            if live.all()[other].has_moved()
+                && let Ok(later) = moved.binary_search_by_key(&other, |moved| moved.index)
+            {
+                found[later].push(member);
+            }
+        }
+        found[position].extend(&one.met);
+    }
+    for (one, mut found) in moved.iter().zip(found) {
+        found.sort_unstable();
+        replace_pairs(live, pairs, one.index, found);
+    }
+}
+
+impl Candidates<'_> {
+    /// Finds all avatars that one with a new coarse region may see or be seen by, except those
+    /// before it that have moved too.
+    fn met_by(&self, workspace: &mut Workspace, index: usize, own: &[Pair]) -> Vec<Member> {
         let mut found: Vec<Member> = Vec::new();
-        let Some(wide) = &lives.all()[place].near.wide else { return found };
-        wide.look_around(&self.world.cells, &mut work.seen);
-        work.met.clear();
-        work.met.insert(place as u32);
-        // The body is seen by the eyes of the one, or the eyes see it.
-        let Workspace { seen, met, .. } = &mut *work;
-        let [eyes, bodies] = &self.near;
-        for member in bodies.among(&seen[0]).chain(eyes.among(&seen[1])) {
-            let other = lives.place(member.1);
+        let all = self.live.all();
+        let Some(coarse) = all[index].regions.coarse() else { return found };
+        let Workspace { seen_by_eyes, seeing_bodies, met, .. } = workspace;
+        coarse.visible_cells(self.view.building.cells(), seen_by_eyes, seeing_bodies);
+        met.clear();
+        met.insert(index as u32);
+        for member in self.index.meeting(seen_by_eyes, seeing_bodies) {
+            let other = self.live.index(member.slot);
             if !met.contains(other as u32) {
                 met.insert(other as u32);
-                let is_done = other < place && lives.all()[other].moved.is_some();
+                let is_done = other < index && all[other].has_moved();
                 found.extend((!is_done).then_some(*member));
             }
         }
-        let own = &pairs[place];
-        found.retain(|(id, slot)| {
-            // What is open between their narrower regions is open between these.
-            let known = own.binary_search_by_key(id, |pair| pair.id).map(|at| &own[at]);
-            if known.is_ok_and(|pair| pair.concerns && pair.look.is_open()) {
+        found.retain(|member| {
+            // What is open between smaller regions is open between coarse ones.
+            let known = own.binary_search_by_key(&member.id, |pair| pair.id).map(|at| &own[at]);
+            if known.is_ok_and(|pair| pair.concerns && pair.sight.is_open()) {
                 return true;
             }
-            let other = lives.at(*slot).near.wide.as_ref();
-            other.is_some_and(|other| self.may_meet(work, wide, other))
+            let other = self.live.at(member.slot).regions.coarse();
+            other.is_some_and(|other| self.may_meet(workspace, coarse, other))
         });
         found
     }
 
-    /// Forgets what was found of all pairs of an avatar.
-    pub(crate) fn unlook(&mut self, slot: Slot) {
-        let id = self.population.at(slot).id;
-        let others: Vec<Slot> = self.pairs_of(slot).map(|pair| pair.slot).collect();
-        for viewer in others.into_iter().chain([slot]) {
-            let pairs = self.population.at_mut(viewer).pairs.iter_mut();
-            pairs.filter(|pair| viewer == slot || pair.id == id).for_each(|pair| {
-                *pair = Pair { look: SightResult::Unknown, gates_from: 0, ..*pair }
-            });
-        }
-    }
-
-    fn pairs_of(&self, slot: Slot) -> impl Iterator<Item = &Pair> {
-        self.population.at(slot).pairs.iter()
-    }
-
-    /// Ends all pairs with an avatar that is gone or hidden, whose regions have just been taken
-    /// out; those who held it are told at the next tick.
-    pub(crate) fn part(&mut self, slot: Slot) {
-        self.forget_near(slot);
-        let id = self.population.at(slot).id;
-        let viewers: Vec<Slot> = if self.config.policy.uses_cells() {
-            self.pairs_of(slot).map(|pair| pair.slot).collect()
-        } else {
-            self.population.live().collect()
+    /// Whether an avatar in one coarse region, whose visible cells are in the workspace, may see or
+    /// be seen by an avatar in another.
+    fn may_meet(
+        &self,
+        workspace: &mut Workspace,
+        one: &CoarseRegion,
+        other: &CoarseRegion,
+    ) -> bool {
+        let Workspace { sight, seen_by_eyes, seeing_bodies, .. } = workspace;
+        let building = self.view.building;
+        let has_budget = self.view.config.sight_test_budget > 0;
+        let mut may_see = |eyes: &RegionFootprint, bodies: &RegionFootprint| {
+            eyes.rooms_allow(bodies, &building.rooms)
+                && !(has_budget && sight.are_apart(&building.occluders, eyes, bodies))
         };
-        for viewer in viewers {
-            let to = self.population.at(viewer).id;
-            let pairs = &mut self.population.at_mut(viewer).pairs;
-            if let Ok(place) = pairs.binary_search_by_key(&id, |pair| pair.id)
-                && pairs.remove(place).is_held
-            {
-                self.population.at_mut(slot).watchers -= 1;
-                self.pending.push(Output::Vanish { to, avatar: id });
-            }
-        }
+        other.body_footprint.touches(seen_by_eyes)
+            && may_see(&one.eye_footprint, &other.body_footprint)
+            || other.eye_footprint.touches(seeing_bodies)
+                && may_see(&other.eye_footprint, &one.body_footprint)
     }
 }
 
-/// Has one with a new wide region have pairs with just these avatars, and them with it. Others with new
-/// regions see to their own.
-fn renew(lives: &LiveAvatars, pairs: &mut [Vec<Pair>], place: usize, found: Vec<Member>) {
-    let live = &lives.all()[place];
-    let old = std::mem::take(&mut pairs[place]);
-    let known = |id: AvatarId| {
+/// Gives an avatar with a new coarse region pairs with just these avatars, and them pairs with it.
+/// Others that have moved too replace their own pairs.
+fn replace_pairs(
+    live: &LiveAvatars<'_>,
+    pairs: &mut [&mut Vec<Pair>],
+    index: usize,
+    found: Vec<Member>,
+) {
+    debug_assert!(found.is_sorted_by(|one, other| one < other), "an avatar is found once");
+    let member = live.all()[index].member;
+    let old = &pairs[index];
+    let is_known = |id: AvatarId| {
         let at = old.binary_search_by_key(&id, |pair| pair.id);
         at.is_ok_and(|at| old[at].concerns)
     };
-    let keeps_own = |other: usize| lives.all()[other].moved.is_some();
-    for &(id, slot) in &found {
-        let other = lives.place(slot);
-        if !keeps_own(other) && !known(id) {
-            concern(&mut pairs[other], (live.id, live.slot));
-        }
-    }
-    for pair in old.iter().filter(|pair| pair.concerns) {
-        let other = lives.place(pair.slot);
-        if !keeps_own(other) && found.binary_search(&(pair.id, pair.slot)).is_err() {
-            part_from(&mut pairs[other], live.id);
-        }
-    }
-    pairs[place] = matched(&old, found);
+    let others_with = |slots: &mut dyn Iterator<Item = Slot>| -> Vec<usize> {
+        let others = slots.map(|slot| live.index(slot));
+        others.filter(|other| !live.all()[*other].has_moved()).collect()
+    };
+    let new = found.iter().filter(|other| !is_known(other.id));
+    let started = others_with(&mut new.map(|other| other.slot));
+    let is_gone = |pair: &&Pair| {
+        pair.concerns && found.binary_search(&Member { id: pair.id, slot: pair.slot }).is_err()
+    };
+    let ended = others_with(&mut old.iter().filter(is_gone).map(|pair| pair.slot));
+    *pairs[index] = matched(pairs[index], found);
+    started.into_iter().for_each(|other| start_pair(pairs[other], member));
+    ended.into_iter().for_each(|other| end_pair(pairs[other], member.id));
 }
 
 /// Makes a pair, unless there is one.
-fn concern(pairs: &mut Vec<Pair>, member: Member) {
-    match pairs.binary_search_by_key(&member.0, |pair| pair.id) {
-        Ok(place) => pairs[place].concerns = true,
-        Err(place) => pairs.insert(place, Pair::new(member)),
+fn start_pair(pairs: &mut Vec<Pair>, member: Member) {
+    match pairs.binary_search_by_key(&member.id, |pair| pair.id) {
+        Ok(at) => pairs[at].concerns = true,
+        Err(at) => pairs.insert(at, Pair::new(member)),
     }
 }
 
-/// Ends a pair; what the client still holds stays until that is told.
-fn part_from(pairs: &mut Vec<Pair>, id: AvatarId) {
-    if let Ok(place) = pairs.binary_search_by_key(&id, |pair| pair.id) {
-        pairs[place].concerns = false;
-        if !pairs[place].is_held {
-            pairs.remove(place);
+/// Ends a pair. A pair that the client still holds stays until the client is told.
+fn end_pair(pairs: &mut Vec<Pair>, id: AvatarId) {
+    if let Ok(at) = pairs.binary_search_by_key(&id, |pair| pair.id) {
+        pairs[at].concerns = false;
+        if !pairs[at].is_held {
+            pairs.remove(at);
         }
     }
 }
 
-/// The pairs of a viewer that has to do with just these avatars; both are by id. Those that its
-/// client still holds stay until that is told.
-pub(crate) fn matched(pairs: &[Pair], found: Vec<Member>) -> Vec<Pair> {
+/// The pairs of a viewer that has to do with just these avatars. Both lists are by id. Pairs that
+/// the client still holds stay until the client is told.
+pub(super) fn matched(pairs: &[Pair], found: Vec<Member>) -> Vec<Pair> {
+    debug_assert!(pairs.is_sorted_by_key(|pair| pair.id) && found.is_sorted());
     let mut matched = Vec::with_capacity(found.len());
     let mut found = found.into_iter().peekable();
     for old in pairs {
-        while let Some(new) = found.next_if(|(id, _)| *id < old.id) {
+        while let Some(new) = found.next_if(|member| member.id < old.id) {
             matched.push(Pair::new(new));
         }
-        let concerns = found.next_if(|(id, _)| *id == old.id).is_some();
+        let concerns = found.next_if(|member| member.id == old.id).is_some();
         if concerns || old.is_held {
             matched.push(Pair { concerns, ..*old });
         }
     }
     matched.extend(found.map(Pair::new));
     matched
+}
+
+/// Forgets what sight tests have found of all pairs with an avatar.
+pub(crate) fn forget_results(population: &mut Population, slot: Slot) {
+    let avatar = population.at(slot);
+    let id = avatar.id;
+    let others: Vec<Slot> = avatar.pairs.iter().map(|pair| pair.slot).collect();
+    for viewer in others.into_iter().chain([slot]) {
+        let pairs = population.at_mut(viewer).pairs.iter_mut();
+        pairs
+            .filter(|pair| viewer == slot || pair.id == id)
+            .for_each(|pair| *pair = Pair { sight: SightResult::Unknown, gates_from: 0, ..*pair });
+    }
+}
+
+/// Ends all pairs with an avatar that leaves or is silenced, and removes its live regions. Clients
+/// that hold it are told at the next tick.
+pub(crate) fn end_pairs(
+    view: View<'_>,
+    population: &mut Population,
+    index: &mut CoarseIndex,
+    slot: Slot,
+    pending: &mut Vec<Output>,
+) {
+    let avatar = population.at_mut(slot);
+    let id = avatar.id;
+    if let Some(coarse) = avatar.regions.coarse() {
+        index.remove(Member { id, slot }, coarse);
+    }
+    avatar.regions = Default::default();
+    let viewers: Vec<Slot> = if view.config.policy.uses_cells() {
+        avatar.pairs.iter().map(|pair| pair.slot).collect()
+    } else {
+        population.live().collect()
+    };
+    for viewer in viewers {
+        let viewer = population.at_mut(viewer);
+        if let Ok(at) = viewer.pairs.binary_search_by_key(&id, |pair| pair.id)
+            && viewer.pairs.remove(at).is_held
+        {
+            pending.push(Output::Vanish { to: viewer.id, avatar: id });
+            let avatar = population.at_mut(slot);
+            debug_assert!(avatar.watchers > 0, "who holds an avatar is counted");
+            avatar.watchers -= 1;
+        }
+    }
 }

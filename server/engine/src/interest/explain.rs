@@ -1,6 +1,6 @@
-//! Why an avatar is sent to a viewer, or not.
+//! Explanations: why a viewer is told of an avatar, or is not.
 
-use std::{fmt, time::Duration};
+use std::fmt;
 
 use sightline_visibility::box_visibility::SightLine;
 use sightline_world::{
@@ -9,8 +9,10 @@ use sightline_world::{
 };
 
 use crate::{
-    Engine, interest::candidates::Pair, interest::sight_tests::SightResult, population::Avatar,
-    regions::live_regions::RegionKind,
+    pair::{Pair, SightResult},
+    population::{Avatar, Population},
+    regions::{RegionFootprint, RegionKind},
+    view::View,
 };
 
 /// What the engine knows about a viewer and an avatar. Boxes and lines are in the building's own
@@ -29,15 +31,16 @@ pub struct Explanation {
     pub is_held: bool,
     /// Where the viewer's eye can be until the next tick's word stands; nowhere while it is hidden.
     pub eyes: Vec<Aabb>,
-    /// Where the avatar's body can be until then.
+    /// Where the avatar's body can be until then; nowhere while it is hidden.
     pub bodies: Vec<Aabb>,
-    /// Whether the avatar moved otherwise than it said a while ago, so that its body may be anywhere that top speed leads to.
+    /// Whether the avatar has moved against its own claims, so that its body may be anywhere that
+    /// top speed leads to.
     pub is_doubted: bool,
     /// What decided.
     pub reason: Reason,
 }
 
-/// What decided whether an avatar is sent to a viewer.
+/// What decided whether a viewer is told of an avatar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Reason {
@@ -45,16 +48,15 @@ pub enum Reason {
     Policy,
     /// One of the two is hidden from everyone.
     Silence,
-    /// No gates lead from where the one can be before long to where the other can be, or no cells there see
-    /// each other.
+    /// No gates join their regions, or no cells of their regions see each other.
     Cells,
     /// One of the two is in a sealed room that the other is not in.
     Sealed,
-    /// No room that the viewer can be in before long shows where the other can be.
+    /// No room that the viewer can be in shows a place where the avatar can be.
     Rooms,
     /// Every line between their regions is blocked.
     Blocked,
-    /// The same, but some line was not until a moment ago.
+    /// Every line between their regions is blocked, but one was not until a moment ago.
     Held,
     /// This line between their regions is free.
     Free(SightLine),
@@ -62,59 +64,69 @@ pub enum Reason {
     Undecided,
 }
 
-impl Engine {
-    /// Why an avatar is sent to a viewer, or not, as of the last tick; `None` when one of them is
-    /// not there.
-    pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
-        let (from, to) = (self.population.find(viewer)?, self.population.find(avatar)?);
-        let pair = from.pairs.iter().find(|pair| pair.id == avatar);
-        let delay = self.horizons.delay(from.round_trip);
-        let boxes =
-            |avatar: &Avatar, part: RegionKind| avatar.near.just(part, &self.body).boxes().to_vec();
-        let reason = match pair {
-            _ if !self.config.policy.uses_cells() => Reason::Policy,
-            _ if [from, to].iter().any(|a| a.state != ReportingState::Live) => Reason::Silence,
-            _ if !from.seal.agrees(&to.seal) => Reason::Sealed,
-            _ if self.is_ruled_out(from, to, delay) => Reason::Rooms,
-            None => Reason::Cells,
-            Some(Pair { look: SightResult::Free(line), .. }) => Reason::Free(*line),
-            Some(Pair { look: SightResult::Together, .. }) => {
-                let [from, to] = [from, to].map(|a| self.world.cells.axes.own(a.pose.eye));
-                Reason::Free(SightLine { from, to })
-            }
-            Some(Pair { look: SightResult::Unknown | SightResult::Undecided { .. }, .. }) => {
-                Reason::Undecided
-            }
-            Some(Pair { is_held: true, .. }) => Reason::Held,
-            Some(Pair { look: SightResult::Hidden(_) | SightResult::HiddenIn(_), .. }) => {
-                Reason::Blocked
-            }
-        };
-        Some(Explanation {
-            viewer: from.state,
-            viewer_tbv: from.tbv,
-            avatar: to.state,
-            avatar_tbv: to.tbv,
-            is_held: pair.is_some_and(|pair| pair.is_held),
-            eyes: boxes(from, RegionKind::EYES),
-            bodies: boxes(to, to.near.bodies(delay)),
-            is_doubted: !to.pledges.are_kept(self.now),
-            reason,
-        })
+/// Explains the last tick's decision; `None` when one of the two is not present.
+pub(crate) fn explain(
+    view: View<'_>,
+    population: &Population,
+    viewer: AvatarId,
+    avatar: AvatarId,
+) -> Option<Explanation> {
+    let (from, to) = (population.find(viewer)?, population.find(avatar)?);
+    let pair = from.pairs.iter().find(|pair| pair.id == avatar);
+    let delay = view.horizons.delay(from.round_trip);
+    let boxes = |avatar: &Avatar, kind: RegionKind| {
+        avatar.regions.known_cover(kind, &view.building.body).boxes().to_vec()
+    };
+    Some(Explanation {
+        viewer: from.state,
+        viewer_tbv: from.tbv,
+        avatar: to.state,
+        avatar_tbv: to.tbv,
+        is_held: pair.is_some_and(|pair| pair.is_held),
+        eyes: boxes(from, RegionKind::EYES),
+        bodies: boxes(to, to.regions.bodies(delay)),
+        is_doubted: !to.consistency.is_consistent(view.now),
+        reason: reason(view, from, to, pair),
+    })
+}
+
+fn reason(view: View<'_>, viewer: &Avatar, avatar: &Avatar, pair: Option<&Pair>) -> Reason {
+    match pair {
+        _ if !view.config.policy.uses_cells() => Reason::Policy,
+        _ if !viewer.is_live() || !avatar.is_live() => Reason::Silence,
+        _ if !viewer.sealed.agrees(&avatar.sealed) => Reason::Sealed,
+        _ if is_ruled_out(view, viewer, avatar) => Reason::Rooms,
+        None => Reason::Cells,
+        Some(Pair { sight: SightResult::Free(line), .. }) => Reason::Free(*line),
+        Some(Pair { sight: SightResult::Together, .. }) => {
+            let [from, to] = [viewer, avatar].map(|a| view.building.axes().own(a.pose.eye));
+            Reason::Free(SightLine { from, to })
+        }
+        Some(Pair { sight: SightResult::Unknown | SightResult::Undecided { .. }, .. }) => {
+            Reason::Undecided
+        }
+        Some(Pair { is_held: true, .. }) => Reason::Held,
+        Some(Pair { sight: SightResult::Hidden(_) | SightResult::HiddenIn(_), .. }) => {
+            Reason::Blocked
+        }
     }
 }
 
-impl Engine {
-    /// Whether rooms alone keep a viewer from being told of an avatar.
-    fn is_ruled_out(&self, viewer: &Avatar, avatar: &Avatar, delay: Duration) -> bool {
-        let part = |avatar: &Avatar, part: RegionKind, place: usize| {
-            let near = avatar.near.get(part)?.ground().cloned();
-            near.or_else(|| Some(avatar.near.wide.as_ref()?.grounds[place].clone()))
-        };
-        let grounds =
-            part(viewer, RegionKind::EYES, 0).zip(part(avatar, avatar.near.bodies(delay), 1));
-        grounds.is_some_and(|(eyes, bodies)| !eyes.shows(&bodies, &self.rooms))
-    }
+/// Whether rooms alone keep a viewer from being told of an avatar.
+fn is_ruled_out(view: View<'_>, viewer: &Avatar, avatar: &Avatar) -> bool {
+    let bodies = avatar.regions.bodies(view.horizons.delay(viewer.round_trip));
+    let eyes = footprint(viewer, RegionKind::EYES);
+    let footprints = eyes.zip(footprint(avatar, bodies));
+    footprints.is_some_and(|(eyes, bodies)| !eyes.rooms_allow(bodies, &view.building.rooms))
+}
+
+/// The footprint of a region, or of the coarse region if the closer one was not computed.
+fn footprint(avatar: &Avatar, kind: RegionKind) -> Option<&RegionFootprint> {
+    avatar.regions.known_footprint(kind).or_else(|| {
+        let coarse = avatar.regions.coarse()?;
+        let is_eye = kind == RegionKind::EYES;
+        Some(if is_eye { &coarse.eye_footprint } else { &coarse.body_footprint })
+    })
 }
 
 impl fmt::Display for Explanation {
@@ -122,10 +134,8 @@ impl fmt::Display for Explanation {
         let mut row = |name: &str, value: String| writeln!(f, "{name:<34} {value}");
         row("the viewer's client is", state(self.viewer, self.viewer_tbv))?;
         row("the avatar's client is", state(self.avatar, self.avatar_tbv))?;
-        row(
-            "the viewer's client",
-            if self.is_held { "is told" } else { "is not told" }.to_owned(),
-        )?;
+        let told = if self.is_held { "is told of the avatar" } else { "is not told of the avatar" };
+        row("the viewer's client", told.to_owned())?;
         row("because", self.reason.to_string())?;
         for (whose, tbv) in [("the viewer's", self.viewer_tbv), ("the avatar's", self.avatar_tbv)] {
             if let Some(tbv) = tbv {
@@ -133,10 +143,8 @@ impl fmt::Display for Explanation {
             }
         }
         if self.is_doubted {
-            row(
-                "the avatar",
-                "moves otherwise than it says, so it may be anywhere near".to_owned(),
-            )?;
+            let why = "has moved against its own claims, so it may be anywhere near";
+            row("the avatar", why.to_owned())?;
         }
         self.eyes.iter().try_for_each(|part| row("the eye can be in", region(part)))?;
         self.bodies.iter().try_for_each(|part| row("the body can be in", region(part)))
@@ -145,32 +153,30 @@ impl fmt::Display for Explanation {
 
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Policy => f.write_str("the policy does not ask who sees whom"),
-            Self::Silence => f.write_str("one of the two is hidden from everyone"),
-            Self::Cells => {
-                f.write_str("no gates lead from the one to the other, or no cells see each other")
+        f.write_str(match self {
+            Self::Policy => "the policy does not ask who sees whom",
+            Self::Silence => "one of the two is hidden from everyone",
+            Self::Cells => "no gates join their regions, or no cells of these see each other",
+            Self::Sealed => "one of the two is in a sealed room that the other is not in",
+            Self::Rooms => "no room of the viewer shows a place where the avatar can be",
+            Self::Blocked => "every line between their regions is blocked",
+            Self::Held => "a line was free a moment ago, though none is now",
+            Self::Undecided => "a line may be free: the budget did not suffice to tell",
+            Self::Free(SightLine { from, to }) => {
+                return write!(
+                    f,
+                    "the line from {:.2}, {:.2}, {:.2} to {:.2}, {:.2}, {:.2} is free",
+                    from.x, from.y, from.z, to.x, to.y, to.z
+                );
             }
-            Self::Sealed => f.write_str("a sealed room has one of the two in it, not the other"),
-            Self::Rooms => f.write_str("no room of the viewer's shows where the other can be"),
-            Self::Blocked => f.write_str("every line between their regions is blocked"),
-            Self::Held => {
-                f.write_str("it was in sight a moment ago, though no line is free any more")
-            }
-            Self::Undecided => f.write_str("a line may be free: too little budget to tell"),
-            Self::Free(SightLine { from, to }) => write!(
-                f,
-                "the line from {:.2}, {:.2}, {:.2} to {:.2}, {:.2}, {:.2} is free",
-                from.x, from.y, from.z, to.x, to.y, to.z
-            ),
-        }
+        })
     }
 }
 
 fn state(state: ReportingState, tbv: Option<Tbv>) -> String {
     match (state, tbv) {
-        (ReportingState::Quiet, Some(tbv)) => {
-            format!("quiet until {:.3} s", tbv.expiry.as_secs_f64())
+        (ReportingState::Quiet, Some(Tbv { expiry, .. })) => {
+            format!("quiet until {:.3} s", expiry.as_secs_f64())
         }
         _ => state.to_string(),
     }

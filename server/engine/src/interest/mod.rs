@@ -1,5 +1,18 @@
-pub(crate) mod candidates;
-pub(crate) mod explain;
-pub(crate) mod notify;
-pub(crate) mod sight_tests;
-pub(crate) mod snapshot;
+//! Interest: who is told of whom.
+//!
+//! A tick takes a [snapshot] of all live avatars and updates their regions. It then finds
+//! [candidates], runs [sight tests](sight_tests) on the pairs that these leave open, and
+//! [notifies](notify) the viewers.
+
+mod candidates;
+mod explain;
+mod notify;
+mod sight_tests;
+mod snapshot;
+
+pub(crate) use candidates::{end_pairs, forget_results, update_pairs};
+pub(crate) use explain::explain;
+pub use explain::{Explanation, Reason};
+pub(crate) use notify::{count_watchers, notify};
+pub(crate) use sight_tests::{SightBudget, test_pairs};
+pub(crate) use snapshot::Snapshot;

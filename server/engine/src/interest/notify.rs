@@ -1,112 +1,114 @@
-//! Whom a viewer is told of, under each policy.
+//! Telling viewers what has changed for them.
 
-use glam::{IVec3, Vec3};
 use sightline_world::motion::AvatarId;
 
+use super::{
+    candidates::matched,
+    snapshot::{LiveAvatar, LiveAvatars, Snapshot},
+};
 use crate::{
-    Engine, Output, Policy,
-    interest::candidates::{Pair, matched},
-    interest::snapshot::{LiveAvatar, LiveAvatars, Snapshot},
-    population::{Avatar, Slot},
+    baselines, messages::Output, pair::Pair, population::Population, slot::Member, view::View,
+    worker_pool::WorkerPool,
 };
 
-impl Engine {
-    /// Tells live viewers what has changed for them, by id.
-    pub(crate) fn tell(&mut self, scene: &mut Snapshot, outputs: &mut Vec<Output>) {
-        let Snapshot { lives, pairs } = scene;
-        let mut told = self.crew.gather(pairs, |_, place, pairs, told| {
-            let viewer = &lives.all()[place];
-            if !self.config.policy.uses_cells() {
-                *pairs = self.pair_without_cells(viewer, pairs);
-            }
-            self.tell_one((lives, viewer), pairs, told);
-        });
-        for output in &told {
-            let (avatar, is_shown) = match output {
-                Output::Appear { avatar, .. } => (avatar, true),
-                Output::Vanish { avatar, .. } => (avatar, false),
-                _ => continue,
-            };
-            if let Some(slot) = self.population.slot(*avatar) {
-                let watchers = &mut self.population.at_mut(slot).watchers;
-                *watchers = if is_shown { *watchers + 1 } else { *watchers - 1 };
-            }
+/// Decides what each live viewer is told, and returns it by viewer.
+pub(crate) fn notify(
+    view: View<'_>,
+    pool: &WorkerPool,
+    snapshot: &mut Snapshot<'_>,
+) -> Vec<Output> {
+    let Snapshot { live, pairs } = snapshot;
+    let mut outputs = pool.gather(pairs, |_, index, pairs, outputs| {
+        let viewer = &live.all()[index];
+        if !view.config.policy.uses_cells() {
+            **pairs = pairs_without_cells(view, live, viewer, pairs);
         }
-        told.sort_by_key(Output::to);
-        outputs.extend(told);
-    }
+        notify_viewer(view, live, viewer, pairs, outputs);
+    });
+    outputs.sort_by_key(Output::to);
+    outputs
+}
 
-    fn tell_one(
-        &self,
-        (lives, viewer): (&LiveAvatars, &LiveAvatar),
-        pairs: &mut Vec<Pair>,
-        told: &mut Vec<Output>,
-    ) {
-        let to = viewer.id;
-        let mut poses = Vec::with_capacity(pairs.iter().filter(|pair| pair.is_held).count());
-        for pair in pairs.iter_mut() {
-            let avatar = lives.at(pair.slot);
-            let is_hidden = pair.look.is_hidden();
-            if !is_hidden {
-                pair.held_until = self.ticks + self.config.hold_ticks;
-            }
-            let is_kept = pair.is_held && self.ticks < pair.held_until;
-            // What is sealed off is not told, whatever the regions say.
-            let agrees = avatar.seal.agrees(&viewer.seal);
-            let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
-            match (pair.is_held, wanted) {
-                // Of whom it is not to see it is not told anything, not even that.
-                (true, true) if !is_hidden && avatar.version != pair.version => {
-                    pair.version = avatar.version;
-                    poses.push((pair.id, avatar.pose));
-                }
-                (true, false) => told.push(Output::Vanish { to, avatar: pair.id }),
-                (false, true) => {
-                    pair.version = avatar.version;
-                    told.push(appear(to, self.population.at(pair.slot)));
-                }
-                (true, true) | (false, false) => {}
-            }
-            pair.is_held = wanted;
-        }
-        pairs.retain(|pair| pair.concerns);
-        if !poses.is_empty() {
-            told.push(Output::Poses { to, tick: self.ticks, poses });
-        }
-    }
-
-    /// All whom a viewer is to be told of under a policy that knows no walls.
-    fn pair_without_cells(&self, viewer: &LiveAvatar, pairs: &[Pair]) -> Vec<Pair> {
-        let from = self.population.at(viewer.slot);
-        let is_told =
-            |slot: Slot| slot != viewer.slot && self.within(from, self.population.at(slot));
-        matched(pairs, self.population.all().filter(|(_, slot)| is_told(*slot)).collect())
-    }
-
-    /// Whether a policy that knows no walls tells a viewer of an avatar.
-    fn within(&self, viewer: &Avatar, avatar: &Avatar) -> bool {
-        let [from, to] = [viewer, avatar].map(|avatar| avatar.pose.eye);
-        match self.config.policy {
-            Policy::Radius(metres) => from.distance(to) <= metres,
-            Policy::Grid(metres) => {
-                let cube = |eye: Vec3| (eye / metres).floor().as_ivec3();
-                let apart = cube(from).saturating_sub(cube(to));
-                (apart.cmpge(IVec3::NEG_ONE) & apart.cmple(IVec3::ONE)).all()
-            }
-            Policy::Region { .. } | Policy::Room { .. } => {
-                self.places.tells(viewer.place, avatar.place)
-            }
-            Policy::Broadcast | Policy::Pvs | Policy::Tbv => true,
+/// Counts in the population how many clients hold each avatar, after these outputs.
+pub(crate) fn count_watchers(population: &mut Population, outputs: &[Output]) {
+    for output in outputs {
+        let (avatar, is_shown) = match output {
+            Output::Appear { avatar, .. } => (avatar, true),
+            Output::Vanish { avatar, .. } => (avatar, false),
+            _ => continue,
+        };
+        if let Some(slot) = population.slot(*avatar) {
+            let watchers = &mut population.at_mut(slot).watchers;
+            debug_assert!(is_shown || *watchers > 0, "an avatar vanishes once it has appeared");
+            *watchers = if is_shown { *watchers + 1 } else { *watchers - 1 };
         }
     }
 }
 
-fn appear(to: AvatarId, avatar: &Avatar) -> Output {
+fn notify_viewer(
+    view: View<'_>,
+    live: &LiveAvatars<'_>,
+    viewer: &LiveAvatar<'_>,
+    pairs: &mut Vec<Pair>,
+    outputs: &mut Vec<Output>,
+) {
+    let to = viewer.member.id;
+    let mut poses = Vec::with_capacity(pairs.iter().filter(|pair| pair.is_held).count());
+    for pair in pairs.iter_mut() {
+        let avatar = live.at(pair.slot);
+        let is_hidden = pair.sight.is_hidden();
+        if !is_hidden {
+            pair.held_until = view.tick + view.config.hold_ticks;
+        }
+        let is_kept = pair.is_held && view.tick < pair.held_until;
+        // Sealed rooms apply to the last accepted places, whatever the regions say.
+        let agrees = avatar.sealed.agrees(&viewer.sealed);
+        let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
+        match (pair.is_held, wanted) {
+            // A viewer is told nothing of an avatar that it merely keeps, not even that it moved.
+            (true, true) if !is_hidden && avatar.version != pair.version => {
+                pair.version = avatar.version;
+                poses.push((pair.id, avatar.motion.pose));
+            }
+            (true, false) => outputs.push(Output::Vanish { to, avatar: pair.id }),
+            (false, true) => {
+                pair.version = avatar.version;
+                outputs.push(appear(to, avatar));
+            }
+            (true, true) | (false, false) => {}
+        }
+        pair.is_held = wanted;
+    }
+    pairs.retain(|pair| pair.concerns);
+    if !poses.is_empty() {
+        outputs.push(Output::Poses { to, tick: view.tick, poses });
+    }
+}
+
+/// The pairs of a viewer under a policy that knows no walls.
+fn pairs_without_cells(
+    view: View<'_>,
+    live: &LiveAvatars<'_>,
+    viewer: &LiveAvatar<'_>,
+    pairs: &[Pair],
+) -> Vec<Pair> {
+    let (policy, partition) = (view.config.policy, &view.building.partition);
+    let is_told = |avatar: &&LiveAvatar<'_>| {
+        avatar.member != viewer.member
+            && baselines::tells(policy, partition, viewer.location, avatar.location)
+    };
+    // Such a policy makes no regions, so the snapshot is in the order of ids.
+    let told: Vec<Member> = live.all().iter().filter(is_told).map(|avatar| avatar.member).collect();
+    debug_assert!(told.is_sorted(), "pairs are by id");
+    matched(pairs, told)
+}
+
+fn appear(to: AvatarId, avatar: &LiveAvatar<'_>) -> Output {
     Output::Appear {
         to,
-        avatar: avatar.id,
-        name: avatar.name.clone(),
-        colour: avatar.colour,
-        pose: avatar.pose,
+        avatar: avatar.member.id,
+        name: avatar.profile.name.clone(),
+        colour: avatar.profile.colour,
+        pose: avatar.motion.pose,
     }
 }

@@ -1,123 +1,151 @@
-//! The live avatars of a tick, side by side: what is their own can be changed by one thread each while all
-//! can be looked at.
+//! Tick snapshot: the live avatars of a tick, side by side.
+//!
+//! Each thread may change what belongs to one avatar while it reads all others.
 
 use std::time::Duration;
 
-use glam::Vec3;
 use sightline_visibility::rooms::SealedRooms;
-use sightline_world::motion::{AvatarId, Pose};
+use sightline_world::motion::AvatarId;
 
 use crate::{
-    Engine, claims::walkability::WalkState, interest::candidates::Pair, population::Slot,
-    regions::live_regions::LiveRegions, timing::horizon::Link,
+    baselines::Location,
+    building::Building,
+    generation::Generation,
+    pair::Pair,
+    population::{Avatar, Population, Profile},
+    regions::{CoarseCells, CoarseIndex, LiveRegions, Motion},
+    slot::{Member, Slot},
+    view::View,
+    worker_pool::WorkerPool,
 };
 
-/// Where in the scene someone stands: by the space that it was in a tick ago, then by id.
-pub(crate) type SortKey = (Option<u32>, AvatarId);
-
-/// A live avatar, as all others may look at it.
-#[derive(Clone, Debug)]
-pub(crate) struct LiveAvatar {
-    pub(crate) stand: SortKey,
-    pub(crate) id: AvatarId,
-    pub(crate) slot: Slot,
-    pub(crate) pose: Pose,
-    /// Counts accepted poses.
-    pub(crate) version: u32,
-    pub(crate) seal: SealedRooms,
-    /// When the last accepted pose came in.
-    pub(crate) heard: Duration,
-    pub(crate) link: Link,
-    /// It moves as it says.
-    pub(crate) is_believed: bool,
-    /// Where it was last, in own axes.
-    pub(crate) from: Vec3,
-    pub(crate) footing: WalkState,
-    pub(crate) near: LiveRegions,
-    /// If it has a new wide region, the cells that its eye could be in before, and those of its body.
-    pub(crate) moved: Option<[Vec<u32>; 2]>,
+/// The order of avatars in a snapshot: by the space that each was in a tick ago, then by id.
+/// Neighbours have to do with the same others and the same gates, so they share caches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct SortKey {
+    pub(super) space: Option<u32>,
+    pub(super) id: AvatarId,
 }
 
-/// All live avatars: neighbours side by side, since they have to do with the same others and the same gates, and so
-/// find in a cache what they need to know.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct LiveAvatars {
-    all: Vec<LiveAvatar>,
-    /// Of each slot that one of them has, which it is.
-    of: Vec<u32>,
+impl SortKey {
+    /// The key before all others.
+    pub(crate) const FIRST: Self = Self { space: None, id: AvatarId(0) };
+}
+
+/// A live avatar, as all others may read it.
+#[derive(Debug)]
+pub(crate) struct LiveAvatar<'a> {
+    pub(super) key: SortKey,
+    pub(super) member: Member,
+    pub(super) profile: &'a Profile,
+    /// Counts accepted poses.
+    pub(super) version: Generation,
+    pub(super) sealed: SealedRooms,
+    pub(super) location: Location,
+    pub(super) motion: Motion,
+    pub(super) regions: &'a mut LiveRegions,
+    /// The cells of the last coarse region, if this tick has made a new one.
+    pub(super) old_cells: Option<CoarseCells>,
+}
+
+impl LiveAvatar<'_> {
+    /// Whether this tick has made a new coarse region.
+    pub(super) fn has_moved(&self) -> bool {
+        self.old_cells.is_some()
+    }
+}
+
+/// All live avatars, by [`SortKey`].
+#[derive(Debug)]
+pub(crate) struct LiveAvatars<'a> {
+    all: Vec<LiveAvatar<'a>>,
+    /// The index of the live avatar in each slot.
+    index_of: Vec<u32>,
 }
 
 /// The live avatars, and the pairs that each has as a viewer, in the same order.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Snapshot {
-    pub(crate) lives: LiveAvatars,
-    pub(crate) pairs: Vec<Vec<Pair>>,
+#[derive(Debug)]
+pub(crate) struct Snapshot<'a> {
+    pub(super) live: LiveAvatars<'a>,
+    pub(super) pairs: Vec<&'a mut Vec<Pair>>,
 }
 
-impl LiveAvatars {
-    pub(crate) fn all(&self) -> &[LiveAvatar] {
+impl<'a> LiveAvatars<'a> {
+    pub(super) fn all(&self) -> &[LiveAvatar<'a>] {
         &self.all
     }
 
-    pub(crate) fn all_mut(&mut self) -> &mut [LiveAvatar] {
-        &mut self.all
+    /// The index of a live avatar among all.
+    pub(super) fn index(&self, slot: Slot) -> usize {
+        let index = self.index_of[slot.0 as usize] as usize;
+        debug_assert_eq!(self.all[index].member.slot, slot, "only live avatars have an index");
+        index
     }
 
-    /// The place of a live avatar among all.
-    pub(crate) fn place(&self, slot: Slot) -> usize {
-        self.of[slot.0 as usize] as usize
-    }
-
-    /// A live avatar.
-    pub(crate) fn at(&self, slot: Slot) -> &LiveAvatar {
-        &self.all[self.place(slot)]
+    pub(super) fn at(&self, slot: Slot) -> &LiveAvatar<'a> {
+        &self.all[self.index(slot)]
     }
 }
 
-impl Engine {
-    /// Takes out of the population what a tick changes of its live avatars.
-    pub(crate) fn enter(&mut self, now: Duration, live: &[Slot]) -> Snapshot {
-        let mut scene = std::mem::take(&mut self.scene);
-        let stand = |slot: Slot| {
-            let avatar = self.population.at(slot);
-            (avatar.near.home(), avatar.id)
-        };
-        let mut order: Vec<(SortKey, Slot)> =
-            live.iter().map(|slot| (stand(*slot), *slot)).collect();
-        order.sort_unstable_by_key(|(stand, _)| *stand);
-        for ((stand, slot), place) in order.into_iter().zip(0..) {
-            let avatar = self.population.at_mut(slot);
-            scene.pairs.push(std::mem::take(&mut avatar.pairs));
-            scene.lives.all.push(LiveAvatar {
-                stand,
-                id: avatar.id,
-                slot,
+impl<'a> Snapshot<'a> {
+    /// Takes the snapshot of a moment.
+    pub(crate) fn take(building: &Building, population: &'a mut Population, now: Duration) -> Self {
+        let mut avatars: Vec<Option<&mut Avatar>> = population.slots_mut().collect();
+        let mut order: Vec<(SortKey, Slot)> = Vec::with_capacity(avatars.len());
+        for (avatar, slot) in avatars.iter().zip(0..) {
+            if let Some(avatar) = avatar.as_ref().filter(|avatar| avatar.is_live()) {
+                let key = SortKey { space: avatar.regions.home(), id: avatar.id };
+                order.push((key, Slot(slot)));
+            }
+        }
+        order.sort_unstable_by_key(|(key, _)| *key);
+        let mut index_of = vec![u32::MAX; avatars.len()];
+        let (mut all, mut pairs) =
+            (Vec::with_capacity(order.len()), Vec::with_capacity(order.len()));
+        for ((key, slot), index) in order.into_iter().zip(0..) {
+            let Some(avatar) = avatars[slot.0 as usize].take() else { continue };
+            index_of[slot.0 as usize] = index;
+            let motion = Motion {
                 pose: avatar.pose,
-                version: avatar.version,
-                seal: avatar.seal,
+                from: building.axes().own(avatar.pose.eye),
+                walk: avatar.walk,
                 heard: avatar.heard,
                 link: avatar.link(),
-                is_believed: avatar.pledges.are_kept(now),
-                from: self.world.cells.axes.own(avatar.pose.eye),
-                footing: avatar.footing,
-                near: std::mem::take(&mut avatar.near),
-                moved: None,
+                is_believed: avatar.consistency.is_consistent(now),
+            };
+            pairs.push(&mut avatar.pairs);
+            all.push(LiveAvatar {
+                key,
+                member: Member { id: avatar.id, slot },
+                profile: &avatar.profile,
+                version: avatar.version,
+                sealed: avatar.sealed,
+                location: Location { eye: avatar.pose.eye, area: avatar.area },
+                motion,
+                regions: &mut avatar.regions,
+                old_cells: None,
             });
-            let of = &mut scene.lives.of;
-            if of.len() <= slot.0 as usize {
-                of.resize(slot.0 as usize + 1, 0);
-            }
-            of[slot.0 as usize] = place;
         }
-        scene
+        debug_assert_eq!(all.len(), pairs.len(), "pairs are in the order of avatars");
+        Self { live: LiveAvatars { all, index_of }, pairs }
     }
 
-    /// Puts all back.
-    pub(crate) fn leave(&mut self, mut scene: Snapshot) {
-        for (live, pairs) in scene.lives.all.drain(..).zip(scene.pairs.drain(..)) {
-            let avatar = self.population.at_mut(live.slot);
-            (avatar.near, avatar.pairs) = (live.near, pairs);
+    /// Brings the live regions up to date, and the index of coarse regions.
+    pub(crate) fn update_regions(
+        &mut self,
+        view: View<'_>,
+        pool: &WorkerPool,
+        index: &mut CoarseIndex,
+    ) {
+        let delays: Vec<Duration> = view.horizons.delays().collect();
+        pool.each(&mut self.live.all, |workspace, _, avatar| {
+            let LiveAvatar { regions, motion, .. } = avatar;
+            avatar.old_cells = regions.update(view, &mut workspace.reach, motion, &delays);
+        });
+        for avatar in self.live.all() {
+            if let Some((old, coarse)) = avatar.old_cells.as_ref().zip(avatar.regions.coarse()) {
+                index.replace(avatar.member, old, &coarse.cells);
+            }
         }
-        self.scene = scene;
     }
 }

@@ -1,4 +1,4 @@
-//! Where live avatars can be until the next tick's word stands.
+//! Live regions: where a live avatar can be until the next tick's word stands.
 
 use std::{sync::OnceLock, time::Duration};
 
@@ -7,238 +7,303 @@ use sightline_world::{
     CellId, Cells,
     geometry::Aabb,
     motion::{Body, Pose},
-    tolerance::WIRE_POSE_M,
 };
 
+use super::{
+    CoverBoxes, MotionBound, Reach, ReachSearch, ReachStart, RegionFootprint, index::CoarseCells,
+    with_margin_ahead,
+};
 use crate::{
-    Engine,
-    bit_set::BitSet,
-    claims::walkability::WalkState,
-    interest::snapshot::{LiveAvatar, LiveAvatars},
-    population::Slot,
-    regions::cover_boxes::CoverBoxes,
-    regions::footprints::RegionFootprint,
-    regions::reach::{Reach, Start},
-    worker_pool::Workspace,
+    bit_set::BitSet, building::Building, claims::WalkState, generation::Generation,
+    pair::RegionMargin, timing::Link, view::View,
 };
 
-/// Wide regions have so much to spare on each side, in metres: most pairs of people are far from
-/// seeing each other, and this is how long nothing need be done about them.
-const WIDE_M: f32 = 0.75;
+/// The margin of coarse regions on each side, in metres. Most pairs of people are far from seeing
+/// each other, and nothing is done about them while their coarse regions last.
+const COARSE_M: f32 = 0.75;
+/// The margins of cached regions on each side, as multiples of
+/// [`Config::spare_m`](crate::Config::spare_m).
+const MARGINS: [f32; 2] = [1.0, 4.0];
+/// How near a predicted line ends to the side of the region that the avatar moves towards, from 0
+/// to 1.
+const HEADING: f32 = 0.9;
 
-/// How much regions have to spare on each side, as multiples of [`Config::spare_m`](crate::Config::spare_m).
-/// Those of somebody who walks have most of it ahead.
-pub(crate) const SPARES: [f32; 2] = [1.0, 4.0];
-/// How much of it walkers have aside and behind.
-const ASIDE: f32 = 0.25;
-/// A line that will last ends so near the side of a region that it moves towards.
-const LEAD: f32 = 0.9;
-/// For no more ticks than these is it believed that somebody goes on so.
-const AHEAD_TICKS: f32 = 12.0;
-
-/// Where an eye can be until a moment: in a box about it, as far as portals lead.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct MotionBound {
-    /// Where it was last, in own axes.
+/// What the engine knows of how a live avatar moves.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Motion {
+    /// The last accepted pose.
+    pub(crate) pose: Pose,
+    /// The eye of that pose, in own axes.
     pub(crate) from: Vec3,
-    /// In own axes.
-    pub(crate) within: Aabb,
-    /// No way is longer, in metres.
-    pub(crate) way_m: f32,
+    pub(crate) walk: WalkState,
+    /// When that pose arrived.
+    pub(crate) heard: Duration,
+    pub(crate) link: Link,
+    /// Whether the avatar moves as its claims say.
+    pub(crate) is_believed: bool,
 }
 
-impl MotionBound {
-    pub(crate) fn scaled(self, by: f32) -> Self {
-        if by == 1.0 {
-            return self;
-        }
-        Self { within: scaled(&self.within, self.from, by), way_m: self.way_m * by, ..self }
+impl Motion {
+    fn start<'a>(&self, building: &'a Building) -> ReachStart<'a> {
+        let clearance = building.clearance_of(self.walk);
+        ReachStart { cells: building.cells(), clearance, from: self.from }
     }
 }
 
-/// A box that is so many times as large about a point in it.
-pub(crate) fn scaled(region: &Aabb, about: Vec3, by: f32) -> Aabb {
-    Aabb::new(about + (region.min - about) * by, about + (region.max - about) * by)
-}
-
-/// Where an avatar's body can be, and thereby its eye, with much to spare: this lasts for about ten steps.
-/// Pairs are made and ended by it.
-#[derive(Clone, Debug)]
-pub(crate) struct CoarseRegion {
-    /// It holds as long as the eye can be here only, as viewers with the longest delay must see it.
-    spare: Aabb,
-    /// Around all places of the body.
-    bodies: CoverBoxes,
-    /// Where the eye can be, and where the body can.
-    pub(crate) grounds: [RegionFootprint; 2],
-    /// The cells of both, ascending, as the indices of wide regions have them.
-    pub(crate) cells: [Vec<u32>; 2],
-}
-
-impl CoarseRegion {
-    /// Fills in the cells that can be seen from where the eye can be, and from where the body can.
-    pub(crate) fn look_around(&self, cells: &Cells, seen: &mut [BitSet; 2]) {
-        let [eyes, bodies] = &self.grounds;
-        let [from_eyes, from_bodies] = seen;
-        from_eyes.clear();
-        eyes.see(cells, |_| true, from_eyes);
-        from_bodies.clone_from(from_eyes);
-        bodies.see(cells, |cell| eyes.cells().binary_search(&cell).is_err(), from_bodies);
-    }
-}
-
-/// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to
-/// is worked out when it is asked for, by whichever thread asks first.
-#[derive(Clone, Debug)]
-pub(crate) struct LiveRegion {
-    /// Of viewers.
-    delay: Duration,
-    /// Where the eye can be at this tick, whatever walls are in it.
-    pub(crate) within: Aabb,
-    /// How far it moves from tick to tick.
-    step: Vec3,
-    /// The last has most to spare, and lasts longest.
-    kept: [OnceLock<Box<CachedRegion>>; SPARES.len()],
-    /// Counts the changes of each of these.
-    pub(crate) versions: [u32; SPARES.len()],
-    /// Whether the first of them was there when this tick began: what depends on it must not depend on who
-    /// asks for it first in this tick.
-    is_known: bool,
-    /// Lines that will last end here: towards the side to which it goes. And the cell that this is in.
-    pub(crate) lead: (Vec3, Option<CellId>),
-    /// With nothing to spare.
-    exact: OnceLock<CoverBoxes>,
-}
-
-/// What lasts for a few ticks.
-#[derive(Clone, Debug)]
-pub(crate) struct CachedRegion {
-    /// It holds as long as the eye can be here only.
-    spare: Aabb,
-    /// Around all places.
-    parts: CoverBoxes,
-    pub(crate) ground: RegionFootprint,
-}
-
-/// The regions of a live avatar; none while hidden.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct LiveRegions {
-    pub(crate) wide: Option<Box<CoarseRegion>>,
-    /// Of the eye; then of the body, by delay, ascending: the last is that of the slowest viewer.
-    nears: Vec<LiveRegion>,
-    /// As what this one must be shown others.
-    pub(crate) shown: RegionKind,
-    /// The place that the regions were brought up to date for last, and the space that it is in.
-    home: Option<(Vec3, Option<u32>)>,
-}
-
-/// What a region is of.
+/// What a region is of: the eye, or the body as viewers with a certain delay must see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub(crate) struct RegionKind(usize);
 
 impl RegionKind {
-    /// The eye. All others are bodies, as viewers with some delay must see them.
+    /// The eye. All other kinds are of the body.
     pub(crate) const EYES: Self = Self(0);
 }
 
-/// Whether what was made for `spare` serves where an eye can be now: it holds all of that, and was not
-/// made when far more was possible.
-fn serves(spare: &Aabb, within: &Aabb, spare_m: f32) -> bool {
-    spare.contains_box(within) && within.grown(2.0 * spare_m).contains_box(spare)
+/// The regions of a live avatar; none while it is hidden.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LiveRegions {
+    coarse: Option<Box<CoarseRegion>>,
+    /// The region of the eye, then those of the body by delay, ascending. The last is that for the
+    /// slowest viewer.
+    regions: Vec<LiveRegion>,
+    /// The body regions of others that this avatar must be shown.
+    shown: RegionKind,
+    /// The eye position that the regions were last updated for.
+    home: Option<Home>,
 }
 
-/// Where an eye can be before long that can be in a box now: with so much to spare, most of it in the way of
-/// which it goes a step each tick.
-pub(crate) fn ahead(within: &Aabb, step: Vec3, spare_m: f32) -> Aabb {
-    let ahead_m = (step.length() * AHEAD_TICKS).min(2.0 * (1.0 - ASIDE) * spare_m);
-    let way = step.normalize_or_zero() * ahead_m;
-    let there = Aabb::new(within.min + way, within.max + way);
-    within.union(&there).grown(spare_m - 0.5 * ahead_m)
+/// An eye position in own axes, and the space that it is in.
+#[derive(Clone, Copy, Debug)]
+struct Home {
+    from: Vec3,
+    space: Option<u32>,
+}
+
+/// Where an avatar can be, with a large margin that lasts for about ten steps. Pairs are made and
+/// ended by coarse regions.
+#[derive(Clone, Debug)]
+pub(crate) struct CoarseRegion {
+    /// The region holds while the eye can only be in this box, as viewers with the longest delay
+    /// must see it.
+    valid_in: Aabb,
+    /// Boxes around all places of the body.
+    bodies: CoverBoxes,
+    pub(crate) eye_footprint: RegionFootprint,
+    pub(crate) body_footprint: RegionFootprint,
+    /// The cells of both footprints.
+    pub(crate) cells: CoarseCells,
+}
+
+impl CoarseRegion {
+    fn new(building: &Building, search: &mut ReachSearch, motion: &Motion, valid_in: Aabb) -> Self {
+        let cells = building.cells();
+        let reach = Reach::in_box(search, &motion.start(building), &valid_in);
+        let bodies = reach.bodies(cells, &building.world.body);
+        let eye_cover = reach.eye_cover(cells);
+        let eye_footprint = RegionFootprint::new(building, reach.eye_cells(), &eye_cover);
+        let body_footprint = RegionFootprint::new(building, bodies.cells, &bodies.cover);
+        let numbers = |footprint: &RegionFootprint| -> Vec<u32> {
+            footprint.cells().iter().map(|cell| cell.0).collect()
+        };
+        let cells = CoarseCells { eyes: numbers(&eye_footprint), bodies: numbers(&body_footprint) };
+        Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, cells }
+    }
+
+    /// Fills in the cells that are visible from where the eye can be, and those visible from where
+    /// the body can be.
+    pub(crate) fn visible_cells(
+        &self,
+        cells: &Cells,
+        from_eyes: &mut BitSet,
+        from_bodies: &mut BitSet,
+    ) {
+        let eyes = self.eye_footprint.cells();
+        from_eyes.clear();
+        self.eye_footprint.add_visible(cells, |_| true, from_eyes);
+        from_bodies.clone_from(from_eyes);
+        let is_new = |cell: CellId| eyes.binary_search(&cell).is_err();
+        self.body_footprint.add_visible(cells, is_new, from_bodies);
+    }
+}
+
+/// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to
+/// is computed by the thread that asks for it first.
+#[derive(Clone, Debug)]
+struct LiveRegion {
+    /// The delay to the viewers.
+    delay: Duration,
+    /// Where the eye can be at this tick, whatever walls are in this box.
+    eyes: Aabb,
+    /// How far the eye moves from tick to tick, in metres.
+    step: Vec3,
+    /// The region with each of [`MARGINS`]. The last lasts longest.
+    cached: [OnceLock<Box<CachedRegion>>; MARGINS.len()],
+    /// Counts the changes of each cached region.
+    versions: [Generation; MARGINS.len()],
+    /// Whether the first cached region was there when this tick began. What depends on that region
+    /// must not depend on who asks for it first in this tick.
+    was_cached: bool,
+    heading: Heading,
+    /// The region without a margin.
+    exact: OnceLock<CoverBoxes>,
+}
+
+/// Where a predicted line ends: near the side of a region that the avatar moves towards.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Heading {
+    /// In own axes.
+    pub(crate) point: Vec3,
+    /// The cell of that point; `None` in something solid.
+    pub(crate) cell: Option<CellId>,
+}
+
+/// A region with a margin, which lasts for a few ticks.
+#[derive(Clone, Debug)]
+pub(crate) struct CachedRegion {
+    /// The region holds while the eye can only be in this box.
+    valid_in: Aabb,
+    /// Boxes around all places.
+    cover: CoverBoxes,
+    pub(crate) footprint: RegionFootprint,
+}
+
+impl CachedRegion {
+    fn new(building: &Building, reach: &Reach, valid_in: Aabb, kind: RegionKind) -> Self {
+        let cells = building.cells();
+        let (found, cover) = if kind == RegionKind::EYES {
+            (reach.eye_cells(), reach.eye_cover(cells))
+        } else {
+            let bodies = reach.bodies(cells, &building.world.body);
+            (bodies.cells, bodies.cover)
+        };
+        let footprint = RegionFootprint::new(building, found, &cover);
+        Self { valid_in, cover, footprint }
+    }
+}
+
+/// Whether a region that is valid in one box serves an eye that can be in another. It must contain
+/// that box, and not have been made when far more was possible.
+fn serves(valid_in: &Aabb, eyes: &Aabb, margin_m: f32) -> bool {
+    valid_in.contains_box(eyes) && eyes.grown(2.0 * margin_m).contains_box(valid_in)
 }
 
 impl LiveRegion {
     fn new(delay: Duration) -> Self {
-        let (kept, versions) = (Default::default(), Default::default());
         Self {
             delay,
-            within: Aabb::EMPTY,
+            eyes: Aabb::EMPTY,
             step: Vec3::ZERO,
-            kept,
-            versions,
-            is_known: false,
-            lead: (Vec3::ZERO, None),
+            cached: Default::default(),
+            versions: Default::default(),
+            was_cached: false,
+            heading: Heading::default(),
             exact: OnceLock::new(),
         }
     }
 
-    /// Takes in where the eye can be now, and drops what does not serve any more. Gives whether something is
-    /// not as it was.
-    fn renew(&mut self, within: Aabb, step: Vec3, has_moved: bool, spare_m: f32) -> bool {
-        let has_changed = has_moved || within != self.within;
+    /// Takes in where the eye can be now, and drops cached regions that no longer serve. Returns
+    /// whether anything has changed.
+    fn update(&mut self, eyes: Aabb, step: Vec3, has_moved: bool, margin_m: f32) -> bool {
+        let has_changed = has_moved || eyes != self.eyes;
         if has_changed {
             self.exact = OnceLock::new();
         }
-        (self.within, self.step) = (within, step);
-        for (level, kept) in self.kept.iter_mut().enumerate() {
-            let serves =
-                |kept: &CachedRegion| serves(&kept.spare, &within, spare_m * SPARES[level]);
-            if kept.get().is_some_and(|kept| !serves(kept)) {
-                *kept = OnceLock::new();
-                self.versions[level] = self.versions[level].wrapping_add(1);
+        (self.eyes, self.step) = (eyes, step);
+        let regions = self.cached.iter_mut().zip(&mut self.versions);
+        for ((cached, version), margin) in regions.zip(MARGINS) {
+            let is_valid =
+                |region: &CachedRegion| serves(&region.valid_in, &eyes, margin_m * margin);
+            if cached.get().is_some_and(|region| !is_valid(region)) {
+                *cached = OnceLock::new();
+                version.advance();
             }
         }
-        self.is_known = self.kept[0].get().is_some();
+        self.was_cached = self.cached[0].get().is_some();
         has_changed
     }
 
-    /// Where the boxes are that are kept with least to spare, if they were asked for.
-    pub(crate) fn ground(&self) -> Option<&RegionFootprint> {
-        self.kept[0].get().map(|kept| &kept.ground)
+    /// Drops everything that was computed.
+    fn forget(&mut self) {
+        self.cached = Default::default();
+        self.exact = OnceLock::new();
+        self.versions.iter_mut().for_each(Generation::advance);
     }
 
-    /// Boxes around all places at this tick that are not far from it, if there are any.
+    /// Boxes of this tick around all places and little more, if they were computed before it.
     fn current(&self) -> Option<&CoverBoxes> {
-        self.kept[0].get().filter(|_| self.is_known).map(|kept| &kept.parts)
+        self.cached[0].get().filter(|_| self.was_cached).map(|region| &region.cover)
+    }
+
+    /// The box around the region at this tick.
+    fn bounds(&self, kind: RegionKind, body: &Body) -> Aabb {
+        if kind == RegionKind::EYES { self.eyes } else { body.around_box(&self.eyes) }
     }
 }
 
 impl LiveRegions {
-    pub(crate) fn get(&self, part: RegionKind) -> Option<&LiveRegion> {
-        self.nears.get(part.0)
+    fn get(&self, kind: RegionKind) -> Option<&LiveRegion> {
+        self.regions.get(kind.0)
     }
 
-    /// What viewers with some delay must be shown.
+    pub(crate) fn coarse(&self) -> Option<&CoarseRegion> {
+        self.coarse.as_deref()
+    }
+
+    /// The kind of the body regions of others that this avatar must be shown.
+    pub(crate) fn shown(&self) -> RegionKind {
+        self.shown
+    }
+
+    /// The body region that viewers with this delay must be shown.
     pub(crate) fn bodies(&self, delay: Duration) -> RegionKind {
-        let place = self.nears.iter().skip(1).position(|near| near.delay == delay);
-        RegionKind(place.map_or(self.nears.len(), |place| place + 1))
+        let index = self.regions.iter().skip(1).position(|region| region.delay == delay);
+        RegionKind(index.map_or(self.regions.len(), |index| index + 1))
     }
 
-    /// The space that the avatar was in last, if it was in one.
+    /// The space that the avatar was in at its last update, if it was in one.
     pub(crate) fn home(&self) -> Option<u32> {
-        self.home.and_then(|(_, space)| space)
+        self.home.and_then(|home| home.space)
     }
 
-    /// Has all worked out anew: the avatar is where it has not come to by itself.
+    /// Where the eye can be at this tick for a kind of region, whatever walls are in this box.
+    pub(crate) fn eyes(&self, kind: RegionKind) -> Aabb {
+        self.get(kind).map_or(Aabb::EMPTY, |region| region.eyes)
+    }
+
+    /// How often a cached region has changed.
+    pub(crate) fn version(&self, kind: RegionKind, margin: RegionMargin) -> Generation {
+        self.get(kind).map_or(Generation::default(), |region| region.versions[margin as usize])
+    }
+
+    /// Where a predicted line to a region ends.
+    pub(crate) fn heading(&self, kind: RegionKind) -> Option<Heading> {
+        self.get(kind).map(|region| region.heading)
+    }
+
+    /// The footprint of a cached region with the small margin, if it was computed.
+    pub(crate) fn known_footprint(&self, kind: RegionKind) -> Option<&RegionFootprint> {
+        self.get(kind)?.cached[0].get().map(|region| &region.footprint)
+    }
+
+    /// Drops everything: the avatar did not come by itself to where it is.
     pub(crate) fn forget(&mut self) {
-        if let Some(wide) = &mut self.wide {
-            wide.spare = Aabb::EMPTY;
+        if let Some(coarse) = &mut self.coarse {
+            coarse.valid_in = Aabb::EMPTY;
         }
-        for near in &mut self.nears {
-            near.kept = Default::default();
-            near.exact = OnceLock::new();
-            near.versions.iter_mut().for_each(|version| *version = version.wrapping_add(1));
-        }
+        self.regions.iter_mut().for_each(LiveRegion::forget);
     }
 
-    /// Has a part for the eye and for each delay.
+    /// Makes sure that there is a region of the eye, and one of the body for each delay.
     fn prepare(&mut self, own: Duration, delays: &[Duration]) {
-        if !self.nears.iter().skip(1).map(|near| near.delay).eq(delays.iter().copied()) {
-            let mut old = std::mem::take(&mut self.nears).into_iter();
-            self.nears.push(old.next().unwrap_or_else(|| LiveRegion::new(own)));
+        debug_assert!(delays.is_sorted(), "regions of the body are by delay");
+        if !self.regions.iter().skip(1).map(|region| region.delay).eq(delays.iter().copied()) {
+            let mut old = self.regions.drain(..);
+            let eyes = old.next().unwrap_or_else(|| LiveRegion::new(own));
             let mut old: Vec<LiveRegion> = old.collect();
-            self.nears.extend(delays.iter().map(|delay| {
+            self.regions.push(eyes);
+            self.regions.extend(delays.iter().map(|delay| {
                 match old.iter().position(|bodies| bodies.delay == *delay) {
-                    Some(place) => old.swap_remove(place),
+                    Some(index) => old.swap_remove(index),
                     None => LiveRegion::new(*delay),
                 }
             }));
@@ -246,198 +311,134 @@ impl LiveRegions {
         self.shown = self.bodies(own);
     }
 
-    /// Boxes around where a part can be at this tick; places behind walls only where that saves work.
-    pub(crate) fn just(&self, part: RegionKind, body: &Body) -> CoverBoxes {
-        let Some((near, wide)) = self.get(part).zip(self.wide.as_ref()) else {
-            return CoverBoxes::default();
-        };
-        let now =
-            if part == RegionKind::EYES { near.within } else { body.around_box(&near.within) };
-        near.current().unwrap_or(&wide.bodies).within(&now)
-    }
-
-    /// Whether a point is in one of these boxes.
-    pub(crate) fn may_hold(&self, part: RegionKind, point: Vec3, body: &Body) -> bool {
-        let Some((near, wide)) = self.get(part).zip(self.wide.as_ref()) else { return false };
-        let is_now = if part == RegionKind::EYES {
-            near.within.contains(point)
-        } else {
-            body.around_box(&near.within).contains(point)
-        };
-        let parts = || near.current().unwrap_or(&wide.bodies);
-        is_now && parts().boxes().iter().any(|part| part.contains(point))
-    }
-}
-
-impl Engine {
-    /// How far an eye gets some time after its last accepted report was made, if what that says is believed.
-    pub(crate) fn leeway(&self, pose: &Pose, is_believed: bool, time: Duration) -> MotionBound {
-        let axes = &self.world.cells.axes;
-        let mut agility = self.agility;
-        if !is_believed {
-            agility.dash = agility.speed_max;
-        }
-        let (eye, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
-        MotionBound {
-            from: eye,
-            within: agility.eyes(eye, velocity, time).grown(WIRE_POSE_M),
-            way_m: self.agility.way(velocity, time) + WIRE_POSE_M,
-        }
-    }
-
-    /// Where an eye is, in own axes, and what it may go through.
-    fn start(&self, from: Vec3, footing: WalkState) -> Start<'_> {
-        Start { cells: &self.world.cells, fit: self.ways.fit_of(footing), from }
-    }
-
-    /// Brings up to date where live avatars can be at this tick, and their wide regions where need be.
-    pub(crate) fn place_near(&mut self, now: Duration, lives: &mut LiveAvatars) {
-        let delays: Vec<Duration> = self.horizons.delays().collect();
-        let crew = &self.crew;
-        crew.each(lives.all_mut(), |work, _, live| self.renew(work, now, &delays, live));
-        for live in lives.all() {
-            if let Some((old, wide)) = live.moved.as_ref().zip(live.near.wide.as_ref()) {
-                for (index, (old, new)) in self.near.iter_mut().zip(old.iter().zip(&wide.cells)) {
-                    index.replace((live.id, live.slot), old, new);
-                }
-            }
-        }
-    }
-
-    fn renew(
-        &self,
-        work: &mut Workspace,
-        now: Duration,
+    /// Brings the regions up to date for this tick. Returns the cells of the last coarse region if
+    /// there is a new one.
+    pub(crate) fn update(
+        &mut self,
+        view: View<'_>,
+        search: &mut ReachSearch,
+        motion: &Motion,
         delays: &[Duration],
-        live: &mut LiveAvatar,
-    ) {
-        let own = self.horizons.delay(live.link.round_trip);
-        let age = now.saturating_sub(live.heard);
-        let within = |delay: Duration, is_believed: bool| {
-            let time = self.horizons.near(age, live.link, delay);
-            let leeway = self.leeway(&live.pose, is_believed, time);
-            leeway.scaled(self.config.faults.region_scale).within
+    ) -> Option<CoarseCells> {
+        let View { building, config, horizons, .. } = view;
+        let own = horizons.delay(motion.link.round_trip);
+        let age = view.now.saturating_sub(motion.heard);
+        let eyes_in = |delay: Duration, is_believed: bool| {
+            let time = horizons.live_horizon(age, motion.link, delay);
+            let bound = MotionBound::new(building, &motion.pose, is_believed, time);
+            bound.scaled(config.faults.region_scale).eyes
         };
-        let (near, spare_m) = (&mut live.near, self.config.spare_m);
-        near.prepare(own, delays);
-        let has_moved = near.home.is_none_or(|(from, _)| from != live.from);
+        self.prepare(own, delays);
+        let has_moved = self.home.is_none_or(|home| home.from != motion.from);
         if has_moved {
-            let cells = &self.world.cells;
-            let cell = cells.at_own(live.from);
-            near.home = Some((live.from, cell.map(|cell| cells.cells[cell.0 as usize].space)));
+            let cells = building.cells();
+            let cell = cells.at_own(motion.from);
+            let space = cell.map(|cell| cells.cells[cell.0 as usize].space);
+            self.home = Some(Home { from: motion.from, space });
         }
-        // Whoever is doubted may be anywhere, but is told as much as others.
-        let eyes = within(own, true);
-        let step = self.world.cells.axes.own(live.pose.velocity) * self.config.tick.as_secs_f32();
-        let (mut all, mut has_changed) = (eyes, false);
-        for (place, near) in near.nears.iter_mut().enumerate() {
-            let is_own = place == 0 || near.delay == own && live.is_believed;
-            let within = if is_own { eyes } else { within(near.delay, live.is_believed) };
-            all = all.union(&within);
-            has_changed |= near.renew(within, step, has_moved, spare_m);
+        // A doubted avatar may be anywhere, but is told of no more than others.
+        let own_eyes = eyes_in(own, true);
+        let step = building.axes().own(motion.pose.velocity) * config.tick.as_secs_f32();
+        let (mut all, mut has_changed) = (own_eyes, false);
+        for (index, region) in self.regions.iter_mut().enumerate() {
+            let is_own = index == 0 || region.delay == own && motion.is_believed;
+            let eyes = if is_own { own_eyes } else { eyes_in(region.delay, motion.is_believed) };
+            all = all.union(&eyes);
+            has_changed |= region.update(eyes, step, has_moved, config.spare_m);
         }
-        if !near.wide.as_ref().is_some_and(|wide| serves(&wide.spare, &all, WIDE_M)) {
-            let spare = ahead(&all, step, WIDE_M);
-            let wide = self.wide(work, &self.start(live.from, live.footing), spare);
-            let old = near.wide.replace(Box::new(wide));
-            live.moved = Some(old.map_or_else(Default::default, |old| old.cells));
+        let mut old_cells = None;
+        let is_valid = |coarse: &CoarseRegion| serves(&coarse.valid_in, &all, COARSE_M);
+        if !self.coarse().is_some_and(is_valid) {
+            let valid_in = with_margin_ahead(&all, step, COARSE_M);
+            let coarse = CoarseRegion::new(building, search, motion, valid_in);
+            let old = self.coarse.replace(Box::new(coarse));
+            old_cells = Some(old.map_or_else(Default::default, |old| old.cells));
         }
         if has_changed {
-            self.find_leads(live);
+            self.predict(building, motion);
+        }
+        old_cells
+    }
+
+    /// Finds where predicted lines end, if the avatar goes on as it does.
+    fn predict(&mut self, building: &Building, motion: &Motion) {
+        let cells = building.cells();
+        let way = cells.axes.own(motion.pose.velocity.with_y(0.0)).normalize_or_zero();
+        for kind in (0..self.regions.len()).map(RegionKind) {
+            let eyes = self.regions[kind.0].eyes;
+            let ahead = eyes.centre().with_y(motion.from.y) + way * eyes.size() * (0.5 * HEADING);
+            let is_possible = self.may_contain(kind, ahead, &building.body);
+            let point = if is_possible { ahead } else { motion.from };
+            self.regions[kind.0].heading = Heading { point, cell: cells.at_own(point) };
         }
     }
 
-    /// Finds where lines end that will last, as far as somebody goes on so.
-    fn find_leads(&self, live: &mut LiveAvatar) {
-        let cells = &self.world.cells;
-        let near = &mut live.near;
-        let way = cells.axes.own(live.pose.velocity.with_y(0.0)).normalize_or_zero();
-        for part in (0..near.nears.len()).map(RegionKind) {
-            let within = near.nears[part.0].within;
-            let ahead = within.centre().with_y(live.from.y) + way * within.size() * (0.5 * LEAD);
-            let end = if near.may_hold(part, ahead, &self.body) { ahead } else { live.from };
-            near.nears[part.0].lead = (end, cells.at_own(end));
-        }
+    /// Boxes around where a region is at this tick. Places behind walls are left out only where
+    /// that is known already.
+    pub(crate) fn known_cover(&self, kind: RegionKind, body: &Body) -> CoverBoxes {
+        let Some((region, coarse)) = self.get(kind).zip(self.coarse()) else {
+            return CoverBoxes::default();
+        };
+        let now = region.bounds(kind, body);
+        region.current().unwrap_or(&coarse.bodies).clipped(&now)
     }
 
-    fn wide(&self, work: &mut Workspace, start: &Start<'_>, spare: Aabb) -> CoarseRegion {
-        let cells = &self.world.cells;
-        let reach = Reach::within(&mut work.reach, start, &spare);
-        let (found, bodies) = reach.bodies(cells, &self.world.body);
-        let eyes = RegionFootprint::of(cells, &self.rooms, reach.eyes(), &reach.eye_parts(cells));
-        let grounds = [eyes, RegionFootprint::of(cells, &self.rooms, found, &bodies)];
-        let numbers = |ground: &RegionFootprint| ground.cells().iter().map(|cell| cell.0).collect();
-        let cells = grounds.each_ref().map(numbers);
-        CoarseRegion { spare, bodies, grounds, cells }
+    /// Whether a point is in one of the boxes of [`LiveRegions::known_cover`].
+    pub(crate) fn may_contain(&self, kind: RegionKind, point: Vec3, body: &Body) -> bool {
+        let Some((region, coarse)) = self.get(kind).zip(self.coarse()) else { return false };
+        let cover = || region.current().unwrap_or(&coarse.bodies);
+        region.bounds(kind, body).contains(point)
+            && cover().boxes().iter().any(|part| part.contains(point))
     }
 
-    /// What portals lead to for a part of a live avatar, with so much to spare.
-    pub(crate) fn kept<'a>(
+    /// A cached region with one of the margins.
+    pub(crate) fn cached(
         &self,
-        work: &mut Workspace,
-        live: &'a LiveAvatar,
-        part: RegionKind,
-        level: usize,
-    ) -> Option<&'a CachedRegion> {
-        let near = live.near.get(part)?;
-        if near.kept[level].get().is_none() {
-            let spare = ahead(&near.within, near.step, self.config.spare_m * SPARES[level]);
-            let start = self.start(live.from, live.footing);
-            let reach = Reach::within(&mut work.reach, &start, &spare);
-            // An eye and its body have been to the same places: both will be asked for.
-            for part in [RegionKind::EYES, live.near.shown, part] {
-                if let Some(twin) = live.near.get(part)
-                    && twin.within == near.within
-                    && twin.kept[level].get().is_none()
+        view: View<'_>,
+        search: &mut ReachSearch,
+        motion: &Motion,
+        kind: RegionKind,
+        margin: RegionMargin,
+    ) -> Option<&CachedRegion> {
+        let (region, level) = (self.get(kind)?, margin as usize);
+        if region.cached[level].get().is_none() {
+            let margin_m = view.config.spare_m * MARGINS[level];
+            let valid_in = with_margin_ahead(&region.eyes, region.step, margin_m);
+            debug_assert!(valid_in.contains_box(&region.eyes), "a margin adds to a region");
+            let reach = Reach::in_box(search, &motion.start(view.building), &valid_in);
+            // An eye and its body have been to the same places, and both will be asked for.
+            for kind in [RegionKind::EYES, self.shown, kind] {
+                if let Some(same) = self.get(kind)
+                    && same.eyes == region.eyes
+                    && same.cached[level].get().is_none()
                 {
-                    // Another thread may have been faster; what it found is the same.
-                    let _ = twin.kept[level].set(Box::new(self.keep(&reach, spare, part)));
+                    let found = CachedRegion::new(view.building, &reach, valid_in, kind);
+                    // Another thread may have been faster; it found the same.
+                    let _ = same.cached[level].set(Box::new(found));
                 }
             }
         }
-        near.kept[level].get().map(|kept| &**kept)
+        region.cached[level].get().map(|region| &**region)
     }
 
-    fn keep(&self, reach: &Reach, spare: Aabb, part: RegionKind) -> CachedRegion {
-        let cells = &self.world.cells;
-        let (found, parts) = if part == RegionKind::EYES {
-            (reach.eyes(), reach.eye_parts(cells))
-        } else {
-            reach.bodies(cells, &self.world.body)
-        };
-        let ground = RegionFootprint::of(cells, &self.rooms, found, &parts);
-        CachedRegion { spare, parts, ground }
-    }
-
-    /// The same with nothing to spare, for this tick.
-    pub(crate) fn exact<'a>(
+    /// Boxes around a region of this tick, without a margin.
+    pub(crate) fn exact(
         &self,
-        work: &mut Workspace,
-        live: &'a LiveAvatar,
-        part: RegionKind,
-    ) -> Option<&'a CoverBoxes> {
-        let near = live.near.get(part)?;
-        let exact = near.exact.get_or_init(|| {
-            let cells = &self.world.cells;
-            let start = self.start(live.from, live.footing);
-            let reach = Reach::within(&mut work.reach, &start, &near.within);
-            if part == RegionKind::EYES {
-                reach.eye_parts(cells)
+        view: View<'_>,
+        search: &mut ReachSearch,
+        motion: &Motion,
+        kind: RegionKind,
+    ) -> Option<&CoverBoxes> {
+        let region = self.get(kind)?;
+        let exact = region.exact.get_or_init(|| {
+            let cells = view.building.cells();
+            let reach = Reach::in_box(search, &motion.start(view.building), &region.eyes);
+            if kind == RegionKind::EYES {
+                reach.eye_cover(cells)
             } else {
-                reach.bodies(cells, &self.world.body).1
+                reach.bodies(cells, &view.building.world.body).cover
             }
         });
         Some(exact)
-    }
-
-    /// Takes an avatar's regions out.
-    pub(crate) fn forget_near(&mut self, slot: Slot) {
-        let avatar = self.population.at_mut(slot);
-        let (id, near) = (avatar.id, std::mem::take(&mut avatar.near));
-        if let Some(wide) = near.wide {
-            for (index, cells) in self.near.iter_mut().zip(&wide.cells) {
-                index.replace((id, slot), cells, &[]);
-            }
-        }
     }
 }

@@ -1,4 +1,19 @@
-pub(crate) mod cover_boxes;
-pub(crate) mod footprints;
-pub(crate) mod live_regions;
-pub(crate) mod reach;
+//! Regions: every place that an eye or a body can be at within some time.
+
+mod cover_boxes;
+mod footprint;
+mod hidden_footprint;
+mod index;
+mod live_regions;
+mod motion_bound;
+mod reach;
+mod sight_tester;
+
+pub(crate) use cover_boxes::CoverBoxes;
+pub(crate) use footprint::RegionFootprint;
+pub(crate) use hidden_footprint::{FootprintCover, HiddenFootprint};
+pub(crate) use index::{CoarseCells, CoarseIndex, Indices};
+pub(crate) use live_regions::{CoarseRegion, LiveRegions, Motion, RegionKind};
+pub(crate) use motion_bound::{MotionBound, scaled, with_margin_ahead};
+pub(crate) use reach::{Reach, ReachSearch, ReachStart};
+pub(crate) use sight_tester::{BoxTest, SightTester};

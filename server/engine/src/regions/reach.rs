@@ -1,4 +1,4 @@
-//! Where a body can get to: what portals lead to, as far as it comes.
+//! Reach: the places that an eye can get to through portals.
 
 use std::{cmp::Reverse, collections::BinaryHeap};
 
@@ -10,79 +10,89 @@ use sightline_world::{
     tolerance::{POKE_M, WIRE_BOUNDARY_M},
 };
 
-use crate::{claims::clearance::Clearance, regions::cover_boxes::CoverBoxes};
+use super::CoverBoxes;
+use crate::{claims::Clearance, generation::Generational};
 
-/// Where an eye is, and what it may go through.
+/// Where an eye is, and which portals it may go through.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Start<'a> {
+pub(crate) struct ReachStart<'a> {
     pub(crate) cells: &'a Cells,
-    /// Which portals its body fits through; all of them, when none.
-    pub(crate) fit: Option<&'a Clearance>,
-    /// In own axes.
+    /// The portals that the body fits through; `None` for all of them.
+    pub(crate) clearance: Option<&'a Clearance>,
+    /// The eye, in own axes.
     pub(crate) from: Vec3,
 }
 
-/// The parts of cells, in own axes, that an eye can get to: those it comes to through portals that its
-/// body fits through.
+/// The parts of cells that an eye can get to through portals that its body fits through.
 ///
-/// What makes cells is opaque and solid, so whoever gets from one cell into another goes through
-/// portals. A way through a sequence of portals is at least as long as the gaps between the boxes
-/// around each two of them: what is left of the way after the last one bounds what is reached of
-/// the cell behind it. Bodies stick out of the cells that their eyes can get to, where there are
-/// portals, be they as narrow as they may; elsewhere they stop at the wall, but for [`POKE_M`].
+/// Everything between cells is opaque and solid, so an eye gets from one cell into another through
+/// portals. A way through several portals is at least as long as the gaps between the boxes around
+/// successive ones. What is left of the longest way behind the last portal bounds what is reached
+/// of the cell there. Bodies stick out of the cells that their eyes can get to, through portals of
+/// any width. At a wall they end, except for [`POKE_M`].
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(crate) struct Reach {
-    /// By cell, ascending.
-    pieces: Vec<(CellId, Aabb)>,
+    /// One piece for each cell, by cell, ascending.
+    pieces: Vec<Piece>,
 }
 
-/// What a search for a reach needs memory for: 8 bytes for each portal and each cell.
+/// What is reached of a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Piece {
+    cell: CellId,
+    /// In own axes.
+    region: Aabb,
+}
+
+/// Where bodies can be.
+#[derive(Clone, Debug)]
+pub(crate) struct BodyReach {
+    /// The cells that a part of a body can be in, ascending.
+    pub(crate) cells: Vec<CellId>,
+    /// Boxes around all places of a body.
+    pub(crate) cover: CoverBoxes,
+}
+
+/// The memory of a search for a reach: 8 bytes for each portal and each cell.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Scratch {
-    search: u32,
-    /// For each portal, the search that came to it last, and the shortest way to it.
-    portals: Vec<(u32, f32)>,
-    /// For each cell, the search that came to it last, and its place among the pieces.
-    cells: Vec<(u32, u32)>,
-    /// Portals that were come to, nearest first. Ways are never negative, so that their bits are
-    /// in order.
+pub(crate) struct ReachSearch {
+    /// The shortest way to each portal that was visited, in metres.
+    ways_m: Generational<f32>,
+    /// The index of the piece of each cell that was visited.
+    pieces: Generational<u32>,
+    /// Portals to go on from, nearest first. Lengths are never negative, so their bits are in
+    /// order.
     waiting: BinaryHeap<Reverse<(u32, u32)>>,
-    start: Vec<CellId>,
+    /// Cells to go on from.
+    open: Vec<CellId>,
 }
 
-impl Scratch {
+impl ReachSearch {
     fn begin(&mut self, cells: &Cells) {
-        self.portals.resize(cells.portals.len(), (0, 0.0));
-        self.cells.resize(cells.cells.len(), (0, 0));
-        self.search = self.search.wrapping_add(1);
-        if self.search == 0 {
-            self.portals.fill((0, 0.0));
-            self.cells.fill((0, 0));
-            self.search = 1;
-        }
+        self.ways_m.clear(cells.portals.len());
+        self.pieces.clear(cells.cells.len());
         self.waiting.clear();
-        self.start.clear();
+        self.open.clear();
     }
 
-    /// Whether this is a shorter way to a portal than any so far.
-    fn is_nearer(&mut self, portal: u32, way_m: f32) -> bool {
-        let known = &mut self.portals[portal as usize];
-        let is_nearer = known.0 != self.search || way_m < known.1;
-        if is_nearer {
-            *known = (self.search, way_m);
+    /// Takes in a way to a portal: whether it is shorter than all before.
+    fn is_shorter(&mut self, portal: u32, way_m: f32) -> bool {
+        let is_shorter = self.ways_m.get(portal).is_none_or(|known_m| way_m < known_m);
+        if is_shorter {
+            self.ways_m.set(portal, way_m);
         }
-        is_nearer
+        is_shorter
     }
 }
 
-impl Start<'_> {
-    fn leads_through(&self, portal: u32) -> bool {
-        self.fit.is_none_or(|fit| fit.through_portal(portal))
+impl ReachStart<'_> {
+    fn admits(&self, portal: u32) -> bool {
+        self.clearance.is_none_or(|clearance| clearance.admits_portal(portal))
     }
 
-    /// Adds the cells that an eye is in that is where it was said to be but for rounding. One in something
-    /// solid has poked there from any that is near enough; one further in counts as in the nearest.
-    fn find(&self, rounding_m: f32, found: &mut Vec<CellId>) {
+    /// Adds the cells that the eye can be in, whose position is rounded. An eye in something solid
+    /// pokes there from any cell that is near enough. An eye further in counts as in the nearest.
+    fn find_cells(&self, rounding_m: f32, found: &mut Vec<CellId>) {
         self.cells.overlapping(&Aabb::around(self.from, rounding_m), found);
         if found.is_empty() {
             self.cells.overlapping(&Aabb::around(self.from, POKE_M), found);
@@ -93,152 +103,172 @@ impl Start<'_> {
     }
 }
 
+/// What bounds a search: a box, and the length of ways.
+struct Bounds {
+    region: Aabb,
+    way_m: f32,
+}
+
+/// Where a search goes on from.
+struct Step {
+    /// A point, or the box around a portal.
+    from: Aabb,
+    /// The shortest way to it, in metres.
+    way_m: f32,
+}
+
 impl Reach {
-    /// Where an eye that starts somewhere can be when it has stayed in a box, in own axes.
-    pub(crate) fn within(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb) -> Self {
+    /// What an eye can get to that stays in a box, in own axes.
+    pub(crate) fn in_box(search: &mut ReachSearch, start: &ReachStart<'_>, region: &Aabb) -> Self {
+        debug_assert!(start.from.is_finite(), "only finite places are accepted");
         let cells = start.cells;
-        scratch.begin(cells);
-        let mut reach = Self { pieces: Vec::new() };
-        let within = within.intersection(&cells.bounds);
-        let mut open = std::mem::take(&mut scratch.start);
-        start.find(WIRE_BOUNDARY_M, &mut open);
-        open.iter().for_each(|cell| scratch.cells[cell.0 as usize].0 = scratch.search);
+        search.begin(cells);
+        let ReachSearch { pieces: visited, open, .. } = search;
+        let mut pieces = Vec::new();
+        let region = region.intersection(&cells.bounds);
+        start.find_cells(WIRE_BOUNDARY_M, open);
+        open.iter().for_each(|cell| visited.set(cell.0, 0));
         while let Some(id) = open.pop() {
             let cell = &cells.cells[id.0 as usize];
-            reach.pieces.push((id, cell.bounds.intersection(&within)));
+            pieces.push(Piece { cell: id, region: cell.bounds.intersection(&region) });
             for &index in &cell.portals {
                 let portal = &cells.portals[index as usize];
                 let beyond = portal.cells[usize::from(portal.cells[0] == id)];
-                let known = &mut scratch.cells[beyond.0 as usize].0;
-                if *known != scratch.search
-                    && portal.polygon.bounds().intersects(&within)
-                    && start.leads_through(index)
+                if visited.get(beyond.0).is_none()
+                    && portal.polygon.bounds().intersects(&region)
+                    && start.admits(index)
                 {
-                    *known = scratch.search;
+                    visited.set(beyond.0, 0);
                     open.push(beyond);
                 }
             }
         }
-        scratch.start = open;
-        reach.pieces.sort_unstable_by_key(|(cell, _)| *cell);
-        reach
+        pieces.sort_unstable_by_key(|piece| piece.cell);
+        Self { pieces }
     }
 
-    /// The same, when it has come no further than `way_m` either.
-    pub(crate) fn new(scratch: &mut Scratch, start: &Start<'_>, within: &Aabb, way_m: f32) -> Self {
+    /// What an eye can get to that stays in a box, on ways no longer than `way_m`, in metres.
+    pub(crate) fn on_ways(
+        search: &mut ReachSearch,
+        start: &ReachStart<'_>,
+        region: &Aabb,
+        way_m: f32,
+    ) -> Self {
+        debug_assert!(way_m >= 0.0, "no way is shorter than nothing");
         let cells = start.cells;
-        scratch.begin(cells);
+        search.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
-        let within = within.intersection(&cells.bounds);
-        start.find(WIRE_BOUNDARY_M.min(way_m), &mut scratch.start);
-        for cell in std::mem::take(&mut scratch.start) {
+        let bounds = Bounds { region: region.intersection(&cells.bounds), way_m };
+        start.find_cells(WIRE_BOUNDARY_M.min(way_m), &mut search.open);
+        for index in 0..search.open.len() {
+            let cell = search.open[index];
             // An eye in a wall counts as if it were where the cell begins.
-            let bounds = &cells.cells[cell.0 as usize].bounds;
-            let place = start.from.clamp(bounds.min, bounds.max);
-            let place = Aabb::new(place, place);
-            reach.enter(scratch, cells, cell, &place, &within, way_m);
-            reach.go_on(scratch, start, cell, (&place, 0.0), (&within, way_m));
+            let cell_bounds = &cells.cells[cell.0 as usize].bounds;
+            let from = start.from.clamp(cell_bounds.min, cell_bounds.max);
+            let step = Step { from: Aabb::new(from, from), way_m: 0.0 };
+            reach.enter(search, cells, cell, &step, &bounds);
+            Self::visit_portals(search, start, cell, &step, &bounds);
         }
-        while let Some(Reverse((bits, portal))) = scratch.waiting.pop() {
-            let come_m = f32::from_bits(bits);
-            if scratch.portals[portal as usize].1 < come_m {
+        while let Some(Reverse((bits, portal))) = search.waiting.pop() {
+            let way_m = f32::from_bits(bits);
+            if search.ways_m.get(portal).is_some_and(|shortest_m| shortest_m < way_m) {
                 continue;
             }
-            let gap = cells.portals[portal as usize].polygon.bounds();
-            for cell in cells.portals[portal as usize].cells {
-                reach.enter(scratch, cells, cell, &gap, &within, way_m - come_m);
-                reach.go_on(scratch, start, cell, (&gap, come_m), (&within, way_m));
+            let portal = &cells.portals[portal as usize];
+            let step = Step { from: portal.polygon.bounds(), way_m };
+            for cell in portal.cells {
+                reach.enter(search, cells, cell, &step, &bounds);
+                Self::visit_portals(search, start, cell, &step, &bounds);
             }
         }
-        reach.pieces.sort_unstable_by_key(|(cell, _)| *cell);
+        reach.pieces.sort_unstable_by_key(|piece| piece.cell);
         reach
     }
 
     /// Adds what is reached of a cell from somewhere on its boundary, or in it.
     fn enter(
         &mut self,
-        scratch: &mut Scratch,
+        search: &mut ReachSearch,
         cells: &Cells,
         cell: CellId,
-        from: &Aabb,
-        within: &Aabb,
-        left_m: f32,
+        step: &Step,
+        bounds: &Bounds,
     ) {
-        let bounds = &cells.cells[cell.0 as usize].bounds;
-        let piece = bounds.intersection(within).intersection(&from.grown(left_m));
-        let known = &mut scratch.cells[cell.0 as usize];
-        if known.0 == scratch.search {
-            let (_, all) = &mut self.pieces[known.1 as usize];
-            *all = all.union(&piece);
+        let near = step.from.grown(bounds.way_m - step.way_m);
+        let cell_bounds = &cells.cells[cell.0 as usize].bounds;
+        let region = cell_bounds.intersection(&bounds.region).intersection(&near);
+        if let Some(index) = search.pieces.get(cell.0) {
+            let piece = &mut self.pieces[index as usize];
+            debug_assert_eq!(piece.cell, cell, "the memory belongs to this search");
+            piece.region = piece.region.union(&region);
         } else {
-            *known = (scratch.search, self.pieces.len() as u32);
-            self.pieces.push((cell, piece));
+            search.pieces.set(cell.0, self.pieces.len() as u32);
+            self.pieces.push(Piece { cell, region });
         }
     }
 
-    /// Goes from somewhere in a cell to its portals.
-    fn go_on(
-        &self,
-        scratch: &mut Scratch,
-        start: &Start<'_>,
+    /// Goes on from somewhere in a cell to its portals.
+    fn visit_portals(
+        search: &mut ReachSearch,
+        start: &ReachStart<'_>,
         cell: CellId,
-        (from, come_m): (&Aabb, f32),
-        (within, way_m): (&Aabb, f32),
+        step: &Step,
+        bounds: &Bounds,
     ) {
         let cells = start.cells;
         for portal in &cells.cells[cell.0 as usize].portals {
             let gap = cells.portals[*portal as usize].polygon.bounds();
-            let come_m = come_m + distance(from, &gap);
-            if come_m <= way_m
-                && gap.intersects(within)
-                && start.leads_through(*portal)
-                && scratch.is_nearer(*portal, come_m)
+            let way_m = step.way_m + distance_m(&step.from, &gap);
+            if way_m <= bounds.way_m
+                && gap.intersects(&bounds.region)
+                && start.admits(*portal)
+                && search.is_shorter(*portal, way_m)
             {
-                scratch.waiting.push(Reverse((come_m.to_bits(), *portal)));
+                search.waiting.push(Reverse((way_m.to_bits(), *portal)));
             }
         }
     }
 
     /// The cells that the eye can be in, ascending.
-    pub(crate) fn eyes(&self) -> Vec<CellId> {
-        self.pieces.iter().map(|(cell, _)| *cell).collect()
+    pub(crate) fn eye_cells(&self) -> Vec<CellId> {
+        self.pieces.iter().map(|piece| piece.cell).collect()
     }
 
-    /// Boxes around every place the eye can be.
-    pub(crate) fn eye_parts(&self, cells: &Cells) -> CoverBoxes {
-        CoverBoxes::covering(by_space(cells, self.pieces.iter().copied()).into_iter())
+    /// Boxes around every place of the eye.
+    pub(crate) fn eye_cover(&self, cells: &Cells) -> CoverBoxes {
+        CoverBoxes::covering(boxes_by_space(cells, self.pieces.iter().copied()).into_iter())
     }
 
-    /// The cells that some part of the body can be in, ascending, and boxes around all its places.
-    pub(crate) fn bodies(&self, cells: &Cells, body: &Body) -> (Vec<CellId>, CoverBoxes) {
+    /// Where the body can be.
+    pub(crate) fn bodies(&self, cells: &Cells, body: &Body) -> BodyReach {
         let body = &body.in_axes(&cells.axes);
-        let filled = self.pieces.iter().map(|(cell, piece)| {
-            let filled = filled(cells, *cell, &body.around_box(piece));
-            (*cell, filled)
+        let filled = self.pieces.iter().map(|&Piece { cell, region }| Piece {
+            cell,
+            region: filled(cells, cell, &body.around_box(&region)),
         });
-        let (spaces, mut found) = (by_space(cells, filled), Vec::new());
-        spaces.iter().for_each(|filled| cells.overlapping(filled, &mut found));
+        let (boxes, mut found) = (boxes_by_space(cells, filled), Vec::new());
+        boxes.iter().for_each(|region| cells.overlapping(region, &mut found));
         found.sort_unstable();
         found.dedup();
-        (found, CoverBoxes::covering(spaces.into_iter()))
+        BodyReach { cells: found, cover: CoverBoxes::covering(boxes.into_iter()) }
     }
 }
 
-/// A box around what is in each space. The cells of a space follow one another.
-fn by_space(cells: &Cells, pieces: impl Iterator<Item = (CellId, Aabb)>) -> Vec<Aabb> {
+/// A box around the pieces in each space. The cells of a space follow one another.
+fn boxes_by_space(cells: &Cells, pieces: impl Iterator<Item = Piece>) -> Vec<Aabb> {
     let mut spaces: Vec<(u32, Aabb)> = Vec::new();
-    for (cell, piece) in pieces {
+    for Piece { cell, region } in pieces {
         let space = cells.cells[cell.0 as usize].space;
         match spaces.last_mut() {
-            Some((last, all)) if *last == space => *all = all.union(&piece),
-            _ => spaces.push((space, piece)),
+            Some((last, all)) if *last == space => *all = all.union(&region),
+            _ => spaces.push((space, region)),
         }
     }
     spaces.into_iter().map(|(_, all)| all).collect()
 }
 
-/// What bodies can fill of a box about eyes in a cell: where the box meets no portal on a side of
-/// the cell, it ends there.
+/// The part of a box around bodies that bodies can fill whose eyes are in a cell. The box ends at
+/// each side of the cell on which it meets no portal.
 fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
     let cell = &cells.cells[cell.0 as usize];
     let (mut low_open, mut high_open) = ([false; 3], [false; 3]);
@@ -254,7 +284,7 @@ fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
                 let is_low = bounds.min[axis] <= cell.bounds.min[axis];
                 if is_low { low_open[axis] = true } else { high_open[axis] = true }
             }
-            // It may be part of any side.
+            // A slanted portal may be part of any side.
             Polygon::Other { .. } => (low_open, high_open) = ([true; 3], [true; 3]),
         }
     }
@@ -271,7 +301,7 @@ fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
 }
 
 /// The least distance between points of two boxes, in metres.
-fn distance(a: &Aabb, b: &Aabb) -> f32 {
+fn distance_m(a: &Aabb, b: &Aabb) -> f32 {
     (b.min - a.max).max(a.min - b.max).max(Vec3::ZERO).length()
 }
 
@@ -287,8 +317,8 @@ mod tests {
     }
 
     fn ball(cells: &Cells, from: Vec3, way_m: f32) -> Reach {
-        let start = Start { cells, fit: None, from };
-        Reach::new(&mut Scratch::default(), &start, &Aabb::around(from, way_m), way_m)
+        let start = ReachStart { cells, clearance: None, from };
+        Reach::on_ways(&mut ReachSearch::default(), &start, &Aabb::around(from, way_m), way_m)
     }
 
     #[test]
@@ -297,13 +327,13 @@ mod tests {
         let from = Vec3::new(18.0, 1.6, 5.0);
         let check = |world: &sightline_world::World, way_m: f32| {
             let reach = ball(&world.cells, from, way_m);
-            (ids(&reach.eyes()), ids(&reach.bodies(&world.cells, &world.body).0))
+            (ids(&reach.eye_cells()), ids(&reach.bodies(&world.cells, &world.body).cells))
         };
         assert_eq!(check(&world, 1.0), (vec![1], vec![1]));
         assert_eq!(check(&world, 1.9), (vec![1], vec![1, 2]));
         assert_eq!(check(&world, 2.0), (vec![1, 2], vec![1, 2]));
         assert_eq!(check(&world, 12.1), (vec![0, 1, 2, 3], vec![0, 1, 2, 3]));
-        // A wall between the rooms 1 and 2: no way, but elbows stick into it.
+        // A wall between rooms 1 and 2 stops eyes; elbows stick into it.
         let Polygon::Rectangle { bounds, .. } = &mut world.cells.portals[1].polygon else {
             unreachable!("rooms in a row join in rectangles")
         };
@@ -313,34 +343,34 @@ mod tests {
     }
 
     #[test]
-    fn eyes_stay_before_what_is_too_narrow_and_elbows_do_not() {
+    fn eyes_stay_before_narrow_gates_and_elbows_do_not() {
         let world = stage::row(3);
         let mut gates = BitSet::default();
         gates.insert(1);
-        let fit = &Clearance::narrow(&world.cells, gates);
-        let reach = |x: f32, fit: Option<&Clearance>, is_limited: bool| {
-            let (from, way_m, scratch) = (Vec3::new(x, 1.6, 5.0), 3.0, &mut Scratch::default());
+        let clearance = &Clearance::with_narrow_gates(&world.cells, gates);
+        let reach = |x: f32, clearance: Option<&Clearance>, is_limited: bool| {
+            let (from, way_m, scratch) = (Vec3::new(x, 1.6, 5.0), 3.0, &mut ReachSearch::default());
             let (start, around) =
-                (Start { cells: &world.cells, fit, from }, Aabb::around(from, way_m));
+                (ReachStart { cells: &world.cells, clearance, from }, Aabb::around(from, way_m));
             let reach = if is_limited {
-                Reach::new(scratch, &start, &around, way_m)
+                Reach::on_ways(scratch, &start, &around, way_m)
             } else {
-                Reach::within(scratch, &start, &around)
+                Reach::in_box(scratch, &start, &around)
             };
-            (ids(&reach.eyes()), ids(&reach.bodies(&world.cells, &world.body).0))
+            (ids(&reach.eye_cells()), ids(&reach.bodies(&world.cells, &world.body).cells))
         };
         for is_limited in [false, true] {
-            let reach = |x: f32, fit: Option<&Clearance>| reach(x, fit, is_limited);
-            assert_eq!(reach(12.0, Some(fit)), (vec![0, 1], vec![0, 1]));
-            assert_eq!(reach(18.0, Some(fit)), (vec![1], vec![1, 2]));
-            assert_eq!(reach(22.0, Some(fit)), (vec![2], vec![1, 2]));
-            assert_eq!(reach(18.0, None).0, [1, 2], "whoever was put where nobody fits");
+            let reach = |x: f32, clearance: Option<&Clearance>| reach(x, clearance, is_limited);
+            assert_eq!(reach(12.0, Some(clearance)), (vec![0, 1], vec![0, 1]));
+            assert_eq!(reach(18.0, Some(clearance)), (vec![1], vec![1, 2]));
+            assert_eq!(reach(22.0, Some(clearance)), (vec![2], vec![1, 2]));
+            assert_eq!(reach(18.0, None).0, [1, 2], "a stuck body goes through any gate");
         }
     }
 
     #[test]
     fn an_eye_in_a_wall_may_have_come_from_either_side() {
-        // A wall of 8 cm between the two cells, and nothing that joins them.
+        // A wall of 8 cm is between the two cells, and no portal joins them.
         let mut world = stage::row(2);
         world.cells.tree[0] = Node::Axial { axis: 0, at: 10.0, sides: [2, 1] };
         world.cells.tree[1] = Node::Axial { axis: 0, at: 10.08, sides: [3, 4] };
@@ -348,13 +378,13 @@ mod tests {
         world.cells.tree.extend([Node::Leaf(CellId(0)), Node::Solid, Node::Leaf(CellId(1))]);
         world.cells.cells[1].bounds.min.x = 10.08;
         world.cells.cells.iter_mut().for_each(|cell| cell.portals.clear());
-        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.6, 5.0), 0.0).eyes());
+        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.6, 5.0), 0.0).eye_cells());
         assert_eq!((reach(9.9), reach(10.01), reach(10.04)), (vec![0], vec![0], vec![0, 1]));
         assert_eq!((reach(10.07), reach(10.1)), (vec![1], vec![1]));
     }
 
     #[test]
-    fn a_way_round_two_corners_is_longer_than_the_straight_one() {
+    fn a_way_round_two_corners_is_longer_than_a_straight_one() {
         // Doors at opposite ends of the walls before and behind room 1.
         let mut world = stage::row(3);
         for (portal, z) in [(0, [0.0, 1.0]), (1, [9.0, 10.0])] {
@@ -365,7 +395,7 @@ mod tests {
         }
         let reached = |way_m: f32| {
             let reach = ball(&world.cells, Vec3::new(9.0, 1.6, 0.5), way_m);
-            reach.pieces.last().map(|(cell, piece)| (cell.0, piece.max.x))
+            reach.pieces.last().map(|piece| (piece.cell.0, piece.region.max.x))
         };
         // 1 m to the first door, 12.81 m from the one to the other.
         assert_eq!(reached(13.8), Some((1, 20.0)));
@@ -376,20 +406,20 @@ mod tests {
     #[test]
     fn an_eye_on_a_boundary_is_on_both_sides() {
         let world = stage::row(3);
-        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eyes());
+        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eye_cells());
         assert_eq!((reach(10.0), reach(9.9), reach(10.1)), (vec![0, 1], vec![0], vec![1]));
-        assert_eq!(ids(&ball(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01).eyes()), [0, 1]);
+        assert_eq!(ids(&ball(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01).eye_cells()), [0, 1]);
     }
 
     #[test]
-    fn ways_without_end_lead_wherever_the_box_does() {
+    fn ways_of_any_length_reach_all_of_the_box() {
         let world = stage::row(6);
         for (x, radius) in [(5.0, 2.0), (18.0, 7.0), (30.0, 14.0), (9.999, 0.5)] {
             let from = Vec3::new(x, 1.6, 5.0);
-            let (region, scratch) = (Aabb::around(from, radius), &mut Scratch::default());
-            let start = Start { cells: &world.cells, fit: None, from };
-            let limited = Reach::new(scratch, &start, &region, 1e6);
-            assert_eq!(Reach::within(scratch, &start, &region), limited);
+            let (region, scratch) = (Aabb::around(from, radius), &mut ReachSearch::default());
+            let start = ReachStart { cells: &world.cells, clearance: None, from };
+            let limited = Reach::on_ways(scratch, &start, &region, 1e6);
+            assert_eq!(Reach::in_box(scratch, &start, &region), limited);
         }
     }
 }

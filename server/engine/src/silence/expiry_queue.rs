@@ -1,4 +1,4 @@
-//! When each avatar's time is up.
+//! Expiry queue: a deadline for each avatar.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -9,31 +9,37 @@ use sightline_world::motion::AvatarId;
 
 /// Deadlines, one for each avatar, kept in slots one tick long.
 ///
-/// A deadline is due before it has passed, never after: [`ExpiryQueue::due`] gives what would be
-/// late at the next tick. A slot that is full passes what comes on to the one before it, so that a
-/// thousand deadlines at one moment are spread over the ticks that lead up to it.
+/// A deadline is due before it has passed, never after: [`ExpiryQueue::due`] returns all that would
+/// be late at the next tick. A full slot passes further deadlines to the slot before it, so a
+/// thousand deadlines at one moment are spread over the ticks before it.
 #[derive(Clone, Debug)]
-pub struct ExpiryQueue {
+pub(crate) struct ExpiryQueue {
     tick: Duration,
     slots: BTreeMap<u64, BTreeSet<AvatarId>>,
     slot_of: BTreeMap<AvatarId, u64>,
 }
 
 impl ExpiryQueue {
-    /// A queue that will be looked at once a tick.
-    pub fn new(tick: Duration) -> Self {
+    /// An empty queue, which is looked at once a tick.
+    pub(crate) fn new(tick: Duration) -> Self {
         let tick = tick.max(Duration::from_millis(1));
         Self { tick, slots: BTreeMap::new(), slot_of: BTreeMap::new() }
     }
 
-    /// How many deadlines there are.
-    pub fn len(&self) -> usize {
+    /// The number of deadlines.
+    pub(crate) fn len(&self) -> usize {
         self.slot_of.len()
     }
 
-    /// Sets an avatar's deadline, in place of the one it had. It goes to the latest slot that is
-    /// not late and holds fewer than `slot_max`; when there is none, to its own.
-    pub fn set(&mut self, avatar: AvatarId, now: Duration, deadline: Duration, slot_max: usize) {
+    /// Sets an avatar's deadline, in place of the one it had. The deadline goes to the latest slot
+    /// that is not late and holds fewer than `slot_max`, or else to its own slot.
+    pub(crate) fn set(
+        &mut self,
+        avatar: AvatarId,
+        now: Duration,
+        deadline: Duration,
+        slot_max: usize,
+    ) {
         self.cancel(avatar);
         let own = self.slot_at(deadline);
         let next = self.slot_at(now) + 1;
@@ -42,8 +48,8 @@ impl ExpiryQueue {
         self.slot_of.insert(avatar, slot);
     }
 
-    /// Forgets an avatar's deadline.
-    pub fn cancel(&mut self, avatar: AvatarId) {
+    /// Cancels an avatar's deadline, if it has one.
+    pub(crate) fn cancel(&mut self, avatar: AvatarId) {
         let Some(slot) = self.slot_of.remove(&avatar) else { return };
         if let Some(avatars) = self.slots.get_mut(&slot) {
             avatars.remove(&avatar);
@@ -53,8 +59,9 @@ impl ExpiryQueue {
         }
     }
 
-    /// Takes out all that would be late at the tick after the one at `now`: by slot, then by id.
-    pub fn due(&mut self, now: Duration) -> Vec<AvatarId> {
+    /// Takes out all deadlines that would be late at the tick after the one at `now`, by slot, then by
+    /// id.
+    pub(crate) fn due(&mut self, now: Duration) -> Vec<AvatarId> {
         let mut due = Vec::new();
         while let Some(slot) = self.slots.first_entry()
             && self.tick.as_nanos() * u128::from(*slot.key()) < (now + self.tick).as_nanos()
@@ -62,7 +69,8 @@ impl ExpiryQueue {
             due.extend(slot.remove());
         }
         for avatar in &due {
-            self.slot_of.remove(avatar);
+            let slot = self.slot_of.remove(avatar);
+            debug_assert!(slot.is_some(), "every deadline has a slot");
         }
         due
     }
@@ -71,7 +79,7 @@ impl ExpiryQueue {
         self.slots.get(&slot).map_or(0, BTreeSet::len)
     }
 
-    /// The slot whose beginning is the last not after a moment.
+    /// The last slot that does not begin after a moment.
     fn slot_at(&self, moment: Duration) -> u64 {
         u64::try_from(moment.as_nanos() / self.tick.as_nanos()).unwrap_or(u64::MAX - 1)
     }

@@ -1,3 +1,170 @@
-pub(crate) mod expiry_queue;
-pub(crate) mod search;
-pub(crate) mod transitions;
+//! Silence: which avatars are hidden, and for how long.
+//!
+//! Avatars [settle](settle) into a TBV that a [search](search) finds, until it [expires](expiry) or
+//! is [revealed](reveal).
+
+mod expiry;
+mod expiry_queue;
+mod reveal;
+mod search;
+mod settle;
+
+use std::time::Duration;
+
+use sightline_world::{
+    motion::{AvatarId, ReportingState, Tbv},
+    tolerance::WIRE_POSE_M,
+};
+
+use crate::{
+    config::Validity,
+    messages::Output,
+    population::Population,
+    regions::{FootprintCover, HiddenFootprint, Indices},
+    slot::{Member, Slot},
+    stats::Stats,
+    view::View,
+    worker_pool::Workspace,
+};
+
+pub(crate) use expiry::Deadlines;
+pub(crate) use search::VALIDITY_FIRST;
+
+/// How sight tests for silences are shared out over ticks.
+#[derive(Clone, Debug)]
+pub(crate) struct SilenceBudget {
+    /// What is left of this tick's [`Config::silence_budget`](crate::Config::silence_budget).
+    pub(crate) left: u32,
+    /// The avatar at whom the budget ran out.
+    turn: AvatarId,
+}
+
+impl Default for SilenceBudget {
+    fn default() -> Self {
+        Self { left: 0, turn: AvatarId(0) }
+    }
+}
+
+/// What changes when avatars are silenced, asked and woken.
+pub(crate) struct Silencing<'a> {
+    pub(crate) view: View<'a>,
+    pub(crate) population: &'a mut Population,
+    pub(crate) indices: &'a mut Indices,
+    pub(crate) deadlines: &'a mut Deadlines,
+    pub(crate) workspace: &'a mut Workspace,
+    pub(crate) budget: &'a mut SilenceBudget,
+    pub(crate) stats: &'a mut Stats,
+    /// Outputs for the next tick.
+    pub(crate) pending: &'a mut Vec<Output>,
+}
+
+/// What ended a TBV.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Expired,
+    Revealed,
+}
+
+impl Silencing<'_> {
+    /// From quiet to asked. The caller sends the order itself.
+    fn ask(&mut self, slot: Slot, end: End) {
+        let View { config, now, .. } = self.view;
+        let avatar = self.population.at_mut(slot);
+        avatar.validity = match (config.validity, end) {
+            (Validity::Adaptive, End::Expired) => avatar.validity * 3 / 2,
+            (Validity::Adaptive, End::Revealed) => avatar.validity / 2,
+            // The next search begins with what would have lasted.
+            (Validity::Maximal, End::Revealed) => now.saturating_sub(avatar.hidden_from),
+            _ => avatar.validity,
+        };
+        avatar.unanswered = 1;
+        let (id, trip) = (avatar.id, avatar.round_trip);
+        self.deadlines.expiries.cancel(id);
+        self.deadlines.wait(now, id, trip + config.ask_timeout);
+        self.population.set_asked(slot);
+    }
+
+    /// From hidden to live, after fresh word of the avatar. The next tick decides whether it stays
+    /// live.
+    pub(crate) fn wake(&mut self, slot: Slot) {
+        let View { config, now, .. } = self.view;
+        let avatar = self.population.at_mut(slot);
+        let member = Member { id: avatar.id, slot };
+        avatar.silence_from = now;
+        avatar.jitter.restart();
+        self.indices.hidden.remove(member, &avatar.footprint);
+        avatar.footprint = HiddenFootprint::default();
+        self.deadlines.expiries.cancel(member.id);
+        self.deadlines.wait(now, member.id, config.stall);
+        self.population.set_live(slot);
+    }
+
+    /// Takes in an unasked report of a quiet client. If the avatar is about to leave, or would be
+    /// asked at the next tick, it becomes live. Otherwise nothing changes: when the client reported
+    /// it had not heard yet that it was quiet.
+    pub(crate) fn hear_quiet(&mut self, slot: Slot, tbv: &Tbv) {
+        let View { building, config, horizons, now, .. } = self.view;
+        let avatar = self.population.at(slot);
+        debug_assert_eq!(avatar.state, ReportingState::Quiet, "only quiet clients owe nothing");
+        let lead_time = horizons.lead_time(avatar.link());
+        // The client knows a region that is a little smaller, by rounding.
+        let stays = tbv.grown(-WIRE_POSE_M).holds(&avatar.pose, config.tick, &building.agility);
+        if !stays || now + lead_time + config.tick >= tbv.expiry {
+            self.wake(slot);
+        }
+    }
+
+    /// When a live avatar's last report was made.
+    fn made_at(&self, slot: Slot) -> Duration {
+        let avatar = self.population.at(slot);
+        self.view.horizons.made_at(avatar.heard, avatar.link())
+    }
+
+    /// The part of a live avatar's footprint that is possible at this tick.
+    fn current_footprint(&self, slot: Slot) -> HiddenFootprint {
+        let avatar = self.population.at(slot);
+        avatar.footprint.clipped(self.view.building, &avatar.reveal_box)
+    }
+
+    /// Whether a line between a footprint and where another avatar can be now may be free, either
+    /// way.
+    fn may_see_each_other(&mut self, one: &HiddenFootprint, other: Slot) -> bool {
+        let Self { view, population, workspace, budget, .. } = self;
+        let other = population.at(other);
+        let clip = || other.footprint.cover.clipped(view.building, &other.reveal_box);
+        let current = other.is_live().then(clip);
+        let cover = current.as_ref().unwrap_or(&other.footprint.cover);
+        lets_see(*view, workspace, budget, one, Reached { footprint: &other.footprint, cover })
+    }
+}
+
+/// A footprint, and the part of its cover that counts.
+#[derive(Clone, Copy)]
+struct Reached<'a> {
+    footprint: &'a HiddenFootprint,
+    cover: &'a FootprintCover,
+}
+
+/// The most that a sight test between two footprints costs, in the units of
+/// [`Config::silence_budget`](crate::Config::silence_budget). With ten times as much for each,
+/// fewer avatars get their turn.
+const TEST_MAX: u32 = 600;
+
+/// Whether a line between two footprints may be free, either way. Without a budget it may.
+fn lets_see(
+    view: View<'_>,
+    workspace: &mut Workspace,
+    budget: &mut SilenceBudget,
+    one: &HiddenFootprint,
+    other: Reached<'_>,
+) -> bool {
+    let building = view.building;
+    let mut may_see = |eyes, bodies| {
+        let (sight, left) = (&mut workspace.sight, &mut budget.left);
+        let test = sight.test_up_to(&building.occluders, eyes, bodies, TEST_MAX, left);
+        !matches!(test, crate::regions::BoxTest::Hidden)
+    };
+    let rooms = &building.rooms;
+    one.rooms_allow(other.footprint, rooms) && may_see(&one.cover.eyes, &other.cover.bodies)
+        || other.footprint.rooms_allow(one, rooms) && may_see(&other.cover.eyes, &one.cover.bodies)
+}

@@ -15,7 +15,7 @@ use sightline_world::{
 };
 
 use super::stage::{Client, Stage, TICK, world};
-use crate::{Config, Input, Margin, Validity, bit_set::BitSet, claims::clearance::Clearance};
+use crate::{Config, Input, Margin, Validity, bit_set::BitSet, claims::Clearance};
 
 const MARGIN: Duration = Duration::from_millis(25);
 
@@ -91,7 +91,8 @@ impl Crowd {
         let mut gates = BitSet::default();
         // Here each portal is a gate, of the same number.
         narrow.iter().for_each(|gate| gates.insert(*gate));
-        stage.engine.ways.fit = Clearance::narrow(&stage.engine.world.cells, gates);
+        stage.engine.building.walkways.clearance =
+            Clearance::with_narrow_gates(stage.engine.building.cells(), gates);
         let mut crowd = Self {
             stage,
             narrow,

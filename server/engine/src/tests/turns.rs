@@ -92,7 +92,7 @@ fn whoever_can_be_silent_gets_a_turn_though_others_use_the_budget_up_at_each_tic
     let mut stage = crowd(2_000);
     for tick in 0..40 {
         stage.tick();
-        assert_eq!(stage.engine.silence_left, 0, "at tick {tick}");
+        assert_eq!(stage.engine.silence_budget.left, 0, "at tick {tick}");
     }
     let silent = [restless, hidden].map(|ids| quiet(&stage, ids));
     assert_eq!(silent, [0, CLOSED as usize]);

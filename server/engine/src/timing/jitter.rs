@@ -1,29 +1,31 @@
-//! How unevenly a client's messages come in.
+//! Jitter: how unevenly a client's messages arrive.
 
 use std::time::Duration;
 
-use crate::Margin;
+use crate::config::Margin;
 
-/// So many reports in a row are looked at: three seconds of them.
+/// How many successive reports are kept: three seconds of them.
 const REPORTS: usize = 64;
-/// Fewer tell nothing.
+/// With fewer reports than this nothing is known.
 const REPORTS_MIN: usize = 16;
-/// For what has not been seen yet, as a multiple of what has.
+/// The margin is this multiple of the measured spread, over [`SAFETY_PER`], for jitter that has not
+/// been seen yet.
 const SAFETY: u32 = 5;
 const SAFETY_PER: u32 = 4;
-/// The same at least: what clocks and threads take.
-const LEAST: Duration = Duration::from_millis(2);
+/// The part of the margin for clocks and threads.
+const MARGIN_MIN: Duration = Duration::from_millis(2);
 
-/// What a client's messages may take longer than half of its round trip, by how its reports come in.
+/// How much longer than half of its round trip a client's messages may take.
 ///
-/// A live client makes a report at each tick, so that without jitter each comes in one tick after the one
-/// before. How much later than that the latest of the last few came in than the earliest is what is
-/// known of jitter. What stands in the way of reports, stands in the way of what is sent to the client.
+/// A live client makes a report at each tick, so without jitter reports arrive one tick apart. The
+/// spread of the arrivals of the last reports, each against its own tick, is the measured jitter.
+/// What delays reports also delays what is sent to the client.
 #[derive(Clone, Debug)]
 pub(crate) struct Jitter {
     margin: Margin,
     measured: Option<Duration>,
-    /// For the last reports without a gap, when each came in less when it was due, in any order.
+    /// For the last reports without a pause, the time from when each was due to when it arrived, up
+    /// to a constant. Not in order.
     late_us: Vec<i64>,
     heard: usize,
 }
@@ -33,7 +35,7 @@ impl Jitter {
         Self { margin, measured: None, late_us: Vec::new(), heard: 0 }
     }
 
-    /// How much later than half of the round trip a message may come, as far as is known.
+    /// The time by which a message may be later than half of the round trip.
     pub(crate) fn margin(&self) -> Duration {
         match self.margin {
             Margin::Fixed(margin) => margin,
@@ -41,7 +43,7 @@ impl Jitter {
         }
     }
 
-    /// A live client's report came in.
+    /// Takes in the arrival of a live client's report.
     pub(crate) fn hear(&mut self, now: Duration, sequence: u32, tick: Duration) {
         let Margin::Measured { .. } = self.margin else { return };
         let due = i128::from(sequence) * tick.as_micros() as i128;
@@ -52,15 +54,16 @@ impl Jitter {
             self.late_us[self.heard % REPORTS] = late_us;
         }
         self.heard += 1;
+        debug_assert!(self.late_us.len() <= REPORTS, "the window is bounded");
         let earliest = self.late_us.iter().min().copied().unwrap_or(0);
         let latest = self.late_us.iter().max().copied().unwrap_or(0);
         if self.late_us.len() >= REPORTS_MIN {
             let spread = Duration::from_micros(latest.abs_diff(earliest));
-            self.measured = Some(spread * SAFETY / SAFETY_PER + LEAST);
+            self.measured = Some(spread * SAFETY / SAFETY_PER + MARGIN_MIN);
         }
     }
 
-    /// The client was silent for a while: what comes now is not due by what came before.
+    /// Starts measuring anew after a silence: later reports are not due by earlier ones.
     pub(crate) fn restart(&mut self) {
         self.late_us.clear();
         self.heard = 0;
@@ -81,7 +84,7 @@ mod tests {
         Duration::from_millis(ms)
     }
 
-    /// A client that has been heard for some reports, with delays drawn up to a bound.
+    /// The jitter of a client after some reports, with delays drawn up to a bound.
     fn heard(reports: u32, jitter: Duration) -> Jitter {
         let (mut known, mut rng) = (Jitter::new(MARGIN), SmallRng::seed_from_u64(7));
         for sequence in 1..=reports {
@@ -92,9 +95,9 @@ mod tests {
     }
 
     #[test]
-    fn a_margin_is_what_was_seen_and_a_little_more() {
+    fn the_margin_is_the_measured_spread_and_a_little_more() {
         assert_eq!(heard(15, Duration::ZERO).margin(), ms(25), "too early to tell");
-        assert_eq!(heard(16, Duration::ZERO).margin(), LEAST);
+        assert_eq!(heard(16, Duration::ZERO).margin(), MARGIN_MIN);
         let uneven = heard(200, ms(40)).margin();
         assert!((ms(40)..ms(53)).contains(&uneven), "{uneven:?}");
         assert_eq!(heard(200, ms(400)).margin(), ms(100), "no more than is allowed");
@@ -102,14 +105,14 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_is_no_jitter_and_what_was_known_stands() {
+    fn a_pause_is_not_jitter_and_the_last_margin_stands() {
         let mut known = heard(100, Duration::ZERO);
         known.restart();
         for sequence in 101..=140 {
             known.hear(Duration::from_secs(60) + TICK * sequence, sequence, TICK);
-            assert_eq!(known.margin(), LEAST);
+            assert_eq!(known.margin(), MARGIN_MIN);
         }
-        // A hitch counts until it is three seconds old.
+        // A late report counts until it is three seconds old.
         for sequence in 141..=220 {
             known.hear(Duration::from_secs(60) + TICK * sequence + ms(30), sequence, TICK);
             assert_eq!(known.margin() > ms(30), sequence < 204, "{sequence}");

@@ -1,2 +1,7 @@
-pub(crate) mod horizon;
-pub(crate) mod jitter;
+//! How far ahead the engine decides, and how unevenly clients' messages arrive.
+
+mod horizon;
+mod jitter;
+
+pub(crate) use horizon::{Horizons, Link, SILENT_MAX};
+pub(crate) use jitter::Jitter;

@@ -1,4 +1,4 @@
-//! Ways through rows of rooms, solid walls, and mazes that nobody designed.
+//! Ways through rows of rooms, past solid walls, and in random mazes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,16 +18,46 @@ fn at(x: f32, z: f32) -> Vec3 {
     Vec3::new(x, EYE, z)
 }
 
-/// In a space, where a body has room.
+/// The state in a space in which a body has room.
 fn on(space: Option<u32>) -> WalkState {
     WalkState { space, is_stuck: false }
 }
 
-/// The space of the footing at the end of a way, if there is such a way.
+/// Walkways of a world, and the memory of a search.
+struct Ways<'a> {
+    world: &'a World,
+    walkways: Walkways,
+    search: WaySearch,
+}
+
+impl<'a> Ways<'a> {
+    fn new(world: &'a World, fall_ratio: f32) -> Self {
+        Self { world, walkways: Walkways::new(world, fall_ratio), search: WaySearch::default() }
+    }
+
+    fn state_at(&self, eye: Vec3) -> WalkState {
+        self.walkways.state_at(self.world, eye)
+    }
+
+    /// The state at the end of a way, and the length of the way.
+    fn find(
+        &mut self,
+        from: Vec3,
+        state: WalkState,
+        to: Vec3,
+        longest_m: f32,
+    ) -> Option<(WalkState, f32)> {
+        let walk = Walk { from, state, to };
+        let way = self.walkways.find_way(&mut self.search, self.world, &walk, longest_m)?;
+        Some((way.state, way.length_m))
+    }
+}
+
+/// The space at the end of a way, if there is such a way.
 fn lead(world: &World, from: Vec3, to: Vec3, way_m: f32) -> Option<Option<u32>> {
-    let mut ways = Walkways::new(world, 1.0);
-    let footing = ways.footing(world, from);
-    ways.lead(world, (from, footing), to, way_m).map(|(footing, _)| footing.space)
+    let mut ways = Ways::new(world, 1.0);
+    let state = ways.state_at(from);
+    ways.find(from, state, to, way_m).map(|(state, _)| state.space)
 }
 
 #[test]
@@ -37,7 +67,7 @@ fn a_way_leads_through_doors_and_not_through_walls() {
     narrow(&mut world, 0, 2, [0.0, 1.0]);
     narrow(&mut world, 1, 2, [9.0, 10.0]);
     for (from, to, way_m, space) in [
-        // In one room the ledger alone decides.
+        // In one room the movement budget alone decides.
         (at(1.0, 1.0), at(9.0, 9.0), 0.0, Some(0)),
         (at(9.9, 0.5), at(10.1, 0.5), 0.21, Some(1)),
         (at(9.9, 5.0), at(10.1, 5.0), 0.21, None),
@@ -53,8 +83,8 @@ fn a_way_leads_through_doors_and_not_through_walls() {
 }
 
 #[test]
-fn falls_are_short_and_jumps_cost_no_way() {
-    // Two floors, joined all over.
+fn falls_count_for_less_and_jumps_cost_nothing_along_the_ground() {
+    // Two storeys, joined all over.
     let floor = |y: f32| Aabb::new(Vec3::new(0.0, y, 0.0), Vec3::new(4.0, y + 3.0, 4.0));
     let tree = vec![
         Node::Axial { axis: 1, at: 3.0, sides: [1, 2] },
@@ -62,19 +92,19 @@ fn falls_are_short_and_jumps_cost_no_way() {
         Node::Leaf(CellId(1)),
     ];
     let world = stage::world(tree, vec![floor(0.0), floor(3.0)], |_, _| true);
-    let mut ways = Walkways::new(&world, 4.0);
+    let mut ways = Ways::new(&world, 4.0);
     let (low, high) = (Vec3::new(1.0, 1.0, 1.0), Vec3::new(1.0, 5.0, 1.0));
     let mut is_led = |from: Vec3, to: Vec3, way_m: f32| {
-        let footing = ways.footing(&world, from);
-        ways.lead(&world, (from, footing), to, way_m).is_some()
+        let state = ways.state_at(from);
+        ways.find(from, state, to, way_m).is_some()
     };
     assert!(is_led(high, low, 1.01) && !is_led(high, low, 0.9));
     assert!(is_led(low, high, 4.01) && !is_led(low, high, 3.9));
     assert!(is_led(low, high + Vec3::X * 2.0, 4.01), "while it runs");
 }
 
-/// Rooms from 0 to 10 m and from 10.5 to 20 m, a wall of half a metre in between, and a door in it if
-/// there is to be one.
+/// Rooms from 0 to 10 m and from 10.5 to 20 m, and a wall of half a metre in between, with a door in
+/// it if wanted.
 fn walled(has_door: bool) -> World {
     let cell = |x: [f32; 2], z: [f32; 2]| {
         Aabb::new(Vec3::new(x[0], 0.0, z[0]), Vec3::new(x[1], 3.0, z[1]))
@@ -100,9 +130,9 @@ fn walled(has_door: bool) -> World {
 #[test]
 fn eyes_poke_into_walls_but_not_through() {
     let world = walled(true);
-    let mut ways = Walkways::new(&world, 1.0);
-    let mut footing = ways.footing(&world, at(9.0, 5.0));
-    // It may be as far in the wall as bodies poke into it, and stands in the room meanwhile.
+    let mut ways = Ways::new(&world, 1.0);
+    let mut state = ways.state_at(at(9.0, 5.0));
+    // The eye may be as far in the wall as bodies poke into it. It keeps the space of its room.
     let mut from = at(9.0, 5.0);
     for (to, is_led) in [
         (at(10.05, 5.0), true),
@@ -113,73 +143,73 @@ fn eyes_poke_into_walls_but_not_through() {
         (at(10.03, 6.0), true),
         (at(9.9, 6.0), true),
     ] {
-        let led = ways.lead(&world, (from, footing), to, 3.0);
+        let led = ways.find(from, state, to, 3.0);
         assert_eq!(led.is_some(), is_led, "{to}");
         if let Some((led, _)) = led {
-            (from, footing) = (to, led);
-            assert_eq!(footing, on(Some(0)), "{to}");
+            (from, state) = (to, led);
+            assert_eq!(state, on(Some(0)), "{to}");
         }
     }
-    // Round the door post, and out of the wall on the other side of it.
+    // The way leads round the door post, and out of the wall on its other side.
     for (to, space) in [(at(10.2, 1.04), 2), (at(10.45, 0.9), 2), (at(10.46, 2.0), 1)] {
-        let led = ways.lead(&world, (at(10.1, 0.9), footing), to, 20.0);
-        footing = led.expect("by the door").0;
-        assert_eq!(footing, on(Some(space)), "{to}");
+        let led = ways.find(at(10.1, 0.9), state, to, 20.0);
+        state = led.expect("by the door").0;
+        assert_eq!(state, on(Some(space)), "{to}");
     }
 }
 
 #[test]
-fn who_was_put_into_a_wall_gets_out_on_any_side_and_then_stays_out() {
+fn an_avatar_put_into_a_wall_gets_out_on_any_side_and_then_stays_out() {
     let world = walled(false);
     for (out, beyond) in [(at(9.9, 5.0), at(10.6, 5.0)), (at(10.6, 5.0), at(9.9, 5.0))] {
-        let mut ways = Walkways::new(&world, 1.0);
+        let mut ways = Ways::new(&world, 1.0);
         let inside = at(10.25, 5.0);
-        let mut footing = ways.footing(&world, inside);
-        assert_eq!(footing, on(None));
-        let mut lead = |to| ways.lead(&world, (inside, footing), to, 0.1).expect("free").0;
+        let mut state = ways.state_at(inside);
+        assert_eq!(state, on(None));
+        let mut lead = |to| ways.find(inside, state, to, 0.1).expect("free").0;
         assert_eq!(lead(at(10.26, 7.0)), on(None));
-        footing = lead(out);
-        assert_ne!(footing, on(None));
+        state = lead(out);
+        assert_ne!(state, on(None));
         for to in [inside, beyond] {
-            assert_eq!(ways.lead(&world, (out, footing), to, 100.0), None, "{to}");
+            assert_eq!(ways.find(out, state, to, 100.0), None, "{to}");
         }
     }
 }
 
 #[test]
-fn who_was_put_where_nobody_has_room_gets_out_through_what_is_too_narrow_and_not_back() {
+fn a_stuck_avatar_gets_out_through_a_narrow_gate_and_not_back() {
     // A window of half a metre between two rooms, and a pane of 5 cm behind it.
     let mut world = stage::row(2);
     narrow(&mut world, 0, 1, [1.4, 1.9]);
     let pane = (0..60).flat_map(|y| (0..200).map(move |z| UVec3::new(201, y, z)));
     let voxels = pane.map(|at| Voxel { key: morton(at), ..Voxel::default() });
     world.octree = Octree::from_voxels(Vec3::ZERO, 0.05, 9, voxels.collect()).expect("small");
-    let mut ways = Walkways::new(&world, 1.0);
+    let mut ways = Ways::new(&world, 1.0);
     let (before, behind) = (at(9.5, 5.0), at(10.6, 5.0));
     for (from, to, is_led) in
         [(before, behind, false), (behind, before, false), (at(10.1, 5.0), before, true)]
     {
-        let footing = ways.footing(&world, from);
-        assert_eq!(ways.fit_of(footing).is_none(), is_led, "{from}");
-        let led = ways.lead(&world, (from, footing), to, 2.0);
+        let state = ways.state_at(from);
+        assert_eq!(ways.walkways.clearance_of(state).is_none(), is_led, "{from}");
+        let led = ways.find(from, state, to, 2.0);
         assert_eq!(led.is_some(), is_led, "{from} to {to}");
-        if let Some((footing, _)) = led {
-            assert_eq!(footing, on(Some(0)));
-            assert_eq!(ways.lead(&world, (to, footing), behind, 2.0), None, "back");
+        if let Some((state, _)) = led {
+            assert_eq!(state, on(Some(0)));
+            assert_eq!(ways.find(to, state, behind, 2.0), None, "back");
         }
     }
 }
 
-/// Rooms of 4 m in a square of so many, in a maze of walls with doors.
+/// A maze: a square of rooms of 4 m each, with doors in some walls.
 #[derive(Clone, Debug)]
 struct Maze {
     side: u32,
-    /// For each wall in turn whether there is a door, and where it begins and ends.
+    /// For each wall where its door begins and ends, if it has one.
     doors: Vec<Option<[f32; 2]>>,
 }
 
 const ROOM_M: f32 = 4.0;
-/// The lattice on which the twin walks, in metres.
+/// The step of the lattice on which the reference model walks, in metres.
 const STEP_M: f32 = 0.25;
 
 fn maze() -> impl Strategy<Value = Maze> {
@@ -217,7 +247,7 @@ impl Maze {
         world
     }
 
-    /// Halves a rectangle of rooms until there is one.
+    /// Halves a rectangle of rooms until it is a single room.
     fn split(&self, tree: &mut Vec<Node>, x: [u32; 2], z: [u32; 2]) -> u32 {
         let index = tree.len();
         let (wide, deep) = (x[1] - x[0], z[1] - z[0]);
@@ -237,7 +267,7 @@ impl Maze {
     }
 }
 
-/// Takes the joints of no width out.
+/// Removes joints of no width.
 fn close(world: &mut World) {
     let is_open = |index: &u32| {
         let bounds = world.cells.gates[*index as usize].polygon.bounds();
@@ -248,8 +278,8 @@ fn close(world: &mut World) {
     world.cells.cells.iter_mut().for_each(|cell| cell.portals.retain(|gate| open.contains(gate)));
 }
 
-/// The twin: how far it is to each point of a lattice, from point to point, each step in one room or
-/// through a door.
+/// The reference model: the shortest way to each point of a lattice. Each step goes to a neighbouring
+/// point in the same room or through a door.
 fn walked(world: &World, side: u32, from: [i32; 2]) -> BTreeMap<[i32; 2], f32> {
     let place = |[x, z]: [i32; 2]| at((x as f32 + 0.5) * STEP_M, (z as f32 + 0.5) * STEP_M);
     let size = (side as f32 * ROOM_M / STEP_M) as i32;
@@ -285,9 +315,9 @@ fn walked(world: &World, side: u32, from: [i32; 2]) -> BTreeMap<[i32; 2], f32> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// No way that can be walked is denied, and what cannot be walked at all is not granted.
+    /// No way that can be walked is denied, and no way is granted where nobody can walk.
     #[test]
-    fn ways_lead_where_one_can_walk(
+    fn ways_lead_wherever_one_can_walk(
         maze in maze(),
         from in (0..64_i32, 0..64_i32),
         spare in 0.0..2.0_f32,
@@ -297,12 +327,12 @@ proptest! {
         let from = [from.0 % size, from.1 % size];
         let place = |[x, z]: [i32; 2]| at((x as f32 + 0.5) * STEP_M, (z as f32 + 0.5) * STEP_M);
         let far = walked(&world, maze.side, from);
-        let mut ways = Walkways::new(&world, 1.0);
-        let footing = ways.footing(&world, place(from));
+        let mut ways = Ways::new(&world, 1.0);
+        let state = ways.state_at(place(from));
         for x in (0..size).step_by(3) {
             for z in (0..size).step_by(3) {
                 let to = place([x, z]);
-                let mut lead = |way_m| ways.lead(&world, (place(from), footing), to, way_m);
+                let mut lead = |way_m| ways.find(place(from), state, to, way_m);
                 match far.get(&[x, z]) {
                     Some(way_m) => {
                         let (led, led_m) = lead(way_m + 1e-3 + spare).expect("it was walked");

@@ -1,0 +1,80 @@
+//! The immutable building: what the engine derives from a world when it is made.
+
+mod sectors;
+
+use std::sync::Arc;
+
+use sightline_visibility::{box_visibility::Occluders, rooms::RoomIndex};
+use sightline_world::{
+    Cells, World,
+    geometry::Axes,
+    motion::{Agility, Body},
+};
+
+use crate::{
+    baselines::Partition,
+    claims::{ClaimLimits, Clearance, WalkState, Walkways},
+    config::Config,
+};
+
+pub(crate) use sectors::Sectors;
+
+/// The world, and what is derived from it once.
+#[derive(Clone, Debug)]
+pub(crate) struct Building {
+    pub(crate) world: Arc<World>,
+    /// What is accepted from clients.
+    pub(crate) limits: ClaimLimits,
+    /// What every body can do.
+    pub(crate) agility: Agility,
+    /// The box of every body, in own axes.
+    pub(crate) body: Body,
+    /// What the building's author says about who may see whom.
+    pub(crate) rooms: RoomIndex,
+    pub(crate) sectors: Sectors,
+    /// What blocks sight.
+    pub(crate) occluders: Arc<Occluders>,
+    /// What bounds ways on foot.
+    pub(crate) walkways: Walkways,
+    /// How a policy for comparison divides the world.
+    pub(crate) partition: Partition,
+}
+
+impl Building {
+    /// Derives all of it; that takes up to some seconds for a large world.
+    pub(crate) fn new(world: Arc<World>, config: &Config) -> Self {
+        let speed_max = config.speed_max.unwrap_or(world.speed_max);
+        let agility = Agility::of(&world.body, speed_max);
+        Self {
+            limits: ClaimLimits {
+                confines: world.confines(),
+                speed_max,
+                fall_max: agility.fall_max,
+                refusals_max: config.refusals_max,
+                refusal_window: config.refusal_window,
+            },
+            agility,
+            body: world.body.in_axes(&world.cells.axes),
+            rooms: RoomIndex::new(&world),
+            sectors: Sectors::new(&world.cells),
+            occluders: Arc::new(Occluders::new(&world)),
+            walkways: Walkways::new(&world, agility.fall_max / speed_max),
+            partition: Partition::new(config.policy, &world),
+            world,
+        }
+    }
+
+    pub(crate) fn cells(&self) -> &Cells {
+        &self.world.cells
+    }
+
+    /// The axes along which cells and regions lie.
+    pub(crate) fn axes(&self) -> &Axes {
+        &self.world.cells.axes
+    }
+
+    /// The gates that a body fits through; `None` while it is stuck and may go through any.
+    pub(crate) fn clearance_of(&self, walk: WalkState) -> Option<&Clearance> {
+        self.walkways.clearance_of(walk)
+    }
+}

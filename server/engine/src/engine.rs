@@ -1,0 +1,254 @@
+//! The engine's parts, and the stages of a tick.
+
+use std::{sync::Arc, time::Duration};
+
+use sightline_world::{
+    World,
+    motion::{Agility, AvatarId, Pose, ReportingState, Tbv},
+};
+
+use crate::{
+    building::Building,
+    claims::ClaimLimits,
+    config::{Config, Policy},
+    interest::{self, Explanation, SightBudget, Snapshot},
+    messages::{Input, Output},
+    population::{Population, Profile},
+    regions::Indices,
+    silence::{Deadlines, SilenceBudget, Silencing},
+    slot::Slot,
+    stats::{Counts, Stats},
+    timing::Horizons,
+    view::View,
+    worker_pool::{WorkerPool, Workspace},
+};
+
+/// The end of time: ten thousand years.
+const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
+
+/// Decides who is told of whom, and which client is asked when.
+#[derive(Clone, Debug)]
+pub struct Engine {
+    /// What never changes.
+    pub(crate) building: Building,
+    pub(crate) config: Config,
+    /// The avatars that are present.
+    pub(crate) population: Population,
+    /// How long regions must hold, given the round trips of the population.
+    pub(crate) horizons: Horizons,
+    /// Which avatars can be where.
+    pub(crate) indices: Indices,
+    /// When clients are asked, or looked into.
+    pub(crate) deadlines: Deadlines,
+    sight_budget: SightBudget,
+    pub(crate) silence_budget: SilenceBudget,
+    pool: WorkerPool,
+    /// The memory of the calling thread's algorithms.
+    pub(crate) workspace: Workspace,
+    /// What came of inputs since the last tick.
+    pub(crate) pending: Vec<Output>,
+    pub(crate) stats: Stats,
+    /// How many avatars have begun at a spawn point.
+    pub(crate) joined: usize,
+    /// The time of the last call.
+    now: Duration,
+    /// The number of the last tick.
+    tick: u32,
+}
+
+impl Engine {
+    /// An engine for a world, with nobody in it.
+    pub fn new(world: Arc<World>, config: Config) -> Self {
+        let config = config.bounded();
+        let building = Building::new(world, &config);
+        Self {
+            population: Population::default(),
+            horizons: Horizons::new(&config),
+            indices: Indices::new(&building),
+            deadlines: Deadlines::new(config.tick),
+            sight_budget: SightBudget::default(),
+            silence_budget: SilenceBudget::default(),
+            pool: WorkerPool::new(config.threads),
+            workspace: Workspace::default(),
+            pending: Vec::new(),
+            stats: Stats::default(),
+            joined: 0,
+            now: Duration::ZERO,
+            tick: 0,
+            building,
+            config,
+        }
+    }
+
+    /// Takes in what happened at a moment. What comes of it is told at the next tick. A moment
+    /// before that of an earlier call counts as that one.
+    pub fn handle(&mut self, now: Duration, input: Input) {
+        let now = self.advance(now);
+        match input {
+            Input::Join { avatar, name, colour, place } => {
+                self.join(now, avatar, Profile { name, colour }, place);
+            }
+            Input::Leave { avatar } => self.remove(avatar),
+            Input::Report { avatar, sequence, pose } => self.report(now, avatar, sequence, pose),
+            Input::Relocate { avatar, pose } => self.relocate(now, avatar, pose),
+            Input::RoundTrip { avatar, round_trip } => self.set_round_trip(avatar, round_trip),
+            Input::Chat { avatar, text } => self.chat(avatar, &text),
+        }
+    }
+
+    /// Decides for a moment, and appends what every client is to be told. Orders and corrections
+    /// come first, then what each viewer sees, by viewer. A moment before that of an earlier call
+    /// counts as that one.
+    pub fn tick(&mut self, now: Duration, outputs: &mut Vec<Output>) {
+        self.advance(now);
+        self.tick = self.tick.wrapping_add(1);
+        self.silence_budget.left = self.config.silence_budget;
+        outputs.append(&mut self.pending);
+        for id in self.silencing().expire(outputs) {
+            self.expel(id, "it does not answer");
+        }
+        outputs.append(&mut self.pending);
+        let live: Vec<Slot> = self.population.live().collect();
+        if self.config.policy == Policy::Tbv {
+            let mut silencing = self.silencing();
+            live.iter().for_each(|slot| silencing.reveal(*slot, outputs));
+        }
+        self.update_interest(outputs);
+        self.silencing().settle_all(&live, outputs);
+    }
+
+    /// Decides who is told of whom at this tick.
+    fn update_interest(&mut self, outputs: &mut Vec<Output>) {
+        let Self { building, config, horizons, population, pool, indices, .. } = self;
+        let view = View { building, config, horizons, now: self.now, tick: self.tick };
+        let mut snapshot = Snapshot::take(building, population, self.now);
+        if config.policy.uses_cells() {
+            snapshot.update_regions(view, pool, &mut indices.coarse);
+            interest::update_pairs(view, pool, &indices.coarse, &mut snapshot);
+            interest::test_pairs(view, pool, &mut snapshot, &mut self.sight_budget);
+        }
+        let told = interest::notify(view, pool, &mut snapshot);
+        interest::count_watchers(population, &told);
+        outputs.extend(told);
+    }
+
+    /// Moves time forward. It never goes back, and ends before sums of times overflow.
+    fn advance(&mut self, now: Duration) -> Duration {
+        self.now = self.now.max(now.min(NOW_MAX));
+        debug_assert!(self.now <= NOW_MAX, "sums of times do not overflow");
+        self.now
+    }
+
+    fn view(&self) -> View<'_> {
+        let Self { building, config, horizons, now, tick, .. } = self;
+        View { building, config, horizons, now: *now, tick: *tick }
+    }
+
+    /// What changes when avatars are silenced, asked and woken.
+    pub(crate) fn silencing(&mut self) -> Silencing<'_> {
+        let Self { building, config, horizons, now, tick, .. } = self;
+        Silencing {
+            view: View { building, config, horizons, now: *now, tick: *tick },
+            population: &mut self.population,
+            indices: &mut self.indices,
+            deadlines: &mut self.deadlines,
+            workspace: &mut self.workspace,
+            budget: &mut self.silence_budget,
+            stats: &mut self.stats,
+            pending: &mut self.pending,
+        }
+    }
+}
+
+/// Questions about the present state.
+impl Engine {
+    /// Why a viewer is told of an avatar, or is not, as of the last tick; `None` when one of the two
+    /// is not present.
+    pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
+        interest::explain(self.view(), &self.population, viewer, avatar)
+    }
+
+    /// The avatars that a viewer's client has been told of, by id.
+    pub fn held_by(&self, viewer: AvatarId) -> impl Iterator<Item = AvatarId> + '_ {
+        self.population.held_by(viewer)
+    }
+
+    /// What is expected of an avatar's client; `None` when the avatar is not present.
+    pub fn state(&self, avatar: AvatarId) -> Option<ReportingState> {
+        self.population.find(avatar).map(|avatar| avatar.state)
+    }
+
+    /// Where a quiet or asked avatar is sure to be.
+    pub fn tbv(&self, avatar: AvatarId) -> Option<Tbv> {
+        self.population.find(avatar).and_then(|avatar| avatar.tbv)
+    }
+
+    /// The last accepted pose of an avatar.
+    pub fn pose(&self, avatar: AvatarId) -> Option<Pose> {
+        self.population.find(avatar).map(|avatar| avatar.pose)
+    }
+
+    /// The round trip of an avatar's client that the engine was told last.
+    pub fn round_trip(&self, avatar: AvatarId) -> Option<Duration> {
+        self.population.find(avatar).map(|avatar| avatar.round_trip)
+    }
+
+    /// By how much messages of an avatar's client may take longer than half of its round trip.
+    pub fn margin(&self, avatar: AvatarId) -> Option<Duration> {
+        self.population.find(avatar).map(|avatar| avatar.jitter.margin())
+    }
+
+    /// Whether an avatar has moved against its own claims, a short while before a moment.
+    pub fn is_doubted(&self, now: Duration, avatar: AvatarId) -> bool {
+        let avatar = self.population.find(avatar);
+        avatar.is_some_and(|avatar| !avatar.consistency.is_consistent(now))
+    }
+
+    /// All avatars that are present, by id.
+    pub fn avatars(&self) -> impl Iterator<Item = AvatarId> + '_ {
+        self.population.all().map(|member| member.id)
+    }
+
+    /// How many clients are in each reporting state.
+    pub fn counts(&self) -> Counts {
+        let live = self.population.live_len();
+        let quiet = self.deadlines.expiries.len();
+        assert!(live + quiet <= self.population.len(), "every client is in one state");
+        Counts { live, quiet, asked: self.population.len() - live - quiet }
+    }
+
+    /// The number of the last tick; the first is 1.
+    pub fn ticks(&self) -> u32 {
+        self.tick
+    }
+
+    /// How often each event has happened.
+    pub fn stats(&self) -> Stats {
+        self.stats
+    }
+
+    /// The configuration, with all values in range.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The world that the engine decides for.
+    pub fn world(&self) -> &Arc<World> {
+        &self.building.world
+    }
+
+    /// What every body is believed to be able to do.
+    pub fn agility(&self) -> Agility {
+        self.building.agility
+    }
+
+    /// What claims are held against.
+    pub fn limits(&self) -> ClaimLimits {
+        self.building.limits
+    }
+
+    /// The top speed of avatars, in metres a second.
+    pub fn speed_max(&self) -> f32 {
+        self.building.agility.speed_max
+    }
+}

@@ -1,0 +1,119 @@
+//! What the engine knows of a viewer and an avatar: plain data.
+
+use sightline_visibility::box_visibility::SightLine;
+use sightline_world::{geometry::Aabb, motion::AvatarId};
+
+use crate::{
+    generation::Generation,
+    slot::{Member, Slot},
+};
+
+/// What a viewer has to do with an avatar. Kept with the viewer, by the avatar's id.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pair {
+    pub(crate) id: AvatarId,
+    pub(crate) slot: Slot,
+    /// By their coarse regions, the avatar may be visible to the viewer.
+    pub(crate) concerns: bool,
+    /// The viewer's client has been told of the avatar.
+    pub(crate) is_held: bool,
+    /// Until that tick the client is not told that the avatar is out of sight.
+    pub(crate) held_until: u32,
+    /// The avatar's pose that was sent last.
+    pub(crate) version: Generation,
+    pub(crate) sight: SightResult,
+    /// Cells of these regions see each other.
+    pub(crate) seen: Option<RegionVersions>,
+    /// Gates, cells and rooms left it open between these regions.
+    pub(crate) open: Option<RegionVersions>,
+    /// Before that tick gates and cells are not asked again.
+    pub(crate) gates_from: u32,
+    /// Before that tick regions with a large margin are not tried again.
+    pub(crate) margin_from: u32,
+}
+
+impl Pair {
+    pub(crate) fn new(member: Member) -> Self {
+        Self {
+            id: member.id,
+            slot: member.slot,
+            concerns: true,
+            is_held: false,
+            held_until: 0,
+            version: Generation::default(),
+            sight: SightResult::Unknown,
+            seen: None,
+            open: None,
+            gates_from: 0,
+            margin_from: 0,
+        }
+    }
+}
+
+/// What is known of the lines from a viewer's eye region to an avatar's body region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum SightResult {
+    /// Nothing is known.
+    Unknown,
+    /// A line may be free. The pair is tested again at that tick.
+    Undecided {
+        /// The tick.
+        again: u32,
+    },
+    /// This line is free, as far as occluders go.
+    Free(SightLine),
+    /// Both are in one convex space.
+    Together,
+    /// All lines are blocked as long as these regions last.
+    Hidden(RegionVersions),
+    /// All lines are blocked while the viewer's eye and the avatar's eye stay in these boxes.
+    HiddenIn(EyeBoxes),
+}
+
+impl SightResult {
+    /// Whether the pair is known to be hidden.
+    pub(crate) fn is_hidden(&self) -> bool {
+        match self {
+            Self::Hidden(_) | Self::HiddenIn(_) => true,
+            Self::Unknown | Self::Undecided { .. } | Self::Together | Self::Free(_) => false,
+        }
+    }
+
+    /// Whether a test has found that the two may see each other.
+    pub(crate) fn is_open(&self) -> bool {
+        matches!(self, Self::Undecided { .. } | Self::Together | Self::Free(_))
+    }
+}
+
+/// Where the eyes of a pair can be, whatever walls are in these boxes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct EyeBoxes {
+    pub(crate) viewer: Aabb,
+    pub(crate) avatar: Aabb,
+}
+
+impl EyeBoxes {
+    /// Whether both boxes contain those of another pair of boxes.
+    pub(crate) fn contain(&self, other: &Self) -> bool {
+        self.viewer.contains_box(&other.viewer) && self.avatar.contains_box(&other.avatar)
+    }
+}
+
+/// The margin of a cached region.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RegionMargin {
+    /// The region is dropped soon, and fits closely.
+    Small,
+    /// The region lasts longest.
+    Large,
+}
+
+/// Which cached regions of a pair a result was found for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct RegionVersions {
+    pub(crate) margin: RegionMargin,
+    /// The version of the viewer's eye region.
+    pub(crate) eyes: Generation,
+    /// The version of the avatar's body region.
+    pub(crate) bodies: Generation,
+}

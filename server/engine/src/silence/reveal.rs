@@ -1,0 +1,104 @@
+//! Reveals: hidden avatars that a live one may soon see, or be seen by.
+
+use sightline_world::motion::ReportingState;
+
+use super::{End, Reached, Silencing, lets_see};
+use crate::{
+    messages::Output,
+    regions::{HiddenFootprint, MotionBound, Reach, ReachStart, with_margin_ahead},
+    slot::{Member, Slot},
+    view::View,
+};
+
+/// The margin of a live avatar's footprint, in metres.
+const FOOTPRINT_MARGIN_M: f32 = 0.5;
+
+impl Silencing<'_> {
+    /// Updates where a live avatar can be before long, and asks every hidden avatar that it may see
+    /// from there, or be seen by. Its footprint has a margin, so that it lasts for several ticks.
+    /// Hidden avatars that the footprint meets are tested at each of these ticks, and no others.
+    pub(crate) fn reveal(&mut self, slot: Slot, outputs: &mut Vec<Output>) {
+        let View { building, horizons, now, .. } = self.view;
+        let avatar = self.population.at_mut(slot);
+        let age = now.saturating_sub(avatar.heard);
+        let is_believed = avatar.consistency.is_consistent(now);
+        let time = horizons.reveal_horizon(age, avatar.link());
+        let bound = MotionBound::new(building, &avatar.pose, is_believed, time);
+        let lasts = avatar.footprint_box.is_some_and(|region| region.contains_box(&bound.eyes));
+        avatar.reveal_box = bound.eyes;
+        if !lasts {
+            self.update_footprint(slot, &bound);
+        }
+        let nearby = &self.population.at(slot).nearby_hidden;
+        if nearby.is_empty() {
+            return;
+        }
+        let is_hidden = |member: &Member| self.population.is_hidden(*member);
+        let hidden: Vec<Member> = nearby.iter().copied().filter(is_hidden).collect();
+        let footprint = self.current_footprint(slot);
+        let (found, nearby) =
+            hidden.into_iter().partition(|other| self.may_see_each_other(&footprint, other.slot));
+        self.population.at_mut(slot).nearby_hidden = nearby;
+        self.ask_to_stay(found, outputs);
+    }
+
+    /// Computes a live avatar's footprint, and which hidden avatars it meets.
+    fn update_footprint(&mut self, slot: Slot, bound: &MotionBound) {
+        let View { building, config, .. } = self.view;
+        let avatar = self.population.at_mut(slot);
+        let step = building.axes().own(avatar.pose.velocity) * config.tick.as_secs_f32();
+        let region = with_margin_ahead(&bound.eyes, step, FOOTPRINT_MARGIN_M);
+        let clearance = building.clearance_of(avatar.walk);
+        let start = ReachStart { cells: building.cells(), clearance, from: bound.from };
+        let reach = Reach::in_box(&mut self.workspace.reach, &start, &region);
+        let footprint = HiddenFootprint::of_reach(building, &reach);
+        avatar.footprint_box = Some(region);
+        if footprint == avatar.footprint {
+            return;
+        }
+        let member = Member { id: avatar.id, slot };
+        let mut nearby = Vec::new();
+        self.indices.hidden.meeting(&building.sectors, &footprint, &mut nearby);
+        nearby.sort_unstable();
+        nearby.dedup();
+        nearby.retain(|other| self.may_see_each_other(&footprint, other.slot));
+        let avatar = self.population.at_mut(slot);
+        self.indices.live.remove(member, &avatar.footprint);
+        self.indices.live.insert(member, &footprint);
+        (avatar.footprint, avatar.nearby_hidden) = (footprint, nearby);
+    }
+
+    /// Orders hidden clients to report from now on.
+    fn ask_to_stay(&mut self, found: Vec<Member>, outputs: &mut Vec<Output>) {
+        for Member { id, slot } in found {
+            if self.population.at(slot).state == ReportingState::Quiet {
+                self.stats.reveals += 1;
+                self.ask(slot, End::Revealed);
+            }
+            let avatar = self.population.at_mut(slot);
+            if avatar.told_quiet {
+                avatar.told_quiet = false;
+                outputs.push(Output::Live { to: id });
+            }
+        }
+    }
+
+    /// Adds an avatar that has just been hidden to the lists of all live avatars that may see it
+    /// from their footprints, or be seen.
+    pub(super) fn add_to_nearby(&mut self, member: Member) {
+        let Self { view, population, indices, workspace, budget, .. } = self;
+        let footprint = &population.at(member.slot).footprint;
+        let mut found = Vec::new();
+        indices.live.meeting(&view.building.sectors, footprint, &mut found);
+        found.sort_unstable();
+        found.dedup();
+        found.retain(|live| {
+            let live = &population.at(live.slot).footprint;
+            let whole = Reached { footprint: live, cover: &live.cover };
+            lets_see(*view, workspace, budget, footprint, whole)
+        });
+        for live in found {
+            population.at_mut(live.slot).nearby_hidden.push(member);
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Settling: at the end of a tick each live avatar is silenced, or stays live.
+
+use super::{Silencing, search::Silence};
+use crate::{
+    config::Policy,
+    interest::end_pairs,
+    messages::Output,
+    population::Avatar,
+    slot::{Member, Slot},
+    timing::SILENT_MAX,
+    view::View,
+};
+
+impl Silencing<'_> {
+    /// Settles all live avatars, beginning with the one at whom the budget ran out the last time.
+    /// So avatars that try in vain do not keep others from their turn.
+    pub(crate) fn settle_all(&mut self, live: &[Slot], outputs: &mut Vec<Output>) {
+        let turn = self.budget.turn;
+        let first = live.partition_point(|slot| self.population.at(*slot).id < turn);
+        let has_budget = self.budget.left > 0;
+        let mut is_used_up = false;
+        for slot in live[first..].iter().chain(&live[..first]) {
+            if has_budget && self.budget.left == 0 && !is_used_up {
+                self.budget.turn = self.population.at(*slot).id;
+                is_used_up = true;
+            }
+            self.settle(*slot, is_used_up, outputs);
+        }
+    }
+
+    /// Silences a live avatar if nobody can see it and it can see nobody, unless the budget for
+    /// finding that out is used up. Otherwise makes sure that its client knows that it is live.
+    fn settle(&mut self, slot: Slot, is_used_up: bool, outputs: &mut Vec<Output>) {
+        let View { config, now, .. } = self.view;
+        if !is_used_up && self.may_fall_silent(self.population.at(slot)) {
+            let footprint = self.current_footprint(slot);
+            if let Some(silence) = self.find_silence(slot, &footprint) {
+                let tbv = silence.tbv;
+                self.hide(slot, silence);
+                outputs.push(Output::Quiet { to: self.population.at(slot).id, tbv });
+                return;
+            }
+            self.population.at_mut(slot).silence_from = now + config.silence_retry;
+        }
+        let avatar = self.population.at_mut(slot);
+        if avatar.told_quiet {
+            avatar.told_quiet = false;
+            outputs.push(Output::Live { to: avatar.id });
+        }
+    }
+
+    fn may_fall_silent(&self, avatar: &Avatar) -> bool {
+        let View { config, horizons, now, .. } = self.view;
+        let is_fresh = now.saturating_sub(avatar.heard) <= 2 * config.tick;
+        config.policy == Policy::Tbv
+            && is_fresh
+            && now >= avatar.silence_from
+            && avatar.watchers == 0
+            && !avatar.pairs.iter().any(|pair| pair.is_held)
+            && horizons.may_be_silent(avatar.link())
+    }
+
+    /// From live to quiet.
+    fn hide(&mut self, slot: Slot, silence: Silence) {
+        let View { config, horizons, now, .. } = self.view;
+        let Silence { tbv, sphere, footprint, validity } = silence;
+        debug_assert!(tbv.contains(self.population.at(slot).pose.eye), "a TBV contains its avatar");
+        end_pairs(self.view, self.population, &mut self.indices.coarse, slot, self.pending);
+        let made = self.made_at(slot);
+        let avatar = self.population.at_mut(slot);
+        let member = Member { id: avatar.id, slot };
+        avatar.pairs = Vec::new();
+        avatar.footprint_box = None;
+        avatar.nearby_hidden = Vec::new();
+        avatar.told_quiet = true;
+        (avatar.validity, avatar.hidden_from) = (validity, made);
+        let link = avatar.link();
+        self.indices.live.remove(member, &avatar.footprint);
+        self.indices.hidden.insert(member, &footprint);
+        avatar.footprint = footprint;
+        self.population.set_quiet(slot, tbv, sphere);
+        self.add_to_nearby(member);
+        self.deadlines.stalls.cancel(member.id);
+        let late = config.faults.expiry_late;
+        let deadline = (tbv.expiry + late).saturating_sub(horizons.lead_time(link));
+        self.deadlines.expiries.set(member.id, now, deadline, self.expiries_max());
+    }
+
+    /// The most expiries in one tick. They leave room for the whole population within the time that
+    /// a slow client's TBV needs.
+    fn expiries_max(&self) -> usize {
+        let config = self.view.config;
+        let ticks = SILENT_MAX.as_nanos() / config.tick.as_nanos().max(1);
+        let needed = 2 * self.population.len() / usize::try_from(ticks).unwrap_or(1).max(1);
+        config.expiries_max.max(needed)
+    }
+}

@@ -1,0 +1,34 @@
+//! What the engine counts.
+
+/// How often each event happened since the engine was made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Stats {
+    /// TBVs that ended.
+    pub expiries: u64,
+    /// TBVs that came into view.
+    pub reveals: u64,
+    /// Asks that were repeated because no answer came, and live clients that were asked because
+    /// they stalled.
+    pub repeats: u64,
+    /// Reports accepted.
+    pub reports: u64,
+    /// Times that the host put an avatar elsewhere, or pushed it: [`Input::Relocate`](crate::Input::Relocate).
+    pub impulses: u64,
+    /// Reports refused.
+    pub refusals: u64,
+    /// Refused reports whose place no way leads to that is short enough, such as one through a wall.
+    pub walls: u64,
+    /// Clients dropped.
+    pub drops: u64,
+}
+
+/// How many clients are in each reporting state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Clients that report at every tick.
+    pub live: usize,
+    /// Silent clients.
+    pub quiet: usize,
+    /// Clients that owe a report.
+    pub asked: usize,
+}

@@ -1,0 +1,16 @@
+//! What algorithms read and never change.
+
+use std::time::Duration;
+
+use crate::{building::Building, config::Config, timing::Horizons};
+
+/// The building, the configuration and the time, for one call of the engine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct View<'a> {
+    pub(crate) building: &'a Building,
+    pub(crate) config: &'a Config,
+    pub(crate) horizons: &'a Horizons,
+    pub(crate) now: Duration,
+    /// The number of the last tick.
+    pub(crate) tick: u32,
+}
