@@ -162,8 +162,8 @@ impl Engine {
 
 /// Questions about the present state.
 impl Engine {
-    /// Why a viewer is told of an avatar, or is not, as of the last tick; `None` when one of the two
-    /// is not present.
+    /// Why a viewer is told of an avatar, or is not, as of the last tick; `None` when one of the
+    /// two is not present.
     pub fn explain(&self, viewer: AvatarId, avatar: AvatarId) -> Option<Explanation> {
         interest::explain(self.view(), &self.population, viewer, avatar)
     }

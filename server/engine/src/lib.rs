@@ -1,38 +1,50 @@
-//! The visibility engine: a pure state machine. Inputs and a clock in, outputs out.
+//! The visibility engine: decides who is told of whom, and which client may be silent.
 //!
-//! [`Engine::handle`] takes in what clients say, [`Engine::tick`], called at a fixed rate, gives what
-//! they are to be told. The engine opens no socket, reads no clock and draws no random numbers: the
-//! same calls give the same outputs, bit for bit. Time is what has passed since the server's start.
+//! The engine is a pure state machine. It opens no socket, reads no clock and draws no random
+//! numbers, so the same calls give the same outputs, bit for bit. Times are measured from the start
+//! of the server.
 //!
-//! An avatar is *live* while somebody may see it or it may see somebody; otherwise it is *quiet*
-//! in a TBV (temporal bounding volume), and *asked* when that expires or is revealed. A client begins live.
+//! # Principal types
+//!
+//! - [`Engine`] is made for a [`World`](sightline_world::World) and a [`Config`]. The host calls
+//!   [`Engine::handle`] for each [`Input`], and [`Engine::tick`] at a fixed rate, which gives
+//!   [`Output`]s.
+//! - [`ReportingState`](sightline_world::motion::ReportingState) says what is expected of a client.
+//!   It is *live* while somebody may see its avatar or its avatar may see somebody; every client
+//!   begins so. Otherwise it is *quiet* in a [`Tbv`](sightline_world::motion::Tbv) (temporal
+//!   bounding volume). It is *asked* when the TBV expires or is revealed.
+//! - [`MovementBudget`] judges each [`Claim`] that a client makes of its place, within
+//!   [`ClaimLimits`].
+//! - [`Explanation`] says why a viewer is told of an avatar, or is not: the [`Reason`], both
+//!   regions as boxes, and the free line if there is one.
 //!
 //! # A host's loop
 //!
-//! An [`Engine`] is made for a [`World`], which [`World::read`] takes from the file that `sightline-server compile`
-//! makes. What then happens is told to it as it happens, as an [`Input`]:
+//! [`World::read`](sightline_world::World::read) reads a world from the file that
+//! `sightline-server compile` makes. The host then tells the engine what happens, as it happens:
 //!
-//! 1. [`Join`](Input::Join), by an id that is never used twice.
-//! 2. [`RoundTrip`](Input::RoundTrip), whenever it is measured: how far ahead is decided follows from it.
-//! 3. [`Report`](Input::Report), once the client was told that it is in: at every tick while it is live, and while it
-//!    is quiet when it is asked, or when its TBV does not [hold](Tbv::holds) its next step.
-//! 4. [`Relocate`](Input::Relocate), when the host itself puts somebody elsewhere; [`Chat`](Input::Chat).
+//! 1. [`Join`](Input::Join), with an id that is never used twice.
+//! 2. [`RoundTrip`](Input::RoundTrip), whenever it is measured. It decides how far ahead the engine
+//!    looks.
+//! 3. [`Report`](Input::Report), once the client has been told that it is in. A live client reports
+//!    at every tick. A quiet one reports when it is asked, or when its TBV does not
+//!    [hold](sightline_world::motion::Tbv::holds) its next step.
+//! 4. [`Relocate`](Input::Relocate), when the host itself puts an avatar elsewhere or pushes it;
+//!    [`Chat`](Input::Chat).
 //! 5. [`Leave`](Input::Leave).
 //!
-//! Every [`Config::tick`] follows a [`tick`](Engine::tick). Each [`Output`] goes [to](Output::to) one client, in order
-//! and without loss. Only of an avatar's poses the earlier may be lost; the last may not, since who stands still has
-//! no news:
+//! After every [`Config::tick`] the host calls [`tick`](Engine::tick). Each [`Output`] goes
+//! [to](Output::to) one client, in order and without loss. Only poses may be lost, as long as the
+//! last pose of each avatar arrives: an avatar that stands still has no further news.
 //!
-//! 1. [`Entered`](Output::Entered) comes first. [`Drop`](Output::Drop) comes last: the avatar is gone already.
-//! 2. [`Live`](Output::Live), [`Quiet`](Output::Quiet) and [`Ask`](Output::Ask) say when to report: at every tick, in
-//!    no case but those above, once.
+//! 1. [`Entered`](Output::Entered) comes first. [`Drop`](Output::Drop) comes last, when the avatar
+//!    is already gone.
+//! 2. [`Live`](Output::Live), [`Quiet`](Output::Quiet) and [`Ask`](Output::Ask) say when to report:
+//!    at every tick, only in the cases above, or once.
 //! 3. [`Correct`](Output::Correct) puts a client back whose claim cannot be true.
-//! 4. [`Appear`](Output::Appear), then [`Poses`](Output::Poses), then [`Vanish`](Output::Vanish): an avatar may come into
-//!    view, is here now, and cannot be seen any more.
-//! 5. [`Chat`](Output::Chat) is what somebody in view said, or the client itself.
-//!
-//! [`Engine::explain`] says why somebody is told of somebody, or is not: which rule decided, where the one's eye and
-//! the other's body can be, and the line between them that is free.
+//! 4. [`Appear`](Output::Appear), then [`Poses`](Output::Poses), then [`Vanish`](Output::Vanish):
+//!    an avatar may come into view, is here now, and can no longer be seen.
+//! 5. [`Chat`](Output::Chat) is what an avatar in view said, or the client's own.
 //!
 //! ```
 //! use std::{sync::Arc, time::Duration};
@@ -41,17 +53,14 @@
 //! use sightline_engine::{Config, Engine, Input, Output};
 //! use sightline_world::motion::AvatarId;
 //!
-//! // Two rooms of 6 m side by side, and a door at one end of the wall between them, at x = 6.
-//! let mut engine = Engine::new(Arc::new(sightline_fixtures::two_rooms::world()), Config::default());
-//! let (ada, ben) = (AvatarId(1), AvatarId(2));
-//! for (avatar, name, x) in [(ada, "Ada", 3.0), (ben, "Ben", 9.0)] {
-//!     let (name, colour, place) = (name.to_owned(), [255, 0, 0], Some(Vec3::new(x, 1.6, 5.0)));
-//!     engine.handle(Duration::ZERO, Input::Join { avatar, name, colour, place });
-//! }
-//! let mut outputs = Vec::new();
-//! engine.tick(Duration::ZERO, &mut outputs);
+//! // Two rooms of 6 m side by side, and a door at one end of the wall between them, at x = 6. let
+//! mut engine = Engine::new(Arc::new(sightline_fixtures::two_rooms::world()), Config::default());
+//! let (ada, ben) = (AvatarId(1), AvatarId(2)); for (avatar, name, x) in [(ada, "Ada", 3.0), (ben,
+//! "Ben", 9.0)] { let (name, colour, place) = (name.to_owned(), [255, 0, 0], Some(Vec3::new(x, 1.6,
+//! 5.0))); engine.handle(Duration::ZERO, Input::Join { avatar, name, colour, place }); } let mut
+//! outputs = Vec::new(); engine.tick(Duration::ZERO, &mut outputs);
 //!
-//! // Neither can see the other before long, so both are let in, and then may be silent.
+//! // Neither can soon see the other. Both are let in, and may then be silent.
 //! assert_eq!(outputs.len(), 4);
 //! assert!(outputs[..2].iter().all(|output| matches!(output, Output::Entered { .. })));
 //! for output in &outputs[2..] {
@@ -59,32 +68,45 @@
 //!     assert!(tbv.contains(engine.pose(*to).unwrap().eye));
 //! }
 //!
-//! // Ben walks into the doorway. A client may always say more than it must.
+//! // Ben walks into the doorway. A client may always report more than it must.
 //! outputs.clear();
 //! let tick = engine.config().tick;
 //! for step in 1..=80 {
 //!     for (avatar, goal) in [(ada, Vec3::new(3.0, 1.6, 5.0)), (ben, Vec3::new(6.5, 1.6, 0.5))] {
 //!         let mut pose = engine.pose(avatar).unwrap();
-//!         pose.velocity = (goal - pose.eye).clamp_length_max(1.5); // In metres a second.
+//!         pose.velocity = (goal - pose.eye).clamp_length_max(1.5); // Metres a second.
 //!         pose.eye += pose.velocity * tick.as_secs_f32();
 //!         engine.handle(tick * step, Input::Report { avatar, sequence: step, pose });
 //!     }
 //!     engine.tick(tick * step, &mut outputs);
 //! }
 //!
-//! // Before they could see each other, each was told of the other.
+//! // Each was told of the other before they could see each other.
 //! let appear = |output: &&Output| matches!(output, Output::Appear { .. });
 //! assert_eq!(outputs.iter().filter(appear).count(), 2);
 //! assert!(engine.held_by(ada).eq([ben]) && engine.held_by(ben).eq([ada]));
 //! println!("{}", engine.explain(ada, ben).unwrap());
 //! ```
 //!
-//! The example `embed` goes on from there, with clients that keep to what they are told.
+//! The example `embed` continues from here, with clients that keep to what they are told.
+//!
+//! # Parts of the engine
+//!
+//! An engine holds an immutable building, a population of avatars, indices of where they can be,
+//! deadlines, and budgets. Algorithms are grouped by what happens to the data:
+//!
+//! - `claims`: what the server believes of a client.
+//! - `timing`: how far ahead the engine decides, and how unevenly messages arrive.
+//! - `regions`: where an avatar can be within some time.
+//! - `interest`: who is told of whom, by regions that may see each other.
+//! - `silence`: which avatars are hidden, and for how long.
+//! - `baselines`: policies that exist only for comparison.
 //!
 //! # How far ahead
 //!
 //! Interest is decided for regions, not for points: where each eye and each body can be until the
-//! word of the next tick stands at the viewer. What follows shows that this misses nothing, and what bounds it.
+//! word of the next tick stands at the viewer. The argument below shows that this misses nothing,
+//! and what bounds it.
 //!
 #![doc = include_str!("timing/horizon.md")]
 

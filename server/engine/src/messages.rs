@@ -97,8 +97,8 @@ pub enum Output {
         /// The avatars and their poses, in ascending order of id.
         poses: Vec<(AvatarId, Pose)>,
     },
-    /// The client must report now and at every tick from now on. For a quiet client this is an ask as
-    /// well.
+    /// The client must report now and at every tick from now on. For a quiet client this is an ask
+    /// as well.
     Live {
         /// The client that is told.
         to: AvatarId,
@@ -131,8 +131,8 @@ pub enum Output {
         /// The text.
         text: String,
     },
-    /// The client is out: it persists in false claims, does not answer, or the building is full. The
-    /// engine has forgotten the avatar, so no [`Input::Leave`] need follow.
+    /// The client is out: it persists in false claims, does not answer, or the building is full.
+    /// The engine has forgotten the avatar, so no [`Input::Leave`] need follow.
     Drop {
         /// The client that is told.
         to: AvatarId,

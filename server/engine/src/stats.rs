@@ -12,11 +12,13 @@ pub struct Stats {
     pub repeats: u64,
     /// Reports accepted.
     pub reports: u64,
-    /// Times that the host put an avatar elsewhere, or pushed it: [`Input::Relocate`](crate::Input::Relocate).
+    /// Times that the host put an avatar elsewhere, or pushed it:
+    /// [`Input::Relocate`](crate::Input::Relocate).
     pub impulses: u64,
     /// Reports refused.
     pub refusals: u64,
-    /// Refused reports whose place no way leads to that is short enough, such as one through a wall.
+    /// Refused reports whose place no way leads to that is short enough, such as one through a
+    /// wall.
     pub walls: u64,
     /// Clients dropped.
     pub drops: u64,

@@ -1,6 +1,6 @@
-//! A host around the engine, without a network: Ada and Ben are in two rooms, with a wall between them,
-//! and fall silent; then Ben comes through the door. It prints what each is told, and fails where that
-//! is not as it should be.
+//! A host around the engine, without a network. Ada and Ben are in two rooms with a wall between
+//! them, and fall silent. Then Ben comes through the door. The example prints what each client is
+//! told, and fails if that is not as it should be.
 
 mod visitor;
 
@@ -21,7 +21,7 @@ const TICK: Duration = Duration::from_millis(50);
 struct Host {
     engine: Engine,
     now: Duration,
-    /// Those who are in.
+    /// The clients that are in.
     visitors: BTreeMap<AvatarId, Visitor>,
 }
 
@@ -30,12 +30,12 @@ impl Host {
         let join =
             Input::Join { avatar, name: name.to_owned(), colour: [255; 3], place: Some(eye) };
         self.engine.handle(self.now, join);
-        // Here no message takes any time; over a network that is measured, again and again.
+        // No message takes any time here. A host with a network measures round trips all the time.
         let round_trip = Duration::ZERO;
         self.engine.handle(self.now, Input::RoundTrip { avatar, round_trip });
     }
 
-    /// Takes in what the clients say, lets the engine decide, and tells the clients.
+    /// Takes in reports, lets the engine decide, and tells the clients.
     fn tick(&mut self) {
         for (&avatar, visitor) in &mut self.visitors {
             if visitor.must_report(TICK, &self.engine.agility()) {
@@ -63,7 +63,7 @@ impl Host {
     }
 }
 
-/// What is said but for poses, which come at every tick.
+/// An output in words. Poses, which come at every tick, have none.
 fn words(output: &Output) -> Option<String> {
     Some(match output {
         Output::Entered { pose, .. } => format!("you are in, at {:.1}", pose.eye),
@@ -91,12 +91,12 @@ fn main() {
     host.join(ADA, "Ada", Vec3::new(3.0, 1.6, 5.0));
     host.join(BEN, "Ben", Vec3::new(9.0, 1.6, 5.0));
 
-    // They stand still behind their wall: in ten seconds each is asked once, when its TBV expires.
+    // Both stand still behind their wall. In ten seconds each is asked once, when its TBV expires.
     (0..200).for_each(|_| host.tick());
     assert!(host.visitors.values().all(|v| v.tbv.is_some() && v.sees.is_empty()));
     assert_eq!((host.engine.stats().expiries, host.engine.stats().reports), (2, 2));
 
-    // Ben goes to the door and through it. Nobody comes into sight who was not told of before.
+    // Ben goes to the door and through it. Each is told of the other before they see each other.
     for way in [Vec3::new(7.0, 1.6, 0.5), Vec3::new(3.0, 1.6, 0.5)] {
         while host.visitors[&BEN].pose.eye != way {
             host.visitors.get_mut(&BEN).unwrap().walk(way, TICK);
@@ -116,6 +116,6 @@ fn main() {
 }
 
 #[test]
-fn it_goes_as_told() {
+fn the_example_runs_without_failing() {
     main();
 }

@@ -4,18 +4,18 @@ use glam::Vec3;
 use sightline_engine::Output;
 use sightline_world::motion::{Agility, AvatarId, Pose, Tbv};
 
-/// In metres a second.
+/// Walking speed, in metres a second.
 const WALKING: f32 = 1.5;
 
-/// A client: where it is, and what it was told.
+/// A client: where its avatar is, and what it was told.
 #[derive(Default)]
 pub struct Visitor {
     pub pose: Pose,
     pub sequence: u32,
-    /// Where it may be silent; `None` while it is live.
+    /// The TBV in which it may be silent; `None` while it is live.
     pub tbv: Option<Tbv>,
     is_asked: bool,
-    /// Those it was told of, and where they were last.
+    /// The avatars that it was told of, with their last poses.
     pub sees: BTreeMap<AvatarId, Pose>,
 }
 
@@ -26,7 +26,7 @@ impl Visitor {
         self.pose.velocity = step / tick.as_secs_f32();
     }
 
-    /// Whether it must say where it is at this tick.
+    /// Whether it must report at this tick.
     pub fn must_report(&mut self, tick: Duration, agility: &Agility) -> bool {
         let is_silent = self.tbv.is_some_and(|tbv| tbv.holds(&self.pose, tick, agility));
         mem::take(&mut self.is_asked) || !is_silent
@@ -42,7 +42,7 @@ impl Visitor {
             Output::Quiet { tbv, .. } => self.tbv = Some(tbv),
             Output::Ask { .. } => self.is_asked = true,
             Output::Chat { .. } => {}
-            Output::Drop { reason, .. } => panic!("nobody here does what is not allowed: {reason}"),
+            Output::Drop { reason, .. } => panic!("all clients here are honest: {reason}"),
         }
     }
 }

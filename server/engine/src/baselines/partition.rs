@@ -11,8 +11,8 @@ const DOOR_M: f32 = 1.6;
 /// A gate that fills so much of the side of both its spaces is not a door, from 0 to 1. It is where
 /// the subdivision cut a corridor or a hall.
 const OPEN_SHARE: f32 = 0.5;
-/// A part with less floor than this is not a room of its own, in square metres. An example is the way
-/// through a wall.
+/// A part with less floor than this is not a room of its own, in square metres. An example is the
+/// way through a wall.
 const ROOM_M2: f32 = 2.0;
 
 /// The part of the world that a policy counts an avatar in.
@@ -32,8 +32,8 @@ pub(crate) enum Area {
 pub(crate) enum Partition {
     /// Not at all.
     None,
-    /// Into squares. An avatar stays in its square until it is further outside than the margin. Both are
-    /// in metres.
+    /// Into squares. An avatar stays in its square until it is further outside than the margin.
+    /// Both are in metres.
     Squares { edge: f32, margin: f32 },
     /// Into rooms.
     Rooms(Rooms),
@@ -147,8 +147,8 @@ fn is_open(spaces: &[Space], gate: &Gate) -> bool {
     gate.spaces.iter().all(|space| across(bounds) >= OPEN_SHARE * side_of(*space))
 }
 
-/// The lengths of a polygon's sides in metres, the lesser first. A slanted polygon counts by its width
-/// and height.
+/// The lengths of a polygon's sides in metres, the lesser first. A slanted polygon counts by its
+/// width and height.
 fn sides(polygon: &Polygon) -> [f32; 2] {
     let size = polygon.bounds().size();
     let sides = match polygon {

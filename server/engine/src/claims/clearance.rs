@@ -190,8 +190,8 @@ mod tests {
     }
 
     proptest! {
-        /// A gate is wide wherever the reference model, which tries every other centimetre, finds room
-        /// for a body.
+        /// A gate is wide wherever the reference model, which tries every other centimetre, finds
+        /// room for a body.
         #[test]
         fn where_a_body_fits_it_may_pass(
             holes in prop::collection::vec((0..20_u32, 0..20_u32, 0..40_u32, 10..60_u32), 1..4),

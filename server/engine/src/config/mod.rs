@@ -51,14 +51,16 @@ pub struct Config {
     pub round_trip_initial: Duration,
     /// The top speed of avatars, in metres a second; the world's own limit when `None`.
     pub speed_max: Option<f32>,
-    /// The small margin of cached live regions on each side, in metres, so that a region lasts for a
-    /// few ticks.
+    /// The small margin of cached live regions on each side, in metres, so that a region lasts for
+    /// a few ticks.
     pub spare_m: f32,
     /// The most that all sight tests of a tick cost, in units of
     /// [`Occluders::between`](sightline_visibility::box_visibility::Occluders::between): 100,000
-    /// units take one to five milliseconds. A pair that the budget does not decide counts as visible.
+    /// units take one to five milliseconds. A pair that the budget does not decide counts as
+    /// visible.
     pub sight_test_budget: u32,
-    /// The most that the sight tests of a tick cost that find out who can be silent, in the same units.
+    /// The most that the sight tests for silences cost in a tick, in the same units. They find out
+    /// who can be silent.
     pub silence_budget: u32,
     /// The most that one sight test costs, in the same units.
     pub sight_test_max: u32,
@@ -86,8 +88,8 @@ pub struct Config {
     pub name_chars_max: usize,
     /// The longest chat message, in characters. Longer ones are cut.
     pub chat_chars_max: usize,
-    /// The number of threads that share a tick; 1 is the caller's own. The outputs are the same with
-    /// any number.
+    /// The number of threads that share a tick; 1 is the caller's own. The outputs are the same
+    /// with any number.
     pub threads: usize,
     /// Faults for tests of the tests.
     #[doc(hidden)]
@@ -116,7 +118,8 @@ impl Default for FaultInjection {
 }
 
 impl Config {
-    /// The configuration with another sight-test budget, and with the same share of it for one test.
+    /// The configuration with another sight-test budget, and with the same share of it for one
+    /// test.
     #[must_use]
     pub fn with_sight_test_budget(self, sight_test_budget: u32) -> Self {
         let share = u64::from(self.sight_test_max) * u64::from(sight_test_budget);

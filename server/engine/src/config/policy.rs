@@ -10,12 +10,12 @@ pub enum Policy {
     Broadcast,
     /// A viewer is told of everyone within so many metres, eye to eye.
     Radius(f32),
-    /// A viewer is told of everyone in its cube of a grid of so many metres, or in one of the 26 cubes
-    /// around it.
+    /// A viewer is told of everyone in its cube of a grid of so many metres, or in one of the 26
+    /// cubes around it.
     Grid(f32),
-    /// A viewer is told of everyone in its square of a horizontal grid or in one of the eight around
-    /// it, at any height, as in voxel games. An avatar stays in its square until it is further
-    /// outside than the margin.
+    /// A viewer is told of everyone in its square of a horizontal grid or in one of the eight
+    /// around it, at any height, as in voxel games. An avatar stays in its square until it is
+    /// further outside than the margin.
     Region {
         /// The edge of a square, in metres.
         edge: f32,
@@ -23,10 +23,10 @@ pub enum Policy {
         margin: f32,
     },
     /// A viewer is told of everyone in its room, as if each room were a channel of its own, or in a
-    /// room that so many doors or fewer lead to. Rooms are found from the world's spaces. Two spaces
-    /// are in one room if both sides of a gate between them are longer than 1.6 m, or if the gate
-    /// fills at least half of the side of both. A part with less than 2 m² of floor belongs to the
-    /// room that its widest gate leads to.
+    /// room that so many doors or fewer lead to. Rooms are found from the world's spaces. Two
+    /// spaces are in one room if both sides of a gate between them are longer than 1.6 m, or if the
+    /// gate fills at least half of the side of both. A part with less than 2 m² of floor belongs to
+    /// the room that its widest gate leads to.
     Room {
         /// How many doors may be in between; 0 is the viewer's own room alone.
         doors: u32,

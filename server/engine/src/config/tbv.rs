@@ -7,7 +7,8 @@ use std::{fmt, str::FromStr, time::Duration};
 pub enum Validity {
     /// Every TBV lasts for so long.
     Constant(Duration),
-    /// Half as long again after each TBV that expired, and half as long after each that was revealed.
+    /// Half as long again after each TBV that expired, and half as long after each that was
+    /// revealed.
     Adaptive,
     /// As long as the TBV stays unseen by all that is known now. Found by doubling, then bisection.
     Maximal,
@@ -57,7 +58,8 @@ pub enum TbvShape {
     /// Claims are held against the ball, and the cells that an avatar can be in are those that the
     /// ball, or a body whose eye is in it, touches. Two parts use the box around the ball: sight
     /// tests, which take boxes, and [`Tbv`](sightline_world::motion::Tbv), which clients receive. A
-    /// client cannot leave the ball before the TBV expires, so the box makes no client report later.
+    /// client cannot leave the ball before the TBV expires, so the box makes no client report
+    /// later.
     Sphere,
     /// What a body can do from its present velocity, and what portals lead to on ways that are no
     /// longer than it can walk.

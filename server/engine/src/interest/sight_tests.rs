@@ -1,11 +1,12 @@
 //! Sight tests: whether a viewer in its region can see an avatar in its own.
 //!
-//! A hidden pair stays hidden while both regions last, since walls do not move. A visible pair stays
-//! visible while the free line still joins the two regions. So at most ticks a pair costs one
-//! comparison. A pair that was not hidden is first tested along one predicted line. Gates, cells and
-//! rooms are then asked for regions with a margin. The rest is decided by box visibility between the
-//! exact regions of this tick. Only that has a budget, in units of work and not in time, so the same
-//! inputs give the same outputs. A pair that the budget does not decide counts as visible.
+//! A hidden pair stays hidden while both regions last, since walls do not move. A visible pair
+//! stays visible while the free line still joins the two regions. So at most ticks a pair costs one
+//! comparison. A pair that was not hidden is first tested along one predicted line. Gates, cells
+//! and rooms are then asked for regions with a margin. The rest is decided by box visibility
+//! between the exact regions of this tick. Only that has a budget, in units of work and not in
+//! time, so the same inputs give the same outputs. A pair that the budget does not decide counts as
+//! visible.
 
 use sightline_visibility::box_visibility::SightLine;
 
@@ -122,8 +123,8 @@ struct Round<'a> {
 
 impl SightTests<'_> {
     /// Tests pairs, beginning with those of the viewer whose turn it is. Each round has as many
-    /// pairs as the budget is sure to suffice for, or twice as many. So what each test may cost does
-    /// not depend on its neighbours.
+    /// pairs as the budget is sure to suffice for, or twice as many. So what each test may cost
+    /// does not depend on its neighbours.
     fn run(
         &self,
         pool: &WorkerPool,

@@ -1,6 +1,6 @@
 //! Indices: which avatars can be where.
 
-use super::{CoarseRegion, HiddenFootprint};
+use super::{CoarseCells, CoarseRegion, HiddenFootprint};
 use crate::{
     bit_set::BitSet,
     building::{Building, Sectors},
@@ -85,15 +85,6 @@ impl MemberIndex {
 pub(crate) struct CoarseIndex {
     eyes: MemberIndex,
     bodies: MemberIndex,
-}
-
-/// The cells of a coarse region, ascending.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct CoarseCells {
-    /// The cells that the eye can be in.
-    pub(crate) eyes: Vec<u32>,
-    /// The cells that a part of the body can be in.
-    pub(crate) bodies: Vec<u32>,
 }
 
 impl CoarseIndex {

@@ -10,8 +10,7 @@ use sightline_world::{
 };
 
 use super::{
-    CoverBoxes, MotionBound, Reach, ReachSearch, ReachStart, RegionFootprint, index::CoarseCells,
-    with_margin_ahead,
+    CoverBoxes, MotionBound, Reach, ReachSearch, ReachStart, RegionFootprint, with_margin_ahead,
 };
 use crate::{
     bit_set::BitSet, building::Building, claims::WalkState, generation::Generation,
@@ -124,6 +123,15 @@ impl CoarseRegion {
         let is_new = |cell: CellId| eyes.binary_search(&cell).is_err();
         self.body_footprint.add_visible(cells, is_new, from_bodies);
     }
+}
+
+/// The cells of a coarse region, ascending.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CoarseCells {
+    /// The cells that the eye can be in.
+    pub(crate) eyes: Vec<u32>,
+    /// The cells that a part of the body can be in.
+    pub(crate) bodies: Vec<u32>,
 }
 
 /// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to

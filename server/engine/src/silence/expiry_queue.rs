@@ -59,8 +59,8 @@ impl ExpiryQueue {
         }
     }
 
-    /// Takes out all deadlines that would be late at the tick after the one at `now`, by slot, then by
-    /// id.
+    /// Takes out all deadlines that would be late at the tick after the one at `now`, by slot, then
+    /// by id.
     pub(crate) fn due(&mut self, now: Duration) -> Vec<AvatarId> {
         let mut due = Vec::new();
         while let Some(slot) = self.slots.first_entry()

@@ -20,7 +20,7 @@ use crate::{
     config::Validity,
     messages::Output,
     population::Population,
-    regions::{FootprintCover, HiddenFootprint, Indices},
+    regions::{BoxTest, FootprintCover, HiddenFootprint, Indices},
     slot::{Member, Slot},
     stats::Stats,
     view::View,
@@ -162,7 +162,7 @@ fn lets_see(
     let mut may_see = |eyes, bodies| {
         let (sight, left) = (&mut workspace.sight, &mut budget.left);
         let test = sight.test_up_to(&building.occluders, eyes, bodies, TEST_MAX, left);
-        !matches!(test, crate::regions::BoxTest::Hidden)
+        !matches!(test, BoxTest::Hidden)
     };
     let rooms = &building.rooms;
     one.rooms_allow(other.footprint, rooms) && may_see(&one.cover.eyes, &other.cover.bodies)

@@ -201,8 +201,8 @@ impl Silencing<'_> {
         (!is_seen).then_some(Silence { tbv, sphere, footprint, validity })
     }
 
-    /// Whether another avatar may see into a footprint, or be seen from it: by cells first, and then
-    /// by sight tests. The avatar that was found the last time is tested first.
+    /// Whether another avatar may see into a footprint, or be seen from it: by cells first, and
+    /// then by sight tests. The avatar that was found the last time is tested first.
     fn is_seen(&mut self, slot: Slot, footprint: &HiddenFootprint) -> bool {
         let mut found: Vec<Member> = Vec::new();
         for index in [&self.indices.live, &self.indices.hidden] {

@@ -1,5 +1,5 @@
-//! Whatever comes in, in whatever order: the engine neither panics nor forgets to forget, says nothing that
-//! its clients could not follow, and says the same on any number of threads.
+//! Any inputs in any order: the engine does not panic, keeps nothing of those who left, says
+//! nothing that its clients could not follow, and says the same on any number of threads.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -17,17 +17,17 @@ use sightline_world::{
 use super::{reference_model, rooms, stage};
 use crate::{Config, Engine, Input, Margin, Output, Policy, TbvShape, Validity};
 
-/// What is done to an engine.
+/// One step of a random session.
 #[derive(Clone, Debug)]
 enum Step {
     Handle(Input),
-    /// Lets so much time go by, and ticks.
+    /// Lets some time pass, and ticks.
     Tick(Duration),
-    /// Ticks at a moment that is not after now.
+    /// Ticks at a moment that is not after the present one.
     Back(Duration),
-    /// Everyone live or asked reports as honest clients do, some way from where it was.
+    /// All live and asked clients report honestly, each after a move.
     AllReport(Vec3),
-    /// Asks about two of them.
+    /// Asks for the explanation of two avatars.
     Ask(AvatarId, AvatarId),
 }
 
@@ -37,7 +37,7 @@ fn avatar(ids: u32) -> impl Strategy<Value = AvatarId> {
     prop_oneof![30 => 0..ids, 1 => any::<u32>()].prop_map(AvatarId)
 }
 
-/// Within the world, at its sides, as far as the wire goes, and beyond.
+/// A coordinate within the world, at its bounds, as far as the wire goes, or beyond.
 fn coordinate() -> impl Strategy<Value = f32> {
     prop_oneof![
         20 => -2.0..122.0_f32,
@@ -70,7 +70,7 @@ fn time() -> impl Strategy<Value = Duration> {
     ]
 }
 
-/// Any at all.
+/// Any time at all.
 fn span() -> impl Strategy<Value = Duration> {
     prop_oneof![2 => time(), 1 => Just(Duration::MAX)]
 }
@@ -109,7 +109,7 @@ fn step(ids: u32) -> impl Strategy<Value = Step> {
     ]
 }
 
-/// For a few people, who are often alone, or for so many that threads share the work.
+/// Steps of a few people, who are often alone, or of so many that threads share the work.
 fn steps() -> impl Strategy<Value = Vec<Step>> {
     select(vec![2, 5, 24]).prop_flat_map(|ids| prop::collection::vec(step(ids), 1..250))
 }
@@ -127,7 +127,7 @@ fn policy() -> impl Strategy<Value = Policy> {
     ]
 }
 
-/// Most of it as servers have it.
+/// A configuration most of whose values are the defaults.
 fn config() -> impl Strategy<Value = Config> {
     let usual = Config::default();
     let validity = prop_oneof![
@@ -206,11 +206,11 @@ fn world() -> impl Strategy<Value = World> {
     ]
 }
 
-/// An engine, and what those outside have to know of it.
+/// An engine, and what its clients know.
 struct Outside {
     engine: Engine,
     now: Duration,
-    /// Whom each that is in has been told of.
+    /// The avatars that each client has been told of.
     sees: BTreeMap<AvatarId, BTreeSet<AvatarId>>,
     sequences: BTreeMap<AvatarId, u32>,
     outputs: Vec<Output>,
@@ -228,7 +228,7 @@ impl Outside {
         }
     }
 
-    /// What came out.
+    /// Takes a step, and returns what came out.
     fn step(&mut self, step: &Step) -> &[Output] {
         self.outputs.clear();
         match step {
@@ -284,14 +284,17 @@ impl Outside {
         for (avatar, sees) in &self.sees {
             let held: BTreeSet<AvatarId> = self.engine.held_by(*avatar).collect();
             assert_eq!(&held, sees, "of {avatar:?}");
-            assert!(sees.iter().all(|id| self.engine.state(*id).is_some()), "one is gone");
+            assert!(
+                sees.iter().all(|id| self.engine.state(*id).is_some()),
+                "a held avatar is present"
+            );
         }
         let counts = self.engine.counts();
         assert_eq!(counts.live + counts.quiet + counts.asked, self.engine.avatars().count());
         self.outputs = outputs;
     }
 
-    /// As a client does.
+    /// Takes in an output as its client does.
     fn hear(&mut self, output: &Output) {
         match output {
             Output::Entered { to, pose } => {
@@ -302,22 +305,22 @@ impl Outside {
             }
             Output::Appear { to, avatar, pose, .. } => {
                 assert!(pose.is_finite() && to != avatar);
-                assert!(self.engine.state(*avatar).is_some(), "it has left");
-                let is_new = self.sees.get_mut(to).expect("it is in").insert(*avatar);
+                assert!(self.engine.state(*avatar).is_some(), "an avatar that appears is present");
+                let is_new = self.sees.get_mut(to).expect("the client is in").insert(*avatar);
                 assert!(is_new, "{avatar:?} appears to {to:?} once");
             }
             Output::Vanish { to, avatar } => {
                 let seen = self.sees.get_mut(to).is_none_or(|sees| sees.remove(avatar));
-                assert!(seen, "{avatar:?} vanishes from {to:?} and was not there");
+                assert!(seen, "{avatar:?} vanishes from {to:?} but had not appeared");
             }
             Output::Poses { to, poses, .. } => {
-                let sees = self.sees.get(to).expect("it is in");
+                let sees = self.sees.get(to).expect("the client is in");
                 assert!(poses.is_sorted_by(|(one, _), (other, _)| one < other));
                 assert!(poses.iter().all(|(id, pose)| sees.contains(id) && pose.is_finite()));
             }
             Output::Quiet { to, tbv } => {
                 assert!(self.sees.contains_key(to));
-                let eye = self.engine.pose(*to).expect("it is in").eye;
+                let eye = self.engine.pose(*to).expect("the client is in").eye;
                 assert!(tbv.contains(eye), "{tbv:?} {eye}");
             }
             Output::Correct { pose, .. } => assert!(pose.is_finite()),
@@ -329,7 +332,7 @@ impl Outside {
         }
     }
 
-    /// Everyone goes, and nothing remains of them but where the next tick would have gone on.
+    /// All leave, and nothing is kept of them except whose turn it is.
     fn empty(&mut self) {
         let all: Vec<AvatarId> = self.engine.avatars().collect();
         for avatar in all {
@@ -343,7 +346,7 @@ impl Outside {
         assert_eq!(horizons(&self.engine), horizons(&new));
         let [named, named_at_first] =
             [&self.engine, &new].map(|e| format!("{e:?}").matches("AvatarId(").count());
-        assert_eq!(named, named_at_first, "somebody is remembered");
+        assert_eq!(named, named_at_first, "an avatar that left is still named");
     }
 }
 
@@ -351,7 +354,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
-    fn anything_may_come_in(
+    fn any_inputs_in_any_order_are_survived(
         world in world(),
         config in config(),
         steps in steps(),
@@ -360,7 +363,7 @@ proptest! {
         let mut engines = [1, 2].map(|threads| Outside::new(&world, &config, threads));
         for step in &steps {
             let outputs = engines.each_mut().map(|engine| format!("{:?}", engine.step(step)));
-            prop_assert_eq!(&outputs[0], &outputs[1], "on one thread, and on two");
+            prop_assert_eq!(&outputs[0], &outputs[1], "one thread and two agree");
         }
         engines.iter_mut().for_each(Outside::empty);
     }

@@ -1,4 +1,4 @@
-//! Random walkers in random worlds, against a twin that looks at all pairs and all cells.
+//! Random walkers in random worlds, against a reference model that tests all pairs and all cells.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,12 +19,12 @@ use crate::{Config, Input, Margin, Validity, bit_set::BitSet, claims::Clearance}
 
 const MARGIN: Duration = Duration::from_millis(25);
 
-/// As drawn from a seed.
+/// The random world of a seed.
 pub(super) fn world_of(seed: u64) -> World {
     random_world(&mut SmallRng::seed_from_u64(seed))
 }
 
-/// A box cut at random, in which cells that touch see each other and a few others do too.
+/// A box cut at random. Some cells that touch see each other, and a few others do.
 fn random_world(rng: &mut SmallRng) -> World {
     let all = Aabb::new(Vec3::ZERO, Vec3::new(120.0, 6.0, 120.0));
     let (mut tree, mut bounds) = (Vec::new(), Vec::new());
@@ -62,7 +62,7 @@ fn cut(rng: &mut SmallRng, tree: &mut Vec<Node>, cells: &mut Vec<Aabb>, region: 
     tree[node] = Node::Axial { axis: axis as u8, at, sides: [first, second] };
 }
 
-/// Walkers who turn now and then, come and go, and have different round trips.
+/// Walkers that turn now and then, join and leave, and have different round trips.
 struct Crowd {
     stage: Stage,
     /// Portals that no body fits through.
@@ -78,7 +78,7 @@ impl Crowd {
     fn new(seed: u64) -> Self {
         let mut rng = SmallRng::seed_from_u64(seed);
         let world = random_world(&mut rng);
-        // Who sees whom is drawn by lot there, whatever is between them.
+        // Which cells see each other is random in these worlds, so box visibility has no part.
         let validities = [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal];
         let validity = validities[rng.random_range(0..validities.len())];
         let margin = Margin::Fixed(MARGIN);
@@ -89,7 +89,7 @@ impl Crowd {
         let narrow: BTreeSet<u32> = portals.filter(|_| rng.random_bool(share)).collect();
         let mut stage = Stage::new(world, config);
         let mut gates = BitSet::default();
-        // Here each portal is a gate, of the same number.
+        // In these worlds each portal is a gate of the same number.
         narrow.iter().for_each(|gate| gates.insert(*gate));
         stage.engine.building.walkways.clearance =
             Clearance::with_narrow_gates(stage.engine.building.cells(), gates);
@@ -147,7 +147,7 @@ impl Crowd {
                 *way = Vec3::new(part(), 0.2 * part(), part()).normalize_or_zero()
                     * if part() < 0.0 { 0.0 } else { speed_max * 0.99 };
             }
-            // It turns as fast as bodies can.
+            // The walker turns as fast as bodies can.
             let velocity = (client.eye - client.before.unwrap_or(client.eye)) / tick_s;
             let velocity = velocity + (*way - velocity).clamp_length_max(5.9 * tick_s);
             let there = (client.eye + velocity * tick_s).clamp(bounds.min, bounds.max);
@@ -165,7 +165,7 @@ impl Crowd {
         self.check();
     }
 
-    /// The tick before `now`: who must be held by whom, and who may be silent.
+    /// Checks, for the tick before `now`, who must be held by whom, and who may be silent.
     fn check(&self) {
         let at = self.stage.now - TICK;
         let engine = &self.stage.engine;
@@ -194,7 +194,8 @@ impl Crowd {
         self.stage.engine.state(avatar) == Some(ReportingState::Live)
     }
 
-    /// Whom a viewer must be told of, and whom it may be told of: regions have something to spare.
+    /// The avatars that a viewer must be told of, and those that it may be told of, since regions
+    /// have margins.
     fn wanted(&self, at: Duration, viewer: AvatarId) -> (Vec<AvatarId>, Vec<AvatarId>) {
         if !self.live(viewer) {
             return (Vec::new(), Vec::new());
@@ -208,16 +209,16 @@ impl Crowd {
         (must.copied().collect(), may.copied().collect())
     }
 
-    /// No other may see into a silent one's TBV, or be seen from it.
+    /// Checks that no other avatar may see into a silent one's TBV, or be seen from it.
     fn check_hidden(&self, at: Duration, hidden: AvatarId) {
         let engine = &self.stage.engine;
         let tbv = engine.tbv(hidden).unwrap();
-        assert!(tbv.expiry > at + self.trip(hidden), "it was asked in time");
+        assert!(tbv.expiry > at + self.trip(hidden), "the client was asked in time");
         let eye = self.stage.client(hidden).eye;
-        assert!(tbv.contains(eye), "it is where it was said to stay");
+        assert!(tbv.contains(eye), "the avatar is in its TBV");
         let own = self.hidden_region(hidden);
         let stays = own.iter().any(|(_, piece)| piece.grown(1e-3).contains(eye));
-        assert!(stays, "it is where it was taken to stay");
+        assert!(stays, "the avatar is in the region of its TBV");
         let slowest = self.round_trips.keys().map(|id| self.trip(*id) / 2).max().unwrap();
         for other in self.ways.keys().filter(|id| **id != hidden) {
             let zone = match engine.tbv(*other) {
@@ -233,7 +234,7 @@ impl Crowd {
         self.round_trips[&id].min(Config::default().horizon_max)
     }
 
-    /// How long after its last report was made it is, some time after the tick at `at`.
+    /// The time since the last report was made, some time after the tick at `at`.
     fn since_report(&self, at: Duration, id: AvatarId, ahead: Duration) -> Duration {
         let config = Config::default();
         let age = at - self.last_report[&id].0;
@@ -245,7 +246,7 @@ impl Crowd {
         self.able(id, self.since_report(at, id, ahead))
     }
 
-    /// Where the eye of a silent one can be before its TBV expires or it says that it leaves.
+    /// Where a silent eye can be before its TBV expires or its client says that it leaves.
     fn hidden_region(&self, id: AvatarId) -> Pieces {
         let Tbv { within, expiry, notice, .. } = self.stage.engine.tbv(id).unwrap();
         if !notice.is_zero() {
@@ -265,14 +266,14 @@ impl Crowd {
         reach(self.building(), pose.eye, &able.grown(0.01), way_m, 0.004)
     }
 
-    /// No region was ever larger that was found in these ticks, with what it had to spare.
+    /// A region at least as large as any that the engine had in these ticks, margins included.
     fn ball(&self, at: Duration, id: AvatarId, ahead: Duration) -> Pieces {
         let engine = &self.stage.engine;
         let slowest = Duration::from_millis(200);
         let time = self.since_report(at, id, ahead.max(TICK + slowest));
         let way_m = 2.0 * (engine.speed_max() * time.as_secs_f32() + 0.25);
         let eye = self.last_report[&id].1.eye;
-        // A region may have been made when the eye was elsewhere, at a wall, and counted as on both sides.
+        // A region may have been made when the eye was at a wall and counted as on both sides.
         reach(self.building(), eye, &Aabb::around(eye, way_m), f32::INFINITY, 0.3)
     }
 
@@ -292,7 +293,7 @@ impl Crowd {
     }
 }
 
-/// Whether a body that keeps its eye a little off the walls gets from one place to another.
+/// Whether a body gets from one place to another while its eye stays a little off the walls.
 fn can_step(building: (&World, &BTreeSet<u32>), from: Vec3, to: Vec3, step_m: f32) -> bool {
     let (world, _) = building;
     let step = reach(building, from, &Aabb::around(from, step_m + 0.02), f32::INFINITY, 0.0);
@@ -301,8 +302,8 @@ fn can_step(building: (&World, &BTreeSet<u32>), from: Vec3, to: Vec3, step_m: f3
     touched.map(|(i, _)| i).all(|i| step.iter().any(|(cell, _)| *cell == i))
 }
 
-/// What a body can fill whose eye is in a part of a cell: six centimetres into a side of the cell
-/// on which it meets no portal, and all of its size elsewhere.
+/// The box that a body can fill whose eye is in a part of a cell. On a side of the cell without a
+/// portal it ends six centimetres into the wall.
 fn body(world: &World, cell: usize, eyes: &Aabb) -> Aabb {
     let mut body = world.body.around_box(eyes);
     let (whole, room) = (body, &world.cells.cells[cell].bounds);
@@ -329,8 +330,8 @@ fn body(world: &World, cell: usize, eyes: &Aabb) -> Aabb {
 /// The parts of cells that an eye can be in.
 type Pieces = Vec<(usize, Aabb)>;
 
-/// Where an eye can get to from a place through portals in a box that are not too narrow, on ways no
-/// longer than `way_m` from gap to gap: goes over all portals until no way gets shorter.
+/// Where an eye can get to from a place: in a box, through portals that are not too narrow, on ways
+/// no longer than `way_m` from gap to gap. All portals are gone over until no way gets shorter.
 fn reach(
     (world, narrow): (&World, &BTreeSet<u32>),
     from: Vec3,
@@ -389,7 +390,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
 
     #[test]
-    fn interest_and_silence_are_those_of_the_twin(seed in any::<u64>()) {
+    fn interest_and_silence_are_those_of_the_reference_model(seed in any::<u64>()) {
         let mut crowd = Crowd::new(seed);
         (0..300).for_each(|_| crowd.step());
     }
@@ -405,7 +406,7 @@ proptest! {
     }
 }
 
-/// The walks above are worth something only if people do fall silent, meet and part in them.
+/// The tests above need walks in which avatars fall silent, meet and part.
 #[test]
 fn the_walks_are_varied() {
     let (mut quiet, mut held, mut reveals) = (0, 0, 0);

@@ -1,4 +1,4 @@
-//! What the author says of rooms, and what the engine makes of it.
+//! Rooms of an author, and what they do to interest and silence.
 
 use std::collections::BTreeSet;
 
@@ -20,8 +20,8 @@ fn room(name: &str, min: [f32; 3], max: [f32; 3]) -> Room {
     Room { name: name.to_owned(), shapes, ..Room::default() }
 }
 
-/// Five cells in a row, of 10 m each; in the second a private corner, the fourth does not see the fifth,
-/// and the fifth sees the others through a window only.
+/// Five cells in a row, of 10 m each. The second has a private corner. The fourth does not see the
+/// fifth, and the fifth sees the others only through a window.
 pub(super) fn world() -> World {
     let corner = Room { sealed: true, ..room("corner", [12.0, 0.0, 2.0], [18.0, 3.0, 8.0]) };
     let hidden = ObjectSet { rooms: vec![RoomId(2)], ..ObjectSet::default() };
@@ -56,7 +56,7 @@ fn a_hidden_set_takes_away_what_cells_give_one_way() {
     assert_eq!((sees(&stage, ada), sees(&stage, bob)), (vec![], vec![1]));
     assert_eq!(reason(&stage, ada, bob), Reason::Rooms);
     assert!(matches!(reason(&stage, bob, ada), Reason::Free(_)));
-    // Beside the window, what is shown through it is not where Ada is.
+    // Beside the window, Ada is not in what the window shows.
     let cleo = stage.join_at(3, Vec3::new(40.5, 1.6, 9.0));
     let dora = stage.join_at(4, Vec3::new(39.0, 1.6, 9.5));
     stage.ticks(5);
@@ -69,7 +69,7 @@ fn a_hidden_set_takes_away_what_cells_give_one_way() {
 }
 
 #[test]
-fn a_sealed_room_is_told_of_inside_only_whatever_the_policy() {
+fn avatars_in_a_sealed_room_are_told_of_inside_only_under_every_policy() {
     for policy in [Policy::Tbv, Policy::Pvs, Policy::Broadcast] {
         let mut stage = Stage::new(world(), Config { policy, ..Config::default() });
         let (ada, bob, cleo) = (stage.join(1, 15.0), stage.join(2, 16.0), stage.join(3, 11.0));
@@ -79,7 +79,7 @@ fn a_sealed_room_is_told_of_inside_only_whatever_the_policy() {
         if policy != Policy::Broadcast {
             assert_eq!(reason(&stage, cleo, ada), Reason::Sealed);
         }
-        // Whoever comes in is told, and is told of.
+        // An avatar that comes in is told of the others, and they of it.
         stage.walk(cleo, 15.5);
         stage.ticks(2);
         assert_eq!((sees(&stage, cleo), sees(&stage, ada)), (vec![1, 2], vec![2, 3]), "{policy}");
@@ -87,11 +87,11 @@ fn a_sealed_room_is_told_of_inside_only_whatever_the_policy() {
 }
 
 #[test]
-fn nobody_in_sight_but_by_a_sealed_wall_keeps_anybody_from_falling_silent() {
+fn an_avatar_behind_a_sealed_wall_keeps_nobody_from_falling_silent() {
     let mut stage = Stage::prompt(world());
     let config = Config { horizon_max: std::time::Duration::ZERO, ..stage.engine.config().clone() };
     stage = Stage::new(world(), config);
-    // In the middle of the corner, which in a second and a bit is not left at 2 m/s.
+    // At 2 m/s nobody leaves the corner from its middle within a little more than a second.
     let (ada, bob) = (stage.join(1, 15.0), stage.join(2, 24.0));
     stage.ticks(40);
     for avatar in [ada, bob] {
@@ -109,7 +109,7 @@ struct Crowd {
     index: RoomIndex,
     random: SmallRng,
     goals: Vec<Vec3>,
-    /// Who may hear each thing that was said.
+    /// The avatars that may hear each chat message.
     said: Vec<BTreeSet<AvatarId>>,
 }
 
@@ -155,8 +155,8 @@ impl Crowd {
         seal(one).agrees(&seal(other))
     }
 
-    /// Nothing that came out tells anybody of what a seal keeps from them, and whom the author lets be
-    /// seen is told of.
+    /// Checks that no output tells a client of an avatar behind a seal, and that every avatar that
+    /// the rooms show is told of.
     fn check(&self, before: usize) {
         for output in &self.stage.log[before..] {
             match output {
@@ -173,7 +173,10 @@ impl Crowd {
         let world = self.stage.engine.world();
         let place = |region: &Aabb| self.index.overlap(&world.cells, &[*region]);
         for (id, client) in &self.stage.clients {
-            assert!(client.sees.keys().all(|other| self.agree(*id, *other)), "nobody is kept");
+            assert!(
+                client.sees.keys().all(|other| self.agree(*id, *other)),
+                "no avatar behind a seal is held"
+            );
             for (other, seen) in self.stage.clients.iter().filter(|(other, _)| *other != id) {
                 let body = world.body.around(seen.eye);
                 let by_cells = world.cells.at(client.eye).zip(world.cells.at(seen.eye));
@@ -187,12 +190,12 @@ impl Crowd {
 }
 
 fn place(random: &mut SmallRng) -> Vec3 {
-    // Half of them near the corner, so that it is gone through often.
+    // Half of the places are near the corner, so that avatars often go through it.
     let across = if random.random_bool(0.5) { 8.0..22.0 } else { 0.5..49.5 };
     Vec3::new(random.random_range(across), 1.6, random.random_range(0.5..9.5))
 }
 
-/// By pose, appearance, name, or chat; and nobody is missed whom the author lets be seen.
+/// No pose, appearance, name or chat leaks, and no avatar is missed that the rooms show.
 #[test]
 fn a_sealed_room_leaks_nothing_in_a_thousand_walks() {
     let (mut inside, mut told) = (0, 0);

@@ -49,7 +49,7 @@ pub fn world(tree: Vec<Node>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool
     }
 }
 
-/// Wherever two cells that see each other share a rectangle, all of it is open.
+/// The portals: each rectangle that two cells share that see each other.
 fn portals(bounds: &[Aabb], met: impl Fn(u32, u32) -> bool) -> Vec<Portal> {
     let mut found = Vec::new();
     for (a, lesser) in bounds.iter().enumerate() {
@@ -110,7 +110,7 @@ pub fn row(count: u32) -> World {
     world(tree, (0..count).map(cell).collect(), |a, b| a.abs_diff(b) <= 1)
 }
 
-/// Narrows what two cells join in to a part of it.
+/// Narrows the portal and the gate of two cells to a part of their extent along an axis.
 pub fn narrow(world: &mut World, joint: usize, axis: usize, part: [f32; 2]) {
     let cells = &mut world.cells;
     for polygon in [&mut cells.portals[joint].polygon, &mut cells.gates[joint].polygon] {
@@ -121,11 +121,11 @@ pub fn narrow(world: &mut World, joint: usize, axis: usize, part: [f32; 2]) {
     }
 }
 
-/// What one client was told.
+/// A client, and what it was told.
 #[derive(Clone, Debug, Default)]
 pub struct Client {
     pub eye: Vec3,
-    /// Where it was at the tick before.
+    /// Its eye at the last tick.
     pub before: Option<Vec3>,
     pub sequence: u32,
     pub quiet: Option<Tbv>,
@@ -137,7 +137,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// Where it is, and how it came there since the tick before.
+    /// Its pose, with the velocity since the last tick.
     fn step(&mut self) -> Pose {
         let velocity = self.velocity();
         self.before = Some(self.eye);
@@ -154,7 +154,7 @@ pub struct Stage {
     pub engine: Engine,
     pub now: Duration,
     pub clients: BTreeMap<AvatarId, Client>,
-    /// Everything that came out, for comparing runs.
+    /// All outputs, for comparing runs.
     pub log: Vec<Output>,
     pub reports: usize,
 }
@@ -170,7 +170,7 @@ impl Stage {
         }
     }
 
-    /// Without delays and with the plainest TBVs, so that the figures in a test are plain.
+    /// A stage without delays and with the simplest TBVs, so that figures in a test are simple.
     pub fn prompt(world: World) -> Self {
         let config = Config {
             validity: Validity::Constant(Duration::from_secs(1)),
@@ -204,7 +204,7 @@ impl Stage {
         &self.clients[&avatar]
     }
 
-    /// The live report, the asked report once; then the engine decides.
+    /// Live clients report, and asked ones once. Then the engine decides.
     pub fn tick(&mut self) {
         for (id, client) in &mut self.clients {
             let pose = client.step();
@@ -228,7 +228,7 @@ impl Stage {
         (0..count).for_each(|_| self.tick());
     }
 
-    /// Walks along x at 1.9 m/s until there.
+    /// Walks along x at 1.9 m/s until the avatar is there.
     pub fn walk(&mut self, avatar: AvatarId, to_x: f32) {
         while (self.client(avatar).eye.x - to_x).abs() > 1e-3 {
             let eye = &mut self.clients.get_mut(&avatar).unwrap().eye;

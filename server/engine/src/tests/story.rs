@@ -1,4 +1,4 @@
-//! What happens between a few people in a row of rooms.
+//! Stories of a few people in a row of rooms.
 
 use std::time::Duration;
 
@@ -77,7 +77,7 @@ fn nothing_is_said_while_a_tbv_lasts() {
 }
 
 #[test]
-fn a_tbv_in_view_is_asked_and_its_avatar_not_sent_unless_it_is_there() {
+fn an_avatar_is_asked_when_its_tbv_is_in_view_and_sent_only_if_it_is_there() {
     // Cy stands where Bob's TBV reaches but Bob himself does not.
     let mut stage = Stage::prompt(row(8));
     let bob = stage.join(2, 31.9);
@@ -98,7 +98,7 @@ fn a_tbv_in_view_is_asked_and_its_avatar_not_sent_unless_it_is_there() {
 }
 
 #[test]
-fn the_expired_are_asked_in_time_and_asked_again() {
+fn clients_are_asked_in_time_before_an_expiry_and_asked_again() {
     let mut stage = Stage::prompt(row(8));
     let ada = stage.join(1, 5.0);
     stage.tick();
@@ -111,7 +111,7 @@ fn the_expired_are_asked_in_time_and_asked_again() {
     let asked_at = stage.now - TICK;
     assert!(asked_at + 2 * TICK <= tbv.expiry && asked_at + 5 * TICK >= tbv.expiry);
 
-    // She does not answer: asked again, then dropped.
+    // Ada does not answer. She is asked again, then dropped.
     let log = stage.log.len();
     for _ in 0..400 {
         stage.clients.get_mut(&ada).unwrap().asked = false;
@@ -138,7 +138,7 @@ fn a_live_client_that_falls_silent_is_asked_and_then_dropped() {
 }
 
 #[test]
-fn a_stay_lasts_until_it_is_left_and_its_word_is_kept() {
+fn a_tbv_lasts_until_its_client_leaves_and_leaving_unsaid_is_refused() {
     let config = Config {
         margin: Margin::Fixed(Duration::ZERO),
         ..Stage::prompt(row(2)).engine.config().clone()
@@ -149,13 +149,13 @@ fn a_stay_lasts_until_it_is_left_and_its_word_is_kept() {
     stage.ticks(3);
     let tbv = stage.engine.tbv(ada).unwrap();
     assert!(tbv.notice >= 3 * TICK && is_quiet(&stage, ada));
-    // Pacing to and fro in it, she need not say a word, but for her life after eight seconds.
+    // Pacing to and fro in it, she is silent until the TBV expires after eight seconds.
     let reports = stage.reports;
     for x in [5.5, 5.0, 4.5, 5.0] {
         stage.walk(ada, x);
     }
     assert_eq!(stage.reports, reports);
-    // On the way through the building she says in time each time that she leaves.
+    // On her way through the building she reports in time whenever she leaves a TBV.
     stage.walk(ada, 35.0);
     let left = stage.reports - reports;
     assert!((5..30).contains(&left), "{left} reports in 30 m");
@@ -164,7 +164,7 @@ fn a_stay_lasts_until_it_is_left_and_its_word_is_kept() {
     let tbv = stage.engine.tbv(ada).unwrap();
     assert!(tbv.contains(stage.client(ada).eye));
 
-    // Who breaks that word is put back: she may have come further by her speed limit.
+    // A client that leaves unsaid is put back, though its speed limit allows the distance.
     let client = stage.clients.get_mut(&ada).unwrap();
     client.sequence += 1;
     let eye = Vec3::new(tbv.within.max.x + 0.5, 1.6, 5.0);
@@ -177,7 +177,7 @@ fn a_stay_lasts_until_it_is_left_and_its_word_is_kept() {
 }
 
 #[test]
-fn a_quiet_client_may_report_and_is_judged() {
+fn a_quiet_client_may_report_and_its_claim_is_judged() {
     let mut stage = Stage::prompt(row(8));
     let ada = stage.join(1, 5.0);
     stage.ticks(4);
@@ -196,7 +196,7 @@ fn a_quiet_client_may_report_and_is_judged() {
     stage.tick();
     assert_eq!(stage.client(ada).corrections, 1);
     assert_eq!(stage.engine.pose(ada).unwrap().eye.x, 5.2);
-    // Unasked, but just as it would have been asked: that is the answer.
+    // A report that arrives just before the ask counts as the answer.
     while stage.now + 3 * TICK <= tbv.expiry {
         stage.tick();
     }
@@ -208,7 +208,7 @@ fn a_quiet_client_may_report_and_is_judged() {
 }
 
 #[test]
-fn who_is_put_elsewhere_by_the_host_is_seen_there() {
+fn an_avatar_that_the_host_puts_elsewhere_is_seen_there() {
     let mut stage = Stage::prompt(row(8));
     let (ada, bob) = (stage.join(1, 5.0), stage.join(2, 75.0));
     stage.ticks(3);
@@ -225,7 +225,7 @@ fn who_is_put_elsewhere_by_the_host_is_seen_there() {
 }
 
 #[test]
-fn chat_reaches_those_who_see_the_speaker_and_himself() {
+fn chat_reaches_all_who_see_the_speaker_and_the_speaker() {
     let mut stage = Stage::prompt(row(8));
     let (ada, bob, cy) = (stage.join(1, 5.0), stage.join(2, 15.0), stage.join(3, 45.0));
     stage.tick();
@@ -238,7 +238,7 @@ fn chat_reaches_those_who_see_the_speaker_and_himself() {
 }
 
 #[test]
-fn whoever_asks_for_a_spawn_point_looks_as_one_does_there() {
+fn an_avatar_that_asks_for_a_spawn_point_faces_as_the_spawn_point_says() {
     let mut stage = Stage::new(row(2), Config::default());
     let spawns = stage.engine.world().spawns.clone();
     let rounded = stage.join_at(1, spawns[1].eye + Vec3::splat(0.001));
@@ -269,7 +269,7 @@ fn joins_are_placed_bounded_and_never_doubled() {
     assert_eq!(stage.engine.avatars().count(), 3);
     assert!(stage.log.iter().any(|o| matches!(o, Output::Appear { avatar, name, .. }
         if *avatar == cy && name.chars().count() == 32)));
-    // What concerns nobody is ignored.
+    // Inputs about avatars that are not present are ignored.
     stage.engine.handle(stage.now, Input::Leave { avatar: full });
     let pose = Pose::default();
     stage.engine.handle(stage.now, Input::Report { avatar: full, sequence: 9, pose });
@@ -278,7 +278,7 @@ fn joins_are_placed_bounded_and_never_doubled() {
 }
 
 #[test]
-fn whoever_persists_in_false_claims_is_out() {
+fn a_client_that_persists_in_false_claims_is_dropped() {
     let mut stage = Stage::prompt(row(2));
     let (ada, bob) = (stage.join(1, 5.0), stage.join(2, 15.0));
     stage.tick();
@@ -312,7 +312,7 @@ fn other_policies_know_no_walls_and_no_silence() {
 }
 
 #[test]
-fn why_somebody_is_told_of_is_explained() {
+fn explanations_name_what_decided() {
     let mut stage = Stage::prompt(row(8));
     let (ada, bob, cy) = (stage.join(1, 5.0), stage.join(2, 15.0), stage.join(3, 25.0));
     stage.ticks(2);
@@ -332,7 +332,8 @@ fn why_somebody_is_told_of_is_explained() {
     assert_eq!(reason(&stage, ada, dee), Reason::Silence);
 }
 
-/// How many ticks after the last news of somebody who walks out of sight its viewer is told that it is gone.
+/// How many ticks pass between the last pose of an avatar that walks out of sight and its
+/// vanishing.
 fn kept_for(hold_ticks: u32) -> u32 {
     let margin = Margin::Fixed(Duration::ZERO);
     let round_trip_initial = Duration::ZERO;
@@ -357,12 +358,12 @@ fn kept_for(hold_ticks: u32) -> u32 {
 }
 
 #[test]
-fn who_was_in_sight_a_moment_ago_is_kept_but_not_told_of() {
+fn an_avatar_that_was_just_in_sight_is_kept_but_its_moves_are_not_told() {
     assert_eq!([0, 1, 2, 5].map(kept_for), [1, 1, 2, 5]);
 }
 
-/// How far from a viewer's room somebody is who runs towards it, when the viewer is told of it; it claims
-/// such a part of its velocity.
+/// How far from a viewer's room a running avatar is when the viewer is told of it, in metres. The
+/// avatar claims only a part of its velocity.
 fn told_of_at(claimed: f32) -> f32 {
     let mut world = row(8);
     world.speed_max = 6.0;
@@ -389,10 +390,10 @@ fn told_of_at(claimed: f32) -> f32 {
 }
 
 #[test]
-fn who_hides_how_fast_it_is_is_told_of_no_later_for_that() {
+fn an_avatar_that_hides_its_speed_is_told_of_no_later() {
     let honest = told_of_at(1.0);
     assert!((20.5..24.0).contains(&honest), "{honest}");
-    // What is spared ahead of who walks is worth a tick; belief would cost a metre.
+    // The margin ahead of a walker is worth a tick; a false velocity would be worth a metre.
     let liars = [0.0, -1.0].map(told_of_at);
     assert!(liars.iter().all(|told| *told >= honest - 0.3), "{honest} {liars:?}");
 }

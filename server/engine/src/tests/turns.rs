@@ -1,4 +1,4 @@
-//! Who tries in vain to fall silent keeps nobody else from being tried.
+//! Turns: avatars that try in vain to fall silent do not keep others from their turn.
 
 use std::{ops::Range, time::Duration};
 
@@ -13,20 +13,22 @@ use super::stage::{Stage, world};
 use crate::{Config, Margin};
 
 const CELL_M: f32 = 10.0;
-/// Between two rooms.
+/// The wall between two rooms, in metres.
 const WALL_M: f32 = 1.0;
-/// Rooms of three cells in a row, of which each sees those beside it.
+/// The number of long rooms: three cells in a row, each of which sees its neighbours.
 const LONG: u32 = 20;
 const CELLS: u32 = 3;
-/// Who is so far from the middle one of them does not see into it, but soon could.
+/// How far an avatar is from the middle cell, in metres. It does not see into that cell, but soon
+/// could.
 const AWAY_M: f32 = 0.8;
-/// Rooms of one cell. By the PVS two and two see each other; but all are closed, and lines are blocked.
+/// The number of closed rooms of one cell. By the PVS they see each other in pairs, but every line
+/// is blocked.
 const CLOSED: u32 = 12;
 const FIRST_CLOSED: u32 = LONG * CELLS;
-/// Those in closed rooms have the largest ids.
+/// Avatars in closed rooms have the ids from this one on.
 const FIRST_HIDDEN: u32 = 2 * LONG;
 
-/// All rooms in a row along x.
+/// All rooms, in a row along x.
 fn building() -> World {
     let (mut tree, mut cells, mut x) = (Vec::new(), Vec::new(), 0.0);
     for id in 0..FIRST_CLOSED + CLOSED {
@@ -50,13 +52,13 @@ fn room(cell: u32) -> u32 {
     (cell / CELLS).min(LONG) + cell.saturating_sub(FIRST_CLOSED)
 }
 
-/// Adds what lies along x up to there.
+/// Adds a leaf that extends along x up to a coordinate.
 fn put(tree: &mut Vec<Node>, at: f32, what: Node) {
     let next = tree.len() as u32 + 1;
     tree.extend([Node::Axial { axis: 0, at, sides: [next, next + 1] }, what]);
 }
 
-/// Two in each long room, at both ends, who try at each tick; and one in each closed room.
+/// Two avatars at the ends of each long room, which try at each tick, and one in each closed room.
 fn crowd(silence_budget: u32) -> Stage {
     let margin = Margin::Fixed(Duration::ZERO);
     let silence_retry = Duration::ZERO;
@@ -75,20 +77,20 @@ fn crowd(silence_budget: u32) -> Stage {
     stage
 }
 
-/// Of those with some ids, how many are silent.
+/// How many of the avatars with these ids are silent.
 fn quiet(stage: &Stage, ids: Range<u32>) -> usize {
     let is_quiet = |id: &u32| stage.engine.state(AvatarId(*id)) == Some(ReportingState::Quiet);
     ids.filter(is_quiet).count()
 }
 
 #[test]
-fn whoever_can_be_silent_gets_a_turn_though_others_use_the_budget_up_at_each_tick() {
+fn every_avatar_gets_its_turn_though_others_use_up_the_budget_at_each_tick() {
     let (restless, hidden) = (0..FIRST_HIDDEN, FIRST_HIDDEN..FIRST_HIDDEN + CLOSED);
     let mut stage = crowd(Config::default().silence_budget);
     stage.tick();
     let silent = [restless.clone(), hidden.clone()].map(|ids| quiet(&stage, ids));
-    assert_eq!(silent, [0, CLOSED as usize], "where there is enough, all at once");
-    // What the restless take at each tick is twice as much.
+    assert_eq!(silent, [0, CLOSED as usize], "with enough budget, all fall silent at once");
+    // The avatars in long rooms want twice as much at each tick.
     let mut stage = crowd(2_000);
     for tick in 0..40 {
         stage.tick();

@@ -1,5 +1,5 @@
-//! Who goes through a wall is put back; who goes through the door beside it, or is put elsewhere by the
-//! host, is not.
+//! Walls: an avatar that goes through a wall is put back. One that goes through the door beside it,
+//! or that the host puts elsewhere, is not.
 
 use glam::Vec3;
 use sightline_world::motion::{AvatarId, Pose};
@@ -7,7 +7,8 @@ use sightline_world::motion::{AvatarId, Pose};
 use super::stage::{Stage, narrow, row};
 use crate::Input;
 
-/// Two rooms with a door of a metre at one end of the wall, and somebody in the first, 5 m from it.
+/// Two rooms with a door of a metre at one end of the wall, and an avatar in the first, 5 m from
+/// it.
 fn before_a_wall() -> (Stage, AvatarId) {
     let mut world = row(2);
     narrow(&mut world, 0, 2, [0.0, 1.0]);
@@ -24,7 +25,7 @@ fn go(stage: &mut Stage, who: AvatarId, eye: Vec3) {
 }
 
 #[test]
-fn whoever_walks_through_a_wall_is_put_back_each_time_and_dropped_in_the_end() {
+fn a_client_that_walks_through_a_wall_is_put_back_each_time_and_dropped_in_the_end() {
     let (mut stage, ada) = before_a_wall();
     let here = stage.client(ada).eye;
     for times in 1..=5 {
@@ -42,7 +43,7 @@ fn whoever_walks_through_a_wall_is_put_back_each_time_and_dropped_in_the_end() {
 }
 
 #[test]
-fn no_silence_is_long_enough_to_have_come_round_what_has_no_door() {
+fn a_long_silence_allows_a_detour_through_a_door_but_not_a_way_through_a_wall() {
     for (door, refused) in [([0.0, 1.0], 0), ([0.0, 0.0], 1)] {
         let mut world = row(2);
         narrow(&mut world, 0, 2, door);
@@ -54,7 +55,7 @@ fn no_silence_is_long_enough_to_have_come_round_what_has_no_door() {
         let ada = stage.join(1, 9.9);
         stage.tick();
         let gone = stage.clients.remove(&ada).unwrap();
-        // Eight metres round by the door.
+        // The way round by the door is eight metres.
         stage.ticks(90);
         let pose = Pose { eye: Vec3::new(10.1, 1.6, 5.0), ..Pose::default() };
         let report = Input::Report { avatar: ada, sequence: gone.sequence + 1, pose };
@@ -64,7 +65,7 @@ fn no_silence_is_long_enough_to_have_come_round_what_has_no_door() {
 }
 
 #[test]
-fn doors_and_the_host_lead_to_the_other_side() {
+fn a_door_and_the_host_lead_to_the_other_side() {
     let (mut stage, ada) = before_a_wall();
     for eye in [Vec3::new(9.9, 1.6, 0.9), Vec3::new(10.1, 1.6, 0.9), Vec3::new(10.1, 1.6, 5.0)] {
         while stage.client(ada).eye.distance(eye) > 1e-3 {
@@ -81,5 +82,5 @@ fn doors_and_the_host_lead_to_the_other_side() {
     assert_eq!((stage.engine.stats().refusals, stage.engine.pose(ada).unwrap().eye), (0, eye));
     stage.ticks(4);
     go(&mut stage, ada, eye + Vec3::X * 0.2);
-    assert_eq!(stage.engine.stats().walls, 1, "from there on walls count again");
+    assert_eq!(stage.engine.stats().walls, 1, "walls count again from there on");
 }

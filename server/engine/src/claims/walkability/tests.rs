@@ -103,8 +103,8 @@ fn falls_count_for_less_and_jumps_cost_nothing_along_the_ground() {
     assert!(is_led(low, high + Vec3::X * 2.0, 4.01), "while it runs");
 }
 
-/// Rooms from 0 to 10 m and from 10.5 to 20 m, and a wall of half a metre in between, with a door in
-/// it if wanted.
+/// Rooms from 0 to 10 m and from 10.5 to 20 m, and a wall of half a metre in between, with a door
+/// in it if wanted.
 fn walled(has_door: bool) -> World {
     let cell = |x: [f32; 2], z: [f32; 2]| {
         Aabb::new(Vec3::new(x[0], 0.0, z[0]), Vec3::new(x[1], 3.0, z[1]))
@@ -278,8 +278,8 @@ fn close(world: &mut World) {
     world.cells.cells.iter_mut().for_each(|cell| cell.portals.retain(|gate| open.contains(gate)));
 }
 
-/// The reference model: the shortest way to each point of a lattice. Each step goes to a neighbouring
-/// point in the same room or through a door.
+/// The reference model: the shortest way to each point of a lattice. Each step goes to a
+/// neighbouring point in the same room or through a door.
 fn walked(world: &World, side: u32, from: [i32; 2]) -> BTreeMap<[i32; 2], f32> {
     let place = |[x, z]: [i32; 2]| at((x as f32 + 0.5) * STEP_M, (z as f32 + 0.5) * STEP_M);
     let size = (side as f32 * ROOM_M / STEP_M) as i32;
