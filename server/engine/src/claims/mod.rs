@@ -1,7 +1,7 @@
 //! What the server believes of a client's claims.
 //!
 //! A claim must keep to the [movement budget](movement_budget), be [walkable](walkability) through
-//! gates with enough [clearance](clearance), and agree with [earlier claims](consistency).
+//! gates with enough [clearance], and agree with [earlier claims](consistency).
 
 mod clearance;
 mod consistency;

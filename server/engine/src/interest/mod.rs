@@ -2,7 +2,7 @@
 //!
 //! A tick takes a [snapshot] of all live avatars and updates their regions. It then finds
 //! [candidates], runs [sight tests](sight_tests) on the pairs that these leave open, and
-//! [notifies](notify) the viewers.
+//! [notifies](mod@notify) the viewers.
 
 mod candidates;
 mod explain;

@@ -1,6 +1,6 @@
 //! Silence: which avatars are hidden, and for how long.
 //!
-//! Avatars [settle](settle) into a TBV that a [search](search) finds, until it [expires](expiry) or
+//! Avatars [settle] into a TBV that a [search] finds, until it [expires](expiry) or
 //! is [revealed](reveal).
 
 mod expiry;
