@@ -18,6 +18,7 @@ use sightline_world::{Spawn, World, motion::Pose};
 use tokio::runtime::Runtime;
 
 use self::{
+    pictures::PictureWatch,
     summary::{FrameRate, Summary},
     visitors::Visitors,
 };
@@ -45,14 +46,19 @@ pub fn run(options: &DemoOptions) -> anyhow::Result<()> {
 
     println!("{} visitors walk for {} s", options.visitors, options.duration.as_secs());
     let visitors = Visitors::send(&runtime, dialer, address, trust, options)?;
-    let frames = show(&you, &visitors, &world, options)?;
-    let (snapshots, report) = visitors.end()?;
-
+    let shown = show(&you, &visitors, &world, options)?;
+    // Before pictures are drawn: idle ticks would dilute the figures.
     let server_stats = server.stats();
+    let (snapshots, report) = visitors.end()?;
     runtime.block_on(async {
         you.leave().await;
         server.shutdown().await;
     });
+    let frames = match shown {
+        #[cfg(feature = "desktop")]
+        Shown::Window(frames) => frames,
+        Shown::Pictures(watch) => watch.finish(&world, &options.pictures)?,
+    };
     Summary::new(&world, &snapshots, &report)?.print(&report, &server_stats, &frames);
     Ok(())
 }
@@ -94,14 +100,23 @@ fn join(
     Ok(runtime.block_on(dialer.connect(address, &options))?)
 }
 
-/// Shows the walk in a window where there is a display, else in pictures. Returns when the
-/// visitors are done, you leave, or somebody interrupts.
+/// How the walk was shown.
+enum Shown {
+    /// In a window, at this frame rate.
+    #[cfg(feature = "desktop")]
+    Window(FrameRate),
+    /// Without a window: pictures are still to be drawn.
+    Pictures(PictureWatch),
+}
+
+/// Shows the walk in a window where there is a display, else watches it for pictures. Returns when
+/// the visitors are done, you leave, or somebody interrupts.
 fn show(
     you: &Session,
     visitors: &Visitors,
     world: &Arc<World>,
     options: &DemoOptions,
-) -> anyhow::Result<FrameRate> {
+) -> anyhow::Result<Shown> {
     #[cfg(feature = "desktop")]
     if options.window && sightline_client::desktop::has_display() {
         use sightline_client::desktop::{self, WindowOptions, WorldSource};
@@ -110,12 +125,12 @@ fn show(
         let window = WindowOptions { title: "Sightline demo", stop, ..WindowOptions::default() };
         let summary = desktop::run(WorldSource::Shared(you), window)?;
         visitors.stop();
-        return Ok(FrameRate {
+        return Ok(Shown::Window(FrameRate {
             per_s: summary.frames_per_s(),
             draw_ms: summary.draw_ms,
             size: summary.size,
             note: "in the window",
-        });
+        }));
     }
-    pictures::take(you, visitors, world, options)
+    Ok(Shown::Pictures(PictureWatch::new(you, visitors, world, options.duration)))
 }

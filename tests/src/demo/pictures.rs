@@ -22,7 +22,7 @@ use sightline_renderer::{
 };
 use sightline_world::{World, motion::Pose};
 
-use super::{options::DemoOptions, summary::FrameRate, visitors::Visitors};
+use super::{summary::FrameRate, visitors::Visitors};
 
 /// Columns and rows of the view.
 const SIZE: (usize, usize) = (960, 540);
@@ -33,40 +33,54 @@ const MOMENT_INTERVAL: Duration = Duration::from_millis(200);
 /// The share of the walk before which visitors still stand where they came in.
 const SETTLED: f32 = 0.3;
 
-/// Waits until the visitors are done, and draws the moment at which most of them were in view.
-///
-/// # Errors
-/// When a picture cannot be written.
-pub(super) fn take(
-    you: &Session,
-    visitors: &Visitors,
-    world: &World,
-    options: &DemoOptions,
-) -> anyhow::Result<FrameRate> {
-    let progress = Progress::new();
-    let start = Instant::now();
-    let pose = best_view(you, world);
-    let mut best: Option<PictureMoment> = None;
-    while !visitors.is_over().load(Relaxed) {
-        thread::sleep(MOMENT_INTERVAL);
-        let share = start.elapsed().as_secs_f32() / options.duration.as_secs_f32();
-        progress.show("walking", share);
-        let moment = PictureMoment::now(you, visitors, pose);
-        let is_settled = share > SETTLED || best.is_none();
-        if is_settled && best.as_ref().is_none_or(|b| moment.in_front() >= b.in_front()) {
-            best = Some(moment);
+/// The moment of a walk that is worth a picture.
+pub(super) struct PictureWatch {
+    /// Your pose in the pictures.
+    pose: Pose,
+    best: Option<PictureMoment>,
+}
+
+impl PictureWatch {
+    /// Waits until the visitors are done, and keeps the moment at which most of them were in view.
+    pub(super) fn new(
+        you: &Session,
+        visitors: &Visitors,
+        world: &World,
+        duration: Duration,
+    ) -> Self {
+        let progress = Progress::new();
+        let start = Instant::now();
+        let pose = best_view(you, world);
+        let mut best: Option<PictureMoment> = None;
+        while !visitors.is_over().load(Relaxed) {
+            thread::sleep(MOMENT_INTERVAL);
+            let share = start.elapsed().as_secs_f32() / duration.as_secs_f32();
+            progress.show("walking", share);
+            let moment = PictureMoment::now(you, visitors, pose);
+            let is_settled = share > SETTLED || best.is_none();
+            if is_settled && best.as_ref().is_none_or(|b| moment.in_front() >= b.in_front()) {
+                best = Some(moment);
+            }
         }
+        progress.finish();
+        Self { pose, best }
     }
-    progress.finish();
-    let frames = time_frames(world, &pose);
-    if let Some(moment) = best {
-        fs::create_dir_all(&options.pictures)
-            .with_context(|| format!("cannot create {}", options.pictures.display()))?;
-        let (view, plan) = rayon::join(|| moment.view(world), || moment.plan(world));
-        save(&view, &options.pictures, "view.png")?;
-        save(&plan, &options.pictures, "plan.png")?;
+
+    /// Writes the pictures into a folder, and measures the frame rate.
+    ///
+    /// # Errors
+    /// When a picture cannot be written.
+    pub(super) fn finish(self, world: &World, folder: &Path) -> anyhow::Result<FrameRate> {
+        let frames = time_frames(world, &self.pose);
+        if let Some(moment) = self.best {
+            fs::create_dir_all(folder)
+                .with_context(|| format!("cannot create {}", folder.display()))?;
+            let (view, plan) = rayon::join(|| moment.view(world), || moment.plan(world));
+            save(&view, folder, "view.png")?;
+            save(&plan, folder, "plan.png")?;
+        }
+        Ok(frames)
     }
-    Ok(frames)
 }
 
 fn save(picture: &RgbImage, folder: &Path, name: &str) -> anyhow::Result<()> {
