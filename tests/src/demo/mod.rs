@@ -17,11 +17,7 @@ use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
 use sightline_world::{Spawn, World, motion::Pose};
 use tokio::runtime::Runtime;
 
-use self::{
-    pictures::PictureWatch,
-    summary::{FrameRate, Summary},
-    visitors::Visitors,
-};
+use self::{pictures::PictureWatch, summary::Summary, visitors::Visitors};
 
 pub use self::options::DemoOptions;
 
@@ -104,7 +100,7 @@ fn join(
 enum Shown {
     /// In a window, at this frame rate.
     #[cfg(feature = "desktop")]
-    Window(FrameRate),
+    Window(summary::FrameRate),
     /// Without a window: pictures are still to be drawn.
     Pictures(PictureWatch),
 }
@@ -125,7 +121,7 @@ fn show(
         let window = WindowOptions { title: "Sightline demo", stop, ..WindowOptions::default() };
         let summary = desktop::run(WorldSource::Shared(you), window)?;
         visitors.stop();
-        return Ok(Shown::Window(FrameRate {
+        return Ok(Shown::Window(summary::FrameRate {
             per_s: summary.frames_per_s(),
             draw_ms: summary.draw_ms,
             size: summary.size,

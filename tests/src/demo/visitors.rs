@@ -28,6 +28,7 @@ const STOP_CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Visitors who walk through the building until their time is over or somebody stops them.
 pub(super) struct Visitors {
     thread: JoinHandle<anyhow::Result<SwarmReport>>,
+    #[cfg_attr(not(feature = "desktop"), expect(dead_code, reason = "only a window stops them"))]
     stop: mpsc::Sender<()>,
     snapshots: Arc<Mutex<Vec<SwarmSnapshot>>>,
     /// Set when they have ended.
@@ -73,6 +74,7 @@ impl Visitors {
     }
 
     /// Asks the visitors to leave.
+    #[cfg(feature = "desktop")]
     pub(super) fn stop(&self) {
         // They may have left by themselves: then nobody listens.
         let _ = self.stop.send(());
