@@ -1,9 +1,50 @@
-//! The client without I/O: no socket, no clock, no window.
+//! The client without I/O: what it knows of other avatars, and how its own body moves.
 //!
-//! * [`replica`]: what this client knows of the others, and its own TBV.
-//! * [`reporting`]: when this client reports.
-//! * [`walker`]: how one's own body walks, climbs and collides.
-//! * [`navigation`]: where a body can walk, for simulated visitors.
+//! * [`replica::Replica`] takes in the messages of the server. It gives the poses of other avatars to
+//!   draw, and the messages to send.
+//! * [`reporting::Reporter`] decides when the client reports. A replica has one; simulated clients use
+//!   it alone.
+//! * [`walker::Walker`] moves the own body through the voxels of a world, as a
+//!   [`MoveInput`](walker::MoveInput) wants. Its poses go to [`replica::Replica::set_pose`].
+//! * [`navigation::Navigation`] finds paths for the bodies of simulated visitors.
+//!
+//! There is no socket, no clock and no thread: callers pass in times, as durations since some start.
+//!
+//! # Example
+//!
+//! A client enters the world at the place that the server gives it, and walks:
+//!
+//! ```
+//! use std::time::Duration;
+//!
+//! use sightline_client_core::{
+//!     replica::{Event, Outgoing, Replica},
+//!     walker::{MoveInput, Walker},
+//! };
+//! use sightline_fixtures::voxel_floor;
+//! use sightline_protocol::message::ServerMessage;
+//! use sightline_world::motion::{Agility, AvatarId};
+//!
+//! let world = voxel_floor::world(&[]);
+//! let mut walker = Walker::new(&world, voxel_floor::SPAWN);
+//! let tick = Duration::from_millis(50);
+//! let agility = Agility::of(&world.body, world.speed_max);
+//! let mut replica = Replica::new(AvatarId(1), tick, agility);
+//!
+//! let entered = ServerMessage::Entered { pose: (&walker.pose()).into() };
+//! assert!(matches!(replica.message(tick, entered)?, Some(Event::Entered(_))));
+//!
+//! // One second of walking forward, with a report at every tick, as the client is live.
+//! let start = walker.pose().eye;
+//! for _ in 0..20 {
+//!     let forward = MoveInput { forward: 1.0, ..MoveInput::default() };
+//!     replica.set_pose(walker.step(&world.octree, forward, tick.as_secs_f32()));
+//!     assert!(matches!(replica.tick(tick), Some(Outgoing::Datagram(_))));
+//! }
+//! let way = start.distance(walker.pose().eye);
+//! assert!(way > 2.0 && way <= world.speed_max, "{way} m");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod navigation;
 pub mod replica;

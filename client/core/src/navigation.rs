@@ -1,4 +1,5 @@
-//! Where a body can walk: a grid over the floors that it can reach, found from the octree alone.
+//! Navigation: where a body can walk, as a grid over the floors that it can reach. The grid is found
+//! from the octree alone.
 
 use std::{
     cmp::Reverse,
@@ -9,50 +10,59 @@ use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
 use sightline_world::{World, geometry::Aabb};
 
-/// Steps are taken to be so much higher than they are, in metres, so that none is a near miss.
+/// Steps count as this much higher than they are, in metres, so that no path depends on a near miss.
 const STEP_SLACK: f32 = 0.02;
-/// A fall that it takes, in metres.
+/// A body that steps to a place on its own level is lifted by this much, in metres, so that it does not
+/// scrape along the floor.
+const LIFT: f32 = 0.02;
+/// The deepest fall on a path, in metres.
 const DROP: f32 = 4.0;
-/// Floors at one place are at least so far apart, in metres: closer ones are the same.
+/// The height of a fall is found to this precision, in metres.
+const FALL_PRECISION: f32 = 0.01;
+/// Floors in one column are at least this far apart, in metres. Closer ones count as one.
 const STOREY: f32 = 1.0;
-/// Beside the body there is so much space, in metres, so that it does not scrape along walls.
+/// The free space beside a body, in metres, so that it does not scrape along walls.
 const CLEARANCE: f32 = 0.04;
-/// Half the width of the space in which a roof is looked for, in metres.
+/// Half the width of the column in which a roof is searched for, in metres.
 const ROOF_PROBE: f32 = 0.05;
-/// No grid has more places; each costs about 100 bytes.
+/// Places on a straight part of a path differ in height by no more than this, in metres.
+const LEVEL: f32 = 0.1;
+/// The largest number of places of a grid. Each takes about 100 bytes.
 const PLACES_MAX: usize = 200_000;
-/// A search for a way looks at no more places.
+/// The largest number of places that the search for a path visits.
 const SEARCH_MAX: usize = 60_000;
 
-/// The places where a body can stand and from which it can come back, and the ways between them.
-/// The default has none.
+/// The places where a body can stand and from which it can come back, and the paths between them. The
+/// default has no places.
 #[derive(Clone, Debug, Default)]
 pub struct Navigation {
     /// The distance between neighbouring places, in metres.
     pitch: f32,
-    /// From the soles to the eye, in metres.
+    /// The height of the eye above the soles, in metres.
     eye_height: f32,
-    places: Vec<Place>,
+    places: Vec<FloorPlace>,
+    /// The places of each column of the grid.
     columns: HashMap<[i32; 2], Vec<u32>>,
-    /// Those that can all be reached from each other, ascending.
+    /// The indices of the places that can all be reached from each other, in ascending order.
     home: Vec<u32>,
-    /// Those of home that are worth going to.
+    /// The places of `home` that are worth going to.
     goals: Vec<u32>,
 }
 
+/// A place on a floor where a body can stand.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct FloorPlace {
     column: [i32; 2],
-    /// The height of the soles, in metres.
+    /// The height of the soles of a body that stands there, in metres.
     sole: f32,
-    /// Where a step east, south, west and north leads to.
+    /// The places that a step east, south, west and north leads to.
     next: [Option<u32>; 4],
 }
 
 const DIRECTIONS: [[i32; 2]; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
 
 impl Navigation {
-    /// Looks at all floors that can be reached from the world's spawn points. Takes a second for a
+    /// Finds all places that can be reached from the world's spawn points. This takes a second for a
     /// large building.
     pub fn new(world: &World) -> Self {
         let mut navigation = Self {
@@ -75,7 +85,7 @@ impl Navigation {
             open.extend(found.and_then(|(column, sole)| navigation.add(column, sole)));
         }
         while let Some(place) = open.pop_front() {
-            let Place { column: [x, z], sole, .. } = navigation.places[place as usize];
+            let FloorPlace { column: [x, z], sole, .. } = navigation.places[place as usize];
             for (side, [dx, dz]) in DIRECTIONS.into_iter().enumerate() {
                 let column = [x + dx, z + dz];
                 let from = navigation.point([x, z], sole);
@@ -89,22 +99,24 @@ impl Navigation {
             }
         }
         navigation.home = navigation.largest_component();
+        assert!(navigation.places.len() <= PLACES_MAX, "{} places", navigation.places.len());
+        debug_assert!(navigation.home.is_sorted(), "the places of home ascend");
         navigation.goals = navigation.indoors(world);
         navigation
     }
 
-    /// How many places a body can go to and come back from.
+    /// The number of places that a body can go to and come back from.
     pub fn len(&self) -> usize {
         self.home.len()
     }
 
-    /// Whether a body can go nowhere.
+    /// Whether there are no places.
     pub fn is_empty(&self) -> bool {
         self.home.is_empty()
     }
 
-    /// Some place to go to, as an eye; `None` when there is none. It has a roof, where much of the
-    /// floor has one: visitors come for the building, not for the lawn.
+    /// A random place to go to, as an eye; `None` when there is none. Where much of the floor has a roof,
+    /// so has the place: visitors come for the building and not for the lawn.
     pub fn random(&self, random: &mut SmallRng) -> Option<Vec3> {
         if self.goals.is_empty() {
             return None;
@@ -113,7 +125,7 @@ impl Navigation {
         Some(self.eye(place))
     }
 
-    /// The places of home that have a roof; all of them when few have.
+    /// The places of `home` that have a roof; all places of `home` when few have one.
     fn indoors(&self, world: &World) -> Vec<u32> {
         let top = world.bounds().max.y;
         let has_roof = |&place: &u32| {
@@ -125,15 +137,15 @@ impl Navigation {
         if roofed.len() * 4 < self.home.len() { self.home.clone() } else { roofed }
     }
 
-    /// A short way from one eye to another, as eyes to walk to one after the other in straight
-    /// lines. `None` when either is no place to stand or the way is too long to find.
+    /// A short path from one eye to another, as eyes to walk to in straight lines, one after the other.
+    /// `None` when no place is near one of the two, or the path is too long to find.
     pub fn path(&self, from: Vec3, to: Vec3) -> Option<Vec<Vec3>> {
         let (from, to) = (self.nearest(from)?, self.nearest(to)?);
         let places = self.search(from, to)?;
-        let mut way = Vec::new();
+        let mut path = Vec::new();
         let mut at = 0;
         while at + 1 < places.len() {
-            // As far ahead as a straight line leads.
+            // The next eye is as far ahead as a straight line leads.
             let mut far = at + 1;
             while far + 1 < places.len()
                 && far < at + 32
@@ -141,42 +153,47 @@ impl Navigation {
             {
                 far += 1;
             }
-            way.push(self.eye(places[far]));
+            path.push(self.eye(places[far]));
             at = far;
         }
-        Some(way)
+        Some(path)
     }
 
+    /// The column of the grid that a point is in.
     fn column(&self, point: Vec3) -> [i32; 2] {
         [(point.x / self.pitch).round() as i32, (point.z / self.pitch).round() as i32]
     }
 
+    /// The point in the middle of a column, at the height of the soles.
     fn point(&self, [x, z]: [i32; 2], sole: f32) -> Vec3 {
         Vec3::new(x as f32 * self.pitch, sole, z as f32 * self.pitch)
     }
 
+    /// The eye of a body that stands at a place.
     fn eye(&self, place: u32) -> Vec3 {
-        let Place { column, sole, .. } = self.places[place as usize];
+        let FloorPlace { column, sole, .. } = self.places[place as usize];
         self.point(column, sole + self.eye_height)
     }
 
+    /// The place of a column at this height, if it is known.
     fn find(&self, column: [i32; 2], sole: f32) -> Option<u32> {
         let storeys = self.columns.get(&column)?;
         let is_it = |place: &u32| (self.places[*place as usize].sole - sole).abs() < STOREY * 0.5;
         storeys.iter().copied().find(is_it)
     }
 
+    /// Adds a place. Returns its index, or `None` when it is known or the grid is full.
     fn add(&mut self, column: [i32; 2], sole: f32) -> Option<u32> {
         if self.places.len() >= PLACES_MAX || self.find(column, sole).is_some() {
             return None;
         }
         let place = self.places.len() as u32;
-        self.places.push(Place { column, sole, next: [None; 4] });
+        self.places.push(FloorPlace { column, sole, next: [None; 4] });
         self.columns.entry(column).or_default().push(place);
         Some(place)
     }
 
-    /// The place that an eye is at, or next to.
+    /// The place nearest to an eye, within two columns and one storey.
     fn nearest(&self, eye: Vec3) -> Option<u32> {
         let ([x, z], sole) = (self.column(eye), eye.y - self.eye_height);
         let around = (-2..=2).flat_map(|dx| (-2..=2).map(move |dz| [x + dx, z + dz]));
@@ -191,7 +208,8 @@ impl Navigation {
             })
     }
 
-    /// A* (Hart, Nilsson and Raphael 1968), in tenths of a step.
+    /// The shortest path from one place to another by A* (Hart, Nilsson and Raphael 1968). Costs are in
+    /// tenths of a step.
     fn search(&self, from: u32, to: u32) -> Option<Vec<u32>> {
         let goal = self.places[to as usize].column;
         let estimate = |place: u32| {
@@ -203,7 +221,7 @@ impl Navigation {
         let mut open = BinaryHeap::from([Reverse((estimate(from), from))]);
         while let Some(Reverse((_, place))) = open.pop() {
             if place == to {
-                return Some(trace(&known, from, to));
+                return Some(trace_back(&known, from, to));
             }
             if known.len() > SEARCH_MAX {
                 return None;
@@ -220,7 +238,8 @@ impl Navigation {
         None
     }
 
-    /// Straight steps, and slanted ones where both ways round the corner lead to the same place.
+    /// The steps from a place, with their costs: straight ones, and diagonal ones where both ways round
+    /// the corner lead to the same place.
     fn steps(&self, place: u32) -> impl Iterator<Item = (u32, u32)> + '_ {
         let step = move |from: u32, side: usize| self.places[from as usize].next[side];
         let straight = (0..4).filter_map(move |side| Some((10, step(place, side)?)));
@@ -232,16 +251,16 @@ impl Navigation {
         straight.chain(slanted)
     }
 
-    /// Whether all places under a straight line follow each other and go neither up nor down much.
+    /// Whether the places under a straight line between two places follow each other on nearly one level.
     fn is_straight(&self, from: u32, to: u32) -> bool {
         let (a, b) = (self.places[from as usize], self.places[to as usize]);
-        let way = [b.column[0] - a.column[0], b.column[1] - a.column[1]];
-        let parts = 2 * way[0].abs().max(way[1].abs());
+        let offset = [b.column[0] - a.column[0], b.column[1] - a.column[1]];
+        let parts = 2 * offset[0].abs().max(offset[1].abs());
         let mut at = a.column;
         let mut place = from;
         for part in 1..=parts {
             let along = |axis: usize| {
-                let exact = way[axis] as f32 * part as f32 / parts as f32;
+                let exact = offset[axis] as f32 * part as f32 / parts as f32;
                 a.column[axis] + exact.round() as i32
             };
             let next = [along(0), along(1)];
@@ -256,7 +275,7 @@ impl Navigation {
                 }
             };
             let Some(found) = found else { return false };
-            if (self.places[found as usize].sole - self.places[place as usize].sole).abs() > 0.1 {
+            if (self.places[found as usize].sole - self.places[place as usize].sole).abs() > LEVEL {
                 return false;
             }
             (at, place) = (next, found);
@@ -264,13 +283,14 @@ impl Navigation {
         place == to
     }
 
+    /// The place that a straight step leads to.
     fn side(&self, place: u32, step: [i32; 2]) -> Option<u32> {
         let side = DIRECTIONS.iter().position(|direction| *direction == step)?;
         self.places[place as usize].next[side]
     }
 
-    /// The largest set of places that can all be reached from each other: what can be reached from
-    /// a place and leads back to it, for the place with the largest such set among the first few.
+    /// The largest strongly connected set of places: all that can be reached from some place and lead back
+    /// to it. Only a few places are tried.
     fn largest_component(&self) -> Vec<u32> {
         let mut back: Vec<Vec<u32>> = vec![Vec::new(); self.places.len()];
         for (place, from) in self.places.iter().zip(0u32..) {
@@ -278,7 +298,7 @@ impl Navigation {
         }
         let mut seen = vec![false; self.places.len()];
         let mut largest = Vec::new();
-        // Spawn points come first, so that a few tries find all but pits.
+        // Places at spawn points come first, so a few tries are enough: the rest are pits.
         for _ in 0..8 {
             let Some(seed) = seen.iter().position(|seen| !seen) else { break };
             let forth = flood(seed as u32, self.places.len(), |place| {
@@ -297,7 +317,7 @@ impl Navigation {
     }
 }
 
-/// Which places can be reached from one.
+/// Which places can be reached from a seed.
 fn flood(seed: u32, places: usize, next: impl Fn(u32) -> Vec<u32>) -> Vec<bool> {
     let mut reached = vec![false; places];
     reached[seed as usize] = true;
@@ -312,18 +332,19 @@ fn flood(seed: u32, places: usize, next: impl Fn(u32) -> Vec<u32>) -> Vec<bool> 
     reached
 }
 
-fn trace(known: &HashMap<u32, (u32, u32)>, from: u32, to: u32) -> Vec<u32> {
-    let mut way = vec![to];
+/// The path that a search found, from the predecessors of all places that it visited.
+fn trace_back(known: &HashMap<u32, (u32, u32)>, from: u32, to: u32) -> Vec<u32> {
+    let mut path = vec![to];
     let mut at = to;
     while at != from {
         at = known[&at].1;
-        way.push(at);
+        path.push(at);
     }
-    way.reverse();
-    way
+    path.reverse();
+    path
 }
 
-/// Feels for floors.
+/// Finds floors by testing boxes against the octree.
 struct Probe<'a> {
     world: &'a World,
     half_width: f32,
@@ -339,29 +360,31 @@ impl<'a> Probe<'a> {
         Self { world, half_width, height: body.below_eye + body.above_eye, step_up }
     }
 
-    /// Whether the body's box between two heights above a point is inside the building and free.
+    /// Whether the part of a body between two heights above a point is inside the building and free.
     fn is_free(&self, point: Vec3, from: f32, to: f32) -> bool {
         let region = self.region(point, from, to);
         self.world.confines().contains_box(&region) && !self.world.octree.solid_in(&region)
     }
 
+    /// The box of the part of a body between two heights above a point.
     fn region(&self, point: Vec3, from: f32, to: f32) -> Aabb {
         let side = Vec3::new(self.half_width, 0.0, self.half_width);
         let (low, high) = (point.with_y(point.y + from), point.with_y(point.y + to));
         Aabb::new(low - side, high + side)
     }
 
-    /// The floor under a body in the air: how high its soles are when it has fallen, if it fits
-    /// and does not fall too deep.
+    /// The height of the soles of a body after it has fallen from a point. `None` when it does not fit
+    /// there or falls too deep.
     fn land(&self, sole: Vec3) -> Option<f32> {
         if !self.is_free(sole, 0.0, self.height) {
-            // The place may be a little too low.
+            // The point may be slightly too low.
             return (self.is_free(sole, self.step_up, self.step_up + self.height))
                 .then(|| self.fall(sole + Vec3::Y * self.step_up))?;
         }
         self.fall(sole)
     }
 
+    /// The height of the soles after a fall from a free point; `None` when it is deeper than [`DROP`].
     fn fall(&self, sole: Vec3) -> Option<f32> {
         let is_solid = |depth: f32| self.world.octree.solid_in(&self.region(sole, -depth, 0.0));
         let deepest = DROP + self.step_up;
@@ -369,19 +392,18 @@ impl<'a> Probe<'a> {
             return None;
         }
         let (mut free, mut solid) = (0.0, deepest);
-        while solid - free > 0.01 {
+        while solid - free > FALL_PRECISION {
             let middle = 0.5 * (free + solid);
             if is_solid(middle) { solid = middle } else { free = middle }
         }
         Some(sole.y - free)
     }
 
-    /// The height of the soles after a step to a neighbouring place.
+    /// The height of the soles after a step to a neighbouring point; `None` when there is no way.
     fn step(&self, from: Vec3, to: Vec3) -> Option<f32> {
-        // Where the way is free at the height at which the body stands, it does not climb.
-        let lift = 0.02;
-        if self.is_free(to, lift, lift + self.height) {
-            return self.fall(to + Vec3::Y * lift);
+        // Where there is room on the body's own level, it does not climb.
+        if self.is_free(to, LIFT, LIFT + self.height) {
+            return self.fall(to + Vec3::Y * LIFT);
         }
         let (up, over) = (from + Vec3::Y * self.step_up, to + Vec3::Y * self.step_up);
         (self.is_free(up, 0.0, self.height) && self.is_free(over, 0.0, self.height))

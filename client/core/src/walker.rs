@@ -1,8 +1,8 @@
-//! One's own body in the building: walking, climbing stairs, jumping, falling, flying.
+//! The own body in the building: walking, climbing stairs, jumping, falling and flying.
 //!
-//! No clock and no input devices: [`Walker::step`] takes a [`MoveInput`] and a time, and gives a pose
-//! that the server accepts: the eye is never faster than the world allows, never out of its
-//! bounds, and the body never enters a voxel.
+//! [`Walker::step`] takes a [`MoveInput`] and a time, and returns a pose that the server accepts: the
+//! eye is never faster than the world allows and never leaves its bounds, and the body never enters a
+//! voxel. There is no clock and no input device.
 
 use glam::Vec3;
 use sightline_world::{
@@ -10,24 +10,25 @@ use sightline_world::{
     geometry::{Aabb, Confines},
     motion::{Agility, Body, Pose},
     octree::Octree,
+    tolerance::INWARD_M,
 };
 
-/// What the person at the keyboard, or a simulated visitor, wants.
+/// How a person at the keyboard, or a simulated visitor, wants to move.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct MoveInput {
-    /// Along the look, from -1 (back) to 1; 1 is as fast as the world allows.
+    /// Speed in the direction of view, from -1 (backwards) to 1, as a share of the world's speed limit.
     pub forward: f32,
-    /// To the right, from -1 to 1.
+    /// Speed to the right, from -1 to 1.
     pub right: f32,
-    /// Upward, from -1 to 1; only when flying.
+    /// Speed upward, from -1 to 1. It counts only when flying.
     pub up: f32,
-    /// As in [`Pose::yaw`].
+    /// The heading, as in [`Pose::yaw`].
     pub yaw: f32,
-    /// As in [`Pose::pitch`].
+    /// The elevation of the view, as in [`Pose::pitch`].
     pub pitch: f32,
-    /// No gravity.
+    /// Whether the body flies, without gravity.
     pub fly: bool,
-    /// Leave the ground.
+    /// Whether the body jumps if it stands.
     pub jump: bool,
 }
 
@@ -35,50 +36,53 @@ pub struct MoveInput {
 #[derive(Clone, Debug)]
 pub struct Walker {
     body: Body,
-    /// Where the eye may be.
+    /// The region that the eye does not leave.
     confines: Confines,
     agility: Agility,
+    /// The speed limit, in metres a second.
     speed_max: f32,
-    /// How fast it goes along the ground, in metres a second.
+    /// The velocity along the ground, in metres a second.
     drive: Vec3,
     pose: Pose,
-    /// Metres a second, upward.
+    /// The velocity upward, in metres a second.
     rise: f32,
     grounded: bool,
-    /// How much higher it may climb before it must stand again, in metres.
+    /// How much higher the body may climb before it must stand again, in metres.
     climb_left: f32,
 }
 
-/// Metres a second, each second.
+/// In metres a second squared.
 const GRAVITY: f32 = 9.81;
 
-/// At most, in metres a second: enough for half a metre.
+/// The speed at which a jump begins, in metres a second: enough for half a metre.
 const JUMP_SPEED: f32 = 3.2;
 
-/// No sub-step is longer, so that no body passes through a voxel.
+/// The longest sub-step, in seconds. No body passes through a voxel within it.
 const SUBSTEP_S: f32 = 1.0 / 120.0;
 
-/// A longer time is cut, since what happened in it is lost anyway.
+/// The longest step, in seconds. A longer one is cut, because input during it is lost anyway.
 const STEP_S_MAX: f32 = 0.25;
 
-/// How fast a body goes off at once, in metres a second: within what the server believes that it can
-/// do ([`Agility::dash`](sightline_world::motion::Agility::dash)).
+/// The speed that a body has at once, in metres a second. It is below what the server accepts
+/// ([`Agility::dash`](sightline_world::motion::Agility::dash)).
 const START_SPEED: f32 = 1.2;
-/// The part of the acceleration that the server believes in that is used.
+/// The share used of the acceleration that the server accepts.
 const PUSH_SHARE: f32 = 0.95;
-/// What is left to the server's rounding: the part of the speed that is used.
+/// The share used of the speed limit. The rest covers the rounding of poses on the wire.
 const SPEED_SHARE: f32 = 0.97;
 
-/// How far a free place is searched for when the body is stuck, in metres.
+const _: () = assert!(PUSH_SHARE < 1.0 && SPEED_SHARE < 1.0, "the server checks the limits");
+
+/// How far a stuck body searches for a free place, in metres.
 const FREE_WITHIN: f32 = 3.0;
 
 impl Walker {
-    /// A body at a spawn point. Where it does not fit there it gets out step by step: the server
-    /// counts from the place that it gave.
+    /// A body at a spawn point. Where the body does not fit, [`Walker::step`] moves it out slowly, because
+    /// the server measures its way from the spawn point.
     pub fn new(world: &World, spawn: Spawn) -> Self {
         let mut walker = Self {
             body: world.body,
-            confines: world.confines().grown(-0.001),
+            confines: world.confines().grown(-INWARD_M),
             agility: Agility::of(&world.body, world.speed_max),
             speed_max: world.speed_max,
             drive: Vec3::ZERO,
@@ -91,17 +95,17 @@ impl Walker {
         walker
     }
 
-    /// Where it is now.
+    /// The pose of the body.
     pub fn pose(&self) -> Pose {
         self.pose
     }
 
-    /// Whether it stands on something.
+    /// Whether the body stands on something.
     pub fn is_grounded(&self) -> bool {
         self.grounded
     }
 
-    /// Puts it where the server says that it is.
+    /// Puts the body where the server says that it is. A pose that is not finite is ignored.
     pub fn place(&mut self, pose: Pose) {
         if pose.is_finite() {
             self.pose = Pose { eye: self.within(pose.eye), ..pose };
@@ -109,34 +113,38 @@ impl Walker {
         }
     }
 
-    /// Moves for `dt_s` seconds, at most a quarter of one, and tells where it is then.
-    pub fn step(&mut self, octree: &Octree, wish: MoveInput, dt_s: f32) -> Pose {
-        if wish.yaw.is_finite() && wish.pitch.is_finite() {
-            (self.pose.yaw, self.pose.pitch) = (wish.yaw, wish.pitch);
+    /// Moves the body for `dt_s` seconds, at most a quarter of a second. Returns its pose then.
+    pub fn step(&mut self, octree: &Octree, input: MoveInput, dt_s: f32) -> Pose {
+        if input.yaw.is_finite() && input.pitch.is_finite() {
+            (self.pose.yaw, self.pose.pitch) = (input.yaw, input.pitch);
         }
         let dt_s = if dt_s.is_finite() { dt_s.clamp(0.0, STEP_S_MAX) } else { 0.0 };
         if dt_s > 0.0 {
             let start = self.pose.eye;
             let substeps = (dt_s / SUBSTEP_S).ceil();
             for _ in 0..substeps as u32 {
-                self.substep(octree, &wish, dt_s / substeps);
+                self.substep(octree, &input, dt_s / substeps);
             }
             self.pose.velocity = (self.pose.eye - start) / dt_s;
+            let limit = self.speed_max * (1.0 + f32::EPSILON);
+            debug_assert!(self.pose.velocity.length() <= limit, "{}", self.pose.velocity);
         }
+        debug_assert!(self.pose.is_finite(), "{:?}", self.pose);
         self.pose
     }
 
-    fn substep(&mut self, octree: &Octree, wish: &MoveInput, dt_s: f32) {
+    /// Moves the body for at most [`SUBSTEP_S`].
+    fn substep(&mut self, octree: &Octree, input: &MoveInput, dt_s: f32) {
         let reach = self.speed_max * SPEED_SHARE * dt_s;
         if self.is_solid_at(octree, self.pose.eye) {
-            // The server may place a body where it does not fit; it finds its way out.
+            // The server may have put the body where it does not fit. It finds its way out.
             if let Some(free) = self.free_place(octree) {
                 let reach = reach.min(START_SPEED * dt_s);
                 self.pose.eye += (free - self.pose.eye).clamp_length_max(reach);
             }
             return;
         }
-        let velocity = if wish.fly { self.flight(wish, dt_s) } else { self.gait(wish, dt_s) };
+        let velocity = if input.fly { self.flight(input, dt_s) } else { self.gait(input, dt_s) };
         let way = (velocity * dt_s).clamp_length_max(reach);
         let start = self.pose.eye;
         let along_x = self.slide(octree, 0, way.x);
@@ -144,10 +152,10 @@ impl Walker {
         let gone = self.pose.eye - start;
         let is_stopped = gone.length_squared() < 0.25 * way.with_y(0.0).length_squared();
         if !(along_x && along_z) && is_stopped {
-            // What ran into something gains speed anew.
+            // A body that ran into something accelerates anew.
             self.drive = Vec3::new(gone.x, 0.0, gone.z) / dt_s;
         }
-        if wish.fly {
+        if input.fly {
             self.slide(octree, 1, way.y);
             self.grounded = false;
             return;
@@ -171,34 +179,34 @@ impl Walker {
         }
     }
 
-    /// The velocity of a flying body: along the look.
-    fn flight(&mut self, wish: &MoveInput, dt_s: f32) -> Vec3 {
+    /// The velocity of a flying body, in metres a second: forward is the direction of view.
+    fn flight(&mut self, input: &MoveInput, dt_s: f32) -> Vec3 {
         self.rise = 0.0;
         let right = Vec3::new(self.pose.yaw.cos(), 0.0, -self.pose.yaw.sin());
-        let wanted = self.pose.forward() * share(wish.forward)
-            + right * share(wish.right)
-            + Vec3::Y * share(wish.up);
+        let wanted = self.pose.forward() * share(input.forward)
+            + right * share(input.right)
+            + Vec3::Y * share(input.up);
         let wanted = wanted.clamp_length_max(1.0) * self.speed_max * SPEED_SHARE;
         let climb = self.agility.climb.min(self.speed_max * SPEED_SHARE);
         self.driven(wanted.with_y(0.0), dt_s) + Vec3::Y * wanted.y.clamp(-climb, climb)
     }
 
-    /// The velocity of a walking, jumping or falling body.
-    fn gait(&mut self, wish: &MoveInput, dt_s: f32) -> Vec3 {
-        if wish.jump && self.grounded {
+    /// The velocity of a walking, jumping or falling body, in metres a second.
+    fn gait(&mut self, input: &MoveInput, dt_s: f32) -> Vec3 {
+        if input.jump && self.grounded {
             self.rise = JUMP_SPEED.min(0.7 * self.speed_max);
             self.climb_left = 0.0;
         }
         self.rise = (self.rise - GRAVITY * dt_s).max(-self.speed_max);
         let (sin, cos) = self.pose.yaw.sin_cos();
         let (ahead, right) = (Vec3::new(-sin, 0.0, -cos), Vec3::new(cos, 0.0, -sin));
-        let wanted = ahead * share(wish.forward) + right * share(wish.right);
+        let wanted = ahead * share(input.forward) + right * share(input.right);
         let wanted = wanted.clamp_length_max(1.0) * self.speed_max * SPEED_SHARE;
         self.driven(wanted, dt_s) + Vec3::Y * self.rise
     }
 
-    /// The velocity along the ground that comes next to one that is wanted. Whoever turns keeps
-    /// what speed it had in its new direction, and gains more as fast as bodies can.
+    /// The velocity along the ground after a sub-step towards a wanted one, in metres a second. A body that
+    /// turns keeps the component of its velocity in the new direction and accelerates as bodies can.
     fn driven(&mut self, wanted: Vec3, dt_s: f32) -> Vec3 {
         let direction = wanted.normalize_or_zero();
         let speed = self.drive.dot(direction).max(START_SPEED);
@@ -207,7 +215,7 @@ impl Walker {
         self.drive
     }
 
-    /// Moves along one axis until something is in the way; whether nothing was.
+    /// Moves the body along one axis until something is in the way. Returns whether nothing was.
     fn slide(&mut self, octree: &Octree, axis: usize, distance: f32) -> bool {
         let start = self.pose.eye;
         let at = |distance: f32| {
@@ -233,7 +241,7 @@ impl Walker {
         false
     }
 
-    /// Whether the body fits on a step ahead, and above where it is while it climbs.
+    /// Whether the body fits on a step ahead, and can rise to it.
     fn can_climb(&self, octree: &Octree, ahead: Vec3) -> bool {
         let fits = |eye: Vec3| self.confines.contains(eye) && !self.is_solid_at(octree, eye);
         let voxel = octree.voxel().max(0.01);
@@ -244,24 +252,26 @@ impl Walker {
             .any(|up| fits(self.pose.eye + up + ahead))
     }
 
+    /// Whether the body does not fit at an eye.
     fn is_solid_at(&self, octree: &Octree, eye: Vec3) -> bool {
         octree.solid_in(&self.body.around(eye))
     }
 
+    /// The nearest eye within the confines; their centre for an eye that is not finite.
     fn within(&self, eye: Vec3) -> Vec3 {
         let eye = if eye.is_finite() { eye } else { self.confines.centre() };
         self.confines.clamp(eye)
     }
 
-    /// The nearest place where the body fits, of a few hundred around it: one that the eye sees, if
-    /// there is one, since the server believes nobody who comes through a wall.
+    /// The nearest place where the body fits, of a few hundred around it. Places that the eye sees come
+    /// first, because the server rejects a way through a wall.
     fn free_place(&self, octree: &Octree) -> Option<Vec3> {
         let is_free = |eye: &Vec3| self.confines.contains(*eye) && !self.is_solid_at(octree, *eye);
         let is_seen = |place: &Vec3| is_free(place) && self.sees(octree, *place);
         self.place_near(octree, is_seen).or_else(|| self.place_near(octree, is_free))
     }
 
-    /// The nearest good place: above, aside, slanting up, below, slanting down.
+    /// The nearest good place around the eye: above, aside, slanting up, below or slanting down.
     fn place_near(&self, octree: &Octree, is_good: impl Fn(&Vec3) -> bool) -> Option<Vec3> {
         let eye = self.pose.eye;
         if is_good(&eye) {
@@ -271,7 +281,7 @@ impl Walker {
         let rings = (FREE_WITHIN / step).ceil().min(64.0) as i32;
         (1..=rings).find_map(|ring| {
             let distance = ring as f32 * step;
-            // Up first: most bodies that do not fit stand a little too low.
+            // Above comes first: most bodies that do not fit stand slightly too low.
             let up = Vec3::Y * distance;
             let around = (0..8).map(|i| Vec3::from_array(around_circle(i)) * distance);
             let slanted =
@@ -282,7 +292,7 @@ impl Walker {
         })
     }
 
-    /// Whether no voxel is between the eye and a place, but for one that the eye itself is in.
+    /// Whether no voxel is between the eye and a place, except one that contains the eye.
     fn sees(&self, octree: &Octree, place: Vec3) -> bool {
         let eye = self.pose.eye;
         let pieces = (eye.distance(place) / octree.voxel().max(0.01)).ceil().max(1.0);
@@ -296,15 +306,15 @@ impl Walker {
     }
 }
 
-/// The i-th of eight level directions.
+/// The i-th of eight horizontal directions.
 fn around_circle(i: i32) -> [f32; 3] {
     let (sin, cos) = (i as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
     [cos, 0.0, sin]
 }
 
-/// A wish from -1 to 1; nothing when it is no number.
-fn share(wish: f32) -> f32 {
-    if wish.is_finite() { wish.clamp(-1.0, 1.0) } else { 0.0 }
+/// An input clamped to -1 and 1; zero when it is not finite.
+fn share(input: f32) -> f32 {
+    if input.is_finite() { input.clamp(-1.0, 1.0) } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use sightline_fixtures::voxel_floor::world;
 
 use crate::walker::{MoveInput, Walker};
 
-/// Walks a way with a real body and tells where it ends.
+/// Walks a path with a real body. Returns where the body ends.
 fn walk(world: &World, way: &[Vec3], from: Vec3) -> Vec3 {
     let spawn = sightline_world::Spawn { eye: from, yaw: 0.0 };
     let mut walker = Walker::new(world, spawn);
@@ -15,9 +15,9 @@ fn walk(world: &World, way: &[Vec3], from: Vec3) -> Vec3 {
             if to.with_y(0.0).length() < 0.08 {
                 break;
             }
-            let wish =
+            let input =
                 MoveInput { forward: 0.5, yaw: (-to.x).atan2(-to.z), ..MoveInput::default() };
-            walker.step(&world.octree, wish, 1.0 / 60.0);
+            walker.step(&world.octree, input, 1.0 / 60.0);
         }
     }
     walker.pose().eye
@@ -27,7 +27,7 @@ const WEST: Vec3 = Vec3::new(1.0, 1.725, 4.0);
 const EAST: Vec3 = Vec3::new(7.0, 1.725, 4.0);
 
 #[test]
-fn a_way_leads_round_a_wall_and_a_body_can_walk_it() {
+fn a_path_leads_round_a_wall_and_a_body_can_walk_it() {
     // A wall across the middle, with a gap of 1 m at one end; voxels are 0.125 m.
     let world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
     let navigation = Navigation::new(&world);
@@ -38,7 +38,7 @@ fn a_way_leads_round_a_wall_and_a_body_can_walk_it() {
 }
 
 #[test]
-fn a_closed_wall_has_no_way_and_stairs_have_one() {
+fn a_closed_wall_has_no_path_and_stairs_have_one() {
     let closed = world(&[([31, 1, 0], [33, 30, 64], 0)]);
     assert_eq!(Navigation::new(&closed).path(WEST, EAST), None);
     // Five steps of 0.25 m up to a platform 1.25 m high.
@@ -54,8 +54,8 @@ fn a_closed_wall_has_no_way_and_stairs_have_one() {
 }
 
 #[test]
-fn nobody_is_sent_where_there_is_no_way_back() {
-    // A pit 2 m deep whose floor is the bottom: all around it is 2 m higher.
+fn no_goal_is_a_place_without_a_way_back() {
+    // A pit 2 m deep: everything around it is 2 m higher.
     let world = world(&[
         ([0, 1, 0], [24, 17, 64], 0),
         ([40, 1, 0], [64, 17, 64], 0),

@@ -1,4 +1,5 @@
-//! What a picture asks about the others, one by one: so that nobody who is hidden need be looked at.
+//! The avatar source: what a picture asks about the other avatars, one by one, so that hidden avatars
+//! cost almost nothing.
 
 use std::time::Duration;
 
@@ -9,32 +10,32 @@ use sightline_world::{
 
 use super::{Replica, VisibleAvatar};
 
-/// What a client was told of an avatar since it asked last.
+/// What a client was told of an avatar since the last request for updates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Update {
-    /// It is there, or there again.
+    /// The avatar appeared, or appeared again.
     Appeared,
-    /// Where it is.
+    /// The avatar has a new pose.
     Moved,
 }
 
-/// The avatars that a client is told of. Times are [`Replica::server_time`]'s.
+/// The avatars that a client is told of. Times are those of [`Replica::server_time`].
 pub trait AvatarSource {
-    /// Those that appeared, or were told of, since this was asked last; all of them at first. Who
-    /// vanished is not among them.
+    /// The avatars with an update since the last call; at the first call all avatars. Avatars that
+    /// vanished are not among them.
     fn updates(&mut self) -> Vec<(AvatarId, Update)>;
 
-    /// Where an avatar is to be drawn at a time, and a box that its eye stays in from then until another
-    /// time, unless there is news of it; `None` once it has vanished.
+    /// The pose of an avatar at a time, and a box that its eye stays in from then until another time,
+    /// unless there is an update of it. `None` once it has vanished.
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)>;
 
-    /// An avatar as it is to be drawn at a time; `None` once it has vanished.
+    /// An avatar as it is drawn at a time; `None` once it has vanished.
     fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar>;
 }
 
 impl AvatarSource for Replica {
     fn updates(&mut self) -> Vec<(AvatarId, Update)> {
-        std::mem::take(&mut self.news).into_iter().collect()
+        std::mem::take(&mut self.updates).into_iter().collect()
     }
 
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {

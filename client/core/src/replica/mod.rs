@@ -1,7 +1,8 @@
-//! What this client knows of the others, and what the server expects of it. No socket, no clock.
+//! The replica: what this client knows of the other avatars, and what the server expects of it.
 //!
-//! Feed a [`Replica`] each [`ServerMessage`] and each datagram with the client's own time, tell it
-//! where its own avatar is, and ask it at each tick what to send and at each frame whom to draw.
+//! Feed a [`Replica`] each [`ServerMessage`] and each datagram, with the client's own time. Tell it
+//! where its own avatar is. Ask it at each tick what to send, and at each frame whom to draw. It has
+//! no socket and no clock.
 
 mod avatar_source;
 mod timeline;
@@ -21,126 +22,134 @@ use crate::reporting::{ReportReason, Reporter};
 
 pub use self::avatar_source::{AvatarSource, Update};
 
-/// A server that makes more avatars appear than this is not to be trusted. Each costs about 400
+/// A server that makes more avatars appear than this is not trusted. Each avatar takes about 400
 /// bytes.
 const AVATARS_MAX: usize = 16_384;
 
-/// What one client knows.
+/// What one client knows of the other avatars.
 #[derive(Clone, Debug)]
 pub struct Replica {
     avatar: AvatarId,
     tick_interval: Duration,
-    others: BTreeMap<AvatarId, Other>,
-    /// Of them, those that [`AvatarSource::updates`] has not told of.
-    news: BTreeMap<AvatarId, Update>,
+    others: BTreeMap<AvatarId, Held>,
+    /// The avatars with an update since the last call of [`AvatarSource::updates`].
+    updates: BTreeMap<AvatarId, Update>,
     decoder: PoseDecoder,
     clock: Clock,
     reporter: Reporter,
-    own: Own,
+    own: OwnAvatar,
 }
 
-/// Another avatar, as it is to be drawn now.
+/// Another avatar, as it is drawn now.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VisibleAvatar {
-    /// Who.
+    /// The avatar.
     pub id: AvatarId,
-    /// How it is called.
+    /// The name that its client chose.
     pub name: String,
-    /// sRGB.
+    /// The colour that its client chose, in sRGB.
     pub colour: [u8; 3],
-    /// Where, between what was told.
+    /// The pose, interpolated between the poses that arrived.
     pub pose: Pose,
 }
 
-/// Another avatar, as it was last told of.
+/// Another avatar, as the newest message has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldAvatar {
-    /// Who.
+    /// The avatar.
     pub id: AvatarId,
     /// The newest pose that arrived.
     pub pose: Pose,
-    /// How long ago it arrived. An avatar that stands still is not told of again.
+    /// How long ago the pose arrived. The server repeats no pose of an avatar that stands still.
     pub age: Duration,
 }
 
-/// What somebody should know.
+/// What a message from the server means to the person at the client.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// You are in the world, here.
+    /// The own avatar is in the world, at this pose.
     Entered(Pose),
-    /// Somebody may come into view.
+    /// An avatar may come into view.
     Appeared(AvatarId),
-    /// Somebody cannot be seen any more, or has left.
+    /// An avatar cannot be seen any more, or has left.
     Vanished(AvatarId),
-    /// Somebody said something.
+    /// An avatar said something.
     Chat {
-        /// Who.
+        /// The avatar that spoke.
         from: AvatarId,
-        /// How it is called, as far as is known.
+        /// The name of the avatar; empty when it is not known.
         name: String,
-        /// What.
+        /// What was said.
         text: String,
     },
-    /// A report was refused: you are here.
+    /// A report was refused, and the own avatar is put back to this pose.
     Corrected(Pose),
-    /// The server ends the connection, and why.
+    /// The server ends the connection, for this reason.
     Goodbye(String),
 }
 
-/// What to send.
+/// What to send to the server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outgoing {
-    /// As a datagram.
+    /// Bytes to send as a datagram.
     Datagram(Vec<u8>),
-    /// On the stream.
+    /// A message to send on the stream.
     Message(ClientMessage),
 }
 
-/// The server does what no server does.
+/// The server breaks the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplicaError {
-    /// A message that has no place here.
+    /// A message that is only sent before the client is welcomed.
     #[error("the server sent a message out of place")]
     OutOfPlace,
-    /// More avatars than there can be.
-    #[error("the server tells of too many avatars")]
+    /// More avatars than a client holds.
+    #[error("the server makes too many avatars appear")]
     TooMany,
 }
 
+/// What is held of another avatar.
 #[derive(Clone, Debug)]
-struct Other {
+struct Held {
     name: String,
     colour: [u8; 3],
+    /// Datagrams with a lower number belong to an earlier appearance.
     since_sequence: u32,
+    /// The number of the newest datagram with a pose of the avatar; zero before there is one.
     newest_sequence: u32,
     timeline: Timeline,
 }
 
+/// The own avatar.
 #[derive(Clone, Debug, Default)]
-struct Own {
+struct OwnAvatar {
     pose: Pose,
-    /// Of the newest report.
+    /// The number of the newest report.
     sequence: u32,
+    /// Whether a datagram has arrived that was not acknowledged yet.
     owes_ack: bool,
 }
 
 impl Replica {
-    /// A client that was welcomed as an avatar, whose body can do so much.
+    /// The replica of a client that was welcomed as `avatar`, with a body of this agility.
     pub fn new(avatar: AvatarId, tick_interval: Duration, agility: Agility) -> Self {
         Self {
             avatar,
             tick_interval,
             others: BTreeMap::new(),
-            news: BTreeMap::new(),
+            updates: BTreeMap::new(),
             decoder: PoseDecoder::default(),
             clock: Clock::new(tick_interval),
             reporter: Reporter::new(tick_interval, agility),
-            own: Own::default(),
+            own: OwnAvatar::default(),
         }
     }
 
-    /// Takes in a message.
+    /// Takes in a message from the server.
+    ///
+    /// # Errors
+    /// When the server breaks the protocol.
     pub fn message(
         &mut self,
         now: Duration,
@@ -159,11 +168,14 @@ impl Replica {
                 if self.others.len() >= AVATARS_MAX {
                     return Err(ReplicaError::TooMany);
                 }
-                self.appear(now, avatar, (name.into(), colour), pose, since_sequence);
+                let timeline = Timeline::new(self.clock.newest_tick(), pose.into(), now);
+                let name = name.into();
+                let held = Held { name, colour, since_sequence, newest_sequence: 0, timeline };
+                self.appear(now, avatar, held);
                 Some(Event::Appeared(avatar))
             }
             ServerMessage::Vanish { avatar } => {
-                self.news.remove(&avatar);
+                self.updates.remove(&avatar);
                 self.others.remove(&avatar).map(|_| Event::Vanished(avatar))
             }
             ServerMessage::Ask => {
@@ -191,40 +203,43 @@ impl Replica {
         Ok(event)
     }
 
-    /// Takes in a datagram. Poses of avatars that have not appeared, or have vanished, are of no
-    /// interest; after an error all is as if the datagram had been lost.
+    /// Takes in a datagram from the server. Poses of avatars that have not appeared, or have vanished,
+    /// are ignored.
+    ///
+    /// # Errors
+    /// When the datagram is malformed. The replica is then as if the datagram had been lost.
     pub fn datagram(&mut self, now: Duration, bytes: &[u8]) -> Result<(), DecodeError> {
         let Some(update) = self.decoder.decode(bytes)? else { return Ok(()) };
         self.own.owes_ack = true;
-        self.clock.heard(update.tick, now);
+        self.clock.synchronise(update.tick, now);
         for (avatar, pose) in &update.poses {
             if let Some(other) = self.others.get_mut(avatar) {
-                other.hear(now, update.sequence, update.tick, *pose);
-                self.news.entry(*avatar).or_insert(Update::Moved);
+                other.take_in(now, update.sequence, update.tick, *pose);
+                self.updates.entry(*avatar).or_insert(Update::Moved);
             }
         }
         Ok(())
     }
 
-    /// Tells where the own avatar is. What is not finite is ignored.
+    /// Sets the pose of the own avatar. A pose that is not finite is ignored.
     pub fn set_pose(&mut self, pose: Pose) {
         if pose.is_finite() {
             self.own.pose = pose;
         }
     }
 
-    /// Where the own avatar is.
+    /// The pose of the own avatar.
     pub fn pose(&self) -> Pose {
         self.own.pose
     }
 
-    /// The answer to an ask, if one was asked. To be sent at once.
+    /// The report that the server asked for, if it did. It must be sent at once.
     pub fn answer(&mut self) -> Option<ClientMessage> {
         self.reporter.take_ask().then(|| self.report())
     }
 
-    /// What to send at a tick. While quiet that is nothing, unless the avatar has left its TBV, or
-    /// could have before long.
+    /// What to send at a tick, for a measured round trip: a report where [`Reporter::tick`] has a reason
+    /// for one, or else an acknowledgement that is owed.
     pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
         if !self.reporter.is_inside() {
             return None;
@@ -252,22 +267,22 @@ impl Replica {
         self.reporter.tbv()
     }
 
-    /// For how long silence was expected, up to now.
+    /// For how long the server has expected silence, up to now.
     pub fn quiet_time(&self, now: Duration) -> Duration {
         self.reporter.quiet_time(now)
     }
 
-    /// What the server's clock says of the moment that is to be drawn now: movers are where they are
-    /// then. Until a message tells the server's time, that of this client stands for it.
+    /// The time of the server's clock that is drawn now: movers are drawn where they are then. Until a
+    /// datagram has told the server's time, this client's own time stands in.
     pub fn server_time(&self, now: Duration) -> Duration {
         let shown_s = self.clock.shown_time_s(now).map(|shown_s| shown_s.max(0.0));
         shown_s.and_then(|shown_s| Duration::try_from_secs_f64(shown_s).ok()).unwrap_or(now)
     }
 
-    /// Everybody that may be in view, where it is to be drawn now; ascending.
+    /// All avatars that may be in view, as they are drawn now, in ascending order.
     pub fn visible(&self, now: Duration) -> Vec<VisibleAvatar> {
         let at = self.clock.shown_tick(now);
-        let visible = |(id, other): (&AvatarId, &Other)| VisibleAvatar {
+        let visible = |(id, other): (&AvatarId, &Held)| VisibleAvatar {
             id: *id,
             name: other.name.clone(),
             colour: other.colour,
@@ -276,7 +291,7 @@ impl Replica {
         self.others.iter().map(visible).collect()
     }
 
-    /// Everybody that may be in view, as last told of; ascending.
+    /// All avatars that may be in view, as the newest messages have them, in ascending order.
     pub fn held(&self, now: Duration) -> impl Iterator<Item = HeldAvatar> + '_ {
         self.others.iter().map(move |(id, other)| {
             let (pose, heard_at) = other.timeline.newest();
@@ -284,53 +299,49 @@ impl Replica {
         })
     }
 
-    /// How many may be in view.
+    /// The number of avatars that may be in view.
     pub fn held_len(&self) -> usize {
         self.others.len()
     }
 
-    /// From tick to tick.
+    /// The time from one tick to the next.
     pub fn tick_interval(&self) -> Duration {
         self.tick_interval
     }
 
-    /// Who the own avatar is.
+    /// The own avatar.
     pub fn avatar(&self) -> AvatarId {
         self.avatar
     }
 
-    fn appear(
-        &mut self,
-        now: Duration,
-        avatar: AvatarId,
-        (name, colour): (String, [u8; 3]),
-        pose: WirePose,
-        since_sequence: u32,
-    ) {
-        let timeline = Timeline::new(self.clock.newest_tick(), pose.into(), now);
-        let mut other = Other { name, colour, since_sequence, newest_sequence: 0, timeline };
-        // A datagram may have overtaken this message; it will not come again.
-        if let Some((sequence, tick, pose)) = self.decoder.newest(avatar, since_sequence) {
-            other.hear(now, sequence, tick, pose);
+    /// Takes in an avatar that appears.
+    fn appear(&mut self, now: Duration, avatar: AvatarId, mut held: Held) {
+        // A datagram may have overtaken this message. It will not come again.
+        if let Some((sequence, tick, pose)) = self.decoder.newest(avatar, held.since_sequence) {
+            held.take_in(now, sequence, tick, pose);
         }
-        self.others.insert(avatar, other);
-        self.news.insert(avatar, Update::Appeared);
+        self.others.insert(avatar, held);
+        debug_assert!(self.others.len() <= AVATARS_MAX, "{} avatars", self.others.len());
+        self.updates.insert(avatar, Update::Appeared);
     }
 
+    /// A report of the own pose, for the stream.
     fn report(&mut self) -> ClientMessage {
         self.own.sequence += 1;
         let pose = WirePose::from(&self.own.pose);
         ClientMessage::Report { sequence: self.own.sequence, pose }
     }
 
+    /// A datagram with an acknowledgement, and a report if there is one.
     fn datagram_with(&mut self, report: Option<(u32, WirePose)>) -> Outgoing {
         self.own.owes_ack = false;
         Outgoing::Datagram(ClientDatagram { ack: self.decoder.ack(), report }.encode())
     }
 }
 
-impl Other {
-    fn hear(&mut self, now: Duration, sequence: u32, tick: u32, pose: WirePose) {
+impl Held {
+    /// Takes in a pose from a datagram, unless it is outdated.
+    fn take_in(&mut self, now: Duration, sequence: u32, tick: u32, pose: WirePose) {
         if sequence >= self.since_sequence && sequence > self.newest_sequence {
             self.newest_sequence = sequence;
             self.timeline.push(tick, pose.into(), now);

@@ -53,7 +53,7 @@ fn report(outgoing: Option<Outgoing>) -> (u32, f32) {
 }
 
 #[test]
-fn who_is_outside_says_nothing() {
+fn a_client_outside_the_world_sends_nothing() {
     let mut replica = replica();
     assert_eq!(replica.tick(TICK), None);
     replica.message(TICK, ServerMessage::Ask).unwrap();
@@ -61,7 +61,7 @@ fn who_is_outside_says_nothing() {
 }
 
 #[test]
-fn who_is_live_reports_at_every_tick() {
+fn a_live_client_reports_at_every_tick() {
     let mut replica = entered();
     for i in 1..100 {
         replica.set_pose(at(i as f32));
@@ -72,7 +72,7 @@ fn who_is_live_reports_at_every_tick() {
 }
 
 #[test]
-fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
+fn a_quiet_client_is_silent_until_asked_or_about_to_leave() {
     let mut replica = entered();
     replica.tick(TICK);
     replica.message(TICK, quiet(5.0, TICK)).unwrap();
@@ -84,7 +84,7 @@ fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
     assert_eq!(replica.reporting_state(), Some(ReportingState::Asked));
     assert_eq!(report(replica.answer().map(Outgoing::Message)), (2, 0.0));
     assert_eq!((replica.answer(), replica.tick(TICK)), (None, None), "once");
-    // The next tick is as far as it looks ahead: a fifth of a metre at 4 m/s.
+    // The client looks one tick ahead: a fifth of a metre at 4 m/s.
     let place = |metres: f32| Pose {
         eye: at(0.0).eye + Vec3::X * metres,
         velocity: Vec3::X * 4.0,
@@ -102,7 +102,7 @@ fn who_is_quiet_is_silent_until_asked_or_about_to_leave() {
 }
 
 #[test]
-fn who_stays_by_its_word_says_in_time_that_it_leaves() {
+fn a_client_with_a_notice_reports_in_time_that_it_leaves() {
     let mut replica = entered();
     replica.tick(TICK);
     let notice = Duration::from_millis(200);
@@ -112,7 +112,7 @@ fn who_stays_by_its_word_says_in_time_that_it_leaves() {
         replica.set_pose(Pose { eye, velocity: Vec3::X * speed, ..Pose::default() });
         replica.tick(TICK)
     };
-    // In that time one who stands gets 0.4 m away, one who walks at 2 m/s 0.8 m.
+    // Within the notice a standing body gets 0.4 m away, and one that walks at 2 m/s 0.8 m.
     assert_eq!((tick_at(4.55, 0.0), tick_at(4.15, 2.0), tick_at(4.15, -2.0)), (None, None, None));
     assert_eq!(report(tick_at(4.25, 2.0)).0, 2);
 }
@@ -144,7 +144,7 @@ fn held(replica: &Replica) -> Vec<(u32, f32)> {
 }
 
 #[test]
-fn an_old_datagram_brings_nobody_back_and_an_early_one_is_not_lost() {
+fn an_old_datagram_brings_no_avatar_back_and_an_early_one_is_not_lost() {
     let (mut replica, mut encoder) = (entered(), PoseEncoder::default());
     let first = encoder.encode(1, &[(AvatarId(7), at(1.0))]).remove(0);
     let since = encoder.next_sequence();
@@ -162,7 +162,7 @@ fn an_old_datagram_brings_nobody_back_and_an_early_one_is_not_lost() {
 }
 
 #[test]
-fn events_tell_what_happened() {
+fn messages_become_events() {
     let mut replica = entered();
     let text = ChatLine::new("hello").unwrap();
     let said = ServerMessage::Chat { from: AvatarId(7), text };
@@ -176,7 +176,7 @@ fn events_tell_what_happened() {
     assert_eq!(replica.message(TICK, refused), Err(ReplicaError::OutOfPlace));
 }
 
-/// What a server does in the course of a test.
+/// A step of the server in a test.
 #[derive(Clone, Debug)]
 enum Step {
     Move(u8, i16),
@@ -193,21 +193,21 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    /// Messages arrive in order and late; datagrams are lost, late and doubled. At the end the
-    /// replica holds just what the server holds: whom, and where.
+    /// Messages arrive in order and late; datagrams are lost, late and doubled. At the end the replica
+    /// holds exactly the avatars and poses that the server holds.
     #[test]
-    fn it_comes_to_hold_what_the_server_tells(
+    fn a_replica_converges_to_what_the_server_holds(
         steps in proptest::collection::vec(step(), 1..300),
         fates in proptest::collection::vec((0u8..100, 0u32..8, 0u32..8), 1..200),
         loss_percent in 0u8..60,
     ) {
         let (mut replica, mut encoder) = (entered(), PoseEncoder::default());
-        let mut twin: BTreeMap<u32, f32> = BTreeMap::new();
+        let mut model: BTreeMap<u32, f32> = BTreeMap::new();
         let mut poses = [0f32; 6];
         let mut stream = std::collections::VecDeque::new();
         let mut datagrams: Vec<(u32, Vec<u8>)> = Vec::new();
         let mut acks: Vec<(u32, Vec<u8>)> = Vec::new();
-        let (mut tick, mut news) = (0u32, BTreeMap::new());
+        let (mut tick, mut updates) = (0u32, BTreeMap::new());
         let settle = std::iter::repeat_n(Step::Tick, 60);
         let lossy = steps.len();
         for (i, step) in steps.into_iter().chain(settle).enumerate() {
@@ -216,26 +216,26 @@ proptest! {
             match step {
                 Step::Move(who, x) => {
                     poses[who as usize] = f32::from(x) / 16.0;
-                    if let Some(known) = twin.get_mut(&who.into()) {
+                    if let Some(known) = model.get_mut(&who.into()) {
                         *known = poses[who as usize];
-                        news.insert(AvatarId(who.into()), at(*known));
+                        updates.insert(AvatarId(who.into()), at(*known));
                     }
                 }
                 Step::Toggle(who) => {
                     let (id, x) = (AvatarId(who.into()), poses[who as usize]);
-                    let message = if twin.remove(&id.0).is_some() {
+                    let message = if model.remove(&id.0).is_some() {
                         encoder.forget(id);
-                        news.remove(&id);
+                        updates.remove(&id);
                         ServerMessage::Vanish { avatar: id }
                     } else {
-                        twin.insert(id.0, x);
+                        model.insert(id.0, x);
                         appear(id.0, x, encoder.next_sequence())
                     };
                     stream.push_back((tick + stream_late, message));
                 }
                 Step::Tick => {
                     tick += 1;
-                    let poses: Vec<_> = std::mem::take(&mut news).into_iter().collect();
+                    let poses: Vec<_> = std::mem::take(&mut updates).into_iter().collect();
                     for datagram in encoder.encode(tick, &poses) {
                         if i >= lossy || luck >= loss_percent {
                             datagrams.push((tick + late, datagram.clone()));
@@ -261,6 +261,6 @@ proptest! {
                 }
             }
         }
-        prop_assert_eq!(held(&replica), twin.into_iter().collect::<Vec<_>>());
+        prop_assert_eq!(held(&replica), model.into_iter().collect::<Vec<_>>());
     }
 }

@@ -1,4 +1,4 @@
-//! Where another avatar is between what was told of it.
+//! Where another avatar is between the poses that arrived.
 
 use std::{
     collections::VecDeque,
@@ -8,33 +8,35 @@ use std::{
 
 use sightline_world::{geometry::Aabb, motion::Pose};
 
-/// What is shown lies so many ticks behind the newest that could have arrived, so that there is
-/// mostly a later pose to move towards.
+/// Avatars are shown as they were this many ticks before the newest tick that can have arrived, so that
+/// there is mostly a later pose to move towards.
 const DELAY_TICKS: f64 = 1.5;
-/// An avatar goes on in a straight line for so many ticks when nothing is heard of it.
+/// Without a later pose, an avatar goes on in a straight line for this many ticks.
 const EXTRAPOLATION_TICKS: f32 = 3.0;
-/// Poses that are remembered.
+/// The number of poses that are kept of an avatar.
 const SAMPLES_MAX: usize = 6;
-/// How fast the estimate of the server's clock follows messages that come later than it says: one
-/// part in so many with each.
+/// The estimate of the server's clock follows a message that is later than estimated by one part in this
+/// many.
 const CLOCK_SLACK: f64 = 512.0;
 
-/// The server's ticks on the client's clock.
+/// The estimate of when the server's ticks are on the client's clock.
 #[derive(Clone, Debug)]
 pub struct Clock {
     interval_s: f64,
+    /// The newest tick of which a message arrived.
     newest: u32,
-    /// When tick 0 was, for the messages that came fastest, in seconds.
+    /// When tick 0 was, as the fastest messages have it, in seconds.
     origin_s: Option<f64>,
 }
 
 impl Clock {
+    /// An estimate for a server with this time from tick to tick.
     pub fn new(interval: Duration) -> Self {
         Self { interval_s: interval.as_secs_f64(), newest: 0, origin_s: None }
     }
 
-    /// A message of a tick came.
-    pub fn heard(&mut self, tick: u32, now: Duration) {
+    /// Takes in that a message of a tick arrived. The fastest messages count at once, later ones slowly.
+    pub fn synchronise(&mut self, tick: u32, now: Duration) {
         self.newest = self.newest.max(tick);
         let origin = now.as_secs_f64() - f64::from(tick) * self.interval_s;
         self.origin_s = Some(match self.origin_s {
@@ -43,60 +45,64 @@ impl Clock {
         });
     }
 
-    /// The newest tick that was heard of.
+    /// The newest tick of which a message arrived.
     pub fn newest_tick(&self) -> u32 {
         self.newest
     }
 
-    /// Which moment is to be shown, in ticks.
+    /// The moment that is shown now, in ticks.
     pub fn shown_tick(&self, now: Duration) -> f64 {
         let Some(origin) = self.origin_s else { return f64::from(self.newest) };
         (now.as_secs_f64() - origin) / self.interval_s - DELAY_TICKS
     }
 
-    /// Which moment that is, in ticks, of which [`Clock::shown_time_s`] is the time; as long as none is
-    /// known, the newest tick.
+    /// The moment in ticks that has a time of [`Clock::shown_time_s`]; the newest tick as long as no time
+    /// is known.
     pub fn tick_at(&self, shown: Duration) -> f64 {
         let ticks = self.origin_s.map(|_| shown.as_secs_f64() / self.interval_s);
         ticks.unwrap_or(f64::from(self.newest))
     }
 
-    /// The same moment in seconds of the server's clock, once a message has told of it.
+    /// The moment that is shown now, in seconds of the server's clock; `None` before the first message.
     pub fn shown_time_s(&self, now: Duration) -> Option<f64> {
         self.origin_s.map(|_| self.shown_tick(now) * self.interval_s)
     }
 }
 
-/// The last poses of an avatar.
+/// The newest poses of an avatar, and the motion between them.
 #[derive(Clone, Debug)]
 pub struct Timeline {
-    /// In ascending order of tick; never empty.
+    /// Ticks and poses in ascending order; never empty.
     samples: VecDeque<(u32, Pose)>,
+    /// When the newest pose arrived.
     heard_at: Duration,
 }
 
 impl Timeline {
+    /// A timeline with one pose, which arrived now.
     pub fn new(tick: u32, pose: Pose, now: Duration) -> Self {
         Self { samples: VecDeque::from([(tick, pose)]), heard_at: now }
     }
 
-    /// Adds what is newer than all before.
+    /// Adds a pose that arrived now. It is newer than all poses before.
     pub fn push(&mut self, tick: u32, pose: Pose, now: Duration) {
         self.heard_at = now;
         let (newest, before) = self.last();
         if tick <= newest {
             self.samples.pop_back();
         } else if tick - newest > 2 {
-            // It stood still, or word of it was lost: it moves within this tick, not since then.
+            // The avatar stood still, or a message was lost. It moves within this tick, not slowly
+            // since the pose before.
             self.samples.push_back((tick - 1, before));
         }
         self.samples.push_back((tick.max(newest), pose));
         while self.samples.len() > SAMPLES_MAX {
             self.samples.pop_front();
         }
+        debug_assert!(self.samples.iter().is_sorted_by(|a, b| a.0 < b.0), "{:?}", self.samples);
     }
 
-    /// The newest pose, and when it came.
+    /// The newest pose, and when it arrived.
     pub fn newest(&self) -> (Pose, Duration) {
         (self.last().1, self.heard_at)
     }
@@ -119,9 +125,9 @@ impl Timeline {
         }
     }
 
-    /// A box that holds the eye from one moment to another, for as long as no pose is added.
+    /// A box that holds the eye from one moment to another, in ticks, as long as no pose is added.
     pub fn eyes(&self, [from, until]: [f64; 2], interval: Duration) -> Aabb {
-        // It turns at the samples, and where it stops.
+        // The eye moves in straight lines, and turns at samples and where it stops.
         let (newest, _) = self.last();
         let end = f64::from(newest) + f64::from(EXTRAPOLATION_TICKS);
         let turns = self.samples.iter().map(|(at, _)| f64::from(*at)).chain([end]);
@@ -135,8 +141,9 @@ impl Timeline {
     }
 }
 
+/// The pose at a share of the way from one pose to another.
 fn between(a: &Pose, b: &Pose, share: f32) -> Pose {
-    // The shorter way round.
+    // Yaw turns the shorter way round.
     let turn = (b.yaw - a.yaw + PI).rem_euclid(TAU) - PI;
     Pose {
         eye: a.eye.lerp(b.eye, share),
@@ -163,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn it_moves_between_what_was_told_and_a_little_beyond() {
+    fn an_avatar_moves_between_its_poses_and_a_little_beyond() {
         let mut timeline = Timeline::new(10, pose(1.0), TICK);
         timeline.push(12, pose(2.0), TICK);
         for (tick, x) in [(3.0, 1.0), (10.0, 1.0), (11.0, 1.5), (12.0, 2.0), (13.0, 2.05)] {
@@ -173,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn after_standing_still_it_does_not_slide() {
+    fn after_standing_still_an_avatar_does_not_slide() {
         let mut timeline = Timeline::new(10, pose(1.0), TICK);
         timeline.push(100, pose(2.0), TICK);
         assert_eq!(x_at(&timeline, 99.0), 1.0);
@@ -181,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn it_remembers_little_and_stays_in_order() {
+    fn a_timeline_keeps_few_poses_in_order() {
         let mut timeline = Timeline::new(0, pose(0.0), TICK);
         for tick in [1, 5, 5, 3, 9, 20, 40, 41, 42, 43] {
             timeline.push(tick, pose(tick as f32), TICK);
@@ -192,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn the_eye_stays_where_it_is_foretold() {
+    fn the_eye_stays_in_its_predicted_box() {
         let mut timeline = Timeline::new(3, pose(7.0), TICK);
         for (tick, x) in [(5, 1.0), (6, -2.0), (9, 4.0), (30, 3.0), (31, 2.0)] {
             timeline.push(tick, pose(x), TICK);
@@ -210,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn it_turns_the_shorter_way() {
+    fn yaw_turns_the_shorter_way() {
         let a = Pose { yaw: 0.1, ..Pose::default() };
         let b = Pose { yaw: TAU - 0.1, ..Pose::default() };
         let middle = between(&a, &b, 0.5).yaw;
@@ -224,7 +231,7 @@ mod tests {
         assert_eq!(clock.shown_time_s(TICK), None);
         for tick in 100..200u32 {
             let jitter = Duration::from_millis(u64::from(tick % 7) * 10);
-            clock.heard(tick, TICK * tick + Duration::from_millis(500) + jitter);
+            clock.synchronise(tick, TICK * tick + Duration::from_millis(500) + jitter);
         }
         let now = TICK * 199 + Duration::from_millis(500);
         assert!((clock.shown_tick(now) - (199.0 - DELAY_TICKS)).abs() < 0.1);

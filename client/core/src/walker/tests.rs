@@ -4,13 +4,13 @@ use sightline_world::octree::Material;
 
 use super::*;
 
-/// Yaw that looks along +x.
+/// The yaw of a view along +x.
 const EAST: f32 = -std::f32::consts::FRAC_PI_2;
 
-fn go_east(world: &World, wish: MoveInput, seconds: f32) -> Walker {
+fn go_east(world: &World, input: MoveInput, seconds: f32) -> Walker {
     let mut walker = Walker::new(world, SPAWN);
     for _ in 0..(seconds * 60.0) as u32 {
-        walker.step(&world.octree, MoveInput { yaw: EAST, ..wish }, 1.0 / 60.0);
+        walker.step(&world.octree, MoveInput { yaw: EAST, ..input }, 1.0 / 60.0);
     }
     walker
 }
@@ -22,9 +22,9 @@ const WALK: MoveInput =
 fn walls_and_glass_stop_the_body() {
     for flags in [0, Material::GLASS] {
         let world = world(&[([32, 0, 0], [33, 64, 64], flags)]);
-        for wish in [WALK, MoveInput { fly: true, ..WALK }, MoveInput { jump: true, ..WALK }] {
-            let eye = go_east(&world, wish, 3.0).pose().eye;
-            assert!(eye.x > 3.7 && eye.x <= 3.8, "{eye} with {wish:?}");
+        for input in [WALK, MoveInput { fly: true, ..WALK }, MoveInput { jump: true, ..WALK }] {
+            let eye = go_east(&world, input, 3.0).pose().eye;
+            assert!(eye.x > 3.7 && eye.x <= 3.8, "{eye} with {input:?}");
         }
     }
 }
@@ -33,9 +33,9 @@ fn walls_and_glass_stop_the_body() {
 fn the_body_slides_along_a_wall() {
     let world = world(&[([32, 0, 0], [33, 64, 64], 0)]);
     let mut walker = Walker::new(&world, SPAWN);
-    let wish = MoveInput { right: 1.0, yaw: EAST, ..WALK };
+    let input = MoveInput { right: 1.0, yaw: EAST, ..WALK };
     for _ in 0..60 {
-        walker.step(&world.octree, wish, 1.0 / 60.0);
+        walker.step(&world.octree, input, 1.0 / 60.0);
     }
     let eye = walker.pose().eye;
     assert!(eye.x > 3.7 && eye.z > 6.0, "{eye}");
@@ -60,7 +60,7 @@ fn stairs_are_climbed_and_walls_are_not() {
 }
 
 #[test]
-fn what_is_not_held_falls_and_lands() {
+fn a_body_without_support_falls_and_lands() {
     let world = world(&[]);
     let mut walker = Walker::new(&world, Spawn { eye: Vec3::new(4.0, 7.0, 4.0), yaw: 0.0 });
     let after_half_a_second =
@@ -92,7 +92,7 @@ fn a_stuck_body_gets_free_no_faster_than_it_walks() {
     let mut walker = Walker::new(&world, spawn);
     let is_free = |walker: &Walker| !world.octree.solid_in(&world.body.around(walker.pose().eye));
     for _ in 0..2 {
-        // Where the server put it is where the server counts its way from.
+        // The server measures the way of the body from where it put it.
         assert_eq!(walker.pose().eye, spawn.eye);
         assert!(!is_free(&walker));
         for _ in 0..90 {
@@ -106,7 +106,7 @@ fn a_stuck_body_gets_free_no_faster_than_it_walks() {
     }
 }
 
-fn wish() -> impl Strategy<Value = MoveInput> {
+fn input() -> impl Strategy<Value = MoveInput> {
     let number = prop_oneof![8 => -1.5f32..1.5, 1 => Just(f32::NAN)];
     (prop::array::uniform5(number), any::<bool>(), 0..4u8).prop_map(|(numbers, fly, jump)| {
         let [forward, right, up, yaw, pitch] = numbers;
@@ -116,8 +116,8 @@ fn wish() -> impl Strategy<Value = MoveInput> {
 
 proptest! {
     #[test]
-    fn no_wish_breaks_the_limits(
-        wishes in prop::collection::vec((wish(), 0.001f32..0.3), 1..60),
+    fn no_input_breaks_the_limits(
+        inputs in prop::collection::vec((input(), 0.001f32..0.3), 1..60),
         start in prop::array::uniform3(0.0f32..8.0),
     ) {
         let world = world(&[
@@ -127,9 +127,9 @@ proptest! {
         ]);
         let mut walker = Walker::new(&world, Spawn { eye: Vec3::from(start), yaw: 0.0 });
         let is_stuck = |eye: Vec3| world.octree.solid_in(&world.body.around(eye));
-        for (wish, dt_s) in wishes {
+        for (input, dt_s) in inputs {
             let before = walker.pose().eye;
-            let pose = walker.step(&world.octree, wish, dt_s);
+            let pose = walker.step(&world.octree, input, dt_s);
             let reach = world.speed_max * dt_s.min(STEP_S_MAX);
             prop_assert!(pose.is_finite());
             prop_assert!(before.distance(pose.eye) <= reach, "{before} to {} in {dt_s} s", pose.eye);
