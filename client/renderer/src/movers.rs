@@ -41,7 +41,8 @@ pub fn draw_selected(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now:
         for facet in &facets {
             for y in facet.bounds.rows_within(&rows) {
                 let row = (y - rows.start) * width..(y - rows.start + 1) * width;
-                facet.draw_row(&view, panes, y, (&mut colour[row.clone()], &mut depth[row]));
+                let (colour, depth) = (&mut colour[row.clone()], &mut depth[row]);
+                facet.draw_row(&view, panes, FacetRow { y, colour, depth });
             }
         }
     });
@@ -107,6 +108,13 @@ fn whole([min, max]: [f32; 2], start: usize, end: usize) -> std::ops::Range<usiz
     first.clamp(start, end)..after.clamp(start, end)
 }
 
+/// A row of the picture that triangles are drawn into.
+struct FacetRow<'a> {
+    y: usize,
+    colour: &'a mut [u32],
+    depth: &'a mut [f32],
+}
+
 /// A triangle as seen from the eye.
 struct Facet {
     /// The inward normals of the planes through the eye and a side. A line of sight meets the triangle
@@ -138,13 +146,8 @@ impl Facet {
     }
 
     /// Draws a row of the triangle into that row of the picture.
-    fn draw_row(
-        &self,
-        view: &View,
-        panes: &Panes,
-        y: usize,
-        (colour, depth): (&mut [u32], &mut [f32]),
-    ) {
+    fn draw_row(&self, view: &View, panes: &Panes, row: FacetRow) {
+        let FacetRow { y, colour, depth } = row;
         let ray = view.ray(0.0, y as f32);
         let step = view.ray(1.0, y as f32) - ray;
         let start = self.sides.map(|side| side.dot(ray));

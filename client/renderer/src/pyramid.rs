@@ -26,6 +26,21 @@ struct Level {
 /// A range of rows or columns: the first, and the one after the last.
 pub(super) type Span = [usize; 2];
 
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rectangle {
+    pub(super) columns: Span,
+    pub(super) rows: Span,
+}
+
+/// An entry of the pyramid.
+#[derive(Clone, Copy)]
+struct Entry {
+    level: usize,
+    /// Column and row in the level.
+    at: [usize; 2],
+}
+
 impl Pyramid {
     /// Begins a new picture.
     pub(super) fn begin(&mut self, frame: &Frame) {
@@ -49,19 +64,13 @@ impl Pyramid {
 
     /// Whether every pixel of a rectangle is nearer than `nearest`. The rectangle lies in the picture and
     /// is not empty.
-    pub(super) fn hides(
-        &mut self,
-        depths: &[f32],
-        columns: Span,
-        rows: Span,
-        nearest: f32,
-    ) -> bool {
+    pub(super) fn hides(&mut self, depths: &[f32], rectangle: Rectangle, nearest: f32) -> bool {
+        let Rectangle { columns, rows } = rectangle;
         assert_eq!(depths.len(), self.size[0] * self.size[1], "depths of another picture");
         debug_assert!(columns[0] < columns[1] && columns[1] <= self.size[0], "{columns:?}");
         debug_assert!(rows[0] < rows[1] && rows[1] <= self.size[1], "{rows:?}");
         let top = self.levels.len() - 1;
-        let is_hidden = self.test(depths, (top, [0, 0]), (columns, rows), nearest);
-        is_hidden.is_some()
+        self.test(depths, Entry { level: top, at: [0, 0] }, rectangle, nearest).is_some()
     }
 
     /// Tests the part of a rectangle that is in an entry. If every pixel of it is nearer, returns an
@@ -69,10 +78,12 @@ impl Pyramid {
     fn test(
         &mut self,
         depths: &[f32],
-        (level, at): (usize, [usize; 2]),
-        (columns, rows): (Span, Span),
+        entry: Entry,
+        rectangle: Rectangle,
         nearest: f32,
     ) -> Option<f32> {
+        let Entry { level, at } = entry;
+        let Rectangle { columns, rows } = rectangle;
         let place = at[1] * self.levels[level].across + at[0];
         let known = self.levels[level].farthest[place];
         if known < nearest {
@@ -81,7 +92,7 @@ impl Pyramid {
         let side = BLOCK << level;
         let mut farthest = 0.0f32;
         if level == 0 {
-            farthest = self.farthest_in_block(depths, at, (columns, rows));
+            farthest = self.farthest_in_block(depths, at, rectangle);
             if farthest >= nearest {
                 return None;
             }
@@ -94,8 +105,8 @@ impl Pyramid {
                         child[axis] * half < span[1] && (child[axis] + 1) * half > span[0]
                     };
                     if meets(0, columns) && meets(1, rows) {
-                        let found =
-                            self.test(depths, (level - 1, child), (columns, rows), nearest)?;
+                        let child = Entry { level: level - 1, at: child };
+                        let found = self.test(depths, child, rectangle, nearest)?;
                         farthest = farthest.max(found);
                     }
                 }
@@ -111,16 +122,11 @@ impl Pyramid {
     }
 
     /// The greatest depth in the part of a rectangle that is in a block.
-    fn farthest_in_block(
-        &self,
-        depths: &[f32],
-        at: [usize; 2],
-        (columns, rows): (Span, Span),
-    ) -> f32 {
+    fn farthest_in_block(&self, depths: &[f32], at: [usize; 2], rectangle: Rectangle) -> f32 {
         let within = |axis: usize, span: Span| {
             [span[0].max(at[axis] * BLOCK), span[1].min((at[axis] + 1) * BLOCK)]
         };
-        let (columns, rows) = (within(0, columns), within(1, rows));
+        let (columns, rows) = (within(0, rectangle.columns), within(1, rectangle.rows));
         let row = |y: usize| &depths[y * self.size[0] + columns[0]..y * self.size[0] + columns[1]];
         (rows[0]..rows[1]).flat_map(row).fold(0.0, |most: f32, depth| most.max(*depth))
     }
@@ -168,7 +174,7 @@ mod tests {
             for (corners, nearest) in asked {
                 let (columns, rows) = spans(corners);
                 let expected = pixels((columns, rows)).all(|pixel| frame.depth[pixel] < nearest);
-                prop_assert_eq!(pyramid.hides(&frame.depth, columns, rows, nearest), expected);
+                prop_assert_eq!(pyramid.hides(&frame.depth, Rectangle { columns, rows }, nearest), expected);
             }
         }
     }

@@ -6,7 +6,7 @@ use super::moving_set::ROUNDING;
 use crate::{
     Camera, Frame, avatars,
     margins::NEAR,
-    pyramid::{Pyramid, Span},
+    pyramid::{Pyramid, Rectangle, Span},
     view::View,
 };
 
@@ -44,6 +44,7 @@ impl<'a> OcclusionTest<'a> {
         let columns = span(columns, across, self.frame.width());
         let spans = columns.zip(span(rows, down, self.frame.height()));
         let Some((columns, rows)) = spans else { return false };
-        nearest < NEAR || !self.pyramid.hides(&self.frame.depth, columns, rows, nearest)
+        nearest < NEAR
+            || !self.pyramid.hides(&self.frame.depth, Rectangle { columns, rows }, nearest)
     }
 }

@@ -116,13 +116,13 @@ impl VoxelOccluders {
     pub fn new(octree: &Octree) -> Result<Self, SurfaceError> {
         let level = (octree.edge / NODE_M).log2().ceil().max(1.0) as u8;
         let level = level.min(octree.depth - 1);
-        let mut nodes = Vec::new();
+        let mut collector = NodeCollector { octree, level, nodes: Vec::new() };
         if let Some(root) = octree.root() {
-            add(&mut nodes, (root, 0), octree.bounds(), (level, octree));
+            collector.add(root, 0, octree.bounds());
         }
         Ok(Self {
             surfaces: occluders::find(octree)?,
-            nodes,
+            nodes: collector.nodes,
             voxel: octree.voxel(),
             inner: octree.inner.len(),
             level,
@@ -140,41 +140,40 @@ impl VoxelOccluders {
     }
 }
 
-/// Adds a node, by its index, and the nodes below it. Returns its place.
-fn add(
-    nodes: &mut Vec<OccluderNode>,
-    (node, index): (Cursor<'_>, u32),
-    cube: Aabb,
-    (level, octree): (u8, &Octree),
-) -> usize {
-    let place = nodes.len();
-    nodes.push(OccluderNode {
-        index,
-        end: 0,
-        cube,
-        tight: Aabb::EMPTY,
-        voxels: Aabb::EMPTY,
-        layer: None,
-    });
-    if node.level() == level {
-        let tight = around(node, &cube, level + FINER);
-        let mut voxels = tight;
-        if let Some((axis, [from, to])) = unoccluded::layer(node, &cube, octree) {
-            (voxels.min[axis], voxels.max[axis]) = (from, to);
-            nodes[place].layer = Some(axis);
+/// Collects the nodes of an octree down to a level.
+struct NodeCollector<'a> {
+    octree: &'a Octree,
+    level: u8,
+    nodes: Vec<OccluderNode>,
+}
+
+impl NodeCollector<'_> {
+    /// Adds a node, by its index, and the nodes below it. Returns its place.
+    fn add(&mut self, node: Cursor<'_>, index: u32, cube: Aabb) -> usize {
+        let (tight, voxels) = (Aabb::EMPTY, Aabb::EMPTY);
+        let mut added = OccluderNode { index, end: 0, cube, tight, voxels, layer: None };
+        let place = self.nodes.len();
+        self.nodes.push(added);
+        if node.level() == self.level {
+            added.tight = around(node, &cube, self.level + FINER);
+            added.voxels = added.tight;
+            if let Some((axis, [from, to])) = unoccluded::layer(node, &cube, self.octree) {
+                (added.voxels.min[axis], added.voxels.max[axis]) = (from, to);
+                added.layer = Some(axis);
+            }
+        } else {
+            for (octant, child) in node.children() {
+                let Some(inner) = node.inner() else { continue };
+                let Some(index) = inner.child(octant) else { continue };
+                let part = self.add(child, index, octant_of(&cube, octant));
+                added.tight = added.tight.union(&self.nodes[part].tight);
+                added.voxels = added.voxels.union(&self.nodes[part].voxels);
+            }
         }
-        (nodes[place].tight, nodes[place].voxels) = (tight, voxels);
-    } else {
-        for (octant, child) in node.children() {
-            let Some(inner) = node.inner() else { continue };
-            let Some(index) = inner.child(octant) else { continue };
-            let part = add(nodes, (child, index), octant_of(&cube, octant), (level, octree));
-            nodes[place].tight = nodes[place].tight.union(&nodes[part].tight);
-            nodes[place].voxels = nodes[place].voxels.union(&nodes[part].voxels);
-        }
+        added.end = self.nodes.len() as u32;
+        self.nodes[place] = added;
+        place
     }
-    nodes[place].end = nodes.len() as u32;
-    place
 }
 
 /// The box around the contents of a node, as the cubes of a level.
@@ -198,27 +197,27 @@ fn octant_of(cube: &Aabb, octant: u8) -> Aabb {
 impl NodeVisibility {
     /// Finds the node visibility of a viewpoint box, for pictures with a focal length of at least
     /// `focal_min` pixels.
-    pub fn new(walls: &VoxelOccluders, eyes: Aabb, focal_min: f32) -> Self {
+    pub fn new(occluders: &VoxelOccluders, eyes: Aabb, focal_min: f32) -> Self {
         // A voxel that contains the eye is not drawn, so it must not hide anything.
-        let viewpoints = ViewpointBox::all_round(eyes.grown(walls.voxel));
-        let buffer = FuzzyBuffer::new(&walls.surfaces, &viewpoints, ELEMENTS);
+        let viewpoints = ViewpointBox::all_round(eyes.grown(occluders.voxel));
+        let buffer = FuzzyBuffer::new(&occluders.surfaces, &viewpoints, ELEMENTS);
         let mut hidden = Self {
             eyes,
             focal_min,
-            nodes: vec![0; walls.inner.div_ceil(64).max(1)],
+            nodes: vec![0; occluders.inner.div_ceil(64).max(1)],
             unoccluded: Vec::new(),
-            inner: walls.inner,
-            level: walls.level,
+            inner: occluders.inner,
+            level: occluders.level,
             counts: NodeCounts::default(),
         };
         let mut unoccluded = hidden.nodes.clone();
         let (mut at, mut open) = (0, Vec::new());
-        while let Some(node) = walls.nodes.get(at) {
+        while let Some(node) = occluders.nodes.get(at) {
             hidden.counts.tested += 1;
             let ends = at as u32 + 1 == node.end;
-            if buffer.hides(&hidden.bounds(node).grown(walls.voxel * MARGIN)) {
+            if buffer.hides(&hidden.bounds(node).grown(occluders.voxel * MARGIN)) {
                 hidden.nodes[node.index as usize / 64] |= 1 << (node.index % 64);
-                let below = &walls.nodes[at..node.end as usize];
+                let below = &occluders.nodes[at..node.end as usize];
                 let smallest =
                     (at as u32 + 1..).zip(below).filter(|(next, node)| *next == node.end);
                 let count = smallest.count();
@@ -232,7 +231,8 @@ impl NodeVisibility {
             }
         }
         let mut visible = 0;
-        for node in open.into_iter().filter(|node| unoccluded::is_unoccluded(walls, &hidden, node))
+        for node in
+            open.into_iter().filter(|node| unoccluded::is_unoccluded(occluders, &hidden, node))
         {
             unoccluded[node.index as usize / 64] |= 1 << (node.index % 64);
             visible += 1;

@@ -18,24 +18,28 @@ type LayerKey = (usize, u32);
 /// A rectangle of squares, by its least corner and the corner beyond its greatest square.
 type Rectangle = [[u32; 2]; 2];
 
-/// The squares of each layer.
-#[derive(Default)]
-struct Squares(BTreeMap<LayerKey, BTreeSet<[u32; 2]>>);
+/// The squares of opaque voxels in each layer.
+struct Squares {
+    layers: BTreeMap<LayerKey, BTreeSet<[u32; 2]>>,
+    /// Squares are two to the power of this many voxels wide.
+    levels: u8,
+    /// The first material that is glass.
+    glass_from: usize,
+}
 
 /// The occluders of an octree, as surfaces through the middles of opaque voxels. A line that meets a
 /// surface meets the voxel around that place.
 pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
     let levels = (SQUARE_M / octree.voxel()).log2().ceil().max(1.0) as u8;
     let levels = levels.min(SQUARE_LEVELS_MAX).min(octree.depth);
-    let mut squares = Squares::default();
-    let glass_from = octree.first_glass();
+    let mut squares = Squares { layers: BTreeMap::new(), levels, glass_from: octree.first_glass() };
     let square = octree.voxel() * (1u32 << levels) as f32;
     let narrow = ((NARROW_M / square).ceil() as u32).max(1);
     if let Some(root) = octree.root() {
-        squares.collect(root, [0; 3], octree.depth - levels, (levels, glass_from));
+        squares.collect(root, [0; 3], octree.depth - levels);
     }
     let mut mesh = SurfaceMesh::default();
-    for (&(axis, layer), places) in &squares.0 {
+    for (&(axis, layer), places) in &squares.layers {
         let rectangles: Vec<Rectangle> = rectangles(places)
             .into_iter()
             .filter(|[min, max]| (0..2).all(|side| max[side] - min[side] >= narrow))
@@ -54,23 +58,23 @@ pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
 impl Squares {
     /// Collects whole layers of opaque voxels from the nodes of a level that are below a node. The node's
     /// place is counted in nodes of its own size.
-    fn collect(&mut self, node: Cursor<'_>, at: [u32; 3], level: u8, (levels, glass): (u8, usize)) {
+    fn collect(&mut self, node: Cursor<'_>, at: [u32; 3], level: u8) {
         if node.level() < level {
             for (octant, child) in node.children() {
                 let at = [0, 1, 2].map(|axis| 2 * at[axis] + u32::from(octant >> axis & 1));
-                self.collect(child, at, level, (levels, glass));
+                self.collect(child, at, level);
             }
             return;
         }
-        assert!(levels <= SQUARE_LEVELS_MAX, "{levels} levels");
+        assert!(self.levels <= SQUARE_LEVELS_MAX, "{} levels", self.levels);
         let mut counts = [[0u32; 1 << SQUARE_LEVELS_MAX]; 3];
-        count(node, [0; 3], glass, &mut counts);
-        let width = 1u32 << levels;
+        count(node, [0; 3], self.glass_from, &mut counts);
+        let width = 1u32 << self.levels;
         for (axis, counts) in counts.iter().enumerate() {
             for (before, _) in counts.iter().enumerate().filter(|(_, n)| **n == width * width) {
                 let layer = (axis, at[axis] * width + before as u32);
                 let place = [at[(axis + 1) % 3], at[(axis + 2) % 3]];
-                self.0.entry(layer).or_default().insert(place);
+                self.layers.entry(layer).or_default().insert(place);
             }
         }
     }

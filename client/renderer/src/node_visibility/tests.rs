@@ -27,14 +27,14 @@ fn house() -> Octree {
 #[test]
 fn pictures_are_the_same_without_what_is_hidden() {
     let octree = house();
-    let walls = VoxelOccluders::new(&octree).unwrap();
+    let occluders = VoxelOccluders::new(&octree).unwrap();
     let random = &mut SmallRng::seed_from_u64(4);
     let (mut renderer, mut left_out, mut saved, mut untested) = (Renderer::default(), 0, 0, 0);
     let [mut whole, mut less] = [(); 2].map(|()| Frame::new(96, 72));
     for turn in 0..60 {
         let edge = random.random_range(0.05..1.0);
         let min = Vec3::from([0; 3].map(|_| random.random_range(0.0..8.0)));
-        let hidden = Arc::new(NodeVisibility::new(&walls, Aabb::new(min, min + edge), 40.0));
+        let hidden = Arc::new(NodeVisibility::new(&occluders, Aabb::new(min, min + edge), 40.0));
         left_out += hidden.counts().hidden;
         for _ in 0..20 {
             let mut within = |low: f32, high: f32| random.random_range(low..high);
@@ -77,18 +77,18 @@ fn meets(octree: &Octree, eye: Vec3, point: Vec3) -> f32 {
 #[test]
 fn what_is_seen_whole_is_never_covered() {
     let octree = house();
-    let walls = VoxelOccluders::new(&octree).unwrap();
+    let occluders = VoxelOccluders::new(&octree).unwrap();
     let random = &mut SmallRng::seed_from_u64(5);
     let (mut visible, mut all, mut lines) = (0, 0, 0);
     for _ in 0..60 {
         let edge = random.random_range(0.05..1.0);
         let min = Vec3::from([0; 3].map(|_| random.random_range(0.0..7.0)));
-        let hidden = NodeVisibility::new(&walls, Aabb::new(min, min + edge), 40.0);
+        let hidden = NodeVisibility::new(&occluders, Aabb::new(min, min + edge), 40.0);
         (visible, all) = (visible + hidden.counts().visible, all + hidden.counts().all);
         let is_clear = |node: &&OccluderNode| {
             hidden.unoccluded[node.index as usize / 64] >> (node.index % 64) & 1 == 1
         };
-        for node in walls.nodes.iter().filter(is_clear) {
+        for node in occluders.nodes.iter().filter(is_clear) {
             let eye = min + edge * Vec3::from([0; 3].map(|_| random.random_range(0.0..=1.0)));
             let (mut point, size) = (node.cube.min, node.cube.size());
             point += size * Vec3::from([0; 3].map(|_| random.random_range(0.0..1.0)));

@@ -49,7 +49,7 @@ fn take(node: Cursor<'_>, at: UVec3, voxels: &mut [UVec3; 2]) {
 
 /// Whether every eye sees the side of a node that faces the eyes whole.
 pub(super) fn is_unoccluded(
-    walls: &VoxelOccluders,
+    occluders: &VoxelOccluders,
     hidden: &NodeVisibility,
     node: &OccluderNode,
 ) -> bool {
@@ -57,7 +57,7 @@ pub(super) fn is_unoccluded(
         return false;
     };
     let mut at = 0;
-    while let Some(other) = walls.nodes.get(at) {
+    while let Some(other) = occluders.nodes.get(at) {
         if hidden.is_hidden(other.index) || !is_before(&other.voxels, &side, &hidden.eyes) {
             at = other.end as usize;
         } else if other.end as usize == at + 1 {
