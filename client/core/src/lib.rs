@@ -1,14 +1,15 @@
 //! The client without I/O: what it knows of other avatars, and how its own body moves.
 //!
-//! * [`replica::Replica`] takes in the messages of the server. It gives the poses of other avatars to
-//!   draw, and the messages to send.
-//! * [`reporting::Reporter`] decides when the client reports. A replica has one; simulated clients use
-//!   it alone.
+//! * [`replica::Replica`] takes in the messages of the server. It gives the poses of other avatars
+//!   to draw, and the messages to send.
+//! * [`reporting::Reporter`] decides when the client reports. A replica has one; simulated clients
+//!   use it alone.
 //! * [`walker::Walker`] moves the own body through the voxels of a world, as a
 //!   [`MoveInput`](walker::MoveInput) wants. Its poses go to [`replica::Replica::set_pose`].
 //! * [`navigation::Navigation`] finds paths for the bodies of simulated visitors.
 //!
-//! There is no socket, no clock and no thread: callers pass in times, as durations since some start.
+//! There is no socket, no clock and no thread: callers pass in times, as durations since some
+//! start.
 //!
 //! # Example
 //!

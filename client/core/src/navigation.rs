@@ -1,5 +1,5 @@
-//! Navigation: where a body can walk, as a grid over the floors that it can reach. The grid is found
-//! from the octree alone.
+//! Navigation: where a body can walk, as a grid over the floors that it can reach. The grid is
+//! found from the octree alone.
 
 use std::{
     cmp::Reverse,
@@ -10,10 +10,11 @@ use glam::Vec3;
 use rand::{Rng, rngs::SmallRng};
 use sightline_world::{World, geometry::Aabb};
 
-/// Steps count as this much higher than they are, in metres, so that no path depends on a near miss.
+/// Steps count as this much higher than they are, in metres, so that no path depends on a near
+/// miss.
 const STEP_SLACK: f32 = 0.02;
-/// A body that steps to a place on its own level is lifted by this much, in metres, so that it does not
-/// scrape along the floor.
+/// A body that steps to a place on its own level is lifted by this much, in metres, so that it does
+/// not scrape along the floor.
 const LIFT: f32 = 0.02;
 /// The deepest fall on a path, in metres.
 const DROP: f32 = 4.0;
@@ -32,8 +33,8 @@ const PLACES_MAX: usize = 200_000;
 /// The largest number of places that the search for a path visits.
 const SEARCH_MAX: usize = 60_000;
 
-/// The places where a body can stand and from which it can come back, and the paths between them. The
-/// default has no places.
+/// The places where a body can stand and from which it can come back, and the paths between them.
+/// The default has no places.
 #[derive(Clone, Debug, Default)]
 pub struct Navigation {
     /// The distance between neighbouring places, in metres.
@@ -62,8 +63,8 @@ struct FloorPlace {
 const DIRECTIONS: [[i32; 2]; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
 
 impl Navigation {
-    /// Finds all places that can be reached from the world's spawn points. This takes a second for a
-    /// large building.
+    /// Finds all places that can be reached from the world's spawn points. This takes a second for
+    /// a large building.
     pub fn new(world: &World) -> Self {
         let mut navigation = Self {
             pitch: (world.body.half_width * 1.25).clamp(0.2, 0.3),
@@ -115,8 +116,8 @@ impl Navigation {
         self.home.is_empty()
     }
 
-    /// A random place to go to, as an eye; `None` when there is none. Where much of the floor has a roof,
-    /// so has the place: visitors come for the building and not for the lawn.
+    /// A random place to go to, as an eye; `None` when there is none. Where much of the floor has a
+    /// roof, so has the place: visitors come for the building and not for the lawn.
     pub fn random(&self, random: &mut SmallRng) -> Option<Vec3> {
         if self.goals.is_empty() {
             return None;
@@ -137,8 +138,8 @@ impl Navigation {
         if roofed.len() * 4 < self.home.len() { self.home.clone() } else { roofed }
     }
 
-    /// A short path from one eye to another, as eyes to walk to in straight lines, one after the other.
-    /// `None` when no place is near one of the two, or the path is too long to find.
+    /// A short path from one eye to another, as eyes to walk to in straight lines, one after the
+    /// other. `None` when no place is near one of the two, or the path is too long to find.
     pub fn path(&self, from: Vec3, to: Vec3) -> Option<Vec<Vec3>> {
         let (from, to) = (self.nearest(from)?, self.nearest(to)?);
         let places = self.search(from, to)?;
@@ -208,8 +209,8 @@ impl Navigation {
             })
     }
 
-    /// The shortest path from one place to another by A* (Hart, Nilsson and Raphael 1968). Costs are in
-    /// tenths of a step.
+    /// The shortest path from one place to another by A* (Hart, Nilsson and Raphael 1968). Costs
+    /// are in tenths of a step.
     fn search(&self, from: u32, to: u32) -> Option<Vec<u32>> {
         let goal = self.places[to as usize].column;
         let estimate = |place: u32| {
@@ -238,8 +239,8 @@ impl Navigation {
         None
     }
 
-    /// The steps from a place, with their costs: straight ones, and diagonal ones where both ways round
-    /// the corner lead to the same place.
+    /// The steps from a place, with their costs: straight ones, and diagonal ones where both ways
+    /// round the corner lead to the same place.
     fn steps(&self, place: u32) -> impl Iterator<Item = (u32, u32)> + '_ {
         let step = move |from: u32, side: usize| self.places[from as usize].next[side];
         let straight = (0..4).filter_map(move |side| Some((10, step(place, side)?)));
@@ -251,7 +252,8 @@ impl Navigation {
         straight.chain(slanted)
     }
 
-    /// Whether the places under a straight line between two places follow each other on nearly one level.
+    /// Whether the places under a straight line between two places follow each other on nearly one
+    /// level.
     fn is_straight(&self, from: u32, to: u32) -> bool {
         let (a, b) = (self.places[from as usize], self.places[to as usize]);
         let offset = [b.column[0] - a.column[0], b.column[1] - a.column[1]];
@@ -289,8 +291,8 @@ impl Navigation {
         self.places[place as usize].next[side]
     }
 
-    /// The largest strongly connected set of places: all that can be reached from some place and lead back
-    /// to it. Only a few places are tried.
+    /// The largest strongly connected set of places: all that can be reached from some place and
+    /// lead back to it. Only a few places are tried.
     fn largest_component(&self) -> Vec<u32> {
         let mut back: Vec<Vec<u32>> = vec![Vec::new(); self.places.len()];
         for (place, from) in self.places.iter().zip(0u32..) {
@@ -360,7 +362,8 @@ impl<'a> Probe<'a> {
         Self { world, half_width, height: body.below_eye + body.above_eye, step_up }
     }
 
-    /// Whether the part of a body between two heights above a point is inside the building and free.
+    /// Whether the part of a body between two heights above a point is inside the building and
+    /// free.
     fn is_free(&self, point: Vec3, from: f32, to: f32) -> bool {
         let region = self.region(point, from, to);
         self.world.confines().contains_box(&region) && !self.world.octree.solid_in(&region)
@@ -373,8 +376,8 @@ impl<'a> Probe<'a> {
         Aabb::new(low - side, high + side)
     }
 
-    /// The height of the soles of a body after it has fallen from a point. `None` when it does not fit
-    /// there or falls too deep.
+    /// The height of the soles of a body after it has fallen from a point. `None` when it does not
+    /// fit there or falls too deep.
     fn land(&self, sole: Vec3) -> Option<f32> {
         if !self.is_free(sole, 0.0, self.height) {
             // The point may be slightly too low.
@@ -384,7 +387,8 @@ impl<'a> Probe<'a> {
         self.fall(sole)
     }
 
-    /// The height of the soles after a fall from a free point; `None` when it is deeper than [`DROP`].
+    /// The height of the soles after a fall from a free point; `None` when it is deeper than
+    /// [`DROP`].
     fn fall(&self, sole: Vec3) -> Option<f32> {
         let is_solid = |depth: f32| self.world.octree.solid_in(&self.region(sole, -depth, 0.0));
         let deepest = DROP + self.step_up;

@@ -1,15 +1,15 @@
 //! When a client reports its pose.
 //!
-//! The server expects one of three things of a client in the world: a report at every tick (*live*),
-//! silence inside a TBV (*quiet*), or one report at once (*asked*). [`Reporter`] keeps what the
-//! server ordered last and decides whether a report is due. It knows no messages and no clock, so
-//! that real clients and simulated ones decide by the same code.
+//! The server expects one of three things of a client in the world: a report at every tick
+//! (*live*), silence inside a TBV (*quiet*), or one report at once (*asked*). [`Reporter`] keeps
+//! what the server ordered last and decides whether a report is due. It knows no messages and no
+//! clock, so that real clients and simulated ones decide by the same code.
 
 use std::time::Duration;
 
 use sightline_world::motion::{Agility, Pose, ReportingState, Tbv};
 
-/// A report that leaves the TBV is repeated so many ticks after its answer should have come.
+/// A report that leaves the TBV is repeated this many ticks after its answer should have come.
 const REPEAT_TICKS: u32 = 2;
 
 /// Why a report is due.
@@ -70,6 +70,7 @@ impl Reporter {
         self.is_asked = false;
         self.repeat_ticks = 0;
         self.quiet_since.get_or_insert(now);
+        debug_assert!(self.state() != Some(ReportingState::Live), "{:?}", self.state());
     }
 
     /// The server expects a report at every tick.
@@ -79,6 +80,7 @@ impl Reporter {
         if let Some(since) = self.quiet_since.take() {
             self.quiet_before += now.saturating_sub(since);
         }
+        debug_assert!(!matches!(self.state(), Some(ReportingState::Quiet | ReportingState::Asked)));
     }
 
     /// Whether a report is owed at once because the server asked for it. The debt is then settled.

@@ -1,8 +1,8 @@
 //! The own body in the building: walking, climbing stairs, jumping, falling and flying.
 //!
-//! [`Walker::step`] takes a [`MoveInput`] and a time, and returns a pose that the server accepts: the
-//! eye is never faster than the world allows and never leaves its bounds, and the body never enters a
-//! voxel. There is no clock and no input device.
+//! [`Walker::step`] takes a [`MoveInput`] and a time, and returns a pose that the server accepts:
+//! the eye is never faster than the world allows and never leaves its bounds, and the body never
+//! enters a voxel. There is no clock and no input device.
 
 use glam::Vec3;
 use sightline_world::{
@@ -16,7 +16,8 @@ use sightline_world::{
 /// How a person at the keyboard, or a simulated visitor, wants to move.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct MoveInput {
-    /// Speed in the direction of view, from -1 (backwards) to 1, as a share of the world's speed limit.
+    /// Speed in the direction of view, from -1 (backwards) to 1, as a share of the world's speed
+    /// limit.
     pub forward: f32,
     /// Speed to the right, from -1 to 1.
     pub right: f32,
@@ -77,8 +78,8 @@ const _: () = assert!(PUSH_SHARE < 1.0 && SPEED_SHARE < 1.0, "the server checks 
 const FREE_WITHIN: f32 = 3.0;
 
 impl Walker {
-    /// A body at a spawn point. Where the body does not fit, [`Walker::step`] moves it out slowly, because
-    /// the server measures its way from the spawn point.
+    /// A body at a spawn point. Where the body does not fit, [`Walker::step`] moves it out slowly,
+    /// because the server measures its way from the spawn point.
     pub fn new(world: &World, spawn: Spawn) -> Self {
         let mut walker = Self {
             body: world.body,
@@ -205,8 +206,9 @@ impl Walker {
         self.driven(wanted, dt_s) + Vec3::Y * self.rise
     }
 
-    /// The velocity along the ground after a sub-step towards a wanted one, in metres a second. A body that
-    /// turns keeps the component of its velocity in the new direction and accelerates as bodies can.
+    /// The velocity along the ground after a sub-step towards a wanted one, in metres a second. A
+    /// body that turns keeps the component of its velocity in the new direction and accelerates as
+    /// bodies can.
     fn driven(&mut self, wanted: Vec3, dt_s: f32) -> Vec3 {
         let direction = wanted.normalize_or_zero();
         let speed = self.drive.dot(direction).max(START_SPEED);
@@ -263,8 +265,8 @@ impl Walker {
         self.confines.clamp(eye)
     }
 
-    /// The nearest place where the body fits, of a few hundred around it. Places that the eye sees come
-    /// first, because the server rejects a way through a wall.
+    /// The nearest place where the body fits, of a few hundred around it. Places that the eye sees
+    /// come first, because the server rejects a way through a wall.
     fn free_place(&self, octree: &Octree) -> Option<Vec3> {
         let is_free = |eye: &Vec3| self.confines.contains(*eye) && !self.is_solid_at(octree, *eye);
         let is_seen = |place: &Vec3| is_free(place) && self.sees(octree, *place);

@@ -80,8 +80,8 @@ pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec
 /// The number of pixels that are worked out side by side.
 const LANES: usize = 8;
 
-/// The work on one band. It is a type and not a closure, because only functions without closures are
-/// compiled as a whole for each kind of processor.
+/// The work on one band. It is a type and not a closure, because only functions without closures
+/// are compiled as a whole for each kind of processor.
 struct FigureBand<'a> {
     parts: &'a [Ellipsoid<'a>],
     view: &'a View,
@@ -214,8 +214,8 @@ impl<'a> Ellipsoid<'a> {
         first..after
     }
 
-    /// Where eight rays from the eye, each a step beside the one before, enter the ellipsoid, in multiples
-    /// of each ray; infinite for rays that miss it.
+    /// Where eight rays from the eye, each a step beside the one before, enter the ellipsoid, in
+    /// multiples of each ray; infinite for rays that miss it.
     #[inline(always)]
     fn entries(&self, ray: Vec3, step: Vec3) -> [f32; LANES] {
         // In units of the radii the ellipsoid is a sphere.
@@ -224,8 +224,8 @@ impl<'a> Ellipsoid<'a> {
         for (i, entry) in entries.iter_mut().enumerate() {
             let [x, y, z] = [0, 1, 2].map(|axis| ray[axis] + step[axis] * i as f32);
             let a = x * x + y * y + z * z;
-            // The point of the ray nearest to the centre. A difference of squares would be too coarse
-            // far away.
+            // The point of the ray nearest to the centre. A difference of squares would be too
+            // coarse far away.
             let middle = (x * centre[0] + y * centre[1] + z * centre[2]) / a;
             let [u, v, w] =
                 [centre[0] - x * middle, centre[1] - y * middle, centre[2] - z * middle];
@@ -253,7 +253,8 @@ impl<'a> Ellipsoid<'a> {
             for channel in 0..3 {
                 let own = if is_face { FACE[channel] } else { colour[channel] };
                 let level = if own * light < 255.0 { own * light } else { 255.0 };
-                // The lowest bits of so large a number count ones; this takes less time than a cast.
+                // The lowest bits of so large a number count ones; this takes less time than a
+                // cast.
                 *packed = *packed << 8 | (level + 8_388_608.0).to_bits() & 0xff;
             }
         }
@@ -272,8 +273,8 @@ pub(super) fn letters(name: &str) -> usize {
     name.chars().take(NAME_LETTERS_MAX).count()
 }
 
-/// How many pixels a name of this many letters reaches from the middle of its lower edge, across and up
-/// or down. The edge's depth is at least `nearest` metres.
+/// How many pixels a name of this many letters reaches from the middle of its lower edge, across
+/// and up or down. The edge's depth is at least `nearest` metres.
 pub(super) fn name_reach(view: &View, nearest: f32, letters: usize) -> [f32; 2] {
     if letters == 0 || nearest >= NAME_WITHIN_M {
         return [0.0; 2];

@@ -61,8 +61,8 @@ impl Band {
         self.pixels = 0;
     }
 
-    /// The part of some columns and rows that lies in the band; none when it is empty. The second of
-    /// each two numbers lies outside.
+    /// The part of some columns and rows that lies in the band; none when it is empty. The second
+    /// of each two numbers lies outside.
     #[inline(always)]
     pub(super) fn clip(&self, [columns, rows]: [[i32; 2]; 2]) -> Option<Area> {
         let [left, right] = [columns[0].max(0), columns[1].min(self.width as i32)];
@@ -103,8 +103,8 @@ impl Band {
         }
     }
 
-    /// Writes the open pixels of an area that show a layer of voxels with these materials. A layer of
-    /// glass is put in front of those that have no glass yet.
+    /// Writes the open pixels of an area that show a layer of voxels with these materials. A layer
+    /// of glass is put in front of those that have no glass yet.
     #[inline(always)]
     pub(super) fn fill_layer<const GLASS: bool>(
         &mut self,

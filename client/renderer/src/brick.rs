@@ -1,9 +1,9 @@
 //! Bricks: the last two levels in orthogonal mode, 4 × 4 × 4 cells, drawn pixel by pixel.
 //!
-//! Look-ups give the cells that a line of sight may meet (see [`lines`](super::lines)). These are some
-//! too many, because the look-ups are rounded and leave out perspective inside of the brick. The
-//! first cell, in the order in which a line of sight meets them, is tested exactly, eight pixels at a
-//! time. Where it is not met, the next ones are tested.
+//! Look-ups give the cells that a line of sight may meet (see [`lines`](super::lines)). These are
+//! some too many, because the look-ups are rounded and leave out perspective inside of the brick.
+//! The first cell, in the order in which a line of sight meets them, is tested exactly, eight
+//! pixels at a time. Where it is not met, the next ones are tested.
 
 use glam::{Vec2, Vec3A, Vec3Swizzles, Vec4};
 use sightline_world::octree::{InnerNode, Octree};
@@ -97,8 +97,8 @@ impl Bricks<'_> {
         }
     }
 
-    /// Draws a pixel whose line of sight meets these cells, nearest first. Returns the pixel's bit if it
-    /// is written, else zero.
+    /// Draws a pixel whose line of sight meets these cells, nearest first. Returns the pixel's bit
+    /// if it is written, else zero.
     fn draw_sorted(
         &self,
         band: &mut Band,
@@ -156,8 +156,8 @@ pub(super) struct Brick {
     flip: usize,
     /// Whether any cell is glass.
     pub(super) some_glass: bool,
-    /// Whether the eye is between two opposite sides. Lines of sight then go both ways along an axis
-    /// and do not meet cells in ascending order.
+    /// Whether the eye is between two opposite sides. Lines of sight then go both ways along an
+    /// axis and do not meet cells in ascending order.
     beside_eye: bool,
     /// Where the brick's centre is seen, in pixels.
     middle: Vec2,
@@ -214,9 +214,9 @@ impl Brick {
         brick
     }
 
-    /// Whether the line of sight of each pixel meets the cell that is given for it. Lines of sight go
-    /// upwards along each axis, so two products tell whether two stretches between planes have a point
-    /// in common.
+    /// Whether the line of sight of each pixel meets the cell that is given for it. Lines of sight
+    /// go upwards along each axis, so two products tell whether two stretches between planes have a
+    /// point in common.
     #[inline(always)]
     fn meets(&self, sight: &RayRow, cells: &[u32; BLOCK]) -> [bool; BLOCK] {
         let mut low = [[0.0; BLOCK]; 3];
@@ -252,8 +252,8 @@ impl Brick {
         self.low + Vec3A::new(place(cell, 0), place(cell, 1), place(cell, 2)) * self.step
     }
 
-    /// Those of the given cells that a line of sight meets, nearest first, each with the place where the
-    /// line enters it.
+    /// Those of the given cells that a line of sight meets, nearest first, each with the place
+    /// where the line enters it.
     fn sorted(&self, sight: &RayRow, x: usize, met: u64) -> Vec<(f32, u8)> {
         // The summand changes nothing but a zero, whose inverse would be infinite.
         let inverse = (sight.ray(x) + 1.0e-20).recip();
@@ -285,8 +285,8 @@ impl Brick {
     }
 }
 
-/// Whether the eye is between the planes of two opposite sides of a cube, whose centre is relative to
-/// the eye.
+/// Whether the eye is between the planes of two opposite sides of a cube, whose centre is relative
+/// to the eye.
 #[inline(always)]
 pub(super) fn is_beside_eye(centre: Vec4, half: f32) -> bool {
     Vec3A::from_vec4(centre).abs().cmple(Vec3A::splat(half)).any()

@@ -63,8 +63,8 @@ pub(super) fn light(normal: Vec3, along: Vec3) -> f32 {
     light_outside(normal.to_array(), 1.0)
 }
 
-/// The light on a surface that is seen from outside. `normal` points along its normal, and `scale` is
-/// one over the length of `normal`.
+/// The light on a surface that is seen from outside. `normal` points along its normal, and `scale`
+/// is one over the length of `normal`.
 #[inline(always)]
 pub(super) fn light_outside(normal: [f32; 3], scale: f32) -> f32 {
     let mut light = AMBIENT;

@@ -2,10 +2,10 @@
 //! Figs. 20 to 22).
 //!
 //! Without perspective inside of a node, all its octants look alike: the same hexagon, half as
-//! large. Their places follow from the node's own by adding offsets, which a shift halves from level
-//! to level. A point deeper than the node's centre by a share e of its depth is seen nearer to the
-//! centre, by the factor 1 / (1 + e). The product (1 - e) (1 + e²) (1 + e⁴) stands for it, so places
-//! are right to the order of e⁸, and sizes to the order of e.
+//! large. Their places follow from the node's own by adding offsets, which a shift halves from
+//! level to level. A point deeper than the node's centre by a share e of its depth is seen nearer
+//! to the centre, by the factor 1 / (1 + e). The product (1 - e) (1 + e²) (1 + e⁴) stands for it,
+//! so places are right to the order of e⁸, and sizes to the order of e.
 //!
 //! **Precision.** Places are in pixels with 16 fractional bits. An offset is rounded once and then
 //! shifted, so each level errs by less than 2⁻¹⁵ pixels. Sixteen levels err by at most 2⁻¹¹, far
@@ -45,8 +45,8 @@ pub(super) struct Form {
     size: ScreenPoint,
     /// From the least corner of the bounding box to those of the octants.
     octants: [ScreenPoint; 8],
-    /// From the node's centre to those of the octants, in metres. The last number is how much deeper
-    /// they lie.
+    /// From the node's centre to those of the octants, in metres. The last number is how much
+    /// deeper they lie.
     octants_centres: [Vec4; 8],
     /// Half the edge, in metres.
     pub(super) half: f32,
@@ -123,7 +123,7 @@ impl Form {
         [0, 1].map(|axis| [low[axis].ceil() as i32, (high[axis].floor() as i32).saturating_add(1)])
     }
 
-    /// The longest edge of a node so many levels below, in pixels.
+    /// The longest edge of a node this many levels below, in pixels.
     #[inline(always)]
     pub(super) fn cell_px(&self, levels: u32) -> f32 {
         self.edge_px * halved(levels)
@@ -164,14 +164,15 @@ pub(super) fn halved(times: u32) -> f32 {
     f32::from_bits((127 - times) << 23)
 }
 
-/// How far edges along the axes reach in the picture, in pixels, for edges at a point that is seen at
-/// `from` and has `scale` as the ratio of edge to depth.
+/// How far edges along the axes reach in the picture, in pixels, for edges at a point that is seen
+/// at `from` and has `scale` as the ratio of edge to depth.
 #[inline(always)]
 fn edges(view: &BandView, from: Vec2, scale: f32) -> [Vec2; 3] {
     view.axes.map(|step| (Vec2::new(step.x, step.y) - from * step.z) * scale)
 }
 
-/// By which share of it depths differ from a centre's at most, when they reach so far from it.
+/// The greatest relative difference between the depth of a centre and depths that are at most `reach`
+/// away from it.
 #[inline(always)]
 fn deviation(reach: f32, depth: f32) -> f32 {
     reach / (depth - reach).max(f32::MIN_POSITIVE)
@@ -209,11 +210,11 @@ pub(super) struct BrickForm {
 impl BrickForm {
     /// The form of the bricks whose cells are `levels` below a node in which depths differ little.
     ///
-    /// **Margin.** A brick's centre is placed exactly ([`Form::middle`]). Its cells are moved by the
-    /// perspective that is left out. In the node, whose centre is seen at `middle`, depths differ from
-    /// the centre's by a share ε at most, and so does the direction of sight. Each of the two moves a
-    /// cell by at most ε times half the brick's size in the picture. The look-ups have a margin of
-    /// both, so no cell is missed.
+    /// **Margin.** A brick's centre is placed exactly ([`Form::middle`]). Its cells are moved by
+    /// the perspective that is left out. In the node, whose centre is seen at `middle`, depths
+    /// differ from the centre's by a share ε at most, and so does the direction of sight. Each of
+    /// the two moves a cell by at most ε times half the brick's size in the picture. The look-ups
+    /// have a margin of both, so no cell is missed.
     #[inline(always)]
     pub(super) fn new(view: &BandView, half: f32, centre: Vec4, middle: Vec2, levels: u32) -> Self {
         let towards = inclined(Vec3A::from_vec4(centre));
@@ -270,8 +271,8 @@ impl BrickForm {
         self.octants_deeper[cell >> 3 & 7] + self.cells_deeper[cell & 7]
     }
 
-    /// The entries of the rows for the line of sight through the first pixel of a block, for a brick
-    /// whose centre is seen at `middle`.
+    /// The entries of the rows for the line of sight through the first pixel of a block, for a
+    /// brick whose centre is seen at `middle`.
     #[inline(always)]
     pub(super) fn places(&self, middle: Vec2, block: [usize; 2]) -> [i32; 3] {
         let [x, y] = [block[0] as f32 - middle.x, block[1] as f32 - middle.y];

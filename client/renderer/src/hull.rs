@@ -2,9 +2,9 @@
 //!
 //! As in [`lines`](super::lines), a line of sight meets a box when it does so as seen along each
 //! axis. Seen along an axis the box is a rectangle, and the lines of sight that meet it lie between
-//! those to two of its corners. Where the eye is inside of the rectangle all lines of sight meet it. So
-//! there are at most six bounds, and each is linear in the pixel. Nothing is clipped, and part of
-//! the box may lie behind the eye.
+//! those to two of its corners. Where the eye is inside of the rectangle all lines of sight meet
+//! it. So there are at most six bounds, and each is linear in the pixel. Nothing is clipped, and
+//! part of the box may lie behind the eye.
 
 use glam::Vec3A;
 

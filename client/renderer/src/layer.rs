@@ -1,9 +1,9 @@
 //! A whole layer of voxels, drawn at once: which voxel a pixel shows follows by arithmetic.
 //!
 //! A layer is a box one voxel thick. A line of sight that enters through the side towards the eye
-//! shows the voxel where it meets the plane of that side. Its place is two quotients of numbers that
-//! are linear in the pixel. A line of sight that enters through a narrow side shows the voxel where
-//! it enters. So both modes of the renderer show the same voxel, at any distance and size.
+//! shows the voxel where it meets the plane of that side. Its place is two quotients of numbers
+//! that are linear in the pixel. A line of sight that enters through a narrow side shows the voxel
+//! where it enters. So both modes of the renderer show the same voxel, at any distance and size.
 
 use glam::Vec3A;
 
@@ -23,9 +23,9 @@ pub(super) struct Layer {
     per_metre: f32,
     /// The index of the last voxel along each axis.
     last: f32,
-    /// Three numbers that are linear in the pixel, each as its changes to the right and downwards and
-    /// its value at the band's corner. The quotients of the first two by the third are the place in
-    /// the plane towards the eye, in voxels along the two axes.
+    /// Three numbers that are linear in the pixel, each as its changes to the right and downwards
+    /// and its value at the band's corner. The quotients of the first two by the third are the
+    /// place in the plane towards the eye, in voxels along the two axes.
     ratios: [[f32; 3]; 3],
     /// Whether the eye is between the two planes, so that it sees narrow sides only.
     between: bool,
@@ -98,8 +98,8 @@ impl Layer {
         &self.outline
     }
 
-    /// The voxels that a line of eight pixels shows, as indices in memory, and their depths in metres.
-    /// Only the results of `wanted` pixels, which the outline contains, mean anything.
+    /// The voxels that a line of eight pixels shows, as indices in memory, and their depths in
+    /// metres. Only the results of `wanted` pixels, which the outline contains, mean anything.
     #[inline(always)]
     pub(super) fn voxels(
         &self,
@@ -126,8 +126,8 @@ impl Layer {
         self.voxels_at(&places)
     }
 
-    /// Where the lines of sight of eight pixels enter the layer, in voxels along both axes, also through
-    /// its narrow sides.
+    /// Where the lines of sight of eight pixels enter the layer, in voxels along both axes, also
+    /// through its narrow sides.
     #[inline(never)]
     fn through_sides(&self, view: &BandView, [x, y]: [usize; 2]) -> [[f32; BLOCK]; 2] {
         let mut places = [[0.0; BLOCK]; 2];
@@ -168,7 +168,8 @@ fn whole(number: f32, last: f32) -> f32 {
     (if number < last { number } else { last }) + ONES
 }
 
-/// Interleaves the bits of two numbers of up to four bits, of which the second is shifted up by sixteen.
+/// Interleaves the bits of two numbers of up to four bits, of which the second is shifted up by
+/// sixteen.
 #[inline(always)]
 fn spread(both: u32) -> u32 {
     let both = (both | both << 2) & 0x0033_0033;

@@ -1,12 +1,12 @@
 //! Draws a building on the CPU from its voxel octree, and what moves in it.
 //!
-//! * [`Renderer::draw`] takes an octree and a [`Camera`] and fills a [`Frame`]: the colour, the depth
-//!   and the material of each pixel.
+//! * [`Renderer::draw`] takes an octree and a [`Camera`] and fills a [`Frame`]: the colour, the
+//!   depth and the material of each pixel.
 //! * [`movers`] and [`avatars`] draw doors and figures over the building, where its depths let them
 //!   be seen. [`moving::MovingRenderer`] draws both at a cost that follows what is in view.
 //! * [`node_visibility`] finds in advance which nodes a viewpoint box cannot see.
-//! * [`mover_visibility`] finds which movers may be visible, [`rooms`] draws what an author declared,
-//!   and [`text`] writes on a frame.
+//! * [`mover_visibility`] finds which movers may be visible, [`rooms`] draws what an author
+//!   declared, and [`text`] writes on a frame.
 //!
 //! Octree nodes are projected front to back; no rays are cast. The picture is cut into bands of
 //! rows, and each band has a mask buffer of one bit for each pixel. A pixel is written once. A node

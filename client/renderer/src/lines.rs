@@ -32,8 +32,8 @@ pub(super) type CellRow = [u64; ENTRIES];
 /// By how much cells may be widened on each side, in edges of a cell.
 const MARGINS: [f32; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
 
-/// The look-up table for one margin: a row for each of [`PLANES`] and each slope. It takes 800 kB, of
-/// which a brick reads 6 kB.
+/// The look-up table for one margin: a row for each of [`PLANES`] and each slope. It takes 800 kB,
+/// of which a brick reads 6 kB.
 pub(super) struct Lines {
     rows: Vec<CellRow>,
 }
@@ -42,8 +42,8 @@ pub(super) struct Lines {
 static LINES: [OnceLock<Lines>; MARGINS.len()] = [const { OnceLock::new() }; MARGINS.len()];
 
 impl Lines {
-    /// The look-up table for lines whose place may be wrong by `margin` edges of a cell: that of the
-    /// least of [`MARGINS`] that is enough.
+    /// The look-up table for lines whose place may be wrong by `margin` edges of a cell: that of
+    /// the least of [`MARGINS`] that is enough.
     pub(super) fn with_margin(margin: f32) -> &'static Self {
         let which = MARGINS.iter().position(|&wider| margin <= wider).unwrap_or(MARGINS.len() - 1);
         LINES[which].get_or_init(|| Self::new(MARGINS[which]))
@@ -76,11 +76,13 @@ impl Lines {
     }
 }
 
-/// The cells whose squares lines of this slope and place meet. The direction of the lines is (`share`,
-/// 1 − `share`). At place 0 a line touches the corner (4, 0), at the last place the corner (0, 4).
+/// The cells whose squares lines of this slope and place meet. The direction of the lines is
+/// (`share`, 1 − `share`). At place 0 a line touches the corner (4, 0), at the last place the
+/// corner (0, 4).
 ///
-/// All lines that are rounded to this slope and place count, so no cell on a line is missing. A cell
-/// that is there without need lies within a sixteenth of a cell's edge, and the margin, of the line.
+/// All lines that are rounded to this slope and place count, so no cell on a line is missing. A
+/// cell that is there without need lies within a sixteenth of a cell's edge, and the margin, of the
+/// line.
 fn cells_met([first, second]: [usize; 2], share: f32, place: f32, margin: f32) -> u64 {
     let rest = 1.0 - share;
     let s = 4.0 * (place + 0.5) / PLACES as f32 - 4.0 * rest;

@@ -18,8 +18,8 @@ pub struct MoverVisibility {
 }
 
 impl MoverVisibility {
-    /// Visibility sets for pictures of this width and height in pixels. `upright` is the vertical field of
-    /// view in radians.
+    /// Visibility sets for pictures of this width and height in pixels. `upright` is the vertical
+    /// field of view in radians.
     pub fn new((width, height): (usize, usize), upright: f32) -> Self {
         let shape = width as f32 / height.max(1) as f32;
         let across = 2.0 * ((upright * 0.5).tan() * shape).atan();

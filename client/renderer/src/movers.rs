@@ -1,7 +1,8 @@
 //! Movers, drawn as coloured triangles where nothing in the frame is nearer.
 //!
-//! A triangle is drawn as the cone of lines of sight that meet it: each side gives a plane through the
-//! eye. So nothing is clipped, however near the triangle is or however far behind the eye it reaches.
+//! A triangle is drawn as the cone of lines of sight that meet it: each side gives a plane through
+//! the eye. So nothing is clipped, however near the triangle is or however far behind the eye it
+//! reaches.
 
 use std::time::Duration;
 
@@ -12,8 +13,8 @@ use super::{
     Camera, Frame, band::BAND_ROWS, colour, margins::NEAR, panes::Panes, parallel, view::View,
 };
 
-/// Draws movers as they are at a time of the server's clock into a frame that shows the building from
-/// the same camera. A triggered mover rests where it begins.
+/// Draws movers as they are at a time of the server's clock into a frame that shows the building
+/// from the same camera. A triggered mover rests where it begins.
 pub fn draw(frame: &mut Frame, camera: &Camera, movers: &[Mover], now: Duration) {
     draw_selected(frame, camera, &movers.iter().collect::<Vec<_>>(), now);
 }
@@ -84,7 +85,8 @@ fn facets<'a>(
     })
 }
 
-/// The bounding rectangle of a triangle in the picture: least and greatest column and row, in pixels.
+/// The bounding rectangle of a triangle in the picture: least and greatest column and row, in
+/// pixels.
 struct ScreenBounds {
     columns: [f32; 2],
     rows: [f32; 2],
@@ -117,8 +119,8 @@ struct FacetRow<'a> {
 
 /// A triangle as seen from the eye.
 struct Facet {
-    /// The inward normals of the planes through the eye and a side. A line of sight meets the triangle
-    /// when its dot product with none of them is negative.
+    /// The inward normals of the planes through the eye and a side. A line of sight meets the
+    /// triangle when its dot product with none of them is negative.
     sides: [Vec3; 3],
     /// The triple product of the corners, made positive.
     volume: f32,
@@ -127,8 +129,8 @@ struct Facet {
 }
 
 impl Facet {
-    /// A triangle by its corners relative to the eye; `None` when it is seen from its edge, or a corner is
-    /// not finite.
+    /// A triangle by its corners relative to the eye; `None` when it is seen from its edge, or a
+    /// corner is not finite.
     fn new([a, b, c]: [Vec3; 3], colour: [u8; 3], view: &View) -> Option<Self> {
         let volume = a.dot(b.cross(c));
         if !(volume.abs() > 0.0 && volume.is_finite()) {

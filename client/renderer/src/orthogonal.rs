@@ -1,10 +1,10 @@
 //! Orthogonal mode: everything below a node is placed by form patterns (Dell 2012, Figs. 20 to 28).
 //!
-//! Two forms follow one another. The *coarse* form is that of a node that was projected. Nodes below
-//! are placed by it, and each place is corrected for perspective. Where perspective inside of a node
-//! cannot be seen, the node gets a *fine* form of its own. There the traversal decides at which level
-//! cells are no larger than a pixel, and draws the last two levels together as bricks. Layers of
-//! voxels are drawn wherever they turn up.
+//! Two forms follow one another. The *coarse* form is that of a node that was projected. Nodes
+//! below are placed by it, and each place is corrected for perspective. Where perspective inside of
+//! a node cannot be seen, the node gets a *fine* form of its own. There the traversal decides at
+//! which level cells are no larger than a pixel, and draws the last two levels together as bricks.
+//! Layers of voxels are drawn wherever they turn up.
 
 use glam::{Vec2, Vec3A, Vec4};
 use sightline_world::octree::InnerNode;
@@ -156,7 +156,8 @@ impl Traversal<'_> {
         }
     }
 
-    /// Draws a node that is one whole layer of voxels, each larger than a pixel. Returns whether it is.
+    /// Draws a node that is one whole layer of voxels, each larger than a pixel. Returns whether it
+    /// is.
     #[inline(always)]
     pub(super) fn draw_near_layer(
         &mut self,

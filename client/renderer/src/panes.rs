@@ -15,7 +15,8 @@ pub(super) struct Panes {
 }
 
 impl Panes {
-    /// The colour that a pixel shows of something at a depth: seen through the pane, if that is nearer.
+    /// The colour that a pixel shows of something at a depth: seen through the pane, if that is
+    /// nearer.
     pub(super) fn over(&self, [x, y]: [usize; 2], depth: f32, colour: u32) -> u32 {
         let [x, y] = if self.finer { [2 * x, 2 * y] } else { [x, y] };
         let pane = self.bands.get(y / BAND_ROWS).and_then(|band| band.at(x, y % BAND_ROWS));

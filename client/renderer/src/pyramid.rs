@@ -1,8 +1,8 @@
 //! The Z pyramid: an upper bound of the depths in each part of a picture.
 //!
 //! The lowest level has an entry for each block of 8 × 8 pixels, which comes with the picture. Each
-//! higher level has an entry for 2 × 2 entries of the level below. Higher entries are worked out when
-//! a test needs them, so a picture costs only what it is tested for.
+//! higher level has an entry for 2 × 2 entries of the level below. Higher entries are worked out
+//! when a test needs them, so a picture costs only what it is tested for.
 
 use super::{Frame, mask::BLOCK};
 
@@ -62,8 +62,8 @@ impl Pyramid {
         self.levels[1..].iter_mut().for_each(|level| level.farthest.fill(f32::INFINITY));
     }
 
-    /// Whether every pixel of a rectangle is nearer than `nearest`. The rectangle lies in the picture and
-    /// is not empty.
+    /// Whether every pixel of a rectangle is nearer than `nearest`. The rectangle lies in the
+    /// picture and is not empty.
     pub(super) fn hides(&mut self, depths: &[f32], rectangle: Rectangle, nearest: f32) -> bool {
         let Rectangle { columns, rows } = rectangle;
         assert_eq!(depths.len(), self.size[0] * self.size[1], "depths of another picture");
@@ -73,8 +73,8 @@ impl Pyramid {
         self.test(depths, Entry { level: top, at: [0, 0] }, rectangle, nearest).is_some()
     }
 
-    /// Tests the part of a rectangle that is in an entry. If every pixel of it is nearer, returns an
-    /// upper bound of the depths tested.
+    /// Tests the part of a rectangle that is in an entry. If every pixel of it is nearer, returns
+    /// an upper bound of the depths tested.
     fn test(
         &mut self,
         depths: &[f32],

@@ -1,5 +1,5 @@
-//! The rooms that an author declared, as coloured wire frames with their names and with cross-hatched
-//! windows. Lines that the building hides are drawn faintly if they are near.
+//! The rooms that an author declared, as coloured wire frames with their names and with
+//! cross-hatched windows. Lines that the building hides are drawn faintly if they are near.
 
 use glam::{Vec2, Vec3};
 use sightline_visibility::rooms::pieces::ConvexPiece;
@@ -147,8 +147,8 @@ fn hatching(window: &Window) -> Vec<[Vec3; 2]> {
     lines.map(|ends| ends.map(|at| first + side * at.x + up * at.y)).collect()
 }
 
-/// The parts of a line that are inside of a polygon. The line holds the points whose component along
-/// `across` is `place`.
+/// The parts of a line that are inside of a polygon. The line holds the points whose component
+/// along `across` is `place`.
 fn crossing(ring: &[Vec2], across: Vec2, place: f32) -> Vec<[Vec2; 2]> {
     let ends = ring.iter().zip(ring.iter().cycle().skip(1));
     let mut met: Vec<Vec2> = ends
@@ -190,8 +190,8 @@ impl Pen<'_> {
         }
     }
 
-    /// Both ends of a line as columns, rows and depths, cut to the near plane and to the picture; `None`
-    /// when nothing of it is left.
+    /// Both ends of a line as columns, rows and depths, cut to the near plane and to the picture;
+    /// `None` when nothing of it is left.
     fn projected(&self, ends: &[Vec3; 2]) -> Option<[Vec3; 2]> {
         let near = NEAR * 4.0;
         let depth = |at: Vec3| self.view.project(at).z;

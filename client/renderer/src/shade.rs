@@ -18,8 +18,8 @@ pub(super) struct FrameRows<'a> {
     pub(super) panes: &'a mut BandPanes,
 }
 
-/// Colours what a band shows, with the sky where nothing is written, and glass over what is behind it.
-/// `colours` has a colour for every material.
+/// Colours what a band shows, with the sky where nothing is written, and glass over what is behind
+/// it. `colours` has a colour for every material.
 #[inline(always)]
 pub(super) fn band(band: &Band, view: &BandView, colours: &[u32], rows: &mut FrameRows) {
     let width = band.width;

@@ -17,8 +17,8 @@ pub fn draw(frame: &mut Frame, [x, y]: [i32; 2], scale: usize, colour: u32, text
     each_pixel(frame, [x, y], scale, text, |pixel, _| *pixel = colour);
 }
 
-/// Writes a line of text at a depth in metres, behind whatever is nearer. Its upper left corner is at a
-/// pixel, which may lie outside the picture.
+/// Writes a line of text at a depth in metres, behind whatever is nearer. Its upper left corner is
+/// at a pixel, which may lie outside the picture.
 pub fn draw_at_depth(
     frame: &mut Frame,
     [x, y]: [i32; 2],

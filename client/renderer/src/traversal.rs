@@ -1,8 +1,8 @@
 //! The front-to-back traversal of the octree: in perspective, and then by form patterns.
 //!
-//! The steps are those of Dell 2012, Figs. 26 to 28. A node is clipped to the picture, tested against
-//! the mask buffer and halved. Its octants follow in the order of the eye's sector, nearest first.
-//! Where orthogonal mode begins, [`orthogonal`](super::orthogonal) goes on.
+//! The steps are those of Dell 2012, Figs. 26 to 28. A node is clipped to the picture, tested
+//! against the mask buffer and halved. Its octants follow in the order of the eye's sector, nearest
+//! first. Where orthogonal mode begins, [`orthogonal`](super::orthogonal) goes on.
 
 use glam::{Vec3A, Vec4};
 use sightline_world::octree::Octree;
@@ -95,8 +95,8 @@ const UNDECIDED: u8 = u8::MAX;
 pub(super) struct NodeClasses<'a> {
     /// Nodes that cannot be seen. They are left out.
     pub(super) hidden: &'a [u64],
-    /// Nodes with nothing in front. They are not tested against the mask buffer. An error takes time
-    /// and changes no picture.
+    /// Nodes with nothing in front. They are not tested against the mask buffer. An error takes
+    /// time and changes no picture.
     pub(super) unoccluded: &'a [u64],
     /// Hidden nodes are known down to this level, unoccluded ones on this level only.
     pub(super) level: u8,
@@ -212,8 +212,8 @@ impl Traversal<'_> {
         self.view.patterns[usize::from(level)].reach
     }
 
-    /// Whether a node is neither a voxel nor a layer, and too near for orthogonal mode. Such a node is
-    /// halved without being projected.
+    /// Whether a node is neither a voxel nor a layer, and too near for orthogonal mode. Such a node
+    /// is halved without being projected.
     #[inline(always)]
     fn is_large(&self, cube: &PerspectiveNode) -> bool {
         cube.level < self.octree.depth
@@ -228,7 +228,8 @@ impl Traversal<'_> {
         self.is_open(&area, cube.unoccluded).then_some(area)
     }
 
-    /// Whether a node may be seen in an area: nothing is in front of it, or the area is not covered.
+    /// Whether a node may be seen in an area: nothing is in front of it, or the area is not
+    /// covered.
     #[inline(always)]
     pub(super) fn is_open(&mut self, area: &Area, unoccluded: bool) -> bool {
         if unoccluded {
@@ -238,8 +239,8 @@ impl Traversal<'_> {
         self.band.mask.is_open(area)
     }
 
-    /// Whether the ratio of nearest to farthest distance of a node is at least `ratio_min`, for a node
-    /// of this level with its centre at this depth.
+    /// Whether the ratio of nearest to farthest distance of a node is at least `ratio_min`, for a
+    /// node of this level with its centre at this depth.
     #[inline(always)]
     pub(super) fn has_ratio(&self, depth: f32, level: u8, ratio_min: f32) -> bool {
         let reach = self.reach(level).z;
@@ -283,16 +284,16 @@ impl Traversal<'_> {
             || y - reach.y > (self.band.height - 1) as f32 * far
     }
 
-    /// The first level, from a node's own on, at which nodes at this depth are no larger than a pixel;
-    /// the octree's depth if there is none.
+    /// The first level, from a node's own on, at which nodes at this depth are no larger than a
+    /// pixel; the octree's depth if there is none.
     #[inline(always)]
     pub(super) fn last_level(&self, depth: f32, level: u8) -> u8 {
         let is_small = |&level: &u8| depth > self.view.patterns[usize::from(level)].small_from;
         (level..self.octree.depth).find(is_small).unwrap_or(self.octree.depth)
     }
 
-    /// Puts the octants on the stack so that the one towards the eye comes off first. Of two octants
-    /// that differ along one axis only, the nearer one always comes first.
+    /// Puts the octants on the stack so that the one towards the eye comes off first. Of two
+    /// octants that differ along one axis only, the nearer one always comes first.
     #[inline(always)]
     fn descend(&mut self, cube: &PerspectiveNode) {
         let pattern = &self.view.patterns[usize::from(cube.level)];
@@ -312,8 +313,8 @@ impl Traversal<'_> {
         }
     }
 
-    /// Writes the pixels whose lines of sight meet a node. `centre` is relative to the eye, with the
-    /// depth as its last number.
+    /// Writes the pixels whose lines of sight meet a node. `centre` is relative to the eye, with
+    /// the depth as its last number.
     #[inline(always)]
     pub(super) fn fill(&mut self, centre: Vec4, level: u8, material_id: u16, area: &Area) {
         let half = self.view.patterns[usize::from(level)].half;

@@ -55,8 +55,8 @@ impl View {
         }
     }
 
-    /// The line of sight through the centre of a pixel. Its component along the camera's direction is
-    /// one.
+    /// The line of sight through the centre of a pixel. Its component along the camera's direction
+    /// is one.
     pub(super) fn ray(&self, x: f32, y: f32) -> Vec3 {
         let across = (x - self.centre[0]) / self.focal;
         let down = (y - self.centre[1]) / self.focal;
@@ -73,8 +73,8 @@ impl View {
         self.forward.dot(point - self.eye)
     }
 
-    /// By how much the nearest point of an ellipsoid with these radii along the axes is less deep than
-    /// its centre, in metres.
+    /// By how much the nearest point of an ellipsoid with these radii along the axes is less deep
+    /// than its centre, in metres.
     pub(super) fn depth_reach(&self, radii: Vec3) -> f32 {
         (self.forward * radii).length()
     }
@@ -95,8 +95,8 @@ impl View {
         self.focal
     }
 
-    /// Whether all points, relative to the eye, lie beyond the same side of the picture. Then so does
-    /// their convex hull, even where it reaches behind the eye.
+    /// Whether all points, relative to the eye, lie beyond the same side of the picture. Then so
+    /// does their convex hull, even where it reaches behind the eye.
     pub(super) fn are_beside<const N: usize>(&self, points: [Vec3; N]) -> bool {
         self.are_beside_by(points, 1.0)
     }
@@ -114,15 +114,15 @@ impl View {
             || beyond(-self.up, reach[1])
     }
 
-    /// The columns and rows that a box spans, each as least and greatest number of pixels. A box that is
-    /// wholly behind the eye or beside the picture spans none. A box that is partly behind the eye
-    /// spans all, with infinite ends.
+    /// The columns and rows that a box spans, each as least and greatest number of pixels. A box
+    /// that is wholly behind the eye or beside the picture spans none. A box that is partly behind
+    /// the eye spans all, with infinite ends.
     pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
         self.bounds_within(centre, radii, 1.0)
     }
 
-    /// The columns and rows that a box spans, where the picture is this many pixels larger on each side.
-    /// See [`View::bounds`].
+    /// The columns and rows that a box spans, where the picture is this many pixels larger on each
+    /// side. See [`View::bounds`].
     pub(super) fn bounds_within(
         &self,
         centre: Vec3,
@@ -172,8 +172,8 @@ impl View {
 }
 
 /// The view of one band. Points are relative to the eye. A *projected* point is (x·z, y·z, z) with
-/// the depth z, and with x and y in pixels from the band's upper left corner. Projection is linear in
-/// these numbers.
+/// the depth z, and with x and y in pixels from the band's upper left corner. Projection is linear
+/// in these numbers.
 pub(super) struct BandView {
     /// The line of sight through the band's first pixel.
     pub(super) first_ray: Vec3A,

@@ -1,5 +1,5 @@
-//! The avatar source: what a picture asks about the other avatars, one by one, so that hidden avatars
-//! cost almost nothing.
+//! The avatar source: what a picture asks about the other avatars, one by one, so that hidden
+//! avatars cost almost nothing.
 
 use std::time::Duration;
 
@@ -25,8 +25,8 @@ pub trait AvatarSource {
     /// vanished are not among them.
     fn updates(&mut self) -> Vec<(AvatarId, Update)>;
 
-    /// The pose of an avatar at a time, and a box that its eye stays in from then until another time,
-    /// unless there is an update of it. `None` once it has vanished.
+    /// The pose of an avatar at a time, and a box that its eye stays in from then until another
+    /// time, unless there is an update of it. `None` once it has vanished.
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)>;
 
     /// An avatar as it is drawn at a time; `None` once it has vanished.

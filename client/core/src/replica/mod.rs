@@ -1,8 +1,8 @@
 //! The replica: what this client knows of the other avatars, and what the server expects of it.
 //!
 //! Feed a [`Replica`] each [`ServerMessage`] and each datagram, with the client's own time. Tell it
-//! where its own avatar is. Ask it at each tick what to send, and at each frame whom to draw. It has
-//! no socket and no clock.
+//! where its own avatar is. Ask it at each tick what to send, and at each frame whom to draw. It
+//! has no socket and no clock.
 
 mod avatar_source;
 mod timeline;
@@ -203,8 +203,8 @@ impl Replica {
         Ok(event)
     }
 
-    /// Takes in a datagram from the server. Poses of avatars that have not appeared, or have vanished,
-    /// are ignored.
+    /// Takes in a datagram from the server. Poses of avatars that have not appeared, or have
+    /// vanished, are ignored.
     ///
     /// # Errors
     /// When the datagram is malformed. The replica is then as if the datagram had been lost.
@@ -238,8 +238,8 @@ impl Replica {
         self.reporter.take_ask().then(|| self.report())
     }
 
-    /// What to send at a tick, for a measured round trip: a report where [`Reporter::tick`] has a reason
-    /// for one, or else an acknowledgement that is owed.
+    /// What to send at a tick, for a measured round trip: a report where [`Reporter::tick`] has a
+    /// reason for one, or else an acknowledgement that is owed.
     pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
         if !self.reporter.is_inside() {
             return None;
@@ -272,8 +272,8 @@ impl Replica {
         self.reporter.quiet_time(now)
     }
 
-    /// The time of the server's clock that is drawn now: movers are drawn where they are then. Until a
-    /// datagram has told the server's time, this client's own time stands in.
+    /// The time of the server's clock that is drawn now: movers are drawn where they are then.
+    /// Until a datagram has told the server's time, this client's own time stands in.
     pub fn server_time(&self, now: Duration) -> Duration {
         let shown_s = self.clock.shown_time_s(now).map(|shown_s| shown_s.max(0.0));
         shown_s.and_then(|shown_s| Duration::try_from_secs_f64(shown_s).ok()).unwrap_or(now)

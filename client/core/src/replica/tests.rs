@@ -193,8 +193,8 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 proptest! {
-    /// Messages arrive in order and late; datagrams are lost, late and doubled. At the end the replica
-    /// holds exactly the avatars and poses that the server holds.
+    /// Messages arrive in order and late; datagrams are lost, late and doubled. At the end the
+    /// replica holds exactly the avatars and poses that the server holds.
     #[test]
     fn a_replica_converges_to_what_the_server_holds(
         steps in proptest::collection::vec(step(), 1..300),

@@ -8,15 +8,15 @@ use std::{
 
 use sightline_world::{geometry::Aabb, motion::Pose};
 
-/// Avatars are shown as they were this many ticks before the newest tick that can have arrived, so that
-/// there is mostly a later pose to move towards.
+/// Avatars are shown as they were this many ticks before the newest tick that can have arrived, so
+/// that there is mostly a later pose to move towards.
 const DELAY_TICKS: f64 = 1.5;
 /// Without a later pose, an avatar goes on in a straight line for this many ticks.
 const EXTRAPOLATION_TICKS: f32 = 3.0;
 /// The number of poses that are kept of an avatar.
 const SAMPLES_MAX: usize = 6;
-/// The estimate of the server's clock follows a message that is later than estimated by one part in this
-/// many.
+/// The estimate of the server's clock follows a message that is later than estimated by one part in
+/// this many.
 const CLOCK_SLACK: f64 = 512.0;
 
 /// The estimate of when the server's ticks are on the client's clock.
@@ -35,7 +35,8 @@ impl Clock {
         Self { interval_s: interval.as_secs_f64(), newest: 0, origin_s: None }
     }
 
-    /// Takes in that a message of a tick arrived. The fastest messages count at once, later ones slowly.
+    /// Takes in that a message of a tick arrived. The fastest messages count at once, later ones
+    /// slowly.
     pub fn synchronise(&mut self, tick: u32, now: Duration) {
         self.newest = self.newest.max(tick);
         let origin = now.as_secs_f64() - f64::from(tick) * self.interval_s;
@@ -56,14 +57,15 @@ impl Clock {
         (now.as_secs_f64() - origin) / self.interval_s - DELAY_TICKS
     }
 
-    /// The moment in ticks that has a time of [`Clock::shown_time_s`]; the newest tick as long as no time
-    /// is known.
+    /// The moment in ticks that has a time of [`Clock::shown_time_s`]; the newest tick as long as
+    /// no time is known.
     pub fn tick_at(&self, shown: Duration) -> f64 {
         let ticks = self.origin_s.map(|_| shown.as_secs_f64() / self.interval_s);
         ticks.unwrap_or(f64::from(self.newest))
     }
 
-    /// The moment that is shown now, in seconds of the server's clock; `None` before the first message.
+    /// The moment that is shown now, in seconds of the server's clock; `None` before the first
+    /// message.
     pub fn shown_time_s(&self, now: Duration) -> Option<f64> {
         self.origin_s.map(|_| self.shown_tick(now) * self.interval_s)
     }

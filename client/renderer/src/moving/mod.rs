@@ -1,20 +1,20 @@
 //! Movers and avatars, drawn at a cost that follows how much of them is in view.
 //!
-//! They sit in an octree of their own ([`Occupants`]) and are drawn after the building, whose depths
-//! decide what can be seen. There are three ways, each with less work than the one before (Sudarsky
-//! and Gotsman 1996, sections 2.1 and 3.2):
+//! They sit in an octree of their own ([`Occupants`]) and are drawn after the building, whose
+//! depths decide what can be seen. There are three ways, each with less work than the one before
+//! (Sudarsky and Gotsman 1996, sections 2.1 and 3.2):
 //!
 //! * [`Culling::Plain`]: every object is placed and drawn in every picture.
 //! * [`Culling::Hierarchical`]: every object is placed in the octree. The octree's nodes are tested
 //!   against the Z pyramid front to back, and objects in hidden nodes are not drawn.
-//! * [`Culling::Temporal`]: a temporal bounding volume (TBV) takes the place of an object that was not
-//!   seen: a box that the object stays in until the TBV expires. The object is left alone until the
-//!   TBV expires or comes into view. TBVs last longer after one expired, and shorter after one was
-//!   seen.
+//! * [`Culling::Temporal`]: a temporal bounding volume (TBV) takes the place of an object that was
+//!   not seen: a box that the object stays in until the TBV expires. The object is left alone until
+//!   the TBV expires or comes into view. TBVs last longer after one expired, and shorter after one
+//!   was seen.
 //!
-//! The TBV of a mover is the box that it sweeps. The TBV of an avatar follows from its pose and from
-//! what a body can do. An avatar need not keep to that, so each update of a hidden avatar is compared
-//! with its TBV ([`AvatarSource::updates`]).
+//! The TBV of a mover is the box that it sweeps. The TBV of an avatar follows from its pose and
+//! from what a body can do. An avatar need not keep to that, so each update of a hidden avatar is
+//! compared with its TBV ([`AvatarSource::updates`]).
 //!
 //! All three ways draw the same pixels. Moving objects do not count as occluders: walls hide most.
 
@@ -89,12 +89,13 @@ pub struct MovingCounters {
     pub refuted: usize,
 }
 
-/// Draws the movers of a world and the avatars that a client is told of, and keeps their TBVs from one
-/// picture to the next.
+/// Draws the movers of a world and the avatars that a client is told of, and keeps their TBVs from
+/// one picture to the next.
 #[derive(Clone, Debug)]
 pub struct MovingRenderer {
     culling: Culling,
-    /// The boxes of the objects, or of the TBVs that stand for them. Movers come first, in their order.
+    /// The boxes of the objects, or of the TBVs that stand for them. Movers come first, in their
+    /// order.
     occupants: Occupants,
     /// The objects, by their number in `occupants`.
     objects: Vec<Option<MovingObject>>,
@@ -151,9 +152,9 @@ impl MovingRenderer {
         moving
     }
 
-    /// Draws the movers and avatars in view, at a time of the server's clock, into a frame that shows the
-    /// building from the same camera. The world is the one that this renderer was made for. Returns the
-    /// avatars that can be seen: those that at least one pixel shows.
+    /// Draws the movers and avatars in view, at a time of the server's clock, into a frame that
+    /// shows the building from the same camera. The world is the one that this renderer was made
+    /// for. Returns the avatars that can be seen: those that at least one pixel shows.
     pub fn draw(
         &mut self,
         frame: &mut Frame,
@@ -319,8 +320,8 @@ impl MovingRenderer {
         seen
     }
 
-    /// Tests an object whose TBV has come into view. Returns whether the object is in view itself. Its
-    /// next TBV is shorter.
+    /// Tests an object whose TBV has come into view. Returns whether the object is in view itself.
+    /// Its next TBV is shorter.
     fn reveal(&mut self, test: &mut OcclusionTest<'_>, number: u32, set: &MovingSet<'_>) -> bool {
         self.counters.revealed += 1;
         let Some(object) = &mut self.objects[number as usize] else { return false };

@@ -37,7 +37,8 @@ impl<'a> MovingSet<'a> {
         Self { world, source, now, agility }
     }
 
-    /// The box that an object fills now, with the lower edge of its name; `None` when it has vanished.
+    /// The box that an object fills now, with the lower edge of its name; `None` when it has
+    /// vanished.
     pub(super) fn bounds(&self, id: MovingId) -> Option<Aabb> {
         match id {
             MovingId::Mover(_) => self.volume(id, self.now),
@@ -48,7 +49,8 @@ impl<'a> MovingSet<'a> {
         }
     }
 
-    /// A box that an object stays in until a time, as far as a body can move; `None` when it has vanished.
+    /// A box that an object stays in until a time, as far as a body can move; `None` when it has
+    /// vanished.
     pub(super) fn volume(&self, id: MovingId, until: Duration) -> Option<Aabb> {
         match id {
             MovingId::Mover(at) => {
@@ -63,8 +65,8 @@ impl<'a> MovingSet<'a> {
         }
     }
 
-    /// The box that an avatar fills until a time, unless there is an update of it; `None` when it has
-    /// vanished.
+    /// The box that an avatar fills until a time, unless there is an update of it; `None` when it
+    /// has vanished.
     pub(super) fn path(&self, avatar: AvatarId, until: Duration) -> Option<Aabb> {
         self.source.path(avatar, self.now, until).map(|(_, eyes)| self.figure(&eyes))
     }

@@ -26,8 +26,8 @@ impl<'a> OcclusionTest<'a> {
         Self { view, frame, pyramid, tested: 0 }
     }
 
-    /// Whether any part of a box may be visible, or of a name of at most this many letters that has its
-    /// lower edge in the box.
+    /// Whether any part of a box may be visible, or of a name of at most this many letters that has
+    /// its lower edge in the box.
     pub(super) fn shows(&mut self, bounds: &Aabb, letters: usize) -> bool {
         self.tested += 1;
         let depths = bounds.corners().map(|corner| self.view.project(corner).z);

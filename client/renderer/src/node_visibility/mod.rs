@@ -1,20 +1,20 @@
 //! Which octree nodes no eye of a viewpoint box can see, and which every eye sees whole.
 //!
-//! **Occluders** (`occluders`) are rectangles of opaque voxels in one layer, each as a plane through
-//! their middles. A line of sight that meets such a rectangle meets a voxel right there, so it does
-//! not matter how voxels differ from the polygons that they were made of. **Patches** are the
-//! octree's nodes down to 0.6 m, each as the box around its contents.
+//! **Occluders** (`occluders`) are rectangles of opaque voxels in one layer, each as a plane
+//! through their middles. A line of sight that meets such a rectangle meets a voxel right there, so
+//! it does not matter how voxels differ from the polygons that they were made of. **Patches** are
+//! the octree's nodes down to 0.6 m, each as the box around its contents.
 //!
 //! **A picture is the same with and without.** A node is left out when every line of sight that
-//! meets what is drawn of it meets a voxel of an occluder before. That voxel, or the inner node that
-//! stands for it, comes first in the traversal and covers the pixel, or something nearer has. Where
-//! voxels are smaller than a pixel, inner nodes a pixel wide are drawn in their place. Where such a
-//! node may be larger than the steps in which the box around the voxels is known, its whole cube is
-//! tested.
+//! meets what is drawn of it meets a voxel of an occluder before. That voxel, or the inner node
+//! that stands for it, comes first in the traversal and covers the pixel, or something nearer has.
+//! Where voxels are smaller than a pixel, inner nodes a pixel wide are drawn in their place. Where
+//! such a node may be larger than the steps in which the box around the voxels is known, its whole
+//! cube is tested.
 //!
-//! **Unoccluded nodes** (`unoccluded`) are drawn without tests against the mask buffer, because such
-//! tests would find nothing covered. An error here costs time and changes no picture, so roundings
-//! do not matter.
+//! **Unoccluded nodes** (`unoccluded`) are drawn without tests against the mask buffer, because
+//! such tests would find nothing covered. An error here costs time and changes no picture, so
+//! roundings do not matter.
 //!
 //! [`NodeVisibility`] holds for one viewpoint box. `VisibilityPrefetcher` makes them ahead of the
 //! eye, on another thread (feature `threads`). The method is fuzzy projection (Lim 1999).
@@ -52,7 +52,8 @@ const MARGIN: f32 = 0.05;
 #[derive(Clone, Debug)]
 pub struct VoxelOccluders {
     surfaces: Surfaces,
-    /// The nodes down to the smallest that are tested. The nodes below a node follow right after it.
+    /// The nodes down to the smallest that are tested. The nodes below a node follow right after
+    /// it.
     nodes: Vec<OccluderNode>,
     /// The edge of a voxel, in metres.
     voxel: f32,
@@ -72,10 +73,11 @@ struct OccluderNode {
     cube: Aabb,
     /// The box around the node's contents, [`FINER`] levels below.
     tight: Aabb,
-    /// A box around the node's voxels that is no larger than `tight`: exact across the layer where they
-    /// form one.
+    /// A box around the node's voxels that is no larger than `tight`: exact across the layer where
+    /// they form one.
     voxels: Aabb,
-    /// The axis across which the voxels form one layer, if they do. Known of the smallest nodes only.
+    /// The axis across which the voxels form one layer, if they do. Known of the smallest nodes
+    /// only.
     layer: Option<usize>,
 }
 
@@ -271,8 +273,8 @@ impl NodeVisibility {
         self.counts
     }
 
-    /// What is known of each inner node; `None` when it does not hold for an octree, an eye and a focal
-    /// length.
+    /// What is known of each inner node; `None` when it does not hold for an octree, an eye and a
+    /// focal length.
     pub(super) fn classes(
         &self,
         octree: &Octree,

@@ -27,8 +27,8 @@ struct Squares {
     glass_from: usize,
 }
 
-/// The occluders of an octree, as surfaces through the middles of opaque voxels. A line that meets a
-/// surface meets the voxel around that place.
+/// The occluders of an octree, as surfaces through the middles of opaque voxels. A line that meets
+/// a surface meets the voxel around that place.
 pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
     let levels = (SQUARE_M / octree.voxel()).log2().ceil().max(1.0) as u8;
     let levels = levels.min(SQUARE_LEVELS_MAX).min(octree.depth);
@@ -56,8 +56,8 @@ pub(super) fn find(octree: &Octree) -> Result<Surfaces, SurfaceError> {
 }
 
 impl Squares {
-    /// Collects whole layers of opaque voxels from the nodes of a level that are below a node. The node's
-    /// place is counted in nodes of its own size.
+    /// Collects whole layers of opaque voxels from the nodes of a level that are below a node. The
+    /// node's place is counted in nodes of its own size.
     fn collect(&mut self, node: Cursor<'_>, at: [u32; 3], level: u8) {
         if node.level() < level {
             for (octant, child) in node.children() {
@@ -94,8 +94,8 @@ fn count(node: Cursor<'_>, at: [usize; 3], glass: usize, counts: &mut [[u32; 16]
     }
 }
 
-/// Rectangles that cover each of some squares once: runs of squares, joined with equal runs in the rows
-/// that follow.
+/// Rectangles that cover each of some squares once: runs of squares, joined with equal runs in the
+/// rows that follow.
 fn rectangles(places: &BTreeSet<[u32; 2]>) -> Vec<Rectangle> {
     let mut done: Vec<Rectangle> = Vec::new();
     // The first row of each open rectangle, by where its run begins and ends.
@@ -130,8 +130,8 @@ fn rectangles(places: &BTreeSet<[u32; 2]>) -> Vec<Rectangle> {
     done
 }
 
-/// Surfaces of patches. A patch has a corner wherever another patch has one, so that neighbours share
-/// edges.
+/// Surfaces of patches. A patch has a corner wherever another patch has one, so that neighbours
+/// share edges.
 #[derive(Default)]
 struct SurfaceMesh {
     corners: Vec<Vec3>,
@@ -188,7 +188,8 @@ fn outline([min, max]: &Rectangle, lines: &[BTreeMap<u32, BTreeSet<u32>>; 2]) ->
     around
 }
 
-/// Numbers the surfaces of some outlines, from 0 on: outlines that share corners get the same number.
+/// Numbers the surfaces of some outlines, from 0 on: outlines that share corners get the same
+/// number.
 fn surfaces(outlines: &[Vec<u32>]) -> Vec<u32> {
     let mut of_corner: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for (at, outline) in outlines.iter().enumerate() {

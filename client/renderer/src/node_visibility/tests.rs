@@ -61,8 +61,8 @@ fn pictures_are_the_same_without_what_is_hidden() {
     assert!(untested > 1_000, "{untested} tests");
 }
 
-/// Where a line from an eye to a point first meets a box of the house, or its floor: the share of the
-/// line before it.
+/// Where a line from an eye to a point first meets a box of the house, or its floor: the share of
+/// the line before it.
 fn meets(octree: &Octree, eye: Vec3, point: Vec3) -> f32 {
     let boxes = HOUSE.iter().map(|(min, max, _)| (*min, *max)).chain([([0; 3], [64, 1, 64])]);
     let enters = boxes.filter_map(|(min, max)| {

@@ -1,11 +1,11 @@
-//! Which nodes every eye of a viewpoint box sees whole: flat pieces of floors, walls and ceilings with
-//! nothing in front of them.
+//! Which nodes every eye of a viewpoint box sees whole: flat pieces of floors, walls and ceilings
+//! with nothing in front of them.
 //!
 //! A node of more than one layer of voxels hides a part of itself, so it is never seen whole, and
-//! testing it against the mask buffer pays. The near side of a single layer is seen whole when no box
-//! around other voxels meets the convex hull of that side and the viewpoint box in front of it. The
-//! test is arithmetic: at a share t of the way from one box to the other, the hull's cross section is
-//! again a box, whose sides are linear in t.
+//! testing it against the mask buffer pays. The near side of a single layer is seen whole when no
+//! box around other voxels meets the convex hull of that side and the viewpoint box in front of it.
+//! The test is arithmetic: at a share t of the way from one box to the other, the hull's cross
+//! section is again a box, whose sides are linear in t.
 
 use glam::UVec3;
 use sightline_world::{
@@ -15,11 +15,12 @@ use sightline_world::{
 
 use super::{NodeVisibility, OccluderNode, VoxelOccluders};
 
-/// A box that is in front by no more than this share of the way touches the side and does not hide it.
+/// A box that is in front by no more than this share of the way touches the side and does not hide
+/// it.
 const TOUCHING: f32 = 1e-5;
 
-/// If a node's voxels form one layer: the axis across the layer, and where the layer begins and ends
-/// along it, in metres.
+/// If a node's voxels form one layer: the axis across the layer, and where the layer begins and
+/// ends along it, in metres.
 pub(super) fn layer(node: Cursor<'_>, cube: &Aabb, octree: &Octree) -> Option<(usize, [f32; 2])> {
     let mut voxels = [UVec3::MAX, UVec3::ZERO];
     take(node, UVec3::ZERO, &mut voxels);
@@ -31,8 +32,8 @@ pub(super) fn layer(node: Cursor<'_>, cube: &Aabb, octree: &Octree) -> Option<(u
     Some((axis, [at(first[axis]), at(first[axis] + 1)]))
 }
 
-/// Extends the first and the last voxel along each axis by those of a node, until they cannot form a
-/// layer any more. Places are counted in nodes of the node's size.
+/// Extends the first and the last voxel along each axis by those of a node, until they cannot form
+/// a layer any more. Places are counted in nodes of the node's size.
 fn take(node: Cursor<'_>, at: UVec3, voxels: &mut [UVec3; 2]) {
     if node.is_leaf() {
         *voxels = [voxels[0].min(at), voxels[1].max(at)];
