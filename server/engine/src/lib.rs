@@ -53,12 +53,15 @@
 //! use sightline_engine::{Config, Engine, Input, Output};
 //! use sightline_world::motion::AvatarId;
 //!
-//! // Two rooms of 6 m side by side, and a door at one end of the wall between them, at x = 6. let
-//! mut engine = Engine::new(Arc::new(sightline_fixtures::two_rooms::world()), Config::default());
-//! let (ada, ben) = (AvatarId(1), AvatarId(2)); for (avatar, name, x) in [(ada, "Ada", 3.0), (ben,
-//! "Ben", 9.0)] { let (name, colour, place) = (name.to_owned(), [255, 0, 0], Some(Vec3::new(x, 1.6,
-//! 5.0))); engine.handle(Duration::ZERO, Input::Join { avatar, name, colour, place }); } let mut
-//! outputs = Vec::new(); engine.tick(Duration::ZERO, &mut outputs);
+//! // Two rooms of 6 m side by side, and a door at one end of the wall between them, at x = 6.
+//! let mut engine = Engine::new(Arc::new(sightline_fixtures::two_rooms::world()), Config::default());
+//! let (ada, ben) = (AvatarId(1), AvatarId(2));
+//! for (avatar, name, x) in [(ada, "Ada", 3.0), (ben, "Ben", 9.0)] {
+//!     let (name, colour, place) = (name.to_owned(), [255, 0, 0], Some(Vec3::new(x, 1.6, 5.0)));
+//!     engine.handle(Duration::ZERO, Input::Join { avatar, name, colour, place });
+//! }
+//! let mut outputs = Vec::new();
+//! engine.tick(Duration::ZERO, &mut outputs);
 //!
 //! // Neither can soon see the other. Both are let in, and may then be silent.
 //! assert_eq!(outputs.len(), 4);
