@@ -1,7 +1,5 @@
 //! Random buildings: in none of them may the PVS deny a pair in sight.
 
-mod box_visibility;
-
 use std::ops::ControlFlow;
 
 use glam::{DMat3, DVec3, Quat, Vec2, Vec3};
@@ -13,6 +11,8 @@ use sightline_compiler::{
     verify::{self, verify},
 };
 use sightline_world::{Spawn, World};
+
+use crate::box_pairs::BoxPairTally;
 
 /// The number of buildings of each kind. Every second one is turned.
 const BUILDINGS: u64 = 40;
@@ -70,7 +70,7 @@ fn a_turned_building_compiles_to_as_good_a_world() {
 /// Compiles and verifies one building of a kind for each seed.
 fn nobody_is_missed(kind: &str, build: impl Fn(&mut SmallRng) -> Model) {
     let (mut sight, mut seen, mut pairs) = (0, 0, 0);
-    let mut tally = box_visibility::BoxPairTally::default();
+    let mut tally = BoxPairTally::default();
     for seed in 0..BUILDINGS {
         let mut rng = SmallRng::seed_from_u64(seed);
         let mut model = build(&mut rng);

@@ -1,13 +1,12 @@
-//! Box visibility in real maps: see `random_buildings/box_visibility.rs`.
-
-#[path = "random_buildings/box_visibility.rs"]
-mod pairs;
+//! Box visibility in real maps.
 
 use std::ops::ControlFlow;
 
 use rand::{SeedableRng, rngs::SmallRng};
 use sightline_compiler::{CompileOptions, compile, import};
 use sightline_fixtures::shared_files::shared_file;
+
+use crate::box_pairs::BoxPairTally;
 
 #[test]
 fn nobody_is_missed_in_open_arenas() {
@@ -30,7 +29,7 @@ fn nobody_is_missed(map: &str, share_min: f64) {
     // The PVS is not used, so cells may be coarse.
     let options = CompileOptions { voxel: Some(4.0), cell: Some(20.0), ..Default::default() };
     let (world, _) = compile(&model, &options, &|_, _| ControlFlow::Continue(())).unwrap();
-    let mut tally = pairs::BoxPairTally::default();
+    let mut tally = BoxPairTally::default();
     let mut rng = SmallRng::seed_from_u64(4);
     tally.add(&world, 400, &mut rng, map);
     tally.judge(map, share_min);
