@@ -153,7 +153,7 @@ fn wrong_arguments_give_one_clear_line() {
         ("bench hall.slw --path trace.csv --id 8", 1, "no such avatar; the ids go from 7 to 7"),
         ("bench hall.slw --frames 0", 1, "--frames"),
         ("bench hall.slw --threads 0", 2, "--threads"),
-        ("bench hall.slw --size 0x9", 2, "a size is like 960x540"),
+        ("bench hall.slw --size 0x9", 2, "a size is WIDTHxHEIGHT, such as 960x540"),
         ("shot hall.slw --path trace.csv -o a", 1, "give --frames too"),
         ("shot hall.slw --frames 2 -o one.png", 1, "a film is many pictures"),
         ("shot hall.slw --frames 2 --eye 1,1,1 -o film", 2, "cannot be used with"),
