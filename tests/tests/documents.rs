@@ -197,7 +197,7 @@ fn exports(front: &str, names: &BTreeSet<String>) -> BTreeMap<String, String> {
 
 /// The first names of all paths from the root of the crate, in a file so many folders below it.
 fn paths(text: &str, depth: usize) -> BTreeSet<String> {
-    let up = format!("{}", "super::".repeat(depth));
+    let up = "super::".repeat(depth);
     let mut found = BTreeSet::new();
     for line in text.lines().filter(|line| !line.trim_start().starts_with("//")) {
         for start in ["crate::", up.as_str()] {
