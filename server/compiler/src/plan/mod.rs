@@ -1,7 +1,7 @@
 //! Plans: pictures of a world from above, storey by storey.
 //!
 //! A plan shows cells and portals, rooms, how much of the building each cell may see, and where
-//! avatars are. Each storey is cut 1.3 m above its floor ([`crate::storeys`]).
+//! avatars are. Each storey is cut 1.3 m above its floor (`storeys.rs`).
 //!
 //! * `sheet`: the scale, and the level cut through each storey.
 //! * `storey`: the picture of one storey; `rooms` draws the declared rooms on it.

@@ -1,7 +1,7 @@
 //! Rooms as an author declares them: in a TOML file beside the model, or as named nodes of a glTF.
 //!
 //! * [`text`] reads the TOML file, and the extras of nodes.
-//! * [`nodes`] turns the meshes of nodes into shapes and windows.
+//! * `nodes` turns the meshes of nodes into shapes and windows.
 //! * [`resolve`] looks up names once the cells are known. Every error names its line or node.
 //! * [`checks`] warns of what is valid but probably not meant, or has no effect yet.
 
