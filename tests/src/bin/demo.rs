@@ -41,7 +41,7 @@ struct Args {
     #[arg(long, value_name = "DIR", default_value = "target/demo-cache")]
     cache: PathBuf,
     /// The folder for the pictures.
-    #[arg(long, value_name = "DIR", default_value = "target/demo")]
+    #[arg(long, value_name = "DIR", default_value = "target/demo-pictures")]
     pictures: PathBuf,
     /// Write pictures even where there is a display.
     #[arg(long)]
