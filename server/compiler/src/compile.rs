@@ -29,7 +29,7 @@ use crate::{
 /// The margin around the building in which an eye can be, in metres.
 const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
 
-/// Cells are as fine as lets about this many pairs of them see each other. So many pairs take some
+/// Cells are as fine as lets about this many pairs of them see each other. That many pairs take some
 /// ten seconds to find on two cores, and some ten megabytes to keep …
 const PAIRS_ABOUT: f64 = 2.5e7;
 /// … and this many pairs more for each space, so that large buildings do not get coarser cells.

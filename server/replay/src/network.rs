@@ -14,7 +14,7 @@ use super::packets::Packet;
 const RETRANSMISSION: Duration = Duration::from_millis(25);
 /// How long a lost datagram is remembered, to explain an old position.
 const LOSS_MEMORY: Duration = Duration::from_secs(5);
-/// After so many lost datagrams in a row, a client counts as late.
+/// After this number of lost datagrams in a row, a client counts as late.
 const LOST_IN_A_ROW_MAX: u32 = 3;
 /// Salt of the random numbers from which each client's own round trip follows.
 const ROUND_TRIP_SALT: u64 = 0x5eed;

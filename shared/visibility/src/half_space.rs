@@ -47,7 +47,7 @@ impl HalfSpace {
         }
     }
 
-    /// The half-space with its plane moved outwards by so many metres.
+    /// The half-space with its plane moved outwards by a distance in metres.
     pub fn moved(&self, by: f64) -> Self {
         Self { distance: self.distance + by, ..*self }
     }

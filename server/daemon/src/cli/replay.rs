@@ -54,7 +54,7 @@ pub struct ReplayArgs {
     /// Ignore the rooms and windows of the building's author.
     #[arg(long)]
     no_rooms: bool,
-    /// Run only so many seconds of the trace.
+    /// Run only this number of seconds of the trace.
     #[arg(long, value_name = "S")]
     seconds: Option<u32>,
     /// How often rays check what clients hold: off, auto, or an interval in milliseconds.

@@ -73,9 +73,9 @@ pub struct Config {
     pub stall: Duration,
     /// An ask is repeated when its answer is this much later than the round trip.
     pub ask_timeout: Duration,
-    /// A client that leaves so many asks in a row unanswered is dropped.
+    /// A client is dropped after this number of asks in a row without an answer.
     pub asks_max: u32,
-    /// A client is dropped after so many claims in a row were refused.
+    /// A client is dropped after this number of refused claims in a row.
     pub refusals_max: u32,
     /// Refused claims are in a row when less than this time is between any two of them.
     pub refusal_window: Duration,

@@ -8,7 +8,7 @@ use std::{fmt, str::FromStr};
 pub enum Policy {
     /// Everyone is told about everyone.
     Broadcast,
-    /// A viewer is told of everyone within so many metres, eye to eye.
+    /// A viewer is told of everyone within this distance in metres, eye to eye.
     Radius(f32),
     /// A viewer is told of everyone in its cube of a grid of so many metres, or in one of the 26
     /// cubes around it.

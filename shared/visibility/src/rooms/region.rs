@@ -110,7 +110,7 @@ impl BooleanRegion {
     }
 }
 
-/// Some of the parts of an intersection, with at most so many half-spaces.
+/// Some of the parts of an intersection, with at most this number of half-spaces.
 fn fewer(parts: &[BooleanRegion], planes_max: usize) -> Vec<BooleanRegion> {
     let halves: Vec<HalfSpace> = parts
         .iter()

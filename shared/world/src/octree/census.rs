@@ -8,7 +8,7 @@ use super::{
 };
 use crate::packing;
 
-/// Up to so many materials are kept exactly.
+/// Up to this number of materials are kept exactly.
 const FEW: usize = 4_096;
 
 /// The greatest number of materials at finer grains than the rest.

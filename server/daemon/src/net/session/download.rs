@@ -12,7 +12,7 @@ const RATE_MIN: u64 = 32 * 1_024;
 /// The size of the pieces in which the world is written, in bytes.
 const PIECE_BYTES: usize = 64 * 1_024;
 
-/// How long a download of so many bytes may take.
+/// How long a download of a given number of bytes may take.
 pub(super) fn time_allowed(bytes: usize) -> Duration {
     Duration::from_secs(bytes as u64 / RATE_MIN)
 }

@@ -12,7 +12,7 @@ use super::{
 
 /// A client whose stream takes nothing for so long is dropped.
 const WRITE_DEADLINE: Duration = Duration::from_secs(10);
-/// Poses are sent only while QUIC's own queue of datagrams has room for so many bytes.
+/// Poses are sent only while QUIC's own queue of datagrams has room for this number of bytes.
 const DATAGRAM_SPACE_MIN: usize = 16 * 1_024;
 
 /// Empties an outbox. May be cancelled at any point: the next call goes on from there.
