@@ -29,10 +29,10 @@ use crate::{
 /// The margin around the building in which an eye can be, in metres.
 const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
 
-/// Cells are as fine as lets about this many pairs of them see each other. That many pairs take some
-/// ten seconds to find on two cores, and some ten megabytes to keep …
+/// The cell size is chosen so that about this many pairs of cells see each other. Two cores find
+/// them in about ten seconds, and they take about ten megabytes.
 const PAIRS_ABOUT: f64 = 2.5e7;
-/// … and this many pairs more for each space, so that large buildings do not get coarser cells.
+/// Each space adds this many pairs to [`PAIRS_ABOUT`], so that large buildings get no coarser cells.
 const PAIRS_PER_SPACE: f64 = 2_000.0;
 
 /// What the author of a world chooses.

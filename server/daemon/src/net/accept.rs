@@ -21,7 +21,7 @@ use super::{
 /// How many connections may exist beyond those of clients: in their handshake, or about to be
 /// refused with a reason.
 const CONNECTIONS_SPARE: usize = 64;
-/// While this number of connections are in their handshake, newcomers must first prove their address.
+/// With this number of handshakes under way, newcomers must first prove their address.
 const HANDSHAKES_BEFORE_RETRY: usize = 32;
 /// How many refused connections are logged in a second at most.
 const LOG_LINES_PER_SECOND: f64 = 10.0;
