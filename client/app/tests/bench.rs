@@ -6,12 +6,19 @@ use std::{
 };
 
 use glam::{UVec3, Vec3};
+use sightline_picture::{DecodeLimits, Encoding, Picture, decode};
 use sightline_world::{
     Cells, Mesh, Spawn, World,
     geometry::Aabb,
     motion::Body,
     octree::{Octree, Voxel, morton},
 };
+
+/// A picture that a command wrote.
+fn picture(path: &Path) -> Picture {
+    let limits = DecodeLimits { edge_max: 1024, bytes_max: 1 << 24 };
+    decode(&std::fs::read(path).unwrap(), Encoding::Marked, limits).unwrap()
+}
 
 /// A hall of 8 m with a floor and two walls, as voxels and as triangles.
 fn hall() -> World {
@@ -86,7 +93,7 @@ fn a_bench_writes_its_figures_for_people_and_machines_and_draws() {
         assert!(text.contains(expected), "{expected} in {text}");
     }
     for file in ["spawn-000.png", "spawn-001.png", "path-0003.png"] {
-        let picture = image::open(folder.path().join("p").join(file)).unwrap();
+        let picture = picture(&folder.path().join("p").join(file));
         assert_eq!((picture.width(), picture.height()), (4 * 96, 64), "{file}");
     }
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -128,7 +135,7 @@ fn a_film_follows_a_trace() {
         folder.path(),
         "shot hall.slw --size 80x60 --eye 6,1.7,5 --look 6,1.7,0 -o last.png",
     ));
-    let picture = |name: &str| image::open(folder.path().join(name)).unwrap().into_rgb8();
+    let picture = |name: &str| picture(&folder.path().join(name));
     assert_eq!(picture("film/002.png"), picture("last.png"));
     assert_ne!(picture("film/001.png"), picture("last.png"));
     // Without --path, the film is a walk from spawn point to spawn point.

@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use glam::{DVec3, Vec3, Vec3A};
-use image::{Rgb, RgbImage};
 use obvhs::{
     BvhBuildParams,
     bvh2::{Bvh2, builder::build_bvh2_from_tris},
@@ -11,6 +10,7 @@ use obvhs::{
     triangle::Triangle,
 };
 use rayon::prelude::*;
+use sightline_picture::Picture;
 use sightline_world::{Mesh, geometry::Axes};
 
 use crate::{
@@ -59,7 +59,7 @@ pub struct View {
 /// Carves the opaque mesh of a world in its own axes and draws it three times, side by side: the
 /// model, with non-axial polygons tinted; the carved model with its cuttings in colour; and the
 /// carved model alone, with its caps dark.
-pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
+pub fn draw(mesh: &Mesh, view: &View) -> (Picture, CarvedModel) {
     let corner = |i: u32| mesh.positions[i as usize];
     let opaque: Vec<[Vec3; 3]> = mesh.triangles.iter().map(|t| t.map(corner)).collect();
     let turn = carve::dominant_orientation(&opaque);
@@ -74,7 +74,7 @@ pub fn draw(mesh: &Mesh, view: &View) -> (RgbImage, CarvedModel) {
         ("carved, without them", Scene::carved(&carved, false)),
     ];
     let width = panels.len() as u32 * (WIDTH + GAP) - GAP;
-    let mut picture = RgbImage::from_pixel(width, HEIGHT + CAPTION, Rgb(PAPER));
+    let mut picture = Picture::filled(width, HEIGHT + CAPTION, PAPER);
     for (i, (caption, scene)) in (0..).zip(&panels) {
         let left = i * (WIDTH + GAP);
         scene.draw(&eye, left, &mut picture);
@@ -123,7 +123,7 @@ impl Scene {
         Self::new(kept.chain(caps).chain(cut))
     }
 
-    fn draw(&self, view: &View, left: u32, picture: &mut RgbImage) {
+    fn draw(&self, view: &View, left: u32, picture: &mut Picture) {
         let rays = Rays::new(view);
         let rows: Vec<Vec<[u8; 3]>> = (0..HEIGHT)
             .into_par_iter()
@@ -131,7 +131,9 @@ impl Scene {
             .collect();
         for (y, row) in (0..).zip(rows) {
             for (x, colour) in (0..).zip(row) {
-                picture.put_pixel(left + x, CAPTION + y, Rgb(colour));
+                if let Some(pixel) = picture.pixel_mut(left + x, CAPTION + y) {
+                    *pixel = colour;
+                }
             }
         }
     }
@@ -226,7 +228,7 @@ mod tests {
         let (picture, carved) = draw(&mesh, &view);
         assert_eq!(carved.report.clusters, 8);
         let is_sky = |panel: u32, x: u32, y: u32| {
-            picture.get_pixel(panel * (WIDTH + GAP) + x, CAPTION + y).0 == SKY.map(|c| c as u8)
+            picture.pixel(panel * (WIDTH + GAP) + x, CAPTION + y) == SKY.map(|c| c as u8)
         };
         let places = || (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
         assert!(places().all(|(x, y)| is_sky(0, x, y) == is_sky(1, x, y)));

@@ -2,7 +2,7 @@
 
 use font8x8::UnicodeFonts;
 use glam::Vec2;
-use image::{Rgb, RgbImage};
+use sightline_picture::Picture;
 
 /// The background, in sRGB.
 pub(crate) const PAPER: [u8; 3] = [250, 250, 247];
@@ -10,15 +10,15 @@ pub(crate) const PAPER: [u8; 3] = [250, 250, 247];
 pub(crate) const INK: [u8; 3] = [40, 42, 48];
 
 /// Colours a pixel, if it lies in the picture.
-pub(crate) fn put(picture: &mut RgbImage, x: i32, y: i32, colour: [u8; 3]) {
+pub(crate) fn put(picture: &mut Picture, x: i32, y: i32, colour: [u8; 3]) {
     let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
-    if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
-        *pixel = Rgb(colour);
+    if let Some(pixel) = picture.pixel_mut(x, y) {
+        *pixel = colour;
     }
 }
 
 /// Draws a line one pixel wide.
-pub(crate) fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
+pub(crate) fn line(picture: &mut Picture, from: Vec2, to: Vec2, colour: [u8; 3]) {
     let steps = (to - from).abs().max_element().ceil().max(1.0) as i32;
     for step in 0..=steps {
         let at = from.lerp(to, step as f32 / steps as f32);
@@ -28,7 +28,7 @@ pub(crate) fn line(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]
 
 /// Draws a ring, and fills it when `fill` is a colour.
 pub(crate) fn ring(
-    picture: &mut RgbImage,
+    picture: &mut Picture,
     centre: Vec2,
     radius: f32,
     colour: [u8; 3],
@@ -47,13 +47,13 @@ pub(crate) fn ring(
 }
 
 /// Writes one line of text, eight pixels high.
-pub(crate) fn write(picture: &mut RgbImage, left: i32, top: i32, text: &str, colour: [u8; 3]) {
+pub(crate) fn write(picture: &mut Picture, left: i32, top: i32, text: &str, colour: [u8; 3]) {
     write_sized(picture, [left, top], 1, text, colour);
 }
 
 /// Writes one line of text, `8 * scale` pixels high. Characters without a glyph stay blank.
 pub(crate) fn write_sized(
-    picture: &mut RgbImage,
+    picture: &mut Picture,
     [left, top]: [i32; 2],
     scale: i32,
     text: &str,
@@ -73,18 +73,18 @@ pub(crate) fn write_sized(
 const GAP_PX: u32 = 12;
 
 /// Puts panels into columns, row by row.
-pub(crate) fn stacked(panels: &[RgbImage], columns: usize) -> RgbImage {
-    let rows: Vec<&[RgbImage]> = panels.chunks(columns).collect();
-    let wide = |row: &[RgbImage]| row.iter().map(|panel| panel.width() + GAP_PX).sum::<u32>();
-    let high = |row: &[RgbImage]| row.iter().map(|panel| panel.height() + GAP_PX).max();
+pub(crate) fn stacked(panels: &[Picture], columns: usize) -> Picture {
+    let rows: Vec<&[Picture]> = panels.chunks(columns).collect();
+    let wide = |row: &[Picture]| row.iter().map(|panel| panel.width() + GAP_PX).sum::<u32>();
+    let high = |row: &[Picture]| row.iter().map(|panel| panel.height() + GAP_PX).max();
     let width = rows.iter().map(|row| wide(row)).max().unwrap_or(1);
     let height = rows.iter().filter_map(|row| high(row)).sum::<u32>();
-    let mut picture = RgbImage::from_pixel(width.max(1), height.max(1), Rgb(PAPER));
+    let mut picture = Picture::filled(width.max(1), height.max(1), PAPER);
     let mut top = 0;
     for row in rows {
         let mut left = 0;
         for panel in row {
-            image::imageops::replace(&mut picture, panel, i64::from(left), i64::from(top));
+            picture.paste(panel, left, top);
             left += panel.width() + GAP_PX;
         }
         top += high(row).unwrap_or(0);

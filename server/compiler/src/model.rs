@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3};
+use sightline_picture::Picture;
 use sightline_world::{Mover, Origin, Spawn, geometry::Aabb, motion::Body};
 
 use crate::rooms::RoomDeclaration;
@@ -164,7 +165,7 @@ pub struct SurfaceMaterial {
     /// The colour, in sRGB.
     pub colour: [u8; 3],
     /// A texture in sRGB, multiplied with the colour. Texture coordinates repeat.
-    pub texture: Option<Arc<image::RgbImage>>,
+    pub texture: Option<Arc<Picture>>,
     /// Whether sight passes through; drawn as glass.
     pub glass: bool,
 }

@@ -4,14 +4,14 @@
 use std::{collections::HashMap, sync::Arc};
 
 use glam::{Vec2, Vec3};
-use image::RgbImage;
+use sightline_picture::Picture;
 
 use crate::model::Surface;
 
 /// The textures of a model, each with its smaller copies (a mipmap; Williams 1983).
 pub(crate) struct Palette {
     /// Mipmaps by the address of the texture, since many surfaces share one.
-    textures: HashMap<usize, Vec<RgbImage>>,
+    textures: HashMap<usize, Vec<Picture>>,
 }
 
 /// The material of one triangle.
@@ -19,7 +19,7 @@ pub(crate) struct TriangleMaterial<'a> {
     /// Whether sight passes through.
     pub(crate) glass: bool,
     colours: [Vec3; 3],
-    texture: Option<(&'a RgbImage, [Vec2; 3])>,
+    texture: Option<(&'a Picture, [Vec2; 3])>,
 }
 
 impl Palette {
@@ -72,7 +72,7 @@ impl TriangleMaterial<'_> {
     }
 }
 
-fn address(texture: &Arc<RgbImage>) -> usize {
+fn address(texture: &Arc<Picture>) -> usize {
     Arc::as_ptr(texture).addr()
 }
 
@@ -81,19 +81,19 @@ fn unit(colour: [u8; 3]) -> Vec3 {
 }
 
 /// The mipmap of an image: the image, and copies of half the size each, down to one texel.
-fn halvings(image: &RgbImage) -> Vec<RgbImage> {
+fn halvings(image: &Picture) -> Vec<Picture> {
     let mut levels = vec![image.clone()];
     while let Some(last) = levels.last().filter(|last| last.width() * last.height() > 1) {
         let (width, height) = (last.width().div_ceil(2), last.height().div_ceil(2));
-        let halved = RgbImage::from_fn(width, height, |x, y| {
+        let halved = Picture::from_fn(width, height, |x, y| {
             let at = |dx: u32, dy: u32| {
                 let x = (2 * x + dx).min(last.width() - 1);
                 let y = (2 * y + dy).min(last.height() - 1);
-                last.get_pixel(x, y).0.map(u16::from)
+                last.pixel(x, y).map(u16::from)
             };
             let four = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
             let mean = |i: usize| (four.iter().map(|texel| texel[i]).sum::<u16>() + 2) / 4;
-            image::Rgb([0, 1, 2].map(|i| mean(i) as u8))
+            [0, 1, 2].map(|i| mean(i) as u8)
         });
         levels.push(halved);
     }
@@ -101,7 +101,7 @@ fn halvings(image: &RgbImage) -> Vec<RgbImage> {
 }
 
 /// The level of a mipmap whose texels are about as large as a voxel on this triangle.
-fn level_for(levels: &[RgbImage], uvs: [Vec2; 3], corners: [Vec3; 3], voxel: f32) -> &RgbImage {
+fn level_for(levels: &[Picture], uvs: [Vec2; 3], corners: [Vec3; 3], voxel: f32) -> &Picture {
     let size = Vec2::new(levels[0].width() as f32, levels[0].height() as f32);
     let [a, b, c] = uvs.map(|uv| uv * size);
     let texels = (b - a).perp_dot(c - a).abs();
@@ -112,15 +112,14 @@ fn level_for(levels: &[RgbImage], uvs: [Vec2; 3], corners: [Vec3; 3], voxel: f32
 }
 
 /// The colour of a texture at coordinates, which repeat. Between texels it is blended.
-fn texel(image: &RgbImage, uv: Vec2) -> Vec3 {
+fn texel(image: &Picture, uv: Vec2) -> Vec3 {
     let uv = if uv.is_finite() { uv - uv.floor() } else { Vec2::ZERO };
     let (width, height) = (image.width(), image.height());
     let at = uv * Vec2::new(width as f32, height as f32) - 0.5;
     let (low, part) = (at.floor(), at - at.floor());
     let wrap = |i: f32, size: u32| (i as i64).rem_euclid(i64::from(size)) as u32;
-    let get = |dx: f32, dy: f32| {
-        unit(image.get_pixel(wrap(low.x + dx, width), wrap(low.y + dy, height)).0)
-    };
+    let get =
+        |dx: f32, dy: f32| unit(image.pixel(wrap(low.x + dx, width), wrap(low.y + dy, height)));
     let top = get(0.0, 0.0).lerp(get(1.0, 0.0), part.x);
     top.lerp(get(0.0, 1.0).lerp(get(1.0, 1.0), part.x), part.y)
 }
@@ -131,18 +130,18 @@ mod tests {
 
     #[test]
     fn halvings_keep_the_mean() {
-        let checks = RgbImage::from_fn(8, 4, |x, y| image::Rgb([((x + y) % 2 * 200) as u8, 40, 0]));
+        let checks = Picture::from_fn(8, 4, |x, y| [((x + y) % 2 * 200) as u8, 40, 0]);
         let levels = halvings(&checks);
         assert_eq!(
             levels.iter().map(|l| l.dimensions()).collect::<Vec<_>>(),
             [(8, 4), (4, 2), (2, 1), (1, 1)]
         );
-        assert!(levels[1..].iter().flat_map(|l| l.pixels()).all(|p| p.0 == [100, 40, 0]));
+        assert!(levels[1..].iter().flat_map(|l| l.pixels()).all(|p| *p == [100, 40, 0]));
     }
 
     #[test]
     fn textures_repeat_and_blend() {
-        let image = RgbImage::from_fn(2, 1, |x, _| image::Rgb([x as u8 * 255; 3]));
+        let image = Picture::from_fn(2, 1, |x, _| [x as u8 * 255; 3]);
         for whole in [-3.0, 0.0, 2.0] {
             let at = |u: f32| texel(&image, Vec2::new(whole + u, 0.3)).x;
             assert!(at(0.25) < 1.0e-3 && at(0.75) > 0.999);

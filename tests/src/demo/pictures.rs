@@ -10,11 +10,11 @@ use std::{
 };
 
 use anyhow::Context;
-use image::RgbImage;
 use sightline_cli::progress::Progress;
 use sightline_client::net::Session;
 use sightline_client_core::replica::VisibleAvatar;
 use sightline_compiler::plan::{self, Mark, Overlay};
+use sightline_picture::Picture;
 use sightline_renderer::{
     Camera, Frame, Renderer,
     avatars::{self, AvatarFigure},
@@ -83,7 +83,7 @@ impl PictureWatch {
     }
 }
 
-fn save(picture: &RgbImage, folder: &Path, name: &str) -> anyhow::Result<()> {
+fn save(picture: &Picture, folder: &Path, name: &str) -> anyhow::Result<()> {
     let path = folder.join(name);
     picture.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
     println!("picture: {}", path.display());
@@ -153,7 +153,7 @@ impl PictureMoment {
         self.visible.iter().filter(|avatar| is_near(avatar.pose.eye - self.pose.eye)).count()
     }
 
-    fn view(&self, world: &World) -> RgbImage {
+    fn view(&self, world: &World) -> Picture {
         let camera = Camera::at(&self.pose);
         let mut frame = Frame::new(SIZE.0, SIZE.1);
         Renderer::default().draw(&world.octree, &camera, &mut frame);
@@ -169,15 +169,15 @@ impl PictureMoment {
             })
             .collect();
         avatars::draw(&mut frame, &camera, &figures);
-        RgbImage::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
+        Picture::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
             let [_, r, g, b] = frame.colour[y as usize * SIZE.0 + x as usize].to_be_bytes();
-            image::Rgb([r, g, b])
+            [r, g, b]
         })
     }
 
     /// The plan. Avatars that you were told of are discs, all others are rings. Cells that you may
     /// see are bright.
-    fn plan(&self, world: &World) -> RgbImage {
+    fn plan(&self, world: &World) -> Picture {
         let told = |id: u32| self.visible.iter().find(|avatar| avatar.id.0 == id);
         let mut marks: Vec<Mark> = self
             .everybody

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
+use sightline_picture::Picture;
 
 /// The largest number of frames in a film.
 pub const FRAMES_MAX: usize = 100_000;
@@ -12,17 +13,20 @@ pub const FRAMES_MAX: usize = 100_000;
 pub fn save(path: &Path, panels: &[(usize, &[u32])]) -> anyhow::Result<()> {
     let height = panels.first().map_or(0, |(width, pixels)| pixels.len() / (*width).max(1));
     let width: usize = panels.iter().map(|(width, _)| width).sum();
-    let mut bytes = Vec::with_capacity(width * height * 3);
+    let mut all = Vec::with_capacity(width * height);
     for y in 0..height {
         for (width, pixels) in panels {
             let row =
                 pixels.get(y * width..(y + 1) * width).context("the pictures differ in height")?;
-            bytes.extend(row.iter().flat_map(|pixel| pixel.to_be_bytes().into_iter().skip(1)));
+            all.extend(row.iter().map(|pixel| {
+                let [_, red, green, blue] = pixel.to_be_bytes();
+                [red, green, blue]
+            }));
         }
     }
-    let image = image::RgbImage::from_raw(width as u32, height as u32, bytes);
-    let image = image.context("the picture has no size")?;
-    image.save(path).with_context(|| format!("cannot write {}", path.display()))
+    let picture = Picture::from_pixels(width as u32, height as u32, all);
+    let picture = picture.context("the picture has no size")?;
+    picture.save(path).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// The files of a film's frames: in a folder, which is created, or by a pattern such as
@@ -75,6 +79,8 @@ impl FrameFiles {
 
 #[cfg(test)]
 mod tests {
+    use sightline_picture::{DecodeLimits, Encoding, decode};
+
     use super::*;
 
     #[test]
@@ -97,9 +103,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.png");
         save(&path, &[(2, &[1, 2, 3, 4]), (1, &[5, 6])]).unwrap();
-        let read = image::open(&path).unwrap().into_rgb8();
+        let limits = DecodeLimits { edge_max: 9, bytes_max: 99 };
+        let read = decode(&std::fs::read(&path).unwrap(), Encoding::Marked, limits).unwrap();
         assert_eq!(read.dimensions(), (3, 2));
-        assert_eq!([read.get_pixel(2, 0)[2], read.get_pixel(0, 1)[2]], [5, 3]);
+        assert_eq!([read.pixel(2, 0)[2], read.pixel(0, 1)[2]], [5, 3]);
         assert!(save(&path, &[(2, &[1, 2]), (1, &[])]).is_err());
         assert!(save(&path, &[]).is_err());
     }

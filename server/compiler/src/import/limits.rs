@@ -2,12 +2,12 @@
 
 use std::{
     fs::File,
-    io::{self, Cursor, Read},
+    io::{self, Read},
     path::Path,
 };
 
 use glam::Vec3;
-use image::{ImageFormat, ImageReader, RgbImage};
+use sightline_picture::{DecodeError, DecodeLimits, Encoding, Picture, decode};
 
 /// The greatest distance of a coordinate from the origin, in metres.
 pub(crate) const EXTENT_MAX: f32 = 100_000.0;
@@ -64,27 +64,11 @@ pub(crate) fn srgb_byte(linear: f32) -> u8 {
     (encoded * 255.0).round() as u8
 }
 
-/// Decodes a PNG or JPEG, or a TGA when `format` says so, of at most `bytes_max` bytes as RGB.
-pub(crate) fn decode_image(
+/// Decodes a texture of at most `bytes_max` bytes.
+pub(crate) fn decode_texture(
     bytes: &[u8],
-    format: Option<ImageFormat>,
+    encoding: Encoding,
     bytes_max: usize,
-) -> Result<RgbImage, String> {
-    let mut reader = match format {
-        Some(format) => ImageReader::with_format(Cursor::new(bytes), format),
-        None => ImageReader::new(Cursor::new(bytes))
-            .with_guessed_format()
-            .map_err(|error| error.to_string())?,
-    };
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(TEXTURE_EDGE_MAX);
-    limits.max_image_height = Some(TEXTURE_EDGE_MAX);
-    limits.max_alloc = Some(bytes_max as u64);
-    reader.limits(limits);
-    let picture = reader.decode().map_err(|error| error.to_string())?.into_rgb8();
-    match picture.as_raw().len() {
-        0 => Err("it has no pixels".into()),
-        size if size > bytes_max => Err("the textures take too much memory".into()),
-        _ => Ok(picture),
-    }
+) -> Result<Picture, DecodeError> {
+    decode(bytes, encoding, DecodeLimits { edge_max: TEXTURE_EDGE_MAX, bytes_max })
 }

@@ -1,7 +1,7 @@
 //! The legend below the storeys: the scale, and what marks and colours mean.
 
 use glam::Vec2;
-use image::{Rgb, RgbImage};
+use sightline_picture::Picture;
 use sightline_world::rooms::RoomId;
 
 use super::{
@@ -18,7 +18,7 @@ const LETTER_PX: i32 = 16;
 const RAMP_PX: i32 = 240;
 
 /// Draws the legend of a sheet.
-pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImage {
+pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> Picture {
     let width = sheet.size().0.max(520);
     let mut rows = 2 + names.len() as i32;
     if sheet.overlay.cells {
@@ -29,7 +29,7 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImag
     }
     let has_rooms = sheet.overlay.rooms && !sheet.world.rooms.list().is_empty();
     rows += 2 * i32::from(has_rooms);
-    let mut picture = RgbImage::from_pixel(width, (rows * ROW_PX + 8) as u32, Rgb(PAPER));
+    let mut picture = Picture::filled(width, (rows * ROW_PX + 8) as u32, PAPER);
     let mut pen = Pen { picture: &mut picture, top: 4 };
     pen.scale_bar(sheet.px_per_m);
     for (name, mark) in names {
@@ -72,13 +72,13 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> RgbImag
 
 /// Writes rows from top to bottom.
 struct Pen<'a> {
-    picture: &'a mut RgbImage,
+    picture: &'a mut Picture,
     top: i32,
 }
 
 impl Pen<'_> {
     /// Draws a sign, and writes what it means.
-    fn row(&mut self, name: &str, sign: impl FnOnce(&mut RgbImage, Vec2)) {
+    fn row(&mut self, name: &str, sign: impl FnOnce(&mut Picture, Vec2)) {
         sign(self.picture, Vec2::new(28.0, (self.top + ROW_PX / 2) as f32));
         self.text(60, name);
         self.top += ROW_PX;
@@ -122,6 +122,6 @@ impl Pen<'_> {
 }
 
 /// Draws a short level line about a point.
-fn stroke(picture: &mut RgbImage, at: Vec2, colour: [u8; 3]) {
+fn stroke(picture: &mut Picture, at: Vec2, colour: [u8; 3]) {
     line(picture, at - Vec2::X * 16.0, at + Vec2::X * 16.0, colour);
 }

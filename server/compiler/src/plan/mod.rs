@@ -13,7 +13,7 @@ mod rooms;
 mod sheet;
 mod storey;
 
-use image::RgbImage;
+use sightline_picture::Picture;
 use sightline_world::World;
 
 use crate::{drawing::stacked, storeys};
@@ -26,11 +26,11 @@ const WIDTH_PX_MAX: u32 = 3600;
 
 /// Draws every storey that has a spawn point or another floor, lowest first, row by row. An avatar
 /// between two storeys is drawn on the lower one.
-pub fn draw(world: &World, overlay: &Overlay) -> RgbImage {
+pub fn draw(world: &World, overlay: &Overlay) -> Picture {
     let area = storeys::area(world);
     let storeys = storeys::storeys_within(world, &area);
     let sheet = Sheet::new(world, overlay, area, storeys.len());
-    let panels: Vec<RgbImage> = storeys
+    let panels: Vec<Picture> = storeys
         .iter()
         .enumerate()
         .map(|(i, &feet)| {
@@ -48,8 +48,8 @@ pub fn draw(world: &World, overlay: &Overlay) -> RgbImage {
 }
 
 /// Puts panels of one size into columns, so that the whole is about 1.5 times as wide as high.
-fn in_grid(panels: &[RgbImage]) -> RgbImage {
-    let (width, height) = panels.first().map_or((1, 1), RgbImage::dimensions);
+fn in_grid(panels: &[Picture]) -> Picture {
+    let (width, height) = panels.first().map_or((1, 1), Picture::dimensions);
     let shape = panels.len() as f32 * height as f32 / width as f32;
     let columns = ((1.5 * shape).sqrt().round() as u32).min(WIDTH_PX_MAX / width);
     stacked(panels, columns.max(1) as usize)

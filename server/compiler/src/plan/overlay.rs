@@ -1,8 +1,8 @@
 //! What a plan shows over the building.
 
 use glam::{Vec2, Vec3};
-use image::RgbImage;
 use roaring::RoaringBitmap;
+use sightline_picture::Picture;
 
 use crate::drawing::{INK, line, ring};
 
@@ -37,7 +37,7 @@ pub struct Overlay {
 }
 
 /// Draws a mark about a point, in pixels.
-pub(super) fn draw_mark(picture: &mut RgbImage, centre: Vec2, radius: f32, mark: &Mark) {
+pub(super) fn draw_mark(picture: &mut Picture, centre: Vec2, radius: f32, mark: &Mark) {
     let (edge, fill) = if mark.filled { (INK, Some(mark.colour)) } else { (mark.colour, None) };
     ring(picture, centre, radius, edge, fill);
     if let Some(forward) = mark.forward {

@@ -1,7 +1,7 @@
 //! Rooms and windows on a plan: where the level cut meets them, and their names.
 
 use glam::{Vec2, Vec3};
-use image::RgbImage;
+use sightline_picture::Picture;
 use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{
     geometry::Axes,
@@ -20,7 +20,7 @@ const BESIDE_M: f32 = 0.01;
 const HATCH_PX: f32 = 5.0;
 
 /// Draws every room that the cut meets.
-pub(super) fn draw(level: &Level<'_>, picture: &mut RgbImage) {
+pub(super) fn draw(level: &Level<'_>, picture: &mut Picture) {
     let rooms = level.sheet.world.rooms.list();
     for (room, id) in rooms.iter().zip((0u16..).map(RoomId)) {
         let colour = mixed(id.colour(), INK, 0.25);
@@ -60,7 +60,7 @@ fn section(piece: &ConvexPiece, height: f32) -> impl Iterator<Item = [Vec3; 2]> 
 }
 
 /// Draws windows as hatched strips along the walls.
-fn windows(level: &Level<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbImage) {
+fn windows(level: &Level<'_>, room: &Room, colour: [u8; 3], picture: &mut Picture) {
     let [low, high] = WINDOWS_M.map(|above| level.feet + above);
     for window in &room.windows {
         let heights = || window.corners.iter().map(|at| at.y);
@@ -90,7 +90,7 @@ fn windows(level: &Level<'_>, room: &Room, colour: [u8; 3], picture: &mut RgbIma
 }
 
 /// Writes the name of a room into its widest piece, as far as it fits.
-fn name(level: &Level<'_>, title: &str, widest: &ConvexPiece, picture: &mut RgbImage) {
+fn name(level: &Level<'_>, title: &str, widest: &ConvexPiece, picture: &mut Picture) {
     let bounds = &widest.bounds;
     let (from, to) = (level.place(bounds.min), level.place(bounds.max));
     let letters = (((to.x - from.x).max(24.0) - 4.0) / 8.0) as usize;
@@ -101,7 +101,7 @@ fn name(level: &Level<'_>, title: &str, widest: &ConvexPiece, picture: &mut RgbI
 }
 
 /// Draws a line three pixels wide.
-fn thick(picture: &mut RgbImage, from: Vec2, to: Vec2, colour: [u8; 3]) {
+fn thick(picture: &mut Picture, from: Vec2, to: Vec2, colour: [u8; 3]) {
     let across = (to - from).perp().normalize_or_zero();
     for side in [0.0, 1.0, -1.0] {
         line(picture, from + across * side, to + across * side, colour);

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use glam::Vec3;
-use image::{Rgb, RgbImage};
 use rayon::prelude::*;
+use sightline_picture::Picture;
 use sightline_world::{CellId, Portal, World};
 
 use super::{
@@ -39,7 +39,7 @@ struct Spot {
 
 impl Storey<'_> {
     /// Draws the storey, with a caption.
-    pub(super) fn draw(&self) -> RgbImage {
+    pub(super) fn draw(&self) -> Picture {
         let Level { sheet, feet } = self.level;
         let overlay = sheet.overlay;
         let (width, height) = sheet.size();
@@ -65,10 +65,10 @@ impl Storey<'_> {
     }
 
     /// Draws one panel of the storey. `colour` gives the colour of each pixel.
-    fn panel(&self, spots: &[Vec<Spot>], colour: &dyn Fn(&Spot) -> [u8; 3]) -> RgbImage {
+    fn panel(&self, spots: &[Vec<Spot>], colour: &dyn Fn(&Spot) -> [u8; 3]) -> Picture {
         let (width, height) = self.level.sheet.size();
         let overlay = self.level.sheet.overlay;
-        let mut picture = RgbImage::from_pixel(width, height + CAPTION_PX, Rgb(PAPER));
+        let mut picture = Picture::filled(width, height + CAPTION_PX, PAPER);
         for (y, row) in spots.iter().enumerate() {
             for (x, spot) in row.iter().enumerate() {
                 let right = row.get(x + 1).unwrap_or(spot);
@@ -78,7 +78,9 @@ impl Storey<'_> {
                 if overlay.cells && is_edge && !spot.is_cut {
                     colour = mixed(colour, INK, if spot.surface.is_some() { 0.22 } else { 0.10 });
                 }
-                picture.put_pixel(x as u32, y as u32 + CAPTION_PX, Rgb(colour));
+                if let Some(pixel) = picture.pixel_mut(x as u32, y as u32 + CAPTION_PX) {
+                    *pixel = colour;
+                }
             }
         }
         if overlay.cells {
@@ -136,7 +138,7 @@ impl Storey<'_> {
     }
 
     /// Draws the portals that the cut meets; fainter where there is no floor.
-    fn draw_portals(&self, spots: &[Vec<Spot>], picture: &mut RgbImage) {
+    fn draw_portals(&self, spots: &[Vec<Spot>], picture: &mut Picture) {
         let world = self.level.sheet.world;
         for portal in &world.cells.portals {
             let Some(ends) = across(world, portal, self.level.height()) else { continue };
@@ -150,16 +152,16 @@ impl Storey<'_> {
                 let Some(spot) = spot.filter(|spot| !spot.is_cut && spot.cell.is_some()) else {
                     continue;
                 };
-                let Some(pixel) = picture.get_pixel_mut_checked(x as u32, y as u32) else {
+                let Some(pixel) = picture.pixel_mut(x as u32, y as u32) else {
                     continue;
                 };
                 let share = if spot.surface.is_some() { 0.7 } else { 0.2 };
-                *pixel = Rgb(mixed(pixel.0, PORTAL, share));
+                *pixel = mixed(*pixel, PORTAL, share);
             }
         }
     }
 
-    fn draw_mark(&self, picture: &mut RgbImage, mark: &Mark) {
+    fn draw_mark(&self, picture: &mut Picture, mark: &Mark) {
         let radius = (0.3 * self.level.sheet.px_per_m).max(3.5);
         draw_mark(picture, self.level.place(mark.eye), radius, mark);
     }

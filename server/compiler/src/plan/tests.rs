@@ -23,8 +23,8 @@ fn compiled() -> World {
     crate::compile(&model, &options, &go_on).unwrap().0
 }
 
-fn count(picture: &RgbImage, colour: [u8; 3]) -> usize {
-    picture.pixels().filter(|pixel| pixel.0 == colour).count()
+fn count(picture: &Picture, colour: [u8; 3]) -> usize {
+    picture.pixels().iter().filter(|pixel| **pixel == colour).count()
 }
 
 #[test]

@@ -135,7 +135,7 @@ fn a_wall_on_a_round_place_is_one_voxel_thick() {
 
 #[test]
 fn coarse_voxels_get_the_mean_of_a_texture() {
-    let fine = image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([((x ^ y) & 1) as u8 * 200; 3]));
+    let fine = sightline_picture::Picture::from_fn(64, 64, |x, y| [((x ^ y) & 1) as u8 * 200; 3]);
     let corners = [Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0];
     let mut floor = surface(&[corners], [255; 3], false);
     floor.uvs = vec![Vec2::ZERO, Vec2::Y * 4.0, Vec2::X * 4.0];

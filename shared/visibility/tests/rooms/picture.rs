@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
-use image::{Rgb, RgbImage};
 use sightline_visibility::rooms::pieces::ConvexPiece;
 use sightline_world::{geometry::Aabb, rooms::Rooms};
 
@@ -33,14 +32,15 @@ impl Picture<'_> {
     pub fn save(&self, name: &str) {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("rooms");
         std::fs::create_dir_all(&folder).unwrap();
-        self.draw().save(folder.join(format!("{name}.png"))).unwrap();
+        self.draw().save(&folder.join(format!("{name}.png"))).unwrap();
     }
 
-    fn draw(&self) -> RgbImage {
-        let mut picture = RgbImage::from_pixel(SIDE_PX, SIDE_PX, Rgb(PAPER));
-        for (x, y, pixel) in picture.enumerate_pixels_mut() {
-            if (self.shows)(self.point(x, y)) {
-                *pixel = Rgb(SHOWN);
+    fn draw(&self) -> sightline_picture::Picture {
+        let mut picture = sightline_picture::Picture::filled(SIDE_PX, SIDE_PX, PAPER);
+        for (x, y) in (0..SIDE_PX).flat_map(|y| (0..SIDE_PX).map(move |x| (x, y))) {
+            if let Some(pixel) = picture.pixel_mut(x, y).filter(|_| (self.shows)(self.point(x, y)))
+            {
+                *pixel = SHOWN;
             }
         }
         for (id, room) in self.rooms.list().iter().enumerate() {
@@ -71,7 +71,13 @@ impl Picture<'_> {
         Vec3::new(at.x, self.eyes.centre().y, at.y)
     }
 
-    fn ring(&self, picture: &mut RgbImage, corners: &[Vec3], colour: [u8; 3], width: i32) {
+    fn ring(
+        &self,
+        picture: &mut sightline_picture::Picture,
+        corners: &[Vec3],
+        colour: [u8; 3],
+        width: i32,
+    ) {
         let [from, to] = self.area.map(Vec2::from);
         let place = |at: &Vec3| (Vec2::new(at.x, at.z) - from) / (to - from) * SIDE_PX as f32;
         for (a, b) in corners.iter().zip(corners.iter().cycle().skip(1)) {
@@ -82,9 +88,9 @@ impl Picture<'_> {
                 for (dx, dy) in (0..width * width).map(|i| (i % width, i / width)) {
                     let (x, y) = (at.x as i32 + dx - width / 2, at.y as i32 + dy - width / 2);
                     if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
-                        && let Some(pixel) = picture.get_pixel_mut_checked(x, y)
+                        && let Some(pixel) = picture.pixel_mut(x, y)
                     {
-                        *pixel = Rgb(if width > 0 { colour } else { INK });
+                        *pixel = if width > 0 { colour } else { INK };
                     }
                 }
             }

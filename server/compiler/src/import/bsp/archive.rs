@@ -8,7 +8,7 @@ use std::{
     sync::Arc,
 };
 
-use image::{ImageFormat, RgbImage, imageops};
+use sightline_picture::{Encoding, Picture};
 use zip::ZipArchive;
 
 use super::{error::BspError, shader_script::Scripts};
@@ -25,8 +25,12 @@ const DECODE_BYTES_MAX: usize = 256 << 20;
 /// Larger images are scaled down to this width and height: voxels are never finer.
 const TEXTURE_EDGE: u32 = 128;
 /// The extensions of images, in order of preference.
-const EXTENSIONS: [(&str, Option<ImageFormat>); 4] =
-    [("jpg", None), ("tga", Some(ImageFormat::Tga)), ("png", None), ("jpeg", None)];
+const EXTENSIONS: [(&str, Encoding); 4] = [
+    ("jpg", Encoding::Marked),
+    ("tga", Encoding::Tga),
+    ("png", Encoding::Marked),
+    ("jpeg", Encoding::Marked),
+];
 
 /// Open archives, and their files by name in lower case.
 pub(super) struct Archives {
@@ -52,27 +56,27 @@ impl Archives {
     }
 
     /// The image of a shader, if it can be read.
-    pub(super) fn texture(&mut self, shader: &str) -> Option<Arc<RgbImage>> {
+    pub(super) fn texture(&mut self, shader: &str) -> Option<Arc<Picture>> {
         let shown = self.scripts.image(shader).map(str::to_owned);
         let image = self.image(shader).or_else(|| self.image(&shown?))?;
         let (width, height) = image.dimensions();
         let scaled = width.max(height) > TEXTURE_EDGE;
         let mut image = if scaled {
             let edge = |size: u32| size.min(TEXTURE_EDGE);
-            imageops::thumbnail(&image, edge(width), edge(height))
+            image.scaled_down(edge(width), edge(height))
         } else {
             image
         };
-        image.iter_mut().for_each(|channel| *channel = lifted(*channel));
+        image.pixels_mut().iter_mut().for_each(|pixel| *pixel = pixel.map(lifted));
         Some(Arc::new(image))
     }
 
     /// An image by name, with any extension.
-    fn image(&mut self, name: &str) -> Option<RgbImage> {
+    fn image(&mut self, name: &str) -> Option<Picture> {
         let (stem, _) = split_extension(name);
-        EXTENSIONS.iter().find_map(|&(extension, format)| {
+        EXTENSIONS.iter().find_map(|&(extension, encoding)| {
             let bytes = self.file(&format!("{stem}.{extension}"))?;
-            limits::decode_image(&bytes, format, DECODE_BYTES_MAX).ok()
+            limits::decode_texture(&bytes, encoding, DECODE_BYTES_MAX).ok()
         })
     }
 

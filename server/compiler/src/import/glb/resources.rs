@@ -7,7 +7,7 @@ use std::{
 };
 
 use gltf::{Document, buffer};
-use image::RgbImage;
+use sightline_picture::{Encoding, Picture};
 
 use super::error::GlbError;
 use crate::import::limits;
@@ -21,7 +21,7 @@ const BUFFER_BYTES_MAX: usize = 1 << 30;
 pub(super) struct Resources {
     buffers: Vec<Vec<u8>>,
     folder: Option<PathBuf>,
-    images: Vec<Option<Option<Arc<RgbImage>>>>,
+    images: Vec<Option<Option<Arc<Picture>>>>,
     texture_bytes_left: usize,
 }
 
@@ -67,7 +67,7 @@ impl Resources {
         document: &Document,
         index: usize,
         warnings: &mut Vec<String>,
-    ) -> Option<Arc<RgbImage>> {
+    ) -> Option<Arc<Picture>> {
         if let Some(Some(known)) = self.images.get(index) {
             return known.clone();
         }
@@ -82,7 +82,7 @@ impl Resources {
         loaded
     }
 
-    fn load_image(&mut self, document: &Document, index: usize) -> Result<RgbImage, String> {
+    fn load_image(&mut self, document: &Document, index: usize) -> Result<Picture, String> {
         // The `gltf` crate takes for granted that an image has a source.
         let source = document.as_json().images.get(index).ok_or("it is not there")?;
         let view = source.buffer_view.and_then(|view| document.views().nth(view.value()));
@@ -93,8 +93,9 @@ impl Resources {
             }
             (None, None) => return Err("it has no source".into()),
         };
-        let picture = limits::decode_image(&bytes, None, self.texture_bytes_left)?;
-        self.texture_bytes_left -= picture.as_raw().len().min(self.texture_bytes_left);
+        let picture = limits::decode_texture(&bytes, Encoding::Marked, self.texture_bytes_left)
+            .map_err(|error| error.to_string())?;
+        self.texture_bytes_left -= picture.byte_len().min(self.texture_bytes_left);
         Ok(picture)
     }
 }

@@ -130,9 +130,8 @@ fn what_blocks_sight_follows_the_material() {
 
 #[test]
 fn textures_and_vertex_colours_are_read() {
-    let mut picture = Vec::new();
-    let pixels = image::RgbImage::from_pixel(2, 2, image::Rgb([10, 20, 30]));
-    pixels.write_to(&mut std::io::Cursor::new(&mut picture), image::ImageFormat::Png).unwrap();
+    let pixels = sightline_picture::Picture::filled(2, 2, [10, 20, 30]);
+    let picture = pixels.to_png().unwrap();
     let mut draft = GlbDraft::square();
     let view = draft.view(&picture);
     let uvs = draft.floats("VEC2", &[0.0, 0.0, 4.0, 0.0, 4.0, 4.0, 0.0, 4.0]);
