@@ -11,6 +11,7 @@
 //! can stand. Around each is a box of eyes or bodies that ends at the walls.
 
 use std::{
+    fmt,
     ops::ControlFlow,
     path::{Path, PathBuf},
     time::Instant,
@@ -20,13 +21,16 @@ use anyhow::Context;
 use clap::Parser;
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use serde::Serialize;
 use sightline_cli::{percentile::percentile, trace::Trace};
 use sightline_compiler::{
     CompileOptions, compile,
     import::{self, glb},
     model::Model,
 };
+use sightline_fixtures::shared_files::shared_file;
 use sightline_oracle::Oracle;
+use sightline_tests::bench_flags::BenchFlags;
 use sightline_visibility::box_visibility::{BoxScratch, BoxVisibility, Occluders};
 use sightline_world::{World, geometry::Aabb};
 
@@ -60,44 +64,35 @@ struct Args {
     /// The number of rooms in the generated building.
     #[arg(long, value_name = "N", default_value_t = 100)]
     rooms: usize,
-    /// Passed by `cargo bench`. Without it, only a cottage is measured, to show that the bench
-    /// works.
-    #[arg(long, hide = true)]
-    bench: bool,
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
 fn main() -> anyhow::Result<()> {
     let mut args = Args::parse();
-    if !args.bench {
+    if !args.flags.bench {
         (args.rooms, args.pairs, args.radii) = (4, 20, vec![0.5]);
     }
+    let mut rows = Vec::new();
     for path in &args.files {
-        TestBuilding::new(title(path), world(path)?, None).measure(&args)?;
+        rows.extend(TestBuilding::new(title(path), world(path)?, None).measure(&args)?);
     }
     if args.files.is_empty() {
         let model =
             glb::read_slice(&sightline_demo_building::glb(args.rooms, 1), None, "generated")?;
-        TestBuilding::new("generated".into(), compiled(&model)?, None).measure(&args)?;
+        let name = format!("{} generated rooms", args.rooms);
+        rows.extend(TestBuilding::new(name, compiled(&model)?, None).measure(&args)?);
     }
-    let shared = shared();
-    if args.files.is_empty() && args.bench {
-        if !shared.is_dir() {
-            println!("skipped: {} is absent", shared.display());
-        }
-        for [building, trace] in TRACED.map(|paths| paths.map(|path| shared.join(path))) {
-            if building.is_file() && trace.is_file() {
+    if args.files.is_empty() && args.flags.bench {
+        for paths in TRACED {
+            if let [Some(building), Some(trace)] = paths.map(shared_file) {
                 let trace = Trace::open(&trace)?;
-                TestBuilding::new(title(&building), world(&building)?, Some(trace))
-                    .measure(&args)?;
+                let building = TestBuilding::new(title(&building), world(&building)?, Some(trace));
+                rows.extend(building.measure(&args)?);
             }
         }
     }
-    Ok(())
-}
-
-fn shared() -> PathBuf {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from)
+    args.flags.write(&rows)
 }
 
 fn title(path: &Path) -> String {
@@ -129,7 +124,7 @@ struct TestBuilding {
 
 /// The results for boxes of one size.
 #[derive(Default)]
-struct RadiusRow {
+struct Tally {
     seen: usize,
     pvs: usize,
     left: usize,
@@ -139,12 +134,50 @@ struct RadiusRow {
     micros: Vec<f64>,
 }
 
+/// The figures of boxes of one size in a building. Shares are of all pairs.
+#[derive(Serialize)]
+struct RadiusRow {
+    building: String,
+    radius_m: f32,
+    pairs: usize,
+    /// Pairs of which rays see each other, in percent.
+    seen_percent: f64,
+    /// Pairs that the PVS lets through, in percent.
+    pvs_percent: f64,
+    /// Pairs that the PVS and the test let through, in percent.
+    both_percent: f64,
+    /// What the PVS lets through over what rays see.
+    pvs_over_send: Option<f64>,
+    /// What the PVS and the test let through over what rays see.
+    both_over_send: Option<f64>,
+    /// Pairs for which the budget was too small, in percent.
+    unknown_percent: f64,
+    units: Quantiles<u32>,
+    micros: Quantiles<f64>,
+    micros_mean: f64,
+}
+
+#[derive(Serialize)]
+struct Quantiles<T> {
+    median: T,
+    p90: T,
+    p99: T,
+}
+
+impl<T: Copy + Default + PartialOrd> Quantiles<T> {
+    fn of(sorted: &[T]) -> Self {
+        let [median, p90, p99] =
+            [50, 90, 99].map(|percent| percentile(sorted, percent).unwrap_or_default());
+        Self { median, p90, p99 }
+    }
+}
+
 impl TestBuilding {
     fn new(name: String, world: World, trace: Option<Trace>) -> Self {
         Self { name, oracle: Oracle::new(&world.mesh), world, trace }
     }
 
-    fn measure(&self, args: &Args) -> anyhow::Result<()> {
+    fn measure(&self, args: &Args) -> anyhow::Result<Vec<RadiusRow>> {
         let start = Instant::now();
         let occluders = Occluders::new(&self.world);
         println!(
@@ -159,21 +192,21 @@ impl TestBuilding {
             "radius  seen %   PVS %  both %   PVS/seen both/seen  unknown %  \
                   units: median     p90     p99  µs: median     p90     p99    mean"
         );
+        let mut rows = Vec::new();
         for &radius in &args.radii {
             let mut rng = SmallRng::seed_from_u64(7);
-            let mut row = RadiusRow::default();
+            let mut tally = Tally::default();
             for _ in 0..args.pairs {
                 let pair = self.pair(&mut rng).context("no pair of places was found")?;
-                self.try_pair(pair, radius, &occluders, args.budget, &mut row);
+                self.try_pair(pair, radius, &occluders, args.budget, &mut tally);
             }
-            row.print(radius, args.pairs);
-            anyhow::ensure!(
-                row.wrong == 0,
-                "{} visible pairs were classified as hidden",
-                row.wrong
-            );
+            let wrong = tally.wrong;
+            let row = tally.row(&self.name, radius, args.pairs);
+            println!("{row}");
+            anyhow::ensure!(wrong == 0, "{wrong} visible pairs were classified as hidden");
+            rows.push(row);
         }
-        Ok(())
+        Ok(rows)
     }
 
     fn try_pair(
@@ -182,7 +215,7 @@ impl TestBuilding {
         radius: f32,
         occluders: &Occluders,
         budget: u32,
-        row: &mut RadiusRow,
+        tally: &mut Tally,
     ) {
         let cells = &self.world.cells;
         let eyes = self.free_around(eye, radius);
@@ -190,22 +223,22 @@ impl TestBuilding {
             self.world.body.in_axes(&cells.axes).around_box(&self.free_around(other, radius));
         let bodies = bodies.intersection(&self.free_around(other, radius + 2.0).grown(POKE));
         let is_seen = self.sees(&eyes, &bodies);
-        row.seen += usize::from(is_seen);
+        tally.seen += usize::from(is_seen);
         let visible = cells.visible_from(&eyes);
         let mut held = Vec::new();
         cells.overlapping(&bodies, &mut held);
         if !held.iter().any(|cell| visible.contains(cell.0)) {
             return;
         }
-        row.pvs += 1;
+        tally.pvs += 1;
         let (mut scratch, mut left) = (BoxScratch::default(), budget);
         let start = Instant::now();
         let outcome = occluders.between(&mut scratch, &eyes, &bodies, &mut left);
-        row.micros.push(start.elapsed().as_secs_f64() * 1e6);
-        row.spent.push(budget - left);
-        row.left += usize::from(outcome != BoxVisibility::Hidden);
-        row.unknown += usize::from(outcome == BoxVisibility::Unknown);
-        row.wrong += usize::from(outcome == BoxVisibility::Hidden && is_seen);
+        tally.micros.push(start.elapsed().as_secs_f64() * 1e6);
+        tally.spent.push(budget - left);
+        tally.left += usize::from(outcome != BoxVisibility::Hidden);
+        tally.unknown += usize::from(outcome == BoxVisibility::Unknown);
+        tally.wrong += usize::from(outcome == BoxVisibility::Hidden && is_seen);
     }
 
     /// Two places of eyes; `None` when no such pair is found.
@@ -277,30 +310,49 @@ fn points(region: &Aabb) -> impl Iterator<Item = Vec3> {
     })
 }
 
-impl RadiusRow {
-    fn print(&mut self, radius: f32, pairs: usize) {
+impl Tally {
+    fn row(mut self, building: &str, radius_m: f32, pairs: usize) -> RadiusRow {
         self.spent.sort_unstable();
         self.micros.sort_unstable_by(f64::total_cmp);
         let percent = |count: usize| count as f64 * 100.0 / pairs as f64;
-        let over = |count: usize| count as f64 / self.seen as f64;
-        let spent = |percent| percentile(&self.spent, percent).unwrap_or(0);
-        let micros = |percent| percentile(&self.micros, percent).unwrap_or(0.0);
-        println!(
-            "{radius:6.2} {:7.2} {:7.2} {:7.2} {:10.3} {:9.3} {:10.2} {:14} {:7} {:7} {:11.1} {:7.1} \
+        let over = |count: usize| (self.seen > 0).then(|| count as f64 / self.seen as f64);
+        RadiusRow {
+            building: building.to_owned(),
+            radius_m,
+            pairs,
+            seen_percent: percent(self.seen),
+            pvs_percent: percent(self.pvs),
+            both_percent: percent(self.left),
+            pvs_over_send: over(self.pvs),
+            both_over_send: over(self.left),
+            unknown_percent: percent(self.unknown),
+            units: Quantiles::of(&self.spent),
+            micros: Quantiles::of(&self.micros),
+            micros_mean: self.micros.iter().sum::<f64>() / self.micros.len().max(1) as f64,
+        }
+    }
+}
+
+impl fmt::Display for RadiusRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:6.2} {:7.2} {:7.2} {:7.2} {:10.3} {:9.3} {:10.2} {:14} {:7} {:7} {:11.1} {:7.1} \
              {:7.1} {:7.1}",
-            percent(self.seen),
-            percent(self.pvs),
-            percent(self.left),
-            over(self.pvs),
-            over(self.left),
-            percent(self.unknown),
-            spent(50),
-            spent(90),
-            spent(99),
-            micros(50),
-            micros(90),
-            micros(99),
-            self.micros.iter().sum::<f64>() / self.micros.len().max(1) as f64,
-        );
+            self.radius_m,
+            self.seen_percent,
+            self.pvs_percent,
+            self.both_percent,
+            self.pvs_over_send.unwrap_or(f64::NAN),
+            self.both_over_send.unwrap_or(f64::NAN),
+            self.unknown_percent,
+            self.units.median,
+            self.units.p90,
+            self.units.p99,
+            self.micros.median,
+            self.micros.p90,
+            self.micros.p99,
+            self.micros_mean,
+        )
     }
 }

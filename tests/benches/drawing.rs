@@ -12,9 +12,12 @@
 //!
 //! `cargo bench -p sightline-tests --bench drawing`
 
+use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::{UVec3, Vec3};
+use serde::Serialize;
 use sightline_renderer::{Camera, Frame, Mode, Renderer};
+use sightline_tests::bench_flags::BenchFlags;
 use sightline_world::octree::{Octree, Voxel, morton};
 
 const SIZE: (usize, usize) = (1920, 1080);
@@ -22,13 +25,47 @@ const ROUNDS: usize = 15;
 /// The depth of the octrees.
 const DEPTH: u8 = 10;
 
-fn main() {
-    // Thread time counts one thread only, so everything is drawn on this one.
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
-    pool.expect("a thread").install(measure);
+/// Measures the renderer's inner loops.
+#[derive(Parser)]
+struct Args {
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
-fn measure() {
+/// What one scene costs, in nanoseconds of CPU time per pixel.
+#[derive(Serialize)]
+struct SceneRow {
+    scene: &'static str,
+    orthogonal_ns: f64,
+    perspective_ns: f64,
+    /// The share of pixels that show a voxel.
+    hit: f64,
+}
+
+/// What the octree's bytes cost, for each voxel.
+#[derive(Serialize)]
+struct ByteCosts {
+    written_ns: f64,
+    read_ns: f64,
+    bytes: f64,
+}
+
+#[derive(Serialize)]
+struct DrawingFigures {
+    per_pixel: Vec<SceneRow>,
+    per_voxel: ByteCosts,
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = Args::parse();
+    let rounds = if args.flags.bench { ROUNDS } else { 1 };
+    // Thread time counts one thread only, so everything is drawn on this one.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+    let figures = pool?.install(|| measure(rounds));
+    args.flags.write(&figures)
+}
+
+fn measure(rounds: usize) -> DrawingFigures {
     let side = 1 << DEPTH;
     let hills = octree(|x, z| hill(x, z)..hill(x, z) + 3);
     let flat = octree(|_, _| 300..301);
@@ -45,17 +82,23 @@ fn measure() {
         "{:<12} {:>12} {:>12} {:>12}",
         "ns per pixel", "orthogonal", "perspective", "pixels hit"
     );
-    for (name, octree, camera) in scenes {
-        let [(orthogonal, hit), (perspective, _)] =
-            [Mode::Orthogonal, Mode::Perspective].map(|mode| draw(octree, &camera, mode));
-        println!("{name:<12} {orthogonal:>12.2} {perspective:>12.2} {:>11.1}%", hit * 100.0);
+    let mut per_pixel = Vec::new();
+    for (scene, octree, camera) in scenes {
+        let [(orthogonal_ns, hit), (perspective_ns, _)] =
+            [Mode::Orthogonal, Mode::Perspective].map(|mode| draw(octree, &camera, mode, rounds));
+        let percent = hit * 100.0;
+        println!("{scene:<12} {orthogonal_ns:>12.2} {perspective_ns:>12.2} {percent:>11.1}%");
+        per_pixel.push(SceneRow { scene, orthogonal_ns, perspective_ns, hit });
     }
     let voxels = hills.leaves.len() as f64;
-    let bytes = hills.to_bytes();
-    let written = least_ns(3, || drop(hills.to_bytes())) / voxels;
-    let read = least_ns(3, || drop(Octree::from_bytes(&bytes).expect("just written"))) / voxels;
+    let encoded = hills.to_bytes();
+    let written_ns = least_ns(3, || drop(hills.to_bytes())) / voxels;
+    let read_ns =
+        least_ns(3, || drop(Octree::from_bytes(&encoded).expect("just written"))) / voxels;
+    let bytes = encoded.len() as f64 / voxels;
     println!("{:<12} {:>12} {:>12} {:>12}", "ns per voxel", "written", "read", "bytes");
-    println!("{:<12} {written:>12.1} {read:>12.1} {:>12.2}", "hills", bytes.len() as f64 / voxels);
+    println!("{:<12} {written_ns:>12.1} {read_ns:>12.1} {bytes:>12.2}", "hills");
+    DrawingFigures { per_pixel, per_voxel: ByteCosts { written_ns, read_ns, bytes } }
 }
 
 /// Columns of voxels with an edge of 1 m, in varying colours.
@@ -77,11 +120,11 @@ fn hill(x: u32, z: u32) -> u32 {
 }
 
 /// Nanoseconds per pixel, and the share of pixels that show a voxel.
-fn draw(octree: &Octree, camera: &Camera, mode: Mode) -> (f64, f64) {
+fn draw(octree: &Octree, camera: &Camera, mode: Mode, rounds: usize) -> (f64, f64) {
     let mut renderer = Renderer::default();
     renderer.mode = mode;
     let mut frame = Frame::new(SIZE.0, SIZE.1);
-    let time = least_ns(ROUNDS, || renderer.draw(octree, camera, &mut frame));
+    let time = least_ns(rounds, || renderer.draw(octree, camera, &mut frame));
     let pixels = (SIZE.0 * SIZE.1) as f64;
     (time / pixels, renderer.counters().pixels as f64 / pixels)
 }

@@ -9,6 +9,10 @@
 
 use std::{hint::black_box, time::Instant};
 
+use clap::Parser;
+use serde::Serialize;
+use sightline_tests::bench_flags::BenchFlags;
+
 const LEVELS: u32 = 6;
 const FORMS: usize = 64;
 const ROUNDS: usize = 15;
@@ -19,7 +23,22 @@ type Edges = [[i32; 2]; 3];
 /// Sums the positions of all nodes below a form.
 type PlacingMethod = fn(&Edges) -> i64;
 
-fn main() {
+/// Measures three ways to place octants.
+#[derive(Parser)]
+struct Args {
+    #[command(flatten)]
+    flags: BenchFlags,
+}
+
+#[derive(Serialize)]
+struct MethodRow {
+    method: &'static str,
+    ns_per_node: f64,
+}
+
+fn main() -> anyhow::Result<()> {
+    let args = Args::parse();
+    let rounds = if args.flags.bench { ROUNDS } else { 1 };
     let forms: Vec<Edges> = (0..FORMS as i32).map(edges).collect();
     let nodes = FORMS as f64 * (1..=LEVELS).map(|level| 8f64.powi(level as i32)).sum::<f64>();
     println!("{:<44} {:>8}", "method", "ns/node");
@@ -28,10 +47,14 @@ fn main() {
         ("four offsets from the centre, and negated", by_halves),
         ("floating point, scaled and added", by_product),
     ];
-    for (name, way) in ways {
-        let least = (0..ROUNDS).map(|_| time_ns(&forms, way)).fold(f64::INFINITY, f64::min);
-        println!("{name:<44} {:>8.2}", least / nodes);
+    let rows = ways.map(|(method, way)| {
+        let least = (0..rounds).map(|_| time_ns(&forms, way)).fold(f64::INFINITY, f64::min);
+        MethodRow { method, ns_per_node: least / nodes }
+    });
+    for MethodRow { method, ns_per_node } in &rows {
+        println!("{method:<44} {ns_per_node:>8.2}");
     }
+    args.flags.write(&rows)
 }
 
 fn edges(i: i32) -> Edges {

@@ -17,11 +17,13 @@
 //! patches left out, within a hundredth, and the time to find them stands in a column of its own.
 //! The second ratio includes that time, in his figures too.
 
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
 use clap::Parser;
 use cpu_time::ThreadTime;
 use glam::{Mat3, Vec2, Vec3};
+use serde::Serialize;
+use sightline_tests::bench_flags::BenchFlags;
 use sightline_visibility::fuzzy::{
     FuzzyBuffer, PackedVisibility, PatchVisibility, Surfaces, ViewpointBox, classify,
 };
@@ -38,16 +40,14 @@ struct Args {
     /// The number of runs. The least time of a figure counts.
     #[arg(long, value_name = "N", default_value_t = 5)]
     runs: u32,
-    /// Passed by `cargo bench`. Without it, pictures are small and drawn once, to show that the
-    /// bench works.
-    #[arg(long, hide = true)]
-    bench: bool,
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let (sizes, runs, rooms) =
-        if args.bench { ([400, 1_000], args.runs.max(1), 4) } else { ([64, 100], 1, 2) };
+        if args.flags.bench { ([400, 1_000], args.runs.max(1), 4) } else { ([64, 100], 1, 2) };
     let heads = [
         ("pixels", 6),
         ("rooms", 6),
@@ -67,16 +67,68 @@ fn main() -> anyhow::Result<()> {
     ];
     let heads = heads.map(|(head, width)| format!("{head:>width$}"));
     println!("patches {}", heads.join(" "));
+    let mut rows = Vec::new();
     for (example, (is_fine, size)) in
         [(false, sizes[0]), (false, sizes[1]), (true, sizes[0]), (true, sizes[1])]
             .into_iter()
             .enumerate()
     {
         for rooms in 1..=rooms {
-            row(example, is_fine, size, rooms, runs)?;
+            let row = row(example, is_fine, size, rooms, runs)?;
+            println!("{row}");
+            rows.push(row);
         }
     }
-    Ok(())
+    args.flags.write(&rows)
+}
+
+/// The figures of one scene. Times are milliseconds of CPU time for all views.
+#[derive(Serialize)]
+struct FuzzyRow {
+    patches: &'static str,
+    /// Pixels along each side of a picture.
+    pixels: usize,
+    rooms: usize,
+    patches_in_all: usize,
+    invisible: usize,
+    normal_ms: f64,
+    rest_ms: f64,
+    ratio: f64,
+    lim_ratio: Option<f32>,
+    sorting_ms: f64,
+    ratio_with_sorting: f64,
+    lim_ratio_with_sorting: Option<f32>,
+    visible: usize,
+    sorting_both_ms: f64,
+    ratio_with_sorting_both: f64,
+    /// The size of the packed classes.
+    bytes: usize,
+}
+
+impl fmt::Display for FuzzyRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:<7} {:>6} {:>6} {:>8} {:>10} {:>10.1} {:>8.1} {:>7.2} {:>6.2} {:>11.1} {:>7.2} \
+             {:>6.2} {:>8} {:>11.1} {:>7.2} {:>6}",
+            self.patches,
+            self.pixels,
+            self.rooms,
+            self.patches_in_all,
+            self.invisible,
+            self.normal_ms,
+            self.rest_ms,
+            self.ratio,
+            self.lim_ratio.unwrap_or(f32::NAN),
+            self.sorting_ms,
+            self.ratio_with_sorting,
+            self.lim_ratio_with_sorting.unwrap_or(f32::NAN),
+            self.visible,
+            self.sorting_both_ms,
+            self.ratio_with_sorting_both,
+            self.bytes,
+        )
+    }
 }
 
 /// Lim's seconds for five views: the normal way, his way, and finding the patches; by example and
@@ -88,7 +140,13 @@ const LIM: [[[f32; 3]; 4]; 4] = [
     [[42.0, 40.5, 2.0], [75.9, 45.4, 2.5], [111.3, 53.8, 3.4], [148.3, 61.9, 4.6]],
 ];
 
-fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> anyhow::Result<()> {
+fn row(
+    example: usize,
+    is_fine: bool,
+    size: usize,
+    rooms: usize,
+    runs: u32,
+) -> anyhow::Result<FuzzyRow> {
     let scene = RoomScene::rooms(rooms, is_fine);
     let surfaces = Surfaces::new(&scene.corners, &scene.polygons)?;
     let around = Aabb::around(Vec3::new(1.2, 1.6, 2.0), 0.1);
@@ -126,27 +184,26 @@ fn row(example: usize, is_fine: bool, size: usize, rooms: usize, runs: u32) -> a
     let ms = |time: Duration| time.as_secs_f64() * 1e3;
     let ratio = |time: Duration| ms(normal) / ms(time);
     let [his_normal, his, his_sorting] = LIM[example][rooms - 1];
-    println!(
-        "{:<7} {:>6} {:>6} {:>8} {:>10} {:>10.1} {:>8.1} {:>7.2} {:>6.2} {:>11.1} {:>7.2} {:>6.2} {:>8} {:>11.1} \
-         {:>7.2} {:>6}",
-        if is_fine { "fine" } else { "coarse" },
-        size,
+    // Lim has no figures for the last row of his second example.
+    let known = |ratio: f32| ratio.is_finite().then_some(ratio);
+    Ok(FuzzyRow {
+        patches: if is_fine { "fine" } else { "coarse" },
+        pixels: size,
         rooms,
-        surfaces.len(),
-        count(&classes, PatchVisibility::Invisible),
-        ms(normal),
-        ms(ours),
-        ratio(ours),
-        his_normal / his,
-        ms(sorting),
-        ratio(sorting + ours),
-        his_normal / (his + his_sorting),
-        count(&both, PatchVisibility::Visible),
-        ms(sorting_both),
-        ratio(sorting_both + with_both),
-        PackedVisibility::new(&both, None).len(),
-    );
-    Ok(())
+        patches_in_all: surfaces.len(),
+        invisible: count(&classes, PatchVisibility::Invisible),
+        normal_ms: ms(normal),
+        rest_ms: ms(ours),
+        ratio: ratio(ours),
+        lim_ratio: known(his_normal / his),
+        sorting_ms: ms(sorting),
+        ratio_with_sorting: ratio(sorting + ours),
+        lim_ratio_with_sorting: known(his_normal / (his + his_sorting)),
+        visible: count(&both, PatchVisibility::Visible),
+        sorting_both_ms: ms(sorting_both),
+        ratio_with_sorting_both: ratio(sorting_both + with_both),
+        bytes: PackedVisibility::new(&both, None).len(),
+    })
 }
 
 /// An eye that looks along x.

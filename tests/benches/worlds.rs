@@ -21,6 +21,8 @@ use sightline_compiler::{
     model::Model,
     verify::{self, PairCounts, PvsTally, VerifySummary},
 };
+use sightline_fixtures::shared_files::shared_file;
+use sightline_tests::bench_flags::BenchFlags;
 use sightline_world::{Pvs, World};
 
 /// The median CPU time of q3map2's full vis per portal, over 33 maps, in milliseconds.
@@ -62,19 +64,14 @@ struct Args {
     /// The seed of the generated buildings and of the sampled points.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write the figures to a JSON file.
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
-    /// Passed by `cargo bench`. Without it, and unless told otherwise, only a cottage is compiled,
-    /// to show that the bench works.
-    #[arg(long, hide = true)]
-    bench: bool,
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     let mut rows = Vec::new();
-    let default: &[usize] = if args.bench { &[100, 500, 2_000, 5_000] } else { &[4] };
+    let default: &[usize] = if args.flags.bench { &[100, 500, 2_000, 5_000] } else { &[4] };
     for &rooms in args.rooms.as_deref().unwrap_or(default) {
         let glb = sightline_demo_building::glb(rooms, args.seed);
         let name = format!("{rooms} rooms");
@@ -83,7 +80,7 @@ fn main() -> anyhow::Result<()> {
             Ok(glb::read_slice(&glb, None, "generated")?)
         })?);
     }
-    let found = if args.bench && !args.no_maps { found_maps()? } else { Vec::new() };
+    let found = if args.flags.bench && !args.no_maps { found_maps()? } else { Vec::new() };
     for path in found.iter().chain(&args.map) {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         rows.push(WorldRow::new(name, None, Some(args.voxel), &args, || {
@@ -94,10 +91,7 @@ fn main() -> anyhow::Result<()> {
         rows[i].growth = rows[i].growth_since(&rows[i - 1]);
     }
     println!("{}", report(&rows, &args));
-    if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(&rows)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
+    args.flags.write(&rows)?;
     let misses: u64 = rows.iter().map(|row| row.principal.misses).sum();
     anyhow::ensure!(misses == 0, "the PVS misses {misses} visible pairs");
     Ok(())
@@ -105,13 +99,7 @@ fn main() -> anyhow::Result<()> {
 
 /// The maps beside the repository, sorted by name. Says so when there are none.
 fn found_maps() -> anyhow::Result<Vec<PathBuf>> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let shared = std::env::var_os("SIGHTLINE_SHARED").map_or_else(|| beside.into(), PathBuf::from);
-    let folder = shared.join("maps");
-    if !folder.is_dir() {
-        println!("skipped: there are no maps in {}", folder.display());
-        return Ok(Vec::new());
-    }
+    let Some(folder) = shared_file("maps") else { return Ok(Vec::new()) };
     let mut maps = Vec::new();
     for entry in folder.read_dir()? {
         let path = entry?.path();

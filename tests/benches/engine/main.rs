@@ -29,6 +29,7 @@ use anyhow::Context;
 use clap::Parser;
 use sightline_compiler::{CompileOptions, compile, import::glb};
 use sightline_engine::Policy;
+use sightline_tests::bench_flags::BenchFlags;
 use sightline_world::World;
 
 use run::{CrowdSize, EngineRow};
@@ -71,27 +72,22 @@ struct Args {
     /// Compile the building again.
     #[arg(long)]
     fresh: bool,
-    /// Write the rows to a JSON file.
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
     /// Measure one row and print it as JSON: the numbers of walkers and of hidden avatars. The
     /// bench calls itself this way, so that each row has a process and its memory can be measured.
     #[arg(long, hide = true, value_delimiter = ',')]
     row: Option<Vec<usize>>,
-    /// Passed by `cargo bench`. Without it, and unless told otherwise, the building and the crowd
-    /// are small, to show that the bench works.
-    #[arg(long, hide = true)]
-    bench: bool,
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
 impl Args {
     fn rooms(&self) -> usize {
-        self.rooms.unwrap_or(if self.bench { 2_000 } else { 12 })
+        self.rooms.unwrap_or(if self.flags.bench { 2_000 } else { 12 })
     }
 
     fn avatars(&self) -> Vec<usize> {
         let default: &[usize] =
-            if self.bench { &[1_000, 3_000, 10_000, 30_000, 100_000] } else { &[40] };
+            if self.flags.bench { &[1_000, 3_000, 10_000, 30_000, 100_000] } else { &[40] };
         self.avatars.clone().unwrap_or_else(|| default.to_vec())
     }
 }
@@ -127,11 +123,7 @@ fn main() -> anyhow::Result<()> {
         }
     }
     println!("\n{}", findings(&rows));
-    if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(&rows)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    args.flags.write(&rows)
 }
 
 /// The cost of twice as many hidden avatars, in words.

@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use glam::Vec3;
+use serde::Serialize;
+use sightline_tests::bench_flags::BenchFlags;
 use sightline_world::{
     geometry::Aabb,
     octree::{
@@ -29,24 +31,56 @@ struct Args {
     /// The time for each method in each scene, in milliseconds.
     #[arg(long, default_value_t = 300)]
     budget_ms: u64,
-    /// Passed by `cargo bench`. Without it, hardly any time is spent, to show that the bench works.
-    #[arg(long, hide = true)]
-    bench: bool,
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
-fn main() {
+/// What a step costs by both methods: N is the naive one, B is ours.
+#[derive(Serialize)]
+struct StepRow {
+    /// The small cube: its share of the large one as a power of two, or its edge.
+    cube: String,
+    depth: u8,
+    naive_ns: f64,
+    ours_ns: f64,
+    speed_up: f64,
+    /// The naive method's visited nodes over ours.
+    nodes_ratio: f64,
+    /// The share of steps in which the cube changes nodes.
+    changing: Option<f64>,
+    /// The speed-up of these steps alone.
+    changing_speed_up: Option<f64>,
+}
+
+/// The line through the speed-ups of scene 1, over the binary logarithm of the cubes' ratio.
+#[derive(Serialize)]
+struct SpeedUpLine {
+    base: f64,
+    slope: f64,
+    correlation: f64,
+}
+
+#[derive(Serialize)]
+struct OccupantFigures {
+    scene_1: Vec<StepRow>,
+    scene_1_line: SpeedUpLine,
+    scene_2: Vec<StepRow>,
+}
+
+fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let budget = Duration::from_millis(if args.bench { args.budget_ms } else { 1 });
-    scene_1(budget);
-    scene_2(budget);
+    let budget = Duration::from_millis(if args.flags.bench { args.budget_ms } else { 1 });
+    let (scene_1, scene_1_line) = scene_1(budget);
+    let scene_2 = scene_2(budget);
+    args.flags.write(&OccupantFigures { scene_1, scene_1_line, scene_2 })
 }
 
 /// A small cube in a large one, in steps of half its side. Its distance from the large cube's edge
 /// is its own width.
-fn scene_1(budget: Duration) {
+fn scene_1(budget: Duration) -> (Vec<StepRow>, SpeedUpLine) {
     println!("\nTest scene 1: a small cube along an edge of a large one.\n");
     println!("log2 of ratio  depth  N ns  B ns  speed-up  nodes visited");
-    let mut speed_ups = Vec::new();
+    let (mut speed_ups, mut rows) = (Vec::new(), Vec::new());
     for bits in 3..=12 {
         let side = (1u32 << bits) as f32;
         let track: Vec<Vec3> = (2..)
@@ -69,13 +103,24 @@ fn scene_1(budget: Duration) {
             naive_ns / ours_ns,
         );
         speed_ups.push((f64::from(bits), naive_ns / ours_ns));
+        rows.push(StepRow {
+            cube: format!("1/{}", 1u32 << bits),
+            depth: results[0].depth,
+            naive_ns,
+            ours_ns,
+            speed_up: naive_ns / ours_ns,
+            nodes_ratio: visited,
+            changing: None,
+            changing_speed_up: None,
+        });
     }
     let (slope, base, correlation) = line_through(&speed_ups);
     println!("speed-up = {base:.2} + {slope:.3} log2(ratio), r = {correlation:.3}");
+    (rows, SpeedUpLine { base, slope, correlation })
 }
 
 /// A table for four. A small cube circles one of the candlesticks in steps of a degree.
-fn scene_2(budget: Duration) {
+fn scene_2(budget: Duration) -> Vec<StepRow> {
     let polygons = table::polygons();
     let region = Aabb::from_points(polygons.iter().flat_map(|b| [b.min, b.max]));
     let edge = region.size().max_element() * 1.001;
@@ -91,6 +136,7 @@ fn scene_2(budget: Duration) {
     println!(
         "cube cm  depth  N ns  B ns  speed-up  nodes visited  | steps to other nodes: %  speed-up"
     );
+    let mut rows = Vec::new();
     for side in [0.005, 0.01, 0.02, 0.04, 0.08] {
         let track = circle(side);
         let result = compare(scene.clone(), &track, side, budget);
@@ -108,7 +154,18 @@ fn scene_2(budget: Duration) {
             share * 100.0,
             of_these.speed_up(),
         );
+        rows.push(StepRow {
+            cube: format!("{:.1} cm", side * 100.0),
+            depth: result.depth,
+            naive_ns: result.naive.ns,
+            ours_ns: result.ours.ns,
+            speed_up: result.speed_up(),
+            nodes_ratio: result.naive.visited / result.ours.visited,
+            changing: Some(share),
+            changing_speed_up: Some(of_these.speed_up()),
+        });
     }
+    rows
 }
 
 /// The least corners of a cube around a candlestick, one degree apart.

@@ -27,6 +27,7 @@ use std::{
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use rayon::prelude::*;
+use serde::Serialize;
 use sightline_cli::trace::Trace;
 use sightline_compiler::pvs;
 use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity};
@@ -109,7 +110,7 @@ impl Fault {
 }
 
 /// In how many simulations a fault could act, and in how many of these it was found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DetectionRate {
     /// Simulations in which it was found.
     pub found: usize,

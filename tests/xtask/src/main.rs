@@ -21,7 +21,7 @@ use anyhow::{Context, ensure};
 use clap::Parser;
 use serde_json::{Value, json};
 
-use measurements::{ALL, Measurement, Program, WITHOUT_JSON, WORLDS};
+use measurements::{ALL, Measurement, Program, WORLDS};
 
 /// Longer lists of figures are left out of the files.
 const LIST_MAX: usize = 40;
@@ -63,7 +63,6 @@ fn main() -> anyhow::Result<()> {
     let Chore::Results(args) = Chore::parse();
     if args.list {
         ALL.iter().for_each(|m| println!("{:<20} {}", m.name, m.title));
-        WITHOUT_JSON.iter().for_each(|bench| println!("{bench:<20} not measured: no --json"));
         return Ok(());
     }
     for name in &args.only {
@@ -108,9 +107,6 @@ fn measure_all(args: &Args, folders: &Folders) -> anyhow::Result<()> {
             Some(result) => write_json(&file, &result)?,
             None => println!("{}: skipped, its files are not there", measurement.name),
         }
-    }
-    if args.only.is_empty() {
-        WITHOUT_JSON.iter().for_each(|bench| println!("{bench}: skipped, it has no --json"));
     }
     Ok(())
 }

@@ -115,10 +115,6 @@ pub const WORLDS: &[WorldSource] = &[
     WorldSource { name: "oa_dm2-fine", source: "maps/oa_dm2.bsp", flags: &["--voxel", "0.018"] },
 ];
 
-/// Benches that only print: their figures are not kept.
-pub const WITHOUT_JSON: &[&str] =
-    &["simulation", "box_visibility", "fuzzy", "occupants", "forms", "drawing"];
-
 const REPLAY: &[(&str, &str)] = &[
     ("others held, mean", "/held_mean"),
     ("misses", "/oracle/misses"),
@@ -147,6 +143,28 @@ macro_rules! replay {
         }
     };
 }
+
+macro_rules! fault {
+    ($fault:literal) => {
+        Run {
+            label: $fault,
+            args: &["--fault", $fault, "--seeds"],
+            full: &["200", "--buildings", "40"],
+            quick: &["4", "--buildings", "2"],
+        }
+    };
+}
+
+const STEPS: &[(&str, &str)] = &[
+    ("cube", "/cube"),
+    ("depth", "/depth"),
+    ("N, ns", "/naive_ns"),
+    ("B, ns", "/ours_ns"),
+    ("speed-up", "/speed_up"),
+    ("nodes visited, N over B", "/nodes_ratio"),
+    ("share of steps to other nodes", "/changing"),
+    ("speed-up of these", "/changing_speed_up"),
+];
 
 macro_rules! verify {
     ($world:literal) => {
@@ -363,6 +381,134 @@ pub const ALL: &[Measurement] = &[
             ("others held, mean", "/held_mean"),
             ("memory, MB", "/memory_mb"),
         ],
+    },
+    Measurement {
+        name: "simulation",
+        title: "Simulation",
+        note: "Random buildings, walks and networks, compared with brute force at every tick. Misses are those with the excuse of a late message.",
+        program: Program::Bench("simulation"),
+        runs: &[Run {
+            label: "without a fault",
+            args: &["--seeds"],
+            full: &["10000"],
+            quick: &["4"],
+        }],
+        rows: "/totals",
+        columns: &[
+            ("simulations", "/simulations"),
+            ("with a broken promise", "/broken"),
+            ("visible pairs", "/pairs_visible"),
+            ("misses", "/misses_late"),
+            ("misses after jumps", "/misses_after_jumps"),
+            ("hidden ticks", "/hidden_ticks"),
+            ("asks", "/asks"),
+        ],
+    },
+    Measurement {
+        name: "faults",
+        title: "Faults that the simulation finds",
+        note: "Faults put into the engine: in how many seeds each could act, and in how many of these it was found.",
+        program: Program::Bench("simulation"),
+        runs: &[
+            fault!("small-tbv"),
+            fault!("short-notice"),
+            fault!("lost-portal"),
+            fault!("late-expiry"),
+            fault!("wide-regions"),
+        ],
+        rows: "/detection",
+        columns: &[("seeds", "/all"), ("could act", "/acted"), ("found", "/found")],
+    },
+    Measurement {
+        name: "box-visibility",
+        title: "What box visibility excludes of what the PVS lets through",
+        note: "Shares of pairs of people, with a box of that size around each. Rays between 27 points in each box find what is seen, and so too little.",
+        program: Program::Bench("box_visibility"),
+        runs: &[Run { label: "", args: &[], full: &[], quick: &["--rooms", "4", "--pairs", "20"] }],
+        rows: "",
+        columns: &[
+            ("building", "/building"),
+            ("radius, m", "/radius_m"),
+            ("seen, %", "/seen_percent"),
+            ("PVS, %", "/pvs_percent"),
+            ("PVS and test, %", "/both_percent"),
+            ("undecided, %", "/unknown_percent"),
+            ("units of work, median", "/units/median"),
+            ("µs, median", "/micros/median"),
+            ("99th percentile", "/micros/p99"),
+        ],
+    },
+    Measurement {
+        name: "fuzzy",
+        title: "What fuzzy projection saves a Z-buffer",
+        note: "Lim's Examples 1 to 4 in kind: five views of rooms in a row, CPU time of one thread. Normal draws every patch; the rest leaves out those that are invisible from a box around the eyes. The second ratio includes the time to find these.",
+        program: Program::Bench("fuzzy"),
+        runs: &[Run { label: "", args: &["--runs"], full: &["5"], quick: &["1"] }],
+        rows: "",
+        columns: &[
+            ("patches", "/patches"),
+            ("pixels a side", "/pixels"),
+            ("rooms", "/rooms"),
+            ("in all", "/patches_in_all"),
+            ("invisible", "/invisible"),
+            ("normal, ms", "/normal_ms"),
+            ("rest, ms", "/rest_ms"),
+            ("ratio", "/ratio"),
+            ("Lim's", "/lim_ratio"),
+            ("finding, ms", "/sorting_ms"),
+            ("ratio with it", "/ratio_with_sorting"),
+            ("Lim's", "/lim_ratio_with_sorting"),
+        ],
+    },
+    Measurement {
+        name: "occupants-cubes",
+        title: "Moving a cube along a large one",
+        note: "Sudarsky and Gotsman (1996), section 4.1, test scene 1: their method B against the naive method N.",
+        program: Program::Bench("occupants"),
+        runs: &[Run { label: "", args: &["--budget-ms"], full: &["300"], quick: &["1"] }],
+        rows: "/scene_1",
+        columns: STEPS,
+    },
+    Measurement {
+        name: "occupants-table",
+        title: "Moving a cube about a table for four",
+        note: "Sudarsky and Gotsman (1996), section 4.1, test scene 2. The last columns count only steps in which the cube changes nodes.",
+        program: Program::Bench("occupants"),
+        runs: &[Run { label: "", args: &["--budget-ms"], full: &["300"], quick: &["1"] }],
+        rows: "/scene_2",
+        columns: STEPS,
+    },
+    Measurement {
+        name: "drawing-loops",
+        title: "The renderer's inner loops",
+        note: "CPU time of one thread for each of 1920 × 1080 pixels, the least of several rounds.",
+        program: Program::Bench("drawing"),
+        runs: &[Run { label: "", args: &[], full: &[], quick: &[] }],
+        rows: "/per_pixel",
+        columns: &[
+            ("scene", "/scene"),
+            ("orthogonal, ns", "/orthogonal_ns"),
+            ("perspective, ns", "/perspective_ns"),
+            ("share of pixels hit", "/hit"),
+        ],
+    },
+    Measurement {
+        name: "octree-loops",
+        title: "Writing and reading an octree",
+        note: "CPU time of one thread for each voxel of hills, the least of several rounds.",
+        program: Program::Bench("drawing"),
+        runs: &[Run { label: "hills", args: &[], full: &[], quick: &[] }],
+        rows: "/per_voxel",
+        columns: &[("written, ns", "/written_ns"), ("read, ns", "/read_ns"), ("bytes", "/bytes")],
+    },
+    Measurement {
+        name: "forms",
+        title: "Placing octants by form patterns",
+        note: "CPU time of one thread for each node, the least of several rounds.",
+        program: Program::Bench("forms"),
+        runs: &[Run { label: "", args: &[], full: &[], quick: &[] }],
+        rows: "",
+        columns: &[("method", "/method"), ("ns a node", "/ns_per_node")],
     },
 ];
 
