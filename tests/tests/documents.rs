@@ -195,7 +195,7 @@ fn exports(front: &str, names: &BTreeSet<String>) -> BTreeMap<String, String> {
     exports
 }
 
-/// The first names of all paths from the root of the crate, in a file so many folders below it.
+/// The first names of all paths from the root of the crate, in a file `depth` folders below it.
 fn paths(text: &str, depth: usize) -> BTreeSet<String> {
     let up = "super::".repeat(depth);
     let mut found = BTreeSet::new();

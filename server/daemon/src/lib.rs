@@ -1,11 +1,46 @@
 //! The server: a thin shell around the engine that speaks QUIC.
 //!
+//! * [`building_cache`]: compiled buildings, kept for the next run.
 //! * [`net`]: the endpoint, admission and sessions. It is the only module that knows QUIC. Start
 //!   with [`net::Server`]: it binds an address and serves a [`net::ServedWorld`].
 //! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`].
 //!
 //! The engine decides everything that a client is told; nothing here does. The binary
 //! `sightline-server` adds the commands.
+//!
+//! # Example
+//!
+//! Serve a small building from a program of your own:
+//!
+//! ```
+//! use sightline_compiler::CompileOptions;
+//! use sightline_server::{
+//!     building_cache::BuildingCache,
+//!     net::{Identity, ServeConfig, Server},
+//! };
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let folder = tempfile::tempdir()?;
+//! # let data = folder.path();
+//! // An office of four rooms, with coarse voxels and cells. Any GLB file will do.
+//! let office = sightline_demo_building::glb(4, 1);
+//! let options = CompileOptions { voxel: Some(0.5), cell: Some(4.0), ..Default::default() };
+//! let cache = BuildingCache::new(&data.join("buildings"));
+//! let building = cache.load_or_compile(&office, &options, "office", &|_, _| ())?;
+//!
+//! // Clients recognise the server by its identity, which the folder keeps.
+//! let identity = Identity::keep(data)?;
+//! let config = ServeConfig { listen: "127.0.0.1:0".parse()?, ..Default::default() };
+//! tokio::runtime::Runtime::new()?.block_on(async {
+//!     let mut server = Server::bind(building.world, config, &identity)?;
+//!     println!("sightline-client walk {}", server.local_addr()?);
+//!     assert_eq!(server.stats().counts.live, 0);
+//!     server.shutdown().await;
+//!     Ok(())
+//! })
+//! # }
+//! ```
 
+pub mod building_cache;
 pub mod net;
 pub mod operate;

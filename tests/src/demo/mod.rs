@@ -1,7 +1,6 @@
 //! The demo: the real server and real clients over loopback QUIC, in one process.
 
 mod building;
-mod building_cache;
 mod live_check;
 mod options;
 mod pictures;

@@ -128,7 +128,7 @@ fn shape(points: &[Vec3]) -> Shape {
 fn distinct(points: &[Vec3]) -> Vec<Vec3> {
     let mut kept: Vec<Vec3> = Vec::new();
     for point in points {
-        // A mesh with so many corners is no shape. It is reported as an error later.
+        // A mesh with more corners is no shape. It is reported as an error later.
         if kept.len() > 1_000 {
             break;
         }

@@ -27,7 +27,7 @@ pub struct ReplayArgs {
     /// pitch, vx, vy and vz.
     trace: PathBuf,
     /// The policy that decides who is told of whom: broadcast, radius:METRES, grid:METRES,
-    /// region:METRES[:MARGIN] (squares with a margin), room[:DOORS] (rooms up to so many doors away),
+    /// region:METRES[:MARGIN] (squares with a margin), room[:DOORS] (rooms up to DOORS doors away),
     /// pvs or tbv. With `all`, a table has a row for each.
     #[arg(long, default_value = "tbv", value_parser = policies)]
     policy: PolicyChoice,

@@ -2,16 +2,17 @@
 
 use std::{
     net::SocketAddr,
-    ops::ControlFlow,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use anyhow::Context;
 use sightline_cli::{log, output, progress::Progress};
-use sightline_compiler::{CompileOptions, compile, import::glb};
-use sightline_server::net::{Identity, ServeConfig, ServedWorld, Server};
-use sightline_world::{World, write_whole};
+use sightline_compiler::CompileOptions;
+use sightline_server::{
+    building_cache::{BuildingCache, BuildingSource, CachedBuilding},
+    net::{Identity, ServeConfig, ServedWorld, Server},
+};
 
 /// Serves a world to clients; without a world, a demo building.
 ///
@@ -82,30 +83,24 @@ fn read(path: &Path) -> anyhow::Result<ServedWorld> {
     ServedWorld::from_bytes(bytes).with_context(|| path.display().to_string())
 }
 
-/// The demo building, which is compiled once and kept in the data folder.
+/// The demo building, which is compiled once and kept below the data folder.
 fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
     const ROOMS: usize = 60;
     const SEED: u64 = 1;
-    // The hash of the model is in the name, so that a newer program does not serve an older building.
     let model = sightline_demo_building::glb(ROOMS, SEED);
-    let hash = blake3::hash(&model).to_hex();
-    let path = data.join(format!("demo-building-{}.slw", &hash[..16]));
-    if path.exists()
-        && let Ok(world) = read(&path)
-    {
-        return Ok(world);
-    }
-    output::note(&format!("compiling the demo building, once, into {}", path.display()));
-    let model = glb::read_slice(&model, None, "demo building")?;
     let progress = Progress::new();
-    let (world, _) = compile(&model, &CompileOptions::default(), &|stage, share| {
-        progress.show(stage.name(), share);
-        ControlFlow::Continue(())
-    })?;
+    let CachedBuilding { world, source } = BuildingCache::new(&data.join("buildings"))
+        .load_or_compile(&model, &CompileOptions::default(), "demo building", &|stage, share| {
+            progress.show(stage.name(), share);
+        })?;
     progress.finish();
-    let bytes = World::to_bytes(&world);
-    write_whole(&path, &bytes).with_context(|| format!("cannot write {}", path.display()))?;
-    Ok(ServedWorld::from_bytes(bytes)?)
+    if let BuildingSource::Compiled { stored } = source {
+        output::note(&match stored {
+            Ok(path) => format!("compiled the demo building, once, into {}", path.display()),
+            Err(error) => format!("the demo building cannot be kept for the next run: {error}"),
+        });
+    }
+    Ok(world)
 }
 
 async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> anyhow::Result<()> {

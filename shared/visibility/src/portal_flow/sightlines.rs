@@ -124,7 +124,7 @@ impl<'a> Sightlines<'a> {
         &self.blocks
     }
 
-    /// The sizes that scratch memory has to have for a search with so many sources.
+    /// The sizes that scratch memory has to have for a search with this number of sources.
     pub(super) fn sizes(&self, sources: usize) -> SearchSizes {
         SearchSizes {
             sources,

@@ -89,7 +89,7 @@ impl BooleanRegion {
         }
     }
 
-    /// A region of at most so many half-spaces that holds all of this one. Regions that were taken
+    /// A region of at most `planes_max` half-spaces that holds all of this one. Regions that were taken
     /// out are filled in first. Then half-spaces are dropped: those that differ least from the kept
     /// ones.
     pub fn simplified(&self, planes_max: usize) -> Self {

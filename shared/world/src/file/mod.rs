@@ -8,7 +8,7 @@
 //! | 40..48 | unpacked length of the sections, in bytes |
 //! | 48.. | the zstd frame |
 //!
-//! A section is a tag of four letters, a length, and so many bytes. The reader survives any bytes.
+//! A section is a tag of four letters, the number of its bytes, and these bytes. The reader survives any bytes.
 //! It checks the content id before it unpacks anything. Since an attacker can compute the content
 //! id of a hostile file, it also checks every count against the bytes that are left before it takes
 //! memory, and every index before it stores it.

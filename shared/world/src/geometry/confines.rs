@@ -37,7 +37,7 @@ impl Confines {
         self.axes.world(self.axes.own(point).max(within.min).min(within.max))
     }
 
-    /// The confines with every face moved outwards by so many metres. A negative number moves them
+    /// The confines with every face moved outwards by `by` metres. A negative number moves them
     /// inwards, but by at most a quarter of the size.
     pub fn grown(&self, by: f32) -> Self {
         let by = by.max(self.bounds.size().max(Vec3::ZERO).min_element() * -0.25);

@@ -83,8 +83,8 @@ impl VoxelBlock {
     }
 }
 
-/// The child masks of so many levels above some nodes, breadth-first from the top. The nodes are
-/// given by ascending keys.
+/// The child masks of the nearest `levels` levels above some nodes, breadth-first from the top. The
+/// nodes are given by ascending keys.
 fn masks_above(mut keys: Vec<u64>, levels: u8) -> Vec<u8> {
     let mut all = Vec::with_capacity(levels.into());
     for _ in 0..levels {

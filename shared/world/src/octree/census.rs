@@ -14,8 +14,8 @@ const FEW: usize = 4_096;
 /// The greatest number of materials at finer grains than the rest.
 const CHOSEN: usize = 30_000;
 
-/// The finest grain is the finest whose colours take at most so many packed bytes per voxel in a
-/// trial. Finer steps between neighbours are mere noise. A whole building packs better than the
+/// The most packed bytes per voxel that colours may take in a trial. The finest grain within this
+/// limit is chosen. Finer steps between neighbours are mere noise. A whole building packs better than the
 /// trial.
 const WIRE_BYTES: f64 = 0.9;
 

@@ -158,7 +158,7 @@ impl<'a> PackedPlane<'a> {
         }
     }
 
-    /// All bytes, which must be so many. Memory is taken as they are unpacked.
+    /// All bytes. Their number must be `length`. Memory is taken as they are unpacked.
     fn all(mut self, length: usize) -> Result<Vec<u8>, OctreeError> {
         let mut values = Vec::new();
         let mut limited = self.0.by_ref().take(length as u64);

@@ -23,7 +23,7 @@ pub const ROOMS_MAX: usize = 4_096;
 /// The greatest number of shapes of a room, and of its windows.
 pub const PARTS_MAX: usize = 256;
 /// The greatest number of shapes of all rooms of a world together, and of windows. In the worst
-/// case it takes some seconds to cut so many into convex pieces.
+/// case it takes some seconds to cut that number into convex pieces.
 pub const PARTS_ALL_MAX: usize = 1 << 14;
 /// The greatest number of corners of a polygon.
 pub const CORNERS_MAX: usize = 64;
@@ -239,7 +239,8 @@ impl Rooms {
         &self.objects
     }
 
-    /// Whether all cells and movers that the rooms name exist, in a world with so many.
+    /// Whether all cells and movers that the rooms name exist, in a world with these numbers of
+    /// cells and movers.
     pub fn fits(&self, cells: usize, movers: usize) -> bool {
         let sets = self.list.iter().filter_map(|room| room.sees.members());
         let is_there = |index: u32, count: usize| (index as usize) < count;

@@ -45,7 +45,7 @@ pub(in super::super) struct FloodScratch {
 }
 
 impl FloodScratch {
-    /// Prepares for a flood through a building with so many spaces.
+    /// Prepares for a flood through a building with this number of spaces.
     pub(super) fn begin(&mut self, spaces: usize) {
         self.flood = self.flood.wrapping_add(1);
         if self.flood == 0 || self.goals.len() < spaces {
