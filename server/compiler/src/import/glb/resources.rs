@@ -6,6 +6,7 @@ use std::{
     sync::Arc,
 };
 
+use base64::{Engine, engine::general_purpose::STANDARD};
 use gltf::{Document, buffer};
 use sightline_picture::{Encoding, Picture};
 
@@ -102,10 +103,9 @@ impl Resources {
 
 /// The bytes of a URI: data within it, or a file in the folder or below it.
 fn fetch(uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, String> {
-    if uri.starts_with("data:") {
-        // The `gltf` crate decodes data URIs without touching files.
-        let data = buffer::Data::from_source(buffer::Source::Uri(uri), None);
-        return data.map(|data| data.0).map_err(|error| format!("bad data URI: {error}"));
+    if let Some(data) = uri.strip_prefix("data:") {
+        let base64 = data.split_once(";base64,").map_or(data, |(_, base64)| base64);
+        return STANDARD.decode(base64).map_err(|error| format!("bad data URI: {error}"));
     }
     let name = urlencoding::decode(uri).map_err(|_| "its URI is not text")?;
     let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);

@@ -3,6 +3,7 @@ mod movers;
 use std::f32::consts::FRAC_PI_2;
 
 use glam::Vec3;
+use base64::Engine;
 use serde_json::{Value, json};
 use sightline_fixtures::glb_draft::GlbDraft;
 
@@ -237,12 +238,16 @@ fn files_beside_the_model_are_read_and_those_elsewhere_are_not() {
     std::fs::write(folder.path().join("models/my data.bin"), &draft.bin).unwrap();
     std::fs::write(folder.path().join("data.bin"), &draft.bin).unwrap();
     let path = folder.path().join("models/square.gltf");
+    let data = base64::engine::general_purpose::STANDARD.encode(&draft.bin);
     let mut read_with = |uri: &str| {
         draft.root["buffers"][0]["uri"] = json!(uri);
         std::fs::write(&path, draft.root.to_string()).unwrap();
         read(&path)
     };
-    assert_eq!(read_with("my%20data.bin").unwrap().opaque.len(), 2);
+    let within = format!("data:application/octet-stream;base64,{data}");
+    for uri in ["my%20data.bin", &within, &format!("data:{data}")] {
+        assert_eq!(read_with(uri).unwrap().opaque.len(), 2, "{uri}");
+    }
     let absolute = folder.path().join("data.bin").display().to_string();
     for uri in ["../data.bin", "models/../../data.bin", "..%2Fdata.bin", &absolute] {
         let error = read_with(uri).unwrap_err().to_string();
