@@ -8,8 +8,8 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// Date, processor, cores, memory and compiler.
-pub fn describe() -> Value {
+/// Date, processor, cores, memory and compiler, with a note for the reader.
+pub fn describe(note: &str) -> Value {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
     let rustc = Command::new("rustc").arg("--version").output();
     json!({
@@ -20,14 +20,17 @@ pub fn describe() -> Value {
         "rustc": rustc.map_or_else(|_| String::new(), |output| {
             String::from_utf8_lossy(&output.stdout).trim().to_owned()
         }),
+        "note": note,
     })
 }
 
-/// A folder name that sorts by date, such as `2026-11-22-amd-epyc-7763`.
+/// A folder name that sorts by date, such as `2026-11-22-epyc-7763-64`. The maker's name is left out.
 pub fn folder_name(machine: &Value) -> String {
     let text = |key: &str| machine[key].as_str().unwrap_or_default();
     let cpu = text("cpu").replace("(R)", " ").replace("(TM)", " ").to_lowercase();
-    let words = cpu.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    let words = cpu
+        .split(|c: char| !c.is_ascii_alphanumeric())
+        .filter(|word| !["", "amd", "intel"].contains(word));
     let words: Vec<&str> = words.take(3).collect();
     format!("{}-{}", text("date"), words.join("-"))
 }
@@ -71,8 +74,8 @@ mod tests {
     #[test]
     fn folders_are_called_by_date_and_processor() {
         let machine = json!({ "date": "2026-11-22", "cpu": "AMD EPYC 7763 64-Core Processor" });
-        assert_eq!(folder_name(&machine), "2026-11-22-amd-epyc-7763");
+        assert_eq!(folder_name(&machine), "2026-11-22-epyc-7763-64");
         let machine = json!({ "date": "2026-11-22", "cpu": "Intel(R) Core(TM) i7-8550U" });
-        assert_eq!(folder_name(&machine), "2026-11-22-intel-core-i7");
+        assert_eq!(folder_name(&machine), "2026-11-22-core-i7-8550u");
     }
 }

@@ -44,6 +44,9 @@ struct Args {
     /// Measure little, to see that everything works. The results go to `target/results` instead.
     #[arg(long)]
     quick: bool,
+    /// What a reader should know of the run, such as what else the machine did.
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    note: String,
     /// Measure nothing: only write the page anew from the files.
     #[arg(long, conflicts_with_all = ["only", "quick"])]
     page: bool,
@@ -93,7 +96,7 @@ fn folders(quick: bool) -> Folders {
 }
 
 fn measure_all(args: &Args, folders: &Folders) -> anyhow::Result<()> {
-    let machine = machine::describe();
+    let machine = machine::describe(&args.note);
     let folder = folders.results.join(machine::folder_name(&machine));
     fs::create_dir_all(&folder)?;
     fs::create_dir_all(&folders.worlds)?;

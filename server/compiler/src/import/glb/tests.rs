@@ -2,8 +2,8 @@ mod movers;
 
 use std::f32::consts::FRAC_PI_2;
 
-use glam::Vec3;
 use base64::Engine;
+use glam::Vec3;
 use serde_json::{Value, json};
 use sightline_fixtures::glb_draft::GlbDraft;
 
