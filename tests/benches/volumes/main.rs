@@ -26,10 +26,8 @@ mod measure;
 mod scene;
 mod spaces;
 
-use std::path::PathBuf;
-
-use anyhow::Context;
 use clap::Parser;
+use sightline_tests::bench_flags::BenchFlags;
 
 use measure::VolumesRow;
 use scene::{Building, Motion};
@@ -46,18 +44,13 @@ struct Args {
     /// The seed of the building and of the walkers.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write the rows to a JSON file.
-    #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
-    /// Passed by `cargo bench`. Without it, and unless told otherwise, the building and the crowd
-    /// are small, to show that the bench works.
-    #[arg(long, hide = true)]
-    bench: bool,
+    #[command(flatten)]
+    flags: BenchFlags,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let (rooms, default): (_, &[usize]) = if args.bench {
+    let (rooms, default): (_, &[usize]) = if args.flags.bench {
         (args.rooms.unwrap_or(200), &[1_000, 3_000, 10_000, 30_000, 100_000])
     } else {
         (args.rooms.unwrap_or(4), &[40])
@@ -72,9 +65,5 @@ fn main() -> anyhow::Result<()> {
         }
     }
     println!("\n{}\n{}", measure::update_table(&rows), measure::query_table(&rows));
-    if let Some(path) = &args.json {
-        let text = serde_json::to_string_pretty(&rows)? + "\n";
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    args.flags.write(&rows)
 }
