@@ -150,7 +150,7 @@ macro_rules! fault {
             label: $fault,
             args: &["--fault", $fault, "--seeds"],
             full: &["200", "--buildings", "40"],
-            quick: &["4", "--buildings", "2"],
+            quick: &["8", "--buildings", "4"],
         }
     };
 }
