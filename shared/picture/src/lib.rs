@@ -19,8 +19,10 @@
 //! ```
 
 mod decode;
+mod limits;
 mod picture;
 mod tga;
 
-pub use decode::{DecodeError, DecodeLimits, Encoding, decode};
+pub use decode::{Encoding, decode};
+pub use limits::{DecodeError, DecodeLimits};
 pub use picture::Picture;

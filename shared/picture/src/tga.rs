@@ -2,7 +2,10 @@
 //!
 //! Source: Truevision, *TGA File Format Specification*, version 2.0 (1991).
 
-use crate::{DecodeError, DecodeLimits, Picture};
+use crate::{
+    Picture,
+    limits::{DecodeError, DecodeLimits},
+};
 
 /// The part of the header that matters.
 struct Header {

@@ -159,7 +159,8 @@ fn prepare<'a>(
                 None => return Ok(None),
             }
         } else {
-            ready.push((*word).to_owned());
+            let out = word.strip_prefix("OUT/").map(|file| folders.worlds.join(file));
+            ready.push(out.map_or_else(|| (*word).to_owned(), |path| path.display().to_string()));
             continue;
         };
         if !path.is_file() {
