@@ -23,7 +23,7 @@ use sightline_tests::simulation::SimulatedBuilding;
 use sightline_world::{
     Spawn, World,
     geometry::Aabb,
-    motion::{AvatarId, Pose},
+    motion::{AvatarId, Pose, Report},
 };
 
 const TICK: Duration = Duration::from_millis(50);
@@ -53,9 +53,9 @@ fn engine_with_avatar(world: &Arc<World>, place: Vec3) -> Engine {
 }
 
 /// Sends a report with the rounding of the wire.
-fn report(engine: &mut Engine, now: Duration, sequence: u32, pose: &Pose) {
-    let pose = Pose::from(WirePose::from(pose));
-    engine.handle(now, Input::Report { avatar: AvatarId(0), sequence, pose });
+fn report(engine: &mut Engine, now: Duration, pose: &Pose) {
+    let report = Report { made: now, orders: 0, pose: Pose::from(WirePose::from(pose)) };
+    engine.handle(now, Input::Report { avatar: AvatarId(0), report });
 }
 
 fn wish(random: &mut SmallRng) -> MoveInput {
@@ -88,7 +88,7 @@ fn walk(world: &Arc<World>, eye: Vec3, random: &mut SmallRng, name: &str) -> f32
             silent - i32::from(silent > 0)
         };
         if silent == 0 {
-            report(&mut engine, TICK * tick, tick, &pose);
+            report(&mut engine, TICK * tick, &pose);
             assert_eq!(engine.stats().refusals, 0, "{name}, from {eye}, tick {tick}: {pose:?}");
         }
     }
@@ -196,7 +196,7 @@ fn jumps_through(world: &Arc<World>, wall: &ThinWall) -> bool {
     let mut engine = engine_with_avatar(world, wall.near);
     let pose = Pose { eye: wall.far, ..Pose::default() };
     let claim = |i: u32| {
-        report(&mut engine, Duration::from_millis(500) + TICK * i, i, &pose);
+        report(&mut engine, Duration::from_millis(500) + TICK * i, &pose);
         engine.stats().walls == u64::from(i) && engine.pose(AvatarId(0)).unwrap().eye == wall.near
     };
     !(1..=3).all(claim)
@@ -213,7 +213,7 @@ fn creeps_through(world: &Arc<World>, ThinWall { near, far }: &ThinWall) -> bool
         eye = pose.eye;
         // Steps of one to ten centimetres.
         let along = (far - eye).normalize_or_zero() * (0.01 * (1 + step % 10) as f32);
-        report(&mut engine, TICK * tick, tick, &Pose { eye: eye + along, ..Pose::default() });
+        report(&mut engine, TICK * tick, &Pose { eye: eye + along, ..Pose::default() });
     }
     eye.distance(*far) < 0.2
 }

@@ -24,7 +24,7 @@
 //! };
 //! use sightline_fixtures::voxel_floor;
 //! use sightline_protocol::message::ServerMessage;
-//! use sightline_world::motion::{Agility, AvatarId};
+//! use sightline_world::motion::{Agility, AvatarId, Tolerance};
 //!
 //! let world = voxel_floor::world(&[]);
 //! let mut walker = Walker::new(&world, voxel_floor::SPAWN);
@@ -32,16 +32,22 @@
 //! let agility = Agility::of(&world.body, world.speed_max);
 //! let mut replica = Replica::new(AvatarId(1), tick, agility);
 //!
-//! let entered = ServerMessage::Entered { pose: (&walker.pose()).into() };
+//! let entered = ServerMessage::Entered { pose: (&walker.pose()).into(), tick: 1 };
 //! assert!(matches!(replica.message(tick, entered)?, Some(Event::Entered(_))));
+//! let ahead = Duration::from_millis(200);
+//! let tolerance = Tolerance { metres: 0.1, radians: 0.1, ahead };
+//! replica.message(tick, ServerMessage::Live { tolerance: (&tolerance).into() })?;
 //!
-//! // One second of walking forward, with a report at every tick, as the client is live.
+//! // One second of walking straight on. Few reports are due.
 //! let start = walker.pose().eye;
-//! for _ in 0..20 {
+//! let mut reports = 0;
+//! for i in 1..=20 {
 //!     let forward = MoveInput { forward: 1.0, ..MoveInput::default() };
 //!     replica.set_pose(walker.step(&world.octree, forward, tick.as_secs_f32()));
-//!     assert!(matches!(replica.tick(tick), Some(Outgoing::Datagram(_))));
+//!     let sent = replica.tick(tick * i, tick);
+//!     reports += usize::from(matches!(sent, Some(Outgoing::Message(_))));
 //! }
+//! assert!((1..6).contains(&reports), "{reports} reports");
 //! let way = start.distance(walker.pose().eye);
 //! assert!(way > 2.0 && way <= world.speed_max, "{way} m");
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -1,26 +1,60 @@
 //! When a client reports its pose.
 //!
-//! The server expects one of three things of a client in the world: a report at every tick
-//! (*live*), silence inside a TBV (*quiet*), or one report at once (*asked*). [`Reporter`] keeps
-//! what the server ordered last and decides whether a report is due. It knows no messages and no
-//! clock, so that real clients and simulated ones decide by the same code.
+//! The server expects one of three things of a client in the world: a report when its avatar
+//! departs from its course (*live*), silence inside a TBV (*quiet*), or one report at once
+//! (*asked*). [`Reporter`] keeps what the server ordered last and decides whether a report is due.
+//! It knows no messages and no clock, so that real clients and simulated ones decide by the same
+//! code.
 
 use std::time::Duration;
 
-use sightline_world::motion::{Agility, Pose, ReportingState, Tbv};
+use glam::Vec3;
+use sightline_protocol::quantise::WirePose;
+use sightline_world::motion::{Agility, FREE_FALL, Pose, Report, ReportingState, Tbv, Tolerance, turn_between};
 
 /// A report that leaves the TBV is repeated this many ticks after its answer should have come.
 const REPEAT_TICKS: u32 = 2;
+/// A tick may come early by one part of a tick in this many.
+const EARLY: u32 = 8;
+/// Two reports differ in time by one part of a tick in this many at least.
+const TICK_PARTS: u32 = 32;
+
+/// A body falls freely if it gains speed as fast as [`FREE_FALL`] within this part of it.
+const FALL_SPREAD: f32 = 0.4;
 
 /// Why a report is due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReportReason {
-    /// The server asked for one report.
+    /// The server asked for one report, or allows less to be left unsaid.
     Asked,
     /// The client is live and reports at every tick.
-    Live,
+    EveryTick,
+    /// The avatar has departed from its course.
+    Departed,
+    /// The avatar has been on course for long.
+    KeepAlive,
     /// The TBV may not hold the avatar until the next tick.
     Leaving,
+    /// The validity of the TBV ends.
+    Expired,
+}
+
+/// What the server ordered last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Order {
+    Live(Tolerance),
+    Quiet(Tbv),
+}
+
+/// For how many of its ticks in the world a client was in each state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReportingCounts {
+    /// All ticks.
+    pub ticks: u64,
+    /// Ticks at which it was quiet.
+    pub quiet: u64,
+    /// Ticks at which it was live and sent no report, since its avatar was on course.
+    pub on_course: u64,
 }
 
 /// Decides when one client reports. A new reporter is outside the world, where no report is due.
@@ -29,14 +63,19 @@ pub struct Reporter {
     tick: Duration,
     agility: Agility,
     is_inside: bool,
-    /// The region in which silence is expected; `None` while live.
-    tbv: Option<Tbv>,
+    order: Order,
+    /// How many orders have arrived.
+    orders: u32,
     is_asked: bool,
+    /// When the client's own time was zero: at its first tick in the world.
+    origin: Option<Duration>,
+    /// The last report, with its pose as the server knows it.
+    last: Option<Report>,
+    /// The pose at the last tick, with the rates at which it changed, and when that was.
+    before: Option<(Duration, Pose)>,
     /// Ticks until a report that leaves the TBV may be repeated.
     repeat_ticks: u32,
-    quiet_since: Option<Duration>,
-    /// Time in silence before `quiet_since`.
-    quiet_before: Duration,
+    counts: ReportingCounts,
 }
 
 impl Reporter {
@@ -46,15 +85,18 @@ impl Reporter {
             tick,
             agility,
             is_inside: false,
-            tbv: None,
+            order: Order::Live(Tolerance::NONE),
+            orders: 0,
             is_asked: false,
+            origin: None,
+            last: None,
+            before: None,
             repeat_ticks: 0,
-            quiet_since: None,
-            quiet_before: Duration::ZERO,
+            counts: ReportingCounts::default(),
         }
     }
 
-    /// The avatar enters the world. Unless the server ordered otherwise it is live.
+    /// The avatar enters the world. Until the server orders otherwise it reports at every tick.
     pub fn enter(&mut self) {
         self.is_inside = true;
     }
@@ -65,64 +107,106 @@ impl Reporter {
     }
 
     /// The server expects silence while a TBV holds the avatar.
-    pub fn expect_silence(&mut self, tbv: Tbv, now: Duration) {
-        self.tbv = Some(tbv);
+    pub fn expect_silence(&mut self, tbv: Tbv) {
+        self.order = Order::Quiet(tbv);
+        self.orders = self.orders.wrapping_add(1);
         self.is_asked = false;
         self.repeat_ticks = 0;
-        self.quiet_since.get_or_insert(now);
-        debug_assert!(self.state() != Some(ReportingState::Live), "{:?}", self.state());
     }
 
-    /// The server expects a report at every tick.
-    pub fn expect_reports(&mut self, now: Duration) {
-        self.tbv = None;
-        self.is_asked = false;
-        if let Some(since) = self.quiet_since.take() {
-            self.quiet_before += now.saturating_sub(since);
-        }
-        debug_assert!(!matches!(self.state(), Some(ReportingState::Quiet | ReportingState::Asked)));
+    /// The server expects reports when the avatar departs from its course. If less may be left
+    /// unsaid than before, or nothing was, one report is owed at once: it shows that the client
+    /// knows the order.
+    pub fn expect_reports(&mut self, tolerance: Tolerance) {
+        let is_allowed = match &self.order {
+            Order::Live(before) => !before.is_none() && before.is_within(&tolerance),
+            Order::Quiet(_) => false,
+        };
+        self.is_asked |= !is_allowed;
+        self.order = Order::Live(tolerance);
+        self.orders = self.orders.wrapping_add(1);
     }
 
-    /// Whether a report is owed at once because the server asked for it. The debt is then settled.
-    pub fn take_ask(&mut self) -> bool {
-        self.is_inside && std::mem::take(&mut self.is_asked)
+    /// The server has put the avatar elsewhere, or a report was refused. The course begins anew.
+    pub fn forget_course(&mut self) {
+        (self.last, self.before) = (None, None);
+    }
+
+    /// The report that is owed at once because the server asked for it, if it did. The debt is then
+    /// settled.
+    pub fn answer(&mut self, now: Duration, pose: &Pose) -> Option<Report> {
+        let is_owed = self.is_inside && self.origin.is_some() && self.is_asked;
+        is_owed.then(|| self.report(now.saturating_sub(self.origin.unwrap_or(now)), now, pose))
     }
 
     /// Why a client at this pose should report now; `None` when it should be silent. Nothing is
     /// settled, and an answer to an earlier report is not waited for.
-    pub fn due(&self, pose: &Pose) -> Option<ReportReason> {
+    pub fn due(&self, now: Duration, pose: &Pose) -> Option<ReportReason> {
         if !self.is_inside {
             return None;
         }
-        match &self.tbv {
-            _ if self.is_asked => Some(ReportReason::Asked),
-            None => Some(ReportReason::Live),
-            Some(tbv) if tbv.holds(pose, self.tick, &self.agility) => None,
-            Some(_) => Some(ReportReason::Leaving),
+        if self.is_asked {
+            return Some(ReportReason::Asked);
+        }
+        match &self.order {
+            Order::Live(tolerance) => self.due_on_course(now, pose, tolerance),
+            Order::Quiet(tbv) if !tbv.holds(pose, self.tick, &self.agility) => {
+                Some(ReportReason::Leaving)
+            }
+            Order::Quiet(tbv) => (now + self.tick > tbv.expiry).then_some(ReportReason::Expired),
         }
     }
 
-    /// Why a client at this pose reports at this tick; `None` when it is silent. To be called once
-    /// a tick. A report that leaves the TBV is not repeated before its answer should have come,
-    /// one `round_trip` later.
-    pub fn tick(&mut self, pose: &Pose, round_trip: Duration) -> Option<ReportReason> {
+    fn due_on_course(
+        &self,
+        now: Duration,
+        pose: &Pose,
+        tolerance: &Tolerance,
+    ) -> Option<ReportReason> {
+        if tolerance.is_none() {
+            return Some(ReportReason::EveryTick);
+        }
+        let Some(last) = self.last else { return Some(ReportReason::Departed) };
+        let elapsed = self.tick_time(now).saturating_sub(last.made);
+        let course = last.pose.on_course(elapsed, &self.agility);
+        if !tolerance.holds(&course, &self.moving(now, pose), &self.agility) {
+            Some(ReportReason::Departed)
+        } else {
+            (elapsed + self.tick > last.pose.keep_alive()).then_some(ReportReason::KeepAlive)
+        }
+    }
+
+    /// The report of a client at this pose at this tick, and its reason; `None` when it is silent.
+    /// To be called once a tick. A report that leaves the TBV is not repeated before its answer
+    /// should have come, one `round_trip` later.
+    pub fn tick(
+        &mut self,
+        now: Duration,
+        pose: &Pose,
+        round_trip: Duration,
+    ) -> Option<(ReportReason, Report)> {
         debug_assert!(pose.is_finite(), "an own pose is finite: {pose:?}");
-        let reason = self.due(pose);
-        if reason == Some(ReportReason::Asked) {
-            self.is_asked = false;
-            return reason;
+        if !self.is_inside {
+            return None;
         }
-        if self.is_inside && self.tbv.is_some() {
-            self.repeat_ticks = self.repeat_ticks.saturating_sub(1);
-        }
-        if reason == Some(ReportReason::Leaving) {
+        self.origin.get_or_insert(now);
+        let mut reason = self.due(now, pose);
+        if matches!(reason, Some(ReportReason::Leaving | ReportReason::Expired)) {
             if self.repeat_ticks > 0 {
-                return None;
+                reason = None;
+            } else {
+                let round_trip_ticks = round_trip.div_duration_f32(self.tick).ceil();
+                self.repeat_ticks = (round_trip_ticks as u32).saturating_add(REPEAT_TICKS);
             }
-            let round_trip_ticks = round_trip.div_duration_f32(self.tick).ceil();
-            self.repeat_ticks = (round_trip_ticks as u32).saturating_add(REPEAT_TICKS);
         }
-        reason
+        self.repeat_ticks = self.repeat_ticks.saturating_sub(1);
+        let is_quiet = self.state() == Some(ReportingState::Quiet);
+        self.counts.ticks += 1;
+        self.counts.quiet += u64::from(is_quiet);
+        self.counts.on_course += u64::from(!is_quiet && reason.is_none());
+        let report = reason.map(|reason| (reason, self.report(self.tick_time(now), now, pose)));
+        self.before = Some((now, self.moving(now, pose)));
+        report
     }
 
     /// Whether the avatar is in the world.
@@ -132,84 +216,84 @@ impl Reporter {
 
     /// What the server expects of the client; `None` before it is in the world.
     pub fn state(&self) -> Option<ReportingState> {
-        match self.tbv {
+        match self.order {
             _ if !self.is_inside => None,
-            _ if self.is_asked => Some(ReportingState::Asked),
-            Some(_) => Some(ReportingState::Quiet),
-            None => Some(ReportingState::Live),
+            Order::Quiet(_) if self.is_asked => Some(ReportingState::Asked),
+            Order::Quiet(_) => Some(ReportingState::Quiet),
+            Order::Live(_) => Some(ReportingState::Live),
         }
     }
 
     /// The region in which silence is expected; `None` while live.
     pub fn tbv(&self) -> Option<Tbv> {
-        self.tbv
+        match self.order {
+            Order::Quiet(tbv) => Some(tbv),
+            Order::Live(_) => None,
+        }
     }
 
-    /// For how long silence was expected, up to now.
-    pub fn quiet_time(&self, now: Duration) -> Duration {
-        let current = self.quiet_since.map_or(Duration::ZERO, |since| now.saturating_sub(since));
-        self.quiet_before + current
+    /// What may be left unsaid; `None` while quiet.
+    pub fn tolerance(&self) -> Option<Tolerance> {
+        match self.order {
+            Order::Live(tolerance) => Some(tolerance),
+            Order::Quiet(_) => None,
+        }
+    }
+
+    /// For how many ticks the client was in each state.
+    pub fn counts(&self) -> ReportingCounts {
+        self.counts
+    }
+
+    /// Makes a report at a time of the client's own. What was asked for is then settled.
+    fn report(&mut self, time: Duration, now: Duration, pose: &Pose) -> Report {
+        let next = self.last.map(|last| last.made + self.tick / TICK_PARTS);
+        let pose = Pose::from(WirePose::from(&self.moving(now, pose)));
+        let made = next.map_or(time, |next| next.max(time));
+        let report = Report { made, orders: self.orders, pose };
+        self.is_asked = false;
+        self.last = Some(report);
+        report
+    }
+
+    /// The client's own time at a tick: a multiple of the tick interval, however late the tick is.
+    /// So the server knows at which moments the client compares its avatar with the course. A late
+    /// tick then looks like a late message.
+    fn tick_time(&self, now: Duration) -> Duration {
+        let elapsed = now.saturating_sub(self.origin.unwrap_or(now));
+        let ticks = (elapsed + self.tick / EARLY).as_nanos() / self.tick.as_nanos().max(1);
+        self.tick * u32::try_from(ticks).unwrap_or(u32::MAX)
+    }
+
+    /// A pose with the rates at which it changes: the means over the last tick. For a body in jerky
+    /// motion they predict better than the velocity of the moment.
+    fn moving(&self, now: Duration, pose: &Pose) -> Pose {
+        let Some((at, before)) = self.before else { return *pose };
+        let elapsed = now.saturating_sub(at);
+        if elapsed < self.tick / 2 {
+            let Pose { velocity, yaw_rate, falls, .. } = before;
+            return Pose { velocity, yaw_rate, falls, ..*pose };
+        }
+        if elapsed > self.tick * 2 {
+            return *pose;
+        }
+        let seconds = elapsed.as_secs_f32();
+        let mean = (pose.eye - before.eye) / seconds;
+        // In free fall the velocity of the moment is ahead of the mean by half a tick.
+        let half = 0.5 * FREE_FALL * seconds;
+        let mean_before = before.velocity.y + if before.falls { half } else { 0.0 };
+        let gained = (mean_before - mean.y) / seconds;
+        let falls = (gained - FREE_FALL).abs() < FALL_SPREAD * FREE_FALL;
+        let is_likely = mean.distance(pose.velocity) <= self.agility.dash;
+        let turned = turn_between(before.yaw, pose.yaw);
+        let velocity = match is_likely {
+            true if falls => mean - Vec3::Y * half,
+            true => mean,
+            false => pose.velocity,
+        };
+        Pose { velocity, yaw_rate: turned / seconds, falls: falls && is_likely, ..*pose }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use glam::Vec3;
-    use sightline_world::{
-        geometry::{Aabb, Axes},
-        motion::Body,
-    };
-
-    use super::*;
-
-    const TICK: Duration = Duration::from_millis(50);
-
-    fn reporter() -> Reporter {
-        Reporter::new(TICK, Agility::of(&Body::PERSON, 4.0))
-    }
-
-    fn tbv(radius: f32) -> Tbv {
-        let within = Aabb::around(Vec3::ZERO, radius);
-        let (expiry, notice) = (Duration::from_secs(1), Duration::ZERO);
-        Tbv { within, axes: Axes::WORLD, expiry, notice }
-    }
-
-    fn pose(x: f32) -> Pose {
-        Pose { eye: Vec3::X * x, ..Pose::default() }
-    }
-
-    #[test]
-    fn nothing_is_due_outside_the_world() {
-        let mut reporter = reporter();
-        reporter.ask();
-        assert_eq!((reporter.due(&pose(0.0)), reporter.take_ask()), (None, false));
-        reporter.enter();
-        assert_eq!(reporter.tick(&pose(0.0), TICK), Some(ReportReason::Asked));
-        assert_eq!(reporter.tick(&pose(0.0), TICK), Some(ReportReason::Live));
-    }
-
-    #[test]
-    fn a_report_that_leaves_the_tbv_waits_for_its_answer() {
-        let mut reporter = reporter();
-        reporter.enter();
-        reporter.expect_silence(tbv(1.0), TICK);
-        assert_eq!(reporter.tick(&pose(0.9), TICK), None);
-        let reasons = [(); 7].map(|()| reporter.tick(&pose(1.1), TICK));
-        let leaving = Some(ReportReason::Leaving);
-        assert_eq!(reasons, [leaving, None, None, leaving, None, None, leaving]);
-        assert_eq!(reporter.due(&pose(1.1)), leaving, "it is due all the time");
-        reporter.expect_silence(tbv(2.0), TICK);
-        assert_eq!(reporter.tick(&pose(2.1), TICK), leaving, "a new TBV waits for nothing");
-    }
-
-    #[test]
-    fn an_ask_is_settled_once() {
-        let mut reporter = reporter();
-        reporter.enter();
-        reporter.expect_silence(tbv(1.0), TICK);
-        reporter.ask();
-        assert_eq!(reporter.due(&pose(0.0)), Some(ReportReason::Asked));
-        assert_eq!((reporter.take_ask(), reporter.take_ask()), (true, false));
-        assert_eq!(reporter.tick(&pose(0.0), TICK), None);
-    }
-}
+mod tests;

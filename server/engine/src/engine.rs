@@ -4,10 +4,11 @@ use std::{sync::Arc, time::Duration};
 
 use sightline_world::{
     World,
-    motion::{Agility, AvatarId, Pose, ReportingState, Tbv},
+    motion::{Agility, AvatarId, Pose, ReportingState, Tbv, Tolerance},
 };
 
 use crate::{
+    acuity::Acuity,
     building::Building,
     claims::ClaimLimits,
     config::{Config, Policy},
@@ -89,7 +90,7 @@ impl Engine {
                 self.join(now, avatar, Profile { name, colour }, place);
             }
             Input::Leave { avatar } => self.remove(avatar),
-            Input::Report { avatar, sequence, pose } => self.report(now, avatar, sequence, pose),
+            Input::Report { avatar, report } => self.report(now, avatar, &report),
             Input::Relocate { avatar, pose } => self.relocate(now, avatar, pose),
             Input::RoundTrip { avatar, round_trip } => self.set_round_trip(avatar, round_trip),
             Input::Chat { avatar, text } => self.chat(avatar, &text),
@@ -121,13 +122,15 @@ impl Engine {
     fn update_interest(&mut self, outputs: &mut Vec<Output>) {
         let Self { building, config, horizons, population, pool, indices, .. } = self;
         let view = View { building, config, horizons, now: self.now, tick: self.tick };
-        let mut snapshot = Snapshot::take(building, population, self.now);
+        let mut snapshot = Snapshot::take(view, population);
         if config.policy.uses_cells() {
             snapshot.update_regions(view, pool, &mut indices.coarse);
             interest::update_pairs(view, pool, &indices.coarse, &mut snapshot);
             interest::test_pairs(view, pool, &mut snapshot, &mut self.sight_budget);
         }
         let told = interest::notify(view, pool, &mut snapshot);
+        let nearest = snapshot.nearest_viewers();
+        population.set_nearest_viewers(&nearest);
         interest::count_watchers(population, &told);
         outputs.extend(told);
     }
@@ -139,7 +142,7 @@ impl Engine {
         self.now
     }
 
-    fn view(&self) -> View<'_> {
+    pub(crate) fn view(&self) -> View<'_> {
         let Self { building, config, horizons, now, tick, .. } = self;
         View { building, config, horizons, now: *now, tick: *tick }
     }
@@ -178,6 +181,18 @@ impl Engine {
         self.population.find(avatar).map(|avatar| avatar.state)
     }
 
+    /// By how much an avatar may be off the course that its client reported, as far as the engine
+    /// knows what the client has been told.
+    pub fn tolerance(&self, avatar: AvatarId) -> Option<Tolerance> {
+        self.population.find(avatar).map(|avatar| avatar.orders.in_force())
+    }
+
+    /// By how much a viewer at a distance may be shown an avatar off the course that its client
+    /// reported. Both are in metres.
+    pub fn acuity_m(&self, away_m: f32) -> f32 {
+        Acuity::at(&self.building.world, away_m).metres
+    }
+
     /// Where a quiet or asked avatar is sure to be.
     pub fn tbv(&self, avatar: AvatarId) -> Option<Tbv> {
         self.population.find(avatar).and_then(|avatar| avatar.tbv)
@@ -195,7 +210,7 @@ impl Engine {
 
     /// By how much messages of an avatar's client may take longer than half of its round trip.
     pub fn margin(&self, avatar: AvatarId) -> Option<Duration> {
-        self.population.find(avatar).map(|avatar| avatar.jitter.margin())
+        self.population.find(avatar).map(|avatar| avatar.arrivals.margin())
     }
 
     /// Whether an avatar has moved against its own claims, a short while before a moment.

@@ -51,7 +51,7 @@
 //!
 //! use glam::Vec3;
 //! use sightline_engine::{Config, Engine, Input, Output};
-//! use sightline_world::motion::AvatarId;
+//! use sightline_world::motion::{AvatarId, Report};
 //!
 //! // Two rooms of 6 m side by side, and a door at one end of the wall between them, at x = 6.
 //! let mut engine = Engine::new(Arc::new(sightline_fixtures::two_rooms::world()), Config::default());
@@ -79,7 +79,8 @@
 //!         let mut pose = engine.pose(avatar).unwrap();
 //!         pose.velocity = (goal - pose.eye).clamp_length_max(1.5); // Metres a second.
 //!         pose.eye += pose.velocity * tick.as_secs_f32();
-//!         engine.handle(tick * step, Input::Report { avatar, sequence: step, pose });
+//!         let report = Report { made: tick * step, orders: 0, pose };
+//!         engine.handle(tick * step, Input::Report { avatar, report });
 //!     }
 //!     engine.tick(tick * step, &mut outputs);
 //! }
@@ -113,6 +114,7 @@
 //!
 #![doc = include_str!("timing/horizon.md")]
 
+mod acuity;
 mod baselines;
 mod bit_set;
 mod building;
@@ -122,6 +124,7 @@ mod engine;
 mod generation;
 mod interest;
 mod messages;
+mod orders;
 mod pair;
 mod population;
 mod regions;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use glam::Vec3;
-use sightline_world::motion::{AvatarId, Pose, Tbv};
+use sightline_world::motion::{AvatarId, Pose, Report, Tbv, Tolerance};
 
 /// What the host tells the engine.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,10 +29,8 @@ pub enum Input {
     Report {
         /// The avatar.
         avatar: AvatarId,
-        /// Grows with each report of the client. A report that is not newer is ignored.
-        sequence: u32,
-        /// The pose.
-        pose: Pose,
+        /// The report. One that was not made later than the last is ignored.
+        report: Report,
     },
     /// The host itself puts an avatar elsewhere, or pushes it: a respawn, a teleporter, a jump pad.
     /// Only the world's bounds limit it.
@@ -67,6 +65,8 @@ pub enum Output {
         to: AvatarId,
         /// The pose.
         pose: Pose,
+        /// The number of the tick.
+        tick: u32,
     },
     /// An avatar may come into view.
     Appear {
@@ -78,8 +78,10 @@ pub enum Output {
         name: String,
         /// sRGB.
         colour: [u8; 3],
-        /// The last accepted pose.
+        /// The pose at the tick.
         pose: Pose,
+        /// The number of the tick.
+        tick: u32,
     },
     /// An avatar can no longer be seen, or has left.
     Vanish {
@@ -88,7 +90,8 @@ pub enum Output {
         /// The avatar.
         avatar: AvatarId,
     },
-    /// New poses of avatars that the client may see, as of this tick.
+    /// The poses at this tick of avatars that the client may see and that have a new course. Each
+    /// avatar goes on with its velocity and its rate of turn until there is a newer pose.
     Poses {
         /// The client that is told.
         to: AvatarId,
@@ -97,11 +100,13 @@ pub enum Output {
         /// The avatars and their poses, in ascending order of id.
         poses: Vec<(AvatarId, Pose)>,
     },
-    /// The client must report now and at every tick from now on. For a quiet client this is an ask
-    /// as well.
+    /// The client must report whenever its avatar departs from its course. If it allows less than
+    /// the last order, it is an ask as well.
     Live {
         /// The client that is told.
         to: AvatarId,
+        /// What may be left unsaid.
+        tolerance: Tolerance,
     },
     /// Nobody can see the client: it is silent unless it is asked or is about to leave this TBV.
     Quiet {
@@ -149,7 +154,7 @@ impl Output {
             | Self::Appear { to, .. }
             | Self::Vanish { to, .. }
             | Self::Poses { to, .. }
-            | Self::Live { to }
+            | Self::Live { to, .. }
             | Self::Quiet { to, .. }
             | Self::Ask { to }
             | Self::Correct { to, .. }

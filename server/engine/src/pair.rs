@@ -1,7 +1,10 @@
 //! What the engine knows of a viewer and an avatar: plain data.
 
 use sightline_visibility::box_visibility::SightLine;
-use sightline_world::{geometry::Aabb, motion::AvatarId};
+use sightline_world::{
+    geometry::Aabb,
+    motion::{AvatarId, Pose},
+};
 
 use crate::{
     generation::Generation,
@@ -19,8 +22,11 @@ pub(crate) struct Pair {
     pub(crate) is_held: bool,
     /// Until that tick the client is not told that the avatar is out of sight.
     pub(crate) held_until: u32,
-    /// The avatar's pose that was sent last.
+    /// The avatar's last accepted pose that has been told, or did not need to be.
     pub(crate) version: Generation,
+    /// The course that was told last: the pose at a tick.
+    pub(crate) told: Pose,
+    pub(crate) told_tick: u32,
     pub(crate) sight: SightResult,
     /// Cells of these regions see each other.
     pub(crate) seen: Option<RegionVersions>,
@@ -41,6 +47,8 @@ impl Pair {
             is_held: false,
             held_until: 0,
             version: Generation::default(),
+            told: Pose::default(),
+            told_tick: 0,
             sight: SightResult::Unknown,
             seen: None,
             open: None,

@@ -5,27 +5,41 @@ use std::{collections::BTreeMap, time::Duration};
 use sightline_visibility::rooms::SealedRooms;
 use sightline_world::{
     geometry::Aabb,
-    motion::{AvatarId, Pose, ReportingState, Tbv},
+    motion::{AvatarId, Pose, ReportingState, Tbv, Tolerance},
 };
 
 use crate::{
     baselines::Area,
     claims::{ClaimConsistency, MovementBudget, WalkState},
+    orders::Orders,
     generation::Generation,
     pair::Pair,
-    regions::{HiddenFootprint, LiveRegions},
+    regions::{HiddenFootprint, LiveRegions, Motion},
     slot::{Member, Slot},
     sphere::Sphere,
-    timing::{Jitter, Link},
+    timing::{Arrivals, LastKnown, Link},
+    view::View,
 };
+
+/// The age of what is known is rounded up to one part of a tick in this many, so that regions of an
+/// avatar that stands still stay the same.
+const AGE_PARTS: u32 = 8;
+/// A client on course is asked when its report is late by so many ticks.
+const OVERDUE_TICKS: u32 = 3;
 
 /// A participant, as seen and as seeing.
 #[derive(Clone, Debug)]
 pub(crate) struct Avatar {
     pub(crate) id: AvatarId,
     pub(crate) profile: Profile,
-    /// The last accepted pose.
+    /// The last accepted pose. The course begins with it.
     pub(crate) pose: Pose,
+    /// When the client made the report of that pose, on its own clock; `None` where the server
+    /// itself put the avatar there, so that the client follows no course yet.
+    pub(crate) made: Option<Duration>,
+    /// For how long the course may be followed: until walls are in its way, or the client is
+    /// overdue.
+    pub(crate) course_for: Duration,
     /// The sealed rooms that the avatar is in at that pose.
     pub(crate) sealed: SealedRooms,
     /// Counts accepted poses.
@@ -33,7 +47,7 @@ pub(crate) struct Avatar {
     /// When the last accepted pose arrived.
     pub(crate) heard: Duration,
     pub(crate) round_trip: Duration,
-    pub(crate) jitter: Jitter,
+    pub(crate) arrivals: Arrivals,
     pub(crate) budget: MovementBudget,
     /// Where ways to its next place begin.
     pub(crate) walk: WalkState,
@@ -46,8 +60,12 @@ pub(crate) struct Avatar {
     pub(crate) sphere: Option<Sphere>,
     /// Asks since the last accepted report.
     pub(crate) unanswered: u32,
-    /// Whether the client's last order was to be quiet.
-    pub(crate) told_quiet: bool,
+    /// What its client was told last, and what that means.
+    pub(crate) orders: Orders,
+    /// When its client was last told to be live.
+    pub(crate) ordered: Duration,
+    /// The distance to the nearest viewer that holds the avatar, in metres.
+    pub(crate) nearest_m: f32,
     /// The engine does not try to silence the avatar before this.
     pub(crate) silence_from: Duration,
     /// Where the avatar can be, as the index of live or of hidden footprints has it.
@@ -87,12 +105,72 @@ pub(crate) struct Profile {
 impl Avatar {
     /// How long its client's messages take.
     pub(crate) fn link(&self) -> Link {
-        Link { round_trip: self.round_trip, margin: self.jitter.margin() }
+        Link { round_trip: self.round_trip, margin: self.arrivals.margin() }
+    }
+
+    /// What is known of how the avatar moves, at the present tick.
+    pub(crate) fn motion(&self, view: View<'_>) -> Motion {
+        let View { building, now, .. } = view;
+        let LastKnown { after, age } = self.last_known(view);
+        let (pose, tolerance) = if after.is_zero() {
+            (self.pose, Tolerance::NONE)
+        } else {
+            (self.pose.on_course(after, &building.agility), self.orders.in_force())
+        };
+        Motion {
+            pose,
+            from: building.axes().own(pose.eye),
+            age: rounded_up(age, view.config.tick / AGE_PARTS),
+            tolerance,
+            walk: self.walk,
+            round_trip: self.round_trip,
+            is_believed: self.consistency.is_consistent(now),
+        }
+    }
+
+    /// The last moment at which the avatar is known to have been on its course.
+    fn last_known(&self, view: View<'_>) -> LastKnown {
+        let View { config, horizons, now, .. } = view;
+        let one_way = horizons.one_way(self.round_trip);
+        let margin = self.arrivals.margin();
+        let silence = now.saturating_sub(self.heard);
+        let Some(made) = self.made.filter(|_| self.orders.is_understood()) else {
+            return LastKnown { after: Duration::ZERO, age: silence + one_way + margin };
+        };
+        let known = self.arrivals.last_known(now, made, config.tick, one_way);
+        // A client's clock that runs ahead gains it no more than the margin.
+        let after = known.after.min(self.course_for).min(silence + margin);
+        LastKnown { after, age: known.age + (known.after - after) }
+    }
+
+    /// The pose that viewers are told at the present tick: where the avatar was when its client
+    /// made what arrives now, if it is on course.
+    pub(crate) fn shown(&self, view: View<'_>) -> Pose {
+        let agility = &view.building.agility;
+        let after = self.made.map_or(Duration::ZERO, |made| self.arrivals.after(view.now, made));
+        let pose = self.pose.on_course(after.min(self.course_for), agility);
+        Pose { velocity: agility.sustained(pose.velocity), ..pose }
+    }
+
+    /// For how long the client may be silent before it is asked.
+    pub(crate) fn patience(&self, view: View<'_>) -> Duration {
+        let View { config, horizons, .. } = view;
+        if self.made.is_none() || !self.orders.is_understood() {
+            return config.stall;
+        }
+        let late = self.arrivals.margin() + horizons.one_way(self.round_trip);
+        self.course_for + late + OVERDUE_TICKS * config.tick
     }
 
     pub(crate) fn is_live(&self) -> bool {
         self.state == ReportingState::Live
     }
+}
+
+/// A time rounded up to a multiple of a step.
+fn rounded_up(time: Duration, step: Duration) -> Duration {
+    let steps = time.as_nanos().div_ceil(step.as_nanos().max(1));
+    step * u32::try_from(steps).unwrap_or(u32::MAX)
 }
 
 /// All avatars.
@@ -156,6 +234,15 @@ impl Population {
 
     pub(crate) fn live_len(&self) -> usize {
         self.live.len()
+    }
+
+    /// Takes in how far away from each avatar the nearest viewer is that holds it, by slot.
+    pub(crate) fn set_nearest_viewers(&mut self, nearest_m: &[f32]) {
+        for (avatar, nearest_m) in self.slots.iter_mut().zip(nearest_m) {
+            if let Some(avatar) = avatar {
+                avatar.nearest_m = *nearest_m;
+            }
+        }
     }
 
     /// Adds a live avatar, whose id must not be present.

@@ -5,23 +5,44 @@ use std::time::Duration;
 use glam::Vec3;
 use sightline_world::{
     geometry::Aabb,
-    motion::{AvatarId, Pose, ReportingState},
+    motion::{AvatarId, Pose, Report, ReportingState},
     tolerance::AT_SPAWN_M,
 };
 
 use crate::{
     baselines::Area,
-    claims::{Claim, ClaimConsistency, ClaimVerdict, MovementBudget, Walk},
+    building::Building,
+    claims::{Claim, ClaimConsistency, ClaimVerdict, MovementBudget, OnCourse, Walk},
     engine::Engine,
     generation::Generation,
     interest::{end_pairs, forget_results},
     messages::Output,
+    orders::Orders,
     population::{Avatar, Profile},
     regions::{HiddenFootprint, LiveRegions},
     silence::VALIDITY_FIRST,
     slot::{Member, Slot},
-    timing::Jitter,
+    timing::Arrivals,
 };
+
+impl Avatar {
+    /// Where the avatar was at its client's last tick before a report, by the client's silence.
+    /// `None` without such a tick since the report before.
+    fn before_report(
+        &self,
+        report: &Report,
+        building: &Building,
+        tick: Duration,
+    ) -> Option<OnCourse> {
+        let made = self.made.filter(|_| self.orders.is_understood())?;
+        let ticks = report.made.as_nanos().saturating_sub(1) / tick.as_nanos().max(1);
+        let last_tick = tick * u32::try_from(ticks).unwrap_or(u32::MAX);
+        let after = last_tick.checked_sub(made).filter(|after| *after <= self.course_for)?;
+        let pose = self.pose.on_course(after, &building.agility);
+        let before = report.made.saturating_sub(last_tick);
+        Some(OnCourse { pose, before, tolerance: self.orders.in_force() })
+    }
+}
 
 /// The longest round trip, beyond all horizons. A client with a longer one counts as having this.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
@@ -55,7 +76,9 @@ impl Engine {
             version: Generation::default(),
             heard: now,
             round_trip,
-            jitter: Jitter::new(self.config.margin),
+            arrivals: Arrivals::new(self.config.margin),
+            made: None,
+            course_for: Duration::ZERO,
             budget: MovementBudget::new(now),
             walk: building.walkways.state_at(&building.world, building.axes().own(pose.eye)),
             consistency: ClaimConsistency::default(),
@@ -63,7 +86,9 @@ impl Engine {
             tbv: None,
             sphere: None,
             unanswered: 0,
-            told_quiet: false,
+            orders: Orders::default(),
+            ordered: now,
+            nearest_m: f32::INFINITY,
             silence_from: now,
             footprint: HiddenFootprint::default(),
             footprint_box: None,
@@ -78,7 +103,7 @@ impl Engine {
             watchers: 0,
         });
         self.deadlines.wait(now, id, self.config.stall);
-        self.pending.push(Output::Entered { to: id, pose });
+        self.pending.push(Output::Entered { to: id, pose, tick: self.ticks() + 1 });
     }
 
     /// The pose at the place that was asked for, if an eye may be there, or else at the next spawn
@@ -118,14 +143,15 @@ impl Engine {
     }
 
     /// Takes in a client's report.
-    pub(crate) fn report(&mut self, now: Duration, id: AvatarId, sequence: u32, pose: Pose) {
+    pub(crate) fn report(&mut self, now: Duration, id: AvatarId, report: &Report) {
         let Some(slot) = self.population.slot(id) else { return };
-        let Self { building, config, population, workspace, stats, pending, .. } = self;
+        let Self { building, population, workspace, stats, pending, .. } = self;
         let avatar = population.at_mut(slot);
+        let pose = report.pose;
         let claim = Claim {
             tbv: avatar.tbv.as_ref(),
             sphere: avatar.sphere,
-            ..Claim::new(sequence, &pose, avatar.pose.eye, avatar.round_trip)
+            ..Claim::new(report.made, &pose, avatar.pose.eye, avatar.round_trip)
         };
         let [from, to] = [claim.from, pose.eye].map(|eye| building.axes().own(eye));
         let walk = Walk { from, state: avatar.walk, to };
@@ -140,13 +166,13 @@ impl Engine {
             ClaimVerdict::Old => {}
             ClaimVerdict::Accepted => {
                 stats.reports += 1;
-                if avatar.is_live() {
-                    avatar.jitter.hear(now, sequence, config.tick);
-                }
-                self.accept(now, slot, pose);
+                avatar.arrivals.hear(now, report.made);
+                self.accept(now, slot, pose, Some(report));
             }
             ClaimVerdict::Refused { correct } => {
                 stats.refusals += 1;
+                // The client is not on the course that is known.
+                avatar.made = None;
                 if correct {
                     pending.push(Output::Correct { to: id, pose: avatar.pose });
                 }
@@ -158,23 +184,37 @@ impl Engine {
         }
     }
 
-    /// Moves an avatar to a pose that is believed.
-    fn accept(&mut self, now: Duration, slot: Slot, pose: Pose) {
-        let Self { building, config, .. } = self;
+    /// Moves an avatar to a pose that is believed: by a report, or else by the host's word.
+    fn accept(&mut self, now: Duration, slot: Slot, pose: Pose, report: Option<&Report>) {
+        let Self { building, config, workspace, .. } = self;
         let avatar = self.population.at_mut(slot);
         let velocity = avatar.budget.plausible(pose.velocity, &building.limits);
+        let silent = report.and_then(|report| avatar.before_report(report, building, config.tick));
         avatar.pose = Pose { velocity, ..pose };
-        let slack = avatar.jitter.margin() + config.tick;
-        avatar.consistency.check(now, avatar.pose, &building.agility, slack);
+        let slack = avatar.arrivals.margin() + config.tick;
+        avatar.consistency.check(now, avatar.pose, silent.as_ref(), &building.agility, slack);
+        avatar.made = report.map(|report| report.made);
+        report.iter().for_each(|report| avatar.orders.hear(report.orders));
+        let (from, course) = (building.axes().own(pose.eye), avatar.pose);
+        let at =
+            |time| building.axes().own(course.on_course(time, &building.agility).eye);
+        let start = Walk { from, state: avatar.walk, to: from };
+        let most = avatar.pose.keep_alive();
+        let (walkways, ways) = (&building.walkways, &mut workspace.ways);
+        avatar.course_for = walkways.time_ahead(ways, &building.world, &start, most, at);
         avatar.version.advance();
         avatar.area = building.partition.area_of(&building.world, avatar.area, pose.eye);
         avatar.sealed = building.rooms.sealed_rooms_at(pose.eye);
         avatar.heard = now;
         avatar.unanswered = 0;
+        let id = avatar.id;
         match (avatar.state, avatar.tbv) {
             (ReportingState::Quiet, Some(tbv)) => self.silencing().hear_quiet(slot, &tbv),
             (ReportingState::Quiet | ReportingState::Asked, _) => self.silencing().wake(slot),
-            (ReportingState::Live, _) => {}
+            (ReportingState::Live, _) => {
+                let patience = self.population.at(slot).patience(self.view());
+                self.deadlines.wait(now, id, patience);
+            }
         }
     }
 
@@ -197,7 +237,7 @@ impl Engine {
         if !is_live {
             self.silencing().wake(slot);
         }
-        self.accept(now, slot, pose);
+        self.accept(now, slot, pose, None);
     }
 
     /// Takes in a measured round trip.

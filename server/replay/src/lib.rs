@@ -1,8 +1,8 @@
 //! The engine over a recorded trace, in virtual time and without sockets.
 //!
 //! [`run`] takes a [`World`], a [`Trace`] and [`ReplayOptions`], and returns a [`ReplayReport`]. Each
-//! avatar of the trace has a simulated client. Its messages are coded as on the wire and travel over
-//! a simulated network ([`NetworkConditions`]). The engine decides what each client is told, exactly
+//! avatar of the trace has a simulated client with a real replica. Its messages are the bytes of the
+//! wire and travel over a simulated network ([`NetworkConditions`]). The engine decides what each client is told, exactly
 //! as it does for `serve`, and the report says what that costs each client. [`Comparison`] puts the
 //! reports of several policies side by side.
 //!
@@ -39,10 +39,11 @@
 //!
 //! # Simulated clients
 //!
-//! A simulated client reports as a real one does. While it is live, it reports at every tick. While
-//! it is quiet, it reports only when it is asked or about to leave its TBV. Where the trace moves an
-//! avatar as no body can, or farther than the server would believe, the client announces a jump, as
-//! the host of a game does for a respawn or a rocket's push.
+//! A simulated client holds the replica of a real one, which decides when it reports: while it is
+//! live, when its avatar departs from its course; while it is quiet, only when it is asked or about
+//! to leave its TBV. Where the trace moves an avatar as no body can, or farther than the server
+//! would believe, the client announces a jump, as the host of a game does for a respawn or a
+//! rocket's push.
 //!
 //! # The dump
 //!

@@ -6,13 +6,14 @@ use std::{
 };
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_protocol::pose_stream::RESEND_TICKS;
 use sightline_world::motion::AvatarId;
 
 use super::packets::Packet;
 
 /// A lost piece of a stream arrives this much later than one more round trip.
 const RETRANSMISSION: Duration = Duration::from_millis(25);
-/// How long a lost datagram is remembered, to explain an old position.
+/// How long a loss is remembered, to explain an old position.
 const LOSS_MEMORY: Duration = Duration::from_secs(5);
 /// After this number of lost datagrams in a row, a client counts as late.
 const LOST_IN_A_ROW_MAX: u32 = 3;
@@ -21,8 +22,9 @@ const ROUND_TRIP_SALT: u64 = 0x5eed;
 
 /// What the network does to messages. The default delivers each after half a round trip.
 ///
-/// Poses, and the reports of live clients, travel in datagrams, which can be lost, duplicated or
-/// reordered. Everything else travels on streams, one for each client and direction. A loss on a
+/// Poses travel in datagrams, and so do the reports of clients that report at every tick. Datagrams
+/// can be lost, duplicated or reordered. Everything else travels on streams, one for each client
+/// and direction. A loss on a
 /// stream delays the message, and every later message of that stream, by a round trip and 25 ms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NetworkConditions {
@@ -72,15 +74,42 @@ impl LinkId {
     }
 }
 
+/// How old a position may be that a viewer shows.
+#[derive(Clone, Copy)]
+pub(super) struct AgeBound {
+    /// The greatest age.
+    pub(super) age: Duration,
+    /// The part of it that losses allow for.
+    pub(super) lost: Duration,
+}
+
 /// The state of one direction of one client's connection.
 #[derive(Default)]
 struct Link {
     /// When the last message of its stream arrives.
     stream_arrival: Duration,
-    /// When each of the lost datagrams was sent, oldest first.
-    lost: VecDeque<Duration>,
+    /// What was lost, oldest first.
+    losses: VecDeque<Loss>,
     /// How many of the newest datagrams were lost in a row.
     lost_in_a_row: u32,
+}
+
+/// A lost datagram, or a lost piece of a stream.
+#[derive(Clone, Copy)]
+struct Loss {
+    /// When it was sent.
+    sent: Duration,
+    /// By how much it makes positions older: until the next report, or the retransmission.
+    delay: Duration,
+}
+
+impl Link {
+    fn lose(&mut self, loss: Loss) {
+        while self.losses.front().is_some_and(|old| old.sent + LOSS_MEMORY < loss.sent) {
+            self.losses.pop_front();
+        }
+        self.losses.push_back(loss);
+    }
 }
 
 impl SimulatedNetwork {
@@ -137,24 +166,53 @@ impl SimulatedNetwork {
         self.round_trip + self.conditions.spread + self.conditions.drift
     }
 
-    /// The tick interval.
-    pub(super) fn tick(&self) -> Duration {
-        self.tick
+    /// The greatest age of any position that a viewer shows, however much was lost.
+    pub(super) fn age_bound_max(&self) -> Duration {
+        let no_loss = self.round_trip_max() + 2 * (self.conditions.jitter + self.tick);
+        if self.conditions.loss > 0.0 { no_loss.max(LOSS_MEMORY) } else { no_loss }
     }
 
-    /// How old an avatar's position may be when it reaches a viewer, if no message is lost.
-    pub(super) fn age_max(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
+    /// The most by which a message takes longer than half of a round trip, if it is not lost.
+    pub(super) fn jitter(&self) -> Duration {
+        self.conditions.jitter
+    }
+
+    /// How old an avatar's position may be that a viewer shows.
+    pub(super) fn age_bound(&self, now: Duration, viewer: AvatarId, avatar: AvatarId) -> AgeBound {
+        let age_max = self.age_max(viewer, avatar);
+        let mut bound = age_max;
+        // The older a position may be, the more losses bear on it.
+        loop {
+            let since = now.saturating_sub(bound);
+            let longer = age_max + self.loss_delay(since, viewer, avatar);
+            let longer = longer.min(self.age_bound_max());
+            if longer <= bound {
+                return AgeBound { age: bound, lost: bound.saturating_sub(age_max) };
+            }
+            bound = longer;
+        }
+    }
+
+    /// How old an avatar's position may be that a viewer shows, if no message is lost.
+    fn age_max(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
         // The newest position that the viewer holds may have been sent in the second before.
         let delay =
             |client: AvatarId| self.round_trip(client).max(self.known_round_trip(client)) / 2;
         delay(viewer) + delay(avatar) + 2 * (self.conditions.jitter + self.tick)
     }
 
-    /// How many datagrams from an avatar's client or to a viewer were lost since a time.
-    pub(super) fn lost_since(&self, since: Duration, viewer: AvatarId, avatar: AvatarId) -> usize {
+    /// By how much the losses since a time make an avatar's position older for a viewer: those from
+    /// the avatar's client and those of datagrams to the viewer.
+    fn loss_delay(&self, since: Duration, viewer: AvatarId, avatar: AvatarId) -> Duration {
         let up = self.links.get(&LinkId { client: avatar, is_up: true });
         let down = self.links.get(&LinkId { client: viewer, is_up: false });
-        let after = |link: &Link| link.lost.iter().rev().take_while(|at| **at >= since).count();
+        let after = |link: &Link| {
+            let newest_first = link.losses.iter().rev();
+            newest_first
+                .take_while(|loss| loss.sent >= since)
+                .map(|loss| loss.delay)
+                .sum::<Duration>()
+        };
         [up, down].into_iter().flatten().map(after).sum()
     }
 
@@ -202,10 +260,10 @@ impl SimulatedNetwork {
 
     fn lose_datagram(&mut self, now: Duration, margin: Duration, id: LinkId) {
         let link = self.links.entry(id).or_default();
-        while link.lost.front().is_some_and(|at| *at + LOSS_MEMORY < now) {
-            link.lost.pop_front();
-        }
-        link.lost.push_back(now);
+        // Each course is sent twice. When both are lost, it comes again much later.
+        let is_second = link.losses.back().is_some_and(|last| last.sent + 4 * self.tick >= now);
+        let ticks = if is_second { RESEND_TICKS } else { 2 };
+        link.lose(Loss { sent: now, delay: ticks * self.tick });
         link.lost_in_a_row += 1;
         if link.lost_in_a_row >= LOST_IN_A_ROW_MAX {
             self.note_late(now, margin, id.client);
@@ -216,7 +274,9 @@ impl SimulatedNetwork {
         let id = LinkId::of(&packet);
         let mut arrival = now + self.delay(id.client);
         while self.happens(self.conditions.loss) {
-            arrival += self.round_trip(id.client) + RETRANSMISSION;
+            let delay = self.round_trip(id.client) + RETRANSMISSION;
+            arrival += delay;
+            self.links.entry(id).or_default().lose(Loss { sent: now, delay });
         }
         let link = self.links.entry(id).or_default();
         link.stream_arrival = link.stream_arrival.max(arrival);
@@ -258,11 +318,8 @@ impl SimulatedNetwork {
 
 #[cfg(test)]
 mod tests {
-    use sightline_protocol::pose_stream::Ack;
-    use sightline_world::motion::Pose;
-
     use super::*;
-    use crate::packets::{Request, Uplink};
+    use crate::packets::{Payload, Request, Uplink};
 
     const CLIENT: AvatarId = AvatarId(7);
 
@@ -274,9 +331,10 @@ mod tests {
         SimulatedNetwork::new(conditions, ms(100), ms(50))
     }
 
-    fn report(sequence: u32, on_stream: bool) -> Packet {
-        let request = Request::Report { sequence, pose: Pose::default(), on_stream };
-        Packet::Up(Uplink { avatar: CLIENT, sampled: ms(0), ack: Ack::default(), request })
+    fn report(number: u32, on_stream: bool) -> Packet {
+        let bytes = number.to_le_bytes().to_vec();
+        let payload = if on_stream { Payload::Frame(bytes) } else { Payload::Datagram(bytes) };
+        Packet::Up(Uplink { avatar: CLIENT, sent: ms(0), request: Request::Bytes(payload) })
     }
 
     /// Sends a report every 50 ms. Returns the number and the delay of each that arrives.
@@ -286,11 +344,12 @@ mod tests {
         }
         let mut delays = Vec::new();
         while let Some((at, packet)) = network.receive(Duration::MAX) {
-            let Packet::Up(Uplink { request: Request::Report { sequence, .. }, .. }) = packet
-            else {
+            let Packet::Up(Uplink { request: Request::Bytes(payload), .. }) = packet else {
                 unreachable!("only reports are sent")
             };
-            delays.push((sequence, at - ms(50) * sequence));
+            let (Payload::Frame(bytes) | Payload::Datagram(bytes)) = payload;
+            let number = u32::from_le_bytes(bytes.try_into().unwrap());
+            delays.push((number, at - ms(50) * number));
         }
         delays
     }
@@ -339,8 +398,14 @@ mod tests {
         assert!((850..950).contains(&arrived.len()), "{} of 1000 arrive", arrived.len());
         assert!((20..80).contains(&(all - arrived.len())), "{} arrive twice", all - arrived.len());
         assert!(delays.iter().all(|(_, delay)| (ms(50)..=ms(130)).contains(delay)));
-        let lost_last = (950..1_000).filter(|i| arrived.binary_search(i).is_err()).count();
-        assert_eq!(network.lost_since(ms(50) * 950, AvatarId(1), CLIENT), lost_last);
+        let lost: Vec<u32> =
+            (940..1_000).filter(|i| arrived.binary_search(i).is_err()).collect();
+        // A loss soon after another one takes longer to mend.
+        let is_second = |i: &u32| lost.iter().any(|before| before < i && i - before <= 4);
+        let ticks = |i: &u32| if is_second(i) { RESEND_TICKS } else { 2 };
+        let expected: u32 = lost.iter().filter(|i| **i >= 950).map(ticks).sum();
+        let delay = network.loss_delay(ms(50) * 950, AvatarId(1), CLIENT);
+        assert_eq!(delay, ms(50) * expected);
     }
 
     #[test]
@@ -351,5 +416,7 @@ mod tests {
         assert!(delays.iter().any(|(_, delay)| *delay > ms(150)));
         assert!(network.is_late(ms(0), CLIENT) && !network.is_late(ms(60_000), CLIENT));
         assert!(!network.is_late(ms(0), AvatarId(1)));
+        let delay = network.loss_delay(ms(50) * 900, AvatarId(1), CLIENT);
+        assert!(!delay.is_zero() && delay.as_millis().is_multiple_of(125), "{delay:?}");
     }
 }

@@ -1,15 +1,15 @@
-//! Messages between simulated clients and the server.
+//! Messages between simulated clients and the server, as bytes.
 
-use std::{ops::Range, time::Duration};
+use std::time::Duration;
 
-use glam::Vec3;
+use sightline_client_core::replica::Outgoing;
 use sightline_protocol::{
-    VERSION, frame,
-    message::ClientMessage,
-    pose_stream::{Ack, ClientDatagram},
-    text::Name,
+    frame::{self, FrameBuffer},
+    message::{ClientMessage, ServerMessage},
+    pose_stream::Ack,
+    quantise::WireReport,
 };
-use sightline_world::motion::{AvatarId, Pose, Tbv};
+use sightline_world::motion::{AvatarId, Pose};
 
 /// The avatar colour of every simulated client, sRGB.
 pub(super) const COLOUR: [u8; 3] = [128; 3];
@@ -18,7 +18,35 @@ pub(super) const COLOUR: [u8; 3] = [128; 3];
 #[derive(Clone, Debug)]
 pub(super) enum Packet {
     Up(Uplink),
-    Down(AvatarId, Downlink),
+    Down(AvatarId, Payload),
+}
+
+/// Bytes on the wire.
+#[derive(Clone, Debug)]
+pub(super) enum Payload {
+    /// A whole frame of a stream.
+    Frame(Vec<u8>),
+    /// A datagram.
+    Datagram(Vec<u8>),
+}
+
+/// A message to the server.
+#[derive(Clone, Debug)]
+pub(super) struct Uplink {
+    pub(super) avatar: AvatarId,
+    /// When the client sent it; a pose in it is the one of that moment.
+    pub(super) sent: Duration,
+    pub(super) request: Request,
+}
+
+/// What a client tells the server.
+#[derive(Clone, Debug)]
+pub(super) enum Request {
+    /// A message of the protocol.
+    Bytes(Payload),
+    /// The avatar was put elsewhere. A game's host announces that; the protocol has no message for
+    /// it. Here it travels on the stream, as long as a report.
+    Relocate { pose: Pose, ack: Option<Ack> },
 }
 
 impl Packet {
@@ -37,76 +65,62 @@ impl Packet {
     /// Whether it travels in a datagram. All other packets travel on a stream.
     pub(super) fn is_datagram(&self) -> bool {
         match self {
-            Self::Up(uplink) => matches!(uplink.request, Request::Report { on_stream: false, .. }),
-            Self::Down(_, downlink) => matches!(downlink, Downlink::Poses { .. }),
+            Self::Up(Uplink { request: Request::Bytes(payload), .. }) | Self::Down(_, payload) => {
+                matches!(payload, Payload::Datagram(_))
+            }
+            Self::Up(Uplink { request: Request::Relocate { .. }, .. }) => false,
         }
     }
-}
-
-/// A message to the server.
-#[derive(Clone, Debug)]
-pub(super) struct Uplink {
-    pub(super) avatar: AvatarId,
-    /// When the client looked up its pose.
-    pub(super) sampled: Duration,
-    /// The datagrams that the client has received.
-    pub(super) ack: Ack,
-    pub(super) request: Request,
-}
-
-/// What a client tells the server.
-#[derive(Clone, Debug)]
-pub(super) enum Request {
-    Join { name: String, eye: Vec3 },
-    Leave,
-    Report { sequence: u32, pose: Pose, on_stream: bool },
-    Relocate { pose: Pose },
 }
 
 impl Uplink {
-    /// The lengths on the wire of the messages that carry it, in bytes.
-    pub(super) fn lengths(&self) -> Vec<usize> {
-        let framed = |message: &ClientMessage| frame::encode(message).len();
+    /// What a client's replica sends.
+    pub(super) fn new(avatar: AvatarId, outgoing: Outgoing) -> Self {
+        let payload = match outgoing {
+            Outgoing::Datagram(bytes) => Payload::Datagram(bytes),
+            Outgoing::Message(message) => Payload::Frame(frame::encode(&message)),
+        };
+        Self { avatar, sent: Duration::ZERO, request: Request::Bytes(payload) }
+    }
+
+    /// Its length on the wire, in bytes.
+    pub(super) fn length(&self) -> usize {
         match &self.request {
-            Request::Join { name, eye } => {
-                let hello = Name::new(name).map(|name| {
-                    framed(&ClientMessage::Hello { version: VERSION, name, colour: COLOUR })
-                });
-                let enter = framed(&ClientMessage::Enter { place: Some((*eye).into()) });
-                hello.into_iter().chain([enter]).collect()
-            }
-            Request::Leave => vec![framed(&ClientMessage::Goodbye)],
-            Request::Report { sequence, pose, on_stream: true } => {
-                vec![framed(&ClientMessage::Report { sequence: *sequence, pose: pose.into() })]
-            }
-            Request::Report { sequence, pose, on_stream: false } => {
-                let report = Some((*sequence, pose.into()));
-                vec![ClientDatagram { ack: self.ack, report }.encode().len()]
-            }
-            Request::Relocate { pose } => {
-                vec![framed(&ClientMessage::Report { sequence: 0, pose: pose.into() })]
+            Request::Bytes(payload) => payload.length(),
+            Request::Relocate { pose, ack } => {
+                let report = WireReport { made: 0, orders: 0, pose: pose.into() };
+                let ack = ack.unwrap_or_default();
+                frame::encode(&ClientMessage::Report { report, ack }).len()
             }
         }
     }
 }
 
-/// A message to a client. Instead of poses it carries the times at which they were sampled, which
-/// is all that the audit needs.
-#[derive(Clone, Debug)]
-pub(super) enum Downlink {
-    Entered,
-    /// The avatar, and when its pose was sampled.
-    Appear(AvatarId, Duration),
-    Vanish(AvatarId),
-    Poses {
-        /// The numbers of the datagrams.
-        sequences: Range<u32>,
-        /// Each avatar, and when its pose was sampled.
-        poses: Vec<(AvatarId, Duration)>,
-    },
-    Live,
-    Quiet(Tbv),
-    Ask,
-    Correct,
-    Drop,
+impl Payload {
+    /// A message to a client.
+    pub(super) fn of(message: &ServerMessage) -> Self {
+        Self::Frame(frame::encode(message))
+    }
+
+    /// The length on the wire, in bytes.
+    pub(super) fn length(&self) -> usize {
+        match self {
+            Self::Frame(bytes) | Self::Datagram(bytes) => bytes.len(),
+        }
+    }
+}
+
+/// Decodes a frame, as the reader of a stream does.
+///
+/// # Panics
+/// When the bytes are no frame. Both ends are this program, so they are one.
+pub(super) fn unframe<M>(
+    bytes: &[u8],
+    decode: impl Fn(&[u8]) -> Result<M, sightline_protocol::DecodeError>,
+) -> M {
+    let mut buffer = FrameBuffer::default();
+    buffer.push(bytes);
+    let frame = buffer.next_frame().ok().flatten();
+    let message = frame.and_then(|frame| decode(frame).ok());
+    message.expect("a frame that this program encoded")
 }

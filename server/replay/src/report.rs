@@ -11,6 +11,8 @@ pub struct ReplayReport {
     pub world: String,
     /// The policy, as on the command line.
     pub policy: String,
+    /// Whether live clients report by exception, and not at every tick.
+    pub by_exception: bool,
     /// The round trip of every client, in milliseconds.
     pub round_trip_ms: f64,
     /// The tick interval, in milliseconds.
@@ -29,8 +31,12 @@ pub struct ReplayReport {
     pub present_mean: f64,
     /// The mean number of avatars that a client holds.
     pub held_mean: f64,
-    /// The share of all time that clients are quiet, from 0 to 1.
+    /// The share of clients' ticks at which they are quiet, from 0 to 1.
     pub quiet_share: f64,
+    /// The share of clients' ticks at which they are live and send no report, since their avatars
+    /// are on course. With [`ReplayReport::quiet_share`] and the share of ticks at which clients
+    /// report it makes 1.
+    pub course_share: f64,
     /// Messages to a client, a second: datagrams and control messages.
     pub messages_to_client: f64,
     /// Messages a second to the client that gets most, of those that stay for a second.
@@ -107,8 +113,10 @@ pub struct ClientReport {
     pub seconds: f64,
     /// The mean number of avatars that it held.
     pub held_mean: f64,
-    /// The share of its time that it was quiet, from 0 to 1.
+    /// The share of its ticks at which it was quiet, from 0 to 1.
     pub quiet_share: f64,
+    /// The share of its ticks at which it was live, on course and silent, from 0 to 1.
+    pub course_share: f64,
     /// Messages to it: datagrams and control messages.
     pub messages_to: u64,
     /// Bytes of messages to it, without what QUIC and UDP add.
@@ -155,17 +163,36 @@ pub struct OracleReport {
     /// The share of ticks at which an avatar in nobody's sight is held by a client, or its client
     /// holds another. One of the two may come into sight within the horizon, so it must report.
     pub hidden_held: f64,
-    /// The mean age of the held position of a visible avatar, in milliseconds.
+    /// How many reports a client would make in a second if it knew the future: the fewest straight
+    /// courses that stay within 5 cm of its way while somebody sees it. No client can do that. It
+    /// is a yardstick for [`ReplayReport::reports_from_client`].
+    pub floor_reports: f64,
+    /// The share of time in which nobody sees an avatar, so that the floor has no course of it, from
+    /// 0 to 1. Between two comparisons an avatar counts as seen when it was seen at one of them.
+    pub floor_hidden_share: f64,
+    /// The distance of the place at which a visible avatar is shown from where it is now, in
+    /// metres: the median.
+    pub shown_error_p50_m: f64,
+    /// That distance: the 99th percentile.
+    pub shown_error_p99_m: f64,
+    /// The angle between the shown yaw of a visible avatar and its true yaw, in degrees: the median.
+    pub shown_error_p50_deg: f64,
+    /// That angle: the 99th percentile.
+    pub shown_error_p99_deg: f64,
+    /// The mean age of the place at which a visible avatar is shown, in milliseconds. The age is
+    /// the time since the avatar was last there, within its tolerance and 2 cm; where messages were
+    /// lost, also within the way that it goes in the time that this takes.
     pub age_mean_ms: f64,
-    /// The greatest age of the held position of a visible avatar, in milliseconds.
+    /// The greatest age of the place at which a visible avatar is shown, in milliseconds.
     pub age_worst_ms: f64,
-    /// The greatest age that a position may have, in milliseconds: two ticks, and the delay from
+    /// The greatest age that a place may have, in milliseconds: two ticks, and the delay from
     /// client to client. Each lost datagram allows two more ticks, since reports that jitter
-    /// brings in together are lost together.
+    /// brings in together are lost together. Each lost piece of a stream allows for its
+    /// retransmission.
     pub age_bound_ms: f64,
-    /// Held positions that were older than that.
+    /// Visible avatars that were shown where they had not been for longer than that.
     pub stale: u64,
-    /// The first of these positions.
+    /// The first of these.
     pub first_stale: Vec<StalePosition>,
 }
 
@@ -180,16 +207,18 @@ pub struct MissedAvatar {
     pub avatar: u32,
 }
 
-/// A visible avatar whose held position was too old.
+/// A visible avatar that was shown at too old a place.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StalePosition {
     /// The viewer, the avatar and the time.
     #[serde(flatten)]
     pub what: MissedAvatar,
-    /// The age of the held position, in milliseconds.
+    /// The age of that place, in milliseconds.
     pub age_ms: f64,
     /// The greatest age that was allowed, in milliseconds.
     pub bound_ms: f64,
+    /// The least distance from where the avatar has been since, in metres.
+    pub off_m: f32,
 }
 
 /// The table that ends a run.
@@ -198,11 +227,14 @@ impl fmt::Display for ReplayReport {
         let mut row = |name: &str, value: String| writeln!(f, "{name:<34} {value}");
         row("world", self.world.clone())?;
         row("policy", self.policy.clone())?;
+        let reports = if self.by_exception { "by exception" } else { "at every tick" };
+        row("live clients report", reports.to_owned())?;
         row("round trip", format!("{:.0} ms", self.round_trip_ms))?;
         row("avatars", format!("{} ({:.1} at a time)", self.avatars, self.present_mean))?;
         row("seconds", format!("{:.1}", self.seconds))?;
         row("avatars held by a client", format!("{:.2}", self.held_mean))?;
-        row("share of time quiet", format!("{:.1} %", self.quiet_share * 100.0))?;
+        let (quiet, course) = (self.quiet_share * 100.0, self.course_share * 100.0);
+        row("share of time quiet, on course", format!("{quiet:.1} %, {course:.1} %"))?;
         let (to, to_worst) = (self.messages_to_client, self.messages_to_client_worst);
         row("messages/s to a client, worst", format!("{to:.2}, {to_worst:.2}"))?;
         let (to, to_worst) = (self.bytes_to_client, self.bytes_to_client_worst);
@@ -212,7 +244,16 @@ impl fmt::Display for ReplayReport {
         row("messages/s from a client, worst", format!("{from:.2}, {from_worst:.2}"))?;
         let (from, from_worst) = (self.bytes_from_client, self.bytes_from_client_worst);
         row("bytes/s from a client, worst", format!("{from:.0}, {from_worst:.0}"))?;
-        row("reports/s from a client", format!("{:.2}", self.reports_from_client))?;
+        let reports = format!("{:.2}", self.reports_from_client);
+        match &self.oracle {
+            Some(oracle) => {
+                row(
+                    "reports/s from a client, floor",
+                    format!("{reports}, {:.3}", oracle.floor_reports),
+                )?;
+            }
+            None => row("reports/s from a client", reports)?,
+        }
         row("reports", self.reports.to_string())?;
         for (name, count, rate) in [
             ("asks", self.asks, self.asks_per_s),
@@ -261,6 +302,13 @@ impl fmt::Display for OracleReport {
         row("reports while truly hidden", hidden)?;
         let held = format!("{:.2} % of ticks", self.hidden_held * 100.0);
         row("truly hidden, but in a horizon", held)?;
+        let metres = [self.shown_error_p50_m, self.shown_error_p99_m].map(|m| m * 100.0);
+        let degrees = [self.shown_error_p50_deg, self.shown_error_p99_deg];
+        row("shown off by, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;
+        row(
+            "shown turned by, median, p99",
+            format!("{:.1}, {:.1} degrees", degrees[0], degrees[1]),
+        )?;
         if self.stale > 0 {
             row("positions older than the bound", self.stale.to_string())?;
         }

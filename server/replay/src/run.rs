@@ -7,19 +7,28 @@ use std::{collections::BTreeMap, io, sync::Arc, time::Duration};
 use cpu_time::ProcessTime;
 use sightline_cli::trace::Trace;
 use sightline_engine::{Engine, Input, Output};
-use sightline_protocol::outbound::Outbound;
-use sightline_world::{World, motion::AvatarId};
+use sightline_protocol::{
+    message::ClientMessage,
+    outbound::Outbound,
+    pose_stream::{Ack, ClientDatagram},
+    quantise::WireReport,
+    text::Name,
+};
+use sightline_world::{
+    World,
+    motion::{AvatarId, Pose},
+};
 
 use super::{
     audit::Audit,
     dump::{Dump, EventKind},
     network::SimulatedNetwork,
     options::ReplayOptions,
-    packets::{COLOUR, Packet, Request, Uplink},
+    packets::{Packet, Payload, Request, Uplink, unframe},
     report::ReplayReport,
     simulated_clients::SimulatedClients,
     statistics::RunStatistics,
-    tick_view::TickView,
+    tick_view::{LastReport, TickView},
 };
 
 /// A run in progress.
@@ -29,10 +38,10 @@ pub(super) struct Run<'a> {
     network: SimulatedNetwork,
     /// The conversion of the engine's output, for each client that the server knows.
     outbound: BTreeMap<AvatarId, Outbound>,
-    /// When the pose that the engine has of each avatar was sampled.
-    sampled: BTreeMap<AvatarId, Duration>,
-    /// When the server received that pose.
-    last_reports: BTreeMap<AvatarId, Duration>,
+    /// The name and the colour in each client's hello.
+    hellos: BTreeMap<AvatarId, (Name, [u8; 3])>,
+    /// The times of the pose that the engine has of each avatar.
+    last_reports: BTreeMap<AvatarId, LastReport>,
     audit: Option<Audit>,
     dump: Dump<'a>,
     statistics: RunStatistics,
@@ -56,7 +65,7 @@ impl<'a> Run<'a> {
             engine,
             network: SimulatedNetwork::new(options.network, round_trip, tick),
             outbound: BTreeMap::new(),
-            sampled: BTreeMap::new(),
+            hellos: BTreeMap::new(),
             last_reports: BTreeMap::new(),
             dump,
             statistics: RunStatistics::default(),
@@ -70,7 +79,7 @@ impl<'a> Run<'a> {
         if self.network.advance(now) {
             self.tell_round_trips(now);
         }
-        for uplink in self.clients.step(now) {
+        for uplink in self.clients.step(now, &self.network) {
             self.send_up(now, uplink);
         }
         // With a round trip of zero, what the clients have just sent is already there.
@@ -83,7 +92,7 @@ impl<'a> Run<'a> {
         self.send_down(now, &outputs)?;
         self.deliver(now)?;
         if let Some(audit) = &mut self.audit {
-            audit.look(now, &self.clients, &self.network);
+            audit.look(now, &self.clients, &self.network, &self.engine);
         }
         Ok(outputs)
     }
@@ -108,7 +117,7 @@ impl<'a> Run<'a> {
         length: Duration,
     ) -> io::Result<ReplayReport> {
         self.dump.finish()?;
-        let clients = self.statistics.clients(options, |avatar| self.clients.trace_id(avatar));
+        let clients = self.statistics.clients(options, &self.clients);
         Ok(ReplayReport {
             world: self.engine.world().title.clone(),
             avatars: trace.ids().count(),
@@ -118,8 +127,8 @@ impl<'a> Run<'a> {
             speed_max: self.engine.speed_max(),
             seconds: length.as_secs_f64(),
             clients,
-            oracle: self.audit.map(Audit::report),
-            ..self.statistics.report(options, self.engine.stats())
+            oracle: self.audit.map(|audit| audit.report(&self.clients)),
+            ..self.statistics.report(options, self.engine.stats(), &self.clients)
         })
     }
 
@@ -137,8 +146,8 @@ impl<'a> Run<'a> {
             debug_assert!(at <= now, "the packet is still on its way");
             match packet {
                 Packet::Up(uplink) => self.receive(at, uplink)?,
-                Packet::Down(to, downlink) => {
-                    if let Some(answer) = self.clients.receive(at, to, &downlink) {
+                Packet::Down(to, payload) => {
+                    if let Some(answer) = self.clients.receive(at, to, &payload) {
                         self.send_up(at, answer);
                     }
                 }
@@ -149,9 +158,9 @@ impl<'a> Run<'a> {
 
     fn send_up(&mut self, now: Duration, uplink: Uplink) {
         let client = self.statistics.client(uplink.avatar);
-        uplink.lengths().iter().for_each(|bytes| client.sent.add(*bytes));
+        client.sent.add(uplink.length());
         let margin = self.margin(uplink.avatar);
-        self.network.send(now, margin, Packet::Up(uplink));
+        self.network.send(now, margin, Packet::Up(Uplink { sent: now, ..uplink }));
     }
 
     /// How much longer than half of its round trip a client's messages may take, as the engine
@@ -162,40 +171,101 @@ impl<'a> Run<'a> {
 
     /// Takes in a message that has reached the server.
     fn receive(&mut self, at: Duration, uplink: Uplink) -> io::Result<()> {
-        let Uplink { avatar, sampled, ack, request } = uplink;
+        let Uplink { avatar, request, sent } = uplink;
+        let times = LastReport { heard: at, sampled: sent };
+        match request {
+            Request::Bytes(Payload::Frame(bytes)) => {
+                self.receive_message(times, avatar, unframe(&bytes, ClientMessage::decode))
+            }
+            Request::Bytes(Payload::Datagram(bytes)) => {
+                let datagram = ClientDatagram::decode(&bytes);
+                let ClientDatagram { ack, report } = datagram.expect("a client's own datagram");
+                self.acknowledge(avatar, ack);
+                report.map_or(Ok(()), |report| self.receive_report(times, avatar, &report))
+            }
+            Request::Relocate { pose, ack } => {
+                ack.into_iter().for_each(|ack| self.acknowledge(avatar, ack));
+                self.receive_jump(times, avatar, pose)
+            }
+        }
+    }
+
+    fn receive_message(
+        &mut self,
+        times: LastReport,
+        avatar: AvatarId,
+        message: ClientMessage,
+    ) -> io::Result<()> {
+        match message {
+            ClientMessage::Hello { name, colour, .. } => {
+                self.hellos.insert(avatar, (name, colour));
+                Ok(())
+            }
+            ClientMessage::Enter { place } => {
+                self.join(times, avatar, place.map(Into::into));
+                Ok(())
+            }
+            ClientMessage::Report { report, ack } => {
+                self.acknowledge(avatar, ack);
+                self.receive_report(times, avatar, &report)
+            }
+            ClientMessage::Goodbye => self.leave(times.heard, avatar),
+            ClientMessage::FetchWorld | ClientMessage::Chat { .. } => {
+                debug_assert!(false, "nobody fetches or chats in a trace");
+                Ok(())
+            }
+        }
+    }
+
+    fn acknowledge(&mut self, avatar: AvatarId, ack: Ack) {
         if let Some(outbound) = self.outbound.get_mut(&avatar) {
             outbound.acknowledge(ack);
         }
-        let is_known = self.engine.pose(avatar).is_some();
-        match request {
-            Request::Join { name, eye } => self.join(at, avatar, name, eye),
-            Request::Leave => return self.leave(at, avatar),
-            Request::Report { sequence, pose, .. } if is_known => {
-                let accepted = self.engine.stats().reports;
-                self.note_report(at, avatar)?;
-                self.handle(at, Input::Report { avatar, sequence, pose });
-                if self.engine.stats().reports == accepted {
-                    return Ok(());
-                }
-            }
-            Request::Relocate { pose } if is_known => {
-                self.note_report(at, avatar)?;
-                self.handle(at, Input::Relocate { avatar, pose });
-            }
-            // The engine has dropped the avatar, or not yet let it in.
-            Request::Report { .. } | Request::Relocate { .. } => return Ok(()),
+    }
+
+    /// Takes in a report. It is ignored when the engine has dropped the avatar, or not yet let it
+    /// in.
+    fn receive_report(
+        &mut self,
+        times: LastReport,
+        avatar: AvatarId,
+        report: &WireReport,
+    ) -> io::Result<()> {
+        if self.engine.pose(avatar).is_none() {
+            return Ok(());
         }
-        debug_assert!(sampled <= at, "a pose is sampled before it arrives");
-        self.sampled.insert(avatar, sampled);
-        self.last_reports.insert(avatar, at);
+        let accepted = self.engine.stats().reports;
+        self.note_report(times.heard, avatar)?;
+        let report = report.report(self.engine.config().tick);
+        self.handle(times.heard, Input::Report { avatar, report });
+        if self.engine.stats().reports != accepted {
+            self.last_reports.insert(avatar, times);
+        }
         Ok(())
     }
 
-    fn join(&mut self, at: Duration, avatar: AvatarId, name: String, eye: glam::Vec3) {
-        self.outbound.insert(avatar, Outbound::default());
-        self.handle(at, Input::Join { avatar, name, colour: COLOUR, place: Some(eye) });
+    fn receive_jump(
+        &mut self,
+        times: LastReport,
+        avatar: AvatarId,
+        pose: Pose,
+    ) -> io::Result<()> {
+        if self.engine.pose(avatar).is_some() {
+            self.note_report(times.heard, avatar)?;
+            self.handle(times.heard, Input::Relocate { avatar, pose });
+            self.last_reports.insert(avatar, times);
+        }
+        Ok(())
+    }
+
+    fn join(&mut self, times: LastReport, avatar: AvatarId, place: Option<glam::Vec3>) {
+        let at = times.heard;
+        let Some((name, colour)) = self.hellos.remove(&avatar) else { return };
+        self.outbound.insert(avatar, Outbound::new(self.engine.config().tick));
+        self.handle(at, Input::Join { avatar, name: name.into(), colour, place });
         let round_trip = self.network.known_round_trip(avatar);
         self.handle(at, Input::RoundTrip { avatar, round_trip });
+        self.last_reports.insert(avatar, times);
     }
 
     /// Removes an avatar. Its client no longer holds any other, though the server tells it nothing.
@@ -205,7 +275,6 @@ impl<'a> Run<'a> {
             self.note_pair(at, avatar, other, EventKind::Leave)?;
         }
         self.outbound.remove(&avatar);
-        self.sampled.remove(&avatar);
         self.last_reports.remove(&avatar);
         self.handle(at, Input::Leave { avatar });
         Ok(())

@@ -4,16 +4,28 @@ use std::{collections::BTreeMap, time::Duration};
 
 use glam::Vec3;
 use sightline_cli::trace::Trace;
-use sightline_client_core::reporting::{ReportReason, Reporter};
+use sightline_client_core::{
+    replica::{Event, Outgoing, Replica},
+    reporting::ReportingCounts,
+};
 use sightline_engine::{Claim, ClaimLimits, ClaimVerdict, Engine, MovementBudget};
-use sightline_protocol::{pose_stream::Ack, quantise::WirePose};
+use sightline_protocol::{
+    VERSION,
+    message::{ClientMessage, ServerMessage},
+    pose_stream::{Ack, ClientDatagram},
+    quantise::WirePose,
+    text::Name,
+};
 use sightline_world::{
     geometry::Confines,
-    motion::{Agility, AvatarId, Pose},
+    motion::{Agility, AvatarId, Pose, ReportingState},
     tolerance::WIRE_POSE_M,
 };
 
-use super::packets::{Downlink, Request, Uplink};
+use super::{
+    network::SimulatedNetwork,
+    packets::{COLOUR, Payload, Request, Uplink, unframe},
+};
 
 /// The client of one avatar, from its join to its leave.
 #[derive(Clone, Debug)]
@@ -25,17 +37,16 @@ pub(super) struct SimulatedClient {
     at: Duration,
     /// When the avatar joined or last jumped.
     pub(super) settled_at: Duration,
-    /// The avatars that the client holds, and when each one's position was sampled.
-    pub(super) replica: BTreeMap<AvatarId, Duration>,
-    reporter: Reporter,
+    /// What the client knows of the others. It decides when the client reports.
+    pub(super) replica: Replica,
     /// Whether the avatar moved as no body can, and its client has not announced that yet.
     has_jumped: bool,
     /// Where the client's last report puts the eye.
     claimed_eye: Vec3,
     /// The server's movement budget for this client, kept here as well.
     budget: MovementBudget,
-    sequence: u32,
-    ack: Ack,
+    /// How many claims the budget has judged.
+    claims: u64,
     /// How many reports it made between its last two ticks.
     pub(super) reports: u32,
     /// How many reports it has made since its last tick.
@@ -44,56 +55,80 @@ pub(super) struct SimulatedClient {
 
 impl SimulatedClient {
     /// A client that asks to join now.
-    fn new(avatar: AvatarId, now: Duration, pose: &Pose, reporter: Reporter) -> Self {
+    fn new(now: Duration, pose: &Pose, replica: Replica) -> Self {
         Self {
-            avatar,
+            avatar: replica.avatar(),
             pose: *pose,
             at: now,
             settled_at: now,
-            replica: BTreeMap::new(),
-            reporter,
+            replica,
             has_jumped: false,
             claimed_eye: pose.eye,
             budget: MovementBudget::new(now),
-            sequence: 0,
-            ack: Ack::default(),
+            claims: 0,
             reports: 0,
             reports_since_tick: 0,
         }
     }
 
+    /// Moves the avatar to its pose in the trace.
+    fn follow(&mut self, now: Duration, pose: &Pose, agility: &Agility) {
+        debug_assert!(self.at <= now, "{:?} goes back in time", self.avatar);
+        let elapsed = now.saturating_sub(self.at);
+        let before = self.pose;
+        let reachable = agility.eyes(before.eye, before.velocity, elapsed).grown(WIRE_POSE_M);
+        self.has_jumped |= !reachable.contains(pose.eye);
+        (self.pose, self.at) = (*pose, now);
+        self.replica.set_pose(*pose);
+    }
+
     /// Whether the server would accept the next claim, by its speed alone: walls do not count, and
     /// nor does the TBV.
     fn is_believed(&mut self, now: Duration, claim: &Pose, limits: &ClaimLimits) -> bool {
-        self.sequence += 1;
-        let claim = Claim::new(self.sequence, claim, self.claimed_eye, Duration::ZERO);
+        self.claims += 1;
+        let made = Duration::from_nanos(self.claims);
+        let claim = Claim::new(made, claim, self.claimed_eye, Duration::ZERO);
         let no_walls = |_| Some(0.0);
         let verdict = self.budget.judge(now, &claim, limits, no_walls);
         verdict == ClaimVerdict::Accepted
     }
 
-    /// Takes in a message that asks for no answer.
-    fn receive(&mut self, at: Duration, downlink: &Downlink) {
-        match downlink {
-            Downlink::Entered => self.reporter.enter(),
-            Downlink::Appear(avatar, sampled) => {
-                self.replica.insert(*avatar, *sampled);
+    /// Takes in what has arrived. Returns whether the server has ended the connection.
+    ///
+    /// # Panics
+    /// When the bytes break the protocol.
+    fn receive(&mut self, at: Duration, payload: &Payload) -> bool {
+        let event = match payload {
+            Payload::Datagram(bytes) => {
+                self.replica.datagram(at, bytes).expect("a datagram that was just encoded");
+                return false;
             }
-            Downlink::Vanish(avatar) => {
-                self.replica.remove(avatar);
+            Payload::Frame(bytes) => {
+                let message = unframe(bytes, ServerMessage::decode);
+                self.replica.message(at, message).expect("a message in its place")
             }
-            Downlink::Poses { sequences, poses } => {
-                self.ack = sequences.clone().fold(self.ack, acknowledging);
-                for (avatar, sampled) in poses {
-                    if let Some(held) = self.replica.get_mut(avatar) {
-                        *held = (*sampled).max(*held);
-                    }
-                }
-            }
-            Downlink::Quiet(tbv) => self.reporter.expect_silence(*tbv, at),
-            Downlink::Live => self.reporter.expect_reports(at),
-            Downlink::Correct => self.has_jumped = true,
-            Downlink::Ask | Downlink::Drop => {}
+        };
+        match event {
+            Some(Event::Goodbye(_)) => return true,
+            // The trace is the truth, so the client announces that its avatar is elsewhere.
+            Some(Event::Corrected(_)) => self.has_jumped = true,
+            _ => {}
+        }
+        self.replica.set_pose(self.pose);
+        false
+    }
+}
+
+/// The pose and the acknowledgement in a message, if it is a report.
+fn report_in(outgoing: &Outgoing) -> Option<(Pose, Ack)> {
+    match outgoing {
+        Outgoing::Message(ClientMessage::Report { report, ack }) => {
+            Some((report.pose.into(), *ack))
+        }
+        Outgoing::Message(_) => None,
+        Outgoing::Datagram(bytes) => {
+            let ClientDatagram { ack, report } = ClientDatagram::decode(bytes).ok()?;
+            Some((report?.pose.into(), ack))
         }
     }
 }
@@ -109,6 +144,8 @@ pub(super) struct SimulatedClients<'a> {
     present: BTreeMap<u32, SimulatedClient>,
     /// The trace's id of each avatar there ever was, by [`AvatarId`].
     trace_ids: Vec<u32>,
+    /// For how many ticks each client that has left was in each state.
+    counts: BTreeMap<AvatarId, ReportingCounts>,
     jumps: u64,
     left_tbv: u64,
     outside: u64,
@@ -120,10 +157,12 @@ impl<'a> SimulatedClients<'a> {
             trace,
             agility: engine.agility(),
             limits: engine.limits(),
-            confines: engine.world().confines(),
+            // Rounding on the wire leaves no eye outside the world.
+            confines: engine.world().confines().grown(-WIRE_POSE_M),
             tick: engine.config().tick,
             present: BTreeMap::new(),
             trace_ids: Vec::new(),
+            counts: BTreeMap::new(),
             jumps: 0,
             left_tbv: 0,
             outside: 0,
@@ -162,14 +201,26 @@ impl<'a> SimulatedClients<'a> {
         self.outside
     }
 
+    /// For how many of its ticks in the world a client was quiet, or on course.
+    pub(super) fn counts(&self, avatar: AvatarId) -> ReportingCounts {
+        let client = self.present.get(&self.trace_id(avatar)).filter(|c| c.avatar == avatar);
+        let counts = client.map(|client| client.replica.reporting_counts());
+        counts.or_else(|| self.counts.get(&avatar).copied()).unwrap_or_default()
+    }
+
     /// The true pose of an avatar at a time; `None` when the trace has none then.
     pub(super) fn pose_at(&self, avatar: AvatarId, at: Duration) -> Option<Pose> {
-        let pose = self.trace.pose_at(self.trace_id(avatar), at, self.agility.fall_max)?;
+        self.pose_of(self.trace_id(avatar), at)
+    }
+
+    /// The true pose of an avatar at a time, by the trace's id; `None` when the trace has none then.
+    pub(super) fn pose_of(&self, id: u32, at: Duration) -> Option<Pose> {
+        let pose = self.trace.pose_at(id, at, self.agility.fall_max)?;
         Some(Pose { eye: self.confines.clamp(pose.eye), ..pose })
     }
 
     /// Takes each client through one of its ticks. Returns what they send.
-    pub(super) fn step(&mut self, now: Duration) -> Vec<Uplink> {
+    pub(super) fn step(&mut self, now: Duration, network: &SimulatedNetwork) -> Vec<Uplink> {
         let mut sent = Vec::new();
         for client in self.present.values_mut() {
             client.reports = std::mem::take(&mut client.reports_since_tick);
@@ -177,9 +228,9 @@ impl<'a> SimulatedClients<'a> {
         for id in self.trace.ids() {
             let pose = self.look_up(id, now);
             match (pose, self.present.contains_key(&id)) {
-                (Some(pose), false) => sent.push(self.join(id, now, &pose)),
-                (Some(pose), true) => sent.extend(self.follow(id, now, &pose, false)),
-                (None, true) => sent.extend(self.leave(id, now)),
+                (Some(pose), false) => sent.extend(self.join(id, now, &pose)),
+                (Some(pose), true) => sent.extend(self.tick(id, now, &pose, network)),
+                (None, true) => sent.extend(self.leave(id)),
                 (None, false) => {}
             }
         }
@@ -191,22 +242,22 @@ impl<'a> SimulatedClients<'a> {
         &mut self,
         at: Duration,
         to: AvatarId,
-        downlink: &Downlink,
+        payload: &Payload,
     ) -> Option<Uplink> {
         let id = self.trace_id(to);
         let client = self.present.get_mut(&id).filter(|client| client.avatar == to)?;
-        client.receive(at, downlink);
-        let is_asked = match downlink {
-            Downlink::Ask => true,
-            Downlink::Live => false,
-            Downlink::Drop => {
-                self.present.remove(&id);
-                return None;
-            }
-            _ => return None,
-        };
+        if client.receive(at, payload) {
+            self.remove(id);
+            return None;
+        }
+        if matches!(payload, Payload::Datagram(_)) {
+            return None;
+        }
         let pose = self.look_up(id, at)?;
-        self.follow(id, at, &pose, is_asked)
+        let client = self.present.get_mut(&id)?;
+        client.follow(at, &pose, &self.agility);
+        let answer = client.replica.answer(at)?;
+        Some(self.send_report(id, at, Outgoing::Message(answer)))
     }
 
     /// The pose of an avatar in the trace, within the world.
@@ -217,77 +268,91 @@ impl<'a> SimulatedClients<'a> {
         Some(Pose { eye, ..pose })
     }
 
-    fn join(&mut self, id: u32, now: Duration, pose: &Pose) -> Uplink {
+    fn join(&mut self, id: u32, now: Duration, pose: &Pose) -> [Uplink; 2] {
         let avatar = AvatarId(self.trace_ids.len() as u32);
         self.trace_ids.push(id);
-        let reporter = Reporter::new(self.tick, self.agility);
-        let client = SimulatedClient::new(avatar, now, pose, reporter);
-        let replaced = self.present.insert(id, client);
+        let replica = Replica::new(avatar, self.tick, self.agility);
+        let replaced = self.present.insert(id, SimulatedClient::new(now, pose, replica));
         debug_assert!(replaced.is_none(), "{id} joins twice");
-        let eye = self.on_wire(pose).eye;
-        let request = Request::Join { name: format!("walker {id}"), eye };
-        Uplink { avatar, sampled: now, ack: Ack::default(), request }
+        let name = Name::clipped(&format!("walker {id}"));
+        let hello = ClientMessage::Hello { version: VERSION, name, colour: COLOUR };
+        let enter = ClientMessage::Enter { place: Some(on_wire(pose).eye.into()) };
+        [hello, enter].map(|message| Uplink::new(avatar, Outgoing::Message(message)))
     }
 
-    fn leave(&mut self, id: u32, now: Duration) -> Option<Uplink> {
+    fn leave(&mut self, id: u32) -> Option<Uplink> {
+        let avatar = self.remove(id)?;
+        Some(Uplink::new(avatar, Outgoing::Message(ClientMessage::Goodbye)))
+    }
+
+    /// Forgets a client, but not what it counted.
+    fn remove(&mut self, id: u32) -> Option<AvatarId> {
         let client = self.present.remove(&id)?;
-        let (avatar, ack) = (client.avatar, client.ack);
-        Some(Uplink { avatar, sampled: now, ack, request: Request::Leave })
+        self.counts.insert(client.avatar, client.replica.reporting_counts());
+        Some(client.avatar)
     }
 
-    /// Moves an avatar to its pose in the trace. Returns a report if its client must make one.
-    fn follow(&mut self, id: u32, now: Duration, pose: &Pose, is_asked: bool) -> Option<Uplink> {
-        let reported = self.on_wire(pose);
+    /// Moves an avatar to its pose in the trace. Returns what its client sends at its tick.
+    fn tick(
+        &mut self,
+        id: u32,
+        now: Duration,
+        pose: &Pose,
+        network: &SimulatedNetwork,
+    ) -> Option<Uplink> {
         let client = self.present.get_mut(&id)?;
-        debug_assert!(client.at <= now, "{id} goes back in time");
-        let elapsed = now.saturating_sub(client.at);
-        let before = client.pose;
-        let reachable = self.agility.eyes(before.eye, before.velocity, elapsed).grown(WIRE_POSE_M);
-        client.has_jumped |= !reachable.contains(pose.eye);
-        (client.pose, client.at) = (*pose, now);
-        if !client.reporter.is_inside() {
-            return None;
+        client.follow(now, pose, &self.agility);
+        let was_quiet = client.replica.reporting_state() == Some(ReportingState::Quiet);
+        let round_trip = network.round_trip(client.avatar);
+        let outgoing = client.replica.tick(now, round_trip);
+        client.replica.reporting_state()?;
+        let is_report = outgoing.as_ref().is_some_and(|outgoing| report_in(outgoing).is_some());
+        if !is_report && !client.has_jumped {
+            return outgoing.map(|outgoing| Uplink::new(client.avatar, outgoing));
         }
-        if is_asked {
-            client.reporter.ask();
-        }
-        let reason = client.reporter.due(pose);
-        if reason.is_none() && !client.has_jumped {
-            return None;
-        }
-        client.reporter.take_ask();
-        let request = if std::mem::take(&mut client.has_jumped)
-            || !client.is_believed(now, &reported, &self.limits)
-        {
-            client.budget.relocate(now, reported.velocity);
-            client.settled_at = now;
-            self.jumps += 1;
-            Request::Relocate { pose: reported }
-        } else {
-            self.left_tbv += u64::from(reason == Some(ReportReason::Leaving));
-            let on_stream = reason != Some(ReportReason::Live);
-            Request::Report { sequence: client.sequence, pose: reported, on_stream }
+        let is_valid = client.replica.tbv().is_some_and(|tbv| now + self.tick <= tbv.expiry);
+        let uplink = match outgoing {
+            Some(outgoing) if is_report => self.send_report(id, now, outgoing),
+            // An acknowledgement goes with the jump.
+            Some(Outgoing::Datagram(bytes)) => {
+                let ack = ClientDatagram::decode(&bytes).ok().map(|datagram| datagram.ack);
+                self.jump(id, now, ack)
+            }
+            _ => self.jump(id, now, None),
         };
-        client.claimed_eye = reported.eye;
-        client.reports_since_tick += 1;
-        Some(Uplink { avatar: client.avatar, sampled: now, ack: client.ack, request })
+        let is_jump = matches!(uplink.request, Request::Relocate { .. });
+        self.left_tbv += u64::from(was_quiet && is_valid && !is_jump);
+        Some(uplink)
     }
 
-    /// A pose as the server decodes it.
-    fn on_wire(&self, pose: &Pose) -> Pose {
-        let rounded = Pose::from(WirePose::from(pose));
-        Pose { eye: self.confines.clamp(rounded.eye), ..rounded }
+    /// Sends a report, if the server will believe it. Otherwise the client announces a jump.
+    fn send_report(&mut self, id: u32, now: Duration, outgoing: Outgoing) -> Uplink {
+        let (client, report) = (self.present.get_mut(&id), report_in(&outgoing));
+        let (client, (pose, ack)) = client.zip(report).expect("a report of a present client");
+        if client.has_jumped || !client.is_believed(now, &pose, &self.limits) {
+            return self.jump(id, now, Some(ack));
+        }
+        client.claimed_eye = pose.eye;
+        client.reports_since_tick += 1;
+        Uplink::new(client.avatar, outgoing)
+    }
+
+    /// Announces that an avatar was put elsewhere. Its course begins anew.
+    fn jump(&mut self, id: u32, now: Duration, ack: Option<Ack>) -> Uplink {
+        let client = self.present.get_mut(&id).expect("the client is present");
+        let pose = on_wire(&client.pose);
+        self.jumps += 1;
+        client.has_jumped = false;
+        client.replica.forget_course();
+        client.budget.relocate(now, pose.velocity);
+        client.settled_at = now;
+        client.claimed_eye = pose.eye;
+        client.reports_since_tick += 1;
+        Uplink { avatar: client.avatar, sent: now, request: Request::Relocate { pose, ack } }
     }
 }
 
-/// An acknowledgement once a further datagram has arrived.
-fn acknowledging(ack: Ack, sequence: u32) -> Ack {
-    let Ack { newest, earlier } = ack;
-    if sequence <= newest {
-        let bit = (newest - sequence).checked_sub(1).and_then(|back| 1_u32.checked_shl(back));
-        return Ack { newest, earlier: earlier | bit.unwrap_or(0) };
-    }
-    let ahead = sequence - newest;
-    let before = if newest == 0 { 0 } else { 1_u32.checked_shl(ahead - 1).unwrap_or(0) };
-    Ack { newest: sequence, earlier: earlier.checked_shl(ahead).unwrap_or(0) | before }
+/// A pose as the server decodes it.
+fn on_wire(pose: &Pose) -> Pose {
+    WirePose::from(pose).into()
 }

@@ -3,12 +3,14 @@
 use std::{collections::BTreeMap, time::Duration};
 
 use sightline_cli::percentile::percentile;
-use sightline_engine::{Engine, Stats};
-use sightline_world::motion::{AvatarId, ReportingState};
+use sightline_client_core::reporting::ReportingCounts;
+use sightline_engine::{Engine, Policy, Stats};
+use sightline_world::motion::AvatarId;
 
 use super::{
     options::ReplayOptions,
     report::{ClientReport, ReplayReport},
+    simulated_clients::SimulatedClients,
 };
 
 /// Clients that stay for less time have no share in the worst rates, in seconds.
@@ -38,7 +40,6 @@ pub(super) struct ClientStatistics {
     pub(super) received: MessageCount,
     pub(super) sent: MessageCount,
     ticks: u64,
-    quiet_ticks: u64,
     /// The sum over ticks of how many avatars it held.
     held: u64,
 }
@@ -79,33 +80,38 @@ impl RunStatistics {
         self.left_at.insert((viewer, avatar), now);
     }
 
-    /// Counts a tick: the engine's CPU time for it, and the state of each client after it.
+    /// Counts a tick: the engine's CPU time for it, and what each client holds after it.
     pub(super) fn tick(&mut self, cpu: Duration, engine: &Engine) {
         for id in engine.avatars() {
-            let is_quiet = engine.state(id) == Some(ReportingState::Quiet);
             let client = self.client(id);
             client.ticks += 1;
             client.held += engine.held_by(id).count() as u64;
-            client.quiet_ticks += u64::from(is_quiet);
         }
         self.cpu.push(cpu);
     }
 
-    /// The figures of each client. `trace_id` gives the trace's id of its avatar.
+    /// The figures of each client.
     pub(super) fn clients(
         &self,
         options: &ReplayOptions,
-        trace_id: impl Fn(AvatarId) -> u32,
+        clients: &SimulatedClients<'_>,
     ) -> Vec<ClientReport> {
         let tick_s = options.config.tick.as_secs_f64();
         self.clients
             .iter()
-            .map(|(avatar, client)| client.report(trace_id(*avatar), tick_s))
+            .map(|(avatar, client)| {
+                client.report(clients.trace_id(*avatar), clients.counts(*avatar), tick_s)
+            })
             .collect()
     }
 
     /// The figures of all clients and of the engine. What this does not know has its default.
-    pub(super) fn report(mut self, options: &ReplayOptions, stats: Stats) -> ReplayReport {
+    pub(super) fn report(
+        mut self,
+        options: &ReplayOptions,
+        stats: Stats,
+        clients: &SimulatedClients<'_>,
+    ) -> ReplayReport {
         self.cpu.sort_unstable();
         let config = &options.config;
         let tick_s = config.tick.as_secs_f64();
@@ -121,6 +127,12 @@ impl RunStatistics {
                 .map(|client| of(client) as f64 / (client.ticks as f64 * tick_s))
                 .fold(0.0, f64::max)
         };
+        let counts: Vec<ReportingCounts> =
+            self.clients.keys().map(|client| clients.counts(*client)).collect();
+        let of_ticks = |of: fn(&ReportingCounts) -> u64| {
+            let ticks: u64 = counts.iter().map(|counts| counts.ticks).sum();
+            counts.iter().map(of).sum::<u64>() as f64 / ticks.max(1) as f64
+        };
         let seconds = (self.cpu.len() as f64 * tick_s).max(f64::MIN_POSITIVE);
         let rate = |count: u64| count as f64 / seconds;
         let cpu = |percent| percentile(&self.cpu, percent).unwrap_or_default();
@@ -129,11 +141,13 @@ impl RunStatistics {
             policy: config.policy.to_string(),
             round_trip_ms: ms(options.round_trip),
             tick_ms: ms(config.tick),
+            by_exception: config.by_exception && config.policy == Policy::Tbv,
             validity: config.validity.to_string(),
             shape: config.shape.to_string(),
             present_mean: present as f64 / self.cpu.len().max(1) as f64,
             held_mean: sum(|client| client.held) as f64 / present.max(1) as f64,
-            quiet_share: sum(|client| client.quiet_ticks) as f64 / present.max(1) as f64,
+            quiet_share: of_ticks(|counts| counts.quiet),
+            course_share: of_ticks(|counts| counts.on_course),
             messages_to_client: mean(sum(|client| client.received.messages)),
             messages_to_client_worst: worst(|client| client.received.messages),
             bytes_to_client: mean(sum(|client| client.received.bytes)),
@@ -166,14 +180,15 @@ impl RunStatistics {
 }
 
 impl ClientStatistics {
-    fn report(&self, id: u32, tick_s: f64) -> ClientReport {
-        debug_assert!(self.quiet_ticks <= self.ticks, "quiet ticks are ticks: {self:?}");
-        let share = |ticks: u64| ticks as f64 / self.ticks.max(1) as f64;
+    fn report(&self, id: u32, counts: ReportingCounts, tick_s: f64) -> ClientReport {
+        debug_assert!(counts.quiet + counts.on_course <= counts.ticks, "shares: {counts:?}");
+        let share = |ticks: u64| ticks as f64 / counts.ticks.max(1) as f64;
         ClientReport {
             id,
             seconds: self.ticks as f64 * tick_s,
-            held_mean: share(self.held),
-            quiet_share: share(self.quiet_ticks),
+            held_mean: self.held as f64 / self.ticks.max(1) as f64,
+            quiet_share: share(counts.quiet),
+            course_share: share(counts.on_course),
             messages_to: self.received.messages,
             bytes_to: self.received.bytes,
             messages_from: self.sent.messages,

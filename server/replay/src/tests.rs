@@ -160,12 +160,68 @@ fn loss_and_jitter_cause_no_misses_but_those_of_late_messages() {
     assert!(report.reports < even.reports, "{} of {} came", report.reports, even.reports);
 }
 
+/// Two people in one room. One stands; the other walks up and down at 1 m/s, and turns about every
+/// six seconds.
+fn two_in_a_room(by_exception: bool) -> (ReplayReport, String) {
+    let mut rng = SmallRng::seed_from_u64(1);
+    let house = House::new(&mut rng, 3);
+    let mut rows = "t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n".to_owned();
+    for k in 0..600_u32 {
+        let (lap, part) = (k / 60, (k % 60) as f32 / 15.0);
+        let (x, speed) = if lap % 2 == 0 { (1.0 + part, 0.667) } else { (5.0 - part, -0.667) };
+        let _ = writeln!(rows, "{},1,{x:.3},1.6,2,0,0,{speed},0,0", k * 100);
+        let _ = writeln!(rows, "{},2,3,1.6,4,0,0,0,0,0", k * 100);
+    }
+    let trace = Trace::read(rows.as_bytes()).unwrap();
+    let mut options = options(Policy::Tbv, 100);
+    options.config.by_exception = by_exception;
+    replay(&house.world, &trace, &options)
+}
+
+/// With the bytes of the wire, a straight walk in sight costs about one report a second, and
+/// standing still a quarter of that.
+#[test]
+fn an_avatar_on_a_straight_walk_reports_about_once_a_second() {
+    let (report, dump) = two_in_a_room(true);
+    let oracle = report.oracle.as_ref().unwrap();
+    assert_eq!((oracle.misses, oracle.stale, report.corrections, report.jumps), (0, 0, 0, 0));
+    let reports = |id: &str| {
+        let of_avatar = |line: &&str| line.ends_with(&format!(",,{id},report"));
+        dump.lines().filter(of_avatar).count() as f64 / 60.0
+    };
+    let [walking, standing] = [reports("1"), reports("2")];
+    assert!((0.8..2.0).contains(&walking), "{walking} reports a second");
+    assert!((0.2..0.5).contains(&standing), "{standing} reports a second");
+    assert!(report.course_share > 0.9 && report.quiet_share < 0.01, "{report:?}");
+    assert!(oracle.shown_error_p99_m < 0.3, "{oracle:?}");
+    assert!(oracle.floor_reports <= report.reports_from_client, "{oracle:?}");
+
+    let (every_tick, _) = two_in_a_room(false);
+    assert!((19.0..20.5).contains(&every_tick.reports_from_client), "{every_tick:?}");
+    assert_eq!((every_tick.course_share, every_tick.oracle.unwrap().stale), (0.0, 0));
+    assert!(report.bytes_to_client * 5.0 < every_tick.bytes_to_client, "{report:?}");
+}
+
+/// A walk of ten laps in sight has ten straight courses. Nobody else needs more than one.
+#[test]
+fn the_floor_is_one_report_for_each_straight_course_in_sight() {
+    let (report, _) = two_in_a_room(true);
+    let oracle = report.oracle.unwrap();
+    let courses = oracle.floor_reports * 2.0 * (report.seconds - 0.25);
+    assert!((10.5..12.5).contains(&courses), "{courses} courses: {oracle:?}");
+    assert!(oracle.floor_hidden_share < 0.01, "{oracle:?}");
+}
+
 #[test]
 fn the_figures_of_a_report_agree_with_each_other() {
     let mut rng = SmallRng::seed_from_u64(9);
     let house = House::new(&mut rng, 4);
     let trace = house.trace(&mut rng, 8, 10);
-    let run = |policy| replay(&house.world, &trace, &options(policy, 100)).0;
+    let run = |(policy, by_exception)| {
+        let mut options = options(policy, 100);
+        options.config.by_exception = by_exception;
+        replay(&house.world, &trace, &options).0
+    };
     let reports: Vec<ReplayReport> = Comparison::POLICIES.into_iter().map(run).collect();
     for report in &reports {
         let oracle = report.oracle.as_ref().unwrap();
@@ -180,6 +236,12 @@ fn the_figures_of_a_report_agree_with_each_other() {
         assert!((total / seconds / report.messages_to_client - 1.0).abs() < 1e-6, "{case}");
         assert!(report.enters >= report.leaves && report.enters > 0, "{case}");
         assert!(report.left_tbv == 0 || report.policy == "tbv", "{case}");
+        let shares = report.quiet_share + report.course_share;
+        assert!(shares < 1.0 && report.by_exception == (report.course_share > 0.0), "{case}");
+        let reporting = report.reports_from_client * report.tick_ms / 1e3;
+        assert!((shares + reporting - 1.0).abs() < 0.02, "{case}");
+        assert!(oracle.shown_error_p50_m <= oracle.shown_error_p99_m, "{case}");
+        assert!(oracle.floor_reports <= report.reports_from_client, "{case}");
         assert!((report.enters_per_s - report.enters as f64 / 10.0).abs() < 0.2, "{case}");
         let always = oracle.hidden_reports > 0.99;
         assert!(always || report.policy == "tbv", "{case}");

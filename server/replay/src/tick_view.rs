@@ -21,7 +21,16 @@ pub struct TickView<'a> {
     pub engine: &'a Engine,
     pub(super) clients: &'a SimulatedClients<'a>,
     pub(super) network: &'a SimulatedNetwork,
-    pub(super) last_reports: &'a BTreeMap<AvatarId, Duration>,
+    pub(super) last_reports: &'a BTreeMap<AvatarId, LastReport>,
+}
+
+/// The last report of an avatar that the engine has accepted.
+#[derive(Clone, Copy)]
+pub(super) struct LastReport {
+    /// When it arrived.
+    pub(super) heard: Duration,
+    /// When its pose was looked up.
+    pub(super) sampled: Duration,
 }
 
 impl<'a> TickView<'a> {
@@ -51,7 +60,12 @@ impl<'a> TickView<'a> {
 
     /// When the engine last accepted a report of an avatar, or let it join.
     pub fn last_report(&self, avatar: AvatarId) -> Option<Duration> {
-        self.last_reports.get(&avatar).copied()
+        self.last_reports.get(&avatar).map(|last| last.heard)
+    }
+
+    /// When the pose of that report was true.
+    pub fn last_sampled(&self, avatar: AvatarId) -> Option<Duration> {
+        self.last_reports.get(&avatar).map(|last| last.sampled)
     }
 
     /// Whether a message from or to a client recently took longer than the engine allows for.

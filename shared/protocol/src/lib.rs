@@ -18,12 +18,15 @@
 //! This crate knows no socket. A server sends a pose like this:
 //!
 //! ```
+//! use std::time::Duration;
+//!
 //! use glam::Vec3;
 //! use sightline_protocol::pose_stream::{PoseDecoder, PoseEncoder};
 //! use sightline_world::motion::{AvatarId, Pose};
 //!
 //! let pose = Pose { eye: Vec3::new(2.0, 1.6, -3.0), ..Pose::default() };
-//! let (mut server, mut client) = (PoseEncoder::default(), PoseDecoder::default());
+//! let tick = Duration::from_millis(50);
+//! let (mut server, mut client) = (PoseEncoder::new(tick), PoseDecoder::new(tick));
 //! for datagram in server.encode(1, &[(AvatarId(7), pose)]) {
 //!     let update = client.decode(&datagram)?.expect("it is new");
 //!     let shown = Pose::from(update.pose(AvatarId(7)).expect("it has this avatar"));
@@ -45,7 +48,7 @@ pub mod text;
 mod varint;
 
 /// The version of the protocol, which both ends must share.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// The TLS application protocol. It has no version, so that the server can tell a client of another
 /// version the reason in words.
 pub const ALPN: &[u8] = b"sightline";

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     DecodeError, frame,
-    quantise::{WirePose, WirePosition, WireTbv},
+    pose_stream::Ack,
+    quantise::{WirePose, WirePosition, WireReport, WireTbv, WireTolerance},
     text::{ChatLine, Name},
 };
 use sightline_world::motion::AvatarId;
@@ -32,13 +33,13 @@ pub enum ClientMessage {
         /// The wanted position of the eye. `None` for any spawn point.
         place: Option<WirePosition>,
     },
-    /// Reports the pose, to answer an ask or because the body is about to leave its TBV. Its
-    /// sequence numbers are those of the reports in datagrams.
+    /// Reports the pose: the avatar departs from its course, or is about to leave its TBV, or the
+    /// server asked. Clients that report at every tick do it in datagrams.
     Report {
-        /// The sequence number, which grows with each report.
-        sequence: u32,
-        /// The pose.
-        pose: WirePose,
+        /// The report.
+        report: WireReport,
+        /// The datagrams that the client has received.
+        ack: Ack,
     },
     /// Says something to the avatars in sight.
     Chat {
@@ -89,6 +90,8 @@ pub enum ServerMessage {
     Entered {
         /// The pose at which it begins.
         pose: WirePose,
+        /// The server's tick.
+        tick: u32,
     },
     /// An avatar may come into view.
     Appear {
@@ -98,8 +101,10 @@ pub enum ServerMessage {
         name: Name,
         /// Its colour, in sRGB.
         colour: [u8; 3],
-        /// Its last pose.
+        /// Its pose at the tick.
         pose: WirePose,
+        /// The server's tick.
+        tick: u32,
         /// The first pose datagram that concerns this appearance. Older ones concern an earlier
         /// one.
         since_sequence: u32,
@@ -117,8 +122,12 @@ pub enum ServerMessage {
         /// The region and its validity.
         tbv: WireTbv,
     },
-    /// The client reports at every tick from now on.
-    Live,
+    /// The client reports whenever its avatar departs from its course. If this order allows less
+    /// than the last one, or is the first, the client reports once, now.
+    Live {
+        /// What may be left unsaid.
+        tolerance: WireTolerance,
+    },
     /// A claim was refused. The avatar is at this pose instead.
     Correct {
         /// The avatar's pose.
@@ -175,6 +184,8 @@ mod tests {
             yaw: u16::MAX,
             pitch: i16::MIN,
             velocity: [i16::MIN, i16::MAX, -1],
+            yaw_rate: i16::MIN,
+            falls: true,
         }
     }
 
@@ -193,7 +204,10 @@ mod tests {
             ClientMessage::FetchWorld,
             ClientMessage::Enter { place: None },
             ClientMessage::Enter { place: Some(pose().position) },
-            ClientMessage::Report { sequence: u32::MAX, pose: pose() },
+            ClientMessage::Report {
+                report: WireReport { made: u32::MAX, orders: u32::MAX, pose: pose() },
+                ack: Ack { newest: u32::MAX, earlier: u32::MAX },
+            },
             ClientMessage::Chat { text: longest_line() },
             ClientMessage::Goodbye,
         ]
@@ -211,12 +225,13 @@ mod tests {
             ServerMessage::Refused { reason: Refusal::Version { server: u32::MAX } },
             ServerMessage::Refused { reason: Refusal::Full },
             ServerMessage::Refused { reason: Refusal::Closing },
-            ServerMessage::Entered { pose: pose() },
+            ServerMessage::Entered { pose: pose(), tick: u32::MAX },
             ServerMessage::Appear {
                 avatar,
                 name: longest_name(),
                 colour: [1, 2, 3],
                 pose: pose(),
+                tick: u32::MAX,
                 since_sequence: u32::MAX,
             },
             ServerMessage::Vanish { avatar },
@@ -230,7 +245,13 @@ mod tests {
                     notice_ms: u16::MAX,
                 },
             },
-            ServerMessage::Live,
+            ServerMessage::Live {
+                tolerance: WireTolerance {
+                    millimetres: u16::MAX,
+                    angle: u8::MAX,
+                    ahead_ms: u16::MAX,
+                },
+            },
             ServerMessage::Correct { pose: pose() },
             ServerMessage::Chat { from: avatar, text: longest_line() },
             ServerMessage::Goodbye { reason: longest_line() },
@@ -273,8 +294,8 @@ mod tests {
                 if let Ok(message) = ClientMessage::decode(bytes) {
                     valid += 1;
                     assert_eq!(ClientMessage::decode(&body(&message)).as_ref(), Ok(&message));
-                    if let ClientMessage::Report { pose, .. } = message {
-                        assert!(Pose::from(pose).is_finite());
+                    if let ClientMessage::Report { report, .. } = message {
+                        assert!(Pose::from(report.pose).is_finite());
                     }
                 }
             });

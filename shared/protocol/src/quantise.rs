@@ -1,7 +1,7 @@
 //! Conversions between domain types and wire types. Every wire value converts to finite numbers.
 
 use std::{
-    f32::consts::{FRAC_PI_2, TAU},
+    f32::consts::{FRAC_PI_2, PI, TAU},
     time::Duration,
 };
 
@@ -9,7 +9,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use sightline_world::{
     geometry::{Aabb, Axes},
-    motion::{Pose, Tbv},
+    motion::{COURSE_MAX, FREE_FALL, Pose, Report, Tbv, Tolerance},
     tolerance::WIRE_UNITS_PER_METRE,
 };
 
@@ -19,6 +19,16 @@ pub const UNITS_PER_METRE: f32 = WIRE_UNITS_PER_METRE;
 pub const SPEED_UNITS: f32 = 128.0;
 /// The unit of turns of axes on the wire, in radians: 2⁻³² of a full turn.
 const TURN_UNIT: f64 = std::f64::consts::TAU / 4_294_967_296.0;
+/// Rates of turn on the wire are in 1,024ths of a full turn per second.
+const TURN_RATE_UNITS: f32 = 1_024.0;
+/// How far a unit of velocity leads in a second, in units of positions.
+const UNITS_OF_WAY: i64 = (UNITS_PER_METRE / SPEED_UNITS) as i64;
+/// How far a unit of turn rates leads in a second, in units of yaw.
+const UNITS_OF_YAW: i64 = 65_536 / TURN_RATE_UNITS as i64;
+/// How much faster a falling body is after a second, in units of velocity.
+const FALL_UNITS: i64 = (FREE_FALL * SPEED_UNITS) as i64;
+/// Times of reports on the wire are in 64ths of a tick.
+const TICK_PARTS: u32 = 64;
 /// The greatest coordinate on the wire: 100 km.
 pub const COORDINATE_MAX: i32 = 100_000 * 512;
 
@@ -79,6 +89,36 @@ pub struct WirePose {
     pub pitch: i16,
     /// The velocity, in 128ths of a metre per second.
     pub velocity: [i16; 3],
+    /// How fast the yaw grows, in 1,024ths of a full turn per second.
+    pub yaw_rate: i16,
+    /// Whether the body falls freely.
+    pub falls: bool,
+}
+
+impl WirePose {
+    /// Where an avatar with this pose is after a time, if it keeps its velocity, or falls. All
+    /// arithmetic is in integers, so that both ends agree.
+    #[must_use]
+    pub fn straight_on(&self, elapsed: Duration) -> Self {
+        let elapsed_us = elapsed.min(COURSE_MAX).as_micros() as i64;
+        let moved = |rate: i16, units: i64| i64::from(rate) * units * elapsed_us / 1_000_000;
+        let limit = i64::from(COORDINATE_MAX);
+        let mut units = self.position.0;
+        for (unit, speed) in units.iter_mut().zip(self.velocity) {
+            let at = i64::from(*unit) + moved(speed, UNITS_OF_WAY);
+            *unit = at.clamp(-limit, limit) as i32;
+        }
+        let mut velocity = self.velocity;
+        if self.falls {
+            let faster = FALL_UNITS * elapsed_us / 1_000_000;
+            let deeper = faster * UNITS_OF_WAY / 2 * elapsed_us / 1_000_000;
+            units[1] = (i64::from(units[1]) - deeper).clamp(-limit, limit) as i32;
+            let [_, climb, _] = &mut velocity;
+            *climb = (i64::from(*climb) - faster).max(i16::MIN.into()) as i16;
+        }
+        let yaw = self.yaw.wrapping_add(moved(self.yaw_rate, UNITS_OF_YAW) as u16);
+        Self { position: WirePosition(units), yaw, velocity, ..*self }
+    }
 }
 
 impl From<&Pose> for WirePose {
@@ -89,6 +129,8 @@ impl From<&Pose> for WirePose {
             yaw: turn.round() as u32 as u16,
             pitch: ((pose.pitch / FRAC_PI_2).clamp(-1.0, 1.0) * 32_767.0).round() as i16,
             velocity: pose.velocity.to_array().map(|v| (v * SPEED_UNITS).round() as i16),
+            yaw_rate: (pose.yaw_rate / TAU * TURN_RATE_UNITS).round() as i16,
+            falls: pose.falls,
         }
     }
 }
@@ -100,6 +142,66 @@ impl From<WirePose> for Pose {
             yaw: f32::from(wire.yaw) / 65_536.0 * TAU,
             pitch: f32::from(wire.pitch.max(-32_767)) / 32_767.0 * FRAC_PI_2,
             velocity: Vec3::from_array(wire.velocity.map(|v| f32::from(v) / SPEED_UNITS)),
+            yaw_rate: f32::from(wire.yaw_rate) / TURN_RATE_UNITS * TAU,
+            falls: wire.falls,
+        }
+    }
+}
+
+/// A quantised report.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct WireReport {
+    /// When it was made on the client's clock, in 64ths of a tick.
+    pub made: u32,
+    /// How many orders the client had received.
+    pub orders: u32,
+    /// The pose.
+    pub pose: WirePose,
+}
+
+impl WireReport {
+    /// A report to a server with this time between ticks.
+    pub fn new(report: &Report, tick: Duration) -> Self {
+        let parts = report.made.as_nanos() * u128::from(TICK_PARTS) / tick.as_nanos().max(1);
+        let made = u32::try_from(parts).unwrap_or(u32::MAX);
+        Self { made, orders: report.orders, pose: (&report.pose).into() }
+    }
+
+    /// The report at a server with this time between ticks.
+    pub fn report(&self, tick: Duration) -> Report {
+        let nanos = tick.as_nanos() * u128::from(self.made) / u128::from(TICK_PARTS);
+        let made = Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX));
+        Report { made, orders: self.orders, pose: self.pose.into() }
+    }
+}
+
+/// A quantised tolerance. It is never larger than the server's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WireTolerance {
+    /// In millimetres.
+    pub millimetres: u16,
+    /// In 255ths of half a turn.
+    pub angle: u8,
+    /// The time ahead, in milliseconds.
+    pub ahead_ms: u16,
+}
+
+impl From<&Tolerance> for WireTolerance {
+    fn from(tolerance: &Tolerance) -> Self {
+        Self {
+            millimetres: (tolerance.metres * 1_000.0).floor() as u16,
+            angle: (tolerance.radians / PI * 255.0).floor() as u8,
+            ahead_ms: tolerance.ahead.as_micros().div_ceil(1_000).try_into().unwrap_or(u16::MAX),
+        }
+    }
+}
+
+impl From<WireTolerance> for Tolerance {
+    fn from(wire: WireTolerance) -> Self {
+        Self {
+            metres: f32::from(wire.millimetres) / 1_000.0,
+            radians: f32::from(wire.angle) / 255.0 * PI,
+            ahead: Duration::from_millis(u64::from(wire.ahead_ms)),
         }
     }
 }
@@ -159,14 +261,15 @@ mod tests {
 
     fn wire_pose() -> impl Strategy<Value = WirePose> {
         let unit = -COORDINATE_MAX / 4..=COORDINATE_MAX / 4;
-        (proptest::array::uniform3(unit), any::<u16>(), -32_767i16.., any::<[i16; 3]>()).prop_map(
-            |(units, yaw, pitch, velocity)| WirePose {
+        (proptest::array::uniform3(unit), any::<u16>(), -32_767i16.., any::<([i16; 4], bool)>())
+            .prop_map(|(units, yaw, pitch, ([x, y, z, yaw_rate], falls))| WirePose {
                 position: WirePosition::new(units).unwrap(),
                 yaw,
                 pitch,
-                velocity,
-            },
-        )
+                velocity: [x, y, z],
+                yaw_rate,
+                falls,
+            })
     }
 
     proptest! {
@@ -184,12 +287,35 @@ mod tests {
             yaw in -20f32..20.0,
             pitch in -1.5f32..1.5,
             velocity in proptest::array::uniform3(-100f32..100.0),
+            yaw_rate in -100f32..100.0,
+            falls: bool,
         ) {
-            let pose = Pose { eye: eye.into(), yaw, pitch, velocity: velocity.into() };
+            let (eye, velocity) = (eye.into(), velocity.into());
+            let pose = Pose { eye, yaw, pitch, velocity, yaw_rate, falls };
             let back = Pose::from(WirePose::from(&pose));
             prop_assert!(back.eye.distance(pose.eye) < 0.002);
             prop_assert!(back.forward().distance(pose.forward()) < 2e-4);
             prop_assert!(back.velocity.distance(pose.velocity) < 0.01);
+            prop_assert!((back.yaw_rate - pose.yaw_rate).abs() < 0.004);
+        }
+
+        #[test]
+        fn straight_on_is_the_same_on_the_wire(
+            eye in proptest::array::uniform3(-900f32..900.0),
+            velocity in proptest::array::uniform3(-30f32..30.0),
+            yaw_rate in -9f32..9.0,
+            elapsed_ms in 0u64..5_000,
+            falls: bool,
+        ) {
+            let (eye, velocity) = (eye.into(), velocity.into());
+            let pose = Pose { eye, velocity, yaw_rate, falls, ..Pose::default() };
+            let (wire, elapsed) = (WirePose::from(&pose), Duration::from_millis(elapsed_ms));
+            let [pose, wire] =
+                [Pose::from(wire).straight_on(elapsed), wire.straight_on(elapsed).into()];
+            let error_m = 0.01 + 0.01 * (elapsed_ms as f32 / 1e3).powi(2);
+            prop_assert!(pose.eye.distance(wire.eye) < error_m, "{} {}", pose.eye, wire.eye);
+            prop_assert!(pose.velocity.distance(wire.velocity) < 0.06);
+            prop_assert!(pose.forward().distance(wire.forward()) < 5e-4);
         }
 
         #[test]
@@ -201,8 +327,32 @@ mod tests {
                 yaw: f32::from_bits(yaw),
                 pitch: f32::from_bits(pitch),
                 velocity: Vec3::splat(f32::from_bits(speed)),
+                yaw_rate: f32::from_bits(speed),
+                falls: false,
             };
             prop_assert!(Pose::from(WirePose::from(&pose)).is_finite());
+        }
+
+        #[test]
+        fn a_clients_tolerance_is_at_most_the_servers(
+            metres in 0f32..10.0,
+            radians in 0f32..4.0,
+            ahead_us in 0u64..2_000_000,
+        ) {
+            let server = Tolerance { metres, radians, ahead: Duration::from_micros(ahead_us) };
+            let client = Tolerance::from(WireTolerance::from(&server));
+            prop_assert!(client.metres <= metres + 1e-6 && client.metres > metres - 0.0011);
+            prop_assert!(client.radians <= radians && client.ahead >= server.ahead);
+        }
+
+        #[test]
+        fn reports_made_at_ticks_are_so_on_the_wire(tick in 0u32..1_000_000, tick_us in 1_000u32..100_000) {
+            let interval = Duration::from_micros(tick_us.into());
+            let report = Report { made: interval * tick, orders: 7, pose: Pose::default() };
+            let wire = WireReport::new(&report, interval);
+            prop_assert_eq!(wire.report(interval), report);
+            let next = Report { made: report.made + interval / 64 + Duration::from_nanos(1), ..report };
+            prop_assert!(WireReport::new(&next, interval).made > wire.made);
         }
 
         #[test]

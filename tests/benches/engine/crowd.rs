@@ -115,7 +115,7 @@ impl Pedestrian {
         } else {
             (-self.velocity.x).atan2(-self.velocity.z)
         };
-        Pose { eye: self.eye, yaw, pitch: 0.0, velocity: self.velocity }
+        Pose { eye: self.eye, yaw, velocity: self.velocity, ..Pose::default() }
     }
 }
 

@@ -57,6 +57,9 @@ struct Args {
     /// pairs.
     #[arg(long, value_name = "N", default_value_t = 3_000)]
     peers_max: usize,
+    /// Have live clients report at every tick.
+    #[arg(long)]
+    every_tick: bool,
     /// The measured policy.
     #[arg(long, default_value = "tbv")]
     policy: Policy,
@@ -151,6 +154,7 @@ fn measured(args: &Args, size: CrowdSize) -> anyhow::Result<EngineRow> {
     let CrowdSize { walkers, hidden } = size;
     let mut child = Command::new(std::env::current_exe()?)
         .args(["--row", &format!("{walkers},{hidden}"), "--policy", &args.policy.to_string()])
+        .args(args.every_tick.then_some("--every-tick"))
         .args(["--threads", &args.threads.to_string()])
         .args(["--rooms", &args.rooms().to_string(), "--seed", &args.seed.to_string()])
         .args(["--rtt", &args.rtt.to_string(), "--seconds", &args.seconds.to_string()])

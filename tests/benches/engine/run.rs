@@ -12,10 +12,11 @@ use cpu_time::ProcessTime;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use serde::{Deserialize, Serialize};
 use sightline_cli::percentile::percentile;
+use sightline_client_core::reporting::Reporter;
 use sightline_engine::{Config, Engine, Input, Margin, Output};
 use sightline_world::{
     World,
-    motion::{AvatarId, Pose, Tbv},
+    motion::{AvatarId, Tbv, Tolerance},
 };
 
 use super::{
@@ -203,16 +204,10 @@ impl TickSums {
 /// What the server told a client to do.
 #[derive(Clone, Copy, Debug)]
 enum ClientOrder {
-    Live,
+    Enter,
+    Live(Tolerance),
     Quiet(Tbv),
     Ask,
-}
-
-#[derive(Clone, Debug, Default)]
-struct BenchClient {
-    /// The TBV to stay in while silent; `None` when live.
-    tbv: Option<Tbv>,
-    sequence: u32,
 }
 
 struct EngineRun {
@@ -220,7 +215,7 @@ struct EngineRun {
     engine: Engine,
     crowd: Pedestrians,
     /// By avatar id, in the order of the crowd's pedestrians.
-    clients: Vec<BenchClient>,
+    clients: Vec<Reporter>,
     one_way: Duration,
     now: Duration,
     /// By time of arrival.
@@ -237,6 +232,7 @@ impl EngineRun {
             margin: Margin::Fixed(Duration::ZERO),
             avatars_max: crowd.walkers.len(),
             threads: args.threads,
+            by_exception: !args.every_tick,
             ..Config::default()
         };
         let mut engine = Engine::new(Arc::clone(world), config);
@@ -247,10 +243,11 @@ impl EngineRun {
             engine.handle(Duration::ZERO, Input::Join { avatar, name, colour: [128; 3], place });
             engine.handle(Duration::ZERO, Input::RoundTrip { avatar, round_trip });
         }
+        let client = Reporter::new(engine.config().tick, engine.agility());
         Self {
             world: Arc::clone(world),
             engine,
-            clients: vec![BenchClient::default(); crowd.walkers.len()],
+            clients: vec![client; crowd.walkers.len()],
             crowd,
             one_way: round_trip / 2,
             now: Duration::ZERO,
@@ -279,7 +276,7 @@ impl EngineRun {
         self.now += tick;
         self.crowd.step(&self.world, tick.as_secs_f32());
         self.obey();
-        self.report(tick);
+        self.report();
         let arrived = self.up.partition_point(|(at, _)| *at <= self.now);
         let inputs: Vec<_> = self.up.drain(..arrived).collect();
         self.count.reports += inputs.len() as u64;
@@ -301,38 +298,29 @@ impl EngineRun {
         for (_, to, order) in orders {
             let client = &mut self.clients[to.0 as usize];
             match order {
-                ClientOrder::Live => client.tbv = None,
-                ClientOrder::Quiet(tbv) => client.tbv = Some(tbv),
-                ClientOrder::Ask if client.tbv.is_some() => self.send(to),
-                ClientOrder::Ask => {}
+                ClientOrder::Enter => client.enter(),
+                ClientOrder::Live(tolerance) => client.expect_reports(tolerance),
+                ClientOrder::Quiet(tbv) => client.expect_silence(tbv),
+                ClientOrder::Ask => client.ask(),
             }
         }
     }
 
-    /// Sends the reports of live clients, and of those about to leave their TBVs.
-    fn report(&mut self, tick: Duration) {
-        let agility = self.engine.agility();
-        for i in 0..self.clients.len() {
-            let pose = self.crowd.walkers[i].pose();
-            let stays = |tbv: &Tbv| tbv.holds(&pose, tick, &agility);
-            if !self.clients[i].tbv.as_ref().is_some_and(stays) {
-                self.send(AvatarId(i as u32));
+    /// Sends the reports that are due.
+    fn report(&mut self) {
+        let arrival = self.now + self.one_way;
+        for (i, (client, walker)) in (0..).zip(self.clients.iter_mut().zip(&self.crowd.walkers)) {
+            if let Some((_, report)) = client.tick(self.now, &walker.pose(), 2 * self.one_way) {
+                self.up.push_back((arrival, Input::Report { avatar: AvatarId(i), report }));
             }
         }
-    }
-
-    fn send(&mut self, avatar: AvatarId) {
-        let client = &mut self.clients[avatar.0 as usize];
-        client.sequence += 1;
-        let pose: Pose = self.crowd.walkers[avatar.0 as usize].pose();
-        let report = Input::Report { avatar, sequence: client.sequence, pose };
-        self.up.push_back((self.now + self.one_way, report));
     }
 
     fn take_in(&mut self) {
         for output in &self.outputs {
             let (to, order) = match output {
-                Output::Live { to } => (*to, ClientOrder::Live),
+                Output::Entered { to, .. } => (*to, ClientOrder::Enter),
+                Output::Live { to, tolerance } => (*to, ClientOrder::Live(*tolerance)),
                 Output::Quiet { to, tbv } => (*to, ClientOrder::Quiet(*tbv)),
                 Output::Ask { to } => (*to, ClientOrder::Ask),
                 Output::Appear { .. } => {

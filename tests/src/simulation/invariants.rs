@@ -9,7 +9,7 @@ use sightline_replay::{ReplayOptions, TickView};
 use sightline_world::{
     CellId, World,
     geometry::Aabb,
-    motion::{Agility, AvatarId, ReportingState, Tbv},
+    motion::{Agility, AvatarId, Pose, ReportingState, Tbv, Tolerance},
     tolerance::POKE_M,
 };
 
@@ -23,6 +23,8 @@ const SILENT_MAX: Duration = Duration::from_secs(1);
 pub const SMALL_TBV_SCALE: f32 = 0.9;
 /// The rounding of positions on the wire and in sums, in metres.
 const ROUNDING_M: f32 = 0.02;
+/// The number of ticks of a client from which the engine may count where it is.
+const COURSE_TICKS: u32 = 12;
 /// The number of directions in which straight walks are tried.
 const DIRECTIONS: u16 = 16;
 /// The speed that a person reaches at once, in metres per second; and the acceleration beyond it,
@@ -65,6 +67,14 @@ impl fmt::Display for Violation {
     }
 }
 
+/// Where an avatar was, by what its client has said or not said, and when.
+struct Known {
+    pose: Pose,
+    at: Duration,
+    /// By how much it may have been elsewhere.
+    tolerance: Tolerance,
+}
+
 /// Where an eye was, and a box that it cannot have left since then, in the world's own axes.
 struct EyeRegion {
     from: Vec3,
@@ -85,6 +95,8 @@ pub struct InvariantChecker {
     /// For each avatar hidden at the last tick: its TBV, whether it was quiet, and when it must be
     /// asked at the latest.
     hidden: BTreeMap<AvatarId, (Tbv, bool, Duration)>,
+    /// The tolerance of each avatar at the last tick.
+    tolerances: BTreeMap<AvatarId, Tolerance>,
     seen: Observations,
 }
 
@@ -116,6 +128,7 @@ impl InvariantChecker {
             margin: config.margin.first(),
             horizon_max: config.horizon_max,
             hidden: BTreeMap::new(),
+            tolerances: BTreeMap::new(),
             seen: Observations::default(),
         }
     }
@@ -126,6 +139,8 @@ impl InvariantChecker {
         self.check_refusals(moment);
         self.check_leaks(moment);
         self.check_tbvs(moment);
+        let tolerance = |id| Some((id, moment.engine.tolerance(id)?));
+        self.tolerances = moment.engine.avatars().filter_map(tolerance).collect();
     }
 
     /// What was observed.
@@ -209,13 +224,15 @@ impl InvariantChecker {
         let steps = one_way.as_nanos().div_ceil(DELAY_STEP.as_nanos());
         let delay = DELAY_STEP * u32::try_from(steps).ok()?;
         let agility = moment.engine.agility();
-        let eyes = self.region(moment, viewer, delay, &agility)?;
+        let eyes = self.regions(moment, viewer, delay, &agility)?;
         // An avatar that departs from its course may be anywhere within reach of the top speed.
         let is_doubted = moment.engine.is_doubted(moment.now, avatar);
         let dash = if is_doubted { agility.speed_max } else { agility.dash };
-        let others = self.region(moment, avatar, delay, &Agility { dash, ..agility })?;
+        let others = self.regions(moment, avatar, delay, &Agility { dash, ..agility })?;
         let body = self.world.body.in_axes(&cells.axes);
-        let [eyes, others] = [eyes, others].map(|region| self.cells_within(&region));
+        let cells_within = |region: &EyeRegion| self.cells_within(region);
+        let [eyes, others]: [Vec<(CellId, Aabb)>; 2] =
+            [eyes, others].map(|regions| regions.iter().flat_map(cells_within).collect());
         let mut bodies = Vec::new();
         let parts = others.iter().map(|(_, part)| body.around_box(part));
         parts.for_each(|part| cells.overlapping(&part, &mut bodies));
@@ -223,20 +240,52 @@ impl InvariantChecker {
         Some(eyes.iter().any(|(cell, _)| sees(*cell)))
     }
 
-    /// Where an eye can be until a message sent to its viewer after this delay takes effect.
-    fn region(
+    /// Where an eye can be until a message sent to its viewer after this delay takes effect: from
+    /// each moment at which the engine may take it to be known.
+    fn regions(
         &self,
         moment: &TickView<'_>,
         id: AvatarId,
         delay: Duration,
         agility: &Agility,
-    ) -> Option<EyeRegion> {
-        let (pose, axes) = (moment.engine.pose(id)?, &self.world.cells.axes);
-        let unheard =
-            moment.now.saturating_sub(self.earliest_report(moment, id)?).min(self.horizon_max);
-        let (from, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
-        let able = agility.eyes(from, velocity, unheard + self.tick + delay);
-        Some(EyeRegion { from, within: able.grown(self.spare_m + ROUNDING_M) })
+    ) -> Option<Vec<EyeRegion>> {
+        let axes = &self.world.cells.axes;
+        let known = self.known(moment, id)?;
+        let region = |known: &Known| {
+            let margin = self.margin_of(moment, id);
+            let unheard = (moment.now.saturating_sub(known.at) + margin).min(self.horizon_max);
+            let time = unheard + self.tick + delay;
+            let Pose { eye, velocity, .. } = known.pose;
+            let (from, velocity) = (axes.own(eye), axes.own(velocity));
+            let spare_m = self.spare_m + ROUNDING_M + known.tolerance.growth_m(time);
+            EyeRegion { from, within: agility.eyes(from, velocity, time).grown(spare_m) }
+        };
+        Some(known.iter().map(region).collect())
+    }
+
+    /// The moments from which the engine may count: that of an avatar's last report, and some ticks
+    /// of its client by which it would have reported a departure. Which of them is the last depends
+    /// on jitter.
+    fn known(&self, moment: &TickView<'_>, id: AvatarId) -> Option<Vec<Known>> {
+        let (pose, made) = (moment.engine.pose(id)?, moment.last_sampled(id)?);
+        let last_heard = moment.last_report(id)?;
+        let agility = moment.engine.agility();
+        // Who has just fallen silent was on course before.
+        let before = self.tolerances.get(&id).copied().unwrap_or(Tolerance::NONE);
+        let tolerance = moment.engine.tolerance(id)?.union(&before);
+        let way = moment.round_trip(id).min(self.horizon_max) / 2 + self.margin_of(moment, id);
+        let heard = moment.now.saturating_sub(way) + self.tick;
+        let newest = self.tick * u32::try_from(heard.as_nanos() / self.tick.as_nanos()).ok()?;
+        let ticks = (0..COURSE_TICKS).filter_map(|back| newest.checked_sub(self.tick * back));
+        let on_course = ticks.filter(|at| !tolerance.is_none() && *at > made && *at <= moment.now);
+        let on_course = on_course.map(|at| {
+            let pose = pose.on_course(at.saturating_sub(made), &agility);
+            Known { pose, at, tolerance }
+        });
+        // The engine does not know that a message took longer than it allows for.
+        let at = made.max(last_heard.saturating_sub(way));
+        let reported = Known { pose, at, tolerance: Tolerance::NONE };
+        Some(on_course.chain([reported]).collect())
     }
 
     /// The cells reached from a place without leaving a box, and the part of each inside the box.
@@ -258,13 +307,6 @@ impl InvariantChecker {
         }
         let part = |id: CellId| cells.cells[id.0 as usize].bounds.intersection(within);
         found.into_iter().map(|id| (id, part(id))).collect()
-    }
-
-    /// The earliest time at which the last report of an avatar can have been made, as far as the
-    /// engine knows.
-    fn earliest_report(&self, moment: &TickView<'_>, id: AvatarId) -> Option<Duration> {
-        let way = moment.round_trip(id).min(self.horizon_max) / 2 + self.margin_of(moment, id);
-        Some(moment.last_report(id)?.saturating_sub(way))
     }
 
     fn margin_of(&self, moment: &TickView<'_>, id: AvatarId) -> Duration {
@@ -344,57 +386,69 @@ impl InvariantChecker {
                 self.note(moment, &Violation::Short, id, "");
             }
         }
-        if !self.holds_straight_walks(moment, id, tbv) || !self.holds_reach(moment, id, tbv) {
+        if !self.is_large_enough(moment, id, tbv) {
             self.note(moment, &Violation::Small, id, "");
         }
-        self.seen.tight += u64::from(!self.holds_reach(moment, id, &self.shrunk(moment, id, tbv)));
+        let shrunk = self.shrunk(moment, id, tbv);
+        self.seen.tight += u64::from(!self.is_large_enough(moment, id, &shrunk));
     }
 
     /// A TBV as the fault of small TBVs would make it.
     fn shrunk(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Tbv {
-        let Some(pose) = moment.engine.pose(id) else { return *tbv };
-        let (eye, Aabb { min, max }) = (tbv.axes.own(pose.eye), tbv.within);
+        let known = self.known(moment, id);
+        let Some(known) = known.as_ref().and_then(|all| all.first()) else { return *tbv };
+        let (eye, Aabb { min, max }) = (tbv.axes.own(known.pose.eye), tbv.within);
         let within =
             Aabb::new(eye + (min - eye) * SMALL_TBV_SCALE, eye + (max - eye) * SMALL_TBV_SCALE);
         Tbv { within, ..*tbv }
     }
 
-    /// How long after its last report a TBV must hold its avatar: until it expires; or until the
-    /// client has received it, plus the notice.
-    fn must_hold_for(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> Option<Duration> {
-        let made = self.earliest_report(moment, id)?;
+    /// Whether a TBV holds all that its avatar can do, from one of the moments at which it is known.
+    fn is_large_enough(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
+        let agility = moment.engine.agility();
+        let known = self.known(moment, id);
+        known.is_none_or(|known| {
+            known.iter().any(|known| {
+                let time = self.must_hold_for(moment, id, tbv, known);
+                Self::holds_reach(tbv, known, &agility, time)
+                    && self.holds_straight_walks(tbv, known, time)
+            })
+        })
+    }
+
+    /// How long after a moment a TBV must hold its avatar: until it expires; or until the client has
+    /// received it, plus the notice.
+    fn must_hold_for(
+        &self,
+        moment: &TickView<'_>,
+        id: AvatarId,
+        tbv: &Tbv,
+        known: &Known,
+    ) -> Duration {
         if tbv.notice.is_zero() {
-            return Some(tbv.expiry.saturating_sub(made));
+            return tbv.expiry.saturating_sub(known.at);
         }
         let told = moment.round_trip(id).min(self.horizon_max) / 2 + self.tick;
-        Some(moment.now.saturating_sub(made) + told + tbv.notice)
+        moment.now.saturating_sub(known.at) + told + tbv.notice
     }
 
-    /// Whether a TBV holds everything that its avatar can do, even through walls.
-    fn holds_reach(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
-        let (Some(pose), Some(time)) =
-            (moment.engine.pose(id), self.must_hold_for(moment, id, tbv))
-        else {
-            return true;
-        };
-        let (eye, velocity) = (tbv.axes.own(pose.eye), tbv.axes.own(pose.velocity));
-        tbv.within.contains_box(&moment.engine.agility().eyes(eye, velocity, time))
+    /// Whether a TBV holds everything that its avatar can do in a time, even through walls.
+    fn holds_reach(tbv: &Tbv, known: &Known, agility: &Agility, time: Duration) -> bool {
+        let (eye, velocity) = (tbv.axes.own(known.pose.eye), tbv.axes.own(known.pose.velocity));
+        let able = agility.eyes(eye, velocity, time).grown(known.tolerance.growth_m(time));
+        tbv.within.contains_box(&able)
     }
 
-    /// Whether straight walks from the last known place end inside the TBV.
-    fn holds_straight_walks(&self, moment: &TickView<'_>, id: AvatarId, tbv: &Tbv) -> bool {
-        let (Some(pose), Some(time)) =
-            (moment.engine.pose(id), self.must_hold_for(moment, id, tbv))
-        else {
-            return true;
-        };
+    /// Whether straight walks from a known place end inside the TBV.
+    fn holds_straight_walks(&self, tbv: &Tbv, known: &Known, time: Duration) -> bool {
+        let eye = known.pose.eye;
         let way_m = sprint_m(self.speed_max, time.as_secs_f32()) - ROUNDING_M;
         (0..DIRECTIONS).all(|i| {
             let angle = f32::from(i) / f32::from(DIRECTIONS) * std::f32::consts::TAU;
             let direction = Vec3::new(angle.cos(), 0.0, angle.sin());
-            let wall_m = self.oracle.distance(pose.eye, direction).unwrap_or(f32::INFINITY);
+            let wall_m = self.oracle.distance(eye, direction).unwrap_or(f32::INFINITY);
             let free_m = (wall_m - self.world.body.half_width).max(0.0);
-            tbv.contains(pose.eye + direction * way_m.min(free_m))
+            tbv.contains(eye + direction * way_m.min(free_m))
         })
     }
 }

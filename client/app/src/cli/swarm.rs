@@ -93,6 +93,7 @@ fn table(report: &SwarmReport) -> String {
         ("seconds", format!("{:.1}", report.seconds)),
         ("avatars held by a client", format!("{:.2}", report.visible_mean)),
         ("share of time quiet", format!("{:.1} %", report.quiet_share * 100.0)),
+        ("share of time on course", format!("{:.1} %", report.course_share * 100.0)),
         ("messages to a client", format!("{:.1} /s", report.messages_in_per_s)),
         ("messages from a client", format!("{:.1} /s", report.messages_out_per_s)),
         ("bytes to a client", format!("{:.0} /s", report.bytes_in_per_s)),
@@ -102,6 +103,7 @@ fn table(report: &SwarmReport) -> String {
         ("age of poses, mean", format!("{:.0} ms", report.age_mean_ms)),
         ("age of poses, 99th percentile", format!("{:.0} ms", report.age_p99_ms)),
         ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
+        ("shown off by, 99th percentile", format!("{:.1} cm", report.shown_error_p99_m * 100.0)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
     ];

@@ -10,7 +10,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_cli::trace::{Trace, Track};
 use sightline_client_core::{
     navigation::Navigation,
-    replica::{Event, HeldAvatar},
+    replica::{Event, HeldAvatar, VisibleAvatar},
 };
 use sightline_protocol::text::Name;
 use sightline_world::{
@@ -87,6 +87,8 @@ pub struct VisitorView {
     pub reporting_state: Option<ReportingState>,
     /// The avatars that its replica holds.
     pub held: Vec<HeldAvatar>,
+    /// The same avatars as they are shown at this moment.
+    pub shown: Vec<VisibleAvatar>,
 }
 
 /// Why there is no report.
@@ -198,6 +200,7 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
         pose: member.pose,
         reporting_state: member.session.stats().reporting_state,
         held: member.session.held(),
+        shown: member.session.visible(),
     });
     SwarmSnapshot { elapsed, visitors: visitors.collect() }
 }

@@ -8,15 +8,17 @@ use std::{
 use glam::Vec3;
 use serde::Serialize;
 use sightline_cli::percentile;
-use sightline_world::motion::{AvatarId, ReportingState};
+use sightline_client_core::reporting::ReportingCounts;
+use sightline_world::motion::AvatarId;
 
 use super::{STEP, SwarmSnapshot};
 use crate::net::{Session, SessionStats};
 
 /// How long the past positions of a visitor are kept.
 const HISTORY: Duration = Duration::from_secs(3);
-/// The distance within which a held pose matches a past position, in metres.
-const SAME_PLACE: f32 = 0.006;
+/// The distance within which an avatar is shown where it was, in metres: a tolerance of 5 cm, and
+/// 2 cm for rounding.
+const SAME_PLACE: f32 = 0.07;
 /// The width of a bin in the histogram of ages, in milliseconds.
 const AGE_BIN_MS: f64 = 5.0;
 
@@ -47,9 +49,15 @@ pub struct SwarmReport {
     pub udp_bytes_out_per_s: f64,
     /// The mean number of avatars that a client holds.
     pub visible_mean: f64,
-    /// The share of time for which a client is quiet, from 0 to 1.
+    /// The share of a client's ticks at which it is quiet, from 0 to 1.
     pub quiet_share: f64,
-    /// The mean age of held poses, compared with the visitors' true positions, in milliseconds.
+    /// The share of a client's ticks at which it is live, on course and silent, from 0 to 1.
+    pub course_share: f64,
+    /// The 99th percentile of the distances between where a visitor is shown and where it is then,
+    /// in metres.
+    pub shown_error_p99_m: f64,
+    /// The mean age of shown positions: how long ago the visitor was last there, within 7 cm. In
+    /// milliseconds.
     pub age_mean_ms: f64,
     /// The 99th percentile of the ages, in milliseconds.
     pub age_p99_ms: f64,
@@ -70,8 +78,9 @@ pub struct SwarmStatistics {
     age_sum_ms: f64,
     age_max_ms: f64,
     held: u64,
-    quiet: u64,
     views: u64,
+    /// Distances between where visitors are shown and where they are, in metres.
+    shown_errors: Vec<f32>,
 }
 
 impl SwarmStatistics {
@@ -87,8 +96,8 @@ impl SwarmStatistics {
             age_sum_ms: 0.0,
             age_max_ms: 0.0,
             held: 0,
-            quiet: 0,
             views: 0,
+            shown_errors: Vec::new(),
         }
     }
 
@@ -106,11 +115,13 @@ impl SwarmStatistics {
     pub fn observe(&mut self, snapshot: &SwarmSnapshot) {
         for view in &snapshot.visitors {
             self.views += 1;
-            self.quiet += u64::from(view.reporting_state == Some(ReportingState::Quiet));
-            for held in &view.held {
+            for shown in &view.shown {
                 self.held += 1;
-                let Some(history) = self.history.get(&held.id) else { continue };
-                let age_ms = age_ms(history, snapshot.elapsed, held.pose.eye);
+                let Some(history) = self.history.get(&shown.id) else { continue };
+                let eye = shown.pose.eye;
+                let truth = history.back().map_or(eye, |(_, truth)| *truth);
+                self.shown_errors.push(eye.distance(truth));
+                let age_ms = age_ms(history, snapshot.elapsed, eye);
                 let bin = ((age_ms / AGE_BIN_MS) as usize).min(self.ages.len() - 1);
                 self.ages[bin] += 1;
                 self.age_sum_ms += age_ms;
@@ -135,6 +146,14 @@ impl SwarmStatistics {
         };
         assert_eq!(end.len(), self.start.len(), "the sessions that were counted from the start");
         let views = self.views.max(1) as f64;
+        let sum = |figure: fn(&ReportingCounts) -> u64| {
+            let of = |all: &[SessionStats]| all.iter().map(|s| figure(&s.reporting)).sum::<u64>();
+            of(&end).saturating_sub(of(&self.start)) as f64
+        };
+        let ticks = sum(|counts| counts.ticks).max(1.0);
+        let mut shown_errors = self.shown_errors.clone();
+        shown_errors.sort_unstable_by(f32::total_cmp);
+        let shown_error_p99 = percentile::percentile(&shown_errors, 99).unwrap_or_default();
         let aged: u64 = self.ages.iter().sum();
         let round_trips = end.iter().map(|stats| stats.round_trip.as_secs_f64() * 1e3);
         SwarmReport {
@@ -150,7 +169,9 @@ impl SwarmStatistics {
             udp_bytes_in_per_s: rate(|s| s.udp_bytes_in),
             udp_bytes_out_per_s: rate(|s| s.udp_bytes_out),
             visible_mean: self.held as f64 / views,
-            quiet_share: self.quiet as f64 / views,
+            quiet_share: sum(|counts| counts.quiet) / ticks,
+            course_share: sum(|counts| counts.on_course) / ticks,
+            shown_error_p99_m: f64::from(shown_error_p99),
             age_mean_ms: self.age_sum_ms / aged.max(1) as f64,
             age_p99_ms: self.age_percentile(aged, 99),
             age_max_ms: self.age_max_ms,
@@ -170,9 +191,9 @@ impl SwarmStatistics {
     }
 }
 
-/// How long ago the visitor left the position at which it is held.
-fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, held: Vec3) -> f64 {
-    let was_there = |(_, eye): &&(Duration, Vec3)| eye.distance(held) < SAME_PLACE;
+/// How long ago the visitor left the position at which it is shown.
+fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, shown: Vec3) -> f64 {
+    let was_there = |(_, eye): &&(Duration, Vec3)| eye.distance(shown) < SAME_PLACE;
     match history.iter().rev().find(was_there) {
         // It was there until the next position was recorded.
         Some((t, _)) => {
@@ -183,7 +204,7 @@ fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, held: Vec3) -> f6
         None if history.front().is_some_and(|(t, _)| now.saturating_sub(*t) + STEP >= HISTORY) => {
             HISTORY.as_secs_f64() * 1e3
         }
-        // The held pose is older than the first recorded position.
+        // The shown position is older than the first recorded position.
         None => 0.0,
     }
 }
@@ -193,7 +214,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_held_pose_ages_from_the_moment_the_visitor_left_it() {
+    fn a_shown_position_ages_from_the_moment_the_visitor_left_it() {
         let ms = Duration::from_millis;
         let steps = [(0, 1.0), (50, 2.0), (100, 2.0), (150, 3.0), (200, 4.0)];
         let history = steps.map(|(t, x)| (ms(t), Vec3::X * x)).into();

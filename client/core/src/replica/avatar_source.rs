@@ -15,7 +15,7 @@ use super::{Replica, VisibleAvatar};
 pub enum Update {
     /// The avatar appeared, or appeared again.
     Appeared,
-    /// The avatar has a new pose.
+    /// The avatar has a new course.
     Moved,
 }
 
@@ -41,13 +41,12 @@ impl AvatarSource for Replica {
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {
         let timeline = &self.others.get(&avatar)?.timeline;
         let ticks = [now, until].map(|time| self.clock.tick_at(time));
-        let pose = timeline.at(ticks[0], self.tick_interval);
-        Some((pose, timeline.eyes(ticks, self.tick_interval)))
+        Some((timeline.at(ticks[0]), timeline.eyes(ticks)))
     }
 
     fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
         let other = self.others.get(&avatar)?;
-        let pose = other.timeline.at(self.clock.tick_at(now), self.tick_interval);
+        let pose = other.timeline.at(self.clock.tick_at(now));
         Some(VisibleAvatar { id: avatar, name: other.name.clone(), colour: other.colour, pose })
     }
 }

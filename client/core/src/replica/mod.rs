@@ -13,15 +13,21 @@ use sightline_protocol::{
     DecodeError,
     message::{ClientMessage, ServerMessage},
     pose_stream::{ClientDatagram, PoseDecoder},
-    quantise::WirePose,
+    quantise::{WirePose, WireReport},
 };
-use sightline_world::motion::{Agility, AvatarId, Pose, ReportingState, Tbv};
+use sightline_world::motion::{Agility, AvatarId, Pose, Report, ReportingState, Tbv, Tolerance};
 
 use self::timeline::{Clock, Timeline};
-use crate::reporting::{ReportReason, Reporter};
+use crate::reporting::{ReportReason, Reporter, ReportingCounts};
 
-pub use self::avatar_source::{AvatarSource, Update};
+pub use self::{
+    avatar_source::{AvatarSource, Update},
+    timeline::BLEND,
+};
 
+/// An acknowledgement waits for a report to go with for no more than this number of ticks, unless a
+/// datagram is missing.
+const ACK_TICKS: u32 = 6;
 /// A server that makes more avatars appear than this is not trusted. Each avatar takes about 400
 /// bytes.
 const AVATARS_MAX: usize = 16_384;
@@ -58,9 +64,10 @@ pub struct VisibleAvatar {
 pub struct HeldAvatar {
     /// The avatar.
     pub id: AvatarId,
-    /// The newest pose that arrived.
+    /// Where the newest course that arrived begins.
     pub pose: Pose,
-    /// How long ago the pose arrived. The server repeats no pose of an avatar that stands still.
+    /// How long ago that course arrived. The server repeats nothing of an avatar that stays on
+    /// course.
     pub age: Duration,
 }
 
@@ -125,10 +132,8 @@ struct Held {
 #[derive(Clone, Debug, Default)]
 struct OwnAvatar {
     pose: Pose,
-    /// The number of the newest report.
-    sequence: u32,
-    /// Whether a datagram has arrived that was not acknowledged yet.
-    owes_ack: bool,
+    /// In how many ticks what has arrived must be acknowledged; `None` when all of it is.
+    ack_due: Option<u32>,
 }
 
 impl Replica {
@@ -139,7 +144,7 @@ impl Replica {
             tick_interval,
             others: BTreeMap::new(),
             updates: BTreeMap::new(),
-            decoder: PoseDecoder::default(),
+            decoder: PoseDecoder::new(tick_interval),
             clock: Clock::new(tick_interval),
             reporter: Reporter::new(tick_interval, agility),
             own: OwnAvatar::default(),
@@ -159,16 +164,18 @@ impl Replica {
             ServerMessage::Welcome { .. } | ServerMessage::Refused { .. } => {
                 return Err(ReplicaError::OutOfPlace);
             }
-            ServerMessage::Entered { pose } => {
+            ServerMessage::Entered { pose, tick } => {
+                self.clock.synchronise(tick, now);
                 self.reporter.enter();
                 self.own.pose = pose.into();
                 Some(Event::Entered(self.own.pose))
             }
-            ServerMessage::Appear { avatar, name, colour, pose, since_sequence } => {
+            ServerMessage::Appear { avatar, name, colour, pose, tick, since_sequence } => {
                 if self.others.len() >= AVATARS_MAX {
                     return Err(ReplicaError::TooMany);
                 }
-                let timeline = Timeline::new(self.clock.newest_tick(), pose.into(), now);
+                self.clock.synchronise(tick, now);
+                let timeline = Timeline::new(self.tick_interval, tick, pose.into(), now);
                 let name = name.into();
                 let held = Held { name, colour, since_sequence, newest_sequence: 0, timeline };
                 self.appear(now, avatar, held);
@@ -183,15 +190,16 @@ impl Replica {
                 None
             }
             ServerMessage::Quiet { tbv } => {
-                self.reporter.expect_silence(tbv.at(now), now);
+                self.reporter.expect_silence(tbv.at(now));
                 None
             }
-            ServerMessage::Live => {
-                self.reporter.expect_reports(now);
+            ServerMessage::Live { tolerance } => {
+                self.reporter.expect_reports(tolerance.into());
                 None
             }
             ServerMessage::Correct { pose } => {
                 self.own.pose = pose.into();
+                self.reporter.forget_course();
                 Some(Event::Corrected(self.own.pose))
             }
             ServerMessage::Chat { from, text } => {
@@ -210,14 +218,18 @@ impl Replica {
     /// When the datagram is malformed. The replica is then as if the datagram had been lost.
     pub fn datagram(&mut self, now: Duration, bytes: &[u8]) -> Result<(), DecodeError> {
         let Some(update) = self.decoder.decode(bytes)? else { return Ok(()) };
-        self.own.owes_ack = true;
         self.clock.synchronise(update.tick, now);
+        let shown_tick = self.clock.shown_tick(now);
         for (avatar, pose) in &update.poses {
             if let Some(other) = self.others.get_mut(avatar) {
-                other.take_in(now, update.sequence, update.tick, *pose);
+                let heard = Heard { now, shown_tick, sequence: update.sequence };
+                other.take_in(heard, update.tick, *pose);
                 self.updates.entry(*avatar).or_insert(Update::Moved);
             }
         }
+        // A gap is told at once, so that what was lost is sent again.
+        let wait = if self.decoder.ack().has_gap() { 0 } else { ACK_TICKS };
+        self.own.ack_due = Some(self.own.ack_due.map_or(wait, |due| due.min(wait)));
         Ok(())
     }
 
@@ -234,26 +246,34 @@ impl Replica {
     }
 
     /// The report that the server asked for, if it did. It must be sent at once.
-    pub fn answer(&mut self) -> Option<ClientMessage> {
-        self.reporter.take_ask().then(|| self.report())
+    pub fn answer(&mut self, now: Duration) -> Option<ClientMessage> {
+        let report = self.reporter.answer(now, &self.own.pose)?;
+        Some(self.message_with(&report))
+    }
+
+    /// The host has put the own avatar elsewhere: its course begins anew.
+    pub fn forget_course(&mut self) {
+        self.reporter.forget_course();
     }
 
     /// What to send at a tick, for a measured round trip: a report where [`Reporter::tick`] has a
     /// reason for one, or else an acknowledgement that is owed.
-    pub fn tick(&mut self, round_trip: Duration) -> Option<Outgoing> {
+    ///
+    /// Whoever reports at every tick does it in datagrams, because the next report replaces a lost
+    /// one. All other reports go on the stream: a departure that is lost must not pass for silence.
+    pub fn tick(&mut self, now: Duration, round_trip: Duration) -> Option<Outgoing> {
         if !self.reporter.is_inside() {
             return None;
         }
-        match self.reporter.tick(&self.own.pose, round_trip) {
-            Some(ReportReason::Live) => {
-                self.own.sequence += 1;
-                let report = Some((self.own.sequence, WirePose::from(&self.own.pose)));
-                Some(self.datagram_with(report))
+        let ack_is_due = self.own.ack_due == Some(0);
+        self.own.ack_due = self.own.ack_due.map(|due| due.saturating_sub(1));
+        match self.reporter.tick(now, &self.own.pose, round_trip) {
+            Some((ReportReason::EveryTick, report)) => {
+                let report = WireReport::new(&report, self.tick_interval);
+                Some(self.datagram_with(Some(report)))
             }
-            Some(ReportReason::Asked | ReportReason::Leaving) => {
-                Some(Outgoing::Message(self.report()))
-            }
-            None => self.own.owes_ack.then(|| self.datagram_with(None)),
+            Some((_, report)) => Some(Outgoing::Message(self.message_with(&report))),
+            None => ack_is_due.then(|| self.datagram_with(None)),
         }
     }
 
@@ -267,9 +287,14 @@ impl Replica {
         self.reporter.tbv()
     }
 
-    /// For how long the server has expected silence, up to now.
-    pub fn quiet_time(&self, now: Duration) -> Duration {
-        self.reporter.quiet_time(now)
+    /// What the client may leave unsaid; `None` while it is quiet.
+    pub fn tolerance(&self) -> Option<Tolerance> {
+        self.reporter.tolerance()
+    }
+
+    /// For how many ticks the client was quiet, or on course.
+    pub fn reporting_counts(&self) -> ReportingCounts {
+        self.reporter.counts()
     }
 
     /// The time of the server's clock that is drawn now: movers are drawn where they are then.
@@ -286,7 +311,7 @@ impl Replica {
             id: *id,
             name: other.name.clone(),
             colour: other.colour,
-            pose: other.timeline.at(at, self.tick_interval),
+            pose: other.timeline.at(at),
         };
         self.others.iter().map(visible).collect()
     }
@@ -297,6 +322,11 @@ impl Replica {
             let (pose, heard_at) = other.timeline.newest();
             HeldAvatar { id: *id, pose, age: now.saturating_sub(heard_at) }
         })
+    }
+
+    /// Whether an avatar may be in view.
+    pub fn holds(&self, avatar: AvatarId) -> bool {
+        self.others.contains_key(&avatar)
     }
 
     /// The number of avatars that may be in view.
@@ -318,33 +348,45 @@ impl Replica {
     fn appear(&mut self, now: Duration, avatar: AvatarId, mut held: Held) {
         // A datagram may have overtaken this message. It will not come again.
         if let Some((sequence, tick, pose)) = self.decoder.newest(avatar, held.since_sequence) {
-            held.take_in(now, sequence, tick, pose);
+            let shown_tick = self.clock.shown_tick(now);
+            held.take_in(Heard { now, shown_tick, sequence }, tick, pose);
         }
         self.others.insert(avatar, held);
         debug_assert!(self.others.len() <= AVATARS_MAX, "{} avatars", self.others.len());
         self.updates.insert(avatar, Update::Appeared);
     }
 
-    /// A report of the own pose, for the stream.
-    fn report(&mut self) -> ClientMessage {
-        self.own.sequence += 1;
-        let pose = WirePose::from(&self.own.pose);
-        ClientMessage::Report { sequence: self.own.sequence, pose }
+    /// A report for the stream, with an acknowledgement.
+    fn message_with(&mut self, report: &Report) -> ClientMessage {
+        self.own.ack_due = None;
+        let report = WireReport::new(report, self.tick_interval);
+        ClientMessage::Report { report, ack: self.decoder.ack() }
     }
 
     /// A datagram with an acknowledgement, and a report if there is one.
-    fn datagram_with(&mut self, report: Option<(u32, WirePose)>) -> Outgoing {
-        self.own.owes_ack = false;
+    fn datagram_with(&mut self, report: Option<WireReport>) -> Outgoing {
+        self.own.ack_due = None;
         Outgoing::Datagram(ClientDatagram { ack: self.decoder.ack(), report }.encode())
     }
 }
 
+/// Which datagram arrived, when, and what was shown then.
+#[derive(Clone, Copy)]
+struct Heard {
+    now: Duration,
+    /// The moment that was shown, in ticks.
+    shown_tick: f64,
+    /// The number of the datagram.
+    sequence: u32,
+}
+
 impl Held {
-    /// Takes in a pose from a datagram, unless it is outdated.
-    fn take_in(&mut self, now: Duration, sequence: u32, tick: u32, pose: WirePose) {
+    /// Takes in the pose at a tick from a datagram, unless it is outdated.
+    fn take_in(&mut self, heard: Heard, tick: u32, pose: WirePose) {
+        let Heard { now, shown_tick, sequence } = heard;
         if sequence >= self.since_sequence && sequence > self.newest_sequence {
             self.newest_sequence = sequence;
-            self.timeline.push(tick, pose.into(), now);
+            self.timeline.push(tick, pose.into(), now, shown_tick);
         }
     }
 }

@@ -2,7 +2,7 @@ use glam::Vec3;
 use proptest::prelude::*;
 use sightline_protocol::{
     pose_stream::PoseEncoder,
-    quantise::WireTbv,
+    quantise::{WireTbv, WireTolerance},
     text::{ChatLine, Name},
 };
 use sightline_world::{
@@ -24,7 +24,7 @@ fn at(x: f32) -> Pose {
 
 fn entered() -> Replica {
     let mut replica = replica();
-    let entered = ServerMessage::Entered { pose: (&at(0.0)).into() };
+    let entered = ServerMessage::Entered { pose: (&at(0.0)).into(), tick: 1 };
     assert_eq!(replica.message(TICK, entered), Ok(Some(Event::Entered(at(0.0)))));
     replica
 }
@@ -39,51 +39,87 @@ fn quiet_with_notice(radius: f32, now: Duration, notice: Duration) -> ServerMess
     ServerMessage::Quiet { tbv: WireTbv::new(&tbv, now) }
 }
 
+/// The time and the place of the report that a client sends.
 fn report(outgoing: Option<Outgoing>) -> (u32, f32) {
-    match outgoing {
-        Some(Outgoing::Datagram(bytes)) => {
-            let (sequence, pose) = ClientDatagram::decode(&bytes).unwrap().report.unwrap();
-            (sequence, Pose::from(pose).eye.x)
-        }
-        Some(Outgoing::Message(ClientMessage::Report { sequence, pose })) => {
-            (sequence, Pose::from(pose).eye.x)
-        }
+    let report = match outgoing {
+        Some(Outgoing::Datagram(bytes)) => ClientDatagram::decode(&bytes).unwrap().report.unwrap(),
+        Some(Outgoing::Message(ClientMessage::Report { report, .. })) => report,
         other => panic!("no report: {other:?}"),
-    }
+    };
+    (report.made, Pose::from(report.pose).eye.x)
+}
+
+fn live(millimetres: u16) -> ServerMessage {
+    ServerMessage::Live { tolerance: WireTolerance { millimetres, angle: 20, ahead_ms: 200 } }
 }
 
 #[test]
 fn a_client_outside_the_world_sends_nothing() {
     let mut replica = replica();
-    assert_eq!(replica.tick(TICK), None);
+    assert_eq!(replica.tick(TICK, TICK), None);
     replica.message(TICK, ServerMessage::Ask).unwrap();
-    assert_eq!((replica.tick(TICK), replica.answer()), (None, None));
+    assert_eq!((replica.tick(TICK, TICK), replica.answer(TICK)), (None, None));
 }
 
 #[test]
-fn a_live_client_reports_at_every_tick() {
+fn a_client_without_a_tolerance_reports_at_every_tick_in_datagrams() {
     let mut replica = entered();
     for i in 1..100 {
         replica.set_pose(at(i as f32));
-        assert_eq!(report(replica.tick(TICK)), (i, i as f32));
+        let sent = replica.tick(TICK * i, TICK);
+        assert!(matches!(sent, Some(Outgoing::Datagram(_))));
+        assert_eq!(report(sent), ((i - 1) * 64, i as f32));
     }
     replica.set_pose(Pose { yaw: f32::NAN, ..at(5.0) });
     assert_eq!(replica.pose(), at(99.0));
 }
 
 #[test]
+fn a_live_client_reports_departures_on_the_stream() {
+    let mut replica = entered();
+    replica.message(TICK, live(100)).unwrap();
+    let mut tick_at = |i: u32, x: f32| {
+        replica.set_pose(at(x));
+        replica.tick(TICK * i, TICK)
+    };
+    assert_eq!(report(tick_at(1, 0.0)), (0, 0.0), "the order allows less than none before it");
+    assert_eq!((tick_at(2, 0.01), tick_at(3, 0.02)), (None, None));
+    let departure = tick_at(4, 0.3);
+    assert!(matches!(departure, Some(Outgoing::Message(_))));
+    assert_eq!(report(departure).0, 3 * 64);
+    replica.message(TICK * 4, live(50)).unwrap();
+    assert_eq!(report(replica.answer(TICK * 4).map(Outgoing::Message)).0, 3 * 64 + 2);
+}
+
+#[test]
+fn acknowledgements_wait_for_a_report_unless_a_datagram_is_missing() {
+    let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
+    replica.message(TICK, live(100)).unwrap();
+    assert!(replica.tick(TICK, TICK).is_some());
+    let mut datagram = |tick: u32| encoder.encode(tick, &[(AvatarId(7), at(tick as f32))]).remove(0);
+    replica.datagram(TICK * 2, &datagram(2)).unwrap();
+    let waited = (2..40).position(|i| replica.tick(TICK * i, TICK).is_some());
+    assert_eq!(waited, Some(ACK_TICKS as usize));
+    datagram(50);
+    replica.datagram(TICK * 51, &datagram(51)).unwrap();
+    assert!(replica.tick(TICK * 51, TICK).is_some(), "one was lost");
+}
+
+#[test]
 fn a_quiet_client_is_silent_until_asked_or_about_to_leave() {
     let mut replica = entered();
-    replica.tick(TICK);
+    replica.tick(TICK, TICK);
     replica.message(TICK, quiet(5.0, TICK)).unwrap();
     assert_eq!(replica.reporting_state(), Some(ReportingState::Quiet));
-    for _ in 0..1_000 {
-        assert_eq!(replica.tick(TICK), None);
+    for i in 2..20 {
+        assert_eq!(replica.tick(TICK * i, TICK), None);
     }
-    replica.message(TICK, ServerMessage::Ask).unwrap();
+    let now = TICK * 20;
+    replica.message(now, ServerMessage::Ask).unwrap();
     assert_eq!(replica.reporting_state(), Some(ReportingState::Asked));
-    assert_eq!(report(replica.answer().map(Outgoing::Message)), (2, 0.0));
-    assert_eq!((replica.answer(), replica.tick(TICK)), (None, None), "once");
+    assert_eq!(report(replica.answer(now).map(Outgoing::Message)).1, 0.0);
+    assert_eq!((replica.answer(now), replica.tick(now, TICK)), (None, None), "once");
+    replica.message(now, quiet(5.0, now)).unwrap();
     // The client looks one tick ahead: a fifth of a metre at 4 m/s.
     let place = |metres: f32| Pose {
         eye: at(0.0).eye + Vec3::X * metres,
@@ -91,42 +127,30 @@ fn a_quiet_client_is_silent_until_asked_or_about_to_leave() {
         ..Pose::default()
     };
     replica.set_pose(place(4.75));
-    assert_eq!(replica.tick(TICK), None);
+    assert_eq!(replica.tick(TICK * 21, TICK), None);
     replica.set_pose(place(4.85));
-    assert_eq!(report(replica.tick(TICK)).0, 3);
-    assert_eq!(replica.tick(TICK), None, "the answer is on its way");
-    assert_eq!(replica.tick(TICK), None);
-    assert_eq!(report(replica.tick(TICK)).0, 4, "no answer came");
-    replica.message(TICK, ServerMessage::Live).unwrap();
-    assert_eq!(report(replica.tick(TICK)).0, 5);
+    assert!(replica.tick(TICK * 22, TICK).is_some());
+    assert_eq!(replica.tick(TICK * 23, TICK), None, "the answer is on its way");
+    assert_eq!(replica.tick(TICK * 24, TICK), None);
+    assert!(replica.tick(TICK * 25, TICK).is_some(), "no answer came");
+    replica.message(TICK * 25, live(100)).unwrap();
+    assert!(replica.answer(TICK * 25).is_some());
 }
 
 #[test]
 fn a_client_with_a_notice_reports_in_time_that_it_leaves() {
     let mut replica = entered();
-    replica.tick(TICK);
+    replica.tick(TICK, TICK);
     let notice = Duration::from_millis(200);
     replica.message(TICK, quiet_with_notice(5.0, TICK, notice)).unwrap();
     let mut tick_at = |metres: f32, speed: f32| {
         let eye = at(0.0).eye + Vec3::X * metres;
         replica.set_pose(Pose { eye, velocity: Vec3::X * speed, ..Pose::default() });
-        replica.tick(TICK)
+        replica.tick(TICK * 2, TICK)
     };
     // Within the notice a standing body gets 0.4 m away, and one that walks at 2 m/s 0.8 m.
     assert_eq!((tick_at(4.55, 0.0), tick_at(4.15, 2.0), tick_at(4.15, -2.0)), (None, None, None));
-    assert_eq!(report(tick_at(4.25, 2.0)).0, 2);
-}
-
-#[test]
-fn time_in_silence_is_counted() {
-    let mut replica = entered();
-    let second = Duration::from_secs(1);
-    replica.message(second, quiet(5.0, second)).unwrap();
-    replica.message(second * 2, quiet(5.0, second)).unwrap();
-    replica.message(second * 4, ServerMessage::Live).unwrap();
-    assert_eq!(replica.quiet_time(second * 9), second * 3);
-    replica.message(second * 10, quiet(5.0, second)).unwrap();
-    assert_eq!(replica.quiet_time(second * 11), second * 4);
+    assert!(tick_at(4.25, 2.0).is_some());
 }
 
 fn appear(avatar: u32, x: f32, since_sequence: u32) -> ServerMessage {
@@ -135,6 +159,7 @@ fn appear(avatar: u32, x: f32, since_sequence: u32) -> ServerMessage {
         name: Name::new("Bo").unwrap(),
         colour: [1, 2, 3],
         pose: (&at(x)).into(),
+        tick: 0,
         since_sequence,
     }
 }
@@ -145,7 +170,7 @@ fn held(replica: &Replica) -> Vec<(u32, f32)> {
 
 #[test]
 fn an_old_datagram_brings_no_avatar_back_and_an_early_one_is_not_lost() {
-    let (mut replica, mut encoder) = (entered(), PoseEncoder::default());
+    let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
     let first = encoder.encode(1, &[(AvatarId(7), at(1.0))]).remove(0);
     let since = encoder.next_sequence();
     let second = encoder.encode(2, &[(AvatarId(7), at(2.0))]).remove(0);
@@ -201,7 +226,7 @@ proptest! {
         fates in proptest::collection::vec((0u8..100, 0u32..8, 0u32..8), 1..200),
         loss_percent in 0u8..60,
     ) {
-        let (mut replica, mut encoder) = (entered(), PoseEncoder::default());
+        let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
         let mut model: BTreeMap<u32, f32> = BTreeMap::new();
         let mut poses = [0f32; 6];
         let mut stream = std::collections::VecDeque::new();
@@ -250,7 +275,7 @@ proptest! {
                     for (_, datagram) in datagrams.extract_if(.., |(due, _)| *due <= tick) {
                         let _ = replica.datagram(TICK * tick, &datagram);
                     }
-                    if let Some(Outgoing::Datagram(ack)) = replica.tick(TICK)
+                    if let Some(Outgoing::Datagram(ack)) = replica.tick(TICK * tick, TICK)
                         && (i >= lossy || luck >= loss_percent)
                     {
                         acks.push((tick + late, ack));

@@ -51,6 +51,10 @@ pub struct ReplayArgs {
     /// milliseconds. A pair that the budget does not decide is sent.
     #[arg(long, alias = "look-budget", value_name = "UNITS", default_value_t = Config::default().sight_test_budget)]
     sight_test_budget: u32,
+    /// Let live clients report at every tick, and not only when their avatars depart from their
+    /// courses.
+    #[arg(long)]
+    every_tick: bool,
     /// Ignore the rooms and windows of the building's author.
     #[arg(long)]
     no_rooms: bool,
@@ -102,7 +106,10 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<()> {
     };
     match (args.policy, args.validity) {
         (PolicyChoice::All, ValidityChoice::One(_)) => {
-            let all = Comparison::POLICIES.map(|policy| with(&|config| config.policy = policy));
+            let policies = |(policy, by_exception)| {
+                with(&|config| (config.policy, config.by_exception) = (policy, by_exception))
+            };
+            let all = Comparison::POLICIES.map(policies);
             compare(args, &world, &trace, &all)
         }
         (PolicyChoice::One(Policy::Tbv), ValidityChoice::All) => {
@@ -242,6 +249,7 @@ fn options(args: &ReplayArgs) -> anyhow::Result<ReplayOptions> {
         options.config.validity = validity;
     }
     options.config.shape = args.shape;
+    options.config.by_exception = !args.every_tick;
     options.config = options.config.with_sight_test_budget(args.sight_test_budget);
     options.length = args.seconds.map(|seconds| Duration::from_secs(seconds.into()));
     options.oracle = args.oracle;

@@ -100,6 +100,6 @@ async fn converse(
     let before = state.handshakes.fetch_sub(1, Relaxed);
     debug_assert!(before > 0, "this handshake was counted");
     let connection = connection.ok()?.ok()?;
-    let client = Arc::new(ConnectedClient::new(avatar, connection));
+    let client = Arc::new(ConnectedClient::new(avatar, connection, state.config.tick_interval()));
     Some(session::run(&state, client).await)
 }

@@ -1,5 +1,7 @@
 //! A connected client, as the engine's task and the client's own session share it.
 
+use std::time::Duration;
+
 use quinn::Connection;
 use sightline_protocol::text::Name;
 use sightline_world::motion::AvatarId;
@@ -20,9 +22,10 @@ pub struct ConnectedClient {
 }
 
 impl ConnectedClient {
-    /// A client of which nothing is known yet but its connection.
-    pub fn new(avatar: AvatarId, connection: Connection) -> Self {
-        let (outbox, counters) = (Outbox::default(), TrafficCounters::default());
+    /// A client of which nothing is known yet but its connection, at a server with this time from
+    /// tick to tick.
+    pub fn new(avatar: AvatarId, connection: Connection, tick_interval: Duration) -> Self {
+        let (outbox, counters) = (Outbox::new(tick_interval), TrafficCounters::default());
         Self { avatar, outbox, counters, connection }
     }
 

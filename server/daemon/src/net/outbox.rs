@@ -18,7 +18,7 @@ const CONTROL_BYTES_MAX: usize = 256 * 1_024;
 
 /// The messages that wait to be sent to one client. The engine's task fills the outbox and never
 /// waits; the client's own task empties it. Poses do not queue: a newer one replaces an older one.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Outbox {
     waiting: Mutex<Waiting>,
     filled: Notify,
@@ -37,7 +37,7 @@ pub struct Batch {
     pub is_last: bool,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Waiting {
     /// Whole frames: at most [`CONTROL_BYTES_MAX`].
     control: Vec<u8>,
@@ -53,6 +53,20 @@ struct Waiting {
 }
 
 impl Outbox {
+    /// The outbox of a client that has not entered, at a server with this time from tick to tick.
+    pub fn new(tick_interval: Duration) -> Self {
+        let waiting = Waiting {
+            control: Vec::new(),
+            frames: 0,
+            outbound: Outbound::new(tick_interval),
+            tick: 0,
+            encoded_tick: 0,
+            reporting: None,
+            has_ended: false,
+        };
+        Self { waiting: Mutex::new(waiting), filled: Notify::new() }
+    }
+
     /// Adds a message.
     pub fn push(&self, message: &ServerMessage) {
         self.waiting().push(message);
@@ -144,7 +158,7 @@ impl Waiting {
 /// How a client reports once it has received a message; `None` when that does not change.
 fn reporting_after(message: &ServerMessage) -> Option<ReportingState> {
     match message {
-        ServerMessage::Entered { .. } | ServerMessage::Live => Some(ReportingState::Live),
+        ServerMessage::Entered { .. } | ServerMessage::Live { .. } => Some(ReportingState::Live),
         ServerMessage::Quiet { .. } => Some(ReportingState::Quiet),
         ServerMessage::Ask => Some(ReportingState::Asked),
         _ => None,
@@ -155,10 +169,11 @@ fn reporting_after(message: &ServerMessage) -> Option<ReportingState> {
 mod tests {
     use glam::Vec3;
     use sightline_protocol::{frame::FrameBuffer, pose_stream::PoseDecoder};
-    use sightline_world::motion::{AvatarId, Pose};
+    use sightline_world::motion::{AvatarId, Pose, Tolerance};
 
     use super::*;
 
+    const TICK: Duration = Duration::from_millis(50);
     const ME: AvatarId = AvatarId(1);
     const OTHER: AvatarId = AvatarId(2);
 
@@ -179,12 +194,12 @@ mod tests {
 
     fn appear() -> Output {
         let (name, pose) = ("Bo".to_owned(), Pose::default());
-        Output::Appear { to: ME, avatar: OTHER, name, colour: [1, 2, 3], pose }
+        Output::Appear { to: ME, avatar: OTHER, name, colour: [1, 2, 3], pose, tick: 0 }
     }
 
     #[test]
     fn a_newer_pose_replaces_one_that_waits() {
-        let outbox = Outbox::default();
+        let outbox = Outbox::new(TICK);
         for tick in 1..=100 {
             outbox.tell(&poses(tick as f32), Duration::ZERO);
             outbox.flush(tick);
@@ -192,7 +207,7 @@ mod tests {
         }
         let batch = outbox.take(Some(1_200));
         assert_eq!(batch.datagrams.len(), 1);
-        let mut decoder = PoseDecoder::default();
+        let mut decoder = PoseDecoder::new(TICK);
         let update = decoder.decode(&batch.datagrams[0]).unwrap().unwrap();
         let pose = Pose::from(update.pose(OTHER).unwrap());
         assert_eq!((update.tick, pose.eye.x), (100, 100.0));
@@ -201,7 +216,7 @@ mod tests {
 
     #[test]
     fn no_pose_of_a_vanished_avatar_is_sent() {
-        let outbox = Outbox::default();
+        let outbox = Outbox::new(TICK);
         outbox.tell(&appear(), Duration::ZERO);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.tell(&Output::Vanish { to: ME, avatar: OTHER }, Duration::ZERO);
@@ -213,7 +228,7 @@ mod tests {
 
     #[test]
     fn an_appearance_counts_from_the_next_datagram() {
-        let outbox = Outbox::default();
+        let outbox = Outbox::new(TICK);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.flush(1);
         assert_eq!(outbox.take(Some(1_200)).datagrams.len(), 1);
@@ -224,7 +239,7 @@ mod tests {
 
     #[test]
     fn a_client_that_does_not_read_is_dropped_and_its_outbox_stays_bounded() {
-        let outbox = Outbox::default();
+        let outbox = Outbox::new(TICK);
         for _ in 0..100_000 {
             outbox.tell(&appear(), Duration::ZERO);
             assert!(outbox.waiting().control.len() <= CONTROL_BYTES_MAX);
@@ -235,9 +250,9 @@ mod tests {
 
     #[test]
     fn nothing_is_sent_after_a_goodbye() {
-        let outbox = Outbox::default();
+        let outbox = Outbox::new(TICK);
         outbox.tell(&Output::Drop { to: ME, reason: "enough\n".to_owned() }, Duration::ZERO);
-        outbox.tell(&Output::Live { to: ME }, Duration::ZERO);
+        outbox.tell(&Output::Live { to: ME, tolerance: Tolerance::NONE }, Duration::ZERO);
         let batch = outbox.take(None);
         assert!(batch.is_last);
         let reason = ChatLine::new("enough").unwrap();

@@ -38,10 +38,8 @@ impl Host {
     /// Takes in reports, lets the engine decide, and tells the clients.
     fn tick(&mut self) {
         for (&avatar, visitor) in &mut self.visitors {
-            if visitor.must_report(TICK, &self.engine.agility()) {
-                visitor.sequence += 1;
-                let (sequence, pose) = (visitor.sequence, visitor.pose);
-                self.engine.handle(self.now, Input::Report { avatar, sequence, pose });
+            if let Some(report) = visitor.report(self.now, TICK, &self.engine.agility()) {
+                self.engine.handle(self.now, Input::Report { avatar, report });
             }
         }
         let mut outputs = Vec::new();
@@ -51,7 +49,7 @@ impl Host {
                 let to = if output.to() == ADA { "Ada" } else { "Ben" };
                 println!("{:5.2} s, to {to}: {words}", self.now.as_secs_f32());
             }
-            self.visitors.entry(output.to()).or_default().hear(output);
+            self.visitors.entry(output.to()).or_default().hear(self.now, output);
         }
         self.now += TICK;
     }
@@ -63,7 +61,7 @@ impl Host {
     }
 }
 
-/// An output in words. Poses, which come at every tick, have none.
+/// An output in words. Poses have none.
 fn words(output: &Output) -> Option<String> {
     Some(match output {
         Output::Entered { pose, .. } => format!("you are in, at {:.1}", pose.eye),
@@ -71,7 +69,9 @@ fn words(output: &Output) -> Option<String> {
             format!("{name} may come into view, from {:.1}", pose.eye)
         }
         Output::Vanish { .. } => "the other cannot be seen any more".to_owned(),
-        Output::Live { .. } => "say at every tick where you are".to_owned(),
+        Output::Live { tolerance, .. } => {
+            format!("say where you are when you are {:.2} m off your course", tolerance.metres)
+        }
         Output::Quiet { tbv, .. } => {
             let (Vec3 { x, z, .. }, to) = (tbv.within.min, tbv.within.max);
             let place = format!("x is in {x:.1} to {:.1} and z in {z:.1} to {:.1}", to.x, to.z);
@@ -97,6 +97,8 @@ fn main() {
     assert_eq!((host.engine.stats().expiries, host.engine.stats().reports), (2, 2));
 
     // Ben goes to the door and through it. Each is told of the other before they see each other.
+    // He reports only where he turns, or stops.
+    let before = host.engine.stats().reports;
     for way in [Vec3::new(7.0, 1.6, 0.5), Vec3::new(3.0, 1.6, 0.5)] {
         while host.visitors[&BEN].pose.eye != way {
             host.visitors.get_mut(&BEN).unwrap().walk(way, TICK);
@@ -107,7 +109,11 @@ fn main() {
         }
     }
     assert!(host.has_line_of_sight());
-    assert_eq!(host.visitors[&ADA].sees[&BEN], host.visitors[&BEN].pose);
+    let shown = host.visitors[&ADA].shows(BEN, host.now - TICK);
+    assert!(shown.distance(host.visitors[&BEN].pose.eye) < 0.2, "{shown}");
+    let reports = host.engine.stats().reports - before;
+    println!("\nBoth together reported {reports} times on Ben's way.");
+    assert!(reports < 40, "{reports} reports in five seconds");
     assert_eq!(host.engine.stats().refusals, 0);
 
     let explanation = host.engine.explain(ADA, BEN).expect("both are there");

@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use sightline_world::{
-    motion::{Agility, Pose},
+    motion::{Agility, Pose, Tolerance},
     tolerance::WIRE_POSE_M,
 };
 
@@ -26,6 +26,25 @@ struct PastClaim {
     pose: Pose,
 }
 
+/// Where a client's silence has put its avatar: on its course, at the client's last tick before a
+/// claim. Silence is a claim, too.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OnCourse {
+    pub(crate) pose: Pose,
+    /// How long before the claim that is.
+    pub(crate) before: Duration,
+    /// By how much the avatar may have been elsewhere then.
+    pub(crate) tolerance: Tolerance,
+}
+
+impl OnCourse {
+    fn allows(&self, pose: &Pose, agility: &Agility, slack: Duration) -> bool {
+        let time = self.before + slack;
+        let able = agility.eyes(self.pose.eye, self.pose.velocity, time);
+        able.grown(WIRE_POSE_M + self.tolerance.growth_m(time)).contains(pose.eye)
+    }
+}
+
 /// The last claims of a client, in a ring.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ClaimConsistency {
@@ -36,16 +55,25 @@ pub(crate) struct ClaimConsistency {
 }
 
 impl ClaimConsistency {
-    /// Checks an accepted claim against earlier ones and keeps it. The time between two claims may
-    /// differ by `slack` from the time between their arrivals.
-    pub(crate) fn check(&mut self, now: Duration, pose: Pose, agility: &Agility, slack: Duration) {
+    /// Checks an accepted claim against earlier ones, and against where the client's silence has put
+    /// it, and keeps it. The time between two claims may differ by `slack` from the time between
+    /// their arrivals.
+    pub(crate) fn check(
+        &mut self,
+        now: Duration,
+        pose: Pose,
+        course: Option<&OnCourse>,
+        agility: &Agility,
+        slack: Duration,
+    ) {
         debug_assert!(pose.is_finite(), "only finite claims are accepted");
         let allows = |claim: &PastClaim| {
             let time = now.saturating_sub(claim.heard) + slack;
             let able = agility.eyes(claim.pose.eye, claim.pose.velocity, time);
             able.grown(WIRE_POSE_M).contains(pose.eye)
         };
-        if !self.claims.iter().flatten().all(allows) {
+        let was_on_course = course.is_none_or(|course| course.allows(&pose, agility, slack));
+        if !was_on_course || !self.claims.iter().flatten().all(allows) {
             self.doubted_until = now + DOUBT;
             self.forget();
         }
@@ -86,7 +114,7 @@ mod tests {
             let now = Duration::from_millis(50 * tick);
             let eye = Vec3::X * speed * now.as_secs_f32();
             let pose = Pose { eye, velocity: Vec3::X * claimed, ..Pose::default() };
-            claims.check(now, pose, &AGILITY, Duration::from_millis(20));
+            claims.check(now, pose, None, &AGILITY, Duration::from_millis(20));
         }
         claims.is_consistent(Duration::from_millis(500))
     }
@@ -100,15 +128,31 @@ mod tests {
     }
 
     #[test]
+    fn a_client_that_leaves_its_course_in_silence_is_doubted() {
+        let ahead = Duration::from_millis(200);
+        let tolerance = Tolerance { metres: 0.1, radians: 0.1, ahead };
+        let is_believed = |x: f32| {
+            let mut claims = ClaimConsistency::default();
+            let pose = Pose { velocity: Vec3::X, ..Pose::default() };
+            let course = OnCourse { pose, before: Duration::from_millis(50), tolerance };
+            let claim = Pose { eye: Vec3::X * x, ..pose };
+            claims.check(Duration::ZERO, claim, Some(&course), &AGILITY, Duration::ZERO);
+            claims.is_consistent(Duration::ZERO)
+        };
+        assert!(is_believed(0.05) && is_believed(0.2) && is_believed(-0.15));
+        assert!(!is_believed(0.4) && !is_believed(-0.4));
+    }
+
+    #[test]
     fn doubt_passes_and_an_impulse_causes_none() {
         let mut claims = ClaimConsistency::default();
         let at = |x: f32| Pose { eye: Vec3::X * x, ..Pose::default() };
         let ms = Duration::from_millis;
-        claims.check(ms(0), at(0.0), &AGILITY, ms(0));
+        claims.check(ms(0), at(0.0), None, &AGILITY, ms(0));
         claims.forget();
-        claims.check(ms(50), at(9.0), &AGILITY, ms(0));
+        claims.check(ms(50), at(9.0), None, &AGILITY, ms(0));
         assert!(claims.is_consistent(ms(50)));
-        claims.check(ms(100), at(18.0), &AGILITY, ms(0));
+        claims.check(ms(100), at(18.0), None, &AGILITY, ms(0));
         assert!(!claims.is_consistent(ms(100)) && claims.is_consistent(ms(100) + DOUBT));
     }
 }

@@ -37,8 +37,8 @@ pub struct ClaimLimits {
 /// A client's word of where its avatar is, and what the server knows to hold it against.
 #[derive(Clone, Copy, Debug)]
 pub struct Claim<'a> {
-    /// Grows with each report of the client.
-    pub sequence: u32,
+    /// When the client made it, on its own clock: later than all claims before.
+    pub made: Duration,
     /// The pose that is claimed.
     pub pose: &'a Pose,
     /// The eye position that was accepted last.
@@ -53,15 +53,16 @@ pub struct Claim<'a> {
 
 impl<'a> Claim<'a> {
     /// The claim of a live client.
-    pub fn new(sequence: u32, pose: &'a Pose, from: Vec3, round_trip: Duration) -> Self {
-        Self { sequence, pose, from, tbv: None, sphere: None, round_trip }
+    pub fn new(made: Duration, pose: &'a Pose, from: Vec3, round_trip: Duration) -> Self {
+        Self { made, pose, from, tbv: None, sphere: None, round_trip }
     }
 }
 
 /// How far one client can be believed.
 #[derive(Clone, Debug)]
 pub struct MovementBudget {
-    sequence: Option<u32>,
+    /// When the last claim was made.
+    made: Option<Duration>,
     accepted: Duration,
     unused_m: f64,
     /// The part that is left of a speed that the server itself gave, in metres a second.
@@ -92,7 +93,7 @@ impl MovementBudget {
     /// The budget of a client whose avatar has just been placed.
     pub fn new(now: Duration) -> Self {
         Self {
-            sequence: None,
+            made: None,
             accepted: now,
             unused_m: BUDGET_ROUNDING_M,
             given: 0.0,
@@ -107,7 +108,7 @@ impl MovementBudget {
     /// this velocity now.
     pub fn relocate(&mut self, now: Duration, velocity: Vec3) {
         let given = velocity.length();
-        *self = Self { sequence: self.sequence, given, ..Self::new(now) };
+        *self = Self { made: self.made, given, ..Self::new(now) };
     }
 
     /// The part of a velocity that the avatar can have, by what was accepted last.
@@ -130,10 +131,10 @@ impl MovementBudget {
         find_way: impl FnOnce(f64) -> Option<f64>,
     ) -> ClaimVerdict {
         debug_assert!(claim.from.is_finite(), "only finite places are accepted");
-        if self.sequence.is_some_and(|newest| claim.sequence <= newest) {
+        if self.made.is_some_and(|newest| claim.made <= newest) {
             return ClaimVerdict::Old;
         }
-        self.sequence = Some(claim.sequence);
+        self.made = Some(claim.made);
         let elapsed = now.saturating_sub(self.accepted);
         let allowed_m = self.allowed_m(elapsed.min(SILENCE_MAX), limits);
         let straight_m = straight_m(claim.from, claim.pose.eye, limits);
@@ -230,6 +231,11 @@ mod tests {
         Duration::from_millis(ms)
     }
 
+    /// When a claim is made, by its number.
+    fn order(number: impl TryInto<u64>) -> Duration {
+        ms(number.try_into().unwrap_or(0) + 1)
+    }
+
     fn at(x: f32) -> Pose {
         Pose { eye: Vec3::new(x, 0.0, 0.0), ..Pose::default() }
     }
@@ -247,7 +253,7 @@ mod tests {
             let verdict = judge_freely(
                 &mut budget,
                 ms(t),
-                &Claim::new(i as u32, &at(x), place, Duration::ZERO),
+                &Claim::new(order(i), &at(x), place, Duration::ZERO),
             );
             if verdict == ClaimVerdict::Accepted {
                 place = at(x).eye;
@@ -279,7 +285,7 @@ mod tests {
                 let hop = 2.0 * step as f32 / 1_000.0 * if i % 3 == 0 { 2.0 } else { 1.015 };
                 let place = at(x).eye;
                 let claim = at(x + hop);
-                let verdict = judge_freely(&mut budget, ms(t), &Claim::new(i, &claim, place, RTT));
+                let verdict = judge_freely(&mut budget, ms(t), &Claim::new(order(i), &claim, place, RTT));
                 if verdict == ClaimVerdict::Accepted {
                     x += hop;
                 }
@@ -300,7 +306,7 @@ mod tests {
             let mut budget = MovementBudget::new(ms(0));
             let claim = Pose { eye, ..Pose::default() };
             let verdict =
-                judge_freely(&mut budget, ms(4_000), &Claim::new(0, &claim, Vec3::ZERO, RTT));
+                judge_freely(&mut budget, ms(4_000), &Claim::new(order(0), &claim, Vec3::ZERO, RTT));
             assert_eq!(verdict, ClaimVerdict::Refused { correct: true }, "{eye}");
         }
     }
@@ -309,7 +315,7 @@ mod tests {
     fn old_reports_are_ignored_even_after_a_refusal() {
         let mut budget = MovementBudget::new(ms(0));
         let mut judge = |t, sequence, x| {
-            judge_freely(&mut budget, ms(t), &Claim::new(sequence, &at(x), Vec3::ZERO, RTT))
+            judge_freely(&mut budget, ms(t), &Claim::new(order(sequence), &at(x), Vec3::ZERO, RTT))
         };
         assert_eq!(judge(50, 5, 0.0), ClaimVerdict::Accepted);
         assert_eq!(judge(60, 5, 0.0), ClaimVerdict::Old);
@@ -338,7 +344,7 @@ mod tests {
             let got = judge_freely(
                 &mut budget,
                 ms(t),
-                &Claim { tbv: Some(&tbv), ..Claim::new(0, &at(x), Vec3::ZERO, RTT) },
+                &Claim { tbv: Some(&tbv), ..Claim::new(order(0), &at(x), Vec3::ZERO, RTT) },
             );
             assert_eq!(got, verdict, "{t} ms, {x} m");
         }
@@ -349,7 +355,7 @@ mod tests {
         let got = judge_freely(
             &mut budget,
             ms(3_050),
-            &Claim { tbv: Some(&small), ..Claim::new(0, &at(0.0), start, RTT) },
+            &Claim { tbv: Some(&small), ..Claim::new(order(0), &at(0.0), start, RTT) },
         );
         assert_eq!(got, ClaimVerdict::Refused { correct: true });
     }
@@ -366,7 +372,7 @@ mod tests {
         budget.relocate(ms(0), Vec3::X * 10.0);
         let mut judge = |t, sequence, claim: Pose, at: Pose| {
             let verdict =
-                budget.judge(ms(t), &Claim::new(sequence, &claim, at.eye, RTT), &limits, |_| {
+                budget.judge(ms(t), &Claim::new(order(sequence), &claim, at.eye, RTT), &limits, |_| {
                     Some(0.0)
                 });
             verdict == ClaimVerdict::Accepted
@@ -389,7 +395,7 @@ mod tests {
             let find_way = |longest_m: f64| (way_m <= longest_m).then_some(way_m);
             budget.judge(
                 ms(t),
-                &Claim::new(sequence, &at(0.01), Vec3::ZERO, RTT),
+                &Claim::new(order(sequence), &at(0.01), Vec3::ZERO, RTT),
                 &LIMITS,
                 find_way,
             )
@@ -413,7 +419,7 @@ mod tests {
                 judge_freely(
                     &mut budget,
                     ms(i * every_ms),
-                    &Claim::new(i as u32, &claim, Vec3::ZERO, round_trip),
+                    &Claim::new(order(i), &claim, Vec3::ZERO, round_trip),
                 ) == ClaimVerdict::Expelled
             })
         };
@@ -431,7 +437,7 @@ mod tests {
                 let claim = at(500.0);
                 let now = ms(u64::from(i) * 25);
                 let verdict =
-                    judge_freely(&mut budget, now, &Claim::new(i, &claim, Vec3::ZERO, RTT));
+                    judge_freely(&mut budget, now, &Claim::new(order(i), &claim, Vec3::ZERO, RTT));
                 verdict == ClaimVerdict::Refused { correct: true }
             })
             .collect();
@@ -453,7 +459,7 @@ mod tests {
         ] {
             let mut budget = MovementBudget::new(ms(0));
             let pose = Pose { eye, ..Pose::default() };
-            let plain = Claim::new(0, &pose, Vec3::ZERO, RTT);
+            let plain = Claim::new(order(0), &pose, Vec3::ZERO, RTT);
             let claim = Claim { tbv: Some(&tbv), sphere: Some(sphere), ..plain };
             assert_eq!(judge_freely(&mut budget, ms(2_000), &claim), verdict, "{eye}");
         }

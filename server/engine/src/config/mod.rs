@@ -38,6 +38,9 @@ pub struct Config {
     pub tick: Duration,
     /// How long a TBV is made to last.
     pub validity: Validity,
+    /// Whether live clients report by exception: only when their avatars depart from their courses.
+    /// Otherwise, and under all policies but [`Policy::Tbv`], they report at every tick.
+    pub by_exception: bool,
     /// The longest validity of a TBV.
     pub validity_max: Duration,
     /// What bounds a TBV in space.
@@ -176,6 +179,7 @@ impl Default for Config {
             policy: Policy::Tbv,
             tick: Duration::from_millis(50),
             validity: Validity::UntilLeft,
+            by_exception: true,
             validity_max: Duration::from_secs(8),
             shape: TbvShape::Reach,
             margin: Margin::Measured {

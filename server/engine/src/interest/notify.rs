@@ -1,13 +1,13 @@
 //! Telling viewers what has changed for them.
 
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, Tolerance, turn_between};
 
 use super::{
     candidates::matched,
     snapshot::{LiveAvatar, LiveAvatars, Snapshot},
 };
 use crate::{
-    baselines, messages::Output, pair::Pair, population::Population, slot::Member, view::View,
+    acuity::Acuity, baselines, messages::Output, pair::Pair, population::Population, slot::Member, view::View,
     worker_pool::WorkerPool,
 };
 
@@ -67,13 +67,15 @@ fn notify_viewer(
         match (pair.is_held, wanted) {
             // A viewer is told nothing of an avatar that it merely keeps, not even that it moved.
             (true, true) if !is_hidden && avatar.version != pair.version => {
-                pair.version = avatar.version;
-                poses.push((pair.id, avatar.motion.pose));
+                if can_tell(view, viewer, avatar, pair) {
+                    note_told(view, avatar, pair);
+                    poses.push((pair.id, avatar.shown));
+                }
             }
             (true, false) => outputs.push(Output::Vanish { to, avatar: pair.id }),
             (false, true) => {
-                pair.version = avatar.version;
-                outputs.push(appear(to, avatar));
+                note_told(view, avatar, pair);
+                outputs.push(appear(view, to, avatar));
             }
             (true, true) | (false, false) => {}
         }
@@ -83,6 +85,31 @@ fn notify_viewer(
     if !poses.is_empty() {
         outputs.push(Output::Poses { to, tick: view.tick, poses });
     }
+}
+
+/// Whether a viewer could tell an avatar's course from the one that it was told last.
+fn can_tell(
+    view: View<'_>,
+    viewer: &LiveAvatar<'_>,
+    avatar: &LiveAvatar<'_>,
+    pair: &Pair,
+) -> bool {
+    let Tolerance { metres, .. } = avatar.tolerance;
+    let away_m = viewer.motion.from.distance(avatar.motion.from);
+    let acuity = Acuity::at(&view.building.world, away_m);
+    let told = pair.told.straight_on(view.config.tick * (view.tick - pair.told_tick));
+    let off = avatar.shown.eye.distance(told.eye);
+    let turned = turn_between(told.yaw, avatar.shown.yaw).abs();
+    let tilted = (avatar.shown.pitch - told.pitch).abs();
+    metres <= 0.0
+        || off > acuity.metres
+        || turned.max(tilted) > acuity.radians
+}
+
+/// Takes in that a viewer is told of an avatar's course.
+fn note_told(view: View<'_>, avatar: &LiveAvatar<'_>, pair: &mut Pair) {
+    pair.version = avatar.version;
+    (pair.told, pair.told_tick) = (avatar.shown, view.tick);
 }
 
 /// The pairs of a viewer under a policy that knows no walls.
@@ -103,12 +130,13 @@ fn pairs_without_cells(
     matched(pairs, told)
 }
 
-fn appear(to: AvatarId, avatar: &LiveAvatar<'_>) -> Output {
+fn appear(view: View<'_>, to: AvatarId, avatar: &LiveAvatar<'_>) -> Output {
     Output::Appear {
         to,
         avatar: avatar.member.id,
         name: avatar.profile.name.clone(),
         colour: avatar.profile.colour,
-        pose: avatar.motion.pose,
+        pose: avatar.shown,
+        tick: view.tick,
     }
 }

@@ -5,11 +5,10 @@
 use std::time::Duration;
 
 use sightline_visibility::rooms::SealedRooms;
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, Pose, Tolerance};
 
 use crate::{
     baselines::Location,
-    building::Building,
     generation::Generation,
     pair::Pair,
     population::{Avatar, Population, Profile},
@@ -43,6 +42,10 @@ pub(crate) struct LiveAvatar<'a> {
     pub(super) sealed: SealedRooms,
     pub(super) location: Location,
     pub(super) motion: Motion,
+    /// The pose that viewers are told.
+    pub(super) shown: Pose,
+    /// By how much its client may be off course unsaid.
+    pub(super) tolerance: Tolerance,
     pub(super) regions: &'a mut LiveRegions,
     /// The cells of the last coarse region, if this tick has made a new one.
     pub(super) old_cells: Option<CoarseCells>,
@@ -89,7 +92,7 @@ impl<'a> LiveAvatars<'a> {
 
 impl<'a> Snapshot<'a> {
     /// Takes the snapshot of a moment.
-    pub(crate) fn take(building: &Building, population: &'a mut Population, now: Duration) -> Self {
+    pub(crate) fn take(view: View<'_>, population: &'a mut Population) -> Self {
         let mut avatars: Vec<Option<&mut Avatar>> = population.slots_mut().collect();
         let mut order: Vec<(SortKey, Slot)> = Vec::with_capacity(avatars.len());
         for (avatar, slot) in avatars.iter().zip(0..) {
@@ -105,14 +108,7 @@ impl<'a> Snapshot<'a> {
         for ((key, slot), index) in order.into_iter().zip(0..) {
             let Some(avatar) = avatars[slot.0 as usize].take() else { continue };
             index_of[slot.0 as usize] = index;
-            let motion = Motion {
-                pose: avatar.pose,
-                from: building.axes().own(avatar.pose.eye),
-                walk: avatar.walk,
-                heard: avatar.heard,
-                link: avatar.link(),
-                is_believed: avatar.consistency.is_consistent(now),
-            };
+            let (motion, shown) = (avatar.motion(view), avatar.shown(view));
             pairs.push(&mut avatar.pairs);
             all.push(LiveAvatar {
                 key,
@@ -122,12 +118,28 @@ impl<'a> Snapshot<'a> {
                 sealed: avatar.sealed,
                 location: Location { eye: avatar.pose.eye, area: avatar.area },
                 motion,
+                shown,
+                tolerance: avatar.orders.in_force(),
                 regions: &mut avatar.regions,
                 old_cells: None,
             });
         }
         debug_assert_eq!(all.len(), pairs.len(), "pairs are in the order of avatars");
         Self { live: LiveAvatars { all, index_of }, pairs }
+    }
+
+    /// How far away from each avatar the nearest viewer is that holds it, in metres, by slot.
+    pub(crate) fn nearest_viewers(&self) -> Vec<f32> {
+        let mut nearest_m = vec![f32::INFINITY; self.live.index_of.len()];
+        for (viewer, pairs) in self.live.all.iter().zip(&self.pairs) {
+            for pair in pairs.iter().filter(|pair| pair.is_held) {
+                let avatar = self.live.at(pair.slot);
+                let away_m = viewer.motion.from.distance(avatar.motion.from);
+                let nearest_m = &mut nearest_m[pair.slot.0 as usize];
+                *nearest_m = nearest_m.min(away_m);
+            }
+        }
+        nearest_m
     }
 
     /// Brings the live regions up to date, and the index of coarse regions.

@@ -6,15 +6,14 @@ use glam::Vec3;
 use sightline_world::{
     CellId, Cells,
     geometry::Aabb,
-    motion::{Body, Pose},
+    motion::Body,
 };
 
 use super::{
-    CoverBoxes, MotionBound, Reach, ReachSearch, ReachStart, RegionFootprint, with_margin_ahead,
+    CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint, with_margin_ahead,
 };
 use crate::{
-    bit_set::BitSet, building::Building, claims::WalkState, generation::Generation,
-    pair::RegionMargin, timing::Link, view::View,
+    bit_set::BitSet, building::Building, generation::Generation, pair::RegionMargin, view::View,
 };
 
 /// The margin of coarse regions on each side, in metres. Most pairs of people are far from seeing
@@ -26,28 +25,6 @@ const MARGINS: [f32; 2] = [1.0, 4.0];
 /// How near a predicted line ends to the side of the region that the avatar moves towards, from 0
 /// to 1.
 const HEADING: f32 = 0.9;
-
-/// What the engine knows of how a live avatar moves.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Motion {
-    /// The last accepted pose.
-    pub(crate) pose: Pose,
-    /// The eye of that pose, in own axes.
-    pub(crate) from: Vec3,
-    pub(crate) walk: WalkState,
-    /// When that pose arrived.
-    pub(crate) heard: Duration,
-    pub(crate) link: Link,
-    /// Whether the avatar moves as its claims say.
-    pub(crate) is_believed: bool,
-}
-
-impl Motion {
-    fn start<'a>(&self, building: &'a Building) -> ReachStart<'a> {
-        let clearance = building.clearance_of(self.walk);
-        ReachStart { cells: building.cells(), clearance, from: self.from }
-    }
-}
 
 /// What a region is of: the eye, or the body as viewers with a certain delay must see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -329,11 +306,10 @@ impl LiveRegions {
         delays: &[Duration],
     ) -> Option<CoarseCells> {
         let View { building, config, horizons, .. } = view;
-        let own = horizons.delay(motion.link.round_trip);
-        let age = view.now.saturating_sub(motion.heard);
+        let own = horizons.delay(motion.round_trip);
         let eyes_in = |delay: Duration, is_believed: bool| {
-            let time = horizons.live_horizon(age, motion.link, delay);
-            let bound = MotionBound::new(building, &motion.pose, is_believed, time);
+            let time = horizons.live_horizon(motion.age, delay);
+            let bound = MotionBound::new(building, motion, is_believed, time);
             bound.scaled(config.faults.region_scale).eyes
         };
         self.prepare(own, delays);

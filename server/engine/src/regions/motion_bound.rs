@@ -1,21 +1,54 @@
-//! How far an eye can have moved, by what its body can do.
+//! Where an avatar was last known to be, and how far its eye can have moved since.
 
 use std::time::Duration;
 
 use glam::Vec3;
-use sightline_world::{geometry::Aabb, motion::Pose, tolerance::WIRE_POSE_M};
+use sightline_world::{
+    geometry::Aabb,
+    motion::{Pose, Tolerance},
+    tolerance::WIRE_POSE_M,
+};
 
-use crate::building::Building;
+use super::ReachStart;
+use crate::{building::Building, claims::WalkState};
 
 /// How much of a margin a walking avatar has aside and behind, as a part of an even one.
 const ASIDE: f32 = 0.25;
 /// For how many ticks a walking avatar is expected to go on as it does.
 const AHEAD_TICKS: f32 = 12.0;
 
+/// What the engine knows of how an avatar moves.
+///
+/// It is where the avatar was at the last moment of which its client's word is known. That is the
+/// last report, or a later point of the course for which silence speaks.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Motion {
+    /// The pose at that moment.
+    pub(crate) pose: Pose,
+    /// The eye of that pose, in own axes.
+    pub(crate) from: Vec3,
+    /// How long ago that moment is at most.
+    pub(crate) age: Duration,
+    /// By how much the avatar may have been elsewhere then.
+    pub(crate) tolerance: Tolerance,
+    pub(crate) walk: WalkState,
+    /// The client's round trip.
+    pub(crate) round_trip: Duration,
+    /// Whether the avatar moves as its claims say.
+    pub(crate) is_believed: bool,
+}
+
+impl Motion {
+    pub(crate) fn start<'a>(&self, building: &'a Building) -> ReachStart<'a> {
+        let clearance = building.clearance_of(self.walk);
+        ReachStart { cells: building.cells(), clearance, from: self.from }
+    }
+}
+
 /// Bounds of where an eye can be until a moment, whatever walls are in between.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MotionBound {
-    /// The last accepted eye position, in own axes.
+    /// Where the eye was last known to be, in own axes.
     pub(crate) from: Vec3,
     /// The box that the eye stays in, in own axes.
     pub(crate) eyes: Aabb,
@@ -24,19 +57,25 @@ pub(crate) struct MotionBound {
 }
 
 impl MotionBound {
-    /// The bounds for a time after the last accepted report was made. A velocity that is not
+    /// The bounds for a time after the eye was last known to be somewhere. A velocity that is not
     /// believed may be any velocity up to the top speed.
-    pub(crate) fn new(building: &Building, pose: &Pose, is_believed: bool, time: Duration) -> Self {
+    pub(crate) fn new(
+        building: &Building,
+        motion: &Motion,
+        is_believed: bool,
+        time: Duration,
+    ) -> Self {
         let axes = building.axes();
         let mut agility = building.agility;
         if !is_believed {
             agility.dash = agility.speed_max;
         }
-        let (from, velocity) = (axes.own(pose.eye), axes.own(pose.velocity));
+        let (from, velocity) = (motion.from, axes.own(motion.pose.velocity));
+        let unsure_m = WIRE_POSE_M + motion.tolerance.growth_m(time);
         Self {
             from,
-            eyes: agility.eyes(from, velocity, time).grown(WIRE_POSE_M),
-            way_m: building.agility.way(velocity, time) + WIRE_POSE_M,
+            eyes: agility.eyes(from, velocity, time).grown(unsure_m),
+            way_m: building.agility.way(velocity, time) + unsure_m,
         }
     }
 

@@ -61,11 +61,12 @@ impl Silencing<'_> {
     /// deadline was set gets another deadline. Returns whether there is still hope.
     fn look_into(&mut self, slot: Slot, outputs: &mut Vec<Output>) -> bool {
         let View { config, now, .. } = self.view;
+        let patience = self.population.at(slot).patience(self.view);
         let avatar = self.population.at_mut(slot);
         let (id, is_live) = (avatar.id, avatar.is_live());
         let silence = now.saturating_sub(avatar.heard);
-        if is_live && silence + config.tick < config.stall {
-            self.deadlines.wait(now, id, config.stall - silence);
+        if is_live && silence + config.tick < patience {
+            self.deadlines.wait(now, id, patience - silence);
             return true;
         }
         if avatar.unanswered >= config.asks_max {

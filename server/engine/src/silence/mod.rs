@@ -8,6 +8,7 @@ mod expiry_queue;
 mod reveal;
 mod search;
 mod settle;
+mod tolerance;
 
 use std::time::Duration;
 
@@ -20,7 +21,7 @@ use crate::{
     config::Validity,
     messages::Output,
     population::Population,
-    regions::{BoxTest, FootprintCover, HiddenFootprint, Indices},
+    regions::{BoxTest, FootprintCover, HiddenFootprint, Indices, Motion},
     slot::{Member, Slot},
     stats::Stats,
     view::View,
@@ -87,16 +88,16 @@ impl Silencing<'_> {
     /// From hidden to live, after fresh word of the avatar. The next tick decides whether it stays
     /// live.
     pub(crate) fn wake(&mut self, slot: Slot) {
-        let View { config, now, .. } = self.view;
+        let View { now, .. } = self.view;
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
         avatar.silence_from = now;
-        avatar.jitter.restart();
         self.indices.hidden.remove(member, &avatar.footprint);
         avatar.footprint = HiddenFootprint::default();
         self.deadlines.expiries.cancel(member.id);
-        self.deadlines.wait(now, member.id, config.stall);
         self.population.set_live(slot);
+        let patience = self.population.at(slot).patience(self.view);
+        self.deadlines.wait(now, member.id, patience);
     }
 
     /// Takes in an unasked report of a quiet client. If the avatar is about to leave, or would be
@@ -114,10 +115,9 @@ impl Silencing<'_> {
         }
     }
 
-    /// When a live avatar's last report was made.
-    fn made_at(&self, slot: Slot) -> Duration {
-        let avatar = self.population.at(slot);
-        self.view.horizons.made_at(avatar.heard, avatar.link())
+    /// When a live avatar was last known to be where its motion begins.
+    fn known_at(&self, motion: &Motion) -> Duration {
+        self.view.now.saturating_sub(motion.age)
     }
 
     /// The part of a live avatar's footprint that is possible at this tick.

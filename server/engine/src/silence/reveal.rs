@@ -5,7 +5,7 @@ use sightline_world::motion::ReportingState;
 use super::{End, Reached, Silencing, lets_see};
 use crate::{
     messages::Output,
-    regions::{HiddenFootprint, MotionBound, Reach, ReachStart, with_margin_ahead},
+    regions::{HiddenFootprint, Motion, MotionBound, Reach, with_margin_ahead},
     slot::{Member, Slot},
     view::View,
 };
@@ -18,16 +18,15 @@ impl Silencing<'_> {
     /// from there, or be seen by. Its footprint has a margin, so that it lasts for several ticks.
     /// Hidden avatars that the footprint meets are tested at each of these ticks, and no others.
     pub(crate) fn reveal(&mut self, slot: Slot, outputs: &mut Vec<Output>) {
-        let View { building, horizons, now, .. } = self.view;
+        let View { building, horizons, .. } = self.view;
         let avatar = self.population.at_mut(slot);
-        let age = now.saturating_sub(avatar.heard);
-        let is_believed = avatar.consistency.is_consistent(now);
-        let time = horizons.reveal_horizon(age, avatar.link());
-        let bound = MotionBound::new(building, &avatar.pose, is_believed, time);
+        let motion = avatar.motion(self.view);
+        let time = horizons.reveal_horizon(motion.age);
+        let bound = MotionBound::new(building, &motion, motion.is_believed, time);
         let lasts = avatar.footprint_box.is_some_and(|region| region.contains_box(&bound.eyes));
         avatar.reveal_box = bound.eyes;
         if !lasts {
-            self.update_footprint(slot, &bound);
+            self.update_footprint(slot, &motion, &bound);
         }
         let nearby = &self.population.at(slot).nearby_hidden;
         if nearby.is_empty() {
@@ -43,13 +42,12 @@ impl Silencing<'_> {
     }
 
     /// Computes a live avatar's footprint, and which hidden avatars it meets.
-    fn update_footprint(&mut self, slot: Slot, bound: &MotionBound) {
+    fn update_footprint(&mut self, slot: Slot, motion: &Motion, bound: &MotionBound) {
         let View { building, config, .. } = self.view;
         let avatar = self.population.at_mut(slot);
-        let step = building.axes().own(avatar.pose.velocity) * config.tick.as_secs_f32();
+        let step = building.axes().own(motion.pose.velocity) * config.tick.as_secs_f32();
         let region = with_margin_ahead(&bound.eyes, step, FOOTPRINT_MARGIN_M);
-        let clearance = building.clearance_of(avatar.walk);
-        let start = ReachStart { cells: building.cells(), clearance, from: bound.from };
+        let start = motion.start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &region);
         let footprint = HiddenFootprint::of_reach(building, &reach);
         avatar.footprint_box = Some(region);
@@ -70,15 +68,13 @@ impl Silencing<'_> {
 
     /// Orders hidden clients to report from now on.
     fn ask_to_stay(&mut self, found: Vec<Member>, outputs: &mut Vec<Output>) {
-        for Member { id, slot } in found {
+        for Member { slot, .. } in found {
             if self.population.at(slot).state == ReportingState::Quiet {
                 self.stats.reveals += 1;
                 self.ask(slot, End::Revealed);
             }
-            let avatar = self.population.at_mut(slot);
-            if avatar.told_quiet {
-                avatar.told_quiet = false;
-                outputs.push(Output::Live { to: id });
+            if self.population.at(slot).orders.is_quiet() {
+                outputs.push(self.order_live(slot));
             }
         }
     }

@@ -7,7 +7,7 @@ use sightline_world::{geometry::Aabb, motion::Tbv, tolerance::WIRE_POSE_M};
 use super::Silencing;
 use crate::{
     config::{TbvShape, Validity},
-    regions::{HiddenFootprint, MotionBound, Reach, ReachStart, scaled},
+    regions::{HiddenFootprint, MotionBound, Reach, scaled},
     slot::{Member, Slot},
     sphere::Sphere,
     view::View,
@@ -51,9 +51,9 @@ impl Silencing<'_> {
         if self.is_seen(slot, current) {
             return None;
         }
-        let View { config, horizons, now, .. } = self.view;
+        let View { config, horizons, .. } = self.view;
         let avatar = self.population.at(slot);
-        let age = now.saturating_sub(self.made_at(slot));
+        let age = avatar.motion(self.view).age;
         let least = age + horizons.lead_time(avatar.link()) + 2 * config.tick;
         let most = config.validity_max.max(least);
         let wanted = avatar.validity.clamp(least, most);
@@ -81,12 +81,13 @@ impl Silencing<'_> {
     fn largest_stay(&mut self, slot: Slot, age: Duration, validity: Duration) -> Option<Silence> {
         let View { building, config, horizons, .. } = self.view;
         let avatar = self.population.at(slot);
+        let motion = avatar.motion(self.view);
         let notice = horizons.notice(avatar.link());
         let told = age + horizons.one_way(avatar.round_trip) + config.tick;
-        let least = MotionBound::new(building, &avatar.pose, true, told + notice);
+        let least = MotionBound::new(building, &motion, true, told + notice);
         let within = least.eyes.grown(WIRE_POSE_M);
         let notice = notice.mul_f64(config.faults.notice_scale.into());
-        let expiry = self.made_at(slot) + validity;
+        let expiry = self.known_at(&motion) + validity;
         let tbv = Tbv { within, axes: *building.axes(), expiry, notice };
         let mut found = self.stay(slot, tbv, validity)?;
         let [step_min, step_max] = STAY_STEPS_M;
@@ -116,10 +117,7 @@ impl Silencing<'_> {
     /// unseen.
     fn stay(&mut self, slot: Slot, tbv: Tbv, validity: Duration) -> Option<Silence> {
         let building = self.view.building;
-        let avatar = self.population.at(slot);
-        let from = tbv.axes.own(avatar.pose.eye);
-        let clearance = building.clearance_of(avatar.walk);
-        let start = ReachStart { cells: building.cells(), clearance, from };
+        let start = self.population.at(slot).motion(self.view).start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &tbv.within);
         let footprint = HiddenFootprint::of_reach(building, &reach);
         let is_seen = self.is_seen(slot, &footprint);
@@ -133,7 +131,7 @@ impl Silencing<'_> {
             return Some(found);
         }
         let Silence { tbv, validity, .. } = found;
-        let from = tbv.axes.own(self.population.at(slot).pose.eye);
+        let from = self.population.at(slot).motion(self.view).from;
         self.stay(slot, Tbv { within: scaled(&tbv.within, from, by), ..tbv }, validity)
     }
 
@@ -179,10 +177,10 @@ impl Silencing<'_> {
     /// where it can soon be, and no hidden avatar can from its own TBV.
     fn unseen(&mut self, slot: Slot, validity: Duration) -> Option<Silence> {
         let View { building, config, .. } = self.view;
-        let avatar = self.population.at(slot);
-        let bound = MotionBound::new(building, &avatar.pose, true, validity);
+        let motion = self.population.at(slot).motion(self.view);
+        let bound = MotionBound::new(building, &motion, true, validity);
         let MotionBound { from, eyes, way_m } = bound.scaled(config.faults.tbv_scale);
-        let expiry = self.made_at(slot) + validity;
+        let expiry = self.known_at(&motion) + validity;
         let (within, sphere, footprint) = match config.shape {
             TbvShape::Sphere => {
                 let sphere = Sphere { centre: from, radius_m: way_m };
@@ -190,8 +188,7 @@ impl Silencing<'_> {
                 (sphere.bounds(), Some(sphere), footprint)
             }
             TbvShape::Reach => {
-                let clearance = building.clearance_of(avatar.walk);
-                let start = ReachStart { cells: building.cells(), clearance, from };
+                let start = motion.start(building);
                 let reach = Reach::on_ways(&mut self.workspace.reach, &start, &eyes, way_m);
                 (eyes, None, HiddenFootprint::of_reach(building, &reach))
             }

@@ -42,38 +42,39 @@ impl Silencing<'_> {
             }
             self.population.at_mut(slot).silence_from = now + config.silence_retry;
         }
-        let avatar = self.population.at_mut(slot);
-        if avatar.told_quiet {
-            avatar.told_quiet = false;
-            outputs.push(Output::Live { to: avatar.id });
+        if self.needs_order(slot) {
+            outputs.push(self.order_live(slot));
         }
     }
 
     fn may_fall_silent(&self, avatar: &Avatar) -> bool {
         let View { config, horizons, now, .. } = self.view;
-        let is_fresh = now.saturating_sub(avatar.heard) <= 2 * config.tick;
+        let link = avatar.link();
+        let fresh = horizons.one_way(link.round_trip) + link.margin + 2 * config.tick;
+        let is_fresh = avatar.motion(self.view).age <= fresh;
         config.policy == Policy::Tbv
             && is_fresh
             && now >= avatar.silence_from
             && avatar.watchers == 0
             && !avatar.pairs.iter().any(|pair| pair.is_held)
-            && horizons.may_be_silent(avatar.link())
+            && horizons.may_be_silent(link)
     }
 
     /// From live to quiet.
     fn hide(&mut self, slot: Slot, silence: Silence) {
         let View { config, horizons, now, .. } = self.view;
         let Silence { tbv, sphere, footprint, validity } = silence;
-        debug_assert!(tbv.contains(self.population.at(slot).pose.eye), "a TBV contains its avatar");
+        let motion = self.population.at(slot).motion(self.view);
+        debug_assert!(tbv.contains(motion.pose.eye), "a TBV contains its avatar");
         end_pairs(self.view, self.population, &mut self.indices.coarse, slot, self.pending);
-        let made = self.made_at(slot);
+        let known = self.known_at(&motion);
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
         avatar.pairs = Vec::new();
         avatar.footprint_box = None;
         avatar.nearby_hidden = Vec::new();
-        avatar.told_quiet = true;
-        (avatar.validity, avatar.hidden_from) = (validity, made);
+        avatar.orders.send_quiet();
+        (avatar.validity, avatar.hidden_from) = (validity, known);
         let link = avatar.link();
         self.indices.live.remove(member, &avatar.footprint);
         self.indices.hidden.insert(member, &footprint);

@@ -11,7 +11,7 @@ use glam::Vec3;
 use proptest::{prelude::*, sample::select};
 use sightline_world::{
     World,
-    motion::{AvatarId, Pose, ReportingState},
+    motion::{AvatarId, Pose, Report, ReportingState},
 };
 
 use super::{reference_model, rooms, stage};
@@ -54,11 +54,14 @@ fn vector() -> impl Strategy<Value = Vec3> {
 
 fn pose() -> impl Strategy<Value = Pose> {
     let velocity = prop_oneof![4 => Just(Vec3::ZERO), 2 => vector()];
-    (vector(), velocity, any::<f32>(), any::<f32>()).prop_map(|(eye, velocity, yaw, pitch)| Pose {
+    let angles = any::<[f32; 3]>();
+    (vector(), velocity, angles).prop_map(|(eye, velocity, [yaw, pitch, yaw_rate])| Pose {
         eye,
         velocity,
         yaw,
         pitch,
+        yaw_rate,
+        falls: yaw > pitch,
     })
 }
 
@@ -80,10 +83,13 @@ fn input(ids: u32) -> impl Strategy<Value = Input> {
     let join = (avatar(), ".{0,40}", any::<[u8; 3]>(), prop::option::weighted(0.9, vector()));
     let join =
         join.prop_map(|(avatar, name, colour, place)| Input::Join { avatar, name, colour, place });
-    let sequence = prop_oneof![4 => 0..200_u32, 1 => any::<u32>()];
-    let report = (avatar(), sequence, pose());
-    let report =
-        report.prop_map(|(avatar, sequence, pose)| Input::Report { avatar, sequence, pose });
+    let made = prop_oneof![4 => (0..10_000_u64).prop_map(Duration::from_millis), 1 => span()];
+    let orders = prop_oneof![4 => 0..20_u32, 1 => any::<u32>()];
+    let report = (avatar(), made, orders, pose());
+    let report = report.prop_map(|(avatar, made, orders, pose)| Input::Report {
+        avatar,
+        report: Report { made, orders, pose },
+    });
     let relocate = (avatar(), pose()).prop_map(|(avatar, pose)| Input::Relocate { avatar, pose });
     let trip = prop_oneof![9 => (0..300_u64).prop_map(Duration::from_millis), 1 => span()];
     let trip = (avatar(), trip);
@@ -212,7 +218,8 @@ struct Outside {
     now: Duration,
     /// The avatars that each client has been told of.
     sees: BTreeMap<AvatarId, BTreeSet<AvatarId>>,
-    sequences: BTreeMap<AvatarId, u32>,
+    /// When each avatar's last report was made.
+    made: BTreeMap<AvatarId, Duration>,
     outputs: Vec<Output>,
 }
 
@@ -223,7 +230,7 @@ impl Outside {
             engine: Engine::new(Arc::clone(world), config),
             now: Duration::ZERO,
             sees: BTreeMap::new(),
-            sequences: BTreeMap::new(),
+            made: BTreeMap::new(),
             outputs: Vec::new(),
         }
     }
@@ -250,13 +257,13 @@ impl Outside {
 
     fn handle(&mut self, input: Input) {
         match &input {
-            Input::Report { avatar, sequence, .. } => {
-                let known = self.sequences.entry(*avatar).or_default();
-                *known = (*known).max(*sequence);
+            Input::Report { avatar, report } => {
+                let known = self.made.entry(*avatar).or_default();
+                *known = (*known).max(report.made);
             }
             Input::Leave { avatar } => {
                 self.sees.remove(avatar);
-                self.sequences.remove(avatar);
+                self.made.remove(avatar);
             }
             _ => {}
         }
@@ -271,9 +278,11 @@ impl Outside {
         for (turn, avatar) in (0..).zip(heard) {
             let way = if turn % 2 == 0 { way } else { -way };
             let Some(pose) = self.engine.pose(avatar) else { continue };
-            let sequence = self.sequences.get(&avatar).map_or(0, |last| last.saturating_add(1));
+            let made = self.made.get(&avatar).copied().unwrap_or_default();
+            let made = made.saturating_add(Duration::from_micros(1)).max(self.now);
             let pose = Pose { eye: pose.eye + way, velocity: way / 0.05, ..pose };
-            self.handle(Input::Report { avatar, sequence, pose });
+            let report = Report { made, orders: turn, pose };
+            self.handle(Input::Report { avatar, report });
         }
     }
 
@@ -297,7 +306,7 @@ impl Outside {
     /// Takes in an output as its client does.
     fn hear(&mut self, output: &Output) {
         match output {
-            Output::Entered { to, pose } => {
+            Output::Entered { to, pose, .. } => {
                 assert!(pose.is_finite());
                 if self.engine.state(*to).is_some() {
                     self.sees.entry(*to).or_default();
@@ -326,7 +335,7 @@ impl Outside {
             Output::Correct { pose, .. } => assert!(pose.is_finite()),
             Output::Drop { to, .. } => {
                 self.sees.remove(to);
-                self.sequences.remove(to);
+                self.made.remove(to);
             }
             Output::Live { .. } | Output::Ask { .. } | Output::Chat { .. } => {}
         }

@@ -142,7 +142,7 @@ impl Crowd {
         let (tick_s, agility) = (TICK.as_secs_f32(), self.stage.engine.agility());
         for (id, way) in &mut self.ways {
             let client: &mut Client = self.stage.clients.get_mut(id).unwrap();
-            if client.sequence > 0 && self.rng.random_bool(0.05) {
+            if client.made.is_some() && self.rng.random_bool(0.05) {
                 let mut part = || self.rng.random_range(-1.0..1.0_f32);
                 *way = Vec3::new(part(), 0.2 * part(), part()).normalize_or_zero()
                     * if part() < 0.0 { 0.0 } else { speed_max * 0.99 };

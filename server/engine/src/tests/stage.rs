@@ -7,7 +7,7 @@ use roaring::RoaringBitmap;
 use sightline_world::{
     Cell, CellId, Cells, Gate, Mesh, Node, Polygon, Portal, Space, Spawn, World,
     geometry::{Aabb, Axes},
-    motion::{AvatarId, Body, Pose, Tbv},
+    motion::{AvatarId, Body, Pose, Report, Tbv},
     octree::Octree,
 };
 
@@ -127,7 +127,10 @@ pub struct Client {
     pub eye: Vec3,
     /// Its eye at the last tick.
     pub before: Option<Vec3>,
-    pub sequence: u32,
+    /// When it reported last.
+    pub made: Option<Duration>,
+    /// How many orders it has heard.
+    pub orders: u32,
     pub quiet: Option<Tbv>,
     pub asked: bool,
     pub sees: BTreeMap<AvatarId, Pose>,
@@ -142,6 +145,14 @@ impl Client {
         let velocity = self.velocity();
         self.before = Some(self.eye);
         Pose { eye: self.eye, velocity, ..Pose::default() }
+    }
+
+    /// The report that it makes now.
+    pub fn report(&mut self, avatar: AvatarId, now: Duration, pose: Pose) -> Input {
+        let next = self.made.map(|made| made + Duration::from_micros(1));
+        let made = next.map_or(now, |next| next.max(now));
+        self.made = Some(made);
+        Input::Report { avatar, report: Report { made, orders: self.orders, pose } }
     }
 
     pub fn velocity(&self) -> Vec3 {
@@ -204,17 +215,15 @@ impl Stage {
         &self.clients[&avatar]
     }
 
-    /// Live clients report, and asked ones once. Then the engine decides.
+    /// Live clients report, though they need not, and asked ones once. Then the engine decides.
     pub fn tick(&mut self) {
         for (id, client) in &mut self.clients {
             let pose = client.step();
             let stays = |tbv: &Tbv| tbv.holds(&pose, TICK, &self.engine.agility());
             let is_silent = client.quiet.as_ref().is_some_and(stays);
             if !is_silent || std::mem::take(&mut client.asked) {
-                client.sequence += 1;
                 self.reports += 1;
-                let report = Input::Report { avatar: *id, sequence: client.sequence, pose };
-                self.engine.handle(self.now, report);
+                self.engine.handle(self.now, client.report(*id, self.now, pose));
             }
         }
         let mut outputs = Vec::new();
@@ -239,6 +248,7 @@ impl Stage {
 
     fn deliver(&mut self, output: &Output) {
         let Some(client) = self.clients.get_mut(&output.to()) else { return };
+        client.orders += u32::from(matches!(output, Output::Live { .. } | Output::Quiet { .. }));
         match output {
             Output::Entered { pose, .. } => client.eye = pose.eye,
             Output::Appear { avatar, pose, .. } => {

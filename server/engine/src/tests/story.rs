@@ -8,7 +8,7 @@ use sightline_world::{
     motion::{AvatarId, Pose, ReportingState},
 };
 
-use super::stage::{Stage, TICK, row};
+use super::stage::{Client, Stage, TICK, row};
 use crate::{Config, Input, Margin, Output, Policy, Reason, TbvShape, Validity};
 
 fn sees(stage: &Stage, viewer: AvatarId) -> Vec<u32> {
@@ -166,12 +166,11 @@ fn a_tbv_lasts_until_its_client_leaves_and_leaving_unsaid_is_refused() {
 
     // A client that leaves unsaid is put back, though its speed limit allows the distance.
     let client = stage.clients.get_mut(&ada).unwrap();
-    client.sequence += 1;
     let eye = Vec3::new(tbv.within.max.x + 0.5, 1.6, 5.0);
     let pose = Pose { eye, ..Pose::default() };
-    let sequence = client.sequence;
     stage.now += Duration::from_secs(4);
-    stage.engine.handle(stage.now, Input::Report { avatar: ada, sequence, pose });
+    let report = client.report(ada, stage.now, pose);
+    stage.engine.handle(stage.now, report);
     assert_eq!(stage.engine.stats().refusals, 1);
     assert!(tbv.contains(stage.engine.pose(ada).unwrap().eye));
 }
@@ -183,10 +182,9 @@ fn a_quiet_client_may_report_and_its_claim_is_judged() {
     stage.ticks(4);
     let tbv = stage.engine.tbv(ada).unwrap();
     let report = |stage: &mut Stage, x: f32| {
-        let sequence = stage.client(ada).sequence + 1;
-        stage.clients.get_mut(&ada).unwrap().sequence = sequence;
         let pose = Pose { eye: Vec3::new(x, 1.6, 5.0), ..Pose::default() };
-        stage.engine.handle(stage.now, Input::Report { avatar: ada, sequence, pose });
+        let report = stage.clients.get_mut(&ada).unwrap().report(ada, stage.now, pose);
+        stage.engine.handle(stage.now, report);
     };
     report(&mut stage, 5.2);
     stage.tick();
@@ -271,8 +269,8 @@ fn joins_are_placed_bounded_and_never_doubled() {
         if *avatar == cy && name.chars().count() == 32)));
     // Inputs about avatars that are not present are ignored.
     stage.engine.handle(stage.now, Input::Leave { avatar: full });
-    let pose = Pose::default();
-    stage.engine.handle(stage.now, Input::Report { avatar: full, sequence: 9, pose });
+    let report = Client::default().report(full, stage.now, Pose::default());
+    stage.engine.handle(stage.now, report);
     let round_trip = Duration::MAX;
     stage.engine.handle(stage.now, Input::RoundTrip { avatar: full, round_trip });
 }
@@ -376,14 +374,15 @@ fn told_of_at(claimed: f32) -> f32 {
     let (name, place) = ("runner".to_owned(), Some(eye));
     stage.engine.handle(stage.now, Input::Join { avatar: runner, name, colour: [0; 3], place });
     let velocity = Vec3::NEG_X * 5.7;
-    for sequence in 1.. {
+    let mut client = Client::default();
+    loop {
         stage.tick();
         if !sees(&stage, viewer).is_empty() {
             break;
         }
         eye += velocity * TICK.as_secs_f32();
         let pose = Pose { eye, velocity: velocity * claimed, ..Pose::default() };
-        stage.engine.handle(stage.now, Input::Report { avatar: runner, sequence, pose });
+        stage.engine.handle(stage.now, client.report(runner, stage.now, pose));
     }
     assert_eq!(stage.engine.stats().refusals, 0);
     eye.x

@@ -54,11 +54,11 @@ fn a_long_silence_allows_a_detour_through_a_door_but_not_a_way_through_a_wall() 
         let mut stage = Stage::prompt(world);
         let ada = stage.join(1, 9.9);
         stage.tick();
-        let gone = stage.clients.remove(&ada).unwrap();
+        let mut gone = stage.clients.remove(&ada).unwrap();
         // The way round by the door is eight metres.
         stage.ticks(90);
         let pose = Pose { eye: Vec3::new(10.1, 1.6, 5.0), ..Pose::default() };
-        let report = Input::Report { avatar: ada, sequence: gone.sequence + 1, pose };
+        let report = gone.report(ada, stage.now, pose);
         stage.engine.handle(stage.now, report);
         assert_eq!(stage.engine.stats().walls, refused, "door {door:?}");
     }

@@ -83,7 +83,11 @@ impl Horizons {
 
     /// How long a message to the slowest client takes.
     fn one_way_max(&self) -> Duration {
-        self.round_trips.last_key_value().map_or(Duration::ZERO, |(trip, _)| self.one_way(*trip))
+        self.one_way(self.round_trip_max())
+    }
+
+    fn round_trip_max(&self) -> Duration {
+        self.round_trips.last_key_value().map_or(Duration::ZERO, |(trip, _)| *trip)
     }
 
     /// How long a message to a client takes, rounded up to a step that many viewers share.
@@ -92,23 +96,24 @@ impl Horizons {
         DELAY_STEP * u32::try_from(steps).unwrap_or(u32::MAX)
     }
 
-    /// How long a live avatar's region must hold after its last report was made: until the next
-    /// tick's word stands at a viewer with this delay.
-    pub(crate) fn live_horizon(&self, age: Duration, link: Link, delay: Duration) -> Duration {
-        self.unheard(age, link) + self.tick + delay
+    /// How long a live avatar's region must hold after the avatar was last known to be somewhere:
+    /// until the next tick's word stands at a viewer with this delay.
+    pub(crate) fn live_horizon(&self, age: Duration, delay: Duration) -> Duration {
+        age.min(self.cap) + self.tick + delay
     }
 
-    /// How long a live avatar's footprint must hold after its last report was made: until a hidden
-    /// avatar that it reveals can be told of, or be told.
-    pub(crate) fn reveal_horizon(&self, age: Duration, link: Link) -> Duration {
-        let answer = self.unheard(age, link) + 2 * self.tick + self.round_trip_silent_max();
+    /// How long a live avatar's footprint must hold after the avatar was last known to be
+    /// somewhere: until a hidden avatar that it reveals can be told of, or be told.
+    pub(crate) fn reveal_horizon(&self, age: Duration) -> Duration {
+        let answer = age.min(self.cap) + 2 * self.tick + self.round_trip_silent_max();
         answer + self.one_way_max()
     }
 
-    /// When a report that arrived at a moment was made, at the earliest. Everything that is derived
-    /// from a report counts from this time.
-    pub(crate) fn made_at(&self, heard: Duration, link: Link) -> Duration {
-        heard.saturating_sub(self.one_way(link.round_trip) + link.margin)
+    /// For how long regions of a client on course must hold usually. Between two of the client's
+    /// ticks its word is up to a tick older.
+    pub(crate) fn course_horizon(&self, link: Link) -> Duration {
+        let age = self.one_way(link.round_trip) + link.margin + self.tick;
+        age + self.tick + self.delay(self.round_trip_max())
     }
 
     /// How long before its expiry a hidden client must be asked.
@@ -140,10 +145,6 @@ impl Horizons {
             trips.find(|trip| self.may_be_silent(link(trip))).copied().unwrap_or(Duration::ZERO)
         })
     }
-
-    fn unheard(&self, age: Duration, link: Link) -> Duration {
-        (age + self.one_way(link.round_trip) + link.margin).min(self.cap)
-    }
 }
 
 #[cfg(test)]
@@ -169,8 +170,9 @@ mod tests {
     #[test]
     fn each_part_of_a_delay_counts_once() {
         let two = horizons(&[100, 60]);
-        assert_eq!(two.live_horizon(ms(20), link(60), ms(50)), ms(20 + 30 + 10 + 50 + 50));
-        assert_eq!(two.reveal_horizon(ms(20), link(60)), ms(20 + 30 + 10 + 100 + 100 + 50));
+        assert_eq!(two.live_horizon(ms(60), ms(50)), ms(60 + 50 + 50));
+        assert_eq!(two.reveal_horizon(ms(60)), ms(60 + 100 + 100 + 50));
+        assert_eq!(two.course_horizon(link(60)), ms(30 + 10 + 50 + 50 + 50));
         assert_eq!(two.delays().collect::<Vec<_>>(), [ms(50)]);
         assert_eq!(two.lead_time(link(60)), ms(120 + 50 + 100 + 10));
     }
@@ -180,9 +182,9 @@ mod tests {
         let mut all = horizons(&[100, 100, 390]);
         assert!(!all.may_be_silent(link(390)));
         assert!(all.may_be_silent(link(100)));
-        assert_eq!(all.reveal_horizon(ms(0), link(100)), ms(50 + 10 + 100 + 100 + 195));
+        assert_eq!(all.reveal_horizon(ms(60)), ms(60 + 100 + 100 + 195));
         all.remove(ms(390));
-        assert_eq!(all.reveal_horizon(ms(0), link(100)), ms(50 + 10 + 100 + 100 + 50));
+        assert_eq!(all.reveal_horizon(ms(60)), ms(60 + 100 + 100 + 50));
         all.remove(ms(100));
         assert_eq!(all.one_way_max(), ms(50));
     }
@@ -190,10 +192,7 @@ mod tests {
     #[test]
     fn beyond_the_cap_nothing_grows() {
         let slow = horizons(&[10_000]);
-        assert_eq!(
-            slow.live_horizon(ms(60_000), link(10_000), slow.delay(ms(10_000))),
-            ms(400 + 50 + 200)
-        );
+        assert_eq!(slow.live_horizon(ms(60_000), slow.delay(ms(10_000))), ms(400 + 50 + 200));
         assert!(!slow.may_be_silent(link(10_000)));
     }
 }

@@ -1,7 +1,7 @@
 //! How far ahead the engine decides, and how unevenly clients' messages arrive.
 
+mod arrivals;
 mod horizon;
-mod jitter;
 
+pub(crate) use arrivals::{Arrivals, LastKnown};
 pub(crate) use horizon::{Horizons, Link, SILENT_MAX};
-pub(crate) use jitter::Jitter;

@@ -36,7 +36,7 @@ impl AuthorRules {
     ) -> bool {
         let cells = &self.world.cells;
         let overlap = |region: &Aabb| self.rooms.overlap(cells, &[cells.axes.own_box(region)]);
-        let eye = overlap(&Aabb::around(viewer.eye, 0.0));
+        let eye = overlap(&Aabb::around(viewer.pose.eye, 0.0));
         let mut sealed = viewer.sealed_rooms.iter().chain(&other.sealed_rooms);
         sealed.all(|rooms| rooms.agrees(&viewer.sealed_rooms[0]))
             && self.rooms.may_see(&eye, &overlap(body))

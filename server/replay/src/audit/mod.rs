@@ -1,6 +1,8 @@
 //! The audit: what clients hold, compared with what rays find visible.
 
 mod author;
+mod floor;
+mod freshness;
 mod look_ahead;
 mod pairs;
 
@@ -8,6 +10,7 @@ use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 use rayon::prelude::*;
 use sightline_cli::trace::Trace;
+use sightline_engine::Engine;
 use sightline_oracle::Oracle;
 use sightline_visibility::rooms::SealedRooms;
 use sightline_world::{
@@ -22,8 +25,10 @@ use super::{
     simulated_clients::{SimulatedClient, SimulatedClients},
 };
 use author::AuthorRules;
+use floor::{Floor, Sightings};
+use freshness::{Past, ShownErrors, Tolerances};
 use look_ahead::{HorizonMotion, Reachable};
-use pairs::{Participant, ViewerFindings};
+use pairs::{Participant, Scene, ViewerFindings};
 
 /// How many pairs the audit compares in a run at most, when it chooses the stride itself. That
 /// takes about 20 s of CPU time.
@@ -32,6 +37,8 @@ const PAIRS_MAX: u64 = 1_000_000;
 const INSTANTS_MIN: u64 = 4;
 /// How many misses, and how many stale positions, are listed one by one.
 const LISTED_MAX: usize = 10;
+/// Places that are older than their bound by more than this are not looked up.
+const PAST_SPARE: Duration = Duration::from_secs(1);
 
 /// Compares all pairs of a viewer and an avatar at regular instants.
 pub(super) struct Audit {
@@ -46,6 +53,9 @@ pub(super) struct Audit {
     settling: Duration,
     report: OracleReport,
     totals: Totals,
+    shown_errors: ShownErrors,
+    tolerances: Tolerances,
+    sightings: Sightings,
     tick: Duration,
     agility: Agility,
     look_ahead: bool,
@@ -92,6 +102,9 @@ impl Audit {
                 ..OracleReport::default()
             },
             totals: Totals::default(),
+            shown_errors: ShownErrors::default(),
+            tolerances: Tolerances::default(),
+            sightings: Sightings::default(),
             tick,
             look_ahead: options.look_ahead,
             agility: Agility::of(&world.body, speed_max),
@@ -104,18 +117,23 @@ impl Audit {
         now: Duration,
         clients: &SimulatedClients<'_>,
         network: &SimulatedNetwork,
+        engine: &Engine,
     ) {
+        let oldest = now.saturating_sub(network.age_bound_max());
+        self.tolerances.add([now, oldest], engine);
         if now < self.next {
             return;
         }
         self.next = now + self.stride;
         let participant = |client| self.participant(now, client, clients, network);
         let participants: Vec<Participant<'_>> = clients.present().map(participant).collect();
-        let look = |viewer| self.look_from(now, viewer, &participants, network);
+        let tolerances = &self.tolerances;
+        let scene = Scene { now, all: &participants, network, tolerances, engine };
+        let look = |viewer| self.look_from(viewer, &scene);
         let findings: Vec<ViewerFindings> = participants.par_iter().map(look).collect();
         self.report.instants += 1;
         findings.iter().for_each(|findings| self.add(findings));
-        self.count_hidden(&participants, &findings);
+        self.count_hidden(now, &participants, &findings);
     }
 
     fn participant<'a>(
@@ -125,10 +143,12 @@ impl Audit {
         clients: &SimulatedClients<'_>,
         network: &SimulatedNetwork,
     ) -> Participant<'a> {
+        let since = now.saturating_sub(network.age_bound_max() + PAST_SPARE);
         Participant {
             avatar: client.avatar,
             trace_id: clients.trace_id(client.avatar),
-            eye: client.pose.eye,
+            pose: client.pose,
+            past: Past::new(clients, client, [now, since], self.tick),
             is_settled: client.settled_at + self.settling <= now,
             is_late: network.is_late(now, client.avatar),
             reports: client.reports,
@@ -188,29 +208,39 @@ impl Audit {
         let room = LISTED_MAX.saturating_sub(report.first_stale.len());
         report.first_stale.extend(findings.stale.iter().take(room));
         report.age_worst_ms = report.age_worst_ms.max(findings.age_worst.as_secs_f64() * 1e3);
+        self.shown_errors.append(&findings.shown_errors);
         self.totals.ages += findings.ages;
         self.totals.age_sum += findings.age_sum;
     }
 
     /// Counts the settled avatars in nobody's sight, and those of them that are not silent.
-    fn count_hidden(&mut self, participants: &[Participant<'_>], findings: &[ViewerFindings]) {
+    fn count_hidden(
+        &mut self,
+        now: Duration,
+        participants: &[Participant<'_>],
+        findings: &[ViewerFindings],
+    ) {
         assert_eq!(participants.len(), findings.len(), "each participant is a viewer");
         let mut is_hidden = vec![true; participants.len()];
         findings.iter().flat_map(|f| &f.seen).for_each(|place| is_hidden[*place] = false);
+        let sightings = participants.iter().zip(&is_hidden).map(|(p, hid)| (p.trace_id, !hid));
+        self.sightings.add(now, sightings);
         let held: BTreeSet<AvatarId> =
-            participants.iter().flat_map(|p| p.replica.keys().copied()).collect();
+            participants.iter().flat_map(|p| p.replica.held(now).map(|held| held.id)).collect();
         let settled = participants.iter().zip(is_hidden).filter(|(p, _)| p.is_settled);
         for (participant, is_hidden) in settled {
             self.totals.avatars += 1;
             self.totals.hidden += u64::from(is_hidden);
             self.totals.hidden_reports += u64::from(is_hidden && participant.reports > 0);
-            let is_held = !participant.replica.is_empty() || held.contains(&participant.avatar);
+            let is_held = participant.replica.held_len() > 0 || held.contains(&participant.avatar);
             self.totals.hidden_held += u64::from(is_hidden && is_held);
         }
     }
 
     /// What was found in the whole run.
-    pub(super) fn report(self) -> OracleReport {
+    pub(super) fn report(self, clients: &SimulatedClients<'_>) -> OracleReport {
+        let Floor { reports, hidden_share } = self.sightings.floor(clients, self.tick);
+        let [metres, degrees] = self.shown_errors.percentiles();
         let share = |part: u64, of: u64| part as f64 / of.max(1) as f64;
         let (report, totals) = (self.report, self.totals);
         debug_assert!(report.pairs_foreseen <= report.pairs_held, "foreseen pairs are held");
@@ -220,6 +250,12 @@ impl Audit {
             hidden_share: share(totals.hidden, totals.avatars),
             hidden_reports: share(totals.hidden_reports, totals.hidden),
             hidden_held: share(totals.hidden_held, totals.hidden),
+            floor_reports: reports,
+            floor_hidden_share: hidden_share,
+            shown_error_p50_m: metres[0],
+            shown_error_p99_m: metres[1],
+            shown_error_p50_deg: degrees[0],
+            shown_error_p99_deg: degrees[1],
             age_mean_ms: totals.age_sum.as_secs_f64() * 1e3 / totals.ages.max(1) as f64,
             ..report
         }

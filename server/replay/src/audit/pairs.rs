@@ -1,17 +1,19 @@
 //! The comparison of one viewer with all other avatars at one instant.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::time::Duration;
 
-use glam::Vec3;
+use sightline_client_core::replica::{BLEND, Replica, VisibleAvatar};
+use sightline_engine::Engine;
 use sightline_visibility::rooms::SealedRooms;
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, Pose};
 
 use super::{
     super::{
-        network::SimulatedNetwork,
+        network::{AgeBound, SimulatedNetwork},
         report::{MissedAvatar, StalePosition},
     },
-    Audit,
+    Audit, PAST_SPARE,
+    freshness::{Past, ShownErrors, Tolerances, Within},
     look_ahead::{HorizonMotion, can_come_into_sight},
 };
 
@@ -22,8 +24,10 @@ const SAMPLES: u32 = 3;
 pub(super) struct Participant<'a> {
     pub(super) avatar: AvatarId,
     pub(super) trace_id: u32,
-    /// Where its eye truly is.
-    pub(super) eye: Vec3,
+    /// Its true pose.
+    pub(super) pose: Pose,
+    /// Where it was before.
+    pub(super) past: Past,
     /// Whether its last join or jump was long enough ago.
     pub(super) is_settled: bool,
     /// Whether one of its messages recently took longer than the engine allows for.
@@ -34,8 +38,17 @@ pub(super) struct Participant<'a> {
     pub(super) motion: HorizonMotion,
     /// The sealed rooms that it is in, and those that it was in a while ago.
     pub(super) sealed_rooms: [SealedRooms; 2],
-    /// The avatars that its client holds, and when each position was sampled.
-    pub(super) replica: &'a BTreeMap<AvatarId, Duration>,
+    /// What its client knows.
+    pub(super) replica: &'a Replica,
+}
+
+/// All participants at an instant.
+pub(super) struct Scene<'a> {
+    pub(super) now: Duration,
+    pub(super) all: &'a [Participant<'a>],
+    pub(super) network: &'a SimulatedNetwork,
+    pub(super) tolerances: &'a Tolerances,
+    pub(super) engine: &'a Engine,
 }
 
 /// What one viewer's pairs come to.
@@ -51,6 +64,7 @@ pub(super) struct ViewerFindings {
     pub(super) age_sum: Duration,
     pub(super) age_worst: Duration,
     pub(super) stale: Vec<StalePosition>,
+    pub(super) shown_errors: ShownErrors,
     /// The visible participants, by their place among all.
     pub(super) seen: Vec<usize>,
 }
@@ -80,25 +94,25 @@ impl Pair<'_> {
 
 impl Audit {
     /// Compares a viewer with all other participants.
-    pub(super) fn look_from(
-        &self,
-        now: Duration,
-        viewer: &Participant<'_>,
-        all: &[Participant<'_>],
-        network: &SimulatedNetwork,
-    ) -> ViewerFindings {
+    pub(super) fn look_from(&self, viewer: &Participant<'_>, scene: &Scene<'_>) -> ViewerFindings {
         let mut findings = ViewerFindings::default();
-        for (place, other) in all.iter().enumerate().filter(|(_, o)| o.avatar != viewer.avatar) {
-            let pair = Pair { now, viewer, other };
-            let held = viewer.replica.get(&other.avatar);
+        let others = scene.all.iter().enumerate().filter(|(_, o)| o.avatar != viewer.avatar);
+        let shown = viewer.replica.visible(scene.now);
+        for (place, other) in others {
+            let pair = Pair { now: scene.now, viewer, other };
+            let held = shown.binary_search_by_key(&other.avatar, |shown| shown.id);
+            let held = held.ok().and_then(|place| shown.get(place));
             let is_visible = self.is_visible(viewer, other);
             if is_visible {
                 findings.seen.push(place);
             }
             match (is_visible, held) {
                 (true, None) => findings.miss(&pair),
-                (true, Some(sampled)) if pair.is_settled() && !pair.is_late() => {
-                    findings.compare_age(&pair, *sampled, network);
+                (true, Some(shown)) if pair.is_settled() => {
+                    findings.shown_errors.add(&shown.pose, &other.pose);
+                    if !pair.is_late() {
+                        findings.compare_age(&pair, shown, scene);
+                    }
                 }
                 _ => {}
             }
@@ -115,8 +129,8 @@ impl Audit {
 
     /// Whether rays reach the other's body, and the author allows to see it.
     fn is_visible(&self, viewer: &Participant<'_>, other: &Participant<'_>) -> bool {
-        let body = self.body.around(other.eye);
-        self.oracle.of_box(viewer.eye, &body, SAMPLES)
+        let body = self.body.around(other.pose.eye);
+        self.oracle.of_box(viewer.pose.eye, &body, SAMPLES)
             && self.author.as_ref().is_none_or(|author| author.allows(viewer, other, &body))
     }
 
@@ -139,19 +153,37 @@ impl ViewerFindings {
         }
     }
 
-    /// Compares the age of a held position with its bound.
-    fn compare_age(&mut self, pair: &Pair<'_>, sampled: Duration, network: &SimulatedNetwork) {
-        let (viewer, avatar) = (pair.viewer.avatar, pair.other.avatar);
-        debug_assert!(sampled <= pair.now, "a position is sampled before it is held");
-        let age = pair.now.saturating_sub(sampled);
+    /// Compares with its bound the age of the place at which an avatar is shown.
+    fn compare_age(&mut self, pair: &Pair<'_>, shown: &VisibleAvatar, scene: &Scene<'_>) {
+        let other = pair.other;
+        let AgeBound { age: bound, lost } =
+            scene.network.age_bound(pair.now, pair.viewer.avatar, other.avatar);
+        let since = pair.now.saturating_sub(bound);
+        // Until what was lost comes again, the avatar is shown farther along its old course.
+        let tolerance_m = scene.tolerances.largest_m(other.avatar, since);
+        let Scene { engine, .. } = scene;
+        // A client tells only at its next tick that its avatar departs, half a tick later in the
+        // mean. What jitter then makes late is joined within a short while.
+        let speed = other.past.speed_max(since.saturating_sub(BLEND));
+        let late = scene.network.jitter() + engine.config().tick / 2;
+        let untold_m = speed * (lost + late).as_secs_f32();
+        let within = if tolerance_m > 0.0 {
+            // What the viewer can hardly tell is not told to it.
+            let away_m = pair.viewer.pose.eye.distance(other.pose.eye) + speed * bound.as_secs_f32();
+            Within::new(tolerance_m, engine.acuity_m(away_m) + untold_m)
+        } else {
+            Within::new(0.0, untold_m)
+        };
+        let age = other.past.age_within(shown.pose.eye, within);
+        // A place where it was not for so long is older than that.
+        let age = age.unwrap_or(bound + PAST_SPARE);
         self.ages += 1;
         self.age_sum += age;
         self.age_worst = self.age_worst.max(age);
-        let lost = network.lost_since(sampled, viewer, avatar);
-        let bound = network.age_max(viewer, avatar) + 2 * network.tick() * lost as u32;
         if age > bound {
             let [age_ms, bound_ms] = [age, bound].map(|time| time.as_secs_f64() * 1e3);
-            self.stale.push(StalePosition { what: pair.missed(), age_ms, bound_ms });
+            let off_m = other.past.distance_m(shown.pose.eye);
+            self.stale.push(StalePosition { what: pair.missed(), age_ms, bound_ms, off_m });
         }
     }
 }

@@ -11,7 +11,7 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_world::motion::Pose;
+use sightline_world::motion::{Pose, turn_between};
 
 /// The columns of a trace, as its first line names them.
 ///
@@ -152,7 +152,9 @@ impl Trace {
             return here.pose;
         }
         let part = (at - from).as_secs_f32() / seconds;
-        Pose { eye: here.pose.eye + way * part, ..here.pose }
+        let yaw = here.pose.yaw + turn_between(here.pose.yaw, next.pose.yaw) * part;
+        let pitch = here.pose.pitch + (next.pose.pitch - here.pose.pitch) * part;
+        Pose { eye: here.pose.eye + way * part, yaw, pitch, ..here.pose }
     }
 }
 

@@ -91,7 +91,8 @@ impl Rows {
         if track.last().is_some_and(|sample| sample.time == time) {
             return Err(wrong("the same id twice at one time"));
         }
-        track.push(Sample { time, pose: Pose { eye, yaw, pitch, velocity } });
+        let pose = Pose { eye, yaw, pitch, velocity, ..Pose::default() };
+        track.push(Sample { time, pose });
         Ok(())
     }
 

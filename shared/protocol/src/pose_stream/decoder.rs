@@ -1,6 +1,6 @@
 //! The client's end of a pose stream.
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, time::Duration};
 
 use sightline_world::motion::AvatarId;
 
@@ -15,8 +15,10 @@ use crate::{DecodeError, quantise::WirePose, varint};
 const REMEMBERED_MAX: u32 = BASELINE_DISTANCE_MAX + 32;
 
 /// The client's end of its pose stream: it decodes datagrams.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct PoseDecoder {
+    /// The time from tick to tick.
+    interval: Duration,
     /// The remembered datagrams in ascending order of sequence. All are within [`REMEMBERED_MAX`]
     /// of the newest.
     pub(super) received: VecDeque<PoseUpdate>,
@@ -42,6 +44,11 @@ impl PoseUpdate {
 }
 
 impl PoseDecoder {
+    /// A decoder for a server with this time from tick to tick.
+    pub fn new(interval: Duration) -> Self {
+        Self { interval, received: VecDeque::new() }
+    }
+
     /// Decodes a datagram. `None` when it is a duplicate or too old. After an error the decoder is
     /// as if the datagram had been lost.
     pub fn decode(&mut self, datagram: &[u8]) -> Result<Option<&PoseUpdate>, DecodeError> {
@@ -57,7 +64,7 @@ impl PoseDecoder {
         }
         let Err(place) = self.find(sequence) else { return Ok(None) };
         let tick = varint::read(&mut bytes)?;
-        let poses = self.read_entries(bytes, sequence)?;
+        let poses = self.read_entries(bytes, sequence, tick)?;
         self.received.insert(place, PoseUpdate { sequence, tick, poses });
         let newest = newest.max(sequence);
         while self.received.front().is_some_and(|u| newest - u.sequence >= REMEMBERED_MAX) {
@@ -102,6 +109,7 @@ impl PoseDecoder {
         &self,
         mut bytes: &[u8],
         sequence: u32,
+        tick: u32,
     ) -> Result<Vec<(AvatarId, WirePose)>, DecodeError> {
         let mut poses = Vec::new();
         let mut next_id = Some(0u32);
@@ -114,7 +122,7 @@ impl PoseDecoder {
             if flags & BASELINE != 0 {
                 distance = varint::read(&mut bytes)?;
             }
-            let base = self.baseline(avatar, sequence, distance)?;
+            let base = self.baseline(avatar, sequence, distance, tick)?;
             poses.push((avatar, entry::read_difference(&mut bytes, flags & !BASELINE, &base)?));
             if poses.len() > ENTRIES_MAX {
                 return Err(DecodeError::Malformed);
@@ -130,6 +138,7 @@ impl PoseDecoder {
         avatar: AvatarId,
         sequence: u32,
         distance: u32,
+        tick: u32,
     ) -> Result<WirePose, DecodeError> {
         if distance == 0 {
             return Ok(WirePose::default());
@@ -137,6 +146,7 @@ impl PoseDecoder {
         let from = sequence.checked_sub(distance).ok_or(DecodeError::Malformed)?;
         let place = self.find(from).map_err(|_| DecodeError::NoBaseline)?;
         let update = self.received.get(place).ok_or(DecodeError::NoBaseline)?;
-        update.pose(avatar).ok_or(DecodeError::NoBaseline)
+        let pose = update.pose(avatar).ok_or(DecodeError::NoBaseline)?;
+        Ok(pose.straight_on(self.interval * tick.saturating_sub(update.tick)))
     }
 }

@@ -1,6 +1,9 @@
 //! The server's end of a pose stream.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
 
 use sightline_world::motion::{AvatarId, Pose};
 
@@ -10,14 +13,24 @@ use super::{
 };
 use crate::{quantise::WirePose, varint};
 
-/// The number of ticks after which a pose is sent again unless its datagram was acknowledged.
-const RESEND_TICKS: u32 = 4;
+/// The number of ticks after which a course is sent again unless it was acknowledged. It exceeds
+/// the time for which clients put acknowledgements off, and a long round trip.
+pub const RESEND_TICKS: u32 = 12;
+/// The number of ticks after which an open course goes with a datagram that is sent anyway.
+const REPEAT_TICKS: u32 = 8;
+/// Where datagrams may be lost, each course is sent a second time after this number of ticks, so
+/// that the loss of one datagram shows for no longer.
+const COPY_TICKS: u32 = 2;
+/// After so many datagrams without a loss none is expected.
+const CLEAN_DATAGRAMS: u32 = 128;
 /// The greatest number of unacknowledged poses that are remembered: 28 bytes each, 112 KiB in all.
 const SENT_POSES_MAX: usize = 4_096;
 
 /// The server's end of one client's pose stream: it encodes poses into datagrams.
 #[derive(Clone, Debug)]
 pub struct PoseEncoder {
+    /// The time from tick to tick.
+    interval: Duration,
     /// The number of the newest datagram; 0 before the first.
     sequence: u32,
     datagram_bytes_max: usize,
@@ -27,9 +40,13 @@ pub struct PoseEncoder {
     /// with at most [`SENT_POSES_MAX`] poses.
     pub(super) sent: VecDeque<SentDatagram>,
     pub(super) sent_poses: usize,
+    /// The tick of the last call of [`PoseEncoder::encode`].
+    tick: u32,
+    /// How many datagrams were acknowledged since one was lost.
+    acknowledged_in_a_row: u32,
 }
 
-/// A pose that the client holds, against which an entry is coded.
+/// Where a course that the client knows leads by the tick of an entry, which is coded against it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Baseline {
     /// How many datagrams back the pose was sent; 0 stands for the default pose.
@@ -40,37 +57,56 @@ struct Baseline {
 /// What was sent about an avatar.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AvatarRecord {
-    /// The newest pose that was sent.
-    newest: WirePose,
-    /// The first datagram with the newest pose. Later datagrams have it too.
-    newest_sequence: u32,
-    /// The tick at which the newest pose was last sent.
-    newest_tick: u32,
+    /// The newest pose that was sent: the avatar's course begins with it.
+    course: WirePose,
+    /// The tick of that pose.
+    course_tick: u32,
+    /// The first datagram with that course. Later datagrams have it too.
+    course_sequence: u32,
+    /// The tick at which the course was last sent.
+    sent_tick: u32,
+    /// How often the course was sent and not lost, as far as is known.
+    copies: u32,
     /// The newest pose that the client acknowledged, and its datagram.
-    acknowledged: Option<(u32, WirePose)>,
+    acknowledged: Option<Acknowledged>,
+}
+
+/// A pose that the client acknowledged.
+#[derive(Clone, Copy, Debug)]
+struct Acknowledged {
+    /// Its datagram.
+    sequence: u32,
+    /// Its tick.
+    tick: u32,
+    pose: WirePose,
 }
 
 /// A datagram that is not acknowledged.
 #[derive(Clone, Debug)]
 pub(super) struct SentDatagram {
     sequence: u32,
+    tick: u32,
     /// The poses in it, in ascending order of id.
     pub(super) poses: Vec<(AvatarId, WirePose)>,
+    /// Whether the client has acknowledged a later datagram and not this one.
+    is_missing: bool,
 }
 
-impl Default for PoseEncoder {
-    fn default() -> Self {
+impl PoseEncoder {
+    /// An encoder for a server with this time from tick to tick.
+    pub fn new(interval: Duration) -> Self {
         Self {
+            interval,
             sequence: 0,
             datagram_bytes_max: DATAGRAM_BYTES_MAX,
             avatars: BTreeMap::new(),
             sent: VecDeque::new(),
             sent_poses: 0,
+            tick: 0,
+            acknowledged_in_a_row: 0,
         }
     }
-}
 
-impl PoseEncoder {
     /// Limits the length of later datagrams to what the network path allows, in bytes. The limit is
     /// clamped to 128 at least and [`DATAGRAM_BYTES_MAX`] at most.
     pub fn set_datagram_bytes_max(&mut self, bytes_max: usize) {
@@ -82,14 +118,15 @@ impl PoseEncoder {
         self.sequence.saturating_add(1)
     }
 
-    /// Encodes the poses that changed by a tick, and again the poses that the client has not
-    /// acknowledged in time. Call it at every tick, even without poses. The poses are in ascending
-    /// order of id. Each datagram has at most [`DATAGRAM_BYTES_MAX`] bytes.
+    /// Encodes the poses at a tick of avatars with a new course, and again those of courses that the
+    /// client has not acknowledged in time. Call it at every tick, even without poses. The poses
+    /// are in ascending order of id. Each datagram has at most [`DATAGRAM_BYTES_MAX`] bytes.
     pub fn encode(&mut self, tick: u32, poses: &[(AvatarId, Pose)]) -> Vec<Vec<u8>> {
         debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "poses in ascending order");
+        self.tick = tick;
         let mut writer = DatagramWriter::default();
         let mut datagrams = Vec::new();
-        for (avatar, pose) in self.due(tick, poses) {
+        for Due { avatar, pose, is_new } in self.due(tick, poses) {
             let sequence = self.next_sequence();
             let mut base = self.baseline(avatar, sequence);
             let mut entry = writer.entry(avatar, base, &pose);
@@ -102,7 +139,7 @@ impl PoseEncoder {
                 writer.open(self.next_sequence(), tick);
             }
             writer.push(avatar, base, pose, &entry);
-            self.note(avatar, pose, tick);
+            self.note(avatar, pose, tick, is_new);
         }
         if !writer.poses.is_empty() {
             datagrams.push(self.close(&mut writer));
@@ -121,18 +158,27 @@ impl PoseEncoder {
         if ack.newest > self.sequence {
             return;
         }
-        let avatars = &mut self.avatars;
+        let Self { avatars, acknowledged_in_a_row, .. } = self;
         let mut poses_left = 0;
-        self.sent.retain(|sent| {
+        self.sent.retain_mut(|sent| {
             if !ack.covers(sent.sequence) {
                 poses_left += sent.poses.len();
+                if sent.sequence < ack.newest && !std::mem::replace(&mut sent.is_missing, true) {
+                    // A later datagram has arrived, so this one is lost or late.
+                    *acknowledged_in_a_row = 0;
+                    for (avatar, _) in &sent.poses {
+                        avatars.entry(*avatar).and_modify(|record| record.lose(sent.sequence));
+                    }
+                }
                 return true;
             }
+            *acknowledged_in_a_row = acknowledged_in_a_row.saturating_add(1);
             for (avatar, pose) in &sent.poses {
                 if let Some(record) = avatars.get_mut(avatar)
-                    && record.acknowledged.is_none_or(|(sequence, _)| sequence < sent.sequence)
+                    && record.acknowledged.is_none_or(|known| known.sequence < sent.sequence)
                 {
-                    record.acknowledged = Some((sent.sequence, *pose));
+                    let SentDatagram { sequence, tick, .. } = *sent;
+                    record.acknowledged = Some(Acknowledged { sequence, tick, pose: *pose });
                 }
             }
             false
@@ -140,43 +186,66 @@ impl PoseEncoder {
         self.sent_poses = poses_left;
     }
 
-    /// The poses to send: changed ones and overdue ones, in ascending order of id.
-    fn due(&self, tick: u32, poses: &[(AvatarId, Pose)]) -> Vec<(AvatarId, WirePose)> {
-        let mut due: BTreeMap<AvatarId, WirePose> = self
-            .avatars
-            .iter()
-            .filter(|(_, record)| !record.is_settled() && record.is_overdue(tick))
-            .map(|(avatar, record)| (*avatar, record.newest))
-            .collect();
-        for (avatar, pose) in poses {
-            let pose = WirePose::from(pose);
-            if self.avatars.get(avatar).is_none_or(|record| record.newest != pose) {
-                due.insert(*avatar, pose);
-            }
-        }
-        due.into_iter().collect()
+    /// The poses to send: those of new courses, and of courses that must be repeated, in ascending
+    /// order of id.
+    fn due(&self, tick: u32, poses: &[(AvatarId, Pose)]) -> Vec<Due> {
+        let on_course = |record: &AvatarRecord| record.pose_at(tick, self.interval);
+        let is_new = |(avatar, pose): &(AvatarId, WirePose)| {
+            self.avatars.get(avatar).is_none_or(|record| on_course(record) != *pose)
+        };
+        let poses = poses.iter().map(|(avatar, pose)| (*avatar, pose.into()));
+        let new: BTreeMap<AvatarId, WirePose> = poses.filter(is_new).collect();
+        let open = self.avatars.iter().filter(|(id, r)| !r.is_settled() && !new.contains_key(id));
+        let open: Vec<(&AvatarId, &AvatarRecord)> = open.collect();
+        let is_clean = self.acknowledged_in_a_row >= CLEAN_DATAGRAMS;
+        let must_repeat = |record: &AvatarRecord| {
+            record.has_waited(tick, RESEND_TICKS)
+                || !is_clean && record.copies < 2 && record.has_waited(tick, COPY_TICKS)
+        };
+        let is_sent = !new.is_empty() || open.iter().any(|(_, record)| must_repeat(record));
+        let mut due: Vec<Due> =
+            new.iter().map(|(id, pose)| Due { avatar: *id, pose: *pose, is_new: true }).collect();
+        let goes_along = |record: &AvatarRecord| {
+            is_sent && (must_repeat(record) || record.has_waited(tick, REPEAT_TICKS))
+        };
+        let repeated = open.iter().filter(|(_, record)| goes_along(record));
+        due.extend(repeated.map(|(id, r)| Due {
+            avatar: **id,
+            pose: on_course(r),
+            is_new: false,
+        }));
+        due.sort_unstable_by_key(|due| due.avatar);
+        due
     }
 
-    /// The baseline for an avatar in a datagram: the newest acknowledged pose, if it is recent
-    /// enough.
+    /// The baseline for an avatar in a datagram: where its newest acknowledged course, if it is
+    /// recent enough, leads.
     fn baseline(&self, avatar: AvatarId, sequence: u32) -> Option<Baseline> {
-        let (acknowledged, pose) = self.avatars.get(&avatar)?.acknowledged?;
-        let distance = sequence.saturating_sub(acknowledged);
+        let known = self.avatars.get(&avatar)?.acknowledged?;
+        let distance = sequence.saturating_sub(known.sequence);
+        let pose = known.pose.straight_on(self.interval * self.tick.saturating_sub(known.tick));
         (distance <= BASELINE_DISTANCE_MAX).then_some(Baseline { distance, pose })
     }
 
     /// Records that a pose is sent.
-    fn note(&mut self, avatar: AvatarId, pose: WirePose, tick: u32) {
+    fn note(&mut self, avatar: AvatarId, pose: WirePose, tick: u32, is_new: bool) {
+        let sequence = self.next_sequence();
         let before = self.avatars.get(&avatar);
         let acknowledged = before.and_then(|record| record.acknowledged);
-        // A round trip may take longer than a resend. An acknowledgement of any of the datagrams
-        // counts.
-        let newest_sequence = match before {
-            Some(record) if record.newest == pose => record.newest_sequence,
-            _ => self.next_sequence(),
+        let record = match before {
+            // An acknowledgement of any of the datagrams counts.
+            Some(record) if !is_new => {
+                AvatarRecord { sent_tick: tick, copies: record.copies + 1, ..*record }
+            }
+            _ => AvatarRecord {
+                course: pose,
+                course_tick: tick,
+                course_sequence: sequence,
+                sent_tick: tick,
+                copies: 1,
+                acknowledged,
+            },
         };
-        let record =
-            AvatarRecord { newest: pose, newest_sequence, newest_tick: tick, acknowledged };
         self.avatars.insert(avatar, record);
     }
 
@@ -185,7 +254,12 @@ impl PoseEncoder {
         self.sequence = self.next_sequence();
         let DatagramWriter { bytes, poses, .. } = std::mem::take(writer);
         self.sent_poses += poses.len();
-        self.sent.push_back(SentDatagram { sequence: self.sequence, poses });
+        self.sent.push_back(SentDatagram {
+            sequence: self.sequence,
+            tick: self.tick,
+            poses,
+            is_missing: false,
+        });
         while self.sent.len() > BASELINE_DISTANCE_MAX as usize || self.sent_poses > SENT_POSES_MAX {
             let Some(oldest) = self.sent.pop_front() else { break };
             self.sent_poses -= oldest.poses.len();
@@ -196,15 +270,40 @@ impl PoseEncoder {
 }
 
 impl AvatarRecord {
-    /// Whether the client has acknowledged the newest pose.
-    fn is_settled(&self) -> bool {
-        self.acknowledged.is_some_and(|(sequence, _)| sequence >= self.newest_sequence)
+    /// Where the avatar is at a tick, if it is on course.
+    fn pose_at(&self, tick: u32, interval: Duration) -> WirePose {
+        let elapsed = interval * tick.saturating_sub(self.course_tick);
+        self.course.straight_on(elapsed)
     }
 
-    /// Whether it is time to send the newest pose again.
-    fn is_overdue(&self, tick: u32) -> bool {
-        tick.saturating_sub(self.newest_tick) >= RESEND_TICKS
+    /// Whether the client has acknowledged the course.
+    fn is_settled(&self) -> bool {
+        self.acknowledged.is_some_and(|known| known.sequence >= self.course_sequence)
     }
+
+    /// Takes in that a datagram was lost. If it was the last one with the course, that is sent again
+    /// at once.
+    fn lose(&mut self, sequence: u32) {
+        if sequence >= self.course_sequence && !self.is_settled() {
+            self.copies = self.copies.saturating_sub(1);
+            if self.copies == 0 {
+                self.sent_tick = 0;
+            }
+        }
+    }
+
+    /// Whether the course was last sent so many ticks ago.
+    fn has_waited(&self, tick: u32, ticks: u32) -> bool {
+        tick.saturating_sub(self.sent_tick) >= ticks
+    }
+}
+
+/// A pose that must be sent.
+struct Due {
+    avatar: AvatarId,
+    pose: WirePose,
+    /// Whether the avatar has a new course.
+    is_new: bool,
 }
 
 /// A datagram that is being written.

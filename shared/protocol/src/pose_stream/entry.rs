@@ -15,7 +15,8 @@ const LEVEL_VELOCITY: u8 = 1 << 4;
 const CLIMB: u8 = 1 << 5;
 /// Set when the distance to the baseline follows the id.
 pub const BASELINE: u8 = 1 << 6;
-const DIFFERENCE: u8 = LEVEL_POSITION | HEIGHT | YAW | PITCH | LEVEL_VELOCITY | CLIMB;
+/// Set when the rate of turn differs, or whether the body falls.
+const RATES: u8 = 1 << 7;
 
 /// The flags for the differences between a pose and its baseline.
 pub fn flags(base: &WirePose, pose: &WirePose) -> u8 {
@@ -28,6 +29,7 @@ pub fn flags(base: &WirePose, pose: &WirePose) -> u8 {
         | when(base.pitch != pose.pitch, PITCH)
         | when((bu, bw) != (u, w), LEVEL_VELOCITY)
         | when(bv != v, CLIMB)
+        | when(rates(base) != rates(pose), RATES)
 }
 
 /// Appends the flags and then the differences.
@@ -52,6 +54,9 @@ pub fn write_fields(out: &mut Vec<u8>, flags: u8, base: &WirePose, pose: &WirePo
     for axis in velocity_axes(flags) {
         varint::write_signed(out, pose.velocity[axis].wrapping_sub(base.velocity[axis]).into());
     }
+    if flags & RATES != 0 {
+        varint::write_signed(out, rates(pose) - rates(base));
+    }
 }
 
 /// Takes the differences that flags announce off the front of some bytes.
@@ -60,7 +65,7 @@ pub fn read_difference(
     flags: u8,
     base: &WirePose,
 ) -> Result<WirePose, DecodeError> {
-    if flags & !DIFFERENCE != 0 {
+    if flags & BASELINE != 0 {
         return Err(DecodeError::Malformed);
     }
     let mut pose = *base;
@@ -79,7 +84,18 @@ pub fn read_difference(
     for axis in velocity_axes(flags) {
         pose.velocity[axis] = base.velocity[axis].wrapping_add(varint::read_signed_16(bytes)?);
     }
+    if flags & RATES != 0 {
+        let rates = rates(base).checked_add(varint::read_signed(bytes)?);
+        let rates = rates.ok_or(DecodeError::Malformed)?;
+        pose.yaw_rate = i16::try_from(rates >> 1).map_err(|_| DecodeError::Malformed)?;
+        pose.falls = rates & 1 == 1;
+    }
     Ok(pose)
+}
+
+/// The rate of turn, and in the lowest bit whether the body falls.
+fn rates(pose: &WirePose) -> i32 {
+    i32::from(pose.yaw_rate) << 1 | i32::from(pose.falls)
 }
 
 fn position_axes(flags: u8) -> impl Iterator<Item = usize> {

@@ -1,5 +1,5 @@
 //! Pose streams: quantised poses in datagrams, delta-coded against what the client has
-//! acknowledged.
+//! acknowledged. A pose begins a course: it holds until a newer one arrives.
 //!
 //! The server has a [`PoseEncoder`] for each client; the client has a [`PoseDecoder`]. A datagram
 //! depends on acknowledged datagrams only, so a lost one costs nothing but freshness. A pose is
@@ -11,7 +11,8 @@
 //! * a byte of flags;
 //! * the step from the preceding entry's id;
 //! * the distance to the baseline in datagrams, unless it is that of the preceding entry (0 stands
-//!   for the default pose);
+//!   for the default pose). The baseline is where the pose in that datagram leads by this tick, if
+//!   the avatar keeps its velocity;
 //! * the differences that the flags announce.
 //!
 //! A datagram to the server has an [`Ack`], and a report if there is one. All numbers have variable
@@ -22,9 +23,15 @@ mod encoder;
 mod entry;
 
 pub use decoder::{PoseDecoder, PoseUpdate};
-pub use encoder::PoseEncoder;
+pub use encoder::{PoseEncoder, RESEND_TICKS};
 
-use super::{DecodeError, quantise::WirePose, varint};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    DecodeError,
+    quantise::{WirePose, WireReport},
+    varint,
+};
 
 /// The greatest length of a datagram, in bytes.
 pub const DATAGRAM_BYTES_MAX: usize = 1_200;
@@ -33,9 +40,12 @@ pub const ENTRIES_MAX: usize = 255;
 /// The greatest distance to a baseline, in datagrams.
 pub const BASELINE_DISTANCE_MAX: u32 = 64;
 
+/// Gaps that are farther back were acknowledged already.
+const GAP_MAX: u32 = 3;
+
 /// An acknowledgement: the newest datagram that a client has received, and which of the 32 before
 /// it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Ack {
     /// The sequence number of the newest datagram received; 0 for none. The first datagram has 1.
     pub newest: u32,
@@ -44,6 +54,12 @@ pub struct Ack {
 }
 
 impl Ack {
+    /// Whether one of the last few datagrams before the newest is missing.
+    pub fn has_gap(&self) -> bool {
+        let before = self.newest.saturating_sub(1).min(GAP_MAX);
+        (0..before).any(|back| self.earlier >> back & 1 == 0)
+    }
+
     /// Whether this acknowledges a datagram.
     pub fn covers(&self, sequence: u32) -> bool {
         match self.newest.checked_sub(sequence) {
@@ -59,8 +75,8 @@ impl Ack {
 pub struct ClientDatagram {
     /// The datagrams that the client has received.
     pub ack: Ack,
-    /// The sequence number and the pose of a report. `None` from a client that only acknowledges.
-    pub report: Option<(u32, WirePose)>,
+    /// The report. `None` from a client that only acknowledges.
+    pub report: Option<WireReport>,
 }
 
 impl ClientDatagram {
@@ -70,8 +86,9 @@ impl ClientDatagram {
         varint::write(&mut out, self.ack.newest);
         // The bits are mostly ones, so the complement is a short number.
         varint::write(&mut out, !self.ack.earlier);
-        if let Some((sequence, pose)) = &self.report {
-            varint::write(&mut out, *sequence);
+        if let Some(WireReport { made, orders, pose }) = &self.report {
+            varint::write(&mut out, *made);
+            varint::write(&mut out, *orders);
             entry::write_difference(&mut out, &WirePose::default(), pose);
         }
         debug_assert!(out.len() <= DATAGRAM_BYTES_MAX);
@@ -86,13 +103,13 @@ impl ClientDatagram {
         if bytes.is_empty() {
             return Ok(Self { ack, report: None });
         }
-        let sequence = varint::read(&mut bytes)?;
+        let (made, orders) = (varint::read(&mut bytes)?, varint::read(&mut bytes)?);
         let flags = varint::read_byte(&mut bytes)?;
         let pose = entry::read_difference(&mut bytes, flags, &WirePose::default())?;
         if !bytes.is_empty() {
             return Err(DecodeError::Trailing);
         }
-        Ok(Self { ack, report: Some((sequence, pose)) })
+        Ok(Self { ack, report: Some(WireReport { made, orders, pose }) })
     }
 }
 

@@ -1,4 +1,7 @@
-use std::collections::{BTreeMap, VecDeque};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    time::Duration,
+};
 
 use glam::Vec3;
 use proptest::prelude::*;
@@ -6,6 +9,8 @@ use sightline_world::motion::{AvatarId, Pose};
 
 use super::*;
 use crate::quantise::{COORDINATE_MAX, WirePosition};
+
+const TICK: Duration = Duration::from_millis(50);
 
 /// A generator of random numbers that depend on the seed alone.
 struct Dice(u64);
@@ -24,19 +29,34 @@ impl Dice {
     }
 }
 
-fn walk(pose: &mut Pose, dice: &mut Dice) {
-    if dice.roll(4) == 0 {
-        return;
+/// An avatar that is on course mostly. Its course began with a pose at a tick.
+#[derive(Clone, Copy, Default)]
+struct Course {
+    tick: u32,
+    pose: WirePose,
+}
+
+impl Course {
+    fn at(&self, tick: u32) -> WirePose {
+        if tick == self.tick {
+            return self.pose;
+        }
+        self.pose.straight_on(TICK * (tick - self.tick))
     }
-    if dice.roll(8) == 0 {
+
+    /// Takes a new course at a tick.
+    fn depart(&mut self, tick: u32, dice: &mut Dice) {
+        let mut pose = Pose::from(self.at(tick));
         pose.velocity = Vec3::new(dice.signed(), 0.0, dice.signed()) * 3.0;
         pose.yaw += dice.signed();
+        pose.yaw_rate = dice.signed();
+        pose.falls = dice.roll(5) == 0;
         pose.pitch = dice.signed();
+        if dice.roll(25) == 0 {
+            pose.eye = Vec3::new(dice.signed(), dice.signed(), dice.signed()) * 10_000.0;
+        }
+        *self = Self { tick, pose: (&pose).into() };
     }
-    if dice.roll(100) == 0 {
-        pose.eye = Vec3::new(dice.signed(), dice.signed(), dice.signed()) * 10_000.0;
-    }
-    pose.eye += pose.velocity * 0.05;
 }
 
 /// A network path that loses, duplicates and reorders items. Each arrives at a tick of its own.
@@ -63,28 +83,32 @@ impl<T: Clone> LossyPath<T> {
     }
 }
 
-/// Walks avatars over a lossy path. Checks that every pose that arrives was sent, and that the
-/// client holds the last pose of each avatar in the end.
+/// Walks avatars over a lossy path. Checks that every pose that arrives is on course, and that the
+/// client knows the course of each avatar in the end.
 fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: usize) {
     let mut dice = Dice(seed);
-    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let (mut encoder, mut decoder) = (PoseEncoder::new(TICK), PoseDecoder::new(TICK));
     encoder.set_datagram_bytes_max(datagram_bytes_max);
-    let mut poses: Vec<(AvatarId, Pose)> =
-        (0..avatars).map(|i| (AvatarId(i * 3), Pose::default())).collect();
+    let mut courses: Vec<(AvatarId, Course)> =
+        (0..avatars).map(|i| (AvatarId(i * 3), Course::default())).collect();
     let mut truth: BTreeMap<(u32, AvatarId), WirePose> = BTreeMap::new();
-    let mut held: BTreeMap<AvatarId, (u32, WirePose)> = BTreeMap::new();
+    let mut held: BTreeMap<AvatarId, (u32, Course)> = BTreeMap::new();
     let (mut down, mut up) = (LossyPath::default(), LossyPath::default());
     for tick in 1..400 {
-        let moving = tick < 200;
-        if moving {
-            poses.iter_mut().for_each(|(_, pose)| walk(pose, &mut dice));
+        let moving = tick < 299;
+        let mut news: Vec<(AvatarId, Pose)> = Vec::new();
+        for (id, course) in &mut courses {
+            let departs = [1, 298].contains(&tick) || moving && dice.roll(4) == 0;
+            if departs {
+                course.depart(tick, &mut dice);
+                news.push((*id, course.at(tick).into()));
+            }
         }
         let loss_percent = if tick < 300 { loss_percent } else { 0 };
-        poses.iter().for_each(|(id, pose)| {
-            truth.insert((tick, *id), pose.into());
+        courses.iter().for_each(|(id, course)| {
+            truth.insert((tick, *id), course.at(tick));
         });
-        let news = if moving { poses.as_slice() } else { &[] };
-        for datagram in encoder.encode(tick, news) {
+        for datagram in encoder.encode(tick, &news) {
             assert!(datagram.len() <= datagram_bytes_max);
             down.send(datagram, tick, loss_percent, &mut dice);
         }
@@ -98,9 +122,10 @@ fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: us
                     "avatar {id:?} at tick {}",
                     update.tick
                 );
-                let newest = held.entry(*id).or_insert((0, *pose));
+                let heard = Course { tick: update.tick, pose: *pose };
+                let newest = held.entry(*id).or_insert((0, heard));
                 if newest.0 <= update.sequence {
-                    *newest = (update.sequence, *pose);
+                    *newest = (update.sequence, heard);
                 }
             }
         }
@@ -114,20 +139,25 @@ fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: us
             encoder.acknowledge(ClientDatagram::decode(&datagram).unwrap().ack);
         }
     }
-    for (id, pose) in &poses {
-        assert_eq!(held[id].1, WirePose::from(pose), "avatar {id:?} at the end");
+    for (id, course) in &courses {
+        let [held, true_pose] = [held[id].1, *course].map(|course| Pose::from(course.at(390)));
+        assert!(held.eye.distance(true_pose.eye) < 0.2, "avatar {id:?} at the end");
+        let off = held.velocity.distance(true_pose.velocity);
+        assert!(off < 0.05, "avatar {id:?} at the end");
     }
     assert!(encoder.encode(400, &[]).is_empty(), "everything was acknowledged, so nothing is sent");
 }
 
 fn wire_pose() -> impl Strategy<Value = WirePose> {
     let unit = prop_oneof![-2_000..2_000, -COORDINATE_MAX..=COORDINATE_MAX];
-    (proptest::array::uniform3(unit), any::<(u16, i16, [i16; 3])>()).prop_map(
-        |(units, (yaw, pitch, velocity))| WirePose {
+    (proptest::array::uniform3(unit), any::<(u16, i16, [i16; 3], i16, bool)>()).prop_map(
+        |(units, (yaw, pitch, velocity, yaw_rate, falls))| WirePose {
             position: WirePosition::new(units).unwrap(),
             yaw,
             pitch,
             velocity,
+            yaw_rate,
+            falls,
         },
     )
 }
@@ -157,8 +187,10 @@ proptest! {
     }
 
     #[test]
-    fn a_clients_datagram_decodes_to_itself(newest: u32, earlier: u32, sequence: u32, pose in wire_pose()) {
-        for report in [None, Some((sequence, pose))] {
+    fn a_clients_datagram_decodes_to_itself(
+        newest: u32, earlier: u32, made: u32, orders: u32, pose in wire_pose(),
+    ) {
+        for report in [None, Some(WireReport { made, orders, pose })] {
             let datagram = ClientDatagram { ack: Ack { newest, earlier }, report };
             prop_assert_eq!(ClientDatagram::decode(&datagram.encode()), Ok(datagram));
         }
@@ -184,7 +216,7 @@ proptest! {
 
 /// A stream with three avatars that are all acknowledged.
 fn primed() -> (PoseEncoder, PoseDecoder) {
-    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let (mut encoder, mut decoder) = (PoseEncoder::new(TICK), PoseDecoder::new(TICK));
     let at = |x: f32| Pose { eye: Vec3::new(x, 1.6, -x), ..Pose::default() };
     let poses = [(AvatarId(0), at(1.0)), (AvatarId(7), at(2.0)), (AvatarId(300), at(3.0))];
     for datagram in encoder.encode(1, &poses) {
@@ -215,7 +247,7 @@ fn late_acknowledgements_end_the_resending() {
 
 fn moved(metres: f32) -> [(AvatarId, Pose); 2] {
     let eye = Vec3::new(1.0 + metres, 1.6, -1.0);
-    let turned = Pose { eye, yaw: metres, velocity: Vec3::X, ..Pose::default() };
+    let turned = Pose { eye, yaw: metres, ..Pose::default() };
     [(AvatarId(0), turned), (AvatarId(7), turned)]
 }
 
@@ -223,7 +255,8 @@ fn moved(metres: f32) -> [(AvatarId, Pose); 2] {
 fn every_flip_of_a_datagram_is_refused_or_valid() {
     let (mut encoder, decoder) = primed();
     let original = encoder.encode(2, &moved(0.2)).remove(0);
-    let report = Some((3, WirePose::from(&moved(0.2)[0].1)));
+    let pose = WirePose::from(&moved(0.2)[0].1);
+    let report = Some(WireReport { made: 3, orders: 1, pose });
     let from_client = ClientDatagram { ack: decoder.ack(), report }.encode();
     for flip in 1..=255u8 {
         for i in 0..original.len() {
@@ -245,22 +278,29 @@ fn every_flip_of_a_datagram_is_refused_or_valid() {
 }
 
 #[test]
-fn a_walking_avatar_takes_four_to_nine_bytes() {
-    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+fn a_departure_takes_six_to_fourteen_bytes_where_nothing_is_lost() {
+    let (mut encoder, mut decoder) = (PoseEncoder::new(TICK), PoseDecoder::new(TICK));
     let mut dice = Dice(1);
     let mut poses: Vec<_> = (0..20).map(|i| (AvatarId(i), Pose::default())).collect();
-    let mut bytes = 0;
-    let ticks = 400;
+    let (mut bytes, mut departures) = (0, 0);
     let mut delayed = VecDeque::new();
-    for tick in 1..=ticks {
-        for (_, pose) in &mut poses {
+    // At first each course is sent twice.
+    for tick in 1..=800 {
+        if tick == 400 {
+            (bytes, departures) = (0, 0);
+        }
+        let mut news = Vec::new();
+        for (id, pose) in &mut poses {
+            *pose = pose.straight_on(TICK);
             if dice.roll(20) == 0 {
                 pose.yaw += dice.signed();
+                pose.yaw_rate = 0.2 * dice.signed();
                 pose.velocity = pose.forward().with_y(0.0) * 1.5;
+                news.push((*id, *pose));
             }
-            pose.eye += pose.velocity * 0.05;
         }
-        for datagram in encoder.encode(tick, &poses) {
+        departures += news.len();
+        for datagram in encoder.encode(tick, &news) {
             bytes += datagram.len();
             decoder.decode(&datagram).unwrap();
         }
@@ -269,8 +309,8 @@ fn a_walking_avatar_takes_four_to_nine_bytes() {
             encoder.acknowledge(delayed.pop_front().unwrap());
         }
     }
-    let each = bytes as f64 / f64::from(ticks) / poses.len() as f64;
-    assert!((4.0..9.0).contains(&each), "{each:.2} bytes for an avatar and tick");
+    let each = bytes as f64 / departures as f64;
+    assert!((6.0..14.0).contains(&each), "{each:.2} bytes for a departure");
 }
 
 #[test]
@@ -281,11 +321,30 @@ fn lost_poses_are_sent_again_and_known_poses_are_not() {
     let lost = encoder.encode(3, &moved(0.5));
     assert_eq!(lost.len(), 1);
     assert!(encoder.encode(4, &moved(0.5)).is_empty(), "it may still be on the way");
-    let again = encoder.encode(7, &[]);
+    assert_eq!(encoder.encode(5, &[]).len(), 1, "a second copy, lost too");
+    assert!((6..17).all(|tick| encoder.encode(tick, &[]).is_empty()));
+    let again = encoder.encode(17, &[]);
     let update = decoder.decode(&again[0]).unwrap().unwrap();
-    assert_eq!(update.tick, 7);
+    assert_eq!(update.tick, 17);
     assert_eq!(update.poses.len(), 2);
     assert_eq!(update.pose(AvatarId(7)), Some(WirePose::from(&moved(0.5)[1].1)));
+}
+
+#[test]
+fn each_course_is_sent_twice_and_again_at_once_when_a_gap_shows_that_both_were_lost() {
+    let (mut encoder, mut decoder) = primed();
+    assert_eq!(encoder.encode(40, &moved(0.5)[..1]).len(), 1);
+    assert!(encoder.encode(41, &[]).is_empty());
+    assert_eq!(encoder.encode(42, &[]).len(), 1, "both are lost");
+    let next = encoder.encode(43, &moved(0.7)[1..]).remove(0);
+    decoder.decode(&next).unwrap().unwrap();
+    assert!(decoder.ack().has_gap());
+    encoder.acknowledge(decoder.ack());
+    let again = encoder.encode(44, &[]).remove(0);
+    let update = decoder.decode(&again).unwrap().unwrap();
+    assert_eq!(update.poses, [(AvatarId(0), WirePose::from(&moved(0.5)[0].1))]);
+    encoder.acknowledge(decoder.ack());
+    assert!((45..200).all(|tick| encoder.encode(tick, &[]).is_empty()));
 }
 
 #[test]
@@ -293,14 +352,14 @@ fn forgotten_avatars_are_not_sent() {
     let (mut encoder, mut decoder) = primed();
     encoder.encode(2, &moved(0.5));
     encoder.forget(AvatarId(0));
-    let again = encoder.encode(9, &[]).remove(0);
+    let again = encoder.encode(22, &[]).remove(0);
     let update = decoder.decode(&again).unwrap().unwrap();
     assert_eq!(update.poses.iter().map(|(id, _)| id.0).collect::<Vec<_>>(), [7]);
 }
 
 #[test]
 fn duplicate_and_stale_datagrams_are_ignored() {
-    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let (mut encoder, mut decoder) = (PoseEncoder::new(TICK), PoseDecoder::new(TICK));
     let datagrams: Vec<_> = (1..=200)
         .flat_map(|tick| encoder.encode(tick, &[(AvatarId(1), moved(tick as f32)[0].1)]))
         .collect();
@@ -316,7 +375,7 @@ fn duplicate_and_stale_datagrams_are_ignored() {
 
 #[test]
 fn acks_cover_exactly_the_received_datagrams() {
-    let (mut encoder, mut decoder) = (PoseEncoder::default(), PoseDecoder::default());
+    let (mut encoder, mut decoder) = (PoseEncoder::new(TICK), PoseDecoder::new(TICK));
     let came = [1, 2, 5, 9, 20, 33, 40];
     for tick in 1..=40 {
         let datagram = encoder.encode(tick, &[(AvatarId(1), moved(tick as f32)[0].1)]).remove(0);
@@ -335,13 +394,13 @@ fn an_ack_of_a_datagram_that_was_never_sent_is_ignored() {
     let (mut encoder, mut decoder) = primed();
     encoder.encode(2, &moved(0.5));
     encoder.acknowledge(Ack { newest: 99, earlier: u32::MAX });
-    let resent = encoder.encode(8, &[]).remove(0);
+    let resent = encoder.encode(22, &[]).remove(0);
     assert!(decoder.decode(&resent).is_ok());
 }
 
 #[test]
 fn a_client_that_never_acknowledges_costs_bounded_memory() {
-    let mut encoder = PoseEncoder::default();
+    let mut encoder = PoseEncoder::new(TICK);
     let crowd = |tick: u32| -> Vec<_> {
         (0..500).map(|i| (AvatarId(i), moved((tick + i) as f32)[0].1)).collect()
     };

@@ -73,6 +73,13 @@ impl Agility {
             .all(|limit| limit >= 0.0)
     }
 
+    /// The part of a velocity that a body can keep up of its own power.
+    pub fn sustained(&self, velocity: Vec3) -> Vec3 {
+        let aside = velocity.with_y(velocity.y.max(0.0)).clamp_length_max(self.speed_max);
+        let fall = velocity.y.clamp(-self.fall_max.max(self.speed_max), 0.0);
+        aside + Vec3::Y * fall
+    }
+
     /// A box that contains the eye from now until `time` has passed. The eye is at `eye` now, and
     /// moves at `velocity`. Any axes will do if y is up.
     pub fn eyes(&self, eye: Vec3, velocity: Vec3, time: Duration) -> Aabb {

@@ -1,12 +1,16 @@
-//! Poses, bodies, what bodies can do in a given time, and regions sure to contain them.
+//! Poses, courses, bodies, what bodies can do in a given time, and regions sure to contain them.
 
 mod agility;
 mod body;
+mod course;
 mod pose;
+mod report;
 mod tbv;
 pub mod trajectory;
 
 pub use agility::Agility;
 pub use body::Body;
-pub use pose::{AvatarId, Pose, Spawn};
+pub use course::{COURSE_MAX, Tolerance, turn_between};
+pub use pose::{AvatarId, FREE_FALL, Pose, Spawn};
+pub use report::Report;
 pub use tbv::{ReportingState, Tbv};

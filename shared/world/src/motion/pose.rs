@@ -3,13 +3,17 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+/// The acceleration of a body in free fall, in metres per second squared: 800 units of Quake maps.
+/// Other bodies that fall as fast share it; what falls otherwise does not count as falling freely.
+pub const FREE_FALL: f32 = 20.32;
+
 /// The number of an avatar: a participant as seen by others and as a viewer.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default,
 )]
 pub struct AvatarId(pub u32);
 
-/// The place, direction of view and velocity of an avatar's eye.
+/// The place and direction of view of an avatar's eye, and how both change.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Pose {
     /// The eye's position, in metres.
@@ -20,6 +24,10 @@ pub struct Pose {
     pub pitch: f32,
     /// The eye's velocity, in metres per second.
     pub velocity: Vec3,
+    /// How fast the yaw grows, in radians per second.
+    pub yaw_rate: f32,
+    /// Whether the body falls freely, so that its velocity downwards grows by [`FREE_FALL`].
+    pub falls: bool,
 }
 
 impl Pose {
@@ -36,6 +44,7 @@ impl Pose {
             && self.yaw.is_finite()
             && self.pitch.is_finite()
             && self.velocity.is_finite()
+            && self.yaw_rate.is_finite()
     }
 }
 

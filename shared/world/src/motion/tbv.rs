@@ -10,7 +10,8 @@ use crate::geometry::{Aabb, Axes};
 /// What the server expects of the client of an avatar that is in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum ReportingState {
-    /// The client reports at every tick: some viewer may see its avatar, or its client may see another.
+    /// The client reports when its avatar departs from its course: some viewer may see it, or it
+    /// may see another.
     #[default]
     Live,
     /// The client is silent: while its avatar is inside its TBV no viewer can see it, and it can

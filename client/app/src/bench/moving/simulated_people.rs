@@ -24,7 +24,7 @@ impl SimulatedPeople {
     pub fn new(count: usize) -> Self {
         let agility = Agility::of(&Body::PERSON, SPEED_MAX);
         let replica = Replica::new(AvatarId(u32::MAX), TICK, agility);
-        Self { count, encoder: PoseEncoder::default(), replica, tick: 0 }
+        Self { count, encoder: PoseEncoder::new(TICK), replica, tick: 0 }
     }
 
     /// The client's replica.
@@ -62,6 +62,7 @@ impl SimulatedPeople {
             name,
             colour: [200, at as u8, 90],
             pose: pose.into(),
+            tick: self.tick,
             since_sequence: self.encoder.next_sequence(),
         };
         let _ = self.replica.message(now, appear);

@@ -139,7 +139,7 @@ impl Driver {
                 }
                 state.push_event(event);
             }
-            state.replica.answer()
+            state.replica.answer(now)
         };
         if let Some(answer) = answer {
             self.send(&answer).await?;
@@ -151,8 +151,9 @@ impl Driver {
         let stats = self.shared.connection.stats();
         let outgoing = {
             let mut state = self.shared.lock();
-            state.meter.read(self.shared.now(), [stats.udp_rx.bytes, stats.udp_tx.bytes]);
-            state.replica.tick(stats.path.rtt)
+            let now = self.shared.now();
+            state.meter.read(now, [stats.udp_rx.bytes, stats.udp_tx.bytes]);
+            state.replica.tick(now, stats.path.rtt)
         };
         match outgoing {
             None => Ok(()),

@@ -9,8 +9,9 @@ use std::{
 };
 
 use quinn::VarInt;
-use sightline_client_core::replica::{
-    AvatarSource, Event, HeldAvatar, Replica, Update, VisibleAvatar,
+use sightline_client_core::{
+    replica::{AvatarSource, Event, HeldAvatar, Replica, Update, VisibleAvatar},
+    reporting::ReportingCounts,
 };
 use sightline_protocol::text::{ChatLine, Name, TextError};
 use sightline_world::{
@@ -60,8 +61,8 @@ pub struct SessionStats {
     pub udp_rate_in: f64,
     /// UDP payload sent in the last second, in bytes per second.
     pub udp_rate_out: f64,
-    /// How long this client has been quiet since the session started.
-    pub quiet: Duration,
+    /// For how many of its ticks this client was quiet, or on course.
+    pub reporting: ReportingCounts,
     /// The time since the session started.
     pub elapsed: Duration,
     /// QUIC's estimate of the round trip.
@@ -167,7 +168,7 @@ impl Session {
             udp_bytes_out: quic.udp_tx.bytes,
             udp_rate_in,
             udp_rate_out,
-            quiet: state.replica.quiet_time(now),
+            reporting: state.replica.reporting_counts(),
             elapsed: now,
             round_trip: quic.path.rtt,
         }

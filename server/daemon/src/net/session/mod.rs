@@ -19,9 +19,10 @@ use sightline_protocol::{
     DecodeError, VERSION,
     message::{ClientMessage, Refusal, ServerMessage},
     pose_stream::ClientDatagram,
+    quantise::WireReport,
     text::Name,
 };
-use sightline_world::{motion::Pose, tolerance::WIRE_POSE_M};
+use sightline_world::tolerance::WIRE_POSE_M;
 use tokio::{
     task::JoinSet,
     time::{Instant, sleep_until, timeout, timeout_at},
@@ -228,8 +229,9 @@ impl<'a> Session<'a> {
             ClientMessage::Hello { .. } => Err(SessionEnd::Breach("a second hello")),
             ClientMessage::FetchWorld => self.send_world(downloads),
             ClientMessage::Enter { place } => self.enter(place.map(Into::into)).await,
-            ClientMessage::Report { sequence, pose } => {
-                self.pass_on(Input::Report { avatar, sequence, pose: Pose::from(pose) }).await
+            ClientMessage::Report { report, ack } => {
+                self.client.outbox.acknowledge(ack);
+                self.report(&report).await
             }
             ClientMessage::Chat { text } => {
                 let now = self.state.now();
@@ -250,12 +252,14 @@ impl<'a> Session<'a> {
         let ClientDatagram { ack, report } = ClientDatagram::decode(datagram)?;
         self.client.outbox.acknowledge(ack);
         match report {
-            Some((sequence, pose)) => {
-                let (avatar, pose) = (self.client.avatar, Pose::from(pose));
-                self.pass_on(Input::Report { avatar, sequence, pose }).await
-            }
+            Some(report) => self.report(&report).await,
             None => Ok(()),
         }
+    }
+
+    async fn report(&self, report: &WireReport) -> Result<(), SessionEnd> {
+        let report = report.report(self.state.config.tick_interval());
+        self.pass_on(Input::Report { avatar: self.client.avatar, report }).await
     }
 
     /// Whether a message is to be handled, or else ignored.

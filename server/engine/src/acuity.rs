@@ -1,0 +1,56 @@
+//! Acuity: how far off its true pose an avatar may be shown, so that a viewer can hardly tell.
+
+use sightline_world::{World, motion::Body};
+
+/// The finest tolerance is this part of the half width of a body: 5 cm for a person.
+const FINEST: f32 = 0.25;
+/// A tolerance is the distance to the viewer over this. In a picture that is 1,280 pixels wide with
+/// an angle of 90 degrees an avatar is then off by ten pixels at most.
+const DISTANCES: f32 = 64.0;
+/// A turn by the tolerance moves no part of a body farther than the tolerance of places. The
+/// corners of a body are half again as far from its middle as its sides.
+const CORNER: f32 = 1.5;
+
+/// By how much an avatar may be shown off its true pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Acuity {
+    pub(crate) metres: f32,
+    pub(crate) radians: f32,
+}
+
+impl Acuity {
+    /// The acuity of a viewer at a distance in metres.
+    pub(crate) fn at(world: &World, away_m: f32) -> Self {
+        let (finest_m, coarsest_m) = (finest_m(&world.body), coarsest_m(&world.body));
+        Self::of(&world.body, (away_m / DISTANCES).clamp(finest_m, coarsest_m))
+    }
+
+    /// The acuity where nobody sees the avatar.
+    pub(crate) fn unseen(world: &World) -> Self {
+        let metres = (2.0 * finest_m(&world.body)).min(coarsest_m(&world.body));
+        Self { metres, radians: std::f32::consts::PI }
+    }
+
+    /// The acuity rounded down to one of a few steps, so that it changes seldom.
+    pub(crate) fn stepped(self, world: &World) -> Self {
+        let finest_m = finest_m(&world.body);
+        let steps = (self.metres / finest_m).max(1.0).log2().mul_add(2.0, 1e-3).floor();
+        let part = finest_m * (0.5 * steps).exp2() / self.metres;
+        Self { metres: self.metres * part, radians: self.radians * part }
+    }
+
+    fn of(body: &Body, metres: f32) -> Self {
+        Self { metres, radians: metres / (CORNER * body.half_width).max(0.01) }
+    }
+}
+
+/// An eye that is no farther off its course is inside the body where the course leads, and so on
+/// the same side of every wall. In metres.
+fn coarsest_m(body: &Body) -> f32 {
+    (0.9 * body.half_width).min(1.8 * body.above_eye).max(finest_m(body))
+}
+
+/// The finest tolerance, in metres.
+fn finest_m(body: &Body) -> f32 {
+    (FINEST * body.half_width).max(0.01)
+}

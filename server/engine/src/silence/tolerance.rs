@@ -1,0 +1,70 @@
+//! Tolerances: how much a live client may leave unsaid.
+
+use std::time::Duration;
+
+use sightline_world::motion::Tolerance;
+
+use super::Silencing;
+use crate::{acuity::Acuity, config::Policy, messages::Output, population::Avatar, slot::Slot, view::View};
+
+/// A coarser tolerance is ordered no sooner after the last order than this.
+const COARSEN_AFTER: Duration = Duration::from_secs(1);
+/// The time ahead is rounded up to a multiple of this.
+const AHEAD_STEP: Duration = Duration::from_millis(25);
+/// The time ahead of an order may be exceeded by one part in this many before there is another.
+const AHEAD_PARTS: u32 = 4;
+
+impl Silencing<'_> {
+    /// Orders a client to be live with the tolerance that suits its avatar. The caller sends the
+    /// order.
+    pub(super) fn order_live(&mut self, slot: Slot) -> Output {
+        let avatar = self.population.at_mut(slot);
+        let tolerance = wanted(self.view, avatar);
+        avatar.orders.send_live(tolerance);
+        avatar.ordered = self.view.now;
+        Output::Live { to: avatar.id, tolerance }
+    }
+
+    /// Whether a live client needs another order: a finer tolerance at once, a coarser one before
+    /// long.
+    pub(super) fn needs_order(&self, slot: Slot) -> bool {
+        let View { config, now, .. } = self.view;
+        let avatar = self.population.at(slot);
+        if avatar.orders.is_quiet() {
+            return true;
+        }
+        if config.policy != Policy::Tbv || !config.by_exception {
+            return false;
+        }
+        let (told, wanted) = (avatar.orders.told(), wanted(self.view, avatar));
+        if told.is_none() {
+            return true;
+        }
+        let is_too_coarse = told.metres > wanted.metres || told.radians > wanted.radians;
+        let is_too_short = told.ahead + told.ahead / AHEAD_PARTS < wanted.ahead;
+        let is_too_fine = told.metres < wanted.metres || told.radians < wanted.radians;
+        is_too_coarse || is_too_short || is_too_fine && now >= avatar.ordered + COARSEN_AFTER
+    }
+}
+
+/// The tolerance that suits an avatar: what the nearest viewer that holds it can hardly tell.
+fn wanted(view: View<'_>, avatar: &Avatar) -> Tolerance {
+    let View { building, config, horizons, .. } = view;
+    if config.policy != Policy::Tbv || !config.by_exception {
+        return Tolerance::NONE;
+    }
+    let acuity = if avatar.nearest_m.is_finite() {
+        Acuity::at(&building.world, avatar.nearest_m).stepped(&building.world)
+    } else {
+        Acuity::unseen(&building.world)
+    };
+    let horizon = horizons.course_horizon(avatar.link());
+    let steps = horizon.as_nanos().div_ceil(AHEAD_STEP.as_nanos());
+    let ahead = AHEAD_STEP * u32::try_from(steps).unwrap_or(u32::MAX);
+    Tolerance { metres: whole_millimetres(acuity.metres), radians: acuity.radians, ahead }
+}
+
+/// A length as clients are told it.
+fn whole_millimetres(metres: f32) -> f32 {
+    (metres * 1_000.0).floor() / 1_000.0
+}

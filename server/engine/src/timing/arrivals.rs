@@ -1,0 +1,206 @@
+//! Arrivals: when a client's reports arrive, against when it made them.
+
+use std::{collections::VecDeque, time::Duration};
+
+use crate::config::Margin;
+
+/// How many reports are kept.
+const REPORTS_MAX: usize = 64;
+/// With fewer reports than this nothing is known of the jitter.
+const REPORTS_MIN: usize = 16;
+/// An older report is forgotten if enough newer ones are there.
+const REPORT_AGE_MAX: Duration = Duration::from_secs(20);
+/// The margin is this multiple of the measured spread, over [`SAFETY_PER`], for jitter that has not
+/// been seen yet.
+const SAFETY: u32 = 5;
+const SAFETY_PER: u32 = 4;
+/// The part of the margin for clocks and threads.
+const MARGIN_MIN: Duration = Duration::from_millis(2);
+
+/// When a client's reports arrive.
+///
+/// Reports carry the client's own time. The *lag* of a report is the time between that and its
+/// arrival, on two clocks, so it is known up to a constant. The least lag is that of a message that
+/// took half of the round trip. The spread of the lags is the measured jitter. A message that a
+/// stream had to send again counts as jitter, too. What delays reports also delays what is sent to
+/// the client.
+#[derive(Clone, Debug)]
+pub(crate) struct Arrivals {
+    margin: Margin,
+    measured: Option<Duration>,
+    /// The last reports, oldest first.
+    reports: VecDeque<Arrival>,
+    /// The least and the greatest lag of these.
+    lags_us: [i64; 2],
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    heard: Duration,
+    lag_us: i64,
+}
+
+/// The last moment of which a client's word is known for sure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LastKnown {
+    /// How long after the last report that is, on the client's clock.
+    pub(crate) after: Duration,
+    /// How long ago that is at most.
+    pub(crate) age: Duration,
+}
+
+impl Arrivals {
+    pub(crate) fn new(margin: Margin) -> Self {
+        Self { margin, measured: None, reports: VecDeque::new(), lags_us: [0; 2] }
+    }
+
+    /// The time by which a message may be later than half of the round trip.
+    pub(crate) fn margin(&self) -> Duration {
+        match self.margin {
+            Margin::Fixed(margin) => margin,
+            Margin::Measured { first, most } => self.measured.unwrap_or(first).min(most),
+        }
+    }
+
+    /// Takes in the arrival of a report that was made at a time on the client's clock.
+    pub(crate) fn hear(&mut self, now: Duration, made: Duration) {
+        self.reports.push_back(Arrival { heard: now, lag_us: micros(now) - micros(made) });
+        let is_old = |oldest: &Arrival| oldest.heard + REPORT_AGE_MAX < now;
+        while self.reports.len() > REPORTS_MAX
+            || self.reports.len() > REPORTS_MIN && self.reports.front().is_some_and(is_old)
+        {
+            self.reports.pop_front();
+        }
+        let lags = || self.reports.iter().map(|arrival| arrival.lag_us);
+        self.lags_us = [lags().min().unwrap_or(0), lags().max().unwrap_or(0)];
+        if self.reports.len() >= REPORTS_MIN {
+            self.measured = Some(self.spread() * SAFETY / SAFETY_PER + MARGIN_MIN);
+        }
+    }
+
+    /// The last of the client's ticks of which it is known by now whether it reported, or the time
+    /// of its last report, which was made at `made`. A message takes `one_way` at least.
+    ///
+    /// A report that the client made at its own time `c` has arrived by `c` + least lag + margin.
+    /// So what was not heard by then was not said.
+    pub(crate) fn last_known(
+        &self,
+        now: Duration,
+        made: Duration,
+        tick: Duration,
+        one_way: Duration,
+    ) -> LastKnown {
+        let [least_us, _] = self.lags_us;
+        let heard_us = micros(now) - least_us - micros(self.margin());
+        let tick_us = micros(tick).max(1);
+        let known_us = (heard_us.div_euclid(tick_us) * tick_us).max(micros(made));
+        // The least lag may itself be that of a late message, by what is left of the margin.
+        let unsure = self.margin().saturating_sub(self.spread());
+        let since_us = (micros(now) - least_us - known_us).max(0);
+        LastKnown {
+            after: Duration::from_micros((known_us - micros(made)).unsigned_abs()),
+            age: Duration::from_micros(since_us.unsigned_abs()) + one_way + unsure,
+        }
+    }
+
+    /// How long after a report that was made at `made` the client makes what arrives now, if it is
+    /// not late.
+    pub(crate) fn after(&self, now: Duration, made: Duration) -> Duration {
+        let after_us = micros(now) - self.lags_us[0] - micros(made);
+        Duration::from_micros(after_us.max(0).unsigned_abs())
+    }
+
+    /// By how much the slowest of the last reports was later than the fastest.
+    fn spread(&self) -> Duration {
+        let [least_us, most_us] = self.lags_us;
+        Duration::from_micros(most_us.abs_diff(least_us))
+    }
+}
+
+fn micros(time: Duration) -> i64 {
+    i64::try_from(time.as_micros()).unwrap_or(i64::MAX / 4)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng, rngs::SmallRng};
+
+    use super::*;
+
+    const TICK: Duration = Duration::from_millis(50);
+    const MARGIN: Margin =
+        Margin::Measured { first: Duration::from_millis(25), most: Duration::from_millis(100) };
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    /// The arrivals of reports that are each as late as a random part of the jitter. The client's
+    /// clock is 300 ms behind.
+    fn heard(reports: u32, jitter: Duration) -> Arrivals {
+        let (mut known, mut rng) = (Arrivals::new(MARGIN), SmallRng::seed_from_u64(7));
+        for made in (1..=reports).map(|i| TICK * i) {
+            known.hear(ms(300) + made + jitter.mul_f64(rng.random()), made);
+        }
+        known
+    }
+
+    #[test]
+    fn the_margin_is_the_measured_spread_and_a_little_more() {
+        assert_eq!(heard(15, Duration::ZERO).margin(), ms(25), "too early to tell");
+        assert_eq!(heard(16, Duration::ZERO).margin(), MARGIN_MIN);
+        let uneven = heard(200, ms(40)).margin();
+        assert!((ms(40)..ms(53)).contains(&uneven), "{uneven:?}");
+        assert_eq!(heard(200, ms(400)).margin(), ms(100), "no more than is allowed");
+        assert_eq!(Arrivals::new(Margin::Fixed(ms(7))).margin(), ms(7));
+    }
+
+    #[test]
+    fn silence_is_no_jitter_and_a_late_report_is_forgotten_in_time() {
+        let mut known = heard(100, Duration::ZERO);
+        for i in 0..30 {
+            let made = Duration::from_secs(60 + i);
+            let late = if i == 2 { ms(30) } else { Duration::ZERO };
+            known.hear(ms(300) + made + late, made);
+            assert_eq!(known.margin() > ms(30), (2..=22).contains(&i), "{i}");
+        }
+    }
+
+    #[test]
+    fn silence_speaks_for_ticks_whose_reports_would_have_arrived() {
+        let known = heard(100, Duration::ZERO);
+        let made = TICK * 100;
+        // Reports arrive 300 ms after the client's own time, and at most 2 ms later.
+        let at = |now_ms: u64| known.last_known(made + ms(300 + now_ms), made, TICK, ms(40));
+        assert_eq!(at(0), LastKnown { after: ms(0), age: ms(42) });
+        assert_eq!(at(51), LastKnown { after: ms(0), age: ms(93) });
+        assert_eq!(at(52), LastKnown { after: TICK, age: ms(44) });
+        assert_eq!(at(1_002), LastKnown { after: TICK * 20, age: ms(44) });
+    }
+
+    #[test]
+    fn what_counts_as_known_was_said_whatever_the_jitter() {
+        let mut rng = SmallRng::seed_from_u64(3);
+        for _ in 0..200 {
+            let (jitter_ms, one_way_ms) = (rng.random_range(0..60), rng.random_range(0..100));
+            let mut known = Arrivals::new(Margin::Fixed(ms(jitter_ms)));
+            let clock = ms(rng.random_range(0..1_000));
+            let mut last: Option<Duration> = None;
+            for i in 1..200u32 {
+                let made = TICK * i;
+                let truly = made + clock;
+                if rng.random_bool(0.1) {
+                    known.hear(truly + ms(one_way_ms + rng.random_range(0..=jitter_ms)), made);
+                    last = Some(made);
+                }
+                let Some(last) = last else { continue };
+                let now = truly + ms(rng.random_range(200..400));
+                let found = known.last_known(now, last, TICK, ms(one_way_ms));
+                // Any report made by then has arrived, and it was not longer ago than that.
+                let then = last + found.after + clock;
+                assert!(found.after.is_zero() || then + ms(one_way_ms + jitter_ms) <= now);
+                assert!(then + found.age >= now, "{found:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! Courses: where an avatar will be if it goes on as it last said.
+//!
+//! A client says where its avatar is, how it moves and how it turns. From that everybody computes
+//! the same course: straight on, turning evenly, and on a parabola in free fall. The client speaks again when its avatar *departs*
+//! from the course by more than a tolerance. Its silence means that the avatar is on course.
+//! (Sudarsky and Gotsman 1996, section 3.2, sweep a volume along a known trajectory.)
+
+use std::{
+    f32::consts::{PI, TAU},
+    time::Duration,
+};
+
+use glam::Vec3;
+
+use super::{Agility, FREE_FALL, Pose};
+
+/// No course is followed for longer. It exceeds both keep-alives and the time that a report takes.
+pub const COURSE_MAX: Duration = Duration::from_secs(6);
+/// A moving client that stays on course reports after this time.
+const KEEP_ALIVE_MOVING: Duration = Duration::from_secs(1);
+/// A client that stands still reports after this time.
+const KEEP_ALIVE_STANDING: Duration = Duration::from_secs(4);
+/// An avatar that is slower stands still, in metres per second.
+const STANDING: f32 = 0.02;
+
+impl Pose {
+    /// Where an avatar with this pose is after a time, if it stays on course.
+    #[must_use]
+    pub fn on_course(&self, elapsed: Duration, agility: &Agility) -> Self {
+        let sustained = agility.sustained(self.velocity);
+        let later = Self { velocity: sustained, ..*self }.straight_on(elapsed);
+        Self { velocity: later.velocity + (self.velocity - sustained), ..later }
+    }
+
+    /// Where an avatar with this pose is after a time, if it keeps its velocity, or falls.
+    #[must_use]
+    pub fn straight_on(&self, elapsed: Duration) -> Self {
+        let seconds = elapsed.min(COURSE_MAX).as_secs_f32();
+        let faster = Vec3::NEG_Y * if self.falls { FREE_FALL * seconds } else { 0.0 };
+        Self {
+            eye: self.eye + (self.velocity + 0.5 * faster) * seconds,
+            yaw: (self.yaw + self.yaw_rate * seconds).rem_euclid(TAU),
+            velocity: self.velocity + faster,
+            ..*self
+        }
+    }
+
+    /// How long a client with this pose may stay silent on its course.
+    pub fn keep_alive(&self) -> Duration {
+        let moves = self.velocity.length() > STANDING || self.yaw_rate.abs() > STANDING;
+        if moves { KEEP_ALIVE_MOVING } else { KEEP_ALIVE_STANDING }
+    }
+}
+
+/// The shorter turn from one yaw to another, in radians: from -π to π.
+pub fn turn_between(from: f32, to: f32) -> f32 {
+    (to - from + PI).rem_euclid(TAU) - PI
+}
+
+/// What a live client may leave unsaid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerance {
+    /// By how much the eye may be off its course along the ground, in metres; half as much in
+    /// height. Zero means that the client reports at every tick.
+    pub metres: f32,
+    /// By how much yaw and pitch may be off, in radians.
+    pub radians: f32,
+    /// The time ahead for which the server computes regions from the course.
+    pub ahead: Duration,
+}
+
+impl Tolerance {
+    /// No tolerance: the client reports at every tick.
+    pub const NONE: Self = Self { metres: 0.0, radians: 0.0, ahead: Duration::ZERO };
+
+    /// Whether the client must report at every tick.
+    pub fn is_none(&self) -> bool {
+        self.metres <= 0.0
+    }
+
+    /// Whether whatever this tolerance allows is allowed by another one, too.
+    pub fn is_within(&self, other: &Self) -> bool {
+        self.is_none()
+            || self.metres <= other.metres
+                && self.radians <= other.radians
+                && self.ahead >= other.ahead
+    }
+
+    /// A tolerance that allows all that this one or another one does.
+    #[must_use]
+    pub fn union(&self, other: &Self) -> Self {
+        if self.is_none() || other.is_none() {
+            return if self.is_none() { *other } else { *self };
+        }
+        Self {
+            metres: self.metres.max(other.metres),
+            radians: self.radians.max(other.radians),
+            ahead: self.ahead.min(other.ahead),
+        }
+    }
+
+    /// Whether an avatar is on its course: it is where it should be, and what its body can do from
+    /// there is within what the server allows for.
+    ///
+    /// The second condition is about velocity. Regions are bounded by
+    /// [`Agility::eyes`], whose sides differ by a part that is linear in time. So if the
+    /// region from the true pose is within the region from the course, grown by
+    /// [`Tolerance::growth_m`], now and after `ahead`, it is so at all times.
+    pub fn holds(&self, course: &Pose, pose: &Pose, agility: &Agility) -> bool {
+        if self.is_none() {
+            return false;
+        }
+        let off = pose.eye - course.eye;
+        let turned = turn_between(course.yaw, pose.yaw);
+        off.with_y(0.0).length() <= self.metres
+            && off.y.abs() <= 0.5 * self.metres
+            && turned.abs() <= self.radians
+            && (pose.pitch - course.pitch).abs() <= self.radians
+            && self.excess_m(course, pose, agility) <= self.growth_m(self.ahead)
+    }
+
+    /// By how much a region from the course must grow on each side so that it contains what a body
+    /// can do that is on course within this tolerance, for a time after it was.
+    pub fn growth_m(&self, time: Duration) -> f32 {
+        if self.is_none() {
+            return 0.0;
+        }
+        let part = time.as_secs_f32() / self.ahead.as_secs_f32().max(1e-3);
+        // Beyond `ahead` a difference goes on to grow as it may have grown before.
+        self.metres * (2.0 * part - 1.0).max(1.0)
+    }
+
+    /// By how much the region from a pose may stick out of the region from the course after
+    /// `ahead`, in metres.
+    fn excess_m(&self, course: &Pose, pose: &Pose, agility: &Agility) -> f32 {
+        let seconds = self.ahead.as_secs_f32();
+        let off = pose.eye - course.eye;
+        let [v, c] = [pose.velocity, course.velocity].map(|velocity| agility.sustained(velocity));
+        // Along the ground both regions are within circles about the middle of the way.
+        let level = |v: Vec3| v.with_y(0.0);
+        let centres = level(off + (v - c) * (0.5 * seconds)).length();
+        let aside = centres + 0.5 * seconds * (level(v).length() - level(c).length());
+        let up = off.y + seconds * (v.y.max(0.0) - c.y.max(0.0));
+        let down = -off.y + seconds * ((-v.y).max(0.0) - (-c.y).max(0.0));
+        let speed = |v: Vec3| v.length().max(agility.speed_max);
+        let way = off.length() + seconds * (speed(v) - speed(c));
+        aside.max(up).max(down).max(way)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::motion::Body;
+
+    fn agility() -> Agility {
+        Agility::of(&Body::PERSON, 4.0)
+    }
+
+    fn tolerance(metres: f32) -> Tolerance {
+        Tolerance { metres, radians: 0.1, ahead: Duration::from_millis(200) }
+    }
+
+    fn walking(x: f32, speed: f32) -> Pose {
+        Pose { eye: Vec3::X * x, velocity: Vec3::X * speed, ..Pose::default() }
+    }
+
+    #[test]
+    fn a_course_is_straight_and_turns_evenly() {
+        let pose = Pose { yaw: 6.0, yaw_rate: 1.0, ..walking(1.0, 2.0) };
+        let later = pose.on_course(Duration::from_millis(500), &agility());
+        assert_eq!(later.eye, Vec3::X * 2.0);
+        assert!((later.yaw - (6.5 - TAU)).abs() < 1e-5, "{}", later.yaw);
+        let jump = Pose { velocity: Vec3::Y * 5.0, falls: true, ..Pose::default() };
+        let later = jump.on_course(Duration::from_millis(500), &agility());
+        let sustained = 4.0;
+        assert!((later.eye.y - (0.5 * sustained - 0.125 * FREE_FALL)).abs() < 1e-5);
+        assert!((later.velocity.y - (5.0 - 0.5 * FREE_FALL)).abs() < 1e-5);
+        let fast = walking(0.0, 50.0).on_course(Duration::from_secs(1), &agility());
+        assert_eq!(fast.eye, Vec3::X * 4.0, "nobody sustains more than the top speed");
+    }
+
+    #[test]
+    fn a_walker_departs_by_place_by_direction_and_by_starting_but_not_by_stopping() {
+        let (tolerance, agility) = (tolerance(0.05), agility());
+        let holds = |course: Pose, pose: Pose| tolerance.holds(&course, &pose, &agility);
+        assert!(holds(walking(0.0, 1.2), walking(0.04, 1.2)));
+        assert!(!holds(walking(0.0, 1.2), walking(0.06, 1.2)));
+        assert!(holds(walking(0.0, 1.2), walking(0.0, 0.0)), "what it can do is less");
+        assert!(!holds(walking(0.0, 0.0), walking(0.0, 1.2)));
+        assert!(!holds(walking(0.0, 0.0), Pose { yaw: TAU - 0.11, ..Pose::default() }));
+        assert!(holds(walking(0.0, 0.0), Pose { yaw: TAU - 0.09, ..Pose::default() }));
+        assert!(!Tolerance::NONE.holds(&walking(0.0, 0.0), &walking(0.0, 0.0), &agility));
+    }
+
+    #[test]
+    fn who_stands_keeps_silent_for_longer() {
+        assert!(walking(0.0, 1.0).keep_alive() < walking(0.0, 0.0).keep_alive());
+        assert!(KEEP_ALIVE_STANDING < COURSE_MAX);
+    }
+
+    fn vector(most: f32) -> impl Strategy<Value = Vec3> {
+        proptest::array::uniform3(-most..most).prop_map(Vec3::from)
+    }
+
+    proptest! {
+        /// What a body on course can do stays within the grown region of the course, in any axes.
+        #[test]
+        fn the_grown_region_contains_what_a_body_on_course_can_do(
+            course in vector(6.0),
+            change in vector(0.5),
+            off in vector(0.5),
+            metres in 0.02..0.3f32,
+            time_ms in 0u64..1_000,
+            turn in 0.0..1.6f32,
+            is_quake in any::<bool>(),
+        ) {
+            let agility = if is_quake { Agility::of(&Body::QUAKE, 8.1) } else { agility() };
+            let tolerance = tolerance(metres);
+            let course = Pose { velocity: course, ..Pose::default() };
+            let off = off * metres;
+            let pose = Pose { eye: off, velocity: course.velocity + change, ..course };
+            prop_assume!(tolerance.holds(&course, &pose, &agility));
+            let time = Duration::from_millis(time_ms);
+            let turned = |v: Vec3| glam::Quat::from_rotation_y(turn) * v;
+            let eyes = |pose: &Pose| {
+                agility.eyes(turned(pose.eye), turned(agility.sustained(pose.velocity)), time)
+            };
+            let grown = eyes(&course).grown(tolerance.growth_m(time) + 1e-4);
+            prop_assert!(grown.contains_box(&eyes(&pose)), "{:?} {:?}", grown, eyes(&pose));
+        }
+    }
+}
