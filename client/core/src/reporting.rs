@@ -10,7 +10,9 @@ use std::time::Duration;
 
 use glam::Vec3;
 use sightline_protocol::quantise::WirePose;
-use sightline_world::motion::{Agility, FREE_FALL, Pose, Report, ReportingState, Tbv, Tolerance, turn_between};
+use sightline_world::motion::{
+    Agility, FREE_FALL, Pose, Report, ReportingState, Tbv, Tolerance, turn_between,
+};
 
 /// A report that leaves the TBV is repeated this many ticks after its answer should have come.
 const REPEAT_TICKS: u32 = 2;

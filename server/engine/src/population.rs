@@ -11,8 +11,8 @@ use sightline_world::{
 use crate::{
     baselines::Area,
     claims::{ClaimConsistency, MovementBudget, WalkState},
-    orders::Orders,
     generation::Generation,
+    orders::Orders,
     pair::Pair,
     regions::{HiddenFootprint, LiveRegions, Motion},
     slot::{Member, Slot},

@@ -196,8 +196,7 @@ impl Engine {
         avatar.made = report.map(|report| report.made);
         report.iter().for_each(|report| avatar.orders.hear(report.orders));
         let (from, course) = (building.axes().own(pose.eye), avatar.pose);
-        let at =
-            |time| building.axes().own(course.on_course(time, &building.agility).eye);
+        let at = |time| building.axes().own(course.on_course(time, &building.agility).eye);
         let start = Walk { from, state: avatar.walk, to: from };
         let most = avatar.pose.keep_alive();
         let (walkways, ways) = (&building.walkways, &mut workspace.ways);

@@ -398,8 +398,7 @@ mod tests {
         assert!((850..950).contains(&arrived.len()), "{} of 1000 arrive", arrived.len());
         assert!((20..80).contains(&(all - arrived.len())), "{} arrive twice", all - arrived.len());
         assert!(delays.iter().all(|(_, delay)| (ms(50)..=ms(130)).contains(delay)));
-        let lost: Vec<u32> =
-            (940..1_000).filter(|i| arrived.binary_search(i).is_err()).collect();
+        let lost: Vec<u32> = (940..1_000).filter(|i| arrived.binary_search(i).is_err()).collect();
         // A loss soon after another one takes longer to mend.
         let is_second = |i: &u32| lost.iter().any(|before| before < i && i - before <= 4);
         let ticks = |i: &u32| if is_second(i) { RESEND_TICKS } else { 2 };

@@ -244,12 +244,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    fn receive_jump(
-        &mut self,
-        times: LastReport,
-        avatar: AvatarId,
-        pose: Pose,
-    ) -> io::Result<()> {
+    fn receive_jump(&mut self, times: LastReport, avatar: AvatarId, pose: Pose) -> io::Result<()> {
         if self.engine.pose(avatar).is_some() {
             self.note_report(times.heard, avatar)?;
             self.handle(times.heard, Input::Relocate { avatar, pose });

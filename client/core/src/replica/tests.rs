@@ -96,7 +96,8 @@ fn acknowledgements_wait_for_a_report_unless_a_datagram_is_missing() {
     let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
     replica.message(TICK, live(100)).unwrap();
     assert!(replica.tick(TICK, TICK).is_some());
-    let mut datagram = |tick: u32| encoder.encode(tick, &[(AvatarId(7), at(tick as f32))]).remove(0);
+    let mut datagram =
+        |tick: u32| encoder.encode(tick, &[(AvatarId(7), at(tick as f32))]).remove(0);
     replica.datagram(TICK * 2, &datagram(2)).unwrap();
     let waited = (2..40).position(|i| replica.tick(TICK * i, TICK).is_some());
     assert_eq!(waited, Some(ACK_TICKS as usize));

@@ -1,10 +1,6 @@
 //! Where another avatar is, by the courses that arrived.
 
-use std::{
-    collections::VecDeque,
-    f32::consts::TAU,
-    time::Duration,
-};
+use std::{collections::VecDeque, f32::consts::TAU, time::Duration};
 
 use glam::Vec3;
 use sightline_world::{
@@ -218,7 +214,8 @@ impl Timeline {
         let blend = self.blend.iter().flat_map(|blend| [blend.from, blend.until]);
         let end = f64::from(self.last().tick) + COURSE_MAX.div_duration_f64(self.interval);
         let tops = self.courses.iter().filter_map(|course| course.top(self.interval));
-        let turns = turns.chain(blend).chain(tops).chain([end]).filter(|at| (from..until).contains(at));
+        let turns =
+            turns.chain(blend).chain(tops).chain([end]).filter(|at| (from..until).contains(at));
         let ticks = turns.chain([from, until.max(from)]);
         // While a blend goes on, the top of a jump may be elsewhere.
         let shift = self.blend.map_or(0.0, |blend| blend.off.y.abs());

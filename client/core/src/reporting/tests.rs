@@ -65,7 +65,9 @@ fn an_avatar_on_course_is_silent_and_one_that_departs_is_not() {
 fn an_avatar_on_course_reports_after_the_keep_alive() {
     let mut reporter = live(TOLERANCE);
     let reports = |reporter: &mut Reporter, speed: f32| {
-        (1..200).filter(|i| reporter.tick(TICK * *i, &pose(*i as f32 * speed), TICK).is_some()).count()
+        (1..200)
+            .filter(|i| reporter.tick(TICK * *i, &pose(*i as f32 * speed), TICK).is_some())
+            .count()
     };
     assert_eq!(reports(&mut reporter, 0.0), 3, "one at the beginning, and every four seconds");
     let mut reporter = live(TOLERANCE);

@@ -285,7 +285,8 @@ mod tests {
                 let hop = 2.0 * step as f32 / 1_000.0 * if i % 3 == 0 { 2.0 } else { 1.015 };
                 let place = at(x).eye;
                 let claim = at(x + hop);
-                let verdict = judge_freely(&mut budget, ms(t), &Claim::new(order(i), &claim, place, RTT));
+                let verdict =
+                    judge_freely(&mut budget, ms(t), &Claim::new(order(i), &claim, place, RTT));
                 if verdict == ClaimVerdict::Accepted {
                     x += hop;
                 }
@@ -305,8 +306,11 @@ mod tests {
         ] {
             let mut budget = MovementBudget::new(ms(0));
             let claim = Pose { eye, ..Pose::default() };
-            let verdict =
-                judge_freely(&mut budget, ms(4_000), &Claim::new(order(0), &claim, Vec3::ZERO, RTT));
+            let verdict = judge_freely(
+                &mut budget,
+                ms(4_000),
+                &Claim::new(order(0), &claim, Vec3::ZERO, RTT),
+            );
             assert_eq!(verdict, ClaimVerdict::Refused { correct: true }, "{eye}");
         }
     }
@@ -371,10 +375,12 @@ mod tests {
         let mut budget = MovementBudget::new(ms(0));
         budget.relocate(ms(0), Vec3::X * 10.0);
         let mut judge = |t, sequence, claim: Pose, at: Pose| {
-            let verdict =
-                budget.judge(ms(t), &Claim::new(order(sequence), &claim, at.eye, RTT), &limits, |_| {
-                    Some(0.0)
-                });
+            let verdict = budget.judge(
+                ms(t),
+                &Claim::new(order(sequence), &claim, at.eye, RTT),
+                &limits,
+                |_| Some(0.0),
+            );
             verdict == ClaimVerdict::Accepted
         };
         assert!(judge(100, 1, pose(1.0, 0.0, 8.0), pose(0.0, 0.0, 10.0)));

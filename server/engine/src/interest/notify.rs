@@ -7,8 +7,8 @@ use super::{
     snapshot::{LiveAvatar, LiveAvatars, Snapshot},
 };
 use crate::{
-    acuity::Acuity, baselines, messages::Output, pair::Pair, population::Population, slot::Member, view::View,
-    worker_pool::WorkerPool,
+    acuity::Acuity, baselines, messages::Output, pair::Pair, population::Population, slot::Member,
+    view::View, worker_pool::WorkerPool,
 };
 
 /// Decides what each live viewer is told, and returns it by viewer.
@@ -88,12 +88,7 @@ fn notify_viewer(
 }
 
 /// Whether a viewer could tell an avatar's course from the one that it was told last.
-fn can_tell(
-    view: View<'_>,
-    viewer: &LiveAvatar<'_>,
-    avatar: &LiveAvatar<'_>,
-    pair: &Pair,
-) -> bool {
+fn can_tell(view: View<'_>, viewer: &LiveAvatar<'_>, avatar: &LiveAvatar<'_>, pair: &Pair) -> bool {
     let Tolerance { metres, .. } = avatar.tolerance;
     let away_m = viewer.motion.from.distance(avatar.motion.from);
     let acuity = Acuity::at(&view.building.world, away_m);
@@ -101,9 +96,7 @@ fn can_tell(
     let off = avatar.shown.eye.distance(told.eye);
     let turned = turn_between(told.yaw, avatar.shown.yaw).abs();
     let tilted = (avatar.shown.pitch - told.pitch).abs();
-    metres <= 0.0
-        || off > acuity.metres
-        || turned.max(tilted) > acuity.radians
+    metres <= 0.0 || off > acuity.metres || turned.max(tilted) > acuity.radians
 }
 
 /// Takes in that a viewer is told of an avatar's course.

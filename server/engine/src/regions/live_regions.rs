@@ -3,11 +3,7 @@
 use std::{sync::OnceLock, time::Duration};
 
 use glam::Vec3;
-use sightline_world::{
-    CellId, Cells,
-    geometry::Aabb,
-    motion::Body,
-};
+use sightline_world::{CellId, Cells, geometry::Aabb, motion::Body};
 
 use super::{
     CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint, with_margin_ahead,

@@ -5,7 +5,9 @@ use std::time::Duration;
 use sightline_world::motion::Tolerance;
 
 use super::Silencing;
-use crate::{acuity::Acuity, config::Policy, messages::Output, population::Avatar, slot::Slot, view::View};
+use crate::{
+    acuity::Acuity, config::Policy, messages::Output, population::Avatar, slot::Slot, view::View,
+};
 
 /// A coarser tolerance is ordered no sooner after the last order than this.
 const COARSEN_AFTER: Duration = Duration::from_secs(1);

@@ -197,7 +197,9 @@ mod tests {
     #[test]
     fn the_age_is_that_of_the_newest_moment_within_the_tolerance() {
         let past = past(&[Vec3::X * 3.0, Vec3::X * 2.0, Vec3::X, Vec3::ZERO]);
-        let age = |shown: Vec3| past.age_within(shown, Within::new(0.08, 0.0)).map(|age| age.as_secs_f32() * 1e3);
+        let age = |shown: Vec3| {
+            past.age_within(shown, Within::new(0.08, 0.0)).map(|age| age.as_secs_f32() * 1e3)
+        };
         let near = |a: Option<f32>, b: f32| a.is_some_and(|a| (a - b).abs() < 0.01);
         assert!(near(age(Vec3::X * 3.0), 0.0) && near(age(Vec3::X * 3.09), 0.0));
         assert!(age(Vec3::X * 3.11).is_none() && age(Vec3::new(1.0, 0.07, 0.0)).is_none());

@@ -169,7 +169,8 @@ impl ViewerFindings {
         let untold_m = speed * (lost + late).as_secs_f32();
         let within = if tolerance_m > 0.0 {
             // What the viewer can hardly tell is not told to it.
-            let away_m = pair.viewer.pose.eye.distance(other.pose.eye) + speed * bound.as_secs_f32();
+            let away_m =
+                pair.viewer.pose.eye.distance(other.pose.eye) + speed * bound.as_secs_f32();
             Within::new(tolerance_m, engine.acuity_m(away_m) + untold_m)
         } else {
             Within::new(0.0, untold_m)

@@ -209,11 +209,7 @@ impl PoseEncoder {
             is_sent && (must_repeat(record) || record.has_waited(tick, REPEAT_TICKS))
         };
         let repeated = open.iter().filter(|(_, record)| goes_along(record));
-        due.extend(repeated.map(|(id, r)| Due {
-            avatar: **id,
-            pose: on_course(r),
-            is_new: false,
-        }));
+        due.extend(repeated.map(|(id, r)| Due { avatar: **id, pose: on_course(r), is_new: false }));
         due.sort_unstable_by_key(|due| due.avatar);
         due
     }
