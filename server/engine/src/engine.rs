@@ -14,7 +14,7 @@ use crate::{
     config::{Config, Policy},
     interest::{self, Explanation, SightBudget, Snapshot},
     messages::{Input, Output},
-    population::{Population, Profile},
+    population::{KnownCourse, Population, Profile},
     regions::Indices,
     silence::{Deadlines, SilenceBudget, Silencing},
     slot::Slot,
@@ -185,6 +185,12 @@ impl Engine {
     /// knows what the client has been told.
     pub fn tolerance(&self, avatar: AvatarId) -> Option<Tolerance> {
         self.population.find(avatar).map(|avatar| avatar.orders.in_force())
+    }
+
+    /// Until when an avatar's client is taken to have said, by its silence, that its avatar is on
+    /// course; `None` when it is taken to have said nothing since its last report.
+    pub fn known_course(&self, avatar: AvatarId) -> Option<KnownCourse> {
+        self.population.find(avatar).and_then(|avatar| avatar.known_course(self.view()))
     }
 
     /// By how much a viewer at a distance may be shown an avatar off the course that its client

@@ -144,4 +144,5 @@ pub use config::{Config, FaultInjection, Margin, Policy, PolicyError, TbvShape, 
 pub use engine::Engine;
 pub use interest::{Explanation, Reason};
 pub use messages::{Input, Output};
+pub use population::KnownCourse;
 pub use stats::{Counts, Stats};

@@ -94,6 +94,17 @@ pub(crate) struct Avatar {
     pub(crate) watchers: u32,
 }
 
+/// What the silence of a client means: at a time after its last report its avatar was on course.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownCourse {
+    /// Where the avatar was then, if it was off course by nothing.
+    pub pose: Pose,
+    /// How long after the last report that was, on the client's clock.
+    pub after: Duration,
+    /// By how much it may have been off course.
+    pub tolerance: Tolerance,
+}
+
 /// How an avatar is shown to people.
 #[derive(Clone, Debug)]
 pub(crate) struct Profile {
@@ -111,21 +122,32 @@ impl Avatar {
     /// What is known of how the avatar moves, at the present tick.
     pub(crate) fn motion(&self, view: View<'_>) -> Motion {
         let View { building, now, .. } = view;
-        let LastKnown { after, age } = self.last_known(view);
-        let (pose, tolerance) = if after.is_zero() {
-            (self.pose, Tolerance::NONE)
-        } else {
-            (self.pose.on_course(after, &building.agility), self.orders.in_force())
+        let known = self.last_known(view);
+        let (pose, tolerance) = match self.course_until(&known, view) {
+            Some(KnownCourse { pose, tolerance, .. }) => (pose, tolerance),
+            None => (self.pose, Tolerance::NONE),
         };
         Motion {
             pose,
             from: building.axes().own(pose.eye),
-            age: rounded_up(age, view.config.tick / AGE_PARTS),
+            age: rounded_up(known.age, view.config.tick / AGE_PARTS),
             tolerance,
             walk: self.walk,
             round_trip: self.round_trip,
             is_believed: self.consistency.is_consistent(now),
         }
+    }
+
+    /// What the silence of the client means at the present tick; `None` while it means nothing.
+    pub(crate) fn known_course(&self, view: View<'_>) -> Option<KnownCourse> {
+        self.course_until(&self.last_known(view), view)
+    }
+
+    fn course_until(&self, known: &LastKnown, view: View<'_>) -> Option<KnownCourse> {
+        let after = known.after;
+        let pose = || self.pose.on_course(after, &view.building.agility);
+        let tolerance = self.orders.in_force();
+        (!after.is_zero()).then(|| KnownCourse { pose: pose(), after, tolerance })
     }
 
     /// The last moment at which the avatar is known to have been on its course.
