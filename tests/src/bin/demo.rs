@@ -11,10 +11,10 @@ use sightline_tests::demo::{self, DemoOptions};
 ///
 /// Starts the real server and real clients over QUIC in one process. Where there is a display, a
 /// window opens among the visitors; elsewhere the demo writes two pictures: a view and a plan. It
-/// ends with a table: the same walk under three policies, and how they compare with rays against
+/// ends with a table: the same walk under four policies, and how they compare with rays against
 /// the building's triangles.
 ///
-/// The first run compiles the building, which takes about half a minute. Later runs read it from
+/// The first run compiles the building, which takes about a minute. Later runs read it from
 /// the cache.
 #[derive(Parser)]
 #[command(name = "cargo demo", version)]
@@ -28,7 +28,7 @@ struct Args {
           value_parser = clap::value_parser!(u64).range(2..=3600))]
     seconds: u64,
     /// The number of rooms in the building.
-    #[arg(long, value_name = "N", default_value_t = 60,
+    #[arg(long, value_name = "N", default_value_t = 200,
           value_parser = clap::value_parser!(u32).range(1..=1000))]
     rooms: u32,
     /// The seed of the building and of the visitors' goals: the same seed gives the same ones.

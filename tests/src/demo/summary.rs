@@ -1,4 +1,4 @@
-//! The closing table: the same walk under three policies, what the live run measured, and how both
+//! The closing table: the same walk under four policies, what the live run measured, and how both
 //! compare with rays.
 
 use std::{
@@ -19,8 +19,22 @@ use sightline_world::World;
 
 use super::live_check::{CHECK_INTERVAL, LiveCheck};
 
-/// The policies that the walk is replayed under: a column each.
-const POLICIES: [Policy; 3] = [Policy::Broadcast, Policy::Pvs, Policy::Tbv];
+/// What the walk is replayed under: a column each.
+const COLUMNS: [Column; 4] = [
+    Column { name: "broadcast", policy: Policy::Broadcast, by_exception: false },
+    Column { name: "PVS", policy: Policy::Pvs, by_exception: false },
+    // Sudarsky and Gotsman 1996, section 5.
+    Column { name: "TBV of 1996", policy: Policy::Tbv, by_exception: false },
+    Column { name: "Sightline", policy: Policy::Tbv, by_exception: true },
+];
+
+/// A policy, and how live clients report under it.
+struct Column {
+    name: &'static str,
+    policy: Policy,
+    /// Whether live clients report only when they depart from their courses.
+    by_exception: bool,
+}
 
 /// How fast the building was drawn.
 pub(super) struct FrameRate {
@@ -33,13 +47,13 @@ pub(super) struct FrameRate {
 
 /// The figures that are worked out after the walk.
 pub(super) struct Summary {
-    /// A report for each of [`POLICIES`].
+    /// A report for each of [`COLUMNS`].
     replays: Vec<ReplayReport>,
     live: LiveCheck,
 }
 
 impl Summary {
-    /// Replays the recorded walk under each policy, and checks the live run with rays. All four run
+    /// Replays the recorded walk under each policy, and checks the live run with rays. All five run
     /// at the same time.
     ///
     /// # Errors
@@ -55,10 +69,11 @@ impl Summary {
         let summary = thread::scope(|scope| {
             let progress = &progress;
             let trace = &trace;
-            let runs: Vec<_> = (0..POLICIES.len())
+            let runs: Vec<_> = (0..COLUMNS.len())
                 .map(|i| {
                     scope.spawn(move || {
-                        let mut options = ReplayOptions::new(POLICIES[i], round_trip);
+                        let mut options = ReplayOptions::new(COLUMNS[i].policy, round_trip);
+                        options.config.by_exception = COLUMNS[i].by_exception;
                         options.oracle = OracleStride::Every(CHECK_INTERVAL);
                         let hear = &mut |share| progress.show(i, share);
                         sightline_replay::run(world, trace, &options, None, hear)
@@ -93,23 +108,31 @@ impl Summary {
     }
 
     fn print_policies(&self) {
-        println!("\nThe same walk under three policies, means over all clients:\n");
+        println!("\nThe same walk under four policies, means over all clients:\n");
         let row = |name: &str, figure: &dyn Fn(&ReplayReport) -> String| {
-            print!("{name:<30}");
-            self.replays.iter().for_each(|replay| print!("{:>12}", figure(replay)));
+            print!("{name:<32}");
+            self.replays.iter().for_each(|replay| print!("{:>13}", figure(replay)));
             println!();
         };
-        row("", &|r| r.policy.clone());
+        print!("{:<32}", "");
+        COLUMNS.iter().for_each(|column| print!("{:>13}", column.name));
+        println!();
         row("visitors", &|r| r.avatars.to_string());
         row("avatars held by a client", &|r| format!("{:.1}", r.held_mean));
-        row("messages to a client, per s", &|r| format!("{:.1}", r.messages_to_client));
-        row("bytes to a client, per s", &|r| format!("{:.0}", r.bytes_to_client));
-        row("messages from a client, per s", &|r| format!("{:.1}", r.messages_from_client));
-        row("bytes from a client, per s", &|r| format!("{:.0}", r.bytes_from_client));
-        row("share of time quiet", &|r| format!("{:.1} %", r.quiet_share * 100.0));
+        row("messages to a client, a second", &|r| format!("{:.1}", r.messages_to_client));
+        row("bytes to a client, a second", &|r| format!("{:.0}", r.bytes_to_client));
+        row("messages from a client, a second", &|r| format!("{:.1}", r.messages_from_client));
+        row("bytes from a client, a second", &|r| format!("{:.0}", r.bytes_from_client));
+        let percent = |share: f64| format!("{:.1} %", share * 100.0);
+        row("time live, with a report", &|r| percent(reporting_share(r)));
+        row("time live, silent on course", &|r| percent(r.course_share));
+        row("time quiet, silent in a TBV", &|r| percent(r.quiet_share));
         let oracle = |r: &ReplayReport| r.oracle.clone().unwrap_or_default();
         row("misses", &|r| oracle(r).misses.to_string());
         row("over-send against rays", &|r| format!("{:.2}", oracle(r).over_send));
+        row("shown off by, 99th percentile", &|r| {
+            format!("{:.0} cm", oracle(r).shown_error_p99_m * 100.0)
+        });
         println!();
     }
 
@@ -122,13 +145,22 @@ impl Summary {
         );
         if report.clients > 0 {
             println!(
-                "                  {:.0} B/s to a client with QUIC ({:.0} without), {:.0} B/s from it",
-                report.udp_bytes_in_per_s, report.bytes_in_per_s, report.udp_bytes_out_per_s
+                "                  to a client:   {:5.1} messages/s, {:.0} B/s, {:.0} B/s with QUIC",
+                report.messages_in_per_s, report.bytes_in_per_s, report.udp_bytes_in_per_s
             );
             println!(
-                "                  poses {:.0} ms old on average, 99 of 100 within {:.0} ms; \
-                 {} corrections",
-                report.age_mean_ms, report.age_p99_ms, report.corrections
+                "                  from a client: {:5.1} messages/s, {:.0} B/s, {:.0} B/s with QUIC",
+                report.messages_out_per_s, report.bytes_out_per_s, report.udp_bytes_out_per_s
+            );
+            println!(
+                "                  silent on course for {:.1} % of the time, in a TBV for {:.1} %",
+                report.course_share * 100.0,
+                report.quiet_share * 100.0
+            );
+            println!(
+                "                  shown off by {:.0} cm at the 99th percentile; {} corrections",
+                report.shown_error_p99_m * 100.0,
+                report.corrections
             );
         }
     }
@@ -139,16 +171,21 @@ impl Summary {
 struct ReplayProgress {
     bar: Progress,
     /// The share done of each replay, from 0 to 1.
-    shares: Mutex<[f32; POLICIES.len()]>,
+    shares: Mutex<[f32; COLUMNS.len()]>,
 }
 
 impl ReplayProgress {
     fn show(&self, replay: usize, share: f32) {
         let mut shares = self.shares.lock().unwrap_or_else(PoisonError::into_inner);
         shares[replay] = share;
-        let mean = shares.iter().sum::<f32>() / POLICIES.len() as f32;
-        self.bar.show("the same walk under three policies", mean);
+        let mean = shares.iter().sum::<f32>() / COLUMNS.len() as f32;
+        self.bar.show("the same walk under four policies", mean);
     }
+}
+
+/// The share of a client's ticks at which it is live and reports, from 0 to 1.
+fn reporting_share(report: &ReplayReport) -> f64 {
+    1.0 - report.course_share - report.quiet_share
 }
 
 fn round_trip(report: &SwarmReport) -> Duration {
