@@ -11,8 +11,10 @@
 //!   [`Output`]s.
 //! - [`ReportingState`](sightline_world::motion::ReportingState) says what is expected of a client.
 //!   It is *live* while somebody may see its avatar or its avatar may see somebody; every client
-//!   begins so. Otherwise it is *quiet* in a [`Tbv`](sightline_world::motion::Tbv) (temporal
-//!   bounding volume). It is *asked* when the TBV expires or is revealed.
+//!   begins so. A live client reports when its avatar departs from its course by more than a
+//!   [`Tolerance`](sightline_world::motion::Tolerance). Otherwise it is *quiet* in a
+//!   [`Tbv`](sightline_world::motion::Tbv) (temporal bounding volume). It is *asked* when the TBV
+//!   expires or is revealed.
 //! - [`MovementBudget`] judges each [`Claim`] that a client makes of its place, within
 //!   [`ClaimLimits`].
 //! - [`Explanation`] says why a viewer is told of an avatar, or is not: the [`Reason`], both
@@ -27,8 +29,10 @@
 //! 2. [`RoundTrip`](Input::RoundTrip), whenever it is measured. It decides how far ahead the engine
 //!    looks.
 //! 3. [`Report`](Input::Report), once the client has been told that it is in. A live client reports
-//!    at every tick. A quiet one reports when it is asked, or when its TBV does not
-//!    [hold](sightline_world::motion::Tbv::holds) its next step.
+//!    when its tolerance does not [hold](sightline_world::motion::Tolerance::holds) any more, and
+//!    after a [keep-alive](sightline_world::motion::Pose::keep_alive). A quiet one reports when it
+//!    is asked, or when its TBV does not [hold](sightline_world::motion::Tbv::holds) its next step.
+//!    Reports by exception must arrive: the engine takes silence for a claim.
 //! 4. [`Relocate`](Input::Relocate), when the host itself puts an avatar elsewhere or pushes it;
 //!    [`Chat`](Input::Chat).
 //! 5. [`Leave`](Input::Leave).
@@ -40,7 +44,8 @@
 //! 1. [`Entered`](Output::Entered) comes first. [`Drop`](Output::Drop) comes last, when the avatar
 //!    is already gone.
 //! 2. [`Live`](Output::Live), [`Quiet`](Output::Quiet) and [`Ask`](Output::Ask) say when to report:
-//!    at every tick, only in the cases above, or once.
+//!    when the avatar departs from its course, when it leaves its TBV, or once. A report says how
+//!    many of the first two its client has heard.
 //! 3. [`Correct`](Output::Correct) puts a client back whose claim cannot be true.
 //! 4. [`Appear`](Output::Appear), then [`Poses`](Output::Poses), then [`Vanish`](Output::Vanish):
 //!    an avatar may come into view, is here now, and can no longer be seen.
@@ -103,14 +108,16 @@
 //! - `timing`: how far ahead the engine decides, and how unevenly messages arrive.
 //! - `regions`: where an avatar can be within some time.
 //! - `interest`: who is told of whom, by regions that may see each other.
+//! - `acuity`: how far off its true place a viewer can hardly tell an avatar to be.
+//! - `orders`: what a client was told to leave unsaid, and what it is known to have heard.
 //! - `silence`: which avatars are hidden, and for how long.
 //! - `baselines`: policies that exist only for comparison.
 //!
 //! # How far ahead
 //!
 //! Interest is decided for regions, not for points: where each eye and each body can be until the
-//! word of the next tick stands at the viewer. The argument below shows that this misses nothing,
-//! and what bounds it.
+//! word of the next tick stands at the viewer. The argument below shows what silence says of a live
+//! client, that nothing is missed, and what bounds it.
 //!
 #![doc = include_str!("timing/horizon.md")]
 
