@@ -145,7 +145,7 @@ impl Engine {
     /// Takes in a client's report.
     pub(crate) fn report(&mut self, now: Duration, id: AvatarId, report: &Report) {
         let Some(slot) = self.population.slot(id) else { return };
-        let Self { building, population, workspace, stats, pending, .. } = self;
+        let Self { building, config, population, workspace, stats, pending, .. } = self;
         let avatar = population.at_mut(slot);
         let pose = report.pose;
         let claim = Claim {
@@ -166,7 +166,7 @@ impl Engine {
             ClaimVerdict::Old => {}
             ClaimVerdict::Accepted => {
                 stats.reports += 1;
-                avatar.arrivals.hear(now, report.made);
+                avatar.arrivals.hear(now, report.made, config.tick);
                 self.accept(now, slot, pose, Some(report));
             }
             ClaimVerdict::Refused { correct } => {

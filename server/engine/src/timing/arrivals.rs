@@ -14,6 +14,9 @@ const REPORT_AGE_MAX: Duration = Duration::from_secs(20);
 /// been seen yet.
 const SAFETY: u32 = 5;
 const SAFETY_PER: u32 = 4;
+/// A report between two ticks may bear a time that is later by one part of a tick in this many:
+/// each report's time is later than that of the one before.
+const AHEAD_PARTS: u32 = 16;
 /// The part of the margin for clocks and threads.
 const MARGIN_MIN: Duration = Duration::from_millis(2);
 
@@ -32,12 +35,16 @@ pub(crate) struct Arrivals {
     reports: VecDeque<Arrival>,
     /// The least and the greatest lag of these.
     lags_us: [i64; 2],
+    /// The least lag of these, if none bears too late a time.
+    least_sure_us: i64,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Arrival {
     heard: Duration,
     lag_us: i64,
+    /// The greatest lag that it may have had, since its time may be too late.
+    sure_us: i64,
 }
 
 /// The last moment of which a client's word is known for sure.
@@ -51,7 +58,7 @@ pub(crate) struct LastKnown {
 
 impl Arrivals {
     pub(crate) fn new(margin: Margin) -> Self {
-        Self { margin, measured: None, reports: VecDeque::new(), lags_us: [0; 2] }
+        Self { margin, measured: None, reports: VecDeque::new(), lags_us: [0; 2], least_sure_us: 0 }
     }
 
     /// The time by which a message may be later than half of the round trip.
@@ -63,8 +70,11 @@ impl Arrivals {
     }
 
     /// Takes in the arrival of a report that was made at a time on the client's clock.
-    pub(crate) fn hear(&mut self, now: Duration, made: Duration) {
-        self.reports.push_back(Arrival { heard: now, lag_us: micros(now) - micros(made) });
+    pub(crate) fn hear(&mut self, now: Duration, made: Duration, tick: Duration) {
+        let lag_us = micros(now) - micros(made);
+        let is_at_tick = made.as_nanos().is_multiple_of(tick.as_nanos().max(1));
+        let ahead_us = if is_at_tick { 0 } else { micros(tick / AHEAD_PARTS) };
+        self.reports.push_back(Arrival { heard: now, lag_us, sure_us: lag_us + ahead_us });
         let is_old = |oldest: &Arrival| oldest.heard + REPORT_AGE_MAX < now;
         while self.reports.len() > REPORTS_MAX
             || self.reports.len() > REPORTS_MIN && self.reports.front().is_some_and(is_old)
@@ -73,6 +83,8 @@ impl Arrivals {
         }
         let lags = || self.reports.iter().map(|arrival| arrival.lag_us);
         self.lags_us = [lags().min().unwrap_or(0), lags().max().unwrap_or(0)];
+        let sure = self.reports.iter().map(|arrival| arrival.sure_us);
+        self.least_sure_us = sure.min().unwrap_or(0);
         if self.reports.len() >= REPORTS_MIN {
             self.measured = Some(self.spread() * SAFETY / SAFETY_PER + MARGIN_MIN);
         }
@@ -91,7 +103,7 @@ impl Arrivals {
         one_way: Duration,
     ) -> LastKnown {
         let [least_us, _] = self.lags_us;
-        let heard_us = micros(now) - least_us - micros(self.margin());
+        let heard_us = micros(now) - self.least_sure_us - micros(self.margin());
         let tick_us = micros(tick).max(1);
         let known_us = (heard_us.div_euclid(tick_us) * tick_us).max(micros(made));
         // The least lag may itself be that of a late message, by what is left of the margin.
@@ -140,7 +152,7 @@ mod tests {
     fn heard(reports: u32, jitter: Duration) -> Arrivals {
         let (mut known, mut rng) = (Arrivals::new(MARGIN), SmallRng::seed_from_u64(7));
         for made in (1..=reports).map(|i| TICK * i) {
-            known.hear(ms(300) + made + jitter.mul_f64(rng.random()), made);
+            known.hear(ms(300) + made + jitter.mul_f64(rng.random()), made, TICK);
         }
         known
     }
@@ -161,7 +173,7 @@ mod tests {
         for i in 0..30 {
             let made = Duration::from_secs(60 + i);
             let late = if i == 2 { ms(30) } else { Duration::ZERO };
-            known.hear(ms(300) + made + late, made);
+            known.hear(ms(300) + made + late, made, TICK);
             assert_eq!(known.margin() > ms(30), (2..=22).contains(&i), "{i}");
         }
     }
@@ -179,6 +191,15 @@ mod tests {
     }
 
     #[test]
+    fn an_answer_that_bears_a_later_time_makes_no_report_early() {
+        let mut known = heard(100, Duration::ZERO);
+        let (made, later) = (TICK * 100, TICK / 32);
+        known.hear(made + ms(300), made + later, TICK);
+        let at = made + TICK + ms(301);
+        assert_eq!(known.last_known(at, made + later, TICK, ms(40)).after, Duration::ZERO);
+    }
+
+    #[test]
     fn what_counts_as_known_was_said_whatever_the_jitter() {
         let mut rng = SmallRng::seed_from_u64(3);
         for _ in 0..200 {
@@ -190,7 +211,8 @@ mod tests {
                 let made = TICK * i;
                 let truly = made + clock;
                 if rng.random_bool(0.1) {
-                    known.hear(truly + ms(one_way_ms + rng.random_range(0..=jitter_ms)), made);
+                    let way = ms(one_way_ms + rng.random_range(0..=jitter_ms));
+                    known.hear(truly + way, made, TICK);
                     last = Some(made);
                 }
                 let Some(last) = last else { continue };
