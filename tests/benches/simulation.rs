@@ -6,7 +6,7 @@
 //! ```
 //!
 //! The second command repeats one simulation and prints everything about it. The bench fails when a
-//! promise is broken. With `--fault` it injects a fault into the engine, runs each simulation with
+//! promise is broken. With `--fault` it injects a fault, runs each simulation with
 //! and without it, and fails when too few of the simulations in which the fault could act find it.
 
 use std::{
@@ -41,7 +41,7 @@ struct Args {
     /// The number of buildings to compile. The building of a seed depends on it.
     #[arg(long, value_name = "N", default_value_t = 200)]
     buildings: u64,
-    /// Inject a fault into the engine, and count how often it is found.
+    /// Inject a fault, and count how often it is found.
     #[arg(long, default_value = "none")]
     fault: FaultFlag,
     #[command(flatten)]
@@ -56,6 +56,9 @@ enum FaultFlag {
     LostPortal,
     LateExpiry,
     WideRegions,
+    DepartureLate,
+    ToleranceDoubled,
+    LostDeparture,
 }
 
 impl From<FaultFlag> for Fault {
@@ -67,6 +70,9 @@ impl From<FaultFlag> for Fault {
             FaultFlag::LostPortal => Self::LostPortal,
             FaultFlag::LateExpiry => Self::LateExpiry,
             FaultFlag::WideRegions => Self::WideRegions,
+            FaultFlag::DepartureLate => Self::DepartureLate,
+            FaultFlag::ToleranceDoubled => Self::ToleranceDoubled,
+            FaultFlag::LostDeparture => Self::LostDeparture,
         }
     }
 }

@@ -69,7 +69,7 @@ use sightline_world::World;
 
 pub use comparison::Comparison;
 pub use network::NetworkConditions;
-pub use options::{OracleStride, ReplayOptions};
+pub use options::{ClientFaults, OracleStride, ReplayOptions};
 pub use report::{ClientReport, MissedAvatar, OracleReport, ReplayReport, StalePosition};
 pub use tick_view::TickView;
 

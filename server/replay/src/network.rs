@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_protocol::pose_stream::RESEND_TICKS;
 use sightline_world::motion::AvatarId;
 
-use super::packets::Packet;
+use super::{options::ClientFaults, packets::Packet};
 
 /// A lost piece of a stream arrives this much later than one more round trip.
 const RETRANSMISSION: Duration = Duration::from_millis(25);
@@ -49,6 +49,8 @@ pub(super) struct SimulatedNetwork {
     conditions: NetworkConditions,
     round_trip: Duration,
     tick: Duration,
+    /// Whether departures that are lost never arrive: a fault for tests of the tests.
+    departures_lost: bool,
     /// How many whole seconds have begun.
     second: u64,
     rng: SmallRng,
@@ -59,6 +61,8 @@ pub(super) struct SimulatedNetwork {
     links: BTreeMap<LinkId, Link>,
     /// Until when each client counts as late.
     late_until: BTreeMap<AvatarId, Duration>,
+    /// Until when a message of each client is overdue.
+    overdue_until: BTreeMap<AvatarId, Duration>,
 }
 
 /// One direction of one client's connection.
@@ -92,6 +96,8 @@ struct Link {
     losses: VecDeque<Loss>,
     /// How many of the newest datagrams were lost in a row.
     lost_in_a_row: u32,
+    /// The shortest time that a message took.
+    way_min: Option<Duration>,
 }
 
 /// A lost datagram, or a lost piece of a stream.
@@ -123,13 +129,20 @@ impl SimulatedNetwork {
             conditions,
             round_trip,
             tick,
+            departures_lost: false,
             second: 0,
             rng: SmallRng::seed_from_u64(conditions.seed),
             packets: BTreeMap::new(),
             sent: 0,
             links: BTreeMap::new(),
             late_until: BTreeMap::new(),
+            overdue_until: BTreeMap::new(),
         }
+    }
+
+    /// The network with the faults that a test injects.
+    pub(super) fn with_faults(self, faults: &ClientFaults) -> Self {
+        Self { departures_lost: faults.departures_lost, ..self }
     }
 
     /// Moves the clock on. Returns whether clients' round trips have changed.
@@ -222,6 +235,12 @@ impl SimulatedNetwork {
         self.late_until.get(&client).is_some_and(|until| now <= *until)
     }
 
+    /// Whether a message of a client is on its way that takes longer than its quickest one, by more
+    /// than its margin allows. Then the server may take the client's silence for word of it.
+    pub(super) fn is_overdue(&self, now: Duration, client: AvatarId) -> bool {
+        self.overdue_until.get(&client).is_some_and(|until| now <= *until)
+    }
+
     /// Takes the next packet that has arrived, with its time of arrival.
     pub(super) fn receive(&mut self, now: Duration) -> Option<(Duration, Packet)> {
         let entry = self.packets.first_entry()?;
@@ -255,6 +274,7 @@ impl SimulatedNetwork {
         if id.is_up && arrival > now + self.known_round_trip(id.client) / 2 + margin {
             self.note_late(arrival, margin, id.client);
         }
+        self.note_way(id, [now, arrival], margin);
         self.put(arrival, packet);
     }
 
@@ -274,6 +294,9 @@ impl SimulatedNetwork {
         let id = LinkId::of(&packet);
         let mut arrival = now + self.delay(id.client);
         while self.happens(self.conditions.loss) {
+            if self.departures_lost && packet.is_departure() {
+                return;
+            }
             let delay = self.round_trip(id.client) + RETRANSMISSION;
             arrival += delay;
             self.links.entry(id).or_default().lose(Loss { sent: now, delay });
@@ -284,7 +307,20 @@ impl SimulatedNetwork {
         if arrival > now + self.known_round_trip(id.client) / 2 + margin {
             self.note_late(arrival, margin, id.client);
         }
+        self.note_way(id, [now, arrival], margin);
         self.put(arrival, packet);
+    }
+
+    /// Takes in when a message was sent and when it arrives.
+    fn note_way(&mut self, id: LinkId, [sent, arrival]: [Duration; 2], margin: Duration) {
+        debug_assert!(sent <= arrival, "a message takes time");
+        let way = arrival.saturating_sub(sent);
+        let way_min = self.links.entry(id).or_default().way_min.get_or_insert(way);
+        *way_min = way.min(*way_min);
+        if id.is_up && way > *way_min + margin {
+            let overdue = self.overdue_until.entry(id.client).or_default();
+            *overdue = arrival.max(*overdue);
+        }
     }
 
     /// Marks a client as late until the server has answered the late message, the client has acted
@@ -334,7 +370,8 @@ mod tests {
     fn report(number: u32, on_stream: bool) -> Packet {
         let bytes = number.to_le_bytes().to_vec();
         let payload = if on_stream { Payload::Frame(bytes) } else { Payload::Datagram(bytes) };
-        Packet::Up(Uplink { avatar: CLIENT, sent: ms(0), request: Request::Bytes(payload) })
+        let request = Request::Bytes(payload);
+        Packet::Up(Uplink { avatar: CLIENT, sent: ms(0), is_departure: false, request })
     }
 
     /// Sends a report every 50 ms. Returns the number and the delay of each that arrives.

@@ -22,6 +22,28 @@ pub struct ReplayOptions {
     /// Whether the audit also looks ahead, for over-send against the horizon. That is most of its
     /// work.
     pub look_ahead: bool,
+    /// Faults for tests of the tests.
+    #[doc(hidden)]
+    pub faults: ClientFaults,
+}
+
+/// Faults of clients that a test injects, to see that another test finds them. The default injects
+/// none.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClientFaults {
+    /// Whether clients tell a departure one tick late.
+    pub departures_late: bool,
+    /// The factor by which clients' tolerances are larger than those that the server orders.
+    pub tolerance_scale: f32,
+    /// Whether a departure that the network loses is never sent again.
+    pub departures_lost: bool,
+}
+
+impl Default for ClientFaults {
+    fn default() -> Self {
+        Self { departures_late: false, tolerance_scale: 1.0, departures_lost: false }
+    }
 }
 
 impl ReplayOptions {
@@ -31,7 +53,8 @@ impl ReplayOptions {
         let config = Config { policy, margin: Margin::Fixed(Duration::ZERO), ..Config::default() };
         let network = NetworkConditions::default();
         let oracle = OracleStride::Auto;
-        Self { config, round_trip, network, length: None, oracle, look_ahead: true }
+        let (length, faults) = (None, ClientFaults::default());
+        Self { config, round_trip, network, length, oracle, look_ahead: true, faults }
     }
 }
 

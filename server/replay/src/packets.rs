@@ -36,6 +36,8 @@ pub(super) struct Uplink {
     pub(super) avatar: AvatarId,
     /// When the client sent it; a pose in it is the one of that moment.
     pub(super) sent: Duration,
+    /// Whether it tells that the avatar departs from its course.
+    pub(super) is_departure: bool,
     pub(super) request: Request,
 }
 
@@ -62,6 +64,10 @@ impl Packet {
         matches!(self, Self::Up(_))
     }
 
+    pub(super) fn is_departure(&self) -> bool {
+        matches!(self, Self::Up(Uplink { is_departure: true, .. }))
+    }
+
     /// Whether it travels in a datagram. All other packets travel on a stream.
     pub(super) fn is_datagram(&self) -> bool {
         match self {
@@ -80,7 +86,8 @@ impl Uplink {
             Outgoing::Datagram(bytes) => Payload::Datagram(bytes),
             Outgoing::Message(message) => Payload::Frame(frame::encode(&message)),
         };
-        Self { avatar, sent: Duration::ZERO, request: Request::Bytes(payload) }
+        let request = Request::Bytes(payload);
+        Self { avatar, sent: Duration::ZERO, is_departure: false, request }
     }
 
     /// Its length on the wire, in bytes.

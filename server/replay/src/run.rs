@@ -60,10 +60,11 @@ impl<'a> Run<'a> {
         let engine = Engine::new(Arc::clone(world), options.config.clone());
         let (round_trip, tick) = (options.round_trip, options.config.tick);
         Self {
-            clients: SimulatedClients::new(trace, &engine),
+            clients: SimulatedClients::new(trace, &engine, options.faults),
             audit: Audit::new(world, trace, options),
             engine,
-            network: SimulatedNetwork::new(options.network, round_trip, tick),
+            network: SimulatedNetwork::new(options.network, round_trip, tick)
+                .with_faults(&options.faults),
             outbound: BTreeMap::new(),
             hellos: BTreeMap::new(),
             last_reports: BTreeMap::new(),
@@ -171,7 +172,7 @@ impl<'a> Run<'a> {
 
     /// Takes in a message that has reached the server.
     fn receive(&mut self, at: Duration, uplink: Uplink) -> io::Result<()> {
-        let Uplink { avatar, request, sent } = uplink;
+        let Uplink { avatar, request, sent, .. } = uplink;
         let times = LastReport { heard: at, sampled: sent };
         match request {
             Request::Bytes(Payload::Frame(bytes)) => {

@@ -6,24 +6,25 @@ use glam::Vec3;
 use sightline_cli::trace::Trace;
 use sightline_client_core::{
     replica::{Event, Outgoing, Replica},
-    reporting::ReportingCounts,
+    reporting::{ReportReason, ReportingCounts},
 };
 use sightline_engine::{Claim, ClaimLimits, ClaimVerdict, Engine, MovementBudget};
 use sightline_protocol::{
     VERSION,
     message::{ClientMessage, ServerMessage},
     pose_stream::{Ack, ClientDatagram},
-    quantise::WirePose,
+    quantise::{WirePose, WireTolerance},
     text::Name,
 };
 use sightline_world::{
     geometry::Confines,
-    motion::{Agility, AvatarId, Pose, ReportingState},
+    motion::{Agility, AvatarId, Pose, ReportingState, Tolerance},
     tolerance::WIRE_POSE_M,
 };
 
 use super::{
     network::SimulatedNetwork,
+    options::ClientFaults,
     packets::{COLOUR, Payload, Request, Uplink, unframe},
 };
 
@@ -51,6 +52,8 @@ pub(super) struct SimulatedClient {
     pub(super) reports: u32,
     /// How many reports it has made since its last tick.
     reports_since_tick: u32,
+    /// Whether it kept silent about a departure at its last tick, by an injected fault.
+    is_departure_untold: bool,
 }
 
 impl SimulatedClient {
@@ -68,6 +71,7 @@ impl SimulatedClient {
             claims: 0,
             reports: 0,
             reports_since_tick: 0,
+            is_departure_untold: false,
         }
     }
 
@@ -93,18 +97,36 @@ impl SimulatedClient {
         verdict == ClaimVerdict::Accepted
     }
 
+    /// What the client sends at its tick.
+    fn act(
+        &mut self,
+        now: Duration,
+        round_trip: Duration,
+        faults: &ClientFaults,
+    ) -> Option<Outgoing> {
+        let departs =
+            faults.departures_late && self.replica.report_due(now) == Some(ReportReason::Departed);
+        self.is_departure_untold = departs && !self.is_departure_untold;
+        if self.is_departure_untold { None } else { self.replica.tick(now, round_trip) }
+    }
+
     /// Takes in what has arrived. Returns whether the server has ended the connection.
     ///
     /// # Panics
     /// When the bytes break the protocol.
-    fn receive(&mut self, at: Duration, payload: &Payload) -> bool {
+    fn receive(&mut self, at: Duration, payload: &Payload, faults: &ClientFaults) -> bool {
         let event = match payload {
             Payload::Datagram(bytes) => {
                 self.replica.datagram(at, bytes).expect("a datagram that was just encoded");
                 return false;
             }
             Payload::Frame(bytes) => {
-                let message = unframe(bytes, ServerMessage::decode);
+                let mut message = unframe(bytes, ServerMessage::decode);
+                if let ServerMessage::Live { tolerance } = &mut message
+                    && faults.tolerance_scale != 1.0
+                {
+                    *tolerance = scaled(*tolerance, faults.tolerance_scale);
+                }
                 self.replica.message(at, message).expect("a message in its place")
             }
         };
@@ -149,12 +171,14 @@ pub(super) struct SimulatedClients<'a> {
     jumps: u64,
     left_tbv: u64,
     outside: u64,
+    faults: ClientFaults,
 }
 
 impl<'a> SimulatedClients<'a> {
-    pub(super) fn new(trace: &'a Trace, engine: &Engine) -> Self {
+    pub(super) fn new(trace: &'a Trace, engine: &Engine, faults: ClientFaults) -> Self {
         Self {
             trace,
+            faults,
             agility: engine.agility(),
             limits: engine.limits(),
             // Rounding on the wire leaves no eye outside the world.
@@ -246,7 +270,7 @@ impl<'a> SimulatedClients<'a> {
     ) -> Option<Uplink> {
         let id = self.trace_id(to);
         let client = self.present.get_mut(&id).filter(|client| client.avatar == to)?;
-        if client.receive(at, payload) {
+        if client.receive(at, payload, &self.faults) {
             self.remove(id);
             return None;
         }
@@ -304,7 +328,8 @@ impl<'a> SimulatedClients<'a> {
         client.follow(now, pose, &self.agility);
         let was_quiet = client.replica.reporting_state() == Some(ReportingState::Quiet);
         let round_trip = network.round_trip(client.avatar);
-        let outgoing = client.replica.tick(now, round_trip);
+        let is_departure = client.replica.report_due(now) == Some(ReportReason::Departed);
+        let outgoing = client.act(now, round_trip, &self.faults);
         client.replica.reporting_state()?;
         let is_report = outgoing.as_ref().is_some_and(|outgoing| report_in(outgoing).is_some());
         if !is_report && !client.has_jumped {
@@ -312,7 +337,9 @@ impl<'a> SimulatedClients<'a> {
         }
         let is_valid = client.replica.tbv().is_some_and(|tbv| now + self.tick <= tbv.expiry);
         let uplink = match outgoing {
-            Some(outgoing) if is_report => self.send_report(id, now, outgoing),
+            Some(outgoing) if is_report => {
+                Uplink { is_departure, ..self.send_report(id, now, outgoing) }
+            }
             // An acknowledgement goes with the jump.
             Some(Outgoing::Datagram(bytes)) => {
                 let ack = ClientDatagram::decode(&bytes).ok().map(|datagram| datagram.ack);
@@ -348,8 +375,15 @@ impl<'a> SimulatedClients<'a> {
         client.settled_at = now;
         client.claimed_eye = pose.eye;
         client.reports_since_tick += 1;
-        Uplink { avatar: client.avatar, sent: now, request: Request::Relocate { pose, ack } }
+        let request = Request::Relocate { pose, ack };
+        Uplink { avatar: client.avatar, sent: now, is_departure: false, request }
     }
+}
+
+/// A tolerance that allows so many times as much.
+fn scaled(tolerance: WireTolerance, scale: f32) -> WireTolerance {
+    let Tolerance { metres, radians, ahead } = tolerance.into();
+    (&Tolerance { metres: metres * scale, radians: radians * scale, ahead }).into()
 }
 
 /// A pose as the server decodes it.

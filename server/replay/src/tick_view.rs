@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use glam::Vec3;
 use sightline_engine::{Engine, Output};
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, Pose};
 
 use super::{network::SimulatedNetwork, simulated_clients::SimulatedClients};
 
@@ -47,6 +47,11 @@ impl<'a> TickView<'a> {
         self.clients.present().map(|client| (client.avatar, client.pose.eye))
     }
 
+    /// The true pose of an avatar at a time; `None` when it was not there.
+    pub fn pose_at(&self, avatar: AvatarId, at: Duration) -> Option<Pose> {
+        self.clients.pose_at(avatar, at)
+    }
+
     /// A client's round trip as the engine knows it, without jitter and loss.
     pub fn round_trip(&self, avatar: AvatarId) -> Duration {
         let known = self.engine.round_trip(avatar);
@@ -66,6 +71,12 @@ impl<'a> TickView<'a> {
     /// When the pose of that report was true.
     pub fn last_sampled(&self, avatar: AvatarId) -> Option<Duration> {
         self.last_reports.get(&avatar).map(|last| last.sampled)
+    }
+
+    /// Whether a client's message is on its way that takes longer than its quickest one, by more
+    /// than the engine allows for.
+    pub fn is_overdue(&self, avatar: AvatarId) -> bool {
+        self.network.is_overdue(self.now, avatar)
     }
 
     /// Whether a message from or to a client recently took longer than the engine allows for.

@@ -23,6 +23,9 @@ const SILENT_MAX: Duration = Duration::from_secs(1);
 pub const SMALL_TBV_SCALE: f32 = 0.9;
 /// The rounding of positions on the wire and in sums, in metres.
 const ROUNDING_M: f32 = 0.02;
+/// The rounding of courses, in metres and in radians.
+const COURSE_ROUNDING_M: f32 = 0.005;
+const COURSE_ROUNDING_RADIANS: f32 = 0.005;
 /// The number of ticks of a client from which the engine may count where it is.
 const COURSE_TICKS: u32 = 12;
 /// The number of directions in which straight walks are tried.
@@ -51,6 +54,8 @@ pub enum Violation {
     Late,
     /// An honest claim was refused.
     Refused,
+    /// The silence of a client was taken to mean that its avatar was on course, and it was not.
+    OffCourse,
 }
 
 impl fmt::Display for Violation {
@@ -63,6 +68,7 @@ impl fmt::Display for Violation {
             Self::Short => "the notice is too short",
             Self::Late => "asked too late",
             Self::Refused => "an honest claim refused",
+            Self::OffCourse => "off the course that its silence stands for",
         })
     }
 }
@@ -137,6 +143,7 @@ impl InvariantChecker {
     pub fn check(&mut self, moment: &TickView<'_>) {
         self.check_silence(moment);
         self.check_refusals(moment);
+        self.check_courses(moment);
         self.check_leaks(moment);
         self.check_tbvs(moment);
         let tolerance = |id| Some((id, moment.engine.tolerance(id)?));
@@ -186,6 +193,40 @@ impl InvariantChecker {
                 self.note(moment, &Violation::Refused, *to, "");
             }
         }
+    }
+
+    /// Where the engine takes silence to mean that an avatar was on course, it truly was.
+    fn check_courses(&mut self, moment: &TickView<'_>) {
+        for id in moment.engine.avatars() {
+            let is_late = moment.is_late(id) || moment.is_overdue(id);
+            let is_excused = is_late || self.is_on_the_way(moment, id);
+            if !is_excused && self.is_on_course(moment, id) == Some(false) {
+                self.note(moment, &Violation::OffCourse, id, "");
+            }
+        }
+    }
+
+    /// Whether an avatar was on course at its client's last tick that the engine counts. `None`
+    /// when the engine counts none since the last report.
+    fn is_on_course(&self, moment: &TickView<'_>, id: AvatarId) -> Option<bool> {
+        let known = moment.engine.known_course(id)?;
+        let tolerance = Tolerance {
+            metres: known.tolerance.metres + COURSE_ROUNDING_M,
+            radians: known.tolerance.radians + COURSE_ROUNDING_RADIANS,
+            ..known.tolerance
+        };
+        // Clients act at the server's ticks. The time of a report is rounded on the wire.
+        let made = moment.last_sampled(id)?;
+        let until = made + known.after + self.tick / 32;
+        let at = self.tick * u32::try_from(until.as_nanos() / self.tick.as_nanos()).ok()?;
+        let agility = moment.engine.agility();
+        let course = moment.engine.pose(id)?.on_course(at.checked_sub(made)?, &agility);
+        let truth = moment.pose_at(id, at)?;
+        let before = moment.pose_at(id, at.saturating_sub(self.tick))?;
+        // A client takes the mean over its last tick for its velocity, if that is likely.
+        let mean = (truth.eye - before.eye) / self.tick.as_secs_f32();
+        let holds = |velocity| tolerance.holds(&course, &Pose { velocity, ..truth }, &agility);
+        Some(holds(mean) || holds(truth.velocity))
     }
 
     /// Whether reports from before an avatar was put elsewhere, or the notice of it, may still be

@@ -8,8 +8,8 @@
 //! * If a ray reaches a sampled point of an avatar's body from a viewer's eye, the viewer's replica
 //!   holds that avatar, and its position is no older than promised.
 //! * [`InvariantChecker`] checks the rest: no message is about an avatar that the viewer cannot
-//!   come to see, none is sent while a TBV lasts, a TBV holds its avatar, and the avatar is asked
-//!   in time.
+//!   come to see, none is sent while a TBV lasts, a TBV holds its avatar, the avatar is asked in
+//!   time, and who is silent is on course.
 //!
 //! Consequences of messages later than the engine allows for are excused, and counted.
 
@@ -32,7 +32,8 @@ use sightline_cli::trace::Trace;
 use sightline_compiler::pvs;
 use sightline_engine::{Config, FaultInjection, Margin, Output, Policy, Validity};
 use sightline_replay::{
-    NetworkConditions, OracleStride, ReplayOptions, ReplayReport, TickView, run_watched,
+    ClientFaults, NetworkConditions, OracleStride, ReplayOptions, ReplayReport, TickView,
+    run_watched,
 };
 use sightline_world::{CellId, Portal, World};
 
@@ -63,12 +64,26 @@ pub enum Fault {
     LateExpiry,
     /// Regions of live avatars are half as large again, so too much is sent.
     WideRegions,
+    /// Clients tell a departure from the course one tick late.
+    DepartureLate,
+    /// Clients allow themselves twice the tolerance that the server knows of.
+    ToleranceDoubled,
+    /// A departure that the network loses is not sent again.
+    LostDeparture,
 }
 
 impl Fault {
     /// All faults.
-    pub const ALL: [Self; 5] =
-        [Self::SmallTbv, Self::ShortNotice, Self::LostPortal, Self::LateExpiry, Self::WideRegions];
+    pub const ALL: [Self; 8] = [
+        Self::SmallTbv,
+        Self::ShortNotice,
+        Self::LostPortal,
+        Self::LateExpiry,
+        Self::WideRegions,
+        Self::DepartureLate,
+        Self::ToleranceDoubled,
+        Self::LostDeparture,
+    ];
 
     /// Whether the fault made a difference, or must have, judged by a simulation without it and
     /// with it.
@@ -80,6 +95,12 @@ impl Fault {
             Self::LostPortal => broken.has_lost_portal,
             Self::LateExpiry => broken.report.expiries > 0,
             Self::WideRegions => broken.observed.told > whole.observed.told,
+            Self::DepartureLate | Self::ToleranceDoubled | Self::LostDeparture => {
+                let sent = |outcome: &SimulationOutcome| {
+                    (outcome.report.reports, outcome.report.bytes_from_client)
+                };
+                sent(whole) != sent(broken)
+            }
         }
     }
 
@@ -95,6 +116,14 @@ impl Fault {
             Self::WideRegions => 0.1,
             // A fault changes what happens before, so that the chance to act may not come about.
             _ => 0.95,
+        }
+    }
+
+    fn client_faults(self) -> ClientFaults {
+        ClientFaults {
+            departures_late: self == Self::DepartureLate,
+            tolerance_scale: if self == Self::ToleranceDoubled { 2.0 } else { 1.0 },
+            departures_lost: self == Self::LostDeparture,
         }
     }
 
@@ -292,6 +321,7 @@ fn options(seed: u64, rng: &mut SmallRng, speed_max: f32, fault: Fault) -> Repla
     };
     options.oracle = OracleStride::Every(options.config.tick);
     options.look_ahead = false;
+    options.faults = fault.client_faults();
     let faults = fault.injection(options.config.tick);
     let validities =
         [Validity::UntilLeft, Validity::UntilLeft, Validity::Maximal, Validity::Adaptive];

@@ -277,6 +277,11 @@ impl Replica {
         }
     }
 
+    /// Why a report is due now; `None` when the client should be silent.
+    pub fn report_due(&self, now: Duration) -> Option<ReportReason> {
+        self.reporter.due(now, &self.own.pose)
+    }
+
     /// What the server expects of this client; `None` before it is in the world.
     pub fn reporting_state(&self) -> Option<ReportingState> {
         self.reporter.state()
