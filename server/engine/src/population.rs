@@ -78,8 +78,10 @@ pub(crate) struct Avatar {
     /// Hidden avatars that this one may see from its footprint, but not from `reveal_box`. Some are
     /// not hidden any more.
     pub(crate) nearby_hidden: Vec<Member>,
-    /// The avatar that kept this one from falling silent the last time.
-    pub(crate) seen_by: Option<Member>,
+    /// Counts the changes of `footprint`.
+    pub(crate) footprint_version: Generation,
+    /// What kept the avatar from falling silent the last time.
+    pub(crate) prevented: Option<Prevented>,
     /// How long the last TBV was made to last.
     pub(crate) validity: Duration,
     /// When the TBV of a hidden avatar begins: when its last report was made.
@@ -195,6 +197,17 @@ fn rounded_up(time: Duration, step: Duration) -> Duration {
     step * u32::try_from(steps).unwrap_or(u32::MAX)
 }
 
+/// What kept an avatar from falling silent.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Prevented {
+    /// The avatar that may see it, or be seen by it.
+    pub(crate) by: Member,
+    /// The footprints of both then.
+    pub(crate) versions: [Generation; 2],
+    /// Where the eyes of both could soon be then.
+    pub(crate) boxes: [Aabb; 2],
+}
+
 /// All avatars.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Population {
@@ -207,8 +220,13 @@ pub(crate) struct Population {
 impl Population {
     /// Whether a member is still present, and not live.
     pub(crate) fn is_hidden(&self, member: Member) -> bool {
+        self.get(member).is_some_and(|avatar| !avatar.is_live())
+    }
+
+    /// The avatar of a member, if it is still present.
+    pub(crate) fn get(&self, member: Member) -> Option<&Avatar> {
         let avatar = self.slots.get(member.slot.0 as usize).and_then(Option::as_ref);
-        avatar.is_some_and(|avatar| avatar.id == member.id && !avatar.is_live())
+        avatar.filter(|avatar| avatar.id == member.id)
     }
 
     pub(crate) fn len(&self) -> usize {

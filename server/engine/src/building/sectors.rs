@@ -52,6 +52,11 @@ impl Sectors {
         self.visible[(space / self.spaces_each) as usize].contains(other / self.spaces_each)
     }
 
+    /// Whether a sector may see another.
+    pub(crate) fn sector_sees(&self, sector: u32, other: u32) -> bool {
+        self.visible[sector as usize].contains(other)
+    }
+
     /// All sectors that are visible from some of these.
     pub(crate) fn visible_from(&self, sectors: &[u32]) -> BitSet {
         let mut all = BitSet::default();

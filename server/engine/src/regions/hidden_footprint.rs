@@ -4,7 +4,10 @@ use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
 use sightline_world::{CellId, geometry::Aabb};
 
 use super::{CoverBoxes, Reach, footprint::room_overlap};
-use crate::{building::Building, sphere::Sphere};
+use crate::{
+    building::{Building, Sectors},
+    sphere::Sphere,
+};
 
 /// What a TBV covers, or what a live avatar can reach before a hidden one that it reveals can be
 /// told of.
@@ -77,6 +80,14 @@ impl HiddenFootprint {
             body_rooms: room_overlap(building, &cover.bodies, body_cells),
             cover,
         }
+    }
+
+    /// Whether, by sectors, an eye here may see a body in another footprint, or the other way round.
+    pub(crate) fn meets(&self, other: &Self, sectors: &Sectors) -> bool {
+        let sees = |eyes: &[u32], bodies: &[u32]| {
+            eyes.iter().any(|eye| bodies.iter().any(|body| sectors.sector_sees(*eye, *body)))
+        };
+        sees(&self.eye_sectors, &other.body_sectors) || sees(&other.eye_sectors, &self.body_sectors)
     }
 
     /// The part of the footprint that is possible while the eye is in a box, in own axes. Its

@@ -94,6 +94,8 @@ impl Silencing<'_> {
         avatar.silence_from = now;
         self.indices.hidden.remove(member, &avatar.footprint);
         avatar.footprint = HiddenFootprint::default();
+        avatar.footprint_version.advance();
+        avatar.prevented = None;
         self.deadlines.expiries.cancel(member.id);
         self.population.set_live(slot);
         let patience = self.population.at(slot).patience(self.view);

@@ -64,6 +64,7 @@ impl Silencing<'_> {
         self.indices.live.remove(member, &avatar.footprint);
         self.indices.live.insert(member, &footprint);
         (avatar.footprint, avatar.nearby_hidden) = (footprint, nearby);
+        avatar.footprint_version.advance();
     }
 
     /// Orders hidden clients to report from now on.

@@ -7,6 +7,7 @@ use sightline_world::{geometry::Aabb, motion::Tbv, tolerance::WIRE_POSE_M};
 use super::Silencing;
 use crate::{
     config::{TbvShape, Validity},
+    population::Prevented,
     regions::{HiddenFootprint, MotionBound, Reach, scaled},
     slot::{Member, Slot},
     sphere::Sphere,
@@ -201,20 +202,39 @@ impl Silencing<'_> {
     /// Whether another avatar may see into a footprint, or be seen from it: by cells first, and
     /// then by sight tests. The avatar that was found the last time is tested first.
     fn is_seen(&mut self, slot: Slot, footprint: &HiddenFootprint) -> bool {
+        let last = self.population.at(slot).prevented.map(|prevented| prevented.by);
+        if let Some(last) = last.filter(|last| self.may_meet(footprint, *last))
+            && self.may_see_each_other(footprint, last.slot)
+        {
+            self.note_prevented(slot, last);
+            return true;
+        }
         let mut found: Vec<Member> = Vec::new();
         for index in [&self.indices.live, &self.indices.hidden] {
             index.meeting(&self.view.building.sectors, footprint, &mut found);
         }
-        found.retain(|other| other.slot != slot);
+        found.retain(|other| other.slot != slot && Some(*other) != last);
         found.sort_unstable();
         found.dedup();
-        let last = self.population.at(slot).seen_by;
-        if let Some(index) = last.and_then(|last| found.binary_search(&last).ok()) {
-            found[..=index].rotate_right(1);
-        }
         let seen_by =
             found.into_iter().find(|other| self.may_see_each_other(footprint, other.slot));
-        self.population.at_mut(slot).seen_by = seen_by.or(last);
+        if let Some(by) = seen_by {
+            self.note_prevented(slot, by);
+        }
         seen_by.is_some()
+    }
+
+    /// Whether an avatar is still present, and by sectors may see a footprint or be seen from it.
+    fn may_meet(&self, footprint: &HiddenFootprint, other: Member) -> bool {
+        let other = self.population.get(other);
+        other.is_some_and(|other| footprint.meets(&other.footprint, &self.view.building.sectors))
+    }
+
+    /// Takes in that an avatar keeps another one from falling silent.
+    fn note_prevented(&mut self, slot: Slot, by: Member) {
+        let [own, other] = [slot, by.slot].map(|slot| self.population.at(slot));
+        let versions = [own.footprint_version, other.footprint_version];
+        let boxes = [own.reveal_box, other.reveal_box];
+        self.population.at_mut(slot).prevented = Some(Prevented { by, versions, boxes });
     }
 }

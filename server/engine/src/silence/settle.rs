@@ -5,11 +5,14 @@ use crate::{
     config::Policy,
     interest::end_pairs,
     messages::Output,
-    population::Avatar,
+    population::{Avatar, Prevented},
     slot::{Member, Slot},
     timing::SILENT_MAX,
     view::View,
 };
+
+/// An avatar for which nothing has changed tries to fall silent once in so many turns.
+const RETRIES_SPARED: u32 = 20;
 
 impl Silencing<'_> {
     /// Settles all live avatars, beginning with the one at whom the budget ran out the last time.
@@ -58,6 +61,20 @@ impl Silencing<'_> {
             && avatar.watchers == 0
             && !avatar.pairs.iter().any(|pair| pair.is_held)
             && horizons.may_be_silent(link)
+            && !self.is_still_prevented(avatar)
+    }
+
+    /// Whether nothing has changed since another avatar kept this one from falling silent: both
+    /// stand where they stood. However little changes, it tries again before long.
+    fn is_still_prevented(&self, avatar: &Avatar) -> bool {
+        let View { config, now, .. } = self.view;
+        let Some(Prevented { by, versions, boxes }) = avatar.prevented else { return false };
+        let since_try = now.saturating_sub(avatar.silence_from) + config.silence_retry;
+        self.population.get(by).is_some_and(|by| {
+            since_try < RETRIES_SPARED * config.silence_retry
+                && versions == [avatar.footprint_version, by.footprint_version]
+                && boxes == [avatar.reveal_box, by.reveal_box]
+        })
     }
 
     /// From live to quiet.
@@ -79,6 +96,7 @@ impl Silencing<'_> {
         self.indices.live.remove(member, &avatar.footprint);
         self.indices.hidden.insert(member, &footprint);
         avatar.footprint = footprint;
+        avatar.footprint_version.advance();
         self.population.set_quiet(slot, tbv, sphere);
         self.add_to_nearby(member);
         self.deadlines.stalls.cancel(member.id);

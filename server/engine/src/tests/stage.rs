@@ -181,13 +181,15 @@ impl Stage {
         }
     }
 
-    /// A stage without delays and with the simplest TBVs, so that figures in a test are simple.
+    /// A stage without delays, with the simplest TBVs and where every move is told, so that figures
+    /// in a test are simple.
     pub fn prompt(world: World) -> Self {
         let config = Config {
             validity: Validity::Constant(Duration::from_secs(1)),
             shape: TbvShape::Sphere,
             margin: Margin::Fixed(Duration::ZERO),
             round_trip_initial: Duration::ZERO,
+            by_exception: false,
             ..Config::default()
         };
         Self::new(world, config)

@@ -335,7 +335,9 @@ fn explanations_name_what_decided() {
 fn kept_for(hold_ticks: u32) -> u32 {
     let margin = Margin::Fixed(Duration::ZERO);
     let round_trip_initial = Duration::ZERO;
-    let config = Config { hold_ticks, margin, round_trip_initial, ..Config::default() };
+    let by_exception = false;
+    let config =
+        Config { hold_ticks, margin, round_trip_initial, by_exception, ..Config::default() };
     let mut stage = Stage::new(row(8), config);
     let (ada, bob) = (stage.join(1, 5.0), stage.join(2, 18.0));
     stage.ticks(2);
