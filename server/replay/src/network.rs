@@ -6,6 +6,7 @@ use std::{
 };
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
+use sightline_client_core::replica::BLEND;
 use sightline_protocol::pose_stream::RESEND_TICKS;
 use sightline_world::motion::AvatarId;
 
@@ -194,9 +195,10 @@ impl SimulatedNetwork {
     pub(super) fn age_bound(&self, now: Duration, viewer: AvatarId, avatar: AvatarId) -> AgeBound {
         let age_max = self.age_max(viewer, avatar);
         let mut bound = age_max;
-        // The older a position may be, the more losses bear on it.
+        // The older a position may be, the more losses bear on it. A course that came late is
+        // joined within a short while.
         loop {
-            let since = now.saturating_sub(bound);
+            let since = now.saturating_sub(bound + BLEND);
             let longer = age_max + self.loss_delay(since, viewer, avatar);
             let longer = longer.min(self.age_bound_max());
             if longer <= bound {

@@ -13,9 +13,12 @@ use crate::sphere::Sphere;
 
 /// The factor by which a claim may exceed the speed limit.
 const SPEED_TOLERANCE: f64 = 1.01;
-/// A client may still use what it left unused of its speed for so long. So reports that were held
-/// up and arrive together are all accepted.
+/// A client may still use what it left unused of its speed for so long and one round trip more. So
+/// reports that were held up and arrive together are all accepted, and so is the next report in
+/// time after one that was lost and sent again.
 const BUNCHING: Duration = Duration::from_millis(250);
+/// No longer round trip counts for that.
+const BUNCHING_ROUND_TRIP_MAX: Duration = Duration::from_millis(400);
 /// Silence longer than this earns no more straight distance.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
 
@@ -148,7 +151,8 @@ impl MovementBudget {
             return self.refuse(now, claim.round_trip, limits);
         };
         let unused_m = (allowed_m - straight_m.max(way_m)).max(0.0);
-        let bunched_m = f64::from(limits.speed_max) * BUNCHING.as_secs_f64();
+        let bunching = BUNCHING + claim.round_trip.min(BUNCHING_ROUND_TRIP_MAX);
+        let bunched_m = f64::from(limits.speed_max) * bunching.as_secs_f64();
         self.unused_m = unused_m.min(bunched_m.max(BUDGET_ROUNDING_M));
         debug_assert!(self.unused_m >= 0.0, "no client owes distance");
         self.accepted = now;
@@ -273,6 +277,18 @@ mod tests {
         assert_eq!(accepted(&bunch), [true, true, true, true, true, false]);
         // Unused distance is lost after a while.
         assert_eq!(accepted(&[(10_000, 0.0), (10_050, 1.0)]), [true, false]);
+    }
+
+    #[test]
+    fn the_report_after_one_that_was_sent_again_is_accepted() {
+        let mut budget = MovementBudget::new(ms(0));
+        let round_trip = ms(300);
+        // One report a second, at top speed. The second one is lost, and comes again.
+        for (i, (t, x)) in [(1_150, 2.0), (2_475, 4.0), (3_150, 6.0)].into_iter().enumerate() {
+            let claim = at(x);
+            let claim = Claim::new(order(i), &claim, at(x - 2.0).eye, round_trip);
+            assert_eq!(judge_freely(&mut budget, ms(t), &claim), ClaimVerdict::Accepted, "{t}");
+        }
     }
 
     #[test]

@@ -17,6 +17,8 @@ const SAFETY_PER: u32 = 4;
 /// A report between two ticks may bear a time that is later by one part of a tick in this many:
 /// each report's time is later than that of the one before.
 const AHEAD_PARTS: u32 = 16;
+/// Its time may be earlier by one part of a tick in this many: it is rounded down on the wire.
+const ROUNDING_PARTS: u32 = 64;
 /// The part of the margin for clocks and threads.
 const MARGIN_MIN: Duration = Duration::from_millis(2);
 
@@ -35,16 +37,19 @@ pub(crate) struct Arrivals {
     reports: VecDeque<Arrival>,
     /// The least and the greatest lag of these.
     lags_us: [i64; 2],
-    /// The least lag of these, if none bears too late a time.
-    least_sure_us: i64,
+    /// The least lag of these, at least and at most.
+    least_us: [i64; 2],
+    /// By how much the slowest of these was later than the fastest, without those that were later
+    /// than the margin allows.
+    usual: Duration,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Arrival {
     heard: Duration,
     lag_us: i64,
-    /// The greatest lag that it may have had, since its time may be too late.
-    sure_us: i64,
+    /// The least and the greatest lag that it may have had.
+    within_us: [i64; 2],
 }
 
 /// The last moment of which a client's word is known for sure.
@@ -58,7 +63,14 @@ pub(crate) struct LastKnown {
 
 impl Arrivals {
     pub(crate) fn new(margin: Margin) -> Self {
-        Self { margin, measured: None, reports: VecDeque::new(), lags_us: [0; 2], least_sure_us: 0 }
+        Self {
+            margin,
+            measured: None,
+            reports: VecDeque::new(),
+            lags_us: [0; 2],
+            least_us: [0; 2],
+            usual: Duration::ZERO,
+        }
     }
 
     /// The time by which a message may be later than half of the round trip.
@@ -73,8 +85,12 @@ impl Arrivals {
     pub(crate) fn hear(&mut self, now: Duration, made: Duration, tick: Duration) {
         let lag_us = micros(now) - micros(made);
         let is_at_tick = made.as_nanos().is_multiple_of(tick.as_nanos().max(1));
-        let ahead_us = if is_at_tick { 0 } else { micros(tick / AHEAD_PARTS) };
-        self.reports.push_back(Arrival { heard: now, lag_us, sure_us: lag_us + ahead_us });
+        let within_us = if is_at_tick {
+            [lag_us; 2]
+        } else {
+            [lag_us - micros(tick / ROUNDING_PARTS), lag_us + micros(tick / AHEAD_PARTS)]
+        };
+        self.reports.push_back(Arrival { heard: now, lag_us, within_us });
         let is_old = |oldest: &Arrival| oldest.heard + REPORT_AGE_MAX < now;
         while self.reports.len() > REPORTS_MAX
             || self.reports.len() > REPORTS_MIN && self.reports.front().is_some_and(is_old)
@@ -83,11 +99,15 @@ impl Arrivals {
         }
         let lags = || self.reports.iter().map(|arrival| arrival.lag_us);
         self.lags_us = [lags().min().unwrap_or(0), lags().max().unwrap_or(0)];
-        let sure = self.reports.iter().map(|arrival| arrival.sure_us);
-        self.least_sure_us = sure.min().unwrap_or(0);
+        let least = |which: usize| self.reports.iter().map(move |a| a.within_us[which]).min();
+        self.least_us = [0, 1].map(|which| least(which).unwrap_or(0));
         if self.reports.len() >= REPORTS_MIN {
             self.measured = Some(self.spread() * SAFETY / SAFETY_PER + MARGIN_MIN);
         }
+        let on_time_us = self.least_us[0] + micros(self.margin());
+        let on_time = self.reports.iter().map(|a| a.lag_us).filter(|lag_us| *lag_us <= on_time_us);
+        let usual_us = on_time.max().map_or(0, |lag_us| (lag_us - self.least_us[0]).max(0));
+        self.usual = Duration::from_micros(usual_us.unsigned_abs());
     }
 
     /// The last of the client's ticks of which it is known by now whether it reported, or the time
@@ -102,12 +122,13 @@ impl Arrivals {
         tick: Duration,
         one_way: Duration,
     ) -> LastKnown {
-        let [least_us, _] = self.lags_us;
-        let heard_us = micros(now) - self.least_sure_us - micros(self.margin());
+        let [least_us, least_sure_us] = self.least_us;
+        let heard_us = micros(now) - least_sure_us - micros(self.margin());
         let tick_us = micros(tick).max(1);
         let known_us = (heard_us.div_euclid(tick_us) * tick_us).max(micros(made));
         // The least lag may itself be that of a late message, by what is left of the margin.
-        let unsure = self.margin().saturating_sub(self.spread());
+        // Messages that are later than that say nothing about it.
+        let unsure = self.margin().saturating_sub(self.usual);
         let since_us = (micros(now) - least_us - known_us).max(0);
         LastKnown {
             after: Duration::from_micros((known_us - micros(made)).unsigned_abs()),
@@ -188,6 +209,17 @@ mod tests {
         assert_eq!(at(51), LastKnown { after: ms(0), age: ms(93) });
         assert_eq!(at(52), LastKnown { after: TICK, age: ms(44) });
         assert_eq!(at(1_002), LastKnown { after: TICK * 20, age: ms(44) });
+    }
+
+    #[test]
+    fn a_message_that_is_too_late_does_not_show_that_the_others_were_fast() {
+        let mut known = Arrivals::new(Margin::Fixed(ms(20)));
+        known.hear(TICK + ms(300), TICK, TICK);
+        known.hear(TICK * 2 + ms(308), TICK * 2, TICK);
+        let age = |known: &Arrivals| known.last_known(TICK * 3, TICK * 3, TICK, ms(40)).age;
+        assert_eq!(age(&known), ms(40 + 12));
+        known.hear(TICK * 3 + ms(400), TICK * 3, TICK);
+        assert_eq!(age(&known), ms(40 + 12));
     }
 
     #[test]

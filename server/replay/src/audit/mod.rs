@@ -10,6 +10,7 @@ use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 use rayon::prelude::*;
 use sightline_cli::trace::Trace;
+use sightline_client_core::replica::BLEND;
 use sightline_engine::Engine;
 use sightline_oracle::Oracle;
 use sightline_visibility::rooms::SealedRooms;
@@ -150,6 +151,7 @@ impl Audit {
             pose: client.pose,
             past: Past::new(clients, client, [now, since], self.tick),
             is_settled: client.settled_at + self.settling <= now,
+            is_joined: client.settled_at + self.settling + 2 * BLEND <= now,
             is_late: network.is_late(now, client.avatar),
             reports: client.reports,
             motion: self.motion(now, client, clients, network),

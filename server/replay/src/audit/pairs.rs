@@ -30,6 +30,9 @@ pub(super) struct Participant<'a> {
     pub(super) past: Past,
     /// Whether its last join or jump was long enough ago.
     pub(super) is_settled: bool,
+    /// Whether nobody who is told in time still shows it on its way from where it was before it
+    /// settled.
+    pub(super) is_joined: bool,
     /// Whether one of its messages recently took longer than the engine allows for.
     pub(super) is_late: bool,
     /// How many reports it made between its last two ticks.
@@ -110,7 +113,7 @@ impl Audit {
                 (true, None) => findings.miss(&pair),
                 (true, Some(shown)) if pair.is_settled() => {
                     findings.shown_errors.add(&shown.pose, &other.pose);
-                    if !pair.is_late() {
+                    if !pair.is_late() && other.is_joined {
                         findings.compare_age(&pair, shown, scene);
                     }
                 }
