@@ -1,12 +1,12 @@
 //! Acuity: how far off its true pose an avatar may be shown, so that a viewer can hardly tell.
 
-use sightline_world::{World, motion::Body};
+use sightline_world::{
+    World,
+    motion::{ACUITY_DISTANCES, Body},
+};
 
 /// The finest tolerance is this part of the half width of a body: 5 cm for a person.
 const FINEST: f32 = 0.25;
-/// A tolerance is the distance to the viewer over this. In a picture that is 1,280 pixels wide with
-/// an angle of 90 degrees an avatar is then off by ten pixels at most.
-const DISTANCES: f32 = 64.0;
 /// A turn by the tolerance moves no part of a body farther than the tolerance of places. The
 /// corners of a body are half again as far from its middle as its sides.
 const CORNER: f32 = 1.5;
@@ -22,7 +22,7 @@ impl Acuity {
     /// The acuity of a viewer at a distance in metres.
     pub(crate) fn at(world: &World, away_m: f32) -> Self {
         let (finest_m, coarsest_m) = (finest_m(&world.body), coarsest_m(&world.body));
-        Self::of(&world.body, (away_m / DISTANCES).clamp(finest_m, coarsest_m))
+        Self::of(&world.body, (away_m / ACUITY_DISTANCES).clamp(finest_m, coarsest_m))
     }
 
     /// The acuity where nobody sees the avatar.

@@ -9,16 +9,17 @@ use glam::Vec3;
 use serde::Serialize;
 use sightline_cli::percentile;
 use sightline_client_core::reporting::ReportingCounts;
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{ACUITY_DISTANCES, AvatarId};
 
 use super::{STEP, SwarmSnapshot};
 use crate::net::{Session, SessionStats};
 
 /// How long the past positions of a visitor are kept.
 const HISTORY: Duration = Duration::from_secs(3);
-/// The distance within which an avatar is shown where it was, in metres: a tolerance of 5 cm, and
-/// 2 cm for rounding.
-const SAME_PLACE: f32 = 0.07;
+/// The least tolerance of a person, in metres.
+const TOLERANCE_MIN_M: f32 = 0.05;
+/// What rounding adds to tolerances, in metres.
+const ROUNDING_M: f32 = 0.02;
 /// The width of a bin in the histogram of ages, in milliseconds.
 const AGE_BIN_MS: f64 = 5.0;
 
@@ -56,8 +57,8 @@ pub struct SwarmReport {
     /// The 99th percentile of the distances between where a visitor is shown and where it is then,
     /// in metres.
     pub shown_error_p99_m: f64,
-    /// The mean age of shown positions: how long ago the visitor was last there, within 7 cm. In
-    /// milliseconds.
+    /// The mean age of shown positions: how long ago the visitor was last there, within what it may
+    /// leave unsaid and what its viewer can hardly tell. In milliseconds.
     pub age_mean_ms: f64,
     /// The 99th percentile of the ages, in milliseconds.
     pub age_p99_ms: f64,
@@ -121,7 +122,8 @@ impl SwarmStatistics {
                 let eye = shown.pose.eye;
                 let truth = history.back().map_or(eye, |(_, truth)| *truth);
                 self.shown_errors.push(eye.distance(truth));
-                let age_ms = age_ms(history, snapshot.elapsed, eye);
+                let within_m = same_place_m(view.pose.eye.distance(truth));
+                let age_ms = age_ms(history, snapshot.elapsed, eye, within_m);
                 let bin = ((age_ms / AGE_BIN_MS) as usize).min(self.ages.len() - 1);
                 self.ages[bin] += 1;
                 self.age_sum_ms += age_ms;
@@ -183,7 +185,8 @@ impl SwarmStatistics {
         let mut left = percentile::rank(aged, percent);
         for (bin, count) in self.ages.iter().enumerate() {
             if *count >= left {
-                return if aged == 0 { 0.0 } else { (bin + 1) as f64 * AGE_BIN_MS };
+                let age_ms = ((bin + 1) as f64 * AGE_BIN_MS).min(HISTORY.as_secs_f64() * 1e3);
+                return if aged == 0 { 0.0 } else { age_ms };
             }
             left -= count;
         }
@@ -191,9 +194,16 @@ impl SwarmStatistics {
     }
 }
 
-/// How long ago the visitor left the position at which it is shown.
-fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, shown: Vec3) -> f64 {
-    let was_there = |(_, eye): &&(Duration, Vec3)| eye.distance(shown) < SAME_PLACE;
+/// The distance within which an avatar is shown where it was, for a viewer at a distance. Both are
+/// in metres. The avatar may be off its course by as much as its nearest viewer can hardly tell, and
+/// a viewer is not told of a course that it can hardly tell from the one that it knows.
+fn same_place_m(away_m: f32) -> f32 {
+    2.0 * (away_m / ACUITY_DISTANCES).max(TOLERANCE_MIN_M) + ROUNDING_M
+}
+
+/// How long ago the visitor left the position at which it is shown, within a distance in metres.
+fn age_ms(history: &VecDeque<(Duration, Vec3)>, now: Duration, shown: Vec3, within_m: f32) -> f64 {
+    let was_there = |(_, eye): &&(Duration, Vec3)| eye.distance(shown) < within_m;
     match history.iter().rev().find(was_there) {
         // It was there until the next position was recorded.
         Some((t, _)) => {
@@ -219,9 +229,9 @@ mod tests {
         let steps = [(0, 1.0), (50, 2.0), (100, 2.0), (150, 3.0), (200, 4.0)];
         let history = steps.map(|(t, x)| (ms(t), Vec3::X * x)).into();
         for (x, age) in [(4.0, 0.0), (3.0, 10.0), (2.0, 60.0), (1.0, 160.0), (9.0, 0.0)] {
-            assert_eq!(age_ms(&history, ms(210), Vec3::X * x), age, "at {x}");
+            assert_eq!(age_ms(&history, ms(210), Vec3::X * x, 0.07), age, "at {x}");
         }
-        assert_eq!(age_ms(&history, ms(3_000), Vec3::X * 9.0), 3_000.0);
+        assert_eq!(age_ms(&history, ms(3_000), Vec3::X * 9.0, 0.07), 3_000.0);
     }
 
     #[test]
