@@ -47,7 +47,7 @@
 //!     let sent = replica.tick(tick * i, tick);
 //!     reports += usize::from(matches!(sent, Some(Outgoing::Message(_))));
 //! }
-//! assert!((1..6).contains(&reports), "{reports} reports");
+//! assert!((1..10).contains(&reports), "{reports} reports");
 //! let way = start.distance(walker.pose().eye);
 //! assert!(way > 2.0 && way <= world.speed_max, "{way} m");
 //! # Ok::<(), Box<dyn std::error::Error>>(())

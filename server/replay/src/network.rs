@@ -10,7 +10,7 @@ use sightline_client_core::replica::BLEND;
 use sightline_protocol::pose_stream::RESEND_TICKS;
 use sightline_world::motion::AvatarId;
 
-use super::{options::ClientFaults, packets::Packet};
+use super::packets::Packet;
 
 /// A lost piece of a stream arrives this much later than one more round trip.
 const RETRANSMISSION: Duration = Duration::from_millis(25);
@@ -141,9 +141,10 @@ impl SimulatedNetwork {
         }
     }
 
-    /// The network with the faults that a test injects.
-    pub(super) fn with_faults(self, faults: &ClientFaults) -> Self {
-        Self { departures_lost: faults.departures_lost, ..self }
+    /// The network with a fault that a test may inject: whether a departure that is lost is never
+    /// sent again.
+    pub(super) fn with_departures_lost(self, departures_lost: bool) -> Self {
+        Self { departures_lost, ..self }
     }
 
     /// Moves the clock on. Returns whether clients' round trips have changed.

@@ -64,7 +64,7 @@ impl<'a> Run<'a> {
             audit: Audit::new(world, trace, options),
             engine,
             network: SimulatedNetwork::new(options.network, round_trip, tick)
-                .with_faults(&options.faults),
+                .with_departures_lost(options.faults.departures_lost),
             outbound: BTreeMap::new(),
             hellos: BTreeMap::new(),
             last_reports: BTreeMap::new(),
