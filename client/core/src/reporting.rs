@@ -14,11 +14,13 @@ use sightline_world::motion::{
     Agility, FREE_FALL, Pose, Report, ReportingState, Tbv, Tolerance, turn_between,
 };
 
-/// A report that leaves the TBV is repeated this many ticks after its answer should have come.
+/// A client that reports that it leaves its TBV repeats the report this number of ticks after the
+/// answer should have arrived.
 const REPEAT_TICKS: u32 = 2;
-/// A tick may come early by one part of a tick in this many.
+/// A call that comes early, by up to a tick divided by this number, still counts for its tick.
 const EARLY: u32 = 8;
-/// Two reports differ in time by one part of a tick in this many at least.
+/// The times of two reports differ by at least a tick divided by this number, so that they differ
+/// on the wire too.
 const TICK_PARTS: u32 = 32;
 
 /// A body falls freely if it gains speed as fast as [`FREE_FALL`] within this part of it.

@@ -21,10 +21,11 @@ use crate::{
     view::View,
 };
 
-/// The age of what is known is rounded up to one part of a tick in this many, so that regions of an
-/// avatar that stands still stay the same.
+/// The age of what is known is rounded up to a multiple of a tick divided by this number. So the
+/// regions of an avatar that stands still do not change with every small change of that age.
 const AGE_PARTS: u32 = 8;
-/// A client on course is asked when its report is late by so many ticks.
+/// A report must follow when the course of a live client ends, at a wall or at its keep-alive. The
+/// client is asked when that report is late by this number of ticks.
 const OVERDUE_TICKS: u32 = 3;
 
 /// A participant, as seen and as seeing.
@@ -308,7 +309,7 @@ impl Population {
         self.slots[slot.0 as usize].take().map(|avatar| (slot, avatar))
     }
 
-    /// Has a hidden avatar report at every tick from now on.
+    /// Makes a hidden avatar live. Its TBV ends.
     pub(crate) fn set_live(&mut self, slot: Slot) {
         let avatar = self.at_mut(slot);
         assert!(avatar.tbv.is_some(), "only hidden avatars wake");

@@ -27,7 +27,8 @@ pub struct Stats {
 /// How many clients are in each reporting state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// Clients that report at every tick.
+    /// Live clients. They report by exception or at every tick:
+    /// [`Config::reports_by_exception`](crate::Config::reports_by_exception).
     pub live: usize,
     /// Silent clients.
     pub quiet: usize,

@@ -380,7 +380,7 @@ impl<'a> SimulatedClients<'a> {
     }
 }
 
-/// A tolerance that allows so many times as much.
+/// A tolerance with its length and its angle multiplied by `scale`.
 fn scaled(tolerance: WireTolerance, scale: f32) -> WireTolerance {
     let Tolerance { metres, radians, ahead } = tolerance.into();
     (&Tolerance { metres: metres * scale, radians: radians * scale, ahead }).into()

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, time::Duration};
 
 use sightline_cli::percentile::percentile;
 use sightline_client_core::reporting::ReportingCounts;
-use sightline_engine::{Engine, Policy, Stats};
+use sightline_engine::{Engine, Stats};
 use sightline_world::motion::AvatarId;
 
 use super::{
@@ -141,7 +141,7 @@ impl RunStatistics {
             policy: config.policy.to_string(),
             round_trip_ms: ms(options.round_trip),
             tick_ms: ms(config.tick),
-            by_exception: config.by_exception && config.policy == Policy::Tbv,
+            by_exception: config.reports_by_exception(),
             validity: config.validity.to_string(),
             shape: config.shape.to_string(),
             present_mean: present as f64 / self.cpu.len().max(1) as f64,

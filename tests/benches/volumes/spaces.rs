@@ -68,7 +68,7 @@ impl SpaceIndex {
     fn leave(&mut self, volume: u32, space: u32) {
         let members = &mut self.members[space as usize];
         let index = members.iter().position(|known| *known == volume);
-        members.swap_remove(index.expect("only what was entered is removed"));
+        members.swap_remove(index.expect("the volume is in each space that it leaves"));
         if members.is_empty() {
             self.occupied.remove(space);
         }

@@ -55,7 +55,7 @@ pub struct VisibleAvatar {
     pub name: String,
     /// The colour that its client chose, in sRGB.
     pub colour: [u8; 3],
-    /// The pose, interpolated between the poses that arrived.
+    /// The pose to draw, along the courses that arrived.
     pub pose: Pose,
 }
 

@@ -11,7 +11,8 @@ use sightline_world::{
 /// Avatars are shown as they were this many ticks before the newest tick that can have arrived, so
 /// that mostly a new course has arrived by the time at which it begins.
 const DELAY_TICKS: f64 = 1.5;
-/// The next course is joined within so many ticks before it begins.
+/// An avatar leaves a course this number of ticks before the next one begins, and is shown on the
+/// straight way to that beginning.
 const JOIN_TICKS: f64 = 2.0;
 /// A course that arrives too late is joined within this time.
 pub const BLEND: Duration = Duration::from_millis(150);

@@ -8,8 +8,8 @@ use crate::config::Policy;
 
 /// A gate with both sides longer than this is not a door, in metres.
 const DOOR_M: f32 = 1.6;
-/// A gate that fills so much of the side of both its spaces is not a door, from 0 to 1. It is where
-/// the subdivision cut a corridor or a hall.
+/// A gate that fills at least this share of the side of both its spaces is not a door, from 0 to 1.
+/// The subdivision has cut a corridor or a hall there.
 const OPEN_SHARE: f32 = 0.5;
 /// A part with less floor than this is not a room of its own, in square metres. An example is the
 /// way through a wall.
@@ -100,12 +100,12 @@ fn square(edge: f32, margin: f32, before: Area, at: Vec2) -> Area {
 pub(crate) struct Rooms {
     /// The room of each space.
     by_space: Vec<u32>,
-    /// For each room, the rooms that are so many doors away at most, including itself.
+    /// For each room, itself and the rooms within the number of doors that the policy allows.
     reached: Vec<RoaringBitmap>,
 }
 
 impl Rooms {
-    /// Finds the rooms of a world, and for each the rooms that so many doors or fewer lead to.
+    /// Finds the rooms of a world, and for each the rooms that are at most `doors` doors away.
     fn new(cells: &Cells, doors: u32) -> Self {
         let spaces = &cells.spaces;
         let mut sets = Sets((0..spaces.len() as u32).collect());
@@ -163,7 +163,7 @@ fn area(polygon: &Polygon) -> f32 {
     lesser * greater
 }
 
-/// For each room, the rooms that so many doors or fewer lead to.
+/// For each room, itself and the rooms that are at most `doors` doors away.
 fn reached(by_space: &[u32], gates: &[Gate], doors: u32) -> Vec<RoaringBitmap> {
     let mut next = vec![RoaringBitmap::new(); by_space.len()];
     for gate in gates {

@@ -33,13 +33,14 @@ const THREADS_MAX: usize = 64;
 pub struct Config {
     /// Who is told of whom.
     pub policy: Policy,
-    /// The time between two calls of [`Engine::tick`](crate::Engine::tick), and between two reports
-    /// of a live client.
+    /// The time between two calls of [`Engine::tick`](crate::Engine::tick), and between two ticks of
+    /// a client, at each of which it may report.
     pub tick: Duration,
     /// How long a TBV is made to last.
     pub validity: Validity,
     /// Whether live clients report by exception: only when their avatars depart from their courses.
-    /// Otherwise, and under all policies but [`Policy::Tbv`], they report at every tick.
+    /// Otherwise, and under all policies but [`Policy::Tbv`], they report at every tick
+    /// ([`Config::reports_by_exception`]).
     pub by_exception: bool,
     /// The longest validity of a TBV.
     pub validity_max: Duration,
@@ -121,6 +122,12 @@ impl Default for FaultInjection {
 }
 
 impl Config {
+    /// Whether live clients report only when their avatars depart from their courses: with
+    /// [`Config::by_exception`], and under [`Policy::Tbv`] alone.
+    pub fn reports_by_exception(&self) -> bool {
+        self.policy == Policy::Tbv && self.by_exception
+    }
+
     /// The configuration with another sight-test budget, and with the same share of it for one
     /// test.
     #[must_use]

@@ -3,15 +3,15 @@
 use std::{fmt, str::FromStr};
 
 /// Who is told what about whom. All policies but [`Policy::Tbv`] exist for comparison: under them
-/// every client is live for ever.
+/// every client is always live.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Policy {
     /// Everyone is told about everyone.
     Broadcast,
     /// A viewer is told of everyone within this distance in metres, eye to eye.
     Radius(f32),
-    /// A viewer is told of everyone in its cube of a grid of so many metres, or in one of the 26
-    /// cubes around it.
+    /// A grid divides the world into cubes whose edges have this length in metres. A viewer is told
+    /// of everyone in its own cube and in the 26 cubes around it.
     Grid(f32),
     /// A viewer is told of everyone in its square of a horizontal grid or in one of the eight
     /// around it, at any height, as in voxel games. An avatar stays in its square until it is
@@ -22,13 +22,15 @@ pub enum Policy {
         /// The margin, in metres.
         margin: f32,
     },
-    /// A viewer is told of everyone in its room, as if each room were a channel of its own, or in a
-    /// room that so many doors or fewer lead to. Rooms are found from the world's spaces. Two
-    /// spaces are in one room if both sides of a gate between them are longer than 1.6 m, or if the
-    /// gate fills at least half of the side of both. A part with less than 2 m² of floor belongs to
-    /// the room that its widest gate leads to.
+    /// A viewer is told of everyone in its own room, and in the rooms that at most `doors` doors
+    /// lead to.
+    ///
+    /// Rooms are found from the world's spaces. Two spaces are in one room if both sides of a gate
+    /// between them are longer than 1.6 m, or if the gate fills at least half of the side of both.
+    /// A part with less than 2 m² of floor belongs to the room that its largest gate leads to.
     Room {
-        /// How many doors may be in between; 0 is the viewer's own room alone.
+        /// The most doors in between. With 0, a viewer is told of its own room alone, as if each
+        /// room were a channel.
         doors: u32,
     },
     /// A viewer is told of everyone who may be visible from its region: by cells first, then by box

@@ -48,7 +48,7 @@ impl MemberIndex {
     fn insert(&mut self, member: Member, parts: &[u32]) {
         for &part in parts {
             let members = &mut self.members[part as usize];
-            debug_assert!(!members.contains(&member), "an avatar is entered once");
+            debug_assert!(!members.contains(&member), "an avatar is inserted into a part once");
             if members.is_empty() {
                 self.occupied.insert(part);
             }
@@ -60,7 +60,7 @@ impl MemberIndex {
         for &part in parts {
             let members = &mut self.members[part as usize];
             let index = members.iter().position(|known| *known == member);
-            debug_assert!(index.is_some(), "only what was entered is removed");
+            debug_assert!(index.is_some(), "the avatar is in each part that it is removed from");
             if let Some(index) = index {
                 members.swap_remove(index);
             }

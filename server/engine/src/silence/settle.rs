@@ -11,7 +11,8 @@ use crate::{
     view::View,
 };
 
-/// An avatar for which nothing has changed tries to fall silent once in so many turns.
+/// While the two avatars of a failed try stand still, the next try waits for this many times
+/// [`Config::silence_retry`](crate::Config::silence_retry).
 const RETRIES_SPARED: u32 = 20;
 
 impl Silencing<'_> {

@@ -5,15 +5,14 @@ use std::time::Duration;
 use sightline_world::motion::Tolerance;
 
 use super::Silencing;
-use crate::{
-    acuity::Acuity, config::Policy, messages::Output, population::Avatar, slot::Slot, view::View,
-};
+use crate::{acuity::Acuity, messages::Output, population::Avatar, slot::Slot, view::View};
 
 /// A coarser tolerance is ordered no sooner after the last order than this.
 const COARSEN_AFTER: Duration = Duration::from_secs(1);
 /// The time ahead is rounded up to a multiple of this.
 const AHEAD_STEP: Duration = Duration::from_millis(25);
-/// The time ahead of an order may be exceeded by one part in this many before there is another.
+/// A client needs a new order when the time ahead that it should have exceeds the ordered one by
+/// more than the ordered one divided by this number.
 const AHEAD_PARTS: u32 = 4;
 
 impl Silencing<'_> {
@@ -35,7 +34,7 @@ impl Silencing<'_> {
         if avatar.orders.is_quiet() {
             return true;
         }
-        if config.policy != Policy::Tbv || !config.by_exception {
+        if !config.reports_by_exception() {
             return false;
         }
         let (told, wanted) = (avatar.orders.told(), wanted(self.view, avatar));
@@ -52,7 +51,7 @@ impl Silencing<'_> {
 /// The tolerance that suits an avatar: what the nearest viewer that holds it can hardly tell.
 fn wanted(view: View<'_>, avatar: &Avatar) -> Tolerance {
     let View { building, config, horizons, .. } = view;
-    if config.policy != Policy::Tbv || !config.by_exception {
+    if !config.reports_by_exception() {
         return Tolerance::NONE;
     }
     let acuity = if avatar.nearest_m.is_finite() {

@@ -14,10 +14,11 @@ const REPORT_AGE_MAX: Duration = Duration::from_secs(20);
 /// been seen yet.
 const SAFETY: u32 = 5;
 const SAFETY_PER: u32 = 4;
-/// A report between two ticks may bear a time that is later by one part of a tick in this many:
-/// each report's time is later than that of the one before.
+/// The time that a report between two ticks carries may be too late, by up to a tick divided by
+/// this number: the times of a client's reports ascend, however shortly one follows another.
 const AHEAD_PARTS: u32 = 16;
-/// Its time may be earlier by one part of a tick in this many: it is rounded down on the wire.
+/// That time may be too early, by up to a tick divided by this number: it is rounded down on the
+/// wire.
 const ROUNDING_PARTS: u32 = 64;
 /// The part of the margin for clocks and threads.
 const MARGIN_MIN: Duration = Duration::from_millis(2);

@@ -1,8 +1,8 @@
 //! The floor: how often clients would have to report if they knew the future.
 //!
 //! An oracle that knows where everybody will go describes an avatar only while somebody sees it,
-//! and by as few straight courses as its true way allows. What is counted is how many courses that
-//! takes: each is one report.
+//! and by as few straight courses as its true way allows. The floor counts these courses: each is
+//! one report.
 //!
 //! * An avatar counts as seen between two comparisons when it was seen at one of them. So the floor
 //!   depends a little on how often the audit compares.

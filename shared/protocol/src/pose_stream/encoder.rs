@@ -21,7 +21,8 @@ const REPEAT_TICKS: u32 = 8;
 /// Where datagrams may be lost, each course is sent a second time after this number of ticks, so
 /// that the loss of one datagram shows for no longer.
 const COPY_TICKS: u32 = 2;
-/// After so many datagrams without a loss none is expected.
+/// Once this number of datagrams was acknowledged since the last loss, no loss is expected, and no
+/// second copies are sent.
 const CLEAN_DATAGRAMS: u32 = 128;
 /// The greatest number of unacknowledged poses that are remembered: 28 bytes each, 112 KiB in all.
 const SENT_POSES_MAX: usize = 4_096;
@@ -288,7 +289,7 @@ impl AvatarRecord {
         }
     }
 
-    /// Whether the course was last sent so many ticks ago.
+    /// Whether at `tick` at least `ticks` ticks have passed since the course was last sent.
     fn has_waited(&self, tick: u32, ticks: u32) -> bool {
         tick.saturating_sub(self.sent_tick) >= ticks
     }

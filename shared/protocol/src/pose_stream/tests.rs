@@ -148,6 +148,15 @@ fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: us
     assert!(encoder.encode(400, &[]).is_empty(), "everything was acknowledged, so nothing is sent");
 }
 
+#[test]
+fn one_avatar_and_many_are_known_in_the_end_with_and_without_loss() {
+    for (seed, avatars, loss_percent) in
+        [(0, 1, 0), (2_682_526_525_907_446_773, 9, 15), (2_329_486_698_009_734_267, 19, 29)]
+    {
+        check_walk(seed, avatars, loss_percent, DATAGRAM_BYTES_MAX);
+    }
+}
+
 fn wire_pose() -> impl Strategy<Value = WirePose> {
     let unit = prop_oneof![-2_000..2_000, -COORDINATE_MAX..=COORDINATE_MAX];
     (proptest::array::uniform3(unit), any::<(u16, i16, [i16; 3], i16, bool)>()).prop_map(
