@@ -106,6 +106,7 @@ fn table(report: &SwarmReport) -> String {
         ("shown off by, 99th percentile", format!("{:.1} cm", report.shown_error_p99_m * 100.0)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
+        ("misses", format!("{}", report.misses)),
     ];
     rows.into_iter().map(|(what, figure)| format!("{what:<31}{figure:>12}\n")).collect()
 }

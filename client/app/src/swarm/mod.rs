@@ -1,6 +1,8 @@
 //! Simulated visitors, many in one process. They wander from room to room, or follow recorded
-//! walks. Each has a connection and a replica of its own. What they receive is counted.
+//! walks. Each has a connection and a replica of its own. What they receive is counted, and what
+//! they should have received.
 
+mod misses;
 mod report;
 mod visitor;
 
@@ -23,6 +25,7 @@ use tokio::{
 };
 
 use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
+use misses::Misses;
 use report::SwarmStatistics;
 use visitor::{Visitor, Wanderer};
 
@@ -85,6 +88,8 @@ pub struct VisitorView {
     pub pose: Pose,
     /// What the server expects of it; `None` before it is in the world.
     pub reporting_state: Option<ReportingState>,
+    /// When the server last corrected it, as [`SwarmSnapshot::elapsed`] counts.
+    pub corrected: Option<Duration>,
     /// The avatars that its replica holds.
     pub held: Vec<HeldAvatar>,
     /// The same avatars as they are shown at this moment.
@@ -116,6 +121,8 @@ struct ConnectedVisitor {
     session: Session,
     visitor: Visitor,
     pose: Pose,
+    /// When the server last corrected it, since all visitors were in.
+    corrected: Option<Duration>,
     has_ended: bool,
 }
 
@@ -131,6 +138,7 @@ pub async fn run(
 ) -> Result<SwarmReport, SwarmError> {
     let (mut members, navigation, refused) = connect_visitors(address, options).await?;
     let world = members.first().map(|member| member.session.world().clone());
+    let mut misses = world.clone().map(Misses::new);
     let mut statistics =
         SwarmStatistics::new(members.iter().map(|member| &member.session), refused);
     let mut steps = tokio::time::interval(STEP);
@@ -152,6 +160,10 @@ pub async fn run(
             next_snapshot += options.snapshot_interval;
             let snapshot = snapshot(&members, elapsed);
             statistics.observe(&snapshot);
+            if let Some(misses) = &mut misses {
+                misses.observe(&snapshot);
+                statistics.misses = misses.count();
+            }
             observer(&snapshot);
         }
     }
@@ -185,6 +197,7 @@ impl ConnectedVisitor {
         for event in self.session.events() {
             if let Event::Corrected(pose) = event {
                 statistics.corrections += 1;
+                self.corrected = Some(elapsed);
                 self.visitor.correct(pose);
             }
         }
@@ -199,6 +212,7 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
         avatar: member.session.avatar(),
         pose: member.pose,
         reporting_state: member.session.stats().reporting_state,
+        corrected: member.corrected,
         held: member.session.held(),
         shown: member.session.visible(),
     });
@@ -242,7 +256,7 @@ async fn connect_visitors(
                 Visitor::Wandering(Box::new(Wanderer::new(&world, pose.eye, seed)))
             }
         };
-        ConnectedVisitor { session, visitor, pose, has_ended: false }
+        ConnectedVisitor { session, visitor, pose, corrected: None, has_ended: false }
     });
     Ok((members.collect(), navigation, refused))
 }

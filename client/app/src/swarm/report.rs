@@ -34,6 +34,9 @@ pub struct SwarmReport {
     pub disconnected: usize,
     /// Reports that the server refused and corrected.
     pub corrections: usize,
+    /// How often a visitor was in another's sight for more than half a second and the other did not
+    /// hold it. In a large swarm only a part of the pairs is looked at at a time.
+    pub misses: usize,
     /// The measured time, in seconds.
     pub seconds: f64,
     /// Application messages to a client, per second.
@@ -72,6 +75,7 @@ pub struct SwarmReport {
 pub struct SwarmStatistics {
     pub corrections: usize,
     pub disconnected: usize,
+    pub misses: usize,
     refused: usize,
     start: Vec<SessionStats>,
     history: HashMap<AvatarId, VecDeque<(Duration, Vec3)>>,
@@ -90,6 +94,7 @@ impl SwarmStatistics {
         Self {
             corrections: 0,
             disconnected: 0,
+            misses: 0,
             refused,
             start: sessions.map(Session::stats).collect(),
             history: HashMap::new(),
@@ -163,6 +168,7 @@ impl SwarmStatistics {
             refused: self.refused,
             disconnected: self.disconnected,
             corrections: self.corrections,
+            misses: self.misses,
             seconds,
             messages_in_per_s: rate(|s| s.messages_in),
             messages_out_per_s: rate(|s| s.messages_out),

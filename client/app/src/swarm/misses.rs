@@ -1,0 +1,214 @@
+//! Misses: visitors in sight of others that do not hold them.
+//!
+//! All visitors walk in this process, so it knows where each of them truly is. Rays against the
+//! original triangles of the world say who is in whose sight, and the author's rooms say who may
+//! be. The server has no part in that.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+    time::Duration,
+};
+
+use sightline_oracle::Oracle;
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::{World, geometry::Aabb, motion::AvatarId};
+
+use super::{SwarmSnapshot, VisitorView};
+
+/// A visitor that is in sight and not held counts as missed after this time. The server promises
+/// that it is held at once. This time, a round trip of 400 ms and two ticks, is for what the server
+/// itself hears late: that somebody has left a sealed room, or a message that was sent again.
+const UNTOLD_MAX: Duration = Duration::from_millis(500);
+/// The time from one snapshot to the next counts as this at most. If it is longer, the process
+/// stood still, and all clients with it.
+const SNAPSHOT_MAX: Duration = Duration::from_millis(250);
+/// Visitors that were corrected so recently are left out: the server has them elsewhere.
+const CORRECTED: Duration = Duration::from_secs(2);
+/// The pairs that are looked at in one snapshot, in turn. Their rays take a few milliseconds.
+const PAIRS_MAX: usize = 1_000;
+/// While this number of pairs are in sight and not held, only these are looked at.
+const UNHELD_MAX: usize = 4_000;
+/// Sampled points on each axis of a body's box.
+const SAMPLES: u32 = 2;
+
+/// Counts misses.
+pub struct Misses {
+    world: Arc<World>,
+    oracle: Oracle,
+    rooms: RoomIndex,
+    /// The pairs of a viewer and an avatar in its sight that it does not hold.
+    unheld: BTreeMap<Pair, Unheld>,
+    /// When the newest snapshot was.
+    newest: Duration,
+    /// The viewer whose turn is next.
+    turn: AvatarId,
+    count: usize,
+}
+
+/// A viewer and another avatar.
+type Pair = (AvatarId, AvatarId);
+
+/// For how long an avatar has been in sight and not held.
+#[derive(Clone, Copy, Default)]
+struct Unheld {
+    lasted: Duration,
+    is_counted: bool,
+}
+
+impl Misses {
+    /// Counts from now on.
+    pub fn new(world: Arc<World>) -> Self {
+        let (oracle, rooms) = (Oracle::new(&world.mesh), RoomIndex::new(&world));
+        let (unheld, newest, turn) = (BTreeMap::new(), Duration::ZERO, AvatarId(0));
+        Self { world, oracle, rooms, unheld, newest, turn, count: 0 }
+    }
+
+    /// How often a visitor was missed. As long as it stays in sight and is not held, it counts once.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Looks at the pairs whose turn it is, and at those that were in sight and not held before.
+    pub fn observe(&mut self, snapshot: &SwarmSnapshot) {
+        let now = snapshot.elapsed;
+        let elapsed = now.saturating_sub(self.newest).min(SNAPSHOT_MAX);
+        self.newest = now;
+        let is_settled = |visitor: &&VisitorView| {
+            let corrected = visitor.corrected.map(|at| now.saturating_sub(at));
+            visitor.reporting_state.is_some() && corrected.is_none_or(|ago| ago > CORRECTED)
+        };
+        let settled = snapshot.visitors.iter().filter(is_settled);
+        let visitors: BTreeMap<AvatarId, &VisitorView> = settled.map(|v| (v.avatar, v)).collect();
+        let before = std::mem::take(&mut self.unheld);
+        let mut pairs: BTreeSet<Pair> = before.keys().copied().collect();
+        if pairs.len() < UNHELD_MAX {
+            pairs.extend(self.pairs_in_turn(&visitors));
+        }
+        for pair in pairs {
+            let both = visitors.get(&pair.0).zip(visitors.get(&pair.1));
+            if !both.is_some_and(|(viewer, other)| self.is_unheld(viewer, other)) {
+                continue;
+            }
+            let unheld = match before.get(&pair) {
+                Some(unheld) => Unheld { lasted: unheld.lasted + elapsed, ..*unheld },
+                None => Unheld::default(),
+            };
+            let is_missed = unheld.lasted > UNTOLD_MAX;
+            self.count += usize::from(is_missed && !unheld.is_counted);
+            self.unheld.insert(pair, Unheld { is_counted: is_missed, ..unheld });
+        }
+    }
+
+    /// Whether a visitor is in a viewer's sight and not held by it.
+    fn is_unheld(&self, viewer: &VisitorView, other: &VisitorView) -> bool {
+        !viewer.held.iter().any(|held| held.id == other.avatar) && self.sees(viewer, other)
+    }
+
+    /// The pairs of the next viewers, and passes the turn on.
+    fn pairs_in_turn(&mut self, visitors: &BTreeMap<AvatarId, &VisitorView>) -> Vec<Pair> {
+        let viewers_max = (PAIRS_MAX / visitors.len().max(1)).clamp(1, visitors.len().max(1));
+        let from_turn = visitors.range(self.turn..).chain(visitors.range(..self.turn));
+        let mut ids = from_turn.map(|(id, _)| *id);
+        let viewers: Vec<AvatarId> = ids.by_ref().take(viewers_max).collect();
+        self.turn = ids.next().or(viewers.first().copied()).unwrap_or_default();
+        let pairs_of = |viewer| visitors.keys().map(move |other| (viewer, *other));
+        viewers.into_iter().flat_map(pairs_of).filter(|(viewer, other)| viewer != other).collect()
+    }
+
+    /// Whether rays reach the other's body, and the author allows to see it.
+    fn sees(&self, viewer: &VisitorView, other: &VisitorView) -> bool {
+        let (eye, body) = (viewer.pose.eye, self.world.body.around(other.pose.eye));
+        let cells = &self.world.cells;
+        let overlap = |region: &Aabb| self.rooms.overlap(cells, &[cells.axes.own_box(region)]);
+        let sealed = [eye, other.pose.eye].map(|eye| self.rooms.sealed_rooms_at(eye));
+        let is_allowed = || {
+            sealed[0].agrees(&sealed[1])
+                && self.rooms.may_see(&overlap(&Aabb::around(eye, 0.0)), &overlap(&body))
+        };
+        (!self.rooms.can_rule_out() || is_allowed()) && self.oracle.of_box(eye, &body, SAMPLES)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use sightline_client_core::replica::HeldAvatar;
+    use sightline_fixtures::{boxes::box_triangles, two_rooms};
+    use sightline_world::{
+        Mesh,
+        motion::{Pose, ReportingState},
+    };
+
+    use super::*;
+
+    /// Two rooms, with a wall between them and its door.
+    fn world() -> Arc<World> {
+        let wall = Aabb::new(Vec3::new(5.95, 0.0, 1.0), Vec3::new(6.05, 3.0, 6.0));
+        let positions: Vec<Vec3> = box_triangles(&wall).into_iter().flatten().collect();
+        let triangles = (0..positions.len() as u32 / 3).map(|i| [0, 1, 2].map(|k| 3 * i + k));
+        let mesh = Mesh { triangles: triangles.collect(), positions };
+        Arc::new(World { mesh, ..two_rooms::world() })
+    }
+
+    fn visitor(id: u32, x: f32, z: f32, held: &[u32]) -> VisitorView {
+        let pose = Pose { eye: Vec3::new(x, 1.6, z), ..Pose::default() };
+        let hold = |id: &u32| HeldAvatar { id: AvatarId(*id), pose, age: Duration::ZERO };
+        VisitorView {
+            avatar: AvatarId(id),
+            pose,
+            reporting_state: Some(ReportingState::Live),
+            corrected: None,
+            held: held.iter().map(hold).collect(),
+            shown: Vec::new(),
+        }
+    }
+
+    /// The misses after each of some snapshots, 200 ms apart.
+    fn counts(snapshots: impl IntoIterator<Item = Vec<VisitorView>>) -> Vec<usize> {
+        let mut misses = Misses::new(world());
+        let counts = (0..).zip(snapshots).map(|(i, visitors)| {
+            misses.observe(&SwarmSnapshot { elapsed: Duration::from_millis(200) * i, visitors });
+            misses.count()
+        });
+        counts.collect()
+    }
+
+    #[test]
+    fn who_is_in_sight_and_not_held_for_half_a_second_is_missed_once() {
+        let one_way = || vec![visitor(3, 1.0, 3.0, &[]), visitor(7, 5.0, 3.0, &[3])];
+        assert_eq!(counts((0..9).map(|_| one_way())), [0, 0, 0, 1, 1, 1, 1, 1, 1]);
+        let neither = || vec![visitor(3, 1.0, 3.0, &[]), visitor(7, 5.0, 3.0, &[])];
+        assert_eq!(counts((0..5).map(|_| neither())), [0, 0, 0, 2, 2]);
+    }
+
+    #[test]
+    fn who_is_held_or_hidden_in_time_is_not_missed() {
+        let held = |i: u32| if i.is_multiple_of(3) { vec![7] } else { Vec::new() };
+        let late = |i| vec![visitor(3, 1.0, 3.0, &held(i)), visitor(7, 5.0, 3.0, &[3])];
+        assert_eq!(counts((0..9).map(late)), [0; 9]);
+        let hidden = |_| vec![visitor(3, 5.0, 4.0, &[]), visitor(7, 7.0, 4.0, &[])];
+        assert_eq!(counts((0..9).map(hidden)), [0; 9]);
+        let through_the_door = |_| vec![visitor(3, 5.0, 0.5, &[]), visitor(7, 7.0, 0.5, &[3])];
+        assert_eq!(counts((0..4).map(through_the_door)), [0, 0, 0, 1]);
+    }
+
+    #[test]
+    fn visitors_whom_the_server_has_elsewhere_are_left_out() {
+        let corrected = |i| {
+            let corrected = Some(Duration::from_millis(200) * i);
+            let seen = VisitorView { corrected, ..visitor(7, 5.0, 3.0, &[3]) };
+            vec![visitor(3, 1.0, 3.0, &[]), seen]
+        };
+        assert_eq!(counts((0..9).map(corrected)), [0; 9]);
+    }
+
+    #[test]
+    fn in_a_crowd_everybody_has_a_turn() {
+        let crowd = || (0..60).map(|id| visitor(id, 1.0 + id as f32 * 0.05, 3.0, &[])).collect();
+        let counts = counts((0..10).map(|_| crowd()));
+        assert_eq!(counts.last(), Some(&(60 * 59)));
+        let largest = counts.windows(2).map(|pair| pair[1] - pair[0]).max();
+        assert!(largest <= Some(PAIRS_MAX), "{largest:?} at once");
+    }
+}
