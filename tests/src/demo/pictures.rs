@@ -10,10 +10,12 @@ use std::{
 };
 
 use anyhow::Context;
+use glam::Vec3;
 use sightline_cli::progress::Progress;
 use sightline_client::net::Session;
 use sightline_client_core::replica::VisibleAvatar;
 use sightline_compiler::plan::{self, Mark, Overlay};
+use sightline_oracle::Oracle;
 use sightline_picture::Picture;
 use sightline_renderer::{
     Camera, Frame, Renderer,
@@ -32,16 +34,30 @@ const TIMED_FRAMES: usize = 60;
 const MOMENT_INTERVAL: Duration = Duration::from_millis(200);
 /// The share of the walk before which visitors still stand where they came in.
 const SETTLED: f32 = 0.3;
+/// The number of directions to look in.
+const DIRECTIONS: usize = 16;
+/// A direction with less than this share of the greatest mean depth is not looked in: a wall is
+/// near.
+const OPEN_SHARE: f64 = 0.6;
+/// The cosine of the angle from the middle within which somebody is in the picture.
+const IN_PICTURE: f32 = 0.75;
+/// People nearer than this hide the picture, and people beyond cannot be recognised. In metres.
+const DISTANCE: std::ops::Range<f32> = 2.5..25.0;
+/// What somebody too near takes from a view.
+const TOO_NEAR: f32 = -1.0;
+/// People nearer than this count as if they were here: two of them are better than one close by.
+const NEAR_M: f32 = 8.0;
 
 /// The moment of a walk that is worth a picture.
 pub(super) struct PictureWatch {
-    /// Your pose in the pictures.
-    pose: Pose,
+    /// Where you stand.
+    you: Pose,
     best: Option<PictureMoment>,
 }
 
 impl PictureWatch {
-    /// Waits until the visitors are done, and keeps the moment at which most of them were in view.
+    /// Waits until the visitors are done, and keeps the moment and the direction in which they
+    /// filled most of the view.
     pub(super) fn new(
         you: &Session,
         visitors: &Visitors,
@@ -50,20 +66,23 @@ impl PictureWatch {
     ) -> Self {
         let progress = Progress::new();
         let start = Instant::now();
-        let pose = best_view(you, world);
-        let mut best: Option<PictureMoment> = None;
+        let (oracle, views) = (Oracle::new(&world.mesh), open_views(you.pose(), world));
+        let mut best: Option<(f32, PictureMoment)> = None;
         while !visitors.is_over().load(Relaxed) {
             thread::sleep(MOMENT_INTERVAL);
             let share = start.elapsed().as_secs_f32() / duration.as_secs_f32();
             progress.show("walking", share);
-            let moment = PictureMoment::now(you, visitors, pose);
-            let is_settled = share > SETTLED || best.is_none();
-            if is_settled && best.as_ref().is_none_or(|b| moment.in_front() >= b.in_front()) {
-                best = Some(moment);
+            if share < SETTLED && best.is_some() {
+                continue;
+            }
+            let moment = PictureMoment::now(you, visitors);
+            let (filled, pose) = moment.best_view(&views, &oracle);
+            if best.as_ref().is_none_or(|(most, _)| filled >= *most) {
+                best = Some((filled, PictureMoment { pose, ..moment }));
             }
         }
         progress.finish();
-        Self { pose, best }
+        Self { you: you.pose(), best: best.map(|(_, moment)| moment) }
     }
 
     /// Writes the pictures into a folder, and measures the frame rate.
@@ -71,7 +90,7 @@ impl PictureWatch {
     /// # Errors
     /// When a picture cannot be written.
     pub(super) fn finish(self, world: &World, folder: &Path) -> anyhow::Result<FrameRate> {
-        let frames = time_frames(world, &self.pose);
+        let frames = time_frames(world, &self.you);
         if let Some(moment) = self.best {
             fs::create_dir_all(folder)
                 .with_context(|| format!("cannot create {}", folder.display()))?;
@@ -90,21 +109,24 @@ fn save(picture: &Picture, folder: &Path, name: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Your place, facing the direction with the greatest mean depth. Sky has a depth of zero here.
-fn best_view(you: &Session, world: &World) -> Pose {
+/// The directions in which no wall is near: from the greatest mean depth to the least. Sky has a
+/// depth of zero here.
+fn open_views(here: Pose, world: &World) -> Vec<Pose> {
     let mut renderer = Renderer::default();
     let mut frame = Frame::new(96, 54);
-    let openness = |pose: &Pose, renderer: &mut Renderer, frame: &mut Frame| {
-        renderer.draw(&world.octree, &Camera::at(pose), frame);
-        let far = |&depth: &f32| if depth.is_finite() { f64::from(depth.min(30.0)) } else { 0.0 };
-        frame.depth.iter().map(far).sum::<f64>()
-    };
-    let here = you.pose();
-    (0..16)
-        .map(|step| Pose { yaw: step as f32 * std::f32::consts::TAU / 16.0, ..here })
-        .map(|pose| (openness(&pose, &mut renderer, &mut frame), pose))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map_or(here, |(_, pose)| pose)
+    let turn = |step: usize| step as f32 * std::f32::consts::TAU / DIRECTIONS as f32;
+    let mut views: Vec<(f64, Pose)> = (0..DIRECTIONS)
+        .map(|step| Pose { yaw: turn(step), ..here })
+        .map(|pose| {
+            renderer.draw(&world.octree, &Camera::at(&pose), &mut frame);
+            let far =
+                |&depth: &f32| if depth.is_finite() { f64::from(depth.min(30.0)) } else { 0.0 };
+            (frame.depth.iter().map(far).sum(), pose)
+        })
+        .collect();
+    views.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let least = views.first().map_or(0.0, |(most, _)| OPEN_SHARE * most);
+    views.into_iter().filter(|(depth, _)| *depth >= least).map(|(_, pose)| pose).collect()
 }
 
 /// Draws one turn on the spot, and measures it by the clock.
@@ -128,6 +150,7 @@ fn time_frames(world: &World, pose: &Pose) -> FrameRate {
 
 /// What you saw at one moment, and where all visitors truly were.
 struct PictureMoment {
+    /// Where you look from, and in which direction.
     pose: Pose,
     /// On the server's clock.
     time: Duration,
@@ -137,20 +160,34 @@ struct PictureMoment {
 }
 
 impl PictureMoment {
-    fn now(you: &Session, visitors: &Visitors, pose: Pose) -> Self {
+    fn now(you: &Session, visitors: &Visitors) -> Self {
         let snapshots = visitors.snapshots();
         let visitors = snapshots.last().map_or(&[][..], |snapshot| &snapshot.visitors);
         let everybody = visitors.iter().map(|v| (v.avatar.0, v.pose)).collect();
-        Self { pose, time: you.server_time(), visible: you.visible(), everybody }
+        let (pose, time, visible) = (you.pose(), you.server_time(), you.visible());
+        Self { pose, time, visible, everybody }
     }
 
-    /// The number of avatars within the view's angle, near enough to be recognised.
-    fn in_front(&self) -> usize {
-        let is_near = |to: glam::Vec3| {
-            let along = to.dot(self.pose.forward());
-            along > 1.5 && along < 20.0 && along > 0.75 * to.length()
+    /// The view in which people in sight fill most, and how much that is: a person fills less by
+    /// the square of the distance.
+    fn best_view(&self, views: &[Pose], oracle: &Oracle) -> (f32, Pose) {
+        let here = self.pose.eye;
+        let eyes = self.visible.iter().map(|avatar| avatar.pose.eye);
+        let seen: Vec<Vec3> = eyes.filter(|eye| oracle.between(here, *eye)).collect();
+        let filled = |view: &Pose| {
+            let people = seen.iter().map(|eye| eye - here).map(|way| {
+                let is_ahead = way.normalize_or_zero().dot(view.forward()) > IN_PICTURE;
+                match way.length() {
+                    distance if !is_ahead || distance > DISTANCE.end => 0.0,
+                    distance if distance < DISTANCE.start => TOO_NEAR,
+                    distance => distance.max(NEAR_M).powi(-2),
+                }
+            });
+            people.sum::<f32>()
         };
-        self.visible.iter().filter(|avatar| is_near(avatar.pose.eye - self.pose.eye)).count()
+        // Of equals the last one counts: the most open view.
+        let rated = views.iter().rev().map(|view| (filled(view), *view));
+        rated.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, self.pose))
     }
 
     fn view(&self, world: &World) -> Picture {
