@@ -20,11 +20,8 @@ use super::{SwarmSnapshot, VisitorView};
 /// that it is held at once. This time, a round trip of 400 ms and two ticks, is for what the server
 /// itself hears late: that somebody has left a sealed room, or a message that was sent again.
 const UNTOLD_MAX: Duration = Duration::from_millis(500);
-/// The time from one snapshot to the next counts as this at most. If it is longer, the process
-/// stood still, and all clients with it.
-const SNAPSHOT_MAX: Duration = Duration::from_millis(250);
-/// Visitors that were corrected so recently are left out: the server has them elsewhere.
-const CORRECTED: Duration = Duration::from_secs(2);
+/// Visitors that have leapt so recently are left out: the server may have them elsewhere.
+const LEAPT: Duration = Duration::from_secs(2);
 /// The pairs that are looked at in one snapshot, in turn. Their rays take a few milliseconds.
 const PAIRS_MAX: usize = 1_000;
 /// While this number of pairs are in sight and not held, only these are looked at.
@@ -39,8 +36,6 @@ pub struct Misses {
     rooms: RoomIndex,
     /// The pairs of a viewer and an avatar in its sight that it does not hold.
     unheld: BTreeMap<Pair, Unheld>,
-    /// When the newest snapshot was.
-    newest: Duration,
     /// The viewer whose turn is next.
     turn: AvatarId,
     count: usize,
@@ -49,10 +44,10 @@ pub struct Misses {
 /// A viewer and another avatar.
 type Pair = (AvatarId, AvatarId);
 
-/// For how long an avatar has been in sight and not held.
-#[derive(Clone, Copy, Default)]
+/// Since when an avatar has been in sight and not held.
+#[derive(Clone, Copy)]
 struct Unheld {
-    lasted: Duration,
+    since: Duration,
     is_counted: bool,
 }
 
@@ -60,8 +55,7 @@ impl Misses {
     /// Counts from now on.
     pub fn new(world: Arc<World>) -> Self {
         let (oracle, rooms) = (Oracle::new(&world.mesh), RoomIndex::new(&world));
-        let (unheld, newest, turn) = (BTreeMap::new(), Duration::ZERO, AvatarId(0));
-        Self { world, oracle, rooms, unheld, newest, turn, count: 0 }
+        Self { world, oracle, rooms, unheld: BTreeMap::new(), turn: AvatarId(0), count: 0 }
     }
 
     /// How often a visitor was missed. As long as it stays in sight and is not held, it counts once.
@@ -72,11 +66,9 @@ impl Misses {
     /// Looks at the pairs whose turn it is, and at those that were in sight and not held before.
     pub fn observe(&mut self, snapshot: &SwarmSnapshot) {
         let now = snapshot.elapsed;
-        let elapsed = now.saturating_sub(self.newest).min(SNAPSHOT_MAX);
-        self.newest = now;
         let is_settled = |visitor: &&VisitorView| {
-            let corrected = visitor.corrected.map(|at| now.saturating_sub(at));
-            visitor.reporting_state.is_some() && corrected.is_none_or(|ago| ago > CORRECTED)
+            let leapt = visitor.leapt.map(|at| now.saturating_sub(at));
+            visitor.reporting_state.is_some() && leapt.is_none_or(|ago| ago > LEAPT)
         };
         let settled = snapshot.visitors.iter().filter(is_settled);
         let visitors: BTreeMap<AvatarId, &VisitorView> = settled.map(|v| (v.avatar, v)).collect();
@@ -90,13 +82,11 @@ impl Misses {
             if !both.is_some_and(|(viewer, other)| self.is_unheld(viewer, other)) {
                 continue;
             }
-            let unheld = match before.get(&pair) {
-                Some(unheld) => Unheld { lasted: unheld.lasted + elapsed, ..*unheld },
-                None => Unheld::default(),
-            };
-            let is_missed = unheld.lasted > UNTOLD_MAX;
-            self.count += usize::from(is_missed && !unheld.is_counted);
-            self.unheld.insert(pair, Unheld { is_counted: is_missed, ..unheld });
+            let first = Unheld { since: now, is_counted: false };
+            let Unheld { since, is_counted } = before.get(&pair).copied().unwrap_or(first);
+            let is_missed = now.saturating_sub(since) > UNTOLD_MAX;
+            self.count += usize::from(is_missed && !is_counted);
+            self.unheld.insert(pair, Unheld { since, is_counted: is_missed });
         }
     }
 
@@ -158,7 +148,7 @@ mod tests {
             avatar: AvatarId(id),
             pose,
             reporting_state: Some(ReportingState::Live),
-            corrected: None,
+            leapt: None,
             held: held.iter().map(hold).collect(),
             shown: Vec::new(),
         }
@@ -194,13 +184,13 @@ mod tests {
     }
 
     #[test]
-    fn visitors_whom_the_server_has_elsewhere_are_left_out() {
-        let corrected = |i| {
-            let corrected = Some(Duration::from_millis(200) * i);
-            let seen = VisitorView { corrected, ..visitor(7, 5.0, 3.0, &[3]) };
+    fn visitors_whom_the_server_may_have_elsewhere_are_left_out() {
+        let leapt = |i| {
+            let leapt = Some(Duration::from_millis(200) * i);
+            let seen = VisitorView { leapt, ..visitor(7, 5.0, 3.0, &[3]) };
             vec![visitor(3, 1.0, 3.0, &[]), seen]
         };
-        assert_eq!(counts((0..9).map(corrected)), [0; 9]);
+        assert_eq!(counts((0..9).map(leapt)), [0; 9]);
     }
 
     #[test]

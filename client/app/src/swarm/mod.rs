@@ -33,6 +33,8 @@ pub use report::SwarmReport;
 
 /// The time between two steps of the visitors.
 const STEP: Duration = Duration::from_millis(25);
+/// After more time than this without a step, visitors leap. In seconds.
+const LEAP_S: f32 = 0.2;
 /// The largest number of visitors that connect at the same time.
 const CONNECTING_MAX: usize = 16;
 
@@ -88,8 +90,9 @@ pub struct VisitorView {
     pub pose: Pose,
     /// What the server expects of it; `None` before it is in the world.
     pub reporting_state: Option<ReportingState>,
-    /// When the server last corrected it, as [`SwarmSnapshot::elapsed`] counts.
-    pub corrected: Option<Duration>,
+    /// When it last leapt, as [`SwarmSnapshot::elapsed`] counts: the server corrected it, or this
+    /// process stood still and it then moved a long way at once.
+    pub leapt: Option<Duration>,
     /// The avatars that its replica holds.
     pub held: Vec<HeldAvatar>,
     /// The same avatars as they are shown at this moment.
@@ -121,8 +124,8 @@ struct ConnectedVisitor {
     session: Session,
     visitor: Visitor,
     pose: Pose,
-    /// When the server last corrected it, since all visitors were in.
-    corrected: Option<Duration>,
+    /// As in [`VisitorView`].
+    leapt: Option<Duration>,
     has_ended: bool,
 }
 
@@ -197,9 +200,12 @@ impl ConnectedVisitor {
         for event in self.session.events() {
             if let Event::Corrected(pose) = event {
                 statistics.corrections += 1;
-                self.corrected = Some(elapsed);
+                self.leapt = Some(elapsed);
                 self.visitor.correct(pose);
             }
+        }
+        if dt_s > LEAP_S {
+            self.leapt = Some(elapsed);
         }
         self.pose = self.visitor.step(world, navigation, dt_s, elapsed.as_secs_f64());
         self.session.set_pose(self.pose);
@@ -212,7 +218,7 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
         avatar: member.session.avatar(),
         pose: member.pose,
         reporting_state: member.session.stats().reporting_state,
-        corrected: member.corrected,
+        leapt: member.leapt,
         held: member.session.held(),
         shown: member.session.visible(),
     });
@@ -256,7 +262,7 @@ async fn connect_visitors(
                 Visitor::Wandering(Box::new(Wanderer::new(&world, pose.eye, seed)))
             }
         };
-        ConnectedVisitor { session, visitor, pose, corrected: None, has_ended: false }
+        ConnectedVisitor { session, visitor, pose, leapt: None, has_ended: false }
     });
     Ok((members.collect(), navigation, refused))
 }
