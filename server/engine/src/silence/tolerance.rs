@@ -48,17 +48,22 @@ impl Silencing<'_> {
     }
 }
 
-/// The tolerance that suits an avatar: what the nearest viewer that holds it can hardly tell.
+/// The tolerance that suits an avatar: what the nearest viewer that holds it can hardly tell, and
+/// what decides closely enough who sees whom.
 fn wanted(view: View<'_>, avatar: &Avatar) -> Tolerance {
     let View { building, config, horizons, .. } = view;
     if !config.reports_by_exception() {
         return Tolerance::NONE;
     }
-    let acuity = if avatar.nearest_m.is_finite() {
-        Acuity::at(&building.world, avatar.nearest_m).stepped(&building.world)
-    } else {
-        Acuity::unseen(&building.world)
-    };
+    let world = &building.world;
+    let is_seen = avatar.nearest_m.is_finite();
+    let mut acuity = Acuity::unseen(world);
+    if is_seen {
+        acuity = Acuity::at(world, avatar.nearest_m).stepped(world);
+    }
+    if is_seen || avatar.pairs.iter().any(|pair| pair.is_held) {
+        acuity = acuity.in_sight(world);
+    }
     let horizon = horizons.course_horizon(avatar.link());
     let steps = horizon.as_nanos().div_ceil(AHEAD_STEP.as_nanos());
     let ahead = AHEAD_STEP * u32::try_from(steps).unwrap_or(u32::MAX);
