@@ -11,7 +11,7 @@ use std::time::Duration;
 use glam::Vec3;
 use sightline_protocol::quantise::WirePose;
 use sightline_world::motion::{
-    Agility, FREE_FALL, Pose, Report, ReportingState, Tbv, Tolerance, turn_between,
+    Agility, FREE_FALL, KEEP_ALIVE, Pose, Report, ReportingState, Tbv, Tolerance, turn_between,
 };
 
 /// A client that reports that it leaves its TBV repeats the report this number of ticks after the
@@ -79,6 +79,8 @@ pub struct Reporter {
     before: Option<(Duration, Pose)>,
     /// Ticks until a report that leaves the TBV may be repeated.
     repeat_ticks: u32,
+    /// Whether the avatar was turned off its course at the last tick.
+    was_turned: bool,
     counts: ReportingCounts,
 }
 
@@ -96,6 +98,7 @@ impl Reporter {
             last: None,
             before: None,
             repeat_ticks: 0,
+            was_turned: false,
             counts: ReportingCounts::default(),
         }
     }
@@ -173,10 +176,12 @@ impl Reporter {
         let Some(last) = self.last else { return Some(ReportReason::Departed) };
         let elapsed = self.tick_time(now).saturating_sub(last.made);
         let course = last.pose.on_course(elapsed, &self.agility);
-        if !tolerance.holds(&course, &self.moving(now, pose), &self.agility) {
+        let is_there = tolerance.holds(&course, &self.moving(now, pose), &self.agility);
+        // No promise depends on how an avatar is turned, and many a turn is taken back at once.
+        if !is_there || self.was_turned && !tolerance.holds_turn(&course, pose) {
             Some(ReportReason::Departed)
         } else {
-            (elapsed + self.tick > last.pose.keep_alive()).then_some(ReportReason::KeepAlive)
+            (elapsed + self.tick > KEEP_ALIVE).then_some(ReportReason::KeepAlive)
         }
     }
 
@@ -208,9 +213,17 @@ impl Reporter {
         self.counts.ticks += 1;
         self.counts.quiet += u64::from(is_quiet);
         self.counts.on_course += u64::from(!is_quiet && reason.is_none());
+        self.was_turned = reason.is_none() && self.is_turned(now, pose);
         let report = reason.map(|reason| (reason, self.report(self.tick_time(now), now, pose)));
         self.before = Some((now, self.moving(now, pose)));
         report
+    }
+
+    /// Whether the avatar is turned off its course.
+    fn is_turned(&self, now: Duration, pose: &Pose) -> bool {
+        let (Some(last), Order::Live(tolerance)) = (&self.last, &self.order) else { return false };
+        let elapsed = self.tick_time(now).saturating_sub(last.made);
+        !tolerance.holds_turn(&last.pose.on_course(elapsed, &self.agility), pose)
     }
 
     /// Whether the avatar is in the world.

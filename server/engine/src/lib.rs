@@ -30,7 +30,7 @@
 //!    looks.
 //! 3. [`Report`](Input::Report), once the client has been told that it is in. A live client reports
 //!    when its tolerance does not [hold](sightline_world::motion::Tolerance::holds) any more, and
-//!    after a [keep-alive](sightline_world::motion::Pose::keep_alive). A quiet one reports when it
+//!    after a [keep-alive](sightline_world::motion::KEEP_ALIVE). A quiet one reports when it
 //!    is asked, or when its TBV does not [hold](sightline_world::motion::Tbv::holds) its next step.
 //!    Reports by exception must arrive: the engine takes silence for a claim.
 //! 4. [`Relocate`](Input::Relocate), when the host itself puts an avatar elsewhere or pushes it;

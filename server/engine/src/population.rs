@@ -104,7 +104,7 @@ pub struct KnownCourse {
     pub pose: Pose,
     /// How long after the last report that was, on the client's clock.
     pub after: Duration,
-    /// By how much it may have been off course.
+    /// What the client may have left unsaid then.
     pub tolerance: Tolerance,
 }
 
@@ -127,7 +127,7 @@ impl Avatar {
         let View { building, now, .. } = view;
         let known = self.last_known(view);
         let (pose, tolerance) = match self.course_until(&known, view) {
-            Some(KnownCourse { pose, tolerance, .. }) => (pose, tolerance),
+            Some(KnownCourse { pose, tolerance, .. }) => (pose, tolerance.along(&pose)),
             None => (self.pose, Tolerance::NONE),
         };
         Motion {

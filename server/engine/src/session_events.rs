@@ -5,7 +5,7 @@ use std::time::Duration;
 use glam::Vec3;
 use sightline_world::{
     geometry::Aabb,
-    motion::{AvatarId, Pose, Report, ReportingState},
+    motion::{AvatarId, KEEP_ALIVE, Pose, Report, ReportingState},
     tolerance::AT_SPAWN_M,
 };
 
@@ -40,7 +40,7 @@ impl Avatar {
         let after = last_tick.checked_sub(made).filter(|after| *after <= self.course_for)?;
         let pose = self.pose.on_course(after, &building.agility);
         let before = report.made.saturating_sub(last_tick);
-        Some(OnCourse { pose, before, tolerance: self.orders.in_force() })
+        Some(OnCourse { pose, before, tolerance: self.orders.in_force().along(&pose) })
     }
 }
 
@@ -199,9 +199,8 @@ impl Engine {
         let (from, course) = (building.axes().own(pose.eye), avatar.pose);
         let at = |time| building.axes().own(course.on_course(time, &building.agility).eye);
         let start = Walk { from, state: avatar.walk, to: from };
-        let most = avatar.pose.keep_alive();
         let (walkways, ways) = (&building.walkways, &mut workspace.ways);
-        avatar.course_for = walkways.time_ahead(ways, &building.world, &start, most, at);
+        avatar.course_for = walkways.time_ahead(ways, &building.world, &start, KEEP_ALIVE, at);
         avatar.version.advance();
         avatar.area = building.partition.area_of(&building.world, avatar.area, pose.eye);
         avatar.sealed = building.rooms.sealed_rooms_at(pose.eye);

@@ -321,7 +321,7 @@ impl InvariantChecker {
         let on_course = ticks.filter(|at| !tolerance.is_none() && *at > made && *at <= moment.now);
         let on_course = on_course.map(|at| {
             let pose = pose.on_course(at.saturating_sub(made), &agility);
-            Known { pose, at, tolerance }
+            Known { pose, at, tolerance: tolerance.along(&pose) }
         });
         // The engine does not know that a message took longer than it allows for.
         let at = made.max(last_heard.saturating_sub(way));

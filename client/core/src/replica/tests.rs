@@ -83,7 +83,7 @@ fn a_live_client_reports_departures_on_the_stream() {
         replica.tick(TICK * i, TICK)
     };
     assert_eq!(report(tick_at(1, 0.0)), (0, 0.0), "the order allows less than none before it");
-    assert_eq!((tick_at(2, 0.01), tick_at(3, 0.02)), (None, None));
+    assert_eq!((tick_at(2, 0.001), tick_at(3, 0.002)), (None, None));
     let departure = tick_at(4, 0.3);
     assert!(matches!(departure, Some(Outgoing::Message(_))));
     assert_eq!(report(departure).0, 3 * 64);

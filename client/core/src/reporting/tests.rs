@@ -71,8 +71,20 @@ fn an_avatar_on_course_reports_after_the_keep_alive() {
     };
     assert_eq!(reports(&mut reporter, 0.0), 3, "one at the beginning, and every four seconds");
     let mut reporter = live(TOLERANCE);
-    assert_eq!(reports(&mut reporter, 0.06), 11, "each second");
-    assert_eq!(reporter.counts(), ReportingCounts { ticks: 199, quiet: 0, on_course: 188 });
+    assert_eq!(reports(&mut reporter, 0.06), 4, "two at the beginning");
+    assert_eq!(reporter.counts(), ReportingCounts { ticks: 199, quiet: 0, on_course: 195 });
+}
+
+#[test]
+fn a_turn_is_told_at_the_second_tick_and_one_that_is_taken_back_is_not() {
+    let mut reporter = live(TOLERANCE);
+    let yaws = [0.0, 0.0, 0.2, 0.0, 0.2, 0.2, 0.2];
+    let ticks = (0..).zip(yaws);
+    let reasons: Vec<Option<ReportReason>> = ticks
+        .map(|(i, yaw)| Some(reporter.tick(TICK * i, &Pose { yaw, ..pose(0.0) }, TICK)?.0))
+        .collect();
+    let (asked, departed) = (Some(ReportReason::Asked), Some(ReportReason::Departed));
+    assert_eq!(reasons, [asked, None, None, None, None, departed, None]);
 }
 
 #[test]
@@ -81,10 +93,12 @@ fn a_finer_tolerance_asks_for_a_report_and_a_coarser_one_does_not() {
     assert!(reporter.tick(TICK, &pose(0.0), TICK).is_some());
     reporter.expect_reports(Tolerance { metres: 0.2, ..TOLERANCE });
     assert_eq!(reporter.answer(TICK, &pose(0.0)), None);
-    reporter.expect_reports(Tolerance { radians: 0.05, ..TOLERANCE });
+    reporter.expect_reports(Tolerance { metres: 0.2, radians: 0.05, ..TOLERANCE });
+    assert_eq!(reporter.answer(TICK, &pose(0.0)), None, "no region depends on turns");
+    reporter.expect_reports(TOLERANCE);
     let now = TICK + TICK / 4;
     let report = reporter.answer(now, &pose(0.0)).expect("less is allowed");
-    assert_eq!((report.made, report.orders), (TICK / 4, 3));
+    assert_eq!((report.made, report.orders), (TICK / 4, 4));
     assert_eq!(reporter.answer(now, &pose(0.0)), None, "once");
 }
 

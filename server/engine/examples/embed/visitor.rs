@@ -2,7 +2,7 @@ use std::{collections::BTreeMap, mem, time::Duration};
 
 use glam::Vec3;
 use sightline_engine::Output;
-use sightline_world::motion::{Agility, AvatarId, Pose, Report, Tbv, Tolerance};
+use sightline_world::motion::{Agility, AvatarId, KEEP_ALIVE, Pose, Report, Tbv, Tolerance};
 
 /// Walking speed, in metres a second.
 const WALKING: f32 = 1.5;
@@ -52,8 +52,9 @@ impl Visitor {
             (None, Some(last)) => {
                 let elapsed = now - last.made;
                 let course = last.pose.on_course(elapsed, agility);
-                elapsed + tick <= last.pose.keep_alive()
+                elapsed + tick <= KEEP_ALIVE
                     && self.tolerance.holds(&course, &self.pose, agility)
+                    && self.tolerance.holds_turn(&course, &self.pose)
             }
         };
         if is_silent && !mem::take(&mut self.is_asked) {

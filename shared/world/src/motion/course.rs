@@ -14,18 +14,18 @@ use glam::Vec3;
 
 use super::{Agility, FREE_FALL, Pose};
 
-/// No course is followed for longer. It exceeds both keep-alives and the time that a report takes.
+/// No course is followed for longer. It exceeds the keep-alive and the time that a report takes.
 pub const COURSE_MAX: Duration = Duration::from_secs(6);
 /// A viewer can hardly tell that an avatar is shown off its true place by its distance over this.
 /// In a picture that is 1,280 pixels wide with an angle of 90 degrees the avatar is then off by ten
 /// pixels at most.
 pub const ACUITY_DISTANCES: f32 = 64.0;
-/// A moving client that stays on course reports after this time.
-const KEEP_ALIVE_MOVING: Duration = Duration::from_secs(1);
-/// A client that stands still reports after this time.
-const KEEP_ALIVE_STANDING: Duration = Duration::from_secs(4);
-/// An avatar that is slower stands still, in metres per second.
-const STANDING: f32 = 0.02;
+/// A client that stays on course reports after this time.
+pub const KEEP_ALIVE: Duration = Duration::from_secs(4);
+/// An avatar that stands still may be off its course by this part of the tolerance.
+const STANDING_PART: f32 = 0.3;
+/// From this speed on an avatar may be off its course by the whole tolerance, in metres per second.
+const WALKING: f32 = 0.3;
 
 impl Pose {
     /// Where an avatar with this pose is after a time, if it stays on course.
@@ -48,12 +48,6 @@ impl Pose {
             ..*self
         }
     }
-
-    /// How long a client with this pose may stay silent on its course.
-    pub fn keep_alive(&self) -> Duration {
-        let moves = self.velocity.length() > STANDING || self.yaw_rate.abs() > STANDING;
-        if moves { KEEP_ALIVE_MOVING } else { KEEP_ALIVE_STANDING }
-    }
 }
 
 /// The shorter turn from one yaw to another, in radians: from -π to π.
@@ -64,8 +58,8 @@ pub fn turn_between(from: f32, to: f32) -> f32 {
 /// What a live client may leave unsaid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// By how much the eye may be off its course along the ground, in metres; half as much in
-    /// height. Zero means that the client reports at every tick.
+    /// By how much the eye of a walking avatar may be off its course along the ground, in metres;
+    /// half as much in height. Zero means that the client reports at every tick.
     pub metres: f32,
     /// By how much yaw and pitch may be off, in radians.
     pub radians: f32,
@@ -82,12 +76,22 @@ impl Tolerance {
         self.metres <= 0.0
     }
 
-    /// Whether whatever this tolerance allows is allowed by another one, too.
+    /// Whether wherever this tolerance allows an avatar to be is allowed by another one, too. How
+    /// far it may be turned does not count, since no region depends on that.
     pub fn is_within(&self, other: &Self) -> bool {
-        self.is_none()
-            || self.metres <= other.metres
-                && self.radians <= other.radians
-                && self.ahead >= other.ahead
+        self.is_none() || self.metres <= other.metres && self.ahead >= other.ahead
+    }
+
+    /// The tolerance of an avatar that should be on this course. One that stands still hardly
+    /// departs, so a small tolerance costs it no reports and keeps its regions small.
+    #[must_use]
+    pub fn along(&self, course: &Pose) -> Self {
+        // Server and client must agree, and only in free fall does the speed change on the way.
+        if course.falls {
+            return *self;
+        }
+        let part = STANDING_PART + (1.0 - STANDING_PART) * course.velocity.length() / WALKING;
+        Self { metres: self.metres * part.min(1.0), ..*self }
     }
 
     /// A tolerance that allows all that this one or another one does.
@@ -110,21 +114,28 @@ impl Tolerance {
     /// [`Agility::eyes`], whose sides differ by a part that is linear in time. So if the
     /// region from the true pose is within the region from the course, grown by
     /// [`Tolerance::growth_m`], now and after `ahead`, it is so at all times.
+    ///
+    /// How the avatar is turned is [another question](Tolerance::holds_turn).
     pub fn holds(&self, course: &Pose, pose: &Pose, agility: &Agility) -> bool {
         if self.is_none() {
             return false;
         }
+        let here = self.along(course);
         let off = pose.eye - course.eye;
+        off.with_y(0.0).length() <= here.metres
+            && off.y.abs() <= 0.5 * here.metres
+            && here.excess_m(course, pose, agility) <= here.growth_m(here.ahead)
+    }
+
+    /// Whether an avatar is turned as its course says.
+    pub fn holds_turn(&self, course: &Pose, pose: &Pose) -> bool {
         let turned = turn_between(course.yaw, pose.yaw);
-        off.with_y(0.0).length() <= self.metres
-            && off.y.abs() <= 0.5 * self.metres
-            && turned.abs() <= self.radians
-            && (pose.pitch - course.pitch).abs() <= self.radians
-            && self.excess_m(course, pose, agility) <= self.growth_m(self.ahead)
+        turned.abs() <= self.radians && (pose.pitch - course.pitch).abs() <= self.radians
     }
 
     /// By how much a region from the course must grow on each side so that it contains what a body
-    /// can do that is on course within this tolerance, for a time after it was.
+    /// can do that is on course within this tolerance, for a time after it was. The tolerance is
+    /// that [along](Tolerance::along) the course.
     pub fn growth_m(&self, time: Duration) -> f32 {
         if self.is_none() {
             return 0.0;
@@ -194,15 +205,19 @@ mod tests {
         assert!(!holds(walking(0.0, 1.2), walking(0.06, 1.2)));
         assert!(holds(walking(0.0, 1.2), walking(0.0, 0.0)), "what it can do is less");
         assert!(!holds(walking(0.0, 0.0), walking(0.0, 1.2)));
-        assert!(!holds(walking(0.0, 0.0), Pose { yaw: TAU - 0.11, ..Pose::default() }));
-        assert!(holds(walking(0.0, 0.0), Pose { yaw: TAU - 0.09, ..Pose::default() }));
+        let turned = |by: f32| Pose { yaw: TAU - by, ..Pose::default() };
+        assert!(!tolerance.holds_turn(&walking(0.0, 0.0), &turned(0.11)));
+        assert!(tolerance.holds_turn(&walking(0.0, 0.0), &turned(0.09)));
         assert!(!Tolerance::NONE.holds(&walking(0.0, 0.0), &walking(0.0, 0.0), &agility));
     }
 
     #[test]
-    fn who_stands_keeps_silent_for_longer() {
-        assert!(walking(0.0, 1.0).keep_alive() < walking(0.0, 0.0).keep_alive());
-        assert!(KEEP_ALIVE_STANDING < COURSE_MAX);
+    fn who_stands_may_depart_by_less_and_who_falls_by_as_much_as_who_walks() {
+        let metres = |course: Pose| tolerance(0.1).along(&course).metres;
+        assert!((metres(walking(0.0, 0.0)) - 0.03).abs() < 1e-6);
+        assert!((metres(walking(0.0, 0.15)) - 0.065).abs() < 1e-6);
+        assert_eq!(metres(walking(0.0, 1.2)), 0.1);
+        assert_eq!(metres(Pose { falls: true, ..Pose::default() }), 0.1);
     }
 
     fn vector(most: f32) -> impl Strategy<Value = Vec3> {
@@ -232,7 +247,7 @@ mod tests {
             let eyes = |pose: &Pose| {
                 agility.eyes(turned(pose.eye), turned(agility.sustained(pose.velocity)), time)
             };
-            let grown = eyes(&course).grown(tolerance.growth_m(time) + 1e-4);
+            let grown = eyes(&course).grown(tolerance.along(&course).growth_m(time) + 1e-4);
             prop_assert!(grown.contains_box(&eyes(&pose)), "{:?} {:?}", grown, eyes(&pose));
         }
     }

@@ -10,7 +10,7 @@ pub mod trajectory;
 
 pub use agility::Agility;
 pub use body::Body;
-pub use course::{ACUITY_DISTANCES, COURSE_MAX, Tolerance, turn_between};
+pub use course::{ACUITY_DISTANCES, COURSE_MAX, KEEP_ALIVE, Tolerance, turn_between};
 pub use pose::{AvatarId, FREE_FALL, Pose, Spawn};
 pub use report::Report;
 pub use tbv::{ReportingState, Tbv};
