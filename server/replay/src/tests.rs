@@ -178,10 +178,10 @@ fn two_in_a_room(by_exception: bool) -> (ReplayReport, String) {
     replay(&house.world, &trace, &options)
 }
 
-/// With the bytes of the wire, a straight walk in sight costs about one report a second, and
-/// standing still a quarter of that.
+/// With the bytes of the wire, a straight walk in sight costs hardly more reports than standing
+/// still: at each end, and one every four seconds.
 #[test]
-fn an_avatar_on_a_straight_walk_reports_about_once_a_second() {
+fn an_avatar_on_a_straight_walk_reports_at_its_ends_and_every_four_seconds() {
     let (report, dump) = two_in_a_room(true);
     let oracle = report.oracle.as_ref().unwrap();
     assert_eq!((oracle.misses, oracle.stale, report.corrections, report.jumps), (0, 0, 0, 0));
@@ -190,7 +190,7 @@ fn an_avatar_on_a_straight_walk_reports_about_once_a_second() {
         dump.lines().filter(of_avatar).count() as f64 / 60.0
     };
     let [walking, standing] = [reports("1"), reports("2")];
-    assert!((0.8..2.0).contains(&walking), "{walking} reports a second");
+    assert!((0.3..1.0).contains(&walking), "{walking} reports a second");
     assert!((0.2..0.5).contains(&standing), "{standing} reports a second");
     assert!(report.course_share > 0.9 && report.quiet_share < 0.01, "{report:?}");
     assert!(oracle.shown_error_p99_m < 0.3, "{oracle:?}");
