@@ -135,7 +135,7 @@ impl Engine {
         let Some((slot, gone)) = self.population.remove(id) else { return };
         self.horizons.remove(gone.round_trip);
         let index = if gone.is_live() { &mut self.indices.live } else { &mut self.indices.hidden };
-        index.remove(Member { id, slot }, &gone.footprint);
+        index.remove(Member { id, slot }, &gone.footprint.sectors);
         for pair in gone.pairs.iter().filter(|pair| pair.is_held) {
             let watched = self.population.at_mut(pair.slot);
             debug_assert!(watched.watchers > 0, "who holds an avatar is counted");

@@ -11,7 +11,6 @@ use std::{
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use crate::{
-    bit_set::BitSet,
     claims::WaySearch,
     regions::{ReachSearch, SightTester},
 };
@@ -25,12 +24,6 @@ pub(crate) struct Workspace {
     pub(crate) reach: ReachSearch,
     pub(crate) sight: SightTester,
     pub(crate) ways: WaySearch,
-    /// Cells that are visible from where an eye can be.
-    pub(crate) seen_by_eyes: BitSet,
-    /// Cells that are visible from where a body can be.
-    pub(crate) seeing_bodies: BitSet,
-    /// Avatars that were met, by index in the snapshot.
-    pub(crate) met: BitSet,
 }
 
 /// Threads that share the work of a tick.

@@ -17,7 +17,7 @@ use crate::{
     config::Config,
 };
 
-pub(crate) use sectors::Sectors;
+pub(crate) use sectors::{OccupiedSectors, Sectors};
 
 /// The world, and what is derived from it once.
 #[derive(Clone, Debug)]

@@ -38,8 +38,13 @@ impl Sectors {
         self.visible.len()
     }
 
+    /// The sectors of the cells that an eye can be in, and of those that a body can be in.
+    pub(crate) fn occupied(&self, eyes: &[CellId], bodies: &[CellId]) -> OccupiedSectors {
+        OccupiedSectors { eyes: self.of(eyes), bodies: self.of(bodies) }
+    }
+
     /// The sectors of some cells, ascending.
-    pub(crate) fn of(&self, cells: &[CellId]) -> Vec<u32> {
+    fn of(&self, cells: &[CellId]) -> Vec<u32> {
         let mut sectors: Vec<u32> =
             cells.iter().map(|cell| self.of_cell[cell.0 as usize]).collect();
         sectors.sort_unstable();
@@ -52,9 +57,13 @@ impl Sectors {
         self.visible[(space / self.spaces_each) as usize].contains(other / self.spaces_each)
     }
 
-    /// Whether a sector may see another.
-    pub(crate) fn sector_sees(&self, sector: u32, other: u32) -> bool {
-        self.visible[sector as usize].contains(other)
+    /// Whether an eye in one place may see a body in another, or the other way round.
+    pub(crate) fn may_meet(&self, one: &OccupiedSectors, other: &OccupiedSectors) -> bool {
+        let sees = |eyes: &[u32], bodies: &[u32]| {
+            let seen = |eye: &u32| &self.visible[*eye as usize];
+            eyes.iter().map(seen).any(|seen| bodies.iter().any(|body| seen.contains(*body)))
+        };
+        sees(&one.eyes, &other.bodies) || sees(&other.eyes, &one.bodies)
     }
 
     /// All sectors that are visible from some of these.
@@ -63,4 +72,13 @@ impl Sectors {
         sectors.iter().for_each(|sector| all.unite(&self.visible[*sector as usize]));
         all
     }
+}
+
+/// The sectors in which an avatar can be.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub(crate) struct OccupiedSectors {
+    /// The sectors that the eye can be in, ascending.
+    pub(crate) eyes: Vec<u32>,
+    /// The sectors that a part of the body can be in, ascending.
+    pub(crate) bodies: Vec<u32>,
 }

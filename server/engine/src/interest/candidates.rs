@@ -1,7 +1,8 @@
 //! Candidates: the pairs of avatars that may see each other by their coarse regions.
 //!
 //! Two live avatars have a pair each, one as the viewer of the other, while their coarse regions
-//! may see each other: by an index of cells, then by rooms, and by the gates between them. Pairs
+//! may see each other: by an index of sectors, then by
+//! cells, by rooms, and by the gates between them. Pairs
 //! are updated only for avatars with a new coarse region. Most people in a building have no pair
 //! with each other, and cost nothing until one of them has moved some way. [Sight
 //! tests](super::sight_tests) decide what pairs leave open.
@@ -13,7 +14,7 @@ use crate::{
     messages::Output,
     pair::{Pair, SightResult},
     population::Population,
-    regions::{CoarseIndex, CoarseRegion, RegionFootprint},
+    regions::{CoarseRegion, RegionFootprint, SectorIndex},
     slot::{Member, Slot},
     view::View,
     worker_pool::{WorkerPool, Workspace},
@@ -30,7 +31,7 @@ struct Moved {
 /// What the search for candidates reads.
 struct Candidates<'a> {
     view: View<'a>,
-    index: &'a CoarseIndex,
+    index: &'a SectorIndex,
     live: &'a LiveAvatars<'a>,
 }
 
@@ -38,7 +39,7 @@ struct Candidates<'a> {
 pub(crate) fn update_pairs(
     view: View<'_>,
     pool: &WorkerPool,
-    index: &CoarseIndex,
+    index: &SectorIndex,
     snapshot: &mut Snapshot<'_>,
 ) {
     let Snapshot { live, pairs } = snapshot;
@@ -77,49 +78,40 @@ impl Candidates<'_> {
         let mut found: Vec<Member> = Vec::new();
         let all = self.live.all();
         let Some(coarse) = all[index].regions.coarse() else { return found };
-        let Workspace { seen_by_eyes, seeing_bodies, met, .. } = workspace;
-        coarse.visible_cells(self.view.building.cells(), seen_by_eyes, seeing_bodies);
-        met.clear();
-        met.insert(index as u32);
-        for member in self.index.meeting(seen_by_eyes, seeing_bodies) {
-            let other = self.live.index(member.slot);
-            if !met.contains(other as u32) {
-                met.insert(other as u32);
-                let is_done = other < index && all[other].has_moved();
-                found.extend((!is_done).then_some(*member));
-            }
-        }
+        self.index.meeting(&self.view.building.sectors, &coarse.sectors, &mut found);
+        found.sort_unstable();
+        found.dedup();
         found.retain(|member| {
+            let other = self.live.index(member.slot);
+            if other == index || other < index && all[other].has_moved() {
+                return false;
+            }
             // What is open between smaller regions is open between coarse ones.
             let known = own.binary_search_by_key(&member.id, |pair| pair.id).map(|at| &own[at]);
             if known.is_ok_and(|pair| pair.concerns && pair.sight.is_open()) {
                 return true;
             }
-            let other = self.live.at(member.slot).regions.coarse();
-            other.is_some_and(|other| self.may_meet(workspace, coarse, other))
+            all[other].regions.coarse().is_some_and(|other| self.may_meet(workspace, coarse, other))
         });
         found
     }
 
-    /// Whether an avatar in one coarse region, whose visible cells are in the workspace, may see or
-    /// be seen by an avatar in another.
+    /// Whether an avatar in one coarse region may see or be seen by an avatar in another.
     fn may_meet(
         &self,
         workspace: &mut Workspace,
         one: &CoarseRegion,
         other: &CoarseRegion,
     ) -> bool {
-        let Workspace { sight, seen_by_eyes, seeing_bodies, .. } = workspace;
         let building = self.view.building;
         let has_budget = self.view.config.sight_test_budget > 0;
         let mut may_see = |eyes: &RegionFootprint, bodies: &RegionFootprint| {
-            eyes.rooms_allow(bodies, &building.rooms)
-                && !(has_budget && sight.are_apart(&building.occluders, eyes, bodies))
+            eyes.sees(bodies, building)
+                && eyes.rooms_allow(bodies, &building.rooms)
+                && !(has_budget && workspace.sight.are_apart(&building.occluders, eyes, bodies))
         };
-        other.body_footprint.touches(seen_by_eyes)
-            && may_see(&one.eye_footprint, &other.body_footprint)
-            || other.eye_footprint.touches(seeing_bodies)
-                && may_see(&other.eye_footprint, &one.body_footprint)
+        may_see(&one.eye_footprint, &other.body_footprint)
+            || may_see(&other.eye_footprint, &one.body_footprint)
     }
 }
 
@@ -208,14 +200,14 @@ pub(crate) fn forget_results(population: &mut Population, slot: Slot) {
 pub(crate) fn end_pairs(
     view: View<'_>,
     population: &mut Population,
-    index: &mut CoarseIndex,
+    index: &mut SectorIndex,
     slot: Slot,
     pending: &mut Vec<Output>,
 ) {
     let avatar = population.at_mut(slot);
     let id = avatar.id;
     if let Some(coarse) = avatar.regions.coarse() {
-        index.remove(Member { id, slot }, coarse);
+        index.remove(Member { id, slot }, &coarse.sectors);
     }
     avatar.regions = Default::default();
     let viewers: Vec<Slot> = if view.config.policy.uses_cells() {

@@ -228,7 +228,7 @@ impl SightTests<'_> {
             return false;
         };
         let building = self.view.building;
-        let sees = footprints.eyes.sees(footprints.bodies, building.cells(), &building.sectors);
+        let sees = footprints.eyes.sees(footprints.bodies, building);
         if sees {
             pair.seen = Some(regions);
         } else {
@@ -347,9 +347,7 @@ impl SightTests<'_> {
         let building = self.view.building;
         let are_apart = self.view.config.sight_test_budget > 0
             && workspace.sight.are_apart(&building.occluders, eyes, bodies);
-        !are_apart
-            && eyes.sees(bodies, building.cells(), &building.sectors)
-            && eyes.rooms_allow(bodies, &building.rooms)
+        !are_apart && eyes.sees(bodies, building) && eyes.rooms_allow(bodies, &building.rooms)
     }
 
     /// The footprints of a pair's cached regions.

@@ -1,13 +1,10 @@
 //! Region footprints: what a region covers in the building.
 
 use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
-use sightline_world::{CellId, Cells, geometry::Aabb};
+use sightline_world::{CellId, geometry::Aabb};
 
 use super::CoverBoxes;
-use crate::{
-    bit_set::BitSet,
-    building::{Building, Sectors},
-};
+use crate::building::Building;
 
 /// What a region covers: its bounding box, its spaces, its cells and its rooms.
 #[derive(Clone, Debug)]
@@ -53,26 +50,6 @@ impl RegionFootprint {
         !rooms.can_rule_out() || rooms.may_see(&self.rooms, &bodies.rooms)
     }
 
-    /// Adds the cells that are visible from some of this region's cells.
-    pub(crate) fn add_visible(
-        &self,
-        world: &Cells,
-        is_included: impl Fn(CellId) -> bool,
-        seen: &mut BitSet,
-    ) {
-        for cell in self.cells.iter().filter(|cell| is_included(**cell)) {
-            let mut row = world.pvs[cell.0 as usize].iter();
-            while let Some(range) = row.next_range() {
-                seen.insert_range(range);
-            }
-        }
-    }
-
-    /// Whether the region has a cell of this set.
-    pub(crate) fn touches(&self, cells: &BitSet) -> bool {
-        self.cells.iter().any(|cell| cells.contains(cell.0))
-    }
-
     /// Each space and the region's cells in it.
     fn by_space(&self) -> impl Iterator<Item = (u32, &[CellId])> {
         let starts = std::iter::once(&0).chain(&self.ends);
@@ -83,11 +60,12 @@ impl RegionFootprint {
     }
 
     /// Whether some cell of this region sees some cell of another.
-    pub(crate) fn sees(&self, other: &Self, world: &Cells, sectors: &Sectors) -> bool {
+    pub(crate) fn sees(&self, other: &Self, building: &Building) -> bool {
         self.by_space().any(|(here, some)| {
             other.by_space().any(|(there, others)| {
-                let sees = |from: &CellId| others.iter().any(|to| world.sees(*from, *to));
-                sectors.sees(here, there) && some.iter().any(sees)
+                let sees =
+                    |from: &CellId| others.iter().any(|to| building.cells().sees(*from, *to));
+                building.sectors.sees(here, there) && some.iter().any(sees)
             })
         })
     }

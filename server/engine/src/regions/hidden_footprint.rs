@@ -5,7 +5,7 @@ use sightline_world::{CellId, geometry::Aabb};
 
 use super::{CoverBoxes, Reach, footprint::room_overlap};
 use crate::{
-    building::{Building, Sectors},
+    building::{Building, OccupiedSectors},
     sphere::Sphere,
 };
 
@@ -13,10 +13,7 @@ use crate::{
 /// told of.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(crate) struct HiddenFootprint {
-    /// The sectors that the eye can be in, ascending.
-    pub(super) eye_sectors: Vec<u32>,
-    /// The sectors that a part of the body can be in, ascending.
-    pub(super) body_sectors: Vec<u32>,
+    pub(crate) sectors: OccupiedSectors,
     pub(crate) cover: FootprintCover,
     /// The rooms of all places of the eye.
     eye_rooms: RoomOverlap,
@@ -74,20 +71,11 @@ impl HiddenFootprint {
         cover: FootprintCover,
     ) -> Self {
         Self {
-            eye_sectors: building.sectors.of(eye_cells),
-            body_sectors: building.sectors.of(body_cells),
+            sectors: building.sectors.occupied(eye_cells, body_cells),
             eye_rooms: room_overlap(building, &cover.eyes, eye_cells),
             body_rooms: room_overlap(building, &cover.bodies, body_cells),
             cover,
         }
-    }
-
-    /// Whether, by sectors, an eye here may see a body in another footprint, or the other way round.
-    pub(crate) fn meets(&self, other: &Self, sectors: &Sectors) -> bool {
-        let sees = |eyes: &[u32], bodies: &[u32]| {
-            eyes.iter().any(|eye| bodies.iter().any(|body| sectors.sector_sees(*eye, *body)))
-        };
-        sees(&self.eye_sectors, &other.body_sectors) || sees(&other.eye_sectors, &self.body_sectors)
     }
 
     /// The part of the footprint that is possible while the eye is in a box, in own axes. Its

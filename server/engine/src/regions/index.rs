@@ -1,30 +1,26 @@
 //! Indices: which avatars can be where.
 
-use super::{CoarseCells, CoarseRegion, HiddenFootprint};
 use crate::{
     bit_set::BitSet,
-    building::{Building, Sectors},
+    building::{Building, OccupiedSectors, Sectors},
     slot::Member,
 };
 
 /// All indices of avatars by place.
 #[derive(Clone, Debug)]
 pub(crate) struct Indices {
-    /// The coarse regions of live avatars, by cell.
-    pub(crate) coarse: CoarseIndex,
+    /// The coarse regions of live avatars.
+    pub(crate) coarse: SectorIndex,
     /// Where live avatars can be until a hidden avatar that they reveal can be told of.
-    pub(crate) live: FootprintIndex,
+    pub(crate) live: SectorIndex,
     /// The TBVs of quiet and asked avatars.
-    pub(crate) hidden: FootprintIndex,
+    pub(crate) hidden: SectorIndex,
 }
 
 impl Indices {
     pub(crate) fn new(building: &Building) -> Self {
-        Self {
-            coarse: CoarseIndex::new(building.cells().cells.len()),
-            live: FootprintIndex::new(building.sectors.len()),
-            hidden: FootprintIndex::new(building.sectors.len()),
-        }
+        let empty = SectorIndex::new(&building.sectors);
+        Self { coarse: empty.clone(), live: empty.clone(), hidden: empty }
     }
 }
 
@@ -80,73 +76,45 @@ impl MemberIndex {
     }
 }
 
-/// The coarse regions of live avatars, by cell.
+/// Which avatars can be in which sectors.
 #[derive(Clone, Debug)]
-pub(crate) struct CoarseIndex {
+pub(crate) struct SectorIndex {
     eyes: MemberIndex,
     bodies: MemberIndex,
 }
 
-impl CoarseIndex {
-    fn new(cells: usize) -> Self {
-        Self { eyes: MemberIndex::new(cells), bodies: MemberIndex::new(cells) }
+impl SectorIndex {
+    fn new(sectors: &Sectors) -> Self {
+        let empty = MemberIndex::new(sectors.len());
+        Self { eyes: empty.clone(), bodies: empty }
     }
 
-    /// Moves an avatar from the cells of its last coarse region to those of its new one.
-    pub(crate) fn replace(&mut self, member: Member, old: &CoarseCells, new: &CoarseCells) {
+    pub(crate) fn insert(&mut self, member: Member, sectors: &OccupiedSectors) {
+        self.eyes.insert(member, &sectors.eyes);
+        self.bodies.insert(member, &sectors.bodies);
+    }
+
+    pub(crate) fn remove(&mut self, member: Member, sectors: &OccupiedSectors) {
+        self.eyes.remove(member, &sectors.eyes);
+        self.bodies.remove(member, &sectors.bodies);
+    }
+
+    /// Moves an avatar from some sectors to others.
+    pub(crate) fn replace(&mut self, member: Member, old: &OccupiedSectors, new: &OccupiedSectors) {
         self.eyes.replace(member, &old.eyes, &new.eyes);
         self.bodies.replace(member, &old.bodies, &new.bodies);
     }
 
-    /// Removes an avatar with its coarse region.
-    pub(crate) fn remove(&mut self, member: Member, region: &CoarseRegion) {
-        self.eyes.remove(member, &region.cells.eyes);
-        self.bodies.remove(member, &region.cells.bodies);
-    }
-
-    /// The avatars with a body in the first set of cells, then those with an eye in the second.
-    /// Some come more than once.
-    pub(crate) fn meeting<'a>(
-        &'a self,
-        seen_by_eyes: &'a BitSet,
-        seeing_bodies: &'a BitSet,
-    ) -> impl Iterator<Item = &'a Member> {
-        self.bodies.among(seen_by_eyes).chain(self.eyes.among(seeing_bodies))
-    }
-}
-
-/// The hidden footprints of many avatars, by sector.
-#[derive(Clone, Debug)]
-pub(crate) struct FootprintIndex {
-    eyes: MemberIndex,
-    bodies: MemberIndex,
-}
-
-impl FootprintIndex {
-    fn new(sectors: usize) -> Self {
-        Self { eyes: MemberIndex::new(sectors), bodies: MemberIndex::new(sectors) }
-    }
-
-    pub(crate) fn insert(&mut self, member: Member, footprint: &HiddenFootprint) {
-        self.eyes.insert(member, &footprint.eye_sectors);
-        self.bodies.insert(member, &footprint.body_sectors);
-    }
-
-    pub(crate) fn remove(&mut self, member: Member, footprint: &HiddenFootprint) {
-        self.eyes.remove(member, &footprint.eye_sectors);
-        self.bodies.remove(member, &footprint.body_sectors);
-    }
-
-    /// Adds the avatars that, by sectors, can be seen from a footprint or can see into it. They are
-    /// in no order, and some come twice. An eye in the footprint sees a body here, or an eye here
-    /// sees a body there; the PVS is symmetric.
+    /// Adds the avatars that may be seen from somewhere in these sectors, or see it. They are in no
+    /// order, and some come twice. An eye here sees a body there, or an eye there sees a body here;
+    /// the PVS is symmetric.
     pub(crate) fn meeting(
         &self,
         sectors: &Sectors,
-        footprint: &HiddenFootprint,
+        here: &OccupiedSectors,
         found: &mut Vec<Member>,
     ) {
-        found.extend(self.bodies.among(&sectors.visible_from(&footprint.eye_sectors)));
-        found.extend(self.eyes.among(&sectors.visible_from(&footprint.body_sectors)));
+        found.extend(self.bodies.among(&sectors.visible_from(&here.eyes)));
+        found.extend(self.eyes.among(&sectors.visible_from(&here.bodies)));
     }
 }

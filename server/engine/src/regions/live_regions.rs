@@ -3,13 +3,16 @@
 use std::{sync::OnceLock, time::Duration};
 
 use glam::Vec3;
-use sightline_world::{CellId, Cells, geometry::Aabb, motion::Body};
+use sightline_world::{CellId, geometry::Aabb, motion::Body};
 
 use super::{
     CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint, with_margin_ahead,
 };
 use crate::{
-    bit_set::BitSet, building::Building, generation::Generation, pair::RegionMargin, view::View,
+    building::{Building, OccupiedSectors},
+    generation::Generation,
+    pair::RegionMargin,
+    view::View,
 };
 
 /// The margin of coarse regions on each side, in metres. Most pairs of people are far from seeing
@@ -62,8 +65,8 @@ pub(crate) struct CoarseRegion {
     bodies: CoverBoxes,
     pub(crate) eye_footprint: RegionFootprint,
     pub(crate) body_footprint: RegionFootprint,
-    /// The cells of both footprints.
-    pub(crate) cells: CoarseCells,
+    /// The sectors of both footprints.
+    pub(crate) sectors: OccupiedSectors,
 }
 
 impl CoarseRegion {
@@ -74,37 +77,9 @@ impl CoarseRegion {
         let eye_cover = reach.eye_cover(cells);
         let eye_footprint = RegionFootprint::new(building, reach.eye_cells(), &eye_cover);
         let body_footprint = RegionFootprint::new(building, bodies.cells, &bodies.cover);
-        let numbers = |footprint: &RegionFootprint| -> Vec<u32> {
-            footprint.cells().iter().map(|cell| cell.0).collect()
-        };
-        let cells = CoarseCells { eyes: numbers(&eye_footprint), bodies: numbers(&body_footprint) };
-        Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, cells }
+        let sectors = building.sectors.occupied(eye_footprint.cells(), body_footprint.cells());
+        Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, sectors }
     }
-
-    /// Fills in the cells that are visible from where the eye can be, and those visible from where
-    /// the body can be.
-    pub(crate) fn visible_cells(
-        &self,
-        cells: &Cells,
-        from_eyes: &mut BitSet,
-        from_bodies: &mut BitSet,
-    ) {
-        let eyes = self.eye_footprint.cells();
-        from_eyes.clear();
-        self.eye_footprint.add_visible(cells, |_| true, from_eyes);
-        from_bodies.clone_from(from_eyes);
-        let is_new = |cell: CellId| eyes.binary_search(&cell).is_err();
-        self.body_footprint.add_visible(cells, is_new, from_bodies);
-    }
-}
-
-/// The cells of a coarse region, ascending.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct CoarseCells {
-    /// The cells that the eye can be in.
-    pub(crate) eyes: Vec<u32>,
-    /// The cells that a part of the body can be in.
-    pub(crate) bodies: Vec<u32>,
 }
 
 /// Where an eye can be, or a body as viewers with a certain delay must see it. What portals lead to
@@ -292,7 +267,7 @@ impl LiveRegions {
         self.shown = self.bodies(own);
     }
 
-    /// Brings the regions up to date for this tick. Returns the cells of the last coarse region if
+    /// Brings the regions up to date for this tick. Returns the sectors of the last coarse region if
     /// there is a new one.
     pub(crate) fn update(
         &mut self,
@@ -300,7 +275,7 @@ impl LiveRegions {
         search: &mut ReachSearch,
         motion: &Motion,
         delays: &[Duration],
-    ) -> Option<CoarseCells> {
+    ) -> Option<OccupiedSectors> {
         let View { building, config, horizons, .. } = view;
         let own = horizons.delay(motion.round_trip);
         let eyes_in = |delay: Duration, is_believed: bool| {
@@ -326,18 +301,18 @@ impl LiveRegions {
             all = all.union(&eyes);
             has_changed |= region.update(eyes, step, has_moved, config.spare_m);
         }
-        let mut old_cells = None;
+        let mut old_sectors = None;
         let is_valid = |coarse: &CoarseRegion| serves(&coarse.valid_in, &all, COARSE_M);
         if !self.coarse().is_some_and(is_valid) {
             let valid_in = with_margin_ahead(&all, step, COARSE_M);
             let coarse = CoarseRegion::new(building, search, motion, valid_in);
             let old = self.coarse.replace(Box::new(coarse));
-            old_cells = Some(old.map_or_else(Default::default, |old| old.cells));
+            old_sectors = Some(old.map_or_else(Default::default, |old| old.sectors));
         }
         if has_changed {
             self.predict(building, motion);
         }
-        old_cells
+        old_sectors
     }
 
     /// Finds where predicted lines end, if the avatar goes on as it does.

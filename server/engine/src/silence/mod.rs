@@ -92,7 +92,7 @@ impl Silencing<'_> {
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
         avatar.silence_from = now;
-        self.indices.hidden.remove(member, &avatar.footprint);
+        self.indices.hidden.remove(member, &avatar.footprint.sectors);
         avatar.footprint = HiddenFootprint::default();
         avatar.footprint_version.advance();
         avatar.prevented = None;

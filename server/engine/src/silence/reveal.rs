@@ -56,13 +56,12 @@ impl Silencing<'_> {
         }
         let member = Member { id: avatar.id, slot };
         let mut nearby = Vec::new();
-        self.indices.hidden.meeting(&building.sectors, &footprint, &mut nearby);
+        self.indices.hidden.meeting(&building.sectors, &footprint.sectors, &mut nearby);
         nearby.sort_unstable();
         nearby.dedup();
         nearby.retain(|other| self.may_see_each_other(&footprint, other.slot));
         let avatar = self.population.at_mut(slot);
-        self.indices.live.remove(member, &avatar.footprint);
-        self.indices.live.insert(member, &footprint);
+        self.indices.live.replace(member, &avatar.footprint.sectors, &footprint.sectors);
         (avatar.footprint, avatar.nearby_hidden) = (footprint, nearby);
         avatar.footprint_version.advance();
     }
@@ -86,7 +85,7 @@ impl Silencing<'_> {
         let Self { view, population, indices, workspace, budget, .. } = self;
         let footprint = &population.at(member.slot).footprint;
         let mut found = Vec::new();
-        indices.live.meeting(&view.building.sectors, footprint, &mut found);
+        indices.live.meeting(&view.building.sectors, &footprint.sectors, &mut found);
         found.sort_unstable();
         found.dedup();
         found.retain(|live| {

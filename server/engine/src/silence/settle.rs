@@ -94,8 +94,8 @@ impl Silencing<'_> {
         avatar.orders.send_quiet();
         (avatar.validity, avatar.hidden_from) = (validity, known);
         let link = avatar.link();
-        self.indices.live.remove(member, &avatar.footprint);
-        self.indices.hidden.insert(member, &footprint);
+        self.indices.live.remove(member, &avatar.footprint.sectors);
+        self.indices.hidden.insert(member, &footprint.sectors);
         avatar.footprint = footprint;
         avatar.footprint_version.advance();
         self.population.set_quiet(slot, tbv, sphere);
