@@ -6,7 +6,8 @@ use glam::Vec3;
 use sightline_world::{CellId, geometry::Aabb, motion::Body};
 
 use super::{
-    CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint, with_margin_ahead,
+    CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint, lasting_margin_m,
+    with_margin_ahead,
 };
 use crate::{
     building::{Building, OccupiedSectors},
@@ -18,9 +19,9 @@ use crate::{
 /// The margin of coarse regions on each side, in metres. Most pairs of people are far from seeing
 /// each other, and nothing is done about them while their coarse regions last.
 const COARSE_M: f32 = 0.75;
-/// The margins of cached regions on each side, as multiples of
-/// [`Config::spare_m`](crate::Config::spare_m).
-const MARGINS: [f32; 2] = [1.0, 4.0];
+/// The small and the large margin of cached regions.
+const MARGINS: [CachedMargin; 2] =
+    [CachedMargin { parts: 1.0, is_lasting: false }, CachedMargin { parts: 4.0, is_lasting: true }];
 /// How near a predicted line ends to the side of the region that the avatar moves towards, from 0
 /// to 1.
 const HEADING: f32 = 0.9;
@@ -113,6 +114,22 @@ pub(crate) struct Heading {
     pub(crate) cell: Option<CellId>,
 }
 
+/// How much larger than needed a cached region is.
+#[derive(Clone, Copy, Debug)]
+struct CachedMargin {
+    /// The least margin on each side, as a multiple of [`Config::spare_m`](crate::Config::spare_m).
+    parts: f32,
+    /// Whether the margin is larger for fast avatars.
+    is_lasting: bool,
+}
+
+impl CachedMargin {
+    fn metres(self, spare_m: f32, step: Vec3) -> f32 {
+        let least_m = spare_m * self.parts;
+        if self.is_lasting { lasting_margin_m(step, least_m) } else { least_m }
+    }
+}
+
 /// A region with a margin, which lasts for a few ticks.
 #[derive(Clone, Debug)]
 pub(crate) struct CachedRegion {
@@ -167,8 +184,9 @@ impl LiveRegion {
         (self.eyes, self.step) = (eyes, step);
         let regions = self.cached.iter_mut().zip(&mut self.versions);
         for ((cached, version), margin) in regions.zip(MARGINS) {
-            let is_valid =
-                |region: &CachedRegion| serves(&region.valid_in, &eyes, margin_m * margin);
+            let is_valid = |region: &CachedRegion| {
+                serves(&region.valid_in, &eyes, margin.metres(margin_m, step))
+            };
             if cached.get().is_some_and(|region| !is_valid(region)) {
                 *cached = OnceLock::new();
                 version.advance();
@@ -302,9 +320,10 @@ impl LiveRegions {
             has_changed |= region.update(eyes, step, has_moved, config.spare_m);
         }
         let mut old_sectors = None;
-        let is_valid = |coarse: &CoarseRegion| serves(&coarse.valid_in, &all, COARSE_M);
+        let coarse_m = lasting_margin_m(step, COARSE_M);
+        let is_valid = |coarse: &CoarseRegion| serves(&coarse.valid_in, &all, coarse_m);
         if !self.coarse().is_some_and(is_valid) {
-            let valid_in = with_margin_ahead(&all, step, COARSE_M);
+            let valid_in = with_margin_ahead(&all, step, coarse_m);
             let coarse = CoarseRegion::new(building, search, motion, valid_in);
             let old = self.coarse.replace(Box::new(coarse));
             old_sectors = Some(old.map_or_else(Default::default, |old| old.sectors));
@@ -357,7 +376,7 @@ impl LiveRegions {
     ) -> Option<&CachedRegion> {
         let (region, level) = (self.get(kind)?, margin as usize);
         if region.cached[level].get().is_none() {
-            let margin_m = view.config.spare_m * MARGINS[level];
+            let margin_m = MARGINS[level].metres(view.config.spare_m, region.step);
             let valid_in = with_margin_ahead(&region.eyes, region.step, margin_m);
             debug_assert!(valid_in.contains_box(&region.eyes), "a margin adds to a region");
             let reach = Reach::in_box(search, &motion.start(view.building), &valid_in);

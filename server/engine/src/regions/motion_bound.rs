@@ -16,6 +16,8 @@ use crate::{building::Building, claims::WalkState};
 const ASIDE: f32 = 0.25;
 /// For how many ticks a walking avatar is expected to go on as it does.
 const AHEAD_TICKS: f32 = 12.0;
+/// For how many ticks the margin of a fast avatar suffices.
+const LASTING_TICKS: f32 = 6.0;
 
 /// What the engine knows of how an avatar moves.
 ///
@@ -91,6 +93,11 @@ impl MotionBound {
 /// A box that is `by` times as large about a point.
 pub(crate) fn scaled(region: &Aabb, about: Vec3, by: f32) -> Aabb {
     Aabb::new(about + (region.min - about) * by, about + (region.max - about) * by)
+}
+
+/// The margin of a region for an eye that moves by `step` each tick: enough for some ticks.
+pub(crate) fn lasting_margin_m(step: Vec3, least_m: f32) -> f32 {
+    least_m.max(step.length() * LASTING_TICKS)
 }
 
 /// A box with a margin for an eye that moves by `step` each tick. Most of the margin is ahead.

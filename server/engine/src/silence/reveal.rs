@@ -5,12 +5,12 @@ use sightline_world::motion::ReportingState;
 use super::{End, Reached, Silencing, lets_see};
 use crate::{
     messages::Output,
-    regions::{HiddenFootprint, Motion, MotionBound, Reach, with_margin_ahead},
+    regions::{HiddenFootprint, Motion, MotionBound, Reach, lasting_margin_m, with_margin_ahead},
     slot::{Member, Slot},
     view::View,
 };
 
-/// The margin of a live avatar's footprint, in metres.
+/// The least margin of a live avatar's footprint, in metres.
 const FOOTPRINT_MARGIN_M: f32 = 0.5;
 
 impl Silencing<'_> {
@@ -46,7 +46,8 @@ impl Silencing<'_> {
         let View { building, config, .. } = self.view;
         let avatar = self.population.at_mut(slot);
         let step = building.axes().own(motion.pose.velocity) * config.tick.as_secs_f32();
-        let region = with_margin_ahead(&bound.eyes, step, FOOTPRINT_MARGIN_M);
+        let margin_m = lasting_margin_m(step, FOOTPRINT_MARGIN_M);
+        let region = with_margin_ahead(&bound.eyes, step, margin_m);
         let start = motion.start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &region);
         let footprint = HiddenFootprint::of_reach(building, &reach);
