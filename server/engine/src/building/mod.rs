@@ -1,5 +1,6 @@
 //! The immutable building: what the engine derives from a world when it is made.
 
+mod adjacency;
 mod sectors;
 
 use std::sync::Arc;
@@ -17,6 +18,7 @@ use crate::{
     config::Config,
 };
 
+pub(crate) use adjacency::{Adjacency, Beside, Exit, ExitSide};
 pub(crate) use sectors::{OccupiedSectors, Sectors};
 
 /// The world, and what is derived from it once.
@@ -31,6 +33,8 @@ pub(crate) struct Building {
     pub(crate) body: Body,
     /// What the building's author says about who may see whom.
     pub(crate) rooms: RoomIndex,
+    /// What is beside each space.
+    pub(crate) adjacency: Adjacency,
     pub(crate) sectors: Sectors,
     /// What blocks sight.
     pub(crate) occluders: Arc<Occluders>,
@@ -56,6 +60,7 @@ impl Building {
             agility,
             body: world.body.in_axes(&world.cells.axes),
             rooms: RoomIndex::new(&world),
+            adjacency: Adjacency::new(&world.cells),
             sectors: Sectors::new(&world.cells),
             occluders: Arc::new(Occluders::new(&world)),
             walkways: Walkways::new(&world, agility.fall_max / speed_max),

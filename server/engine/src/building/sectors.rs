@@ -1,6 +1,6 @@
 //! The building at a resolution coarser than cells.
 
-use sightline_world::{CellId, Cells};
+use sightline_world::Cells;
 
 use crate::bit_set::BitSet;
 
@@ -13,8 +13,6 @@ const SECTORS_MAX: usize = 1 << 14;
 /// leave open.
 #[derive(Clone, Debug)]
 pub(crate) struct Sectors {
-    /// The sector of each cell.
-    of_cell: Vec<u32>,
     /// How many spaces make one sector.
     spaces_each: u32,
     /// For each sector, those that have a cell visible from one of its cells.
@@ -31,23 +29,22 @@ impl Sectors {
         for (sector, row) in of_cell.iter().zip(&cells.pvs) {
             row.iter().for_each(|cell| visible[*sector as usize].insert(of_cell[cell as usize]));
         }
-        Self { of_cell, spaces_each, visible }
+        Self { spaces_each, visible }
     }
 
     pub(crate) fn len(&self) -> usize {
         self.visible.len()
     }
 
-    /// The sectors of the cells that an eye can be in, and of those that a body can be in.
-    pub(crate) fn occupied(&self, eyes: &[CellId], bodies: &[CellId]) -> OccupiedSectors {
+    /// The sectors of the spaces that an eye can be in, and of those that a body can be in.
+    pub(crate) fn occupied(&self, eyes: &[u32], bodies: &[u32]) -> OccupiedSectors {
         OccupiedSectors { eyes: self.of(eyes), bodies: self.of(bodies) }
     }
 
-    /// The sectors of some cells, ascending.
-    fn of(&self, cells: &[CellId]) -> Vec<u32> {
-        let mut sectors: Vec<u32> =
-            cells.iter().map(|cell| self.of_cell[cell.0 as usize]).collect();
-        sectors.sort_unstable();
+    /// The sectors of some spaces, which are ascending.
+    fn of(&self, spaces: &[u32]) -> Vec<u32> {
+        debug_assert!(spaces.is_sorted(), "sectors are in the order of spaces");
+        let mut sectors: Vec<u32> = spaces.iter().map(|space| space / self.spaces_each).collect();
         sectors.dedup();
         sectors
     }

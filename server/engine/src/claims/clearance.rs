@@ -3,9 +3,7 @@
 //! Window panes, slits, and strips left open over lintels are open to sight and closed to bodies.
 
 use glam::Vec3;
-use sightline_world::{
-    Cells, Polygon, World, geometry::Aabb, motion::Body, tolerance::WIRE_POSE_M,
-};
+use sightline_world::{Polygon, World, geometry::Aabb, motion::Body, tolerance::WIRE_POSE_M};
 
 use crate::bit_set::BitSet;
 
@@ -21,7 +19,7 @@ const POSITIONS_MAX: usize = 1_000;
 /// No number of positions is a multiple of this prime, so its multiples visit all of them.
 const PRIME: usize = 7_919;
 
-/// The gates and portals that are too narrow for a body.
+/// The gates that are too narrow for a body.
 ///
 /// A gate is too narrow if at every eye position in it something solid is in the part of the body
 /// that is sure to need room: the body, less what is uncertain about it. Other programs may collide
@@ -38,7 +36,6 @@ pub(crate) struct Clearance {
     /// are too coarse to tell.
     free: Option<Aabb>,
     narrow_gates: BitSet,
-    narrow_portals: BitSet,
 }
 
 impl Clearance {
@@ -55,38 +52,18 @@ impl Clearance {
             }
         }
         let free = standing(&world.body).around(Vec3::ZERO).grown(-WIRE_POSE_M);
-        Self { free: Some(free), ..Self::with_narrow_gates(&world.cells, narrow_gates) }
+        Self { free: Some(free), narrow_gates }
     }
 
     /// The clearance when just these gates are too narrow.
-    pub(crate) fn with_narrow_gates(cells: &Cells, narrow_gates: BitSet) -> Self {
-        let mut narrow_portals = BitSet::default();
-        for (portal, index) in cells.portals.iter().zip(0..) {
-            let spaces = portal.cells.map(|cell| cells.cells[cell.0 as usize].space);
-            let bounds = portal.polygon.bounds();
-            let holds_portal = |gate: &&u32| {
-                let gate = &cells.gates[**gate as usize];
-                gate.spaces.contains(&spaces[1]) && gate.polygon.bounds().intersects(&bounds)
-            };
-            let mut gates =
-                cells.spaces[spaces[0] as usize].gates.iter().filter(holds_portal).peekable();
-            // A portal in no gate is inside a space.
-            let is_in_gate = gates.peek().is_some() && spaces[0] != spaces[1];
-            if is_in_gate && gates.all(|gate| narrow_gates.contains(*gate)) {
-                narrow_portals.insert(index);
-            }
-        }
-        Self { free: None, narrow_gates, narrow_portals }
+    #[cfg(test)]
+    pub(crate) fn with_narrow_gates(narrow_gates: BitSet) -> Self {
+        Self { free: None, narrow_gates }
     }
 
     /// Whether a body may fit through a gate.
     pub(crate) fn admits_gate(&self, gate: u32) -> bool {
         !self.narrow_gates.contains(gate)
-    }
-
-    /// Whether a body may fit through the gate that a portal is a part of.
-    pub(crate) fn admits_portal(&self, portal: u32) -> bool {
-        !self.narrow_portals.contains(portal)
     }
 
     /// Whether a body has room with its eye at a point of the world. A body without room did not
@@ -166,9 +143,7 @@ mod tests {
     }
 
     fn is_wide_enough(world: &World) -> bool {
-        let clearance = Clearance::new(world);
-        assert_eq!(clearance.admits_gate(0), clearance.admits_portal(0));
-        clearance.admits_gate(0)
+        Clearance::new(world).admits_gate(0)
     }
 
     #[test]

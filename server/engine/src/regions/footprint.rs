@@ -1,10 +1,15 @@
 //! Region footprints: what a region covers in the building.
 
-use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
-use sightline_world::{CellId, geometry::Aabb};
+use std::{ops::Range, sync::OnceLock};
 
-use super::CoverBoxes;
-use crate::building::Building;
+use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
+use sightline_world::{CellId, Cells, geometry::Aabb};
+
+use super::{CoverBoxes, reach::Piece};
+use crate::building::{Building, OccupiedSectors};
+
+/// A space with more cells than this is searched by the tree of cells.
+const CELLS_FEW: usize = 64;
 
 /// What a region covers: its bounding box, its spaces, its cells and its rooms.
 #[derive(Clone, Debug)]
@@ -13,36 +18,33 @@ pub(crate) struct RegionFootprint {
     pub(crate) bounds: Aabb,
     /// The spaces that the region has a part in, ascending.
     pub(crate) spaces: Vec<u32>,
-    /// For each space, where its cells end among all cells.
-    ends: Vec<u32>,
-    /// The cells, ascending. The cells of a space follow one another.
-    cells: Vec<CellId>,
+    /// The part of the region in each space.
+    parts: Vec<Aabb>,
+    /// The cells, once they were asked for. Sectors and gates decide most pairs without them.
+    cells: OnceLock<FootprintCells>,
     /// What of the region is in which rooms; empty where rooms rule nothing out.
     rooms: RoomOverlap,
 }
 
-impl RegionFootprint {
-    /// The footprint of boxes in some cells, which are ascending.
-    pub(crate) fn new(building: &Building, cells: Vec<CellId>, cover: &CoverBoxes) -> Self {
-        debug_assert!(cells.is_sorted(), "the cells of a space follow one another");
-        let bounds = cover.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part));
-        let (mut spaces, mut ends): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
-        for (end, cell) in (1..).zip(&cells) {
-            let space = building.cells().cells[cell.0 as usize].space;
-            if spaces.last() == Some(&space) {
-                ends.pop();
-            } else {
-                spaces.push(space);
-            }
-            ends.push(end);
-        }
-        let rooms = room_overlap(building, cover, &cells);
-        Self { bounds, spaces, ends, cells, rooms }
-    }
+/// The cells of a region. Those of a space follow one another.
+#[derive(Clone, Debug)]
+struct FootprintCells {
+    all: Vec<CellId>,
+    /// For each space, where its cells are among all.
+    of_space: Vec<Range<usize>>,
+}
 
-    /// The cells, ascending.
-    pub(crate) fn cells(&self) -> &[CellId] {
-        &self.cells
+impl RegionFootprint {
+    /// The footprint of a region in some pieces, which boxes cover.
+    pub(crate) fn new(building: &Building, pieces: &[Piece], cover: &CoverBoxes) -> Self {
+        debug_assert!(pieces.is_sorted_by_key(|piece| piece.space), "cells are in order");
+        Self {
+            bounds: cover.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part)),
+            spaces: pieces.iter().map(|piece| piece.space).collect(),
+            parts: pieces.iter().map(|piece| piece.region).collect(),
+            cells: OnceLock::new(),
+            rooms: room_overlap(building, cover, pieces),
+        }
     }
 
     /// Whether rooms let an eye in this region see a body in another.
@@ -50,37 +52,69 @@ impl RegionFootprint {
         !rooms.can_rule_out() || rooms.may_see(&self.rooms, &bodies.rooms)
     }
 
-    /// Each space and the region's cells in it.
-    fn by_space(&self) -> impl Iterator<Item = (u32, &[CellId])> {
-        let starts = std::iter::once(&0).chain(&self.ends);
-        self.spaces
-            .iter()
-            .zip(starts.zip(&self.ends))
-            .map(|(space, (start, end))| (*space, &self.cells[*start as usize..*end as usize]))
-    }
-
     /// Whether some cell of this region sees some cell of another.
     pub(crate) fn sees(&self, other: &Self, building: &Building) -> bool {
-        self.by_space().any(|(here, some)| {
-            other.by_space().any(|(there, others)| {
-                let sees =
-                    |from: &CellId| others.iter().any(|to| building.cells().sees(*from, *to));
-                building.sectors.sees(here, there) && some.iter().any(sees)
+        let cells = building.cells();
+        (0..).zip(&self.spaces).any(|(from, here)| {
+            (0..).zip(&other.spaces).any(|(to, there)| {
+                let others = || other.cells_in(cells, to);
+                let sees = |from: &CellId| others().iter().any(|to| cells.sees(*from, *to));
+                building.sectors.sees(*here, *there) && self.cells_in(cells, from).iter().any(sees)
             })
         })
     }
+
+    /// The region's cells in one of its spaces.
+    fn cells_in(&self, cells: &Cells, space: usize) -> &[CellId] {
+        let found = self.cells.get_or_init(|| {
+            let mut found = FootprintCells { all: Vec::new(), of_space: Vec::new() };
+            for (space, part) in self.spaces.iter().zip(&self.parts) {
+                let start = found.all.len();
+                add_cells(cells, *space, part, &mut found.all);
+                found.of_space.push(start..found.all.len());
+            }
+            found
+        });
+        &found.all[found.of_space[space].clone()]
+    }
 }
 
-/// What of some boxes, which are in these ascending cells, is in which rooms. Empty where rooms
-/// rule nothing out.
+/// The sectors of the places of an eye, and of its body.
+pub(super) fn occupied_sectors(
+    building: &Building,
+    eyes: &[Piece],
+    bodies: &[Piece],
+) -> OccupiedSectors {
+    let spaces = |pieces: &[Piece]| pieces.iter().map(|piece| piece.space).collect::<Vec<u32>>();
+    building.sectors.occupied(&spaces(eyes), &spaces(bodies))
+}
+
+/// Adds the cells of a space that share a point with a box, ascending.
+fn add_cells(cells: &Cells, space: u32, part: &Aabb, found: &mut Vec<CellId>) {
+    let all = cells.spaces[space as usize].cells.clone();
+    if all.len() > CELLS_FEW {
+        let mut near = Vec::new();
+        cells.overlapping(part, &mut near);
+        found.extend(near.into_iter().filter(|cell| all.contains(&cell.0)));
+    } else {
+        let touches = |cell: &u32| cells.cells[*cell as usize].bounds.intersects(part);
+        found.extend(all.filter(touches).map(CellId));
+    }
+}
+
+/// What of some boxes, which are in these pieces, is in which rooms. Empty where rooms rule nothing
+/// out.
 pub(super) fn room_overlap(
     building: &Building,
     cover: &CoverBoxes,
-    cells: &[CellId],
+    pieces: &[Piece],
 ) -> RoomOverlap {
-    if building.rooms.can_rule_out() {
-        building.rooms.overlap_in_cells(building.cells(), cover.boxes(), cells)
-    } else {
-        RoomOverlap::default()
+    if !building.rooms.can_rule_out() {
+        return RoomOverlap::default();
     }
+    let mut found = Vec::new();
+    for Piece { space, region } in pieces {
+        add_cells(building.cells(), *space, region, &mut found);
+    }
+    building.rooms.overlap_in_cells(building.cells(), cover.boxes(), &found)
 }

@@ -1,9 +1,13 @@
 //! Hidden footprints: where an avatar can be for a longer time, by sectors.
 
 use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
-use sightline_world::{CellId, geometry::Aabb};
+use sightline_world::{Cell, CellId, geometry::Aabb};
 
-use super::{CoverBoxes, Reach, footprint::room_overlap};
+use super::{
+    CoverBoxes, Reach, ReachSearch,
+    footprint::{occupied_sectors, room_overlap},
+    reach::Piece,
+};
 use crate::{
     building::{Building, OccupiedSectors},
     sphere::Sphere,
@@ -38,11 +42,10 @@ impl FootprintCover {
 
 impl HiddenFootprint {
     /// The footprint of an avatar that stays in a reach.
-    pub(crate) fn of_reach(building: &Building, reach: &Reach) -> Self {
-        let cells = building.cells();
-        let bodies = reach.bodies(cells, &building.world.body);
-        let cover = FootprintCover { eyes: reach.eye_cover(cells), bodies: bodies.cover };
-        Self::new(building, &reach.eye_cells(), &bodies.cells, cover)
+    pub(crate) fn of_reach(building: &Building, search: &mut ReachSearch, reach: &Reach) -> Self {
+        let bodies = reach.bodies(search, building);
+        let cover = FootprintCover { eyes: reach.eye_cover(), bodies: bodies.cover };
+        Self::new(building, reach.pieces(), &bodies.pieces, cover)
     }
 
     /// The footprint of an avatar whose eye stays in a ball, whatever walls are in it.
@@ -51,29 +54,21 @@ impl HiddenFootprint {
     /// because sight tests take boxes.
     pub(crate) fn of_sphere(building: &Building, sphere: &Sphere) -> Self {
         let boxes = [sphere.bounds(), building.body.around_box(&sphere.bounds())];
-        let [mut eye_cells, mut body_cells] = boxes.map(|region| {
-            let mut found = Vec::new();
-            building.cells().overlapping(&region, &mut found);
-            found.sort_unstable();
-            found
-        });
         let bounds = |cell: &CellId| &building.cells().cells[cell.0 as usize].bounds;
-        eye_cells.retain(|cell| sphere.touches(bounds(cell)));
-        body_cells.retain(|cell| sphere.body_touches(&building.body, bounds(cell)));
-        let [eyes, bodies] = boxes.map(|region| CoverBoxes::covering([region].into_iter()));
-        Self::new(building, &eye_cells, &body_cells, FootprintCover { eyes, bodies })
+        let eyes = pieces_in(building, &boxes[0], |cell| sphere.touches(bounds(cell)));
+        let touches = |cell: &CellId| sphere.body_touches(&building.body, bounds(cell));
+        let bodies = pieces_in(building, &boxes[1], touches);
+        let cover = boxes.map(|region| CoverBoxes::covering([region].into_iter()));
+        let [eye_cover, body_cover] = cover;
+        let cover = FootprintCover { eyes: eye_cover, bodies: body_cover };
+        Self::new(building, &eyes, &bodies, cover)
     }
 
-    fn new(
-        building: &Building,
-        eye_cells: &[CellId],
-        body_cells: &[CellId],
-        cover: FootprintCover,
-    ) -> Self {
+    fn new(building: &Building, eyes: &[Piece], bodies: &[Piece], cover: FootprintCover) -> Self {
         Self {
-            sectors: building.sectors.occupied(eye_cells, body_cells),
-            eye_rooms: room_overlap(building, &cover.eyes, eye_cells),
-            body_rooms: room_overlap(building, &cover.bodies, body_cells),
+            sectors: occupied_sectors(building, eyes, bodies),
+            eye_rooms: room_overlap(building, &cover.eyes, eyes),
+            body_rooms: room_overlap(building, &cover.bodies, bodies),
             cover,
         }
     }
@@ -88,4 +83,24 @@ impl HiddenFootprint {
     pub(crate) fn rooms_allow(&self, bodies: &Self, rooms: &RoomIndex) -> bool {
         !rooms.can_rule_out() || rooms.may_see(&self.eye_rooms, &bodies.body_rooms)
     }
+}
+
+/// What a box covers of each space, by the cells that are wanted.
+fn pieces_in(
+    building: &Building,
+    region: &Aabb,
+    is_wanted: impl Fn(&CellId) -> bool,
+) -> Vec<Piece> {
+    let mut found = Vec::new();
+    building.cells().overlapping(region, &mut found);
+    let mut pieces: Vec<Piece> = Vec::new();
+    for cell in found.iter().filter(|cell| is_wanted(cell)) {
+        let Cell { bounds, space, .. } = &building.cells().cells[cell.0 as usize];
+        let part = bounds.intersection(region);
+        match pieces.last_mut() {
+            Some(last) if last.space == *space => last.region = last.region.union(&part),
+            _ => pieces.push(Piece { space: *space, region: part }),
+        }
+    }
+    pieces
 }

@@ -6,8 +6,8 @@ use glam::Vec3;
 use sightline_world::{CellId, geometry::Aabb, motion::Body};
 
 use super::{
-    CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint, lasting_margin_m,
-    with_margin_ahead,
+    CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint,
+    footprint::occupied_sectors, lasting_margin_m, with_margin_ahead,
 };
 use crate::{
     building::{Building, OccupiedSectors},
@@ -72,13 +72,11 @@ pub(crate) struct CoarseRegion {
 
 impl CoarseRegion {
     fn new(building: &Building, search: &mut ReachSearch, motion: &Motion, valid_in: Aabb) -> Self {
-        let cells = building.cells();
         let reach = Reach::in_box(search, &motion.start(building), &valid_in);
-        let bodies = reach.bodies(cells, &building.world.body);
-        let eye_cover = reach.eye_cover(cells);
-        let eye_footprint = RegionFootprint::new(building, reach.eye_cells(), &eye_cover);
-        let body_footprint = RegionFootprint::new(building, bodies.cells, &bodies.cover);
-        let sectors = building.sectors.occupied(eye_footprint.cells(), body_footprint.cells());
+        let bodies = reach.bodies(search, building);
+        let eye_footprint = RegionFootprint::new(building, reach.pieces(), &reach.eye_cover());
+        let body_footprint = RegionFootprint::new(building, &bodies.pieces, &bodies.cover);
+        let sectors = occupied_sectors(building, reach.pieces(), &bodies.pieces);
         Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, sectors }
     }
 }
@@ -141,15 +139,20 @@ pub(crate) struct CachedRegion {
 }
 
 impl CachedRegion {
-    fn new(building: &Building, reach: &Reach, valid_in: Aabb, kind: RegionKind) -> Self {
-        let cells = building.cells();
-        let (found, cover) = if kind == RegionKind::EYES {
-            (reach.eye_cells(), reach.eye_cover(cells))
+    fn new(
+        building: &Building,
+        search: &mut ReachSearch,
+        reach: &Reach,
+        valid_in: Aabb,
+        kind: RegionKind,
+    ) -> Self {
+        let (footprint, cover) = if kind == RegionKind::EYES {
+            let cover = reach.eye_cover();
+            (RegionFootprint::new(building, reach.pieces(), &cover), cover)
         } else {
-            let bodies = reach.bodies(cells, &building.world.body);
-            (bodies.cells, bodies.cover)
+            let bodies = reach.bodies(search, building);
+            (RegionFootprint::new(building, &bodies.pieces, &bodies.cover), bodies.cover)
         };
-        let footprint = RegionFootprint::new(building, found, &cover);
         Self { valid_in, cover, footprint }
     }
 }
@@ -386,7 +389,7 @@ impl LiveRegions {
                     && same.eyes == region.eyes
                     && same.cached[level].get().is_none()
                 {
-                    let found = CachedRegion::new(view.building, &reach, valid_in, kind);
+                    let found = CachedRegion::new(view.building, search, &reach, valid_in, kind);
                     // Another thread may have been faster; it found the same.
                     let _ = same.cached[level].set(Box::new(found));
                 }
@@ -405,12 +408,11 @@ impl LiveRegions {
     ) -> Option<&CoverBoxes> {
         let region = self.get(kind)?;
         let exact = region.exact.get_or_init(|| {
-            let cells = view.building.cells();
             let reach = Reach::in_box(search, &motion.start(view.building), &region.eyes);
             if kind == RegionKind::EYES {
-                reach.eye_cover(cells)
+                reach.eye_cover()
             } else {
-                reach.bodies(cells, &view.building.world.body).cover
+                reach.bodies(search, view.building).cover
             }
         });
         Some(exact)

@@ -18,6 +18,8 @@ const ASIDE: f32 = 0.25;
 const AHEAD_TICKS: f32 = 12.0;
 /// For how many ticks the margin of a fast avatar suffices.
 const LASTING_TICKS: f32 = 6.0;
+/// The largest such margin, in metres.
+const LASTING_MAX_M: f32 = 4.0;
 
 /// What the engine knows of how an avatar moves.
 ///
@@ -43,7 +45,12 @@ pub(crate) struct Motion {
 impl Motion {
     pub(crate) fn start<'a>(&self, building: &'a Building) -> ReachStart<'a> {
         let clearance = building.clearance_of(self.walk);
-        ReachStart { cells: building.cells(), clearance, from: self.from }
+        ReachStart {
+            cells: building.cells(),
+            adjacency: &building.adjacency,
+            clearance,
+            from: self.from,
+        }
     }
 }
 
@@ -97,7 +104,7 @@ pub(crate) fn scaled(region: &Aabb, about: Vec3, by: f32) -> Aabb {
 
 /// The margin of a region for an eye that moves by `step` each tick: enough for some ticks.
 pub(crate) fn lasting_margin_m(step: Vec3, least_m: f32) -> f32 {
-    least_m.max(step.length() * LASTING_TICKS)
+    (step.length() * LASTING_TICKS).min(LASTING_MAX_M).max(least_m)
 }
 
 /// A box with a margin for an eye that moves by `step` each tick. Most of the margin is ahead.

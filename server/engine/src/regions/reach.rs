@@ -1,105 +1,112 @@
-//! Reach: the places that an eye can get to through portals.
+//! Reach: the places that an eye can get to through gates.
 
 use std::{cmp::Reverse, collections::BinaryHeap};
 
 use glam::Vec3;
 use sightline_world::{
-    CellId, Cells, Polygon,
+    Cells,
     geometry::Aabb,
-    motion::Body,
     tolerance::{POKE_M, WIRE_BOUNDARY_M},
 };
 
 use super::CoverBoxes;
-use crate::{claims::Clearance, generation::Generational};
+use crate::{
+    building::{Adjacency, Beside, Building, Exit, ExitSide},
+    claims::Clearance,
+    generation::Generational,
+};
 
-/// Where an eye is, and which portals it may go through.
+/// Where an eye is, and which gates it may go through.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReachStart<'a> {
     pub(crate) cells: &'a Cells,
-    /// The portals that the body fits through; `None` for all of them.
+    pub(crate) adjacency: &'a Adjacency,
+    /// The gates that the body fits through; `None` for all of them.
     pub(crate) clearance: Option<&'a Clearance>,
     /// The eye, in own axes.
     pub(crate) from: Vec3,
 }
 
-/// The parts of cells that an eye can get to through portals that its body fits through.
+/// The parts of spaces that an eye can get to through gates that its body fits through.
 ///
-/// Everything between cells is opaque and solid, so an eye gets from one cell into another through
-/// portals. A way through several portals is at least as long as the gaps between the boxes around
-/// successive ones. What is left of the longest way behind the last portal bounds what is reached
-/// of the cell there. Bodies stick out of the cells that their eyes can get to, through portals of
-/// any width. At a wall they end, except for [`POKE_M`].
+/// Everything between spaces is opaque and solid, so an eye gets from one space into another
+/// through gates. Spaces are convex, so what a box leaves of a space is in one piece. A way through
+/// several gates is at least as long as the gaps between the boxes around successive ones. What is
+/// left of the longest way behind the last gate bounds what is reached of the space there. Bodies
+/// stick out of the spaces that their eyes can get to, through gates of any width. At a wall they
+/// end, except for [`POKE_M`].
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(crate) struct Reach {
-    /// One piece for each cell, by cell, ascending.
+    /// One piece for each space, by space, ascending.
     pieces: Vec<Piece>,
 }
 
-/// What is reached of a cell.
+/// What is reached of a space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Piece {
-    cell: CellId,
+pub(crate) struct Piece {
+    pub(crate) space: u32,
     /// In own axes.
-    region: Aabb,
+    pub(crate) region: Aabb,
 }
 
 /// Where bodies can be.
 #[derive(Clone, Debug)]
 pub(crate) struct BodyReach {
-    /// The cells that a part of a body can be in, ascending.
-    pub(crate) cells: Vec<CellId>,
+    /// One piece for each space that a part of a body can be in, by space, ascending.
+    pub(crate) pieces: Vec<Piece>,
     /// Boxes around all places of a body.
     pub(crate) cover: CoverBoxes,
 }
 
-/// The memory of a search for a reach: 8 bytes for each portal and each cell.
+/// The memory of a search for a reach: 8 bytes for each gate and each space.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ReachSearch {
-    /// The shortest way to each portal that was visited, in metres.
+    /// The shortest way to each gate that was visited, in metres.
     ways_m: Generational<f32>,
-    /// The index of the piece of each cell that was visited.
+    /// The index of the piece of each space that was visited.
     pieces: Generational<u32>,
-    /// Portals to go on from, nearest first. Lengths are never negative, so their bits are in
-    /// order.
+    /// Gates to go on from, nearest first. Lengths are never negative, so their bits are in order.
     waiting: BinaryHeap<Reverse<(u32, u32)>>,
-    /// Cells to go on from.
-    open: Vec<CellId>,
+    /// Spaces to go on from.
+    open: Vec<u32>,
 }
 
 impl ReachSearch {
     fn begin(&mut self, cells: &Cells) {
-        self.ways_m.clear(cells.portals.len());
-        self.pieces.clear(cells.cells.len());
+        self.ways_m.clear(cells.gates.len());
+        self.pieces.clear(cells.spaces.len());
         self.waiting.clear();
         self.open.clear();
     }
 
-    /// Takes in a way to a portal: whether it is shorter than all before.
-    fn is_shorter(&mut self, portal: u32, way_m: f32) -> bool {
-        let is_shorter = self.ways_m.get(portal).is_none_or(|known_m| way_m < known_m);
+    /// Takes in a way to a gate: whether it is shorter than all before.
+    fn is_shorter(&mut self, gate: u32, way_m: f32) -> bool {
+        let is_shorter = self.ways_m.get(gate).is_none_or(|known_m| way_m < known_m);
         if is_shorter {
-            self.ways_m.set(portal, way_m);
+            self.ways_m.set(gate, way_m);
         }
         is_shorter
     }
 }
 
 impl ReachStart<'_> {
-    fn admits(&self, portal: u32) -> bool {
-        self.clearance.is_none_or(|clearance| clearance.admits_portal(portal))
+    fn admits(&self, gate: u32) -> bool {
+        self.clearance.is_none_or(|clearance| clearance.admits_gate(gate))
     }
 
-    /// Adds the cells that the eye can be in, whose position is rounded. An eye in something solid
-    /// pokes there from any cell that is near enough. An eye further in counts as in the nearest.
-    fn find_cells(&self, rounding_m: f32, found: &mut Vec<CellId>) {
-        self.cells.overlapping(&Aabb::around(self.from, rounding_m), found);
-        if found.is_empty() {
-            self.cells.overlapping(&Aabb::around(self.from, POKE_M), found);
+    /// Adds the spaces that the eye can be in, whose position is rounded. An eye in something solid
+    /// pokes there from any space that is near enough. An eye further in counts as in the nearest.
+    fn find_spaces(&self, rounding_m: f32, found: &mut Vec<u32>) {
+        let mut cells = Vec::new();
+        self.cells.overlapping(&Aabb::around(self.from, rounding_m), &mut cells);
+        if cells.is_empty() {
+            self.cells.overlapping(&Aabb::around(self.from, POKE_M), &mut cells);
         }
-        if found.is_empty() {
-            found.extend(self.cells.near_own(self.from));
+        if cells.is_empty() {
+            cells.extend(self.cells.near_own(self.from));
         }
+        found.extend(cells.iter().map(|cell| self.cells.cells[cell.0 as usize].space));
+        found.dedup();
     }
 }
 
@@ -111,7 +118,7 @@ struct Bounds {
 
 /// Where a search goes on from.
 struct Step {
-    /// A point, or the box around a portal.
+    /// A point, or the box around a gate.
     from: Aabb,
     /// The shortest way to it, in metres.
     way_m: f32,
@@ -126,24 +133,22 @@ impl Reach {
         let ReachSearch { pieces: visited, open, .. } = search;
         let mut pieces = Vec::new();
         let region = region.intersection(&cells.bounds);
-        start.find_cells(WIRE_BOUNDARY_M, open);
-        open.iter().for_each(|cell| visited.set(cell.0, 0));
+        start.find_spaces(WIRE_BOUNDARY_M, open);
+        open.iter().for_each(|space| visited.set(*space, 0));
         while let Some(id) = open.pop() {
-            let cell = &cells.cells[id.0 as usize];
-            pieces.push(Piece { cell: id, region: cell.bounds.intersection(&region) });
-            for &index in &cell.portals {
-                let portal = &cells.portals[index as usize];
-                let beyond = portal.cells[usize::from(portal.cells[0] == id)];
-                if visited.get(beyond.0).is_none()
-                    && portal.polygon.bounds().intersects(&region)
-                    && start.admits(index)
+            let space = &cells.spaces[id as usize];
+            pieces.push(Piece { space: id, region: space.bounds.intersection(&region) });
+            for Exit { bounds, gate, beyond, .. } in start.adjacency.exits(id) {
+                if bounds.intersects(&region)
+                    && visited.get(*beyond).is_none()
+                    && start.admits(*gate)
                 {
-                    visited.set(beyond.0, 0);
-                    open.push(beyond);
+                    visited.set(*beyond, 0);
+                    open.push(*beyond);
                 }
             }
         }
-        pieces.sort_unstable_by_key(|piece| piece.cell);
+        pieces.sort_unstable_by_key(|piece| piece.space);
         Self { pieces }
     }
 
@@ -159,142 +164,155 @@ impl Reach {
         search.begin(cells);
         let mut reach = Self { pieces: Vec::new() };
         let bounds = Bounds { region: region.intersection(&cells.bounds), way_m };
-        start.find_cells(WIRE_BOUNDARY_M.min(way_m), &mut search.open);
+        start.find_spaces(WIRE_BOUNDARY_M.min(way_m), &mut search.open);
         for index in 0..search.open.len() {
-            let cell = search.open[index];
-            // An eye in a wall counts as if it were where the cell begins.
-            let cell_bounds = &cells.cells[cell.0 as usize].bounds;
-            let from = start.from.clamp(cell_bounds.min, cell_bounds.max);
+            let space = search.open[index];
+            // An eye in a wall counts as if it were where the space begins.
+            let space_bounds = &cells.spaces[space as usize].bounds;
+            let from = start.from.clamp(space_bounds.min, space_bounds.max);
             let step = Step { from: Aabb::new(from, from), way_m: 0.0 };
-            reach.enter(search, cells, cell, &step, &bounds);
-            Self::visit_portals(search, start, cell, &step, &bounds);
+            reach.enter(search, cells, space, &step, &bounds);
+            Self::visit_gates(search, start, space, &step, &bounds);
         }
-        while let Some(Reverse((bits, portal))) = search.waiting.pop() {
+        while let Some(Reverse((bits, gate))) = search.waiting.pop() {
             let way_m = f32::from_bits(bits);
-            if search.ways_m.get(portal).is_some_and(|shortest_m| shortest_m < way_m) {
+            if search.ways_m.get(gate).is_some_and(|shortest_m| shortest_m < way_m) {
                 continue;
             }
-            let portal = &cells.portals[portal as usize];
-            let step = Step { from: portal.polygon.bounds(), way_m };
-            for cell in portal.cells {
-                reach.enter(search, cells, cell, &step, &bounds);
-                Self::visit_portals(search, start, cell, &step, &bounds);
+            let gate = &cells.gates[gate as usize];
+            let step = Step { from: gate.polygon.bounds(), way_m };
+            for space in gate.spaces {
+                reach.enter(search, cells, space, &step, &bounds);
+                Self::visit_gates(search, start, space, &step, &bounds);
             }
         }
-        reach.pieces.sort_unstable_by_key(|piece| piece.cell);
+        reach.pieces.sort_unstable_by_key(|piece| piece.space);
         reach
     }
 
-    /// Adds what is reached of a cell from somewhere on its boundary, or in it.
+    /// Adds what is reached of a space from somewhere on its boundary, or in it.
     fn enter(
         &mut self,
         search: &mut ReachSearch,
         cells: &Cells,
-        cell: CellId,
+        space: u32,
         step: &Step,
         bounds: &Bounds,
     ) {
         let near = step.from.grown(bounds.way_m - step.way_m);
-        let cell_bounds = &cells.cells[cell.0 as usize].bounds;
-        let region = cell_bounds.intersection(&bounds.region).intersection(&near);
-        if let Some(index) = search.pieces.get(cell.0) {
+        let space_bounds = &cells.spaces[space as usize].bounds;
+        let region = space_bounds.intersection(&bounds.region).intersection(&near);
+        if let Some(index) = search.pieces.get(space) {
             let piece = &mut self.pieces[index as usize];
-            debug_assert_eq!(piece.cell, cell, "the memory belongs to this search");
+            debug_assert_eq!(piece.space, space, "the memory belongs to this search");
             piece.region = piece.region.union(&region);
         } else {
-            search.pieces.set(cell.0, self.pieces.len() as u32);
-            self.pieces.push(Piece { cell, region });
+            search.pieces.set(space, self.pieces.len() as u32);
+            self.pieces.push(Piece { space, region });
         }
     }
 
-    /// Goes on from somewhere in a cell to its portals.
-    fn visit_portals(
+    /// Goes on from somewhere in a space to its gates.
+    fn visit_gates(
         search: &mut ReachSearch,
         start: &ReachStart<'_>,
-        cell: CellId,
+        space: u32,
         step: &Step,
         bounds: &Bounds,
     ) {
-        let cells = start.cells;
-        for portal in &cells.cells[cell.0 as usize].portals {
-            let gap = cells.portals[*portal as usize].polygon.bounds();
-            let way_m = step.way_m + distance_m(&step.from, &gap);
+        for Exit { bounds: gap, gate, .. } in start.adjacency.exits(space) {
+            let way_m = step.way_m + distance_m(&step.from, gap);
             if way_m <= bounds.way_m
                 && gap.intersects(&bounds.region)
-                && start.admits(*portal)
-                && search.is_shorter(*portal, way_m)
+                && start.admits(*gate)
+                && search.is_shorter(*gate, way_m)
             {
-                search.waiting.push(Reverse((way_m.to_bits(), *portal)));
+                search.waiting.push(Reverse((way_m.to_bits(), *gate)));
             }
         }
     }
 
-    /// The cells that the eye can be in, ascending.
-    pub(crate) fn eye_cells(&self) -> Vec<CellId> {
-        self.pieces.iter().map(|piece| piece.cell).collect()
+    /// What the eye can get to, by space, ascending.
+    pub(crate) fn pieces(&self) -> &[Piece] {
+        &self.pieces
     }
 
     /// Boxes around every place of the eye.
-    pub(crate) fn eye_cover(&self, cells: &Cells) -> CoverBoxes {
-        CoverBoxes::covering(boxes_by_space(cells, self.pieces.iter().copied()).into_iter())
+    pub(crate) fn eye_cover(&self) -> CoverBoxes {
+        CoverBoxes::covering(self.pieces.iter().map(|piece| piece.region))
     }
 
     /// Where the body can be.
-    pub(crate) fn bodies(&self, cells: &Cells, body: &Body) -> BodyReach {
-        let body = &body.in_axes(&cells.axes);
-        let filled = self.pieces.iter().map(|&Piece { cell, region }| Piece {
-            cell,
-            region: filled(cells, cell, &body.around_box(&region)),
+    pub(crate) fn bodies(&self, search: &mut ReachSearch, building: &Building) -> BodyReach {
+        let mut pieces = Vec::with_capacity(self.pieces.len() + 2);
+        let boxes = self.pieces.iter().filter(|piece| !piece.region.is_empty()).map(|piece| {
+            let bodies = building.body.around_box(&piece.region);
+            let region = filled(building, piece.space, &bodies);
+            spread(search, building, piece.space, &region, &mut pieces);
+            region
         });
-        let (boxes, mut found) = (boxes_by_space(cells, filled), Vec::new());
-        boxes.iter().for_each(|region| cells.overlapping(region, &mut found));
-        found.sort_unstable();
-        found.dedup();
-        BodyReach { cells: found, cover: CoverBoxes::covering(boxes.into_iter()) }
-    }
-}
-
-/// A box around the pieces in each space. The cells of a space follow one another.
-fn boxes_by_space(cells: &Cells, pieces: impl Iterator<Item = Piece>) -> Vec<Aabb> {
-    let mut spaces: Vec<(u32, Aabb)> = Vec::new();
-    for Piece { cell, region } in pieces {
-        let space = cells.cells[cell.0 as usize].space;
-        match spaces.last_mut() {
-            Some((last, all)) if *last == space => *all = all.union(&region),
-            _ => spaces.push((space, region)),
-        }
-    }
-    spaces.into_iter().map(|(_, all)| all).collect()
-}
-
-/// The part of a box around bodies that bodies can fill whose eyes are in a cell. The box ends at
-/// each side of the cell on which it meets no portal.
-fn filled(cells: &Cells, cell: CellId, bodies: &Aabb) -> Aabb {
-    let cell = &cells.cells[cell.0 as usize];
-    let (mut low_open, mut high_open) = ([false; 3], [false; 3]);
-    for portal in &cell.portals {
-        let polygon = &cells.portals[*portal as usize].polygon;
-        let bounds = polygon.bounds();
-        if !bounds.intersects(bodies) {
-            continue;
-        }
-        match *polygon {
-            Polygon::Rectangle { axis, .. } => {
-                let axis = usize::from(axis);
-                let is_low = bounds.min[axis] <= cell.bounds.min[axis];
-                if is_low { low_open[axis] = true } else { high_open[axis] = true }
+        let cover = CoverBoxes::covering(boxes);
+        pieces.sort_unstable_by_key(|piece: &Piece| piece.space);
+        pieces.dedup_by(|next, piece| {
+            let is_same = next.space == piece.space;
+            if is_same {
+                piece.region = piece.region.union(&next.region);
             }
-            // A slanted portal may be part of any side.
-            Polygon::Other { .. } => (low_open, high_open) = ([true; 3], [true; 3]),
+            is_same
+        });
+        BodyReach { pieces, cover }
+    }
+}
+
+/// Adds what a box that begins in a space covers of that space, and of those that it sticks into.
+fn spread(
+    search: &mut ReachSearch,
+    building: &Building,
+    from: u32,
+    region: &Aabb,
+    pieces: &mut Vec<Piece>,
+) {
+    let within = &building.cells().spaces[from as usize].bounds;
+    let mut next = pieces.len();
+    pieces.push(Piece { space: from, region: within.intersection(region) });
+    if within.contains_box(region) {
+        return;
+    }
+    let visited = &mut search.pieces;
+    visited.clear(building.cells().spaces.len());
+    visited.set(from, 0);
+    while let Some(&Piece { space, .. }) = pieces.get(next) {
+        next += 1;
+        for Beside { space, bounds } in building.adjacency.near(space) {
+            if bounds.intersects(region) && visited.get(*space).is_none() {
+                visited.set(*space, 0);
+                pieces.push(Piece { space: *space, region: bounds.intersection(region) });
+            }
+        }
+    }
+}
+
+/// The part of a box around bodies that bodies can fill whose eyes are in a space. The box ends at
+/// each side of the space on which it meets no gate.
+fn filled(building: &Building, space: u32, bodies: &Aabb) -> Aabb {
+    let within = &building.cells().spaces[space as usize].bounds;
+    let (mut low_open, mut high_open) = ([false; 3], [false; 3]);
+    for exit in building.adjacency.exits(space) {
+        if exit.bounds.intersects(bodies) {
+            match exit.side {
+                ExitSide::Low(axis) => low_open[usize::from(axis)] = true,
+                ExitSide::High(axis) => high_open[usize::from(axis)] = true,
+                ExitSide::Slanted => (low_open, high_open) = ([true; 3], [true; 3]),
+            }
         }
     }
     let mut filled = *bodies;
     for axis in 0..3 {
         if !low_open[axis] {
-            filled.min[axis] = filled.min[axis].max(cell.bounds.min[axis] - POKE_M);
+            filled.min[axis] = filled.min[axis].max(within.min[axis] - POKE_M);
         }
         if !high_open[axis] {
-            filled.max[axis] = filled.max[axis].min(cell.bounds.max[axis] + POKE_M);
+            filled.max[axis] = filled.max[axis].min(within.max[axis] + POKE_M);
         }
     }
     filled
@@ -307,57 +325,66 @@ fn distance_m(a: &Aabb, b: &Aabb) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use sightline_world::Node;
+    use std::sync::Arc;
+
+    use sightline_world::{CellId, Node, World};
 
     use super::*;
-    use crate::{bit_set::BitSet, tests::stage};
+    use crate::{Config, bit_set::BitSet, tests::stage};
 
-    fn ids(cells: &[CellId]) -> Vec<u32> {
-        cells.iter().map(|cell| cell.0).collect()
+    fn ids(pieces: &[Piece]) -> Vec<u32> {
+        pieces.iter().map(|piece| piece.space).collect()
     }
 
-    fn ball(cells: &Cells, from: Vec3, way_m: f32) -> Reach {
-        let start = ReachStart { cells, clearance: None, from };
+    fn building(world: &World) -> Building {
+        Building::new(Arc::new(world.clone()), &Config::default())
+    }
+
+    fn start_in(building: &Building, from: Vec3) -> ReachStart<'_> {
+        let Building { adjacency, .. } = building;
+        ReachStart { cells: building.cells(), adjacency, clearance: None, from }
+    }
+
+    fn ball(building: &Building, from: Vec3, way_m: f32) -> Reach {
+        let start = start_in(building, from);
         Reach::on_ways(&mut ReachSearch::default(), &start, &Aabb::around(from, way_m), way_m)
     }
 
     #[test]
-    fn eyes_go_through_portals_and_bodies_stick_out() {
+    fn eyes_go_through_gates_and_bodies_stick_out() {
         let mut world = stage::row(5);
         let from = Vec3::new(18.0, 1.6, 5.0);
-        let check = |world: &sightline_world::World, way_m: f32| {
-            let reach = ball(&world.cells, from, way_m);
-            (ids(&reach.eye_cells()), ids(&reach.bodies(&world.cells, &world.body).cells))
+        let check = |world: &World, way_m: f32| {
+            let building = building(world);
+            let reach = ball(&building, from, way_m);
+            (ids(reach.pieces()), ids(&reach.bodies(&mut ReachSearch::default(), &building).pieces))
         };
         assert_eq!(check(&world, 1.0), (vec![1], vec![1]));
         assert_eq!(check(&world, 1.9), (vec![1], vec![1, 2]));
         assert_eq!(check(&world, 2.0), (vec![1, 2], vec![1, 2]));
         assert_eq!(check(&world, 12.1), (vec![0, 1, 2, 3], vec![0, 1, 2, 3]));
         // A wall between rooms 1 and 2 stops eyes; elbows stick into it.
-        let Polygon::Rectangle { bounds, .. } = &mut world.cells.portals[1].polygon else {
-            unreachable!("rooms in a row join in rectangles")
-        };
-        bounds.max.z = 1.0;
+        stage::narrow(&mut world, 1, 2, [0.0, 1.0]);
         assert_eq!(check(&world, 2.0), (vec![1], vec![1, 2]));
         assert_eq!(check(&world, 9.0), (vec![0, 1, 2], vec![0, 1, 2]));
     }
 
     #[test]
     fn eyes_stay_before_narrow_gates_and_elbows_do_not() {
-        let world = stage::row(3);
+        let building = building(&stage::row(3));
         let mut gates = BitSet::default();
         gates.insert(1);
-        let clearance = &Clearance::with_narrow_gates(&world.cells, gates);
+        let clearance = &Clearance::with_narrow_gates(gates);
         let reach = |x: f32, clearance: Option<&Clearance>, is_limited: bool| {
             let (from, way_m, scratch) = (Vec3::new(x, 1.6, 5.0), 3.0, &mut ReachSearch::default());
-            let (start, around) =
-                (ReachStart { cells: &world.cells, clearance, from }, Aabb::around(from, way_m));
+            let around = Aabb::around(from, way_m);
+            let start = ReachStart { clearance, ..start_in(&building, from) };
             let reach = if is_limited {
                 Reach::on_ways(scratch, &start, &around, way_m)
             } else {
                 Reach::in_box(scratch, &start, &around)
             };
-            (ids(&reach.eye_cells()), ids(&reach.bodies(&world.cells, &world.body).cells))
+            (ids(reach.pieces()), ids(&reach.bodies(&mut ReachSearch::default(), &building).pieces))
         };
         for is_limited in [false, true] {
             let reach = |x: f32, clearance: Option<&Clearance>| reach(x, clearance, is_limited);
@@ -377,8 +404,10 @@ mod tests {
         world.cells.tree.truncate(2);
         world.cells.tree.extend([Node::Leaf(CellId(0)), Node::Solid, Node::Leaf(CellId(1))]);
         world.cells.cells[1].bounds.min.x = 10.08;
-        world.cells.cells.iter_mut().for_each(|cell| cell.portals.clear());
-        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.6, 5.0), 0.0).eye_cells());
+        world.cells.spaces[1].bounds.min.x = 10.08;
+        world.cells.spaces.iter_mut().for_each(|space| space.gates.clear());
+        let building = building(&world);
+        let reach = |x: f32| ids(ball(&building, Vec3::new(x, 1.6, 5.0), 0.0).pieces());
         assert_eq!((reach(9.9), reach(10.01), reach(10.04)), (vec![0], vec![0], vec![0, 1]));
         assert_eq!((reach(10.07), reach(10.1)), (vec![1], vec![1]));
     }
@@ -387,37 +416,35 @@ mod tests {
     fn a_way_round_two_corners_is_longer_than_a_straight_one() {
         // Doors at opposite ends of the walls before and behind room 1.
         let mut world = stage::row(3);
-        for (portal, z) in [(0, [0.0, 1.0]), (1, [9.0, 10.0])] {
-            let Polygon::Rectangle { bounds, .. } = &mut world.cells.portals[portal].polygon else {
-                unreachable!("rooms in a row join in rectangles")
-            };
-            (bounds.min.z, bounds.max.z) = (z[0], z[1]);
+        for (gate, z) in [(0, [0.0, 1.0]), (1, [9.0, 10.0])] {
+            stage::narrow(&mut world, gate, 2, z);
         }
+        let building = building(&world);
         let reached = |way_m: f32| {
-            let reach = ball(&world.cells, Vec3::new(9.0, 1.6, 0.5), way_m);
-            reach.pieces.last().map(|piece| (piece.cell.0, piece.region.max.x))
+            let reach = ball(&building, Vec3::new(9.0, 1.6, 0.5), way_m);
+            reach.pieces.last().map(|piece| (piece.space, piece.region.max.x))
         };
         // 1 m to the first door, 12.81 m from the one to the other.
         assert_eq!(reached(13.8), Some((1, 20.0)));
-        let (cell, x) = reached(15.0).unwrap();
-        assert!(cell == 2 && (x - 21.19).abs() < 0.01, "{cell} {x}");
+        let (space, x) = reached(15.0).unwrap();
+        assert!(space == 2 && (x - 21.19).abs() < 0.01, "{space} {x}");
     }
 
     #[test]
     fn an_eye_on_a_boundary_is_on_both_sides() {
-        let world = stage::row(3);
-        let reach = |x: f32| ids(&ball(&world.cells, Vec3::new(x, 1.0, 5.0), 0.0).eye_cells());
+        let building = building(&stage::row(3));
+        let reach = |x: f32| ids(ball(&building, Vec3::new(x, 1.0, 5.0), 0.0).pieces());
         assert_eq!((reach(10.0), reach(9.9), reach(10.1)), (vec![0, 1], vec![0], vec![1]));
-        assert_eq!(ids(&ball(&world.cells, Vec3::new(9.998, 1.0, 5.0), 0.01).eye_cells()), [0, 1]);
+        assert_eq!(ids(ball(&building, Vec3::new(9.998, 1.0, 5.0), 0.01).pieces()), [0, 1]);
     }
 
     #[test]
     fn ways_of_any_length_reach_all_of_the_box() {
-        let world = stage::row(6);
+        let building = building(&stage::row(6));
         for (x, radius) in [(5.0, 2.0), (18.0, 7.0), (30.0, 14.0), (9.999, 0.5)] {
             let from = Vec3::new(x, 1.6, 5.0);
             let (region, scratch) = (Aabb::around(from, radius), &mut ReachSearch::default());
-            let start = ReachStart { cells: &world.cells, clearance: None, from };
+            let start = start_in(&building, from);
             let limited = Reach::on_ways(scratch, &start, &region, 1e6);
             assert_eq!(Reach::in_box(scratch, &start, &region), limited);
         }

@@ -50,7 +50,7 @@ impl Silencing<'_> {
         let region = with_margin_ahead(&bound.eyes, step, margin_m);
         let start = motion.start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &region);
-        let footprint = HiddenFootprint::of_reach(building, &reach);
+        let footprint = HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach);
         avatar.footprint_box = Some(region);
         if footprint == avatar.footprint {
             return;

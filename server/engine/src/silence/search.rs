@@ -120,7 +120,7 @@ impl Silencing<'_> {
         let building = self.view.building;
         let start = self.population.at(slot).motion(self.view).start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &tbv.within);
-        let footprint = HiddenFootprint::of_reach(building, &reach);
+        let footprint = HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach);
         let is_seen = self.is_seen(slot, &footprint);
         (!is_seen).then_some(Silence { tbv, sphere: None, footprint, validity })
     }
@@ -191,7 +191,7 @@ impl Silencing<'_> {
             TbvShape::Reach => {
                 let start = motion.start(building);
                 let reach = Reach::on_ways(&mut self.workspace.reach, &start, &eyes, way_m);
-                (eyes, None, HiddenFootprint::of_reach(building, &reach))
+                (eyes, None, HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach))
             }
         };
         let tbv = Tbv { within, axes: *building.axes(), expiry, notice: Duration::ZERO };

@@ -91,8 +91,7 @@ impl Crowd {
         let mut gates = BitSet::default();
         // In these worlds each portal is a gate of the same number.
         narrow.iter().for_each(|gate| gates.insert(*gate));
-        stage.engine.building.walkways.clearance =
-            Clearance::with_narrow_gates(stage.engine.building.cells(), gates);
+        stage.engine.building.walkways.clearance = Clearance::with_narrow_gates(gates);
         let mut crowd = Self {
             stage,
             narrow,

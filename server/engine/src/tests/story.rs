@@ -350,8 +350,11 @@ fn kept_for(hold_ticks: u32) -> u32 {
         if stage.log[said..].iter().any(is_news) {
             news = stage.engine.ticks();
         } else if let Some(explanation) = stage.engine.explain(ada, bob) {
-            let reason = if explanation.is_held { Reason::Held } else { Reason::Cells };
-            assert!([reason, Reason::Blocked].contains(&explanation.reason), "{explanation}");
+            let reasons: &[Reason] = match explanation.is_held {
+                true => &[Reason::Held, Reason::Blocked],
+                false => &[Reason::Cells, Reason::Blocked, Reason::Silence],
+            };
+            assert!(reasons.contains(&explanation.reason), "{explanation}");
         }
     }
     stage.engine.ticks() - news
