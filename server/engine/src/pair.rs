@@ -87,6 +87,11 @@ impl SightResult {
         }
     }
 
+    /// Whether the pair is hidden even with a large margin.
+    pub(crate) fn is_surely_hidden(&self) -> bool {
+        matches!(self, Self::Hidden(RegionVersions { margin: RegionMargin::Large, .. }))
+    }
+
     /// Whether a test has found that the two may see each other.
     pub(crate) fn is_open(&self) -> bool {
         matches!(self, Self::Undecided { .. } | Self::Together | Self::Free(_))

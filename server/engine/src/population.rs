@@ -71,7 +71,8 @@ pub(crate) struct Avatar {
     pub(crate) silence_from: Duration,
     /// Where the avatar can be, as the index of live or of hidden footprints has it.
     pub(crate) footprint: HiddenFootprint,
-    /// The box of eye positions that `footprint` was made for, in own axes; `None` while hidden.
+    /// The box of eye positions that `footprint` was made for, in own axes; `None` while hidden, and
+    /// where no footprint was made for where the eye can be now.
     pub(crate) footprint_box: Option<Aabb>,
     /// Where the eye of a live avatar can be until a hidden one that it reveals can be told of, in
     /// own axes.
@@ -271,6 +272,11 @@ impl Population {
     /// All live avatars, by id.
     pub(crate) fn live(&self) -> impl Iterator<Item = Slot> + '_ {
         self.live.values().copied()
+    }
+
+    /// Whether all avatars are live.
+    pub(crate) fn is_nobody_hidden(&self) -> bool {
+        self.live.len() == self.by_id.len()
     }
 
     pub(crate) fn live_len(&self) -> usize {

@@ -1,6 +1,6 @@
 //! Reveals: hidden avatars that a live one may soon see, or be seen by.
 
-use sightline_world::motion::ReportingState;
+use sightline_world::{geometry::Aabb, motion::ReportingState};
 
 use super::{End, Reached, Silencing, lets_see};
 use crate::{
@@ -17,16 +17,20 @@ impl Silencing<'_> {
     /// Updates where a live avatar can be before long, and asks every hidden avatar that it may see
     /// from there, or be seen by. Its footprint has a margin, so that it lasts for several ticks.
     /// Hidden avatars that the footprint meets are tested at each of these ticks, and no others.
+    /// While nobody is hidden, no footprint is made.
     pub(crate) fn reveal(&mut self, slot: Slot, outputs: &mut Vec<Output>) {
         let View { building, horizons, .. } = self.view;
         let avatar = self.population.at_mut(slot);
         let motion = avatar.motion(self.view);
         let time = horizons.reveal_horizon(motion.age);
         let bound = MotionBound::new(building, &motion, motion.is_believed, time);
-        let lasts = avatar.footprint_box.is_some_and(|region| region.contains_box(&bound.eyes));
         avatar.reveal_box = bound.eyes;
-        if !lasts {
-            self.update_footprint(slot, &motion, &bound);
+        avatar.footprint_box = avatar.footprint_box.filter(|made| made.contains_box(&bound.eyes));
+        if self.population.is_nobody_hidden() {
+            return;
+        }
+        if self.population.at(slot).footprint_box.is_none() {
+            self.update_footprint(slot, &motion, &bound.eyes);
         }
         let nearby = &self.population.at(slot).nearby_hidden;
         if nearby.is_empty() {
@@ -41,13 +45,24 @@ impl Silencing<'_> {
         self.ask_to_stay(found, outputs);
     }
 
+    /// Makes the footprints that were left out. Before an avatar is hidden all others have theirs.
+    pub(super) fn make_footprints(&mut self, live: &[Slot]) {
+        for slot in live {
+            let avatar = self.population.at(*slot);
+            if avatar.is_live() && avatar.footprint_box.is_none() {
+                let (motion, eyes) = (avatar.motion(self.view), avatar.reveal_box);
+                self.update_footprint(*slot, &motion, &eyes);
+            }
+        }
+    }
+
     /// Computes a live avatar's footprint, and which hidden avatars it meets.
-    fn update_footprint(&mut self, slot: Slot, motion: &Motion, bound: &MotionBound) {
+    fn update_footprint(&mut self, slot: Slot, motion: &Motion, eyes: &Aabb) {
         let View { building, config, .. } = self.view;
         let avatar = self.population.at_mut(slot);
         let step = building.axes().own(motion.pose.velocity) * config.tick.as_secs_f32();
         let margin_m = lasting_margin_m(step, FOOTPRINT_MARGIN_M);
-        let region = with_margin_ahead(&bound.eyes, step, margin_m);
+        let region = with_margin_ahead(eyes, step, margin_m);
         let start = motion.start(building);
         let reach = Reach::in_box(&mut self.workspace.reach, &start, &region);
         let footprint = HiddenFootprint::of_reach(building, &mut self.workspace.reach, &reach);

@@ -22,21 +22,26 @@ impl Silencing<'_> {
         let turn = self.budget.turn;
         let first = live.partition_point(|slot| self.population.at(*slot).id < turn);
         let has_budget = self.budget.left > 0;
-        let mut is_used_up = false;
+        let (mut is_used_up, mut has_footprints) = (false, false);
         for slot in live[first..].iter().chain(&live[..first]) {
             if has_budget && self.budget.left == 0 && !is_used_up {
                 self.budget.turn = self.population.at(*slot).id;
                 is_used_up = true;
             }
-            self.settle(*slot, is_used_up, outputs);
+            let may_try = !is_used_up && self.may_fall_silent(self.population.at(*slot));
+            if may_try && !has_footprints {
+                self.make_footprints(live);
+                has_footprints = true;
+            }
+            self.settle(*slot, may_try, outputs);
         }
     }
 
-    /// Silences a live avatar if nobody can see it and it can see nobody, unless the budget for
-    /// finding that out is used up. Otherwise makes sure that its client knows that it is live.
-    fn settle(&mut self, slot: Slot, is_used_up: bool, outputs: &mut Vec<Output>) {
+    /// Silences a live avatar if nobody can see it and it can see nobody, where that may be tried.
+    /// Otherwise makes sure that its client knows that it is live.
+    fn settle(&mut self, slot: Slot, may_try: bool, outputs: &mut Vec<Output>) {
         let View { config, now, .. } = self.view;
-        if !is_used_up && self.may_fall_silent(self.population.at(slot)) {
+        if may_try {
             let footprint = self.current_footprint(slot);
             if let Some(silence) = self.find_silence(slot, &footprint) {
                 let tbv = silence.tbv;
@@ -60,7 +65,7 @@ impl Silencing<'_> {
             && is_fresh
             && now >= avatar.silence_from
             && avatar.watchers == 0
-            && !avatar.pairs.iter().any(|pair| pair.is_held)
+            && avatar.pairs.iter().all(|pair| !pair.is_held && pair.sight.is_surely_hidden())
             && horizons.may_be_silent(link)
             && !self.is_still_prevented(avatar)
     }
