@@ -8,12 +8,13 @@
 //! time, so the same inputs give the same outputs. A pair that the budget does not decide counts as
 //! visible.
 
+use glam::Vec3;
 use sightline_visibility::box_visibility::SightLine;
 
 use super::snapshot::{LiveAvatar, LiveAvatars, Snapshot, SortKey};
 use crate::{
     pair::{EyeBoxes, Pair, RegionMargin, RegionVersions, SightResult},
-    regions::{BoxTest, RegionFootprint, RegionKind},
+    regions::{BoxTest, LineEnd, RegionFootprint, RegionKind, scaled},
     view::View,
     worker_pool::{WorkerPool, Workspace},
 };
@@ -22,6 +23,9 @@ use crate::{
 const UNDECIDED_TICKS: u32 = 8;
 /// Ticks before regions with a large margin are tried again where they did not help.
 const LARGE_MARGIN_TICKS: u32 = 16;
+/// The ends of a free line that is moved along are in the middle of the regions, of this part of
+/// their size, so that it stays free for some ticks.
+const WELL_INSIDE: f32 = 0.6;
 /// What a sight test costs, about. From it follows by how much all tests that are due exceed the
 /// budget, which is the load.
 const TEST_UNITS: u32 = 200;
@@ -237,29 +241,60 @@ impl SightTests<'_> {
         !sees
     }
 
-    /// Whether a line is free from where the viewer's eye is heading to where the avatar is. Not
-    /// tried where gates do not count.
+    /// Whether the last free line is free where the regions are now, or else a line from where the
+    /// viewer's eye is heading to where the avatar is. Not tried where gates do not count.
     fn is_line_free(
         &self,
         viewer: &LiveAvatar<'_>,
         other: &LiveAvatar<'_>,
         pair: &mut Pair,
     ) -> bool {
-        let from = viewer.regions.heading(RegionKind::EYES);
-        let to = other.regions.heading(viewer.regions.shown());
-        let Some((from, to)) = from.zip(to) else { return false };
-        let Some((start, goal)) = from.cell.zip(to.cell) else { return false };
+        if self.view.config.sight_test_budget == 0 {
+            return false;
+        }
+        let last = match pair.sight {
+            SightResult::Free(line) => self.moved(viewer, other, &line),
+            _ => None,
+        };
+        let heading = || {
+            let from = viewer.regions.heading(RegionKind::EYES)?;
+            Some([from, other.regions.heading(viewer.regions.shown())?])
+        };
+        let free = last.filter(|ends| self.is_free(ends));
+        let free = free.or_else(|| heading().filter(|ends| self.is_free(ends)));
+        if let Some([from, to]) = free {
+            pair.sight = SightResult::Free(SightLine { from: from.point, to: to.point });
+        }
+        free.is_some()
+    }
+
+    /// The line nearest to one that was free whose ends are well inside the regions of a pair now.
+    fn moved(
+        &self,
+        viewer: &LiveAvatar<'_>,
+        other: &LiveAvatar<'_>,
+        line: &SightLine,
+    ) -> Option<[LineEnd; 2]> {
+        let body = &self.view.building.body;
+        let end = |avatar: &LiveAvatar<'_>, kind: RegionKind, point: Vec3| {
+            let bounds = avatar.regions.bounds(kind, body);
+            let inside = scaled(&bounds, bounds.centre(), WELL_INSIDE);
+            let point = point.clamp(inside.min, inside.max);
+            let is_possible = avatar.regions.may_contain(kind, point, body);
+            is_possible.then(|| LineEnd { point, cell: self.view.building.cells().at_own(point) })
+        };
+        let from = end(viewer, RegionKind::EYES, line.from)?;
+        Some([from, end(other, viewer.regions.shown(), line.to)?])
+    }
+
+    /// Whether a line between two ends is free.
+    fn is_free(&self, [from, to]: &[LineEnd; 2]) -> bool {
         let building = self.view.building;
         let cells = building.cells();
-        let line = SightLine { from: from.point, to: to.point };
+        let Some((start, goal)) = from.cell.zip(to.cell) else { return false };
         let spaces = [start, goal].map(|cell| cells.cells[cell.0 as usize].space);
-        let is_free = self.view.config.sight_test_budget > 0
-            && cells.sees(start, goal)
-            && building.occluders.is_free_through_gates(&line, spaces);
-        if is_free {
-            pair.sight = SightResult::Free(line);
-        }
-        is_free
+        let line = SightLine { from: from.point, to: to.point };
+        cells.sees(start, goal) && building.occluders.is_free_through_gates(&line, spaces)
     }
 
     /// Whether gates, cells or rooms hide a pair's regions from each other. Regions with a large

@@ -98,14 +98,14 @@ struct LiveRegion {
     /// Whether the first cached region was there when this tick began. What depends on that region
     /// must not depend on who asks for it first in this tick.
     was_cached: bool,
-    heading: Heading,
+    heading: LineEnd,
     /// The region without a margin.
     exact: OnceLock<CoverBoxes>,
 }
 
-/// Where a predicted line ends: near the side of a region that the avatar moves towards.
+/// An end of a line that may be free.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Heading {
+pub(crate) struct LineEnd {
     /// In own axes.
     pub(crate) point: Vec3,
     /// The cell of that point; `None` in something solid.
@@ -172,7 +172,7 @@ impl LiveRegion {
             cached: Default::default(),
             versions: Default::default(),
             was_cached: false,
-            heading: Heading::default(),
+            heading: LineEnd::default(),
             exact: OnceLock::new(),
         }
     }
@@ -252,8 +252,13 @@ impl LiveRegions {
         self.get(kind).map_or(Generation::default(), |region| region.versions[margin as usize])
     }
 
-    /// Where a predicted line to a region ends.
-    pub(crate) fn heading(&self, kind: RegionKind) -> Option<Heading> {
+    /// The box around a region at this tick.
+    pub(crate) fn bounds(&self, kind: RegionKind, body: &Body) -> Aabb {
+        self.get(kind).map_or(Aabb::EMPTY, |region| region.bounds(kind, body))
+    }
+
+    /// Where a predicted line to a region ends: near the side that the avatar moves towards.
+    pub(crate) fn heading(&self, kind: RegionKind) -> Option<LineEnd> {
         self.get(kind).map(|region| region.heading)
     }
 
@@ -346,7 +351,7 @@ impl LiveRegions {
             let ahead = eyes.centre().with_y(motion.from.y) + way * eyes.size() * (0.5 * HEADING);
             let is_possible = self.may_contain(kind, ahead, &building.body);
             let point = if is_possible { ahead } else { motion.from };
-            self.regions[kind.0].heading = Heading { point, cell: cells.at_own(point) };
+            self.regions[kind.0].heading = LineEnd { point, cell: cells.at_own(point) };
         }
     }
 

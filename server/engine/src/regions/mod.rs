@@ -13,7 +13,7 @@ pub(crate) use cover_boxes::CoverBoxes;
 pub(crate) use footprint::RegionFootprint;
 pub(crate) use hidden_footprint::{FootprintCover, HiddenFootprint};
 pub(crate) use index::{Indices, SectorIndex};
-pub(crate) use live_regions::{CoarseRegion, LiveRegions, RegionKind};
+pub(crate) use live_regions::{CoarseRegion, LineEnd, LiveRegions, RegionKind};
 pub(crate) use motion_bound::{Motion, MotionBound, lasting_margin_m, scaled, with_margin_ahead};
 pub(crate) use reach::{Reach, ReachSearch, ReachStart};
 pub(crate) use sight_tester::{BoxTest, SightTester};
