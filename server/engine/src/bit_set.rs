@@ -1,5 +1,7 @@
 //! Sets of small numbers, with a lookup that takes no search.
 
+use std::ops::RangeInclusive;
+
 /// A bit for each number up to the greatest: 2 KiB for 16,384 numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub(crate) struct BitSet(Vec<u64>);
@@ -10,10 +12,32 @@ impl BitSet {
         self.0[number as usize / 64] |= 1 << (number % 64);
     }
 
+    /// Inserts all numbers of a range.
+    pub(crate) fn insert_range(&mut self, range: RangeInclusive<u32>) {
+        let (first, last) = range.into_inner();
+        if first > last {
+            return;
+        }
+        let [from, to] = [first, last].map(|number| number as usize / 64);
+        self.reserve(to + 1);
+        let (above, below) = (u64::MAX << (first % 64), u64::MAX >> (63 - last % 64));
+        if from == to {
+            self.0[from] |= above & below;
+            return;
+        }
+        self.0[from] |= above;
+        self.0[from + 1..to].fill(u64::MAX);
+        self.0[to] |= below;
+    }
+
     pub(crate) fn remove(&mut self, number: u32) {
         if let Some(word) = self.0.get_mut(number as usize / 64) {
             *word &= !(1 << (number % 64));
         }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.0.clear();
     }
 
     /// Inserts all numbers of another set.
@@ -66,6 +90,17 @@ mod tests {
             b.iter().for_each(|number| all.remove(*number));
             let left: BTreeSet<u32> = a.difference(&b).copied().collect();
             prop_assert!((0..600).all(|number| all.contains(number) == left.contains(&number)));
+        }
+
+        #[test]
+        fn inserting_a_range_inserts_each_of_its_numbers(a in btree_set(0..500u32, 0..9), first in 0..400u32, len in 0..200u32) {
+            let (mut by_range, mut one_by_one) = (BitSet::default(), BitSet::default());
+            for bits in [&mut by_range, &mut one_by_one] {
+                a.iter().for_each(|number| bits.insert(*number));
+            }
+            by_range.insert_range(first..=first + len);
+            (first..=first + len).for_each(|number| one_by_one.insert(number));
+            prop_assert_eq!(by_range, one_by_one);
         }
     }
 }

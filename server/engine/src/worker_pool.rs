@@ -11,6 +11,7 @@ use std::{
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use crate::{
+    bit_set::BitSet,
     claims::WaySearch,
     regions::{ReachSearch, SightTester},
 };
@@ -21,6 +22,10 @@ const GRAIN: usize = 16;
 /// The memory of one thread's algorithms, kept to save allocations. No result depends on it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Workspace {
+    /// Cells that are visible from where an eye can be.
+    pub(crate) seen_by_eyes: BitSet,
+    /// Cells that are visible from where a body can be.
+    pub(crate) seeing_bodies: BitSet,
     pub(crate) reach: ReachSearch,
     pub(crate) sight: SightTester,
     pub(crate) ways: WaySearch,

@@ -1,13 +1,14 @@
 //! The immutable building: what the engine derives from a world when it is made.
 
 mod adjacency;
+mod cell_rows;
 mod sectors;
 
 use std::sync::Arc;
 
 use sightline_visibility::{box_visibility::Occluders, rooms::RoomIndex};
 use sightline_world::{
-    Cells, World,
+    CellId, Cells, World,
     geometry::Axes,
     motion::{Agility, Body},
 };
@@ -19,6 +20,7 @@ use crate::{
 };
 
 pub(crate) use adjacency::{Adjacency, Beside, Exit, ExitSide};
+pub(crate) use cell_rows::CellRows;
 pub(crate) use sectors::{OccupiedSectors, Sectors};
 
 /// The world, and what is derived from it once.
@@ -35,6 +37,8 @@ pub(crate) struct Building {
     pub(crate) rooms: RoomIndex,
     /// What is beside each space.
     pub(crate) adjacency: Adjacency,
+    /// Which cells see which.
+    pub(crate) cell_rows: CellRows,
     pub(crate) sectors: Sectors,
     /// What blocks sight.
     pub(crate) occluders: Arc<Occluders>,
@@ -61,6 +65,7 @@ impl Building {
             body: world.body.in_axes(&world.cells.axes),
             rooms: RoomIndex::new(&world),
             adjacency: Adjacency::new(&world.cells),
+            cell_rows: CellRows::new(&world.cells),
             sectors: Sectors::new(&world.cells),
             occluders: Arc::new(Occluders::new(&world)),
             walkways: Walkways::new(&world, agility.fall_max / speed_max),
@@ -71,6 +76,11 @@ impl Building {
 
     pub(crate) fn cells(&self) -> &Cells {
         &self.world.cells
+    }
+
+    /// Whether some point of one cell may be visible from some point of the other.
+    pub(crate) fn sees(&self, from: CellId, to: CellId) -> bool {
+        self.cell_rows.sees(self.cells(), from, to)
     }
 
     /// The axes along which cells and regions lie.

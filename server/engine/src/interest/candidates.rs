@@ -81,6 +81,12 @@ impl Candidates<'_> {
         self.index.meeting(&self.view.building.sectors, &coarse.sectors, &mut found);
         found.sort_unstable();
         found.dedup();
+        let building = self.view.building;
+        let Workspace { seen_by_eyes, seeing_bodies, .. } = workspace;
+        seen_by_eyes.clear();
+        seeing_bodies.clear();
+        coarse.eye_footprint.add_visible(building, seen_by_eyes);
+        coarse.body_footprint.add_visible(building, seeing_bodies);
         found.retain(|member| {
             let other = self.live.index(member.slot);
             if other == index || other < index && all[other].has_moved() {
@@ -96,7 +102,8 @@ impl Candidates<'_> {
         found
     }
 
-    /// Whether an avatar in one coarse region may see or be seen by an avatar in another.
+    /// Whether an avatar in one coarse region, whose visible cells are in the workspace, may see or
+    /// be seen by an avatar in another.
     fn may_meet(
         &self,
         workspace: &mut Workspace,
@@ -105,13 +112,16 @@ impl Candidates<'_> {
     ) -> bool {
         let building = self.view.building;
         let has_budget = self.view.config.sight_test_budget > 0;
+        let Workspace { sight, seen_by_eyes, seeing_bodies, .. } = workspace;
+        let cells = building.cells();
         let mut may_see = |eyes: &RegionFootprint, bodies: &RegionFootprint| {
-            eyes.sees(bodies, building)
-                && eyes.rooms_allow(bodies, &building.rooms)
-                && !(has_budget && workspace.sight.are_apart(&building.occluders, eyes, bodies))
+            eyes.rooms_allow(bodies, &building.rooms)
+                && !(has_budget && sight.are_apart(&building.occluders, eyes, bodies))
         };
-        may_see(&one.eye_footprint, &other.body_footprint)
-            || may_see(&other.eye_footprint, &one.body_footprint)
+        other.body_footprint.touches(cells, seen_by_eyes)
+            && may_see(&one.eye_footprint, &other.body_footprint)
+            || other.eye_footprint.touches(cells, seeing_bodies)
+                && may_see(&other.eye_footprint, &one.body_footprint)
     }
 }
 

@@ -294,7 +294,7 @@ impl SightTests<'_> {
         let Some((start, goal)) = from.cell.zip(to.cell) else { return false };
         let spaces = [start, goal].map(|cell| cells.cells[cell.0 as usize].space);
         let line = SightLine { from: from.point, to: to.point };
-        cells.sees(start, goal) && building.occluders.is_free_through_gates(&line, spaces)
+        building.sees(start, goal) && building.occluders.is_free_through_gates(&line, spaces)
     }
 
     /// Whether gates, cells or rooms hide a pair's regions from each other. Regions with a large

@@ -6,7 +6,10 @@ use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
 use sightline_world::{CellId, Cells, geometry::Aabb};
 
 use super::{CoverBoxes, reach::Piece};
-use crate::building::{Building, OccupiedSectors};
+use crate::{
+    bit_set::BitSet,
+    building::{Building, OccupiedSectors},
+};
 
 /// A space with more cells than this is searched by the tree of cells.
 const CELLS_FEW: usize = 64;
@@ -58,15 +61,33 @@ impl RegionFootprint {
         (0..).zip(&self.spaces).any(|(from, here)| {
             (0..).zip(&other.spaces).any(|(to, there)| {
                 let others = || other.cells_in(cells, to);
-                let sees = |from: &CellId| others().iter().any(|to| cells.sees(*from, *to));
+                let sees = |from: &CellId| others().iter().any(|to| building.sees(*from, *to));
                 building.sectors.sees(*here, *there) && self.cells_in(cells, from).iter().any(sees)
             })
         })
     }
 
+    /// Adds the cells that are visible from some of this region's cells.
+    pub(crate) fn add_visible(&self, building: &Building, seen: &mut BitSet) {
+        let cells = building.cells();
+        for cell in &self.cells(cells).all {
+            building.cell_rows.add_visible(cells, *cell, seen);
+        }
+    }
+
+    /// Whether the region has a cell of this set.
+    pub(crate) fn touches(&self, cells: &Cells, set: &BitSet) -> bool {
+        self.cells(cells).all.iter().any(|cell| set.contains(cell.0))
+    }
+
     /// The region's cells in one of its spaces.
     fn cells_in(&self, cells: &Cells, space: usize) -> &[CellId] {
-        let found = self.cells.get_or_init(|| {
+        let found = self.cells(cells);
+        &found.all[found.of_space[space].clone()]
+    }
+
+    fn cells(&self, cells: &Cells) -> &FootprintCells {
+        self.cells.get_or_init(|| {
             let mut found = FootprintCells { all: Vec::new(), of_space: Vec::new() };
             for (space, part) in self.spaces.iter().zip(&self.parts) {
                 let start = found.all.len();
@@ -74,8 +95,7 @@ impl RegionFootprint {
                 found.of_space.push(start..found.all.len());
             }
             found
-        });
-        &found.all[found.of_space[space].clone()]
+        })
     }
 }
 
