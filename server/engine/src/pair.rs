@@ -67,6 +67,8 @@ pub(crate) enum SightResult {
     Undecided {
         /// The tick.
         again: u32,
+        /// How many tests in a row did not decide it.
+        tries: u32,
     },
     /// This line is free, as far as occluders go.
     Free(SightLine),

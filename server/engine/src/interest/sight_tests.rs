@@ -19,8 +19,14 @@ use crate::{
     worker_pool::{WorkerPool, Workspace},
 };
 
-/// Ticks before a pair that could not be decided is tested again.
+/// Ticks before a pair that could not be decided is tested again. Where tests cost much, there are
+/// twice as many with each further try.
 const UNDECIDED_TICKS: u32 = 8;
+/// When the tests of a tick cost more than one part of the budget in this many, the first test of a
+/// pair may cost less. Most pairs that can be decided are decided soon.
+const MUCH_PARTS: u32 = 4;
+/// The first test of a pair may cost at least the most, halved so many times.
+const THRIFT_MAX: u32 = 3;
 /// Ticks before regions with a large margin are tried again where they did not help.
 const LARGE_MARGIN_TICKS: u32 = 16;
 /// The ends of a free line that is moved along are in the middle of the regions, of this part of
@@ -40,6 +46,8 @@ const SHARES: u32 = 8;
 pub(crate) struct SightBudget {
     /// By how much the tests that were due at the last tick exceeded the budget, from 1 to 8.
     load: u32,
+    /// How much less than the most the first test of a pair may cost: half of it, so many times.
+    thrift: u32,
     /// The viewer at whom the budget for pairs that are not held ran out.
     turn_new: SortKey,
     /// The viewer at whom the budget for held pairs ran out.
@@ -48,7 +56,7 @@ pub(crate) struct SightBudget {
 
 impl Default for SightBudget {
     fn default() -> Self {
-        Self { load: 1, turn_new: SortKey::FIRST, turn_held: SortKey::FIRST }
+        Self { load: 1, thrift: 0, turn_new: SortKey::FIRST, turn_held: SortKey::FIRST }
     }
 }
 
@@ -80,6 +88,7 @@ struct SightTests<'a> {
     view: View<'a>,
     live: &'a LiveAvatars<'a>,
     load: u32,
+    thrift: u32,
 }
 
 /// Tests all pairs whose last result no longer holds. Pairs that the viewer does not hold come
@@ -92,7 +101,7 @@ pub(crate) fn test_pairs(
     budget: &mut SightBudget,
 ) {
     let Snapshot { live, pairs } = snapshot;
-    let tests = SightTests { view, live, load: budget.load };
+    let tests = SightTests { view, live, load: budget.load, thrift: budget.thrift };
     let open = pool.gather(pairs, |workspace, index, pairs, open| {
         let viewer = &live.all()[index];
         for (at, pair) in (0..).zip(pairs.iter_mut()) {
@@ -113,6 +122,12 @@ pub(crate) fn test_pairs(
     tests.run(pool, pairs, new, &mut Round { most, left: &mut left, turn: &mut budget.turn_new });
     left += units / 100 * (100 - NEW_PER_CENT);
     tests.run(pool, pairs, held, &mut Round { most, left: &mut left, turn: &mut budget.turn_held });
+    let spent = units - left.min(units);
+    if spent > units / MUCH_PARTS {
+        budget.thrift = (budget.thrift + 1).min(THRIFT_MAX);
+    } else if spent < units / MUCH_PARTS / 2 {
+        budget.thrift = budget.thrift.saturating_sub(1);
+    }
 }
 
 /// What the tests of some pairs may cost.
@@ -152,8 +167,8 @@ impl SightTests<'_> {
             let mut tested = vec![Tested { result: None, left: most }; round.len()];
             pool.each(&mut tested, |workspace, index, tested| {
                 let viewer = &self.live.all()[round[index].viewer as usize];
-                let other = self.live.at(round[index].of(pairs).slot);
-                tested.result = self.test(workspace, viewer, other, &mut tested.left);
+                let pair = round[index].of(pairs);
+                tested.result = self.test(workspace, viewer, pair, &mut tested.left);
             });
             for (open, Tested { result, left }) in round.iter().zip(tested) {
                 debug_assert!(left <= most, "a test spends budget");
@@ -210,7 +225,7 @@ impl SightTests<'_> {
                 return false;
             }
         }
-        !matches!(pair.sight, SightResult::Undecided { again } if self.view.tick < again)
+        !matches!(pair.sight, SightResult::Undecided { again, .. } if self.view.tick < again)
     }
 
     /// Whether no cells of a pair's regions see each other, if these have changed since that was
@@ -315,7 +330,7 @@ impl SightTests<'_> {
         }
         let is_closed = self.is_closed(workspace, viewer, other, pair);
         if !is_closed && !matches!(pair.sight, SightResult::Undecided { .. }) {
-            pair.sight = SightResult::Undecided { again: self.view.tick };
+            pair.sight = SightResult::Undecided { again: self.view.tick, tries: 0 };
         }
         is_closed
     }
@@ -343,28 +358,39 @@ impl SightTests<'_> {
         is_closed
     }
 
-    /// Tests the exact regions of a pair at this tick. An undecided pair is tested again the later,
-    /// the less there is for each.
+    /// Tests the exact regions of a pair at this tick. The more tests in a row do not decide it, the
+    /// later comes the next, and the more it may cost.
     fn test(
         &self,
         workspace: &mut Workspace,
         viewer: &LiveAvatar<'_>,
-        other: &LiveAvatar<'_>,
+        pair: &Pair,
         left: &mut u32,
     ) -> Option<SightResult> {
-        let shortage = self.view.config.sight_test_max / (*left).max(1);
+        let other = self.live.at(pair.slot);
+        let tries = match pair.sight {
+            SightResult::Undecided { tries, .. } => tries.min(self.thrift),
+            _ => 0,
+        };
+        let most = (self.view.config.sight_test_max >> (self.thrift - tries)).min(*left);
+        let mut left_of_it = most;
         let Workspace { reach, sight, .. } = workspace;
         let (view, shown) = (self.view, viewer.regions.shown());
         let eyes = viewer.regions.exact(view, reach, &viewer.motion, RegionKind::EYES)?;
         let bodies = other.regions.exact(view, reach, &other.motion, shown)?;
         let occluders = &view.building.occluders;
-        Some(match sight.test(occluders, eyes, bodies, left) {
+        let result = match sight.test(occluders, eyes, bodies, &mut left_of_it) {
             BoxTest::Hidden => SightResult::HiddenIn(eye_boxes(viewer, other)),
-            BoxTest::Free(line) if sight.is_free(occluders, &line, left) => SightResult::Free(line),
-            BoxTest::Free(_) | BoxTest::Undecided => {
-                SightResult::Undecided { again: view.tick + UNDECIDED_TICKS * shortage.max(1) }
+            BoxTest::Free(line) if sight.is_free(occluders, &line, &mut left_of_it) => {
+                SightResult::Free(line)
             }
-        })
+            BoxTest::Free(_) | BoxTest::Undecided => {
+                let again = view.tick + (UNDECIDED_TICKS << tries);
+                SightResult::Undecided { again, tries: tries + 1 }
+            }
+        };
+        *left -= most - left_of_it;
+        Some(result)
     }
 
     /// Whether a viewer may see an avatar as far as gates, cells and rooms tell.

@@ -20,7 +20,7 @@ const LONG: u32 = 20;
 const CELLS: u32 = 3;
 /// How far an avatar is from the middle cell, in metres. It does not see into that cell, but soon
 /// could.
-const AWAY_M: f32 = 0.8;
+const AWAY_M: f32 = 1.1;
 /// The number of closed rooms of one cell. By the PVS they see each other in pairs, but every line
 /// is blocked.
 const CLOSED: u32 = 12;
