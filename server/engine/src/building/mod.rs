@@ -21,7 +21,7 @@ use crate::{
 
 pub(crate) use adjacency::{Adjacency, Beside, Exit, ExitSide};
 pub(crate) use cell_rows::CellRows;
-pub(crate) use sectors::{OccupiedSectors, Sectors};
+pub(crate) use sectors::Sectors;
 
 /// The world, and what is derived from it once.
 #[derive(Clone, Debug)]

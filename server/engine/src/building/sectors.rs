@@ -36,13 +36,8 @@ impl Sectors {
         self.visible.len()
     }
 
-    /// The sectors of the spaces that an eye can be in, and of those that a body can be in.
-    pub(crate) fn occupied(&self, eyes: &[u32], bodies: &[u32]) -> OccupiedSectors {
-        OccupiedSectors { eyes: self.of(eyes), bodies: self.of(bodies) }
-    }
-
     /// The sectors of some spaces, which are ascending.
-    fn of(&self, spaces: &[u32]) -> Vec<u32> {
+    pub(crate) fn of(&self, spaces: &[u32]) -> Vec<u32> {
         debug_assert!(spaces.is_sorted(), "sectors are in the order of spaces");
         let mut sectors: Vec<u32> = spaces.iter().map(|space| space / self.spaces_each).collect();
         sectors.dedup();
@@ -54,13 +49,10 @@ impl Sectors {
         self.visible[(space / self.spaces_each) as usize].contains(other / self.spaces_each)
     }
 
-    /// Whether an eye in one place may see a body in another, or the other way round.
-    pub(crate) fn may_meet(&self, one: &OccupiedSectors, other: &OccupiedSectors) -> bool {
-        let sees = |eyes: &[u32], bodies: &[u32]| {
-            let seen = |eye: &u32| &self.visible[*eye as usize];
-            eyes.iter().map(seen).any(|seen| bodies.iter().any(|body| seen.contains(*body)))
-        };
-        sees(&one.eyes, &other.bodies) || sees(&other.eyes, &one.bodies)
+    /// Whether some of these sectors may see some of those.
+    pub(crate) fn any_sees(&self, these: &[u32], those: &[u32]) -> bool {
+        let seen = |sector: &u32| &self.visible[*sector as usize];
+        these.iter().map(seen).any(|seen| those.iter().any(|other| seen.contains(*other)))
     }
 
     /// All sectors that are visible from some of these.
@@ -69,13 +61,4 @@ impl Sectors {
         sectors.iter().for_each(|sector| all.unite(&self.visible[*sector as usize]));
         all
     }
-}
-
-/// The sectors in which an avatar can be.
-#[derive(Clone, Debug, PartialEq, Eq, Default)]
-pub(crate) struct OccupiedSectors {
-    /// The sectors that the eye can be in, ascending.
-    pub(crate) eyes: Vec<u32>,
-    /// The sectors that a part of the body can be in, ascending.
-    pub(crate) bodies: Vec<u32>,
 }

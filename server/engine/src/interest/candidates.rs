@@ -1,8 +1,8 @@
 //! Candidates: the pairs of avatars that may see each other by their coarse regions.
 //!
 //! Two live avatars have a pair each, one as the viewer of the other, while their coarse regions
-//! may see each other: by an index of sectors, then by
-//! cells, by rooms, and by the gates between them. Pairs
+//! may see each other: by an index of cells, then by
+//! rooms, and by the gates between them. Pairs
 //! are updated only for avatars with a new coarse region. Most people in a building have no pair
 //! with each other, and cost nothing until one of them has moved some way. [Sight
 //! tests](super::sight_tests) decide what pairs leave open.
@@ -14,7 +14,7 @@ use crate::{
     messages::Output,
     pair::{Pair, SightResult},
     population::Population,
-    regions::{CoarseRegion, RegionFootprint, SectorIndex},
+    regions::{CoarseRegion, OccupantIndex, RegionFootprint},
     slot::{Member, Slot},
     view::View,
     worker_pool::{WorkerPool, Workspace},
@@ -31,7 +31,7 @@ struct Moved {
 /// What the search for candidates reads.
 struct Candidates<'a> {
     view: View<'a>,
-    index: &'a SectorIndex,
+    index: &'a OccupantIndex,
     live: &'a LiveAvatars<'a>,
 }
 
@@ -39,7 +39,7 @@ struct Candidates<'a> {
 pub(crate) fn update_pairs(
     view: View<'_>,
     pool: &WorkerPool,
-    index: &SectorIndex,
+    index: &OccupantIndex,
     snapshot: &mut Snapshot<'_>,
 ) {
     let Snapshot { live, pairs } = snapshot;
@@ -78,15 +78,15 @@ impl Candidates<'_> {
         let mut found: Vec<Member> = Vec::new();
         let all = self.live.all();
         let Some(coarse) = all[index].regions.coarse() else { return found };
-        self.index.meeting(&self.view.building.sectors, &coarse.sectors, &mut found);
-        found.sort_unstable();
-        found.dedup();
         let building = self.view.building;
         let Workspace { seen_by_eyes, seeing_bodies, .. } = workspace;
         seen_by_eyes.clear();
         seeing_bodies.clear();
         coarse.eye_footprint.add_visible(building, seen_by_eyes);
         coarse.body_footprint.add_visible(building, seeing_bodies);
+        self.index.meeting(seen_by_eyes, seeing_bodies, &mut found);
+        found.sort_unstable();
+        found.dedup();
         found.retain(|member| {
             let other = self.live.index(member.slot);
             if other == index || other < index && all[other].has_moved() {
@@ -210,14 +210,14 @@ pub(crate) fn forget_results(population: &mut Population, slot: Slot) {
 pub(crate) fn end_pairs(
     view: View<'_>,
     population: &mut Population,
-    index: &mut SectorIndex,
+    index: &mut OccupantIndex,
     slot: Slot,
     pending: &mut Vec<Output>,
 ) {
     let avatar = population.at_mut(slot);
     let id = avatar.id;
     if let Some(coarse) = avatar.regions.coarse() {
-        index.remove(Member { id, slot }, &coarse.sectors);
+        index.remove(Member { id, slot }, &coarse.cells);
     }
     avatar.regions = Default::default();
     let viewers: Vec<Slot> = if view.config.policy.uses_cells() {

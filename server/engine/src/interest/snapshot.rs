@@ -9,11 +9,10 @@ use sightline_world::motion::{AvatarId, Pose, Tolerance};
 
 use crate::{
     baselines::Location,
-    building::OccupiedSectors,
     generation::Generation,
     pair::Pair,
     population::{Avatar, Population, Profile},
-    regions::{LiveRegions, Motion, SectorIndex},
+    regions::{LiveRegions, Motion, OccupantIndex, Occupied},
     slot::{Member, Slot},
     view::View,
     worker_pool::WorkerPool,
@@ -48,14 +47,14 @@ pub(crate) struct LiveAvatar<'a> {
     /// By how much its client may be off course unsaid.
     pub(super) tolerance: Tolerance,
     pub(super) regions: &'a mut LiveRegions,
-    /// The sectors of the last coarse region, if this tick has made a new one.
-    pub(super) old_sectors: Option<OccupiedSectors>,
+    /// The cells of the last coarse region, if this tick has made a new one.
+    pub(super) old_cells: Option<Occupied>,
 }
 
 impl LiveAvatar<'_> {
     /// Whether this tick has made a new coarse region.
     pub(super) fn has_moved(&self) -> bool {
-        self.old_sectors.is_some()
+        self.old_cells.is_some()
     }
 }
 
@@ -122,7 +121,7 @@ impl<'a> Snapshot<'a> {
                 shown,
                 tolerance: avatar.orders.in_force(),
                 regions: &mut avatar.regions,
-                old_sectors: None,
+                old_cells: None,
             });
         }
         debug_assert_eq!(all.len(), pairs.len(), "pairs are in the order of avatars");
@@ -148,16 +147,16 @@ impl<'a> Snapshot<'a> {
         &mut self,
         view: View<'_>,
         pool: &WorkerPool,
-        index: &mut SectorIndex,
+        index: &mut OccupantIndex,
     ) {
         let delays: Vec<Duration> = view.horizons.delays().collect();
         pool.each(&mut self.live.all, |workspace, _, avatar| {
             let LiveAvatar { regions, motion, .. } = avatar;
-            avatar.old_sectors = regions.update(view, &mut workspace.reach, motion, &delays);
+            avatar.old_cells = regions.update(view, &mut workspace.reach, motion, &delays);
         });
         for avatar in self.live.all() {
-            if let Some((old, coarse)) = avatar.old_sectors.as_ref().zip(avatar.regions.coarse()) {
-                index.replace(avatar.member, old, &coarse.sectors);
+            if let Some((old, coarse)) = avatar.old_cells.as_ref().zip(avatar.regions.coarse()) {
+                index.replace(avatar.member, old, &coarse.cells);
             }
         }
     }

@@ -5,11 +5,8 @@ use std::{ops::Range, sync::OnceLock};
 use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
 use sightline_world::{CellId, Cells, geometry::Aabb};
 
-use super::{CoverBoxes, reach::Piece};
-use crate::{
-    bit_set::BitSet,
-    building::{Building, OccupiedSectors},
-};
+use super::{CoverBoxes, Occupied, reach::Piece};
+use crate::{bit_set::BitSet, building::Building};
 
 /// A space with more cells than this is searched by the tree of cells.
 const CELLS_FEW: usize = 64;
@@ -67,6 +64,11 @@ impl RegionFootprint {
         })
     }
 
+    /// The cells, ascending.
+    pub(crate) fn cell_numbers(&self, building: &Building) -> Vec<u32> {
+        self.cells(building.cells()).all.iter().map(|cell| cell.0).collect()
+    }
+
     /// Adds the cells that are visible from some of this region's cells.
     pub(crate) fn add_visible(&self, building: &Building, seen: &mut BitSet) {
         let cells = building.cells();
@@ -100,13 +102,10 @@ impl RegionFootprint {
 }
 
 /// The sectors of the places of an eye, and of its body.
-pub(super) fn occupied_sectors(
-    building: &Building,
-    eyes: &[Piece],
-    bodies: &[Piece],
-) -> OccupiedSectors {
+pub(super) fn occupied_sectors(building: &Building, eyes: &[Piece], bodies: &[Piece]) -> Occupied {
     let spaces = |pieces: &[Piece]| pieces.iter().map(|piece| piece.space).collect::<Vec<u32>>();
-    building.sectors.occupied(&spaces(eyes), &spaces(bodies))
+    let [eyes, bodies] = [eyes, bodies].map(|pieces| building.sectors.of(&spaces(pieces)));
+    Occupied { eyes, bodies }
 }
 
 /// Adds the cells of a space that share a point with a box, ascending.

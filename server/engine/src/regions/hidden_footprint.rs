@@ -4,12 +4,12 @@ use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
 use sightline_world::{Cell, CellId, geometry::Aabb};
 
 use super::{
-    CoverBoxes, Reach, ReachSearch,
+    CoverBoxes, Occupied, Reach, ReachSearch,
     footprint::{occupied_sectors, room_overlap},
     reach::Piece,
 };
 use crate::{
-    building::{Building, OccupiedSectors},
+    building::{Building, Sectors},
     sphere::Sphere,
 };
 
@@ -17,7 +17,7 @@ use crate::{
 /// told of.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub(crate) struct HiddenFootprint {
-    pub(crate) sectors: OccupiedSectors,
+    pub(crate) sectors: Occupied,
     pub(crate) cover: FootprintCover,
     /// The rooms of all places of the eye.
     eye_rooms: RoomOverlap,
@@ -71,6 +71,13 @@ impl HiddenFootprint {
             body_rooms: room_overlap(building, &cover.bodies, bodies),
             cover,
         }
+    }
+
+    /// Whether, by sectors, an eye here may see a body in another footprint, or the other way round.
+    pub(crate) fn meets(&self, other: &Self, sectors: &Sectors) -> bool {
+        let Occupied { eyes, bodies } = &self.sectors;
+        sectors.any_sees(eyes, &other.sectors.bodies)
+            || sectors.any_sees(&other.sectors.eyes, bodies)
     }
 
     /// The part of the footprint that is possible while the eye is in a box, in own axes. Its

@@ -2,25 +2,26 @@
 
 use crate::{
     bit_set::BitSet,
-    building::{Building, OccupiedSectors, Sectors},
+    building::{Building, Sectors},
     slot::Member,
 };
 
 /// All indices of avatars by place.
 #[derive(Clone, Debug)]
 pub(crate) struct Indices {
-    /// The coarse regions of live avatars.
-    pub(crate) coarse: SectorIndex,
-    /// Where live avatars can be until a hidden avatar that they reveal can be told of.
-    pub(crate) live: SectorIndex,
-    /// The TBVs of quiet and asked avatars.
-    pub(crate) hidden: SectorIndex,
+    /// The coarse regions of live avatars, by cell. Sectors would leave many times as many.
+    pub(crate) coarse: OccupantIndex,
+    /// Where live avatars can be until a hidden avatar that they reveal can be told of, by sector.
+    pub(crate) live: OccupantIndex,
+    /// The TBVs of quiet and asked avatars, by sector.
+    pub(crate) hidden: OccupantIndex,
 }
 
 impl Indices {
     pub(crate) fn new(building: &Building) -> Self {
-        let empty = SectorIndex::new(&building.sectors);
-        Self { coarse: empty.clone(), live: empty.clone(), hidden: empty }
+        let by_sector = OccupantIndex::new(building.sectors.len());
+        let coarse = OccupantIndex::new(building.cells().cells.len());
+        Self { coarse, live: by_sector.clone(), hidden: by_sector }
     }
 }
 
@@ -76,45 +77,65 @@ impl MemberIndex {
     }
 }
 
-/// Which avatars can be in which sectors.
+/// The numbered parts of the building in which an avatar can be: its cells or its sectors.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub(crate) struct Occupied {
+    /// The parts that the eye can be in, ascending.
+    pub(crate) eyes: Vec<u32>,
+    /// The parts that a part of the body can be in, ascending.
+    pub(crate) bodies: Vec<u32>,
+}
+
+/// Which avatars can be where.
 #[derive(Clone, Debug)]
-pub(crate) struct SectorIndex {
+pub(crate) struct OccupantIndex {
     eyes: MemberIndex,
     bodies: MemberIndex,
 }
 
-impl SectorIndex {
-    fn new(sectors: &Sectors) -> Self {
-        let empty = MemberIndex::new(sectors.len());
+impl OccupantIndex {
+    fn new(parts: usize) -> Self {
+        let empty = MemberIndex::new(parts);
         Self { eyes: empty.clone(), bodies: empty }
     }
 
-    pub(crate) fn insert(&mut self, member: Member, sectors: &OccupiedSectors) {
-        self.eyes.insert(member, &sectors.eyes);
-        self.bodies.insert(member, &sectors.bodies);
+    pub(crate) fn insert(&mut self, member: Member, parts: &Occupied) {
+        self.eyes.insert(member, &parts.eyes);
+        self.bodies.insert(member, &parts.bodies);
     }
 
-    pub(crate) fn remove(&mut self, member: Member, sectors: &OccupiedSectors) {
-        self.eyes.remove(member, &sectors.eyes);
-        self.bodies.remove(member, &sectors.bodies);
+    pub(crate) fn remove(&mut self, member: Member, parts: &Occupied) {
+        self.eyes.remove(member, &parts.eyes);
+        self.bodies.remove(member, &parts.bodies);
     }
 
-    /// Moves an avatar from some sectors to others.
-    pub(crate) fn replace(&mut self, member: Member, old: &OccupiedSectors, new: &OccupiedSectors) {
+    /// Moves an avatar from some parts to others.
+    pub(crate) fn replace(&mut self, member: Member, old: &Occupied, new: &Occupied) {
         self.eyes.replace(member, &old.eyes, &new.eyes);
         self.bodies.replace(member, &old.bodies, &new.bodies);
     }
 
-    /// Adds the avatars that may be seen from somewhere in these sectors, or see it. They are in no
-    /// order, and some come twice. An eye here sees a body there, or an eye there sees a body here;
-    /// the PVS is symmetric.
+    /// Adds the avatars with a body in parts that an eye sees, and those with an eye in parts that
+    /// see a body. They are in no order, and some come twice.
     pub(crate) fn meeting(
         &self,
-        sectors: &Sectors,
-        here: &OccupiedSectors,
+        seen_by_eyes: &BitSet,
+        seeing_bodies: &BitSet,
         found: &mut Vec<Member>,
     ) {
-        found.extend(self.bodies.among(&sectors.visible_from(&here.eyes)));
-        found.extend(self.eyes.among(&sectors.visible_from(&here.bodies)));
+        found.extend(self.bodies.among(seen_by_eyes));
+        found.extend(self.eyes.among(seeing_bodies));
+    }
+
+    /// Adds the avatars that, by sectors, may be seen from somewhere in these, or see it. The PVS is
+    /// symmetric.
+    pub(crate) fn meeting_sectors(
+        &self,
+        sectors: &Sectors,
+        here: &Occupied,
+        found: &mut Vec<Member>,
+    ) {
+        let [eyes, bodies] = [&here.eyes, &here.bodies].map(|here| sectors.visible_from(here));
+        self.meeting(&eyes, &bodies, found);
     }
 }

@@ -6,15 +6,10 @@ use glam::Vec3;
 use sightline_world::{CellId, geometry::Aabb, motion::Body};
 
 use super::{
-    CoverBoxes, Motion, MotionBound, Reach, ReachSearch, RegionFootprint,
-    footprint::occupied_sectors, lasting_margin_m, with_margin_ahead,
+    CoverBoxes, Motion, MotionBound, Occupied, Reach, ReachSearch, RegionFootprint,
+    lasting_margin_m, with_margin_ahead,
 };
-use crate::{
-    building::{Building, OccupiedSectors},
-    generation::Generation,
-    pair::RegionMargin,
-    view::View,
-};
+use crate::{building::Building, generation::Generation, pair::RegionMargin, view::View};
 
 /// The margin of coarse regions on each side, in metres. Most pairs of people are far from seeing
 /// each other, and nothing is done about them while their coarse regions last.
@@ -66,8 +61,8 @@ pub(crate) struct CoarseRegion {
     bodies: CoverBoxes,
     pub(crate) eye_footprint: RegionFootprint,
     pub(crate) body_footprint: RegionFootprint,
-    /// The sectors of both footprints.
-    pub(crate) sectors: OccupiedSectors,
+    /// The cells of both footprints.
+    pub(crate) cells: Occupied,
 }
 
 impl CoarseRegion {
@@ -76,8 +71,10 @@ impl CoarseRegion {
         let bodies = reach.bodies(search, building);
         let eye_footprint = RegionFootprint::new(building, reach.pieces(), &reach.eye_cover());
         let body_footprint = RegionFootprint::new(building, &bodies.pieces, &bodies.cover);
-        let sectors = occupied_sectors(building, reach.pieces(), &bodies.pieces);
-        Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, sectors }
+        let [eyes, bodies_in] =
+            [&eye_footprint, &body_footprint].map(|footprint| footprint.cell_numbers(building));
+        let cells = Occupied { eyes, bodies: bodies_in };
+        Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, cells }
     }
 }
 
@@ -293,7 +290,7 @@ impl LiveRegions {
         self.shown = self.bodies(own);
     }
 
-    /// Brings the regions up to date for this tick. Returns the sectors of the last coarse region if
+    /// Brings the regions up to date for this tick. Returns the cells of the last coarse region if
     /// there is a new one.
     pub(crate) fn update(
         &mut self,
@@ -301,7 +298,7 @@ impl LiveRegions {
         search: &mut ReachSearch,
         motion: &Motion,
         delays: &[Duration],
-    ) -> Option<OccupiedSectors> {
+    ) -> Option<Occupied> {
         let View { building, config, horizons, .. } = view;
         let own = horizons.delay(motion.round_trip);
         let eyes_in = |delay: Duration, is_believed: bool| {
@@ -327,19 +324,19 @@ impl LiveRegions {
             all = all.union(&eyes);
             has_changed |= region.update(eyes, step, has_moved, config.spare_m);
         }
-        let mut old_sectors = None;
+        let mut old_cells = None;
         let coarse_m = lasting_margin_m(step, COARSE_M);
         let is_valid = |coarse: &CoarseRegion| serves(&coarse.valid_in, &all, coarse_m);
         if !self.coarse().is_some_and(is_valid) {
             let valid_in = with_margin_ahead(&all, step, coarse_m);
             let coarse = CoarseRegion::new(building, search, motion, valid_in);
             let old = self.coarse.replace(Box::new(coarse));
-            old_sectors = Some(old.map_or_else(Default::default, |old| old.sectors));
+            old_cells = Some(old.map_or_else(Default::default, |old| old.cells));
         }
         if has_changed {
             self.predict(building, motion);
         }
-        old_sectors
+        old_cells
     }
 
     /// Finds where predicted lines end, if the avatar goes on as it does.

@@ -12,7 +12,7 @@ mod sight_tester;
 pub(crate) use cover_boxes::CoverBoxes;
 pub(crate) use footprint::RegionFootprint;
 pub(crate) use hidden_footprint::{FootprintCover, HiddenFootprint};
-pub(crate) use index::{Indices, SectorIndex};
+pub(crate) use index::{Indices, OccupantIndex, Occupied};
 pub(crate) use live_regions::{CoarseRegion, LineEnd, LiveRegions, RegionKind};
 pub(crate) use motion_bound::{Motion, MotionBound, lasting_margin_m, scaled, with_margin_ahead};
 pub(crate) use reach::{Reach, ReachSearch, ReachStart};

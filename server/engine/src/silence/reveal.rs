@@ -72,7 +72,7 @@ impl Silencing<'_> {
         }
         let member = Member { id: avatar.id, slot };
         let mut nearby = Vec::new();
-        self.indices.hidden.meeting(&building.sectors, &footprint.sectors, &mut nearby);
+        self.indices.hidden.meeting_sectors(&building.sectors, &footprint.sectors, &mut nearby);
         nearby.sort_unstable();
         nearby.dedup();
         nearby.retain(|other| self.may_see_each_other(&footprint, other.slot));
@@ -101,7 +101,7 @@ impl Silencing<'_> {
         let Self { view, population, indices, workspace, budget, .. } = self;
         let footprint = &population.at(member.slot).footprint;
         let mut found = Vec::new();
-        indices.live.meeting(&view.building.sectors, &footprint.sectors, &mut found);
+        indices.live.meeting_sectors(&view.building.sectors, &footprint.sectors, &mut found);
         found.sort_unstable();
         found.dedup();
         found.retain(|live| {

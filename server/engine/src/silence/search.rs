@@ -211,7 +211,7 @@ impl Silencing<'_> {
         }
         let mut found: Vec<Member> = Vec::new();
         for index in [&self.indices.live, &self.indices.hidden] {
-            index.meeting(&self.view.building.sectors, &footprint.sectors, &mut found);
+            index.meeting_sectors(&self.view.building.sectors, &footprint.sectors, &mut found);
         }
         found.retain(|other| other.slot != slot && Some(*other) != last);
         found.sort_unstable();
@@ -227,9 +227,7 @@ impl Silencing<'_> {
     /// Whether an avatar is still present, and by sectors may see a footprint or be seen from it.
     fn may_meet(&self, footprint: &HiddenFootprint, other: Member) -> bool {
         let other = self.population.get(other);
-        other.is_some_and(|other| {
-            self.view.building.sectors.may_meet(&footprint.sectors, &other.footprint.sectors)
-        })
+        other.is_some_and(|other| footprint.meets(&other.footprint, &self.view.building.sectors))
     }
 
     /// Takes in that an avatar keeps another one from falling silent.
