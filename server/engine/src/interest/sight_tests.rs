@@ -267,7 +267,7 @@ impl SightTests<'_> {
         if self.view.config.sight_test_budget == 0 {
             return false;
         }
-        let last = match pair.sight {
+        let last = || match pair.sight {
             SightResult::Free(line) => self.moved(viewer, other, &line),
             _ => None,
         };
@@ -275,8 +275,8 @@ impl SightTests<'_> {
             let from = viewer.regions.heading(RegionKind::EYES)?;
             Some([from, other.regions.heading(viewer.regions.shown())?])
         };
-        let free = last.filter(|ends| self.is_free(ends));
-        let free = free.or_else(|| heading().filter(|ends| self.is_free(ends)));
+        let free = heading().filter(|ends| self.is_free(ends));
+        let free = free.or_else(|| last().filter(|ends| self.is_free(ends)));
         if let Some([from, to]) = free {
             pair.sight = SightResult::Free(SightLine { from: from.point, to: to.point });
         }

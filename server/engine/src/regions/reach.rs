@@ -278,15 +278,24 @@ fn spread(
     if within.contains_box(region) {
         return;
     }
+    let covered = |Beside { space, bounds }: &Beside| Piece {
+        space: *space,
+        region: bounds.intersection(region),
+    };
+    if within.grown(POKE_M).contains_box(region) {
+        let near = building.adjacency.near(from).iter();
+        pieces.extend(near.filter(|beside| beside.bounds.intersects(region)).map(covered));
+        return;
+    }
     let visited = &mut search.pieces;
     visited.clear(building.cells().spaces.len());
     visited.set(from, 0);
     while let Some(&Piece { space, .. }) = pieces.get(next) {
         next += 1;
-        for Beside { space, bounds } in building.adjacency.near(space) {
-            if bounds.intersects(region) && visited.get(*space).is_none() {
-                visited.set(*space, 0);
-                pieces.push(Piece { space: *space, region: bounds.intersection(region) });
+        for beside in building.adjacency.near(space) {
+            if beside.bounds.intersects(region) && visited.get(beside.space).is_none() {
+                visited.set(beside.space, 0);
+                pieces.push(covered(beside));
             }
         }
     }
