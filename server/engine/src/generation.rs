@@ -10,6 +10,12 @@ impl Generation {
     pub(crate) fn advance(&mut self) {
         self.0 = self.0.wrapping_add(1);
     }
+
+    /// Counts one change, and returns the new count.
+    pub(crate) fn next(&mut self) -> Self {
+        self.advance();
+        *self
+    }
 }
 
 /// A value for some of the numbers below a bound, all of which are forgotten at once.

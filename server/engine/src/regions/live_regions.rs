@@ -37,6 +37,9 @@ pub(crate) struct LiveRegions {
     /// The region of the eye, then those of the body by delay, ascending. The last is that for the
     /// slowest viewer.
     regions: Vec<LiveRegion>,
+    /// Counts the changes of all cached regions. A delay may go and come again, and its region with
+    /// it. So no two cached regions of an avatar ever have the same version.
+    changes: Generation,
     /// The body regions of others that this avatar must be shown.
     shown: RegionKind,
     /// The eye position that the regions were last updated for.
@@ -90,7 +93,7 @@ struct LiveRegion {
     step: Vec3,
     /// The region with each of [`MARGINS`]. The last lasts longest.
     cached: [OnceLock<Box<CachedRegion>>; MARGINS.len()],
-    /// Counts the changes of each cached region.
+    /// The version of each cached region.
     versions: [Generation; MARGINS.len()],
     /// Whether the first cached region was there when this tick began. What depends on that region
     /// must not depend on who asks for it first in this tick.
@@ -160,14 +163,26 @@ fn serves(valid_in: &Aabb, eyes: &Aabb, margin_m: f32) -> bool {
     valid_in.contains_box(eyes) && eyes.grown(2.0 * margin_m).contains_box(valid_in)
 }
 
+/// What a region takes in at a tick.
+struct RegionUpdate {
+    /// Where the eye can be now.
+    eyes: Aabb,
+    /// How far the eye moves from tick to tick, in metres.
+    step: Vec3,
+    /// Whether the avatar is elsewhere than at the last tick.
+    has_moved: bool,
+    /// The small margin, in metres.
+    margin_m: f32,
+}
+
 impl LiveRegion {
-    fn new(delay: Duration) -> Self {
+    fn new(delay: Duration, changes: &mut Generation) -> Self {
         Self {
             delay,
             eyes: Aabb::EMPTY,
             step: Vec3::ZERO,
             cached: Default::default(),
-            versions: Default::default(),
+            versions: [changes.next(), changes.next()],
             was_cached: false,
             heading: LineEnd::default(),
             exact: OnceLock::new(),
@@ -176,7 +191,8 @@ impl LiveRegion {
 
     /// Takes in where the eye can be now, and drops cached regions that no longer serve. Returns
     /// whether anything has changed.
-    fn update(&mut self, eyes: Aabb, step: Vec3, has_moved: bool, margin_m: f32) -> bool {
+    fn update(&mut self, update: &RegionUpdate, changes: &mut Generation) -> bool {
+        let &RegionUpdate { eyes, step, has_moved, margin_m } = update;
         let has_changed = has_moved || eyes != self.eyes;
         if has_changed {
             self.exact = OnceLock::new();
@@ -189,7 +205,7 @@ impl LiveRegion {
             };
             if cached.get().is_some_and(|region| !is_valid(region)) {
                 *cached = OnceLock::new();
-                version.advance();
+                *version = changes.next();
             }
         }
         self.was_cached = self.cached[0].get().is_some();
@@ -197,10 +213,10 @@ impl LiveRegion {
     }
 
     /// Drops everything that was computed.
-    fn forget(&mut self) {
+    fn forget(&mut self, changes: &mut Generation) {
         self.cached = Default::default();
         self.exact = OnceLock::new();
-        self.versions.iter_mut().for_each(Generation::advance);
+        self.versions.iter_mut().for_each(|version| *version = changes.next());
     }
 
     /// Boxes of this tick around all places and little more, if they were computed before it.
@@ -269,21 +285,22 @@ impl LiveRegions {
         if let Some(coarse) = &mut self.coarse {
             coarse.valid_in = Aabb::EMPTY;
         }
-        self.regions.iter_mut().for_each(LiveRegion::forget);
+        self.regions.iter_mut().for_each(|region| region.forget(&mut self.changes));
     }
 
     /// Makes sure that there is a region of the eye, and one of the body for each delay.
     fn prepare(&mut self, own: Duration, delays: &[Duration]) {
         debug_assert!(delays.is_sorted(), "regions of the body are by delay");
         if !self.regions.iter().skip(1).map(|region| region.delay).eq(delays.iter().copied()) {
-            let mut old = self.regions.drain(..);
-            let eyes = old.next().unwrap_or_else(|| LiveRegion::new(own));
+            let Self { regions, changes, .. } = self;
+            let mut old = regions.drain(..);
+            let eyes = old.next().unwrap_or_else(|| LiveRegion::new(own, changes));
             let mut old: Vec<LiveRegion> = old.collect();
-            self.regions.push(eyes);
-            self.regions.extend(delays.iter().map(|delay| {
+            regions.push(eyes);
+            regions.extend(delays.iter().map(|delay| {
                 match old.iter().position(|bodies| bodies.delay == *delay) {
                     Some(index) => old.swap_remove(index),
-                    None => LiveRegion::new(*delay),
+                    None => LiveRegion::new(*delay, changes),
                 }
             }));
         }
@@ -322,7 +339,8 @@ impl LiveRegions {
             let is_own = index == 0 || region.delay == own && motion.is_believed;
             let eyes = if is_own { own_eyes } else { eyes_in(region.delay, motion.is_believed) };
             all = all.union(&eyes);
-            has_changed |= region.update(eyes, step, has_moved, config.spare_m);
+            let update = RegionUpdate { eyes, step, has_moved, margin_m: config.spare_m };
+            has_changed |= region.update(&update, &mut self.changes);
         }
         let mut old_cells = None;
         let coarse_m = lasting_margin_m(step, COARSE_M);
@@ -418,5 +436,33 @@ impl LiveRegions {
             }
         });
         Some(exact)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        Config, Input,
+        tests::stage::{self, Stage},
+    };
+
+    /// What was proved for the region of a delay must not seem proved for a later region of the
+    /// same delay.
+    #[test]
+    fn a_delay_that_comes_again_brings_a_new_version() {
+        let mut stage = Stage::new(stage::row(3), Config::default());
+        let (ada, bob) = (stage.join(1, 5.0), stage.join(2, 18.0));
+        let mut version_at = |round_trip_ms: u64| {
+            let round_trip = Duration::from_millis(round_trip_ms);
+            stage.engine.handle(stage.now, Input::RoundTrip { avatar: ada, round_trip });
+            stage.tick();
+            let delay = stage.engine.horizons.delay(round_trip);
+            let avatar = stage.engine.population.find(bob).expect("bob is present");
+            avatar.regions.version(avatar.regions.bodies(delay), RegionMargin::Small)
+        };
+        let versions = [200, 0, 200, 0].map(&mut version_at);
+        let is_new = |index: usize| !versions[..index].contains(&versions[index]);
+        assert!((1..versions.len()).all(is_new), "{versions:?}");
     }
 }
