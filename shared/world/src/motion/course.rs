@@ -41,9 +41,11 @@ impl Pose {
     pub fn straight_on(&self, elapsed: Duration) -> Self {
         let seconds = elapsed.min(COURSE_MAX).as_secs_f32();
         let faster = Vec3::NEG_Y * if self.falls { FREE_FALL * seconds } else { 0.0 };
+        // A host may name any finite rate.
+        let turn = (self.yaw_rate * seconds).clamp(f32::MIN, f32::MAX);
         Self {
             eye: self.eye + (self.velocity + 0.5 * faster) * seconds,
-            yaw: (self.yaw + self.yaw_rate * seconds).rem_euclid(TAU),
+            yaw: (self.yaw + turn).rem_euclid(TAU),
             velocity: self.velocity + faster,
             ..*self
         }
@@ -180,6 +182,14 @@ mod tests {
 
     fn walking(x: f32, speed: f32) -> Pose {
         Pose { eye: Vec3::X * x, velocity: Vec3::X * speed, ..Pose::default() }
+    }
+
+    #[test]
+    fn a_course_stays_finite_at_any_rate_of_turning() {
+        for yaw_rate in [f32::MAX, f32::MIN, 1e38] {
+            let later = Pose { yaw: 6.0, yaw_rate, ..Pose::default() }.straight_on(COURSE_MAX);
+            assert!(later.is_finite(), "{later:?}");
+        }
     }
 
     #[test]
