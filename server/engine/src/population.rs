@@ -21,8 +21,8 @@ use crate::{
     view::View,
 };
 
-/// The age of what is known is rounded up to a multiple of a tick divided by this number. So the
-/// regions of an avatar that stands still do not change with every small change of that age.
+/// Ages are rounded up to steps, and a tick has this number of steps. So the regions of an avatar
+/// that stands still do not change with every small change of an age.
 const AGE_PARTS: u32 = 8;
 /// A report must follow when the course of a live client ends, at a wall or at its keep-alive. The
 /// client is asked when that report is late by this number of ticks.

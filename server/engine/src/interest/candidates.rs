@@ -1,8 +1,7 @@
 //! Candidates: the pairs of avatars that may see each other by their coarse regions.
 //!
 //! Two live avatars have a pair each, one as the viewer of the other, while their coarse regions
-//! may see each other: by an index of cells, then by
-//! rooms, and by the gates between them. Pairs
+//! may see each other: by an index of cells, then by rooms, and by the gates between them. Pairs
 //! are updated only for avatars with a new coarse region. Most people in a building have no pair
 //! with each other, and cost nothing until one of them has moved some way. [Sight
 //! tests](super::sight_tests) decide what pairs leave open.

@@ -19,18 +19,18 @@ use crate::{
     worker_pool::{WorkerPool, Workspace},
 };
 
-/// Ticks before a pair that could not be decided is tested again. Where tests cost much, there are
-/// twice as many with each further try.
+/// Ticks before a pair that could not be decided is tested again. Where tests cost much, each further
+/// try waits twice as long.
 const UNDECIDED_TICKS: u32 = 8;
-/// When the tests of a tick cost more than one part of the budget in this many, the first test of a
-/// pair may cost less. Most pairs that can be decided are decided soon.
+/// The tests of a tick cost much when they cost more than the budget divided by this number. The
+/// first test of a pair may then cost less, since most pairs that can be decided are decided soon.
 const MUCH_PARTS: u32 = 4;
-/// The first test of a pair may cost at least the most, halved so many times.
+/// The most halvings of what the first test of a pair may cost.
 const THRIFT_MAX: u32 = 3;
 /// Ticks before regions with a large margin are tried again where they did not help.
 const LARGE_MARGIN_TICKS: u32 = 16;
-/// The ends of a free line that is moved along are in the middle of the regions, of this part of
-/// their size, so that it stays free for some ticks.
+/// A free line that is moved along ends in the middle of the two regions: in boxes of this part of
+/// their size. So it joins them for some ticks.
 const WELL_INSIDE: f32 = 0.6;
 /// What a sight test costs, about. From it follows by how much all tests that are due exceed the
 /// budget, which is the load.
@@ -46,7 +46,8 @@ const SHARES: u32 = 8;
 pub(crate) struct SightBudget {
     /// By how much the tests that were due at the last tick exceeded the budget, from 1 to 8.
     load: u32,
-    /// How much less than the most the first test of a pair may cost: half of it, so many times.
+    /// How often the limit of one test is halved for the first test of a pair, from 0 to
+    /// [`THRIFT_MAX`].
     thrift: u32,
     /// The viewer at whom the budget for pairs that are not held ran out.
     turn_new: SortKey,

@@ -5,7 +5,7 @@ use std::{ops::Range, sync::OnceLock};
 use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
 use sightline_world::{CellId, Cells, geometry::Aabb};
 
-use super::{CoverBoxes, Occupied, reach::Piece};
+use super::{CoverBoxes, reach::Piece};
 use crate::{bit_set::BitSet, building::Building};
 
 /// A space with more cells than this is searched by the tree of cells.
@@ -99,13 +99,6 @@ impl RegionFootprint {
             found
         })
     }
-}
-
-/// The sectors of the places of an eye, and of its body.
-pub(super) fn occupied_sectors(building: &Building, eyes: &[Piece], bodies: &[Piece]) -> Occupied {
-    let spaces = |pieces: &[Piece]| pieces.iter().map(|piece| piece.space).collect::<Vec<u32>>();
-    let [eyes, bodies] = [eyes, bodies].map(|pieces| building.sectors.of(&spaces(pieces)));
-    Occupied { eyes, bodies }
 }
 
 /// Adds the cells of a space that share a point with a box, ascending.

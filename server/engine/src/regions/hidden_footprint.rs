@@ -3,11 +3,7 @@
 use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
 use sightline_world::{Cell, CellId, geometry::Aabb};
 
-use super::{
-    CoverBoxes, Occupied, Reach, ReachSearch,
-    footprint::{occupied_sectors, room_overlap},
-    reach::Piece,
-};
+use super::{CoverBoxes, Occupied, Reach, ReachSearch, footprint::room_overlap, reach::Piece};
 use crate::{
     building::{Building, Sectors},
     sphere::Sphere,
@@ -90,6 +86,13 @@ impl HiddenFootprint {
     pub(crate) fn rooms_allow(&self, bodies: &Self, rooms: &RoomIndex) -> bool {
         !rooms.can_rule_out() || rooms.may_see(&self.eye_rooms, &bodies.body_rooms)
     }
+}
+
+/// The sectors of the places of an eye, and of its body.
+fn occupied_sectors(building: &Building, eyes: &[Piece], bodies: &[Piece]) -> Occupied {
+    let spaces = |pieces: &[Piece]| pieces.iter().map(|piece| piece.space).collect::<Vec<u32>>();
+    let [eyes, bodies] = [eyes, bodies].map(|pieces| building.sectors.of(&spaces(pieces)));
+    Occupied { eyes, bodies }
 }
 
 /// What a box covers of each space, by the cells that are wanted.
