@@ -5,7 +5,7 @@ use std::{borrow::Cow, collections::HashMap, ops::ControlFlow};
 use glam::Vec3;
 use sightline_oracle::Oracle;
 use sightline_world::{
-    Cells, Mesh, Spawn, World,
+    Cells, Mesh, World,
     geometry::{Aabb, Axes},
     rooms::Rooms,
 };
@@ -21,7 +21,7 @@ use crate::{
     pvs,
     report::CompileReport,
     rooms::{self, RoomError, RoomErrors, RoomScope},
-    spawn::find_spawn,
+    spawn::{self, SpawnPoints},
     subdivide::{self, CellSize, Spaces, SubdivisionInput},
     voxelise,
 };
@@ -89,27 +89,9 @@ pub fn compile(
     assert_eq!(mesh.triangles.len(), model.opaque.len(), "the oracle gets every opaque triangle");
     assert_eq!(rooms.list().len(), model.rooms.len(), "each declared room is resolved");
 
-    let report = CompileReport {
-        triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
-        opaque: model.opaque.len(),
-        turn,
-        carving: carved.report,
-        spaces: cells.spaces.len(),
-        gates: cells.gates.len(),
-        cells: cells.cells.len(),
-        portals: cells.portals.len(),
-        pvs_density: cells.density(),
-        movers: model.movers.len(),
-        rooms: rooms.list().len(),
-        windows: rooms.list().iter().map(|room| room.windows.len()).sum(),
-        room_warnings,
-        octree: OctreeStatistics::of(&octree),
-        seconds: timer.seconds,
-        cpu_seconds: timer.cpu_seconds,
-    };
-    let world = World {
+    let mut world = World {
         title: model.title.clone(),
-        spawns: spawns(model, &cells, &mesh),
+        spawns: Vec::new(),
         octree,
         cells,
         mesh,
@@ -118,6 +100,33 @@ pub fn compile(
         movers: model.movers.clone(),
         rooms,
         origin: model.origin.clone(),
+    };
+    relay.begin(Stage::Spawns)?;
+    let report_spawns = |share| relay.report(Stage::Spawns, share);
+    let found = timer
+        .time(Stage::Spawns, || spawn::spawn_points(model, &world, &bounds, &report_spawns))
+        .ok_or(CompileError::Cancelled)?;
+    let SpawnPoints { spawns, warnings } = found;
+    world.spawns = spawns;
+    let report = CompileReport {
+        triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
+        opaque: model.opaque.len(),
+        turn,
+        carving: carved.report,
+        spaces: world.cells.spaces.len(),
+        gates: world.cells.gates.len(),
+        cells: world.cells.cells.len(),
+        portals: world.cells.portals.len(),
+        pvs_density: world.cells.density(),
+        movers: model.movers.len(),
+        rooms: world.rooms.list().len(),
+        windows: world.rooms.list().iter().map(|room| room.windows.len()).sum(),
+        spawns: world.spawns.len(),
+        warnings,
+        room_warnings,
+        octree: OctreeStatistics::of(&world.octree),
+        seconds: timer.seconds,
+        cpu_seconds: timer.cpu_seconds,
     };
     Ok((world, report))
 }
@@ -138,7 +147,9 @@ fn carved(
 
 /// Splits the space around a carved model along its occluders.
 fn spaces(model: &Model, axes: Axes, carved: &CarvedModel) -> Spaces {
-    let places = model.spawns.iter().map(|spawn| spawn.eye).chain(model.places.iter().copied());
+    let in_rooms = model.rooms.iter().filter_map(|room| room.spawn);
+    let spawns = model.spawns.iter().copied().chain(in_rooms).map(|spawn| spawn.eye);
+    let places = spawns.chain(model.places.iter().copied());
     let eyes: Vec<Vec3> = places.map(|place| axes.own(place)).collect();
     let planes = occluders::planes(&occluders::occluder_triangles(carved));
     let input = SubdivisionInput { planes: &planes, solids: &model.solids, eyes: &eyes };
@@ -215,15 +226,6 @@ fn lit<'a>(
     let report = |share| relay.report(Stage::Light, share);
     let lit = light::lit(&model.surfaces, &model.opaque, voxel, &report);
     lit.map(Cow::Owned).ok_or(CompileError::Cancelled)
-}
-
-/// The spawn points of the model, or one that is found when it names none.
-fn spawns(model: &Model, cells: &Cells, mesh: &Mesh) -> Vec<Spawn> {
-    if model.spawns.is_empty() {
-        vec![find_spawn(&model.body, cells, mesh)]
-    } else {
-        model.spawns.clone()
-    }
 }
 
 #[cfg(test)]

@@ -24,6 +24,8 @@ pub enum Stage {
     Light,
     /// Surfaces become voxels.
     Voxels,
+    /// Places where visitors can begin are found.
+    Spawns,
 }
 
 impl Stage {
@@ -35,6 +37,7 @@ impl Stage {
             Self::Pvs => "sight lines",
             Self::Light => "light",
             Self::Voxels => "voxels",
+            Self::Spawns => "spawn points",
         }
     }
 }

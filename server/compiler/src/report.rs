@@ -33,6 +33,10 @@ pub struct CompileReport {
     pub rooms: usize,
     /// The windows of all rooms together.
     pub windows: usize,
+    /// Spawn points: those of the author, or those that were found.
+    pub spawns: usize,
+    /// What the author should know, one line each.
+    pub warnings: Vec<String>,
     /// Declarations of rooms that are valid but probably not meant, or that have no effect yet.
     pub room_warnings: Vec<RoomError>,
     /// The octree that clients draw.

@@ -7,18 +7,39 @@ use std::{
 
 use anyhow::Context;
 use glam::Vec3;
+use sightline_world::Spawn;
 
 /// Parses a point in metres, such as `1.5,1.6,-2`.
 ///
 /// # Errors
 /// When the text is anything but three finite numbers.
 pub fn point(text: &str) -> Result<Vec3, String> {
-    let number = |part: &str| part.trim().parse().ok().filter(|x: &f32| x.is_finite());
     let numbers: Option<Vec<f32>> = text.split(',').map(number).collect();
     match numbers.as_deref() {
         Some(&[x, y, z]) => Ok(Vec3::new(x, y, z)),
         _ => Err("a point is three numbers with commas between them, such as 1.5,1.6,-2".into()),
     }
+}
+
+/// Parses a spawn point: the eye in metres and, if given, the heading in degrees, anticlockwise from
+/// -z. Such as `1.5,1.6,-2` or `1.5,1.6,-2,90`.
+///
+/// # Errors
+/// When the text is anything but three or four finite numbers.
+pub fn spawn(text: &str) -> Result<Spawn, String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(number).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) => Ok(Spawn { eye: Vec3::new(x, y, z), yaw: 0.0 }),
+        Some(&[x, y, z, yaw]) => Ok(Spawn { eye: Vec3::new(x, y, z), yaw: yaw.to_radians() }),
+        _ => Err("a spawn point is X,Y,Z of the eye in metres or X,Y,Z,YAW with the heading in \
+                  degrees, such as 1.5,1.6,-2,90"
+            .into()),
+    }
+}
+
+/// A finite number.
+fn number(text: &str) -> Option<f32> {
+    text.trim().parse().ok().filter(|x: &f32| x.is_finite())
 }
 
 /// Parses a time in seconds, such as `12.5`.
@@ -62,6 +83,11 @@ mod tests {
         assert_eq!(point("1,-2.5, 3"), Ok(Vec3::new(1.0, -2.5, 3.0)));
         for wrong in ["", "1,2", "1,2,3,4", "a,b,c", "1,2,nan", "1,2,inf"] {
             assert!(point(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(spawn("1,-2.5, 3"), Ok(Spawn { eye: Vec3::new(1.0, -2.5, 3.0), yaw: 0.0 }));
+        assert_eq!(spawn("0,0,0,180").map(|s| s.yaw), Ok(std::f32::consts::PI));
+        for wrong in ["", "1,2", "1,2,3,4,5", "1,2,3,north", "1,2,3,inf"] {
+            assert!(spawn(wrong).is_err(), "{wrong}");
         }
         assert_eq!(time("1.5"), Ok(Duration::from_millis(1_500)));
         for wrong in ["", "a", "-1", "nan", "inf", "1e300"] {

@@ -43,6 +43,17 @@ pub struct Oracle {
     triangles: Vec<Triangle>,
 }
 
+/// Where a ray meets a triangle first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// The distance, in metres.
+    pub distance: f32,
+    /// The triangle, as an index into the triangles of the mesh.
+    pub triangle: u32,
+    /// Whether the ray meets the front of the triangle, where its corners run anticlockwise.
+    pub is_front: bool,
+}
+
 impl Oracle {
     /// Builds the hierarchy over a mesh.
     pub fn new(mesh: &Mesh) -> Self {
@@ -86,6 +97,21 @@ impl Oracle {
         self.bvh
             .ray_traverse(ray, &mut hit, |ray, id| self.triangle(id).intersect(ray))
             .then_some(hit.t)
+    }
+
+    /// The first triangle along a direction of unit length. `None` when there is none.
+    pub fn first_hit(&self, from: Vec3, direction: Vec3) -> Option<Hit> {
+        debug_assert!(direction.is_normalized(), "{direction} is not of unit length");
+        let ray = Ray::new_inf(from.into(), direction.into());
+        let mut hit = obvhs::ray::RayHit::none();
+        self.bvh.ray_traverse(ray, &mut hit, |ray, id| self.triangle(id).intersect(ray)).then(
+            || {
+                let triangle = self.bvh.primitive_indices[hit.primitive_id as usize];
+                let Triangle { v0, v1, v2 } = self.triangles[triangle as usize];
+                let normal = Vec3::from((v1 - v0).cross(v2 - v0));
+                Hit { distance: hit.t, triangle, is_front: normal.dot(direction) < 0.0 }
+            },
+        )
     }
 
     /// Whether a triangle meets the segment `along` from a point.
@@ -142,6 +168,19 @@ mod tests {
         assert!(oracle.between(near + Vec3::X * 2.0, far + Vec3::X * 2.0));
         assert!((oracle.distance(near, -Vec3::Z).unwrap() - 3.0).abs() < 1e-5);
         assert_eq!(oracle.distance(near, Vec3::Z), None);
+    }
+
+    #[test]
+    fn a_hit_tells_the_triangle_and_its_side() {
+        let oracle = wall();
+        for (from, direction, is_front) in [(3.0, -Vec3::Z, true), (-3.0, Vec3::Z, false)] {
+            for (x, y, triangle) in [(0.5, -0.5, 0), (-0.5, 0.5, 1)] {
+                let hit = oracle.first_hit(Vec3::new(x, y, from), direction).unwrap();
+                assert_eq!((hit.triangle, hit.is_front), (triangle, is_front));
+                assert!((hit.distance - 3.0).abs() < 1e-5);
+            }
+        }
+        assert_eq!(oracle.first_hit(Vec3::Z, Vec3::Z), None);
     }
 
     #[test]

@@ -224,6 +224,7 @@ impl PictureMoment {
                 forward: None,
                 colour: told(id).map_or([245, 245, 245], |avatar| avatar.colour),
                 filled: told(id).is_some(),
+                number: None,
             })
             .collect();
         marks.push(Mark {
@@ -231,6 +232,7 @@ impl PictureMoment {
             forward: Some(self.pose.forward()),
             colour: [230, 30, 30],
             filled: true,
+            number: None,
         });
         let visible = Some(world.cells.visible_from_point(self.pose.eye));
         plan::draw(world, &Overlay { marks, visible, ..Overlay::default() })

@@ -53,7 +53,8 @@ fn a_place_to_stand_is_found_inside() {
     .unwrap();
     let eye = world.spawns[0].eye;
     assert!(Aabb::new(Vec3::ZERO, Vec3::new(6.0, 3.0, 5.0)).contains(eye), "{eye}");
-    assert!((1.6..1.7).contains(&eye.y) || (2.4..2.5).contains(&eye.y), "{eye}");
+    // On the floor, of which the voxels reach up to a quarter of a metre higher.
+    assert!((1.6..1.86).contains(&eye.y), "{eye}");
 }
 
 #[test]

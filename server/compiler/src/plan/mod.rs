@@ -5,8 +5,10 @@
 //!
 //! * `sheet`: the scale, and the level cut through each storey.
 //! * `storey`: the picture of one storey; `rooms` draws the declared rooms on it.
+//! * `grid`: coordinates.
 //! * `legend`: what marks and colours mean.
 
+mod grid;
 mod legend;
 mod overlay;
 mod rooms;

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use roaring::RoaringBitmap;
 use sightline_picture::Picture;
 
-use crate::drawing::{INK, line, ring};
+use crate::drawing::{INK, line, ring, write_sized};
 
 /// An avatar on a plan.
 #[derive(Clone, Debug)]
@@ -17,6 +17,8 @@ pub struct Mark {
     pub colour: [u8; 3],
     /// Whether the mark is a disc; otherwise it is a ring.
     pub filled: bool,
+    /// A number to write beside the mark.
+    pub number: Option<usize>,
 }
 
 /// What a plan shows over the building.
@@ -30,6 +32,8 @@ pub struct Overlay {
     pub cells: bool,
     /// Whether to draw the declared rooms, with their windows and names.
     pub rooms: bool,
+    /// Whether to draw a grid of coordinates: x to the right and z downwards, in metres.
+    pub grid: bool,
     /// Whether to draw a second picture of each storey: how much of the building each cell may see.
     pub density: bool,
     /// The names of the marks. When given, a legend below the storeys explains marks and colours.
@@ -43,5 +47,9 @@ pub(super) fn draw_mark(picture: &mut Picture, centre: Vec2, radius: f32, mark: 
     if let Some(forward) = mark.forward {
         let along = Vec2::new(forward.x, forward.z).normalize_or_zero();
         line(picture, centre + along * radius, centre + along * radius * 3.0, mark.colour);
+    }
+    if let Some(number) = mark.number {
+        let beside = [(centre.x + radius + 2.0) as i32, (centre.y - radius - 6.0) as i32];
+        write_sized(picture, beside, 1, &number.to_string(), mark.colour);
     }
 }

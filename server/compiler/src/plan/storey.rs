@@ -8,6 +8,7 @@ use sightline_picture::Picture;
 use sightline_world::{CellId, Portal, World};
 
 use super::{
+    grid,
     overlay::{Mark, draw_mark},
     rooms,
     sheet::{CAPTION_PX, GLASS, Level, PORTAL},
@@ -88,6 +89,9 @@ impl Storey<'_> {
         }
         if overlay.rooms {
             rooms::draw(&self.level, &mut picture);
+        }
+        if overlay.grid {
+            grid::draw(&self.level, &mut picture);
         }
         for mark in overlay.marks.iter().filter(|mark| self.holds(mark.eye)) {
             self.draw_mark(&mut picture, mark);

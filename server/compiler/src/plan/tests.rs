@@ -46,12 +46,19 @@ fn every_overlay_changes_the_picture() {
     let world = building();
     let red = [255, 0, 0];
     let eye = world.spawns[0].eye;
-    let mark = Mark { eye, forward: None, colour: red, filled: true };
+    let mark = Mark { eye, forward: None, colour: red, filled: true, number: None };
     let plain = draw(&world, &Overlay::default());
     let marked = draw(&world, &Overlay { marks: vec![mark.clone()], ..Overlay::default() });
     assert_eq!(plain.dimensions(), marked.dimensions());
     assert_eq!(count(&plain, red), 0);
     assert!(count(&marked, red) > 10);
+
+    let numbered = Mark { number: Some(8), ..mark.clone() };
+    let numbered = draw(&world, &Overlay { marks: vec![numbered], ..Overlay::default() });
+    assert!(count(&numbered, red) > count(&marked, red) + 10);
+    let with_grid = draw(&world, &Overlay { grid: true, ..Overlay::default() });
+    assert_eq!(plain.dimensions(), with_grid.dimensions());
+    assert!(with_grid.pixels().iter().zip(plain.pixels()).filter(|(a, b)| a != b).count() > 1_000);
 
     let with_cells = draw(&world, &Overlay { cells: true, ..Overlay::default() });
     assert_ne!(plain, with_cells);

@@ -54,9 +54,6 @@ fn ineffective(declared: &[RoomDeclaration]) -> Vec<RoomError> {
         if room.capacity.is_some() {
             found.push(warn(room, "capacity", "any number of people may enter"));
         }
-        if room.spawn.is_some() {
-            found.push(warn(room, "spawn", "nobody begins in the room unless the model says so"));
-        }
     }
     found
 }

@@ -222,12 +222,17 @@ fn settings_without_an_effect_are_warned_of() {
     };
     check("opaque = true", &["opaque"]);
     check("capacity = 12", &["capacity"]);
-    check("spawn = { eye = [1, 1.6, 1], yaw = 90 }", &["spawn"]);
-    check(
-        "spawn = { eye = [1, 1.6, 1] }\ncapacity = 0\nopaque = true",
-        &["opaque", "capacity", "spawn"],
-    );
+    check("capacity = 0\nopaque = true", &["opaque", "capacity"]);
     check("opaque = false\nsealed = true\ntag = \"private\"\ntitle = \"West\"", &[]);
+}
+
+#[test]
+fn people_begin_at_the_spawn_points_of_rooms_too() {
+    let (world, _) = compiled(WEST).unwrap();
+    let (with_spawn, _) =
+        compiled(&format!("{WEST}spawn = {{ eye = [1, 1.6, 1], yaw = 90 }}\n")).unwrap();
+    let of_room = with_spawn.rooms.list()[0].spawn.unwrap();
+    assert_eq!(with_spawn.spawns, [world.spawns, vec![of_room]].concat());
 }
 
 #[test]

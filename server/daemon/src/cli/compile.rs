@@ -3,14 +3,14 @@
 use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
-use sightline_cli::{exit::Interrupted, output, progress::Progress};
+use sightline_cli::{exit::Interrupted, flags::spawn, output, progress::Progress};
 use sightline_compiler::{
     CompileError, CompileOptions, CompileReport,
     carve::{self, CarvingUnits},
     compile, import,
     rooms::{self, text},
 };
-use sightline_world::write_whole;
+use sightline_world::{Spawn, write_whole};
 
 use super::interrupt::Interrupt;
 
@@ -42,6 +42,10 @@ pub struct CompileArgs {
     /// and the ending .rooms.toml, if there is one.
     #[arg(long, value_name = "R.toml")]
     rooms: Option<PathBuf>,
+    /// Where visitors begin, in place of what the building says: the eye in metres and the heading in
+    /// degrees, anticlockwise from -z; may be given several times. Without any, places are found.
+    #[arg(long, value_name = "X,Y,Z[,YAW]", value_parser = spawn, allow_hyphen_values = true)]
+    spawn: Vec<Spawn>,
     /// Also write the figures of the table to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -77,6 +81,10 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     if let Some(path) = args.rooms.as_ref().or(Some(&beside).filter(|path| path.is_file())) {
         model.rooms.extend(declared_rooms(text::read_file(path))?);
     }
+    if !args.spawn.is_empty() {
+        model.spawns = args.spawn.clone();
+        model.rooms.iter_mut().for_each(|room| room.spawn = None);
+    }
     for warning in &model.warnings {
         output::note(&format!("warning: {warning}"));
     }
@@ -96,6 +104,9 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
         Err(CompileError::Rooms(errors)) => return Err(report_errors(errors)),
         other => other.with_context(|| args.input.display().to_string())?,
     };
+    for warning in &report.warnings {
+        output::note(&format!("warning: {warning}"));
+    }
     for warning in &report.room_warnings {
         output::note(&format!("warning: {warning}"));
     }
@@ -149,6 +160,7 @@ fn table(report: &CompileReport) -> String {
     row("movers", report.movers.to_string());
     row("rooms", report.rooms.to_string());
     row("windows", report.windows.to_string());
+    row("spawn points", report.spawns.to_string());
     for (name, value) in super::octree_rows(&report.octree) {
         row(name, value);
     }

@@ -13,13 +13,19 @@ use sightline_compiler::{
     suggest, verify,
 };
 use sightline_world::{
-    Mover, World, content_id, motion::trajectory::Playback, rooms::Room, write_whole,
+    Mover, Spawn, World, content_id,
+    motion::{Pose, trajectory::Playback},
+    rooms::Room,
+    write_whole,
 };
 
 use super::{interrupt::Interrupt, verification};
 
 /// How many movers the table lists; the JSON file has all.
 const MOVERS_SHOWN: usize = 40;
+
+/// How many spawn points the table lists; the JSON file has all.
+const SPAWNS_SHOWN: usize = 40;
 
 /// How many rooms the table lists; the JSON file has all.
 const ROOMS_SHOWN: usize = 40;
@@ -31,7 +37,8 @@ const ROOMS_SHOWN: usize = 40;
 pub struct InspectArgs {
     /// The world file (.slw).
     world: PathBuf,
-    /// Draw each storey from above, with cells, portals, rooms, windows and spawn points.
+    /// Draw each storey from above, with coordinates, cells, portals, rooms,
+    /// windows and numbered spawn points.
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
     /// Beside each storey of the map, draw how much of the building each cell may see.
@@ -94,6 +101,7 @@ struct InspectFigures {
     #[serde(flatten)]
     octree: OctreeStatistics,
     spawns: usize,
+    spawn_points: Vec<SpawnFigures>,
     speed_max_m_s: f32,
     #[serde(flatten)]
     verified: Option<verification::VerificationFigures>,
@@ -119,6 +127,19 @@ impl RoomFigures {
             capacity: room.capacity,
             tag: room.tag.as_deref().map(printable),
         }
+    }
+}
+
+#[derive(Serialize)]
+struct SpawnFigures {
+    eye_m: [f32; 3],
+    /// Anticlockwise from -z.
+    yaw_degrees: f32,
+}
+
+impl SpawnFigures {
+    fn new(spawn: &Spawn) -> Self {
+        Self { eye_m: spawn.eye.to_array(), yaw_degrees: spawn.yaw.to_degrees() }
     }
 }
 
@@ -175,6 +196,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         rooms: world.rooms.list().iter().map(RoomFigures::new).collect(),
         octree: OctreeStatistics::of(&world.octree),
         spawns: world.spawns.len(),
+        spawn_points: world.spawns.iter().map(SpawnFigures::new).collect(),
         speed_max_m_s: world.speed_max,
         verified: None,
     };
@@ -238,9 +260,14 @@ fn view(world: &World, args: &InspectArgs) -> anyhow::Result<View> {
 }
 
 fn overlay(world: &World, args: &InspectArgs) -> Overlay {
-    let mark = |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled };
-    let mut marks: Vec<_> = world.spawns.iter().map(|spawn| mark(spawn.eye, false)).collect();
-    let mut legend = vec![("spawn point", mark(Vec3::ZERO, false))];
+    let mark =
+        |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled, number: None };
+    let spawn_mark = |(number, spawn): (usize, &Spawn)| {
+        let forward = Pose { yaw: spawn.yaw, ..Pose::default() }.forward();
+        Mark { forward: Some(forward), number: Some(number), ..mark(spawn.eye, false) }
+    };
+    let mut marks: Vec<_> = world.spawns.iter().enumerate().map(spawn_mark).collect();
+    let mut legend = vec![("spawn point, its number and heading", mark(Vec3::ZERO, false))];
     if let Some(eye) = args.pvs_from {
         marks.push(mark(eye, true));
         legend.push(("eye; what it cannot see is grey", mark(eye, true)));
@@ -250,6 +277,7 @@ fn overlay(world: &World, args: &InspectArgs) -> Overlay {
         visible: args.pvs_from.map(|eye| world.cells.visible_from_point(eye)),
         cells: true,
         rooms: true,
+        grid: true,
         density: args.density,
         legend: Some(legend),
     }
@@ -289,6 +317,13 @@ fn table(figures: &InspectFigures) -> String {
         row(&format!("  {}", room.title), what);
     }
     row("spawn points", figures.spawns.to_string());
+    for (number, spawn) in figures.spawn_points.iter().enumerate().take(SPAWNS_SHOWN) {
+        let SpawnFigures { eye_m: [x, y, z], yaw_degrees } = spawn;
+        row(
+            &format!("  {number}"),
+            format!("{x:.2},{y:.2},{z:.2} facing {yaw_degrees:.0} degrees"),
+        );
+    }
     row("speed limit", format!("{} m/s", figures.speed_max_m_s));
     table
 }

@@ -158,12 +158,14 @@ impl<'a> Reader<'a> {
         carrier: Option<usize>,
         within: Option<usize>,
     ) -> Result<(), GlbError> {
-        if node.extension_value("OMI_spawn_point").is_some() {
+        let is_marker = node.name().is_some_and(marks_spawn);
+        if is_marker || node.extension_value("OMI_spawn_point").is_some() {
             let above = carrier.and_then(|index| self.moving.get(index));
             let start = above.map(|above| above.chain.trajectory().0.at(Duration::ZERO));
             self.spawn(&start.map_or(*place, |start| DMat4::from(start) * *place));
         }
-        let Some(mesh) = node.mesh() else { return Ok(()) };
+        // What a marker looks like in an editor is not part of the building.
+        let Some(mesh) = node.mesh().filter(|_| !is_marker) else { return Ok(()) };
         for primitive in mesh.primitives() {
             let Some(surface) = self.primitive(mesh.index(), &primitive, place)? else { continue };
             if let Some(carrier) = carrier.and_then(|index| self.moving.get_mut(index)) {
@@ -368,6 +370,18 @@ impl<'a> Mapping<'a> {
         // In texture space v points down, so the extension rotates the other way.
         let turned = Vec2::from_angle(-self.rotation).rotate(uv * self.scale) + self.offset;
         if turned.is_finite() { turned } else { Vec2::ZERO }
+    }
+}
+
+/// Whether a node of this name is a spawn point: `spawn`, `spawn:NAME`, or `spawn` with a number.
+fn marks_spawn(name: &str) -> bool {
+    let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '_' | '-' | ' ');
+    match name.get(..5) {
+        Some(start) if start.eq_ignore_ascii_case("spawn") => {
+            let rest = &name[5..];
+            rest.starts_with(':') || rest.chars().all(is_number)
+        }
+        _ => false,
     }
 }
 

@@ -184,6 +184,30 @@ fn a_spawn_point_is_where_feet_stand() {
 }
 
 #[test]
+fn a_node_with_the_name_of_a_spawn_point_is_one_and_is_not_drawn() {
+    for (name, marks) in [
+        ("spawn", true),
+        ("Spawn.001", true),
+        ("SPAWN_2", true),
+        ("spawn:lobby", true),
+        ("spawning pool", false),
+        ("spawn_platform", false),
+        ("respawn", false),
+        ("späwn", false),
+    ] {
+        let mut draft = GlbDraft::square();
+        draft.root["nodes"][0]["name"] = json!(name);
+        draft.root["nodes"][0]["translation"] = json!([1.0, 2.0, 3.0]);
+        let model = read_model(&draft);
+        assert_eq!(model.spawns.len(), usize::from(marks), "{name}");
+        assert_eq!(model.surfaces.is_empty(), marks, "{name}");
+        if marks {
+            assert_eq!(model.spawns[0].eye, Vec3::new(1.0, 3.6, 3.0));
+        }
+    }
+}
+
+#[test]
 fn triangles_without_area_are_dropped() {
     let mut draft = GlbDraft::new();
     let positions = draft.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
