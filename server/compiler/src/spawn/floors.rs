@@ -285,9 +285,10 @@ impl<'a> Prober<'a> {
         let steps = known_free.len();
         let level = |step| self.level(step);
         let mut from = None;
-        for step in 0..=steps {
-            let is_free = step < steps
-                && (known_free[step] || self.is_free(at, level(step), level(step + 1)));
+        // The end of the column closes what is free there.
+        for (step, known) in known_free.iter().map(Some).chain([None]).enumerate() {
+            let is_free = || self.is_free(at, level(step), level(step + 1));
+            let is_free = known.is_some_and(|&known| known || is_free());
             match (from, is_free) {
                 (None, true) => from = Some(step),
                 (Some(first), false) => {
