@@ -20,6 +20,8 @@ const LIFT: f32 = 0.02;
 const DROP: f32 = 4.0;
 /// The height of a fall is found to this precision, in metres.
 const FALL_PRECISION: f32 = 0.01;
+/// The depth of a fall that is tried first, in metres.
+const SHALLOW: f32 = 2.0 * LIFT;
 /// Floors in one column are at least this far apart, in metres. Closer ones count as one.
 const STOREY: f32 = 1.0;
 /// The free space beside a body, in metres, so that it does not scrape along walls.
@@ -29,7 +31,13 @@ const ROOF_PROBE: f32 = 0.05;
 /// Places on a straight part of a path differ in height by no more than this, in metres.
 const LEVEL: f32 = 0.1;
 /// The largest number of places of a grid. Each takes about 100 bytes.
-const PLACES_MAX: usize = 200_000;
+const PLACES_MAX: usize = 400_000;
+/// The distance between neighbouring places, as a share of the half width of a body: that of a fine
+/// grid, and of the coarse one that a large building gets. Bodies at neighbouring places of the
+/// coarse one still touch, so no wall is between them.
+const PITCHES: [f32; 2] = [1.25, 2.0];
+/// The largest number of places of a fine grid.
+const FINE_PLACES_MAX: usize = 100_000;
 /// The largest number of places that the search for a path visits.
 const SEARCH_MAX: usize = 60_000;
 
@@ -63,17 +71,24 @@ struct FloorPlace {
 const DIRECTIONS: [[i32; 2]; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];
 
 impl Navigation {
-    /// Finds all places that can be reached from the world's spawn points. This takes a second for
-    /// a large building.
+    /// Finds all places that can be reached from the world's spawn points. This takes seconds for a
+    /// large building, whose grid is coarser.
     pub fn new(world: &World) -> Self {
-        let mut navigation = Self {
-            pitch: (world.body.half_width * 1.25).clamp(0.2, 0.3),
-            eye_height: world.body.below_eye,
-            places: Vec::new(),
-            columns: HashMap::new(),
-            home: Vec::new(),
-            goals: Vec::new(),
-        };
+        let [fine, coarse] = PITCHES.map(|pitch| (pitch * world.body.half_width).max(0.2));
+        let navigation = Self::grid(world, fine.min(0.3), FINE_PLACES_MAX);
+        let is_whole = navigation.places.len() < FINE_PLACES_MAX;
+        let mut navigation =
+            if is_whole { navigation } else { Self::grid(world, coarse, PLACES_MAX) };
+        navigation.home = navigation.largest_component();
+        debug_assert!(navigation.home.is_sorted(), "the places of home ascend");
+        navigation.goals = navigation.indoors(world);
+        navigation
+    }
+
+    /// A grid of this distance between neighbouring places, and of this number of places at most.
+    fn grid(world: &World, pitch: f32, places_max: usize) -> Self {
+        let mut navigation =
+            Self { pitch, eye_height: world.body.below_eye, ..Self::default() };
         let probe = Probe::new(world);
         let mut open = VecDeque::new();
         for spawn in &world.spawns {
@@ -85,7 +100,9 @@ impl Navigation {
             });
             open.extend(found.and_then(|(column, sole)| navigation.add(column, sole)));
         }
-        while let Some(place) = open.pop_front() {
+        while let Some(place) = open.pop_front()
+            && navigation.places.len() < places_max
+        {
             let FloorPlace { column: [x, z], sole, .. } = navigation.places[place as usize];
             for (side, [dx, dz]) in DIRECTIONS.into_iter().enumerate() {
                 let column = [x + dx, z + dz];
@@ -99,10 +116,6 @@ impl Navigation {
                 }
             }
         }
-        navigation.home = navigation.largest_component();
-        assert!(navigation.places.len() <= PLACES_MAX, "{} places", navigation.places.len());
-        debug_assert!(navigation.home.is_sorted(), "the places of home ascend");
-        navigation.goals = navigation.indoors(world);
         navigation
     }
 
@@ -183,9 +196,9 @@ impl Navigation {
         storeys.iter().copied().find(is_it)
     }
 
-    /// Adds a place. Returns its index, or `None` when it is known or the grid is full.
+    /// Adds a place. Returns its index, or `None` when it is known.
     fn add(&mut self, column: [i32; 2], sole: f32) -> Option<u32> {
-        if self.places.len() >= PLACES_MAX || self.find(column, sole).is_some() {
+        if self.find(column, sole).is_some() {
             return None;
         }
         let place = self.places.len() as u32;
@@ -392,10 +405,12 @@ impl<'a> Probe<'a> {
     fn fall(&self, sole: Vec3) -> Option<f32> {
         let is_solid = |depth: f32| self.world.octree.solid_in(&self.region(sole, -depth, 0.0));
         let deepest = DROP + self.step_up;
-        if !is_solid(deepest) {
-            return None;
-        }
-        let (mut free, mut solid) = (0.0, deepest);
+        // Mostly the floor is just below.
+        let [mut free, mut solid] = match () {
+            () if is_solid(SHALLOW) => [0.0, SHALLOW],
+            () if is_solid(deepest) => [SHALLOW, deepest],
+            () => return None,
+        };
         while solid - free > FALL_PRECISION {
             let middle = 0.5 * (free + solid);
             if is_solid(middle) { solid = middle } else { free = middle }

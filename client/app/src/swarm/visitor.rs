@@ -1,6 +1,7 @@
-//! One simulated visitor: it walks somewhere, rests a while, and walks on.
+//! One simulated visitor: it walks somewhere, as fast as people do, turns, rests a while, looks
+//! about, and walks on.
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, f32::consts::TAU};
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
@@ -9,7 +10,10 @@ use sightline_client_core::{
     navigation::Navigation,
     walker::{MoveInput, Walker},
 };
-use sightline_world::{Spawn, World, motion::Pose};
+use sightline_world::{
+    Spawn, World,
+    motion::{Pose, turn_between},
+};
 
 /// The distance within which a place counts as reached, in metres.
 const NEAR: f32 = 0.12;
@@ -17,6 +21,22 @@ const NEAR: f32 = 0.12;
 const STUCK_S: f32 = 2.0;
 /// The preferred distance of goals, in metres.
 const GOAL_DISTANCE: std::ops::Range<f32> = 4.0..40.0;
+/// How many goals are tried for one at that distance. In a large building few are.
+const GOALS_TRIED: usize = 64;
+/// How fast people like to walk, in metres a second.
+const PACE: std::ops::Range<f32> = 0.9..1.7;
+/// The greatest share of the world's speed limit at which a visitor walks.
+const SPEED_SHARE_MAX: f32 = 0.95;
+/// How fast people turn, in radians a second: to go on, and to look about.
+const TURN_SPEED: f32 = 3.0;
+const GAZE_SPEED: f32 = 1.0;
+/// Who must turn by more than this stands meanwhile, in radians.
+const TURN_FIRST: f32 = 1.2;
+/// How far people turn to look about, in radians.
+const GAZE: f32 = 2.0;
+/// The share of goals at which a visitor rests, and for how long, in seconds.
+const REST_SHARE: f64 = 0.7;
+const REST_S: std::ops::Range<f32> = 0.5..6.0;
 
 /// What moves a visitor.
 pub enum Visitor {
@@ -60,8 +80,10 @@ pub struct Wanderer {
     way: VecDeque<Vec3>,
     /// How long it still rests, in seconds.
     rest_s: f32,
-    /// Its speed, as a share of the world's limit.
-    haste: f32,
+    /// The heading that it looks to while it rests.
+    gaze: f32,
+    /// Its speed, in metres a second.
+    pace: f32,
     /// The smallest distance to the next place so far, in metres, and the time since then, in
     /// seconds.
     nearest: (f32, f32),
@@ -71,33 +93,36 @@ impl Wanderer {
     /// A wanderer whose eye is at a place.
     pub fn new(world: &World, eye: Vec3, seed: u64) -> Self {
         let mut random = SmallRng::seed_from_u64(seed);
-        let spawn = Spawn { eye, yaw: random.random_range(0.0..std::f32::consts::TAU) };
-        let haste = random.random_range(0.45..0.95);
+        let spawn = Spawn { eye, yaw: random.random_range(0.0..TAU) };
+        let pace = random.random_range(PACE).min(SPEED_SHARE_MAX * world.speed_max);
         let rest_s = random.random_range(0.0..2.0);
         let (walker, nearest) = (Walker::new(world, spawn), (f32::MAX, 0.0));
-        Self { walker, random, way: VecDeque::new(), rest_s, haste, nearest }
+        Self { walker, random, way: VecDeque::new(), rest_s, gaze: spawn.yaw, pace, nearest }
     }
 
     fn step(&mut self, world: &World, navigation: &Navigation, dt_s: f32) -> Pose {
         let pose = self.walker.pose();
-        let stay = MoveInput { yaw: pose.yaw, pitch: pose.pitch, ..MoveInput::default() };
         if self.rest_s > 0.0 {
             self.rest_s -= dt_s;
-            return self.walker.step(&world.octree, stay, dt_s);
+            let yaw = turned(pose.yaw, self.gaze, GAZE_SPEED * dt_s);
+            let look = MoveInput { yaw, ..MoveInput::default() };
+            return self.walker.step(&world.octree, look, dt_s);
         }
         let Some(next) = self.next_place(pose.eye) else {
             self.choose(navigation, pose.eye);
+            let stay = MoveInput { yaw: pose.yaw, ..MoveInput::default() };
             return self.walker.step(&world.octree, stay, dt_s);
         };
         let way = (next - pose.eye).with_y(0.0);
         self.watch_progress(way.length(), dt_s);
-        let speed = world.speed_max.max(0.1);
-        let wish = MoveInput {
-            // Slower over the last stretch, to avoid overshooting.
-            forward: self.haste.min(way.length() / (speed * dt_s.max(1e-3))),
-            yaw: (-way.x).atan2(-way.z),
-            ..MoveInput::default()
-        };
+        let heading = (-way.x).atan2(-way.z);
+        let yaw = turned(pose.yaw, heading, TURN_SPEED * dt_s);
+        let aside = turn_between(yaw, heading);
+        // Slower over the last stretch, to avoid overshooting.
+        let pace = self.pace.min(way.length() / dt_s.max(1e-3));
+        let pace = if aside.abs() > TURN_FIRST { 0.0 } else { pace / world.speed_max.max(0.1) };
+        let (left, forward) = (pace * aside.sin(), pace * aside.cos());
+        let wish = MoveInput { forward, right: -left, yaw, ..MoveInput::default() };
         self.walker.step(&world.octree, wish, dt_s)
     }
 
@@ -109,8 +134,9 @@ impl Wanderer {
             }
             self.way.pop_front();
             self.nearest = (f32::MAX, 0.0);
-            if self.way.is_empty() && self.random.random_bool(0.7) {
-                self.rest_s = self.random.random_range(0.5..4.0);
+            if self.way.is_empty() && self.random.random_bool(REST_SHARE) {
+                self.rest_s = self.random.random_range(REST_S);
+                self.gaze = self.walker.pose().yaw + self.random.random_range(-GAZE..GAZE);
             }
         }
         None
@@ -132,9 +158,10 @@ impl Wanderer {
 
     fn choose(&mut self, navigation: &Navigation, eye: Vec3) {
         self.nearest = (f32::MAX, 0.0);
-        let goals: Vec<Vec3> = (0..8).filter_map(|_| navigation.random(&mut self.random)).collect();
-        let is_near = |goal: &&Vec3| GOAL_DISTANCE.contains(&goal.distance(eye));
-        let goal = goals.iter().find(is_near).or(goals.first()).copied();
+        let is_near = |goal: &Vec3| GOAL_DISTANCE.contains(&goal.distance(eye));
+        let random = &mut self.random;
+        let goal = (0..GOALS_TRIED).filter_map(|_| navigation.random(random)).find(is_near);
+        let goal = goal.or_else(|| navigation.random(&mut self.random));
         let way = goal.and_then(|goal| navigation.path(eye, goal)).filter(|way| !way.is_empty());
         match way {
             Some(way) => self.way = way.into(),
@@ -142,4 +169,9 @@ impl Wanderer {
             None => self.rest_s = 0.5,
         }
     }
+}
+
+/// A heading turned towards another one, by an angle at most.
+fn turned(yaw: f32, towards: f32, angle_max: f32) -> f32 {
+    (yaw + turn_between(yaw, towards).clamp(-angle_max, angle_max)).rem_euclid(TAU)
 }
