@@ -5,7 +5,7 @@ use std::{collections::VecDeque, time::Duration};
 use sightline_world::motion::AvatarId;
 
 use super::{
-    Ack, BASELINE_DISTANCE_MAX, ENTRIES_MAX, check_length,
+    Ack, BASELINE_DISTANCE_MAX, ENTRIES_MAX, RESEND_TICKS, check_length,
     entry::{self, BASELINE},
 };
 use crate::{DecodeError, quantise::WirePose, varint};
@@ -13,6 +13,8 @@ use crate::{DecodeError, quantise::WirePose, varint};
 /// The number of datagrams remembered as baselines. It exceeds [`BASELINE_DISTANCE_MAX`], because
 /// datagrams overtake one another.
 const REMEMBERED_MAX: u32 = BASELINE_DISTANCE_MAX + 32;
+/// After this number of ticks what was lost has been sent again.
+const CLOSED_TICKS: u32 = RESEND_TICKS + 4;
 
 /// The client's end of its pose stream: it decodes datagrams.
 #[derive(Clone, Debug)]
@@ -87,6 +89,18 @@ impl PoseDecoder {
             .filter(|back| *back < 32)
             .fold(0, |bits, back| bits | 1 << back);
         Ack { newest, earlier }
+    }
+
+    /// The tick up to which nothing is missing of what the server sent; `None` before the first
+    /// datagram. What was lost has come again after [`CLOSED_TICKS`].
+    pub fn complete_tick(&self) -> Option<u32> {
+        let newest = self.received.back()?.tick;
+        let updates = self.received.iter().zip(self.received.iter().skip(1));
+        let is_gap = |(before, after): &(&PoseUpdate, &PoseUpdate)| {
+            before.sequence + 1 < after.sequence && after.tick + CLOSED_TICKS > newest
+        };
+        let before_gap = { updates }.find(is_gap).map(|(before, _)| before.tick);
+        Some(before_gap.unwrap_or(newest))
     }
 
     /// The sequence number, tick and pose of the newest entry for an avatar in the remembered

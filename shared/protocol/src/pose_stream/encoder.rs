@@ -13,11 +13,15 @@ use super::{
 };
 use crate::{quantise::WirePose, varint};
 
-/// The number of ticks after which a course is sent again unless it was acknowledged. It exceeds
-/// the time for which clients put acknowledgements off, and a long round trip.
+/// The number of ticks after which a course is sent again at the latest unless it was acknowledged.
+/// It exceeds the time for which clients put acknowledgements off, and a long round trip.
 pub const RESEND_TICKS: u32 = 12;
+/// The number of ticks after which a course is sent again at the earliest.
+pub(super) const RESEND_TICKS_MIN: u32 = 3;
 /// The number of ticks after which an open course goes with a datagram that is sent anyway.
 const REPEAT_TICKS: u32 = 8;
+/// How long a client's acknowledgements take is known from this number of the last ones.
+const ACKS_KEPT: usize = 16;
 /// Where datagrams may be lost, each course is sent a second time after this number of ticks, so
 /// that the loss of one datagram shows for no longer.
 const COPY_TICKS: u32 = 2;
@@ -45,6 +49,8 @@ pub struct PoseEncoder {
     tick: u32,
     /// How many datagrams were acknowledged since one was lost.
     acknowledged_in_a_row: u32,
+    /// How many ticks each of the last acknowledgements took, oldest first: at most [`ACKS_KEPT`].
+    ack_ticks: VecDeque<u32>,
 }
 
 /// Where a course that the client knows leads by the tick of an entry, which is coded against it.
@@ -105,6 +111,7 @@ impl PoseEncoder {
             sent_poses: 0,
             tick: 0,
             acknowledged_in_a_row: 0,
+            ack_ticks: VecDeque::new(),
         }
     }
 
@@ -160,7 +167,7 @@ impl PoseEncoder {
             return;
         }
         let Self { avatars, acknowledged_in_a_row, .. } = self;
-        let mut poses_left = 0;
+        let (mut poses_left, mut first_tick) = (0, None);
         self.sent.retain_mut(|sent| {
             if !ack.covers(sent.sequence) {
                 poses_left += sent.poses.len();
@@ -174,6 +181,7 @@ impl PoseEncoder {
                 return true;
             }
             *acknowledged_in_a_row = acknowledged_in_a_row.saturating_add(1);
+            first_tick.get_or_insert(sent.tick);
             for (avatar, pose) in &sent.poses {
                 if let Some(record) = avatars.get_mut(avatar)
                     && record.acknowledged.is_none_or(|known| known.sequence < sent.sequence)
@@ -185,6 +193,23 @@ impl PoseEncoder {
             false
         });
         self.sent_poses = poses_left;
+        if let Some(first_tick) = first_tick {
+            self.ack_ticks.push_back(self.tick.saturating_sub(first_tick));
+        }
+        while self.ack_ticks.len() > ACKS_KEPT {
+            self.ack_ticks.pop_front();
+        }
+    }
+
+    /// The number of ticks after which a course should have been acknowledged. The slowest of the
+    /// last acknowledgements does not count: the one before it may have been lost.
+    fn resend_ticks(&self) -> u32 {
+        if self.ack_ticks.len() < ACKS_KEPT {
+            return RESEND_TICKS;
+        }
+        let mut ticks: Vec<u32> = self.ack_ticks.iter().copied().collect();
+        ticks.sort_unstable();
+        (ticks[ACKS_KEPT - 2] + 1).clamp(RESEND_TICKS_MIN, RESEND_TICKS)
     }
 
     /// The poses to send: those of new courses, and of courses that must be repeated, in ascending
@@ -199,8 +224,9 @@ impl PoseEncoder {
         let open = self.avatars.iter().filter(|(id, r)| !r.is_settled() && !new.contains_key(id));
         let open: Vec<(&AvatarId, &AvatarRecord)> = open.collect();
         let is_clean = self.acknowledged_in_a_row >= CLEAN_DATAGRAMS;
+        let resend_ticks = self.resend_ticks();
         let must_repeat = |record: &AvatarRecord| {
-            record.has_waited(tick, RESEND_TICKS)
+            record.has_waited(tick, resend_ticks)
                 || !is_clean && record.copies < 2 && record.has_waited(tick, COPY_TICKS)
         };
         let is_sent = !new.is_empty() || open.iter().any(|(_, record)| must_repeat(record));

@@ -7,7 +7,7 @@ use glam::Vec3;
 use proptest::prelude::*;
 use sightline_world::motion::{AvatarId, Pose};
 
-use super::*;
+use super::{encoder::RESEND_TICKS_MIN, *};
 use crate::quantise::{COORDINATE_MAX, WirePosition};
 
 const TICK: Duration = Duration::from_millis(50);
@@ -354,6 +354,32 @@ fn each_course_is_sent_twice_and_again_at_once_when_a_gap_shows_that_both_were_l
     assert_eq!(update.poses, [(AvatarId(0), WirePose::from(&moved(0.5)[0].1))]);
     encoder.acknowledge(decoder.ack());
     assert!((45..200).all(|tick| encoder.encode(tick, &[]).is_empty()));
+}
+
+#[test]
+fn a_course_is_sent_again_when_its_acknowledgement_should_have_come() {
+    let (mut encoder, mut decoder) = primed();
+    let mut late = |ticks: u32, from: u32| {
+        for round in 0..20 {
+            let tick = from + 10 * round;
+            let first = encoder.encode(tick, &moved(tick as f32)[..1]).remove(0);
+            decoder.decode(&first).unwrap().unwrap();
+            let more = (tick + 1..=tick + ticks).flat_map(|tick| encoder.encode(tick, &[]));
+            for datagram in more {
+                decoder.decode(&datagram).unwrap().unwrap();
+            }
+            encoder.acknowledge(decoder.ack());
+        }
+        let lost = from + 200;
+        assert_eq!(encoder.encode(lost, &moved(0.5)[..1]).len(), 1);
+        let again: Vec<u32> =
+            (lost + 1..lost + 30).filter(|tick| !encoder.encode(*tick, &[]).is_empty()).collect();
+        encoder.acknowledge(decoder.ack());
+        [again[0] - lost, again[1] - again[0]]
+    };
+    assert_eq!(late(4, 100), [2, 5]);
+    assert_eq!(late(1, 400), [2, RESEND_TICKS_MIN]);
+    assert_eq!(late(9, 700), [2, 10]);
 }
 
 #[test]
