@@ -6,7 +6,7 @@
 //! It knows no messages and no clock, so that real clients and simulated ones decide by the same
 //! code.
 
-use std::time::Duration;
+use std::{f32::consts::FRAC_PI_4, time::Duration};
 
 use glam::Vec3;
 use sightline_protocol::quantise::WirePose;
@@ -25,6 +25,12 @@ const TICK_PARTS: u32 = 32;
 
 /// A body falls freely if it gains speed as fast as [`FREE_FALL`] within this part of it.
 const FALL_SPREAD: f32 = 0.4;
+
+/// A body that turns faster than this, in radians a second, has soon turned to where it wants. Its
+/// course does not turn on.
+const FLICK: f32 = 8.0;
+/// A turn off course that exceeds the tolerance by more than this counts at once, in radians.
+const LARGE_TURN: f32 = FRAC_PI_4;
 
 /// Why a report is due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -177,8 +183,10 @@ impl Reporter {
         let elapsed = self.tick_time(now).saturating_sub(last.made);
         let course = last.pose.on_course(elapsed, &self.agility);
         let is_there = tolerance.holds(&course, &self.moving(now, pose), &self.agility);
-        // No promise depends on how an avatar is turned, and many a turn is taken back at once.
-        if !is_there || self.was_turned && !tolerance.holds_turn(&course, pose) {
+        // No promise depends on how an avatar is turned, and many a small turn is taken back at once.
+        let radians = tolerance.radians + if self.was_turned { 0.0 } else { LARGE_TURN };
+        let is_turned = !Tolerance { radians, ..*tolerance }.holds_turn(&course, pose);
+        if !is_there || is_turned {
             Some(ReportReason::Departed)
         } else {
             (elapsed + self.tick > KEEP_ALIVE).then_some(ReportReason::KeepAlive)
@@ -308,7 +316,8 @@ impl Reporter {
             true => mean,
             false => pose.velocity,
         };
-        Pose { velocity, yaw_rate: turned / seconds, falls: falls && is_likely, ..*pose }
+        let yaw_rate = if turned.abs() > FLICK * seconds { 0.0 } else { turned / seconds };
+        Pose { velocity, yaw_rate, falls: falls && is_likely, ..*pose }
     }
 }
 

@@ -49,7 +49,7 @@ const HALF_A_SECOND: Validity = Validity::Constant(Duration::from_millis(500));
 /// A column: its heading, and the figure in it.
 type Column = (&'static str, fn(&ReplayReport) -> String);
 
-const COLUMNS: [Column; 17] = [
+const COLUMNS: [Column; 19] = [
     ("held", |r| format!("{:.2}", r.held_mean)),
     ("msg/s to", |r| format!("{:.1}", r.messages_to_client)),
     ("B/s to", |r| format!("{:.0}", r.bytes_to_client)),
@@ -64,6 +64,8 @@ const COLUMNS: [Column; 17] = [
     ("misses", |r| oracle(r, |o| o.misses.to_string())),
     ("over-send", |r| oracle(r, |o| format!("{:.2}", o.over_send))),
     ("horizon", |r| oracle(r, |o| format!("{:.2}", o.over_send_horizon))),
+    ("promise cm", |r| oracle(r, |o| format!("{:.1}", o.promised_error_p99_m * 100.0))),
+    ("deg", |r| oracle(r, |o| format!("{:.1}", o.promised_error_p99_deg))),
     ("error cm", |r| oracle(r, |o| format!("{:.1}", o.shown_error_p99_m * 100.0))),
     ("age ms", |r| oracle(r, |o| format!("{:.0}", o.age_mean_ms))),
     ("tick ms, p99", |r| format!("{:.3}, {:.3}", r.tick_cpu_median_ms, r.tick_cpu_p99_ms)),

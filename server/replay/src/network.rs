@@ -10,7 +10,7 @@ use sightline_client_core::replica::BLEND;
 use sightline_protocol::pose_stream::RESEND_TICKS;
 use sightline_world::motion::AvatarId;
 
-use super::packets::Packet;
+use super::packets::{Packet, ReportKind};
 
 /// A lost piece of a stream arrives this much later than one more round trip.
 const RETRANSMISSION: Duration = Duration::from_millis(25);
@@ -95,8 +95,12 @@ struct Link {
     stream_arrival: Duration,
     /// What was lost, oldest first.
     losses: VecDeque<Loss>,
+    /// How many packets were lost in all.
+    lost: u64,
     /// How many of the newest datagrams were lost in a row.
     lost_in_a_row: u32,
+    /// Whether the second copy of a report must be lost, too: by an injected fault.
+    copy_is_lost: bool,
     /// The shortest time that a message took.
     way_min: Option<Duration>,
 }
@@ -116,6 +120,7 @@ impl Link {
             self.losses.pop_front();
         }
         self.losses.push_back(loss);
+        self.lost += 1;
     }
 }
 
@@ -211,10 +216,14 @@ impl SimulatedNetwork {
 
     /// How old an avatar's position may be that a viewer shows, if no message is lost.
     fn age_max(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
+        self.delay(viewer, avatar) + 2 * (self.conditions.jitter + self.tick)
+    }
+
+    /// How long what an avatar's client says takes to its viewer, without jitter and loss.
+    pub(super) fn delay(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
         // The newest position that the viewer holds may have been sent in the second before.
-        let delay =
-            |client: AvatarId| self.round_trip(client).max(self.known_round_trip(client)) / 2;
-        delay(viewer) + delay(avatar) + 2 * (self.conditions.jitter + self.tick)
+        let way = |client: AvatarId| self.round_trip(client).max(self.known_round_trip(client)) / 2;
+        way(viewer) + way(avatar)
     }
 
     /// By how much losses make an avatar's position older for a viewer: those from the avatar's
@@ -228,6 +237,16 @@ impl SimulatedNetwork {
             link.losses.iter().filter(counts).map(|loss| loss.delay).sum::<Duration>()
         };
         [up, down].into_iter().flatten().map(after).sum()
+    }
+
+    /// How many of the packets that a client has sent were lost, as far as it knows. It learns of a
+    /// loss when later packets are acknowledged.
+    pub(super) fn known_losses(&self, now: Duration, client: AvatarId) -> u64 {
+        let Some(link) = self.links.get(&LinkId { client, is_up: true }) else { return 0 };
+        let wait = self.round_trip(client) + RETRANSMISSION;
+        let unknown = link.losses.iter().filter(|loss| loss.sent + wait > now).count() as u64;
+        debug_assert!(unknown <= link.lost, "all losses are counted");
+        link.lost - unknown
     }
 
     /// Whether one of a client's messages recently took longer than its margin allows. Then the
@@ -262,15 +281,16 @@ impl SimulatedNetwork {
     fn send_datagram(&mut self, now: Duration, margin: Duration, packet: Packet) {
         let id = LinkId::of(&packet);
         if self.happens(self.conditions.loss) {
-            self.lose_datagram(now, margin, id);
+            self.lose_datagram(now, margin, &packet);
             return;
         }
-        self.links.entry(id).or_default().lost_in_a_row = 0;
+        let link = self.links.entry(id).or_default();
+        (link.lost_in_a_row, link.copy_is_lost) = (0, false);
         if self.happens(self.conditions.duplication) {
-            let arrival = now + self.delay(id.client);
+            let arrival = now + self.next_way(id.client);
             self.put(arrival, packet.clone());
         }
-        let arrival = now + self.delay(id.client);
+        let arrival = now + self.next_way(id.client);
         // A late pose is only older. A late report may keep the engine from telling in time.
         if id.is_up && arrival > now + self.known_round_trip(id.client) / 2 + margin {
             self.note_late(arrival, margin, id.client);
@@ -279,23 +299,35 @@ impl SimulatedNetwork {
         self.put(arrival, packet);
     }
 
-    fn lose_datagram(&mut self, now: Duration, margin: Duration, id: LinkId) {
+    fn lose_datagram(&mut self, now: Duration, margin: Duration, packet: &Packet) {
+        let id = LinkId::of(packet);
+        let next_arrival = now + self.tick + self.next_way(id.client);
         let link = self.links.entry(id).or_default();
         // Each course is sent twice. When both are lost, it comes again much later.
         let is_second = link.losses.back().is_some_and(|last| last.sent + 4 * self.tick >= now);
         let ticks = if is_second { RESEND_TICKS } else { 2 };
         link.lose(Loss { sent: now, delay: ticks * self.tick });
         link.lost_in_a_row += 1;
-        if link.lost_in_a_row >= LOST_IN_A_ROW_MAX {
+        link.copy_is_lost = self.departures_lost && packet.kind() == ReportKind::Departure;
+        let is_long = link.lost_in_a_row >= LOST_IN_A_ROW_MAX;
+        if packet.kind() != ReportKind::Routine {
+            // The server takes the client for silent until the next tick's report arrives.
+            self.note_late(next_arrival, margin, id.client);
+            self.note_overdue(next_arrival, id.client);
+        } else if is_long {
             self.note_late(now, margin, id.client);
         }
     }
 
     fn send_on_stream(&mut self, now: Duration, margin: Duration, packet: Packet) {
         let id = LinkId::of(&packet);
-        let mut arrival = now + self.delay(id.client);
+        let mut arrival = now + self.next_way(id.client);
+        let is_departure = packet.kind() == ReportKind::Departure;
+        if is_departure && self.links.entry(id).or_default().copy_is_lost {
+            return;
+        }
         while self.happens(self.conditions.loss) {
-            if self.departures_lost && packet.is_departure() {
+            if self.departures_lost && is_departure {
                 return;
             }
             let delay = self.round_trip(id.client) + RETRANSMISSION;
@@ -319,9 +351,14 @@ impl SimulatedNetwork {
         let way_min = self.links.entry(id).or_default().way_min.get_or_insert(way);
         *way_min = way.min(*way_min);
         if id.is_up && way > *way_min + margin {
-            let overdue = self.overdue_until.entry(id.client).or_default();
-            *overdue = arrival.max(*overdue);
+            self.note_overdue(arrival, id.client);
         }
+    }
+
+    /// Takes in that the server hears a client late, until a time.
+    fn note_overdue(&mut self, until: Duration, client: AvatarId) {
+        let overdue = self.overdue_until.entry(client).or_default();
+        *overdue = until.max(*overdue);
     }
 
     /// Marks a client as late until the server has answered the late message, the client has acted
@@ -333,7 +370,7 @@ impl SimulatedNetwork {
     }
 
     /// The one-way delay of a client's next message, if it is not lost.
-    fn delay(&mut self, client: AvatarId) -> Duration {
+    fn next_way(&mut self, client: AvatarId) -> Duration {
         let delay = self.round_trip(client) / 2;
         if self.conditions.jitter.is_zero() {
             return delay;
@@ -372,7 +409,7 @@ mod tests {
         let bytes = number.to_le_bytes().to_vec();
         let payload = if on_stream { Payload::Frame(bytes) } else { Payload::Datagram(bytes) };
         let request = Request::Bytes(payload);
-        Packet::Up(Uplink { avatar: CLIENT, sent: ms(0), is_departure: false, request })
+        Packet::Up(Uplink { avatar: CLIENT, sent: ms(0), kind: ReportKind::Routine, request })
     }
 
     /// Sends a report every 50 ms. Returns the number and the delay of each that arrives.

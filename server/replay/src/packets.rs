@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use sightline_client_core::replica::Outgoing;
+use sightline_client_core::{replica::Outgoing, reporting::ReportReason};
 use sightline_protocol::{
     frame::{self, FrameBuffer},
     message::{ClientMessage, ServerMessage},
@@ -34,11 +34,33 @@ pub(super) enum Payload {
 #[derive(Clone, Debug)]
 pub(super) struct Uplink {
     pub(super) avatar: AvatarId,
-    /// When the client sent it; a pose in it is the one of that moment.
+    /// When the client first sent what is in it; a pose in it is the one of that moment.
     pub(super) sent: Duration,
-    /// Whether it tells that the avatar departs from its course.
-    pub(super) is_departure: bool,
+    /// What kind of report is in it, if there is one.
+    pub(super) kind: ReportKind,
     pub(super) request: Request,
+}
+
+/// Why a message to the server has a report, if it has one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ReportKind {
+    /// It has none, or the client reports at every tick.
+    Routine,
+    /// The client would be silent otherwise.
+    ByException,
+    /// The avatar departs from its course, of which the client would be silent otherwise.
+    Departure,
+}
+
+impl ReportKind {
+    /// The kind of a report that is due for a reason.
+    pub(super) fn of(reason: Option<ReportReason>) -> Self {
+        match reason {
+            None | Some(ReportReason::EveryTick) => Self::Routine,
+            Some(ReportReason::Departed) => Self::Departure,
+            Some(_) => Self::ByException,
+        }
+    }
 }
 
 /// What a client tells the server.
@@ -64,8 +86,12 @@ impl Packet {
         matches!(self, Self::Up(_))
     }
 
-    pub(super) fn is_departure(&self) -> bool {
-        matches!(self, Self::Up(Uplink { is_departure: true, .. }))
+    /// The kind of the report in it.
+    pub(super) fn kind(&self) -> ReportKind {
+        match self {
+            Self::Up(uplink) => uplink.kind,
+            Self::Down(..) => ReportKind::Routine,
+        }
     }
 
     /// Whether it travels in a datagram. All other packets travel on a stream.
@@ -80,14 +106,14 @@ impl Packet {
 }
 
 impl Uplink {
-    /// What a client's replica sends.
-    pub(super) fn new(avatar: AvatarId, outgoing: Outgoing) -> Self {
+    /// What a client's replica sends at a time.
+    pub(super) fn new(avatar: AvatarId, sent: Duration, outgoing: Outgoing) -> Self {
         let payload = match outgoing {
             Outgoing::Datagram(bytes) => Payload::Datagram(bytes),
             Outgoing::Message(message) => Payload::Frame(frame::encode(&message)),
         };
         let request = Request::Bytes(payload);
-        Self { avatar, sent: Duration::ZERO, is_departure: false, request }
+        Self { avatar, sent, kind: ReportKind::Routine, request }
     }
 
     /// Its length on the wire, in bytes.

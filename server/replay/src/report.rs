@@ -15,6 +15,8 @@ pub struct ReplayReport {
     pub by_exception: bool,
     /// The round trip of every client, in milliseconds.
     pub round_trip_ms: f64,
+    /// The share of messages that were lost, in per cent.
+    pub loss_percent: f64,
     /// The tick interval, in milliseconds.
     pub tick_ms: f64,
     /// How long TBVs are made to last, as on the command line.
@@ -175,10 +177,22 @@ pub struct OracleReport {
     pub shown_error_p50_m: f64,
     /// That distance: the 99th percentile.
     pub shown_error_p99_m: f64,
-    /// The angle between the shown yaw of a visible avatar and its true yaw, in degrees: the median.
+    /// The angle between the shown pose of a visible avatar and that of now, in degrees: the larger
+    /// of those of yaw and pitch. The median.
     pub shown_error_p50_deg: f64,
     /// That angle: the 99th percentile.
     pub shown_error_p99_deg: f64,
+    /// The distance of the place at which a visible avatar is shown from where it was one delay and
+    /// two ticks ago, as promised, in metres: the median. The delay is the one-way delay of its
+    /// client and that of its viewer. Jitter and what is lost count as errors.
+    pub promised_error_p50_m: f64,
+    /// That distance: the 99th percentile.
+    pub promised_error_p99_m: f64,
+    /// The angle between the shown pose of a visible avatar and that of one delay and two ticks
+    /// ago, in degrees: the larger of those of yaw and pitch. The median.
+    pub promised_error_p50_deg: f64,
+    /// That angle: the 99th percentile.
+    pub promised_error_p99_deg: f64,
     /// The mean age of the place at which a visible avatar is shown, in milliseconds. The age is
     /// the time since the avatar was last there, within its tolerance and 2 cm; where messages were
     /// lost, also within the way that it goes in the time that this takes.
@@ -229,7 +243,8 @@ impl fmt::Display for ReplayReport {
         row("policy", self.policy.clone())?;
         let reports = if self.by_exception { "by exception" } else { "at every tick" };
         row("live clients report", reports.to_owned())?;
-        row("round trip", format!("{:.0} ms", self.round_trip_ms))?;
+        let (round_trip, loss) = (self.round_trip_ms, self.loss_percent);
+        row("round trip, messages lost", format!("{round_trip:.0} ms, {loss:.1} %"))?;
         row("avatars", format!("{} ({:.1} at a time)", self.avatars, self.present_mean))?;
         row("seconds", format!("{:.1}", self.seconds))?;
         row("avatars held by a client", format!("{:.2}", self.held_mean))?;
@@ -302,6 +317,13 @@ impl fmt::Display for OracleReport {
         row("reports while truly hidden", hidden)?;
         let held = format!("{:.2} % of ticks", self.hidden_held * 100.0);
         row("truly hidden, but in a horizon", held)?;
+        let metres = [self.promised_error_p50_m, self.promised_error_p99_m].map(|m| m * 100.0);
+        let degrees = [self.promised_error_p50_deg, self.promised_error_p99_deg];
+        row("off the promise, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;
+        row(
+            "turned off it, median, p99",
+            format!("{:.1}, {:.1} degrees", degrees[0], degrees[1]),
+        )?;
         let metres = [self.shown_error_p50_m, self.shown_error_p99_m].map(|m| m * 100.0);
         let degrees = [self.shown_error_p50_deg, self.shown_error_p99_deg];
         row("shown off by, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;

@@ -161,7 +161,7 @@ impl<'a> Run<'a> {
         let client = self.statistics.client(uplink.avatar);
         client.sent.add(uplink.length());
         let margin = self.margin(uplink.avatar);
-        self.network.send(now, margin, Packet::Up(Uplink { sent: now, ..uplink }));
+        self.network.send(now, margin, Packet::Up(uplink));
     }
 
     /// How much longer than half of its round trip a client's messages may take, as the engine

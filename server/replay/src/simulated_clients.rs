@@ -13,7 +13,7 @@ use sightline_protocol::{
     VERSION,
     message::{ClientMessage, ServerMessage},
     pose_stream::{Ack, ClientDatagram},
-    quantise::{WirePose, WireTolerance},
+    quantise::{WirePose, WireReport, WireTolerance},
     text::Name,
 };
 use sightline_world::{
@@ -25,7 +25,7 @@ use sightline_world::{
 use super::{
     network::SimulatedNetwork,
     options::ClientFaults,
-    packets::{COLOUR, Payload, Request, Uplink, unframe},
+    packets::{COLOUR, Payload, ReportKind, Request, Uplink, unframe},
 };
 
 /// The client of one avatar, from its join to its leave.
@@ -44,6 +44,8 @@ pub(super) struct SimulatedClient {
     has_jumped: bool,
     /// Where the client's last report puts the eye.
     claimed_eye: Vec3,
+    /// That report; `None` before the first one.
+    last_report: Option<SentReport>,
     /// The server's movement budget for this client, kept here as well.
     budget: MovementBudget,
     /// How many claims the budget has judged.
@@ -54,6 +56,15 @@ pub(super) struct SimulatedClient {
     reports_since_tick: u32,
     /// Whether it kept silent about a departure at its last tick, by an injected fault.
     is_departure_untold: bool,
+}
+
+/// The last report of a client.
+#[derive(Clone, Copy, Debug)]
+struct SentReport {
+    /// The client's time in it.
+    made: u32,
+    kind: ReportKind,
+    sent: Duration,
 }
 
 impl SimulatedClient {
@@ -67,6 +78,7 @@ impl SimulatedClient {
             replica,
             has_jumped: false,
             claimed_eye: pose.eye,
+            last_report: None,
             budget: MovementBudget::new(now),
             claims: 0,
             reports: 0,
@@ -141,16 +153,14 @@ impl SimulatedClient {
     }
 }
 
-/// The pose and the acknowledgement in a message, if it is a report.
-fn report_in(outgoing: &Outgoing) -> Option<(Pose, Ack)> {
+/// The report and the acknowledgement in a message, if it has a report.
+fn report_in(outgoing: &Outgoing) -> Option<(WireReport, Ack)> {
     match outgoing {
-        Outgoing::Message(ClientMessage::Report { report, ack }) => {
-            Some((report.pose.into(), *ack))
-        }
+        Outgoing::Message(ClientMessage::Report { report, ack }) => Some((*report, *ack)),
         Outgoing::Message(_) => None,
         Outgoing::Datagram(bytes) => {
             let ClientDatagram { ack, report } = ClientDatagram::decode(bytes).ok()?;
-            Some((report?.pose.into(), ack))
+            Some((report?, ack))
         }
     }
 }
@@ -254,7 +264,7 @@ impl<'a> SimulatedClients<'a> {
             match (pose, self.present.contains_key(&id)) {
                 (Some(pose), false) => sent.extend(self.join(id, now, &pose)),
                 (Some(pose), true) => sent.extend(self.tick(id, now, &pose, network)),
-                (None, true) => sent.extend(self.leave(id)),
+                (None, true) => sent.extend(self.leave(id, now)),
                 (None, false) => {}
             }
         }
@@ -281,7 +291,7 @@ impl<'a> SimulatedClients<'a> {
         let client = self.present.get_mut(&id)?;
         client.follow(at, &pose, &self.agility);
         let answer = client.replica.answer(at)?;
-        Some(self.send_report(id, at, Outgoing::Message(answer)))
+        Some(self.send_report(id, at, ReportKind::ByException, Outgoing::Message(answer)))
     }
 
     /// The pose of an avatar in the trace, within the world.
@@ -301,12 +311,12 @@ impl<'a> SimulatedClients<'a> {
         let name = Name::clipped(&format!("walker {id}"));
         let hello = ClientMessage::Hello { version: VERSION, name, colour: COLOUR };
         let enter = ClientMessage::Enter { place: Some(on_wire(pose).eye.into()) };
-        [hello, enter].map(|message| Uplink::new(avatar, Outgoing::Message(message)))
+        [hello, enter].map(|message| Uplink::new(avatar, now, Outgoing::Message(message)))
     }
 
-    fn leave(&mut self, id: u32) -> Option<Uplink> {
+    fn leave(&mut self, id: u32, now: Duration) -> Option<Uplink> {
         let avatar = self.remove(id)?;
-        Some(Uplink::new(avatar, Outgoing::Message(ClientMessage::Goodbye)))
+        Some(Uplink::new(avatar, now, Outgoing::Message(ClientMessage::Goodbye)))
     }
 
     /// Forgets a client, but not what it counted.
@@ -328,17 +338,27 @@ impl<'a> SimulatedClients<'a> {
         client.follow(now, pose, &self.agility);
         let was_quiet = client.replica.reporting_state() == Some(ReportingState::Quiet);
         let round_trip = network.round_trip(client.avatar);
-        let is_departure = client.replica.report_due(now) == Some(ReportReason::Departed);
+        let kind = ReportKind::of(client.replica.report_due(now));
+        client.replica.hear_losses(now, network.known_losses(now, client.avatar));
         let outgoing = client.act(now, round_trip, &self.faults);
         client.replica.reporting_state()?;
-        let is_report = outgoing.as_ref().is_some_and(|outgoing| report_in(outgoing).is_some());
-        if !is_report && !client.has_jumped {
-            return outgoing.map(|outgoing| Uplink::new(client.avatar, outgoing));
+        let report = outgoing.as_ref().and_then(report_in).map(|(report, _)| report);
+        if !client.has_jumped {
+            let Some(report) = report else {
+                return outgoing.map(|outgoing| Uplink::new(client.avatar, now, outgoing));
+            };
+            if let Some(SentReport { made, kind, sent }) = client.last_report
+                && made == report.made
+            {
+                // The last report goes once more.
+                return Some(Uplink { kind, ..Uplink::new(client.avatar, sent, outgoing?) });
+            }
         }
+        let is_report = report.is_some();
         let is_valid = client.replica.tbv().is_some_and(|tbv| now + self.tick <= tbv.expiry);
         let uplink = match outgoing {
             Some(outgoing) if is_report => {
-                Uplink { is_departure, ..self.send_report(id, now, outgoing) }
+                self.send_report(id, now, kind, outgoing)
             }
             // An acknowledgement goes with the jump.
             Some(Outgoing::Datagram(bytes)) => {
@@ -353,15 +373,23 @@ impl<'a> SimulatedClients<'a> {
     }
 
     /// Sends a report, if the server will believe it. Otherwise the client announces a jump.
-    fn send_report(&mut self, id: u32, now: Duration, outgoing: Outgoing) -> Uplink {
+    fn send_report(
+        &mut self,
+        id: u32,
+        now: Duration,
+        kind: ReportKind,
+        outgoing: Outgoing,
+    ) -> Uplink {
         let (client, report) = (self.present.get_mut(&id), report_in(&outgoing));
-        let (client, (pose, ack)) = client.zip(report).expect("a report of a present client");
+        let (client, (report, ack)) = client.zip(report).expect("a report of a present client");
+        let pose = Pose::from(report.pose);
         if client.has_jumped || !client.is_believed(now, &pose, &self.limits) {
             return self.jump(id, now, Some(ack));
         }
         client.claimed_eye = pose.eye;
+        client.last_report = Some(SentReport { made: report.made, kind, sent: now });
         client.reports_since_tick += 1;
-        Uplink::new(client.avatar, outgoing)
+        Uplink { kind, ..Uplink::new(client.avatar, now, outgoing) }
     }
 
     /// Announces that an avatar was put elsewhere. Its course begins anew.
@@ -376,7 +404,8 @@ impl<'a> SimulatedClients<'a> {
         client.claimed_eye = pose.eye;
         client.reports_since_tick += 1;
         let request = Request::Relocate { pose, ack };
-        Uplink { avatar: client.avatar, sent: now, is_departure: false, request }
+        let (avatar, kind) = (client.avatar, ReportKind::ByException);
+        Uplink { avatar, sent: now, kind, request }
     }
 }
 

@@ -140,6 +140,7 @@ impl RunStatistics {
         ReplayReport {
             policy: config.policy.to_string(),
             round_trip_ms: ms(options.round_trip),
+            loss_percent: options.network.loss * 100.0,
             tick_ms: ms(config.tick),
             by_exception: config.reports_by_exception(),
             validity: config.validity.to_string(),

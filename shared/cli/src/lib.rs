@@ -8,6 +8,7 @@
 //! * [`exit`]: exit codes, and the line that a failed program prints.
 //! * [`log`]: the log on stderr.
 //! * [`percentile`]: percentiles by nearest rank.
+//! * [`pose_error`]: how far off avatars are shown.
 //!
 //! A command reads its flags, shows progress, prints a table and returns a result, from which
 //! [`exit::code`] makes the exit code:
@@ -44,5 +45,6 @@ pub mod flags;
 pub mod log;
 pub mod output;
 pub mod percentile;
+pub mod pose_error;
 pub mod progress;
 pub mod trace;

@@ -91,6 +91,7 @@ fn table(report: &SwarmReport) -> String {
         ("refused", format!("{}", report.refused)),
         ("disconnected", format!("{}", report.disconnected)),
         ("seconds", format!("{:.1}", report.seconds)),
+        ("share of time moving", format!("{:.1} %", report.moving_share * 100.0)),
         ("avatars held by a client", format!("{:.2}", report.visible_mean)),
         ("share of time quiet", format!("{:.1} %", report.quiet_share * 100.0)),
         ("share of time on course", format!("{:.1} %", report.course_share * 100.0)),
@@ -104,9 +105,13 @@ fn table(report: &SwarmReport) -> String {
         ("age of poses, 99th percentile", format!("{:.0} ms", report.age_p99_ms)),
         ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
         ("shown off by, 99th percentile", format!("{:.1} cm", report.shown_error_p99_m * 100.0)),
+        ("off the promise, median", format!("{:.1} cm", report.promised_error_p50_m * 100.0)),
+        ("off the promise, 99th percentile", format!("{:.1} cm", report.promised_error_p99_m * 100.0)),
+        ("turned off it, median", format!("{:.1} degrees", report.promised_error_p50_deg)),
+        ("turned off it, 99th percentile", format!("{:.1} degrees", report.promised_error_p99_deg)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
         ("misses", format!("{}", report.misses)),
     ];
-    rows.into_iter().map(|(what, figure)| format!("{what:<31}{figure:>12}\n")).collect()
+    rows.into_iter().map(|(what, figure)| format!("{what:<33}{figure:>12}\n")).collect()
 }

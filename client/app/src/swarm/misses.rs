@@ -1,39 +1,26 @@
 //! Misses: visitors in sight of others that do not hold them.
-//!
-//! All visitors walk in this process, so it knows where each of them truly is. Rays against the
-//! original triangles of the world say who is in whose sight, and the author's rooms say who may
-//! be. The server has no part in that.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    sync::Arc,
     time::Duration,
 };
 
-use sightline_oracle::Oracle;
-use sightline_visibility::rooms::RoomIndex;
-use sightline_world::{World, geometry::Aabb, motion::AvatarId};
+use sightline_world::motion::AvatarId;
 
-use super::{SwarmSnapshot, VisitorView};
+use super::{SwarmSnapshot, VisitorView, sight::Sight};
 
 /// A visitor that is in sight and not held counts as missed after this time. The server promises
 /// that it is held at once. This time, a round trip of 400 ms and two ticks, is for what the server
 /// itself hears late: that somebody has left a sealed room, or a message that was sent again.
 const UNTOLD_MAX: Duration = Duration::from_millis(500);
-/// Visitors that have leapt so recently are left out: the server may have them elsewhere.
-const LEAPT: Duration = Duration::from_secs(2);
 /// The pairs that are looked at in one snapshot, in turn. Their rays take a few milliseconds.
 const PAIRS_MAX: usize = 1_000;
 /// While this number of pairs are in sight and not held, only these are looked at.
 const UNHELD_MAX: usize = 4_000;
-/// Sampled points on each axis of a body's box.
-const SAMPLES: u32 = 2;
 
 /// Counts misses.
+#[derive(Default)]
 pub struct Misses {
-    world: Arc<World>,
-    oracle: Oracle,
-    rooms: RoomIndex,
     /// The pairs of a viewer and an avatar in its sight that it does not hold.
     unheld: BTreeMap<Pair, Unheld>,
     /// The viewer whose turn is next.
@@ -52,26 +39,15 @@ struct Unheld {
 }
 
 impl Misses {
-    /// Counts from now on.
-    pub fn new(world: Arc<World>) -> Self {
-        let (oracle, rooms) = (Oracle::new(&world.mesh), RoomIndex::new(&world));
-        Self { world, oracle, rooms, unheld: BTreeMap::new(), turn: AvatarId(0), count: 0 }
-    }
-
     /// How often a visitor was missed. As long as it stays in sight and is not held, it counts once.
     pub fn count(&self) -> usize {
         self.count
     }
 
     /// Looks at the pairs whose turn it is, and at those that were in sight and not held before.
-    pub fn observe(&mut self, snapshot: &SwarmSnapshot) {
+    pub fn observe(&mut self, snapshot: &SwarmSnapshot, sight: &Sight) {
         let now = snapshot.elapsed;
-        let is_settled = |visitor: &&VisitorView| {
-            let leapt = visitor.leapt.map(|at| now.saturating_sub(at));
-            visitor.reporting_state.is_some() && leapt.is_none_or(|ago| ago > LEAPT)
-        };
-        let settled = snapshot.visitors.iter().filter(is_settled);
-        let visitors: BTreeMap<AvatarId, &VisitorView> = settled.map(|v| (v.avatar, v)).collect();
+        let visitors = snapshot.settled();
         let before = std::mem::take(&mut self.unheld);
         let mut pairs: BTreeSet<Pair> = before.keys().copied().collect();
         if pairs.len() < UNHELD_MAX {
@@ -79,7 +55,7 @@ impl Misses {
         }
         for pair in pairs {
             let both = visitors.get(&pair.0).zip(visitors.get(&pair.1));
-            if !both.is_some_and(|(viewer, other)| self.is_unheld(viewer, other)) {
+            if !both.is_some_and(|(viewer, other)| is_unheld(viewer, other, sight)) {
                 continue;
             }
             let first = Unheld { since: now, is_counted: false };
@@ -88,11 +64,6 @@ impl Misses {
             self.count += usize::from(is_missed && !is_counted);
             self.unheld.insert(pair, Unheld { since, is_counted: is_missed });
         }
-    }
-
-    /// Whether a visitor is in a viewer's sight and not held by it.
-    fn is_unheld(&self, viewer: &VisitorView, other: &VisitorView) -> bool {
-        !viewer.held.iter().any(|held| held.id == other.avatar) && self.sees(viewer, other)
     }
 
     /// The pairs of the next viewers, and passes the turn on.
@@ -105,28 +76,23 @@ impl Misses {
         let pairs_of = |viewer| visitors.keys().map(move |other| (viewer, *other));
         viewers.into_iter().flat_map(pairs_of).filter(|(viewer, other)| viewer != other).collect()
     }
+}
 
-    /// Whether rays reach the other's body, and the author allows to see it.
-    fn sees(&self, viewer: &VisitorView, other: &VisitorView) -> bool {
-        let (eye, body) = (viewer.pose.eye, self.world.body.around(other.pose.eye));
-        let cells = &self.world.cells;
-        let overlap = |region: &Aabb| self.rooms.overlap(cells, &[cells.axes.own_box(region)]);
-        let sealed = [eye, other.pose.eye].map(|eye| self.rooms.sealed_rooms_at(eye));
-        let is_allowed = || {
-            sealed[0].agrees(&sealed[1])
-                && self.rooms.may_see(&overlap(&Aabb::around(eye, 0.0)), &overlap(&body))
-        };
-        (!self.rooms.can_rule_out() || is_allowed()) && self.oracle.of_box(eye, &body, SAMPLES)
-    }
+/// Whether a visitor is in a viewer's sight and not held by it.
+fn is_unheld(viewer: &VisitorView, other: &VisitorView, sight: &Sight) -> bool {
+    !viewer.held.iter().any(|held| held.id == other.avatar) && sight.sees(viewer, other)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use glam::Vec3;
     use sightline_client_core::replica::HeldAvatar;
     use sightline_fixtures::{boxes::box_triangles, two_rooms};
     use sightline_world::{
-        Mesh,
+        Mesh, World,
+        geometry::Aabb,
         motion::{Pose, ReportingState},
     };
 
@@ -143,12 +109,18 @@ mod tests {
 
     fn visitor(id: u32, x: f32, z: f32, held: &[u32]) -> VisitorView {
         let pose = Pose { eye: Vec3::new(x, 1.6, z), ..Pose::default() };
-        let hold = |id: &u32| HeldAvatar { id: AvatarId(*id), pose, age: Duration::ZERO };
+        let hold = |id: &u32| HeldAvatar {
+            id: AvatarId(*id),
+            pose,
+            age: Duration::ZERO,
+            certainty: Duration::ZERO,
+        };
         VisitorView {
             avatar: AvatarId(id),
             pose,
             reporting_state: Some(ReportingState::Live),
             leapt: None,
+            round_trip: Duration::ZERO,
             held: held.iter().map(hold).collect(),
             shown: Vec::new(),
         }
@@ -156,9 +128,10 @@ mod tests {
 
     /// The misses after each of some snapshots, 200 ms apart.
     fn counts(snapshots: impl IntoIterator<Item = Vec<VisitorView>>) -> Vec<usize> {
-        let mut misses = Misses::new(world());
+        let (mut misses, sight) = (Misses::default(), Sight::new(world()));
         let counts = (0..).zip(snapshots).map(|(i, visitors)| {
-            misses.observe(&SwarmSnapshot { elapsed: Duration::from_millis(200) * i, visitors });
+            let elapsed = Duration::from_millis(200) * i;
+            misses.observe(&SwarmSnapshot { elapsed, visitors, ..Default::default() }, &sight);
             misses.count()
         });
         counts.collect()

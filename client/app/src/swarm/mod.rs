@@ -2,11 +2,19 @@
 //! walks. Each has a connection and a replica of its own. What they receive is counted, and what
 //! they should have received.
 
+mod history;
 mod misses;
+mod promises;
 mod report;
+mod sight;
 mod visitor;
 
-use std::{collections::VecDeque, net::SocketAddr, sync::Arc, time::Duration};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    net::SocketAddr,
+    sync::Arc,
+    time::Duration,
+};
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_cli::trace::{Trace, Track};
@@ -27,6 +35,7 @@ use tokio::{
 use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
 use misses::Misses;
 use report::SwarmStatistics;
+use sight::Sight;
 use visitor::{Visitor, Wanderer};
 
 pub use report::SwarmReport;
@@ -37,6 +46,8 @@ const STEP: Duration = Duration::from_millis(25);
 const LEAP_S: f32 = 0.2;
 /// The largest number of visitors that connect at the same time.
 const CONNECTING_MAX: usize = 16;
+/// For so long after a leap the server may have a visitor elsewhere.
+const UNSETTLED: Duration = Duration::from_secs(2);
 
 /// How many visitors to send, for how long, and how they move.
 #[derive(Clone)]
@@ -77,8 +88,23 @@ impl SwarmOptions {
 pub struct SwarmSnapshot {
     /// The time since all visitors were in.
     pub elapsed: Duration,
+    /// The server's time from tick to tick.
+    pub tick: Duration,
     /// The connected visitors.
     pub visitors: Vec<VisitorView>,
+}
+
+impl SwarmSnapshot {
+    /// The visitors that are in the world and have not leapt recently, so that the server has them
+    /// where they are.
+    fn settled(&self) -> BTreeMap<AvatarId, &VisitorView> {
+        let is_settled = |visitor: &&VisitorView| {
+            let leapt = visitor.leapt.map(|at| self.elapsed.saturating_sub(at));
+            visitor.reporting_state.is_some() && leapt.is_none_or(|ago| ago > UNSETTLED)
+        };
+        let settled = self.visitors.iter().filter(is_settled);
+        settled.map(|visitor| (visitor.avatar, visitor)).collect()
+    }
 }
 
 /// One visitor at one moment.
@@ -93,6 +119,8 @@ pub struct VisitorView {
     /// When it last leapt, as [`SwarmSnapshot::elapsed`] counts: the server corrected it, or this
     /// process stood still and it then moved a long way at once.
     pub leapt: Option<Duration>,
+    /// Its round trip, as QUIC measures it.
+    pub round_trip: Duration,
     /// The avatars that its replica holds.
     pub held: Vec<HeldAvatar>,
     /// The same avatars as they are shown at this moment.
@@ -141,14 +169,15 @@ pub async fn run(
 ) -> Result<SwarmReport, SwarmError> {
     let (mut members, navigation, refused) = connect_visitors(address, options).await?;
     let world = members.first().map(|member| member.session.world().clone());
-    let mut misses = world.clone().map(Misses::new);
+    let sight = world.clone().map(Sight::new);
+    let mut misses = Misses::default();
     let mut statistics =
         SwarmStatistics::new(members.iter().map(|member| &member.session), refused);
     let mut steps = tokio::time::interval(STEP);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let start = Instant::now();
     let (mut before, mut next_snapshot) = (Duration::ZERO, Duration::ZERO);
-    while let Some(world) = &world {
+    while let (Some(world), Some(sight)) = (&world, &sight) {
         steps.tick().await;
         let elapsed = start.elapsed();
         if elapsed >= options.duration || members.iter().all(|member| member.has_ended) {
@@ -162,11 +191,9 @@ pub async fn run(
         if elapsed >= next_snapshot {
             next_snapshot += options.snapshot_interval;
             let snapshot = snapshot(&members, elapsed);
-            statistics.observe(&snapshot);
-            if let Some(misses) = &mut misses {
-                misses.observe(&snapshot);
-                statistics.misses = misses.count();
-            }
+            statistics.observe(&snapshot, sight);
+            misses.observe(&snapshot, sight);
+            statistics.misses = misses.count();
             observer(&snapshot);
         }
     }
@@ -209,20 +236,26 @@ impl ConnectedVisitor {
         }
         self.pose = self.visitor.step(world, navigation, dt_s, elapsed.as_secs_f64());
         self.session.set_pose(self.pose);
-        statistics.moved(self.session.avatar(), elapsed, self.pose.eye);
+        statistics.moved(self.session.avatar(), elapsed, self.pose, dt_s);
     }
 }
 
 fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
-    let visitors = members.iter().filter(|member| !member.has_ended).map(|member| VisitorView {
-        avatar: member.session.avatar(),
-        pose: member.pose,
-        reporting_state: member.session.stats().reporting_state,
-        leapt: member.leapt,
-        held: member.session.held(),
-        shown: member.session.visible(),
-    });
-    SwarmSnapshot { elapsed, visitors: visitors.collect() }
+    let view = |member: &ConnectedVisitor| {
+        let stats = member.session.stats();
+        VisitorView {
+            avatar: member.session.avatar(),
+            pose: member.pose,
+            reporting_state: stats.reporting_state,
+            leapt: member.leapt,
+            round_trip: stats.round_trip,
+            held: member.session.held(),
+            shown: member.session.visible(),
+        }
+    };
+    let tick = members.first().map(|member| member.session.tick_interval()).unwrap_or_default();
+    let visitors = members.iter().filter(|member| !member.has_ended).map(view);
+    SwarmSnapshot { elapsed, tick, visitors: visitors.collect() }
 }
 
 /// Connects all visitors: the first one alone, because it downloads the world, then the others.

@@ -5,29 +5,31 @@
 //! has no socket and no clock.
 
 mod avatar_source;
+mod sending;
 mod timeline;
 
 use std::{collections::BTreeMap, time::Duration};
 
 use sightline_protocol::{
     DecodeError,
-    message::{ClientMessage, ServerMessage},
-    pose_stream::{ClientDatagram, PoseDecoder},
-    quantise::{WirePose, WireReport},
+    message::ServerMessage,
+    pose_stream::PoseDecoder,
+    quantise::WirePose,
 };
-use sightline_world::motion::{Agility, AvatarId, Pose, Report, ReportingState, Tbv, Tolerance};
+use sightline_world::motion::{Agility, AvatarId, Pose, ReportingState, Tbv, Tolerance};
 
-use self::timeline::{Clock, Timeline};
+use self::{
+    sending::OwnAvatar,
+    timeline::{Clock, Timeline},
+};
 use crate::reporting::{ReportReason, Reporter, ReportingCounts};
 
 pub use self::{
     avatar_source::{AvatarSource, Update},
+    sending::Outgoing,
     timeline::BLEND,
 };
 
-/// An acknowledgement waits for a report to go with for no more than this number of ticks, unless a
-/// datagram is missing.
-const ACK_TICKS: u32 = 6;
 /// A server that makes more avatars appear than this is not trusted. Each avatar takes about 400
 /// bytes.
 const AVATARS_MAX: usize = 16_384;
@@ -69,6 +71,10 @@ pub struct HeldAvatar {
     /// How long ago that course arrived. The server repeats nothing of an avatar that stays on
     /// course.
     pub age: Duration,
+    /// How old the certainty is that the avatar is on that course: nothing is missing of what the
+    /// server had said up to then. While a datagram is missing, or the server says nothing at all,
+    /// certainty ages.
+    pub certainty: Duration,
 }
 
 /// What a message from the server means to the person at the client.
@@ -95,15 +101,6 @@ pub enum Event {
     Goodbye(String),
 }
 
-/// What to send to the server.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Outgoing {
-    /// Bytes to send as a datagram.
-    Datagram(Vec<u8>),
-    /// A message to send on the stream.
-    Message(ClientMessage),
-}
-
 /// The server breaks the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -126,14 +123,6 @@ struct Held {
     /// The number of the newest datagram with a pose of the avatar; zero before there is one.
     newest_sequence: u32,
     timeline: Timeline,
-}
-
-/// The own avatar.
-#[derive(Clone, Debug, Default)]
-struct OwnAvatar {
-    pose: Pose,
-    /// In how many ticks what has arrived must be acknowledged; `None` when all of it is.
-    ack_due: Option<u32>,
 }
 
 impl Replica {
@@ -199,7 +188,7 @@ impl Replica {
             }
             ServerMessage::Correct { pose } => {
                 self.own.pose = pose.into();
-                self.reporter.forget_course();
+                self.forget_course();
                 Some(Event::Corrected(self.own.pose))
             }
             ServerMessage::Chat { from, text } => {
@@ -227,9 +216,7 @@ impl Replica {
                 self.updates.entry(*avatar).or_insert(Update::Moved);
             }
         }
-        // A gap is told at once, so that what was lost is sent again.
-        let wait = if self.decoder.ack().has_gap() { 0 } else { ACK_TICKS };
-        self.own.ack_due = Some(self.own.ack_due.map_or(wait, |due| due.min(wait)));
+        self.own.owe_ack(now, self.decoder.ack());
         Ok(())
     }
 
@@ -243,38 +230,6 @@ impl Replica {
     /// The pose of the own avatar.
     pub fn pose(&self) -> Pose {
         self.own.pose
-    }
-
-    /// The report that the server asked for, if it did. It must be sent at once.
-    pub fn answer(&mut self, now: Duration) -> Option<ClientMessage> {
-        let report = self.reporter.answer(now, &self.own.pose)?;
-        Some(self.message_with(&report))
-    }
-
-    /// The host has put the own avatar elsewhere: its course begins anew.
-    pub fn forget_course(&mut self) {
-        self.reporter.forget_course();
-    }
-
-    /// What to send at a tick, for a measured round trip: a report where [`Reporter::tick`] has a
-    /// reason for one, or else an acknowledgement that is owed.
-    ///
-    /// Whoever reports at every tick does it in datagrams, because the next report replaces a lost
-    /// one. All other reports go on the stream: a departure that is lost must not pass for silence.
-    pub fn tick(&mut self, now: Duration, round_trip: Duration) -> Option<Outgoing> {
-        if !self.reporter.is_inside() {
-            return None;
-        }
-        let ack_is_due = self.own.ack_due == Some(0);
-        self.own.ack_due = self.own.ack_due.map(|due| due.saturating_sub(1));
-        match self.reporter.tick(now, &self.own.pose, round_trip) {
-            Some((ReportReason::EveryTick, report)) => {
-                let report = WireReport::new(&report, self.tick_interval);
-                Some(self.datagram_with(Some(report)))
-            }
-            Some((_, report)) => Some(Outgoing::Message(self.message_with(&report))),
-            None => ack_is_due.then(|| self.datagram_with(None)),
-        }
     }
 
     /// Why a report is due now; `None` when the client should be silent.
@@ -323,9 +278,14 @@ impl Replica {
 
     /// All avatars that may be in view, as the newest messages have them, in ascending order.
     pub fn held(&self, now: Duration) -> impl Iterator<Item = HeldAvatar> + '_ {
+        let arrived_tick = self.clock.arrived_tick(now);
+        let complete_tick = self.decoder.complete_tick().unwrap_or(0);
         self.others.iter().map(move |(id, other)| {
             let (pose, heard_at) = other.timeline.newest();
-            HeldAvatar { id: *id, pose, age: now.saturating_sub(heard_at) }
+            let certain_tick = complete_tick.max(other.timeline.newest_tick());
+            let ticks = (arrived_tick - f64::from(certain_tick)).max(0.0);
+            let certainty = self.tick_interval.mul_f64(ticks.min(1e6));
+            HeldAvatar { id: *id, pose, age: now.saturating_sub(heard_at), certainty }
         })
     }
 
@@ -359,19 +319,6 @@ impl Replica {
         self.others.insert(avatar, held);
         debug_assert!(self.others.len() <= AVATARS_MAX, "{} avatars", self.others.len());
         self.updates.insert(avatar, Update::Appeared);
-    }
-
-    /// A report for the stream, with an acknowledgement.
-    fn message_with(&mut self, report: &Report) -> ClientMessage {
-        self.own.ack_due = None;
-        let report = WireReport::new(report, self.tick_interval);
-        ClientMessage::Report { report, ack: self.decoder.ack() }
-    }
-
-    /// A datagram with an acknowledgement, and a report if there is one.
-    fn datagram_with(&mut self, report: Option<WireReport>) -> Outgoing {
-        self.own.ack_due = None;
-        Outgoing::Datagram(ClientDatagram { ack: self.decoder.ack(), report }.encode())
     }
 }
 

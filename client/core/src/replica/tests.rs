@@ -1,7 +1,9 @@
 use glam::Vec3;
 use proptest::prelude::*;
+use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_protocol::{
-    pose_stream::PoseEncoder,
+    message::ClientMessage,
+    pose_stream::{ClientDatagram, PoseEncoder},
     quantise::{WireTbv, WireTolerance},
     text::{ChatLine, Name},
 };
@@ -10,7 +12,10 @@ use sightline_world::{
     motion::Body,
 };
 
-use super::*;
+use super::{
+    sending::{ACK_TICKS, ACK_TICKS_LOSSY},
+    *,
+};
 
 const TICK: Duration = Duration::from_millis(50);
 
@@ -91,6 +96,47 @@ fn a_live_client_reports_departures_on_the_stream() {
     assert_eq!(report(replica.answer(TICK * 4).map(Outgoing::Message)).0, 3 * 64 + 2);
 }
 
+/// How reports go at successive ticks, with these places: on the stream, in a datagram, or not.
+fn ways(replica: &mut Replica, from: u32, places: &[f32]) -> String {
+    let way = |(i, x): (u32, &f32)| {
+        replica.set_pose(at(*x));
+        match replica.tick(TICK * i, TICK) {
+            Some(Outgoing::Message(_)) => 's',
+            Some(Outgoing::Datagram(_)) => 'd',
+            None => '-',
+        }
+    };
+    (from..).zip(places).map(way).collect()
+}
+
+#[test]
+fn the_third_report_in_a_row_goes_in_a_datagram_and_the_last_one_on_the_stream_too() {
+    let mut replica = entered();
+    replica.message(TICK, live(100)).unwrap();
+    assert_eq!(ways(&mut replica, 1, &[0.0, 0.0, 0.0, 0.0]), "s---");
+    let jerky = [1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(ways(&mut replica, 5, &jerky), "ssdd-s--");
+}
+
+#[test]
+fn while_the_path_loses_messages_each_report_goes_twice() {
+    let mut replica = entered();
+    replica.message(TICK, live(100)).unwrap();
+    assert_eq!(ways(&mut replica, 1, &[0.0, 0.0]), "s-");
+    replica.hear_losses(TICK * 3, 1);
+    assert_eq!(ways(&mut replica, 3, &[1.0, 1.0, 1.0, 1.0]), "s---", "one may be an accident");
+    replica.hear_losses(TICK * 10, 2);
+    replica.message(TICK * 10, live(50)).unwrap();
+    let answer = replica.answer(TICK * 10).map(Outgoing::Message);
+    replica.set_pose(at(1.0));
+    let copy = replica.tick(TICK * 11, TICK);
+    assert!(matches!(copy, Some(Outgoing::Datagram(_))));
+    assert_eq!(report(copy), report(answer), "the same report");
+    assert_eq!(ways(&mut replica, 12, &[2.0, 2.0, 2.0]), "ds-");
+    replica.hear_losses(TICK * 1_010, 2);
+    assert_eq!(ways(&mut replica, 1_020, &[4.0, 4.0, 4.0]), "s--", "long ago");
+}
+
 #[test]
 fn acknowledgements_wait_for_a_report_unless_a_datagram_is_missing() {
     let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
@@ -104,6 +150,17 @@ fn acknowledgements_wait_for_a_report_unless_a_datagram_is_missing() {
     datagram(50);
     replica.datagram(TICK * 51, &datagram(51)).unwrap();
     assert!(replica.tick(TICK * 51, TICK).is_some(), "one was lost");
+    datagram(52);
+    replica.datagram(TICK * 53, &datagram(53)).unwrap();
+    assert!(replica.tick(TICK * 53, TICK).is_some(), "another one was lost");
+    for tick in 54..57 {
+        replica.datagram(TICK * tick, &datagram(tick)).unwrap();
+        replica.tick(TICK * tick, TICK);
+    }
+    (57..60).for_each(|tick| drop(replica.tick(TICK * tick, TICK)));
+    replica.datagram(TICK * 60, &datagram(60)).unwrap();
+    let waited = (60..90).position(|i| replica.tick(TICK * i, TICK).is_some());
+    assert_eq!(waited, Some(ACK_TICKS_LOSSY as usize), "the path loses datagrams");
 }
 
 #[test]
@@ -200,6 +257,87 @@ fn messages_become_events() {
     assert_eq!(replica.pose(), at(9.0));
     let refused = ServerMessage::Refused { reason: sightline_protocol::message::Refusal::Full };
     assert_eq!(replica.message(TICK, refused), Err(ReplicaError::OutOfPlace));
+}
+
+/// The largest speed at which a walker is shown, from one millisecond to the next, in metres a
+/// second. It turns now and then. Datagrams take 30 ms and up to `jitter_ms` more.
+fn shown_speed_max(jitter_ms: u64, loss: f64) -> f32 {
+    let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
+    let mut random = SmallRng::seed_from_u64(7);
+    let mut pose = at(0.0);
+    let mut datagrams: Vec<(u64, Vec<u8>)> = Vec::new();
+    let (mut before, mut fastest) = (None::<Vec3>, 0.0f32);
+    for ms in 50..60_000u64 {
+        let now = Duration::from_millis(ms);
+        if ms == 90 {
+            replica.message(now, appear(7, 0.0, 1)).unwrap();
+        }
+        if ms.is_multiple_of(50) {
+            pose = pose.straight_on(TICK);
+            let departs = random.random_bool(0.15);
+            if departs {
+                let (sin, cos) = random.random_range(0.0..6.0f32).sin_cos();
+                pose.velocity = Vec3::new(cos, 0.0, sin) * WALK;
+            }
+            let told = if departs { vec![(AvatarId(7), pose)] } else { Vec::new() };
+            for datagram in encoder.encode((ms / 50) as u32, &told) {
+                let arrival = ms + 30 + random.random_range(0..=jitter_ms);
+                if !random.random_bool(loss) {
+                    datagrams.push((arrival, datagram));
+                }
+            }
+            if let Some(Outgoing::Datagram(bytes)) = replica.tick(now, TICK) {
+                encoder.acknowledge(ClientDatagram::decode(&bytes).unwrap().ack);
+            }
+        }
+        for (_, datagram) in datagrams.extract_if(.., |(at, _)| *at <= ms) {
+            let _ = replica.datagram(now, &datagram);
+        }
+        let shown = replica.visible(now).first().map(|shown| shown.pose.eye);
+        if let (Some(before), Some(shown)) = (before, shown) {
+            fastest = fastest.max(shown.distance(before) * 1e3);
+        }
+        before = shown;
+    }
+    fastest
+}
+
+const WALK: f32 = 1.4;
+
+#[test]
+fn corrections_are_blended_and_nobody_leaps() {
+    let even = shown_speed_max(0, 0.0);
+    assert!(even < 1.05 * WALK, "{even} m/s where every course comes in time");
+    let jittery = shown_speed_max(60, 0.0);
+    assert!(jittery < 3.0 * WALK, "{jittery} m/s with jitter");
+    let lossy = shown_speed_max(60, 0.1);
+    assert!(lossy < 8.0 * WALK, "{lossy} m/s with loss");
+}
+
+#[test]
+fn certainty_ages_while_a_datagram_is_missing_or_the_server_is_silent() {
+    let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
+    replica.message(TICK, appear(7, 0.0, 1)).unwrap();
+    replica.message(TICK, appear(8, 0.0, 1)).unwrap();
+    let mut datagram =
+        |tick: u32, avatar: u32| encoder.encode(tick, &[(AvatarId(avatar), at(tick as f32))]);
+    let certainty = |replica: &Replica, tick: u32| -> [u32; 2] {
+        let ages: Vec<u32> =
+            replica.held(TICK * tick).map(|held| held.certainty.as_millis() as u32).collect();
+        [ages[0], ages[1]]
+    };
+    replica.datagram(TICK * 2, &datagram(2, 7).remove(0)).unwrap();
+    assert_eq!(certainty(&replica, 2), [0, 0], "nothing else was said");
+    assert_eq!(certainty(&replica, 4), [100, 100], "the server is silent");
+    datagram(5, 7);
+    replica.datagram(TICK * 6, &datagram(6, 8).remove(0)).unwrap();
+    assert_eq!(certainty(&replica, 6), [200, 0], "a course of the first may be lost");
+    replica.datagram(TICK * 7, &datagram(7, 7).remove(0)).unwrap();
+    assert_eq!(certainty(&replica, 7), [0, 50]);
+    for tick in 8..30 {
+        replica.datagram(TICK * tick, &datagram(tick, 8).remove(0)).unwrap();
+    }
+    assert_eq!(certainty(&replica, 29), [0, 0], "what was lost has come again");
 }
 
 /// A step of the server in a test.

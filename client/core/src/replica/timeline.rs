@@ -8,12 +8,13 @@ use sightline_world::{
     motion::{COURSE_MAX, FREE_FALL, Pose, turn_between},
 };
 
-/// Avatars are shown as they were this many ticks before the newest tick that can have arrived, so
-/// that mostly a new course has arrived by the time at which it begins.
-const DELAY_TICKS: f64 = 1.5;
+/// Avatars are shown as they were this many ticks before the newest tick that can have arrived.
+/// That is the promise of freshness, and a course that is not late arrives just when an avatar must
+/// begin to join it.
+const DELAY_TICKS: f64 = 2.0;
 /// An avatar leaves a course this number of ticks before the next one begins, and is shown on the
 /// straight way to that beginning.
-const JOIN_TICKS: f64 = 2.0;
+const JOIN_TICKS: f64 = DELAY_TICKS;
 /// A course that arrives too late is joined within this time.
 pub const BLEND: Duration = Duration::from_millis(150);
 /// A difference that is larger is not blended: the avatar was put elsewhere. In metres.
@@ -23,6 +24,10 @@ const COURSES_MAX: usize = 6;
 /// The estimate of the server's clock follows messages that are later than estimated within this
 /// time.
 const CLOCK_SLACK_S: f64 = 25.0;
+/// A smaller change of the estimate does not begin a correction anew, in seconds.
+const CLOCK_TRIFLE_S: f64 = 1e-3;
+/// A larger correction of the clock is made at once, in seconds.
+const CLOCK_STEP_S: f64 = 0.5;
 
 /// The estimate of when the server's ticks are on the client's clock.
 #[derive(Clone, Debug)]
@@ -34,32 +39,70 @@ pub struct Clock {
     origin_s: Option<f64>,
     /// When the last message arrived, in seconds.
     heard_s: f64,
+    /// What is shown does not leap when the estimate changes.
+    correction: Option<ClockCorrection>,
+}
+
+/// By how much what is shown still lags behind the estimate of the clock. That shrinks evenly to
+/// nothing. All are in seconds of the client's clock.
+#[derive(Clone, Copy, Debug)]
+struct ClockCorrection {
+    from_s: f64,
+    until_s: f64,
+    behind_s: f64,
+}
+
+impl ClockCorrection {
+    fn left_s(&self, now_s: f64) -> f64 {
+        let left = (self.until_s - now_s) / (self.until_s - self.from_s);
+        self.behind_s * left.clamp(0.0, 1.0)
+    }
 }
 
 impl Clock {
     /// An estimate for a server with this time from tick to tick.
     pub fn new(interval: Duration) -> Self {
-        Self { interval_s: interval.as_secs_f64(), newest: 0, origin_s: None, heard_s: 0.0 }
+        let interval_s = interval.as_secs_f64();
+        Self { interval_s, newest: 0, origin_s: None, heard_s: 0.0, correction: None }
     }
 
-    /// Takes in that a message of a tick arrived. The fastest messages count at once, later ones
-    /// slowly.
+    /// Takes in that a message of a tick arrived. The fastest messages count within 150 ms, later
+    /// ones slowly.
     pub fn synchronise(&mut self, tick: u32, now: Duration) {
         self.newest = self.newest.max(tick);
         let now_s = now.as_secs_f64();
         let origin = now_s - f64::from(tick) * self.interval_s;
         let share = ((now_s - self.heard_s) / CLOCK_SLACK_S).clamp(0.0, 0.1);
         self.heard_s = now_s;
-        self.origin_s = Some(match self.origin_s {
-            Some(known) if origin > known => known + (origin - known) * share,
-            _ => origin,
-        });
+        let Some(known) = self.origin_s.replace(origin) else { return };
+        let estimate = if origin > known { known + (origin - known) * share } else { origin };
+        self.origin_s = Some(estimate);
+        self.correct(now_s, known - estimate);
+    }
+
+    /// Lets what is shown follow a change of the estimate, by which it would be ahead at once.
+    fn correct(&mut self, now_s: f64, ahead_s: f64) {
+        let before = self.correction.filter(|correction| now_s < correction.until_s);
+        let behind_s = ahead_s + before.map_or(0.0, |correction| correction.left_s(now_s));
+        let until_s = match before {
+            Some(before) if ahead_s.abs() < CLOCK_TRIFLE_S => before.until_s,
+            _ => now_s + BLEND.as_secs_f64(),
+        };
+        let is_small = behind_s.abs() <= CLOCK_STEP_S && behind_s != 0.0;
+        self.correction = is_small.then_some(ClockCorrection { from_s: now_s, until_s, behind_s });
     }
 
     /// The moment that is shown now, in ticks.
     pub fn shown_tick(&self, now: Duration) -> f64 {
-        let Some(origin) = self.origin_s else { return f64::from(self.newest) };
-        (now.as_secs_f64() - origin) / self.interval_s - DELAY_TICKS
+        let left_s = |correction: ClockCorrection| correction.left_s(now.as_secs_f64());
+        let behind_s = self.correction.map_or(0.0, left_s);
+        self.arrived_tick(now) - behind_s / self.interval_s - DELAY_TICKS
+    }
+
+    /// The newest tick that can have arrived now, and the part of the next one that has passed.
+    pub fn arrived_tick(&self, now: Duration) -> f64 {
+        let Some(origin) = self.origin_s else { return f64::from(self.newest) + DELAY_TICKS };
+        (now.as_secs_f64() - origin) / self.interval_s
     }
 
     /// The moment in ticks that has a time of [`Clock::shown_time_s`]; the newest tick as long as
@@ -172,6 +215,11 @@ impl Timeline {
     /// The newest course as it is at its beginning, and when it arrived.
     pub fn newest(&self) -> (Pose, Duration) {
         (self.last().pose, self.heard_at)
+    }
+
+    /// The tick at which the newest course begins.
+    pub fn newest_tick(&self) -> u32 {
+        self.last().tick
     }
 
     /// The pose at a moment, in ticks.

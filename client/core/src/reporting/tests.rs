@@ -87,6 +87,25 @@ fn a_turn_is_told_at_the_second_tick_and_one_that_is_taken_back_is_not() {
     assert_eq!(reasons, [asked, None, None, None, None, departed, None]);
 }
 
+/// The yaws at successive ticks at which there is a report, and the rates of turning in them.
+fn turns_told(yaws: &[f32]) -> Vec<(usize, f32)> {
+    let mut reporter = live(TOLERANCE);
+    let report_at = |(i, yaw): (usize, &f32)| {
+        let pose = Pose { yaw: *yaw, ..pose(0.0) };
+        let (_, report) = reporter.tick(TICK * i as u32, &pose, TICK)?;
+        Some((i, report.pose.yaw_rate))
+    };
+    yaws.iter().enumerate().filter_map(report_at).collect()
+}
+
+#[test]
+fn a_large_turn_is_told_at_once_and_a_flick_is_not_taken_to_go_on() {
+    let turn = turns_told(&[0.0, 0.0, 0.3, 0.6, 0.9, 1.2, 1.5]);
+    let [(0, _), (3, rate)] = turn[..] else { panic!("{turn:?}") };
+    assert!((rate - 6.0).abs() < 0.02, "an even turn goes on at {rate} radians a second");
+    assert_eq!(turns_told(&[0.0, 0.0, 1.0, 1.0, 1.0]), [(0, 0.0), (2, 0.0)]);
+}
+
 #[test]
 fn a_finer_tolerance_asks_for_a_report_and_a_coarser_one_does_not() {
     let mut reporter = live(TOLERANCE);

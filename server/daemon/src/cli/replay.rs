@@ -34,6 +34,11 @@ pub struct ReplayArgs {
     /// The round trip of every client, in milliseconds: 0 to 10000.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(..=10_000))]
     rtt: u32,
+    /// The share of messages that are lost, in per cent: 0 to 50. A lost datagram never arrives. What
+    /// goes on a stream arrives a round trip later, and so does all that follows it. The same
+    /// messages are lost in every run.
+    #[arg(long, value_name = "PER_CENT", default_value_t = 0.0, value_parser = loss_percent)]
+    loss: f64,
     /// The speed limit in metres a second, in place of the world's own. An avatar that moves faster
     /// announces a jump.
     #[arg(long, value_name = "METRES")]
@@ -238,6 +243,11 @@ fn compare(
 fn options(args: &ReplayArgs) -> anyhow::Result<ReplayOptions> {
     let policy = if let PolicyChoice::One(policy) = args.policy { policy } else { Policy::Tbv };
     let mut options = ReplayOptions::new(policy, Duration::from_millis(args.rtt.into()));
+    if args.loss > 0.0 {
+        options.network.loss = args.loss / 100.0;
+        // Some messages are late now, so the engine measures by how much, as it is served.
+        options.config.margin = Config::default().margin;
+    }
     if let Some(speed_max) = args.speed_max {
         anyhow::ensure!(
             speed_max.is_finite() && speed_max > 0.0 && speed_max <= 1_000.0,
@@ -266,6 +276,11 @@ fn policies(text: &str) -> Result<PolicyChoice, PolicyError> {
 
 fn validities(text: &str) -> Result<ValidityChoice, &'static str> {
     if text == "all" { Ok(ValidityChoice::All) } else { text.parse().map(ValidityChoice::One) }
+}
+
+fn loss_percent(text: &str) -> Result<f64, &'static str> {
+    let loss = text.parse().ok().filter(|loss| (0.0..=50.0).contains(loss));
+    loss.ok_or("use a number from 0 to 50")
 }
 
 fn stride(text: &str) -> Result<OracleStride, String> {

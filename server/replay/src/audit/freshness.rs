@@ -6,9 +6,8 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_cli::percentile::percentile;
 use sightline_engine::Engine;
-use sightline_world::motion::{AvatarId, Pose};
+use sightline_world::motion::AvatarId;
 
 use super::super::simulated_clients::{SimulatedClient, SimulatedClients};
 
@@ -116,39 +115,6 @@ fn first_within(from: Vec3, way: Vec3, level_m: f32, height_m: f32) -> Option<f3
     };
     let (first, last) = (level[0].max(height[0]).max(0.0), level[1].min(height[1]).min(1.0));
     (first <= last).then_some(first)
-}
-
-/// How far avatars are shown from where they are.
-#[derive(Default)]
-pub(super) struct ShownErrors {
-    metres: Vec<f32>,
-    degrees: Vec<f32>,
-}
-
-impl ShownErrors {
-    /// Takes in where an avatar is shown, and where it is.
-    pub(super) fn add(&mut self, shown: &Pose, truth: &Pose) {
-        let turned = (shown.yaw - truth.yaw + std::f32::consts::PI)
-            .rem_euclid(std::f32::consts::TAU)
-            - std::f32::consts::PI;
-        self.metres.push(shown.eye.distance(truth.eye));
-        self.degrees.push(turned.abs().to_degrees());
-    }
-
-    /// Takes in all of another one.
-    pub(super) fn append(&mut self, other: &Self) {
-        self.metres.extend(&other.metres);
-        self.degrees.extend(&other.degrees);
-    }
-
-    /// The median and the 99th percentile of the distances, in metres, and of the angles of yaw, in
-    /// degrees.
-    pub(super) fn percentiles(mut self) -> [[f64; 2]; 2] {
-        [&mut self.metres, &mut self.degrees].map(|values| {
-            values.sort_unstable_by(f32::total_cmp);
-            [50, 99].map(|percent| f64::from(percentile(values, percent).unwrap_or_default()))
-        })
-    }
 }
 
 /// By how much each avatar may have been off its course, now and a while ago.

@@ -9,7 +9,7 @@ mod pairs;
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 use rayon::prelude::*;
-use sightline_cli::trace::Trace;
+use sightline_cli::{pose_error::PoseErrors, trace::Trace};
 use sightline_client_core::replica::BLEND;
 use sightline_engine::Engine;
 use sightline_oracle::Oracle;
@@ -27,7 +27,7 @@ use super::{
 };
 use author::AuthorRules;
 use floor::{Floor, Sightings};
-use freshness::{Past, ShownErrors, Tolerances};
+use freshness::{Past, Tolerances};
 use look_ahead::{HorizonMotion, Reachable};
 use pairs::{Participant, Scene, ViewerFindings};
 
@@ -54,7 +54,8 @@ pub(super) struct Audit {
     settling: Duration,
     report: OracleReport,
     totals: Totals,
-    shown_errors: ShownErrors,
+    shown_errors: PoseErrors,
+    promised_errors: PoseErrors,
     tolerances: Tolerances,
     sightings: Sightings,
     tick: Duration,
@@ -103,7 +104,8 @@ impl Audit {
                 ..OracleReport::default()
             },
             totals: Totals::default(),
-            shown_errors: ShownErrors::default(),
+            shown_errors: PoseErrors::default(),
+            promised_errors: PoseErrors::default(),
             tolerances: Tolerances::default(),
             sightings: Sightings::default(),
             tick,
@@ -129,7 +131,7 @@ impl Audit {
         let participant = |client| self.participant(now, client, clients, network);
         let participants: Vec<Participant<'_>> = clients.present().map(participant).collect();
         let tolerances = &self.tolerances;
-        let scene = Scene { now, all: &participants, network, tolerances, engine };
+        let scene = Scene { now, all: &participants, clients, network, tolerances, engine };
         let look = |viewer| self.look_from(viewer, &scene);
         let findings: Vec<ViewerFindings> = participants.par_iter().map(look).collect();
         self.report.instants += 1;
@@ -211,6 +213,7 @@ impl Audit {
         report.first_stale.extend(findings.stale.iter().take(room));
         report.age_worst_ms = report.age_worst_ms.max(findings.age_worst.as_secs_f64() * 1e3);
         self.shown_errors.append(&findings.shown_errors);
+        self.promised_errors.append(&findings.promised_errors);
         self.totals.ages += findings.ages;
         self.totals.age_sum += findings.age_sum;
     }
@@ -242,7 +245,8 @@ impl Audit {
     /// What was found in the whole run.
     pub(super) fn report(self, clients: &SimulatedClients<'_>) -> OracleReport {
         let Floor { reports, hidden_share } = self.sightings.floor(clients, self.tick);
-        let [metres, degrees] = self.shown_errors.percentiles();
+        let shown = self.shown_errors.percentiles();
+        let promised = self.promised_errors.percentiles();
         let share = |part: u64, of: u64| part as f64 / of.max(1) as f64;
         let (report, totals) = (self.report, self.totals);
         debug_assert!(report.pairs_foreseen <= report.pairs_held, "foreseen pairs are held");
@@ -254,10 +258,14 @@ impl Audit {
             hidden_held: share(totals.hidden_held, totals.hidden),
             floor_reports: reports,
             floor_hidden_share: hidden_share,
-            shown_error_p50_m: metres[0],
-            shown_error_p99_m: metres[1],
-            shown_error_p50_deg: degrees[0],
-            shown_error_p99_deg: degrees[1],
+            shown_error_p50_m: shown.p50_m,
+            shown_error_p99_m: shown.p99_m,
+            shown_error_p50_deg: shown.p50_deg,
+            shown_error_p99_deg: shown.p99_deg,
+            promised_error_p50_m: promised.p50_m,
+            promised_error_p99_m: promised.p99_m,
+            promised_error_p50_deg: promised.p50_deg,
+            promised_error_p99_deg: promised.p99_deg,
             age_mean_ms: totals.age_sum.as_secs_f64() * 1e3 / totals.ages.max(1) as f64,
             ..report
         }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use sightline_cli::pose_error::PoseErrors;
 use sightline_client_core::replica::{BLEND, Replica, VisibleAvatar};
 use sightline_engine::Engine;
 use sightline_visibility::rooms::SealedRooms;
@@ -11,9 +12,10 @@ use super::{
     super::{
         network::{AgeBound, SimulatedNetwork},
         report::{MissedAvatar, StalePosition},
+        simulated_clients::SimulatedClients,
     },
     Audit, PAST_SPARE,
-    freshness::{Past, ShownErrors, Tolerances, Within},
+    freshness::{Past, Tolerances, Within},
     look_ahead::{HorizonMotion, can_come_into_sight},
 };
 
@@ -49,6 +51,7 @@ pub(super) struct Participant<'a> {
 pub(super) struct Scene<'a> {
     pub(super) now: Duration,
     pub(super) all: &'a [Participant<'a>],
+    pub(super) clients: &'a SimulatedClients<'a>,
     pub(super) network: &'a SimulatedNetwork,
     pub(super) tolerances: &'a Tolerances,
     pub(super) engine: &'a Engine,
@@ -67,7 +70,10 @@ pub(super) struct ViewerFindings {
     pub(super) age_sum: Duration,
     pub(super) age_worst: Duration,
     pub(super) stale: Vec<StalePosition>,
-    pub(super) shown_errors: ShownErrors,
+    /// How far shown poses are off those of now.
+    pub(super) shown_errors: PoseErrors,
+    /// How far shown poses are off the promised ones.
+    pub(super) promised_errors: PoseErrors,
     /// The visible participants, by their place among all.
     pub(super) seen: Vec<usize>,
 }
@@ -113,6 +119,7 @@ impl Audit {
                 (true, None) => findings.miss(&pair),
                 (true, Some(shown)) if pair.is_settled() => {
                     findings.shown_errors.add(&shown.pose, &other.pose);
+                    findings.compare_promise(&pair, shown, scene);
                     if !pair.is_late() && other.is_joined {
                         findings.compare_age(&pair, shown, scene);
                     }
@@ -153,6 +160,16 @@ impl ViewerFindings {
             self.misses_late += 1;
         } else {
             self.misses.push(pair.missed());
+        }
+    }
+
+    /// Compares where an avatar is shown with where it was one delay and two ticks ago.
+    fn compare_promise(&mut self, pair: &Pair<'_>, shown: &VisibleAvatar, scene: &Scene<'_>) {
+        let Scene { now, clients, network, engine, .. } = scene;
+        let avatar = pair.other.avatar;
+        let lag = network.delay(pair.viewer.avatar, avatar) + 2 * engine.config().tick;
+        if let Some(promised) = clients.pose_at(avatar, now.saturating_sub(lag)) {
+            self.promised_errors.add(&shown.pose, &promised);
         }
     }
 

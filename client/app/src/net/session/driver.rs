@@ -153,6 +153,7 @@ impl Driver {
             let mut state = self.shared.lock();
             let now = self.shared.now();
             state.meter.read(now, [stats.udp_rx.bytes, stats.udp_tx.bytes]);
+            state.replica.hear_losses(now, stats.path.lost_packets);
             state.replica.tick(now, stats.path.rtt)
         };
         match outgoing {

@@ -98,6 +98,11 @@ impl Session {
         &self.world
     }
 
+    /// The server's time from tick to tick.
+    pub fn tick_interval(&self) -> Duration {
+        self.shared.lock().replica.tick_interval()
+    }
+
     /// The id of this client's avatar.
     pub fn avatar(&self) -> AvatarId {
         self.shared.lock().replica.avatar()
