@@ -87,8 +87,7 @@ impl Navigation {
 
     /// A grid of this distance between neighbouring places, and of this number of places at most.
     fn grid(world: &World, pitch: f32, places_max: usize) -> Self {
-        let mut navigation =
-            Self { pitch, eye_height: world.body.below_eye, ..Self::default() };
+        let mut navigation = Self { pitch, eye_height: world.body.below_eye, ..Self::default() };
         let probe = Probe::new(world);
         let mut open = VecDeque::new();
         for spawn in &world.spawns {

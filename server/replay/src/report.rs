@@ -320,10 +320,7 @@ impl fmt::Display for OracleReport {
         let metres = [self.promised_error_p50_m, self.promised_error_p99_m].map(|m| m * 100.0);
         let degrees = [self.promised_error_p50_deg, self.promised_error_p99_deg];
         row("off the promise, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;
-        row(
-            "turned off it, median, p99",
-            format!("{:.1}, {:.1} degrees", degrees[0], degrees[1]),
-        )?;
+        row("turned off it, median, p99", format!("{:.1}, {:.1} degrees", degrees[0], degrees[1]))?;
         let metres = [self.shown_error_p50_m, self.shown_error_p99_m].map(|m| m * 100.0);
         let degrees = [self.shown_error_p50_deg, self.shown_error_p99_deg];
         row("shown off by, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;

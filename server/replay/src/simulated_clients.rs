@@ -357,9 +357,7 @@ impl<'a> SimulatedClients<'a> {
         let is_report = report.is_some();
         let is_valid = client.replica.tbv().is_some_and(|tbv| now + self.tick <= tbv.expiry);
         let uplink = match outgoing {
-            Some(outgoing) if is_report => {
-                self.send_report(id, now, kind, outgoing)
-            }
+            Some(outgoing) if is_report => self.send_report(id, now, kind, outgoing),
             // An acknowledgement goes with the jump.
             Some(Outgoing::Datagram(bytes)) => {
                 let ack = ClientDatagram::decode(&bytes).ok().map(|datagram| datagram.ack);

@@ -106,7 +106,10 @@ fn table(report: &SwarmReport) -> String {
         ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
         ("shown off by, 99th percentile", format!("{:.1} cm", report.shown_error_p99_m * 100.0)),
         ("off the promise, median", format!("{:.1} cm", report.promised_error_p50_m * 100.0)),
-        ("off the promise, 99th percentile", format!("{:.1} cm", report.promised_error_p99_m * 100.0)),
+        (
+            "off the promise, 99th percentile",
+            format!("{:.1} cm", report.promised_error_p99_m * 100.0),
+        ),
         ("turned off it, median", format!("{:.1} degrees", report.promised_error_p50_deg)),
         ("turned off it, 99th percentile", format!("{:.1} degrees", report.promised_error_p99_deg)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),

@@ -77,7 +77,10 @@ impl History {
                     poses.iter().find(|(later, _)| later > t).map_or(now, |(later, _)| *later);
                 now.saturating_sub(until).as_secs_f64() * 1e3
             }
-            None if poses.front().is_some_and(|(t, _)| now.saturating_sub(*t) + STEP >= HISTORY) => {
+            None if poses
+                .front()
+                .is_some_and(|(t, _)| now.saturating_sub(*t) + STEP >= HISTORY) =>
+            {
                 HISTORY.as_secs_f64() * 1e3
             }
             // The visitor was there before its first recorded pose.

@@ -11,10 +11,7 @@ mod timeline;
 use std::{collections::BTreeMap, time::Duration};
 
 use sightline_protocol::{
-    DecodeError,
-    message::ServerMessage,
-    pose_stream::PoseDecoder,
-    quantise::WirePose,
+    DecodeError, message::ServerMessage, pose_stream::PoseDecoder, quantise::WirePose,
 };
 use sightline_world::motion::{Agility, AvatarId, Pose, ReportingState, Tbv, Tolerance};
 
