@@ -58,3 +58,59 @@ impl Promises {
 fn lag(viewer: &VisitorView, other: &VisitorView, tick: Duration) -> Duration {
     (viewer.round_trip + other.round_trip) / 2 + 2 * tick
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::Vec3;
+    use sightline_fixtures::two_rooms;
+    use sightline_world::motion::{Pose, ReportingState};
+
+    use super::*;
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    /// A visitor that walks at 1 m/s, and is shown as it was so long ago.
+    fn errors(shown_ago_ms: u64) -> PoseErrorPercentiles {
+        let sight = Sight::new(Arc::new(two_rooms::world()));
+        let (mut promises, mut histories) = (Promises::default(), Histories::default());
+        let pose_at = |t: u64| Pose {
+            eye: Vec3::new(1.0 + t as f32 * 1e-3, 1.6, 3.0),
+            yaw: t as f32 * 1e-3,
+            ..Pose::default()
+        };
+        let view = |id: u32, pose: Pose, shown: Vec<VisibleAvatar>| VisitorView {
+            avatar: AvatarId(id),
+            pose,
+            reporting_state: Some(ReportingState::Live),
+            leapt: None,
+            round_trip: ms(100),
+            held: Vec::new(),
+            shown,
+        };
+        for t in (0..2_000).step_by(25) {
+            histories.push(AvatarId(7), ms(t), pose_at(t));
+            let pose = pose_at(t.saturating_sub(shown_ago_ms));
+            let shown = VisibleAvatar { id: AvatarId(7), name: String::new(), colour: [0; 3], pose };
+            let viewer = Pose { eye: Vec3::new(1.0, 1.6, 4.0), ..Pose::default() };
+            let visitors = vec![view(3, viewer, vec![shown]), view(7, pose_at(t), Vec::new())];
+            if t >= 1_000 {
+                let snapshot = SwarmSnapshot { elapsed: ms(t), tick: ms(50), visitors };
+                promises.observe(&snapshot, &sight, &histories);
+            }
+        }
+        promises.percentiles()
+    }
+
+    #[test]
+    fn who_is_shown_as_one_delay_and_two_ticks_ago_is_shown_as_promised() {
+        let promised = errors(200);
+        assert!(promised.p99_m < 1e-4 && promised.p99_deg < 0.01, "{promised:?}");
+        let late = errors(300);
+        assert!((late.p50_m - 0.1).abs() < 1e-3, "{late:?}");
+        assert!((late.p99_deg - 0.1_f64.to_degrees()).abs() < 0.1, "{late:?}");
+    }
+}

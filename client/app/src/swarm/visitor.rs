@@ -36,7 +36,7 @@ const TURN_FIRST: f32 = 1.2;
 const GAZE: f32 = 2.0;
 /// The share of goals at which a visitor rests, and for how long, in seconds.
 const REST_SHARE: f64 = 0.7;
-const REST_S: std::ops::Range<f32> = 0.5..6.0;
+const REST_S: std::ops::Range<f32> = 1.0..14.0;
 
 /// What moves a visitor.
 pub enum Visitor {

@@ -132,6 +132,7 @@ impl Driver {
             if let Some(mut event) = state.replica.message(now, message)? {
                 match &mut event {
                     Event::Goodbye(reason) => goodbye = Some(reason.clone()),
+                    Event::Corrected(_) => state.posed = None,
                     Event::Chat { from, name, .. } if *from == state.replica.avatar() => {
                         *name = self.shared.name.to_string();
                     }
@@ -139,6 +140,7 @@ impl Driver {
                 }
                 state.push_event(event);
             }
+            state.move_on(now);
             state.replica.answer(now)
         };
         if let Some(answer) = answer {
@@ -153,6 +155,7 @@ impl Driver {
             let mut state = self.shared.lock();
             let now = self.shared.now();
             state.meter.read(now, [stats.udp_rx.bytes, stats.udp_tx.bytes]);
+            state.move_on(now);
             state.replica.hear_losses(now, stats.path.lost_packets);
             state.replica.tick(now, stats.path.rtt)
         };

@@ -108,12 +108,17 @@ impl Session {
         self.shared.lock().replica.avatar()
     }
 
-    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must.
+    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must:
+    /// as it is then, straight on from the last frame.
     pub fn set_pose(&self, pose: Pose) {
-        self.shared.lock().replica.set_pose(pose);
+        let now = self.shared.now();
+        let mut state = self.shared.lock();
+        state.replica.set_pose(pose);
+        state.posed = pose.is_finite().then_some((now, pose));
     }
 
-    /// The pose of this client's avatar: the last one set, entered with or corrected to.
+    /// The pose of this client's avatar: the last one set, entered with or corrected to, or straight
+    /// on from there.
     pub fn pose(&self) -> Pose {
         self.shared.lock().replica.pose()
     }

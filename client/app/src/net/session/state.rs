@@ -12,7 +12,10 @@ use std::{
 use quinn::Connection;
 use sightline_client_core::replica::{Event, Replica};
 use sightline_protocol::text::Name;
+use sightline_world::motion::Pose;
 
+/// The own avatar is not moved on by itself for longer than this.
+const MOVE_ON_MAX: Duration = Duration::from_millis(50);
 /// The number of events kept for the caller. Beyond it, the oldest are dropped.
 const EVENTS_MAX: usize = 1_024;
 
@@ -32,6 +35,8 @@ pub(super) struct SharedState {
 /// The part of the state behind a lock.
 pub(super) struct LockedState {
     pub(super) replica: Replica,
+    /// The pose of the own avatar as it was last set, and when.
+    pub(super) posed: Option<(Duration, Pose)>,
     pub(super) events: VecDeque<Event>,
     /// Why the session ended; `None` while it runs.
     pub(super) end: Option<String>,
@@ -57,7 +62,7 @@ impl SharedState {
             connection,
             started: Instant::now(),
             name,
-            locked: Mutex::new(LockedState { replica, events, end: None, meter }),
+            locked: Mutex::new(LockedState { replica, posed: None, events, end: None, meter }),
             messages_in: AtomicU64::new(0),
             messages_out: AtomicU64::new(0),
             bytes_in: AtomicU64::new(0),
@@ -89,6 +94,13 @@ impl SharedState {
 }
 
 impl LockedState {
+    /// Moves the own avatar on to where it is now, straight on from where it was last set.
+    pub(super) fn move_on(&mut self, now: Duration) {
+        if let Some((at, pose)) = self.posed {
+            self.replica.set_pose(pose.straight_on(now.saturating_sub(at).min(MOVE_ON_MAX)));
+        }
+    }
+
     /// Keeps an event for the caller. Drops the oldest one when too many wait.
     pub(super) fn push_event(&mut self, event: Event) {
         if self.events.len() >= EVENTS_MAX {
@@ -113,5 +125,31 @@ impl RateMeter {
     /// The bytes received and sent in the last second, per second.
     pub(super) fn rate(&self) -> [f64; 2] {
         self.rate
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use sightline_world::motion::{Agility, AvatarId, Body};
+
+    use super::*;
+
+    #[test]
+    fn between_two_frames_the_own_avatar_goes_straight_on_for_a_short_while() {
+        let (tick, agility) = (Duration::from_millis(50), Agility::of(&Body::PERSON, 4.0));
+        let replica = Replica::new(AvatarId(1), tick, agility);
+        let (events, meter) = (VecDeque::new(), RateMeter::default());
+        let mut state = LockedState { replica, posed: None, events, end: None, meter };
+        let mut x_at = |posed, ms: u64| {
+            state.posed = posed;
+            state.move_on(Duration::from_millis(ms));
+            state.replica.pose().eye.x
+        };
+        assert_eq!(x_at(None, 500), 0.0);
+        let posed = Pose { eye: Vec3::X, velocity: Vec3::X, ..Pose::default() };
+        let posed = Some((Duration::from_millis(100), posed));
+        let places = [100, 120, 150, 900].map(|ms| x_at(posed, ms));
+        assert!(places.iter().zip([1.0, 1.02, 1.05, 1.05]).all(|(x, at)| (x - at).abs() < 1e-5));
     }
 }
