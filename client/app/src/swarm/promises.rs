@@ -94,7 +94,8 @@ mod tests {
         for t in (0..2_000).step_by(25) {
             histories.push(AvatarId(7), ms(t), pose_at(t));
             let pose = pose_at(t.saturating_sub(shown_ago_ms));
-            let shown = VisibleAvatar { id: AvatarId(7), name: String::new(), colour: [0; 3], pose };
+            let shown =
+                VisibleAvatar { id: AvatarId(7), name: String::new(), colour: [0; 3], pose };
             let viewer = Pose { eye: Vec3::new(1.0, 1.6, 4.0), ..Pose::default() };
             let visitors = vec![view(3, viewer, vec![shown]), view(7, pose_at(t), Vec::new())];
             if t >= 1_000 {
