@@ -153,3 +153,12 @@ fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {
     let left: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(left, ["b.glb"]);
 }
+
+#[test]
+fn a_share_of_lost_messages_that_is_none_is_wrong_usage() {
+    let folder = tempfile::tempdir().unwrap();
+    for loss in ["51", "-1", "NaN", "many"] {
+        let loss = format!("--loss={loss}");
+        assert_eq!(unheard(folder.path(), &["replay", "w.slw", "t.csv", &loss]), Some(2), "{loss}");
+    }
+}

@@ -112,6 +112,7 @@ fn table(report: &SwarmReport) -> String {
         ),
         ("turned off it, median", format!("{:.1} degrees", report.promised_error_p50_deg)),
         ("turned off it, 99th percentile", format!("{:.1} degrees", report.promised_error_p99_deg)),
+        ("certainty, 99th percentile", format!("{:.0} ms", report.certainty_p99_ms)),
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
         ("misses", format!("{}", report.misses)),

@@ -74,6 +74,10 @@ pub struct SwarmReport {
     pub promised_error_p50_deg: f64,
     /// That angle: the 99th percentile.
     pub promised_error_p99_deg: f64,
+    /// The 99th percentile of the ages of certainty, in milliseconds: since when something may be
+    /// missing of what the server said of a visitor that is held. A server with nothing to say lets
+    /// certainty age.
+    pub certainty_p99_ms: f64,
     /// The mean age of shown positions: how long ago the visitor was last there, within what it may
     /// leave unsaid and what its viewer can hardly tell. In milliseconds.
     pub age_mean_ms: f64,
@@ -104,6 +108,8 @@ pub struct SwarmStatistics {
     views: u64,
     /// How far visitors are shown off where they are.
     shown_errors: PoseErrors,
+    /// How old the certainty was of each held visitor.
+    certainty: Vec<Duration>,
 }
 
 impl SwarmStatistics {
@@ -125,6 +131,7 @@ impl SwarmStatistics {
             held: 0,
             views: 0,
             shown_errors: PoseErrors::default(),
+            certainty: Vec::new(),
         }
     }
 
@@ -143,6 +150,7 @@ impl SwarmStatistics {
         self.promises.observe(snapshot, sight, &self.histories);
         for view in &snapshot.visitors {
             self.views += 1;
+            self.certainty.extend(view.held.iter().map(|held| held.certainty));
             for shown in &view.shown {
                 self.held += 1;
                 let Some(history) = self.histories.of(shown.id) else { continue };
@@ -180,6 +188,9 @@ impl SwarmStatistics {
         };
         let ticks = sum(|counts| counts.ticks).max(1.0);
         let promised = self.promises.percentiles();
+        let mut certainty = self.certainty.clone();
+        certainty.sort_unstable();
+        let certainty_p99 = percentile::percentile(&certainty, 99).unwrap_or_default();
         let aged: u64 = self.ages.iter().sum();
         let round_trips = end.iter().map(|stats| stats.round_trip.as_secs_f64() * 1e3);
         SwarmReport {
@@ -204,6 +215,7 @@ impl SwarmStatistics {
             promised_error_p99_m: promised.p99_m,
             promised_error_p50_deg: promised.p50_deg,
             promised_error_p99_deg: promised.p99_deg,
+            certainty_p99_ms: certainty_p99.as_secs_f64() * 1e3,
             age_mean_ms: self.age_sum_ms / aged.max(1) as f64,
             age_p99_ms: self.age_percentile(aged, 99),
             age_max_ms: self.age_max_ms,
