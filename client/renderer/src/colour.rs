@@ -100,8 +100,12 @@ pub(super) fn sky(ray: Vec3) -> u32 {
     sky_line(ray.into(), Vec3A::ZERO)[0]
 }
 
-/// A colour seen through a pane of another colour.
+/// A colour seen through a pane of another colour. Black is the pane of what only stops bodies
+/// (`Material::GLASS`): it tints nothing.
 pub(super) fn through_glass(behind: u32, glass: u32) -> u32 {
+    if glass == 0 {
+        return behind;
+    }
     pack(unpack(behind).lerp(unpack(glass), GLASS_SHARE))
 }
 
@@ -142,6 +146,12 @@ mod tests {
             let light = light(normal / length, along);
             assert!((light_outside(normal.to_array(), 1.0 / length) - light).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn glass_tints_unless_it_is_black() {
+        assert_eq!(through_glass(0x00c8_6432, 0), 0x00c8_6432);
+        assert_eq!(through_glass(0x0064_6464, 0x00c8_0000), 0x0082_4646);
     }
 
     #[test]

@@ -32,6 +32,8 @@ const MARGIN: Vec3 = Vec3::new(4.0, 3.0, 4.0);
 /// The cell size is chosen so that about this many pairs of cells see each other. Two cores find
 /// them in about ten seconds, and they take about ten megabytes.
 const PAIRS_ABOUT: f64 = 2.5e7;
+/// `--cell` may ask for about this many pairs: some gigabytes and some minutes.
+const PAIRS_MAX: f64 = 1.0e9;
 /// Each space adds this many pairs to [`PAIRS_ABOUT`], so that large buildings get no coarser cells.
 const PAIRS_PER_SPACE: f64 = 2_000.0;
 
@@ -63,6 +65,9 @@ pub fn compile(
 ) -> Result<(World, CompileReport), CompileError> {
     let relay = ProgressRelay::new(progress);
     let bounds = model.bounds().ok_or(CompileError::Empty)?;
+    // What cannot be done is refused before anything is.
+    let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
+    voxelise::check(&model.surfaces, &bounds, voxel)?;
     let mut timer = StageTimer::default();
 
     relay.begin(Stage::Carving)?;
@@ -79,7 +84,6 @@ pub fn compile(
     let cells = timer.time(Stage::Pvs, || cells_with_pvs(&spaces, options.cell, &relay))?;
     let mesh = mesh(&model.opaque);
     let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
-    let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
     let lit = timer.time(Stage::Light, || lit(model, voxel, &relay))?;
     relay.begin(Stage::Voxels)?;
     let octree = timer.time(Stage::Voxels, || {
@@ -109,6 +113,7 @@ pub fn compile(
     let SpawnPoints { spawns, warnings } = found;
     world.spawns = spawns;
     let report = CompileReport {
+        size_m: bounds.size().to_array(),
         triangles: model.surfaces.iter().map(|s| s.triangles.len()).sum(),
         opaque: model.opaque.len(),
         turn,
@@ -173,12 +178,14 @@ fn cells_with_pvs(
     let whole = subdivide::cells(spaces, &CellSize::WHOLE);
     let seen = pvs::spaces_seen(&whole, &|share| report(share * 0.1));
     let seen = seen.ok_or(CompileError::Cancelled)?;
-    let size = match width {
-        Some(width) => CellSize::of_width(width),
-        None => {
-            let pairs = PAIRS_ABOUT + PAIRS_PER_SPACE * whole.spaces.len() as f64;
-            pvs::cell_size_for(pairs, &whole.spaces, &seen)
+    let pairs = PAIRS_ABOUT + PAIRS_PER_SPACE * whole.spaces.len() as f64;
+    let most = |pairs| pvs::cell_size_for(pairs, &whole.spaces, &seen);
+    let size = match width.map(|width| (width, CellSize::of_width(width))) {
+        Some((width, size)) if pvs::pairs_at(&size, &whole.spaces, &seen) > PAIRS_MAX => {
+            return Err(CompileError::Cells { width, enough: most(PAIRS_MAX).width_max.ceil() });
         }
+        Some((_, size)) => size,
+        None => most(pairs),
     };
     let mut cells = subdivide::cells(spaces, &size);
     let pvs = pvs::potentially_visible(&cells, &seen, &|share| report(0.1 + share * 0.9));

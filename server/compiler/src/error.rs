@@ -15,6 +15,14 @@ pub enum CompileError {
     /// The octree could not be made.
     #[error(transparent)]
     Voxels(VoxeliseError),
+    /// The cells would be too many.
+    #[error("cells of {width} m are too many for this model; --cell {enough} would do")]
+    Cells {
+        /// The width that was asked for, in metres.
+        width: f32,
+        /// A width that is large enough, in metres.
+        enough: f32,
+    },
     /// The declared rooms are faulty.
     #[error(transparent)]
     Rooms(#[from] RoomErrors),

@@ -175,4 +175,15 @@ impl SurfaceMaterial {
     pub fn opaque(colour: [u8; 3]) -> Self {
         Self { colour, texture: None, glass: false }
     }
+
+    /// A material that stops bodies, and is neither drawn nor blocks sight: black glass, which tints
+    /// nothing.
+    pub fn unseen() -> Self {
+        Self { colour: [0; 3], texture: None, glass: true }
+    }
+
+    /// Whether the material is that of [`SurfaceMaterial::unseen`].
+    pub fn is_unseen(&self) -> bool {
+        self.glass && self.texture.is_none() && self.colour == [0; 3]
+    }
 }

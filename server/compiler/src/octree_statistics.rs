@@ -1,7 +1,11 @@
 //! The size of an octree, in memory and on the wire.
 
+use glam::Vec3;
 use serde::Serialize;
-use sightline_world::octree::Octree;
+use sightline_world::{
+    geometry::Aabb,
+    octree::{Cursor, Octree},
+};
 
 /// The size of an octree, in memory and on the wire.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -43,5 +47,53 @@ impl OctreeStatistics {
             wire_bytes,
             wire_bytes_per_voxel: per_voxel(wire_bytes),
         }
+    }
+}
+
+/// The smallest box around all voxels. Empty when there are none.
+pub fn occupied(octree: &Octree) -> Aabb {
+    let mut bounds = Aabb::EMPTY;
+    if let Some(root) = octree.root() {
+        extend(&mut bounds, root, octree.origin, octree.edge);
+    }
+    bounds
+}
+
+/// Extends a box to the voxels below a node, which fills a cube.
+fn extend(bounds: &mut Aabb, node: Cursor<'_>, min: Vec3, edge: f32) {
+    let cube = Aabb::new(min, min + edge);
+    if bounds.contains_box(&cube) {
+        return;
+    }
+    if node.is_leaf() {
+        *bounds = bounds.union(&cube);
+        return;
+    }
+    let half = edge * 0.5;
+    for (octant, child) in node.children() {
+        let corner = Vec3::new(
+            f32::from(octant & 1),
+            f32::from(octant >> 1 & 1),
+            f32::from(octant >> 2 & 1),
+        );
+        extend(bounds, child, min + corner * half, half);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::UVec3;
+    use sightline_world::octree::{Voxel, morton};
+
+    use super::*;
+
+    #[test]
+    fn the_occupied_box_is_that_of_the_voxels() {
+        let voxel = |x, y, z| Voxel { key: morton(UVec3::new(x, y, z)), ..Voxel::default() };
+        let voxels = vec![voxel(3, 5, 0), voxel(9, 2, 30)];
+        let octree = Octree::from_voxels(Vec3::splat(-1.0), 0.5, 5, voxels).unwrap();
+        let expected = Aabb::new(Vec3::new(0.5, 0.0, -1.0), Vec3::new(4.0, 2.0, 14.5));
+        assert_eq!(occupied(&octree), expected);
+        assert!(occupied(&Octree::empty(Vec3::ZERO, 8.0, 4)).is_empty());
     }
 }

@@ -8,6 +8,10 @@ use sightline_picture::Picture;
 
 use crate::model::Surface;
 
+/// The least value of a channel of glass, from 0 to 1. The palette of the octree keeps it apart from
+/// black.
+const GLASS_LEAST: f32 = 0.13;
+
 /// The textures of a model, each with its smaller copies (a mipmap; Williams 1983).
 pub(crate) struct Palette {
     /// Mipmaps by the address of the texture, since many surfaces share one.
@@ -18,6 +22,8 @@ pub(crate) struct Palette {
 pub(crate) struct TriangleMaterial<'a> {
     /// Whether sight passes through.
     pub(crate) glass: bool,
+    /// The least value of a channel.
+    least: f32,
     colours: [Vec3; 3],
     texture: Option<(&'a Picture, [Vec2; 3])>,
 }
@@ -56,7 +62,10 @@ impl Palette {
             };
             Some((level_for(halvings, [a, b, c], corners, voxel), [a, b, c]))
         });
-        Some(TriangleMaterial { glass: surface.material.glass, colours, texture })
+        let glass = surface.material.glass;
+        // Glass that is black is not seen at all.
+        let least = if glass && !surface.material.is_unseen() { GLASS_LEAST } else { 0.0 };
+        Some(TriangleMaterial { glass, least, colours, texture })
     }
 }
 
@@ -65,10 +74,11 @@ impl TriangleMaterial<'_> {
     pub(crate) fn colour(&self, weights: [f32; 3]) -> Vec3 {
         let [a, b, c] = weights;
         let colour = self.colours[0] * a + self.colours[1] * b + self.colours[2] * c;
-        match self.texture {
+        let colour = match self.texture {
             Some((image, uvs)) => colour * texel(image, uvs[0] * a + uvs[1] * b + uvs[2] * c),
             None => colour,
-        }
+        };
+        colour.max(Vec3::splat(self.least))
     }
 }
 

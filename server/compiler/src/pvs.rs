@@ -38,21 +38,26 @@ pub fn spaces_seen(
 /// The finest cells with which about `pairs` pairs of cells see each other, but no finer than
 /// `WIDTH_MIN`.
 pub(crate) fn cell_size_for(pairs: f64, spaces: &[Space], seen: &SpacesSeen) -> CellSize {
-    let pairs_at = |size: &CellSize| {
-        let count: Vec<f64> =
-            spaces.iter().map(|space| size.cells_in(space.bounds.size())).collect();
-        let visible = |row: &Vec<u32>| row.iter().map(|&to| count[to as usize]).sum::<f64>();
-        count.iter().zip(seen).map(|(from, row)| from * visible(row)).sum::<f64>()
-    };
+    // In very large buildings cells are as wide as they must be: the PVS grows with the square of
+    // their number.
     let widths = std::iter::successors(Some(WIDTH_MIN), |width| Some(width * 1.1));
     let mut sizes = widths.take_while(|&width| width < WIDTH_MAX).map(CellSize::of_width);
-    sizes.find(|size| pairs_at(size) <= pairs).unwrap_or(CellSize::of_width(WIDTH_MAX))
+    sizes
+        .find(|size| pairs_at(size, spaces, seen) <= pairs)
+        .unwrap_or(CellSize::of_width(WIDTH_MAX))
+}
+
+/// About how many pairs of cells see each other when spaces are split into cells of a size.
+pub(crate) fn pairs_at(size: &CellSize, spaces: &[Space], seen: &SpacesSeen) -> f64 {
+    let count: Vec<f64> = spaces.iter().map(|space| size.cells_in(space.bounds.size())).collect();
+    let visible = |row: &Vec<u32>| row.iter().map(|&to| count[to as usize]).sum::<f64>();
+    count.iter().zip(seen).map(|(from, row)| from * visible(row)).sum::<f64>()
 }
 
 /// The narrowest cells, in metres: about as wide as a body. Narrower cells tell little more.
 const WIDTH_MIN: f32 = 1.0;
-/// The widest cells, in metres.
-const WIDTH_MAX: f32 = 12.0;
+/// No cell is wider, in metres.
+const WIDTH_MAX: f32 = 100_000.0;
 
 /// The second round: the PVS of cells, given which spaces see which. `progress` hears the share
 /// that is done, from 0 to 1, from any thread. When it breaks, the result is `None`.

@@ -9,6 +9,8 @@ use crate::{
 /// The figures of one compilation.
 #[derive(Clone, Debug, Serialize)]
 pub struct CompileReport {
+    /// The size of the box around all triangles, in metres.
+    pub size_m: [f32; 3],
     /// All triangles that are drawn.
     pub triangles: usize,
     /// Opaque triangles. The oracle traces every one of them.

@@ -15,12 +15,14 @@ use crate::{
 };
 
 const PNG_MARK: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// The mark of WebP is at the ninth byte.
+const WEBP_MARK: &[u8] = b"WEBP";
 const JPEG_MARK: &[u8] = &[0xff, 0xd8, 0xff];
 
 /// How a file is encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As the first bytes say: PNG or JPEG.
+    /// As the first bytes say: PNG, JPEG or WebP.
     Marked,
     /// TGA, which has no mark of its own.
     Tga,
@@ -39,6 +41,7 @@ pub fn decode(
         Encoding::Tga => tga::decode(bytes, limits),
         Encoding::Marked if bytes.starts_with(PNG_MARK) => decode_png(bytes, limits),
         Encoding::Marked if bytes.starts_with(JPEG_MARK) => decode_jpeg(bytes, limits),
+        Encoding::Marked if bytes.get(8..12) == Some(WEBP_MARK) => decode_webp(bytes, limits),
         Encoding::Marked => Err(DecodeError::Unmarked),
     }
 }
@@ -65,6 +68,21 @@ fn decode_png(bytes: &[u8], limits: DecodeLimits) -> Result<Picture, DecodeError
         ColorType::Rgb | ColorType::Indexed => pixels_of(&channels, |&rgb| rgb),
     };
     Picture::from_pixels(frame.width, frame.height, pixels).ok_or(DecodeError::Empty)
+}
+
+fn decode_webp(bytes: &[u8], limits: DecodeLimits) -> Result<Picture, DecodeError> {
+    let mut decoder = image_webp::WebPDecoder::new(Cursor::new(bytes))?;
+    let (width, height) = decoder.dimensions();
+    limits.check(width as usize, height as usize, 4)?;
+    decoder.set_memory_limit(limits.bytes_max);
+    let size = decoder.output_buffer_size().filter(|size| *size <= limits.bytes_max);
+    let mut channels = vec![0; size.ok_or(DecodeError::Memory)?];
+    decoder.read_image(&mut channels)?;
+    let pixels = match decoder.has_alpha() {
+        true => pixels_of(&channels, |&[r, g, b, _]| [r, g, b]),
+        false => pixels_of(&channels, |&rgb| rgb),
+    };
+    Picture::from_pixels(width, height, pixels).ok_or(DecodeError::Empty)
 }
 
 /// The nearest value of 8 bits to one of 16.

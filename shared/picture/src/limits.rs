@@ -15,8 +15,8 @@ pub struct DecodeLimits {
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DecodeError {
-    /// The file is neither PNG nor JPEG.
-    #[error("it is neither PNG nor JPEG")]
+    /// The file is neither PNG, JPEG nor WebP.
+    #[error("it is neither PNG, JPEG nor WebP")]
     Unmarked,
     /// The picture has no pixels.
     #[error("it has no pixels")]
@@ -33,6 +33,9 @@ pub enum DecodeError {
     /// The file is not valid JPEG.
     #[error("{0:?}")]
     Jpeg(zune_jpeg::errors::DecodeErrors),
+    /// The file is not valid WebP.
+    #[error(transparent)]
+    WebP(#[from] image_webp::DecodingError),
     /// The file is not valid TGA, or a kind of TGA that nobody writes.
     #[error("bad TGA: {0}")]
     Tga(&'static str),

@@ -64,11 +64,18 @@ pub(crate) fn srgb_byte(linear: f32) -> u8 {
     (encoded * 255.0).round() as u8
 }
 
-/// Decodes a texture of at most `bytes_max` bytes.
+/// A decoded texture is at most so many times as large as its file, or as large as this in bytes. A
+/// surface of one colour compresses to a part in a thousand.
+const TEXTURE_RATIO_MAX: usize = 1_100;
+const TEXTURE_BYTES_FREE: usize = 16 << 20;
+
+/// Decodes a texture of at most `bytes_max` bytes. A few bytes cannot ask for much memory.
 pub(crate) fn decode_texture(
     bytes: &[u8],
     encoding: Encoding,
     bytes_max: usize,
 ) -> Result<Picture, DecodeError> {
+    let justified = bytes.len().saturating_mul(TEXTURE_RATIO_MAX).max(TEXTURE_BYTES_FREE);
+    let bytes_max = bytes_max.min(justified);
     decode(bytes, encoding, DecodeLimits { edge_max: TEXTURE_EDGE_MAX, bytes_max })
 }

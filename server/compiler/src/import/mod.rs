@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use crate::model::Model;
 use bsp::BspError;
-use glb::GlbError;
+use glb::{GlbError, Placing};
 use limits::{read_file, title_of};
 
 /// Why a building cannot be read.
@@ -30,6 +30,11 @@ pub enum ReadError {
     /// The format is unknown.
     #[error("{0} is neither GLB, glTF nor a Quake III BSP")]
     Format(PathBuf),
+    /// A Quake map was to be placed.
+    #[error(
+        "{0} is a Quake III BSP, which tells its own unit: leave out --scale, --up and --recentre"
+    )]
+    Placing(PathBuf),
     /// A faulty GLB or glTF file.
     #[error("{path}: {source}")]
     Glb {
@@ -51,17 +56,25 @@ pub enum ReadError {
 /// Reads a building: a .glb, a .gltf with the files beside it, or a Quake III .bsp with textures
 /// from the archives of the game.
 pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, ReadError> {
+    read_placed(path, pk3s, &Placing::default())
+}
+
+/// Reads a building, as [`read`] does, and places it in the world. Quake maps tell their own unit
+/// and stay where they are.
+pub fn read_placed(path: &Path, pk3s: &[PathBuf], placing: &Placing) -> Result<Model, ReadError> {
     let io = |source| ReadError::Io { path: path.to_owned(), source };
     let bytes = read_file(path).map_err(io)?;
     let title = title_of(path);
     let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
     if bytes.is_empty() {
         Err(ReadError::Empty(path.to_owned()))
+    } else if bytes.starts_with(b"IBSP") && *placing != Placing::default() {
+        Err(ReadError::Placing(path.to_owned()))
     } else if bytes.starts_with(b"IBSP") {
         bsp::read_slice(&bytes, pk3s, &title)
             .map_err(|source| ReadError::Bsp { path: path.to_owned(), source })
     } else if bytes.starts_with(b"glTF") || is_gltf {
-        glb::read_slice(&bytes, path.parent(), &title)
+        glb::read_placed(&bytes, path.parent(), &title, placing)
             .map_err(|source| ReadError::Glb { path: path.to_owned(), source })
     } else {
         Err(ReadError::Format(path.to_owned()))

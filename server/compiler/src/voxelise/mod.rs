@@ -113,6 +113,21 @@ fn depth_for(bounds: &Aabb, voxel: f32) -> u8 {
     across.log2().ceil().min(255.0) as u8
 }
 
+/// Checks that voxels of an edge in metres are not hopelessly many, before any is made.
+///
+/// # Errors
+/// When there would be too many, or the edge is out of range.
+pub fn check(surfaces: &[Surface], bounds: &Aabb, voxel: f32) -> Result<(), VoxeliseError> {
+    if !(EDGE_MIN..=EDGE_MAX).contains(&voxel) {
+        return Err(VoxeliseError::Edge(voxel));
+    }
+    let is_too_deep = depth_for(bounds, voxel) > DEPTH_MAX;
+    if is_too_deep || voxels_about(surfaces, voxel) > 4.0 * VOXELS_MAX as f64 {
+        return Err(VoxeliseError::TooMany { voxel, enough: enough(surfaces, bounds, voxel) });
+    }
+    Ok(())
+}
+
 /// Fills every voxel of edge `voxel` (in metres) that a triangle inside `bounds` touches.
 /// `progress` hears the share that is done, from 0 to 1, from any thread. When it breaks, no more
 /// work begins.
@@ -126,15 +141,9 @@ pub fn voxelise(
     voxel: f32,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Result<Octree, VoxeliseError> {
-    if !(EDGE_MIN..=EDGE_MAX).contains(&voxel) {
-        return Err(VoxeliseError::Edge(voxel));
-    }
+    check(surfaces, bounds, voxel)?;
     let too_many = || VoxeliseError::TooMany { voxel, enough: enough(surfaces, bounds, voxel) };
     let depth = depth_for(bounds, voxel);
-    // A hopeless number of voxels is not tried.
-    if depth > DEPTH_MAX || voxels_about(surfaces, voxel) > 4.0 * VOXELS_MAX as f64 {
-        return Err(too_many());
-    }
     assert!(depth <= DEPTH_MAX, "the grid fits an octree");
     let origin = (bounds.min / voxel).floor() * voxel - (1.0 - GRID_SHIFT) * voxel;
     let grid = Grid { surfaces, palette: Palette::new(surfaces), origin, voxel, depth };

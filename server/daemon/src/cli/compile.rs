@@ -7,7 +7,11 @@ use sightline_cli::{exit::Interrupted, flags::spawn, output, progress::Progress}
 use sightline_compiler::{
     CompileError, CompileOptions, CompileReport,
     carve::{self, CarvingUnits},
-    compile, import,
+    compile,
+    import::{
+        self,
+        glb::{Placing, UpAxis},
+    },
     rooms::{self, text},
 };
 use sightline_world::{Spawn, write_whole};
@@ -42,6 +46,17 @@ pub struct CompileArgs {
     /// and the ending .rooms.toml, if there is one.
     #[arg(long, value_name = "R.toml")]
     rooms: Option<PathBuf>,
+    /// How many metres one unit of the model is, such as 0.001 for millimetres; by default 1. A model
+    /// larger than 5 km needs this flag.
+    #[arg(long, value_name = "METRES", value_parser = scale)]
+    scale: Option<f64>,
+    /// The axis of the model that points up: y, as glTF has it, or z.
+    #[arg(long, value_name = "AXIS", default_value = "y", value_parser = up_axis)]
+    up: UpAxis,
+    /// Move the middle of the model's ground to the origin. A model that is too far away for exact
+    /// coordinates is moved anyway.
+    #[arg(long)]
+    recentre: bool,
     /// Where visitors begin, in place of what the building says: the eye in metres and the heading in
     /// degrees, anticlockwise from -z; may be given several times. Without any, places are found.
     #[arg(long, value_name = "X,Y,Z[,YAW]", value_parser = spawn, allow_hyphen_values = true)]
@@ -49,6 +64,21 @@ pub struct CompileArgs {
     /// Also write the figures of the table to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+}
+
+fn scale(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(scale) if (1e-6..=1e6).contains(&scale) => Ok(scale),
+        _ => Err("a unit is from 0.000001 to 1000000 metres, such as 0.001".into()),
+    }
+}
+
+fn up_axis(text: &str) -> Result<UpAxis, String> {
+    match text {
+        "y" => Ok(UpAxis::Y),
+        "z" => Ok(UpAxis::Z),
+        _ => Err("use y or z".into()),
+    }
 }
 
 fn cell_size(text: &str) -> Result<f32, String> {
@@ -76,7 +106,8 @@ fn carving_units(text: &str) -> Result<CarvingUnits, String> {
 /// Runs the command.
 pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
-    let mut model = import::read(&args.input, &args.pk3)?;
+    let placing = Placing { scale: args.scale, up: args.up, recentre: args.recentre };
+    let mut model = import::read_placed(&args.input, &args.pk3, &placing)?;
     let beside = args.input.with_extension("rooms.toml");
     if let Some(path) = args.rooms.as_ref().or(Some(&beside).filter(|path| path.is_file())) {
         model.rooms.extend(declared_rooms(text::read_file(path))?);
@@ -111,13 +142,13 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
         output::note(&format!("warning: {warning}"));
     }
     let bytes = world.to_bytes();
-    let writing = interrupt.hold_off();
+    // Until the end: what is written is not denied afterwards.
+    let _writing = interrupt.hold_off();
     if interrupt.flow().is_break() {
         return Err(Interrupted.into());
     }
     write_whole(&args.output, &bytes)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
-    drop(writing);
     output::print(&table(&report))?;
     output::write_json(args.json.as_deref(), &report)
 }
@@ -146,6 +177,8 @@ fn table(report: &CompileReport) -> String {
     let mut row = |name: &str, value: String| {
         let _ = writeln!(table, "{name:<20} {value:>12}");
     };
+    let [x, y, z] = report.size_m;
+    row("size", format!("{x:.1} x {y:.1} x {z:.1} m"));
     row("triangles", report.triangles.to_string());
     row("opaque triangles", report.opaque.to_string());
     row("turned by", format!("{:.2} degrees", report.turn.to_degrees()));

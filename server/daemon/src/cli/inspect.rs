@@ -8,7 +8,7 @@ use serde::Serialize;
 use sightline_cli::{exit::Interrupted, flags::point, output, progress::Progress};
 use sightline_compiler::{
     carve_preview::{self, View},
-    octree_statistics::OctreeStatistics,
+    octree_statistics::{self, OctreeStatistics},
     plan::{self, Mark, Overlay},
     suggest, verify,
 };
@@ -187,7 +187,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         title: world.title.clone(),
         content_id: content_id(&bytes)?.to_string(),
         bytes: bytes.len(),
-        size_m: world.bounds().size().to_array(),
+        size_m: size(&world).to_array(),
         cells: world.cells.cells.len(),
         portals: world.cells.portals.len(),
         pvs_density: world.cells.density(),
@@ -234,6 +234,12 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         .as_ref()
         .map_or(Ok(()), verification::VerificationFigures::verdict)
         .with_context(named)
+}
+
+/// The size of what is drawn, without the margin in which eyes can be.
+fn size(world: &World) -> Vec3 {
+    let occupied = octree_statistics::occupied(&world.octree);
+    if occupied.is_empty() { Vec3::ZERO } else { occupied.size() }
 }
 
 /// The rooms and windows that the building suggests, as TOML.

@@ -7,12 +7,18 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
     },
+    time::Duration,
 };
 
-use sightline_cli::exit;
+use sightline_cli::{exit, output};
 
-/// Listens for an interruption, so that a long task can end in order. A second interruption ends the
-/// program at once, but not while a file is being written.
+/// The name of the program in its errors.
+const PROGRAM: &str = "sightline-server";
+/// How long a task may take to end in order. Some steps of a task do not look for an interruption.
+const PATIENCE: Duration = Duration::from_millis(700);
+
+/// Listens for an interruption, so that a long task can end in order. A task that does not, or a
+/// second interruption, ends the program at once, but not while a file is being written.
 pub struct Interrupt {
     is_noticed: Arc<AtomicBool>,
     /// Held while a file is being written.
@@ -31,12 +37,15 @@ impl Interrupt {
         let (flag, lock) = (is_noticed.clone(), writing.clone());
         std::thread::Builder::new().name("interrupt".into()).spawn(move || {
             runtime.block_on(async {
-                while ended().await.is_ok() {
-                    if flag.swap(true, Relaxed) {
-                        let _lock = lock.lock().unwrap_or_else(PoisonError::into_inner);
-                        std::process::exit(exit::INTERRUPTED.into());
-                    }
+                if ended().await.is_err() {
+                    return;
                 }
+                flag.store(true, Relaxed);
+                // The task ends in order if it notices soon, or if the user does not insist.
+                let _ = tokio::time::timeout(PATIENCE, ended()).await;
+                let _lock = lock.lock().unwrap_or_else(PoisonError::into_inner);
+                output::note(&format!("{PROGRAM}: {}", exit::Interrupted));
+                std::process::exit(exit::INTERRUPTED.into());
             });
         })?;
         Ok(Self { is_noticed, writing })

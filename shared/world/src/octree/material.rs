@@ -12,8 +12,8 @@ pub struct Material {
 }
 
 impl Material {
-    /// Set for glass, which blocks bodies but not sight and is drawn as a tint. An inner node is
-    /// glass when all leaves below are.
+    /// Set for glass, which blocks bodies but not sight and is drawn as a tint. Black glass tints
+    /// nothing: it is there for bodies alone. An inner node is glass when all leaves below are.
     pub const GLASS: u8 = 1;
 
     /// Whether the material can be seen through.

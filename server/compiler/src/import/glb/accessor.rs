@@ -51,6 +51,18 @@ pub(super) fn scalars(
     elements(accessor, resources, kind.size(), |bytes| component(kind, normalised, bytes))
 }
 
+/// By what a component is divided: the greatest integer of its type when it is normalised, or 1.
+pub(super) fn greatest(accessor: &Accessor<'_>) -> f64 {
+    match accessor.data_type() {
+        _ if !accessor.normalized() => 1.0,
+        DataType::U16 => 65_535.0,
+        DataType::U8 => 255.0,
+        DataType::I16 => 32_767.0,
+        DataType::I8 => 127.0,
+        DataType::U32 | DataType::F32 => 1.0,
+    }
+}
+
 /// The indices of an accessor.
 pub(super) fn indices(
     accessor: &Accessor<'_>,
@@ -86,7 +98,10 @@ fn elements<T: Clone>(
             .ok_or_else(beyond)?
             .map(&decode)
             .collect(),
-        None if accessor.sparse().is_some() => vec![decode(&vec![0; size]); count],
+        // Zeros need no bytes in the file, so their number says nothing of what it holds.
+        None if accessor.sparse().is_some() && count <= resources.byte_len() => {
+            vec![decode(&vec![0; size]); count]
+        }
         None => return Err(fault(accessor, "has no bytes")),
     };
     let Some(sparse) = accessor.sparse() else { return Ok(elements) };

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use glam::DVec3;
+
 use crate::{import::limits, rooms::RoomError};
 
 /// The most vertices of a model, instances counted one by one. Together with as many triangles they
@@ -32,6 +34,21 @@ pub enum GlbError {
     /// The document is not valid glTF.
     #[error("not valid glTF 2.0: {0}")]
     Document(#[from] gltf::Error),
+    /// The document is not JSON, or not in the shape of glTF.
+    #[error("not valid glTF 2.0: {0}")]
+    Json(String),
+    /// The file requires extensions that cannot be read.
+    #[error("the file requires {names}, which cannot be read: {how}")]
+    Extensions {
+        /// The names of the extensions.
+        names: String,
+        /// What to do.
+        how: String,
+    },
+    /// The model is larger than buildings are. Holds the length of each side, in metres.
+    #[error("the building would be {:.0} x {:.0} x {:.0} m: for millimetres give --scale 0.001, for \
+             centimetres 0.01, for inches 0.0254, and if it is so large --scale 1", .0.x, .0.y, .0.z)]
+    Large(DVec3),
     /// The header of the GLB disagrees with the file.
     #[error("truncated GLB: the header says {header} bytes, the file has {file}")]
     Truncated {
@@ -73,7 +90,8 @@ pub enum GlbError {
         vertices: usize,
     },
     /// A coordinate is not finite, or out of range.
-    #[error("mesh {mesh}: vertex {vertex} is not finite or beyond {} km", limits::EXTENT_MAX / 1000.0)]
+    #[error("mesh {mesh}: vertex {vertex} is not finite or beyond {} km; if the model is large or far \
+             away, try --scale or --recentre", limits::EXTENT_MAX / 1000.0)]
     Coordinate {
         /// The index of the mesh.
         mesh: usize,
@@ -89,4 +107,11 @@ pub enum GlbError {
     /// Nodes nest too deeply, or in a cycle.
     #[error("nodes nest deeper than {DEPTH_MAX}")]
     Depth,
+}
+
+impl GlbError {
+    /// Whether only a part of the model is faulty, which can be left out.
+    pub(super) fn is_of_a_part(&self) -> bool {
+        matches!(self, Self::Accessor { .. } | Self::Index { .. } | Self::Coordinate { .. })
+    }
 }

@@ -4,24 +4,34 @@
 //! The `gltf` crate parses and validates the document. Offsets, counts and indices are checked here
 //! before use. A file can neither make the reader panic, nor make it allocate more than a small
 //! multiple of the limits in `error`.
+//!
+//! * `document` parses and checks, with the extensions of `extensions`.
+//! * `survey` and `placing` see how large the model is, and place it in the world.
+//! * `resources` has buffers and images, and `compressed` views; `accessor` takes numbers from them.
+//! * `scene` walks the nodes: their `names`, `material`s, `instances` and `animation`.
 
 mod accessor;
 mod animation;
+mod compressed;
+mod document;
 mod error;
+mod extensions;
+mod instances;
+mod material;
+mod names;
+mod placing;
 mod resources;
 mod scene;
+mod survey;
 
 use std::path::Path;
-
-use gltf::{
-    Document, Semantic,
-    json::{Index, Root, validation::Checked},
-};
 
 use super::limits;
 use crate::model::Model;
 pub use error::GlbError;
+pub use placing::{Placing, UpAxis};
 use resources::Resources;
+use survey::Survey;
 
 /// Reads a .glb, or a .gltf with the files beside it.
 pub fn read(path: &Path) -> Result<Model, GlbError> {
@@ -32,40 +42,23 @@ pub fn read(path: &Path) -> Result<Model, GlbError> {
 
 /// Reads a .glb or .gltf from bytes. Files that it names are read from `folder` only.
 pub fn read_slice(bytes: &[u8], folder: Option<&Path>, title: &str) -> Result<Model, GlbError> {
-    check_length(bytes)?;
-    let gltf::Gltf { document, blob } = gltf::Gltf::from_slice_without_validation(bytes)?;
-    check_positions(document.as_json())?;
-    let document = Document::from_json(document.into_json())?;
+    read_placed(bytes, folder, title, &Placing::default())
+}
+
+/// Reads a .glb or .gltf from bytes, and places the model in the world.
+pub fn read_placed(
+    bytes: &[u8],
+    folder: Option<&Path>,
+    title: &str,
+    placing: &Placing,
+) -> Result<Model, GlbError> {
+    let (document, blob) = document::read(bytes)?;
+    let survey = Survey::of(&document);
+    let root = placing.root(survey.as_ref())?;
     let resources = Resources::load(&document, blob, folder)?;
-    scene::Reader::new(&document, resources, title).read()
-}
-
-/// Checks the length in the header of a GLB. The `gltf` crate trusts that it covers the header.
-fn check_length(bytes: &[u8]) -> Result<(), GlbError> {
-    if !bytes.starts_with(b"glTF") {
-        return Ok(());
-    }
-    let file = bytes.len() as u64;
-    let header = match bytes.get(8..12) {
-        Some(&[a, b, c, d]) => u64::from(u32::from_le_bytes([a, b, c, d])),
-        _ => 20,
-    };
-    if header < 20 || header > file {
-        return Err(GlbError::Truncated { header, file });
-    }
-    Ok(())
-}
-
-/// Checks that the accessors of positions exist. The validation of the `gltf` crate takes that for
-/// granted.
-fn check_positions(root: &Root) -> Result<(), GlbError> {
-    let positions = Checked::Valid(Semantic::Positions);
-    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
-    let mut indices = primitives.filter_map(|p| p.attributes.get(&positions)).map(Index::value);
-    match indices.find(|&index| index >= root.accessors.len()) {
-        Some(index) => Err(GlbError::Accessor { index, reason: "is not there" }),
-        None => Ok(()),
-    }
+    let mut model = scene::Reader::new(&document, resources, title, root.transform).read()?;
+    model.warnings.splice(0..0, root.notes);
+    Ok(model)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 use gltf::{Document, buffer};
 use sightline_picture::{Encoding, Picture};
 
-use super::error::GlbError;
+use super::{compressed, error::GlbError};
 use crate::import::limits;
 
 /// The most bytes of all decoded textures: 256 MiB.
@@ -21,6 +21,8 @@ const BUFFER_BYTES_MAX: usize = 1 << 30;
 /// Buffers, and images as far as they were needed.
 pub(super) struct Resources {
     buffers: Vec<Vec<u8>>,
+    /// The bytes of views that were compressed.
+    decompressed: Vec<Option<Vec<u8>>>,
     folder: Option<PathBuf>,
     images: Vec<Option<Option<Arc<Picture>>>>,
     texture_bytes_left: usize,
@@ -37,6 +39,10 @@ impl Resources {
         let mut buffers = Vec::new();
         for buffer in document.buffers() {
             let fault = |reason| GlbError::Buffer { index: buffer.index(), reason };
+            if compressed::is_placeholder(&buffer) {
+                buffers.push(Vec::new());
+                continue;
+            }
             let bytes = match buffer.source() {
                 buffer::Source::Bin => blob.take().ok_or_else(|| fault("is missing".into()))?,
                 buffer::Source::Uri(uri) => fetch(uri, folder).map_err(fault)?,
@@ -48,16 +54,26 @@ impl Resources {
             left = left.checked_sub(bytes.len()).ok_or(GlbError::TooMany("bytes in buffers"))?;
             buffers.push(bytes);
         }
+        let decompressed = compressed::decompressed(document, &buffers);
         Ok(Self {
             buffers,
+            decompressed,
             folder: folder.map(Path::to_owned),
             images: vec![None; document.images().len()],
             texture_bytes_left: TEXTURE_BYTES_MAX,
         })
     }
 
+    /// How many bytes all buffers have.
+    pub(super) fn byte_len(&self) -> usize {
+        self.buffers.iter().chain(self.decompressed.iter().flatten()).map(Vec::len).sum()
+    }
+
     /// The bytes of a view. `None` when it reaches beyond its buffer.
     pub(super) fn view(&self, view: &buffer::View<'_>) -> Option<&[u8]> {
+        if let Some(Some(bytes)) = self.decompressed.get(view.index()) {
+            return Some(bytes);
+        }
         let end = view.offset().checked_add(view.length())?;
         self.buffers.get(view.buffer().index())?.get(view.offset()..end)
     }
@@ -94,10 +110,27 @@ impl Resources {
             }
             (None, None) => return Err("it has no source".into()),
         };
+        if let Some(what) = unreadable_picture(&bytes) {
+            return Err(what.to_owned());
+        }
         let picture = limits::decode_texture(&bytes, Encoding::Marked, self.texture_bytes_left)
             .map_err(|error| error.to_string())?;
         self.texture_bytes_left -= picture.byte_len().min(self.texture_bytes_left);
         Ok(picture)
+    }
+}
+
+/// Why a picture of a known kind cannot be read.
+fn unreadable_picture(bytes: &[u8]) -> Option<&'static str> {
+    if bytes.starts_with(b"\xabKTX 20\xbb") {
+        Some(
+            "it is KTX2, so the base colour is used; `npx @gltf-transform/cli ktxdecompress \
+             IN.glb OUT.glb` converts it",
+        )
+    } else if bytes.get(4..12) == Some(b"ftypavif") {
+        Some("it is AVIF, so the base colour is used; export PNG, JPEG or WebP")
+    } else {
+        None
     }
 }
 

@@ -2,18 +2,17 @@
 
 use std::time::Duration;
 
-use glam::{DMat4, DVec3, Mat4, Vec2, Vec3};
-use gltf::{
-    Document, Node, Primitive, Semantic,
-    material::{AlphaMode, Material as GltfMaterial},
-    mesh::Mode,
-};
+use glam::{DMat4, DVec3, Mat4, Vec3};
+use gltf::{Document, Node, Primitive, Semantic, mesh::Mode};
 use sightline_world::{Spawn, geometry::Aabb, motion::Body};
 
 use super::{
     accessor,
     animation::{Animations, Chain},
     error::{DEPTH_MAX, GlbError, NODES_MAX, TRIANGLES_MAX, VERTICES_MAX},
+    instances,
+    material::{Look, Materials},
+    names::{self, Purpose},
     resources::Resources,
 };
 use crate::{
@@ -32,7 +31,15 @@ const EYE_HEIGHT: f64 = Body::PERSON.below_eye as f64;
 pub(super) struct Reader<'a> {
     document: &'a Document,
     resources: Resources,
+    /// The transform of the whole scene.
+    root: DMat4,
     model: Model,
+    materials: Materials,
+    /// How many parts are left out because they are faulty, and what is wrong with the first.
+    faulty: usize,
+    first_fault: Option<GlbError>,
+    /// How many meshes are mirrored by their nodes.
+    mirrored: usize,
     vertices: usize,
     triangles: usize,
     animations: Animations,
@@ -60,15 +67,43 @@ struct Visit<'a> {
     carrier: Option<usize>,
     /// The nearest named ancestor, as an index into the named nodes of the model.
     within: Option<usize>,
+    purpose: Purpose,
+    /// Whether the node and all below it are switched off (`KHR_node_visibility`).
+    is_hidden: bool,
+}
+
+/// Where a node stands, and what its meshes are there for.
+#[derive(Clone, Copy)]
+struct Setting<'b> {
+    place: &'b DMat4,
+    carrier: Option<usize>,
+    within: Option<usize>,
+    purpose: Purpose,
+}
+
+/// A surface, and whether it blocks sight.
+struct Part {
+    surface: Surface,
+    hides: bool,
 }
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(document: &'a Document, resources: Resources, title: &str) -> Self {
+    pub(super) fn new(
+        document: &'a Document,
+        resources: Resources,
+        title: &str,
+        root: DMat4,
+    ) -> Self {
         let model = Model::empty(limits::tidy_title(title));
         Self {
             document,
             resources,
+            root,
             model,
+            materials: Materials::default(),
+            faulty: 0,
+            first_fault: None,
+            mirrored: 0,
             vertices: 0,
             triangles: 0,
             animations: Animations::default(),
@@ -90,8 +125,16 @@ impl<'a> Reader<'a> {
         }
         self.animations =
             Animations::read(self.document, &self.resources, &mut self.model.warnings)?;
-        let visit =
-            |node| Visit { node, parent: DMat4::IDENTITY, depth: 0, carrier: None, within: None };
+        let root = self.root;
+        let visit = |node| Visit {
+            node,
+            parent: root,
+            depth: 0,
+            carrier: None,
+            within: None,
+            purpose: Purpose::Building,
+            is_hidden: false,
+        };
         let mut stack: Vec<Visit<'a>> =
             scenes.iter().flat_map(|scene| scene.nodes()).map(visit).collect();
         stack.reverse();
@@ -107,13 +150,52 @@ impl<'a> Reader<'a> {
             self.visit(&visit, &mut stack)?;
         }
         self.make_movers();
+        self.tell_of_parts()?;
         self.model.nodes.retain(|(_, bounds)| !bounds.is_empty());
         rooms::nodes::in_order(&mut self.model.rooms);
         Ok(self.model)
     }
 
+    /// Warns of what is left out or changed.
+    ///
+    /// # Errors
+    /// When nothing is left because all parts are faulty.
+    fn tell_of_parts(&mut self) -> Result<(), GlbError> {
+        let warnings = &mut self.model.warnings;
+        self.materials.warn(warnings);
+        if self.mirrored > 0 {
+            let count = self.mirrored;
+            warnings.push(format!("{count} meshes are mirrored by their nodes; writing is too"));
+        }
+        let Some(first) = self.first_fault.take() else { return Ok(()) };
+        let is_empty = self.model.surfaces.is_empty() && self.model.opaque.is_empty();
+        if is_empty && self.model.movers.is_empty() {
+            return Err(first);
+        }
+        warnings.push(format!("{} parts left out, because they are faulty: {first}", self.faulty));
+        Ok(())
+    }
+
+    /// What was read of a part. A faulty part is left out.
+    fn tolerate<T>(&mut self, part: Result<T, GlbError>) -> Result<Option<T>, GlbError> {
+        match part {
+            Ok(part) => Ok(Some(part)),
+            Err(error) if error.is_of_a_part() => {
+                self.faulty += 1;
+                self.first_fault.get_or_insert(error);
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
     fn visit(&mut self, visit: &Visit<'a>, stack: &mut Vec<Visit<'a>>) -> Result<(), GlbError> {
-        let Visit { node, parent, depth, mut carrier, mut within } = visit.clone();
+        let Visit { node, parent, depth, mut carrier, mut within, purpose, is_hidden } =
+            visit.clone();
+        let purpose = node.name().and_then(names::purpose).unwrap_or(purpose);
+        let visibility = node.extension_value("KHR_node_visibility");
+        let is_shown = visibility.and_then(|value| value.get("visible")?.as_bool());
+        let is_hidden = is_hidden || is_shown == Some(false);
         let above = carrier.and_then(|index| self.moving.get(index)).map(|above| &above.chain);
         let mut place = parent * Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
         if let Some(chain) = self.animations.chain(&node, above, &parent)? {
@@ -130,9 +212,18 @@ impl<'a> Reader<'a> {
                 self.above.push(within);
                 within = Some(self.above.len() - 1);
             }
-            self.node(&node, &tidied(place), carrier, within)?;
+            let place = &tidied(place);
+            self.node(&node, &Setting { place, carrier, within, purpose }, is_hidden)?;
         }
-        let child = |node| Visit { node, parent: place, depth: depth + 1, carrier, within };
+        let child = |node| Visit {
+            node,
+            parent: place,
+            depth: depth + 1,
+            carrier,
+            within,
+            purpose,
+            is_hidden,
+        };
         stack.extend(node.children().map(child));
         Ok(())
     }
@@ -154,37 +245,61 @@ impl<'a> Reader<'a> {
     fn node(
         &mut self,
         node: &Node<'a>,
-        place: &DMat4,
-        carrier: Option<usize>,
-        within: Option<usize>,
+        setting: &Setting<'_>,
+        is_hidden: bool,
     ) -> Result<(), GlbError> {
-        let is_marker = node.name().is_some_and(marks_spawn);
+        let is_marker = node.name().is_some_and(names::marks_spawn);
         if is_marker || node.extension_value("OMI_spawn_point").is_some() {
-            let above = carrier.and_then(|index| self.moving.get(index));
+            let above = setting.carrier.and_then(|index| self.moving.get(index));
             let start = above.map(|above| above.chain.trajectory().0.at(Duration::ZERO));
-            self.spawn(&start.map_or(*place, |start| DMat4::from(start) * *place));
+            let place = *setting.place;
+            self.spawn(&start.map_or(place, |start| DMat4::from(start) * place));
         }
         // What a marker looks like in an editor is not part of the building.
-        let Some(mesh) = node.mesh().filter(|_| !is_marker) else { return Ok(()) };
-        for primitive in mesh.primitives() {
-            let Some(surface) = self.primitive(mesh.index(), &primitive, place)? else { continue };
-            if let Some(carrier) = carrier.and_then(|index| self.moving.get_mut(index)) {
-                carrier.surfaces.push(surface);
-                continue;
+        let Some(mesh) = node.mesh().filter(|_| !is_marker && !is_hidden) else { return Ok(()) };
+        let places = instances::places(node, self.document, &self.resources);
+        for instance in self.tolerate(places)?.unwrap_or_default() {
+            let place = *setting.place * instance;
+            self.mirrored += usize::from(place.determinant() < 0.0);
+            for primitive in mesh.primitives() {
+                let part = self.primitive(mesh.index(), &primitive, &place);
+                if let Some(Some(part)) = self.tolerate(part)? {
+                    self.add(part, setting);
+                }
             }
-            if !surface.material.glass {
-                self.model.opaque.extend(surface.corners());
-            }
-            let bounds = Aabb::from_points(surface.corners().flatten());
-            let mut at = within;
-            while let Some(around) = at {
-                let (_, known) = &mut self.model.nodes[around];
-                *known = known.union(&bounds);
-                at = self.above[around];
-            }
-            self.model.surfaces.push(surface);
         }
         Ok(())
+    }
+
+    /// Adds a part of the building, or of what moves.
+    fn add(&mut self, Part { mut surface, hides }: Part, setting: &Setting<'_>) {
+        if setting.purpose == Purpose::Collider {
+            surface.material = SurfaceMaterial::unseen();
+        }
+        if let Some(carrier) = setting.carrier.and_then(|index| self.moving.get_mut(index)) {
+            if matches!(setting.purpose, Purpose::Building | Purpose::Detail) {
+                carrier.surfaces.push(surface);
+            }
+            return;
+        }
+        let blocks_sight = match setting.purpose {
+            Purpose::Building => hides,
+            Purpose::Occluder => true,
+            Purpose::Detail | Purpose::Collider => false,
+        };
+        if blocks_sight {
+            self.model.opaque.extend(surface.corners());
+        }
+        let bounds = Aabb::from_points(surface.corners().flatten());
+        let mut at = setting.within;
+        while let Some(around) = at {
+            let (_, known) = &mut self.model.nodes[around];
+            *known = known.union(&bounds);
+            at = self.above[around];
+        }
+        if setting.purpose != Purpose::Occluder {
+            self.model.surfaces.push(surface);
+        }
     }
 
     /// Reads a node that declares a part of a room, or a window.
@@ -203,8 +318,8 @@ impl<'a> Reader<'a> {
         let mut corners = Vec::new();
         for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
             let index = node.mesh().map_or(0, |mesh| mesh.index());
-            if let Some(surface) = self.primitive(index, &primitive, place)? {
-                corners.extend(surface.corners().flatten());
+            if let Some(part) = self.primitive(index, &primitive, place)? {
+                corners.extend(part.surface.corners().flatten());
             }
         }
         let extras = node.extras().as_ref().map(|extras| extras.get());
@@ -231,7 +346,7 @@ impl<'a> Reader<'a> {
         mesh: usize,
         primitive: &Primitive<'a>,
         to_world: &DMat4,
-    ) -> Result<Option<Surface>, GlbError> {
+    ) -> Result<Option<Part>, GlbError> {
         let mode = primitive.mode();
         if !matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             let warning = format!("mesh {mesh}: {mode:?} left out, not triangles");
@@ -248,13 +363,22 @@ impl<'a> Reader<'a> {
         }
         let local = accessor::vectors::<3>(&positions, &self.resources, 3)?;
         let positions = placed(mesh, &local, to_world)?;
-        let triangles = self.triangles(mesh, primitive, mode, &positions)?;
+        let mut triangles = self.triangles(mesh, primitive, mode, &positions)?;
         if triangles.is_empty() {
             return Ok(None);
         }
-        let (material, uvs) = self.material(primitive, positions.len())?;
-        let colours = self.colours(primitive, positions.len())?;
-        Ok(Some(Surface { positions, uvs, colours, triangles, material }))
+        if to_world.determinant() < 0.0 {
+            // Fronts stay fronts in a mirror (glTF 2.0, section 3.7.4).
+            triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
+        }
+        let vertices = positions.len();
+        let Self { materials, document, resources, model, .. } = self;
+        let look = materials.look(primitive, vertices, document, resources, &mut model.warnings);
+        let colours = self.colours(primitive, vertices);
+        let colours = self.tolerate(colours)?.unwrap_or_default();
+        let Look { material, uvs, hides } = look;
+        let surface = Surface { positions, uvs, colours, triangles, material };
+        Ok(Some(Part { surface, hides }))
     }
 
     /// The triangles as indices into the positions, without degenerate ones.
@@ -292,35 +416,6 @@ impl<'a> Reader<'a> {
         Ok(triples.into_iter().filter(has_area).collect())
     }
 
-    /// The material of a primitive, and its texture coordinates if it has a texture.
-    fn material(
-        &mut self,
-        primitive: &Primitive<'a>,
-        vertices: usize,
-    ) -> Result<(SurfaceMaterial, Vec<Vec2>), GlbError> {
-        let source = primitive.material();
-        let [r, g, b, alpha] = source.pbr_metallic_roughness().base_color_factor();
-        let glass = source.alpha_mode() != AlphaMode::Opaque || alpha < 1.0;
-        let mut material =
-            SurfaceMaterial { colour: [r, g, b].map(limits::srgb_byte), texture: None, glass };
-        let Some(mapping) = Mapping::of(&source) else { return Ok((material, Vec::new())) };
-        let Some(accessor) = primitive.get(&Semantic::TexCoords(mapping.set)) else {
-            return Ok((material, Vec::new()));
-        };
-        let image = mapping.texture.source().index();
-        let warnings = &mut self.model.warnings;
-        material.texture = self.resources.image(self.document, image, warnings);
-        if material.texture.is_none() {
-            return Ok((material, Vec::new()));
-        }
-        let mut uvs: Vec<Vec2> = accessor::vectors::<2>(&accessor, &self.resources, 2)?
-            .into_iter()
-            .map(|uv| mapping.apply(Vec2::from(uv)))
-            .collect();
-        uvs.resize(vertices, Vec2::ZERO);
-        Ok((material, uvs))
-    }
-
     fn colours(
         &self,
         primitive: &Primitive<'a>,
@@ -332,56 +427,6 @@ impl<'a> Reader<'a> {
             linear.into_iter().map(|colour| colour.map(limits::srgb_byte)).collect();
         colours.resize(vertices, [255; 3]);
         Ok(colours)
-    }
-}
-
-/// The mapping of the base-colour texture, with `KHR_texture_transform`.
-struct Mapping<'a> {
-    texture: gltf::Texture<'a>,
-    set: u32,
-    offset: Vec2,
-    rotation: f32,
-    scale: Vec2,
-}
-
-impl<'a> Mapping<'a> {
-    fn of(material: &GltfMaterial<'a>) -> Option<Self> {
-        let info = material.pbr_metallic_roughness().base_color_texture()?;
-        let (texture, set) = (info.texture(), info.tex_coord());
-        let mut mapping =
-            Self { texture, set, offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE };
-        let Some(transform) = info.extension_value("KHR_texture_transform") else {
-            return Some(mapping);
-        };
-        let pair = |name: &str, otherwise: Vec2| {
-            let number = |i: usize| Some(transform.get(name)?.get(i)?.as_f64()? as f32);
-            Vec2::new(number(0).unwrap_or(otherwise.x), number(1).unwrap_or(otherwise.y))
-        };
-        mapping.offset = pair("offset", Vec2::ZERO);
-        mapping.scale = pair("scale", Vec2::ONE);
-        mapping.rotation = transform.get("rotation").and_then(|v| v.as_f64()).unwrap_or(0.0) as f32;
-        if let Some(set) = transform.get("texCoord").and_then(|v| v.as_u64()) {
-            mapping.set = u32::try_from(set).unwrap_or(u32::MAX);
-        }
-        Some(mapping)
-    }
-
-    fn apply(&self, uv: Vec2) -> Vec2 {
-        // In texture space v points down, so the extension rotates the other way.
-        let turned = Vec2::from_angle(-self.rotation).rotate(uv * self.scale) + self.offset;
-        if turned.is_finite() { turned } else { Vec2::ZERO }
-    }
-}
-
-/// Whether a node of this name is a spawn point: `spawn`, `spawn:NAME`, or `spawn` with a number.
-fn marks_spawn(name: &str) -> bool {
-    let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '_' | '-' | ' ');
-    match name.get(..5) {
-        Some(start) if start.eq_ignore_ascii_case("spawn") => {
-            let rest = &name[5..];
-            rest.starts_with(':') || rest.chars().all(is_number)
-        }
-        _ => false,
     }
 }
 

@@ -1,4 +1,6 @@
+mod extensions;
 mod movers;
+mod sight;
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -14,8 +16,11 @@ fn read_draft(draft: &GlbDraft) -> Result<Model, GlbError> {
     read_slice(&draft.bytes(), None, "draft")
 }
 
+/// The model of a draft. Drafts are small, and the warning of that is left out.
 fn read_model(draft: &GlbDraft) -> Model {
-    read_draft(draft).unwrap()
+    let mut model = read_draft(draft).unwrap();
+    model.warnings.retain(|warning| !warning.contains("which is small"));
+    model
 }
 
 fn read_error(draft: &GlbDraft) -> String {
@@ -233,7 +238,7 @@ fn hostile_documents_are_refused_with_a_reason() {
     check(&|root| root["accessors"][0]["type"] = json!("VEC2"), "too few components");
     check(&|root| root["accessors"][1]["componentType"] = json!(5126), "not made of indices");
     check(&|root| root["buffers"][0]["byteLength"] = json!(1 << 30), "bytes where");
-    check(&|root| root["nodes"][0]["scale"] = json!([1e30, 1.0, 1.0]), "not finite or beyond");
+    check(&|root| root["nodes"][0]["scale"] = json!([1e30, 1.0, 1.0]), "would be");
     check(&|root| root["nodes"][0]["children"] = json!([0]), "nest deeper");
     check(&|root| root["nodes"][0]["children"] = json!([0, 0, 0]), "nest deeper");
     let attributes = json!({ "POSITION": 99 });
