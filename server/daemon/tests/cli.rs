@@ -5,6 +5,7 @@ use std::{
     io::{BufRead, BufReader},
     path::Path,
     process::{Command, Stdio},
+    time::{Duration, Instant},
 };
 
 use sightline_world::World;
@@ -135,23 +136,28 @@ fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     building(folder, 30);
-    let mut child = Command::new(PROGRAM)
-        .current_dir(folder)
-        .args(["compile", "b.glb", "-o", "b.slw"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-    // The first sign of progress: now it is at work.
-    lines.next().unwrap().unwrap();
-    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
-    let last = lines.map(Result::unwrap).last().unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(130), "{last}");
-    assert_eq!(last, "sightline-server: interrupted; nothing was written");
-    let left: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
-    assert_eq!(left, ["b.glb"]);
+    for signal in ["-INT", "-TERM"] {
+        let mut child = Command::new(PROGRAM)
+            .current_dir(folder)
+            .args(["compile", "b.glb", "-o", "b.slw"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        // The first sign of progress: now it is at work.
+        lines.next().unwrap().unwrap();
+        let start = Instant::now();
+        let killed = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+        assert!(killed.success());
+        let last = lines.map(Result::unwrap).last().unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{last}");
+        // Within a second, and one more for a machine that is busy.
+        assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
+        assert_eq!(last, "sightline-server: interrupted; nothing was written");
+        let left: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(left, ["b.glb"]);
+    }
 }
 
 #[test]
