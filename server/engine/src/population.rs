@@ -163,7 +163,7 @@ impl Avatar {
         let Some(made) = self.made.filter(|_| self.orders.is_understood()) else {
             return LastKnown { after: Duration::ZERO, age: silence + one_way + margin };
         };
-        let known = self.arrivals.last_known(now, made, config.tick, one_way);
+        let known = self.arrivals.last_known(now, made, config.tick);
         // A client's clock that runs ahead gains it no more than the margin.
         let after = known.after.min(self.course_for).min(silence + margin);
         LastKnown { after, age: known.age + (known.after - after) }

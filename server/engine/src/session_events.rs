@@ -146,7 +146,7 @@ impl Engine {
     /// Takes in a client's report.
     pub(crate) fn report(&mut self, now: Duration, id: AvatarId, report: &Report) {
         let Some(slot) = self.population.slot(id) else { return };
-        let Self { building, config, population, workspace, stats, pending, .. } = self;
+        let Self { building, config, horizons, population, workspace, stats, pending, .. } = self;
         let avatar = population.at_mut(slot);
         let pose = report.pose;
         let claim = Claim {
@@ -167,7 +167,8 @@ impl Engine {
             ClaimVerdict::Old => {}
             ClaimVerdict::Accepted => {
                 stats.reports += 1;
-                avatar.arrivals.hear(now, report.made, config.tick);
+                let one_way = horizons.one_way(avatar.round_trip);
+                avatar.arrivals.hear(now, report.made, config.tick, one_way);
                 self.accept(now, slot, pose, Some(report));
             }
             ClaimVerdict::Refused { correct } => {

@@ -292,6 +292,21 @@ mod tests {
     }
 
     #[test]
+    fn a_report_that_is_held_up_for_longer_leaves_too_little_for_the_next_one() {
+        let mut budget = MovementBudget::new(ms(0));
+        // At top speed from the third second on. The report at 4 s comes 0.9 s late, and the next
+        // in time.
+        let claims = [(3_050, 0.0), (4_950, 2.0), (6_050, 6.0)];
+        for (i, (t, x)) in claims.into_iter().enumerate() {
+            let claim = at(x);
+            let from = at(if i < 2 { 0.0 } else { 2.0 }).eye;
+            let verdict =
+                judge_freely(&mut budget, ms(t), &Claim::new(order(i), &claim, from, RTT));
+            assert_eq!(verdict == ClaimVerdict::Accepted, i < 2, "{t}: {verdict:?}");
+        }
+    }
+
+    #[test]
     fn over_a_long_time_nobody_gains_more_than_one_per_cent() {
         for step in [1, 7, 50, 333] {
             let mut budget = MovementBudget::new(ms(0));

@@ -26,10 +26,10 @@ const MARGIN_MIN: Duration = Duration::from_millis(2);
 /// When a client's reports arrive.
 ///
 /// Reports carry the client's own time. The *lag* of a report is the time between that and its
-/// arrival, on two clocks, so it is known up to a constant. The least lag is that of a message that
-/// took half of the round trip. The spread of the lags is the measured jitter. A message that a
-/// stream had to send again counts as jitter, too. What delays reports also delays what is sent to
-/// the client.
+/// arrival, on two clocks, so it is known up to a constant. A message takes half of the round trip
+/// of its time, and jitter. The spread of the lags is the measured jitter. A message that a stream
+/// had to send again counts as jitter, too. What delays reports also delays what is sent to the
+/// client.
 #[derive(Clone, Debug)]
 pub(crate) struct Arrivals {
     margin: Margin,
@@ -38,11 +38,11 @@ pub(crate) struct Arrivals {
     reports: VecDeque<Arrival>,
     /// The least and the greatest lag of these.
     lags_us: [i64; 2],
-    /// The least lag of these, at least and at most.
-    least_us: [i64; 2],
-    /// By how much the slowest of these was later than the fastest, without those that were later
-    /// than the margin allows.
-    usual: Duration,
+    /// The least lag of these, at most.
+    least_us: i64,
+    /// The greatest lag of these less half of the round trip of its time, without those that were
+    /// later than the margin allows.
+    slowest_us: i64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +51,16 @@ struct Arrival {
     lag_us: i64,
     /// The least and the greatest lag that it may have had.
     within_us: [i64; 2],
+    /// Half of the round trip that was known then.
+    one_way_us: i64,
+}
+
+impl Arrival {
+    /// The least lag that it may have had, less half of the round trip of its time: the difference
+    /// of both clocks, and jitter.
+    fn beyond_us(&self) -> i64 {
+        self.within_us[0] - self.one_way_us
+    }
 }
 
 /// The last moment of which a client's word is known for sure.
@@ -69,8 +79,8 @@ impl Arrivals {
             measured: None,
             reports: VecDeque::new(),
             lags_us: [0; 2],
-            least_us: [0; 2],
-            usual: Duration::ZERO,
+            least_us: 0,
+            slowest_us: 0,
         }
     }
 
@@ -82,8 +92,15 @@ impl Arrivals {
         }
     }
 
-    /// Takes in the arrival of a report that was made at a time on the client's clock.
-    pub(crate) fn hear(&mut self, now: Duration, made: Duration, tick: Duration) {
+    /// Takes in the arrival of a report that was made at a time on the client's clock. A message
+    /// takes `one_way` at least, as far as is known now.
+    pub(crate) fn hear(
+        &mut self,
+        now: Duration,
+        made: Duration,
+        tick: Duration,
+        one_way: Duration,
+    ) {
         let lag_us = micros(now) - micros(made);
         let is_at_tick = made.as_nanos().is_multiple_of(tick.as_nanos().max(1));
         let within_us = if is_at_tick {
@@ -91,7 +108,8 @@ impl Arrivals {
         } else {
             [lag_us - micros(tick / ROUNDING_PARTS), lag_us + micros(tick / AHEAD_PARTS)]
         };
-        self.reports.push_back(Arrival { heard: now, lag_us, within_us });
+        let one_way_us = micros(one_way);
+        self.reports.push_back(Arrival { heard: now, lag_us, within_us, one_way_us });
         let is_old = |oldest: &Arrival| oldest.heard + REPORT_AGE_MAX < now;
         while self.reports.len() > REPORTS_MAX
             || self.reports.len() > REPORTS_MIN && self.reports.front().is_some_and(is_old)
@@ -100,40 +118,31 @@ impl Arrivals {
         }
         let lags = || self.reports.iter().map(|arrival| arrival.lag_us);
         self.lags_us = [lags().min().unwrap_or(0), lags().max().unwrap_or(0)];
-        let least = |which: usize| self.reports.iter().map(move |a| a.within_us[which]).min();
-        self.least_us = [0, 1].map(|which| least(which).unwrap_or(0));
+        self.least_us = self.reports.iter().map(|a| a.within_us[1]).min().unwrap_or(0);
         if self.reports.len() >= REPORTS_MIN {
             self.measured = Some(self.spread() * SAFETY / SAFETY_PER + MARGIN_MIN);
         }
-        let on_time_us = self.least_us[0] + micros(self.margin());
-        let on_time = self.reports.iter().map(|a| a.lag_us).filter(|lag_us| *lag_us <= on_time_us);
-        let usual_us = on_time.max().map_or(0, |lag_us| (lag_us - self.least_us[0]).max(0));
-        self.usual = Duration::from_micros(usual_us.unsigned_abs());
+        let beyond = || self.reports.iter().map(Arrival::beyond_us);
+        let on_time_us = beyond().min().unwrap_or(0) + micros(self.margin());
+        self.slowest_us = beyond().filter(|us| *us <= on_time_us).max().unwrap_or(0);
     }
 
     /// The last of the client's ticks of which it is known by now whether it reported, or the time
-    /// of its last report, which was made at `made`. A message takes `one_way` at least.
+    /// of its last report, which was made at `made`.
     ///
     /// A report that the client made at its own time `c` has arrived by `c` + least lag + margin.
     /// So what was not heard by then was not said.
-    pub(crate) fn last_known(
-        &self,
-        now: Duration,
-        made: Duration,
-        tick: Duration,
-        one_way: Duration,
-    ) -> LastKnown {
-        let [least_us, least_sure_us] = self.least_us;
-        let heard_us = micros(now) - least_sure_us - micros(self.margin());
+    pub(crate) fn last_known(&self, now: Duration, made: Duration, tick: Duration) -> LastKnown {
+        let margin_us = micros(self.margin());
+        let heard_us = micros(now) - self.least_us - margin_us;
         let tick_us = micros(tick).max(1);
         let known_us = (heard_us.div_euclid(tick_us) * tick_us).max(micros(made));
-        // The least lag may itself be that of a late message, by what is left of the margin.
-        // Messages that are later than that say nothing about it.
-        let unsure = self.margin().saturating_sub(self.usual);
-        let since_us = (micros(now) - least_us - known_us).max(0);
+        // Each report took half of the round trip of its time and the margin at most. The slowest
+        // one says the most about the clocks. One that was later says nothing.
+        let age_us = (micros(now) - known_us - self.slowest_us + margin_us).max(0);
         LastKnown {
             after: Duration::from_micros((known_us - micros(made)).unsigned_abs()),
-            age: Duration::from_micros(since_us.unsigned_abs()) + one_way + unsure,
+            age: Duration::from_micros(age_us.unsigned_abs()),
         }
     }
 
@@ -162,6 +171,7 @@ mod tests {
     use super::*;
 
     const TICK: Duration = Duration::from_millis(50);
+    const ONE_WAY: Duration = Duration::from_millis(40);
     const MARGIN: Margin =
         Margin::Measured { first: Duration::from_millis(25), most: Duration::from_millis(100) };
 
@@ -174,7 +184,7 @@ mod tests {
     fn heard(reports: u32, jitter: Duration) -> Arrivals {
         let (mut known, mut rng) = (Arrivals::new(MARGIN), SmallRng::seed_from_u64(7));
         for made in (1..=reports).map(|i| TICK * i) {
-            known.hear(ms(300) + made + jitter.mul_f64(rng.random()), made, TICK);
+            known.hear(ms(300) + made + jitter.mul_f64(rng.random()), made, TICK, ONE_WAY);
         }
         known
     }
@@ -195,7 +205,7 @@ mod tests {
         for i in 0..30 {
             let made = Duration::from_secs(60 + i);
             let late = if i == 2 { ms(30) } else { Duration::ZERO };
-            known.hear(ms(300) + made + late, made, TICK);
+            known.hear(ms(300) + made + late, made, TICK, ONE_WAY);
             assert_eq!(known.margin() > ms(30), (2..=22).contains(&i), "{i}");
         }
     }
@@ -205,7 +215,7 @@ mod tests {
         let known = heard(100, Duration::ZERO);
         let made = TICK * 100;
         // Reports arrive 300 ms after the client's own time, and at most 2 ms later.
-        let at = |now_ms: u64| known.last_known(made + ms(300 + now_ms), made, TICK, ms(40));
+        let at = |now_ms: u64| known.last_known(made + ms(300 + now_ms), made, TICK);
         assert_eq!(at(0), LastKnown { after: ms(0), age: ms(42) });
         assert_eq!(at(51), LastKnown { after: ms(0), age: ms(93) });
         assert_eq!(at(52), LastKnown { after: TICK, age: ms(44) });
@@ -215,21 +225,34 @@ mod tests {
     #[test]
     fn a_message_that_is_too_late_does_not_show_that_the_others_were_fast() {
         let mut known = Arrivals::new(Margin::Fixed(ms(20)));
-        known.hear(TICK + ms(300), TICK, TICK);
-        known.hear(TICK * 2 + ms(308), TICK * 2, TICK);
-        let age = |known: &Arrivals| known.last_known(TICK * 3, TICK * 3, TICK, ms(40)).age;
+        known.hear(TICK + ms(300), TICK, TICK, ONE_WAY);
+        known.hear(TICK * 2 + ms(308), TICK * 2, TICK, ONE_WAY);
+        let age = |known: &Arrivals| known.last_known(TICK * 3 + ms(300), TICK * 3, TICK).age;
         assert_eq!(age(&known), ms(40 + 12));
-        known.hear(TICK * 3 + ms(400), TICK * 3, TICK);
+        known.hear(TICK * 3 + ms(400), TICK * 3, TICK, ONE_WAY);
         assert_eq!(age(&known), ms(40 + 12));
+    }
+
+    #[test]
+    fn a_round_trip_that_falls_makes_nothing_younger() {
+        let mut known = Arrivals::new(Margin::Fixed(ms(25)));
+        // Both reports of a longer round trip are on time, and so is the one of a shorter.
+        let reports = [(40, 0), (40, 24), (20, 24)];
+        for (i, (one_way_ms, late_ms)) in (1..).zip(reports) {
+            let way = ms(one_way_ms + late_ms);
+            known.hear(TICK * i + ms(300) + way, TICK * i, TICK, ms(one_way_ms));
+        }
+        let heard = TICK * 3 + ms(300 + 20 + 24);
+        assert_eq!(known.last_known(heard, TICK * 3, TICK).age, ms(20 + 25));
     }
 
     #[test]
     fn an_answer_that_bears_a_later_time_makes_no_report_early() {
         let mut known = heard(100, Duration::ZERO);
         let (made, later) = (TICK * 100, TICK / 32);
-        known.hear(made + ms(300), made + later, TICK);
+        known.hear(made + ms(300), made + later, TICK, ONE_WAY);
         let at = made + TICK + ms(301);
-        assert_eq!(known.last_known(at, made + later, TICK, ms(40)).after, Duration::ZERO);
+        assert_eq!(known.last_known(at, made + later, TICK).after, Duration::ZERO);
     }
 
     #[test]
@@ -245,12 +268,12 @@ mod tests {
                 let truly = made + clock;
                 if rng.random_bool(0.1) {
                     let way = ms(one_way_ms + rng.random_range(0..=jitter_ms));
-                    known.hear(truly + way, made, TICK);
+                    known.hear(truly + way, made, TICK, ms(one_way_ms));
                     last = Some(made);
                 }
                 let Some(last) = last else { continue };
                 let now = truly + ms(rng.random_range(200..400));
-                let found = known.last_known(now, last, TICK, ms(one_way_ms));
+                let found = known.last_known(now, last, TICK);
                 // Any report made by then has arrived, and it was not longer ago than that.
                 let then = last + found.after + clock;
                 assert!(found.after.is_zero() || then + ms(one_way_ms + jitter_ms) <= now);
