@@ -37,6 +37,7 @@ impl Outbound {
     pub fn convert(&mut self, output: &Output, now: Duration) -> Option<ServerMessage> {
         Some(match output {
             Output::Entered { pose, tick, .. } => {
+                self.encoder.tell_clock();
                 ServerMessage::Entered { pose: pose.into(), tick: *tick }
             }
             Output::Appear { avatar, name, colour, pose, tick, .. } => ServerMessage::Appear {

@@ -227,6 +227,18 @@ fn held(replica: &Replica) -> Vec<(u32, f32)> {
 }
 
 #[test]
+fn datagrams_set_the_clock_right_after_a_first_message_that_was_lost_and_sent_again() {
+    let (mut replica, mut encoder) = (replica(), PoseEncoder::new(TICK));
+    let entered = ServerMessage::Entered { pose: (&at(0.0)).into(), tick: 1 };
+    replica.message(TICK * 9, entered).unwrap();
+    assert_eq!(replica.server_time(TICK * 9), Duration::ZERO);
+    encoder.tell_clock();
+    replica.datagram(TICK * 10, &encoder.encode(8, &[])[0]).unwrap();
+    let corrected = TICK * 10 + BLEND;
+    assert_eq!(replica.server_time(corrected), TICK * 6 + BLEND, "two ticks before tick 8");
+}
+
+#[test]
 fn an_old_datagram_brings_no_avatar_back_and_an_early_one_is_not_lost() {
     let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
     let first = encoder.encode(1, &[(AvatarId(7), at(1.0))]).remove(0);

@@ -25,6 +25,8 @@ const ACKS_KEPT: usize = 16;
 /// Where datagrams may be lost, each course is sent a second time after this number of ticks, so
 /// that the loss of one datagram shows for no longer.
 const COPY_TICKS: u32 = 2;
+/// The number of datagrams by which a client that has entered learns the server's clock.
+const CLOCK_COPIES: u32 = 2;
 /// Once this number of datagrams was acknowledged since the last loss, no loss is expected, and no
 /// second copies are sent.
 const CLEAN_DATAGRAMS: u32 = 128;
@@ -51,6 +53,10 @@ pub struct PoseEncoder {
     acknowledged_in_a_row: u32,
     /// How many ticks each of the last acknowledgements took, oldest first: at most [`ACKS_KEPT`].
     ack_ticks: VecDeque<u32>,
+    /// How many more datagrams the client must get, even without poses, to know the server's clock.
+    clock_copies: u32,
+    /// The tick of the last datagram that was sent.
+    datagram_tick: u32,
 }
 
 /// Where a course that the client knows leads by the tick of an entry, which is coded against it.
@@ -112,6 +118,8 @@ impl PoseEncoder {
             tick: 0,
             acknowledged_in_a_row: 0,
             ack_ticks: VecDeque::new(),
+            clock_copies: 0,
+            datagram_tick: 0,
         }
     }
 
@@ -124,6 +132,13 @@ impl PoseEncoder {
     /// The sequence number of the next datagram.
     pub fn next_sequence(&self) -> u32 {
         self.sequence.saturating_add(1)
+    }
+
+    /// Makes sure that the client gets datagrams before long, even if there are no poses. It tells
+    /// the server's clock by what arrives soonest, and what was on the stream may have been lost and
+    /// sent again.
+    pub fn tell_clock(&mut self) {
+        self.clock_copies = CLOCK_COPIES;
     }
 
     /// Encodes the poses at a tick of avatars with a new course, and again those of courses that the
@@ -149,8 +164,17 @@ impl PoseEncoder {
             writer.push(avatar, base, pose, &entry);
             self.note(avatar, pose, tick, is_new);
         }
-        if !writer.poses.is_empty() {
+        let tells_clock =
+            self.clock_copies > 0 && tick.saturating_sub(self.datagram_tick) >= COPY_TICKS;
+        if datagrams.is_empty() && writer.poses.is_empty() && tells_clock {
+            writer.open(self.next_sequence(), tick);
+        }
+        if !writer.bytes.is_empty() {
             datagrams.push(self.close(&mut writer));
+        }
+        if !datagrams.is_empty() {
+            self.clock_copies = self.clock_copies.saturating_sub(1);
+            self.datagram_tick = tick;
         }
         datagrams
     }

@@ -383,6 +383,26 @@ fn a_course_is_sent_again_when_its_acknowledgement_should_have_come() {
 }
 
 #[test]
+fn a_client_that_has_entered_gets_two_datagrams_for_its_clock_even_without_poses() {
+    let (mut encoder, mut decoder) = (PoseEncoder::new(TICK), PoseDecoder::new(TICK));
+    let told = |encoder: &mut PoseEncoder, decoder: &mut PoseDecoder, tick: u32| {
+        let datagrams = encoder.encode(tick, &[]);
+        datagrams.iter().map(|d| decoder.decode(d).unwrap().unwrap().clone()).collect::<Vec<_>>()
+    };
+    assert!(told(&mut encoder, &mut decoder, 9).is_empty());
+    encoder.tell_clock();
+    let updates: Vec<_> =
+        (10..200).flat_map(|tick| told(&mut encoder, &mut decoder, tick)).collect();
+    assert_eq!(updates.iter().map(|update| update.tick).collect::<Vec<_>>(), [10, 12]);
+    assert!(updates.iter().all(|update| update.poses.is_empty()));
+    // Datagrams with poses will do.
+    encoder.tell_clock();
+    let poses = encoder.encode(300, &moved(0.5));
+    assert_eq!((poses.len(), encoder.encode(302, &[]).len()), (1, 1), "the poses and their copy");
+    assert!((303..312).all(|tick| encoder.encode(tick, &[]).is_empty()));
+}
+
+#[test]
 fn forgotten_avatars_are_not_sent() {
     let (mut encoder, mut decoder) = primed();
     encoder.encode(2, &moved(0.5));
