@@ -101,6 +101,8 @@ struct Link {
     lost_in_a_row: u32,
     /// Whether the second copy of a report must be lost, too: by an injected fault.
     copy_is_lost: bool,
+    /// When what was in the last lost datagram is sent again.
+    repeats_at: Option<Duration>,
     /// The shortest time that a message took.
     way_min: Option<Duration>,
 }
@@ -192,9 +194,13 @@ impl SimulatedNetwork {
         if self.conditions.loss > 0.0 { no_loss.max(LOSS_MEMORY) } else { no_loss }
     }
 
-    /// The most by which a message takes longer than half of a round trip, if it is not lost.
-    pub(super) fn jitter(&self) -> Duration {
-        self.conditions.jitter
+    /// By how much a message from a client, or to it, may take longer than the quickest one before,
+    /// if it is not lost: by jitter, and by how much the round trip has grown. Server and replica
+    /// measure time by the quickest messages.
+    pub(super) fn lateness(&self, client: AvatarId, is_up: bool) -> Duration {
+        let link = self.links.get(&LinkId { client, is_up });
+        let quickest = link.and_then(|link| link.way_min).unwrap_or(Duration::MAX);
+        (self.way_max(client) + self.conditions.jitter).saturating_sub(quickest)
     }
 
     /// How old an avatar's position may be that a viewer shows.
@@ -221,9 +227,13 @@ impl SimulatedNetwork {
 
     /// How long what an avatar's client says takes to its viewer, without jitter and loss.
     pub(super) fn delay(&self, viewer: AvatarId, avatar: AvatarId) -> Duration {
-        // The newest position that the viewer holds may have been sent in the second before.
-        let way = |client: AvatarId| self.round_trip(client).max(self.known_round_trip(client)) / 2;
-        way(viewer) + way(avatar)
+        self.way_max(viewer) + self.way_max(avatar)
+    }
+
+    /// Half of a client's round trip, at present or in the second before: the newest position that
+    /// a viewer holds may have been sent then.
+    fn way_max(&self, client: AvatarId) -> Duration {
+        self.round_trip(client).max(self.known_round_trip(client)) / 2
     }
 
     /// By how much losses make an avatar's position older for a viewer: those from the avatar's
@@ -303,10 +313,12 @@ impl SimulatedNetwork {
         let id = LinkId::of(packet);
         let next_arrival = now + self.tick + self.next_way(id.client);
         let link = self.links.entry(id).or_default();
-        // Each course is sent twice. When both are lost, it comes again much later.
-        let is_second = link.losses.back().is_some_and(|last| last.sent + 4 * self.tick >= now);
-        let ticks = if is_second { RESEND_TICKS } else { 2 };
-        link.lose(Loss { sent: now, delay: ticks * self.tick });
+        // Each course is sent twice. When both are lost, it comes again much later, and so it does
+        // when it is lost then.
+        let is_repetition = link.repeats_at.is_some_and(|at| at + 2 * self.tick >= now);
+        let delay = if is_repetition { RESEND_TICKS } else { 2 } * self.tick;
+        link.repeats_at = Some(now + delay);
+        link.lose(Loss { sent: now, delay });
         link.lost_in_a_row += 1;
         link.copy_is_lost = self.departures_lost && packet.kind() == ReportKind::Departure;
         let is_long = link.lost_in_a_row >= LOST_IN_A_ROW_MAX;
@@ -456,6 +468,27 @@ mod tests {
     }
 
     #[test]
+    fn a_message_is_late_by_jitter_and_by_what_the_round_trip_has_grown() {
+        let (jitter, drift) = (ms(20), ms(80));
+        let mut network =
+            network(NetworkConditions { jitter, drift, ..NetworkConditions::default() });
+        assert_eq!(network.lateness(CLIENT, true), Duration::ZERO, "nothing to compare with");
+        let (mut quickest, mut grown) = (Duration::MAX, false);
+        for tick in 0..200 {
+            let now = ms(50) * tick;
+            network.advance(now);
+            network.send(now, ms(0), report(tick, false));
+            let (arrival, _) = network.packets.keys().max_by_key(|(_, number)| *number).unwrap();
+            quickest = quickest.min(*arrival - now);
+            let late = network.lateness(CLIENT, true);
+            assert_eq!(late, network.way_max(CLIENT) + jitter - quickest);
+            grown |= late > jitter;
+        }
+        assert!(grown, "round trips grow");
+        assert_eq!(network.lateness(CLIENT, false), Duration::ZERO, "nothing was sent to it");
+    }
+
+    #[test]
     fn datagrams_are_lost_duplicated_and_reordered() {
         let (jitter, loss, duplication) = (ms(80), 0.1, 0.05);
         let mut network = network(NetworkConditions {
@@ -473,12 +506,14 @@ mod tests {
         assert!((850..950).contains(&arrived.len()), "{} of 1000 arrive", arrived.len());
         assert!((20..80).contains(&(all - arrived.len())), "{} arrive twice", all - arrived.len());
         assert!(delays.iter().all(|(_, delay)| (ms(50)..=ms(130)).contains(delay)));
-        let lost: Vec<u32> = (900..1_000).filter(|i| arrived.binary_search(i).is_err()).collect();
-        // A loss soon after another one takes longer to mend.
-        let is_second = |i: &u32| lost.iter().any(|before| before < i && i - before <= 4);
-        let ticks = |i: &u32| if is_second(i) { RESEND_TICKS } else { 2 };
-        let counts = |i: &&u32| **i + ticks(i) >= 950;
-        let expected: u32 = lost.iter().filter(counts).map(ticks).sum();
+        let lost = (0..1_000).filter(|i| arrived.binary_search(i).is_err());
+        // A loss soon after another one, or of what repeats it, takes longer to mend.
+        let (mut repeats_at, mut expected) = (None, 0);
+        for i in lost {
+            let ticks = if repeats_at.is_some_and(|at| at + 2 >= i) { RESEND_TICKS } else { 2 };
+            repeats_at = Some(i + ticks);
+            expected += if i + ticks >= 950 { ticks } else { 0 };
+        }
         let delay = network.loss_delay(ms(50) * 950, AvatarId(1), CLIENT);
         assert_eq!(delay, ms(50) * expected);
     }

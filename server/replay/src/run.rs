@@ -42,6 +42,9 @@ pub(super) struct Run<'a> {
     hellos: BTreeMap<AvatarId, (Name, [u8; 3])>,
     /// The times of the pose that the engine has of each avatar.
     last_reports: BTreeMap<AvatarId, LastReport>,
+    /// By how much each client's quickest report took longer than half of the round trip that the
+    /// engine knew at its time.
+    least_lateness: BTreeMap<AvatarId, Duration>,
     audit: Option<Audit>,
     dump: Dump<'a>,
     statistics: RunStatistics,
@@ -68,14 +71,16 @@ impl<'a> Run<'a> {
             outbound: BTreeMap::new(),
             hellos: BTreeMap::new(),
             last_reports: BTreeMap::new(),
+            least_lateness: BTreeMap::new(),
             dump,
             statistics: RunStatistics::default(),
             cpu: Duration::ZERO,
         }
     }
 
-    /// Runs one tick: packets arrive, clients act, the engine decides. Returns its outputs.
-    pub(super) fn step(&mut self, now: Duration) -> io::Result<Vec<Output>> {
+    /// Runs a tick up to the engine's decision: packets arrive, clients act, the engine decides.
+    /// Returns its outputs.
+    pub(super) fn decide(&mut self, now: Duration) -> io::Result<Vec<Output>> {
         self.deliver(now)?;
         if self.network.advance(now) {
             self.tell_round_trips(now);
@@ -90,23 +95,29 @@ impl<'a> Run<'a> {
         self.engine.tick(now, &mut outputs);
         self.cpu += start.elapsed();
         self.statistics.tick(std::mem::take(&mut self.cpu), &self.engine);
-        self.send_down(now, &outputs)?;
+        Ok(outputs)
+    }
+
+    /// Ends a tick: the engine's outputs are sent. With a round trip of zero they arrive at once,
+    /// and so do the answers.
+    pub(super) fn tell(&mut self, now: Duration, outputs: &[Output]) -> io::Result<()> {
+        self.send_down(now, outputs)?;
         self.deliver(now)?;
         if let Some(audit) = &mut self.audit {
             audit.look(now, &self.clients, &self.network, &self.engine);
         }
-        Ok(outputs)
+        Ok(())
     }
 
-    /// The state after a tick. `done` is the share of the run that is done.
+    /// The state once the engine has decided at a tick. `done` is the share of the run that is done.
     pub(super) fn view<'b>(
         &'b self,
         now: Duration,
         done: f32,
         outputs: &'b [Output],
     ) -> TickView<'b> {
-        let Self { engine, clients, network, last_reports, .. } = self;
-        TickView { now, done, outputs, engine, clients, network, last_reports }
+        let Self { engine, clients, network, last_reports, least_lateness, .. } = self;
+        TickView { now, done, outputs, engine, clients, network, last_reports, least_lateness }
     }
 
     /// The figures of the whole run, once the last event is written. `length` is how much of the
@@ -241,6 +252,11 @@ impl<'a> Run<'a> {
         self.handle(times.heard, Input::Report { avatar, report });
         if self.engine.stats().reports != accepted {
             self.last_reports.insert(avatar, times);
+            let LastReport { heard, sampled } = times;
+            let one_way = self.engine.round_trip(avatar).unwrap_or_default() / 2;
+            let lateness = heard.saturating_sub(sampled + one_way);
+            let least = self.least_lateness.entry(avatar).or_insert(lateness);
+            *least = lateness.min(*least);
         }
         Ok(())
     }
@@ -272,6 +288,7 @@ impl<'a> Run<'a> {
         }
         self.outbound.remove(&avatar);
         self.last_reports.remove(&avatar);
+        self.least_lateness.remove(&avatar);
         self.handle(at, Input::Leave { avatar });
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The state of a run at the end of a tick, for those who watch it.
+//! The state of a run once the engine has decided at a tick, for those who watch it.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -8,7 +8,8 @@ use sightline_world::motion::{AvatarId, Pose};
 
 use super::{network::SimulatedNetwork, simulated_clients::SimulatedClients};
 
-/// The end of a tick: what the engine decided, and what is true.
+/// A tick: what the engine decided, by what it decided, and what is true. Nothing that it says at
+/// this tick has arrived yet.
 #[derive(Clone, Copy)]
 pub struct TickView<'a> {
     /// The server's time.
@@ -22,6 +23,7 @@ pub struct TickView<'a> {
     pub(super) clients: &'a SimulatedClients<'a>,
     pub(super) network: &'a SimulatedNetwork,
     pub(super) last_reports: &'a BTreeMap<AvatarId, LastReport>,
+    pub(super) least_lateness: &'a BTreeMap<AvatarId, Duration>,
 }
 
 /// The last report of an avatar that the engine has accepted.
@@ -73,10 +75,23 @@ impl<'a> TickView<'a> {
         self.last_reports.get(&avatar).map(|last| last.sampled)
     }
 
+    /// By how much all reports of a client took longer than half of the round trip that the engine
+    /// knew at their time.
+    pub fn least_lateness(&self, avatar: AvatarId) -> Duration {
+        self.least_lateness.get(&avatar).copied().unwrap_or_default()
+    }
+
     /// Whether a client's message is on its way that takes longer than its quickest one, by more
     /// than the engine allows for.
     pub fn is_overdue(&self, avatar: AvatarId) -> bool {
         self.network.is_overdue(self.now, avatar)
+    }
+
+    /// Whether, when the engine last accepted a report of a client, one of the client's messages had
+    /// recently taken longer than the engine allows for.
+    pub fn was_late_when_heard(&self, avatar: AvatarId) -> bool {
+        let heard = self.last_report(avatar).unwrap_or(self.now);
+        self.network.is_late(heard.min(self.now), avatar)
     }
 
     /// Whether a message from or to a client recently took longer than the engine allows for.

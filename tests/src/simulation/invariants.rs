@@ -23,9 +23,8 @@ const SILENT_MAX: Duration = Duration::from_secs(1);
 pub const SMALL_TBV_SCALE: f32 = 0.9;
 /// The rounding of positions on the wire and in sums, in metres.
 const ROUNDING_M: f32 = 0.02;
-/// The rounding of courses, in metres and in radians.
+/// The rounding of courses, in metres.
 const COURSE_ROUNDING_M: f32 = 0.005;
-const COURSE_ROUNDING_RADIANS: f32 = 0.005;
 /// The number of ticks of a client from which the engine may count where it is.
 const COURSE_TICKS: u32 = 12;
 /// The number of directions in which straight walks are tried.
@@ -139,7 +138,7 @@ impl InvariantChecker {
         }
     }
 
-    /// Checks the state at the end of a tick.
+    /// Checks what the engine decided at a tick.
     pub fn check(&mut self, moment: &TickView<'_>) {
         self.check_silence(moment);
         self.check_refusals(moment);
@@ -183,11 +182,13 @@ impl InvariantChecker {
     }
 
     /// All clients are honest, so none is refused. A client whose messages are delayed for long may
-    /// seem too fast, and reports from before a jump may arrive after it: both are excused.
+    /// seem too fast, and reports from before a jump may arrive after it: both are excused. A
+    /// movement budget counts from the last accepted claim. So the claim after a late one is
+    /// excused, however long the client is silent in between.
     fn check_refusals(&mut self, moment: &TickView<'_>) {
         for output in moment.outputs {
             if let Output::Correct { to, .. } | Output::Drop { to, .. } = output
-                && !moment.is_late(*to)
+                && !moment.was_late_when_heard(*to)
                 && !self.is_on_the_way(moment, *to)
             {
                 self.note(moment, &Violation::Refused, *to, "");
@@ -210,17 +211,17 @@ impl InvariantChecker {
     /// when the engine counts none since the last report.
     fn is_on_course(&self, moment: &TickView<'_>, id: AvatarId) -> Option<bool> {
         let known = moment.engine.known_course(id)?;
-        let tolerance = Tolerance {
-            metres: known.tolerance.metres + COURSE_ROUNDING_M,
-            radians: known.tolerance.radians + COURSE_ROUNDING_RADIANS,
-            ..known.tolerance
-        };
-        // Clients act at the server's ticks. The time of a report is rounded on the wire.
+        let metres = known.tolerance.metres + COURSE_ROUNDING_M;
+        let tolerance = Tolerance { metres, ..known.tolerance };
+        // Clients act at the server's ticks. The time that a report carries may be later than its
+        // own by a part of a tick. Client and engine both count the course from that, not from when
+        // the pose was true.
         let made = moment.last_sampled(id)?;
         let until = made + known.after + self.tick / 32;
         let at = self.tick * u32::try_from(until.as_nanos() / self.tick.as_nanos()).ok()?;
         let agility = moment.engine.agility();
-        let course = moment.engine.pose(id)?.on_course(at.checked_sub(made)?, &agility);
+        let elapsed = known.after.min(at.checked_sub(made)?);
+        let course = moment.engine.pose(id)?.on_course(elapsed, &agility);
         let truth = moment.pose_at(id, at)?;
         let before = moment.pose_at(id, at.saturating_sub(self.tick))?;
         // A client takes the mean over its last tick for its velocity, if that is likely.
@@ -323,10 +324,10 @@ impl InvariantChecker {
             let pose = pose.on_course(at.saturating_sub(made), &agility);
             Known { pose, at, tolerance: tolerance.along(&pose) }
         });
-        // The engine does not know that a message took longer than it allows for.
-        let at = made.max(last_heard.saturating_sub(way));
-        let reported = Known { pose, at, tolerance: Tolerance::NONE };
-        Some(on_course.chain([reported]).collect())
+        // The engine may not know that a message took longer than it allows for.
+        let reported = [made, made.max(last_heard.saturating_sub(way))];
+        let reported = reported.map(|at| Known { pose, at, tolerance: Tolerance::NONE });
+        Some(on_course.chain(reported).collect())
     }
 
     /// The cells reached from a place without leaving a box, and the part of each inside the box.
@@ -458,7 +459,8 @@ impl InvariantChecker {
     }
 
     /// How long after a moment a TBV must hold its avatar: until it expires; or until the client has
-    /// received it, plus the notice.
+    /// received it, plus the notice. When all reports were slower than the known round trip has it,
+    /// the engine takes the moment to be later than it was.
     fn must_hold_for(
         &self,
         moment: &TickView<'_>,
@@ -466,11 +468,12 @@ impl InvariantChecker {
         tbv: &Tbv,
         known: &Known,
     ) -> Duration {
+        let taken_at = known.at + moment.least_lateness(id);
         if tbv.notice.is_zero() {
-            return tbv.expiry.saturating_sub(known.at);
+            return tbv.expiry.saturating_sub(taken_at);
         }
         let told = moment.round_trip(id).min(self.horizon_max) / 2 + self.tick;
-        moment.now.saturating_sub(known.at) + told + tbv.notice
+        moment.now.saturating_sub(taken_at) + told + tbv.notice
     }
 
     /// Whether a TBV holds everything that its avatar can do in a time, even through walls.

@@ -183,9 +183,12 @@ impl ViewerFindings {
         let tolerance_m = scene.tolerances.largest_m(other.avatar, since);
         let Scene { engine, .. } = scene;
         // A client tells only at its next tick that its avatar departs, half a tick later in the
-        // mean. What jitter then makes late is joined within a short while.
+        // mean. What jitter then makes late, to the server and to the viewer, is joined within a
+        // short while.
         let speed = other.past.speed_max(since.saturating_sub(BLEND));
-        let late = scene.network.jitter() + engine.config().tick / 2;
+        let late = scene.network.lateness(other.avatar, true)
+            + scene.network.lateness(pair.viewer.avatar, false)
+            + engine.config().tick / 2;
         let untold_m = speed * (lost + late).as_secs_f32();
         let within = if tolerance_m > 0.0 {
             // What the viewer can hardly tell is not told to it.
