@@ -313,11 +313,11 @@ impl SimulatedNetwork {
         let id = LinkId::of(packet);
         let next_arrival = now + self.tick + self.next_way(id.client);
         let link = self.links.entry(id).or_default();
-        // Each course is sent twice. When both are lost, it comes again much later, and so it does
-        // when it is lost then.
+        // Each course is sent twice. When both are lost, it comes again much later, and for a viewer
+        // so it does when it is lost then.
         let is_repetition = link.repeats_at.is_some_and(|at| at + 2 * self.tick >= now);
         let delay = if is_repetition { RESEND_TICKS } else { 2 } * self.tick;
-        link.repeats_at = Some(now + delay);
+        link.repeats_at = Some(now + if id.is_up { 2 * self.tick } else { delay });
         link.lose(Loss { sent: now, delay });
         link.lost_in_a_row += 1;
         link.copy_is_lost = self.departures_lost && packet.kind() == ReportKind::Departure;
@@ -506,16 +506,24 @@ mod tests {
         assert!((850..950).contains(&arrived.len()), "{} of 1000 arrive", arrived.len());
         assert!((20..80).contains(&(all - arrived.len())), "{} arrive twice", all - arrived.len());
         assert!(delays.iter().all(|(_, delay)| (ms(50)..=ms(130)).contains(delay)));
-        let lost = (0..1_000).filter(|i| arrived.binary_search(i).is_err());
-        // A loss soon after another one, or of what repeats it, takes longer to mend.
-        let (mut repeats_at, mut expected) = (None, 0);
-        for i in lost {
-            let ticks = if repeats_at.is_some_and(|at| at + 2 >= i) { RESEND_TICKS } else { 2 };
-            repeats_at = Some(i + ticks);
-            expected += if i + ticks >= 950 { ticks } else { 0 };
-        }
+        let lost: Vec<u32> = (0..1_000).filter(|i| arrived.binary_search(i).is_err()).collect();
+        // A loss soon after another one takes longer to mend.
+        let is_second = |i: &u32| lost.iter().any(|before| before < i && i - before <= 4);
+        let ticks = |i: &u32| if is_second(i) { RESEND_TICKS } else { 2 };
+        let counts = |i: &&u32| **i + ticks(i) >= 950;
+        let expected: u32 = lost.iter().filter(counts).map(ticks).sum();
         let delay = network.loss_delay(ms(50) * 950, AvatarId(1), CLIENT);
         assert_eq!(delay, ms(50) * expected);
+    }
+
+    #[test]
+    fn a_course_comes_late_again_when_its_repetition_is_lost_too() {
+        let mut network = network(NetworkConditions::default());
+        let poses = Packet::Down(CLIENT, Payload::Datagram(vec![1, 1]));
+        for (tick, ticks_lost) in [(0, 2), (2, 2 + 12), (14, 2 + 12 + 12), (60, 2 + 12 + 12 + 2)] {
+            network.lose_datagram(ms(50) * tick, ms(0), &poses);
+            assert_eq!(network.loss_delay(ms(0), CLIENT, AvatarId(1)), ms(50) * ticks_lost);
+        }
     }
 
     #[test]

@@ -111,8 +111,8 @@ impl Fault {
             // Where another way around is hardly longer, walkers through the lost portal are still
             // believed and seen.
             Self::LostPortal => 0.85,
-            // Where only a turn is lost, no promise is broken.
-            Self::LostDeparture => 0.85,
+            // Where only a turn is lost, no promise is broken: in one of five seeds or so.
+            Self::LostDeparture => 0.6,
             // A smaller TBV may still hold its avatar from a later moment: in one of forty seeds or
             // so all of them do. Few of sixty seeds have one that is tight.
             Self::SmallTbv => 0.85,
