@@ -273,7 +273,7 @@ fn overlay(world: &World, args: &InspectArgs) -> Overlay {
         Mark { forward: Some(forward), number: Some(number), ..mark(spawn.eye, false) }
     };
     let mut marks: Vec<_> = world.spawns.iter().enumerate().map(spawn_mark).collect();
-    let mut legend = vec![("spawn point, its number and heading", mark(Vec3::ZERO, false))];
+    let mut legend = vec![("spawn point, with heading", mark(Vec3::ZERO, false))];
     if let Some(eye) = args.pvs_from {
         marks.push(mark(eye, true));
         legend.push(("eye; what it cannot see is grey", mark(eye, true)));

@@ -141,11 +141,19 @@ fn fetch(uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, String> {
         return STANDARD.decode(base64).map_err(|error| format!("bad data URI: {error}"));
     }
     let name = urlencoding::decode(uri).map_err(|_| "its URI is not text")?;
-    let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
-    let path = Path::new(name.as_ref());
-    if name.contains("://") || name.contains('\\') || !path.components().all(inside) {
+    if !stays_inside(&name) || !stays_inside(uri) {
         return Err(format!("{uri:.200} is outside the model's folder"));
     }
     let folder = folder.ok_or("there is no folder to look in")?;
-    limits::read_file(&folder.join(path)).map_err(|error| format!("{uri:.200}: {error}"))
+    let path = folder.join(name.as_ref());
+    // Some programs write names as they are, percent signs and all.
+    let as_written = folder.join(uri);
+    let path = if !path.exists() && as_written.is_file() { as_written } else { path };
+    limits::read_file(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+}
+
+/// Whether a name leads to a file in a folder or below it.
+fn stays_inside(name: &str) -> bool {
+    let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+    !name.contains("://") && !name.contains('\\') && Path::new(name).components().all(inside)
 }

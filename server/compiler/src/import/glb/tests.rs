@@ -282,6 +282,11 @@ fn files_beside_the_model_are_read_and_those_elsewhere_are_not() {
         let error = read_with(uri).unwrap_err().to_string();
         assert!(error.contains("outside the model's folder"), "{uri}: {error}");
     }
+    std::fs::write(folder.path().join("models/100%25.bin"), &GlbDraft::square().bin).unwrap();
+    assert_eq!(read_with("100%25.bin").unwrap().opaque.len(), 2, "a name as it is written");
+    let missing = folder.path().join("models/no data.bin").display().to_string();
+    let error = read_with("no%20data.bin").unwrap_err().to_string();
+    assert!(error.contains(&format!("cannot read {missing}: ")), "{error}");
     for uri in ["http://localhost/data.bin", "file:///etc/passwd", "%FF", "nothing.bin", "data:,x"]
     {
         assert!(read_with(uri).is_err(), "{uri}");
