@@ -1,4 +1,4 @@
-//! From a document to a model: nodes, meshes and materials.
+//! From a document to a model: nodes and what they carry.
 
 mod primitive;
 
