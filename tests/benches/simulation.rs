@@ -59,6 +59,7 @@ enum FaultFlag {
     DepartureLate,
     ToleranceDoubled,
     LostDeparture,
+    LateCertificate,
 }
 
 impl From<FaultFlag> for Fault {
@@ -73,6 +74,7 @@ impl From<FaultFlag> for Fault {
             FaultFlag::DepartureLate => Self::DepartureLate,
             FaultFlag::ToleranceDoubled => Self::ToleranceDoubled,
             FaultFlag::LostDeparture => Self::LostDeparture,
+            FaultFlag::LateCertificate => Self::LateCertificate,
         }
     }
 }

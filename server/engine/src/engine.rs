@@ -12,7 +12,7 @@ use crate::{
     building::Building,
     claims::ClaimLimits,
     config::{Config, Policy},
-    interest::{self, Explanation, SightBudget, Snapshot},
+    interest::{self, Explanation, Facts, SightBudget, Snapshot},
     messages::{Input, Output},
     population::{KnownCourse, Population, Profile},
     regions::Indices,
@@ -126,11 +126,14 @@ impl Engine {
         if config.policy.uses_cells() {
             snapshot.update_regions(view, pool, &mut indices.coarse);
             interest::update_pairs(view, pool, &indices.coarse, &mut snapshot);
-            interest::test_pairs(view, pool, &mut snapshot, &mut self.sight_budget);
         }
-        let told = interest::notify(view, pool, &mut snapshot);
-        let nearest = snapshot.nearest_viewers();
-        population.set_nearest_viewers(&nearest);
+        let facts = Facts::new(view, &snapshot);
+        if config.policy.uses_cells() {
+            interest::test_pairs(view, pool, &facts, &mut snapshot, &mut self.sight_budget);
+        }
+        let told = interest::notify(view, pool, &facts, &mut snapshot);
+        let distances = snapshot.distances(view.tick);
+        interest::find_nearest(population, view.tick, &distances);
         interest::count_watchers(population, &told);
         outputs.extend(told);
     }
@@ -217,6 +220,13 @@ impl Engine {
     /// By how much messages of an avatar's client may take longer than half of its round trip.
     pub fn margin(&self, avatar: AvatarId) -> Option<Duration> {
         self.population.find(avatar).map(|avatar| avatar.arrivals.margin())
+    }
+
+    /// A viewer and an avatar that count as hidden from each other although what was found of them
+    /// does not hold any more. There is none, unless a test injects a fault.
+    #[doc(hidden)]
+    pub fn stale_pair(&self) -> Option<[AvatarId; 2]> {
+        interest::find_stale(&self.population)
     }
 
     /// Whether an avatar has moved against its own claims, a short while before a moment.

@@ -133,6 +133,7 @@ mod interest;
 mod messages;
 mod orders;
 mod pair;
+mod pairs;
 mod population;
 mod regions;
 mod session_events;

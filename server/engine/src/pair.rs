@@ -56,6 +56,11 @@ impl Pair {
             margin_from: 0,
         }
     }
+
+    /// Forgets what sight tests have found.
+    pub(crate) fn forget(&mut self) {
+        (self.sight, self.gates_from) = (SightResult::Unknown, 0);
+    }
 }
 
 /// What is known of the lines from a viewer's eye region to an avatar's body region.
@@ -121,6 +126,11 @@ pub(crate) enum RegionMargin {
     Small,
     /// The region lasts longest.
     Large,
+}
+
+impl RegionMargin {
+    /// How many margins there are.
+    pub(crate) const COUNT: usize = 2;
 }
 
 /// Which cached regions of a pair a result was found for.

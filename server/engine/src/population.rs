@@ -13,7 +13,7 @@ use crate::{
     claims::{ClaimConsistency, MovementBudget, WalkState},
     generation::Generation,
     orders::Orders,
-    pair::Pair,
+    pairs::Pairs,
     regions::{HiddenFootprint, LiveRegions, Motion},
     slot::{Member, Slot},
     sphere::Sphere,
@@ -45,6 +45,8 @@ pub(crate) struct Avatar {
     pub(crate) sealed: SealedRooms,
     /// Counts accepted poses.
     pub(crate) version: Generation,
+    /// Whether the last tick's snapshot does not have the last accepted pose.
+    pub(crate) has_news: bool,
     /// When the last accepted pose arrived.
     pub(crate) heard: Duration,
     pub(crate) round_trip: Duration,
@@ -65,8 +67,11 @@ pub(crate) struct Avatar {
     pub(crate) orders: Orders,
     /// When its client was last told to be live.
     pub(crate) ordered: Duration,
-    /// The distance to the nearest viewer that holds the avatar, in metres.
+    /// The distance to the nearest viewer that holds the avatar, in metres; infinite while nobody
+    /// does. Found anew every few ticks.
     pub(crate) nearest_m: f32,
+    /// The distance to the nearest of the viewers that were looked at since then.
+    pub(crate) next_nearest_m: f32,
     /// The engine does not try to silence the avatar before this.
     pub(crate) silence_from: Duration,
     /// Where the avatar can be, as the index of live or of hidden footprints has it.
@@ -93,7 +98,7 @@ pub(crate) struct Avatar {
     /// Where policies that divide the world count the avatar.
     pub(crate) area: Area,
     /// What it has to do with other avatars as a viewer, by their ids.
-    pub(crate) pairs: Vec<Pair>,
+    pub(crate) pairs: Pairs,
     /// How many clients have been told of the avatar.
     pub(crate) watchers: u32,
 }
@@ -191,6 +196,27 @@ impl Avatar {
     pub(crate) fn is_live(&self) -> bool {
         self.state == ReportingState::Live
     }
+
+    /// Takes in that one more client has been told of the avatar.
+    pub(crate) fn gain_watcher(&mut self, away_m: f32) {
+        self.watchers += 1;
+        self.see_from(away_m);
+    }
+
+    /// Takes in that a client that held the avatar does not any more.
+    pub(crate) fn lose_watcher(&mut self) {
+        debug_assert!(self.watchers > 0, "who holds an avatar is counted");
+        self.watchers -= 1;
+        if self.watchers == 0 {
+            (self.nearest_m, self.next_nearest_m) = (f32::INFINITY, f32::INFINITY);
+        }
+    }
+
+    /// Takes in how far away a viewer is that holds the avatar, in metres.
+    pub(crate) fn see_from(&mut self, away_m: f32) {
+        self.nearest_m = self.nearest_m.min(away_m);
+        self.next_nearest_m = self.next_nearest_m.min(away_m);
+    }
 }
 
 /// A time rounded up to a multiple of a step.
@@ -260,7 +286,7 @@ impl Population {
 
     /// The avatars that a viewer's client has been told of, by id.
     pub(crate) fn held_by(&self, id: AvatarId) -> impl Iterator<Item = AvatarId> + '_ {
-        let pairs = self.find(id).into_iter().flat_map(|viewer| &viewer.pairs);
+        let pairs = self.find(id).into_iter().flat_map(|viewer| viewer.pairs.iter());
         pairs.filter(|pair| pair.is_held).map(|pair| pair.id)
     }
 
@@ -281,15 +307,6 @@ impl Population {
 
     pub(crate) fn live_len(&self) -> usize {
         self.live.len()
-    }
-
-    /// Takes in how far away from each avatar the nearest viewer is that holds it, by slot.
-    pub(crate) fn set_nearest_viewers(&mut self, nearest_m: &[f32]) {
-        for (avatar, nearest_m) in self.slots.iter_mut().zip(nearest_m) {
-            if let Some(avatar) = avatar {
-                avatar.nearest_m = *nearest_m;
-            }
-        }
     }
 
     /// Adds a live avatar, whose id must not be present.

@@ -18,6 +18,7 @@ use crate::{
     interest::{end_pairs, forget_results},
     messages::Output,
     orders::Orders,
+    pairs::Pairs,
     population::{Avatar, Profile},
     regions::{HiddenFootprint, LiveRegions},
     silence::VALIDITY_FIRST,
@@ -74,6 +75,7 @@ impl Engine {
             pose,
             sealed: building.rooms.sealed_rooms_at(pose.eye),
             version: Generation::default(),
+            has_news: true,
             heard: now,
             round_trip,
             arrivals: Arrivals::new(self.config.margin),
@@ -89,6 +91,7 @@ impl Engine {
             orders: Orders::default(),
             ordered: now,
             nearest_m: f32::INFINITY,
+            next_nearest_m: f32::INFINITY,
             silence_from: now,
             footprint: HiddenFootprint::default(),
             footprint_box: None,
@@ -100,7 +103,7 @@ impl Engine {
             hidden_from: now,
             regions: LiveRegions::default(),
             area: building.partition.area_of(&building.world, Area::None, pose.eye),
-            pairs: Vec::new(),
+            pairs: Pairs::default(),
             watchers: 0,
         });
         self.deadlines.wait(now, id, self.config.stall);
@@ -137,9 +140,7 @@ impl Engine {
         let index = if gone.is_live() { &mut self.indices.live } else { &mut self.indices.hidden };
         index.remove(Member { id, slot }, &gone.footprint.sectors);
         for pair in gone.pairs.iter().filter(|pair| pair.is_held) {
-            let watched = self.population.at_mut(pair.slot);
-            debug_assert!(watched.watchers > 0, "who holds an avatar is counted");
-            watched.watchers -= 1;
+            self.population.at_mut(pair.slot).lose_watcher();
         }
     }
 
@@ -203,6 +204,7 @@ impl Engine {
         let (walkways, ways) = (&building.walkways, &mut workspace.ways);
         avatar.course_for = walkways.time_ahead(ways, &building.world, &start, KEEP_ALIVE, at);
         avatar.version.advance();
+        avatar.has_news = true;
         avatar.area = building.partition.area_of(&building.world, avatar.area, pose.eye);
         avatar.sealed = building.rooms.sealed_rooms_at(pose.eye);
         avatar.heard = now;
@@ -255,8 +257,7 @@ impl Engine {
         let text: String = text.chars().take(self.config.chat_chars_max).collect();
         let sealed = self.population.at(slot).sealed;
         let hears = |avatar: &Avatar| {
-            let pair = avatar.pairs.binary_search_by_key(&from, |pair| pair.id);
-            let holds = || pair.is_ok_and(|at| avatar.pairs[at].is_held);
+            let holds = || avatar.pairs.get(from).is_some_and(|pair| pair.is_held);
             // An avatar may have entered a sealed room since the last tick.
             avatar.id == from || avatar.sealed.agrees(&sealed) && holds()
         };

@@ -53,6 +53,8 @@ pub enum Violation {
     Late,
     /// An honest claim was refused.
     Refused,
+    /// A pair counted as hidden although what was found of it did not hold any more.
+    Stale,
     /// The silence of a client was taken to mean that its avatar was on course, and it was not.
     OffCourse,
 }
@@ -67,6 +69,7 @@ impl fmt::Display for Violation {
             Self::Short => "the notice is too short",
             Self::Late => "asked too late",
             Self::Refused => "an honest claim refused",
+            Self::Stale => "hidden by what does not hold any more",
             Self::OffCourse => "off the course that its silence stands for",
         })
     }
@@ -144,6 +147,7 @@ impl InvariantChecker {
         self.check_refusals(moment);
         self.check_courses(moment);
         self.check_leaks(moment);
+        self.check_stale(moment);
         self.check_tbvs(moment);
         let tolerance = |id| Some((id, moment.engine.tolerance(id)?));
         self.tolerances = moment.engine.avatars().filter_map(tolerance).collect();
@@ -193,6 +197,14 @@ impl InvariantChecker {
             {
                 self.note(moment, &Violation::Refused, *to, "");
             }
+        }
+    }
+
+    /// What keeps a viewer from being told of an avatar holds at this tick.
+    fn check_stale(&mut self, moment: &TickView<'_>) {
+        if let Some([viewer, avatar]) = moment.engine.stale_pair() {
+            let more = format!(" from walker {}", moment.trace_id(viewer));
+            self.note(moment, &Violation::Stale, avatar, &more);
         }
     }
 

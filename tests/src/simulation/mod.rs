@@ -70,11 +70,13 @@ pub enum Fault {
     ToleranceDoubled,
     /// A departure that the network loses is not sent again.
     LostDeparture,
+    /// That a result of sight tests no longer holds shows one tick late.
+    LateCertificate,
 }
 
 impl Fault {
     /// All faults.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::SmallTbv,
         Self::ShortNotice,
         Self::LostPortal,
@@ -83,6 +85,7 @@ impl Fault {
         Self::DepartureLate,
         Self::ToleranceDoubled,
         Self::LostDeparture,
+        Self::LateCertificate,
     ];
 
     /// Whether the fault made a difference, or must have, judged by a simulation without it and
@@ -94,6 +97,7 @@ impl Fault {
             Self::ShortNotice => whole.observed.stays > 0,
             Self::LostPortal => broken.has_lost_portal,
             Self::LateExpiry => broken.report.expiries > 0,
+            Self::LateCertificate => whole.observed.told > 0,
             Self::WideRegions => broken.observed.told > whole.observed.told,
             Self::DepartureLate | Self::ToleranceDoubled | Self::LostDeparture => {
                 let sent = |outcome: &SimulationOutcome| {
@@ -140,6 +144,7 @@ impl Fault {
             notice_scale: part(Self::ShortNotice, 0.9),
             region_scale: part(Self::WideRegions, 1.5),
             expiry_late: if self == Self::LateExpiry { tick } else { Duration::ZERO },
+            certificates_late: u32::from(self == Self::LateCertificate),
         }
     }
 }

@@ -112,12 +112,15 @@ pub struct FaultInjection {
     pub region_scale: f32,
     /// By how much clients are asked too late.
     pub expiry_late: Duration,
+    /// How many ticks too late it shows that a result of sight tests no longer holds.
+    pub certificates_late: u32,
 }
 
 impl Default for FaultInjection {
     fn default() -> Self {
         let expiry_late = Duration::ZERO;
-        Self { tbv_scale: 1.0, notice_scale: 1.0, region_scale: 1.0, expiry_late }
+        let (tbv_scale, notice_scale, region_scale) = (1.0, 1.0, 1.0);
+        Self { tbv_scale, notice_scale, region_scale, expiry_late, certificates_late: 0 }
     }
 }
 

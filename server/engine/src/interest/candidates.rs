@@ -11,7 +11,8 @@ use sightline_world::motion::AvatarId;
 use super::snapshot::{LiveAvatars, Snapshot};
 use crate::{
     messages::Output,
-    pair::{Pair, SightResult},
+    pair::Pair,
+    pairs::Pairs,
     population::Population,
     regions::{CoarseRegion, OccupantIndex, RegionFootprint},
     slot::{Member, Slot},
@@ -73,7 +74,7 @@ pub(crate) fn update_pairs(
 impl Candidates<'_> {
     /// Finds all avatars that one with a new coarse region may see or be seen by, except those
     /// before it that have moved too.
-    fn met_by(&self, workspace: &mut Workspace, index: usize, own: &[Pair]) -> Vec<Member> {
+    fn met_by(&self, workspace: &mut Workspace, index: usize, own: &Pairs) -> Vec<Member> {
         let mut found: Vec<Member> = Vec::new();
         let all = self.live.all();
         let Some(coarse) = all[index].regions.coarse() else { return found };
@@ -92,8 +93,7 @@ impl Candidates<'_> {
                 return false;
             }
             // What is open between smaller regions is open between coarse ones.
-            let known = own.binary_search_by_key(&member.id, |pair| pair.id).map(|at| &own[at]);
-            if known.is_ok_and(|pair| pair.concerns && pair.sight.is_open()) {
+            if own.get(member.id).is_some_and(|pair| pair.concerns && pair.sight.is_open()) {
                 return true;
             }
             all[other].regions.coarse().is_some_and(|other| self.may_meet(workspace, coarse, other))
@@ -128,17 +128,14 @@ impl Candidates<'_> {
 /// Others that have moved too replace their own pairs.
 fn replace_pairs(
     live: &LiveAvatars<'_>,
-    pairs: &mut [&mut Vec<Pair>],
+    pairs: &mut [&mut Pairs],
     index: usize,
     found: Vec<Member>,
 ) {
     debug_assert!(found.is_sorted_by(|one, other| one < other), "an avatar is found once");
     let member = live.all()[index].member;
     let old = &pairs[index];
-    let is_known = |id: AvatarId| {
-        let at = old.binary_search_by_key(&id, |pair| pair.id);
-        at.is_ok_and(|at| old[at].concerns)
-    };
+    let is_known = |id: AvatarId| old.get(id).is_some_and(|pair| pair.concerns);
     let others_with = |slots: &mut dyn Iterator<Item = Slot>| -> Vec<usize> {
         let others = slots.map(|slot| live.index(slot));
         others.filter(|other| !live.all()[*other].has_moved()).collect()
@@ -149,46 +146,9 @@ fn replace_pairs(
         pair.concerns && found.binary_search(&Member { id: pair.id, slot: pair.slot }).is_err()
     };
     let ended = others_with(&mut old.iter().filter(is_gone).map(|pair| pair.slot));
-    *pairs[index] = matched(pairs[index], found);
-    started.into_iter().for_each(|other| start_pair(pairs[other], member));
-    ended.into_iter().for_each(|other| end_pair(pairs[other], member.id));
-}
-
-/// Makes a pair, unless there is one.
-fn start_pair(pairs: &mut Vec<Pair>, member: Member) {
-    match pairs.binary_search_by_key(&member.id, |pair| pair.id) {
-        Ok(at) => pairs[at].concerns = true,
-        Err(at) => pairs.insert(at, Pair::new(member)),
-    }
-}
-
-/// Ends a pair. A pair that the client still holds stays until the client is told.
-fn end_pair(pairs: &mut Vec<Pair>, id: AvatarId) {
-    if let Ok(at) = pairs.binary_search_by_key(&id, |pair| pair.id) {
-        pairs[at].concerns = false;
-        if !pairs[at].is_held {
-            pairs.remove(at);
-        }
-    }
-}
-
-/// The pairs of a viewer that has to do with just these avatars. Both lists are by id. Pairs that
-/// the client still holds stay until the client is told.
-pub(super) fn matched(pairs: &[Pair], found: Vec<Member>) -> Vec<Pair> {
-    debug_assert!(pairs.is_sorted_by_key(|pair| pair.id) && found.is_sorted());
-    let mut matched = Vec::with_capacity(found.len());
-    let mut found = found.into_iter().peekable();
-    for old in pairs {
-        while let Some(new) = found.next_if(|member| member.id < old.id) {
-            matched.push(Pair::new(new));
-        }
-        let concerns = found.next_if(|member| member.id == old.id).is_some();
-        if concerns || old.is_held {
-            matched.push(Pair { concerns, ..*old });
-        }
-    }
-    matched.extend(found.map(Pair::new));
-    matched
+    pairs[index].match_to(found);
+    started.into_iter().for_each(|other| pairs[other].start(member));
+    ended.into_iter().for_each(|other| pairs[other].end(member.id));
 }
 
 /// Forgets what sight tests have found of all pairs with an avatar.
@@ -196,12 +156,8 @@ pub(crate) fn forget_results(population: &mut Population, slot: Slot) {
     let avatar = population.at(slot);
     let id = avatar.id;
     let others: Vec<Slot> = avatar.pairs.iter().map(|pair| pair.slot).collect();
-    for viewer in others.into_iter().chain([slot]) {
-        let pairs = population.at_mut(viewer).pairs.iter_mut();
-        pairs
-            .filter(|pair| viewer == slot || pair.id == id)
-            .for_each(|pair| *pair = Pair { sight: SightResult::Unknown, gates_from: 0, ..*pair });
-    }
+    others.into_iter().for_each(|viewer| population.at_mut(viewer).pairs.forget(id));
+    population.at_mut(slot).pairs.forget_all();
 }
 
 /// Ends all pairs with an avatar that leaves or is silenced, and removes its live regions. Clients
@@ -226,13 +182,9 @@ pub(crate) fn end_pairs(
     };
     for viewer in viewers {
         let viewer = population.at_mut(viewer);
-        if let Ok(at) = viewer.pairs.binary_search_by_key(&id, |pair| pair.id)
-            && viewer.pairs.remove(at).is_held
-        {
+        if viewer.pairs.remove(id).is_some_and(|pair| pair.is_held) {
             pending.push(Output::Vanish { to: viewer.id, avatar: id });
-            let avatar = population.at_mut(slot);
-            debug_assert!(avatar.watchers > 0, "who holds an avatar is counted");
-            avatar.watchers -= 1;
+            population.at_mut(slot).lose_watcher();
         }
     }
 }

@@ -72,7 +72,7 @@ pub(crate) fn explain(
     avatar: AvatarId,
 ) -> Option<Explanation> {
     let (from, to) = (population.find(viewer)?, population.find(avatar)?);
-    let pair = from.pairs.iter().find(|pair| pair.id == avatar);
+    let pair = from.pairs.get(avatar);
     let delay = view.horizons.delay(from.round_trip);
     let boxes = |avatar: &Avatar, kind: RegionKind| {
         avatar.regions.known_cover(kind, &view.building.body).boxes().to_vec()

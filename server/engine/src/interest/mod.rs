@@ -5,6 +5,7 @@
 //! [notifies](mod@notify) the viewers.
 
 mod candidates;
+mod certificates;
 mod explain;
 mod notify;
 mod sight_tests;
@@ -13,6 +14,7 @@ mod snapshot;
 pub(crate) use candidates::{end_pairs, forget_results, update_pairs};
 pub(crate) use explain::explain;
 pub use explain::{Explanation, Reason};
-pub(crate) use notify::{count_watchers, notify};
+pub(crate) use certificates::{Facts, find_stale};
+pub(crate) use notify::{count_watchers, find_nearest, notify};
 pub(crate) use sight_tests::{SightBudget, test_pairs};
 pub(crate) use snapshot::Snapshot;

@@ -1,29 +1,37 @@
 //! Telling viewers what has changed for them.
 
-use sightline_world::motion::{AvatarId, Tolerance, turn_between};
+use sightline_world::motion::{ACUITY_DISTANCES, AvatarId, turn_between};
 
 use super::{
-    candidates::matched,
-    snapshot::{LiveAvatar, LiveAvatars, Snapshot},
+    certificates::Facts,
+    snapshot::{LiveAvatar, LiveAvatars, Snapshot, is_in_turn},
 };
 use crate::{
-    acuity::Acuity, baselines, messages::Output, pair::Pair, population::Population, slot::Member,
-    view::View, worker_pool::WorkerPool,
+    acuity::Acuity,
+    baselines,
+    messages::Output,
+    pair::Pair,
+    pairs::Pairs,
+    population::Population,
+    slot::{Member, Slot},
+    view::View,
+    worker_pool::WorkerPool,
 };
 
 /// Decides what each live viewer is told, and returns it by viewer.
 pub(crate) fn notify(
     view: View<'_>,
     pool: &WorkerPool,
+    facts: &Facts,
     snapshot: &mut Snapshot<'_>,
 ) -> Vec<Output> {
     let Snapshot { live, pairs } = snapshot;
     let mut outputs = pool.gather(pairs, |_, index, pairs, outputs| {
         let viewer = &live.all()[index];
         if !view.config.policy.uses_cells() {
-            **pairs = pairs_without_cells(view, live, viewer, pairs);
+            pairs.match_to(told_without_cells(view, live, viewer));
         }
-        notify_viewer(view, live, viewer, pairs, outputs);
+        Notifier { view, facts, live, viewer }.notify(pairs, outputs);
     });
     outputs.sort_by_key(Output::to);
     outputs
@@ -32,71 +40,126 @@ pub(crate) fn notify(
 /// Counts in the population how many clients hold each avatar, after these outputs.
 pub(crate) fn count_watchers(population: &mut Population, outputs: &[Output]) {
     for output in outputs {
-        let (avatar, is_shown) = match output {
-            Output::Appear { avatar, .. } => (avatar, true),
-            Output::Vanish { avatar, .. } => (avatar, false),
-            _ => continue,
+        let (Output::Appear { to, avatar, .. } | Output::Vanish { to, avatar }) = output else {
+            continue;
         };
-        if let Some(slot) = population.slot(*avatar) {
-            let watchers = &mut population.at_mut(slot).watchers;
-            debug_assert!(is_shown || *watchers > 0, "an avatar vanishes once it has appeared");
-            *watchers = if is_shown { *watchers + 1 } else { *watchers - 1 };
+        let Some(slot) = population.slot(*avatar) else { continue };
+        if matches!(output, Output::Vanish { .. }) {
+            population.at_mut(slot).lose_watcher();
+        } else if let Some(viewer) = population.find(*to) {
+            let from = viewer.pose.eye;
+            let avatar = population.at_mut(slot);
+            avatar.gain_watcher(from.distance(avatar.pose.eye));
         }
     }
 }
 
-fn notify_viewer(
-    view: View<'_>,
-    live: &LiveAvatars<'_>,
-    viewer: &LiveAvatar<'_>,
-    pairs: &mut Vec<Pair>,
-    outputs: &mut Vec<Output>,
-) {
-    let to = viewer.member.id;
-    let mut poses = Vec::with_capacity(pairs.iter().filter(|pair| pair.is_held).count());
-    for pair in pairs.iter_mut() {
-        let avatar = live.at(pair.slot);
-        let is_hidden = pair.sight.is_hidden();
-        if !is_hidden {
-            pair.held_until = view.tick + view.config.hold_ticks;
+/// Takes in how far away some viewers are from the avatars that they hold, by the avatars' slots.
+pub(crate) fn find_nearest(population: &mut Population, tick: u32, distances: &[(Slot, f32)]) {
+    for (slot, avatar) in (0..).map(Slot).zip(population.slots_mut()) {
+        if let Some(avatar) = avatar.filter(|_| is_in_turn(slot, tick)) {
+            avatar.nearest_m = std::mem::replace(&mut avatar.next_nearest_m, f32::INFINITY);
         }
-        let is_kept = pair.is_held && view.tick < pair.held_until;
-        // Sealed rooms apply to the last accepted places, whatever the regions say.
-        let agrees = avatar.sealed.agrees(&viewer.sealed);
-        let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
-        match (pair.is_held, wanted) {
-            // A viewer is told nothing of an avatar that it merely keeps, not even that it moved.
-            (true, true) if !is_hidden && avatar.version != pair.version => {
-                if can_tell(view, viewer, avatar, pair) {
-                    note_told(view, avatar, pair);
-                    poses.push((pair.id, avatar.shown));
+    }
+    for (slot, away_m) in distances {
+        population.at_mut(*slot).see_from(*away_m);
+    }
+}
+
+/// Tells one viewer what has changed.
+struct Notifier<'a> {
+    view: View<'a>,
+    facts: &'a Facts,
+    live: &'a LiveAvatars<'a>,
+    viewer: &'a LiveAvatar<'a>,
+}
+
+impl Notifier<'_> {
+    /// Tells the viewer what has changed of the pairs whose certificates have ended, and gives these
+    /// new ones.
+    fn notify(&self, pairs: &mut Pairs, outputs: &mut Vec<Output>) {
+        let Self { view, viewer, .. } = *self;
+        let to = viewer.member.id;
+        let mut poses = Vec::new();
+        let mut has_ended = false;
+        for at in 0..pairs.len() {
+            if !pairs.is_due(at, view.tick) {
+                continue;
+            }
+            let (pair, certificate) = pairs.at_mut(at);
+            let avatar = self.live.at(pair.slot);
+            let is_hidden = pair.sight.is_hidden();
+            if !is_hidden {
+                pair.held_until = view.tick + view.config.hold_ticks;
+            } else if certificate.grounds.is_open() {
+                pair.held_until = view.tick - 1 + view.config.hold_ticks;
+            }
+            let is_kept = pair.is_held && view.tick < pair.held_until;
+            // Sealed rooms apply to the last accepted places, whatever the regions say.
+            let agrees = avatar.sealed.agrees(&viewer.sealed);
+            let wanted = pair.concerns && agrees && (!is_hidden || is_kept);
+            let mut tell = u32::MAX;
+            match (pair.is_held, wanted) {
+                // A viewer is told nothing of an avatar that it merely keeps, not even that it moved.
+                (true, true) if !is_hidden && avatar.version != pair.version => {
+                    match ticks_until_it_tells(view, viewer, avatar, pair) {
+                        0 => {
+                            note_told(view, avatar, pair);
+                            poses.push((pair.id, avatar.shown));
+                        }
+                        ticks => tell = view.tick.saturating_add(ticks),
+                    }
                 }
+                (true, true) if is_hidden => tell = pair.held_until,
+                (true, false) => outputs.push(Output::Vanish { to, avatar: pair.id }),
+                (false, true) => {
+                    note_told(view, avatar, pair);
+                    outputs.push(appear(view, to, avatar));
+                }
+                (true, true) | (false, false) => {}
             }
-            (true, false) => outputs.push(Output::Vanish { to, avatar: pair.id }),
-            (false, true) => {
-                note_told(view, avatar, pair);
-                outputs.push(appear(view, to, avatar));
-            }
-            (true, true) | (false, false) => {}
+            pair.is_held = wanted;
+            has_ended |= !pair.concerns;
+            *certificate = self.facts.renewed(certificate, pair, tell);
         }
-        pair.is_held = wanted;
-    }
-    pairs.retain(|pair| pair.concerns);
-    if !poses.is_empty() {
-        outputs.push(Output::Poses { to, tick: view.tick, poses });
+        if has_ended {
+            pairs.remove_ended();
+        }
+        if !poses.is_empty() {
+            outputs.push(Output::Poses { to, tick: view.tick, poses });
+        }
     }
 }
 
-/// Whether a viewer could tell an avatar's course from the one that it was told last.
-fn can_tell(view: View<'_>, viewer: &LiveAvatar<'_>, avatar: &LiveAvatar<'_>, pair: &Pair) -> bool {
-    let Tolerance { metres, .. } = avatar.tolerance;
+/// After how many ticks a viewer could tell an avatar's course from the one that it was told last,
+/// at the soonest. None means that it can by now.
+fn ticks_until_it_tells(
+    view: View<'_>,
+    viewer: &LiveAvatar<'_>,
+    avatar: &LiveAvatar<'_>,
+    pair: &Pair,
+) -> u32 {
+    let (told, shown) = (pair.told, avatar.shown);
+    let told = told.straight_on(view.config.tick * (view.tick - pair.told_tick));
     let away_m = viewer.motion.from.distance(avatar.motion.from);
     let acuity = Acuity::at(&view.building.world, away_m);
-    let told = pair.told.straight_on(view.config.tick * (view.tick - pair.told_tick));
-    let off = avatar.shown.eye.distance(told.eye);
-    let turned = turn_between(told.yaw, avatar.shown.yaw).abs();
-    let tilted = (avatar.shown.pitch - told.pitch).abs();
-    metres <= 0.0 || off > acuity.metres || turned.max(tilted) > acuity.radians
+    let spare_m = acuity.metres - shown.eye.distance(told.eye);
+    let turned = turn_between(told.yaw, shown.yaw).abs();
+    let spare_radians = acuity.radians - turned.max((shown.pitch - told.pitch).abs());
+    if avatar.tolerance.is_none() || spare_m < 0.0 || spare_radians < 0.0 {
+        return 0;
+    }
+    if told.falls || shown.falls {
+        return 1;
+    }
+    // Two that run towards each other tell more.
+    let closing = 2.0 * view.building.agility.speed_max / ACUITY_DISTANCES;
+    let parting = told.velocity.distance(shown.velocity);
+    let turning = (told.yaw_rate - shown.yaw_rate).abs();
+    let closing_turn = closing * acuity.radians / acuity.metres;
+    let seconds = (spare_m / (parting + closing)).min(spare_radians / (turning + closing_turn));
+    // As a number of ticks it saturates.
+    1 + (seconds / view.config.tick.as_secs_f32()) as u32
 }
 
 /// Takes in that a viewer is told of an avatar's course.
@@ -105,22 +168,19 @@ fn note_told(view: View<'_>, avatar: &LiveAvatar<'_>, pair: &mut Pair) {
     (pair.told, pair.told_tick) = (avatar.shown, view.tick);
 }
 
-/// The pairs of a viewer under a policy that knows no walls.
-fn pairs_without_cells(
+/// Of whom a viewer is told under a policy that knows no walls.
+fn told_without_cells(
     view: View<'_>,
     live: &LiveAvatars<'_>,
     viewer: &LiveAvatar<'_>,
-    pairs: &[Pair],
-) -> Vec<Pair> {
+) -> Vec<Member> {
     let (policy, partition) = (view.config.policy, &view.building.partition);
     let is_told = |avatar: &&LiveAvatar<'_>| {
         avatar.member != viewer.member
             && baselines::tells(policy, partition, viewer.location, avatar.location)
     };
     // Such a policy makes no regions, so the snapshot is in the order of ids.
-    let told: Vec<Member> = live.all().iter().filter(is_told).map(|avatar| avatar.member).collect();
-    debug_assert!(told.is_sorted(), "pairs are by id");
-    matched(pairs, told)
+    live.all().iter().filter(is_told).map(|avatar| avatar.member).collect()
 }
 
 fn appear(view: View<'_>, to: AvatarId, avatar: &LiveAvatar<'_>) -> Output {

@@ -11,9 +11,13 @@
 use glam::Vec3;
 use sightline_visibility::box_visibility::SightLine;
 
-use super::snapshot::{LiveAvatar, LiveAvatars, Snapshot, SortKey};
+use super::{
+    certificates::Facts,
+    snapshot::{LiveAvatar, LiveAvatars, Snapshot, SortKey},
+};
 use crate::{
     pair::{EyeBoxes, Pair, RegionMargin, RegionVersions, SightResult},
+    pairs::Pairs,
     regions::{BoxTest, LineEnd, RegionFootprint, RegionKind, scaled},
     view::View,
     worker_pool::{WorkerPool, Workspace},
@@ -22,11 +26,15 @@ use crate::{
 /// Ticks before a pair that could not be decided is tested again. Where tests cost much, each further
 /// try waits twice as long.
 const UNDECIDED_TICKS: u32 = 8;
+/// With many pairs, it waits for at least this number of [intervals](Facts::interval).
+const INTERVALS: u32 = 4;
+/// The most doublings of that wait.
+const WAITS_MAX: u32 = 3;
 /// The tests of a tick cost much when they cost more than the budget divided by this number. The
 /// first test of a pair may then cost less, since most pairs that can be decided are decided soon.
 const MUCH_PARTS: u32 = 4;
 /// The most halvings of what the first test of a pair may cost.
-const THRIFT_MAX: u32 = 3;
+const THRIFT_MAX: u32 = 6;
 /// Ticks before regions with a large margin are tried again where they did not help.
 const LARGE_MARGIN_TICKS: u32 = 16;
 /// A free line that is moved along ends in the middle of the two regions: in boxes of this part of
@@ -71,8 +79,8 @@ struct OpenPair {
 }
 
 impl OpenPair {
-    fn of<'a>(&self, pairs: &'a [&mut Vec<Pair>]) -> &'a Pair {
-        &pairs[self.viewer as usize][self.at as usize]
+    fn of<'a>(&self, pairs: &'a [&mut Pairs]) -> &'a Pair {
+        pairs[self.viewer as usize].at(self.at as usize)
     }
 }
 
@@ -90,6 +98,7 @@ struct SightTests<'a> {
     live: &'a LiveAvatars<'a>,
     load: u32,
     thrift: u32,
+    interval: u32,
 }
 
 /// Tests all pairs whose last result no longer holds. Pairs that the viewer does not hold come
@@ -98,16 +107,29 @@ struct SightTests<'a> {
 pub(crate) fn test_pairs(
     view: View<'_>,
     pool: &WorkerPool,
+    facts: &Facts,
     snapshot: &mut Snapshot<'_>,
     budget: &mut SightBudget,
 ) {
     let Snapshot { live, pairs } = snapshot;
-    let tests = SightTests { view, live, load: budget.load, thrift: budget.thrift };
+    let SightBudget { load, thrift, .. } = *budget;
+    let tests = SightTests { view, live, load, thrift, interval: facts.interval };
     let open = pool.gather(pairs, |workspace, index, pairs, open| {
         let viewer = &live.all()[index];
-        for (at, pair) in (0..).zip(pairs.iter_mut()) {
-            if pair.concerns && tests.is_open(workspace, viewer, live.at(pair.slot), pair) {
-                open.push(OpenPair { viewer: index as u32, at });
+        facts.end(viewer, pairs);
+        for at in 0..pairs.len() {
+            if !pairs.is_due(at, view.tick) {
+                continue;
+            }
+            let (pair, certificate) = pairs.at_mut(at);
+            let other = live.at(pair.slot);
+            if !pair.concerns {
+                continue;
+            }
+            if certificate.until > view.tick {
+                tests.check_cells(workspace, viewer, other, pair);
+            } else if tests.is_open(workspace, viewer, other, pair) {
+                open.push(OpenPair { viewer: index as u32, at: at as u32 });
             }
         }
     });
@@ -148,7 +170,7 @@ impl SightTests<'_> {
     fn run(
         &self,
         pool: &WorkerPool,
-        pairs: &mut [&mut Vec<Pair>],
+        pairs: &mut [&mut Pairs],
         mut open: Vec<OpenPair>,
         budget: &mut Round<'_>,
     ) {
@@ -175,7 +197,7 @@ impl SightTests<'_> {
                 debug_assert!(left <= most, "a test spends budget");
                 *budget.left = budget.left.saturating_sub(most - left);
                 if let Some(result) = result {
-                    pairs[open.viewer as usize][open.at as usize].sight = result;
+                    pairs[open.viewer as usize].at_mut(open.at as usize).0.sight = result;
                 }
             }
             rest = later;
@@ -227,6 +249,20 @@ impl SightTests<'_> {
             }
         }
         !matches!(pair.sight, SightResult::Undecided { again, .. } if self.view.tick < again)
+    }
+
+    /// Makes sure that a viewer may be told news of an avatar, if the two are not tested at this tick.
+    /// No viewer is told of an avatar that cells hide, whatever the load.
+    fn check_cells(
+        &self,
+        workspace: &mut Workspace,
+        viewer: &LiveAvatar<'_>,
+        other: &LiveAvatar<'_>,
+        pair: &mut Pair,
+    ) {
+        if matches!(pair.sight, SightResult::Free(_) | SightResult::Undecided { .. }) {
+            self.cells_hide(workspace, viewer, other, pair);
+        }
     }
 
     /// Whether no cells of a pair's regions see each other, if these have changed since that was
@@ -359,7 +395,7 @@ impl SightTests<'_> {
         is_closed
     }
 
-    /// Tests the exact regions of a pair at this tick. The more tests in a row do not decide it, the
+    /// Tests a pair's regions by box visibility. The more tests in a row do not decide a pair, the
     /// later comes the next, and the more it may cost.
     fn test(
         &self,
@@ -370,28 +406,42 @@ impl SightTests<'_> {
     ) -> Option<SightResult> {
         let other = self.live.at(pair.slot);
         let tries = match pair.sight {
-            SightResult::Undecided { tries, .. } => tries.min(self.thrift),
+            SightResult::Undecided { tries, .. } => tries,
             _ => 0,
         };
-        let most = (self.view.config.sight_test_max >> (self.thrift - tries)).min(*left);
+        let halvings = self.thrift.saturating_sub(tries.min(WAITS_MAX) / 2);
+        let most = (self.view.config.sight_test_max >> halvings).min(*left);
         let mut left_of_it = most;
-        let Workspace { reach, sight, .. } = workspace;
-        let (view, shown) = (self.view, viewer.regions.shown());
-        let eyes = viewer.regions.exact(view, reach, &viewer.motion, RegionKind::EYES)?;
-        let bodies = other.regions.exact(view, reach, &other.motion, shown)?;
-        let occluders = &view.building.occluders;
-        let result = match sight.test(occluders, eyes, bodies, &mut left_of_it) {
-            BoxTest::Hidden => SightResult::HiddenIn(eye_boxes(viewer, other)),
-            BoxTest::Free(line) if sight.is_free(occluders, &line, &mut left_of_it) => {
-                SightResult::Free(line)
-            }
-            BoxTest::Free(_) | BoxTest::Undecided => {
-                let again = view.tick + (UNDECIDED_TICKS << tries);
-                SightResult::Undecided { again, tries: tries + 1 }
-            }
-        };
+        let result = self.test_exact(workspace, viewer, other, &mut left_of_it)?;
+        let result = result.unwrap_or_else(|| {
+            let wait = UNDECIDED_TICKS.max(INTERVALS * self.interval);
+            let again = self.view.tick + (wait << tries.min(WAITS_MAX));
+            SightResult::Undecided { again, tries: tries + 1 }
+        });
         *left -= most - left_of_it;
         Some(result)
+    }
+
+    /// Tests the exact regions of a pair at this tick.
+    fn test_exact(
+        &self,
+        workspace: &mut Workspace,
+        viewer: &LiveAvatar<'_>,
+        other: &LiveAvatar<'_>,
+        left: &mut u32,
+    ) -> Option<Option<SightResult>> {
+        let Workspace { reach, sight, .. } = workspace;
+        let (view, shown) = (self.view, viewer.regions.shown());
+        let occluders = &view.building.occluders;
+        let eyes = viewer.regions.exact(view, reach, &viewer.motion, RegionKind::EYES)?;
+        let bodies = other.regions.exact(view, reach, &other.motion, shown)?;
+        Some(match sight.test(occluders, eyes, bodies, left) {
+            BoxTest::Hidden => Some(SightResult::HiddenIn(eye_boxes(viewer, other))),
+            BoxTest::Free(line) if sight.is_free(occluders, &line, left) => {
+                Some(SightResult::Free(line))
+            }
+            BoxTest::Free(_) | BoxTest::Undecided => None,
+        })
     }
 
     /// Whether a viewer may see an avatar as far as gates, cells and rooms tell.

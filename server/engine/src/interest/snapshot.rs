@@ -10,13 +10,21 @@ use sightline_world::motion::{AvatarId, Pose, Tolerance};
 use crate::{
     baselines::Location,
     generation::Generation,
-    pair::Pair,
+    pairs::Pairs,
     population::{Avatar, Population, Profile},
     regions::{LiveRegions, Motion, OccupantIndex, Occupied},
     slot::{Member, Slot},
     view::View,
     worker_pool::WorkerPool,
 };
+
+/// The nearest viewer of each avatar is found anew after this number of ticks.
+const NEAREST_TICKS: u32 = 8;
+
+/// Whether a tick is one of those, every [`NEAREST_TICKS`], that belong to a slot.
+pub(super) fn is_in_turn(slot: Slot, tick: u32) -> bool {
+    slot.0.wrapping_add(tick).is_multiple_of(NEAREST_TICKS)
+}
 
 /// The order of avatars in a snapshot: by the space that each was in a tick ago, then by id.
 /// Neighbours have to do with the same others and the same gates, so they share caches.
@@ -39,6 +47,8 @@ pub(crate) struct LiveAvatar<'a> {
     pub(super) profile: &'a Profile,
     /// Counts accepted poses.
     pub(super) version: Generation,
+    /// Whether there is a new pose since the last tick.
+    pub(super) has_news: bool,
     pub(super) sealed: SealedRooms,
     pub(super) location: Location,
     pub(super) motion: Motion,
@@ -70,7 +80,7 @@ pub(crate) struct LiveAvatars<'a> {
 #[derive(Debug)]
 pub(crate) struct Snapshot<'a> {
     pub(super) live: LiveAvatars<'a>,
-    pub(super) pairs: Vec<&'a mut Vec<Pair>>,
+    pub(super) pairs: Vec<&'a mut Pairs>,
 }
 
 impl<'a> LiveAvatars<'a> {
@@ -83,6 +93,11 @@ impl<'a> LiveAvatars<'a> {
         let index = self.index_of[slot.0 as usize] as usize;
         debug_assert_eq!(self.all[index].member.slot, slot, "only live avatars have an index");
         index
+    }
+
+    /// How many slots there are, with those that are free or hold hidden avatars.
+    pub(super) fn slots(&self) -> usize {
+        self.index_of.len()
     }
 
     pub(super) fn at(&self, slot: Slot) -> &LiveAvatar<'a> {
@@ -115,6 +130,7 @@ impl<'a> Snapshot<'a> {
                 member: Member { id: avatar.id, slot },
                 profile: &avatar.profile,
                 version: avatar.version,
+                has_news: std::mem::take(&mut avatar.has_news),
                 sealed: avatar.sealed,
                 location: Location { eye: avatar.pose.eye, area: avatar.area },
                 motion,
@@ -128,18 +144,18 @@ impl<'a> Snapshot<'a> {
         Self { live: LiveAvatars { all, index_of }, pairs }
     }
 
-    /// How far away from each avatar the nearest viewer is that holds it, in metres, by slot.
-    pub(crate) fn nearest_viewers(&self) -> Vec<f32> {
-        let mut nearest_m = vec![f32::INFINITY; self.live.index_of.len()];
-        for (viewer, pairs) in self.live.all.iter().zip(&self.pairs) {
-            for pair in pairs.iter().filter(|pair| pair.is_held) {
+    /// How far away some viewers are from the avatars that they hold, in metres, by the avatars'
+    /// slots. Each viewer has its turn every [`NEAREST_TICKS`].
+    pub(crate) fn distances(&self, tick: u32) -> Vec<(Slot, f32)> {
+        let viewers = self.live.all.iter().zip(&self.pairs);
+        let in_turn = viewers.filter(|(viewer, _)| is_in_turn(viewer.member.slot, tick));
+        let distances = in_turn.flat_map(|(viewer, pairs)| {
+            pairs.iter().filter(|pair| pair.is_held).map(|pair| {
                 let avatar = self.live.at(pair.slot);
-                let away_m = viewer.motion.from.distance(avatar.motion.from);
-                let nearest_m = &mut nearest_m[pair.slot.0 as usize];
-                *nearest_m = nearest_m.min(away_m);
-            }
-        }
-        nearest_m
+                (pair.slot, viewer.motion.from.distance(avatar.motion.from))
+            })
+        });
+        distances.collect()
     }
 
     /// Brings the live regions up to date, and the index of coarse regions.

@@ -15,7 +15,7 @@ use crate::{building::Building, generation::Generation, pair::RegionMargin, view
 /// each other, and nothing is done about them while their coarse regions last.
 const COARSE_M: f32 = 0.75;
 /// The small and the large margin of cached regions.
-const MARGINS: [CachedMargin; 2] =
+const MARGINS: [CachedMargin; RegionMargin::COUNT] =
     [CachedMargin { parts: 1.0, is_lasting: false }, CachedMargin { parts: 4.0, is_lasting: true }];
 /// How near a predicted line ends to the side of the region that the avatar moves towards, from 0
 /// to 1.
@@ -28,6 +28,11 @@ pub(crate) struct RegionKind(usize);
 impl RegionKind {
     /// The eye. All other kinds are of the body.
     pub(crate) const EYES: Self = Self(0);
+
+    /// The number of the kind among all of an avatar.
+    pub(crate) fn index(self) -> usize {
+        self.0
+    }
 }
 
 /// The regions of a live avatar; none while it is hidden.
@@ -260,7 +265,19 @@ impl LiveRegions {
         self.get(kind).map_or(Aabb::EMPTY, |region| region.eyes)
     }
 
-    /// How often a cached region has changed.
+    /// How many kinds of regions there are.
+    pub(crate) fn kinds(&self) -> usize {
+        self.regions.len()
+    }
+
+    /// The versions of the cached regions of each kind, by margin.
+    pub(crate) fn versions(
+        &self,
+    ) -> impl Iterator<Item = [Generation; RegionMargin::COUNT]> + '_ {
+        self.regions.iter().map(|region| region.versions)
+    }
+
+    /// The version of a cached region.
     pub(crate) fn version(&self, kind: RegionKind, margin: RegionMargin) -> Generation {
         self.get(kind).map_or(Generation::default(), |region| region.versions[margin as usize])
     }

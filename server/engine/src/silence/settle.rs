@@ -5,6 +5,7 @@ use crate::{
     config::Policy,
     interest::end_pairs,
     messages::Output,
+    pairs::Pairs,
     population::{Avatar, Prevented},
     slot::{Member, Slot},
     timing::SILENT_MAX,
@@ -14,6 +15,9 @@ use crate::{
 /// While the two avatars of a failed try stand still, the next try waits for this many times
 /// [`Config::silence_retry`](crate::Config::silence_retry).
 const RETRIES_SPARED: u32 = 20;
+/// Where more than a quarter of the budget is used, the next try waits for this many times
+/// [`Config::silence_retry`](crate::Config::silence_retry).
+const RETRIES_SHORT: u32 = 8;
 
 impl Silencing<'_> {
     /// Settles all live avatars, beginning with the one at whom the budget ran out the last time.
@@ -49,7 +53,10 @@ impl Silencing<'_> {
                 outputs.push(Output::Quiet { to: self.population.at(slot).id, tbv });
                 return;
             }
-            self.population.at_mut(slot).silence_from = now + config.silence_retry;
+            // Where many try in vain, each waits longer.
+            let is_short = self.budget.left < config.silence_budget / 4 * 3;
+            let retries = if is_short { RETRIES_SHORT } else { 1 };
+            self.population.at_mut(slot).silence_from = now + retries * config.silence_retry;
         }
         if self.needs_order(slot) {
             outputs.push(self.order_live(slot));
@@ -93,7 +100,7 @@ impl Silencing<'_> {
         let known = self.known_at(&motion);
         let avatar = self.population.at_mut(slot);
         let member = Member { id: avatar.id, slot };
-        avatar.pairs = Vec::new();
+        avatar.pairs = Pairs::default();
         avatar.footprint_box = None;
         avatar.nearby_hidden = Vec::new();
         avatar.orders.send_quiet();

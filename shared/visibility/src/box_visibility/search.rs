@@ -61,6 +61,8 @@ enum PairVerdict {
     Blocked,
     Free(SightLine),
     Partial(PartialBlock),
+    /// The budget did not suffice.
+    Unknown,
 }
 
 impl Occluders {
@@ -87,6 +89,7 @@ impl Occluders {
         match self.judge(scratch, &whole, budget) {
             PairVerdict::Blocked => return BoxVisibility::Hidden,
             PairVerdict::Free(line) => return BoxVisibility::Visible(line),
+            PairVerdict::Unknown => return BoxVisibility::Unknown,
             PairVerdict::Partial(partial) => match whole.halves(&partial) {
                 Some(halves) => scratch.open.extend(halves),
                 None => return BoxVisibility::Unknown,
@@ -104,6 +107,7 @@ impl Occluders {
             match self.judge(scratch, &pair, budget) {
                 PairVerdict::Blocked => {}
                 PairVerdict::Free(line) => return BoxVisibility::Visible(line),
+                PairVerdict::Unknown => return BoxVisibility::Unknown,
                 PairVerdict::Partial(partial) => match pair.halves(&partial) {
                     Some(halves) => scratch.open.extend(halves),
                     None => return BoxVisibility::Unknown,
@@ -174,7 +178,8 @@ impl Occluders {
         PairVerdict::Partial(best)
     }
 
-    /// Looks among the occluders that one of the lines meets for one that blocks all lines.
+    /// Looks among the occluders that one of the lines meets for one that blocks all lines, as far as
+    /// the budget goes.
     fn judge_along(
         &self,
         recent: &mut Vec<u32>,
@@ -183,14 +188,17 @@ impl Occluders {
         budget: &mut u32,
     ) -> PairVerdict {
         let mut best: Option<PartialBlock> = None;
-        let mut spent = 0;
-        let flow: ControlFlow<u32> = self.bvh.along(line, &mut spent, |index, spent| {
+        let (mut spent, most) = (0, *budget);
+        let flow: ControlFlow<Option<u32>> = self.bvh.along(line, &mut spent, |index, spent| {
+            if *spent >= most {
+                return Break(None);
+            }
             let piece = &self.pieces[index as usize];
             *spent += 1;
             let Some(at) = piece.meets(line.from, line.to) else { return Continue(()) };
             *spent += PAIR_UNITS;
             match piece.blocks_all(&pair.from, &pair.to) {
-                Ok(()) => return Break(index),
+                Ok(()) => return Break(Some(index)),
                 Err(gap) if best.as_ref().is_none_or(|best| gap.by < best.gap.by) => {
                     best = Some(PartialBlock { gap, at });
                 }
@@ -200,12 +208,15 @@ impl Occluders {
         });
         spend(budget, spent);
         debug_assert!(recent.len() <= RECENT_MAX);
-        if let Break(index) = flow {
-            recent.truncate(RECENT_MAX - 1);
-            recent.insert(0, index);
-            return PairVerdict::Blocked;
+        match flow {
+            Break(Some(index)) => {
+                recent.truncate(RECENT_MAX - 1);
+                recent.insert(0, index);
+                PairVerdict::Blocked
+            }
+            Break(None) => PairVerdict::Unknown,
+            Continue(()) => best.map_or(PairVerdict::Free(*line), PairVerdict::Partial),
         }
-        best.map_or(PairVerdict::Free(*line), PairVerdict::Partial)
     }
 }
 
