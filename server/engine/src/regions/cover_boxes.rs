@@ -1,5 +1,6 @@
 //! A region as a few boxes, so that sight tests between two regions are few.
 
+use arrayvec::ArrayVec;
 use sightline_world::geometry::Aabb;
 
 /// The most boxes of a region: each pair of boxes costs a sight test.
@@ -9,12 +10,12 @@ const FILLED: f32 = 0.9;
 
 /// At most four boxes in own axes that cover a region.
 #[derive(Clone, Debug, PartialEq, Default)]
-pub(crate) struct CoverBoxes(Vec<Aabb>);
+pub(crate) struct CoverBoxes(ArrayVec<Aabb, { BOXES_MAX + 1 }>);
 
 impl CoverBoxes {
     /// Covers boxes, merging those whose union has least empty space.
     pub(crate) fn covering(boxes: impl Iterator<Item = Aabb>) -> Self {
-        let mut cover = Self(Vec::with_capacity(BOXES_MAX + 1));
+        let mut cover = Self::default();
         for region in boxes.filter(|region| !region.is_empty()) {
             cover.0.push(region);
             while let Some(closest) = cover.closest()
