@@ -121,7 +121,14 @@ impl Facts {
             SightResult::Undecided { again, .. } => (Grounds::Open, again.min(later)),
             SightResult::Unknown => (Grounds::Open, 0),
         };
-        Certificate { slot: pair.slot, until: until.max(self.tick + 1), tell, grounds, eyes, bodies }
+        Certificate {
+            slot: pair.slot,
+            until: until.max(self.tick + 1),
+            tell,
+            grounds,
+            eyes,
+            bodies,
+        }
     }
 }
 

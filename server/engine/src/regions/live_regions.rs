@@ -271,9 +271,7 @@ impl LiveRegions {
     }
 
     /// The versions of the cached regions of each kind, by margin.
-    pub(crate) fn versions(
-        &self,
-    ) -> impl Iterator<Item = [Generation; RegionMargin::COUNT]> + '_ {
+    pub(crate) fn versions(&self) -> impl Iterator<Item = [Generation; RegionMargin::COUNT]> + '_ {
         self.regions.iter().map(|region| region.versions)
     }
 
