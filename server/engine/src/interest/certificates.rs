@@ -29,7 +29,7 @@ pub(crate) struct Facts {
     tick: u32,
     /// How many ticks an open pair waits for the next look.
     pub(super) interval: u32,
-    /// Whether seals depend on where the viewer is.
+    /// Whether rooms rule anything out, so that seals may change when a viewer moves.
     has_rules: bool,
     /// How many ticks too late certificates end, by an injected fault.
     late: u32,
@@ -85,9 +85,8 @@ impl Facts {
                     certificate.eyes == eyes
                         && certificate.bodies == self.version(slot, shown, margin)
                 }
-                Grounds::HiddenNow => true,
-                Grounds::Open => true,
-                Grounds::Together => home == other().home,
+                Grounds::HiddenNow | Grounds::Open => true,
+                Grounds::Together => home.is_some() && home == other().home,
             };
             if !holds {
                 certificate.until = certificate.until.min(self.tick + self.late);

@@ -75,8 +75,7 @@ struct Notifier<'a> {
 }
 
 impl Notifier<'_> {
-    /// Tells the viewer what has changed of the pairs whose certificates have ended, and gives these
-    /// new ones.
+    /// Tells the viewer what has changed of the pairs that are due, and renews their certificates.
     fn notify(&self, pairs: &mut Pairs, outputs: &mut Vec<Output>) {
         let Self { view, viewer, .. } = *self;
         let to = viewer.member.id;
@@ -132,7 +131,7 @@ impl Notifier<'_> {
 }
 
 /// After how many ticks a viewer could tell an avatar's course from the one that it was told last,
-/// at the soonest. None means that it can by now.
+/// at the soonest. Zero means that it can by now.
 fn ticks_until_it_tells(
     view: View<'_>,
     viewer: &LiveAvatar<'_>,
