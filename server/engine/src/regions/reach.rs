@@ -244,14 +244,20 @@ impl Reach {
 
     /// Where the body can be.
     pub(crate) fn bodies(&self, search: &mut ReachSearch, building: &Building) -> BodyReach {
+        let of_eyes = self.pieces.iter().filter(|piece| !piece.region.is_empty());
+        let filled: Vec<Piece> = of_eyes
+            .map(|Piece { space, region }| {
+                let bodies = building.body.around_box(region);
+                Piece { space: *space, region: filled(building, *space, &bodies) }
+            })
+            .collect();
+        let cover = CoverBoxes::covering(filled.iter().map(|piece| piece.region));
         let mut pieces = Vec::with_capacity(self.pieces.len() + 2);
-        let boxes = self.pieces.iter().filter(|piece| !piece.region.is_empty()).map(|piece| {
-            let bodies = building.body.around_box(&piece.region);
-            let region = filled(building, piece.space, &bodies);
-            spread(search, building, piece.space, &region, &mut pieces);
-            region
-        });
-        let cover = CoverBoxes::covering(boxes);
+        // Pieces of one cover box reach the same spaces, so they spread together.
+        for region in cover.boxes() {
+            let within = filled.iter().filter(|piece| region.contains_box(&piece.region));
+            spread(search, building, within.map(|piece| piece.space), region, &mut pieces);
+        }
         pieces.sort_unstable_by_key(|piece: &Piece| piece.space);
         pieces.dedup_by(|next, piece| {
             let is_same = next.space == piece.space;
@@ -264,38 +270,31 @@ impl Reach {
     }
 }
 
-/// Adds what a box that begins in a space covers of that space, and of those that it sticks into.
+/// Adds what a box that begins in some spaces covers of these, and of those that it sticks into.
 fn spread(
     search: &mut ReachSearch,
     building: &Building,
-    from: u32,
+    from: impl Iterator<Item = u32>,
     region: &Aabb,
     pieces: &mut Vec<Piece>,
 ) {
-    let within = &building.cells().spaces[from as usize].bounds;
-    let mut next = pieces.len();
-    pieces.push(Piece { space: from, region: within.intersection(region) });
-    if within.contains_box(region) {
-        return;
-    }
-    let covered = |Beside { space, bounds }: &Beside| Piece {
-        space: *space,
-        region: bounds.intersection(region),
-    };
-    if within.grown(POKE_M).contains_box(region) {
-        let near = building.adjacency.near(from).iter();
-        pieces.extend(near.filter(|beside| beside.bounds.intersects(region)).map(covered));
-        return;
-    }
+    let spaces = &building.cells().spaces;
     let visited = &mut search.pieces;
-    visited.clear(building.cells().spaces.len());
-    visited.set(from, 0);
+    visited.clear(spaces.len());
+    let mut next = pieces.len();
+    for space in from {
+        visited.set(space, 0);
+        pieces.push(Piece { space, region: spaces[space as usize].bounds.intersection(region) });
+    }
     while let Some(&Piece { space, .. }) = pieces.get(next) {
         next += 1;
-        for beside in building.adjacency.near(space) {
-            if beside.bounds.intersects(region) && visited.get(beside.space).is_none() {
-                visited.set(beside.space, 0);
-                pieces.push(covered(beside));
+        if spaces[space as usize].bounds.contains_box(region) {
+            continue;
+        }
+        for Beside { space, bounds } in building.adjacency.near(space) {
+            if bounds.intersects(region) && visited.get(*space).is_none() {
+                visited.set(*space, 0);
+                pieces.push(Piece { space: *space, region: bounds.intersection(region) });
             }
         }
     }

@@ -92,7 +92,7 @@ impl PoseDecoder {
     }
 
     /// The tick up to which nothing is missing of what the server sent; `None` before the first
-    /// datagram. What was lost has come again after [`CLOSED_TICKS`].
+    /// datagram. What was lost has come again after some ticks.
     pub fn complete_tick(&self) -> Option<u32> {
         let newest = self.received.back()?.tick;
         let updates = self.received.iter().zip(self.received.iter().skip(1));
