@@ -14,7 +14,8 @@ const ACTED_MIN: usize = 10;
 const BUILDINGS: u64 = 40;
 /// Seeds that once broke a promise, or seemed to, in pools of this number of buildings.
 const ONCE_BROKEN_BUILDINGS: u64 = 200;
-const ONCE_BROKEN: [(u64, &str); 5] = [
+const ONCE_BROKEN: [(u64, &str); 6] = [
+    (3999, "an avatar stopped dead, of which its client told just after a tick of the server"),
     (5315, "a round trip that grew made a course late at the server"),
     (6017, "round trips that grew made a course late at the server and at the viewer"),
     (6275, "the engine knew that a report was late, and those who asked it did not"),

@@ -84,6 +84,19 @@ impl Past {
         segments.map(speed).fold(0.0, f32::max)
     }
 
+    /// How far the eye was at most, at a tick of its client since a time, from where it would have
+    /// been if it had gone on evenly since the tick before. In metres.
+    pub(super) fn departure_max_m(&self, since: Duration) -> f32 {
+        let departure_m = |ticks: &[(Duration, Vec3)]| {
+            let [(newest, eye), (before, from), (oldest, start)] = [ticks[0], ticks[1], ticks[2]];
+            let share =
+                newest.saturating_sub(before).div_duration_f32(before.saturating_sub(oldest));
+            eye.distance(from + (from - start) * share)
+        };
+        let ticks = self.samples.windows(3).filter(|ticks| ticks[0].0 > since);
+        ticks.map(departure_m).fold(0.0, f32::max)
+    }
+
     /// The least distance of the eye from a shown eye, in metres.
     pub(super) fn distance_m(&self, shown: Vec3) -> f32 {
         let to_segment = |pair: &[(Duration, Vec3)]| {
@@ -174,6 +187,14 @@ mod tests {
         assert!(near(age(Vec3::X * -0.05), 147.5));
         assert!((past.distance_m(Vec3::new(1.6, 0.0, 0.5)) - 0.5).abs() < 1e-6);
         assert!((past.distance_m(Vec3::X * -0.5) - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn who_stops_dead_departs_by_a_whole_tick_and_who_goes_on_evenly_does_not_depart() {
+        let places = [3.0, 3.0, 3.0, 2.0, 1.0].map(|x| Vec3::X * x);
+        let past = past(&places);
+        let departs = |ms: u64| past.departure_max_m(Duration::from_millis(ms));
+        assert_eq!([departs(0), departs(940), departs(950)], [1.0, 1.0, 0.0]);
     }
 
     #[test]

@@ -182,14 +182,16 @@ impl ViewerFindings {
         // Until what was lost comes again, the avatar is shown farther along its old course.
         let tolerance_m = scene.tolerances.largest_m(other.avatar, since);
         let Scene { engine, .. } = scene;
-        // A client tells only at its next tick that its avatar departs, half a tick later in the
-        // mean. What jitter then makes late, to the server and to the viewer, is joined within a
-        // short while.
-        let speed = other.past.speed_max(since.saturating_sub(BLEND));
+        // A client tells only at its next tick that its avatar departs: half a tick later in the
+        // mean, and a whole one where it stops dead just before. What jitter then makes late, to the
+        // server and to the viewer, is joined within a short while.
+        let moved_since = since.saturating_sub(BLEND);
+        let speed = other.past.speed_max(moved_since);
+        let in_a_tick_m = speed * (engine.config().tick / 2).as_secs_f32();
         let late = scene.network.lateness(other.avatar, true)
-            + scene.network.lateness(pair.viewer.avatar, false)
-            + engine.config().tick / 2;
-        let untold_m = speed * (lost + late).as_secs_f32();
+            + scene.network.lateness(pair.viewer.avatar, false);
+        let untold_m = other.past.departure_max_m(moved_since).max(in_a_tick_m)
+            + speed * (lost + late).as_secs_f32();
         let within = if tolerance_m > 0.0 {
             // What the viewer can hardly tell is not told to it.
             let away_m =
