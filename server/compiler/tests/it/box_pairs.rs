@@ -38,6 +38,10 @@ impl BoxPairTally {
             sight.between(world.cells.axes.world(line.from), world.cells.axes.world(line.to))
         };
         let open = open_cells(world);
+        if open.is_empty() {
+            println!("{place}: no cell is wide enough for anybody");
+            return;
+        }
         let mut scratch = BoxScratch::default();
         for _ in 0..pairs {
             let eyes = region(world, &open, rng, 0.7);
