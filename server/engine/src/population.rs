@@ -183,6 +183,12 @@ impl Avatar {
         Pose { velocity: agility.sustained(pose.velocity), ..pose }
     }
 
+    /// For how long the [shown](Avatar::shown) pose goes on as it does. Afterwards it stands.
+    pub(crate) fn shown_for(&self, view: View<'_>) -> Duration {
+        let after = self.made.map(|made| self.arrivals.after(view.now, made));
+        after.map_or(Duration::ZERO, |after| self.course_for.saturating_sub(after))
+    }
+
     /// For how long the client may be silent before it is asked.
     pub(crate) fn patience(&self, view: View<'_>) -> Duration {
         let View { config, horizons, .. } = view;

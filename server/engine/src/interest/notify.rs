@@ -1,6 +1,9 @@
 //! Telling viewers what has changed for them.
 
-use sightline_world::motion::{ACUITY_DISTANCES, AvatarId, turn_between};
+use std::time::Duration;
+
+use glam::Vec3;
+use sightline_world::motion::{ACUITY_DISTANCES, AvatarId, COURSE_MAX, Pose, turn_between};
 
 use super::{
     certificates::Facts,
@@ -138,8 +141,8 @@ fn ticks_until_it_tells(
     avatar: &LiveAvatar<'_>,
     pair: &Pair,
 ) -> u32 {
-    let (told, shown) = (pair.told, avatar.shown);
-    let told = told.straight_on(view.config.tick * (view.tick - pair.told_tick));
+    let elapsed = view.config.tick * (view.tick - pair.told_tick);
+    let (told, shown) = (pair.told.straight_on(elapsed), avatar.shown);
     let away_m = viewer.motion.from.distance(avatar.motion.from);
     let acuity = Acuity::at(&view.building.world, away_m);
     let spare_m = acuity.metres - shown.eye.distance(told.eye);
@@ -151,14 +154,23 @@ fn ticks_until_it_tells(
     if told.falls || shown.falls {
         return 1;
     }
+    // Either course ends sometime, and the avatar is then shown where it ends.
+    let (shown_for, told_for) = (avatar.shown_for, COURSE_MAX.saturating_sub(elapsed));
+    let moving = |pose: Pose, time: Duration| {
+        if time.is_zero() { (Vec3::ZERO, 0.0) } else { (pose.velocity, pose.yaw_rate) }
+    };
+    let [(velocity, yaw_rate), (told_velocity, told_yaw_rate)] =
+        [moving(shown, shown_for), moving(told, told_for)];
+    let ends = [shown_for, told_for].into_iter().filter(|time| !time.is_zero());
+    let ends_s = ends.min().map_or(f32::INFINITY, |time| time.as_secs_f32());
     // Two that run towards each other tell more.
     let closing = 2.0 * view.building.agility.speed_max / ACUITY_DISTANCES;
-    let parting = told.velocity.distance(shown.velocity);
-    let turning = (told.yaw_rate - shown.yaw_rate).abs();
+    let parting = told_velocity.distance(velocity);
+    let turning = (told_yaw_rate - yaw_rate).abs();
     let closing_turn = closing * acuity.radians / acuity.metres;
     let seconds = (spare_m / (parting + closing)).min(spare_radians / (turning + closing_turn));
     // As a number of ticks it saturates.
-    1 + (seconds / view.config.tick.as_secs_f32()) as u32
+    1 + (seconds.min(ends_s) / view.config.tick.as_secs_f32()) as u32
 }
 
 /// Takes in that a viewer is told of an avatar's course.

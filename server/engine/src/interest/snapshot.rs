@@ -54,6 +54,8 @@ pub(crate) struct LiveAvatar<'a> {
     pub(super) motion: Motion,
     /// The pose that viewers are told.
     pub(super) shown: Pose,
+    /// For how long that pose goes on as it does, if there is no news.
+    pub(super) shown_for: Duration,
     /// By how much its client may be off course unsaid.
     pub(super) tolerance: Tolerance,
     pub(super) regions: &'a mut LiveRegions,
@@ -124,6 +126,7 @@ impl<'a> Snapshot<'a> {
             let Some(avatar) = avatars[slot.0 as usize].take() else { continue };
             index_of[slot.0 as usize] = index;
             let (motion, shown) = (avatar.motion(view), avatar.shown(view));
+            let shown_for = avatar.shown_for(view);
             pairs.push(&mut avatar.pairs);
             all.push(LiveAvatar {
                 key,
@@ -135,6 +138,7 @@ impl<'a> Snapshot<'a> {
                 location: Location { eye: avatar.pose.eye, area: avatar.area },
                 motion,
                 shown,
+                shown_for,
                 tolerance: avatar.orders.in_force(),
                 regions: &mut avatar.regions,
                 old_cells: None,
