@@ -405,10 +405,12 @@ impl<'a> Probe<'a> {
         let is_solid = |depth: f32| self.world.octree.solid_in(&self.region(sole, -depth, 0.0));
         let deepest = DROP + self.step_up;
         // Mostly the floor is just below.
-        let [mut free, mut solid] = match () {
-            () if is_solid(SHALLOW) => [0.0, SHALLOW],
-            () if is_solid(deepest) => [SHALLOW, deepest],
-            () => return None,
+        let [mut free, mut solid] = if is_solid(SHALLOW) {
+            [0.0, SHALLOW]
+        } else if is_solid(deepest) {
+            [SHALLOW, deepest]
+        } else {
+            return None;
         };
         while solid - free > FALL_PRECISION {
             let middle = 0.5 * (free + solid);

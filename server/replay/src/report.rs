@@ -184,7 +184,7 @@ pub struct OracleReport {
     pub shown_error_p99_deg: f64,
     /// The distance of the place at which a visible avatar is shown from where it was one delay and
     /// two ticks ago, as promised, in metres: the median. The delay is the one-way delay of its
-    /// client and that of its viewer. Jitter and what is lost count as errors.
+    /// client and that of its viewer. Jitter and loss count as errors.
     pub promised_error_p50_m: f64,
     /// That distance: the 99th percentile.
     pub promised_error_p99_m: f64,

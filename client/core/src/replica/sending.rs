@@ -87,8 +87,8 @@ impl OwnAvatar {
         self.sent_at = [Some(now), self.sent_at[0]];
     }
 
-    /// Takes in that a datagram has arrived. A gap is told at once, so that what was lost is sent
-    /// again.
+    /// Takes in that a datagram has arrived. A gap is told at once, so that the server
+    /// sends lost poses again.
     pub(super) fn owe_ack(&mut self, now: Duration, ack: Ack) {
         self.missing += u64::from(ack.newest.saturating_sub(self.newest + 1));
         self.newest = ack.newest.max(self.newest);

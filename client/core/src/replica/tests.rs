@@ -349,7 +349,7 @@ fn certainty_ages_while_a_datagram_is_missing_or_the_server_is_silent() {
     for tick in 8..30 {
         replica.datagram(TICK * tick, &datagram(tick, 8).remove(0)).unwrap();
     }
-    assert_eq!(certainty(&replica, 29), [0, 0], "what was lost has come again");
+    assert_eq!(certainty(&replica, 29), [0, 0], "the lost datagrams have come again");
 }
 
 /// A step of the server in a test.

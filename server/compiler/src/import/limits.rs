@@ -64,9 +64,10 @@ pub(crate) fn srgb_byte(linear: f32) -> u8 {
     (encoded * 255.0).round() as u8
 }
 
-/// A decoded texture is at most so many times as large as its file, or as large as this in bytes. A
-/// surface of one colour compresses to a part in a thousand.
+/// The most bytes of a decoded texture for each byte of its file. A surface of one colour compresses
+/// to a part in a thousand.
 const TEXTURE_RATIO_MAX: usize = 1_100;
+/// A decoded texture of up to this number of bytes is always allowed.
 const TEXTURE_BYTES_FREE: usize = 16 << 20;
 
 /// Decodes a texture of at most `bytes_max` bytes. A few bytes cannot ask for much memory.

@@ -35,7 +35,7 @@ const SEALED: f32 = 0.6;
 const UPPER: f32 = 0.7;
 /// An area with nothing in it counts for this much …
 const BARE: f32 = 0.5;
-/// … and one where so many different triangles are met by rays counts in full.
+/// … and one counts in full where rays meet this number of different triangles.
 const FURNISHED: f32 = 10.0;
 
 /// A place that was looked at.

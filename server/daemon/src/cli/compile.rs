@@ -142,7 +142,7 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
         output::note(&format!("warning: {warning}"));
     }
     let bytes = world.to_bytes();
-    // Until the end: what is written is not denied afterwards.
+    // Until the end: a stop after this line must not deny a world that is written.
     let _writing = interrupt.hold_off();
     if interrupt.flow().is_break() {
         return Err(Interrupted.into());

@@ -13,7 +13,7 @@ use crate::{DecodeError, quantise::WirePose, varint};
 /// The number of datagrams remembered as baselines. It exceeds [`BASELINE_DISTANCE_MAX`], because
 /// datagrams overtake one another.
 const REMEMBERED_MAX: u32 = BASELINE_DISTANCE_MAX + 32;
-/// After this number of ticks what was lost has been sent again.
+/// The server has sent lost poses again after this number of ticks.
 const CLOSED_TICKS: u32 = RESEND_TICKS + 4;
 
 /// The client's end of its pose stream: it decodes datagrams.
@@ -92,7 +92,7 @@ impl PoseDecoder {
     }
 
     /// The tick up to which nothing is missing of what the server sent; `None` before the first
-    /// datagram. What was lost has come again after some ticks.
+    /// datagram. Lost poses have come again some ticks later.
     pub fn complete_tick(&self) -> Option<u32> {
         let newest = self.received.back()?.tick;
         let updates = self.received.iter().zip(self.received.iter().skip(1));

@@ -5,8 +5,8 @@ use serde_json::Value;
 
 /// The names of the extension, before and after its adoption.
 const NAMES: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-/// A view is at most so many times as large as its compressed bytes. Constant data compress to a
-/// part in about 500.
+/// The most bytes of a view for each of its compressed bytes. Constant data compress to a part in
+/// about 500.
 const RATIO_MAX: usize = 1_024;
 /// The widest element, in bytes.
 const STRIDE_MAX: usize = 64;
@@ -23,7 +23,7 @@ struct Compressed<'a> {
 }
 
 /// Whether a buffer is only there for readers that cannot decompress, and holds nothing.
-pub(super) fn is_placeholder(buffer: &gltf::Buffer<'_>) -> bool {
+pub(super) fn is_fallback(buffer: &gltf::Buffer<'_>) -> bool {
     NAMES.iter().any(|name| {
         let extension = buffer.extension_value(name);
         extension.and_then(|value| value.get("fallback")?.as_bool()).unwrap_or(false)

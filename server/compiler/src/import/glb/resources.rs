@@ -39,7 +39,7 @@ impl Resources {
         let mut buffers = Vec::new();
         for buffer in document.buffers() {
             let fault = |reason| GlbError::Buffer { index: buffer.index(), reason };
-            if compressed::is_placeholder(&buffer) {
+            if compressed::is_fallback(&buffer) {
                 buffers.push(Vec::new());
                 continue;
             }
