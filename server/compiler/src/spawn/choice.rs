@@ -33,9 +33,9 @@ const NOSE_M: f32 = 1.5;
 const SEALED: f32 = 0.6;
 /// An area counts for this much for each other that is below all of it: attics are above rooms.
 const UPPER: f32 = 0.7;
-/// An area with nothing in it counts for this much …
+/// An area with nothing in it counts for this much.
 const BARE: f32 = 0.5;
-/// … and one counts in full where rays meet this number of different triangles.
+/// An area counts in full where rays meet this number of different triangles.
 const FURNISHED: f32 = 10.0;
 
 /// A place that was looked at.
