@@ -256,7 +256,7 @@ impl Reach {
         // Pieces of one cover box reach the same spaces, so they spread together.
         for region in cover.boxes() {
             let within = filled.iter().filter(|piece| region.contains_box(&piece.region));
-            spread(search, building, within.map(|piece| piece.space), region, &mut pieces);
+            spread(search, building, &within.copied().collect::<Vec<_>>(), region, &mut pieces);
         }
         pieces.sort_unstable_by_key(|piece: &Piece| piece.space);
         pieces.dedup_by(|next, piece| {
@@ -270,31 +270,40 @@ impl Reach {
     }
 }
 
-/// Adds what a box that begins in some spaces covers of these, and of those that it sticks into.
+/// Adds what some boxes, each of which begins in a space, cover of these spaces and of those that
+/// they stick into. One box is around them all.
 fn spread(
     search: &mut ReachSearch,
     building: &Building,
-    from: impl Iterator<Item = u32>,
-    region: &Aabb,
+    filled: &[Piece],
+    around: &Aabb,
     pieces: &mut Vec<Piece>,
 ) {
     let spaces = &building.cells().spaces;
+    let covered = |space: u32, bounds: &Aabb| {
+        let touching = filled.iter().filter(|piece| piece.region.intersects(bounds));
+        let parts = touching.map(|piece| piece.region.intersection(bounds));
+        parts.reduce(|all, part| all.union(&part)).map(|region| Piece { space, region })
+    };
     let visited = &mut search.pieces;
     visited.clear(spaces.len());
     let mut next = pieces.len();
-    for space in from {
-        visited.set(space, 0);
-        pieces.push(Piece { space, region: spaces[space as usize].bounds.intersection(region) });
+    for Piece { space, .. } in filled {
+        visited.set(*space, 0);
+        pieces.extend(covered(*space, &spaces[*space as usize].bounds));
     }
     while let Some(&Piece { space, .. }) = pieces.get(next) {
         next += 1;
-        if spaces[space as usize].bounds.contains_box(region) {
+        if spaces[space as usize].bounds.contains_box(around) {
             continue;
         }
         for Beside { space, bounds } in building.adjacency.near(space) {
-            if bounds.intersects(region) && visited.get(*space).is_none() {
+            if bounds.intersects(around)
+                && visited.get(*space).is_none()
+                && let Some(piece) = covered(*space, bounds)
+            {
                 visited.set(*space, 0);
-                pieces.push(Piece { space: *space, region: bounds.intersection(region) });
+                pieces.push(piece);
             }
         }
     }
