@@ -28,9 +28,16 @@ fn reached(world: &World, eye: Vec3) -> usize {
     Navigation::new(&world).len()
 }
 
+/// Whether something is above an eye.
+fn has_roof(world: &World, eye: Vec3) -> bool {
+    let top = world.bounds().max.y.max(eye.y);
+    world.octree.solid_in(&Aabb::new(eye, eye.with_y(top)).grown(0.05))
+}
+
 /// The most places that a body gets to from anywhere in the part of a building where visitors
-/// begin.
+/// begin. Where they begin below a roof, what is on the roof does not count.
 fn most_reached(world: &World, around: &Aabb) -> usize {
+    let begins_indoors = world.spawns.iter().all(|spawn| has_roof(world, spawn.eye));
     let size = around.size();
     let steps = (size / SEEDS_M).ceil().as_uvec3().max(glam::UVec3::ONE);
     let mut seeds = world.clone();
@@ -39,7 +46,10 @@ fn most_reached(world: &World, around: &Aabb) -> usize {
         for z in 0..steps.z {
             for y in 0..2 * steps.y {
                 let at = Vec3::new(x as f32 + 0.5, y as f32 * 0.5, z as f32 + 0.5) * SEEDS_M;
-                seeds.spawns.push(Spawn { eye: around.min + at, yaw: 0.0 });
+                let eye = around.min + at;
+                if !begins_indoors || has_roof(world, eye) {
+                    seeds.spawns.push(Spawn { eye, yaw: 0.0 });
+                }
             }
         }
     }
