@@ -105,6 +105,9 @@ struct Link {
     repeats_at: Option<Duration>,
     /// The shortest time that a message took.
     way_min: Option<Duration>,
+    /// When the last jump arrives. It is an act of the host, so the server knows of it when it
+    /// hears from the avatar at its new place.
+    jump_arrival: Duration,
 }
 
 /// A lost datagram, or a lost piece of a stream.
@@ -296,11 +299,12 @@ impl SimulatedNetwork {
         }
         let link = self.links.entry(id).or_default();
         (link.lost_in_a_row, link.copy_is_lost) = (0, false);
+        let jump_arrival = link.jump_arrival;
         if self.happens(self.conditions.duplication) {
             let arrival = now + self.next_way(id.client);
-            self.put(arrival, packet.clone());
+            self.put(arrival.max(jump_arrival), packet.clone());
         }
-        let arrival = now + self.next_way(id.client);
+        let arrival = (now + self.next_way(id.client)).max(jump_arrival);
         // A late pose is only older. A late report may keep the engine from telling in time.
         if id.is_up && arrival > now + self.known_round_trip(id.client) / 2 + margin {
             self.note_late(arrival, margin, id.client);
@@ -349,6 +353,9 @@ impl SimulatedNetwork {
         let link = self.links.entry(id).or_default();
         link.stream_arrival = link.stream_arrival.max(arrival);
         let arrival = link.stream_arrival;
+        if packet.is_jump() {
+            link.jump_arrival = arrival;
+        }
         if arrival > now + self.known_round_trip(id.client) / 2 + margin {
             self.note_late(arrival, margin, id.client);
         }
@@ -405,6 +412,8 @@ impl SimulatedNetwork {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sightline_world::motion::Pose;
+
     use crate::packets::{Payload, Request, Uplink};
 
     const CLIENT: AvatarId = AvatarId(7);
@@ -514,6 +523,37 @@ mod tests {
         let expected: u32 = lost.iter().filter(counts).map(ticks).sum();
         let delay = network.loss_delay(ms(50) * 950, AvatarId(1), CLIENT);
         assert_eq!(delay, ms(50) * expected);
+    }
+
+    #[test]
+    fn nothing_overtakes_a_jump() {
+        let conditions = NetworkConditions {
+            jitter: ms(80),
+            loss: 0.3,
+            duplication: 0.3,
+            ..NetworkConditions::default()
+        };
+        let mut network = network(conditions);
+        for i in 0..1_000 {
+            let request = Request::Relocate { pose: Pose::default(), ack: None };
+            let (avatar, kind) = (CLIENT, ReportKind::Routine);
+            let jump = Uplink { avatar, sent: ms(50) * i, kind, request };
+            let is_jump = i % 10 == 0;
+            let packet = if is_jump { Packet::Up(jump) } else { report(i, false) };
+            network.send(ms(50) * i, ms(0), packet);
+        }
+        let mut jumps = 0;
+        while let Some((_, packet)) = network.receive(Duration::MAX) {
+            let Packet::Up(Uplink { request, .. }) = packet else { unreachable!("all go up") };
+            match request {
+                Request::Relocate { .. } => jumps += 1,
+                Request::Bytes(Payload::Frame(bytes) | Payload::Datagram(bytes)) => {
+                    let number = u32::from_le_bytes(bytes.try_into().unwrap());
+                    assert!(number / 10 < jumps, "{number} came after {jumps} jumps");
+                }
+            }
+        }
+        assert_eq!(jumps, 100);
     }
 
     #[test]

@@ -94,6 +94,11 @@ impl Packet {
         }
     }
 
+    /// Whether it says that the avatar was put elsewhere.
+    pub(super) fn is_jump(&self) -> bool {
+        matches!(self, Self::Up(Uplink { request: Request::Relocate { .. }, .. }))
+    }
+
     /// Whether it travels in a datagram. All other packets travel on a stream.
     pub(super) fn is_datagram(&self) -> bool {
         match self {
