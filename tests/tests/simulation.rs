@@ -14,14 +14,17 @@ const ACTED_MIN: usize = 10;
 const BUILDINGS: u64 = 40;
 /// Seeds that once broke a promise, or seemed to, in pools of this number of buildings.
 const ONCE_BROKEN_BUILDINGS: u64 = 200;
-const ONCE_BROKEN: [(u64, &str); 8] = [
+const ONCE_BROKEN: [(u64, &str); 11] = [
+    (82, "a report overtook the word that its avatar was put elsewhere"),
     (3999, "an avatar stopped dead, of which its client told just after a tick of the server"),
     (5315, "a round trip that grew made a course late at the server"),
     (6017, "round trips that grew made a course late at the server and at the viewer"),
     (6275, "the engine knew that a report was late, and those who asked it did not"),
     (6633, "a report carried a later time than its own, by a part of a tick"),
+    (6786, "two reports overtook the word that their avatar was put elsewhere"),
     (7135, "a body was taken to fill the box around a bent reach"),
     (9409, "an answer came at once and changed what the engine was asked about"),
+    (9425, "a report that showed a smaller tolerance came with the order to be silent"),
     (9681, "a body was taken to fill the box around a bent reach, where all run"),
 ];
 

@@ -105,6 +105,8 @@ pub struct InvariantChecker {
     hidden: BTreeMap<AvatarId, (Tbv, bool, Duration)>,
     /// The tolerance of each avatar at the last tick.
     tolerances: BTreeMap<AvatarId, Tolerance>,
+    /// The tolerance in the last order to each client to be live, up to the last tick.
+    ordered: BTreeMap<AvatarId, Tolerance>,
     seen: Observations,
 }
 
@@ -137,6 +139,7 @@ impl InvariantChecker {
             horizon_max: config.horizon_max,
             hidden: BTreeMap::new(),
             tolerances: BTreeMap::new(),
+            ordered: BTreeMap::new(),
             seen: Observations::default(),
         }
     }
@@ -151,6 +154,10 @@ impl InvariantChecker {
         self.check_tbvs(moment);
         let tolerance = |id| Some((id, moment.engine.tolerance(id)?));
         self.tolerances = moment.engine.avatars().filter_map(tolerance).collect();
+        self.ordered.extend(moment.outputs.iter().filter_map(|output| match output {
+            Output::Live { to, tolerance } => Some((*to, *tolerance)),
+            _ => None,
+        }));
     }
 
     /// What was observed.
@@ -327,14 +334,19 @@ impl InvariantChecker {
         // Who has just fallen silent was on course before.
         let before = self.tolerances.get(&id).copied().unwrap_or(Tolerance::NONE);
         let tolerance = moment.engine.tolerance(id)?.union(&before);
+        // A report that came since the last tick may show that the client obeys a smaller one.
+        let is_news = last_heard + self.tick > moment.now;
+        let narrowed = self.ordered.get(&id).copied().filter(|_| is_news);
         let way = moment.round_trip(id).min(self.horizon_max) / 2 + self.margin_of(moment, id);
         let heard = moment.now.saturating_sub(way) + self.tick;
         let newest = self.tick * u32::try_from(heard.as_nanos() / self.tick.as_nanos()).ok()?;
         let ticks = (0..COURSE_TICKS).filter_map(|back| newest.checked_sub(self.tick * back));
         let on_course = ticks.filter(|at| !tolerance.is_none() && *at > made && *at <= moment.now);
-        let on_course = on_course.map(|at| {
+        let on_course = on_course.flat_map(|at| {
             let pose = pose.on_course(at.saturating_sub(made), &agility);
-            Known { pose, at, tolerance: tolerance.along(&pose) }
+            let within =
+                move |tolerance: Tolerance| Known { pose, at, tolerance: tolerance.along(&pose) };
+            [Some(tolerance), narrowed].into_iter().flatten().map(within)
         });
         // The engine may not know that a message took longer than it allows for.
         let reported = [made, made.max(last_heard.saturating_sub(way))];
