@@ -27,6 +27,9 @@ use crate::{
 /// The end of time: ten thousand years.
 const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
 
+/// The most numbers of ticks that one call skips: an hour at 20 ticks a second.
+const SKIPPED_MAX: u32 = 72_000;
+
 /// Decides who is told of whom, and which client is asked when.
 #[derive(Clone, Debug)]
 pub struct Engine {
@@ -53,8 +56,12 @@ pub struct Engine {
     pub(crate) joined: usize,
     /// The time of the last call.
     now: Duration,
-    /// The number of the last tick.
+    /// When the first tick was.
+    first_tick: Option<Duration>,
+    /// The number of the last tick. It follows the time, so a late call skips numbers.
     tick: u32,
+    /// How many ticks there have been.
+    rounds: u32,
 }
 
 impl Engine {
@@ -75,7 +82,9 @@ impl Engine {
             stats: Stats::default(),
             joined: 0,
             now: Duration::ZERO,
+            first_tick: None,
             tick: 0,
+            rounds: 0,
             building,
             config,
         }
@@ -100,9 +109,13 @@ impl Engine {
     /// Decides for a moment, and appends what every client is to be told. Orders and corrections
     /// come first, then what each viewer sees, by viewer. A moment before that of an earlier call
     /// counts as that one.
+    ///
+    /// Ticks are numbered by time, one for each [`Config::tick`]. A call that comes late skips the
+    /// numbers of those that were left out, so a host that cannot keep up may call less often.
     pub fn tick(&mut self, now: Duration, outputs: &mut Vec<Output>) {
-        self.advance(now);
-        self.tick = self.tick.wrapping_add(1);
+        let now = self.advance(now);
+        self.tick = self.number_at(now);
+        self.rounds = self.rounds.wrapping_add(1);
         self.silence_budget.left = self.config.silence_budget;
         outputs.append(&mut self.pending);
         for id in self.silencing().expire(outputs) {
@@ -121,7 +134,8 @@ impl Engine {
     /// Decides who is told of whom at this tick.
     fn update_interest(&mut self, outputs: &mut Vec<Output>) {
         let Self { building, config, horizons, population, pool, indices, .. } = self;
-        let view = View { building, config, horizons, now: self.now, tick: self.tick };
+        let (now, tick, rounds) = (self.now, self.tick, self.rounds);
+        let view = View { building, config, horizons, now, tick, rounds };
         let mut snapshot = Snapshot::take(view, population);
         if config.policy.uses_cells() {
             snapshot.update_regions(view, pool, &mut indices.coarse);
@@ -132,10 +146,20 @@ impl Engine {
             interest::test_pairs(view, pool, &facts, &mut snapshot, &mut self.sight_budget);
         }
         let told = interest::notify(view, pool, &facts, &mut snapshot);
-        let distances = snapshot.distances(view.tick);
-        interest::find_nearest(population, view.tick, &distances);
+        let distances = snapshot.distances(view.rounds);
+        interest::find_nearest(population, view.rounds, &distances);
         interest::count_watchers(population, &told);
         outputs.extend(told);
+    }
+
+    /// The number of a tick at a moment: that of the nearest moment at which a tick is due.
+    fn number_at(&mut self, now: Duration) -> u32 {
+        let first = *self.first_tick.get_or_insert(now);
+        let passed = now.saturating_sub(first) + self.config.tick / 2;
+        let due = passed.as_nanos() / self.config.tick.as_nanos().max(1);
+        let due = u32::try_from(due).unwrap_or(u32::MAX - 1) + 1;
+        let next = self.tick.saturating_add(1);
+        due.clamp(next, next.saturating_add(SKIPPED_MAX))
     }
 
     /// Moves time forward. It never goes back, and ends before sums of times overflow.
@@ -146,15 +170,15 @@ impl Engine {
     }
 
     pub(crate) fn view(&self) -> View<'_> {
-        let Self { building, config, horizons, now, tick, .. } = self;
-        View { building, config, horizons, now: *now, tick: *tick }
+        let Self { building, config, horizons, now, tick, rounds, .. } = self;
+        View { building, config, horizons, now: *now, tick: *tick, rounds: *rounds }
     }
 
     /// What changes when avatars are silenced, asked and woken.
     pub(crate) fn silencing(&mut self) -> Silencing<'_> {
-        let Self { building, config, horizons, now, tick, .. } = self;
+        let Self { building, config, horizons, now, tick, rounds, .. } = self;
         Silencing {
-            view: View { building, config, horizons, now: *now, tick: *tick },
+            view: View { building, config, horizons, now: *now, tick: *tick, rounds: *rounds },
             population: &mut self.population,
             indices: &mut self.indices,
             deadlines: &mut self.deadlines,
@@ -248,7 +272,13 @@ impl Engine {
         Counts { live, quiet, asked: self.population.len() - live - quiet }
     }
 
-    /// The number of the last tick; the first is 1.
+    /// Sets what all sight tests of a tick may cost from now on: see
+    /// [`Config::sight_test_budget`]. A host that cannot keep up lowers it.
+    pub fn set_sight_test_budget(&mut self, units: u32) {
+        self.config = std::mem::take(&mut self.config).with_sight_test_budget(units).bounded();
+    }
+
+    /// The number of the last tick; the first is 1. A late tick skips numbers.
     pub fn ticks(&self) -> u32 {
         self.tick
     }

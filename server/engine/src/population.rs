@@ -63,6 +63,8 @@ pub(crate) struct Avatar {
     pub(crate) sphere: Option<Sphere>,
     /// Asks since the last accepted report.
     pub(crate) unanswered: u32,
+    /// How many ticks there had been at the last ask.
+    pub(crate) asked_round: u32,
     /// What its client was told last, and what that means.
     pub(crate) orders: Orders,
     /// When its client was last told to be live.

@@ -12,7 +12,7 @@ use sightline_world::{
 use crate::{
     baselines::Area,
     building::Building,
-    claims::{Claim, ClaimConsistency, ClaimVerdict, MovementBudget, OnCourse, Walk},
+    claims::{Arrival, Claim, ClaimConsistency, ClaimVerdict, MovementBudget, OnCourse, Walk},
     engine::Engine,
     generation::Generation,
     interest::{end_pairs, forget_results},
@@ -88,6 +88,7 @@ impl Engine {
             tbv: None,
             sphere: None,
             unanswered: 0,
+            asked_round: 0,
             orders: Orders::default(),
             ordered: now,
             nearest_m: f32::INFINITY,
@@ -153,6 +154,7 @@ impl Engine {
         let claim = Claim {
             tbv: avatar.tbv.as_ref(),
             sphere: avatar.sphere,
+            late: avatar.arrivals.lateness(now, report.made),
             ..Claim::new(report.made, &pose, avatar.pose.eye, avatar.round_trip)
         };
         let [from, to] = [claim.from, pose.eye].map(|eye| building.axes().own(eye));
@@ -195,7 +197,9 @@ impl Engine {
         let silent = report.and_then(|report| avatar.before_report(report, building, config.tick));
         avatar.pose = Pose { velocity, ..pose };
         let slack = avatar.arrivals.margin() + config.tick;
-        avatar.consistency.check(now, avatar.pose, silent.as_ref(), &building.agility, slack);
+        let late = report.map_or(Duration::ZERO, |r| avatar.arrivals.lateness(now, r.made));
+        let arrival = Arrival { now, late };
+        avatar.consistency.check(arrival, avatar.pose, silent.as_ref(), &building.agility, slack);
         avatar.made = report.map(|report| report.made);
         report.iter().for_each(|report| avatar.orders.hear(report.orders));
         let (from, course) = (building.axes().own(pose.eye), avatar.pose);

@@ -13,4 +13,6 @@ pub(crate) struct View<'a> {
     pub(crate) now: Duration,
     /// The number of the last tick.
     pub(crate) tick: u32,
+    /// How many ticks there have been. After a late tick that is less than its number.
+    pub(crate) rounds: u32,
 }

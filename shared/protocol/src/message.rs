@@ -169,6 +169,12 @@ pub enum Refusal {
     /// The server is shutting down.
     #[error("the server is closing")]
     Closing,
+    /// The server has more to do than it can, for the moment.
+    #[error("the server is busy: come again in {retry_ms} ms")]
+    Busy {
+        /// When the client may come again, in milliseconds.
+        retry_ms: u32,
+    },
 }
 
 #[cfg(test)]
@@ -225,6 +231,7 @@ mod tests {
             ServerMessage::Refused { reason: Refusal::Version { server: u32::MAX } },
             ServerMessage::Refused { reason: Refusal::Full },
             ServerMessage::Refused { reason: Refusal::Closing },
+            ServerMessage::Refused { reason: Refusal::Busy { retry_ms: u32::MAX } },
             ServerMessage::Entered { pose: pose(), tick: u32::MAX },
             ServerMessage::Appear {
                 avatar,

@@ -70,8 +70,15 @@ impl Outbound {
         })
     }
 
+    /// Whether there may be datagrams to send at a tick. Call it at every tick.
+    pub fn has_poses(&mut self, tick: u32) -> bool {
+        let has_open = self.encoder.has_open(tick);
+        has_open || !self.waiting.is_empty()
+    }
+
     /// Takes the datagrams with the poses that wait, and with those that were lost on the way.
-    /// Call it once in each tick in which datagrams can be sent.
+    /// Call it once in each tick in which [there are some](Outbound::has_poses) and datagrams can be
+    /// sent.
     pub fn encode_poses(&mut self, tick: u32) -> Vec<Vec<u8>> {
         debug_assert!(self.waiting.is_sorted_by_key(|(id, ..)| *id), "poses are sorted by id");
         let on_course = |(id, at, pose): (AvatarId, u32, Pose)| {

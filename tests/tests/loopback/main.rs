@@ -2,6 +2,7 @@
 
 mod building;
 mod crowd;
+mod stop;
 mod stranger;
 
 use std::{net::SocketAddr, time::Duration};

@@ -1,24 +1,29 @@
 //! From an address to a session.
 
 use std::{
-    net::{Ipv4Addr, Ipv6Addr, SocketAddr},
+    hash::{BuildHasher, RandomState},
+    io,
+    net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket},
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError},
     time::Duration,
 };
 
-use quinn::{Connection, ConnectionError, Endpoint, TransportConfig, VarInt};
+use quinn::{
+    Connection, ConnectionError, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
+};
 use sightline_client_core::replica::{Replica, ReplicaError};
 use sightline_protocol::{
     VERSION,
-    message::{ClientMessage, ServerMessage},
+    message::{ClientMessage, Refusal, ServerMessage},
     text::Name,
 };
 use sightline_world::{
     ContentId,
     motion::{Agility, AvatarId},
 };
-use tokio::time::timeout;
+use socket2::{Domain, Protocol, Socket, Type};
+use tokio::time::{Instant, sleep, timeout};
 
 use super::{
     cache::WorldCache,
@@ -31,6 +36,13 @@ use super::{
 
 /// The time within which the server must answer.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
+
+/// What the system is asked to keep of what arrives while no processor is free, in bytes.
+const SOCKET_BYTES: usize = 4 << 20;
+/// A client that a busy server puts off comes again for so long.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// The longest time that a server may put a client off at once.
+const RETRY_MAX: Duration = Duration::from_secs(10);
 
 /// How a client introduces itself, and which servers it trusts.
 #[derive(Clone)]
@@ -62,11 +74,33 @@ impl Dialer {
     }
 
     /// Connects, fetches the world unless it is in the cache, and enters it. Must be called within a
-    /// tokio runtime, in which the session then runs.
+    /// tokio runtime, in which the session then runs. Where the server is busy and puts the client
+    /// off, it comes again by itself, for up to a minute.
     ///
     /// # Errors
     /// When any step fails. The connection is closed then.
     pub async fn connect(
+        &self,
+        address: SocketAddr,
+        options: &ConnectOptions,
+    ) -> Result<Session, ConnectError> {
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let retry_ms = match self.connect_once(address, options).await {
+                Err(ConnectError::Refused(Refusal::Busy { retry_ms })) => retry_ms,
+                connected => return connected,
+            };
+            // Those who were put off together come again apart.
+            let spread_ms = RandomState::new().hash_one(address) % u64::from(retry_ms.max(1));
+            let wait = Duration::from_millis(u64::from(retry_ms) + spread_ms).min(RETRY_MAX);
+            if Instant::now() + wait > give_up {
+                return Err(ConnectError::Refused(Refusal::Busy { retry_ms }));
+            }
+            sleep(wait).await;
+        }
+    }
+
+    async fn connect_once(
         &self,
         address: SocketAddr,
         options: &ConnectOptions,
@@ -126,7 +160,10 @@ impl Dialer {
         } else {
             SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0))
         };
-        let mut endpoint = Endpoint::client(own).map_err(ConnectError::Socket)?;
+        let socket = socket(own).map_err(ConnectError::Socket)?;
+        let runtime = Arc::new(TokioRuntime);
+        let mut endpoint = Endpoint::new(EndpointConfig::default(), None, socket, runtime)
+            .map_err(ConnectError::Socket)?;
         let mut config = quinn::ClientConfig::new(Arc::new(trust::crypto()?));
         config.transport_config(Arc::new(transport()));
         endpoint.set_default_client_config(config);
@@ -154,6 +191,16 @@ pub fn connect_blocking(
     Ok(session.with_runtime(runtime))
 }
 
+/// A socket with large buffers: many sessions may share it.
+fn socket(own: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = Socket::new(Domain::for_address(own), Type::DGRAM, Some(Protocol::UDP))?;
+    // With smaller ones the client works, too.
+    let _ = socket.set_recv_buffer_size(SOCKET_BYTES);
+    let _ = socket.set_send_buffer_size(SOCKET_BYTES);
+    socket.bind(&own.into())?;
+    Ok(socket.into())
+}
+
 fn transport() -> TransportConfig {
     let mut transport = TransportConfig::default();
     transport
@@ -165,7 +212,7 @@ fn transport() -> TransportConfig {
         .datagram_receive_buffer_size(Some(256 * 1_024))
         .datagram_send_buffer_size(16 * 1_024)
         .keep_alive_interval(Some(Duration::from_secs(3)))
-        .max_idle_timeout(Some(VarInt::from_u32(10_000).into()));
+        .max_idle_timeout(Some(VarInt::from_u32(30_000).into()));
     transport
 }
 

@@ -84,8 +84,8 @@ async fn supervise(state: Arc<ServerState>, incoming: Incoming, address: IpAddr)
         }
         Err(panic) => tracing::error!(avatar = avatar.0, %panic, "a session panicked"),
     }
-    // The engine's task may have ended already.
-    let _ = state.events.send(EngineEvent::Leave(avatar)).await;
+    // The engine's thread may have ended already.
+    state.tell_engine(EngineEvent::Leave(avatar)).await;
 }
 
 /// Runs a session from its handshake to its end. `None` when the handshake failed.

@@ -1,4 +1,4 @@
-//! A connected client, as the engine's task and the client's own session share it.
+//! A connected client, as the engine's thread and the client's own session share it.
 
 use std::time::Duration;
 

@@ -1,29 +1,55 @@
 //! The QUIC endpoint: its certificate, its address and the limits of each connection.
 
-use std::{io, net::Ipv4Addr, sync::Arc};
+use std::{
+    io,
+    net::{Ipv4Addr, SocketAddr, UdpSocket},
+    sync::Arc,
+};
 
-use quinn::{Endpoint, TransportConfig, VarInt, crypto::rustls::QuicServerConfig};
+use quinn::{
+    Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt, crypto::rustls::QuicServerConfig,
+};
 use sightline_protocol::ALPN;
+use socket2::{Domain, Protocol, Socket, Type};
 
 use super::{BindError, config::ServeConfig, identity::Identity};
 
 /// The most connections that may wait to be accepted.
 const INCOMING_MAX: usize = 1_024;
 /// A connection that is silent for longer is lost, in milliseconds.
-const IDLE_MS_MAX: u32 = 10_000;
+const IDLE_MS_MAX: u32 = 30_000;
+/// What the system is asked to keep of what arrives while no processor is free, and of what leaves,
+/// in bytes. A packet of 60 bytes counts as about 800. The system may allow less.
+const SOCKET_BYTES: usize = 8 << 20;
 
 /// Opens the endpoint on the configured address.
 pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, BindError> {
     let quic = quic_config(identity)?;
     let address = config.listen;
-    let bound = match Endpoint::server(quic.clone(), address) {
+    let bound = match socket(address) {
         // On a machine without IPv6, every IPv4 address is meant.
         Err(_) if address.is_ipv6() && address.ip().is_unspecified() => {
-            Endpoint::server(quic, (Ipv4Addr::UNSPECIFIED, address.port()).into())
+            socket((Ipv4Addr::UNSPECIFIED, address.port()).into())
         }
         bound => bound,
     };
-    bound.map_err(|source: io::Error| BindError::Listen { address, source })
+    let endpoint = bound.and_then(|socket| {
+        Endpoint::new(EndpointConfig::default(), Some(quic), socket, Arc::new(TokioRuntime))
+    });
+    endpoint.map_err(|source: io::Error| BindError::Listen { address, source })
+}
+
+/// A socket with large buffers. On an IPv6 address it is for IPv4, too.
+fn socket(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
+    if address.is_ipv6() {
+        socket.set_only_v6(false)?;
+    }
+    // With smaller ones the server works, too.
+    let _ = socket.set_recv_buffer_size(SOCKET_BYTES);
+    let _ = socket.set_send_buffer_size(SOCKET_BYTES);
+    socket.bind(&address.into())?;
+    Ok(socket.into())
 }
 
 fn quic_config(identity: &Identity) -> Result<quinn::ServerConfig, rustls::Error> {

@@ -1,53 +1,76 @@
-//! The task that owns the engine: the inputs of all clients go in, outputs go to their outboxes.
+//! The thread that owns the engine: the inputs of all clients go in, outputs go to their outboxes.
+//!
+//! It shares no thread with the network. So a tick that takes long holds up no reading and no
+//! sending, and events bear the time at which they were read.
 
 use std::{
-    collections::BTreeMap,
-    sync::Arc,
+    collections::{BTreeMap, VecDeque},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+    thread,
     time::{Duration, Instant},
 };
 
 use glam::Vec3;
 use sightline_engine::{Engine, Input, Output};
 use sightline_world::motion::AvatarId;
-use tokio::{sync::mpsc, time::MissedTickBehavior};
+use tokio::sync::mpsc::{self, error::TryRecvError};
 
-use super::client::ConnectedClient;
-use crate::operate::TickMetrics;
+use super::{client::ConnectedClient, load::Load, pace::Pace};
+use crate::operate::{Stages, TickMetrics};
 
-/// The most events that may wait for the engine. A client whose event finds no room waits, so that
-/// its own stream stops and nobody else's.
-pub const EVENTS_MAX: usize = 4_096;
+/// The most events that may wait for the engine, of about 200 bytes each. A client whose event finds
+/// no room waits, so that its own stream stops and nobody else's.
+pub const EVENTS_MAX: usize = 16_384;
+/// How many clients enter at one tick at most. A newcomer costs about a millisecond.
+pub const JOINS_PER_TICK: usize = 5;
 /// How often the engine is told the clients' round trips.
 const ROUND_TRIP_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What a client's task tells the engine's task.
+/// What a client's task tells the engine's thread.
 pub enum EngineEvent {
     /// A client wants to enter the world.
-    Join {
-        /// The client.
-        client: Arc<ConnectedClient>,
-        /// The name that others see.
-        name: String,
-        /// The avatar's colour, sRGB.
-        colour: [u8; 3],
-        /// Where it wants its eye; a spawn point when `None`.
-        place: Option<Vec3>,
-    },
+    Join(Newcomer),
     /// A client in the world did something.
     Input(Input),
     /// A client has gone, whether or not it had entered.
     Leave(AvatarId),
 }
 
+/// A client that wants to enter the world.
+pub struct Newcomer {
+    /// The client.
+    pub client: Arc<ConnectedClient>,
+    /// The name that others see.
+    pub name: String,
+    /// The avatar's colour, sRGB.
+    pub colour: [u8; 3],
+    /// Where it wants its eye; a spawn point when `None`.
+    pub place: Option<Vec3>,
+}
+
+/// An event, and the server's time at which it was read from the network.
+pub struct TimedEvent {
+    pub at: Duration,
+    pub event: EngineEvent,
+}
+
 /// The engine, and the clients in the world.
 pub struct EngineTask {
     engine: Engine,
     clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
+    /// Those who wait for their turn to enter.
+    newcomers: VecDeque<Newcomer>,
     /// When the server's time was zero.
     started: Instant,
-    tick: u32,
     /// When the engine is next told the clients' round trips.
     round_trips_due: Duration,
+    pace: Pace,
+    /// The sight-test budget at the full rate.
+    sight_test_budget: u32,
+    load: Arc<Load>,
     metrics: Arc<TickMetrics>,
     /// Kept from tick to tick for its memory only.
     outputs: Vec<Output>,
@@ -55,25 +78,48 @@ pub struct EngineTask {
 
 impl EngineTask {
     /// A task whose clock starts at `started`.
-    pub fn new(engine: Engine, started: Instant, metrics: Arc<TickMetrics>) -> Self {
-        let (clients, round_trips_due) = (BTreeMap::new(), Duration::ZERO);
-        Self { engine, clients, started, tick: 0, round_trips_due, metrics, outputs: Vec::new() }
+    pub fn new(
+        engine: Engine,
+        started: Instant,
+        load: Arc<Load>,
+        metrics: Arc<TickMetrics>,
+    ) -> Self {
+        Self {
+            clients: BTreeMap::new(),
+            newcomers: VecDeque::new(),
+            started,
+            round_trips_due: Duration::ZERO,
+            pace: Pace::new(engine.config().tick),
+            sight_test_budget: engine.config().sight_test_budget,
+            engine,
+            load,
+            metrics,
+            outputs: Vec::new(),
+        }
     }
 
-    /// Runs until no sender of events is left. The engine ticks once each `interval`.
-    pub async fn run(mut self, mut events: mpsc::Receiver<EngineEvent>, interval: Duration) {
-        let mut ticks = tokio::time::interval(interval);
-        ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    /// Runs until it is told to stop, or no sender of events is left.
+    pub fn run(mut self, mut events: mpsc::Receiver<TimedEvent>, stop: &AtomicBool) {
+        let mut due = Instant::now();
         loop {
-            // Ticks come first, so that no flood of events holds them up.
-            tokio::select! {
-                biased;
-                _ = ticks.tick() => self.tick(),
-                event = events.recv() => match event {
-                    Some(event) => self.take(event),
-                    None => return,
-                },
+            thread::sleep(due.saturating_duration_since(Instant::now()));
+            if stop.load(Relaxed) {
+                return;
             }
+            let begin = Instant::now();
+            let late = begin.saturating_duration_since(due);
+            if !self.take_all(&mut events) {
+                return;
+            }
+            let taken = begin.elapsed();
+            self.tick(begin, taken);
+            let spent = begin.elapsed();
+            if self.pace.take(spent.max(late / 2)) {
+                self.change_pace();
+            }
+            // A tick that is late by more than its time is left out, so that the network is never
+            // without a processor.
+            due = (due + self.pace.interval()).max(begin + spent + self.pace.interval() / 8);
         }
     }
 
@@ -81,45 +127,84 @@ impl EngineTask {
         self.started.elapsed()
     }
 
-    fn take(&mut self, event: EngineEvent) {
-        let now = self.now();
-        match event {
-            EngineEvent::Join { client, name, colour, place } => {
-                let avatar = client.avatar;
-                // The handshake has measured the round trip already.
-                let round_trip = client.connection.rtt();
-                let before = self.clients.insert(avatar, client);
-                debug_assert!(before.is_none(), "a session enters once");
-                self.engine.handle(now, Input::Join { avatar, name, colour, place });
-                self.engine.handle(now, Input::RoundTrip { avatar, round_trip });
+    /// Takes in all events that wait. Returns whether any sender is left.
+    fn take_all(&mut self, events: &mut mpsc::Receiver<TimedEvent>) -> bool {
+        // No more than these, or a flood of events would hold the tick up.
+        for _ in 0..EVENTS_MAX {
+            match events.try_recv() {
+                Ok(TimedEvent { at, event }) => self.take(at, event),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => return false,
             }
-            EngineEvent::Input(input) => self.engine.handle(now, input),
+        }
+        let now = self.now();
+        for _ in 0..JOINS_PER_TICK {
+            let Some(newcomer) = self.newcomers.pop_front() else { break };
+            self.enter(now, newcomer);
+        }
+        true
+    }
+
+    fn take(&mut self, at: Duration, event: EngineEvent) {
+        match event {
+            EngineEvent::Join(newcomer) => self.newcomers.push_back(newcomer),
+            EngineEvent::Input(input) => self.engine.handle(at, input),
             EngineEvent::Leave(avatar) => {
+                let before = self.newcomers.len();
+                self.newcomers.retain(|newcomer| newcomer.client.avatar != avatar);
+                self.load.entered(before - self.newcomers.len());
                 if self.clients.remove(&avatar).is_some() {
-                    self.engine.handle(now, Input::Leave { avatar });
+                    self.engine.handle(at, Input::Leave { avatar });
                 }
             }
         }
     }
 
-    fn tick(&mut self) {
-        let begin = Instant::now();
+    fn enter(&mut self, now: Duration, newcomer: Newcomer) {
+        let Newcomer { client, name, colour, place } = newcomer;
+        let avatar = client.avatar;
+        self.load.entered(1);
+        // The handshake has measured the round trip already.
+        let round_trip = client.connection.rtt();
+        let before = self.clients.insert(avatar, client);
+        debug_assert!(before.is_none(), "a session enters once");
+        self.engine.handle(now, Input::Join { avatar, name, colour, place });
+        self.engine.handle(now, Input::RoundTrip { avatar, round_trip });
+    }
+
+    /// Ticks the engine, and hands out what it says. The events before took `taken`.
+    fn tick(&mut self, begin: Instant, taken: Duration) {
         let now = self.now();
         self.tell_round_trips(now);
-        self.tick = self.tick.wrapping_add(1);
         let mut outputs = std::mem::take(&mut self.outputs);
         debug_assert!(outputs.is_empty(), "every output was handed out");
         self.engine.tick(now, &mut outputs);
+        let ticked = begin.elapsed();
         for output in outputs.drain(..) {
             if let Some(client) = self.clients.get(&output.to()) {
                 client.outbox.tell(&output, now);
             }
         }
+        let number = self.engine.ticks();
         for client in self.clients.values() {
-            client.outbox.flush(self.tick);
+            client.outbox.flush(number);
         }
         self.outputs = outputs;
-        self.metrics.record(begin.elapsed(), self.engine.counts(), self.engine.stats());
+        let stages = Stages { taken, ticked: ticked - taken, told: begin.elapsed() - ticked };
+        self.metrics.record(stages, self.engine.counts(), self.engine.stats());
+    }
+
+    /// Takes in that ticks are made at another rate.
+    fn change_pace(&mut self) {
+        let (step, interval) = (self.pace.step(), self.pace.interval());
+        self.engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
+        let was = self.load.set_step(step);
+        let tick_hz = 1.0 / interval.as_secs_f64();
+        if step > was {
+            tracing::warn!(tick_hz, "overload: ticks take too long, so the rate falls");
+        } else {
+            tracing::info!(tick_hz, "the rate rises again");
+        }
     }
 
     fn tell_round_trips(&mut self, now: Duration) {

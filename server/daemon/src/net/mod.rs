@@ -1,9 +1,10 @@
 //! The QUIC endpoint, admission and sessions: the only module of the server that knows QUIC.
 //!
-//! [`Server::bind`] starts everything. One task owns the engine (`engine_task`), one accepts
-//! connections (`accept`), and each connection has a `session` of its own. The engine's task fills
-//! each client's `outbox` and never waits for a client. A session that panics or misbehaves ends
-//! alone.
+//! [`Server::bind`] starts everything. A thread of its own has the engine (`engine_task`), one task
+//! accepts connections (`accept`), and each connection has a `session` of its own. The engine's
+//! thread fills each client's `outbox` and never waits for a client. When it cannot keep up, its
+//! rate falls (`pace`), newcomers are put off (`load`), and nobody present is dropped. A session
+//! that panics or misbehaves ends alone.
 //!
 //! The memory that one client can occupy has a limit: a receive window of 256 KiB, 128 KiB of
 //! datagram buffers, a send window of 256 KiB, 256 KiB of waiting control messages, 112 KiB of
@@ -16,7 +17,9 @@ mod config;
 mod endpoint;
 mod engine_task;
 mod identity;
+mod load;
 mod outbox;
+mod pace;
 mod served_world;
 mod session;
 mod state;
@@ -26,7 +29,7 @@ use std::{
     net::SocketAddr,
     sync::{
         Arc, Mutex,
-        atomic::{AtomicU32, AtomicUsize},
+        atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering::Relaxed},
     },
     time::{Duration, Instant},
 };
@@ -46,6 +49,7 @@ pub use served_world::ServedWorld;
 
 use crate::operate::{ServerStats, TickMetrics};
 use engine_task::EngineTask;
+use load::Load;
 use state::ServerState;
 
 /// How long all goodbyes may take together.
@@ -84,6 +88,8 @@ pub struct Server {
     close: watch::Sender<bool>,
     accepting: JoinHandle<()>,
     engine: JoinHandle<()>,
+    /// Becomes true when the engine's thread is to end.
+    stop: Arc<AtomicBool>,
 }
 
 impl Server {
@@ -104,8 +110,11 @@ impl Server {
         let (events, received) = mpsc::channel(engine_task::EVENTS_MAX);
         let (close, closing) = watch::channel(false);
         let metrics = Arc::new(TickMetrics::default());
-        let task = EngineTask::new(engine, started, metrics.clone());
-        let engine = tokio::spawn(task.run(received, config.tick_interval()));
+        let load = Arc::new(Load::default());
+        let task = EngineTask::new(engine, started, load.clone(), metrics.clone());
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = stop.clone();
+        let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
         let state = Arc::new(ServerState {
             config,
             world,
@@ -115,11 +124,12 @@ impl Server {
             newest_avatar: AtomicU32::new(0),
             handshakes: AtomicUsize::new(0),
             closing,
+            load,
             metrics,
         });
         let accepting = tokio::spawn(accept::accept(endpoint.clone(), state.clone()));
         let fingerprint = identity.fingerprint();
-        Ok(Self { endpoint, fingerprint, state, close, accepting, engine })
+        Ok(Self { endpoint, fingerprint, state, close, accepting, engine, stop })
     }
 
     /// The address that it listens on.
@@ -140,7 +150,8 @@ impl Server {
         let clients: Vec<_> = self.state.registry().clients.values().cloned().collect();
         let clients = clients.iter().map(|client| (client.avatar.0, client.stats())).collect();
         let (counts, engine) = self.state.metrics.engine();
-        ServerStats { clients, ticks: self.state.metrics.summary(), counts, engine }
+        let (ticks, overload) = (self.state.metrics.summary(), self.state.load.stats());
+        ServerStats { clients, ticks, overload, counts, engine }
     }
 
     /// Waits until the server ends by itself. Only a fault of the engine makes it do so.
@@ -162,7 +173,7 @@ impl Server {
     fn stop(&self) {
         self.endpoint.close(VarInt::from_u32(0), b"the server is closing");
         self.accepting.abort();
-        self.engine.abort();
+        self.stop.store(true, Relaxed);
     }
 }
 

@@ -16,7 +16,7 @@ use tokio::sync::Notify;
 /// and is dropped.
 const CONTROL_BYTES_MAX: usize = 256 * 1_024;
 
-/// The messages that wait to be sent to one client. The engine's task fills the outbox and never
+/// The messages that wait to be sent to one client. The engine's thread fills the outbox and never
 /// waits; the client's own task empties it. Poses do not queue: a newer one replaces an older one.
 #[derive(Debug)]
 pub struct Outbox {
@@ -86,10 +86,16 @@ impl Outbox {
         self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
     }
 
-    /// Wakes the client's task, once every output of a tick is there.
+    /// Wakes the client's task, once every output of a tick is there, if it has something to send.
     pub fn flush(&self, tick: u32) {
-        self.waiting().tick = tick;
-        self.filled.notify_one();
+        let mut waiting = self.waiting();
+        waiting.tick = tick;
+        let has_poses = waiting.outbound.has_poses(tick);
+        let has_something = has_poses || waiting.has_ended || !waiting.control.is_empty();
+        drop(waiting);
+        if has_something {
+            self.filled.notify_one();
+        }
     }
 
     /// Takes in which datagrams the client has received.

@@ -21,7 +21,8 @@ use super::{
     admission::AddressCounts,
     client::{ConnectedClient, Hello},
     config::ServeConfig,
-    engine_task::EngineEvent,
+    engine_task::{EngineEvent, TimedEvent},
+    load::Load,
     served_world::ServedWorld,
 };
 use crate::operate::TickMetrics;
@@ -31,7 +32,7 @@ pub struct ServerState {
     pub config: ServeConfig,
     pub world: ServedWorld,
     /// Where events for the engine go.
-    pub events: mpsc::Sender<EngineEvent>,
+    pub events: mpsc::Sender<TimedEvent>,
     /// When the server's time was zero.
     pub started: Instant,
     pub registry: Mutex<Registry>,
@@ -41,6 +42,7 @@ pub struct ServerState {
     pub handshakes: AtomicUsize,
     /// Becomes true when the server closes.
     pub closing: watch::Receiver<bool>,
+    pub load: Arc<Load>,
     pub metrics: Arc<TickMetrics>,
 }
 
@@ -62,6 +64,13 @@ impl ServerState {
         self.registry.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Tells the engine's thread of an event that was read just now. Waits while too many do.
+    /// Returns whether there is still an engine.
+    pub async fn tell_engine(&self, event: EngineEvent) -> bool {
+        let at = self.now();
+        self.events.send(TimedEvent { at, event }).await.is_ok()
+    }
+
     /// Admits a client, if it speaks this version and there is room.
     pub fn admit(&self, client: &Arc<ConnectedClient>, hello: &Hello) -> Result<(), Refusal> {
         if hello.is_foreign {
@@ -69,6 +78,9 @@ impl ServerState {
         }
         if *self.closing.borrow() {
             return Err(Refusal::Closing);
+        }
+        if let Some(retry) = self.load.refuses() {
+            return Err(Refusal::Busy { retry_ms: retry.as_millis() as u32 });
         }
         let mut registry = self.registry();
         if registry.clients.len() >= self.config.clients_max {

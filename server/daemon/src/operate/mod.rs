@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use sightline_world::motion::ReportingState;
 
-pub(crate) use ticks::TickMetrics;
+pub(crate) use ticks::{Stages, TickMetrics};
 pub use ticks::TickSummary;
 pub use traffic::Traffic;
 pub(crate) use traffic::TrafficCounters;
@@ -20,12 +20,29 @@ pub struct ServerStats {
     pub clients: BTreeMap<u32, ClientStats>,
     /// How long ticks took.
     pub ticks: TickSummary,
+    /// How the server copes with its load.
+    pub overload: OverloadStats,
     /// How many clients are in each state.
     #[serde(skip)]
     pub counts: sightline_engine::Counts,
     /// The engine's own statistics.
     #[serde(skip)]
     pub engine: sightline_engine::Stats,
+}
+
+/// How a server copes with its load.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct OverloadStats {
+    /// How many steps the tick rate is below the full rate: each halves it.
+    pub step: usize,
+    /// How often the rate has fallen by a step.
+    pub steps_down: u64,
+    /// How often the rate has risen by a step.
+    pub steps_up: u64,
+    /// How many clients were told to come again later.
+    pub joins_refused: u64,
+    /// How many clients wait to enter.
+    pub joins_waiting: usize,
 }
 
 /// The statistics of one client.

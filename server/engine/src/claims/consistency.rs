@@ -18,11 +18,19 @@ const CLAIMS_KEPT: usize = 8;
 /// How long a client is doubted.
 const DOUBT: Duration = Duration::from_secs(2);
 
+/// When a claim came in.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Arrival {
+    pub(crate) now: Duration,
+    /// By how much that is later than usual.
+    pub(crate) late: Duration,
+}
+
 /// An accepted claim.
 #[derive(Clone, Copy, Debug)]
 struct PastClaim {
-    /// When it came in.
-    heard: Duration,
+    /// When it would have come in if it had not been late.
+    due: Duration,
     pose: Pose,
 }
 
@@ -57,18 +65,19 @@ pub(crate) struct ClaimConsistency {
 impl ClaimConsistency {
     /// Checks an accepted claim against earlier ones, and against where the client's silence has put
     /// it, and keeps it. The time between two claims may differ by `slack` from the time between
-    /// their arrivals.
+    /// their arrivals, lateness apart.
     pub(crate) fn check(
         &mut self,
-        now: Duration,
+        Arrival { now, late }: Arrival,
         pose: Pose,
         course: Option<&OnCourse>,
         agility: &Agility,
         slack: Duration,
     ) {
         debug_assert!(pose.is_finite(), "only finite claims are accepted");
+        let due = now.saturating_sub(late);
         let allows = |claim: &PastClaim| {
-            let time = now.saturating_sub(claim.heard) + slack;
+            let time = due.saturating_sub(claim.due) + slack;
             let able = agility.eyes(claim.pose.eye, claim.pose.velocity, time);
             able.grown(WIRE_POSE_M).contains(pose.eye)
         };
@@ -77,7 +86,7 @@ impl ClaimConsistency {
             self.doubted_until = now + DOUBT;
             self.forget();
         }
-        self.claims[self.next] = Some(PastClaim { heard: now, pose });
+        self.claims[self.next] = Some(PastClaim { due, pose });
         self.next = (self.next + 1) % CLAIMS_KEPT;
     }
 
@@ -107,6 +116,10 @@ mod tests {
         fall_max: 5.0,
     };
 
+    fn on_time(now: Duration) -> Arrival {
+        Arrival { now, late: Duration::ZERO }
+    }
+
     /// Whether a client that moves at one speed and claims another is believed after half a second.
     fn is_believed(speed: f32, claimed: f32) -> bool {
         let mut claims = ClaimConsistency::default();
@@ -114,7 +127,7 @@ mod tests {
             let now = Duration::from_millis(50 * tick);
             let eye = Vec3::X * speed * now.as_secs_f32();
             let pose = Pose { eye, velocity: Vec3::X * claimed, ..Pose::default() };
-            claims.check(now, pose, None, &AGILITY, Duration::from_millis(20));
+            claims.check(on_time(now), pose, None, &AGILITY, Duration::from_millis(20));
         }
         claims.is_consistent(Duration::from_millis(500))
     }
@@ -136,7 +149,7 @@ mod tests {
             let pose = Pose { velocity: Vec3::X, ..Pose::default() };
             let course = OnCourse { pose, before: Duration::from_millis(50), tolerance };
             let claim = Pose { eye: Vec3::X * x, ..pose };
-            claims.check(Duration::ZERO, claim, Some(&course), &AGILITY, Duration::ZERO);
+            claims.check(on_time(Duration::ZERO), claim, Some(&course), &AGILITY, Duration::ZERO);
             claims.is_consistent(Duration::ZERO)
         };
         assert!(is_believed(0.05) && is_believed(0.2) && is_believed(-0.15));
@@ -148,11 +161,26 @@ mod tests {
         let mut claims = ClaimConsistency::default();
         let at = |x: f32| Pose { eye: Vec3::X * x, ..Pose::default() };
         let ms = Duration::from_millis;
-        claims.check(ms(0), at(0.0), None, &AGILITY, ms(0));
+        claims.check(on_time(ms(0)), at(0.0), None, &AGILITY, ms(0));
         claims.forget();
-        claims.check(ms(50), at(9.0), None, &AGILITY, ms(0));
+        claims.check(on_time(ms(50)), at(9.0), None, &AGILITY, ms(0));
         assert!(claims.is_consistent(ms(50)));
-        claims.check(ms(100), at(18.0), None, &AGILITY, ms(0));
+        claims.check(on_time(ms(100)), at(18.0), None, &AGILITY, ms(0));
         assert!(!claims.is_consistent(ms(100)) && claims.is_consistent(ms(100) + DOUBT));
+    }
+
+    #[test]
+    fn claims_that_were_held_up_together_are_no_reason_for_doubt() {
+        let ms = Duration::from_millis;
+        let doubts = |late_ms: fn(u64) -> u64| {
+            let mut claims = ClaimConsistency::default();
+            for i in 0..8 {
+                let pose = Pose { eye: Vec3::X * i as f32, velocity: Vec3::X, ..Pose::default() };
+                let arrival = Arrival { now: ms(9_000), late: ms(late_ms(i)) };
+                claims.check(arrival, pose, None, &AGILITY, ms(20));
+            }
+            !claims.is_consistent(ms(9_000))
+        };
+        assert!(!doubts(|i| 7_000 - 1_000 * i) && doubts(|_| 0));
     }
 }

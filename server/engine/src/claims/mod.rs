@@ -9,6 +9,6 @@ mod movement_budget;
 mod walkability;
 
 pub(crate) use clearance::Clearance;
-pub(crate) use consistency::{ClaimConsistency, OnCourse};
+pub(crate) use consistency::{Arrival, ClaimConsistency, OnCourse};
 pub use movement_budget::{Claim, ClaimLimits, ClaimVerdict, MovementBudget};
 pub(crate) use walkability::{Walk, WalkState, Walkways, WaySearch};

@@ -19,6 +19,10 @@ const SPEED_TOLERANCE: f64 = 1.01;
 const BUNCHING: Duration = Duration::from_millis(250);
 /// No longer round trip counts for that.
 const BUNCHING_ROUND_TRIP_MAX: Duration = Duration::from_millis(400);
+/// A claim that comes late leaves as much of the client's speed unused as the claims that are still
+/// on their way need: for as long as it is late, and no longer than this. The link or the server
+/// itself may have held them up.
+const LATENESS_MAX: Duration = Duration::from_secs(5);
 /// Silence longer than this earns no more straight distance.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
 
@@ -52,12 +56,14 @@ pub struct Claim<'a> {
     pub(crate) sphere: Option<Sphere>,
     /// The client's measured round trip.
     pub round_trip: Duration,
+    /// By how much the claim came later than the fastest of the client's last ones.
+    pub late: Duration,
 }
 
 impl<'a> Claim<'a> {
     /// The claim of a live client.
     pub fn new(made: Duration, pose: &'a Pose, from: Vec3, round_trip: Duration) -> Self {
-        Self { made, pose, from, tbv: None, sphere: None, round_trip }
+        Self { made, pose, from, tbv: None, sphere: None, round_trip, late: Duration::ZERO }
     }
 }
 
@@ -151,7 +157,8 @@ impl MovementBudget {
             return self.refuse(now, claim.round_trip, limits);
         };
         let unused_m = (allowed_m - straight_m.max(way_m)).max(0.0);
-        let bunching = BUNCHING + claim.round_trip.min(BUNCHING_ROUND_TRIP_MAX);
+        let late = claim.late.min(LATENESS_MAX);
+        let bunching = BUNCHING + claim.round_trip.min(BUNCHING_ROUND_TRIP_MAX) + late;
         let bunched_m = f64::from(limits.speed_max) * bunching.as_secs_f64();
         self.unused_m = unused_m.min(bunched_m.max(BUDGET_ROUNDING_M));
         debug_assert!(self.unused_m >= 0.0, "no client owes distance");
@@ -304,6 +311,24 @@ mod tests {
                 judge_freely(&mut budget, ms(t), &Claim::new(order(i), &claim, from, RTT));
             assert_eq!(verdict == ClaimVerdict::Accepted, i < 2, "{t}: {verdict:?}");
         }
+    }
+
+    #[test]
+    fn claims_that_were_held_up_together_are_accepted_by_their_own_times() {
+        let run = |tells_late: bool| {
+            let mut budget = MovementBudget::new(ms(0));
+            let claims = (1..=60_u64).map(|i| {
+                // The server reads for the first time after three seconds of walking at top speed.
+                let (made, now) = (ms(50 * i), ms(3_010));
+                let (claim, from) = (at(0.1 * i as f32), at(0.1 * (i - 1) as f32).eye);
+                let late = if tells_late { now - made } else { Duration::ZERO };
+                let claim = Claim { late, ..Claim::new(made, &claim, from, Duration::ZERO) };
+                judge_freely(&mut budget, now, &claim) == ClaimVerdict::Accepted
+            });
+            claims.filter(|is_accepted| *is_accepted).count()
+        };
+        assert_eq!(run(true), 60);
+        assert!(run(false) < 60);
     }
 
     #[test]

@@ -207,7 +207,7 @@ impl Default for Config {
             silence_retry: Duration::from_millis(100),
             stall: Duration::from_secs(1),
             ask_timeout: Duration::from_secs(1),
-            asks_max: 10,
+            asks_max: 30,
             refusals_max: 20,
             refusal_window: Duration::from_secs(5),
             expiries_max: 64,

@@ -58,9 +58,9 @@ pub(crate) fn count_watchers(population: &mut Population, outputs: &[Output]) {
 }
 
 /// Takes in how far away some viewers are from the avatars that they hold, by the avatars' slots.
-pub(crate) fn find_nearest(population: &mut Population, tick: u32, distances: &[(Slot, f32)]) {
+pub(crate) fn find_nearest(population: &mut Population, round: u32, distances: &[(Slot, f32)]) {
     for (slot, avatar) in (0..).map(Slot).zip(population.slots_mut()) {
-        if let Some(avatar) = avatar.filter(|_| is_in_turn(slot, tick)) {
+        if let Some(avatar) = avatar.filter(|_| is_in_turn(slot, round)) {
             avatar.nearest_m = std::mem::replace(&mut avatar.next_nearest_m, f32::INFINITY);
         }
     }

@@ -22,8 +22,8 @@ use crate::{
 const NEAREST_TICKS: u32 = 8;
 
 /// Whether a tick is one of those, every [`NEAREST_TICKS`], that belong to a slot.
-pub(super) fn is_in_turn(slot: Slot, tick: u32) -> bool {
-    slot.0.wrapping_add(tick).is_multiple_of(NEAREST_TICKS)
+pub(super) fn is_in_turn(slot: Slot, round: u32) -> bool {
+    slot.0.wrapping_add(round).is_multiple_of(NEAREST_TICKS)
 }
 
 /// The order of avatars in a snapshot: by the space that each was in a tick ago, then by id.
@@ -150,9 +150,9 @@ impl<'a> Snapshot<'a> {
 
     /// How far away some viewers are from the avatars that they hold, in metres, by the avatars'
     /// slots. Each viewer has its turn every [`NEAREST_TICKS`].
-    pub(crate) fn distances(&self, tick: u32) -> Vec<(Slot, f32)> {
+    pub(crate) fn distances(&self, round: u32) -> Vec<(Slot, f32)> {
         let viewers = self.live.all.iter().zip(&self.pairs);
-        let in_turn = viewers.filter(|(viewer, _)| is_in_turn(viewer.member.slot, tick));
+        let in_turn = viewers.filter(|(viewer, _)| is_in_turn(viewer.member.slot, round));
         let distances = in_turn.flat_map(|(viewer, pairs)| {
             pairs.iter().filter(|pair| pair.is_held).map(|pair| {
                 let avatar = self.live.at(pair.slot);

@@ -7,6 +7,10 @@ use sightline_world::motion::AvatarId;
 use super::{End, Silencing, expiry_queue::ExpiryQueue};
 use crate::{messages::Output, slot::Slot, view::View};
 
+/// An ask counts as unanswered only if the engine has ticked so often since then. A host that ticks
+/// less often is late, and may not have read the answer.
+const ROUNDS_TO_ANSWER: u32 = 4;
+
 /// When each client must be asked, or is looked into.
 #[derive(Clone, Debug)]
 pub(crate) struct Deadlines {
@@ -60,7 +64,7 @@ impl Silencing<'_> {
     /// Asks a client that should have been heard of. A live client that has reported since the
     /// deadline was set gets another deadline. Returns whether there is still hope.
     fn look_into(&mut self, slot: Slot, outputs: &mut Vec<Output>) -> bool {
-        let View { config, now, .. } = self.view;
+        let View { config, now, rounds, .. } = self.view;
         let patience = self.population.at(slot).patience(self.view);
         let avatar = self.population.at_mut(slot);
         let (id, is_live) = (avatar.id, avatar.is_live());
@@ -72,7 +76,10 @@ impl Silencing<'_> {
         if avatar.unanswered >= config.asks_max {
             return false;
         }
-        avatar.unanswered += 1;
+        // A host that was late had no time to read an answer to the last ask.
+        let had_time = rounds.wrapping_sub(avatar.asked_round) >= ROUNDS_TO_ANSWER;
+        avatar.unanswered += u32::from(had_time);
+        avatar.asked_round = rounds;
         let trip = avatar.round_trip;
         self.stats.repeats += 1;
         outputs.push(Output::Ask { to: id });

@@ -69,7 +69,7 @@ enum End {
 impl Silencing<'_> {
     /// From quiet to asked. The caller sends the order itself.
     fn ask(&mut self, slot: Slot, end: End) {
-        let View { config, now, .. } = self.view;
+        let View { config, now, rounds, .. } = self.view;
         let avatar = self.population.at_mut(slot);
         avatar.validity = match (config.validity, end) {
             (Validity::Adaptive, End::Expired) => avatar.validity * 3 / 2,
@@ -78,7 +78,7 @@ impl Silencing<'_> {
             (Validity::Maximal, End::Revealed) => now.saturating_sub(avatar.hidden_from),
             _ => avatar.validity,
         };
-        avatar.unanswered = 1;
+        (avatar.unanswered, avatar.asked_round) = (1, rounds);
         let (id, trip) = (avatar.id, avatar.round_trip);
         self.deadlines.expiries.cancel(id);
         self.deadlines.wait(now, id, trip + config.ask_timeout);

@@ -113,7 +113,7 @@ fn clients_are_asked_in_time_before_an_expiry_and_asked_again() {
 
     // Ada does not answer. She is asked again, then dropped.
     let log = stage.log.len();
-    for _ in 0..400 {
+    for _ in 0..900 {
         stage.clients.get_mut(&ada).unwrap().asked = false;
         stage.tick();
     }
@@ -124,6 +124,21 @@ fn clients_are_asked_in_time_before_an_expiry_and_asked_again() {
 }
 
 #[test]
+fn a_host_that_ticks_too_seldom_to_hear_anybody_drops_nobody() {
+    let mut stage = Stage::prompt(row(2));
+    let ada = stage.join(1, 5.0);
+    stage.tick();
+    stage.clients.remove(&ada).unwrap();
+    for _ in 0..100 {
+        stage.now += Duration::from_secs(3);
+        stage.tick();
+        let passed = (stage.now.as_millis() / TICK.as_millis()) as u32;
+        assert_eq!(stage.engine.ticks(), passed, "numbers follow the time");
+    }
+    assert!(stage.engine.state(ada).is_some() && stage.engine.stats().drops == 0);
+}
+
+#[test]
 fn a_live_client_that_falls_silent_is_asked_and_then_dropped() {
     let mut stage = Stage::prompt(row(2));
     let (ada, bob) = (stage.join(1, 5.0), stage.join(2, 15.0));
@@ -131,7 +146,7 @@ fn a_live_client_that_falls_silent_is_asked_and_then_dropped() {
     let gone = stage.clients.remove(&ada).unwrap();
     stage.ticks(25);
     assert!(stage.log.contains(&Output::Ask { to: ada }));
-    stage.ticks(300);
+    stage.ticks(900);
     assert_eq!(stage.engine.state(ada), None);
     assert_eq!(sees(&stage, bob), Vec::<u32>::new(), "and those who saw her are told");
     assert!(gone.dropped.is_none() && stage.engine.stats().drops == 1);

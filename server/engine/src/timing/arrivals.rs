@@ -153,6 +153,15 @@ impl Arrivals {
         Duration::from_micros(after_us.max(0).unsigned_abs())
     }
 
+    /// By how much a report that was made at `made` and arrives now is later than the fastest of the
+    /// last ones.
+    pub(crate) fn lateness(&self, now: Duration, made: Duration) -> Duration {
+        if self.reports.is_empty() {
+            return Duration::ZERO;
+        }
+        Duration::from_micros((micros(now) - micros(made) - self.least_us).max(0).unsigned_abs())
+    }
+
     /// By how much the slowest of the last reports was later than the fastest.
     fn spread(&self) -> Duration {
         let [least_us, most_us] = self.lags_us;

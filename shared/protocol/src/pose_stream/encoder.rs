@@ -141,9 +141,17 @@ impl PoseEncoder {
         self.clock_copies = CLOCK_COPIES;
     }
 
+    /// Whether something that was sent may have to be sent again: a course that the client has not
+    /// acknowledged, or the clock. Call it at every tick.
+    pub fn has_open(&mut self, tick: u32) -> bool {
+        self.tick = tick;
+        self.clock_copies > 0 || self.avatars.values().any(|record| !record.is_settled())
+    }
+
     /// Encodes the poses at a tick of avatars with a new course, and again those of courses that the
-    /// client has not acknowledged in time. Call it at every tick, even without poses. The poses
-    /// are in ascending order of id. Each datagram has at most [`DATAGRAM_BYTES_MAX`] bytes.
+    /// client has not acknowledged in time. Call it at every tick with poses, or at which something
+    /// [is open](PoseEncoder::has_open). The poses are in ascending order of id. Each datagram has at
+    /// most [`DATAGRAM_BYTES_MAX`] bytes.
     pub fn encode(&mut self, tick: u32, poses: &[(AvatarId, Pose)]) -> Vec<Vec<u8>> {
         debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "poses in ascending order");
         self.tick = tick;

@@ -31,7 +31,7 @@ use tokio::{
 use super::{
     admission::{BudgetDecision, MessageBudget, TokenBucket},
     client::{ConnectedClient, Hello},
-    engine_task::EngineEvent,
+    engine_task::{EngineEvent, Newcomer},
     state::ServerState,
 };
 use frames::FrameReader;
@@ -39,6 +39,10 @@ use writer::OutboxWriter;
 
 /// How long a client may take to enter, apart from its download of the world.
 const ENTER_DEADLINE: Duration = Duration::from_secs(30);
+/// How often a client's silence is looked at, at least.
+const LOOK_INTERVAL: Duration = Duration::from_secs(1);
+/// A server that wakes later than this was stopped, or had no processor.
+const WAKES_LATE: Duration = Duration::from_millis(500);
 /// How long the last messages may take.
 const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
 /// How many lines of chat a client may send in a second; more are ignored.
@@ -211,7 +215,14 @@ impl<'a> Session<'a> {
             if deadline <= Instant::now() {
                 return SessionEnd::Breach("silent for too long");
             }
-            sleep_until(deadline).await;
+            // The deadline may become an earlier one: that of a client in the world.
+            let wake = deadline.min(Instant::now() + LOOK_INTERVAL);
+            sleep_until(wake).await;
+            // A server that wakes late was late in reading, too.
+            let late = wake.elapsed();
+            if late > WAKES_LATE {
+                self.limits().deadline += late + WAKES_LATE;
+            }
         }
     }
 
@@ -286,7 +297,8 @@ impl<'a> Session<'a> {
         let (name, colour) = (self.hello.name.clone().into(), self.hello.colour);
         let client = self.client.clone();
         let place = place.filter(|place| self.may_enter_at(*place));
-        self.send_event(EngineEvent::Join { client, name, colour, place }).await
+        self.state.load.waits();
+        self.send_event(EngineEvent::Join(Newcomer { client, name, colour, place })).await
     }
 
     /// Passes on what a client in the world did. From a client that has not entered it is ignored.
@@ -299,8 +311,8 @@ impl<'a> Session<'a> {
     }
 
     async fn send_event(&self, event: EngineEvent) -> Result<(), SessionEnd> {
-        let sent = self.state.events.send(event).await;
-        sent.map_err(|_| SessionEnd::Breach("the server is closing"))
+        let is_told = self.state.tell_engine(event).await;
+        is_told.then_some(()).ok_or(SessionEnd::Breach("the server is closing"))
     }
 
     /// Gives the client the time from now on that it may be silent.
