@@ -10,7 +10,7 @@ use sightline_world::motion::{AvatarId, Pose, Report, Tbv, Tolerance};
 pub enum Input {
     /// A participant joins.
     Join {
-        /// The participant. The host never uses an id twice.
+        /// The participant. The host uses an id again only long after its participant has left.
         avatar: AvatarId,
         /// The name that others are shown.
         name: String,

@@ -2,6 +2,7 @@
 
 mod building;
 mod crowd;
+mod limits;
 mod stop;
 mod stranger;
 

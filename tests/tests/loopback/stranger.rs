@@ -2,7 +2,9 @@
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
-use quinn::{Connection, Endpoint, SendStream, crypto::rustls::QuicClientConfig};
+use quinn::{
+    Connection, Endpoint, SendStream, TransportConfig, crypto::rustls::QuicClientConfig,
+};
 use rustls::{
     DigitallySignedStruct, SignatureScheme,
     client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier},
@@ -23,6 +25,11 @@ pub struct Stranger {
 
 impl Stranger {
     pub async fn connect(address: SocketAddr) -> Self {
+        Self::with_stream_window(address, 1 << 20).await
+    }
+
+    /// Connects as a client that has no more room than this for what it has not read, in bytes.
+    pub async fn with_stream_window(address: SocketAddr, bytes: u32) -> Self {
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let mut tls = rustls::ClientConfig::builder_with_provider(provider)
             .with_protocol_versions(&[&rustls::version::TLS13])
@@ -33,7 +40,11 @@ impl Stranger {
         tls.alpn_protocols = vec![ALPN.to_vec()];
         let crypto = QuicClientConfig::try_from(tls).unwrap();
         let mut endpoint = Endpoint::client("127.0.0.1:0".parse().unwrap()).unwrap();
-        endpoint.set_default_client_config(quinn::ClientConfig::new(Arc::new(crypto)));
+        let mut transport = TransportConfig::default();
+        transport.stream_receive_window(bytes.into());
+        let mut config = quinn::ClientConfig::new(Arc::new(crypto));
+        config.transport_config(Arc::new(transport));
+        endpoint.set_default_client_config(config);
         let connection = endpoint.connect(address, "sightline").unwrap().await.unwrap();
         Self { connection, _endpoint: endpoint }
     }

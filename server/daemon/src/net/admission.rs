@@ -7,43 +7,172 @@ use std::{
     time::Duration,
 };
 
-/// How many connections each address has. An IPv6 address stands for its /64 network, since one
-/// subscriber has at least that. There are at most as many entries as connections.
-#[derive(Debug, Default)]
-pub struct AddressCounts {
-    counts: HashMap<IpAddr, usize>,
+use sightline_world::motion::AvatarId;
+
+/// What a connection has come to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// Its handshake is under way, and its address may be forged.
+    Unproven,
+    /// Its address is its own.
+    Proven,
+    /// It has said hello, and does not have its avatar yet.
+    Joining,
+    /// It has an avatar.
+    Entered,
 }
 
-impl AddressCounts {
-    /// Counts a new connection, if its address has fewer than `connections_max`. The server's own
-    /// machine has no limit.
-    pub fn admit(&mut self, address: IpAddr, connections_max: usize) -> bool {
-        let is_own_machine = address.to_canonical().is_loopback();
-        let network = network(address);
-        let count = self.counts.get(&network).copied().unwrap_or_default();
-        if count >= connections_max && !is_own_machine {
-            return false;
+/// The limits of [`Places`].
+#[derive(Clone, Copy, Debug)]
+pub struct PlaceLimits {
+    /// The most connections of one network, among those with a proven address.
+    pub per_network: usize,
+    /// The most clients of one network that join at a time. They may download the world.
+    pub joining_per_network: usize,
+    /// The most clients that join at a time.
+    pub joining: usize,
+    /// The most clients with an avatar.
+    pub entered: usize,
+}
+
+/// How an attempt to connect is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// The handshake goes on.
+    Accept,
+    /// The client must first prove its address.
+    ProveAddress,
+    /// There are too many connections from there.
+    Refuse,
+}
+
+/// Why a client cannot join.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoPlace {
+    /// All avatars are taken.
+    Full,
+    /// Too many others join just now.
+    Busy,
+}
+
+/// The connections of a server, by their networks. An IPv6 address stands for its /64 network, since
+/// one subscriber has at least that. An address counts only once it is proven, or anybody could use
+/// up the places of another by forged packets. The server's own machine has no limits of its own.
+/// There are at most as many entries as connections.
+#[derive(Debug)]
+pub struct Places {
+    limits: PlaceLimits,
+    connections: HashMap<AvatarId, (IpAddr, Stage)>,
+    /// How many connections each network has at each stage.
+    networks: HashMap<IpAddr, [usize; 4]>,
+    /// How many connections there are at each stage.
+    all: [usize; 4],
+}
+
+impl Places {
+    /// No connections yet.
+    pub fn new(limits: PlaceLimits) -> Self {
+        Self { limits, connections: HashMap::new(), networks: HashMap::new(), all: [0; 4] }
+    }
+
+    /// Decides on an attempt to connect. The connection counts from now on if it is accepted.
+    pub fn begin(&mut self, id: AvatarId, address: IpAddr, is_proven: bool) -> Answer {
+        let stages = self.stages(address);
+        if !is_own_machine(address) {
+            if !is_proven && stages[Stage::Unproven as usize] > 0 {
+                return Answer::ProveAddress;
+            }
+            if is_proven && !self.has_room(&stages) {
+                return Answer::Refuse;
+            }
         }
-        self.counts.insert(network, count + 1);
+        let stage = if is_proven { Stage::Proven } else { Stage::Unproven };
+        let before = self.connections.insert(id, (network(address), stage));
+        debug_assert!(before.is_none(), "a connection begins once");
+        self.count(network(address), stage, true);
+        Answer::Accept
+    }
+
+    /// Takes in that a handshake is done, which proves the address. Returns whether the connection
+    /// may stay.
+    pub fn prove(&mut self, id: AvatarId, address: IpAddr) -> bool {
+        if self.stage(id) == Some(Stage::Unproven) {
+            if !is_own_machine(address) && !self.has_room(&self.stages(address)) {
+                return false;
+            }
+            self.set_stage(id, Stage::Proven);
+        }
         true
     }
 
-    /// Removes a connection that was admitted.
-    pub fn release(&mut self, address: IpAddr) {
-        let network = network(address);
-        let count = self.counts.get_mut(&network);
-        debug_assert!(count.is_some(), "{address} was not admitted");
-        if let Some(count) = count {
-            *count -= 1;
-            if *count == 0 {
-                self.counts.remove(&network);
-            }
+    /// Takes in that a client has said hello. It may then download the world, and enter.
+    pub fn join(&mut self, id: AvatarId, address: IpAddr) -> Result<(), NoPlace> {
+        let joining = self.stages(address)[Stage::Joining as usize];
+        if self.all[Stage::Entered as usize] >= self.limits.entered {
+            return Err(NoPlace::Full);
+        }
+        let is_one_too_many =
+            joining >= self.limits.joining_per_network && !is_own_machine(address);
+        if is_one_too_many || self.all[Stage::Joining as usize] >= self.limits.joining {
+            return Err(NoPlace::Busy);
+        }
+        self.set_stage(id, Stage::Joining);
+        Ok(())
+    }
+
+    /// Takes in that a client wants its avatar. Returns whether there is one for it.
+    pub fn enter(&mut self, id: AvatarId) -> bool {
+        let has_place = self.all[Stage::Entered as usize] < self.limits.entered;
+        if has_place {
+            self.set_stage(id, Stage::Entered);
+        }
+        has_place
+    }
+
+    /// Takes in that a connection has ended.
+    pub fn end(&mut self, id: AvatarId) {
+        if let Some((network, stage)) = self.connections.remove(&id) {
+            self.count(network, stage, false);
+        }
+    }
+
+    fn has_room(&self, stages: &[usize; 4]) -> bool {
+        let connections: usize = stages.iter().sum();
+        connections - stages[Stage::Unproven as usize] < self.limits.per_network
+    }
+
+    fn stages(&self, address: IpAddr) -> [usize; 4] {
+        self.networks.get(&network(address)).copied().unwrap_or_default()
+    }
+
+    fn stage(&self, id: AvatarId) -> Option<Stage> {
+        self.connections.get(&id).map(|(_, stage)| *stage)
+    }
+
+    fn set_stage(&mut self, id: AvatarId, stage: Stage) {
+        let Some((network, before)) = self.connections.get(&id).copied() else { return };
+        self.connections.insert(id, (network, stage));
+        self.count(network, before, false);
+        self.count(network, stage, true);
+    }
+
+    fn count(&mut self, network: IpAddr, stage: Stage, is_more: bool) {
+        let stages = self.networks.entry(network).or_default();
+        for count in [&mut stages[stage as usize], &mut self.all[stage as usize]] {
+            *count = if is_more { *count + 1 } else { count.saturating_sub(1) };
+        }
+        if *stages == [0; 4] {
+            self.networks.remove(&network);
         }
     }
 }
 
+fn is_own_machine(address: IpAddr) -> bool {
+    address.to_canonical().is_loopback()
+}
+
 /// The network that an address stands for.
-fn network(address: IpAddr) -> IpAddr {
+pub fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(v6) => {
             let [a, b, c, d, ..] = v6.segments();
@@ -67,6 +196,12 @@ impl TokenBucket {
     pub fn new(per_second: f64, burst: f64, now: Duration) -> Self {
         assert!(per_second > 0.0 && burst > 0.0, "{per_second} a second, {burst} at once");
         Self { per_second, burst, level: burst, filled_at: now }
+    }
+
+    /// Whether nothing was taken out for a while.
+    pub fn is_full(&self, now: Duration) -> bool {
+        let passed = now.saturating_sub(self.filled_at).as_secs_f64();
+        self.level + passed * self.per_second >= self.burst
     }
 
     /// Takes an amount out, if the bucket holds as much.
@@ -138,30 +273,94 @@ impl MessageBudget {
 mod tests {
     use super::*;
 
+    const LIMITS: PlaceLimits =
+        PlaceLimits { per_network: 3, joining_per_network: 2, joining: 4, entered: 5 };
+
+    /// A server's connections, each with the next id.
+    struct Door {
+        places: Places,
+        newest: u32,
+    }
+
+    impl Door {
+        fn new() -> Self {
+            Self { places: Places::new(LIMITS), newest: 0 }
+        }
+
+        fn begin(&mut self, address: &str, is_proven: bool) -> (AvatarId, Answer) {
+            self.newest += 1;
+            let id = AvatarId(self.newest);
+            (id, self.places.begin(id, address.parse().unwrap(), is_proven))
+        }
+
+        /// Whether a connection with a proven address is accepted.
+        fn accepts(&mut self, address: &str) -> bool {
+            self.begin(address, true).1 == Answer::Accept
+        }
+
+        fn join(&mut self, address: &str) -> (AvatarId, Result<(), NoPlace>) {
+            let (id, answer) = self.begin(address, true);
+            assert_eq!(answer, Answer::Accept);
+            (id, self.places.join(id, address.parse().unwrap()))
+        }
+    }
+
     #[test]
     fn connections_are_limited_for_each_network_but_not_for_the_own_machine() {
-        let mut counts = AddressCounts::default();
-        let far: IpAddr = "203.0.113.9".parse().unwrap();
-        let mapped: IpAddr = "::ffff:203.0.113.9".parse().unwrap();
-        assert!(counts.admit(far, 2) && counts.admit(mapped, 2));
-        assert!(!counts.admit(far, 2));
-        counts.release(mapped);
-        assert!(counts.admit(far, 2));
-        let (six, same, other) = ("2001:db8::1", "2001:db8::2:0:0:0", "2001:db8:0:1::1");
-        let [six, same, other] = [six, same, other].map(|a| a.parse::<IpAddr>().unwrap());
-        assert!(counts.admit(six, 1) && !counts.admit(same, 1) && counts.admit(other, 1));
-        for _ in 0..100 {
-            assert!(counts.admit("127.0.0.1".parse().unwrap(), 1));
-            assert!(counts.admit("::1".parse().unwrap(), 1));
+        let mut door = Door::new();
+        let first = door.begin("203.0.113.9", true).0;
+        assert!(door.accepts("::ffff:203.0.113.9") && door.accepts("203.0.113.9"));
+        assert!(!door.accepts("203.0.113.9"));
+        door.places.end(first);
+        assert!(door.accepts("203.0.113.9"));
+        assert!((0..3).all(|_| door.accepts("2001:db8::1")));
+        assert!(!door.accepts("2001:db8::2:0:0:0") && door.accepts("2001:db8:0:1::1"));
+        assert!((0..100).all(|_| door.accepts("127.0.0.1") && door.accepts("::1")));
+        (0..=door.newest).for_each(|id| door.places.end(AvatarId(id)));
+        assert!(door.places.networks.is_empty(), "connections that end leave no entry");
+        assert_eq!((door.places.connections.len(), door.places.all), (0, [0; 4]));
+    }
+
+    #[test]
+    fn forged_handshakes_do_not_lock_out_the_owner_of_an_address() {
+        let mut door = Door::new();
+        let owner = "203.0.113.9";
+        assert_eq!(door.begin(owner, false).1, Answer::Accept);
+        for _ in 0..1_000 {
+            assert_eq!(door.begin(owner, false).1, Answer::ProveAddress);
         }
-        for _ in 0..100 {
-            counts.release("127.0.0.1".parse().unwrap());
-            counts.release("::1".parse().unwrap());
-        }
-        for address in [far, far, six, other] {
-            counts.release(address);
-        }
-        assert!(counts.counts.is_empty(), "released addresses leave no entry");
+        assert!((0..3).all(|_| door.accepts(owner)), "who proves it gets all places");
+    }
+
+    #[test]
+    fn a_handshake_proves_the_address_and_counts_from_then_on() {
+        let mut door = Door::new();
+        let (other, address) = ("198.51.100.7", "198.51.100.7".parse().unwrap());
+        let (late, _) = door.begin(other, false);
+        assert!((0..3).all(|_| door.accepts(other)));
+        assert!(!door.places.prove(late, address), "three others were faster");
+        door.places.end(late);
+        let (early, _) = door.begin("192.0.2.1", false);
+        assert!(door.places.prove(early, "192.0.2.1".parse().unwrap()));
+        assert!(door.accepts("192.0.2.1") && door.accepts("192.0.2.1"));
+        assert!(!door.accepts("192.0.2.1"));
+    }
+
+    #[test]
+    fn who_joins_takes_no_avatar_from_others_and_few_of_a_network_join_at_a_time() {
+        let mut door = Door::new();
+        let (one, joined) = door.join("203.0.113.9");
+        assert_eq!((joined, door.join("203.0.113.9").1), (Ok(()), Ok(())));
+        assert_eq!(door.join("203.0.113.9").1, Err(NoPlace::Busy));
+        assert!(door.places.enter(one));
+        let ids: Vec<AvatarId> = (0..3).map(|_| door.join("127.0.0.1").0).collect();
+        assert_eq!(door.join("127.0.0.1").1, Err(NoPlace::Busy), "four join");
+        assert!(ids.into_iter().all(|id| door.places.enter(id)));
+        let (last, joined) = door.join("192.0.2.1");
+        assert!(joined.is_ok() && door.places.enter(last));
+        assert_eq!(door.join("192.0.2.2").1, Err(NoPlace::Full));
+        door.places.end(one);
+        assert_eq!(door.join("192.0.2.3").1, Ok(()));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A connected client, as the engine's thread and the client's own session share it.
 
-use std::time::Duration;
+use std::{net::IpAddr, time::Duration};
 
 use quinn::Connection;
 use sightline_protocol::text::Name;
@@ -27,6 +27,11 @@ impl ConnectedClient {
     pub fn new(avatar: AvatarId, connection: Connection, tick_interval: Duration) -> Self {
         let (outbox, counters) = (Outbox::new(tick_interval), TrafficCounters::default());
         Self { avatar, outbox, counters, connection }
+    }
+
+    /// The address of its machine.
+    pub fn address(&self) -> IpAddr {
+        self.connection.remote_address().ip()
     }
 
     /// The statistics at present.

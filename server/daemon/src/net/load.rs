@@ -47,10 +47,13 @@ impl Load {
     /// Whether a newcomer must come again later, and when. Counts it.
     pub fn refuses(&self) -> Option<Duration> {
         let is_late = self.step.load(Relaxed) > 0 || self.waiting.load(Relaxed) >= WAITING_MAX;
-        is_late.then(|| {
-            self.refused.fetch_add(1, Relaxed);
-            RETRY
-        })
+        is_late.then(|| self.refuse())
+    }
+
+    /// Counts a newcomer that must come again later. Returns when.
+    pub fn refuse(&self) -> Duration {
+        self.refused.fetch_add(1, Relaxed);
+        RETRY
     }
 
     /// What has happened so far.

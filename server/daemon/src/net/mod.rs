@@ -12,12 +12,14 @@
 
 mod accept;
 mod admission;
+mod avatar_ids;
 mod client;
 mod config;
 mod endpoint;
 mod engine_task;
 mod identity;
 mod load;
+mod log_limits;
 mod outbox;
 mod pace;
 mod served_world;
@@ -29,7 +31,7 @@ use std::{
     net::SocketAddr,
     sync::{
         Arc, Mutex,
-        atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering::Relaxed},
+        atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
     time::{Duration, Instant},
 };
@@ -50,7 +52,7 @@ pub use served_world::ServedWorld;
 use crate::operate::{ServerStats, TickMetrics};
 use engine_task::EngineTask;
 use load::Load;
-use state::ServerState;
+use state::{Registry, ServerState};
 
 /// How long all goodbyes may take together.
 const CLOSING_DEADLINE: Duration = Duration::from_secs(5);
@@ -115,13 +117,13 @@ impl Server {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
+        let registry = Mutex::new(Registry::new(&config));
         let state = Arc::new(ServerState {
             config,
             world,
             events,
             started,
-            registry: Mutex::default(),
-            newest_avatar: AtomicU32::new(0),
+            registry,
             handshakes: AtomicUsize::new(0),
             closing,
             load,

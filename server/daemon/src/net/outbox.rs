@@ -22,6 +22,7 @@ const CONTROL_BYTES_MAX: usize = 256 * 1_024;
 pub struct Outbox {
     waiting: Mutex<Waiting>,
     filled: Notify,
+    ended: Notify,
 }
 
 /// What is to be sent now.
@@ -64,20 +65,27 @@ impl Outbox {
             reporting: None,
             has_ended: false,
         };
-        Self { waiting: Mutex::new(waiting), filled: Notify::new() }
+        Self { waiting: Mutex::new(waiting), filled: Notify::new(), ended: Notify::new() }
     }
 
     /// Adds a message.
     pub fn push(&self, message: &ServerMessage) {
-        self.waiting().push(message);
+        self.add(&mut self.waiting(), message);
         self.filled.notify_one();
+    }
+
+    fn add(&self, waiting: &mut Waiting, message: &ServerMessage) {
+        waiting.push(message);
+        if waiting.has_ended {
+            self.ended.notify_one();
+        }
     }
 
     /// Adds an output of the engine. The client's task is not woken before [`Outbox::flush`].
     pub fn tell(&self, output: &Output, now: Duration) {
         let mut waiting = self.waiting();
         if let Some(message) = waiting.outbound.convert(output, now) {
-            waiting.push(&message);
+            self.add(&mut waiting, &message);
         }
     }
 
@@ -111,6 +119,12 @@ impl Outbox {
     /// Waits until there may be something to send. Only one task may wait.
     pub async fn filled(&self) {
         self.filled.notified().await;
+    }
+
+    /// Waits until nothing can be added any more: after a goodbye, or because too much waits. Only
+    /// one task may wait.
+    pub async fn ended(&self) {
+        self.ended.notified().await;
     }
 
     /// Takes what is to be sent now. Poses are among it once a tick, and only when the path has

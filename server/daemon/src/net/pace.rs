@@ -77,7 +77,9 @@ mod tests {
     const TICK: Duration = Duration::from_millis(50);
 
     fn after(pace: &mut Pace, ticks: u32, spent_ms: u64) -> u32 {
-        (0..ticks).for_each(|_| drop(pace.take(Duration::from_millis(spent_ms))));
+        for _ in 0..ticks {
+            pace.take(Duration::from_millis(spent_ms));
+        }
         pace.factor()
     }
 

@@ -2,11 +2,9 @@
 
 use std::{
     collections::BTreeMap,
+    net::IpAddr,
     num::NonZeroU32,
-    sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicU32, AtomicUsize},
-    },
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::AtomicUsize},
     time::{Duration, Instant},
 };
 
@@ -18,11 +16,13 @@ use sightline_world::motion::AvatarId;
 use tokio::sync::{mpsc, watch};
 
 use super::{
-    admission::AddressCounts,
+    admission::{NoPlace, PlaceLimits, Places},
+    avatar_ids::AvatarIds,
     client::{ConnectedClient, Hello},
     config::ServeConfig,
     engine_task::{EngineEvent, TimedEvent},
     load::Load,
+    log_limits::LogLimits,
     served_world::ServedWorld,
 };
 use crate::operate::TickMetrics;
@@ -36,8 +36,6 @@ pub struct ServerState {
     /// When the server's time was zero.
     pub started: Instant,
     pub registry: Mutex<Registry>,
-    /// The id of the newest avatar. Each connection has its own, used or not.
-    pub newest_avatar: AtomicU32,
     /// How many connections are in their handshake.
     pub handshakes: AtomicUsize,
     /// Becomes true when the server closes.
@@ -46,11 +44,44 @@ pub struct ServerState {
     pub metrics: Arc<TickMetrics>,
 }
 
-/// The admitted clients and the addresses of all connections.
-#[derive(Default)]
+/// Connections that may exist beyond those of clients with an avatar: in their handshake, about to
+/// be refused with a reason, or about to enter.
+const CONNECTIONS_SPARE: usize = 64 + JOINING_MAX;
+/// The most clients that are about to enter. They may download the world.
+const JOINING_MAX: usize = 256;
+/// The most of them that are of one network.
+const JOINING_PER_NETWORK_MAX: usize = 4;
+
+/// The most connections of a server for this number of clients.
+pub fn connections_max(clients_max: usize) -> usize {
+    clients_max + CONNECTIONS_SPARE
+}
+
+/// The admitted clients and the places of all connections.
 pub struct Registry {
     pub clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
-    pub addresses: AddressCounts,
+    pub places: Places,
+    /// Each connection has an id of its own, used or not.
+    pub ids: AvatarIds,
+    pub log: LogLimits,
+}
+
+impl Registry {
+    /// The registry of a server without connections.
+    pub fn new(config: &ServeConfig) -> Self {
+        let limits = PlaceLimits {
+            per_network: config.clients_per_address_max,
+            joining_per_network: JOINING_PER_NETWORK_MAX,
+            joining: JOINING_MAX,
+            entered: config.clients_max,
+        };
+        Self {
+            clients: BTreeMap::new(),
+            places: Places::new(limits),
+            ids: AvatarIds::new(connections_max(config.clients_max)),
+            log: LogLimits::default(),
+        }
+    }
 }
 
 impl ServerState {
@@ -79,18 +110,27 @@ impl ServerState {
         if *self.closing.borrow() {
             return Err(Refusal::Closing);
         }
+        let busy = |retry: Duration| Refusal::Busy { retry_ms: retry.as_millis() as u32 };
         if let Some(retry) = self.load.refuses() {
-            return Err(Refusal::Busy { retry_ms: retry.as_millis() as u32 });
+            return Err(busy(retry));
         }
+        let address = client.address();
         let mut registry = self.registry();
-        if registry.clients.len() >= self.config.clients_max {
-            return Err(Refusal::Full);
+        match registry.places.join(client.avatar, address) {
+            Ok(()) => {}
+            Err(NoPlace::Full) => return Err(Refusal::Full),
+            Err(NoPlace::Busy) => return Err(busy(self.load.refuse())),
         }
         registry.clients.insert(client.avatar, client.clone());
-        assert!(registry.clients.len() <= self.config.clients_max, "clients have a limit");
-        drop(registry);
-        tracing::info!(avatar = client.avatar.0, name = ?hello.name.as_str(), "joined");
+        if registry.log.allows(address, self.now()) {
+            tracing::info!(avatar = client.avatar.0, name = ?hello.name.as_str(), "joined");
+        }
         Ok(())
+    }
+
+    /// Whether the log may have a line about a peer.
+    pub fn may_log(&self, address: IpAddr) -> bool {
+        self.registry().log.allows(address, self.now())
     }
 
     /// The answer to an admitted client's hello.

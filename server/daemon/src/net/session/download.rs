@@ -7,14 +7,16 @@ use tokio::task::JoinSet;
 
 use super::super::client::ConnectedClient;
 
-/// A slower download is given up, in bytes a second.
-const RATE_MIN: u64 = 32 * 1_024;
+/// How long the download of a small world may take, in seconds.
+const SECONDS_MIN: u64 = 30;
+/// A slower download of a larger world is given up, in bytes a second.
+const RATE_MIN: u64 = 128 * 1_024;
 /// The size of the pieces in which the world is written, in bytes.
 const PIECE_BYTES: usize = 64 * 1_024;
 
 /// How long a download of a given number of bytes may take.
 pub(super) fn time_allowed(bytes: usize) -> Duration {
-    Duration::from_secs(bytes as u64 / RATE_MIN)
+    Duration::from_secs((bytes as u64 / RATE_MIN).max(SECONDS_MIN))
 }
 
 /// Starts to send the world on a stream of its own. The download ends with the set of tasks.

@@ -38,7 +38,7 @@ use frames::FrameReader;
 use writer::OutboxWriter;
 
 /// How long a client may take to enter, apart from its download of the world.
-const ENTER_DEADLINE: Duration = Duration::from_secs(30);
+const ENTER_DEADLINE: Duration = Duration::from_secs(10);
 /// How often a client's silence is looked at, at least.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 /// A server that wakes later than this was stopped, or had no processor.
@@ -292,6 +292,9 @@ impl<'a> Session<'a> {
     async fn enter(&self, place: Option<Vec3>) -> Result<(), SessionEnd> {
         if self.has_entered.swap(true, Relaxed) {
             return Err(SessionEnd::Breach("entered twice"));
+        }
+        if !self.state.registry().places.enter(self.client.avatar) {
+            return Err(SessionEnd::Breach("the server is full"));
         }
         self.extend_deadline();
         let (name, colour) = (self.hello.name.clone().into(), self.hello.colour);

@@ -3,15 +3,18 @@
 use std::time::Duration;
 
 use quinn::{SendDatagramError, SendStream};
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout, timeout_at};
 
 use super::{
     super::{client::ConnectedClient, outbox::Batch},
     SessionEnd,
 };
 
-/// A client whose stream takes nothing for so long is dropped.
+/// A client whose stream takes longer for what was to be sent at one time is dropped, however many
+/// bytes it takes meanwhile.
 const WRITE_DEADLINE: Duration = Duration::from_secs(10);
+/// When the session ends, for example because too much waits, it may take no longer than this.
+const LAST_WRITE_DEADLINE: Duration = Duration::from_secs(2);
 /// Poses are sent only while QUIC's own queue of datagrams has room for this number of bytes.
 const DATAGRAM_SPACE_MIN: usize = 16 * 1_024;
 
@@ -60,14 +63,21 @@ impl OutboxWriter {
                 Err(error) => return Err(SessionEnd::Lost(error.to_string())),
             }
         }
-        self.drain().await
+        tokio::select! {
+            biased;
+            drained = self.drain() => return drained,
+            () = client.outbox.ended() => {}
+        }
+        let drained = timeout(LAST_WRITE_DEADLINE, self.drain()).await;
+        drained.unwrap_or(Err(SessionEnd::Breach("it does not read")))
     }
 
     /// Writes all frames that were taken from the outbox.
     async fn drain(&mut self) -> Result<(), SessionEnd> {
         assert!(self.written <= self.unsent.len(), "only what is there is written");
+        let deadline = Instant::now() + WRITE_DEADLINE;
         while let Some(rest) = self.unsent.get(self.written..).filter(|rest| !rest.is_empty()) {
-            let written = timeout(WRITE_DEADLINE, self.stream.write(rest)).await;
+            let written = timeout_at(deadline, self.stream.write(rest)).await;
             match written {
                 Ok(Ok(bytes)) => self.written += bytes,
                 Ok(Err(error)) => return Err(SessionEnd::Lost(error.to_string())),

@@ -1,0 +1,81 @@
+//! How many lines of the log one peer may cause. No sockets and no clocks are needed here.
+
+use std::{collections::HashMap, net::IpAddr, time::Duration};
+
+use super::admission::{TokenBucket, network};
+
+/// Lines in a second that a peer may cause, in the long run and at once: ten in any second at most.
+const LINES: f64 = 5.0;
+/// The most peers that are told apart. All others count as one.
+const PEERS_MAX: usize = 1_024;
+
+/// Counts the lines that each peer causes. Peers of one network count as one.
+#[derive(Debug, Default)]
+pub struct LogLimits {
+    peers: HashMap<IpAddr, Peer>,
+}
+
+#[derive(Debug)]
+struct Peer {
+    lines: TokenBucket,
+    suppressed: u64,
+}
+
+impl LogLimits {
+    /// Whether a line is to be logged. Otherwise it counts as suppressed.
+    pub fn allows(&mut self, address: IpAddr, now: Duration) -> bool {
+        let mut key = network(address);
+        if self.peers.len() >= PEERS_MAX && !self.peers.contains_key(&key) {
+            key = IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED);
+        }
+        let new = || Peer { lines: TokenBucket::new(LINES, LINES, now), suppressed: 0 };
+        let peer = self.peers.entry(key).or_insert_with(new);
+        let is_allowed = peer.lines.take(1.0, now);
+        peer.suppressed += u64::from(!is_allowed);
+        is_allowed
+    }
+
+    /// How many lines of each peer were suppressed since the last call. Forgets peers that cause
+    /// none any more. To be called every few seconds.
+    pub fn summaries(&mut self, now: Duration) -> Vec<(IpAddr, u64)> {
+        let mut summaries = Vec::new();
+        self.peers.retain(|address, peer| {
+            let suppressed = std::mem::take(&mut peer.suppressed);
+            if suppressed > 0 {
+                summaries.push((*address, suppressed));
+            }
+            suppressed > 0 || !peer.lines.is_full(now)
+        });
+        summaries
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_peer_causes_few_lines_and_silences_no_other() {
+        let mut limits = LogLimits::default();
+        let [loud, calm] = ["203.0.113.9", "198.51.100.7"].map(|a| a.parse::<IpAddr>().unwrap());
+        let logged = |limits: &mut LogLimits, address, ms: std::ops::Range<u64>| {
+            ms.filter(|ms| limits.allows(address, Duration::from_millis(*ms))).count()
+        };
+        assert_eq!(logged(&mut limits, loud, 0..1_000), 9);
+        assert!(logged(&mut limits, loud, 1_000..10_000) <= 45);
+        assert_eq!(logged(&mut limits, calm, 9_999..10_000), 1);
+        let now = Duration::from_secs(10);
+        assert_eq!(limits.summaries(now), [(loud, 10_000 - 54)]);
+        assert_eq!(limits.summaries(now + Duration::from_secs(10)), []);
+        assert!(limits.peers.is_empty(), "who is silent is forgotten");
+    }
+
+    #[test]
+    fn the_memory_for_peers_has_a_limit() {
+        let mut limits = LogLimits::default();
+        for i in 0..5_000_u32 {
+            limits.allows(IpAddr::V4(i.to_be_bytes().into()), Duration::ZERO);
+        }
+        assert!(limits.peers.len() <= PEERS_MAX + 1);
+    }
+}
