@@ -3,6 +3,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+use unicode_properties::{GeneralCategory, UnicodeGeneralCategory};
 
 /// The greatest number of characters of a name.
 pub const NAME_CHARS_MAX: usize = 32;
@@ -131,12 +132,35 @@ fn clip(text: &str, chars_max: usize) -> String {
     fit(&shown, chars_max).unwrap_or_else(|_| "-".to_owned())
 }
 
-/// Whether a character is neither a control character nor a mark that reorders, hides or breaks the
-/// text around it.
+/// Whether a character has a form of its own: it neither hides, reorders nor breaks the text around
+/// it. Selectors of a form, as in emoji, are allowed.
 fn is_shown(c: char) -> bool {
-    !c.is_control()
-        && !matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}'
-            | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}')
+    use GeneralCategory as Is;
+    let is_without_form = matches!(
+        c.general_category(),
+        Is::Control
+            | Is::Format
+            | Is::Surrogate
+            | Is::PrivateUse
+            | Is::Unassigned
+            | Is::LineSeparator
+            | Is::ParagraphSeparator
+    );
+    !is_without_form && !is_blank(c)
+}
+
+/// Whether a character counts as a letter, a mark or a symbol, and shows nothing.
+fn is_blank(c: char) -> bool {
+    matches!(
+        c,
+        '\u{34f}'
+            | '\u{115f}'..='\u{1160}'
+            | '\u{17b4}'..='\u{17b5}'
+            | '\u{180b}'..='\u{180f}'
+            | '\u{2800}'
+            | '\u{3164}'
+            | '\u{ffa0}'
+    )
 }
 
 #[cfg(test)]
@@ -160,6 +184,22 @@ mod tests {
             assert_eq!(Name::new(text).as_ref().map(Name::as_str), expected.as_ref().map(|t| *t));
         }
         assert_eq!(Name::new(&long[1..]).unwrap().as_str().len(), NAME_CHARS_MAX);
+    }
+
+    #[test]
+    fn characters_that_show_nothing_or_reorder_are_refused() {
+        for c in [
+            '\u{ad}', '\u{34f}', '\u{61c}', '\u{115f}', '\u{1160}', '\u{17b4}', '\u{180b}',
+            '\u{180e}', '\u{200b}', '\u{200f}', '\u{2028}', '\u{202e}', '\u{2060}', '\u{2066}',
+            '\u{2800}', '\u{3164}', '\u{fdd0}', '\u{feff}', '\u{ffa0}', '\u{fff9}', '\u{e000}',
+            '\u{e0041}', '\u{10ffff}',
+        ] {
+            assert_eq!(Name::new(&format!("A{c}da")), Err(TextError::Unprintable), "{c:?}");
+            assert_eq!(ChatLine::clipped(&format!("A{c}da")).as_str(), "Ada", "{c:?}");
+        }
+        for name in ["Ada", "Zoë", "Ζωή", "عمر", "अमित", "한나", "李", "Ada ❤\u{fe0f}", "o'Brien"] {
+            assert!(Name::new(name).is_ok(), "{name}");
+        }
     }
 
     #[test]

@@ -97,6 +97,7 @@ async fn supervise(state: Arc<ServerState>, incoming: Incoming, avatar: AvatarId
     let was_admitted = {
         let mut registry = state.registry();
         registry.places.end(avatar);
+        registry.names.release(avatar);
         registry.clients.remove(&avatar).is_some()
     };
     match end {

@@ -20,6 +20,7 @@ mod engine_task;
 mod identity;
 mod load;
 mod log_limits;
+mod names;
 mod outbox;
 mod pace;
 mod served_world;

@@ -11,6 +11,7 @@ use std::{
 use sightline_protocol::{
     VERSION,
     message::{Refusal, ServerMessage},
+    text::Name,
 };
 use sightline_world::motion::AvatarId;
 use tokio::sync::{mpsc, watch};
@@ -23,6 +24,7 @@ use super::{
     engine_task::{EngineEvent, TimedEvent},
     load::Load,
     log_limits::LogLimits,
+    names::Names,
     served_world::ServedWorld,
 };
 use crate::operate::TickMetrics;
@@ -63,6 +65,7 @@ pub struct Registry {
     pub places: Places,
     /// Each connection has an id of its own, used or not.
     pub ids: AvatarIds,
+    pub names: Names,
     pub log: LogLimits,
 }
 
@@ -79,6 +82,7 @@ impl Registry {
             clients: BTreeMap::new(),
             places: Places::new(limits),
             ids: AvatarIds::new(connections_max(config.clients_max)),
+            names: Names::default(),
             log: LogLimits::default(),
         }
     }
@@ -102,8 +106,8 @@ impl ServerState {
         self.events.send(TimedEvent { at, event }).await.is_ok()
     }
 
-    /// Admits a client, if it speaks this version and there is room.
-    pub fn admit(&self, client: &Arc<ConnectedClient>, hello: &Hello) -> Result<(), Refusal> {
+    /// Admits a client, if it speaks this version and there is room. Returns the name that it has.
+    pub fn admit(&self, client: &Arc<ConnectedClient>, hello: &Hello) -> Result<Name, Refusal> {
         if hello.is_foreign {
             return Err(Refusal::Version { server: VERSION });
         }
@@ -122,10 +126,11 @@ impl ServerState {
             Err(NoPlace::Busy) => return Err(busy(self.load.refuse())),
         }
         registry.clients.insert(client.avatar, client.clone());
+        let name = registry.names.claim(client.avatar, &hello.name);
         if registry.log.allows(address, self.now()) {
-            tracing::info!(avatar = client.avatar.0, name = ?hello.name.as_str(), "joined");
+            tracing::info!(avatar = client.avatar.0, name = ?name.as_str(), "joined");
         }
-        Ok(())
+        Ok(name)
     }
 
     /// Whether the log may have a line about a peer.

@@ -99,7 +99,10 @@ pub async fn run(state: &ServerState, client: Arc<ConnectedClient>) -> SessionEn
         }
     };
     let end = match state.admit(&client, &hello) {
-        Ok(()) => Session::new(state, client.clone(), hello).talk(&mut writer, frames).await,
+        Ok(name) => {
+            let hello = Hello { name, ..hello };
+            Session::new(state, client.clone(), hello).talk(&mut writer, frames).await
+        }
         Err(refusal) => {
             client.outbox.push(&ServerMessage::Refused { reason: refusal });
             SessionEnd::Refused(refusal)
