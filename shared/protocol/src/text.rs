@@ -189,15 +189,35 @@ mod tests {
     #[test]
     fn characters_that_show_nothing_or_reorder_are_refused() {
         for c in [
-            '\u{ad}', '\u{34f}', '\u{61c}', '\u{115f}', '\u{1160}', '\u{17b4}', '\u{180b}',
-            '\u{180e}', '\u{200b}', '\u{200f}', '\u{2028}', '\u{202e}', '\u{2060}', '\u{2066}',
-            '\u{2800}', '\u{3164}', '\u{fdd0}', '\u{feff}', '\u{ffa0}', '\u{fff9}', '\u{e000}',
-            '\u{e0041}', '\u{10ffff}',
+            '\u{ad}',
+            '\u{34f}',
+            '\u{61c}',
+            '\u{115f}',
+            '\u{1160}',
+            '\u{17b4}',
+            '\u{180b}',
+            '\u{180e}',
+            '\u{200b}',
+            '\u{200f}',
+            '\u{2028}',
+            '\u{202e}',
+            '\u{2060}',
+            '\u{2066}',
+            '\u{2800}',
+            '\u{3164}',
+            '\u{fdd0}',
+            '\u{feff}',
+            '\u{ffa0}',
+            '\u{fff9}',
+            '\u{e000}',
+            '\u{e0041}',
+            '\u{10ffff}',
         ] {
             assert_eq!(Name::new(&format!("A{c}da")), Err(TextError::Unprintable), "{c:?}");
             assert_eq!(ChatLine::clipped(&format!("A{c}da")).as_str(), "Ada", "{c:?}");
         }
-        for name in ["Ada", "Zoë", "Ζωή", "عمر", "अमित", "한나", "李", "Ada ❤\u{fe0f}", "o'Brien"] {
+        for name in ["Ada", "Zoë", "Ζωή", "عمر", "अमित", "한나", "李", "Ada ❤\u{fe0f}", "o'Brien"]
+        {
             assert!(Name::new(name).is_ok(), "{name}");
         }
     }

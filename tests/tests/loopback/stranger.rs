@@ -2,9 +2,7 @@
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
-use quinn::{
-    Connection, Endpoint, SendStream, TransportConfig, crypto::rustls::QuicClientConfig,
-};
+use quinn::{Connection, Endpoint, SendStream, TransportConfig, crypto::rustls::QuicClientConfig};
 use rustls::{
     DigitallySignedStruct, SignatureScheme,
     client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier},

@@ -7,7 +7,8 @@ use std::{
 };
 
 use quinn::{
-    Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt, crypto::rustls::QuicServerConfig,
+    Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
+    crypto::rustls::QuicServerConfig,
 };
 use sightline_protocol::ALPN;
 use socket2::{Domain, Protocol, Socket, Type};

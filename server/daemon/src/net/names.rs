@@ -43,7 +43,8 @@ impl Names {
     /// The name that a client has from now on: the one that it wants, or that one with a number if
     /// somebody has one that looks alike.
     pub fn claim(&mut self, avatar: AvatarId, wanted: &Name) -> Name {
-        let is_reserved = RESERVED.iter().any(|name| look_alike(&forms(name), &forms(wanted.as_str())));
+        let is_reserved =
+            RESERVED.iter().any(|name| look_alike(&forms(name), &forms(wanted.as_str())));
         let base = if is_reserved { VISITOR } else { wanted.as_str() };
         let random = RandomState::new();
         let numbers = SMALL_NUMBERS.chain((0..).map(|i: u64| random.hash_one(i) % NUMBER_MAX));

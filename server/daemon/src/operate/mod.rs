@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use sightline_world::motion::ReportingState;
 
-pub(crate) use ticks::{Stages, TickMetrics};
 pub use ticks::TickSummary;
+pub(crate) use ticks::{Stages, TickMetrics};
 pub use traffic::Traffic;
 pub(crate) use traffic::TrafficCounters;
 
