@@ -7,9 +7,6 @@ use sightline_world::{
 
 /// The finest tolerance is this part of the half width of a body: 5 cm for a person.
 const FINEST: f32 = 0.25;
-/// Regions grow by the tolerance. So where somebody is held it is no more than this many times the
-/// finest one: one [step](Acuity::stepped).
-const IN_SIGHT: f32 = std::f32::consts::SQRT_2;
 /// A turn by the tolerance moves no part of a body farther than the tolerance of places. The
 /// corners of a body are half again as far from its middle as its sides.
 const CORNER: f32 = 1.5;
@@ -34,9 +31,9 @@ impl Acuity {
     }
 
     /// The acuity with places as exact as sight tests need them of an avatar that is held or holds
-    /// another.
+    /// another. Regions grow by the tolerance.
     pub(crate) fn in_sight(self, world: &World) -> Self {
-        Self { metres: self.metres.min(IN_SIGHT * finest_m(&world.body)), ..self }
+        Self { metres: self.metres.min(finest_m(&world.body)), ..self }
     }
 
     /// The acuity rounded down to one of a few steps, so that it changes seldom.
