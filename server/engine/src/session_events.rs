@@ -45,6 +45,16 @@ impl Avatar {
     }
 }
 
+impl Avatar {
+    /// Where the silence of a live client has put its avatar by its last tick before a report: on
+    /// its course, and at the end of it after that.
+    fn course_before(&self, report: &Report, building: &Building, tick: Duration) -> Option<Vec3> {
+        let made = self.made.filter(|_| self.is_live())?;
+        let after = report.made.saturating_sub(made).saturating_sub(tick).min(self.course_for);
+        Some(self.pose.on_course(after, &building.agility).eye)
+    }
+}
+
 /// The longest round trip, beyond all horizons. A client with a longer one counts as having this.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
 
@@ -154,6 +164,7 @@ impl Engine {
         let claim = Claim {
             tbv: avatar.tbv.as_ref(),
             sphere: avatar.sphere,
+            course: avatar.course_before(report, building, config.tick),
             late: avatar.arrivals.lateness(now, report.made),
             ..Claim::new(report.made, &pose, avatar.pose.eye, avatar.round_trip)
         };

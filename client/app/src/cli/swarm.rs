@@ -79,6 +79,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     })?;
     progress.finish();
     output::print(&table(&report))?;
+    if report.is_bottleneck {
+        output::note(&format!(
+            "the swarm itself is the bottleneck: its visitors step every {:.0} ms at the 99th \
+             percentile, not every 25; send fewer visitors, or use a faster or idler machine",
+            report.step_p99_ms
+        ));
+    }
     output::write_json(args.json.as_deref(), &report)?;
     let (clients, disconnected) = (report.clients, report.disconnected);
     ensure!(disconnected == 0, "{disconnected} of {clients} visitors were disconnected");
@@ -91,6 +98,9 @@ fn table(report: &SwarmReport) -> String {
         ("refused", format!("{}", report.refused)),
         ("disconnected", format!("{}", report.disconnected)),
         ("seconds", format!("{:.1}", report.seconds)),
+        ("all were in after", format!("{:.1} s", report.joined_s)),
+        ("time to come in, median", format!("{:.0} ms", report.join_p50_ms)),
+        ("time to come in, 99th percentile", format!("{:.0} ms", report.join_p99_ms)),
         ("share of time moving", format!("{:.1} %", report.moving_share * 100.0)),
         ("avatars held by a client", format!("{:.2}", report.visible_mean)),
         ("share of time quiet", format!("{:.1} %", report.quiet_share * 100.0)),
@@ -101,6 +111,7 @@ fn table(report: &SwarmReport) -> String {
         ("bytes from a client", format!("{:.0} /s", report.bytes_out_per_s)),
         ("bytes with QUIC, to a client", format!("{:.0} /s", report.udp_bytes_in_per_s)),
         ("bytes with QUIC, from a client", format!("{:.0} /s", report.udp_bytes_out_per_s)),
+        ("poses delivered", format!("{:.2} %", report.delivered_share * 100.0)),
         ("age of poses, mean", format!("{:.0} ms", report.age_mean_ms)),
         ("age of poses, 99th percentile", format!("{:.0} ms", report.age_p99_ms)),
         ("age of poses, oldest", format!("{:.0} ms", report.age_max_ms)),
@@ -116,6 +127,14 @@ fn table(report: &SwarmReport) -> String {
         ("round trip", format!("{:.1} ms", report.round_trip_ms)),
         ("corrections", format!("{}", report.corrections)),
         ("misses", format!("{}", report.misses)),
+        ("time between steps, 99th perc.", format!("{:.0} ms", report.step_p99_ms)),
+        ("processor time of the swarm", format!("{:.0} %", report.swarm_cpu * 100.0)),
     ];
-    rows.into_iter().map(|(what, figure)| format!("{what:<33}{figure:>12}\n")).collect()
+    let server_cpu =
+        report.server_cpu.map(|cpu| ("processor time of the server", format!("{:.0} %", cpu * 100.0)));
+    let server_memory = report
+        .server_memory_bytes
+        .map(|bytes| ("memory of the server", format!("{:.0} MB", bytes as f64 / 1e6)));
+    let beside = server_cpu.into_iter().chain(server_memory);
+    rows.into_iter().chain(beside).map(|(what, figure)| format!("{what:<33}{figure:>12}\n")).collect()
 }

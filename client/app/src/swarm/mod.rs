@@ -4,6 +4,7 @@
 
 mod history;
 mod misses;
+mod processes;
 mod promises;
 mod report;
 mod sight;
@@ -34,7 +35,8 @@ use tokio::{
 
 use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
 use misses::Misses;
-use report::SwarmStatistics;
+use processes::Process;
+use report::{Joining, SwarmStatistics};
 use sight::Sight;
 use visitor::{Visitor, Wanderer};
 
@@ -46,6 +48,8 @@ const STEP: Duration = Duration::from_millis(25);
 const LEAP_S: f32 = 0.2;
 /// The largest number of visitors that connect at the same time.
 const CONNECTING_MAX: usize = 16;
+/// The time between two visitors who set out to connect.
+const JOIN_INTERVAL: Duration = Duration::from_millis(10);
 /// For so long after a leap the server may have a visitor elsewhere.
 const UNSETTLED: Duration = Duration::from_secs(2);
 
@@ -167,12 +171,13 @@ pub async fn run(
     options: &SwarmOptions,
     mut observer: impl FnMut(&SwarmSnapshot),
 ) -> Result<SwarmReport, SwarmError> {
-    let (mut members, navigation, refused) = connect_visitors(address, options).await?;
+    let (mut members, navigation, joining) = connect_visitors(address, options).await?;
     let world = members.first().map(|member| member.session.world().clone());
     let sight = world.clone().map(Sight::new);
     let mut misses = Misses::default();
+    let server = Process::listening_on(address);
     let mut statistics =
-        SwarmStatistics::new(members.iter().map(|member| &member.session), refused);
+        SwarmStatistics::new(members.iter().map(|member| &member.session), joining, server);
     let mut steps = tokio::time::interval(STEP);
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let start = Instant::now();
@@ -183,6 +188,7 @@ pub async fn run(
         if elapsed >= options.duration || members.iter().all(|member| member.has_ended) {
             break;
         }
+        statistics.stepped(elapsed - before);
         let dt_s = (elapsed - before).as_secs_f32();
         before = elapsed;
         for member in &mut members {
@@ -259,11 +265,11 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
 }
 
 /// Connects all visitors: the first one alone, because it downloads the world, then the others.
-/// Also returns the number of refused ones.
+/// Also returns how they came in.
 async fn connect_visitors(
     address: SocketAddr,
     options: &SwarmOptions,
-) -> Result<(Vec<ConnectedVisitor>, Arc<Navigation>, usize), SwarmError> {
+) -> Result<(Vec<ConnectedVisitor>, Arc<Navigation>, Joining), SwarmError> {
     let tracks: Option<Vec<Track>> = options.trace.as_ref().map(Trace::tracks);
     let tracks = tracks.as_deref();
     if let Some(tracks) = tracks
@@ -284,7 +290,7 @@ async fn connect_visitors(
             (i, connect_options(options, i, start(i).or_else(|| navigation.random(&mut random))))
         })
         .collect();
-    let (mut sessions, refused) = connect_all(&dialer, address, options_by_number).await;
+    let (mut sessions, joining) = connect_all(&dialer, address, options_by_number).await;
     sessions.insert(0, (0, first));
     let members = sessions.into_iter().map(|(i, session)| {
         let pose = session.pose();
@@ -297,7 +303,7 @@ async fn connect_visitors(
         };
         ConnectedVisitor { session, visitor, pose, leapt: None, has_ended: false }
     });
-    Ok((members.collect(), navigation, refused))
+    Ok((members.collect(), navigation, joining))
 }
 
 async fn find_navigation(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmError> {
@@ -308,35 +314,46 @@ async fn find_navigation(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmErr
     }
 }
 
-/// Connects with each of the options, a few at a time. Returns the sessions in order, and the
-/// number of failures.
+/// Connects with each of the options, a few at a time and one after the other. Returns the sessions
+/// in order, and how they came in.
 async fn connect_all(
     dialer: &Arc<Dialer>,
     address: SocketAddr,
     mut options_by_number: VecDeque<(usize, ConnectOptions)>,
-) -> (Vec<(usize, Session)>, usize) {
-    let (mut sessions, mut refused) = (Vec::new(), 0);
+) -> (Vec<(usize, Session)>, Joining) {
+    let (mut sessions, mut joining) = (Vec::new(), Joining::default());
     let mut connecting = JoinSet::new();
+    let begin = Instant::now();
+    let mut turns = tokio::time::interval(JOIN_INTERVAL);
+    turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         while connecting.len() < CONNECTING_MAX
             && let Some((i, hello)) = options_by_number.pop_front()
         {
-            let dialer = dialer.clone();
-            connecting.spawn(async move { (i, dialer.connect(address, &hello).await) });
+            turns.tick().await;
+            let (dialer, begin) = (dialer.clone(), Instant::now());
+            connecting.spawn(async move {
+                let session = dialer.connect(address, &hello).await;
+                (i, session, begin.elapsed())
+            });
         }
         match connecting.join_next().await {
-            Some(Ok((i, Ok(session)))) => sessions.push((i, session)),
-            Some(Ok((i, Err(error)))) => {
-                tracing::warn!(visitor = i + 1, %error, "a visitor could not come in");
-                refused += 1;
+            Some(Ok((i, Ok(session), time))) => {
+                sessions.push((i, session));
+                joining.times.push(time);
             }
-            Some(Err(_)) => refused += 1,
+            Some(Ok((i, Err(error), _))) => {
+                tracing::warn!(visitor = i + 1, %error, "a visitor could not come in");
+                joining.refused += 1;
+            }
+            Some(Err(_)) => joining.refused += 1,
             None => break,
         }
     }
     debug_assert!(connecting.is_empty(), "every attempt has ended");
+    joining.whole = begin.elapsed();
     sessions.sort_by_key(|(i, _)| *i);
-    (sessions, refused)
+    (sessions, joining)
 }
 
 fn connect_options(options: &SwarmOptions, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {

@@ -10,6 +10,7 @@ use sightline_world::motion::{ACUITY_DISTANCES, AvatarId, Pose};
 use super::{
     SwarmSnapshot,
     history::{HISTORY, Histories, History},
+    processes::{Process, Usage},
     promises::Promises,
     sight::Sight,
 };
@@ -21,6 +22,9 @@ const MOVING: f32 = 0.1;
 const TOLERANCE_MIN_M: f32 = 0.05;
 /// What rounding adds to tolerances, in metres.
 const ROUNDING_M: f32 = 0.02;
+/// With more time than this between two steps, visitors move in leaps, and are shown off where they
+/// are for want of the swarm's own time. In milliseconds.
+const STEP_LATE_MS: f64 = 100.0;
 /// The width of a bin in the histogram of ages, in milliseconds.
 const AGE_BIN_MS: f64 = 5.0;
 
@@ -40,6 +44,25 @@ pub struct SwarmReport {
     pub misses: usize,
     /// The measured time, in seconds.
     pub seconds: f64,
+    /// How long it took until all visitors were in, in seconds.
+    pub joined_s: f64,
+    /// How long a visitor took to come in, in milliseconds: the median.
+    pub join_p50_ms: f64,
+    /// That time: the 99th percentile.
+    pub join_p99_ms: f64,
+    /// The share of datagrams with poses that arrived, from 0 to 1.
+    pub delivered_share: f64,
+    /// The time between two steps of the visitors, in milliseconds: the 99th percentile. It is 25
+    /// unless the swarm itself is late.
+    pub step_p99_ms: f64,
+    /// Whether the swarm itself was so late that the figures show its own limits.
+    pub is_bottleneck: bool,
+    /// Processor time of the swarm in a second, in seconds; 0 where the system does not tell.
+    pub swarm_cpu: f64,
+    /// Processor time in a second of the server, if it runs beside the swarm.
+    pub server_cpu: Option<f64>,
+    /// Memory of that server at the end, in bytes.
+    pub server_memory_bytes: Option<u64>,
     /// The share of time in which visitors walked, from 0 to 1.
     pub moving_share: f64,
     /// Application messages to a client, per second.
@@ -89,12 +112,29 @@ pub struct SwarmReport {
     pub round_trip_ms: f64,
 }
 
+/// How visitors came in.
+#[derive(Clone, Debug, Default)]
+pub struct Joining {
+    /// How many did not.
+    pub refused: usize,
+    /// How long each took.
+    pub times: Vec<Duration>,
+    /// How long all took together.
+    pub whole: Duration,
+}
+
 /// Counts what happens while a swarm walks.
 pub struct SwarmStatistics {
     pub corrections: usize,
     pub disconnected: usize,
     pub misses: usize,
-    refused: usize,
+    joining: Joining,
+    /// The times between steps.
+    steps: Vec<Duration>,
+    own: Process,
+    server: Option<Process>,
+    /// What both had used at the start.
+    used: [Option<Usage>; 2],
     start: Vec<SessionStats>,
     histories: Histories,
     promises: Promises,
@@ -114,12 +154,21 @@ pub struct SwarmStatistics {
 
 impl SwarmStatistics {
     /// Starts counting.
-    pub fn new<'a>(sessions: impl Iterator<Item = &'a Session>, refused: usize) -> Self {
+    pub fn new<'a>(
+        sessions: impl Iterator<Item = &'a Session>,
+        joining: Joining,
+        server: Option<Process>,
+    ) -> Self {
+        let own = Process::own();
         Self {
             corrections: 0,
             disconnected: 0,
             misses: 0,
-            refused,
+            joining,
+            steps: Vec::new(),
+            used: [own.usage(), server.as_ref().and_then(Process::usage)],
+            own,
+            server,
             start: sessions.map(Session::stats).collect(),
             histories: Histories::default(),
             promises: Promises::default(),
@@ -133,6 +182,11 @@ impl SwarmStatistics {
             shown_errors: PoseErrors::default(),
             certainty: Vec::new(),
         }
+    }
+
+    /// Takes in that visitors take a step, so long after the last one.
+    pub fn stepped(&mut self, after: Duration) {
+        self.steps.push(after);
     }
 
     /// Takes in a visitor's pose, `dt_s` seconds after its last one.
@@ -192,14 +246,37 @@ impl SwarmStatistics {
         certainty.sort_unstable();
         let certainty_p99 = percentile::percentile(&certainty, 99).unwrap_or_default();
         let aged: u64 = self.ages.iter().sum();
+        let ms = |times: &[Duration], percent| {
+            let mut times = times.to_vec();
+            times.sort_unstable();
+            let time = percentile::percentile(&times, percent).unwrap_or_default();
+            time.as_secs_f64() * 1e3
+        };
+        let step_p99_ms = ms(&self.steps, 99);
+        let now = [self.own.usage(), self.server.as_ref().and_then(Process::usage)];
+        let [swarm_cpu, server_cpu] = [0, 1].map(|i| {
+            let (now, then) = now[i].zip(self.used[i])?;
+            Some(now.cpu.saturating_sub(then.cpu).as_secs_f64() / seconds.max(1e-9))
+        });
+        let [arrived, sent] =
+            [0, 1].map(|i| end.iter().map(|s| f64::from(s.delivered[i])).sum::<f64>());
         let round_trips = end.iter().map(|stats| stats.round_trip.as_secs_f64() * 1e3);
         SwarmReport {
             clients: end.len(),
-            refused: self.refused,
+            refused: self.joining.refused,
             disconnected: self.disconnected,
             corrections: self.corrections,
             misses: self.misses,
             seconds,
+            joined_s: self.joining.whole.as_secs_f64(),
+            join_p50_ms: ms(&self.joining.times, 50),
+            join_p99_ms: ms(&self.joining.times, 99),
+            delivered_share: if sent > 0.0 { arrived / sent } else { 1.0 },
+            step_p99_ms,
+            is_bottleneck: step_p99_ms > STEP_LATE_MS,
+            swarm_cpu: swarm_cpu.unwrap_or(0.0),
+            server_cpu,
+            server_memory_bytes: now[1].map(|usage| usage.memory_bytes),
             moving_share: self.moved_s / self.watched_s.max(1e-9),
             messages_in_per_s: rate(|s| s.messages_in),
             messages_out_per_s: rate(|s| s.messages_out),
@@ -249,7 +326,7 @@ mod tests {
 
     #[test]
     fn percentiles_follow_the_histogram() {
-        let mut statistics = SwarmStatistics::new([].into_iter(), 0);
+        let mut statistics = SwarmStatistics::new([].into_iter(), Joining::default(), None);
         assert_eq!(statistics.age_percentile(0, 99), 0.0);
         statistics.ages[0] = 98;
         statistics.ages[10] = 2;

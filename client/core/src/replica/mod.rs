@@ -249,6 +249,11 @@ impl Replica {
         self.reporter.tolerance()
     }
 
+    /// How many datagrams with poses have arrived, and how many the server has sent by then.
+    pub fn delivered(&self) -> [u32; 2] {
+        self.decoder.delivered()
+    }
+
     /// For how many ticks the client was quiet, or on course.
     pub fn reporting_counts(&self) -> ReportingCounts {
         self.reporter.counts()

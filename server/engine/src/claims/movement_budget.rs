@@ -23,6 +23,12 @@ const BUNCHING_ROUND_TRIP_MAX: Duration = Duration::from_millis(400);
 /// on their way need: for as long as it is late, and no longer than this. The link or the server
 /// itself may have held them up.
 const LATENESS_MAX: Duration = Duration::from_secs(5);
+/// A live client off its course has moved for no longer than this without a word, lateness apart.
+const OFF_COURSE_MAX: Duration = Duration::from_secs(1);
+/// A push is believed in full for so long, ...
+const PUSH_WHOLE: Duration = Duration::from_secs(3);
+/// ... and less and less until then.
+const PUSH_MAX: Duration = Duration::from_secs(5);
 /// Silence longer than this earns no more straight distance.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
 
@@ -50,6 +56,8 @@ pub struct Claim<'a> {
     pub pose: &'a Pose,
     /// The eye position that was accepted last.
     pub from: Vec3,
+    /// Where the silence of a live client has put its avatar; `None` where it means nothing.
+    pub course: Option<Vec3>,
     /// The TBV of a hidden client.
     pub tbv: Option<&'a Tbv>,
     /// The ball that bounds the avatar as well, if its TBV is a sphere.
@@ -63,7 +71,8 @@ pub struct Claim<'a> {
 impl<'a> Claim<'a> {
     /// The claim of a live client.
     pub fn new(made: Duration, pose: &'a Pose, from: Vec3, round_trip: Duration) -> Self {
-        Self { made, pose, from, tbv: None, sphere: None, round_trip, late: Duration::ZERO }
+        let (course, tbv, sphere, late) = (None, None, None, Duration::ZERO);
+        Self { made, pose, from, course, tbv, sphere, round_trip, late }
     }
 }
 
@@ -76,6 +85,8 @@ pub struct MovementBudget {
     unused_m: f64,
     /// The part that is left of a speed that the server itself gave, in metres a second.
     given: f32,
+    /// What the server gave, and when.
+    push: (f32, Duration),
     refusals: u32,
     first_refusal: Duration,
     last_refusal: Duration,
@@ -106,6 +117,7 @@ impl MovementBudget {
             accepted: now,
             unused_m: BUDGET_ROUNDING_M,
             given: 0.0,
+            push: (0.0, now),
             refusals: 0,
             first_refusal: now,
             last_refusal: now,
@@ -117,7 +129,7 @@ impl MovementBudget {
     /// this velocity now.
     pub fn relocate(&mut self, now: Duration, velocity: Vec3) {
         let given = velocity.length();
-        *self = Self { made: self.made, given, ..Self::new(now) };
+        *self = Self { made: self.made, given, push: (given, now), ..Self::new(now) };
     }
 
     /// The part of a velocity that the avatar can have, by what was accepted last.
@@ -145,11 +157,13 @@ impl MovementBudget {
         }
         self.made = Some(claim.made);
         let elapsed = now.saturating_sub(self.accepted);
+        self.given = self.given.min(self.push_left(now));
         let allowed_m = self.allowed_m(elapsed.min(SILENCE_MAX), limits);
         let straight_m = straight_m(claim.from, claim.pose.eye, limits);
         let is_believable = claim.pose.is_finite()
             && limits.confines.contains(claim.pose.eye)
             && straight_m <= allowed_m
+            && self.is_near_course(claim, elapsed, limits)
             && is_in_tbv(claim, now, limits);
         // A client that was silent for long may have gone to and fro.
         let way = is_believable.then(|| find_way(self.allowed_m(elapsed, limits) + WALK_SPARE_M));
@@ -166,6 +180,23 @@ impl MovementBudget {
         self.refusals = 0;
         self.given = self.given.min(claim.pose.velocity.length());
         ClaimVerdict::Accepted
+    }
+
+    /// The part that is left of a push, whatever speed the client claims: a body that flies comes
+    /// down, and one that slides comes to rest.
+    fn push_left(&self, now: Duration) -> f32 {
+        let (push, at) = self.push;
+        let left = (PUSH_MAX.as_secs_f32() - now.saturating_sub(at).as_secs_f32())
+            / (PUSH_MAX - PUSH_WHOLE).as_secs_f32();
+        push * left.clamp(0.0, 1.0)
+    }
+
+    /// Whether a live client is where its silence has put it, or could get since it last had to
+    /// speak. Silence alone earns it no leap.
+    fn is_near_course(&self, claim: &Claim<'_>, elapsed: Duration, limits: &ClaimLimits) -> bool {
+        let Some(course) = claim.course else { return true };
+        let unsaid = elapsed.min(OFF_COURSE_MAX + claim.late.min(LATENESS_MAX));
+        straight_m(course, claim.pose.eye, limits) <= self.allowed_m(unsaid, limits)
     }
 
     /// The distance that the client can have moved in a time after its last accepted claim.
@@ -448,6 +479,41 @@ mod tests {
         );
         let claimed = Vec3::new(9.0, -50.0, 0.0);
         assert_eq!(budget.plausible(claimed, &limits), Vec3::new(2.0, -20.0, 0.0));
+    }
+
+    #[test]
+    fn a_push_is_not_believed_for_ever() {
+        let mut budget = MovementBudget::new(ms(0));
+        budget.relocate(ms(0), Vec3::X * 15.0);
+        let mut x = 0.0_f32;
+        for i in 1..=1_200_u64 {
+            let (from, now) = (at(x).eye, ms(50 * i));
+            for step in [0.75, 0.1] {
+                let pose = Pose { velocity: Vec3::X * 15.0, ..at(x + step) };
+                let claim = Claim::new(now + ms(step as u64), &pose, from, RTT);
+                let claim = Claim { made: now + ms(u64::from(step < 0.5)), ..claim };
+                if judge_freely(&mut budget, now, &claim) == ClaimVerdict::Accepted {
+                    x += step;
+                    break;
+                }
+            }
+        }
+        // A minute at two metres a second, and four seconds of the push.
+        assert!((120.0..=120.0 + 60.0 + 5.0).contains(&x), "{x} m");
+    }
+
+    #[test]
+    fn silence_earns_a_live_client_no_leap() {
+        let is_accepted = |course_x: f32, x: f32| {
+            let mut budget = MovementBudget::new(ms(0));
+            let pose = at(x);
+            let claim = Claim::new(order(0), &pose, Vec3::ZERO, RTT);
+            let claim = Claim { course: Some(at(course_x).eye), ..claim };
+            judge_freely(&mut budget, ms(5_000), &claim) == ClaimVerdict::Accepted
+        };
+        assert!(!is_accepted(0.0, 9.0), "it was to stand");
+        assert!(is_accepted(8.0, 9.0), "it was to walk");
+        assert!(is_accepted(0.0, 1.9), "it may have left its course a moment ago");
     }
 
     #[test]

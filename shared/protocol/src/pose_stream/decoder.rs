@@ -24,6 +24,8 @@ pub struct PoseDecoder {
     /// The remembered datagrams in ascending order of sequence. All are within [`REMEMBERED_MAX`]
     /// of the newest.
     pub(super) received: VecDeque<PoseUpdate>,
+    /// How many datagrams have arrived, duplicates and those that came too late apart.
+    count: u32,
 }
 
 /// The content of a datagram: the newest poses of some avatars at a tick of the server.
@@ -48,7 +50,7 @@ impl PoseUpdate {
 impl PoseDecoder {
     /// A decoder for a server with this time from tick to tick.
     pub fn new(interval: Duration) -> Self {
-        Self { interval, received: VecDeque::new() }
+        Self { interval, received: VecDeque::new(), count: 0 }
     }
 
     /// Decodes a datagram. `None` when it is a duplicate or too old. After an error the decoder is
@@ -68,6 +70,7 @@ impl PoseDecoder {
         let tick = varint::read(&mut bytes)?;
         let poses = self.read_entries(bytes, sequence, tick)?;
         self.received.insert(place, PoseUpdate { sequence, tick, poses });
+        self.count += 1;
         let newest = newest.max(sequence);
         while self.received.front().is_some_and(|u| newest - u.sequence >= REMEMBERED_MAX) {
             self.received.pop_front();
@@ -75,6 +78,11 @@ impl PoseDecoder {
         debug_assert!(self.received.len() <= REMEMBERED_MAX as usize);
         let place = self.find(sequence).ok();
         Ok(place.and_then(|place| self.received.get(place)))
+    }
+
+    /// How many datagrams have arrived, and how many the server has sent by then.
+    pub fn delivered(&self) -> [u32; 2] {
+        [self.count, self.received.back().map_or(0, |update| update.sequence)]
     }
 
     /// The acknowledgement of all datagrams received so far.

@@ -4,7 +4,7 @@ use glam::DVec3;
 use roaring::RoaringBitmap;
 
 use super::{
-    ReadError,
+    ReadError, list,
     reader::SectionReader,
     writer::{put_aabb, put_count, put_f32, put_f64, put_u32, put_vec3},
 };
@@ -124,7 +124,7 @@ pub(super) fn read_cells(input: &mut SectionReader) -> Result<Cells, ReadError> 
 fn read_spaces_and_cells(input: &mut SectionReader) -> Result<(Vec<Space>, Vec<Cell>), ReadError> {
     let bad = || ReadError::Malformed("the spaces");
     let count = input.count(28)?;
-    let mut spaces = Vec::with_capacity(count);
+    let mut spaces = list(count)?;
     let mut end = 0u32;
     for _ in 0..count {
         let (start, length) = (end, input.u32()?);
@@ -137,7 +137,7 @@ fn read_spaces_and_cells(input: &mut SectionReader) -> Result<(Vec<Space>, Vec<C
     if input.count(24)? != end as usize {
         return Err(bad());
     }
-    let mut cells = Vec::with_capacity(end as usize);
+    let mut cells = list(end as usize)?;
     for (index, space) in (0..).zip(&spaces) {
         for _ in space.cells.clone() {
             cells.push(Cell { bounds: input.aabb()?, space: index, portals: Vec::new() });
@@ -154,7 +154,7 @@ fn read_joins(
     mut found: impl FnMut(u32, [u32; 2]),
 ) -> Result<Vec<([u32; 2], Polygon)>, ReadError> {
     let joins = input.count(33)?;
-    let mut read = Vec::with_capacity(joins);
+    let mut read = list(joins)?;
     for index in 0..joins as u32 {
         let ids = [input.u32()?, input.u32()?];
         let polygon = read_polygon(input)?;
@@ -189,7 +189,7 @@ const CORNERS_MAX: usize = 64;
 fn read_tree(input: &mut SectionReader, cells: usize) -> Result<Vec<Node>, ReadError> {
     let bad = ReadError::Malformed("the tree");
     let count = input.count(13)?;
-    let mut tree = Vec::with_capacity(count);
+    let mut tree = list(count)?;
     let mut depths: Vec<Option<u16>> = vec![None; count];
     let mut leaf_seen = vec![false; cells];
     if let Some(root) = depths.first_mut() {
@@ -253,7 +253,7 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
     if cells > CELLS_MAX {
         return bad("more cells than any world may have");
     }
-    let mut upper = Vec::with_capacity(cells);
+    let mut upper = list(cells)?;
     let mut pairs = 0;
     for cell in 0..cells as u32 {
         let Ok(row) = RoaringBitmap::deserialize_from(input.as_read()) else {

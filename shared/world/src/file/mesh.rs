@@ -2,7 +2,7 @@
 //! each.
 
 use super::{
-    ReadError,
+    ReadError, list,
     reader::SectionReader,
     writer::{put_count, put_u32, put_vec3},
 };
@@ -21,9 +21,12 @@ pub(super) fn to_bytes(mesh: &Mesh) -> Vec<u8> {
 /// Reads a mesh whose triangles refer to existing vertices.
 pub(super) fn read(input: &mut SectionReader) -> Result<Mesh, ReadError> {
     let count = input.count(12)?;
-    let positions = (0..count).map(|_| input.vec3()).collect::<Result<Vec<_>, _>>()?;
+    let mut positions = list(count)?;
+    for _ in 0..count {
+        positions.push(input.vec3()?);
+    }
     let count = input.count(12)?;
-    let mut triangles = Vec::with_capacity(count);
+    let mut triangles = list(count)?;
     for _ in 0..count {
         let triangle = [input.u32()?, input.u32()?, input.u32()?];
         if triangle.iter().any(|&i| i as usize >= positions.len()) {

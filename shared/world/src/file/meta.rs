@@ -13,6 +13,9 @@ use crate::{
 /// The longest section of rooms, in bytes. Read rooms take at most thirty times as much memory.
 const ROOMS_BYTES_MAX: usize = 1 << 25;
 
+/// The most spawn points.
+const SPAWNS_MAX: usize = 1 << 16;
+
 /// What the meta section holds.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Meta {
@@ -41,6 +44,9 @@ pub(super) fn read_meta(input: &mut SectionReader) -> Result<Meta, ReadError> {
     let title_sane = meta.title.chars().count() <= TITLE_CHARS_MAX;
     if !(rest.is_empty() && body_sane && speed_sane && title_sane) {
         return Err(ReadError::Malformed("the meta section"));
+    }
+    if meta.spawns.len() > SPAWNS_MAX {
+        return Err(ReadError::Malformed("too many spawn points"));
     }
     if meta.spawns.is_empty() {
         return Err(ReadError::Malformed("no spawn point"));

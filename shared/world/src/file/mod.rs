@@ -42,6 +42,11 @@ const VERSION: u32 = 6;
 const HEADER_BYTES: usize = 48;
 /// The greatest unpacked length of a world: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
+/// The sections of a world take no more than so many times the bytes of its file. Those of buildings
+/// take less than ten times.
+const UNPACKED_PER_BYTE: u64 = 64;
+/// The sections of a small world may take this, however small its file: 1 MiB.
+const UNPACKED_BYTES_SMALL: u64 = 1 << 20;
 /// The greatest number of characters of a title or of a mover's name.
 const TITLE_CHARS_MAX: usize = 200;
 /// Higher levels take much longer and gain little.
@@ -85,6 +90,12 @@ pub enum ReadError {
     /// program wrote it.
     #[error("the world file is malformed: {0}")]
     Malformed(&'static str),
+    /// The system gives no memory for it.
+    #[error("there is no memory for the {bytes} bytes that a part of the world takes")]
+    Memory {
+        /// What was asked for, in bytes.
+        bytes: usize,
+    },
     /// The section of the octree is invalid, although the content id matches.
     #[error("the world file is malformed: {0}")]
     Octree(#[from] OctreeError),
@@ -177,13 +188,25 @@ fn unpack(packed: &[u8], length: u64) -> Result<Vec<u8>, ReadError> {
     if length > UNPACKED_BYTES_MAX {
         return Err(ReadError::Malformed("larger than any world may be"));
     }
+    if length > UNPACKED_BYTES_SMALL + UNPACKED_PER_BYTE * packed.len() as u64 {
+        return Err(ReadError::Malformed("it unpacks to more than a file of its size may"));
+    }
     let bad = |_| ReadError::Malformed("the zstd frame");
-    let mut sections = Vec::new();
+    // One byte more shows that there is more.
+    let mut sections = list(length as usize + 1)?;
     Unpacker::new(packed).map_err(bad)?.take(length + 1).read_to_end(&mut sections).map_err(bad)?;
     if sections.len() as u64 != length {
         return Err(ReadError::Malformed("the unpacked length"));
     }
     Ok(sections)
+}
+
+/// An empty list with memory for a number of items.
+fn list<T>(count: usize) -> Result<Vec<T>, ReadError> {
+    let mut list = Vec::new();
+    let bytes = count.saturating_mul(size_of::<T>());
+    list.try_reserve_exact(count).map_err(|_| ReadError::Memory { bytes })?;
+    Ok(list)
 }
 
 fn read_sections(input: &mut SectionReader) -> Result<World, ReadError> {

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DMat3, DVec3, Quat};
 
 use super::{
-    ReadError, TITLE_CHARS_MAX, mesh,
+    ReadError, TITLE_CHARS_MAX, list, mesh,
     reader::SectionReader,
     writer::{put_count, put_f32, put_f64, put_vec3},
 };
@@ -35,7 +35,7 @@ pub(super) fn read(input: &mut SectionReader) -> Result<Vec<Mover>, ReadError> {
     if count > MOVERS_MAX {
         return Err(ReadError::Malformed("too many movers"));
     }
-    let mut movers = Vec::with_capacity(count);
+    let mut movers = list(count)?;
     let mut triangles = 0;
     for _ in 0..count {
         let mover = read_mover(input)?;

@@ -1,7 +1,7 @@
 //! The section of a Quake map's own data.
 
 use super::{
-    ReadError,
+    ReadError, list,
     reader::SectionReader,
     writer::{put_aabb, put_count, put_u32, put_vec3},
 };
@@ -95,7 +95,7 @@ fn read_planes(input: &mut SectionReader<'_>) -> Result<Vec<OriginPlane>, ReadEr
 
 fn read_solids(input: &mut SectionReader<'_>, planes: usize) -> Result<Vec<Solid>, ReadError> {
     let count = input.count(28)?;
-    let mut solids = Vec::with_capacity(count);
+    let mut solids = list(count)?;
     for _ in 0..count {
         let bounds = input.aabb()?;
         let sides = input.count(4)?;
@@ -115,7 +115,7 @@ fn read_tree(input: &mut SectionReader<'_>, planes: usize) -> Result<OriginTree,
     if leaf_count > input.len() / 28 || clusters as usize > CLUSTERS_MAX {
         return Err(BAD);
     }
-    let mut leafs = Vec::with_capacity(leaf_count);
+    let mut leafs = list(leaf_count)?;
     for _ in 0..leaf_count {
         let (bounds, cluster) = (input.aabb()?, input.u32()?);
         let cluster = (cluster != u32::MAX).then_some(cluster);
@@ -125,7 +125,7 @@ fn read_tree(input: &mut SectionReader<'_>, planes: usize) -> Result<OriginTree,
         leafs.push(OriginLeaf { bounds, cluster });
     }
     let count = input.count(12)?;
-    let mut nodes = Vec::with_capacity(count);
+    let mut nodes = list(count)?;
     for own in 0..count as u32 {
         let plane = index(input, planes)?;
         let mut side = || match input.u32()? {

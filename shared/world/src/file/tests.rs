@@ -265,6 +265,18 @@ fn a_file_that_unpacks_to_more_than_it_claims_is_refused() {
 }
 
 #[test]
+fn a_small_file_that_unpacks_to_a_large_world_is_refused() {
+    let zeros = vec![0u8; 1 << 26];
+    let bomb = packing::pack(&zeros, 3);
+    assert!(bomb.len() < 100_000);
+    let error = unpack(&bomb, 1 << 26).unwrap_err().to_string();
+    assert!(error.contains("unpacks to more than"), "{error}");
+    // What does not pack well is taken.
+    let noise: Vec<u8> = (0..1_u32 << 18).flat_map(|i| i.wrapping_mul(2_654_435_769).to_le_bytes()).collect();
+    assert_eq!(unpack(&packing::pack(&noise, 3), noise.len() as u64).unwrap(), noise);
+}
+
+#[test]
 fn errors_say_what_to_do() {
     let check = |bytes: &[u8], expected: &str| {
         assert_eq!(World::from_bytes(bytes).unwrap_err().to_string(), expected);

@@ -49,6 +49,8 @@ pub struct SessionStats {
     pub messages_in: u64,
     /// Application messages sent: control messages and datagrams.
     pub messages_out: u64,
+    /// How many datagrams with poses have arrived, and how many the server has sent by then.
+    pub delivered: [u32; 2],
     /// Bytes of the received messages, without QUIC's own.
     pub bytes_in: u64,
     /// Bytes of the sent messages, without QUIC's own.
@@ -172,6 +174,7 @@ impl Session {
             visible: state.replica.held_len(),
             messages_in: self.shared.messages_in.load(Relaxed),
             messages_out: self.shared.messages_out.load(Relaxed),
+            delivered: state.replica.delivered(),
             bytes_in: self.shared.bytes_in.load(Relaxed),
             bytes_out: self.shared.bytes_out.load(Relaxed),
             udp_bytes_in: quic.udp_rx.bytes,
