@@ -130,11 +130,15 @@ fn table(report: &SwarmReport) -> String {
         ("time between steps, 99th perc.", format!("{:.0} ms", report.step_p99_ms)),
         ("processor time of the swarm", format!("{:.0} %", report.swarm_cpu * 100.0)),
     ];
-    let server_cpu =
-        report.server_cpu.map(|cpu| ("processor time of the server", format!("{:.0} %", cpu * 100.0)));
+    let server_cpu = report
+        .server_cpu
+        .map(|cpu| ("processor time of the server", format!("{:.0} %", cpu * 100.0)));
     let server_memory = report
         .server_memory_bytes
         .map(|bytes| ("memory of the server", format!("{:.0} MB", bytes as f64 / 1e6)));
     let beside = server_cpu.into_iter().chain(server_memory);
-    rows.into_iter().chain(beside).map(|(what, figure)| format!("{what:<33}{figure:>12}\n")).collect()
+    rows.into_iter()
+        .chain(beside)
+        .map(|(what, figure)| format!("{what:<33}{figure:>12}\n"))
+        .collect()
 }

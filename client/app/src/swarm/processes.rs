@@ -39,10 +39,16 @@ impl Process {
             .find_map(|table| socket_of(&table, address.port()))?;
         let link = format!("socket:[{socket}]");
         let processes = fs::read_dir("/proc").ok()?.flatten();
-        let mut folders = processes.map(|entry| entry.path()).filter(|path| path.join("fd").exists());
+        // Processes have numbers. `/proc/self` is one of them under another name.
+        let is_process = |name: &str| name.bytes().all(|byte| byte.is_ascii_digit());
+        let mut folders = processes
+            .filter(|entry| entry.file_name().to_str().is_some_and(is_process))
+            .map(|entry| entry.path());
         let has_socket = |folder: &std::path::PathBuf| {
             let files = fs::read_dir(folder.join("fd")).into_iter().flatten().flatten();
-            files.filter_map(|file| fs::read_link(file.path()).ok()).any(|to| to.as_os_str() == &*link)
+            files
+                .filter_map(|file| fs::read_link(file.path()).ok())
+                .any(|to| to.as_os_str() == link.as_str())
         };
         let folder = folders.find(has_socket)?;
         Some(Self { folder: folder.to_str()?.to_owned() })
