@@ -272,7 +272,8 @@ fn a_small_file_that_unpacks_to_a_large_world_is_refused() {
     let error = unpack(&bomb, 1 << 26).unwrap_err().to_string();
     assert!(error.contains("unpacks to more than"), "{error}");
     // What does not pack well is taken.
-    let noise: Vec<u8> = (0..1_u32 << 18).flat_map(|i| i.wrapping_mul(2_654_435_769).to_le_bytes()).collect();
+    let noise: Vec<u8> =
+        (0..1_u32 << 18).flat_map(|i| i.wrapping_mul(2_654_435_769).to_le_bytes()).collect();
     assert_eq!(unpack(&packing::pack(&noise, 3), noise.len() as u64).unwrap(), noise);
 }
 
