@@ -81,6 +81,8 @@ pub struct Reporter {
     origin: Option<Duration>,
     /// The last report, with its pose as the server knows it.
     last: Option<Report>,
+    /// The earliest time of the next report.
+    made_from: Duration,
     /// The pose at the last tick, with the rates at which it changed, and when that was.
     before: Option<(Duration, Pose)>,
     /// Ticks until a report that leaves the TBV may be repeated.
@@ -102,6 +104,7 @@ impl Reporter {
             is_asked: false,
             origin: None,
             last: None,
+            made_from: Duration::ZERO,
             before: None,
             repeat_ticks: 0,
             was_turned: false,
@@ -112,6 +115,18 @@ impl Reporter {
     /// The avatar enters the world. Until the server orders otherwise it reports at every tick.
     pub fn enter(&mut self) {
         self.is_inside = true;
+    }
+
+    /// The avatar leaves the world for one where bodies have this agility, and no order stands. The
+    /// client's own time goes on.
+    pub fn leave(&mut self, agility: Agility) {
+        let Self { tick, origin, made_from, counts, .. } = *self;
+        *self = Self { origin, made_from, counts, ..Self::new(tick, agility) };
+    }
+
+    /// The earliest time of the next report, on the client's own clock.
+    pub fn reports_from(&self) -> Duration {
+        self.made_from
     }
 
     /// The server asks for one report.
@@ -272,9 +287,9 @@ impl Reporter {
 
     /// Makes a report at a time of the client's own. What was asked for is then settled.
     fn report(&mut self, time: Duration, now: Duration, pose: &Pose) -> Report {
-        let next = self.last.map(|last| last.made + self.tick / TICK_PARTS);
         let pose = Pose::from(WirePose::from(&self.moving(now, pose)));
-        let made = next.map_or(time, |next| next.max(time));
+        let made = time.max(self.made_from);
+        self.made_from = made + self.tick / TICK_PARTS;
         let report = Report { made, orders: self.orders, pose };
         self.is_asked = false;
         self.last = Some(report);

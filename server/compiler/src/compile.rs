@@ -37,6 +37,21 @@ const PAIRS_MAX: f64 = 1.0e9;
 /// Each space adds this many pairs to [`PAIRS_ABOUT`], so that large buildings get no coarser cells.
 const PAIRS_PER_SPACE: f64 = 2_000.0;
 
+/// A quick compilation has voxels that are wider by this factor, unless the author chose their size.
+const QUICK_VOXEL: f32 = 2.0;
+
+/// How much time a compilation takes for a good world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// A world to keep.
+    #[default]
+    Fine,
+    /// A world to begin with, in a small part of the time: a cell is a whole space, voxels are twice
+    /// as wide, and surfaces are not lit. Nobody is missed in it, but more people are told of each
+    /// other than in the fine world.
+    Quick,
+}
+
 /// What the author of a world chooses.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CompileOptions {
@@ -47,6 +62,8 @@ pub struct CompileOptions {
     pub cell: Option<f32>,
     /// How the model is carved.
     pub carving: CarveOptions,
+    /// How much time it takes. What the author chooses above holds for both.
+    pub quality: Quality,
 }
 
 /// Compiles a model to a world. The same model and options give the same world, on any number of
@@ -66,7 +83,11 @@ pub fn compile(
     let relay = ProgressRelay::new(progress);
     let bounds = model.bounds().ok_or(CompileError::Empty)?;
     // What cannot be done is refused before anything is.
-    let voxel = options.voxel.unwrap_or_else(|| voxelise::default_voxel(&model.surfaces, &bounds));
+    let is_quick = options.quality == Quality::Quick;
+    let voxel = options.voxel.unwrap_or_else(|| {
+        let fine = voxelise::default_voxel(&model.surfaces, &bounds);
+        if is_quick { fine * QUICK_VOXEL } else { fine }
+    });
     voxelise::check(&model.surfaces, &bounds, voxel)?;
     let mut timer = StageTimer::default();
 
@@ -81,10 +102,14 @@ pub fn compile(
     })?;
     relay.begin(Stage::Cells)?;
     let spaces = timer.time(Stage::Cells, || spaces(model, axes, &carved));
-    let cells = timer.time(Stage::Pvs, || cells_with_pvs(&spaces, options.cell, &relay))?;
+    let cells = timer.time(Stage::Pvs, || cells_with_pvs(&spaces, options, &relay))?;
     let mesh = mesh(&model.opaque);
     let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
-    let lit = timer.time(Stage::Light, || lit(model, voxel, &relay))?;
+    let needs_light = !model.is_lit && !is_quick;
+    let lit = match needs_light {
+        true => timer.time(Stage::Light, || lit(model, voxel, &relay))?,
+        false => Cow::Borrowed(model.surfaces.as_slice()),
+    };
     relay.begin(Stage::Voxels)?;
     let octree = timer.time(Stage::Voxels, || {
         voxelise::voxelise(&lit, &bounds, voxel, &|share| relay.report(Stage::Voxels, share))
@@ -171,7 +196,7 @@ fn own_bounds(model: &Model, axes: &Axes) -> Aabb {
 /// Splits spaces into cells and finds the PVS.
 fn cells_with_pvs(
     spaces: &Spaces,
-    width: Option<f32>,
+    options: &CompileOptions,
     relay: &ProgressRelay<'_>,
 ) -> Result<Cells, CompileError> {
     let report = |share: f32| relay.report(Stage::Pvs, share);
@@ -180,11 +205,12 @@ fn cells_with_pvs(
     let seen = seen.ok_or(CompileError::Cancelled)?;
     let pairs = PAIRS_ABOUT + PAIRS_PER_SPACE * whole.spaces.len() as f64;
     let most = |pairs| pvs::cell_size_for(pairs, &whole.spaces, &seen);
-    let size = match width.map(|width| (width, CellSize::of_width(width))) {
+    let size = match options.cell.map(|width| (width, CellSize::of_width(width))) {
         Some((width, size)) if pvs::pairs_at(&size, &whole.spaces, &seen) > PAIRS_MAX => {
             return Err(CompileError::Cells { width, enough: most(PAIRS_MAX).width_max.ceil() });
         }
         Some((_, size)) => size,
+        None if options.quality == Quality::Quick => CellSize::WHOLE,
         None => most(pairs),
     };
     let mut cells = subdivide::cells(spaces, &size);
@@ -226,9 +252,6 @@ fn lit<'a>(
     voxel: f32,
     relay: &ProgressRelay<'_>,
 ) -> Result<Cow<'a, [Surface]>, CompileError> {
-    if model.is_lit {
-        return Ok(Cow::Borrowed(&model.surfaces));
-    }
     relay.begin(Stage::Light)?;
     let report = |share| relay.report(Stage::Light, share);
     let lit = light::lit(&model.surfaces, &model.opaque, voxel, &report);

@@ -59,7 +59,7 @@ pub mod suggest;
 pub mod verify;
 pub mod voxelise;
 
-pub use compile::{CompileOptions, compile};
+pub use compile::{CompileOptions, Quality, compile};
 pub use error::CompileError;
 pub use progress::Stage;
 pub use report::CompileReport;

@@ -1,6 +1,8 @@
 //! The server: a thin shell around the engine that speaks QUIC.
 //!
-//! * [`building_cache`]: compiled buildings, kept for the next run.
+//! * [`building_files`]: what a building is compiled from, and [`building_cache`]: compiled
+//!   buildings, kept for the next run.
+//! * [`supply`]: compiles the building of a running server, and compiles it again when it changes.
 //! * [`net`]: the endpoint, admission and sessions. It is the only module that knows QUIC. Start
 //!   with [`net::Server`]: it binds an address and serves a [`net::ServedWorld`].
 //! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`].
@@ -16,6 +18,7 @@
 //! use sightline_compiler::CompileOptions;
 //! use sightline_server::{
 //!     building_cache::BuildingCache,
+//!     building_files::BuildingSource,
 //!     net::{Identity, ServeConfig, Server},
 //! };
 //!
@@ -23,10 +26,11 @@
 //! # let folder = tempfile::tempdir()?;
 //! # let data = folder.path();
 //! // An office of four rooms, with coarse voxels and cells. Any GLB file will do.
-//! let office = sightline_demo_building::glb(4, 1);
+//! let (bytes, title) = (sightline_demo_building::glb(4, 1), "office".to_owned());
+//! let office = BuildingSource::Glb { bytes, title };
 //! let options = CompileOptions { voxel: Some(0.5), cell: Some(4.0), ..Default::default() };
 //! let cache = BuildingCache::new(&data.join("buildings"));
-//! let building = cache.load_or_compile(&office, &options, "office", &|_, _| ())?;
+//! let building = cache.load_or_compile(&office, &options, &|_, _| ())?;
 //!
 //! // Clients recognise the server by its identity, which the folder keeps.
 //! let identity = Identity::keep(data)?;
@@ -42,5 +46,7 @@
 //! ```
 
 pub mod building_cache;
+pub mod building_files;
 pub mod net;
 pub mod operate;
+pub mod supply;

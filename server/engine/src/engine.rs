@@ -4,6 +4,7 @@ use std::{sync::Arc, time::Duration};
 
 use sightline_world::{
     World,
+    geometry::Aabb,
     motion::{Agility, AvatarId, Pose, ReportingState, Tbv, Tolerance},
 };
 
@@ -24,6 +25,9 @@ use crate::{
     worker_pool::{WorkerPool, Workspace},
 };
 
+/// For how long the report of a departure may be on its way when the host asks where an avatar is,
+/// in seconds.
+const ON_ITS_WAY_S: f32 = 0.25;
 /// The end of time: ten thousand years.
 const NOW_MAX: Duration = Duration::from_secs(10_000 * 365 * 86_400);
 
@@ -88,6 +92,13 @@ impl Engine {
             building,
             config,
         }
+    }
+
+    /// Counts on from the ticks of an engine that this one replaces: the next tick has the number
+    /// after `ticks`. To be called before the first tick.
+    pub fn counting_from(self, ticks: u32) -> Self {
+        debug_assert_eq!(self.tick, 0, "the engine has not ticked");
+        Self { tick: ticks, ..self }
     }
 
     /// Takes in what happened at a moment. What comes of it is told at the next tick. A moment
@@ -229,6 +240,21 @@ impl Engine {
     /// Where a quiet or asked avatar is sure to be.
     pub fn tbv(&self, avatar: AvatarId) -> Option<Tbv> {
         self.population.find(avatar).and_then(|avatar| avatar.tbv)
+    }
+
+    /// Where an avatar's eye is, as far as its client has said: in its TBV, or else near
+    /// where its course has led it.
+    /// It holds for the time of the last call. `None` when the avatar is not present.
+    pub fn whereabouts(&self, avatar: AvatarId) -> Option<Tbv> {
+        let known = self.population.find(avatar)?;
+        let near_course = || {
+            let (axes, agility) = (*self.building.axes(), &self.building.agility);
+            let course = known.pose.on_course(self.now.saturating_sub(known.heard), agility);
+            let way = Aabb::from_points([known.pose.eye, course.eye].map(|eye| axes.own(eye)));
+            let within = way.grown(agility.speed_max * ON_ITS_WAY_S);
+            Tbv { within, axes, expiry: self.now, notice: Duration::ZERO }
+        };
+        Some(known.tbv.unwrap_or_else(near_course))
     }
 
     /// The last accepted pose of an avatar.

@@ -213,7 +213,7 @@ impl<'a> Run<'a> {
                 self.hellos.insert(avatar, (name, colour));
                 Ok(())
             }
-            ClientMessage::Enter { place } => {
+            ClientMessage::Enter { place, .. } => {
                 self.join(times, avatar, place.map(Into::into));
                 Ok(())
             }
@@ -222,7 +222,7 @@ impl<'a> Run<'a> {
                 self.receive_report(times, avatar, &report)
             }
             ClientMessage::Goodbye => self.leave(times.heard, avatar),
-            ClientMessage::FetchWorld | ClientMessage::Chat { .. } => {
+            ClientMessage::FetchWorld { .. } | ClientMessage::Chat { .. } => {
                 debug_assert!(false, "nobody fetches or chats in a trace");
                 Ok(())
             }

@@ -310,7 +310,8 @@ impl<'a> SimulatedClients<'a> {
         debug_assert!(replaced.is_none(), "{id} joins twice");
         let name = Name::clipped(&format!("walker {id}"));
         let hello = ClientMessage::Hello { version: VERSION, name, colour: COLOUR };
-        let enter = ClientMessage::Enter { place: Some(on_wire(pose).eye.into()) };
+        let place = Some(on_wire(pose).eye.into());
+        let enter = ClientMessage::Enter { world: 1, place, reports_from: 0 };
         [hello, enter].map(|message| Uplink::new(avatar, now, Outgoing::Message(message)))
     }
 

@@ -1,7 +1,7 @@
 //! Parsers for the values of flags, and for addresses.
 
 use std::{
-    net::{SocketAddr, ToSocketAddrs},
+    net::{Ipv6Addr, SocketAddr, ToSocketAddrs},
     time::Duration,
 };
 
@@ -74,6 +74,20 @@ pub fn resolve(address: &str) -> anyhow::Result<SocketAddr> {
     found.first().copied().with_context(wrong)
 }
 
+/// Parses the address that a server listens on: a port, which stands for every address of the
+/// machine, or an address or name with a port, such as `4777`, `0.0.0.0:4777` or `localhost:4777`.
+///
+/// # Errors
+/// When the text is no such address, or the name is unknown.
+pub fn listen_address(text: &str) -> Result<SocketAddr, String> {
+    let port = text.strip_prefix(':').unwrap_or(text);
+    if let Ok(port) = port.parse() {
+        return Ok((Ipv6Addr::UNSPECIFIED, port).into());
+    }
+    let wrong = "use a port, or an address and a port, such as 4777, 0.0.0.0:4777 or localhost:4777";
+    resolve(text).map_err(|_| wrong.to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,6 +118,23 @@ mod tests {
         assert_eq!(resolve("127.0.0.1:4777").ok(), Some(([127, 0, 0, 1], 4777).into()));
         for wrong in ["", "127.0.0.1", "a b:c"] {
             assert!(resolve(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_server_listens_on_a_port_or_an_address() {
+        let parsed = |text: &str| listen_address(text).map(|address| address.to_string());
+        for (text, expected) in [
+            ("4777", "[::]:4777"),
+            (":4777", "[::]:4777"),
+            ("0.0.0.0:0", "0.0.0.0:0"),
+            ("localhost:4777", "127.0.0.1:4777"),
+            ("[::1]:9", "[::1]:9"),
+        ] {
+            assert_eq!(parsed(text).as_deref(), Ok(expected));
+        }
+        for wrong in ["", "99999", "localhost", "1.2.3.4", "a b:c", "-1"] {
+            assert!(parsed(wrong).is_err(), "{wrong}");
         }
     }
 }

@@ -12,8 +12,8 @@ use super::{
 };
 use sightline_world::motion::AvatarId;
 
-/// A message from a client. The first is [`ClientMessage::Hello`]. Once the client has the world,
-/// [`ClientMessage::Enter`] follows.
+/// A message from a client. The first is [`ClientMessage::Hello`]. Once the client has the world
+/// that the server offers, [`ClientMessage::Enter`] follows, and again for each later world.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ClientMessage {
     /// Asks to join. The version is the first field, so that every version can read that of every
@@ -26,12 +26,21 @@ pub enum ClientMessage {
         /// The colour it wants, in sRGB.
         colour: [u8; 3],
     },
-    /// Asks for the world, which is sent on a stream of its own.
-    FetchWorld,
-    /// Asks to enter the world, which the client has now.
+    /// Asks for the offered world, which is sent on a stream of its own. The stream begins with the
+    /// number of the world: four bytes, the lowest first.
+    FetchWorld {
+        /// The number of the offered world. A world that is offered no more is not sent.
+        world: u32,
+    },
+    /// Asks to enter the offered world, which the client has now.
     Enter {
+        /// The number of the offered world. A world that is offered no more is not entered.
+        world: u32,
         /// The wanted position of the eye. `None` for any spawn point.
         place: Option<WirePosition>,
+        /// The time from which reports are about this world, as [`WireReport::made`] counts. A
+        /// datagram with an older one was overtaken.
+        reports_from: u32,
     },
     /// Reports the pose: the avatar departs from its course, or is about to leave its TBV, or the
     /// server asked. Clients that report at every tick do it in datagrams.
@@ -70,16 +79,28 @@ impl ClientMessage {
 /// A message from the server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ServerMessage {
-    /// Accepts a client, in answer to its hello.
+    /// Accepts a client, in answer to its hello. An offer of a world follows, at once or when the
+    /// server has one.
     Welcome {
         /// The client's own avatar.
         avatar: AvatarId,
-        /// The content id of the world.
-        world: [u8; 32],
-        /// The length of the world's file, in bytes.
-        world_bytes: u64,
         /// The time between ticks, in microseconds.
         tick_interval_us: NonZeroU32,
+    },
+    /// The server has no world yet.
+    Loading {
+        /// What it does meanwhile, to show to people.
+        what: ChatLine,
+    },
+    /// Offers a world to fetch and to enter. Whoever was in an earlier one is in none from now on:
+    /// nobody is in view, and no order stands.
+    World {
+        /// The number of the world: each is higher than the one before.
+        number: u32,
+        /// The content id of the world.
+        id: [u8; 32],
+        /// The length of the world's file, in bytes.
+        bytes: u64,
     },
     /// Refuses a client, in answer to its hello. The connection closes.
     Refused {
@@ -207,9 +228,13 @@ mod tests {
     fn client_messages() -> Vec<ClientMessage> {
         vec![
             ClientMessage::Hello { version: u32::MAX, name: longest_name(), colour: [255; 3] },
-            ClientMessage::FetchWorld,
-            ClientMessage::Enter { place: None },
-            ClientMessage::Enter { place: Some(pose().position) },
+            ClientMessage::FetchWorld { world: u32::MAX },
+            ClientMessage::Enter { world: 1, place: None, reports_from: 0 },
+            ClientMessage::Enter {
+                world: u32::MAX,
+                place: Some(pose().position),
+                reports_from: u32::MAX,
+            },
             ClientMessage::Report {
                 report: WireReport { made: u32::MAX, orders: u32::MAX, pose: pose() },
                 ack: Ack { newest: u32::MAX, earlier: u32::MAX },
@@ -222,12 +247,9 @@ mod tests {
     fn server_messages() -> Vec<ServerMessage> {
         let avatar = AvatarId(u32::MAX);
         vec![
-            ServerMessage::Welcome {
-                avatar,
-                world: [9; 32],
-                world_bytes: u64::MAX,
-                tick_interval_us: NonZeroU32::MAX,
-            },
+            ServerMessage::Welcome { avatar, tick_interval_us: NonZeroU32::MAX },
+            ServerMessage::Loading { what: longest_line() },
+            ServerMessage::World { number: u32::MAX, id: [9; 32], bytes: u64::MAX },
             ServerMessage::Refused { reason: Refusal::Version { server: u32::MAX } },
             ServerMessage::Refused { reason: Refusal::Full },
             ServerMessage::Refused { reason: Refusal::Closing },

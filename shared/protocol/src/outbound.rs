@@ -76,6 +76,12 @@ impl Outbound {
         has_open || !self.waiting.is_empty()
     }
 
+    /// Drops what waits and forgets all avatars: the client leaves one world for another.
+    pub fn leave_world(&mut self) {
+        self.waiting.clear();
+        self.encoder.forget_all();
+    }
+
     /// Takes the datagrams with the poses that wait, and with those that were lost on the way.
     /// Call it once in each tick in which [there are some](Outbound::has_poses) and datagrams can be
     /// sent.

@@ -160,10 +160,16 @@ pub struct WireReport {
 }
 
 impl WireReport {
+    /// A time of the client's clock as [`WireReport::made`] has it, at a server with this time from
+    /// tick to tick.
+    pub fn made_at(time: Duration, tick: Duration) -> u32 {
+        let parts = time.as_nanos() * u128::from(TICK_PARTS) / tick.as_nanos().max(1);
+        u32::try_from(parts).unwrap_or(u32::MAX)
+    }
+
     /// A report to a server with this time between ticks.
     pub fn new(report: &Report, tick: Duration) -> Self {
-        let parts = report.made.as_nanos() * u128::from(TICK_PARTS) / tick.as_nanos().max(1);
-        let made = u32::try_from(parts).unwrap_or(u32::MAX);
+        let made = Self::made_at(report.made, tick);
         Self { made, orders: report.orders, pose: (&report.pose).into() }
     }
 

@@ -7,9 +7,10 @@ use std::{
 };
 
 use sightline_cli::progress::Progress;
-use sightline_compiler::CompileOptions;
+use sightline_compiler::{CompileOptions, Stage};
 use sightline_server::{
-    building_cache::{BuildingCache, BuildingSource, CachedBuilding},
+    building_cache::{BuildingCache, CachedBuilding, Origin},
+    building_files::BuildingSource,
     net::ServedWorld,
 };
 use sightline_world::World;
@@ -30,20 +31,19 @@ pub(super) fn building(options: &DemoOptions) -> anyhow::Result<ServedWorld> {
 
 fn demo_building(rooms: usize, seed: u64, cache: &Path) -> anyhow::Result<ServedWorld> {
     let start = Instant::now();
-    let model = sightline_demo_building::glb(rooms, seed);
+    let bytes = sightline_demo_building::glb(rooms, seed);
+    let source = BuildingSource::Glb { bytes, title: "demo building".to_owned() };
     let progress = Progress::new();
-    let CachedBuilding { world, source } = BuildingCache::new(cache).load_or_compile(
-        &model,
-        &CompileOptions::default(),
-        "demo building",
-        &|stage, share| progress.show(stage.name(), share),
-    )?;
+    let cache = BuildingCache::new(cache);
+    let show = |stage: Stage, share| progress.show(stage.name(), share);
+    let CachedBuilding { world, origin } =
+        cache.load_or_compile(&source, &CompileOptions::default(), &show)?;
     progress.finish();
-    match source {
-        BuildingSource::Cache => {
+    match origin {
+        Origin::Cache => {
             announce(rooms, world.world(), "read from the cache", start.elapsed());
         }
-        BuildingSource::Compiled { stored } => {
+        Origin::Compiled { stored, .. } => {
             announce(rooms, world.world(), "compiled", start.elapsed());
             if let Err(error) = stored {
                 println!("the building cannot be kept for the next run: {error}");

@@ -21,13 +21,30 @@ pub const WAY: [Vec3; 5] =
 /// The building, compiled once for all tests.
 pub fn world() -> ServedWorld {
     static WORLD: OnceLock<ServedWorld> = OnceLock::new();
-    let make = || {
-        let options = CompileOptions { voxel: Some(0.1), cell: Some(3.0), ..Default::default() };
-        let (world, _) =
-            compile(&model(), &options, &|_, _| std::ops::ControlFlow::Continue(())).unwrap();
-        ServedWorld::from_world(Arc::new(world))
+    WORLD.get_or_init(|| compiled(&model(), 0.1)).clone()
+}
+
+/// The same building with coarser voxels.
+pub fn coarse_world() -> ServedWorld {
+    compiled(&model(), 0.2)
+}
+
+/// The building with shelves in the western half of the western room, between which no body fits.
+pub fn crammed_world() -> ServedWorld {
+    let shelf = |i: u8| {
+        let x = f32::from(i) * 0.4;
+        box_triangles(&Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 0.2, 3.0, 10.0)))
     };
-    WORLD.get_or_init(make).clone()
+    let spawns = vec![Spawn { eye: WAY[1], yaw: 0.0 }];
+    let opaque = model().opaque.into_iter().chain((0..20).flat_map(shelf)).collect();
+    compiled(&Model { spawns, ..model_of(opaque) }, 0.2)
+}
+
+fn compiled(model: &Model, voxel: f32) -> ServedWorld {
+    let options = CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
+    let (world, _) =
+        compile(model, &options, &|_, _| std::ops::ControlFlow::Continue(())).unwrap();
+    ServedWorld::from_world(Arc::new(world))
 }
 
 fn model() -> Model {
@@ -53,7 +70,10 @@ fn model() -> Model {
         baffle(20.0, [1.2, 10.0]),
     ];
     let boxes: Vec<Aabb> = shell.chain(inner).collect();
-    let opaque = boxes.iter().flat_map(box_triangles).collect();
+    model_of(boxes.iter().flat_map(box_triangles).collect())
+}
+
+fn model_of(opaque: Vec<[Vec3; 3]>) -> Model {
     Model {
         spawns: vec![Spawn { eye: WEST, yaw: 0.0 }],
         speed_max: SPEED_MAX,

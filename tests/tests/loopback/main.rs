@@ -5,6 +5,8 @@ mod crowd;
 mod limits;
 mod stop;
 mod stranger;
+mod supplied;
+mod worlds;
 
 use std::{net::SocketAddr, time::Duration};
 
@@ -291,7 +293,7 @@ async fn the_world_is_fetched_once() {
     let fetched = async || {
         let dialer = Dialer::new(Some(folder.path().to_owned()));
         let session = dialer.connect(address, &options(&server, "Ada", WEST)).await.unwrap();
-        assert_eq!(session.world(), building::world().world());
+        assert_eq!(&session.world(), building::world().world());
         let client = server.stats().clients[&session.avatar().0];
         session.leave().await;
         client.traffic.world_bytes_out

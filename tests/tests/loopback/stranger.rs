@@ -85,7 +85,8 @@ pub fn hello(version: u32) -> Vec<u8> {
 
 /// A hello message, and a request to enter.
 pub fn hello_and_enter() -> Vec<u8> {
-    let enter = frame::encode(&ClientMessage::Enter { place: None });
+    let enter = ClientMessage::Enter { world: 1, place: None, reports_from: 0 };
+    let enter = frame::encode(&enter);
     [hello(VERSION), enter].concat()
 }
 

@@ -6,7 +6,7 @@ use anyhow::{Context, bail, ensure};
 use sightline_cli::{flags, log, output, progress::Progress};
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
-    net::{self, Trust},
+    net::{self, JoinProgress, Trust},
 };
 use sightline_protocol::{fingerprint::Fingerprint, text::Name};
 use sightline_world::World;
@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let summary = match &args.world {
         Some(path) => {
-            let world = World::read(path)?;
+            let world = Arc::new(World::read(path)?);
             let spawn = *world.spawns.first().context("the world has no spawn point")?;
             desktop::run(WorldSource::Alone(&world, spawn), options(args, &world.title, end))?
         }
@@ -79,10 +79,15 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         name,
         place: None,
         trust,
-        progress: Some(Arc::new(move |done, all| {
-            let megabytes = |bytes: u64| bytes as f64 / 1e6;
-            let note = format!("({:.1} of {:.1} MB)", megabytes(done), megabytes(all));
-            progress.show_with_note("world", done as f32 / all.max(1) as f32, &note);
+        progress: Some(Arc::new(move |step| match step {
+            JoinProgress::Waiting(what) => {
+                progress.show_with_note("waiting", 0.0, &format!("({what})"));
+            }
+            JoinProgress::Download { done, all } => {
+                let megabytes = |bytes: u64| bytes as f64 / 1e6;
+                let note = format!("({:.1} of {:.1} MB)", megabytes(done), megabytes(all));
+                progress.show_with_note("world", done as f32 / all.max(1) as f32, &note);
+            }
         })),
     };
     let address = flags::resolve(&args.address)?;

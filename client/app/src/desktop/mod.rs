@@ -9,10 +9,11 @@ mod controls;
 mod dynamic_resolution;
 mod overlay;
 mod scene;
+mod surroundings;
 mod window;
 
 use std::{
-    sync::atomic::AtomicBool,
+    sync::{Arc, atomic::AtomicBool},
     time::{Duration, Instant},
 };
 
@@ -29,7 +30,7 @@ pub enum WorldSource<'a> {
     /// A building shared with others.
     Shared(&'a Session),
     /// A building without a server, and where to start.
-    Alone(&'a World, Spawn),
+    Alone(&'a Arc<World>, Spawn),
 }
 
 /// The title of the window, and when it closes by itself.

@@ -58,6 +58,17 @@ pub(super) fn status(frame: &mut Frame, status: &str) {
     line(frame, 0, STATUS, status);
 }
 
+/// Draws a notice across the middle.
+pub(super) fn banner(frame: &mut Frame, notice: &str) {
+    let height = line_height(frame) as i32;
+    let parts = wrapped(notice, letters_in(frame));
+    let mut y = (frame.height() as i32 - height * parts.len() as i32) / 2;
+    for part in parts {
+        line(frame, y, TYPED, &part);
+        y += height;
+    }
+}
+
 fn line(frame: &mut Frame, y: i32, colour: u32, said: &str) {
     let (scale, height) = (scale(frame), line_height(frame));
     let width = text::width(said, scale) + 8 * scale;
@@ -105,5 +116,14 @@ mod tests {
         assert!(drawn(now, None) > 50);
         assert_eq!(drawn(now + SHOWN, None), 0);
         assert!(drawn(now + SHOWN, Some(&"é".repeat(300))) > 10);
+    }
+
+    #[test]
+    fn a_long_banner_stays_in_the_frame() {
+        let mut frame = Frame::new(80, 160);
+        banner(&mut frame, "one two three four five six");
+        let rows: Vec<bool> =
+            frame.colour.chunks(80).map(|row| row.contains(&TYPED)).collect();
+        assert!(rows[60..100].contains(&true) && !rows[..40].contains(&true), "in the middle");
     }
 }

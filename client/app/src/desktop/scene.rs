@@ -1,6 +1,9 @@
 //! One frame after another: the walker's step, the building, the avatars and the overlay.
 
-use std::time::{Duration, Instant};
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use glam::Vec3;
 use sightline_client_core::{
@@ -11,32 +14,26 @@ use sightline_renderer::{
     Camera, Frame, Renderer,
     mover_visibility::MoverVisibility,
     movers,
-    moving::{Culling, MovingRenderer},
     node_visibility::VisibilityPrefetcher,
-    rooms::RoomWireframes,
 };
-use sightline_visibility::rooms::RoomIndex;
-use sightline_world::{Spawn, World, motion::Pose};
+use sightline_world::{Spawn, motion::Pose};
 
 use super::{
     WorldSource, bookmarks::Bookmarks, controls::Controls, dynamic_resolution::DynamicResolution,
-    overlay, overlay::Log,
+    overlay, overlay::Log, surroundings::Surroundings,
 };
 
 /// Everything that the window shows, without the window itself.
 pub(super) struct WalkScene<'a> {
     visit: WorldSource<'a>,
     walker: Walker,
-    rooms: RoomIndex,
-    /// Made when first needed.
-    wires: Option<RoomWireframes>,
+    surroundings: Surroundings,
+    /// Whether hidden nodes are found ahead of the eye.
+    fuzzy: bool,
     bookmarks: Bookmarks,
     /// Which movers the current flight can see.
     mover_visibility: Option<MoverVisibility>,
     renderer: Renderer,
-    moving: MovingRenderer,
-    /// Finds hidden nodes, if the options ask for it.
-    ahead: Option<VisibilityPrefetcher>,
     drawn: Frame,
     shown: Frame,
     log: Log,
@@ -48,38 +45,29 @@ pub(super) struct WalkScene<'a> {
     draw_time: Duration,
 }
 
+const MOVING_OVER: &str = "The building has changed. You will be in the new one in a moment.";
 const HELP: &str =
     "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
 
 impl<'a> WalkScene<'a> {
     pub(super) fn new(visit: WorldSource<'a>, fuzzy: bool) -> Self {
-        let spawn = match visit {
-            WorldSource::Alone(_, spawn) => spawn,
+        let (world, spawn) = match visit {
+            WorldSource::Alone(world, spawn) => (world.clone(), spawn),
             WorldSource::Shared(session) => {
                 let pose = session.pose();
-                Spawn { eye: pose.eye, yaw: pose.yaw }
+                (session.world(), Spawn { eye: pose.eye, yaw: pose.yaw })
             }
         };
         let mut log = Log::default();
         log.add(Instant::now(), HELP.into());
-        let world = visit.world();
-        let ahead = if fuzzy {
-            let ahead = VisibilityPrefetcher::new(&world.octree);
-            ahead.inspect_err(|error| tracing::warn!(%error, "hidden nodes are not left out")).ok()
-        } else {
-            None
-        };
-        let moving = MovingRenderer::new(world, Culling::default());
         Self {
             visit,
-            walker: Walker::new(visit.world(), spawn),
-            rooms: RoomIndex::new(visit.world()),
-            wires: None,
+            walker: Walker::new(&world, spawn),
+            surroundings: Surroundings::new(world, fuzzy),
+            fuzzy,
             bookmarks: Bookmarks::default(),
             mover_visibility: None,
             renderer: Renderer::default(),
-            moving,
-            ahead,
             drawn: Frame::default(),
             shown: Frame::default(),
             log,
@@ -98,6 +86,11 @@ impl<'a> WalkScene<'a> {
     /// The time spent on drawing all frames.
     pub(super) fn draw_time(&self) -> Duration {
         self.draw_time
+    }
+
+    /// Whether the server has replaced the building and this client is not in the new one yet.
+    fn is_moving_over(&self) -> bool {
+        matches!(self.visit, WorldSource::Shared(session) if session.is_moving_over())
     }
 
     /// Why the session ended; `None` while it runs.
@@ -156,7 +149,14 @@ impl<'a> WalkScene<'a> {
             return pose;
         }
         self.mover_visibility = None;
-        self.walker.step(&self.visit.world().octree, controls.wish(dt_s), dt_s)
+        let wish = controls.wish(dt_s);
+        if self.is_moving_over() {
+            // The eye looks around and stays where it is.
+            let stands = Pose { yaw: wish.yaw, pitch: wish.pitch, ..self.walker.pose() };
+            self.walker.place(Pose { velocity: Vec3::ZERO, ..stands });
+            return self.walker.pose();
+        }
+        self.walker.step(&self.surroundings.world.octree, wish, dt_s)
     }
 
     /// Advances to `now`, and draws a frame of the given size.
@@ -167,7 +167,7 @@ impl<'a> WalkScene<'a> {
         now: Instant,
     ) -> &Frame {
         let (width, height) = size;
-        self.handle_events(now);
+        self.handle_events(controls, now);
         let dt_s = self.before.map_or(0.0, |before| (now - before).as_secs_f32());
         self.before = Some(now);
         self.rate.count(now);
@@ -185,12 +185,11 @@ impl<'a> WalkScene<'a> {
         let camera = Camera::at(&pose);
         let seen = self.draw(&pose, time);
         if controls.shows_rooms() {
-            let wires = self.wires.get_or_insert_with(|| RoomWireframes::new(self.visit.world()));
-            wires.draw(&mut self.drawn, &camera);
+            self.surroundings.wires().draw(&mut self.drawn, &camera);
         }
         self.draw_time += start.elapsed();
         self.dynamic_resolution.drew(start.elapsed().as_secs_f32() * 1.0e3);
-        let status = self.status(pose.eye, &seen);
+        let (status, is_moving_over) = (self.status(pose.eye, &seen), self.is_moving_over());
         let shown = if divisor == 1 {
             &mut self.drawn
         } else {
@@ -199,16 +198,29 @@ impl<'a> WalkScene<'a> {
             &mut self.shown
         };
         overlay::status(shown, &status);
+        if is_moving_over {
+            overlay::banner(shown, MOVING_OVER);
+        }
         self.log.draw(shown, now, controls.line());
         shown
     }
 
     /// Handles the events of the session.
-    fn handle_events(&mut self, now: Instant) {
+    fn handle_events(&mut self, controls: &mut Controls, now: Instant) {
         let WorldSource::Shared(session) = self.visit else { return };
         for event in session.events() {
             match event {
-                Event::Entered(pose) | Event::Corrected(pose) => self.walker.place(pose),
+                Event::Entered(pose) => {
+                    let world = session.world();
+                    if !Arc::ptr_eq(&world, &self.surroundings.world) {
+                        self.walker = Walker::new(&world, Spawn { eye: pose.eye, yaw: pose.yaw });
+                        self.surroundings = Surroundings::new(world, self.fuzzy);
+                        self.log.add(now, "you are in the changed building".into());
+                    }
+                    self.walker.place(pose);
+                    controls.face(&pose);
+                }
+                Event::Corrected(pose) => self.walker.place(pose),
                 Event::Chat { name, text, .. } => self.log.add(now, format!("{name}: {text}")),
                 Event::Goodbye(reason) => self.log.add(now, format!("goodbye: {reason}")),
                 Event::Appeared(_) | Event::Vanished(_) => (),
@@ -219,13 +231,14 @@ impl<'a> WalkScene<'a> {
     /// Draws the building, its movers at a time of the server's clock, and the avatars. Returns the
     /// avatars in sight. On a flight there are no others.
     fn draw(&mut self, pose: &Pose, time: Duration) -> Vec<VisibleAvatar> {
-        let (world, camera) = (self.visit.world(), &Camera::at(pose));
+        let camera = &Camera::at(pose);
         let focal = camera.focal(self.drawn.height());
         let hidden = |ahead: &VisibilityPrefetcher| ahead.at(pose.eye, pose.velocity, focal);
-        self.renderer.node_visibility = self.ahead.as_ref().and_then(hidden);
+        self.renderer.node_visibility = self.surroundings.ahead.as_ref().and_then(hidden);
+        let Surroundings { world, rooms, moving, .. } = &mut self.surroundings;
         self.renderer.draw(&world.octree, camera, &mut self.drawn);
         if let Some(mover_visibility) = &mut self.mover_visibility {
-            let movers = mover_visibility.movers(world, &self.rooms, pose);
+            let movers = mover_visibility.movers(world, rooms, pose);
             movers::draw_selected(&mut self.drawn, camera, &movers, time);
             return Vec::new();
         }
@@ -234,19 +247,11 @@ impl<'a> WalkScene<'a> {
             WorldSource::Alone(..) => None,
         };
         let told = session.as_mut().map(|session| session as &mut dyn AvatarSource);
-        self.moving.draw(&mut self.drawn, camera, world, told, time)
-    }
-
-    /// The name of the building, and of the room around an eye.
-    fn place_name(&self, eye: Vec3) -> String {
-        let world = self.visit.world();
-        let room = self.rooms.room_at(eye).and_then(|room| world.rooms.get(room));
-        let room = room.map(|room| format!(", {}", room.title())).unwrap_or_default();
-        format!("{}{room}", world.title)
+        moving.draw(&mut self.drawn, camera, world, told, time)
     }
 
     fn status(&self, eye: Vec3, seen: &[VisibleAvatar]) -> String {
-        let title = self.place_name(eye);
+        let title = self.surroundings.place_name(eye);
         let fps = self.rate.per_s;
         let WorldSource::Shared(session) = self.visit else {
             return format!("{title} | {fps:.0} fps | alone");
@@ -264,15 +269,6 @@ impl<'a> WalkScene<'a> {
             if names.is_empty() { "" } else { ": " },
             names.join(", ")
         )
-    }
-}
-
-impl<'a> WorldSource<'a> {
-    fn world(self) -> &'a World {
-        match self {
-            Self::Shared(session) => session.world(),
-            Self::Alone(world, _) => world,
-        }
     }
 }
 

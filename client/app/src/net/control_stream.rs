@@ -13,9 +13,18 @@ const LENGTH_BYTES: usize = 2;
 
 /// A stream of framed control messages in both directions.
 pub(super) struct ControlStream {
-    connection: Connection,
-    send: SendStream,
-    receive: RecvStream,
+    /// The connection that the stream belongs to.
+    pub(super) connection: Connection,
+    pub(super) sender: ControlSender,
+    pub(super) receiver: ControlReceiver,
+}
+
+/// The way to the server.
+pub(super) struct ControlSender(SendStream);
+
+/// The way from the server.
+pub(super) struct ControlReceiver {
+    stream: RecvStream,
     buffer: FrameBuffer,
     /// The bytes of the last received message, its length included.
     frame_bytes: usize,
@@ -24,29 +33,35 @@ pub(super) struct ControlStream {
 impl ControlStream {
     /// Opens the stream on a connection.
     pub(super) async fn open(connection: &Connection) -> Result<Self, ConnectError> {
-        let (send, receive) = connection.open_bi().await.map_err(lost)?;
-        let (connection, buffer) = (connection.clone(), FrameBuffer::default());
-        Ok(Self { connection, send, receive, buffer, frame_bytes: 0 })
+        let (send, stream) = connection.open_bi().await.map_err(lost)?;
+        let receiver = ControlReceiver { stream, buffer: FrameBuffer::default(), frame_bytes: 0 };
+        Ok(Self { connection: connection.clone(), sender: ControlSender(send), receiver })
     }
+}
 
-    /// The connection that the stream belongs to.
-    pub(super) fn connection(&self) -> &Connection {
-        &self.connection
-    }
-
-    /// The bytes of the last received message, its length included.
-    pub(super) fn frame_bytes(&self) -> usize {
-        self.frame_bytes
-    }
-
+impl ControlSender {
     /// Sends a message. Returns the number of bytes it took.
     pub(super) async fn send(&mut self, message: &ClientMessage) -> Result<usize, ConnectError> {
         let frame = frame::encode(message);
-        match self.send.write_all(&frame).await {
+        match self.0.write_all(&frame).await {
             Ok(()) => Ok(frame.len()),
             Err(quinn::WriteError::ConnectionLost(error)) => Err(lost(error)),
             Err(error) => Err(ConnectError::Lost(error.to_string())),
         }
+    }
+
+    /// Waits until everything that was sent has arrived.
+    pub(super) async fn finish(&mut self) {
+        if self.0.finish().is_ok() {
+            let _ = self.0.stopped().await;
+        }
+    }
+}
+
+impl ControlReceiver {
+    /// The bytes of the last received message, its length included.
+    pub(super) fn frame_bytes(&self) -> usize {
+        self.frame_bytes
     }
 
     /// Receives the next message. Cancelling loses nothing: the bytes read so far stay in the
@@ -59,7 +74,7 @@ impl ControlStream {
                 self.frame_bytes = frame.len() + LENGTH_BYTES;
                 return Ok(ServerMessage::decode(frame)?);
             }
-            match self.receive.read(&mut piece).await {
+            match self.stream.read(&mut piece).await {
                 Ok(Some(bytes)) => self.buffer.push(piece.get(..bytes).unwrap_or_default()),
                 Ok(None) => {
                     return Err(ConnectError::Lost("the server ended the stream".to_owned()));
@@ -67,13 +82,6 @@ impl ControlStream {
                 Err(quinn::ReadError::ConnectionLost(error)) => return Err(lost(error)),
                 Err(error) => return Err(ConnectError::Lost(error.to_string())),
             }
-        }
-    }
-
-    /// Waits until everything that was sent has arrived.
-    pub(super) async fn finish(&mut self) {
-        if self.send.finish().is_ok() {
-            let _ = self.send.stopped().await;
         }
     }
 }

@@ -12,25 +12,22 @@ use std::{
 use quinn::{
     Connection, ConnectionError, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
 };
-use sightline_client_core::replica::{Replica, ReplicaError};
+use sightline_client_core::replica::ReplicaError;
 use sightline_protocol::{
     VERSION,
     message::{ClientMessage, Refusal, ServerMessage},
     text::Name,
 };
-use sightline_world::{
-    ContentId,
-    motion::{Agility, AvatarId},
-};
+use sightline_world::motion::AvatarId;
 use socket2::{Domain, Protocol, Socket, Type};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::{
     cache::WorldCache,
     control_stream::ControlStream,
-    download::{DownloadProgress, fetch},
     error::{ConnectError, lost},
-    session::Session,
+    passage::ProgressListener,
+    session::{Session, Welcomed},
     trust::{self, Trust},
 };
 
@@ -55,8 +52,8 @@ pub struct ConnectOptions {
     pub place: Option<glam::Vec3>,
     /// The trusted servers.
     pub trust: Trust,
-    /// Called as the download of the world proceeds.
-    pub progress: Option<DownloadProgress>,
+    /// Called while the server has no world yet, and as the download of the first world proceeds.
+    pub progress: Option<ProgressListener>,
 }
 
 /// Makes sessions that share a socket and the worlds that they need.
@@ -64,17 +61,17 @@ pub struct ConnectOptions {
 pub struct Dialer {
     /// One endpoint for IPv4 and one for IPv6, opened when first needed.
     endpoints: Mutex<[Option<Endpoint>; 2]>,
-    cache: WorldCache,
+    cache: Arc<WorldCache>,
 }
 
 impl Dialer {
     /// A dialer that keeps worlds in a folder, or only in memory when `None`.
     pub fn new(world_folder: Option<PathBuf>) -> Self {
-        Self { endpoints: Mutex::default(), cache: WorldCache::new(world_folder) }
+        Self { endpoints: Mutex::default(), cache: Arc::new(WorldCache::new(world_folder)) }
     }
 
-    /// Connects, fetches the world unless it is in the cache, and enters it. Must be called within a
-    /// tokio runtime, in which the session then runs. Where the server is busy and puts the client
+    /// Connects, waits until the server has a world, fetches it unless it is in the cache, and enters
+    /// it. Must be called within a tokio runtime, in which the session then runs. Where the server is busy and puts the client
     /// off, it comes again by itself, for up to a minute.
     ///
     /// # Errors
@@ -136,17 +133,10 @@ impl Dialer {
     ) -> Result<Session, ConnectError> {
         let mut control = ControlStream::open(connection).await?;
         let (name, colour) = (options.name.clone(), options.colour);
-        control.send(&ClientMessage::Hello { version: VERSION, name, colour }).await?;
-        let (avatar, id, world_bytes, tick_interval) = welcome(&mut control).await?;
-        let fetch = fetch(&mut control, world_bytes, options.progress.as_ref());
-        let world = self.cache.get(id, fetch).await?;
-        control.send(&ClientMessage::Enter { place: options.place.map(Into::into) }).await?;
-        let agility = Agility::of(&world.body, world.speed_max);
-        let replica = Replica::new(avatar, tick_interval, agility);
-        let entered = Session::start(control, replica, world, options.name.clone());
-        timeout(ANSWER_DEADLINE, entered).await.unwrap_or_else(|_| {
-            Err(ConnectError::Lost("the server gave no place in time".to_owned()))
-        })
+        control.sender.send(&ClientMessage::Hello { version: VERSION, name, colour }).await?;
+        let (avatar, tick_interval) = welcome(&mut control).await?;
+        let welcomed = Welcomed { control, avatar, tick_interval, cache: self.cache.clone() };
+        Session::start(welcomed, options).await
     }
 
     fn endpoint(&self, is_v6: bool) -> Result<Endpoint, ConnectError> {
@@ -205,7 +195,7 @@ fn transport() -> TransportConfig {
     let mut transport = TransportConfig::default();
     transport
         .max_concurrent_bidi_streams(VarInt::from_u32(0))
-        .max_concurrent_uni_streams(VarInt::from_u32(1))
+        .max_concurrent_uni_streams(VarInt::from_u32(2))
         .stream_receive_window(VarInt::from_u32(4 << 20))
         .receive_window(VarInt::from_u32(4 << 20))
         .send_window(256 * 1_024)
@@ -216,13 +206,10 @@ fn transport() -> TransportConfig {
     transport
 }
 
-async fn welcome(
-    control: &mut ControlStream,
-) -> Result<(AvatarId, ContentId, u64, Duration), ConnectError> {
+async fn welcome(control: &mut ControlStream) -> Result<(AvatarId, Duration), ConnectError> {
     match answer(control).await? {
-        ServerMessage::Welcome { avatar, world, world_bytes, tick_interval_us } => {
-            let tick_interval = Duration::from_micros(u64::from(tick_interval_us.get()));
-            Ok((avatar, ContentId(world), world_bytes, tick_interval))
+        ServerMessage::Welcome { avatar, tick_interval_us } => {
+            Ok((avatar, Duration::from_micros(u64::from(tick_interval_us.get()))))
         }
         ServerMessage::Refused { reason } => Err(ConnectError::Refused(reason)),
         ServerMessage::Goodbye { reason } => Err(ConnectError::Goodbye(reason.into())),
@@ -231,7 +218,7 @@ async fn welcome(
 }
 
 async fn answer(control: &mut ControlStream) -> Result<ServerMessage, ConnectError> {
-    timeout(ANSWER_DEADLINE, control.receive())
+    timeout(ANSWER_DEADLINE, control.receiver.receive())
         .await
         .unwrap_or_else(|_| Err(ConnectError::Lost("no answer in time".to_owned())))
 }

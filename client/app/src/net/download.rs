@@ -1,16 +1,16 @@
 //! The download of a world file.
 
-use std::{sync::Arc, time::Duration};
+use std::time::Duration;
 
-use quinn::RecvStream;
-use sightline_client_core::replica::ReplicaError;
-use sightline_protocol::message::{ClientMessage, ServerMessage};
+use quinn::{Connection, RecvStream};
+use sightline_protocol::message::ClientMessage;
 use sightline_world::ReadError;
 use tokio::time::timeout;
 
 use super::{
-    control_stream::ControlStream,
+    control_stream::ControlSender,
     error::{ConnectError, lost},
+    passage::{JoinProgress, ProgressListener, WorldOffer},
 };
 
 /// The time within which the download must start.
@@ -20,38 +20,39 @@ const PIECE_DEADLINE: Duration = Duration::from_secs(20);
 /// The largest world file that is fetched: 1 GiB.
 const WORLD_BYTES_MAX: u64 = 1 << 30;
 
-/// Called with the number of bytes received so far, and the number of all bytes.
-pub type DownloadProgress = Arc<dyn Fn(u64, u64) + Send + Sync>;
-
-/// Asks the server for its world, and receives the file.
+/// Asks the server for the world that it offers, and receives the file.
 pub(super) async fn fetch(
-    control: &mut ControlStream,
-    world_bytes: u64,
-    progress: Option<&DownloadProgress>,
+    sender: &mut ControlSender,
+    connection: &Connection,
+    offer: WorldOffer,
+    progress: Option<&ProgressListener>,
 ) -> Result<Vec<u8>, ConnectError> {
-    if world_bytes > WORLD_BYTES_MAX {
-        return Err(ConnectError::WorldTooLarge(world_bytes));
+    if offer.bytes > WORLD_BYTES_MAX {
+        return Err(ConnectError::WorldTooLarge(offer.bytes));
     }
-    control.send(&ClientMessage::FetchWorld).await?;
-    let connection = control.connection().clone();
-    // A server that closes instead says goodbye on the control stream.
-    let stream = tokio::select! {
-        stream = timeout(START_DEADLINE, connection.accept_uni()) => stream,
-        message = control.receive() => return Err(match message? {
-            ServerMessage::Goodbye { reason } => ConnectError::Goodbye(reason.into()),
-            _ => ReplicaError::OutOfPlace.into(),
-        }),
-    };
+    sender.send(&ClientMessage::FetchWorld { world: offer.number }).await?;
+    let stream = timeout(START_DEADLINE, stream_of(connection, offer.number)).await;
     let stream = stream.map_err(|_| {
         ConnectError::Lost("the download of the world did not start in time".to_owned())
     })?;
-    receive(stream.map_err(lost)?, world_bytes, progress).await
+    receive(stream?, offer.bytes, progress).await
+}
+
+/// The stream that begins with the number of a world. One of an earlier world may come first.
+async fn stream_of(connection: &Connection, number: u32) -> Result<RecvStream, ConnectError> {
+    loop {
+        let mut stream = connection.accept_uni().await.map_err(lost)?;
+        let mut begins = [0; 4];
+        if stream.read_exact(&mut begins).await.is_ok() && u32::from_le_bytes(begins) == number {
+            return Ok(stream);
+        }
+    }
 }
 
 async fn receive(
     mut stream: RecvStream,
     world_bytes: u64,
-    progress: Option<&DownloadProgress>,
+    progress: Option<&ProgressListener>,
 ) -> Result<Vec<u8>, ConnectError> {
     // Memory grows with what has arrived, not with the announced size.
     let mut bytes = Vec::new();
@@ -66,7 +67,7 @@ async fn receive(
             return Err(ConnectError::World(ReadError::Damaged));
         }
         if let Some(progress) = progress {
-            progress(bytes.len() as u64, world_bytes);
+            progress(JoinProgress::Download { done: bytes.len() as u64, all: world_bytes });
         }
     }
     debug_assert!(bytes.len() as u64 <= world_bytes, "checked piece by piece");

@@ -1,4 +1,4 @@
-//! The connection to a server, the download of its world, and the cache of worlds.
+//! The connection to a server, the download of its worlds, and the cache of worlds.
 //!
 //! A [`Dialer`] makes [`Session`]s within a tokio runtime. [`connect_blocking`] makes one for a
 //! thread that has none. A session runs by itself, and its methods never wait for the network.
@@ -8,12 +8,13 @@ mod control_stream;
 mod dialer;
 mod download;
 mod error;
+mod passage;
 mod session;
 mod trust;
 
 pub use dialer::{ConnectOptions, Dialer, connect_blocking};
-pub use download::DownloadProgress;
 pub use error::ConnectError;
+pub use passage::{JoinProgress, ProgressListener};
 pub use session::{Session, SessionStats};
 pub use trust::{Trust, TrustError};
 

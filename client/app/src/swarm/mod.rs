@@ -2,6 +2,7 @@
 //! walks. Each has a connection and a replica of its own. What they receive is counted, and what
 //! they should have received.
 
+mod grounds;
 mod history;
 mod misses;
 mod processes;
@@ -19,10 +20,7 @@ use std::{
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_cli::trace::{Trace, Track};
-use sightline_client_core::{
-    navigation::Navigation,
-    replica::{Event, HeldAvatar, VisibleAvatar},
-};
+use sightline_client_core::replica::{Event, HeldAvatar, VisibleAvatar};
 use sightline_protocol::text::Name;
 use sightline_world::{
     World,
@@ -34,10 +32,10 @@ use tokio::{
 };
 
 use crate::net::{ConnectError, ConnectOptions, Dialer, Session, Trust};
+use grounds::{Grounds, Renewal};
 use misses::Misses;
 use processes::Process;
 use report::{Joining, SwarmStatistics};
-use sight::Sight;
 use visitor::{Visitor, Wanderer};
 
 pub use report::SwarmReport;
@@ -155,6 +153,8 @@ pub enum SwarmError {
 struct ConnectedVisitor {
     session: Session,
     visitor: Visitor,
+    /// The building that it is in.
+    world: Arc<World>,
     pose: Pose,
     /// As in [`VisitorView`].
     leapt: Option<Duration>,
@@ -171,10 +171,8 @@ pub async fn run(
     options: &SwarmOptions,
     mut observer: impl FnMut(&SwarmSnapshot),
 ) -> Result<SwarmReport, SwarmError> {
-    let (mut members, navigation, joining) = connect_visitors(address, options).await?;
-    let world = members.first().map(|member| member.session.world().clone());
-    let sight = world.clone().map(Sight::new);
-    let mut misses = Misses::default();
+    let (mut members, mut grounds, joining) = connect_visitors(address, options).await?;
+    let (mut misses, mut renewal) = (Misses::default(), Renewal::default());
     let server = Process::listening_on(address);
     let mut statistics =
         SwarmStatistics::new(members.iter().map(|member| &member.session), joining, server);
@@ -182,7 +180,7 @@ pub async fn run(
     steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let start = Instant::now();
     let (mut before, mut next_snapshot) = (Duration::ZERO, Duration::ZERO);
-    while let (Some(world), Some(sight)) = (&world, &sight) {
+    loop {
         steps.tick().await;
         let elapsed = start.elapsed();
         if elapsed >= options.duration || members.iter().all(|member| member.has_ended) {
@@ -192,14 +190,26 @@ pub async fn run(
         let dt_s = (elapsed - before).as_secs_f32();
         before = elapsed;
         for member in &mut members {
-            member.step(world, &navigation, dt_s, elapsed, &mut statistics);
+            member.step(&grounds, dt_s, elapsed, &mut statistics);
+        }
+        let mut present = members.iter().filter(|member| !member.has_ended);
+        let elsewhere = present.find(|member| !grounds.are_of(&member.world));
+        if let Some(member) = elsewhere
+            && let Some(found) = renewal.of(&member.world, options.trace.is_none()).await?
+        {
+            grounds = found;
         }
         if elapsed >= next_snapshot {
             next_snapshot += options.snapshot_interval;
             let snapshot = snapshot(&members, elapsed);
-            statistics.observe(&snapshot, sight);
-            misses.observe(&snapshot, sight);
-            statistics.misses = misses.count();
+            let are_here = |member: &ConnectedVisitor| {
+                member.has_ended || grounds.are_of(&member.world)
+            };
+            if members.iter().all(are_here) {
+                statistics.observe(&snapshot, &grounds.sight);
+                misses.observe(&snapshot, &grounds.sight);
+                statistics.misses = misses.count();
+            }
             observer(&snapshot);
         }
     }
@@ -215,8 +225,7 @@ pub async fn run(
 impl ConnectedVisitor {
     fn step(
         &mut self,
-        world: &World,
-        navigation: &Navigation,
+        grounds: &Grounds,
         dt_s: f32,
         elapsed: Duration,
         statistics: &mut SwarmStatistics,
@@ -231,16 +240,30 @@ impl ConnectedVisitor {
             return;
         }
         for event in self.session.events() {
-            if let Event::Corrected(pose) = event {
-                statistics.corrections += 1;
-                self.leapt = Some(elapsed);
-                self.visitor.correct(pose);
+            match event {
+                Event::Corrected(pose) => {
+                    statistics.corrections += 1;
+                    self.leapt = Some(elapsed);
+                    self.visitor.correct(pose);
+                }
+                Event::Entered(pose) if !Arc::ptr_eq(&self.world, &self.session.world()) => {
+                    self.world = self.session.world();
+                    self.leapt = Some(elapsed);
+                    self.pose = pose;
+                    self.visitor.move_over(&self.world, pose);
+                }
+                _ => {}
             }
         }
         if dt_s > LEAP_S {
             self.leapt = Some(elapsed);
         }
-        self.pose = self.visitor.step(world, navigation, dt_s, elapsed.as_secs_f64());
+        // Nobody walks between two worlds, or where no ways are known yet.
+        if !self.session.is_moving_over() && grounds.are_of(&self.world) {
+            self.pose = self.visitor.step(grounds, dt_s, elapsed.as_secs_f64());
+        } else {
+            self.pose.velocity = glam::Vec3::ZERO;
+        }
         self.session.set_pose(self.pose);
         statistics.moved(self.session.avatar(), elapsed, self.pose, dt_s);
     }
@@ -265,11 +288,11 @@ fn snapshot(members: &[ConnectedVisitor], elapsed: Duration) -> SwarmSnapshot {
 }
 
 /// Connects all visitors: the first one alone, because it downloads the world, then the others.
-/// Also returns how they came in.
+/// Also returns the grounds, and how they came in.
 async fn connect_visitors(
     address: SocketAddr,
     options: &SwarmOptions,
-) -> Result<(Vec<ConnectedVisitor>, Arc<Navigation>, Joining), SwarmError> {
+) -> Result<(Vec<ConnectedVisitor>, Arc<Grounds>, Joining), SwarmError> {
     let tracks: Option<Vec<Track>> = options.trace.as_ref().map(Trace::tracks);
     let tracks = tracks.as_deref();
     if let Some(tracks) = tracks
@@ -281,13 +304,12 @@ async fn connect_visitors(
     let dialer = options.dialer.clone();
     // The first visitor starts at a spawn point: nothing else is known of the building yet.
     let first = dialer.connect(address, &connect_options(options, 0, start(0))).await?;
-    let world = first.world().clone();
-    let navigation =
-        if tracks.is_some() { Arc::default() } else { find_navigation(&world).await? };
+    let world = first.world();
+    let grounds = Grounds::find(world.clone(), tracks.is_none()).await?;
     let mut random = SmallRng::seed_from_u64(options.seed);
     let options_by_number = (1..options.clients)
         .map(|i| {
-            (i, connect_options(options, i, start(i).or_else(|| navigation.random(&mut random))))
+            (i, connect_options(options, i, start(i).or_else(|| grounds.navigation.random(&mut random))))
         })
         .collect();
     let (mut sessions, joining) = connect_all(&dialer, address, options_by_number).await;
@@ -301,17 +323,10 @@ async fn connect_visitors(
                 Visitor::Wandering(Box::new(Wanderer::new(&world, pose.eye, seed)))
             }
         };
-        ConnectedVisitor { session, visitor, pose, leapt: None, has_ended: false }
+        let world = session.world();
+        ConnectedVisitor { session, visitor, world, pose, leapt: None, has_ended: false }
     });
-    Ok((members.collect(), navigation, joining))
-}
-
-async fn find_navigation(world: &Arc<World>) -> Result<Arc<Navigation>, SwarmError> {
-    let world = world.clone();
-    match tokio::task::spawn_blocking(move || Navigation::new(&world)).await {
-        Ok(navigation) if !navigation.is_empty() => Ok(Arc::new(navigation)),
-        _ => Err(SwarmError::NoFloor),
-    }
+    Ok((members.collect(), grounds, joining))
 }
 
 /// Connects with each of the options, a few at a time and one after the other. Returns the sessions

@@ -15,6 +15,8 @@ use sightline_world::{
     motion::{Pose, turn_between},
 };
 
+use super::grounds::Grounds;
+
 /// The distance within which a place counts as reached, in metres.
 const NEAR: f32 = 0.12;
 /// A visitor that gets no nearer for this time chooses another goal, in seconds.
@@ -48,16 +50,20 @@ pub enum Visitor {
 
 impl Visitor {
     /// The pose after `dt_s` more seconds, `elapsed_s` seconds after the start.
-    pub fn step(
-        &mut self,
-        world: &World,
-        navigation: &Navigation,
-        dt_s: f32,
-        elapsed_s: f64,
-    ) -> Pose {
+    pub fn step(&mut self, grounds: &Grounds, dt_s: f32, elapsed_s: f64) -> Pose {
         match self {
-            Self::Wandering(wanderer) => wanderer.step(world, navigation, dt_s),
+            Self::Wandering(wanderer) => {
+                wanderer.step(&grounds.world, &grounds.navigation, dt_s)
+            }
             Self::Recorded(track) => track.at(elapsed_s),
+        }
+    }
+
+    /// The visitor goes on in another building, from a pose.
+    pub fn move_over(&mut self, world: &World, pose: Pose) {
+        if let Self::Wandering(wanderer) = self {
+            wanderer.walker = Walker::new(world, Spawn { eye: pose.eye, yaw: pose.yaw });
+            wanderer.way.clear();
         }
     }
 

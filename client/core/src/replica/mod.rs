@@ -11,7 +11,10 @@ mod timeline;
 use std::{collections::BTreeMap, time::Duration};
 
 use sightline_protocol::{
-    DecodeError, message::ServerMessage, pose_stream::PoseDecoder, quantise::WirePose,
+    DecodeError,
+    message::ServerMessage,
+    pose_stream::PoseDecoder,
+    quantise::{WirePose, WireReport},
 };
 use sightline_world::motion::{Agility, AvatarId, Pose, ReportingState, Tbv, Tolerance};
 
@@ -102,7 +105,7 @@ pub enum Event {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplicaError {
-    /// A message that is only sent before the client is welcomed.
+    /// A message that is not sent to a client in the world, or that its session must handle.
     #[error("the server sent a message out of place")]
     OutOfPlace,
     /// More avatars than a client holds.
@@ -137,6 +140,17 @@ impl Replica {
         }
     }
 
+    /// Leaves the world for another one, where bodies have this agility. Nobody is in view and no
+    /// order stands until the server gives a place there. The own pose stays. Returns the time from
+    /// which reports are about the other world, as [`WireReport::made`] counts.
+    pub fn leave_world(&mut self, agility: Agility) -> u32 {
+        self.others.clear();
+        self.updates.clear();
+        self.own.forget_copy();
+        self.reporter.leave(agility);
+        WireReport::made_at(self.reporter.reports_from(), self.tick_interval)
+    }
+
     /// Takes in a message from the server.
     ///
     /// # Errors
@@ -147,9 +161,10 @@ impl Replica {
         message: ServerMessage,
     ) -> Result<Option<Event>, ReplicaError> {
         let event = match message {
-            ServerMessage::Welcome { .. } | ServerMessage::Refused { .. } => {
-                return Err(ReplicaError::OutOfPlace);
-            }
+            ServerMessage::Welcome { .. }
+            | ServerMessage::Loading { .. }
+            | ServerMessage::World { .. }
+            | ServerMessage::Refused { .. } => return Err(ReplicaError::OutOfPlace),
             ServerMessage::Entered { pose, tick } => {
                 self.clock.synchronise(tick, now);
                 self.reporter.enter();

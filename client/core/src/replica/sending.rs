@@ -83,6 +83,11 @@ struct Losses {
 }
 
 impl OwnAvatar {
+    /// The last report must not go once more.
+    pub(super) fn forget_copy(&mut self) {
+        self.copy = None;
+    }
+
     fn note_sent(&mut self, now: Duration) {
         self.sent_at = [Some(now), self.sent_at[0]];
     }
@@ -139,7 +144,7 @@ impl Replica {
 
     /// The host has put the own avatar elsewhere: its course begins anew.
     pub fn forget_course(&mut self) {
-        self.own.copy = None;
+        self.own.forget_copy();
         self.reporter.forget_course();
     }
 

@@ -96,6 +96,25 @@ fn a_live_client_reports_departures_on_the_stream() {
     assert_eq!(report(replica.answer(TICK * 4).map(Outgoing::Message)).0, 3 * 64 + 2);
 }
 
+#[test]
+fn a_client_that_leaves_its_world_knows_nobody_and_reports_when_it_is_in_the_next() {
+    let mut replica = entered();
+    replica.message(TICK, live(100)).unwrap();
+    replica.message(TICK, appear(2, 0.0, 1)).unwrap();
+    replica.set_pose(at(2.0));
+    let before = report(replica.tick(TICK * 9, TICK)).0;
+    let from = replica.leave_world(Agility::of(&Body::PERSON, 9.0));
+    assert!(from > before, "{from} after {before}");
+    assert_eq!((replica.held_len(), replica.reporting_state()), (0, None));
+    assert_eq!((replica.pose(), replica.tick(TICK * 10, TICK)), (at(2.0), None));
+    let entered = ServerMessage::Entered { pose: (&at(2.0)).into(), tick: 40 };
+    assert_eq!(replica.message(TICK * 10, entered), Ok(Some(Event::Entered(at(2.0)))));
+    // At once, before the next tick, and still later than all before.
+    let (made, x) = report(replica.tick(TICK * 9, TICK));
+    assert!(made >= from && x == 2.0, "{made} from {from}");
+    assert_eq!(replica.reporting_counts().ticks, 2, "both worlds count");
+}
+
 /// How reports go at successive ticks, with these places: on the stream, in a datagram, or not.
 fn ways(replica: &mut Replica, from: u32, places: &[f32]) -> String {
     let way = |(i, x): (u32, &f32)| {

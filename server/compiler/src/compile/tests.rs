@@ -44,6 +44,24 @@ fn a_house_compiles_and_what_is_outside_does_not_see_inside() {
 }
 
 #[test]
+fn a_quick_compilation_has_wide_voxels_and_cells_and_misses_nobody() {
+    let of = |quality| {
+        let options = CompileOptions { quality, ..CompileOptions::default() };
+        compile(&house(), &options, &|_, _| ControlFlow::Continue(())).unwrap().0
+    };
+    let (fine, quick) = (of(Quality::Fine), of(Quality::Quick));
+    assert_eq!(quick.octree.voxel(), fine.octree.voxel() * 2.0);
+    assert_eq!(quick.cells.cells.len(), quick.cells.spaces.len());
+    assert!(fine.cells.cells.len() > quick.cells.cells.len());
+    let at = |world: &World, eye| world.cells.at(eye).unwrap();
+    let inside = Vec3::new(1.0, 1.5, 1.0);
+    for eye in [Vec3::new(-1.0, 1.5, 1.0), Vec3::new(5.0, 1.5, 4.0)] {
+        let sees = |world: &World| world.cells.sees(at(world, inside), at(world, eye));
+        assert!(sees(&quick) || !sees(&fine), "{eye}");
+    }
+}
+
+#[test]
 fn a_place_to_stand_is_found_inside() {
     let (world, _) = compile(
         &house(),

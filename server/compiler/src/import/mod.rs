@@ -81,5 +81,16 @@ pub fn read_placed(path: &Path, pk3s: &[PathBuf], placing: &Placing) -> Result<M
     }
 }
 
+/// The files that a building is read from besides its own: those that a glTF refers to, whether or
+/// not they are there.
+pub fn referred_files(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let is_gltf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf"));
+    match read_file(path) {
+        Ok(bytes) if is_gltf || bytes.starts_with(b"glTF") => glb::referred_files(&bytes, folder),
+        _ => Vec::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests;

@@ -3,20 +3,15 @@
 use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
-use sightline_cli::{exit::Interrupted, flags::spawn, output, progress::Progress};
+use sightline_cli::{exit::Interrupted, output, progress::Progress};
 use sightline_compiler::{
-    CompileError, CompileOptions, CompileReport,
-    carve::{self, CarvingUnits},
-    compile,
-    import::{
-        self,
-        glb::{Placing, UpAxis},
-    },
-    rooms::{self, text},
+    CompileError, CompileReport, compile,
+    rooms::{RoomErrors, text::FileError},
 };
-use sightline_world::{Spawn, write_whole};
+use sightline_server::building_files::SourceError;
+use sightline_world::write_whole;
 
-use super::interrupt::Interrupt;
+use super::{interrupt::Interrupt, model_flags::ModelFlags};
 
 /// Compiles a building (.glb, .gltf or a Quake III .bsp) into a world (.slw).
 ///
@@ -29,101 +24,24 @@ pub struct CompileArgs {
     /// The world file to write.
     #[arg(short, long, value_name = "OUT.slw")]
     output: PathBuf,
-    /// The greatest width of a cell, in metres: 0.25 to 1000. By default the compiler chooses it.
-    /// Narrower cells tell more exactly who sees whom, but compiling takes longer.
-    #[arg(long, value_name = "METRES", value_parser = cell_size)]
-    cell: Option<f32>,
-    /// The edge of a voxel, in metres: 0.001 to 10. By default it depends on the building's size.
-    #[arg(long, value_name = "METRES", value_parser = voxel_size)]
-    voxel: Option<f32>,
-    /// What is carved at a time: clusters of non-axial polygons, or elements, which are smaller.
-    #[arg(long, value_name = "UNITS", default_value = "clusters", value_parser = carving_units)]
-    carving_units: CarvingUnits,
-    /// An archive with the textures of a Quake III map; may be given several times.
-    #[arg(long, value_name = "FILE.pk3")]
-    pk3: Vec<PathBuf>,
-    /// A TOML file with rooms and windows. By default the file beside the building that has its name
-    /// and the ending .rooms.toml, if there is one.
-    #[arg(long, value_name = "R.toml")]
-    rooms: Option<PathBuf>,
-    /// How many metres one unit of the model is, such as 0.001 for millimetres; by default 1. A model
-    /// larger than 5 km needs this flag.
-    #[arg(long, value_name = "METRES", value_parser = scale)]
-    scale: Option<f64>,
-    /// The axis of the model that points up: y, as glTF has it, or z.
-    #[arg(long, value_name = "AXIS", default_value = "y", value_parser = up_axis)]
-    up: UpAxis,
-    /// Move the middle of the model's ground to the origin. A model that is too far away for exact
-    /// coordinates is moved anyway.
-    #[arg(long)]
-    recentre: bool,
-    /// Where visitors begin, in place of what the building says: the eye in metres and the heading in
-    /// degrees, anticlockwise from -z; may be given several times. Without any, places are found.
-    #[arg(long, value_name = "X,Y,Z[,YAW]", value_parser = spawn, allow_hyphen_values = true)]
-    spawn: Vec<Spawn>,
+    #[command(flatten)]
+    model: ModelFlags,
     /// Also write the figures of the table to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-fn scale(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(scale) if (1e-6..=1e6).contains(&scale) => Ok(scale),
-        _ => Err("a unit is from 0.000001 to 1000000 metres, such as 0.001".into()),
-    }
-}
-
-fn up_axis(text: &str) -> Result<UpAxis, String> {
-    match text {
-        "y" => Ok(UpAxis::Y),
-        "z" => Ok(UpAxis::Z),
-        _ => Err("use y or z".into()),
-    }
-}
-
-fn cell_size(text: &str) -> Result<f32, String> {
-    match text.parse() {
-        Ok(edge) if (0.25..=1_000.0).contains(&edge) => Ok(edge),
-        _ => Err("a cell is from 0.25 to 1000 metres wide, such as 4".into()),
-    }
-}
-
-fn voxel_size(text: &str) -> Result<f32, String> {
-    match text.parse() {
-        Ok(metres) if (0.001..=10.0).contains(&metres) => Ok(metres),
-        _ => Err("a voxel is from 0.001 to 10 metres wide, such as 0.03".into()),
-    }
-}
-
-fn carving_units(text: &str) -> Result<CarvingUnits, String> {
-    match text {
-        "clusters" => Ok(CarvingUnits::Clusters),
-        "elements" => Ok(CarvingUnits::Elements),
-        _ => Err("use clusters or elements".into()),
-    }
-}
-
 /// Runs the command.
 pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
-    let placing = Placing { scale: args.scale, up: args.up, recentre: args.recentre };
-    let mut model = import::read_placed(&args.input, &args.pk3, &placing)?;
-    let beside = args.input.with_extension("rooms.toml");
-    if let Some(path) = args.rooms.as_ref().or(Some(&beside).filter(|path| path.is_file())) {
-        model.rooms.extend(declared_rooms(text::read_file(path))?);
-    }
-    if !args.spawn.is_empty() {
-        model.spawns = args.spawn.clone();
-        model.rooms.iter_mut().for_each(|room| room.spawn = None);
-    }
+    let model = match args.model.files(&args.input).read() {
+        Err(SourceError::Rooms(FileError::RoomErrors(errors))) => return Err(report_errors(errors)),
+        other => other?,
+    };
     for warning in &model.warnings {
         output::note(&format!("warning: {warning}"));
     }
-    let options = CompileOptions {
-        voxel: args.voxel,
-        cell: args.cell,
-        carving: carve::CarveOptions { units: args.carving_units },
-    };
+    let options = args.model.options();
     let progress = Progress::new();
     let outcome = compile(&model, &options, &|stage, share| {
         progress.show(stage.name(), share);
@@ -153,18 +71,8 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     output::write_json(args.json.as_deref(), &report)
 }
 
-/// The rooms of a file. Each of its errors but the last is printed; the last one is returned.
-fn declared_rooms(
-    read: Result<Vec<rooms::RoomDeclaration>, text::FileError>,
-) -> anyhow::Result<Vec<rooms::RoomDeclaration>> {
-    match read {
-        Err(text::FileError::RoomErrors(errors)) => Err(report_errors(errors)),
-        other => Ok(other?),
-    }
-}
-
 /// Prints all errors but the last, which becomes the command's error.
-fn report_errors(rooms::RoomErrors(mut errors): rooms::RoomErrors) -> anyhow::Error {
+fn report_errors(RoomErrors(mut errors): RoomErrors) -> anyhow::Error {
     let last = errors.pop();
     for error in &errors {
         output::note(&format!("error: {error}"));

@@ -5,6 +5,8 @@ pub mod compile;
 pub mod demo_building;
 pub mod inspect;
 pub mod interrupt;
+pub mod model_flags;
+pub mod news;
 pub mod replay;
 pub mod serve;
 pub mod verification;

@@ -1,43 +1,62 @@
 //! The command `sightline-server serve`.
 
 use std::{
-    net::SocketAddr,
+    io::Read,
+    net::{IpAddr, SocketAddr, UdpSocket},
     path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     time::Duration,
 };
 
-use anyhow::Context;
-use sightline_cli::{log, output, progress::Progress};
+use anyhow::{Context, ensure};
+use sightline_cli::{flags::listen_address, log, output};
 use sightline_compiler::CompileOptions;
 use sightline_server::{
-    building_cache::{BuildingCache, BuildingSource, CachedBuilding},
-    net::{Identity, ServeConfig, ServedWorld, Server},
+    building_cache::BuildingCache,
+    building_files::BuildingSource,
+    net::{Identity, ServeConfig, Server},
+    supply::{Supplied, Supply, SupplyError, SupplyNews},
 };
+use sightline_world::is_world_file;
+use tokio::sync::oneshot;
 
-/// Serves a world to clients; without a world, a demo building.
+use super::{model_flags::ModelFlags, news::Newsreader};
+
+/// Serves a building to clients; without one, a demo building.
 ///
-/// It prints its address and its fingerprint, which clients may check, and serves until Ctrl-C.
-/// Clients enter with `sightline-client walk HOST:PORT`.
+/// A .glb, .gltf or .bsp is compiled, quickly at first and then finely, and kept for the next start.
+/// Clients enter with `sightline-client walk HOST:PORT`. It serves until Ctrl-C, on one UDP port.
 #[derive(clap::Args)]
 pub struct ServeArgs {
-    /// The world file, made by `compile`.
-    #[arg(value_name = "WORLD.slw")]
+    /// The building: a .glb, .gltf or .bsp, or a world (.slw) made by `compile`.
+    #[arg(value_name = "BUILDING")]
     world: Option<PathBuf>,
-    /// The address for clients, such as 0.0.0.0:4777; port 0 picks a free port.
-    #[arg(long, value_name = "ADDR")]
+    /// The UDP address for clients: a port, or an address and a port, such as 4777 or localhost:4777.
+    /// Port 0 picks a free one. By default [::]:4777, which is every address of this machine.
+    #[arg(long, value_name = "ADDR", value_parser = listen_address)]
     listen: Option<SocketAddr>,
+    /// Compile the building again whenever its files change, and move visitors over.
+    #[arg(long)]
+    watch: bool,
     /// A TOML file with settings: listen, tick_hz, clients_max, clients_per_address_max,
     /// horizon_max_ms, validity, shape, sight_test_budget, validity_max_s, threads, hello_s,
     /// silence_s, free_entry, data, world. Flags override it.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
-    /// The folder for the certificate and the demo building. By default it is in your home folder.
+    /// The folder for the certificate and compiled buildings. By default it is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelFlags,
 }
 
 /// How often the log shows the state of the server.
 const STATUS_INTERVAL: Duration = Duration::from_secs(60);
+/// How long the supply may take to end. It is not waited for longer.
+const SUPPLY_PATIENCE: Duration = Duration::from_millis(700);
 
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
@@ -47,13 +66,10 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
         Some(folder) => folder.clone(),
         None => data_folder()?,
     };
+    let supplied = supplied(args, config.world.as_deref(), &data)?;
     let identity = Identity::keep(&data)?;
-    let world = match &config.world {
-        Some(path) => read(path)?,
-        None => demo_building(&data)?,
-    };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(serve(world, config, &identity))
+    runtime.block_on(serve(supplied, args.watch, config, &identity))
 }
 
 /// The settings of the file, overridden by those of the flags.
@@ -78,39 +94,50 @@ fn data_folder() -> anyhow::Result<PathBuf> {
         .context("there is no home folder: choose a data folder with --data DIR")
 }
 
-fn read(path: &Path) -> anyhow::Result<ServedWorld> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    ServedWorld::from_bytes(bytes).with_context(|| path.display().to_string())
+/// What is served: a world as it is, or a building to compile.
+fn supplied(args: &ServeArgs, path: Option<&Path>, data: &Path) -> anyhow::Result<Supplied> {
+    let cache = BuildingCache::new(&data.join("buildings"));
+    let Some(path) = path else {
+        ensure!(!args.watch, "--watch needs a building: the demo building does not change");
+        ensure!(!args.model.are_given(), "flags about a model need one: name its file");
+        return Ok(demo_building(cache));
+    };
+    let mut begins = Vec::new();
+    let file = std::fs::File::open(path);
+    file.and_then(|file| file.take(64).read_to_end(&mut begins))
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    if is_world_file(&begins) || path.extension().is_some_and(|extension| extension == "slw") {
+        ensure!(
+            !args.model.are_given(),
+            "{} is a world, which is compiled already: leave out the flags about models",
+            path.display()
+        );
+        return Ok(Supplied::World(path.to_owned()));
+    }
+    let source = BuildingSource::Files(args.model.files(path));
+    Ok(Supplied::Building { source, options: args.model.options(), cache })
 }
 
-/// The demo building, which is compiled once and kept below the data folder.
-fn demo_building(data: &Path) -> anyhow::Result<ServedWorld> {
+/// The demo building.
+fn demo_building(cache: BuildingCache) -> Supplied {
     const ROOMS: usize = 60;
     const SEED: u64 = 1;
-    let model = sightline_demo_building::glb(ROOMS, SEED);
-    let progress = Progress::new();
-    let CachedBuilding { world, source } = BuildingCache::new(&data.join("buildings"))
-        .load_or_compile(&model, &CompileOptions::default(), "demo building", &|stage, share| {
-            progress.show(stage.name(), share);
-        })?;
-    progress.finish();
-    if let BuildingSource::Compiled { stored } = source {
-        output::note(&match stored {
-            Ok(path) => format!("compiled the demo building, once, into {}", path.display()),
-            Err(error) => format!("the demo building cannot be kept for the next run: {error}"),
-        });
-    }
-    Ok(world)
+    let bytes = sightline_demo_building::glb(ROOMS, SEED);
+    let source = BuildingSource::Glb { bytes, title: "demo building".to_owned() };
+    Supplied::Building { source, options: CompileOptions::default(), cache }
 }
 
-async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> anyhow::Result<()> {
-    let title = world.world().title.clone();
-    let mut server = Server::bind(world, config, identity)?;
-    output::print(&format!(
-        "serving {title:?} on {}\nfingerprint {}\n",
-        server.local_addr()?,
-        server.fingerprint()
-    ))?;
+async fn serve(
+    supplied: Supplied,
+    watches: bool,
+    config: ServeConfig,
+    identity: &Identity,
+) -> anyhow::Result<()> {
+    let mut server = Server::listen(config, identity)?;
+    output::print(&how_to_join(&server)?)?;
+    let ends = Arc::new(AtomicBool::new(false));
+    let mut supply = start_supply(supplied, watches, &server, ends.clone())?;
+    let mut is_supplied = false;
     let mut status = tokio::time::interval(STATUS_INTERVAL);
     status.tick().await;
     loop {
@@ -118,13 +145,82 @@ async fn serve(world: ServedWorld, config: ServeConfig, identity: &Identity) -> 
             signal = super::interrupt::ended() => {
                 signal?;
                 tracing::info!("closing");
+                ends.store(true, Relaxed);
                 server.shutdown().await;
+                if !is_supplied {
+                    let _ = tokio::time::timeout(SUPPLY_PATIENCE, supply).await;
+                }
                 return Ok(());
+            }
+            outcome = &mut supply, if !is_supplied => {
+                is_supplied = true;
+                if let Err(error) = outcome.context("compiling failed: the log above says why")? {
+                    server.shutdown().await;
+                    return Err(error.into());
+                }
             }
             () = server.failed() => anyhow::bail!("the engine failed: the log above says why"),
             _ = status.tick() => log_status(&server),
         }
     }
+}
+
+/// Starts the supply on a thread of its own. Its outcome arrives when it ends.
+fn start_supply(
+    supplied: Supplied,
+    watches: bool,
+    server: &Server,
+    ends: Arc<AtomicBool>,
+) -> anyhow::Result<oneshot::Receiver<Result<(), SupplyError>>> {
+    let (send, receive) = oneshot::channel();
+    let changer = server.world_changer();
+    std::thread::Builder::new().name("supply".into()).spawn(move || {
+        let reader = Newsreader::new(changer.clone());
+        let tell = &|news: SupplyNews<'_>| reader.hear(&news);
+        let outcome = Supply { supplied, watches, changer, ends: &ends, tell }.run();
+        reader.finish();
+        let _ = send.send(outcome);
+    })?;
+    Ok(receive)
+}
+
+/// Where the server listens, and the command by which clients join.
+fn how_to_join(server: &Server) -> anyhow::Result<String> {
+    let (address, fingerprint) = (server.local_addr()?, server.fingerprint());
+    let port = address.port();
+    let mut text = format!("listening on UDP {address}\nfingerprint {fingerprint}\n");
+    let mut row = |from: &str, host: String| {
+        text += &format!("{from:<27}sightline-client walk {host}:{port}\n");
+    };
+    if !address.ip().is_unspecified() {
+        row("join:", host(address.ip()));
+        return Ok(text);
+    }
+    row("join from this machine:", "localhost".to_owned());
+    if let Some(own) = own_address() {
+        row("join from others:", host(own));
+    }
+    Ok(text)
+}
+
+/// An address in front of a port.
+fn host(address: IpAddr) -> String {
+    if address.is_loopback() {
+        return "localhost".to_owned();
+    }
+    match address {
+        IpAddr::V4(v4) => v4.to_string(),
+        IpAddr::V6(v6) => format!("[{v6}]"),
+    }
+}
+
+/// The address of this machine in its network, by which others reach it. No packet is sent: the
+/// system only chooses a route.
+fn own_address() -> Option<IpAddr> {
+    let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
+    socket.connect("192.0.2.1:9").ok()?;
+    let address = socket.local_addr().ok()?.ip();
+    (!address.is_loopback() && !address.is_unspecified()).then_some(address)
 }
 
 fn log_status(server: &Server) {

@@ -100,6 +100,7 @@ async fn supervise(state: Arc<ServerState>, incoming: Incoming, avatar: AvatarId
         registry.names.release(avatar);
         registry.clients.remove(&avatar).is_some()
     };
+    state.offers.release(avatar);
     match end {
         Ok(Some(end)) if was_admitted => {
             if state.may_log(address) {

@@ -9,6 +9,7 @@ use std::{
 };
 
 use serde::{Deserialize, Deserializer, de};
+use sightline_cli::flags::listen_address;
 use sightline_engine::{Config, TbvShape, Validity};
 
 /// Avatars that the engine keeps beyond the clients: those of clients that have just left.
@@ -18,7 +19,8 @@ const AVATARS_SPARE: usize = 64;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServeConfig {
-    /// The address for clients; port 0 picks a free one.
+    /// The UDP address for clients; port 0 picks a free one.
+    #[serde(deserialize_with = "listened")]
     pub listen: SocketAddr,
     /// Ticks in a second: 1 to 128.
     pub tick_hz: u32,
@@ -53,9 +55,9 @@ pub struct ServeConfig {
     /// points only, since a client that chooses freely could look into every room, one after the
     /// other.
     pub free_entry: bool,
-    /// The folder for the certificate; the user's data folder when `None`.
+    /// The folder for the certificate and compiled buildings; the user's data folder when `None`.
     pub data: Option<PathBuf>,
-    /// The world file to serve; the demo building when `None`.
+    /// The building or world file to serve; the demo building when `None`.
     pub world: Option<PathBuf>,
 }
 
@@ -157,6 +159,12 @@ impl ServeConfig {
     }
 }
 
+/// Deserialises an address to listen on.
+fn listened<'de, D: Deserializer<'de>>(deserializer: D) -> Result<SocketAddr, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    listen_address(&text).map_err(|error| de::Error::custom(format!("listen: {error}")))
+}
+
 /// Deserialises a value that is written as on the command line.
 fn parsed<'de, D, T>(deserializer: D) -> Result<T, D::Error>
 where
@@ -175,6 +183,8 @@ mod tests {
     fn a_file_may_leave_fields_out_but_not_name_unknown_ones_or_absurd_numbers() {
         let config = ServeConfig::from_toml("tick_hz = 30\nlisten = '127.0.0.1:0'").unwrap();
         assert_eq!((config.tick_hz, config.listen.port()), (30, 0));
+        let by_port = ServeConfig::from_toml("listen = '4777'").unwrap().listen;
+        assert_eq!(by_port, ServeConfig::default().listen);
         assert_eq!(config.clients_max, ServeConfig::default().clients_max);
         let text = "horizon_max_ms = 250\nvalidity = '500'\nshape = 'sphere'";
         let engine = ServeConfig::from_toml(text).unwrap().engine();
@@ -200,7 +210,7 @@ mod tests {
             ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),
             ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
             ("clients_max = -1", "invalid"),
-            ("listen = 'nowhere'", "invalid"),
+            ("listen = 'nowhere'", "listen: use a port"),
             ("tick_hz = ", ""),
         ] {
             let error = ServeConfig::from_toml(text).unwrap_err().to_string();

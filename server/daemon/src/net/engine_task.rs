@@ -14,11 +14,17 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_engine::{Engine, Input, Output};
+use sightline_engine::{Config, Engine, Input, Output};
 use sightline_world::motion::AvatarId;
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
-use super::{client::ConnectedClient, load::Load, pace::Pace};
+use super::{
+    client::{ConnectedClient, FormerPlace},
+    load::Load,
+    offers::Offers,
+    pace::Pace,
+    served_world::ServedWorld,
+};
 use crate::operate::{Stages, TickMetrics};
 
 /// The most events that may wait for the engine, of about 200 bytes each. A client whose event finds
@@ -31,7 +37,14 @@ const ROUND_TRIP_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What a client's task tells the engine's thread.
 pub enum EngineEvent {
-    /// A client wants to enter the world.
+    /// Another engine takes over, or the first one.
+    Change {
+        /// An engine that has not ticked.
+        engine: Box<Engine>,
+        /// The world that it decides for.
+        world: ServedWorld,
+    },
+    /// A client wants to enter a world.
     Join(Newcomer),
     /// A client in the world did something.
     Input(Input),
@@ -39,10 +52,12 @@ pub enum EngineEvent {
     Leave(AvatarId),
 }
 
-/// A client that wants to enter the world.
+/// A client that wants to enter a world.
 pub struct Newcomer {
     /// The client.
     pub client: Arc<ConnectedClient>,
+    /// The number of the world. Another one may have taken its place.
+    pub world: u32,
     /// The name that others see.
     pub name: String,
     /// The avatar's colour, sRGB.
@@ -57,9 +72,13 @@ pub struct TimedEvent {
     pub event: EngineEvent,
 }
 
-/// The engine, and the clients in the world.
+/// The engine, and the clients in its world.
 pub struct EngineTask {
-    engine: Engine,
+    /// `None` until there is a world.
+    engine: Option<Box<Engine>>,
+    /// The number of its world; zero before the first.
+    world: u32,
+    offers: Arc<Offers>,
     clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
     /// Those who wait for their turn to enter.
     newcomers: VecDeque<Newcomer>,
@@ -77,9 +96,10 @@ pub struct EngineTask {
 }
 
 impl EngineTask {
-    /// A task whose clock starts at `started`.
+    /// A task without a world, whose clock starts at `started`. Its engines have this configuration.
     pub fn new(
-        engine: Engine,
+        config: &Config,
+        offers: Arc<Offers>,
         started: Instant,
         load: Arc<Load>,
         metrics: Arc<TickMetrics>,
@@ -89,9 +109,11 @@ impl EngineTask {
             newcomers: VecDeque::new(),
             started,
             round_trips_due: Duration::ZERO,
-            pace: Pace::new(engine.config().tick),
-            sight_test_budget: engine.config().sight_test_budget,
-            engine,
+            pace: Pace::new(config.tick),
+            sight_test_budget: config.sight_test_budget,
+            engine: None,
+            world: 0,
+            offers,
             load,
             metrics,
             outputs: Vec::new(),
@@ -147,57 +169,89 @@ impl EngineTask {
 
     fn take(&mut self, at: Duration, event: EngineEvent) {
         match event {
+            EngineEvent::Change { engine, world } => self.change(engine, world),
             EngineEvent::Join(newcomer) => self.newcomers.push_back(newcomer),
-            EngineEvent::Input(input) => self.engine.handle(at, input),
+            EngineEvent::Input(input) => {
+                if let Some(engine) = &mut self.engine {
+                    engine.handle(at, input);
+                }
+            }
             EngineEvent::Leave(avatar) => {
                 let before = self.newcomers.len();
                 self.newcomers.retain(|newcomer| newcomer.client.avatar != avatar);
                 self.load.entered(before - self.newcomers.len());
-                if self.clients.remove(&avatar).is_some() {
-                    self.engine.handle(at, Input::Leave { avatar });
+                if self.clients.remove(&avatar).is_some()
+                    && let Some(engine) = &mut self.engine
+                {
+                    engine.handle(at, Input::Leave { avatar });
                 }
             }
         }
     }
 
+    /// Ends the present world and begins another. All clients are told, and the server remembers
+    /// where each was, so that it can go on there.
+    fn change(&mut self, engine: Box<Engine>, world: ServedWorld) {
+        for (avatar, client) in std::mem::take(&mut self.clients) {
+            let engine = self.engine.as_ref();
+            let region = engine.and_then(|engine| engine.whereabouts(avatar));
+            let pose = engine.and_then(|engine| engine.pose(avatar));
+            if let (Some(region), Some(pose)) = (region, pose) {
+                client.set_former(FormerPlace { eye: pose.eye, region });
+            }
+        }
+        let ticks = self.engine.as_ref().map_or(0, |engine| engine.ticks());
+        let mut engine = engine.counting_from(ticks);
+        engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
+        self.engine = Some(Box::new(engine));
+        let title = world.world().title.clone();
+        self.world = self.offers.change_world(world);
+        tracing::info!(world = self.world, title, "serving");
+    }
+
     fn enter(&mut self, now: Duration, newcomer: Newcomer) {
-        let Newcomer { client, name, colour, place } = newcomer;
+        let Newcomer { client, world, name, colour, place } = newcomer;
         let avatar = client.avatar;
         self.load.entered(1);
+        // Who comes for a world that is gone has been told of the next one.
+        let Some(engine) = self.engine.as_mut().filter(|_| world == self.world) else { return };
         // The handshake has measured the round trip already.
         let round_trip = client.connection.rtt();
         let before = self.clients.insert(avatar, client);
         debug_assert!(before.is_none(), "a session enters once");
-        self.engine.handle(now, Input::Join { avatar, name, colour, place });
-        self.engine.handle(now, Input::RoundTrip { avatar, round_trip });
+        engine.handle(now, Input::Join { avatar, name, colour, place });
+        engine.handle(now, Input::RoundTrip { avatar, round_trip });
     }
 
     /// Ticks the engine, and hands out what it says. The events before took `taken`.
     fn tick(&mut self, begin: Instant, taken: Duration) {
         let now = self.now();
         self.tell_round_trips(now);
+        let Some(engine) = &mut self.engine else { return };
         let mut outputs = std::mem::take(&mut self.outputs);
         debug_assert!(outputs.is_empty(), "every output was handed out");
-        self.engine.tick(now, &mut outputs);
+        engine.tick(now, &mut outputs);
         let ticked = begin.elapsed();
         for output in outputs.drain(..) {
             if let Some(client) = self.clients.get(&output.to()) {
                 client.outbox.tell(&output, now);
             }
         }
-        let number = self.engine.ticks();
+        let number = engine.ticks();
         for client in self.clients.values() {
             client.outbox.flush(number);
         }
         self.outputs = outputs;
         let stages = Stages { taken, ticked: ticked - taken, told: begin.elapsed() - ticked };
-        self.metrics.record(stages, self.engine.counts(), self.engine.stats());
+        self.metrics.record(stages, engine.counts(), engine.stats());
     }
 
     /// Takes in that ticks are made at another rate.
     fn change_pace(&mut self) {
         let (step, interval) = (self.pace.step(), self.pace.interval());
-        self.engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
+        if let Some(engine) = &mut self.engine {
+            engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
+        }
         let was = self.load.set_step(step);
         let tick_hz = 1.0 / interval.as_secs_f64();
         if step > was {
@@ -208,13 +262,14 @@ impl EngineTask {
     }
 
     fn tell_round_trips(&mut self, now: Duration) {
+        let Some(engine) = &mut self.engine else { return };
         if now < self.round_trips_due {
             return;
         }
         self.round_trips_due = now + ROUND_TRIP_INTERVAL;
         for (&avatar, client) in &self.clients {
             let round_trip = client.connection.rtt();
-            self.engine.handle(now, Input::RoundTrip { avatar, round_trip });
+            engine.handle(now, Input::RoundTrip { avatar, round_trip });
         }
     }
 }

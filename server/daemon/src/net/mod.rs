@@ -1,6 +1,7 @@
 //! The QUIC endpoint, admission and sessions: the only module of the server that knows QUIC.
 //!
-//! [`Server::bind`] starts everything. A thread of its own has the engine (`engine_task`), one task
+//! [`Server::bind`] starts everything. A server that [listens](Server::listen) without a world gets
+//! it later from a [`WorldChanger`], which also replaces it. A thread of its own has the engine (`engine_task`), one task
 //! accepts connections (`accept`), and each connection has a `session` of its own. The engine's
 //! thread fills each client's `outbox` and never waits for a client. When it cannot keep up, its
 //! rate falls (`pace`), newcomers are put off (`load`), and nobody present is dropped. A session
@@ -13,6 +14,7 @@
 mod accept;
 mod admission;
 mod avatar_ids;
+mod changer;
 mod client;
 mod config;
 mod endpoint;
@@ -21,8 +23,10 @@ mod identity;
 mod load;
 mod log_limits;
 mod names;
+mod offers;
 mod outbox;
 mod pace;
+mod places;
 mod served_world;
 mod session;
 mod state;
@@ -38,7 +42,6 @@ use std::{
 };
 
 use quinn::{Endpoint, VarInt};
-use sightline_engine::Engine;
 use sightline_protocol::fingerprint::Fingerprint;
 use tokio::{
     sync::{mpsc, watch},
@@ -46,6 +49,7 @@ use tokio::{
     time::timeout,
 };
 
+pub use changer::{ServerEnded, WorldChanger};
 pub use config::{ConfigError, ServeConfig};
 pub use identity::{Identity, IdentityError};
 pub use served_world::ServedWorld;
@@ -53,6 +57,7 @@ pub use served_world::ServedWorld;
 use crate::operate::{ServerStats, TickMetrics};
 use engine_task::EngineTask;
 use load::Load;
+use offers::Offers;
 use state::{Registry, ServerState};
 
 /// How long all goodbyes may take together.
@@ -106,22 +111,35 @@ impl Server {
         config: ServeConfig,
         identity: &Identity,
     ) -> Result<Self, BindError> {
+        let server = Self::listen(config, identity)?;
+        let first = server.world_changer().prepare(world);
+        let sent = server.state.events.try_send(first);
+        debug_assert!(sent.is_ok(), "nobody else knows the new server");
+        Ok(server)
+    }
+
+    /// Listens on the configured address. Clients are told to wait until
+    /// [`Server::world_changer`] has brought a world. Must be called within a tokio runtime.
+    ///
+    /// # Errors
+    /// When the configuration is out of range, the certificate is unusable or the address is taken.
+    pub fn listen(config: ServeConfig, identity: &Identity) -> Result<Self, BindError> {
         config.check()?;
         let endpoint = endpoint::listen(&config, identity)?;
-        let engine = Engine::new(world.world().clone(), config.engine());
         let started = Instant::now();
         let (events, received) = mpsc::channel(engine_task::EVENTS_MAX);
         let (close, closing) = watch::channel(false);
-        let metrics = Arc::new(TickMetrics::default());
+        let (metrics, offers) = (Arc::new(TickMetrics::default()), Arc::new(Offers::default()));
         let load = Arc::new(Load::default());
-        let task = EngineTask::new(engine, started, load.clone(), metrics.clone());
+        let (told, counted) = (load.clone(), metrics.clone());
+        let task = EngineTask::new(&config.engine(), offers.clone(), started, told, counted);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
         let registry = Mutex::new(Registry::new(&config));
         let state = Arc::new(ServerState {
             config,
-            world,
+            offers,
             events,
             started,
             registry,
@@ -133,6 +151,13 @@ impl Server {
         let accepting = tokio::spawn(accept::accept(endpoint.clone(), state.clone()));
         let fingerprint = identity.fingerprint();
         Ok(Self { endpoint, fingerprint, state, close, accepting, engine, stop })
+    }
+
+    /// What gives this server its world, and other ones later.
+    pub fn world_changer(&self) -> WorldChanger {
+        let state = &self.state;
+        let (config, offers) = (state.config.clone(), state.offers.clone());
+        WorldChanger::new(config, offers, state.started, &state.events)
     }
 
     /// The address that it listens on.

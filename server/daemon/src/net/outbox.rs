@@ -81,6 +81,16 @@ impl Outbox {
         }
     }
 
+    /// Adds the offer of another world. Nothing of the one before waits or comes any more.
+    pub fn leave_world(&self, offer: &ServerMessage) {
+        let mut waiting = self.waiting();
+        waiting.outbound.leave_world();
+        waiting.reporting = None;
+        self.add(&mut waiting, offer);
+        drop(waiting);
+        self.filled.notify_one();
+    }
+
     /// Adds an output of the engine. The client's task is not woken before [`Outbox::flush`].
     pub fn tell(&self, output: &Output, now: Duration) {
         let mut waiting = self.waiting();

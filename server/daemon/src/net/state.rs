@@ -8,11 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sightline_protocol::{
-    VERSION,
-    message::{Refusal, ServerMessage},
-    text::Name,
-};
+use sightline_protocol::{VERSION, message::Refusal, text::Name};
 use sightline_world::motion::AvatarId;
 use tokio::sync::{mpsc, watch};
 
@@ -25,14 +21,14 @@ use super::{
     load::Load,
     log_limits::LogLimits,
     names::Names,
-    served_world::ServedWorld,
+    offers::Offers,
 };
 use crate::operate::TickMetrics;
 
 /// What all sessions of a server share.
 pub struct ServerState {
     pub config: ServeConfig,
-    pub world: ServedWorld,
+    pub offers: Arc<Offers>,
     /// Where events for the engine go.
     pub events: mpsc::Sender<TimedEvent>,
     /// When the server's time was zero.
@@ -106,7 +102,8 @@ impl ServerState {
         self.events.send(TimedEvent { at, event }).await.is_ok()
     }
 
-    /// Admits a client, if it speaks this version and there is room. Returns the name that it has.
+    /// Admits a client and welcomes it, if it speaks this version and there is room. Returns the name
+    /// that it has.
     pub fn admit(&self, client: &Arc<ConnectedClient>, hello: &Hello) -> Result<Name, Refusal> {
         if hello.is_foreign {
             return Err(Refusal::Version { server: VERSION });
@@ -127,6 +124,9 @@ impl ServerState {
         }
         registry.clients.insert(client.avatar, client.clone());
         let name = registry.names.claim(client.avatar, &hello.name);
+        let interval_us = self.config.tick_interval().as_micros() as u32;
+        let interval_us = NonZeroU32::new(interval_us).unwrap_or(NonZeroU32::MIN);
+        self.offers.welcome(client, interval_us);
         if registry.log.allows(address, self.now()) {
             tracing::info!(avatar = client.avatar.0, name = ?name.as_str(), "joined");
         }
@@ -136,16 +136,5 @@ impl ServerState {
     /// Whether the log may have a line about a peer.
     pub fn may_log(&self, address: IpAddr) -> bool {
         self.registry().log.allows(address, self.now())
-    }
-
-    /// The answer to an admitted client's hello.
-    pub fn welcome(&self, avatar: AvatarId) -> ServerMessage {
-        let interval_us = self.config.tick_interval().as_micros() as u32;
-        ServerMessage::Welcome {
-            avatar,
-            world: self.world.id().0,
-            world_bytes: self.world.bytes().len() as u64,
-            tick_interval_us: NonZeroU32::new(interval_us).unwrap_or(NonZeroU32::MIN),
-        }
     }
 }

@@ -192,6 +192,11 @@ impl PoseEncoder {
         self.avatars.remove(&avatar);
     }
 
+    /// Stops sending about all avatars. Later datagrams count on.
+    pub fn forget_all(&mut self) {
+        self.avatars.clear();
+    }
+
     /// Processes an acknowledgement of the client. One of a datagram that was never sent is
     /// ignored.
     pub fn acknowledge(&mut self, ack: Ack) {

@@ -101,6 +101,11 @@ pub enum ReadError {
     Octree(#[from] OctreeError),
 }
 
+/// Whether a file that begins with these bytes is a world, of any version.
+pub fn is_world_file(begins: &[u8]) -> bool {
+    begins.starts_with(&MAGIC)
+}
+
 impl World {
     /// The bytes of the world file. Equal worlds give equal bytes on all native platforms.
     pub fn to_bytes(&self) -> Vec<u8> {

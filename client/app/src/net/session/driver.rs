@@ -2,12 +2,14 @@
 
 use std::{sync::Arc, time::Duration};
 
+use glam::Vec3;
 use quinn::{SendDatagramError, VarInt};
 use sightline_client_core::replica::{Event, Outgoing};
 use sightline_protocol::{
     message::{ClientMessage, ServerMessage},
     text::ChatLine,
 };
+use sightline_world::{ContentId, motion::Pose};
 use tokio::{
     sync::mpsc,
     time::{MissedTickBehavior, timeout},
@@ -15,14 +17,18 @@ use tokio::{
 
 use super::{
     super::{
+        cache::WorldCache,
         control_stream::ControlStream,
         error::{ConnectError, lost},
+        passage::{WorldOffer, offered_world},
     },
     state::SharedState,
 };
 
 /// The number of chat lines that may wait to be sent.
 pub(super) const COMMANDS_MAX: usize = 16;
+/// The time within which the server must give a place to a client that asks to enter.
+const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 /// The time within which the last messages must arrive.
 pub(super) const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
 
@@ -37,23 +43,50 @@ pub(super) enum SessionCommand {
 /// The task of a session.
 pub(super) struct Driver {
     control: ControlStream,
+    cache: Arc<WorldCache>,
     shared: Arc<SharedState>,
+    /// Where the client was when it was told of the world that it enters now.
+    moves_from: Option<Pose>,
+}
+
+/// What comes of a message.
+enum Heard {
+    Nothing,
+    /// Another world is offered.
+    World(WorldOffer),
+    /// The server said goodbye, for this reason.
+    Goodbye(String),
 }
 
 impl Driver {
-    /// The task of a session that has been welcomed, and has no place yet.
-    pub(super) fn new(control: ControlStream, shared: Arc<SharedState>) -> Self {
-        Self { control, shared }
+    /// The task of a session that has the first world, and has not entered it yet.
+    pub(super) fn new(
+        control: ControlStream,
+        cache: Arc<WorldCache>,
+        shared: Arc<SharedState>,
+    ) -> Self {
+        Self { control, cache, shared, moves_from: None }
     }
 
-    /// Waits until the server gives a place.
-    pub(super) async fn wait_for_place(&mut self) -> Result<(), ConnectError> {
+    /// Asks to enter the first world, and waits until the server gives a place in it, or in another
+    /// one that takes its place.
+    pub(super) async fn enter(
+        &mut self,
+        world: u32,
+        place: Option<Vec3>,
+    ) -> Result<(), ConnectError> {
+        let place = place.map(Into::into);
+        self.send(&ClientMessage::Enter { world, place, reports_from: 0 }).await?;
         while self.shared.lock().replica.reporting_state().is_none() {
-            let message = self.control.receive().await?;
-            if let ServerMessage::Goodbye { reason } = message {
-                return Err(ConnectError::Goodbye(reason.into()));
+            let message = timeout(ANSWER_DEADLINE, self.control.receiver.receive()).await;
+            let message = message.map_err(|_| {
+                ConnectError::Lost("the server gave no place in time".to_owned())
+            })?;
+            match self.handle(message?).await? {
+                Heard::Nothing => {}
+                Heard::World(offer) => self.move_to(offer).await?,
+                Heard::Goodbye(reason) => return Err(ConnectError::Goodbye(reason)),
             }
-            self.handle(message).await?;
         }
         Ok(())
     }
@@ -82,11 +115,14 @@ impl Driver {
         let connection = self.shared.connection.clone();
         loop {
             tokio::select! {
-                message = self.control.receive() => {
-                    if let Some(goodbye) = self.handle(message?).await? {
-                        return Ok(goodbye);
-                    }
-                }
+                message = self.control.receiver.receive() => match self.handle(message?).await? {
+                    Heard::Nothing => {}
+                    Heard::Goodbye(reason) => return Ok(reason),
+                    Heard::World(offer) => tokio::select! {
+                        moved = self.move_to(offer) => moved?,
+                        () = told_to_leave(inbox) => return self.leave().await,
+                    },
+                },
                 datagram = connection.read_datagram() => {
                     let datagram = datagram.map_err(lost)?;
                     self.shared.count_received(datagram.len());
@@ -98,14 +134,26 @@ impl Driver {
                 _ = ticks.tick() => self.tick().await?,
                 command = inbox.recv() => match command {
                     Some(SessionCommand::Say(text)) => self.send(&ClientMessage::Chat { text }).await?,
-                    Some(SessionCommand::Leave) | None => {
-                        self.send(&ClientMessage::Goodbye).await?;
-                        let _ = timeout(FAREWELL_DEADLINE, self.control.finish()).await;
-                        return Ok("left".to_owned());
-                    }
+                    Some(SessionCommand::Leave) | None => return self.leave().await,
                 },
             }
         }
+    }
+
+    async fn leave(&mut self) -> Result<String, ConnectError> {
+        self.send(&ClientMessage::Goodbye).await?;
+        let _ = timeout(FAREWELL_DEADLINE, self.control.sender.finish()).await;
+        Ok("left".to_owned())
+    }
+
+    /// Gets the offered world, or one that takes its place meanwhile, and asks to go on in it.
+    async fn move_to(&mut self, offer: WorldOffer) -> Result<(), ConnectError> {
+        let (offer, world) =
+            offered_world(&mut self.control, &self.cache, Some(offer), None).await?;
+        let (from, reports_from) = self.shared.lock().leave_world(world);
+        self.moves_from = Some(from);
+        let place = Some(from.eye.into());
+        self.send(&ClientMessage::Enter { world: offer.number, place, reports_from }).await
     }
 
     /// The goodbye that arrived together with the end of the connection, if any. The end may be
@@ -113,25 +161,36 @@ impl Driver {
     async fn last_words(&mut self) -> Option<String> {
         self.shared.connection.close_reason()?;
         // Messages that arrived before the end are finite, and can still be read.
-        while let Ok(message) = self.control.receive().await {
-            if let Ok(Some(goodbye)) = self.handle(message).await {
+        while let Ok(message) = self.control.receiver.receive().await {
+            if let Ok(Heard::Goodbye(goodbye)) = self.handle(message).await {
                 return Some(goodbye);
             }
         }
         None
     }
 
-    /// Applies a message to the replica, and answers it if the server asked. Returns the reason of
-    /// a goodbye.
-    async fn handle(&mut self, message: ServerMessage) -> Result<Option<String>, ConnectError> {
-        self.shared.count_received(self.control.frame_bytes());
-        let mut goodbye = None;
+    /// Applies a message to the replica, and answers it if the server asked.
+    async fn handle(&mut self, message: ServerMessage) -> Result<Heard, ConnectError> {
+        self.shared.count_received(self.control.receiver.frame_bytes());
+        if let ServerMessage::World { number, id, bytes } = message {
+            let mut state = self.shared.lock();
+            let now = self.shared.now();
+            state.move_on(now);
+            (state.posed, state.is_moving_over) = (None, true);
+            return Ok(Heard::World(WorldOffer { number, id: ContentId(id), bytes }));
+        }
+        let mut heard = Heard::Nothing;
         let answer = {
             let now = self.shared.now();
             let mut state = self.shared.lock();
             if let Some(mut event) = state.replica.message(now, message)? {
                 match &mut event {
-                    Event::Goodbye(reason) => goodbye = Some(reason.clone()),
+                    Event::Goodbye(reason) => heard = Heard::Goodbye(reason.clone()),
+                    Event::Entered(pose) => {
+                        if let Some(from) = self.moves_from.take() {
+                            *pose = state.move_over(&from, *pose);
+                        }
+                    }
                     Event::Corrected(_) => state.posed = None,
                     Event::Chat { from, name, .. } if *from == state.replica.avatar() => {
                         *name = self.shared.name.to_string();
@@ -146,7 +205,7 @@ impl Driver {
         if let Some(answer) = answer {
             self.send(&answer).await?;
         }
-        Ok(goodbye)
+        Ok(heard)
     }
 
     async fn tick(&mut self) -> Result<(), ConnectError> {
@@ -174,8 +233,13 @@ impl Driver {
     }
 
     async fn send(&mut self, message: &ClientMessage) -> Result<(), ConnectError> {
-        let bytes = self.control.send(message).await?;
+        let bytes = self.control.sender.send(message).await?;
         self.shared.count_sent(bytes);
         Ok(())
     }
+}
+
+/// Waits until the session is told to leave. What it is to say meanwhile is dropped: nobody hears.
+async fn told_to_leave(inbox: &mut mpsc::Receiver<SessionCommand>) {
+    while let Some(SessionCommand::Say(_)) = inbox.recv().await {}
 }

@@ -13,11 +13,11 @@ use sightline_client_core::{
     replica::{AvatarSource, Event, HeldAvatar, Replica, Update, VisibleAvatar},
     reporting::ReportingCounts,
 };
-use sightline_protocol::text::{ChatLine, Name, TextError};
+use sightline_protocol::text::{ChatLine, TextError};
 use sightline_world::{
     World,
     geometry::Aabb,
-    motion::{AvatarId, Pose, ReportingState},
+    motion::{Agility, AvatarId, Pose, ReportingState},
 };
 use tokio::{runtime::Runtime, sync::mpsc, task::JoinHandle, time::timeout};
 
@@ -25,13 +25,26 @@ use self::{
     driver::{COMMANDS_MAX, Driver, FAREWELL_DEADLINE, SessionCommand},
     state::SharedState,
 };
-use super::{control_stream::ControlStream, error::ConnectError};
+use super::{
+    cache::WorldCache,
+    control_stream::ControlStream,
+    dialer::ConnectOptions,
+    error::ConnectError,
+    passage::offered_world,
+};
+
+/// A client that has been welcomed, and has no world yet.
+pub(super) struct Welcomed {
+    pub(super) control: ControlStream,
+    pub(super) avatar: AvatarId,
+    pub(super) tick_interval: Duration,
+    pub(super) cache: Arc<WorldCache>,
+}
 
 /// A client in a world. Its methods never wait for the network, and may be called from any thread.
 /// Dropping it ends the connection; [`Session::leave`] says goodbye first.
 pub struct Session {
     shared: Arc<SharedState>,
-    world: Arc<World>,
     commands: mpsc::Sender<SessionCommand>,
     task: JoinHandle<()>,
     /// The runtime of a session for a thread that has none.
@@ -72,21 +85,22 @@ pub struct SessionStats {
 }
 
 impl Session {
-    /// Waits until the server gives a place, then lets the session run by itself.
+    /// Gets the world that the server offers and enters it, then lets the session run by itself.
     pub(super) async fn start(
-        control: ControlStream,
-        replica: Replica,
-        world: Arc<World>,
-        name: Name,
+        welcomed: Welcomed,
+        options: &ConnectOptions,
     ) -> Result<Self, ConnectError> {
-        let tick_interval = replica.tick_interval();
-        let connection = control.connection().clone();
-        let shared = Arc::new(SharedState::new(connection, replica, name));
-        let mut driver = Driver::new(control, shared.clone());
-        driver.wait_for_place().await?;
+        let Welcomed { mut control, avatar, tick_interval, cache } = welcomed;
+        let progress = options.progress.as_ref();
+        let (offer, world) = offered_world(&mut control, &cache, None, progress).await?;
+        let replica = Replica::new(avatar, tick_interval, Agility::of(&world.body, world.speed_max));
+        let (connection, name) = (control.connection.clone(), options.name.clone());
+        let shared = Arc::new(SharedState::new(connection, replica, world, name));
+        let mut driver = Driver::new(control, cache, shared.clone());
+        driver.enter(offer.number, options.place).await?;
         let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
         let task = tokio::spawn(driver.run(inbox, tick_interval));
-        Ok(Self { shared, world, commands, task, runtime: None })
+        Ok(Self { shared, commands, task, runtime: None })
     }
 
     /// Hands over the runtime in which the session runs.
@@ -95,9 +109,15 @@ impl Session {
         self
     }
 
-    /// The building.
-    pub fn world(&self) -> &Arc<World> {
-        &self.world
+    /// The building. The server may replace it: each [`Event::Entered`] may be in another one.
+    pub fn world(&self) -> Arc<World> {
+        self.shared.lock().world.clone()
+    }
+
+    /// Whether the server has replaced the world and the client is not in the new one yet. Its avatar
+    /// stands still meanwhile.
+    pub fn is_moving_over(&self) -> bool {
+        self.shared.lock().is_moving_over
     }
 
     /// The server's time from tick to tick.
@@ -115,6 +135,9 @@ impl Session {
     pub fn set_pose(&self, pose: Pose) {
         let now = self.shared.now();
         let mut state = self.shared.lock();
+        if state.is_moving_over {
+            return;
+        }
         state.replica.set_pose(pose);
         state.posed = pose.is_finite().then_some((now, pose));
     }

@@ -3,7 +3,7 @@
 use std::{
     collections::VecDeque,
     sync::{
-        Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering::Relaxed},
     },
     time::{Duration, Instant},
@@ -12,8 +12,13 @@ use std::{
 use quinn::Connection;
 use sightline_client_core::replica::{Event, Replica};
 use sightline_protocol::text::Name;
-use sightline_world::motion::Pose;
+use sightline_world::{
+    World,
+    motion::{Agility, Pose},
+};
 
+/// Who is put no farther away than this, in metres, goes on where it was.
+const GOES_ON_M: f32 = 1.0;
 /// The own avatar is not moved on by itself for longer than this.
 const MOVE_ON_MAX: Duration = Duration::from_millis(50);
 /// The number of events kept for the caller. Beyond it, the oldest are dropped.
@@ -35,6 +40,10 @@ pub(super) struct SharedState {
 /// The part of the state behind a lock.
 pub(super) struct LockedState {
     pub(super) replica: Replica,
+    /// The world that the client is in, or was in last.
+    pub(super) world: Arc<World>,
+    /// Whether the client is on its way into another world. Its avatar stands still meanwhile.
+    pub(super) is_moving_over: bool,
     /// The pose of the own avatar as it was last set, and when.
     pub(super) posed: Option<(Duration, Pose)>,
     pub(super) events: VecDeque<Event>,
@@ -56,13 +65,17 @@ pub(super) struct RateMeter {
 
 impl SharedState {
     /// The state of a session that starts now.
-    pub(super) fn new(connection: Connection, replica: Replica, name: Name) -> Self {
-        let (events, meter) = (VecDeque::new(), RateMeter::default());
+    pub(super) fn new(
+        connection: Connection,
+        replica: Replica,
+        world: Arc<World>,
+        name: Name,
+    ) -> Self {
         Self {
             connection,
             started: Instant::now(),
             name,
-            locked: Mutex::new(LockedState { replica, posed: None, events, end: None, meter }),
+            locked: Mutex::new(LockedState::new(replica, world)),
             messages_in: AtomicU64::new(0),
             messages_out: AtomicU64::new(0),
             bytes_in: AtomicU64::new(0),
@@ -94,6 +107,30 @@ impl SharedState {
 }
 
 impl LockedState {
+    fn new(replica: Replica, world: Arc<World>) -> Self {
+        let (events, meter) = (VecDeque::new(), RateMeter::default());
+        Self { replica, world, is_moving_over: false, posed: None, events, end: None, meter }
+    }
+
+    /// Leaves the world for another one, whose world file is here. Returns where the client asks to
+    /// go on, and from when its reports are about the other world.
+    pub(super) fn leave_world(&mut self, world: Arc<World>) -> (Pose, u32) {
+        let reports_from = self.replica.leave_world(Agility::of(&world.body, world.speed_max));
+        self.world = world;
+        (self.replica.pose(), reports_from)
+    }
+
+    /// Moves over into another world: the client is given a place there. Who goes on near its
+    /// former place looks where it looked.
+    pub(super) fn move_over(&mut self, from: &Pose, given: Pose) -> Pose {
+        let goes_on = from.eye.distance(given.eye) < GOES_ON_M;
+        let (yaw, pitch) = if goes_on { (from.yaw, from.pitch) } else { (given.yaw, given.pitch) };
+        let pose = Pose { yaw, pitch, ..given };
+        self.replica.set_pose(pose);
+        self.is_moving_over = false;
+        pose
+    }
+
     /// Moves the own avatar on to where it is now, straight on from where it was last set.
     pub(super) fn move_on(&mut self, now: Duration) {
         if let Some((at, pose)) = self.posed {
@@ -139,8 +176,8 @@ mod tests {
     fn between_two_frames_the_own_avatar_goes_straight_on_for_a_short_while() {
         let (tick, agility) = (Duration::from_millis(50), Agility::of(&Body::PERSON, 4.0));
         let replica = Replica::new(AvatarId(1), tick, agility);
-        let (events, meter) = (VecDeque::new(), RateMeter::default());
-        let mut state = LockedState { replica, posed: None, events, end: None, meter };
+        let world = Arc::new(sightline_fixtures::voxel_floor::world(&[]));
+        let mut state = LockedState::new(replica, world);
         let mut x_at = |posed, ms: u64| {
             state.posed = posed;
             state.move_on(Duration::from_millis(ms));

@@ -3,6 +3,8 @@
 //! The `gltf` crate validates documents, but takes some things for granted and refuses extensions
 //! that it does not know. Both are seen to here, on the JSON.
 
+use std::collections::BTreeSet;
+
 use gltf::{
     Document, Semantic,
     json::{Index, Root, validation::Checked},
@@ -24,6 +26,16 @@ pub(super) fn read(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), GlbError
     let root: Root = serde_json::from_value(json).map_err(invalid)?;
     check_positions(&root)?;
     Ok((Document::from_json(root)?, blob))
+}
+
+/// The URIs of buffers and images that are not within the file, each once. Of a faulty file, those
+/// that can be told.
+pub(super) fn uris(bytes: &[u8]) -> BTreeSet<String> {
+    let json = split(bytes).ok().and_then(|(json, _)| serde_json::from_slice::<Value>(&json).ok());
+    let lists = ["buffers", "images"].map(|list| json.as_ref()?.get(list)?.as_array());
+    let named = |item: &Value| Some(item.get("uri")?.as_str()?.to_owned());
+    let all = lists.into_iter().flatten().flatten().filter_map(named);
+    all.filter(|uri| !uri.starts_with("data:")).collect()
 }
 
 /// The JSON and the binary chunk.

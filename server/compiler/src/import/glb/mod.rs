@@ -24,7 +24,7 @@ mod resources;
 mod scene;
 mod survey;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::limits;
 use crate::model::Model;
@@ -59,6 +59,12 @@ pub fn read_placed(
     let mut model = scene::Reader::new(&document, resources, title, root.transform).read()?;
     model.warnings.splice(0..0, root.notes);
     Ok(model)
+}
+
+/// The files in a folder that a .glb or .gltf refers to, whether or not they are there.
+pub fn referred_files(bytes: &[u8], folder: &Path) -> Vec<PathBuf> {
+    let files = document::uris(bytes).into_iter();
+    files.filter_map(|uri| resources::file_of(&uri, folder).ok()).collect()
 }
 
 #[cfg(test)]

@@ -140,16 +140,21 @@ fn fetch(uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, String> {
         let base64 = data.split_once(";base64,").map_or(data, |(_, base64)| base64);
         return STANDARD.decode(base64).map_err(|error| format!("bad data URI: {error}"));
     }
+    let folder = folder.ok_or("there is no folder to look in")?;
+    let path = file_of(uri, folder)?;
+    limits::read_file(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+}
+
+/// The file of a URI, in the folder or below it.
+pub(super) fn file_of(uri: &str, folder: &Path) -> Result<PathBuf, String> {
     let name = urlencoding::decode(uri).map_err(|_| "its URI is not text")?;
     if !stays_inside(&name) || !stays_inside(uri) {
         return Err(format!("{uri:.200} is outside the model's folder"));
     }
-    let folder = folder.ok_or("there is no folder to look in")?;
     let path = folder.join(name.as_ref());
     // Some programs write names as they are, percent signs and all.
     let as_written = folder.join(uri);
-    let path = if !path.exists() && as_written.is_file() { as_written } else { path };
-    limits::read_file(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+    Ok(if !path.exists() && as_written.is_file() { as_written } else { path })
 }
 
 /// Whether a name leads to a file in a folder or below it.

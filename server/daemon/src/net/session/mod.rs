@@ -7,7 +7,7 @@ mod writer;
 use std::{
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, Ordering::Relaxed},
+        atomic::{AtomicU32, Ordering::Relaxed},
     },
     time::Duration,
 };
@@ -22,9 +22,9 @@ use sightline_protocol::{
     quantise::WireReport,
     text::Name,
 };
-use sightline_world::tolerance::WIRE_POSE_M;
+use sightline_world::{Spawn, World, tolerance::WIRE_POSE_M};
 use tokio::{
-    task::JoinSet,
+    sync::watch,
     time::{Instant, sleep_until, timeout, timeout_at},
 };
 
@@ -32,8 +32,11 @@ use super::{
     admission::{BudgetDecision, MessageBudget, TokenBucket},
     client::{ConnectedClient, Hello},
     engine_task::{EngineEvent, Newcomer},
+    offers::WorldOffer,
+    places::room_near,
     state::ServerState,
 };
+use download::Downloads;
 use frames::FrameReader;
 use writer::OutboxWriter;
 
@@ -145,15 +148,18 @@ struct Session<'a> {
     state: &'a ServerState,
     client: Arc<ConnectedClient>,
     hello: Hello,
-    has_entered: AtomicBool,
+    /// The number of the world that the client has entered; zero before.
+    entered: AtomicU32,
+    /// Reports made earlier on the client's clock are about another world.
+    reports_from: AtomicU32,
     limits: Mutex<SessionLimits>,
 }
 
 struct SessionLimits {
     budget: MessageBudget,
     chat: TokenBucket,
-    /// When the client must have sent its next message.
-    deadline: Instant,
+    /// When the client must have sent its next message; `None` while there is no world to enter.
+    deadline: Option<Instant>,
 }
 
 impl<'a> Session<'a> {
@@ -163,20 +169,20 @@ impl<'a> Session<'a> {
         let limits = SessionLimits {
             budget: MessageBudget::new(state.config.tick_hz, now),
             chat: TokenBucket::new(CHAT_PER_SECOND, CHAT_BURST, now),
-            deadline: Instant::now() + ENTER_DEADLINE,
+            deadline: None,
         };
-        let (has_entered, limits) = (AtomicBool::new(false), Mutex::new(limits));
-        Self { state, client, hello, has_entered, limits }
+        let (entered, reports_from) = (AtomicU32::new(0), AtomicU32::new(0));
+        Self { state, client, hello, entered, reports_from, limits: Mutex::new(limits) }
     }
 
     /// Listens and sends, until something ends the session.
     async fn talk(&self, writer: &mut OutboxWriter, mut frames: FrameReader) -> SessionEnd {
-        self.client.outbox.push(&self.state.welcome(self.client.avatar));
         let mut closing = self.state.closing.clone();
         let end = tokio::select! {
             end = self.listen(&mut frames) => end,
             end = self.listen_to_datagrams() => end,
             end = self.watch_silence() => end,
+            end = self.watch_offers(self.state.offers.offers()) => end,
             end = writer.run(&self.client) => end,
             _ = closing.wait_for(|closing| *closing) => SessionEnd::Breach("the server is closing"),
         };
@@ -187,7 +193,7 @@ impl<'a> Session<'a> {
     }
 
     async fn listen(&self, frames: &mut FrameReader) -> SessionEnd {
-        let mut downloads = JoinSet::new();
+        let mut downloads = Downloads::default();
         loop {
             let handled = match frames.next().await {
                 Ok(frame) => self.handle_frame(&frame, &mut downloads).await,
@@ -215,24 +221,37 @@ impl<'a> Session<'a> {
     async fn watch_silence(&self) -> SessionEnd {
         loop {
             let deadline = self.limits().deadline;
-            if deadline <= Instant::now() {
+            if deadline.is_some_and(|deadline| deadline <= Instant::now()) {
                 return SessionEnd::Breach("silent for too long");
             }
             // The deadline may become an earlier one: that of a client in the world.
-            let wake = deadline.min(Instant::now() + LOOK_INTERVAL);
+            let look = Instant::now() + LOOK_INTERVAL;
+            let wake = deadline.map_or(look, |deadline| deadline.min(look));
             sleep_until(wake).await;
             // A server that wakes late was late in reading, too.
             let late = wake.elapsed();
-            if late > WAKES_LATE {
-                self.limits().deadline += late + WAKES_LATE;
+            if late > WAKES_LATE
+                && let Some(deadline) = &mut self.limits().deadline
+            {
+                *deadline += late + WAKES_LATE;
             }
         }
+    }
+
+    /// Gives the client its time to enter, for each world that is offered.
+    async fn watch_offers(&self, mut offers: watch::Receiver<Option<WorldOffer>>) -> SessionEnd {
+        offers.mark_changed();
+        while offers.changed().await.is_ok() {
+            let is_offered = offers.borrow_and_update().is_some();
+            self.limits().deadline = is_offered.then(|| Instant::now() + ENTER_DEADLINE);
+        }
+        SessionEnd::Breach("the server is closing")
     }
 
     async fn handle_frame(
         &self,
         frame: &[u8],
-        downloads: &mut JoinSet<()>,
+        downloads: &mut Downloads,
     ) -> Result<(), SessionEnd> {
         self.client.counters.frame_in(frame.len() + PREFIX_BYTES);
         if !self.is_within_budget(frame.len())? {
@@ -241,8 +260,10 @@ impl<'a> Session<'a> {
         let avatar = self.client.avatar;
         match ClientMessage::decode(frame)? {
             ClientMessage::Hello { .. } => Err(SessionEnd::Breach("a second hello")),
-            ClientMessage::FetchWorld => self.send_world(downloads),
-            ClientMessage::Enter { place } => self.enter(place.map(Into::into)).await,
+            ClientMessage::FetchWorld { world } => self.send_world(world, downloads),
+            ClientMessage::Enter { world, place, reports_from } => {
+                self.enter(world, place.map(Into::into), reports_from).await
+            }
             ClientMessage::Report { report, ack } => {
                 self.client.outbox.acknowledge(ack);
                 self.report(&report).await
@@ -272,6 +293,9 @@ impl<'a> Session<'a> {
     }
 
     async fn report(&self, report: &WireReport) -> Result<(), SessionEnd> {
+        if report.made < self.reports_from.load(Relaxed) {
+            return Ok(());
+        }
         let report = report.report(self.state.config.tick_interval());
         self.pass_on(Input::Report { avatar: self.client.avatar, report }).await
     }
@@ -285,31 +309,53 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Whether a client may enter at a place of its choice. Spawn points are open to everybody.
-    fn may_enter_at(&self, place: Vec3) -> bool {
-        let spawns = &self.state.world.world().spawns;
-        self.state.config.free_entry
-            || spawns.iter().any(|spawn| spawn.eye.distance(place) <= WIRE_POSE_M)
+    /// Where a client that asks for a place enters: there, if it was there in the world before, or
+    /// is free to choose. `None` for a spawn point.
+    fn place_in(&self, world: &World, asked: Option<Vec3>) -> Option<Vec3> {
+        let (former, asked) = (self.client.take_former(), asked?);
+        if let Some(former) = former {
+            return room_near(world, former.going_on(asked));
+        }
+        let is_spawn = |spawn: &Spawn| spawn.eye.distance(asked) <= WIRE_POSE_M;
+        (self.state.config.free_entry || world.spawns.iter().any(is_spawn)).then_some(asked)
     }
 
-    async fn enter(&self, place: Option<Vec3>) -> Result<(), SessionEnd> {
-        if self.has_entered.swap(true, Relaxed) {
+    async fn enter(
+        &self,
+        world: u32,
+        place: Option<Vec3>,
+        reports_from: u32,
+    ) -> Result<(), SessionEnd> {
+        let Some(offer) = self.offer_of(world)? else { return Ok(()) };
+        let before = self.entered.swap(world, Relaxed);
+        if before == world {
             return Err(SessionEnd::Breach("entered twice"));
         }
-        if !self.state.registry().places.enter(self.client.avatar) {
+        if before == 0 && !self.state.registry().places.enter(self.client.avatar) {
             return Err(SessionEnd::Breach("the server is full"));
         }
+        self.reports_from.store(reports_from, Relaxed);
         self.extend_deadline();
         let (name, colour) = (self.hello.name.clone().into(), self.hello.colour);
         let client = self.client.clone();
-        let place = place.filter(|place| self.may_enter_at(*place));
+        let place = self.place_in(offer.world.world(), place);
         self.state.load.waits();
-        self.send_event(EngineEvent::Join(Newcomer { client, name, colour, place })).await
+        self.send_event(EngineEvent::Join(Newcomer { client, world, name, colour, place })).await
     }
 
-    /// Passes on what a client in the world did. From a client that has not entered it is ignored.
+    /// The offer with a number; `None` when another one has taken its place.
+    fn offer_of(&self, world: u32) -> Result<Option<WorldOffer>, SessionEnd> {
+        let offer = self.state.offers.offer();
+        if offer.as_ref().is_none_or(|offer| offer.number < world) {
+            return Err(SessionEnd::Breach("there is no such world"));
+        }
+        Ok(offer.filter(|offer| offer.number == world))
+    }
+
+    /// Passes on what a client in the world did. From a client that is not in it, it is ignored.
     async fn pass_on(&self, input: Input) -> Result<(), SessionEnd> {
-        if !self.has_entered.load(Relaxed) {
+        let entered = self.entered.load(Relaxed);
+        if self.state.offers.offer().is_none_or(|offer| offer.number != entered) {
             return Ok(());
         }
         self.extend_deadline();
@@ -326,17 +372,20 @@ impl<'a> Session<'a> {
         let config = &self.state.config;
         // A quiet client need not say anything while its TBV is valid.
         let silence = Duration::from_secs_f64(config.silence_s + config.validity_max_s);
-        self.limits().deadline = Instant::now() + silence;
+        self.limits().deadline = Some(Instant::now() + silence);
     }
 
-    /// Starts the download of the world, which extends the time to enter.
-    fn send_world(&self, downloads: &mut JoinSet<()>) -> Result<(), SessionEnd> {
-        if !downloads.is_empty() || self.has_entered.load(Relaxed) {
+    /// Starts the download of a world, which extends the time to enter it.
+    fn send_world(&self, world: u32, downloads: &mut Downloads) -> Result<(), SessionEnd> {
+        let Some(offer) = self.offer_of(world)? else { return Ok(()) };
+        if downloads.last() == world || self.entered.load(Relaxed) == world {
             return Err(SessionEnd::Breach("the world asked for twice"));
         }
-        let world = self.state.world.bytes().clone();
-        self.limits().deadline += download::time_allowed(world.len());
-        download::start(world, self.client.clone(), downloads);
+        let bytes = offer.world.bytes().clone();
+        if let Some(deadline) = &mut self.limits().deadline {
+            *deadline += download::time_allowed(bytes.len());
+        }
+        downloads.start(world, bytes, self.client.clone());
         Ok(())
     }
 

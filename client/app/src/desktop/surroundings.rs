@@ -1,0 +1,50 @@
+//! The building that is walked in, and what drawing it needs.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use sightline_renderer::{
+    moving::{Culling, MovingRenderer},
+    node_visibility::VisibilityPrefetcher,
+    rooms::RoomWireframes,
+};
+use sightline_visibility::rooms::RoomIndex;
+use sightline_world::World;
+
+/// The building that is walked in, and what drawing it needs.
+pub(super) struct Surroundings {
+    pub(super) world: Arc<World>,
+    pub(super) rooms: RoomIndex,
+    pub(super) moving: MovingRenderer,
+    /// Finds hidden nodes, if the options ask for it.
+    pub(super) ahead: Option<VisibilityPrefetcher>,
+    /// Made when first needed.
+    wires: Option<RoomWireframes>,
+}
+
+impl Surroundings {
+    /// The surroundings in a building. `fuzzy` finds hidden nodes ahead of the eye.
+    pub(super) fn new(world: Arc<World>, fuzzy: bool) -> Self {
+        let ahead = if fuzzy {
+            let ahead = VisibilityPrefetcher::new(&world.octree);
+            ahead.inspect_err(|error| tracing::warn!(%error, "hidden nodes are not left out")).ok()
+        } else {
+            None
+        };
+        let rooms = RoomIndex::new(&world);
+        let moving = MovingRenderer::new(&world, Culling::default());
+        Self { world, rooms, moving, ahead, wires: None }
+    }
+
+    /// The rooms as wire frames.
+    pub(super) fn wires(&mut self) -> &RoomWireframes {
+        self.wires.get_or_insert_with(|| RoomWireframes::new(&self.world))
+    }
+
+    /// The name of the building, and of the room around an eye.
+    pub(super) fn place_name(&self, eye: Vec3) -> String {
+        let room = self.rooms.room_at(eye).and_then(|room| self.world.rooms.get(room));
+        let room = room.map(|room| format!(", {}", room.title())).unwrap_or_default();
+        format!("{}{room}", self.world.title)
+    }
+}

@@ -1,0 +1,83 @@
+//! The way into a world that the server offers: first of all, and whenever it offers another one.
+
+use std::sync::Arc;
+
+use sightline_client_core::replica::ReplicaError;
+use sightline_protocol::message::ServerMessage;
+use sightline_world::{ContentId, World};
+
+use super::{
+    cache::WorldCache,
+    control_stream::{ControlReceiver, ControlStream},
+    download::fetch,
+    error::ConnectError,
+};
+
+/// What a client waits for before it is in a world.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum JoinProgress {
+    /// The server has no world yet, and says what it does.
+    Waiting(String),
+    /// The world is being downloaded.
+    Download {
+        /// The number of bytes received so far.
+        done: u64,
+        /// The number of all bytes.
+        all: u64,
+    },
+}
+
+/// Called as a client comes nearer to a world.
+pub type ProgressListener = Arc<dyn Fn(JoinProgress) + Send + Sync>;
+
+/// A world that the server offers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct WorldOffer {
+    pub(super) number: u32,
+    pub(super) id: ContentId,
+    /// The length of its file.
+    pub(super) bytes: u64,
+}
+
+/// Waits for an offer unless there is one, and gets the world. Whenever the server offers another
+/// one meanwhile, that one is got instead.
+pub(super) async fn offered_world(
+    control: &mut ControlStream,
+    cache: &WorldCache,
+    offer: Option<WorldOffer>,
+    progress: Option<&ProgressListener>,
+) -> Result<(WorldOffer, Arc<World>), ConnectError> {
+    let ControlStream { connection, sender, receiver } = control;
+    let mut offer = match offer {
+        Some(offer) => offer,
+        None => next_offer(receiver, progress).await?,
+    };
+    loop {
+        let fetching = fetch(sender, connection, offer, progress);
+        tokio::select! {
+            world = cache.get(offer.id, fetching) => return Ok((offer, world?)),
+            newer = next_offer(receiver, progress) => offer = newer?,
+        }
+    }
+}
+
+/// Waits for the next offer, however long it takes.
+async fn next_offer(
+    receiver: &mut ControlReceiver,
+    progress: Option<&ProgressListener>,
+) -> Result<WorldOffer, ConnectError> {
+    loop {
+        match receiver.receive().await? {
+            ServerMessage::World { number, id, bytes } => {
+                return Ok(WorldOffer { number, id: ContentId(id), bytes });
+            }
+            ServerMessage::Loading { what } => {
+                if let Some(progress) = progress {
+                    progress(JoinProgress::Waiting(what.into()));
+                }
+            }
+            ServerMessage::Goodbye { reason } => return Err(ConnectError::Goodbye(reason.into())),
+            _ => return Err(ReplicaError::OutOfPlace.into()),
+        }
+    }
+}

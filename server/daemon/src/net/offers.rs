@@ -1,0 +1,111 @@
+//! Which world is offered, and to whom. The two change together, so that every client hears of every
+//! world, in order.
+
+use std::{
+    collections::BTreeMap,
+    num::NonZeroU32,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+use sightline_protocol::{
+    message::ServerMessage,
+    text::ChatLine,
+};
+use sightline_world::motion::AvatarId;
+use tokio::sync::watch;
+
+use super::{client::ConnectedClient, served_world::ServedWorld};
+
+/// What is told before the server says what it does.
+const LOADING: &str = "the world is being loaded";
+
+/// A world that is offered to clients.
+#[derive(Clone, Debug)]
+pub struct WorldOffer {
+    /// Its number, from 1.
+    pub number: u32,
+    pub world: ServedWorld,
+}
+
+impl WorldOffer {
+    fn message(&self) -> ServerMessage {
+        let bytes = self.world.bytes().len() as u64;
+        ServerMessage::World { number: self.number, id: self.world.id().0, bytes }
+    }
+}
+
+/// The offered world, and the clients that it is offered to.
+pub struct Offers {
+    audience: Mutex<Audience>,
+    /// `None` until there is a world.
+    offer: watch::Sender<Option<WorldOffer>>,
+}
+
+struct Audience {
+    clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
+    /// What the server does until it has a world.
+    loading: ChatLine,
+}
+
+impl Default for Offers {
+    fn default() -> Self {
+        let loading = ChatLine::clipped(LOADING);
+        let audience = Mutex::new(Audience { clients: BTreeMap::new(), loading });
+        Self { audience, offer: watch::Sender::new(None) }
+    }
+}
+
+impl Offers {
+    /// Welcomes an admitted client, which hears of each world from now on.
+    pub fn welcome(&self, client: &Arc<ConnectedClient>, tick_interval_us: NonZeroU32) {
+        let mut audience = self.audience();
+        audience.clients.insert(client.avatar, client.clone());
+        let avatar = client.avatar;
+        client.outbox.push(&ServerMessage::Welcome { avatar, tick_interval_us });
+        client.outbox.push(&match &*self.offer.borrow() {
+            Some(offer) => offer.message(),
+            None => ServerMessage::Loading { what: audience.loading.clone() },
+        });
+    }
+
+    /// A client has left.
+    pub fn release(&self, avatar: AvatarId) {
+        self.audience().clients.remove(&avatar);
+    }
+
+    /// The offered world; `None` until there is one.
+    pub fn offer(&self) -> Option<WorldOffer> {
+        self.offer.borrow().clone()
+    }
+
+    /// Tells of each new offer.
+    pub fn offers(&self) -> watch::Receiver<Option<WorldOffer>> {
+        self.offer.subscribe()
+    }
+
+    /// Offers a world to all clients in place of the one before. Returns its number.
+    pub fn change_world(&self, world: ServedWorld) -> u32 {
+        let audience = self.audience();
+        let number = self.offer.borrow().as_ref().map_or(0, |before| before.number) + 1;
+        let offer = WorldOffer { number, world };
+        let message = offer.message();
+        self.offer.send_replace(Some(offer));
+        audience.clients.values().for_each(|client| client.outbox.leave_world(&message));
+        number
+    }
+
+    /// Tells clients what the server does, unless there is a world.
+    pub fn tell_loading(&self, what: &str) {
+        let mut audience = self.audience();
+        audience.loading = ChatLine::clipped(what);
+        if self.offer.borrow().is_none() {
+            let message = ServerMessage::Loading { what: audience.loading.clone() };
+            audience.clients.values().for_each(|client| client.outbox.push(&message));
+        }
+    }
+
+    fn audience(&self) -> MutexGuard<'_, Audience> {
+        // Hold it only for a moment: every session needs it.
+        self.audience.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
