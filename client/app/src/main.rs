@@ -15,6 +15,9 @@ struct Args {
     command: Command,
 }
 
+/// The name of the program in its errors.
+const PROGRAM: &str = "sightline-client";
+
 #[derive(Subcommand)]
 enum Command {
     Bench(cli::bench::Args),
@@ -25,12 +28,12 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = match Args::parse().command {
+    let outcome = match exit::arguments::<Args>(PROGRAM).command {
         Command::Bench(args) => cli::bench::run(&args),
         Command::Shot(args) => cli::shot::run(&args),
         Command::Swarm(args) => cli::swarm::run(&args),
         #[cfg(feature = "desktop")]
         Command::Walk(args) => cli::walk::run(&args),
     };
-    exit::code("sightline-client", outcome)
+    exit::code(PROGRAM, outcome)
 }

@@ -7,7 +7,7 @@ use crate::{rooms::RoomErrors, voxelise::VoxeliseError};
 #[non_exhaustive]
 pub enum CompileError {
     /// The model has nothing to draw and nothing that blocks sight.
-    #[error("the model has no triangles")]
+    #[error("the model has no triangles: export its meshes too")]
     Empty,
     /// The progress callback broke the compilation.
     #[error("cancelled")]

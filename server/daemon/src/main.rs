@@ -18,6 +18,9 @@ struct Args {
     command: Command,
 }
 
+/// The name of the program in its errors.
+const PROGRAM: &str = "sightline-server";
+
 #[derive(Subcommand)]
 enum Command {
     Compile(cli::compile::CompileArgs),
@@ -28,12 +31,12 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let outcome = match Args::parse().command {
+    let outcome = match exit::arguments::<Args>(PROGRAM).command {
         Command::Compile(args) => cli::compile::run(&args),
         Command::DemoBuilding(args) => cli::demo_building::run(&args),
         Command::Inspect(args) => cli::inspect::run(&args),
         Command::Replay(args) => cli::replay::run(&args),
         Command::Serve(args) => cli::serve::run(&args),
     };
-    exit::code("sightline-server", outcome)
+    exit::code(PROGRAM, outcome)
 }

@@ -8,6 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use sightline_server::net::ServeConfig;
 use sightline_world::World;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline-server");
@@ -158,6 +159,19 @@ fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {
         let left: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert_eq!(left, ["b.glb"]);
     }
+}
+
+/// What the help of `serve` says of the settings is what they are.
+#[test]
+fn the_help_of_serve_shows_every_default() {
+    let output = Command::new(PROGRAM).args(["serve", "--help"]).output().unwrap();
+    let help = String::from_utf8(output.stdout).unwrap();
+    let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    let settings = words.split_once("with their defaults: ").unwrap().1;
+    let settings = settings.split_once("; and data, world").unwrap().0.replace(", ", "\n");
+    let shown = ServeConfig::from_toml(&settings).unwrap();
+    assert_eq!(shown, ServeConfig::default());
+    assert_eq!(settings.lines().count(), 13, "all but data and world");
 }
 
 #[test]

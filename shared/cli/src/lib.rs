@@ -4,6 +4,7 @@
 //! * [`progress`]: a [`progress::Progress`] shows how far a long task is, with a bar on a terminal
 //!   and plain lines elsewhere.
 //! * [`output`]: text on stdout, lines on stderr, figures as JSON.
+//! * [`files`]: worlds to read, and files to write, that are named on the command line.
 //! * [`flags`]: parsers for the values of flags, and for addresses.
 //! * [`exit`]: exit codes, and the line that a failed program prints.
 //! * [`log`]: the log on stderr.
@@ -41,6 +42,7 @@
 //! ```
 
 pub mod exit;
+pub mod files;
 pub mod flags;
 pub mod log;
 pub mod output;

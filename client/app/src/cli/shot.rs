@@ -9,6 +9,7 @@ use std::{
 use anyhow::{bail, ensure};
 use glam::Vec3;
 use sightline_cli::{
+    files::{check_output, read_world},
     flags::{point, time},
     output,
     progress::Progress,
@@ -85,7 +86,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         args.frames.is_some() || !args.path.is_named(),
         "--path makes a film: give --frames too"
     );
-    let world = World::read(&args.world)?;
+    if args.frames.is_none() {
+        check_output(&args.output)?;
+    }
+    let world = read_world(&args.world)?;
     match args.frames {
         Some(frames) => film(args, &world, frames),
         None => picture(args, &world),

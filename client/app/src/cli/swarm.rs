@@ -3,7 +3,9 @@
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, ensure};
-use sightline_cli::{flags, log, output, progress::Progress, trace::Trace};
+use sightline_cli::{
+    files::check_output, flags, log, output, progress::Progress, trace::Trace,
+};
 use sightline_client::{
     net::{self, Dialer, Trust},
     swarm::{self, SwarmOptions, SwarmReport},
@@ -48,6 +50,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         args.seconds.is_finite() && (0.1..=86_400.0).contains(&args.seconds),
         "--seconds must be between 0.1 and 86400"
     );
+    args.json.as_deref().map_or(Ok(()), check_output)?;
     let address = flags::resolve(&args.address)?;
     let trust = match args.fingerprint {
         Some(fingerprint) => Trust::Pinned(fingerprint),

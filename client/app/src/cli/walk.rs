@@ -3,13 +3,12 @@
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail, ensure};
-use sightline_cli::{flags, log, output, progress::Progress};
+use sightline_cli::{files::read_world, flags, log, output, progress::Progress};
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
     net::{self, JoinProgress, Trust},
 };
 use sightline_protocol::{fingerprint::Fingerprint, text::Name};
-use sightline_world::World;
 
 /// Opens a window in a shared building.
 ///
@@ -35,7 +34,7 @@ pub struct Args {
     /// them ahead of the eye. The picture is the same; `bench --fuzzy` measures what it saves.
     #[arg(long)]
     fuzzy: bool,
-    /// Leave after this many seconds.
+    /// Leave after this many seconds; by default only when told to.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
 }
@@ -51,7 +50,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     };
     let summary = match &args.world {
         Some(path) => {
-            let world = Arc::new(World::read(path)?);
+            let world = Arc::new(read_world(path)?);
             let spawn = *world.spawns.first().context("the world has no spawn point")?;
             desktop::run(WorldSource::Alone(&world, spawn), options(args, &world.title, end))?
         }

@@ -5,7 +5,10 @@ pub mod glb;
 mod limits;
 mod movers;
 
-use std::path::{Path, PathBuf};
+use std::{
+    ffi::OsStr,
+    path::{Path, PathBuf},
+};
 
 use crate::model::Model;
 use bsp::BspError;
@@ -25,11 +28,24 @@ pub enum ReadError {
         source: std::io::Error,
     },
     /// The file is empty.
-    #[error("{0} is empty")]
+    #[error("{0} is empty: copy or export it again")]
     Empty(PathBuf),
     /// The format is unknown.
-    #[error("{0} is neither GLB, glTF nor a Quake III BSP")]
+    #[error("{0} is neither GLB, glTF nor a Quake III BSP: export it as GLB")]
     Format(PathBuf),
+    /// The format is known, and is not read.
+    #[error("{path} is {format}, which is not read: `{command}` converts it")]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        format: &'static str,
+        /// The command that converts it.
+        command: String,
+    },
+    /// The file is a world.
+    #[error("{0} is a world, which is compiled already: `sightline-server serve {0}` serves it")]
+    World(PathBuf),
     /// A Quake map was to be placed.
     #[error(
         "{0} is a Quake III BSP, which tells its own unit: leave out --scale, --up and --recentre"
@@ -76,8 +92,33 @@ pub fn read_placed(path: &Path, pk3s: &[PathBuf], placing: &Placing) -> Result<M
     } else if bytes.starts_with(b"glTF") || is_gltf {
         glb::read_placed(&bytes, path.parent(), &title, placing)
             .map_err(|source| ReadError::Glb { path: path.to_owned(), source })
+    } else if sightline_world::is_world_file(&bytes) {
+        Err(ReadError::World(path.to_owned()))
     } else {
-        Err(ReadError::Format(path.to_owned()))
+        Err(foreign(path))
+    }
+}
+
+/// What is wrong with a file that is no model, by its ending.
+fn foreign(path: &Path) -> ReadError {
+    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
+    let converter = match ending.as_deref().and_then(OsStr::to_str) {
+        Some("ifc") => Some(("IFC", "IfcConvert")),
+        Some("fbx") => Some(("FBX", "assimp export")),
+        Some("obj") => Some(("OBJ", "assimp export")),
+        Some("dae") => Some(("COLLADA", "assimp export")),
+        Some("3ds") => Some(("3DS", "assimp export")),
+        Some("stl") => Some(("STL", "assimp export")),
+        Some("ply") => Some(("PLY", "assimp export")),
+        _ => None,
+    };
+    match converter {
+        Some((format, converter)) => {
+            let converted = path.with_extension("glb");
+            let command = format!("{converter} {} {}", path.display(), converted.display());
+            ReadError::Foreign { path: path.to_owned(), format, command }
+        }
+        None => ReadError::Format(path.to_owned()),
     }
 }
 

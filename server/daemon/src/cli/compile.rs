@@ -3,7 +3,7 @@
 use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
-use sightline_cli::{exit::Interrupted, output, progress::Progress};
+use sightline_cli::{exit::Interrupted, files::check_output, output, progress::Progress};
 use sightline_compiler::{
     CompileError, CompileReport, compile,
     rooms::{RoomErrors, text::FileError},
@@ -34,6 +34,8 @@ pub struct CompileArgs {
 /// Runs the command.
 pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
+    check_output(&args.output)?;
+    args.json.as_deref().map_or(Ok(()), check_output)?;
     let model = match args.model.files(&args.input).read() {
         Err(SourceError::Rooms(FileError::RoomErrors(errors))) => return Err(report_errors(errors)),
         other => other?,

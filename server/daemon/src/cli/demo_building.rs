@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use sightline_cli::output;
+use sightline_cli::{files::check_output, output};
 use sightline_demo_building::ROOMS_MAX;
 use sightline_world::write_whole;
 
@@ -26,6 +26,7 @@ pub struct DemoBuildingArgs {
 
 /// Runs the command.
 pub fn run(args: &DemoBuildingArgs) -> anyhow::Result<()> {
+    check_output(&args.output)?;
     let (glb, summary) = if args.arched_floor {
         let floor = sightline_demo_building::arched_floor();
         (floor.glb, format!("{} polygons, {} triangles", floor.polygons, floor.triangles))

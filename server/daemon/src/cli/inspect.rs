@@ -1,11 +1,21 @@
 //! The command `sightline-server inspect`.
 
-use std::{fmt::Write, path::PathBuf, time::Duration};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use anyhow::Context;
 use glam::Vec3;
 use serde::Serialize;
-use sightline_cli::{exit::Interrupted, flags::point, output, progress::Progress};
+use sightline_cli::{
+    exit::Interrupted,
+    files::{check_output, world_bytes},
+    flags::point,
+    output,
+    progress::Progress,
+};
 use sightline_compiler::{
     carve_preview::{self, View},
     octree_statistics::{self, OctreeStatistics},
@@ -180,7 +190,11 @@ fn printable(text: &str) -> String {
 /// Runs the command.
 pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
     let named = || args.world.display().to_string();
-    let bytes = std::fs::read(&args.world).with_context(|| format!("cannot read {}", named()))?;
+    let rooms = args.suggest_rooms.as_deref().filter(|path| *path != Path::new("-"));
+    for file in [args.map.as_deref(), args.carved.as_deref(), rooms, args.json.as_deref()] {
+        file.map_or(Ok(()), check_output)?;
+    }
+    let bytes = world_bytes(&args.world)?;
     let world = World::from_bytes(&bytes).with_context(named)?;
     let suggested = args.suggest_rooms.as_ref().map(|_| suggested(&world)).transpose()?;
     let mut figures = InspectFigures {

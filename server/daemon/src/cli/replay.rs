@@ -10,7 +10,12 @@ use std::{
 };
 
 use anyhow::Context;
-use sightline_cli::{output, progress::Progress, trace::Trace};
+use sightline_cli::{
+    files::{check_output, read_world},
+    output,
+    progress::Progress,
+    trace::Trace,
+};
 use sightline_engine::{Config, Policy, PolicyError, TbvShape, Validity};
 use sightline_replay::{Comparison, OracleStride, ReplayOptions, TickView};
 use sightline_world::{World, rooms::Rooms};
@@ -63,7 +68,7 @@ pub struct ReplayArgs {
     /// Ignore the rooms and windows of the building's author.
     #[arg(long)]
     no_rooms: bool,
-    /// Run only this number of seconds of the trace.
+    /// Run only this number of seconds of the trace; by default all of it.
     #[arg(long, value_name = "S")]
     seconds: Option<u32>,
     /// How often rays check what clients hold: off, auto, or an interval in milliseconds.
@@ -97,7 +102,10 @@ enum ValidityChoice {
 
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<()> {
-    let mut world = World::read(&args.world)?;
+    for file in [&args.dump, &args.json] {
+        file.as_deref().map_or(Ok(()), check_output)?;
+    }
+    let mut world = read_world(&args.world)?;
     if args.no_rooms {
         world.rooms = Rooms::default();
     }

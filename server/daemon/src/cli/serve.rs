@@ -41,9 +41,10 @@ pub struct ServeArgs {
     /// Compile the building again whenever its files change, and move visitors over.
     #[arg(long)]
     watch: bool,
-    /// A TOML file with settings: listen, tick_hz, clients_max, clients_per_address_max,
-    /// horizon_max_ms, validity, shape, sight_test_budget, validity_max_s, threads, hello_s,
-    /// silence_s, free_entry, data, world. Flags override it.
+    /// A TOML file with settings, here with their defaults: listen = "[::]:4777", tick_hz = 20,
+    /// clients_max = 256, clients_per_address_max = 8, horizon_max_ms = 400, validity =
+    /// "until-left", shape = "reach", sight_test_budget = 300000, validity_max_s = 8, threads = 1,
+    /// hello_s = 10, silence_s = 30, free_entry = false; and data, world. Flags override it.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
     /// The folder for the certificate and compiled buildings. By default it is in your home folder.

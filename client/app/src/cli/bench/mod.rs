@@ -9,7 +9,11 @@ use std::path::PathBuf;
 
 use anyhow::ensure;
 use serde::Serialize;
-use sightline_cli::{output, progress::Progress};
+use sightline_cli::{
+    files::{check_output, read_world},
+    output,
+    progress::Progress,
+};
 use sightline_client::{
     bench::{
         self, BenchOptions, BenchRun, DepthAgreement, DrawMethod, ModeComparison, RayCaster,
@@ -142,7 +146,8 @@ struct Quality {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     ensure!((1..=picture::FRAMES_MAX).contains(&args.frames), "--frames must be from 1 to 100000");
-    let world = World::read(&args.world)?;
+    args.json.as_deref().map_or(Ok(()), check_output)?;
+    let world = read_world(&args.world)?;
     if let Some(most) = args.moving {
         let progress = Progress::new();
         let (text, figures) = moving::run(args, world, most as usize, &progress)?;
