@@ -1,6 +1,10 @@
 //! `sightline-client swarm`.
 
-use std::{path::PathBuf, sync::Arc, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
 
 use anyhow::{Context, ensure};
 use sightline_cli::{
@@ -56,7 +60,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
     };
-    let trace = args.trace.as_deref().map(Trace::open).transpose()?;
+    let open = |path: &Path| Trace::open(path).with_context(|| path.display().to_string());
+    let trace = args.trace.as_deref().map(open).transpose()?;
     let duration = Duration::from_secs_f64(args.seconds);
     let options = SwarmOptions {
         seed: args.seed,
