@@ -46,7 +46,11 @@ impl WorldChanger {
     /// # Errors
     /// When the server has ended.
     pub fn change(&self, world: ServedWorld) -> Result<(), ServerEnded> {
-        let event = self.prepare(world);
+        let start = Instant::now();
+        let engine = Box::new(Engine::new(world.world().clone(), self.config.engine()));
+        tracing::debug!(seconds = start.elapsed().as_secs_f64(), "the engine is ready");
+        let event = EngineEvent::Change { engine, world };
+        let event = TimedEvent { at: self.started.elapsed(), event };
         let events = self.events.upgrade().ok_or(ServerEnded)?;
         events.blocking_send(event).map_err(|_| ServerEnded)
     }
@@ -54,13 +58,5 @@ impl WorldChanger {
     /// Tells clients that wait for the first world what the server does, as a line for people.
     pub fn tell_loading(&self, what: &str) {
         self.offers.tell_loading(what);
-    }
-
-    /// The event by which the engine's thread changes its world.
-    pub(super) fn prepare(&self, world: ServedWorld) -> TimedEvent {
-        let start = Instant::now();
-        let engine = Box::new(Engine::new(world.world().clone(), self.config.engine()));
-        tracing::debug!(seconds = start.elapsed().as_secs_f64(), "the engine is ready");
-        TimedEvent { at: self.started.elapsed(), event: EngineEvent::Change { engine, world } }
     }
 }

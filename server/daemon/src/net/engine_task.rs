@@ -191,7 +191,7 @@ impl EngineTask {
 
     /// Ends the present world and begins another. All clients are told, and the server remembers
     /// where each was, so that it can go on there.
-    fn change(&mut self, engine: Box<Engine>, world: ServedWorld) {
+    pub fn change(&mut self, engine: Box<Engine>, world: ServedWorld) {
         for (avatar, client) in std::mem::take(&mut self.clients) {
             let engine = self.engine.as_ref();
             let region = engine.and_then(|engine| engine.whereabouts(avatar));

@@ -42,6 +42,7 @@ use std::{
 };
 
 use quinn::{Endpoint, VarInt};
+use sightline_engine::Engine;
 use sightline_protocol::fingerprint::Fingerprint;
 use tokio::{
     sync::{mpsc, watch},
@@ -111,11 +112,7 @@ impl Server {
         config: ServeConfig,
         identity: &Identity,
     ) -> Result<Self, BindError> {
-        let server = Self::listen(config, identity)?;
-        let first = server.world_changer().prepare(world);
-        let sent = server.state.events.try_send(first);
-        debug_assert!(sent.is_ok(), "nobody else knows the new server");
-        Ok(server)
+        Self::start(Some(world), config, identity)
     }
 
     /// Listens on the configured address. Clients are told to wait until
@@ -124,6 +121,14 @@ impl Server {
     /// # Errors
     /// When the configuration is out of range, the certificate is unusable or the address is taken.
     pub fn listen(config: ServeConfig, identity: &Identity) -> Result<Self, BindError> {
+        Self::start(None, config, identity)
+    }
+
+    fn start(
+        world: Option<ServedWorld>,
+        config: ServeConfig,
+        identity: &Identity,
+    ) -> Result<Self, BindError> {
         config.check()?;
         let endpoint = endpoint::listen(&config, identity)?;
         let started = Instant::now();
@@ -132,7 +137,11 @@ impl Server {
         let (metrics, offers) = (Arc::new(TickMetrics::default()), Arc::new(Offers::default()));
         let load = Arc::new(Load::default());
         let (told, counted) = (load.clone(), metrics.clone());
-        let task = EngineTask::new(&config.engine(), offers.clone(), started, told, counted);
+        let mut task = EngineTask::new(&config.engine(), offers.clone(), started, told, counted);
+        if let Some(world) = world {
+            let engine = Engine::new(world.world().clone(), config.engine());
+            task.change(Box::new(engine), world);
+        }
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
