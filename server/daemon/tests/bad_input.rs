@@ -134,7 +134,10 @@ fn make_files(folder: &Path) {
     write("damaged.slw", &damaged);
     write("old.slw", &old);
     write("text.toml", b"a house\n");
-    write("unknown.toml", b"[[room]]\nname = \"r\"\nbox = [[0, 0, 0], [4, 3, 4]]\nvisible = { rooms = [\"s\"] }\n");
+    write(
+        "unknown.toml",
+        b"[[room]]\nname = \"r\"\nbox = [[0, 0, 0], [4, 3, 4]]\nvisible = { rooms = [\"s\"] }\n",
+    );
     write("field.toml", b"ticks = 3");
     write("range.toml", b"tick_hz = 0");
     write("good.csv", b"t_ms,id,x,y,z,yaw,pitch,vx,vy,vz\n0,7,2,1.8,4,0,0,0,0,0\n");
@@ -176,7 +179,10 @@ fn fault(folder: &Path, row: &Row, before: &BTreeSet<PathBuf>) -> Option<String>
         && errors.first().is_some_and(says_all)
         && left.is_empty();
     (!holds).then(|| {
-        format!("{}\n  exits with {:?}, leaves {left:?} and says:\n{said}", row.command, output.status)
+        format!(
+            "{}\n  exits with {:?}, leaves {left:?} and says:\n{said}",
+            row.command, output.status
+        )
     })
 }
 

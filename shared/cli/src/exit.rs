@@ -58,8 +58,7 @@ mod tests {
         assert_eq!(usage_line(said), expected);
         let said = "error: unexpected argument '--voxl' found\n\n  tip: a similar argument exists: \
                     '--voxel'\n\nUsage: compile\n";
-        let expected =
-            "unexpected argument '--voxl' found; a similar argument exists: '--voxel'";
+        let expected = "unexpected argument '--voxl' found; a similar argument exists: '--voxel'";
         assert_eq!(usage_line(said), expected);
     }
 }

@@ -23,9 +23,10 @@ pub fn world_bytes(path: &Path) -> anyhow::Result<Vec<u8>> {
     let begins = file.read(&mut bytes).with_context(cannot_read)?;
     bytes.truncate(begins);
     if !is_world_file(&bytes) {
-        let is_model = path.extension().is_some_and(|ending| {
-            MODELS.iter().any(|known| ending.eq_ignore_ascii_case(known))
-        }) || bytes == b"glTF"
+        let is_model = path
+            .extension()
+            .is_some_and(|ending| MODELS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
+            || bytes == b"glTF"
             || bytes == b"IBSP";
         let (path, compiled) = (path.display(), path.with_extension("slw"));
         if is_model {

@@ -84,7 +84,8 @@ pub fn listen_address(text: &str) -> Result<SocketAddr, String> {
     if let Ok(port) = port.parse() {
         return Ok((Ipv6Addr::UNSPECIFIED, port).into());
     }
-    let wrong = "use a port, or an address and a port, such as 4777, 0.0.0.0:4777 or localhost:4777";
+    let wrong =
+        "use a port, or an address and a port, such as 4777, 0.0.0.0:4777 or localhost:4777";
     resolve(text).map_err(|_| wrong.to_owned())
 }
 

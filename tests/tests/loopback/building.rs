@@ -42,8 +42,7 @@ pub fn crammed_world() -> ServedWorld {
 
 fn compiled(model: &Model, voxel: f32) -> ServedWorld {
     let options = CompileOptions { voxel: Some(voxel), cell: Some(3.0), ..Default::default() };
-    let (world, _) =
-        compile(model, &options, &|_, _| std::ops::ControlFlow::Continue(())).unwrap();
+    let (world, _) = compile(model, &options, &|_, _| std::ops::ControlFlow::Continue(())).unwrap();
     ServedWorld::from_world(Arc::new(world))
 }
 

@@ -58,7 +58,8 @@ impl Supplier {
     }
 
     async fn join(&self, name: &str) -> Session {
-        let options = ConnectOptions { place: None, ..options(&self.server, name, glam::Vec3::ZERO) };
+        let options =
+            ConnectOptions { place: None, ..options(&self.server, name, glam::Vec3::ZERO) };
         let address = self.server.local_addr().unwrap();
         Dialer::new(None).connect(address, &options).await.unwrap()
     }

@@ -38,8 +38,7 @@ async fn who_comes_before_the_world_waits_for_it() {
         ..options(&server, "Ada", WEST)
     };
     let address = server.local_addr().unwrap();
-    let joining =
-        tokio::spawn(async move { Dialer::new(None).connect(address, &options).await });
+    let joining = tokio::spawn(async move { Dialer::new(None).connect(address, &options).await });
     let waits = |what: &str| JoinProgress::Waiting(what.to_owned());
     until("Ada waits", || heard.lock().unwrap().contains(&waits("voxels 30 %"))).await;
     changer.tell_loading("voxels 60 %");
@@ -96,10 +95,8 @@ async fn a_newer_world_takes_the_place_of_one_that_is_being_entered() {
     let last = worlds[2].clone();
     let change_all = move || worlds.into_iter().for_each(|world| changer.change(world).unwrap());
     tokio::task::spawn_blocking(change_all).await.unwrap();
-    until("Ada is in the last one", || {
-        *ada.world() == **last.world() && !ada.is_moving_over()
-    })
-    .await;
+    until("Ada is in the last one", || *ada.world() == **last.world() && !ada.is_moving_over())
+        .await;
     let bo = join(&server, "Bo", WEST + Vec3::X).await;
     until("they see each other", || holds(&ada, bo.avatar()) && holds(&bo, ada.avatar())).await;
     assert_eq!(ada.end(), None);

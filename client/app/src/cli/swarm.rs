@@ -7,9 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, ensure};
-use sightline_cli::{
-    files::check_output, flags, log, output, progress::Progress, trace::Trace,
-};
+use sightline_cli::{files::check_output, flags, log, output, progress::Progress, trace::Trace};
 use sightline_client::{
     net::{self, Dialer, Trust},
     swarm::{self, SwarmOptions, SwarmReport},

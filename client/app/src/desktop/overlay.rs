@@ -122,8 +122,7 @@ mod tests {
     fn a_long_banner_stays_in_the_frame() {
         let mut frame = Frame::new(80, 160);
         banner(&mut frame, "one two three four five six");
-        let rows: Vec<bool> =
-            frame.colour.chunks(80).map(|row| row.contains(&TYPED)).collect();
+        let rows: Vec<bool> = frame.colour.chunks(80).map(|row| row.contains(&TYPED)).collect();
         assert!(rows[60..100].contains(&true) && !rows[..40].contains(&true), "in the middle");
     }
 }

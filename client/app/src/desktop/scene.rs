@@ -11,9 +11,7 @@ use sightline_client_core::{
     walker::Walker,
 };
 use sightline_renderer::{
-    Camera, Frame, Renderer,
-    mover_visibility::MoverVisibility,
-    movers,
+    Camera, Frame, Renderer, mover_visibility::MoverVisibility, movers,
     node_visibility::VisibilityPrefetcher,
 };
 use sightline_world::{Spawn, motion::Pose};

@@ -54,7 +54,8 @@ impl Renewal {
                 Ok(Some(found).filter(|grounds| grounds.are_of(world)))
             }
             None => {
-                self.0.get_or_insert_with(|| tokio::spawn(Grounds::find(world.clone(), needs_ways)));
+                self.0
+                    .get_or_insert_with(|| tokio::spawn(Grounds::find(world.clone(), needs_ways)));
                 Ok(None)
             }
         }

@@ -202,9 +202,8 @@ pub async fn run(
         if elapsed >= next_snapshot {
             next_snapshot += options.snapshot_interval;
             let snapshot = snapshot(&members, elapsed);
-            let are_here = |member: &ConnectedVisitor| {
-                member.has_ended || grounds.are_of(&member.world)
-            };
+            let are_here =
+                |member: &ConnectedVisitor| member.has_ended || grounds.are_of(&member.world);
             if members.iter().all(are_here) {
                 statistics.observe(&snapshot, &grounds.sight);
                 misses.observe(&snapshot, &grounds.sight);
@@ -309,7 +308,14 @@ async fn connect_visitors(
     let mut random = SmallRng::seed_from_u64(options.seed);
     let options_by_number = (1..options.clients)
         .map(|i| {
-            (i, connect_options(options, i, start(i).or_else(|| grounds.navigation.random(&mut random))))
+            (
+                i,
+                connect_options(
+                    options,
+                    i,
+                    start(i).or_else(|| grounds.navigation.random(&mut random)),
+                ),
+            )
         })
         .collect();
     let (mut sessions, joining) = connect_all(&dialer, address, options_by_number).await;

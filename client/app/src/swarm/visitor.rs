@@ -52,9 +52,7 @@ impl Visitor {
     /// The pose after `dt_s` more seconds, `elapsed_s` seconds after the start.
     pub fn step(&mut self, grounds: &Grounds, dt_s: f32, elapsed_s: f64) -> Pose {
         match self {
-            Self::Wandering(wanderer) => {
-                wanderer.step(&grounds.world, &grounds.navigation, dt_s)
-            }
+            Self::Wandering(wanderer) => wanderer.step(&grounds.world, &grounds.navigation, dt_s),
             Self::Recorded(track) => track.at(elapsed_s),
         }
     }

@@ -37,7 +37,9 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     check_output(&args.output)?;
     args.json.as_deref().map_or(Ok(()), check_output)?;
     let model = match args.model.files(&args.input).read() {
-        Err(SourceError::Rooms(FileError::RoomErrors(errors))) => return Err(report_errors(errors)),
+        Err(SourceError::Rooms(FileError::RoomErrors(errors))) => {
+            return Err(report_errors(errors));
+        }
         other => other?,
     };
     for warning in &model.warnings {

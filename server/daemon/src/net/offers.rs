@@ -7,10 +7,7 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use sightline_protocol::{
-    message::ServerMessage,
-    text::ChatLine,
-};
+use sightline_protocol::{message::ServerMessage, text::ChatLine};
 use sightline_world::motion::AvatarId;
 use tokio::sync::watch;
 

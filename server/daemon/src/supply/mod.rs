@@ -13,7 +13,10 @@ use std::{
     fs, io,
     ops::ControlFlow,
     path::{Path, PathBuf},
-    sync::{Arc, atomic::{AtomicBool, Ordering::Relaxed}},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     time::{Duration, Instant},
 };
 
@@ -198,8 +201,8 @@ impl Round<'_> {
         cache: &BuildingCache,
         served: &mut Option<Served>,
     ) -> Result<(), Interrupted> {
-        let [quick, fine] = [Quality::Quick, Quality::Fine]
-            .map(|quality| CompileOptions { quality, ..*options });
+        let [quick, fine] =
+            [Quality::Quick, Quality::Fine].map(|quality| CompileOptions { quality, ..*options });
         // Without a key the building is compiled, and not kept. What is wrong with its files is told
         // when they are read.
         let [quick_key, fine_key] = [&quick, &fine].map(|it| CacheKey::new(source, it).ok());
@@ -302,7 +305,8 @@ fn failed(error: impl Into<BuildingError>) -> Interrupted {
 }
 
 fn read(path: &Path) -> Result<ServedWorld, SupplyError> {
-    let bytes = fs::read(path).map_err(|source| SupplyError::Io { path: path.to_owned(), source })?;
+    let bytes =
+        fs::read(path).map_err(|source| SupplyError::Io { path: path.to_owned(), source })?;
     let named = |source| SupplyError::World { path: path.to_owned(), source };
     ServedWorld::from_bytes(bytes).map_err(named)
 }

@@ -79,9 +79,8 @@ impl Driver {
         self.send(&ClientMessage::Enter { world, place, reports_from: 0 }).await?;
         while self.shared.lock().replica.reporting_state().is_none() {
             let message = timeout(ANSWER_DEADLINE, self.control.receiver.receive()).await;
-            let message = message.map_err(|_| {
-                ConnectError::Lost("the server gave no place in time".to_owned())
-            })?;
+            let message = message
+                .map_err(|_| ConnectError::Lost("the server gave no place in time".to_owned()))?;
             match self.handle(message?).await? {
                 Heard::Nothing => {}
                 Heard::World(offer) => self.move_to(offer).await?,

@@ -26,10 +26,7 @@ use self::{
     state::SharedState,
 };
 use super::{
-    cache::WorldCache,
-    control_stream::ControlStream,
-    dialer::ConnectOptions,
-    error::ConnectError,
+    cache::WorldCache, control_stream::ControlStream, dialer::ConnectOptions, error::ConnectError,
     passage::offered_world,
 };
 
@@ -93,7 +90,8 @@ impl Session {
         let Welcomed { mut control, avatar, tick_interval, cache } = welcomed;
         let progress = options.progress.as_ref();
         let (offer, world) = offered_world(&mut control, &cache, None, progress).await?;
-        let replica = Replica::new(avatar, tick_interval, Agility::of(&world.body, world.speed_max));
+        let replica =
+            Replica::new(avatar, tick_interval, Agility::of(&world.body, world.speed_max));
         let (connection, name) = (control.connection.clone(), options.name.clone());
         let shared = Arc::new(SharedState::new(connection, replica, world, name));
         let mut driver = Driver::new(control, cache, shared.clone());

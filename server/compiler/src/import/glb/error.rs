@@ -50,7 +50,9 @@ pub enum GlbError {
              centimetres 0.01, for inches 0.0254, and if it is so large --scale 1", .0.x, .0.y, .0.z)]
     Large(DVec3),
     /// The header of the GLB disagrees with the file.
-    #[error("truncated GLB: the header says {header} bytes, the file has {file}; copy or export it again")]
+    #[error(
+        "truncated GLB: the header says {header} bytes, the file has {file}; copy or export it again"
+    )]
     Truncated {
         /// The length in the header, in bytes.
         header: u64,
