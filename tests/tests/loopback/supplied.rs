@@ -70,7 +70,7 @@ impl Supplier {
         until(&format!("{begins} is told"), || {
             let mut news = self.news.lock().unwrap();
             let at = news.iter().position(|line| line.starts_with(begins));
-            told = at.and_then(|at| news.drain(..=at).last());
+            told = at.and_then(|at| news.drain(..=at).next_back());
             told.is_some()
         })
         .await;
