@@ -141,7 +141,7 @@ impl BuildingCache {
         Some(world)
     }
 
-    /// Stores a building, and removes those beyond [`BUILDINGS_MAX`] that were used least recently.
+    /// Stores a building. Eight stay at most: the one that was used least recently is removed.
     ///
     /// # Errors
     /// When the file system refuses. The building can be used all the same.

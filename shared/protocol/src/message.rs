@@ -87,6 +87,12 @@ pub enum ServerMessage {
         /// The time between ticks, in microseconds.
         tick_interval_us: NonZeroU32,
     },
+    /// Refuses a client, in answer to its hello. The connection closes. It stays the second message,
+    /// and [`Refusal::Version`] the first refusal, so that every version can read it.
+    Refused {
+        /// The reason.
+        reason: Refusal,
+    },
     /// The server has no world yet.
     Loading {
         /// What it does meanwhile, to show to people.
@@ -101,11 +107,6 @@ pub enum ServerMessage {
         id: [u8; 32],
         /// The length of the world's file, in bytes.
         bytes: u64,
-    },
-    /// Refuses a client, in answer to its hello. The connection closes.
-    Refused {
-        /// The reason.
-        reason: Refusal,
     },
     /// The client has entered the world.
     Entered {
@@ -363,6 +364,12 @@ mod tests {
             Err(DecodeError::Malformed)
         );
         assert_eq!(ClientMessage::version(&[]), Err(DecodeError::Malformed));
+    }
+
+    #[test]
+    fn every_version_can_read_why_it_is_refused() {
+        let refused = ServerMessage::Refused { reason: Refusal::Version { server: 9 } };
+        assert_eq!(body(&refused), [1, 0, 9]);
     }
 
     #[test]
