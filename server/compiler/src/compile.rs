@@ -22,7 +22,7 @@ use crate::{
     report::CompileReport,
     rooms::{self, RoomError, RoomErrors, RoomScope},
     spawn::{self, SpawnPoints},
-    subdivide::{self, CellSize, Spaces, SubdivisionInput},
+    subdivide::{self, CellGrain, CellSize, Spaces, SubdivisionInput},
     voxelise,
 };
 
@@ -200,23 +200,29 @@ fn cells_with_pvs(
     relay: &ProgressRelay<'_>,
 ) -> Result<Cells, CompileError> {
     let report = |share: f32| relay.report(Stage::Pvs, share);
-    let whole = subdivide::cells(spaces, &CellSize::WHOLE);
+    let whole = subdivide::cells(spaces, CellGrain::Whole);
     let seen = pvs::spaces_seen(&whole, &|share| report(share * 0.1));
     let seen = seen.ok_or(CompileError::Cancelled)?;
-    let pairs = PAIRS_ABOUT + PAIRS_PER_SPACE * whole.spaces.len() as f64;
-    let most = |pairs| pvs::cell_size_for(pairs, &whole.spaces, &seen);
-    let size = match options.cell.map(|width| (width, CellSize::of_width(width))) {
-        Some((width, size)) if pvs::pairs_at(&size, &whole.spaces, &seen) > PAIRS_MAX => {
-            return Err(CompileError::Cells { width, enough: most(PAIRS_MAX).width_max.ceil() });
+    let mut cells = match options.cell {
+        Some(width) => {
+            let size = CellSize::of_width(width);
+            if pvs::pairs_at(&size, &whole.spaces, &seen) > PAIRS_MAX {
+                let enough = pvs::cell_size_for(PAIRS_MAX, &whole.spaces, &seen).width_max.ceil();
+                return Err(CompileError::Cells { width, enough });
+            }
+            subdivide::cells(spaces, CellGrain::Even(size))
         }
-        Some((_, size)) => size,
-        None if options.quality == Quality::Quick => CellSize::WHOLE,
-        None => most(pairs),
+        None if options.quality == Quality::Quick => whole,
+        None => {
+            let pairs = PAIRS_ABOUT + PAIRS_PER_SPACE * whole.spaces.len() as f64;
+            let size = pvs::cell_size_for(pairs, &whole.spaces, &seen);
+            let see_all = subdivide::see_all(spaces, &seen);
+            subdivide::cells(spaces, CellGrain::EvenExcept(size, &see_all))
+        }
     };
-    let mut cells = subdivide::cells(spaces, &size);
-    let pvs = pvs::potentially_visible(&cells, &seen, &|share| report(0.1 + share * 0.9));
+    let pvs = pvs::potentially_visible(&cells, &seen, &|share| report(0.2 + share * 0.8));
     cells.pvs = pvs.ok_or(CompileError::Cancelled)?;
-    Ok(cells)
+    if report(1.0).is_break() { Err(CompileError::Cancelled) } else { Ok(cells) }
 }
 
 /// The opaque triangles as a mesh that stores equal corners once.

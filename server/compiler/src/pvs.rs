@@ -136,7 +136,7 @@ mod tests {
     use super::*;
     use crate::{
         occluders::{OccluderTriangle, planes},
-        subdivide::{Spaces, SubdivisionInput},
+        subdivide::{CellGrain, Spaces, SubdivisionInput},
     };
     use sightline_oracle::Oracle;
 
@@ -198,12 +198,16 @@ mod tests {
 
     /// Cells without a PVS.
     fn subdivided(bounds: &Aabb, all: &[[Vec3; 3]], axes: Axes) -> Cells {
+        let spaces = spaces(bounds, all, axes);
+        crate::subdivide::cells(&spaces, CellGrain::Even(CellSize::of_width(2.0)))
+    }
+
+    fn spaces(bounds: &Aabb, all: &[[Vec3; 3]], axes: Axes) -> Spaces {
         let own = |corner: Vec3| axes.own_exact(corner.as_dvec3());
         let opaque = |t: &[Vec3; 3]| OccluderTriangle { corners: t.map(own), is_last: false };
         let planes = planes(&all.iter().map(opaque).collect::<Vec<_>>());
         let occluders = SubdivisionInput { planes: &planes, solids: &[], eyes: &[] };
-        let spaces = Spaces::new(&axes.own_box(bounds), axes, &occluders);
-        crate::subdivide::cells(&spaces, &CellSize::of_width(2.0))
+        Spaces::new(&axes.own_box(bounds), axes, &occluders)
     }
 
     fn compiled(bounds: &Aabb, opaque: &[[Vec3; 3]]) -> Cells {
@@ -281,6 +285,30 @@ mod tests {
             dense += cells.density() / 20.0;
         }
         assert!(dense < 0.7, "walls hide: {dense}");
+    }
+
+    /// Every other space is split into cells, and the others are not.
+    #[test]
+    fn no_sight_line_is_missed_between_cells_and_whole_spaces() {
+        let go_on = |_| ControlFlow::Continue(());
+        let (mut found, mut split) = (0, 0);
+        for seed in 0..30 {
+            let mut rng = SmallRng::seed_from_u64(seed);
+            let (bounds, opaque) = random_building(&mut rng);
+            let spaces = spaces(&bounds, &opaque, Axes::WORLD);
+            let whole = crate::subdivide::cells(&spaces, CellGrain::Whole);
+            let seen_spaces = spaces_seen(&whole, &go_on).unwrap();
+            let is_whole: Vec<bool> = (0..whole.spaces.len()).map(|i| i % 2 == 0).collect();
+            let grain = CellGrain::EvenExcept(CellSize::of_width(1.0), &is_whole);
+            let mut cells = crate::subdivide::cells(&spaces, grain);
+            cells.pvs = potentially_visible(&cells, &seen_spaces, &go_on).unwrap();
+            split += cells.cells.len() - whole.cells.len();
+            let sight = Oracle::new(&mesh(&opaque));
+            let (lines, missed) = misses(&mut rng, &cells, &sight, 3_000);
+            assert_eq!(missed, 0, "of {lines} sight lines in building {seed}");
+            found += lines;
+        }
+        assert!(found > 5_000 && split > 500, "{found} lines, {split} more cells than spaces");
     }
 
     /// Removes a gate, to prove that the tests of sight lines can fail.

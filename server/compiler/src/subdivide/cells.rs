@@ -14,11 +14,22 @@ use super::{
 };
 use crate::split_plane::SplitPlane;
 
+/// How spaces are split into cells.
+#[derive(Clone, Copy)]
+pub(crate) enum CellGrain<'a> {
+    /// Each space is one cell.
+    Whole,
+    /// All cells are about of one size.
+    Even(CellSize),
+    /// The same, but for some spaces, each of which is one cell.
+    EvenExcept(CellSize, &'a [bool]),
+}
+
 /// Splits the spaces into cells, and finds the portals between these. The PVS is left empty.
-pub(crate) fn cells(spaces: &Spaces, size: &CellSize) -> Cells {
+pub(crate) fn cells(spaces: &Spaces, grain: CellGrain<'_>) -> Cells {
     let mut builder = CellBuilder {
         spaces_in: spaces,
-        size: *size,
+        grain,
         fine: BspTree::default(),
         spaces: Vec::new(),
         space_of: vec![u32::MAX; spaces.tree.leaves.len()],
@@ -31,7 +42,7 @@ pub(crate) fn cells(spaces: &Spaces, size: &CellSize) -> Cells {
 /// Cells that are being made.
 struct CellBuilder<'a> {
     spaces_in: &'a Spaces,
-    size: CellSize,
+    grain: CellGrain<'a>,
     /// The final tree, whose leaves are the cells.
     fine: BspTree,
     spaces: Vec<(Range<u32>, Region)>,
@@ -54,8 +65,16 @@ impl CellBuilder<'_> {
             BspNode::Leaf(leaf) if self.spaces_in.kept[*leaf as usize] => {
                 let region = &self.spaces_in.tree.leaves[*leaf as usize];
                 let start = self.fine.leaves.len() as u32;
-                self.space_of[*leaf as usize] = self.spaces.len() as u32;
-                let root = self.split_open(region.clone());
+                let space = self.spaces.len() as u32;
+                self.space_of[*leaf as usize] = space;
+                let root = match self.grain {
+                    CellGrain::Whole => self.fine_leaf(region.clone()),
+                    CellGrain::Even(size) => self.split_evenly(region.clone(), &size),
+                    CellGrain::EvenExcept(_, whole) if whole[space as usize] => {
+                        self.fine_leaf(region.clone())
+                    }
+                    CellGrain::EvenExcept(size, _) => self.split_evenly(region.clone(), &size),
+                };
                 self.spaces.push((start..self.fine.leaves.len() as u32, region.clone()));
                 self.roots.push(root);
                 root
@@ -64,19 +83,24 @@ impl CellBuilder<'_> {
         }
     }
 
+    /// Adds a region as a cell.
+    fn fine_leaf(&mut self, region: Region) -> u32 {
+        if region.extent().is_none() { self.fine.solid() } else { self.fine.space(region) }
+    }
+
     /// Adds a space as a subtree of cells: halved across its longest side until all are small
     /// enough.
-    fn split_open(&mut self, region: Region) -> u32 {
+    fn split_evenly(&mut self, region: Region, most: &CellSize) -> u32 {
         let Some((bounds, _)) = region.extent() else { return self.fine.solid() };
         let size = bounds.size();
-        let too = size / Vec3::new(self.size.width_max, self.size.height_max, self.size.width_max);
+        let too = size / Vec3::new(most.width_max, most.height_max, most.width_max);
         let axis = (0..3).max_by(|&a, &b| too[a].total_cmp(&too[b])).unwrap_or(0);
         if too[axis] <= 1.0 || size.min_element() <= WALL_MAX && too[axis] <= 2.0 {
             return self.fine.space(region);
         }
         let cut = SplitPlane::Axial { axis, at: bounds.centre()[axis] };
         let index = self.fine.reserve();
-        let sides = region.halves(&cut).map(|half| self.split_open(half.tightened()));
+        let sides = region.halves(&cut).map(|half| self.split_evenly(half.tightened(), most));
         self.fine.set_split(index, cut, None, sides);
         index
     }

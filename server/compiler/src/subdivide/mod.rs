@@ -9,18 +9,22 @@
 
 mod bsp_tree;
 mod cells;
+mod gate_rays;
 mod polygon;
 mod region;
 mod solids;
 mod spaces;
 mod surfaces;
+mod whole;
 
 use glam::Vec3;
 
 use crate::{model::ConvexSolid, occluders::OccluderPlane};
 
-pub(crate) use cells::cells;
+pub(crate) use cells::{CellGrain, cells};
 pub(crate) use spaces::Spaces;
+pub(crate) use whole::see_all;
+
 /// What space is split along.
 pub(crate) struct SubdivisionInput<'a> {
     /// Opaque surfaces by plane, in the building's own axes.
@@ -42,9 +46,6 @@ pub(crate) struct CellSize {
 }
 
 impl CellSize {
-    /// Each space is one cell.
-    pub(crate) const WHOLE: Self = Self { width_max: f32::INFINITY, height_max: f32::INFINITY };
-
     /// Cells of this width, in metres. Cells are higher than wide, since eyes move on floors.
     pub(crate) fn of_width(width_max: f32) -> Self {
         Self { width_max, height_max: width_max * 1.5 }

@@ -29,6 +29,18 @@ impl Region {
         self.slants.is_empty()
     }
 
+    /// Whether a point lies in the region.
+    pub(super) fn contains(&self, point: DVec3) -> bool {
+        self.slants.iter().all(|(cut, is_greater)| (cut.height(point) >= 0.0) == *is_greater)
+            && point.cmpge(self.bounds.min.as_dvec3()).all()
+            && point.cmple(self.bounds.max.as_dvec3()).all()
+    }
+
+    /// A point inside. Of a degenerate region, the middle of its box.
+    pub(super) fn middle(&self) -> DVec3 {
+        self.extent().map_or(self.bounds.centre().as_dvec3(), |(_, inside)| inside)
+    }
+
     /// The parts on the lesser and on the greater side of a plane.
     pub(super) fn halves(&self, cut: &SplitPlane) -> [Self; 2] {
         [false, true].map(|is_greater| {

@@ -21,7 +21,10 @@ impl Sightlines<'_> {
         for index in self.gates_from(query.space) {
             let gate = &self.gates[index as usize];
             let mut source = query.source;
-            if gate.is_before(&source) && source.keep(&gate.near_side()) {
+            if self.may_enter(scratch, query, index)
+                && gate.is_before(&source)
+                && source.keep(&gate.near_side())
+            {
                 let step = FlowStep {
                     is_covered: false,
                     is_first: true,
@@ -43,12 +46,21 @@ impl Sightlines<'_> {
             edge_separators(&step.source, gate, gate.normal, &mut halves);
             for next in self.gates_from(gate.to) {
                 if next != step.gate ^ 1
+                    && self.may_enter(scratch, query, next)
                     && let Some(next) = self.step(index, &step, next, &halves)
                 {
                     self.add(scratch, query, next);
                 }
             }
         }
+    }
+
+    /// Whether a step through a gate can show anything new: the query may enter the space beyond,
+    /// and no step stands for the whole source and the whole gate yet.
+    fn may_enter(&self, scratch: &FlowScratch, query: &Query<'_>, gate: u32) -> bool {
+        let to = self.gates[gate as usize].to as usize;
+        (query.spaces.is_none() || scratch.allowed[to] == scratch.search)
+            && scratch.at_gate[gate as usize].merges <= MERGES_MAX
     }
 
     /// The step from the last one through the next gate. None if no line passes both. `index` is
@@ -90,15 +102,10 @@ impl Sightlines<'_> {
 
     /// Adds a step, unless it shows nothing new or lies outside the frustum.
     fn add(&self, scratch: &mut FlowScratch, query: &Query<'_>, mut step: FlowStep) {
+        if query.frustum.iter().any(|half| !step.pass.meets(half)) || scratch.is_known(&step) {
+            return;
+        }
         let gate = &self.gates[step.gate as usize];
-        if query.spaces.is_some() && scratch.allowed[gate.to as usize] != scratch.search
-            || query.frustum.iter().any(|half| !step.pass.meets(half))
-        {
-            return;
-        }
-        if scratch.is_known(&step) {
-            return;
-        }
         let at = &mut scratch.at_gate[step.gate as usize];
         if at.steps.is_empty() {
             scratch.touched.push(step.gate);
