@@ -14,7 +14,7 @@
 //! [`rooms`] resolves the rooms that an author declares, once the cells are known. Whatever a stage
 //! cannot handle makes the PVS larger, never wrong.
 //!
-//! Other modules look at a compiled world: [`verify`] compares its PVS with rays, [`plan`] draws it
+//! Other modules look at a compiled world: [`verdict`] says in plain words what walls hide, [`verify`] compares its PVS with rays, [`plan`] draws it
 //! from above, [`suggest`] proposes rooms, [`carve_preview`] draws what carving does, and
 //! [`octree_statistics`] counts voxels and bytes.
 //!
@@ -56,6 +56,7 @@ mod split_plane;
 mod storeys;
 mod subdivide;
 pub mod suggest;
+pub mod verdict;
 pub mod verify;
 pub mod voxelise;
 

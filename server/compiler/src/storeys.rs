@@ -84,7 +84,7 @@ fn floors(world: &World, area: &Aabb, column: f32) -> Vec<f32> {
 /// The floors of a column that have a roof. Under the open sky there is only the roof itself, or
 /// the ground outside. Quake maps are closed all around, and their skies are not drawn: there every
 /// floor counts.
-fn floors_below(world: &World, foot: Vec3, top: f32) -> Vec<f32> {
+pub(crate) fn floors_below(world: &World, foot: Vec3, top: f32) -> Vec<f32> {
     let (octree, body) = (&world.octree, &world.body);
     let tall = body.above_eye + body.below_eye;
     let mut floors = Vec::new();

@@ -8,7 +8,7 @@ use std::{
 
 use sightline_compiler::{
     import::{
-        self, ReadError,
+        self, LeftOut, ReadError,
         glb::{self, GlbError, Placing},
     },
     model::Model,
@@ -42,6 +42,8 @@ pub struct BuildingFiles {
     pub rooms: Option<PathBuf>,
     /// How the model is placed in the world.
     pub placing: Placing,
+    /// The nodes of the model that are left out.
+    pub left_out: LeftOut,
     /// Where visitors begin. When there are any, those of the model do not count.
     pub spawns: Vec<Spawn>,
 }
@@ -65,8 +67,8 @@ impl BuildingFiles {
     /// A model as it is, with the rooms beside it.
     pub fn of(model: &Path) -> Self {
         let model = model.to_owned();
-        let placing = Placing::default();
-        Self { model, pk3: Vec::new(), rooms: None, placing, spawns: Vec::new() }
+        let (placing, left_out) = (Placing::default(), LeftOut::default());
+        Self { model, pk3: Vec::new(), rooms: None, placing, left_out, spawns: Vec::new() }
     }
 
     /// Reads the model, with its rooms and spawn points.
@@ -74,7 +76,7 @@ impl BuildingFiles {
     /// # Errors
     /// When a file cannot be read or has errors.
     pub fn read(&self) -> Result<Model, SourceError> {
-        let mut model = import::read_placed(&self.model, &self.pk3, &self.placing)?;
+        let mut model = import::read_placed(&self.model, &self.pk3, &self.placing, &self.left_out)?;
         let rooms = self.rooms_file();
         if self.rooms.is_some() || rooms.is_file() {
             model.rooms.extend(text::read_file(&rooms)?);
@@ -131,7 +133,8 @@ impl BuildingSource {
                 return Ok(vec![blake3::hash(bytes), blake3::hash(title.as_bytes())]);
             }
         };
-        let how = format!("{:?} {:?} {:?}", files.model.file_stem(), files.placing, files.spawns);
+        let BuildingFiles { placing, left_out, spawns, .. } = files;
+        let how = format!("{:?} {placing:?} {left_out:?} {spawns:?}", files.model.file_stem());
         let mut hashes = vec![blake3::hash(how.as_bytes())];
         for path in files.all() {
             hashes.push(match fs::read(&path) {

@@ -45,6 +45,7 @@ fn a_reader_that_has_gone_is_no_fault() {
         |arguments: &[&str]| assert_eq!(unheard(folder, arguments), Some(0), "{arguments:?}");
     check(&["demo-building", "-o", "b.glb", "--rooms", "2"]);
     check(&["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]);
+    assert!(folder.join("b.plan.png").is_file(), "the plan is beside the world");
     check(&["inspect", "b.slw"]);
     assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
 }
@@ -87,6 +88,28 @@ fn a_world_that_misses_somebody_fails_its_verification() {
     let expected = format!("sightline-server: b.slw: the PVS denies {} of", misses());
     assert!(errors.lines().last().unwrap().starts_with(&expected), "{errors}");
     assert!(String::from_utf8(output.stdout).unwrap().contains("missed, by cell: "));
+}
+
+#[test]
+fn compile_ends_with_a_verdict_and_the_next_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 4);
+    let arguments = ["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25", "--json", "f.json"];
+    let output = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(arguments)
+        .args(["--drop", "nothing*"])
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("% of pairs of standing places see each other"), "{text}");
+    assert!(text.ends_with("next: sightline-server serve b.slw\n"), "{text}");
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("--drop nothing*: no node of the model has such a name"), "{errors}");
+    let figures = fs::read_to_string(folder.join("f.json")).unwrap();
+    let figures: serde_json::Value = serde_json::from_str(&figures).unwrap();
+    assert!(figures["verdict"]["seen_share"].is_f64() && figures["cells"].is_u64(), "{figures}");
 }
 
 /// What inspect suggests, compile finds beside the model; a mistake in it is a line that tells where.

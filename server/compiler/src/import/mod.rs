@@ -2,6 +2,7 @@
 
 pub mod bsp;
 pub mod glb;
+mod left_out;
 mod limits;
 mod movers;
 
@@ -13,6 +14,7 @@ use std::{
 use crate::model::Model;
 use bsp::BspError;
 use glb::{GlbError, Placing};
+pub use left_out::LeftOut;
 use limits::{read_file, title_of};
 
 /// Why a building cannot be read.
@@ -51,6 +53,9 @@ pub enum ReadError {
         "{0} is a Quake III BSP, which tells its own unit: leave out --scale, --up and --recentre"
     )]
     Placing(PathBuf),
+    /// Parts of a Quake map were to be left out.
+    #[error("{0} is a Quake III BSP, which names no nodes: leave out --drop and --open-doors")]
+    LeftOut(PathBuf),
     /// A faulty GLB or glTF file.
     #[error("{path}: {source}")]
     Glb {
@@ -72,12 +77,17 @@ pub enum ReadError {
 /// Reads a building: a .glb, a .gltf with the files beside it, or a Quake III .bsp with textures
 /// from the archives of the game.
 pub fn read(path: &Path, pk3s: &[PathBuf]) -> Result<Model, ReadError> {
-    read_placed(path, pk3s, &Placing::default())
+    read_placed(path, pk3s, &Placing::default(), &LeftOut::default())
 }
 
-/// Reads a building, as [`read`] does, and places it in the world. Quake maps tell their own unit
-/// and stay where they are.
-pub fn read_placed(path: &Path, pk3s: &[PathBuf], placing: &Placing) -> Result<Model, ReadError> {
+/// Reads a building, as [`read`] does, places it in the world, and leaves nodes out. Quake maps tell
+/// their own unit and stay where they are, and they have no named nodes.
+pub fn read_placed(
+    path: &Path,
+    pk3s: &[PathBuf],
+    placing: &Placing,
+    left_out: &LeftOut,
+) -> Result<Model, ReadError> {
     let io = |source| ReadError::Io { path: path.to_owned(), source };
     let bytes = read_file(path).map_err(io)?;
     let title = title_of(path);
@@ -86,11 +96,13 @@ pub fn read_placed(path: &Path, pk3s: &[PathBuf], placing: &Placing) -> Result<M
         Err(ReadError::Empty(path.to_owned()))
     } else if bytes.starts_with(b"IBSP") && *placing != Placing::default() {
         Err(ReadError::Placing(path.to_owned()))
+    } else if bytes.starts_with(b"IBSP") && *left_out != LeftOut::default() {
+        Err(ReadError::LeftOut(path.to_owned()))
     } else if bytes.starts_with(b"IBSP") {
         bsp::read_slice(&bytes, pk3s, &title)
             .map_err(|source| ReadError::Bsp { path: path.to_owned(), source })
     } else if bytes.starts_with(b"glTF") || is_gltf {
-        glb::read_placed(&bytes, path.parent(), &title, placing)
+        glb::read_placed(&bytes, path.parent(), &title, placing, left_out)
             .map_err(|source| ReadError::Glb { path: path.to_owned(), source })
     } else if sightline_world::is_world_file(&bytes) {
         Err(ReadError::World(path.to_owned()))

@@ -7,6 +7,7 @@ use sightline_world::rooms::RoomId;
 use super::{
     overlay::{Mark, draw_mark},
     sheet::{GLASS, PORTAL, Sheet},
+    walls,
 };
 use crate::drawing::{INK, PAPER, heat, line, mixed, put, write_sized};
 
@@ -29,6 +30,8 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> Picture
     }
     let has_rooms = sheet.overlay.rooms && !sheet.world.rooms.list().is_empty();
     rows += 2 * i32::from(has_rooms);
+    let has_walls = !sheet.overlay.walls.is_empty();
+    rows += 2 * i32::from(has_walls);
     let mut picture = Picture::filled(width, (rows * ROW_PX + 8) as u32, PAPER);
     let mut pen = Pen { picture: &mut picture, top: 4 };
     pen.scale_bar(sheet.px_per_m);
@@ -38,6 +41,17 @@ pub(super) fn draw(sheet: &Sheet<'_>, names: &[(&'static str, Mark)]) -> Picture
     if sheet.overlay.cells {
         pen.row("portal", |picture, at| stroke(picture, at, PORTAL));
         pen.row("boundary of a cell", |picture, at| stroke(picture, at, mixed(PAPER, INK, 0.3)));
+    }
+    if has_walls {
+        let wall = |colour| {
+            move |picture: &mut Picture, at: Vec2| {
+                for dy in [-1.0, 0.0, 1.0] {
+                    stroke(picture, at + Vec2::Y * dy, colour);
+                }
+            }
+        };
+        pen.row("wall that hides people", wall(walls::HIDES));
+        pen.row("wall that hides nobody", wall(walls::HIDES_NOBODY));
     }
     if has_rooms {
         let colour = RoomId(0).colour();

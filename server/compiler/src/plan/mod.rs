@@ -5,6 +5,7 @@
 //!
 //! * `sheet`: the scale, and the level cut through each storey.
 //! * `storey`: the picture of one storey; `rooms` draws the declared rooms on it.
+//! * `walls`: which walls hide people.
 //! * `grid`: coordinates.
 //! * `legend`: what marks and colours mean.
 
@@ -14,6 +15,7 @@ mod overlay;
 mod rooms;
 mod sheet;
 mod storey;
+mod walls;
 
 use sightline_picture::Picture;
 use sightline_world::World;

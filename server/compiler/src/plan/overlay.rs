@@ -4,7 +4,10 @@ use glam::{Vec2, Vec3};
 use roaring::RoaringBitmap;
 use sightline_picture::Picture;
 
-use crate::drawing::{INK, line, ring, write_sized};
+use crate::{
+    drawing::{INK, line, ring, write_sized},
+    verdict::WallMark,
+};
 
 /// An avatar on a plan.
 #[derive(Clone, Debug)]
@@ -36,6 +39,8 @@ pub struct Overlay {
     pub grid: bool,
     /// Whether to draw a second picture of each storey: how much of the building each cell may see.
     pub density: bool,
+    /// Walls, green where they hide people and red where they hide nobody.
+    pub walls: Vec<WallMark>,
     /// The names of the marks. When given, a legend below the storeys explains marks and colours.
     pub legend: Option<Vec<(&'static str, Mark)>>,
 }

@@ -101,7 +101,7 @@ fn name(level: &Level<'_>, title: &str, widest: &ConvexPiece, picture: &mut Pict
 }
 
 /// Draws a line three pixels wide.
-fn thick(picture: &mut Picture, from: Vec2, to: Vec2, colour: [u8; 3]) {
+pub(super) fn thick(picture: &mut Picture, from: Vec2, to: Vec2, colour: [u8; 3]) {
     let across = (to - from).perp().normalize_or_zero();
     for side in [0.0, 1.0, -1.0] {
         line(picture, from + across * side, to + across * side, colour);

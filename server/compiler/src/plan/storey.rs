@@ -12,6 +12,7 @@ use super::{
     overlay::{Mark, draw_mark},
     rooms,
     sheet::{CAPTION_PX, GLASS, Level, PORTAL},
+    walls,
 };
 use crate::{
     drawing::{INK, PAPER, mixed, stacked, write_sized},
@@ -87,6 +88,7 @@ impl Storey<'_> {
         if overlay.cells {
             self.draw_portals(spots, &mut picture);
         }
+        walls::draw(&self.level, &mut picture);
         if overlay.rooms {
             rooms::draw(&self.level, &mut picture);
         }

@@ -3,19 +3,23 @@
 use std::{fmt::Write, path::PathBuf};
 
 use anyhow::Context;
+use serde::Serialize;
 use sightline_cli::{exit::Interrupted, files::check_output, output, progress::Progress};
 use sightline_compiler::{
     CompileError, CompileReport, compile,
+    plan::{self, Overlay},
     rooms::{RoomErrors, text::FileError},
+    verdict::Verdict,
 };
 use sightline_server::building_files::SourceError;
-use sightline_world::write_whole;
+use sightline_world::{World, write_whole};
 
 use super::{interrupt::Interrupt, model_flags::ModelFlags};
 
 /// Compiles a building (.glb, .gltf or a Quake III .bsp) into a world (.slw).
 ///
 /// The world holds what clients draw, and which parts of the building can be seen from which.
+/// Beside it a picture shows which walls hide people.
 /// Example: `sightline-server compile house.glb -o house.slw`.
 #[derive(clap::Args)]
 pub struct CompileArgs {
@@ -35,6 +39,8 @@ pub struct CompileArgs {
 pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     let interrupt = Interrupt::listen()?;
     check_output(&args.output)?;
+    let picture = args.output.with_extension("plan.png");
+    check_output(&picture)?;
     args.json.as_deref().map_or(Ok(()), check_output)?;
     let model = match args.model.files(&args.input).read() {
         Err(SourceError::Rooms(FileError::RoomErrors(errors))) => {
@@ -63,6 +69,8 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     for warning in &report.room_warnings {
         output::note(&format!("warning: {warning}"));
     }
+    let verdict = Verdict::new(&model, &world);
+    let plan = plan::draw(&world, &overlay(&world, &verdict));
     let bytes = world.to_bytes();
     // Until the end: a stop after this line must not deny a world that is written.
     let _writing = interrupt.hold_off();
@@ -71,8 +79,39 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     }
     write_whole(&args.output, &bytes)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
+    plan.save(&picture).with_context(|| format!("cannot write {}", picture.display()))?;
     output::print(&table(&report))?;
-    output::write_json(args.json.as_deref(), &report)
+    output::print(&said(&verdict))?;
+    let [world, picture] = [&args.output, &picture].map(|path| path.display().to_string());
+    output::print(&format!(
+        "\nwhich walls hide people: {picture}\nnext: sightline-server serve {world}\n"
+    ))?;
+    output::write_json(args.json.as_deref(), &CompileFigures { report: &report, verdict: &verdict })
+}
+
+#[derive(Serialize)]
+struct CompileFigures<'a> {
+    #[serde(flatten)]
+    report: &'a CompileReport,
+    verdict: &'a Verdict,
+}
+
+/// The verdict as a paragraph.
+fn said(verdict: &Verdict) -> String {
+    verdict.sentences().iter().map(|sentence| format!("\n* {sentence}.")).collect::<String>() + "\n"
+}
+
+/// The plan of a world with its walls, by whether they hide people.
+fn overlay(world: &World, verdict: &Verdict) -> Overlay {
+    let (marks, legend) = super::spawn_marks(world);
+    Overlay {
+        marks,
+        legend: Some(legend),
+        walls: verdict.walls.clone(),
+        rooms: true,
+        grid: true,
+        ..Overlay::default()
+    }
 }
 
 /// Prints all errors but the last, which becomes the command's error.

@@ -19,14 +19,11 @@ use sightline_cli::{
 use sightline_compiler::{
     carve_preview::{self, View},
     octree_statistics::{self, OctreeStatistics},
-    plan::{self, Mark, Overlay},
+    plan::{self, Overlay},
     suggest, verify,
 };
 use sightline_world::{
-    Mover, Spawn, World, content_id,
-    motion::{Pose, trajectory::Playback},
-    rooms::Room,
-    write_whole,
+    Mover, Spawn, World, content_id, motion::trajectory::Playback, rooms::Room, write_whole,
 };
 
 use super::{interrupt::Interrupt, verification};
@@ -280,17 +277,11 @@ fn view(world: &World, args: &InspectArgs) -> anyhow::Result<View> {
 }
 
 fn overlay(world: &World, args: &InspectArgs) -> Overlay {
-    let mark =
-        |eye, filled| Mark { eye, forward: None, colour: [220, 60, 40], filled, number: None };
-    let spawn_mark = |(number, spawn): (usize, &Spawn)| {
-        let forward = Pose { yaw: spawn.yaw, ..Pose::default() }.forward();
-        Mark { forward: Some(forward), number: Some(number), ..mark(spawn.eye, false) }
-    };
-    let mut marks: Vec<_> = world.spawns.iter().enumerate().map(spawn_mark).collect();
-    let mut legend = vec![("spawn point, with heading", mark(Vec3::ZERO, false))];
+    let (mut marks, mut legend) = super::spawn_marks(world);
     if let Some(eye) = args.pvs_from {
-        marks.push(mark(eye, true));
-        legend.push(("eye; what it cannot see is grey", mark(eye, true)));
+        let mark = super::mark(eye, true);
+        legend.push(("eye; what it cannot see is grey", mark.clone()));
+        marks.push(mark);
     }
     Overlay {
         marks,
@@ -299,6 +290,7 @@ fn overlay(world: &World, args: &InspectArgs) -> Overlay {
         rooms: true,
         grid: true,
         density: args.density,
+        walls: Vec::new(),
         legend: Some(legend),
     }
 }

@@ -11,7 +11,24 @@ pub mod replay;
 pub mod serve;
 pub mod verification;
 
-use sightline_compiler::{carve::CarveReport, octree_statistics::OctreeStatistics};
+use glam::Vec3;
+use sightline_compiler::{carve::CarveReport, octree_statistics::OctreeStatistics, plan::Mark};
+use sightline_world::{Spawn, World, motion::Pose};
+
+/// A mark on a plan: a disc, or a ring.
+pub fn mark(eye: Vec3, filled: bool) -> Mark {
+    Mark { eye, forward: None, colour: [220, 60, 40], filled, number: None }
+}
+
+/// The numbered spawn points of a world on a plan, and what its legend says of them.
+pub fn spawn_marks(world: &World) -> (Vec<Mark>, Vec<(&'static str, Mark)>) {
+    let spawn_mark = |(number, spawn): (usize, &Spawn)| {
+        let forward = Pose { yaw: spawn.yaw, ..Pose::default() }.forward();
+        Mark { forward: Some(forward), number: Some(number), ..mark(spawn.eye, false) }
+    };
+    let marks = world.spawns.iter().enumerate().map(spawn_mark).collect();
+    (marks, vec![("spawn point, with heading", mark(Vec3::ZERO, false))])
+}
 
 /// The rows about carving, for the tables of `compile` and `inspect`.
 pub fn carving_rows(report: &CarveReport) -> [(&'static str, String); 9] {

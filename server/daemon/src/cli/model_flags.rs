@@ -6,7 +6,10 @@ use sightline_cli::flags::spawn;
 use sightline_compiler::{
     CompileOptions,
     carve::{CarveOptions, CarvingUnits},
-    import::glb::{Placing, UpAxis},
+    import::{
+        LeftOut,
+        glb::{Placing, UpAxis},
+    },
 };
 use sightline_server::building_files::BuildingFiles;
 use sightline_world::Spawn;
@@ -46,6 +49,14 @@ pub struct ModelFlags {
     /// degrees, anticlockwise from -z; may be given several times. Without any, places are found.
     #[arg(long, value_name = "X,Y,Z[,YAW]", value_parser = spawn, allow_hyphen_values = true)]
     spawn: Vec<Spawn>,
+    /// Leave out nodes of this name, with all below them; may be given several times. * stands for
+    /// any letters and ? for one, as in 'Sky*'.
+    #[arg(long, value_name = "PATTERN")]
+    drop: Vec<String>,
+    /// Take doors of this name for open: they are neither drawn nor in anybody's way. May be given
+    /// several times, with * and ?, as in '*Door*'.
+    #[arg(long, value_name = "PATTERN")]
+    open_doors: Vec<String>,
 }
 
 impl ModelFlags {
@@ -56,6 +67,7 @@ impl ModelFlags {
             pk3: self.pk3.clone(),
             rooms: self.rooms.clone(),
             placing: Placing { scale: self.scale, up: self.up, recentre: self.recentre },
+            left_out: LeftOut { dropped: self.drop.clone(), open_doors: self.open_doors.clone() },
             spawns: self.spawn.clone(),
         }
     }
@@ -72,7 +84,9 @@ impl ModelFlags {
         let has_files = !files.pk3.is_empty() || files.rooms.is_some() || !files.spawns.is_empty();
         let has_sizes = self.cell.is_some() || self.voxel.is_some();
         let is_carved_otherwise = self.carving_units != CarveOptions::default().units;
-        has_files || has_sizes || is_carved_otherwise || files.placing != Placing::default()
+        let is_placed = files.placing != Placing::default();
+        let is_whole = files.left_out == LeftOut::default();
+        has_files || has_sizes || is_carved_otherwise || is_placed || !is_whole
     }
 }
 

@@ -8,6 +8,7 @@
 //! * `document` parses and checks, with the extensions of `extensions`.
 //! * `survey` and `placing` see how large the model is, and place it in the world.
 //! * `resources` has buffers and images, and `compressed` views; `accessor` takes numbers from them.
+//! * `sky` finds what encloses everything.
 //! * `scene` walks the nodes: their `names`, `material`s, `instances` and `animation`.
 
 mod accessor;
@@ -22,11 +23,12 @@ mod names;
 mod placing;
 mod resources;
 mod scene;
+mod sky;
 mod survey;
 
 use std::path::{Path, PathBuf};
 
-use super::limits;
+use super::{LeftOut, left_out::PatternCounts, limits};
 use crate::model::Model;
 pub use error::GlbError;
 pub use placing::{Placing, UpAxis};
@@ -42,21 +44,25 @@ pub fn read(path: &Path) -> Result<Model, GlbError> {
 
 /// Reads a .glb or .gltf from bytes. Files that it names are read from `folder` only.
 pub fn read_slice(bytes: &[u8], folder: Option<&Path>, title: &str) -> Result<Model, GlbError> {
-    read_placed(bytes, folder, title, &Placing::default())
+    read_placed(bytes, folder, title, &Placing::default(), &LeftOut::default())
 }
 
-/// Reads a .glb or .gltf from bytes, and places the model in the world.
+/// Reads a .glb or .gltf from bytes, places the model in the world, and leaves nodes out.
 pub fn read_placed(
     bytes: &[u8],
     folder: Option<&Path>,
     title: &str,
     placing: &Placing,
+    left_out: &LeftOut,
 ) -> Result<Model, GlbError> {
     let (document, blob) = document::read(bytes)?;
     let survey = Survey::of(&document);
     let root = placing.root(survey.as_ref())?;
     let resources = Resources::load(&document, blob, folder)?;
-    let mut model = scene::Reader::new(&document, resources, title, root.transform).read()?;
+    let left_out = PatternCounts::new(left_out);
+    let reader = scene::Reader::new(&document, resources, title, root.transform, left_out);
+    let mut model = reader.read()?;
+    sky::leave_out_of_sight(&mut model);
     model.warnings.splice(0..0, root.notes);
     Ok(model)
 }

@@ -18,6 +18,7 @@ use super::{
 };
 use crate::{
     import::{
+        left_out::PatternCounts,
         limits::{self, SPAWNS_MAX},
         movers::MoverList,
     },
@@ -39,6 +40,7 @@ pub(super) struct Reader<'a> {
     /// How many parts are left out because they are faulty, and what is wrong with the first.
     faulty: usize,
     first_fault: Option<GlbError>,
+    left_out: PatternCounts,
     /// How many meshes are mirrored by their nodes.
     mirrored: usize,
     vertices: usize,
@@ -94,6 +96,7 @@ impl<'a> Reader<'a> {
         resources: Resources,
         title: &str,
         root: DMat4,
+        left_out: PatternCounts,
     ) -> Self {
         let model = Model::empty(limits::tidy_title(title));
         Self {
@@ -104,6 +107,7 @@ impl<'a> Reader<'a> {
             materials: Materials::default(),
             faulty: 0,
             first_fault: None,
+            left_out,
             mirrored: 0,
             vertices: 0,
             triangles: 0,
@@ -164,6 +168,7 @@ impl<'a> Reader<'a> {
     fn tell_of_parts(&mut self) -> Result<(), GlbError> {
         let warnings = &mut self.model.warnings;
         self.materials.warn(warnings);
+        self.left_out.warn(warnings);
         if self.mirrored > 0 {
             let count = self.mirrored;
             warnings.push(format!("{count} meshes are mirrored by their nodes; writing is too"));
@@ -193,6 +198,9 @@ impl<'a> Reader<'a> {
     fn visit(&mut self, visit: &Visit<'a>, stack: &mut Vec<Visit<'a>>) -> Result<(), GlbError> {
         let Visit { node, parent, depth, mut carrier, mut within, purpose, is_hidden } =
             visit.clone();
+        if node.name().is_some_and(|name| self.left_out.take(name)) {
+            return Ok(());
+        }
         let purpose = node.name().and_then(names::purpose).unwrap_or(purpose);
         let visibility = node.extension_value("KHR_node_visibility");
         let is_shown = visibility.and_then(|value| value.get("visible")?.as_bool());

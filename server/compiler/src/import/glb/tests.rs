@@ -1,4 +1,5 @@
 mod extensions;
+mod leaving_out;
 mod movers;
 mod sight;
 

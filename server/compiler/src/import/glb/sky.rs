@@ -1,0 +1,80 @@
+//! An enclosing sky: a dome or a box around everything. It is drawn and hides nobody.
+//!
+//! As an occluder it would only split the space around the building, where nobody is.
+
+use std::collections::HashSet;
+
+use glam::Vec3;
+use sightline_world::geometry::Aabb;
+
+use crate::model::{Model, Surface};
+
+/// A sky is at least this many times as wide as all else.
+const WIDER: f32 = 1.5;
+/// A sky is at least this high for its width. Ground is flat.
+const HIGH_SHARE: f32 = 0.2;
+/// At least this share of a dome's area is neither level nor upright.
+const DOMED_SHARE: f32 = 0.5;
+/// A normal that rises by this much more or less is neither level nor upright.
+const TILTED: std::ops::Range<f32> = 0.02..0.98;
+
+/// Takes the triangles of an enclosing sky from what blocks sight, with a warning.
+pub(super) fn leave_out_of_sight(model: &mut Model) {
+    let around = |surface: &Surface| Aabb::from_points(surface.corners().flatten());
+    let bounds: Vec<Aabb> = model.surfaces.iter().map(around).collect();
+    let named: Vec<Aabb> = model
+        .nodes
+        .iter()
+        .filter(|(name, _)| name.to_ascii_lowercase().contains("sky"))
+        .map(|(_, bounds)| *bounds)
+        .collect();
+    let mut sky: HashSet<[[u32; 3]; 3]> = HashSet::new();
+    for (index, surface) in model.surfaces.iter().enumerate() {
+        let others = bounds.iter().enumerate().filter(|(other, _)| *other != index);
+        let rest = others.fold(Aabb::EMPTY, |all, (_, bounds)| all.union(bounds));
+        let is_named = named.contains(&bounds[index]);
+        if encloses(&bounds[index], &rest) && (is_named || is_domed(surface)) {
+            sky.extend(surface.corners().map(|corners| key(&corners)));
+        }
+    }
+    let before = model.opaque.len();
+    model.opaque.retain(|corners| !sky.contains(&key(corners)));
+    let left_out = before - model.opaque.len();
+    if left_out > 0 {
+        model.warnings.push(format!(
+            "{left_out} triangles enclose everything: they count as sky and hide nobody"
+        ));
+    }
+}
+
+/// Whether one box is far around another.
+fn encloses(sky: &Aabb, rest: &Aabb) -> bool {
+    if rest.is_empty() {
+        return false;
+    }
+    let (wide, size) = (sky.size(), rest.size());
+    let is_around = sky.min.x < rest.min.x
+        && sky.min.z < rest.min.z
+        && sky.max.cmpgt(rest.max).all()
+        && wide.x > WIDER * size.x
+        && wide.z > WIDER * size.z;
+    is_around && wide.y > HIGH_SHARE * wide.x.max(wide.z)
+}
+
+/// Whether most of a surface is neither level nor upright.
+fn is_domed(surface: &Surface) -> bool {
+    let (mut tilted, mut all) = (0.0, 0.0);
+    for [a, b, c] in surface.corners() {
+        let normal = (b - a).cross(c - a);
+        let area = normal.length();
+        all += area;
+        if TILTED.contains(&(normal.y.abs() / area.max(f32::MIN_POSITIVE))) {
+            tilted += area;
+        }
+    }
+    tilted > DOMED_SHARE * all
+}
+
+fn key(corners: &[Vec3; 3]) -> [[u32; 3]; 3] {
+    corners.map(|corner| corner.to_array().map(f32::to_bits))
+}
