@@ -25,9 +25,15 @@ impl Sectors {
         let of_cell: Vec<u32> = cells.cells.iter().map(|cell| cell.space / spaces_each).collect();
         let count = of_cell.iter().max().map_or(0, |last| *last as usize + 1);
         debug_assert!(count <= SECTORS_MAX, "the table would be too large");
+        debug_assert!(of_cell.is_sorted(), "cells are in the order of spaces");
         let mut visible = vec![BitSet::default(); count];
         for (sector, row) in of_cell.iter().zip(&cells.pvs) {
-            row.iter().for_each(|cell| visible[*sector as usize].insert(of_cell[cell as usize]));
+            let mut row = row.iter();
+            while let Some(range) = row.next_range() {
+                let [first, last] =
+                    [range.start(), range.end()].map(|cell| of_cell[*cell as usize]);
+                visible[*sector as usize].insert_range(first..=last);
+            }
         }
         Self { spaces_each, visible }
     }

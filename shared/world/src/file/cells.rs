@@ -272,14 +272,28 @@ pub(super) fn read_pvs(input: &mut SectionReader, cells: usize) -> Result<Pvs, R
     if input.is_empty() { Ok(both_ways(upper)) } else { bad("the PVS") }
 }
 
-/// Adds the lower half of a symmetric PVS to its upper half.
+/// Adds the lower half of a symmetric PVS to its upper half. Successive cells see nearly the same, so
+/// each column consists of few runs, and only where a row differs from the one before is there work.
 fn both_ways(mut rows: Pvs) -> Pvs {
     let mut lesser = vec![RoaringBitmap::new(); rows.len()];
+    // For each cell, the first of the run of cells before it that see it.
+    let mut begun: Vec<Option<u32>> = vec![None; rows.len()];
+    let mut before = &RoaringBitmap::new();
     for (cell, row) in (0..).zip(&rows) {
-        for other in row.iter().skip(1) {
-            let pushed = lesser[other as usize].try_push(cell);
-            debug_assert!(pushed.is_ok(), "cells come in ascending order");
+        if let Some(from) = begun[cell as usize].take() {
+            lesser[cell as usize].insert_range(from..cell);
         }
+        let mut differs = before ^ row;
+        differs.remove_range(..=cell);
+        for other in differs {
+            match begun[other as usize].take() {
+                Some(from) => {
+                    lesser[other as usize].insert_range(from..cell);
+                }
+                None => begun[other as usize] = Some(cell),
+            }
+        }
+        before = row;
     }
     for (row, mut lesser) in rows.iter_mut().zip(lesser) {
         lesser.optimize();
