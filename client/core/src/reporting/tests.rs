@@ -56,8 +56,8 @@ fn an_avatar_on_course_is_silent_and_one_that_departs_is_not() {
     expected[0] = Some(ReportReason::Asked);
     expected[1] = Some(ReportReason::Departed);
     assert_eq!(reasons(&mut reporter, 0, &walk), expected);
-    // It stands still: off by 6 cm, and then by 12.
-    let stopped = reasons(&mut reporter, 16, &[0.9; 3]);
+    // It stands still: off by 5 cm, and then by 11.
+    let stopped = reasons(&mut reporter, 16, &[0.91; 3]);
     assert_eq!(stopped, [None, Some(ReportReason::Departed), None]);
 }
 
