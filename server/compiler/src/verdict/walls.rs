@@ -143,7 +143,7 @@ pub(super) fn judged(model: &Model, world: &World) -> WallSides {
     WallSides { hiding_m2, idle, marks }
 }
 
-/// Whether upright walls that hide nobody face so many directions off the axes that they are round.
+/// Whether upright walls that hide nobody are round: they face many directions off the axes.
 fn faces_many_directions(marks: &[WallMark], world: &World) -> bool {
     let idle = marks.iter().filter(|mark| !mark.hides);
     let facing = idle.filter_map(|mark| normal(&mark.corners));

@@ -7,7 +7,7 @@ use std::{
 
 use sightline_world::motion::AvatarId;
 
-/// There are so many ids for each connection that may exist at a time. They are short on the wire.
+/// The number of ids for each connection that may exist at a time. They are short on the wire.
 const IDS_PER_CONNECTION: usize = 8;
 /// An id is used again only after a part of all ids were released: one in this number.
 const RESTING_PARTS: usize = 4;
@@ -53,7 +53,7 @@ impl AvatarIds {
 
     /// Takes back an id.
     pub fn release(&mut self, id: AvatarId) {
-        debug_assert!(self.taken.contains(&id), "only what was drawn is released");
+        debug_assert!(self.taken.contains(&id), "an id is drawn before it is released");
         self.resting.push_back(id);
         if self.resting.len() > self.greatest as usize / RESTING_PARTS
             && let Some(rested) = self.resting.pop_front()

@@ -8,7 +8,8 @@ use std::{
 use super::engine_task::JOINS_PER_TICK;
 use crate::operate::OverloadStats;
 
-/// With so many clients that wait to enter, others must come again later: two seconds' worth.
+/// When this number of clients wait to enter, others must come again later. It is what two seconds
+/// let in.
 const WAITING_MAX: usize = 40 * JOINS_PER_TICK;
 /// When a client that is refused for overload may come again.
 const RETRY: Duration = Duration::from_secs(2);

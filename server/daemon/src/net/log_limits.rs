@@ -67,7 +67,7 @@ mod tests {
         let now = Duration::from_secs(10);
         assert_eq!(limits.summaries(now), [(loud, 10_000 - 54)]);
         assert_eq!(limits.summaries(now + Duration::from_secs(10)), []);
-        assert!(limits.peers.is_empty(), "who is silent is forgotten");
+        assert!(limits.peers.is_empty(), "a silent peer is forgotten");
     }
 
     #[test]

@@ -42,8 +42,8 @@ const VERSION: u32 = 6;
 const HEADER_BYTES: usize = 48;
 /// The greatest unpacked length of a world: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
-/// The sections of a world take no more than so many times the bytes of its file. Those of buildings
-/// take less than ten times.
+/// The sections of a world take this many times the bytes of its file at most. Those of buildings take
+/// less than ten times.
 const UNPACKED_PER_BYTE: u64 = 64;
 /// The sections of a small world may take this, however small its file: 1 MiB.
 const UNPACKED_BYTES_SMALL: u64 = 1 << 20;
