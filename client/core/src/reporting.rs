@@ -117,10 +117,10 @@ impl Reporter {
         self.is_inside = true;
     }
 
-    /// The avatar leaves the world for one where bodies have this agility, and no order stands. The
-    /// client's own time goes on.
-    pub fn leave(&mut self, agility: Agility) {
-        let Self { tick, origin, made_from, counts, .. } = *self;
+    /// The avatar leaves the world for one with these ticks, where bodies have this agility, and no
+    /// order stands. The client's own time goes on.
+    pub fn leave(&mut self, tick: Duration, agility: Agility) {
+        let Self { origin, made_from, counts, .. } = *self;
         *self = Self { origin, made_from, counts, ..Self::new(tick, agility) };
     }
 

@@ -109,6 +109,8 @@ impl Engine {
             Input::Join { avatar, name, colour, place } => {
                 self.join(now, avatar, Profile { name, colour }, place);
             }
+            Input::Absent { avatar } => self.part(now, avatar),
+            Input::Return { avatar, place } => self.come_back(now, avatar, place),
             Input::Leave { avatar } => self.remove(avatar),
             Input::Report { avatar, report } => self.report(now, avatar, &report),
             Input::Relocate { avatar, pose } => self.relocate(now, avatar, pose),

@@ -20,6 +20,20 @@ pub enum Input {
         /// spawn point.
         place: Option<Vec3>,
     },
+    /// The link to a participant's client is broken, and may be mended. The avatar stands where it
+    /// is, in sight of others, and nothing is asked of its client.
+    Absent {
+        /// The avatar.
+        avatar: AvatarId,
+    },
+    /// The client of a participant has come back, or another one has taken its place. It knows
+    /// nothing and is told everything anew. Others notice nothing.
+    Return {
+        /// The avatar.
+        avatar: AvatarId,
+        /// Where its eye is. If that is `None` or out of bounds, it is where it stood.
+        place: Option<Vec3>,
+    },
     /// A participant leaves.
     Leave {
         /// The avatar.

@@ -167,6 +167,15 @@ impl Pairs {
         self.certificates.iter_mut().for_each(|certificate| certificate.until = 0);
     }
 
+    /// Takes in that the viewer's client has been told of nobody. Returns whom it had been told of.
+    pub(crate) fn release(&mut self) -> Vec<Slot> {
+        self.forget_all();
+        let held = self.all.iter_mut().filter_map(|pair| {
+            std::mem::take(&mut pair.is_held).then_some(pair.slot)
+        });
+        held.collect()
+    }
+
     fn push(&mut self, pair: Pair, certificate: Certificate) {
         debug_assert_eq!(pair.slot, certificate.slot, "a certificate is of its pair");
         self.all.push(pair);

@@ -61,6 +61,8 @@ pub(crate) struct Avatar {
     pub(crate) tbv: Option<Tbv>,
     /// The ball that bounds the avatar as well, if its TBV is a sphere.
     pub(crate) sphere: Option<Sphere>,
+    /// Whether nobody hears it: its client's link is broken.
+    pub(crate) is_absent: bool,
     /// Asks since the last accepted report.
     pub(crate) unanswered: u32,
     /// How many ticks there had been at the last ask.
@@ -166,7 +168,8 @@ impl Avatar {
         let View { config, horizons, now, .. } = view;
         let one_way = horizons.one_way(self.round_trip);
         let margin = self.arrivals.margin();
-        let silence = now.saturating_sub(self.heard);
+        // An absent avatar stands by the server's word.
+        let silence = if self.is_absent { Duration::ZERO } else { now.saturating_sub(self.heard) };
         let Some(made) = self.made.filter(|_| self.orders.is_understood()) else {
             return LastKnown { after: Duration::ZERO, age: silence + one_way + margin };
         };

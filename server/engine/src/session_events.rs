@@ -58,6 +58,11 @@ impl Avatar {
 /// The longest round trip, beyond all horizons. A client with a longer one counts as having this.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
 
+/// A pose at rest.
+fn standing(pose: Pose) -> Pose {
+    Pose { velocity: Vec3::ZERO, yaw_rate: 0.0, falls: false, ..pose }
+}
+
 impl Engine {
     /// Adds a participant, at a place of its choice if an eye may be there.
     pub(crate) fn join(
@@ -97,6 +102,7 @@ impl Engine {
             state: ReportingState::Live,
             tbv: None,
             sphere: None,
+            is_absent: false,
             unanswered: 0,
             asked_round: 0,
             orders: Orders::default(),
@@ -238,10 +244,15 @@ impl Engine {
     /// Puts an avatar elsewhere, or pushes it, by the host's word.
     pub(crate) fn relocate(&mut self, now: Duration, id: AvatarId, pose: Pose) {
         let Some(slot) = self.population.slot(id) else { return };
-        let Self { building, population, .. } = self;
-        if !pose.is_finite() || !building.limits.confines.contains(pose.eye) {
-            return;
+        if pose.is_finite() && self.building.limits.confines.contains(pose.eye) {
+            self.stats.impulses += 1;
+            self.put(now, slot, pose);
         }
+    }
+
+    /// Puts an avatar elsewhere. What its client said before counts no more.
+    fn put(&mut self, now: Duration, slot: Slot, pose: Pose) {
+        let Self { building, population, .. } = self;
         let avatar = population.at_mut(slot);
         avatar.budget.relocate(now, pose.velocity);
         avatar.walk = building.walkways.state_at(&building.world, building.axes().own(pose.eye));
@@ -250,11 +261,41 @@ impl Engine {
         avatar.footprint_box = None;
         let is_live = avatar.is_live();
         forget_results(population, slot);
-        self.stats.impulses += 1;
         if !is_live {
             self.silencing().wake(slot);
         }
         self.accept(now, slot, pose, None);
+    }
+
+    /// Lets an avatar stand where it is until its client comes back.
+    pub(crate) fn part(&mut self, now: Duration, id: AvatarId) {
+        let Some(slot) = self.population.slot(id) else { return };
+        let shown = self.population.at(slot).shown(self.view());
+        self.put(now, slot, standing(shown));
+        self.population.at_mut(slot).is_absent = true;
+        self.deadlines.cancel(id);
+    }
+
+    /// Gives an avatar to a client that knows nothing of it.
+    pub(crate) fn come_back(&mut self, now: Duration, id: AvatarId, eye: Option<Vec3>) {
+        let Some(slot) = self.population.slot(id) else { return };
+        let confines = self.building.world.confines();
+        let stood = standing(self.population.at(slot).pose);
+        let eye = eye.filter(|eye| eye.is_finite() && confines.contains(*eye));
+        let pose = Pose { eye: eye.unwrap_or(stood.eye), ..stood };
+        self.put(now, slot, pose);
+        let margin = self.config.margin;
+        let avatar = self.population.at_mut(slot);
+        avatar.is_absent = false;
+        avatar.budget = MovementBudget::new(now);
+        avatar.arrivals = Arrivals::new(margin);
+        (avatar.orders, avatar.ordered, avatar.unanswered) = (Orders::default(), now, 0);
+        let held = avatar.pairs.release();
+        held.into_iter().for_each(|other| self.population.at_mut(other).lose_watcher());
+        self.deadlines.wait(now, id, self.config.stall);
+        // What was to be told to the client before is not for this one.
+        self.pending.retain(|output| output.to() != id);
+        self.pending.push(Output::Entered { to: id, pose, tick: self.ticks() + 1 });
     }
 
     /// Takes in a measured round trip.

@@ -1,5 +1,6 @@
 //! The engine on hand-made worlds, and against a naive reference model on random ones.
 
+mod absence;
 mod anything;
 mod reference_model;
 mod rooms;

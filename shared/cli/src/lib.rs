@@ -6,6 +6,7 @@
 //! * [`output`]: text on stdout, lines on stderr, figures as JSON.
 //! * [`files`]: worlds to read, and files to write, that are named on the command line.
 //! * [`flags`]: parsers for the values of flags, and for addresses.
+//! * [`identity`]: the certificate and key of a server or a visitor.
 //! * [`exit`]: exit codes, and the line that a failed program prints.
 //! * [`log`]: the log on stderr.
 //! * [`percentile`]: percentiles by nearest rank.
@@ -44,6 +45,7 @@
 pub mod exit;
 pub mod files;
 pub mod flags;
+pub mod identity;
 pub mod log;
 pub mod output;
 pub mod percentile;

@@ -7,7 +7,7 @@
 //!   acknowledged.
 //! * [`quantise`]: the only conversions between domain types and wire types.
 //! * [`text`]: names and chat lines that are fit to be shown.
-//! * [`fingerprint`]: how a client recognises a server.
+//! * [`fingerprint`]: how a client recognises a server, and a server its visitors.
 //! * `outbound` (feature `engine`): the engine's output as messages and datagrams.
 //!
 //! A connection has one bidirectional stream, which the client opens. The server opens a
@@ -48,7 +48,7 @@ pub mod text;
 mod varint;
 
 /// The version of the protocol, which both ends must share.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 /// The TLS application protocol. It has no version, so that the server can tell a client of another
 /// version the reason in words.
 pub const ALPN: &[u8] = b"sightline";

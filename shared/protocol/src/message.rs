@@ -166,6 +166,8 @@ pub enum ServerMessage {
     Goodbye {
         /// The reason, to show to people.
         reason: ChatLine,
+        /// Whether the client may come back by itself: the server is started again, for example.
+        may_return: bool,
     },
 }
 
@@ -197,6 +199,9 @@ pub enum Refusal {
         /// When the client may come again, in milliseconds.
         retry_ms: u32,
     },
+    /// The client proved no key, by which the server could know it again.
+    #[error("the server lets in nobody without a key")]
+    NoKey,
 }
 
 #[cfg(test)]
@@ -255,6 +260,7 @@ mod tests {
             ServerMessage::Refused { reason: Refusal::Full },
             ServerMessage::Refused { reason: Refusal::Closing },
             ServerMessage::Refused { reason: Refusal::Busy { retry_ms: u32::MAX } },
+            ServerMessage::Refused { reason: Refusal::NoKey },
             ServerMessage::Entered { pose: pose(), tick: u32::MAX },
             ServerMessage::Appear {
                 avatar,
@@ -284,7 +290,7 @@ mod tests {
             },
             ServerMessage::Correct { pose: pose() },
             ServerMessage::Chat { from: avatar, text: longest_line() },
-            ServerMessage::Goodbye { reason: longest_line() },
+            ServerMessage::Goodbye { reason: longest_line(), may_return: true },
         ]
     }
 

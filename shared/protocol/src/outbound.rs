@@ -65,7 +65,7 @@ impl Outbound {
                 ServerMessage::Chat { from: *from, text: ChatLine::clipped(text) }
             }
             Output::Drop { reason, .. } => {
-                ServerMessage::Goodbye { reason: ChatLine::clipped(reason) }
+                ServerMessage::Goodbye { reason: ChatLine::clipped(reason), may_return: false }
             }
         })
     }

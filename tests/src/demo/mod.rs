@@ -90,6 +90,7 @@ fn join(
         colour: [255, 255, 255],
         place,
         trust,
+        identity: Arc::new(Identity::generate()?),
         progress: None,
     };
     Ok(runtime.block_on(dialer.connect(address, &options))?)

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use sightline_protocol::{
     VERSION, frame,
-    message::{ClientMessage, ServerMessage},
+    message::{ClientMessage, Refusal, ServerMessage},
     text::ChatLine,
 };
 use sightline_server::net::ServeConfig;
@@ -52,6 +52,15 @@ async fn a_client_that_never_enters_takes_nobodys_place() {
     let refused = Dialer::new(None).connect(address, &options(&server, "Bo", EAST)).await;
     assert!(matches!(refused.err().unwrap(), ConnectError::Refused(_)));
     assert_eq!(ada.end(), None);
+}
+
+/// Who has no key cannot be known again, nor kept out.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_without_a_key_is_refused() {
+    let (_server, address) = serve(config());
+    let stranger = Stranger::without_key(address).await;
+    let said = stranger.converse(&hello(VERSION)).await;
+    assert_eq!(said, [ServerMessage::Refused { reason: Refusal::NoKey }]);
 }
 
 /// Ids that ascend would tell everybody how many come.

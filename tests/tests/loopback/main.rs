@@ -3,15 +3,17 @@
 mod building;
 mod crowd;
 mod limits;
+mod proxy;
+mod returning;
 mod stop;
 mod stranger;
 mod supplied;
 mod worlds;
 
-use std::{net::SocketAddr, time::Duration};
+use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use glam::Vec3;
-use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session, Trust, TrustError};
+use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session, SessionState, Trust, TrustError};
 use sightline_client_core::replica::{Event, VisibleAvatar};
 use sightline_protocol::{
     VERSION,
@@ -48,6 +50,7 @@ fn options(server: &Server, name: &str, place: Vec3) -> ConnectOptions {
         colour: [10, 20, 30],
         place: Some(place),
         trust: Trust::Pinned(server.fingerprint()),
+        identity: Arc::new(Identity::generate().unwrap()),
         progress: None,
     }
 }
@@ -168,7 +171,11 @@ async fn a_server_that_closes_says_goodbye() {
     let (server, _) = serve(config());
     let ada = join(&server, "Ada", WEST).await;
     server.shutdown().await;
-    until("Ada is told", || ada.end() == Some("the server is closing".to_owned())).await;
+    let is_told = || match ada.state() {
+        SessionState::Returning { reason, .. } => reason == "the server is closing",
+        _ => false,
+    };
+    until("Ada is told", is_told).await;
     let goodbye = Event::Goodbye("the server is closing".to_owned());
     assert!(ada.events().contains(&goodbye));
 }

@@ -8,6 +8,7 @@ use rustls::{
     client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier},
     pki_types::{CertificateDer, ServerName, UnixTime},
 };
+use sightline_cli::identity::Identity;
 use sightline_protocol::{
     ALPN, VERSION,
     frame::{self, FrameBuffer},
@@ -28,13 +29,27 @@ impl Stranger {
 
     /// Connects as a client that has no more room than this for what it has not read, in bytes.
     pub async fn with_stream_window(address: SocketAddr, bytes: u32) -> Self {
+        Self::open(address, bytes, Some(Identity::generate().unwrap())).await
+    }
+
+    /// Connects without a key.
+    pub async fn without_key(address: SocketAddr) -> Self {
+        Self::open(address, 1 << 20, None).await
+    }
+
+    async fn open(address: SocketAddr, bytes: u32, identity: Option<Identity>) -> Self {
         let provider = Arc::new(rustls::crypto::ring::default_provider());
-        let mut tls = rustls::ClientConfig::builder_with_provider(provider)
+        let tls = rustls::ClientConfig::builder_with_provider(provider)
             .with_protocol_versions(&[&rustls::version::TLS13])
             .unwrap()
             .dangerous()
-            .with_custom_certificate_verifier(Arc::new(Anyone))
-            .with_no_client_auth();
+            .with_custom_certificate_verifier(Arc::new(Anyone));
+        let mut tls = match identity {
+            Some(Identity { certificate, key }) => {
+                tls.with_client_auth_cert(vec![certificate], key).unwrap()
+            }
+            None => tls.with_no_client_auth(),
+        };
         tls.alpn_protocols = vec![ALPN.to_vec()];
         let crypto = QuicClientConfig::try_from(tls).unwrap();
         let mut endpoint = Endpoint::client("127.0.0.1:0".parse().unwrap()).unwrap();

@@ -93,7 +93,7 @@ fn write_house(folder: &Path, rooms: usize) {
 
 /// Whether a visitor is in a finely compiled world: its voxels are those of small models.
 fn is_fine(session: &Session) -> bool {
-    session.world().octree.voxel() == 1.0 / 32.0 && !session.is_moving_over()
+    session.world().octree.voxel() == 1.0 / 32.0 && session.is_present()
 }
 
 /// Waits until both are in a world of the server and each is told of the other.
@@ -141,7 +141,7 @@ async fn a_watched_file_changes_breaks_and_is_mended() {
     write_house(folder.path(), 3);
     supplier.tells("Changed").await;
     supplier.tells(&fine).await;
-    let has_grown = || ada.world().mesh.triangles.len() > before && !ada.is_moving_over();
+    let has_grown = || ada.world().mesh.triangles.len() > before && ada.is_present();
     until("Ada is in the larger house", has_grown).await;
 
     let good = fs::read(&path).unwrap();
@@ -157,9 +157,9 @@ async fn a_watched_file_changes_breaks_and_is_mended() {
     supplier.tells("Changed").await;
     write_house(folder.path(), 2);
     supplier.tells(&served(Preparation::Kept(Quality::Fine))).await;
-    let is_back = || ada.world().mesh.triangles.len() == before && !ada.is_moving_over();
+    let is_back = || ada.world().mesh.triangles.len() == before && ada.is_present();
     until("Ada is in the first house", is_back).await;
-    until("Bo is too", || bo.world().mesh.triangles.len() == before && !bo.is_moving_over()).await;
+    until("Bo is too", || bo.world().mesh.triangles.len() == before && bo.is_present()).await;
     are_together(&ada, &bo).await;
     let news = std::mem::take(&mut *supplier.news.lock().unwrap());
     assert!(!news.iter().any(|line| line.starts_with("failed")), "told once: {news:?}");

@@ -103,6 +103,7 @@ fn table(report: &SwarmReport) -> String {
         ("visitors", format!("{}", report.clients)),
         ("refused", format!("{}", report.refused)),
         ("disconnected", format!("{}", report.disconnected)),
+        ("came back", format!("{}", report.returned)),
         ("seconds", format!("{:.1}", report.seconds)),
         ("all were in after", format!("{:.1} s", report.joined_s)),
         ("time to come in, median", format!("{:.0} ms", report.join_p50_ms)),

@@ -3,7 +3,7 @@
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail, ensure};
-use sightline_cli::{files::read_world, flags, log, output, progress::Progress};
+use sightline_cli::{files::read_world, flags, identity::Identity, log, output, progress::Progress};
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
     net::{self, JoinProgress, Trust},
@@ -26,9 +26,13 @@ pub struct Args {
     /// address is trusted.
     #[arg(long, value_name = "HEX")]
     fingerprint: Option<Fingerprint>,
+    /// The file with your key, by which servers know you again. It is made if there is none. By
+    /// default it is in your home folder.
+    #[arg(long, value_name = "FILE")]
+    identity: Option<PathBuf>,
     /// Walk in a world file (.slw) without a server. Ctrl and a number bookmark the view, and the
     /// number alone flies to it.
-    #[arg(long, value_name = "WORLD.slw", conflicts_with_all = ["address", "fingerprint"])]
+    #[arg(long, value_name = "WORLD.slw", conflicts_with_all = ["address", "fingerprint", "identity"])]
     world: Option<PathBuf>,
     /// Leave out the nodes that cannot be seen from a box around the eye. A separate thread finds
     /// them ahead of the eye. The picture is the same; `bench --fuzzy` measures what it saves.
@@ -71,6 +75,9 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
     };
+    let own_file = || net::identity_of_user().context("there is no home folder: give --identity");
+    let identity = Identity::keep_in(&args.identity.clone().map_or_else(own_file, Ok)?)?;
+    output::note(&format!("your key is {}", identity.key_fingerprint()));
     let bar = Arc::new(Progress::new());
     let progress = bar.clone();
     let options_net = net::ConnectOptions {
@@ -78,6 +85,7 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         name,
         place: None,
         trust,
+        identity: Arc::new(identity),
         progress: Some(Arc::new(move |step| match step {
             JoinProgress::Waiting(what) => {
                 progress.show_with_note("waiting", 0.0, &format!("({what})"));

@@ -20,6 +20,7 @@ use super::{
     WorldSource, bookmarks::Bookmarks, controls::Controls, dynamic_resolution::DynamicResolution,
     overlay, overlay::Log, surroundings::Surroundings,
 };
+use crate::net::SessionState;
 
 /// Everything that the window shows, without the window itself.
 pub(super) struct WalkScene<'a> {
@@ -44,6 +45,7 @@ pub(super) struct WalkScene<'a> {
 }
 
 const MOVING_OVER: &str = "The building has changed. You will be in the new one in a moment.";
+const RETURNING: &str = "The connection broke. You will be back when the server answers.";
 const HELP: &str =
     "WASD walk, click and mouse look, Shift run, Space jump, F fly, R rooms, Enter chat, Esc leave";
 
@@ -86,9 +88,12 @@ impl<'a> WalkScene<'a> {
         self.draw_time
     }
 
-    /// Whether the server has replaced the building and this client is not in the new one yet.
-    fn is_moving_over(&self) -> bool {
-        matches!(self.visit, WorldSource::Shared(session) if session.is_moving_over())
+    /// How this client stands with its server; `None` without one.
+    fn session_state(&self) -> Option<SessionState> {
+        match self.visit {
+            WorldSource::Shared(session) => Some(session.state()),
+            WorldSource::Alone(..) => None,
+        }
     }
 
     /// Why the session ended; `None` while it runs.
@@ -148,7 +153,7 @@ impl<'a> WalkScene<'a> {
         }
         self.mover_visibility = None;
         let wish = controls.wish(dt_s);
-        if self.is_moving_over() {
+        if self.session_state().is_some_and(|state| state != SessionState::Present) {
             // The eye looks around and stays where it is.
             let stands = Pose { yaw: wish.yaw, pitch: wish.pitch, ..self.walker.pose() };
             self.walker.place(Pose { velocity: Vec3::ZERO, ..stands });
@@ -187,7 +192,7 @@ impl<'a> WalkScene<'a> {
         }
         self.draw_time += start.elapsed();
         self.dynamic_resolution.drew(start.elapsed().as_secs_f32() * 1.0e3);
-        let (status, is_moving_over) = (self.status(pose.eye, &seen), self.is_moving_over());
+        let (status, state) = (self.status(pose.eye, &seen), self.session_state());
         let shown = if divisor == 1 {
             &mut self.drawn
         } else {
@@ -196,8 +201,10 @@ impl<'a> WalkScene<'a> {
             &mut self.shown
         };
         overlay::status(shown, &status);
-        if is_moving_over {
-            overlay::banner(shown, MOVING_OVER);
+        match state {
+            Some(SessionState::MovingOver) => overlay::banner(shown, MOVING_OVER),
+            Some(SessionState::Returning { .. }) => overlay::banner(shown, RETURNING),
+            _ => {}
         }
         self.log.draw(shown, now, controls.line());
         shown

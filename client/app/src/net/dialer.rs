@@ -12,6 +12,7 @@ use std::{
 use quinn::{
     Connection, ConnectionError, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
 };
+use sightline_cli::identity::Identity;
 use sightline_client_core::replica::ReplicaError;
 use sightline_protocol::{
     VERSION,
@@ -27,6 +28,7 @@ use super::{
     control_stream::ControlStream,
     error::{ConnectError, lost},
     passage::ProgressListener,
+    returning::Caller,
     session::{Session, Welcomed},
     trust::{self, Trust},
 };
@@ -36,6 +38,11 @@ const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 
 /// What the system is asked to keep of what arrives while no processor is free, in bytes.
 const SOCKET_BYTES: usize = 4 << 20;
+/// A connection on which nothing arrives for so long counts as lost, in milliseconds, or for three
+/// times what a probe may take.
+const IDLE_MS_MAX: u32 = 5_000;
+/// A connection on which nothing happens is kept alive so often.
+const KEEP_ALIVE: Duration = Duration::from_secs(2);
 /// A client that a busy server puts off comes again for so long.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The longest time that a server may put a client off at once.
@@ -52,22 +59,24 @@ pub struct ConnectOptions {
     pub place: Option<glam::Vec3>,
     /// The trusted servers.
     pub trust: Trust,
+    /// The visitor's key, by which the server knows it again.
+    pub identity: Arc<Identity>,
     /// Called while the server has no world yet, and as the download of the first world proceeds.
     pub progress: Option<ProgressListener>,
 }
 
-/// Makes sessions that share a socket and the worlds that they need.
-#[derive(Debug)]
+/// Makes sessions that share a socket and the worlds that they need. So do those of its copies.
+#[derive(Clone, Debug)]
 pub struct Dialer {
     /// One endpoint for IPv4 and one for IPv6, opened when first needed.
-    endpoints: Mutex<[Option<Endpoint>; 2]>,
+    endpoints: Arc<Mutex<[Option<Endpoint>; 2]>>,
     cache: Arc<WorldCache>,
 }
 
 impl Dialer {
     /// A dialer that keeps worlds in a folder, or only in memory when `None`.
     pub fn new(world_folder: Option<PathBuf>) -> Self {
-        Self { endpoints: Mutex::default(), cache: Arc::new(WorldCache::new(world_folder)) }
+        Self { endpoints: Arc::default(), cache: Arc::new(WorldCache::new(world_folder)) }
     }
 
     /// Connects, waits until the server has a world, fetches it unless it is in the cache, and enters
@@ -102,22 +111,22 @@ impl Dialer {
         address: SocketAddr,
         options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
-        let connection = self.open(address).await?;
-        let joined = async {
-            options.trust.check(&connection, address)?;
-            self.join(&connection, options).await
-        };
-        let joined = joined.await;
-        if joined.is_err() {
-            connection.close(VarInt::from_u32(0), b"");
-        }
-        joined
+        let welcomed = self.greet(self.open(address, options).await?, address, options).await?;
+        let caller = Caller { dialer: self.clone(), address, options: options.clone() };
+        Session::start(welcomed, caller, self.cache.clone()).await
     }
 
-    async fn open(&self, address: SocketAddr) -> Result<Connection, ConnectError> {
+    /// Connects to a server, which is not trusted yet.
+    pub(super) async fn open(
+        &self,
+        address: SocketAddr,
+        options: &ConnectOptions,
+    ) -> Result<Connection, ConnectError> {
+        let mut config = quinn::ClientConfig::new(Arc::new(trust::crypto(&options.identity)?));
+        config.transport_config(Arc::new(transport()));
         let connecting = self
             .endpoint(address.is_ipv6())?
-            .connect(address, "sightline")
+            .connect_with(config, address, "sightline")
             .map_err(|error| ConnectError::Address { address, reason: error.to_string() })?;
         match timeout(ANSWER_DEADLINE, connecting).await {
             Ok(Ok(connection)) => Ok(connection),
@@ -126,17 +135,19 @@ impl Dialer {
         }
     }
 
-    async fn join(
+    /// Checks that the server is a trusted one, says hello, and waits until it is welcome.
+    pub(super) async fn greet(
         &self,
-        connection: &Connection,
+        connection: Connection,
+        address: SocketAddr,
         options: &ConnectOptions,
-    ) -> Result<Session, ConnectError> {
-        let mut control = ControlStream::open(connection).await?;
+    ) -> Result<Welcomed, ConnectError> {
+        options.trust.check(&connection, address)?;
+        let mut control = ControlStream::open(&connection).await?;
         let (name, colour) = (options.name.clone(), options.colour);
         control.sender.send(&ClientMessage::Hello { version: VERSION, name, colour }).await?;
         let (avatar, tick_interval) = welcome(&mut control).await?;
-        let welcomed = Welcomed { control, avatar, tick_interval, cache: self.cache.clone() };
-        Session::start(welcomed, options).await
+        Ok(Welcomed { control, avatar, tick_interval })
     }
 
     fn endpoint(&self, is_v6: bool) -> Result<Endpoint, ConnectError> {
@@ -152,11 +163,8 @@ impl Dialer {
         };
         let socket = socket(own).map_err(ConnectError::Socket)?;
         let runtime = Arc::new(TokioRuntime);
-        let mut endpoint = Endpoint::new(EndpointConfig::default(), None, socket, runtime)
+        let endpoint = Endpoint::new(EndpointConfig::default(), None, socket, runtime)
             .map_err(ConnectError::Socket)?;
-        let mut config = quinn::ClientConfig::new(Arc::new(trust::crypto()?));
-        config.transport_config(Arc::new(transport()));
-        endpoint.set_default_client_config(config);
         Ok(slot.insert(endpoint).clone())
     }
 }
@@ -201,8 +209,8 @@ fn transport() -> TransportConfig {
         .send_window(256 * 1_024)
         .datagram_receive_buffer_size(Some(256 * 1_024))
         .datagram_send_buffer_size(16 * 1_024)
-        .keep_alive_interval(Some(Duration::from_secs(3)))
-        .max_idle_timeout(Some(VarInt::from_u32(30_000).into()));
+        .keep_alive_interval(Some(KEEP_ALIVE))
+        .max_idle_timeout(Some(VarInt::from_u32(IDLE_MS_MAX).into()));
     transport
 }
 
@@ -212,7 +220,9 @@ async fn welcome(control: &mut ControlStream) -> Result<(AvatarId, Duration), Co
             Ok((avatar, Duration::from_micros(u64::from(tick_interval_us.get()))))
         }
         ServerMessage::Refused { reason } => Err(ConnectError::Refused(reason)),
-        ServerMessage::Goodbye { reason } => Err(ConnectError::Goodbye(reason.into())),
+        ServerMessage::Goodbye { reason, may_return } => {
+            Err(ConnectError::Goodbye { reason: reason.into(), may_return })
+        }
         _ => Err(ReplicaError::OutOfPlace.into()),
     }
 }

@@ -43,8 +43,13 @@ pub enum ConnectError {
     #[error("{0}")]
     Refused(Refusal),
     /// The server said goodbye.
-    #[error("the server said goodbye: {0}")]
-    Goodbye(String),
+    #[error("{reason}")]
+    Goodbye {
+        /// The reason.
+        reason: String,
+        /// Whether the client may come back by itself.
+        may_return: bool,
+    },
     /// The connection ended.
     #[error("connection lost: {0}")]
     Lost(String),
@@ -60,6 +65,26 @@ pub enum ConnectError {
     /// The server announced a world above the size limit.
     #[error("the server's world has {0} bytes, which is more than the limit")]
     WorldTooLarge(u64),
+}
+
+impl ConnectError {
+    /// Whether another attempt may succeed where this one did not.
+    pub(super) fn may_pass(&self) -> bool {
+        match self {
+            Self::Socket(_) | Self::NoAnswer(_) | Self::NotAccepted | Self::Lost(_) => true,
+            Self::Goodbye { may_return, .. } => *may_return,
+            Self::Refused(refusal) => {
+                matches!(refusal, Refusal::Full | Refusal::Closing | Refusal::Busy { .. })
+            }
+            Self::Tls(_)
+            | Self::Address { .. }
+            | Self::Trust(_)
+            | Self::Malformed(_)
+            | Self::OutOfPlace(_)
+            | Self::World(_)
+            | Self::WorldTooLarge(_) => false,
+        }
+    }
 }
 
 /// The error of a connection that ended.

@@ -1,7 +1,8 @@
 //! The connection to a server, the download of its worlds, and the cache of worlds.
 //!
 //! A [`Dialer`] makes [`Session`]s within a tokio runtime. [`connect_blocking`] makes one for a
-//! thread that has none. A session runs by itself, and its methods never wait for the network.
+//! thread that has none. A session runs by itself, and its methods never wait for the network. When
+//! its link breaks, it comes back by itself.
 
 mod cache;
 mod control_stream;
@@ -9,14 +10,20 @@ mod dialer;
 mod download;
 mod error;
 mod passage;
+mod returning;
 mod session;
 mod trust;
 
 pub use dialer::{ConnectOptions, Dialer, connect_blocking};
 pub use error::ConnectError;
 pub use passage::{JoinProgress, ProgressListener};
-pub use session::{Session, SessionStats};
+pub use session::{Session, SessionState, SessionStats};
 pub use trust::{Trust, TrustError};
+
+/// The file where the programs of this user keep its key; `None` when there is no home folder.
+pub fn identity_of_user() -> Option<std::path::PathBuf> {
+    trust::user_folders().map(|folders| folders.data_dir().join("visitor.pem"))
+}
 
 /// The folder where the programs of this user keep worlds; `None` when there is no home folder.
 pub fn world_folder_of_user() -> Option<std::path::PathBuf> {

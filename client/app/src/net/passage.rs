@@ -76,7 +76,9 @@ async fn next_offer(
                     progress(JoinProgress::Waiting(what.into()));
                 }
             }
-            ServerMessage::Goodbye { reason } => return Err(ConnectError::Goodbye(reason.into())),
+            ServerMessage::Goodbye { reason, may_return } => {
+                return Err(ConnectError::Goodbye { reason: reason.into(), may_return });
+            }
             _ => return Err(ReplicaError::OutOfPlace.into()),
         }
     }

@@ -15,6 +15,7 @@ use rustls::{
     crypto::{CryptoProvider, verify_tls12_signature, verify_tls13_signature},
     pki_types::{CertificateDer, ServerName, UnixTime},
 };
+use sightline_cli::identity::Identity;
 use sightline_protocol::{ALPN, fingerprint::Fingerprint};
 
 /// Which servers are trusted.
@@ -134,15 +135,15 @@ fn remember(path: &Path, address: SocketAddr, fingerprint: Fingerprint) -> io::R
 }
 
 /// TLS 1.3 that accepts any certificate whose key the server proves to hold. [`Trust::check`] decides
-/// whether it is the right one.
-pub(super) fn crypto() -> Result<QuicClientConfig, rustls::Error> {
+/// whether it is the right one. The client shows a certificate of its own.
+pub(super) fn crypto(identity: &Identity) -> Result<QuicClientConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let verifier = Arc::new(AnyCertificate(provider.clone()));
     let mut tls = rustls::ClientConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .dangerous()
         .with_custom_certificate_verifier(verifier)
-        .with_no_client_auth();
+        .with_client_auth_cert(vec![identity.certificate.clone()], identity.key.clone_key())?;
     tls.alpn_protocols = vec![ALPN.to_vec()];
     // A resumed session shows no certificate to check.
     tls.resumption = rustls::client::Resumption::disabled();

@@ -19,7 +19,10 @@ use std::{
 };
 
 use rand::{Rng, SeedableRng, rngs::SmallRng};
-use sightline_cli::trace::{Trace, Track};
+use sightline_cli::{
+    identity::{Identity, IdentityError},
+    trace::{Trace, Track},
+};
 use sightline_client_core::replica::{Event, HeldAvatar, VisibleAvatar};
 use sightline_protocol::text::Name;
 use sightline_world::{
@@ -136,6 +139,9 @@ pub enum SwarmError {
     /// No visitor could come in.
     #[error(transparent)]
     Connect(#[from] ConnectError),
+    /// There are no keys for the visitors.
+    #[error(transparent)]
+    Identity(#[from] IdentityError),
     /// The trace has fewer walks than there are visitors.
     #[error("the trace has {tracks} avatars, not {clients}")]
     TraceTooSmall {
@@ -212,6 +218,8 @@ pub async fn run(
             observer(&snapshot);
         }
     }
+    let lost = members.iter().filter(|member| !member.has_ended && !member.session.is_present());
+    statistics.disconnected += lost.count();
     let report = statistics.report(members.iter().map(|member| &member.session), start.elapsed());
     let mut leaving = JoinSet::new();
     for member in members {
@@ -245,7 +253,8 @@ impl ConnectedVisitor {
                     self.leapt = Some(elapsed);
                     self.visitor.correct(pose);
                 }
-                Event::Entered(pose) if !Arc::ptr_eq(&self.world, &self.session.world()) => {
+                // It has come back, or is in another building.
+                Event::Entered(pose) => {
                     self.world = self.session.world();
                     self.leapt = Some(elapsed);
                     self.pose = pose;
@@ -257,8 +266,8 @@ impl ConnectedVisitor {
         if dt_s > LEAP_S {
             self.leapt = Some(elapsed);
         }
-        // Nobody walks between two worlds, or where no ways are known yet.
-        if !self.session.is_moving_over() && grounds.are_of(&self.world) {
+        // Nobody walks outside of a world, or where no ways are known yet.
+        if self.session.is_present() && grounds.are_of(&self.world) {
             self.pose = self.visitor.step(grounds, dt_s, elapsed.as_secs_f64());
         } else {
             self.pose.velocity = glam::Vec3::ZERO;
@@ -302,22 +311,16 @@ async fn connect_visitors(
     let start = |i: usize| tracks.and_then(|tracks| Some(tracks.get(i)?.at(0.0).eye));
     let dialer = options.dialer.clone();
     // The first visitor starts at a spawn point: nothing else is known of the building yet.
-    let first = dialer.connect(address, &connect_options(options, 0, start(0))).await?;
+    let first = dialer.connect(address, &connect_options(options, 0, start(0))?).await?;
     let world = first.world();
     let grounds = Grounds::find(world.clone(), tracks.is_none()).await?;
     let mut random = SmallRng::seed_from_u64(options.seed);
     let options_by_number = (1..options.clients)
         .map(|i| {
-            (
-                i,
-                connect_options(
-                    options,
-                    i,
-                    start(i).or_else(|| grounds.navigation.random(&mut random)),
-                ),
-            )
+            let place = start(i).or_else(|| grounds.navigation.random(&mut random));
+            Ok((i, connect_options(options, i, place)?))
         })
-        .collect();
+        .collect::<Result<_, IdentityError>>()?;
     let (mut sessions, joining) = connect_all(&dialer, address, options_by_number).await;
     sessions.insert(0, (0, first));
     let members = sessions.into_iter().map(|(i, session)| {
@@ -330,6 +333,8 @@ async fn connect_visitors(
             }
         };
         let world = session.world();
+        // It begins where it has just entered.
+        session.events();
         ConnectedVisitor { session, visitor, world, pose, leapt: None, has_ended: false }
     });
     Ok((members.collect(), grounds, joining))
@@ -377,7 +382,12 @@ async fn connect_all(
     (sessions, joining)
 }
 
-fn connect_options(options: &SwarmOptions, i: usize, place: Option<glam::Vec3>) -> ConnectOptions {
+/// The options of a visitor, which has a key of its own.
+fn connect_options(
+    options: &SwarmOptions,
+    i: usize,
+    place: Option<glam::Vec3>,
+) -> Result<ConnectOptions, IdentityError> {
     let mut random = SmallRng::seed_from_u64(options.seed ^ i as u64);
     // Bright colours, seldom twice the same.
     let mut colour = [255, random.random_range(40..=255), 40];
@@ -385,11 +395,12 @@ fn connect_options(options: &SwarmOptions, i: usize, place: Option<glam::Vec3>) 
     if random.random_bool(0.5) {
         colour.swap(0, 1);
     }
-    ConnectOptions {
+    Ok(ConnectOptions {
         name: Name::clipped(&format!("Visitor {}", i + 1)),
         colour,
         place,
         trust: options.trust.clone(),
+        identity: Arc::new(Identity::generate()?),
         progress: None,
-    }
+    })
 }

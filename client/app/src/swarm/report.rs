@@ -35,8 +35,10 @@ pub struct SwarmReport {
     pub clients: usize,
     /// Visitors that could not come in.
     pub refused: usize,
-    /// Visitors whose connection ended early.
+    /// Visitors whose connection ended early, or was broken at the end.
     pub disconnected: usize,
+    /// How often a visitor's connection broke and the visitor came back by itself.
+    pub returned: usize,
     /// Reports that the server refused and corrected.
     pub corrections: usize,
     /// How often a visitor was in another's sight for more than half a second and the other did not
@@ -265,6 +267,7 @@ impl SwarmStatistics {
             clients: end.len(),
             refused: self.joining.refused,
             disconnected: self.disconnected,
+            returned: end.iter().map(|stats| stats.returns as usize).sum(),
             corrections: self.corrections,
             misses: self.misses,
             seconds,

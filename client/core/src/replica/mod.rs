@@ -147,8 +147,23 @@ impl Replica {
         self.others.clear();
         self.updates.clear();
         self.own.forget_copy();
-        self.reporter.leave(agility);
+        self.reporter.leave(self.tick_interval, agility);
         WireReport::made_at(self.reporter.reports_from(), self.tick_interval)
+    }
+
+    /// Begins anew on another connection, as which the client was welcomed as `avatar`. As with
+    /// [`Replica::leave_world`], the own pose and the client's own time stay.
+    pub fn reconnect(
+        &mut self,
+        avatar: AvatarId,
+        tick_interval: Duration,
+        agility: Agility,
+    ) -> u32 {
+        let (mut reporter, pose) = (self.reporter.clone(), self.own.pose);
+        reporter.leave(tick_interval, agility);
+        *self = Self { reporter, ..Self::new(avatar, tick_interval, agility) };
+        self.own.pose = pose;
+        WireReport::made_at(self.reporter.reports_from(), tick_interval)
     }
 
     /// Takes in a message from the server.
@@ -207,7 +222,7 @@ impl Replica {
                 let name = self.others.get(&from).map_or_else(String::new, |o| o.name.clone());
                 Some(Event::Chat { from, name, text: text.into() })
             }
-            ServerMessage::Goodbye { reason } => Some(Event::Goodbye(reason.into())),
+            ServerMessage::Goodbye { reason, .. } => Some(Event::Goodbye(reason.into())),
         };
         Ok(event)
     }

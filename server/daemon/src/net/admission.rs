@@ -1,13 +1,13 @@
-//! Limits on what peers may take: connections for each address, messages for each client. No
-//! sockets and no clocks are needed here.
+//! Limits on the connections of each network. No sockets and no clocks are needed here.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     net::{IpAddr, Ipv6Addr},
-    time::Duration,
 };
 
-use sightline_world::motion::AvatarId;
+/// The number of a connection, which no other one ever has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ConnectionId(pub u64);
 
 /// What a connection has come to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,21 +62,29 @@ pub enum NoPlace {
 #[derive(Debug)]
 pub struct Places {
     limits: PlaceLimits,
-    connections: HashMap<AvatarId, (IpAddr, Stage)>,
+    connections: HashMap<ConnectionId, (IpAddr, Stage)>,
     /// How many connections each network has at each stage.
     networks: HashMap<IpAddr, [usize; 4]>,
     /// How many connections there are at each stage.
     all: [usize; 4],
+    /// Connections that broke, and whose avatars are kept.
+    absent: HashSet<ConnectionId>,
 }
 
 impl Places {
     /// No connections yet.
     pub fn new(limits: PlaceLimits) -> Self {
-        Self { limits, connections: HashMap::new(), networks: HashMap::new(), all: [0; 4] }
+        Self {
+            limits,
+            connections: HashMap::new(),
+            networks: HashMap::new(),
+            all: [0; 4],
+            absent: HashSet::new(),
+        }
     }
 
     /// Decides on an attempt to connect. The connection counts from now on if it is accepted.
-    pub fn begin(&mut self, id: AvatarId, address: IpAddr, is_proven: bool) -> Answer {
+    pub fn begin(&mut self, id: ConnectionId, address: IpAddr, is_proven: bool) -> Answer {
         let stages = self.stages(address);
         if !is_own_machine(address) {
             if !is_proven && stages[Stage::Unproven as usize] > 0 {
@@ -95,7 +103,7 @@ impl Places {
 
     /// Takes in that a handshake is done, which proves the address. Returns whether the connection
     /// may stay.
-    pub fn prove(&mut self, id: AvatarId, address: IpAddr) -> bool {
+    pub fn prove(&mut self, id: ConnectionId, address: IpAddr) -> bool {
         if self.stage(id) == Some(Stage::Unproven) {
             if !is_own_machine(address) && !self.has_room(&self.stages(address)) {
                 return false;
@@ -106,9 +114,9 @@ impl Places {
     }
 
     /// Takes in that a client has said hello. It may then download the world, and enter.
-    pub fn join(&mut self, id: AvatarId, address: IpAddr) -> Result<(), NoPlace> {
+    pub fn join(&mut self, id: ConnectionId, address: IpAddr) -> Result<(), NoPlace> {
         let joining = self.stages(address)[Stage::Joining as usize];
-        if self.all[Stage::Entered as usize] >= self.limits.entered {
+        if self.avatars() >= self.limits.entered {
             return Err(NoPlace::Full);
         }
         let is_one_too_many =
@@ -121,19 +129,41 @@ impl Places {
     }
 
     /// Takes in that a client wants its avatar. Returns whether there is one for it.
-    pub fn enter(&mut self, id: AvatarId) -> bool {
-        let has_place = self.all[Stage::Entered as usize] < self.limits.entered;
+    pub fn enter(&mut self, id: ConnectionId) -> bool {
+        if self.stage(id) == Some(Stage::Entered) {
+            return true;
+        }
+        let has_place = self.avatars() < self.limits.entered;
         if has_place {
             self.set_stage(id, Stage::Entered);
         }
         has_place
     }
 
+    /// Takes in that a connection broke. Its avatar is kept, until the connection
+    /// [ends](Self::end).
+    pub fn part(&mut self, id: ConnectionId) {
+        self.end(id);
+        self.absent.insert(id);
+    }
+
+    /// Takes in that a client takes over the avatar of another connection, which has ended.
+    pub fn take_over(&mut self, id: ConnectionId, former: ConnectionId) {
+        self.end(former);
+        self.set_stage(id, Stage::Entered);
+    }
+
     /// Takes in that a connection has ended.
-    pub fn end(&mut self, id: AvatarId) {
+    pub fn end(&mut self, id: ConnectionId) {
+        self.absent.remove(&id);
         if let Some((network, stage)) = self.connections.remove(&id) {
             self.count(network, stage, false);
         }
+    }
+
+    /// How many avatars there are.
+    fn avatars(&self) -> usize {
+        self.all[Stage::Entered as usize] + self.absent.len()
     }
 
     fn has_room(&self, stages: &[usize; 4]) -> bool {
@@ -145,11 +175,11 @@ impl Places {
         self.networks.get(&network(address)).copied().unwrap_or_default()
     }
 
-    fn stage(&self, id: AvatarId) -> Option<Stage> {
+    fn stage(&self, id: ConnectionId) -> Option<Stage> {
         self.connections.get(&id).map(|(_, stage)| *stage)
     }
 
-    fn set_stage(&mut self, id: AvatarId, stage: Stage) {
+    fn set_stage(&mut self, id: ConnectionId, stage: Stage) {
         let Some((network, before)) = self.connections.get(&id).copied() else { return };
         self.connections.insert(id, (network, stage));
         self.count(network, before, false);
@@ -182,93 +212,6 @@ pub fn network(address: IpAddr) -> IpAddr {
     }
 }
 
-/// A token bucket: it allows a burst at once, and a rate in the long run.
-#[derive(Clone, Debug)]
-pub struct TokenBucket {
-    per_second: f64,
-    burst: f64,
-    level: f64,
-    filled_at: Duration,
-}
-
-impl TokenBucket {
-    /// A full bucket.
-    pub fn new(per_second: f64, burst: f64, now: Duration) -> Self {
-        assert!(per_second > 0.0 && burst > 0.0, "{per_second} a second, {burst} at once");
-        Self { per_second, burst, level: burst, filled_at: now }
-    }
-
-    /// Whether nothing was taken out for a while.
-    pub fn is_full(&self, now: Duration) -> bool {
-        let passed = now.saturating_sub(self.filled_at).as_secs_f64();
-        self.level + passed * self.per_second >= self.burst
-    }
-
-    /// Takes an amount out, if the bucket holds as much.
-    pub fn take(&mut self, amount: f64, now: Duration) -> bool {
-        let passed = now.saturating_sub(self.filled_at).as_secs_f64();
-        self.level = (self.level + passed * self.per_second).min(self.burst);
-        self.filled_at = self.filled_at.max(now);
-        let holds_enough = self.level >= amount;
-        if holds_enough {
-            self.level -= amount;
-        }
-        holds_enough
-    }
-}
-
-/// How many messages and bytes one client may send. A client that goes on after its budget is spent
-/// is disconnected in the end.
-#[derive(Clone, Debug)]
-pub struct MessageBudget {
-    messages: TokenBucket,
-    bytes: TokenBucket,
-    /// How many messages over the budget are tolerated.
-    tolerated: TokenBucket,
-}
-
-/// What is done with a message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BudgetDecision {
-    /// Handle it.
-    Accept,
-    /// Ignore it.
-    Ignore,
-    /// Disconnect the client.
-    Disconnect,
-}
-
-impl MessageBudget {
-    /// How many messages may arrive at once, for example after the path has stalled.
-    const MESSAGES_BURST: f64 = 128.0;
-    /// Bytes for each message of the budget, on average.
-    const MESSAGE_BYTES: f64 = 128.0;
-    /// How many bytes may arrive at once.
-    const BYTES_BURST: f64 = 16.0 * 1_024.0;
-
-    /// A budget of two messages for each tick.
-    pub fn new(tick_hz: u32, now: Duration) -> Self {
-        let per_second = 2.0 * f64::from(tick_hz);
-        let bytes_per_second = per_second * Self::MESSAGE_BYTES;
-        Self {
-            messages: TokenBucket::new(per_second, Self::MESSAGES_BURST, now),
-            bytes: TokenBucket::new(bytes_per_second, Self::BYTES_BURST, now),
-            tolerated: TokenBucket::new(per_second, 4.0 * Self::MESSAGES_BURST, now),
-        }
-    }
-
-    /// Charges a message to the budget.
-    pub fn charge(&mut self, bytes: usize, now: Duration) -> BudgetDecision {
-        if self.messages.take(1.0, now) && self.bytes.take(bytes as f64, now) {
-            BudgetDecision::Accept
-        } else if self.tolerated.take(1.0, now) {
-            BudgetDecision::Ignore
-        } else {
-            BudgetDecision::Disconnect
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -279,7 +222,7 @@ mod tests {
     /// A server's connections, each with the next id.
     struct Door {
         places: Places,
-        newest: u32,
+        newest: u64,
     }
 
     impl Door {
@@ -287,9 +230,9 @@ mod tests {
             Self { places: Places::new(LIMITS), newest: 0 }
         }
 
-        fn begin(&mut self, address: &str, is_proven: bool) -> (AvatarId, Answer) {
+        fn begin(&mut self, address: &str, is_proven: bool) -> (ConnectionId, Answer) {
             self.newest += 1;
-            let id = AvatarId(self.newest);
+            let id = ConnectionId(self.newest);
             (id, self.places.begin(id, address.parse().unwrap(), is_proven))
         }
 
@@ -298,7 +241,7 @@ mod tests {
             self.begin(address, true).1 == Answer::Accept
         }
 
-        fn join(&mut self, address: &str) -> (AvatarId, Result<(), NoPlace>) {
+        fn join(&mut self, address: &str) -> (ConnectionId, Result<(), NoPlace>) {
             let (id, answer) = self.begin(address, true);
             assert_eq!(answer, Answer::Accept);
             (id, self.places.join(id, address.parse().unwrap()))
@@ -316,7 +259,7 @@ mod tests {
         assert!((0..3).all(|_| door.accepts("2001:db8::1")));
         assert!(!door.accepts("2001:db8::2:0:0:0") && door.accepts("2001:db8:0:1::1"));
         assert!((0..100).all(|_| door.accepts("127.0.0.1") && door.accepts("::1")));
-        (0..=door.newest).for_each(|id| door.places.end(AvatarId(id)));
+        (0..=door.newest).for_each(|id| door.places.end(ConnectionId(id)));
         assert!(door.places.networks.is_empty(), "connections that end leave no entry");
         assert_eq!((door.places.connections.len(), door.places.all), (0, [0; 4]));
     }
@@ -353,7 +296,7 @@ mod tests {
         assert_eq!((joined, door.join("203.0.113.9").1), (Ok(()), Ok(())));
         assert_eq!(door.join("203.0.113.9").1, Err(NoPlace::Busy));
         assert!(door.places.enter(one));
-        let ids: Vec<AvatarId> = (0..3).map(|_| door.join("127.0.0.1").0).collect();
+        let ids: Vec<ConnectionId> = (0..3).map(|_| door.join("127.0.0.1").0).collect();
         assert_eq!(door.join("127.0.0.1").1, Err(NoPlace::Busy), "four join");
         assert!(ids.into_iter().all(|id| door.places.enter(id)));
         let (last, joined) = door.join("192.0.2.1");
@@ -363,38 +306,29 @@ mod tests {
         assert_eq!(door.join("192.0.2.3").1, Ok(()));
     }
 
+    /// The avatar of a connection that broke is kept for its visitor, and keeps others out. The
+    /// connection itself takes no place from its network.
     #[test]
-    fn a_steady_client_is_accepted_and_a_flood_disconnects() {
-        let mut budget = MessageBudget::new(20, Duration::ZERO);
-        for i in 0..10_000 {
-            let now = Duration::from_millis(i * 25);
-            assert_eq!(
-                budget.charge(60, now),
-                BudgetDecision::Accept,
-                "at the limit of 40 a second"
-            );
-        }
-        let now = Duration::from_secs(300);
-        let decisions: Vec<_> = (0..2_000).map(|_| budget.charge(60, now)).collect();
-        let count = |decision| decisions.iter().filter(|d| **d == decision).count();
-        assert_eq!((count(BudgetDecision::Accept), count(BudgetDecision::Ignore)), (128, 512));
-        assert_eq!(decisions.last(), Some(&BudgetDecision::Disconnect));
-    }
-
-    #[test]
-    fn large_messages_spend_the_budget_of_bytes() {
-        let mut budget = MessageBudget::new(20, Duration::ZERO);
-        let taken =
-            (0..100).filter(|_| budget.charge(1_200, Duration::ZERO) == BudgetDecision::Accept);
-        assert_eq!(taken.count(), 13);
-    }
-
-    #[test]
-    fn a_clock_that_goes_back_does_not_fill_the_bucket() {
-        let mut bucket = TokenBucket::new(10.0, 1.0, Duration::from_secs(9));
-        assert!(bucket.take(1.0, Duration::from_secs(9)));
-        assert!(!bucket.take(1.0, Duration::from_secs(1)));
-        assert!(!bucket.take(1.0, Duration::from_secs(9)));
-        assert!(bucket.take(1.0, Duration::from_secs(10)));
+    fn who_comes_back_has_a_place() {
+        let mut door = Door::new();
+        let mut enter = |address: &str| {
+            let (id, joined) = door.join(address);
+            assert!(joined.is_ok() && door.places.enter(id));
+            id
+        };
+        let ids = ["192.0.2.1"; 3].map(&mut enter);
+        enter("127.0.0.1");
+        enter("127.0.0.1");
+        assert!(!door.accepts("192.0.2.1"));
+        door.places.part(ids[0]);
+        assert_eq!(door.join("198.51.100.1").1, Err(NoPlace::Full), "the avatar is there");
+        let (back, answer) = door.begin("192.0.2.1", true);
+        assert_eq!(answer, Answer::Accept);
+        door.places.take_over(back, ids[0]);
+        assert!(door.places.enter(back));
+        assert_eq!(door.join("198.51.100.1").1, Err(NoPlace::Full));
+        door.places.part(back);
+        door.places.end(back);
+        assert_eq!(door.join("198.51.100.1").1, Ok(()));
     }
 }

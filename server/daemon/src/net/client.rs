@@ -2,33 +2,54 @@
 
 use std::{
     net::IpAddr,
-    sync::{Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     time::Duration,
 };
 
 use glam::Vec3;
 use quinn::Connection;
-use sightline_protocol::text::Name;
+use sightline_protocol::{fingerprint::KeyFingerprint, text::Name};
 use sightline_world::{
     motion::{AvatarId, Tbv},
     tolerance::WIRE_POSE_M,
 };
 
-use super::outbox::Outbox;
+use super::{admission::ConnectionId, outbox::Outbox};
 use crate::operate::{ClientStats, TrafficCounters};
+
+/// A visitor, from when it comes in to when it leaves. It outlasts connections.
+pub struct Visit {
+    /// The fingerprint of the visitor's key.
+    pub key: KeyFingerprint,
+    /// The avatar that it has, or will have.
+    pub avatar: AvatarId,
+    /// The name that others see.
+    pub name: Name,
+    /// The avatar's colour, sRGB.
+    pub colour: [u8; 3],
+    /// Whether the avatar is in the world, or was when the world ended.
+    has_entered: AtomicBool,
+    /// Where it was before it was in this world, or before its link broke.
+    former: Mutex<Option<FormerPlace>>,
+}
 
 /// A connected client.
 pub struct ConnectedClient {
-    /// The avatar that it has, or will have. Each connection has its own.
-    pub avatar: AvatarId,
+    /// The number of its connection.
+    pub connection_id: ConnectionId,
+    /// The QUIC connection.
+    pub connection: Connection,
+    /// The visitor.
+    pub visit: Arc<Visit>,
     /// The messages that wait to be sent to it.
     pub outbox: Outbox,
     /// What was sent to it and received from it.
     pub counters: TrafficCounters,
-    /// The QUIC connection.
-    pub connection: Connection,
-    /// Where it was in the world before this one.
-    former: Mutex<Option<FormerPlace>>,
+    /// Whether another client has its avatar.
+    is_replaced: AtomicBool,
 }
 
 /// Where a client was when its world ended.
@@ -38,6 +59,8 @@ pub struct FormerPlace {
     pub eye: Vec3,
     /// Where its eye was, as far as it had said.
     pub region: Tbv,
+    /// The number of the world that it was in.
+    pub world: u32,
 }
 
 impl FormerPlace {
@@ -47,22 +70,62 @@ impl FormerPlace {
     }
 }
 
-impl ConnectedClient {
-    /// A client of which nothing is known yet but its connection, at a server with this time from
-    /// tick to tick.
-    pub fn new(avatar: AvatarId, connection: Connection, tick_interval: Duration) -> Self {
-        let (outbox, counters) = (Outbox::new(tick_interval), TrafficCounters::default());
-        Self { avatar, outbox, counters, connection, former: Mutex::default() }
+impl Visit {
+    /// A visitor that has just come in.
+    pub fn new(key: KeyFingerprint, avatar: AvatarId, name: Name, colour: [u8; 3]) -> Self {
+        let (has_entered, former) = Default::default();
+        Self { key, avatar, name, colour, has_entered, former }
     }
 
-    /// Notes where it was when its world ended.
+    /// Notes where it was when its world ended, or when its link broke.
     pub fn set_former(&self, place: FormerPlace) {
         *self.former.lock().unwrap_or_else(PoisonError::into_inner) = Some(place);
     }
 
-    /// Where it was in the world before this one. The next call has nothing.
-    pub fn take_former(&self) -> Option<FormerPlace> {
-        self.former.lock().unwrap_or_else(PoisonError::into_inner).take()
+    /// Where it was before; `None` when it has been there since.
+    pub fn former(&self) -> Option<FormerPlace> {
+        *self.former.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in that its avatar is in the world.
+    pub fn enter(&self) {
+        self.has_entered.store(true, Relaxed);
+        *self.former.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    /// Whether it has an avatar that can be kept for it.
+    pub fn has_entered(&self) -> bool {
+        self.has_entered.load(Relaxed)
+    }
+}
+
+impl ConnectedClient {
+    /// The client of a visitor, at a server with this time from tick to tick.
+    pub fn new(
+        connection_id: ConnectionId,
+        connection: Connection,
+        visit: Arc<Visit>,
+        tick_interval: Duration,
+    ) -> Self {
+        let (outbox, counters) = (Outbox::new(tick_interval), TrafficCounters::default());
+        let is_replaced = AtomicBool::new(false);
+        Self { connection_id, connection, visit, outbox, counters, is_replaced }
+    }
+
+    /// Takes in that another client has its avatar. It is told so, and is not listened to any more.
+    pub fn replace(&self, reason: &str) {
+        self.is_replaced.store(true, Relaxed);
+        self.outbox.end(reason, false);
+    }
+
+    /// Whether another client has its avatar.
+    pub fn is_replaced(&self) -> bool {
+        self.is_replaced.load(Relaxed)
+    }
+
+    /// The avatar that it has, or will have.
+    pub fn avatar(&self) -> AvatarId {
+        self.visit.avatar
     }
 
     /// The address of its machine.
@@ -101,7 +164,7 @@ mod tests {
         let within = Aabb::new(Vec3::ZERO, Vec3::splat(4.0));
         let (expiry, notice) = (Duration::ZERO, Duration::ZERO);
         let region = Tbv { within, axes: Axes::turned(0.0), expiry, notice };
-        let former = FormerPlace { eye: Vec3::ONE, region };
+        let former = FormerPlace { eye: Vec3::ONE, region, world: 1 };
         assert_eq!(former.going_on(Vec3::splat(3.0)), Vec3::splat(3.0));
         assert_eq!(former.going_on(Vec3::splat(4.001)), Vec3::splat(4.001), "rounded on the wire");
         assert_eq!(former.going_on(Vec3::splat(5.0)), Vec3::ONE);

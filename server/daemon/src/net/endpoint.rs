@@ -10,10 +10,12 @@ use quinn::{
     Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
     crypto::rustls::QuicServerConfig,
 };
+use ring::hmac;
+use sightline_cli::identity::Identity;
 use sightline_protocol::ALPN;
 use socket2::{Domain, Protocol, Socket, Type};
 
-use super::{BindError, config::ServeConfig, identity::Identity};
+use super::{BindError, client_keys::AnyKey, config::ServeConfig};
 
 /// The most connections that may wait to be accepted.
 const INCOMING_MAX: usize = 1_024;
@@ -35,7 +37,7 @@ pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, Bin
         bound => bound,
     };
     let endpoint = bound.and_then(|socket| {
-        Endpoint::new(EndpointConfig::default(), Some(quic), socket, Arc::new(TokioRuntime))
+        Endpoint::new(endpoint_config(identity), Some(quic), socket, Arc::new(TokioRuntime))
     });
     endpoint.map_err(|source: io::Error| BindError::Listen { address, source })
 }
@@ -53,11 +55,19 @@ fn socket(address: SocketAddr) -> io::Result<UdpSocket> {
     Ok(socket.into())
 }
 
+/// A server that was started again knows none of its former connections. By a key that it has kept,
+/// it proves to each that it may tell it so, and the client need not wait in vain.
+fn endpoint_config(identity: &Identity) -> EndpointConfig {
+    let key = blake3::derive_key("sightline stateless reset", identity.key.secret_der());
+    EndpointConfig::new(Arc::new(hmac::Key::new(hmac::HMAC_SHA256, &key)))
+}
+
 fn quic_config(identity: &Identity) -> Result<quinn::ServerConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let verifier = Arc::new(AnyKey(provider.clone()));
     let mut tls = rustls::ServerConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
-        .with_no_client_auth()
+        .with_client_cert_verifier(verifier)
         .with_single_cert(vec![identity.certificate.clone()], identity.key.clone_key())?;
     tls.alpn_protocols = vec![ALPN.to_vec()];
     let crypto = QuicServerConfig::try_from(tls)

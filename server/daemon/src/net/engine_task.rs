@@ -15,7 +15,7 @@ use std::{
 
 use glam::Vec3;
 use sightline_engine::{Config, Engine, Input, Output};
-use sightline_world::motion::AvatarId;
+use sightline_world::motion::{AvatarId, Tbv};
 use tokio::sync::mpsc::{self, error::TryRecvError};
 
 use super::{
@@ -48,7 +48,9 @@ pub enum EngineEvent {
     Join(Newcomer),
     /// A client in the world did something.
     Input(Input),
-    /// A client has gone, whether or not it had entered.
+    /// The link to a client broke, or another client takes its place.
+    Absent(Arc<ConnectedClient>),
+    /// A visitor has gone, whether or not it had entered.
     Leave(AvatarId),
 }
 
@@ -58,11 +60,7 @@ pub struct Newcomer {
     pub client: Arc<ConnectedClient>,
     /// The number of the world. Another one may have taken its place.
     pub world: u32,
-    /// The name that others see.
-    pub name: String,
-    /// The avatar's colour, sRGB.
-    pub colour: [u8; 3],
-    /// Where it wants its eye; a spawn point when `None`.
+    /// Where its eye is to be. A spawn point when `None`, or where it stood.
     pub place: Option<Vec3>,
 }
 
@@ -176,28 +174,43 @@ impl EngineTask {
                     engine.handle(at, input);
                 }
             }
+            EngineEvent::Absent(client) => self.miss(at, &client),
             EngineEvent::Leave(avatar) => {
-                let before = self.newcomers.len();
-                self.newcomers.retain(|newcomer| newcomer.client.avatar != avatar);
-                self.load.entered(before - self.newcomers.len());
-                if self.clients.remove(&avatar).is_some()
-                    && let Some(engine) = &mut self.engine
-                {
+                self.forget_newcomers(|client| client.avatar() == avatar);
+                self.clients.remove(&avatar);
+                if let Some(engine) = &mut self.engine {
                     engine.handle(at, Input::Leave { avatar });
                 }
             }
         }
     }
 
+    /// The link to a client broke. Where it was is noted, so that it can go on there.
+    fn miss(&mut self, at: Duration, client: &Arc<ConnectedClient>) {
+        self.forget_newcomers(|newcomer| Arc::ptr_eq(newcomer, client));
+        let avatar = client.avatar();
+        let is_here = self.clients.get(&avatar).is_some_and(|here| Arc::ptr_eq(here, client));
+        if is_here && let Some(engine) = &mut self.engine {
+            self.clients.remove(&avatar);
+            let region = engine.whereabouts(avatar);
+            engine.handle(at, Input::Absent { avatar });
+            note_place(engine, client, region, self.world);
+        }
+    }
+
+    /// Nobody waits any more for these clients to enter.
+    fn forget_newcomers(&mut self, gone: impl Fn(&Arc<ConnectedClient>) -> bool) {
+        let before = self.newcomers.len();
+        self.newcomers.retain(|newcomer| !gone(&newcomer.client));
+        self.load.entered(before - self.newcomers.len());
+    }
+
     /// Ends the present world and begins another. All clients are told, and the server remembers
     /// where each was, so that it can go on there.
     pub fn change(&mut self, engine: Box<Engine>, world: ServedWorld) {
-        for (avatar, client) in std::mem::take(&mut self.clients) {
-            let engine = self.engine.as_ref();
-            let region = engine.and_then(|engine| engine.whereabouts(avatar));
-            let pose = engine.and_then(|engine| engine.pose(avatar));
-            if let (Some(region), Some(pose)) = (region, pose) {
-                client.set_former(FormerPlace { eye: pose.eye, region });
+        for client in std::mem::take(&mut self.clients).values() {
+            if let Some(engine) = &self.engine {
+                note_place(engine, client, engine.whereabouts(client.avatar()), self.world);
             }
         }
         let ticks = self.engine.as_ref().map_or(0, |engine| engine.ticks());
@@ -210,16 +223,24 @@ impl EngineTask {
     }
 
     fn enter(&mut self, now: Duration, newcomer: Newcomer) {
-        let Newcomer { client, world, name, colour, place } = newcomer;
-        let avatar = client.avatar;
+        let Newcomer { client, world, place } = newcomer;
+        let visit = client.visit.clone();
+        let avatar = visit.avatar;
         self.load.entered(1);
         // Who comes for a world that is gone has been told of the next one.
         let Some(engine) = self.engine.as_mut().filter(|_| world == self.world) else { return };
         // The handshake has measured the round trip already.
         let round_trip = client.connection.rtt();
-        let before = self.clients.insert(avatar, client);
-        debug_assert!(before.is_none(), "a session enters once");
-        engine.handle(now, Input::Join { avatar, name, colour, place });
+        self.clients.insert(avatar, client);
+        visit.enter();
+        let is_back = engine.state(avatar).is_some();
+        engine.handle(now, match is_back {
+            true => Input::Return { avatar, place },
+            false => {
+                let (name, colour) = (visit.name.to_string(), visit.colour);
+                Input::Join { avatar, name, colour, place }
+            }
+        });
         engine.handle(now, Input::RoundTrip { avatar, round_trip });
     }
 
@@ -271,5 +292,12 @@ impl EngineTask {
             let round_trip = client.connection.rtt();
             engine.handle(now, Input::RoundTrip { avatar, round_trip });
         }
+    }
+}
+
+/// Notes where a client is, so that it can go on there.
+fn note_place(engine: &Engine, client: &ConnectedClient, region: Option<Tbv>, world: u32) {
+    if let (Some(region), Some(pose)) = (region, engine.pose(client.avatar())) {
+        client.visit.set_former(FormerPlace { eye: pose.eye, region, world });
     }
 }

@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, net::IpAddr, time::Duration};
 
-use super::admission::{TokenBucket, network};
+use super::{admission::network, budget::TokenBucket};
 
 /// Lines in a second that a peer may cause, in the long run and at once: ten in any second at most.
 const LINES: f64 = 5.0;

@@ -14,12 +14,14 @@
 mod accept;
 mod admission;
 mod avatar_ids;
+mod budget;
 mod changer;
 mod client;
+mod client_keys;
 mod config;
 mod endpoint;
 mod engine_task;
-mod identity;
+mod entrance;
 mod load;
 mod log_limits;
 mod names;
@@ -30,6 +32,7 @@ mod places;
 mod served_world;
 mod session;
 mod state;
+mod visitors;
 
 use std::{
     io,
@@ -52,8 +55,8 @@ use tokio::{
 
 pub use changer::{ServerEnded, WorldChanger};
 pub use config::{ConfigError, ServeConfig};
-pub use identity::{Identity, IdentityError};
 pub use served_world::ServedWorld;
+pub use sightline_cli::identity::{Identity, IdentityError};
 
 use crate::operate::{ServerStats, TickMetrics};
 use engine_task::EngineTask;
@@ -184,8 +187,8 @@ impl Server {
 
     /// The statistics at present.
     pub fn stats(&self) -> ServerStats {
-        let clients: Vec<_> = self.state.registry().clients.values().cloned().collect();
-        let clients = clients.iter().map(|client| (client.avatar.0, client.stats())).collect();
+        let clients: Vec<_> = self.state.registry().visitors.connected().cloned().collect();
+        let clients = clients.iter().map(|client| (client.avatar().0, client.stats())).collect();
         let (counts, engine) = self.state.metrics.engine();
         let (ticks, overload) = (self.state.metrics.summary(), self.state.load.stats());
         ServerStats { clients, ticks, overload, counts, engine }

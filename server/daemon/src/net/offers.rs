@@ -8,10 +8,9 @@ use std::{
 };
 
 use sightline_protocol::{message::ServerMessage, text::ChatLine};
-use sightline_world::motion::AvatarId;
 use tokio::sync::watch;
 
-use super::{client::ConnectedClient, served_world::ServedWorld};
+use super::{admission::ConnectionId, client::ConnectedClient, served_world::ServedWorld};
 
 /// What is told before the server says what it does.
 const LOADING: &str = "the world is being loaded";
@@ -39,7 +38,7 @@ pub struct Offers {
 }
 
 struct Audience {
-    clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
+    clients: BTreeMap<ConnectionId, Arc<ConnectedClient>>,
     /// What the server does until it has a world.
     loading: ChatLine,
 }
@@ -56,8 +55,8 @@ impl Offers {
     /// Welcomes an admitted client, which hears of each world from now on.
     pub fn welcome(&self, client: &Arc<ConnectedClient>, tick_interval_us: NonZeroU32) {
         let mut audience = self.audience();
-        audience.clients.insert(client.avatar, client.clone());
-        let avatar = client.avatar;
+        audience.clients.insert(client.connection_id, client.clone());
+        let avatar = client.avatar();
         client.outbox.push(&ServerMessage::Welcome { avatar, tick_interval_us });
         client.outbox.push(&match &*self.offer.borrow() {
             Some(offer) => offer.message(),
@@ -66,8 +65,8 @@ impl Offers {
     }
 
     /// A client has left.
-    pub fn release(&self, avatar: AvatarId) {
-        self.audience().clients.remove(&avatar);
+    pub fn release(&self, id: ConnectionId) {
+        self.audience().clients.remove(&id);
     }
 
     /// The offered world; `None` until there is one.

@@ -99,9 +99,9 @@ impl Outbox {
         }
     }
 
-    /// Adds a goodbye. Nothing can be added after it.
-    pub fn end(&self, reason: &str) {
-        self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason) });
+    /// Adds a goodbye, and whether the client may come back by itself. Nothing can be added after it.
+    pub fn end(&self, reason: &str, may_return: bool) {
+        self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason), may_return });
     }
 
     /// Wakes the client's task, once every output of a tick is there, if it has something to send.
@@ -286,6 +286,6 @@ mod tests {
         let batch = outbox.take(None);
         assert!(batch.is_last);
         let reason = ChatLine::new("enough").unwrap();
-        assert_eq!(messages(&batch), [ServerMessage::Goodbye { reason }]);
+        assert_eq!(messages(&batch), [ServerMessage::Goodbye { reason, may_return: false }]);
     }
 }

@@ -1,27 +1,25 @@
 //! What all sessions of a server share.
 
 use std::{
-    collections::BTreeMap,
+    collections::HashMap,
     net::IpAddr,
-    num::NonZeroU32,
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::AtomicUsize},
     time::{Duration, Instant},
 };
 
-use sightline_protocol::{VERSION, message::Refusal, text::Name};
-use sightline_world::motion::AvatarId;
 use tokio::sync::{mpsc, watch};
 
 use super::{
-    admission::{NoPlace, PlaceLimits, Places},
+    admission::{ConnectionId, PlaceLimits, Places},
     avatar_ids::AvatarIds,
-    client::{ConnectedClient, Hello},
+    client::ConnectedClient,
     config::ServeConfig,
     engine_task::{EngineEvent, TimedEvent},
     load::Load,
     log_limits::LogLimits,
     names::Names,
     offers::Offers,
+    visitors::Visitors,
 };
 use crate::operate::TickMetrics;
 
@@ -55,12 +53,15 @@ pub fn connections_max(clients_max: usize) -> usize {
     clients_max + CONNECTIONS_SPARE
 }
 
-/// The admitted clients and the places of all connections.
+/// The visitors, and the places of all connections.
 pub struct Registry {
-    pub clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
+    /// The clients that were let in, by their connections. One may have lost its avatar to another.
+    pub clients: HashMap<ConnectionId, Arc<ConnectedClient>>,
+    pub visitors: Visitors,
     pub places: Places,
-    /// Each connection has an id of its own, used or not.
     pub ids: AvatarIds,
+    /// The number of the last connection.
+    connections: u64,
     pub names: Names,
     pub log: LogLimits,
 }
@@ -75,12 +76,20 @@ impl Registry {
             entered: config.clients_max,
         };
         Self {
-            clients: BTreeMap::new(),
+            clients: HashMap::new(),
+            visitors: Visitors::default(),
             places: Places::new(limits),
             ids: AvatarIds::new(connections_max(config.clients_max)),
             names: Names::default(),
             log: LogLimits::default(),
+            connections: 0,
         }
+    }
+
+    /// The number of a new connection.
+    pub fn number(&mut self) -> ConnectionId {
+        self.connections += 1;
+        ConnectionId(self.connections)
     }
 }
 
@@ -100,37 +109,6 @@ impl ServerState {
     pub async fn tell_engine(&self, event: EngineEvent) -> bool {
         let at = self.now();
         self.events.send(TimedEvent { at, event }).await.is_ok()
-    }
-
-    /// Admits a client and welcomes it, if it speaks this version and there is room. Returns the name
-    /// that it has.
-    pub fn admit(&self, client: &Arc<ConnectedClient>, hello: &Hello) -> Result<Name, Refusal> {
-        if hello.is_foreign {
-            return Err(Refusal::Version { server: VERSION });
-        }
-        if *self.closing.borrow() {
-            return Err(Refusal::Closing);
-        }
-        let busy = |retry: Duration| Refusal::Busy { retry_ms: retry.as_millis() as u32 };
-        if let Some(retry) = self.load.refuses() {
-            return Err(busy(retry));
-        }
-        let address = client.address();
-        let mut registry = self.registry();
-        match registry.places.join(client.avatar, address) {
-            Ok(()) => {}
-            Err(NoPlace::Full) => return Err(Refusal::Full),
-            Err(NoPlace::Busy) => return Err(busy(self.load.refuse())),
-        }
-        registry.clients.insert(client.avatar, client.clone());
-        let name = registry.names.claim(client.avatar, &hello.name);
-        let interval_us = self.config.tick_interval().as_micros() as u32;
-        let interval_us = NonZeroU32::new(interval_us).unwrap_or(NonZeroU32::MIN);
-        self.offers.welcome(client, interval_us);
-        if registry.log.allows(address, self.now()) {
-            tracing::info!(avatar = client.avatar.0, name = ?name.as_str(), "joined");
-        }
-        Ok(name)
     }
 
     /// Whether the log may have a line about a peer.

@@ -45,6 +45,9 @@ impl Silencing<'_> {
     /// Otherwise makes sure that its client knows that it is live.
     fn settle(&mut self, slot: Slot, may_try: bool, outputs: &mut Vec<Output>) {
         let View { config, now, .. } = self.view;
+        if self.population.at(slot).is_absent {
+            return;
+        }
         if may_try {
             let footprint = self.current_footprint(slot);
             if let Some(silence) = self.find_silence(slot, &footprint) {
@@ -69,6 +72,7 @@ impl Silencing<'_> {
         let fresh = horizons.one_way(link.round_trip) + link.margin + 2 * config.tick;
         let is_fresh = avatar.motion(self.view).age <= fresh;
         config.policy == Policy::Tbv
+            && !avatar.is_absent
             && is_fresh
             && now >= avatar.silence_from
             && avatar.watchers == 0

@@ -90,6 +90,8 @@ fn input(ids: u32) -> impl Strategy<Value = Input> {
         avatar,
         report: Report { made, orders, pose },
     });
+    let come_back = (avatar(), prop::option::of(vector()));
+    let come_back = come_back.prop_map(|(avatar, place)| Input::Return { avatar, place });
     let relocate = (avatar(), pose()).prop_map(|(avatar, pose)| Input::Relocate { avatar, pose });
     let trip = prop_oneof![9 => (0..300_u64).prop_map(Duration::from_millis), 1 => span()];
     let trip = (avatar(), trip);
@@ -97,6 +99,8 @@ fn input(ids: u32) -> impl Strategy<Value = Input> {
     prop_oneof![
         8 => join,
         2 => avatar().prop_map(|avatar| Input::Leave { avatar }),
+        2 => avatar().prop_map(|avatar| Input::Absent { avatar }),
+        2 => come_back,
         6 => report,
         2 => relocate,
         2 => trip,
@@ -263,6 +267,10 @@ impl Outside {
             }
             Input::Leave { avatar } => {
                 self.sees.remove(avatar);
+                self.made.remove(avatar);
+            }
+            Input::Return { avatar, .. } => {
+                self.sees.entry(*avatar).and_modify(BTreeSet::clear);
                 self.made.remove(avatar);
             }
             _ => {}

@@ -21,8 +21,10 @@ use super::{
         control_stream::ControlStream,
         error::{ConnectError, lost},
         passage::{WorldOffer, offered_world},
+        returning::{Caller, Pauses},
     },
-    state::SharedState,
+    Welcomed,
+    state::{Link, SharedState},
 };
 
 /// The number of chat lines that may wait to be sent.
@@ -31,6 +33,9 @@ pub(super) const COMMANDS_MAX: usize = 16;
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 /// The time within which the last messages must arrive.
 pub(super) const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
+
+/// Why a session ended whose client was told to leave.
+const LEFT: &str = "left";
 
 /// What a session's methods ask of its task.
 pub(super) enum SessionCommand {
@@ -43,6 +48,7 @@ pub(super) enum SessionCommand {
 /// The task of a session.
 pub(super) struct Driver {
     control: ControlStream,
+    caller: Caller,
     cache: Arc<WorldCache>,
     shared: Arc<SharedState>,
     /// Where the client was when it was told of the world that it enters now.
@@ -54,18 +60,19 @@ enum Heard {
     Nothing,
     /// Another world is offered.
     World(WorldOffer),
-    /// The server said goodbye, for this reason.
-    Goodbye(String),
+    /// The server said goodbye.
+    Goodbye(ConnectError),
 }
 
 impl Driver {
     /// The task of a session that has the first world, and has not entered it yet.
     pub(super) fn new(
         control: ControlStream,
+        caller: Caller,
         cache: Arc<WorldCache>,
         shared: Arc<SharedState>,
     ) -> Self {
-        Self { control, cache, shared, moves_from: None }
+        Self { control, caller, cache, shared, moves_from: None }
     }
 
     /// Asks to enter the first world, and waits until the server gives a place in it, or in another
@@ -84,39 +91,77 @@ impl Driver {
             match self.handle(message?).await? {
                 Heard::Nothing => {}
                 Heard::World(offer) => self.move_to(offer).await?,
-                Heard::Goodbye(reason) => return Err(ConnectError::Goodbye(reason)),
+                Heard::Goodbye(goodbye) => return Err(goodbye),
             }
         }
         Ok(())
     }
 
-    /// Runs the session to its end, and records why it ended.
-    pub(super) async fn run(
-        mut self,
-        mut inbox: mpsc::Receiver<SessionCommand>,
-        tick_interval: Duration,
-    ) {
-        let end = match self.talk(&mut inbox, tick_interval).await {
-            Ok(reason) => reason,
-            Err(error) => self.last_words().await.unwrap_or_else(|| error.to_string()),
+    /// Runs the session to its end, and records why it ended. Whenever its link breaks, it comes
+    /// back.
+    pub(super) async fn run(mut self, mut inbox: mpsc::Receiver<SessionCommand>) {
+        let mut pauses = Pauses::default();
+        let end = loop {
+            let error = match self.talk(&mut inbox).await {
+                Ok(end) => break end,
+                Err(error) => self.last_words().await.unwrap_or(error),
+            };
+            if !error.may_pass() {
+                break error.to_string();
+            }
+            if self.lose(&error) {
+                pauses.reset();
+            }
+            let back = tokio::select! {
+                back = self.come_back(&mut pauses) => back,
+                () = told_to_leave(&mut inbox) => break LEFT.to_owned(),
+            };
+            match back {
+                Err(error) if !error.may_pass() => break error.to_string(),
+                // What breaks on the way in breaks again, and is taken in there.
+                _ => {}
+            }
         };
-        self.shared.lock().end.get_or_insert(end);
-        self.shared.connection.close(VarInt::from_u32(0), b"");
+        let mut state = self.shared.lock();
+        state.end.get_or_insert(end);
+        state.connection.close(VarInt::from_u32(0), b"");
+    }
+
+    /// Takes in that the link broke. Returns whether the client was in the world until then.
+    fn lose(&self, error: &ConnectError) -> bool {
+        tracing::info!(%error, "the link broke");
+        let now = self.shared.now();
+        let mut state = self.shared.lock();
+        if matches!(state.link, Link::Broken(..)) {
+            return false;
+        }
+        state.stand(now, Link::Broken(now, error.to_string()));
+        true
+    }
+
+    /// Connects again, gets the world that is offered, and asks to go on in it.
+    async fn come_back(&mut self, pauses: &mut Pauses) -> Result<(), ConnectError> {
+        let Welcomed { control, avatar, tick_interval } = self.caller.call(pauses).await?;
+        self.control = control;
+        let (offer, world) = offered_world(&mut self.control, &self.cache, None, None).await?;
+        let welcomed = (self.control.connection.clone(), avatar, tick_interval);
+        let (from, reports_from) = self.shared.lock().reconnect(welcomed, world);
+        self.ask_to_enter(offer.number, from, reports_from).await
     }
 
     async fn talk(
         &mut self,
         inbox: &mut mpsc::Receiver<SessionCommand>,
-        tick_interval: Duration,
     ) -> Result<String, ConnectError> {
+        let tick_interval = self.shared.lock().replica.tick_interval();
         let mut ticks = tokio::time::interval(tick_interval);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
-        let connection = self.shared.connection.clone();
+        let connection = self.control.connection.clone();
         loop {
             tokio::select! {
                 message = self.control.receiver.receive() => match self.handle(message?).await? {
                     Heard::Nothing => {}
-                    Heard::Goodbye(reason) => return Ok(reason),
+                    Heard::Goodbye(goodbye) => return Err(goodbye),
                     Heard::World(offer) => tokio::select! {
                         moved = self.move_to(offer) => moved?,
                         () = told_to_leave(inbox) => return self.leave().await,
@@ -142,7 +187,7 @@ impl Driver {
     async fn leave(&mut self) -> Result<String, ConnectError> {
         self.send(&ClientMessage::Goodbye).await?;
         let _ = timeout(FAREWELL_DEADLINE, self.control.sender.finish()).await;
-        Ok("left".to_owned())
+        Ok(LEFT.to_owned())
     }
 
     /// Gets the offered world, or one that takes its place meanwhile, and asks to go on in it.
@@ -150,15 +195,25 @@ impl Driver {
         let (offer, world) =
             offered_world(&mut self.control, &self.cache, Some(offer), None).await?;
         let (from, reports_from) = self.shared.lock().leave_world(world);
+        self.ask_to_enter(offer.number, from, reports_from).await
+    }
+
+    /// Asks to go on in a world, from a pose.
+    async fn ask_to_enter(
+        &mut self,
+        world: u32,
+        from: Pose,
+        reports_from: u32,
+    ) -> Result<(), ConnectError> {
         self.moves_from = Some(from);
         let place = Some(from.eye.into());
-        self.send(&ClientMessage::Enter { world: offer.number, place, reports_from }).await
+        self.send(&ClientMessage::Enter { world, place, reports_from }).await
     }
 
     /// The goodbye that arrived together with the end of the connection, if any. The end may be
     /// noticed first, while waiting for datagrams.
-    async fn last_words(&mut self) -> Option<String> {
-        self.shared.connection.close_reason()?;
+    async fn last_words(&mut self) -> Option<ConnectError> {
+        self.control.connection.close_reason()?;
         // Messages that arrived before the end are finite, and can still be read.
         while let Ok(message) = self.control.receiver.receive().await {
             if let Ok(Heard::Goodbye(goodbye)) = self.handle(message).await {
@@ -172,19 +227,22 @@ impl Driver {
     async fn handle(&mut self, message: ServerMessage) -> Result<Heard, ConnectError> {
         self.shared.count_received(self.control.receiver.frame_bytes());
         if let ServerMessage::World { number, id, bytes } = message {
-            let mut state = self.shared.lock();
             let now = self.shared.now();
-            state.move_on(now);
-            (state.posed, state.is_moving_over) = (None, true);
+            self.shared.lock().stand(now, Link::MovingOver);
             return Ok(Heard::World(WorldOffer { number, id: ContentId(id), bytes }));
         }
-        let mut heard = Heard::Nothing;
+        let heard = match &message {
+            ServerMessage::Goodbye { reason, may_return } => {
+                let (reason, may_return) = (reason.to_string(), *may_return);
+                Heard::Goodbye(ConnectError::Goodbye { reason, may_return })
+            }
+            _ => Heard::Nothing,
+        };
         let answer = {
             let now = self.shared.now();
             let mut state = self.shared.lock();
             if let Some(mut event) = state.replica.message(now, message)? {
                 match &mut event {
-                    Event::Goodbye(reason) => heard = Heard::Goodbye(reason.clone()),
                     Event::Entered(pose) => {
                         if let Some(from) = self.moves_from.take() {
                             *pose = state.move_over(&from, *pose);
@@ -208,11 +266,12 @@ impl Driver {
     }
 
     async fn tick(&mut self) -> Result<(), ConnectError> {
-        let stats = self.shared.connection.stats();
+        let stats = self.control.connection.stats();
         let outgoing = {
             let mut state = self.shared.lock();
             let now = self.shared.now();
-            state.meter.read(now, [stats.udp_rx.bytes, stats.udp_tx.bytes]);
+            let udp_bytes = state.udp_bytes();
+            state.meter.read(now, udp_bytes);
             state.move_on(now);
             state.replica.hear_losses(now, stats.path.lost_packets);
             state.replica.tick(now, stats.path.rtt)
@@ -222,7 +281,7 @@ impl Driver {
             Some(Outgoing::Message(message)) => self.send(&message).await,
             Some(Outgoing::Datagram(bytes)) => {
                 self.shared.count_sent(bytes.len());
-                match self.shared.connection.send_datagram(bytes.into()) {
+                match self.control.connection.send_datagram(bytes.into()) {
                     // The path MTU has just shrunk: the datagram counts as lost.
                     Ok(()) | Err(SendDatagramError::TooLarge) => Ok(()),
                     Err(error) => Err(ConnectError::Lost(error.to_string())),

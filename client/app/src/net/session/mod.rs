@@ -23,11 +23,11 @@ use tokio::{runtime::Runtime, sync::mpsc, task::JoinHandle, time::timeout};
 
 use self::{
     driver::{COMMANDS_MAX, Driver, FAREWELL_DEADLINE, SessionCommand},
-    state::SharedState,
+    state::{Link, SharedState},
 };
 use super::{
-    cache::WorldCache, control_stream::ControlStream, dialer::ConnectOptions, error::ConnectError,
-    passage::offered_world,
+    cache::WorldCache, control_stream::ControlStream, error::ConnectError, passage::offered_world,
+    returning::Caller,
 };
 
 /// A client that has been welcomed, and has no world yet.
@@ -35,10 +35,28 @@ pub(super) struct Welcomed {
     pub(super) control: ControlStream,
     pub(super) avatar: AvatarId,
     pub(super) tick_interval: Duration,
-    pub(super) cache: Arc<WorldCache>,
+}
+
+/// How a client stands with its server.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SessionState {
+    /// It is in the world.
+    Present,
+    /// The server has replaced the world, and the client is not in the new one yet.
+    MovingOver,
+    /// The link broke. The client tries to come back, for up to ten minutes.
+    Returning {
+        /// Why the link broke, to show to people.
+        reason: String,
+        /// For how long it has been broken.
+        lost_for: Duration,
+    },
+    /// The session ended, for this reason.
+    Ended(String),
 }
 
 /// A client in a world. Its methods never wait for the network, and may be called from any thread.
+/// When its link breaks, it comes back by itself.
 /// Dropping it ends the connection; [`Session::leave`] says goodbye first.
 pub struct Session {
     shared: Arc<SharedState>,
@@ -51,7 +69,8 @@ pub struct Session {
 /// What a session counted and measured up to now.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SessionStats {
-    /// What the server expects of this client; `None` before it is in the world.
+    /// What the server expects of this client; `None` before it is in the world, and while the link
+    /// is broken.
     pub reporting_state: Option<ReportingState>,
     /// The number of avatars that the replica holds.
     pub visible: usize,
@@ -59,7 +78,8 @@ pub struct SessionStats {
     pub messages_in: u64,
     /// Application messages sent: control messages and datagrams.
     pub messages_out: u64,
-    /// How many datagrams with poses have arrived, and how many the server has sent by then.
+    /// How many datagrams with poses have arrived on this connection, and how many the server has sent
+    /// by then.
     pub delivered: [u32; 2],
     /// Bytes of the received messages, without QUIC's own.
     pub bytes_in: u64,
@@ -79,25 +99,29 @@ pub struct SessionStats {
     pub elapsed: Duration,
     /// QUIC's estimate of the round trip.
     pub round_trip: Duration,
+    /// How often the link broke and the client came back.
+    pub returns: u32,
 }
 
 impl Session {
     /// Gets the world that the server offers and enters it, then lets the session run by itself.
     pub(super) async fn start(
         welcomed: Welcomed,
-        options: &ConnectOptions,
+        caller: Caller,
+        cache: Arc<WorldCache>,
     ) -> Result<Self, ConnectError> {
-        let Welcomed { mut control, avatar, tick_interval, cache } = welcomed;
-        let progress = options.progress.as_ref();
+        let Welcomed { mut control, avatar, tick_interval } = welcomed;
+        let progress = caller.options.progress.as_ref();
         let (offer, world) = offered_world(&mut control, &cache, None, progress).await?;
         let replica =
             Replica::new(avatar, tick_interval, Agility::of(&world.body, world.speed_max));
-        let (connection, name) = (control.connection.clone(), options.name.clone());
-        let shared = Arc::new(SharedState::new(connection, replica, world, name));
-        let mut driver = Driver::new(control, cache, shared.clone());
-        driver.enter(offer.number, options.place).await?;
+        let (name, place) = (caller.options.name.clone(), caller.options.place);
+        let shared = SharedState::new(control.connection.clone(), replica, world, name);
+        let shared = Arc::new(shared);
+        let mut driver = Driver::new(control, caller, cache, shared.clone());
+        driver.enter(offer.number, place).await?;
         let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
-        let task = tokio::spawn(driver.run(inbox, tick_interval));
+        let task = tokio::spawn(driver.run(inbox));
         Ok(Self { shared, commands, task, runtime: None })
     }
 
@@ -112,10 +136,24 @@ impl Session {
         self.shared.lock().world.clone()
     }
 
-    /// Whether the server has replaced the world and the client is not in the new one yet. Its avatar
-    /// stands still meanwhile.
-    pub fn is_moving_over(&self) -> bool {
-        self.shared.lock().is_moving_over
+    /// How the client stands with its server.
+    pub fn state(&self) -> SessionState {
+        let now = self.shared.now();
+        let state = self.shared.lock();
+        match (&state.end, &state.link) {
+            (Some(reason), _) => SessionState::Ended(reason.clone()),
+            (None, Link::Present) => SessionState::Present,
+            (None, Link::MovingOver) => SessionState::MovingOver,
+            (None, Link::Broken(at, reason)) => {
+                let (reason, lost_for) = (reason.clone(), now.saturating_sub(*at));
+                SessionState::Returning { reason, lost_for }
+            }
+        }
+    }
+
+    /// Whether the client is in the world. Otherwise its avatar stands still.
+    pub fn is_present(&self) -> bool {
+        self.state() == SessionState::Present
     }
 
     /// The server's time from tick to tick.
@@ -133,7 +171,7 @@ impl Session {
     pub fn set_pose(&self, pose: Pose) {
         let now = self.shared.now();
         let mut state = self.shared.lock();
-        if state.is_moving_over {
+        if !matches!(state.link, Link::Present) {
             return;
         }
         state.replica.set_pose(pose);
@@ -187,24 +225,26 @@ impl Session {
     /// What was counted and measured up to now.
     pub fn stats(&self) -> SessionStats {
         let now = self.shared.now();
-        let quic = self.shared.connection.stats();
         let state = self.shared.lock();
         let [udp_rate_in, udp_rate_out] = state.meter.rate();
+        let [udp_bytes_in, udp_bytes_out] = state.udp_bytes();
+        let is_heard = !matches!(state.link, Link::Broken(..));
         SessionStats {
-            reporting_state: state.replica.reporting_state(),
+            reporting_state: state.replica.reporting_state().filter(|_| is_heard),
             visible: state.replica.held_len(),
             messages_in: self.shared.messages_in.load(Relaxed),
             messages_out: self.shared.messages_out.load(Relaxed),
             delivered: state.replica.delivered(),
             bytes_in: self.shared.bytes_in.load(Relaxed),
             bytes_out: self.shared.bytes_out.load(Relaxed),
-            udp_bytes_in: quic.udp_rx.bytes,
-            udp_bytes_out: quic.udp_tx.bytes,
+            udp_bytes_in,
+            udp_bytes_out,
             udp_rate_in,
             udp_rate_out,
             reporting: state.replica.reporting_counts(),
             elapsed: now,
-            round_trip: quic.path.rtt,
+            round_trip: state.connection.rtt(),
+            returns: state.returns,
         }
     }
 
@@ -241,7 +281,7 @@ impl AvatarSource for &Session {
 impl Drop for Session {
     fn drop(&mut self) {
         self.task.abort();
-        self.shared.connection.close(VarInt::from_u32(0), b"");
+        self.shared.lock().connection.close(VarInt::from_u32(0), b"");
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
         }

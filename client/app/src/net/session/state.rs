@@ -14,7 +14,7 @@ use sightline_client_core::replica::{Event, Replica};
 use sightline_protocol::text::Name;
 use sightline_world::{
     World,
-    motion::{Agility, Pose},
+    motion::{Agility, AvatarId, Pose},
 };
 
 /// Who is put no farther away than this, in metres, goes on where it was.
@@ -26,7 +26,6 @@ const EVENTS_MAX: usize = 1_024;
 
 /// The state of a session, shared by its methods and its task.
 pub(super) struct SharedState {
-    pub(super) connection: Connection,
     started: Instant,
     /// The name of this client, as the server knows it.
     pub(super) name: Name,
@@ -37,19 +36,34 @@ pub(super) struct SharedState {
     pub(super) bytes_out: AtomicU64,
 }
 
+/// How the client stands with the server. Unless it is present, its avatar stands still.
+#[derive(Clone, Debug)]
+pub(super) enum Link {
+    /// It is in the world.
+    Present,
+    /// It is on its way into another world.
+    MovingOver,
+    /// The link broke at a time, for a reason.
+    Broken(Duration, String),
+}
+
 /// The part of the state behind a lock.
 pub(super) struct LockedState {
+    pub(super) connection: Connection,
     pub(super) replica: Replica,
     /// The world that the client is in, or was in last.
     pub(super) world: Arc<World>,
-    /// Whether the client is on its way into another world. Its avatar stands still meanwhile.
-    pub(super) is_moving_over: bool,
+    pub(super) link: Link,
+    /// How often the link broke and the client came back.
+    pub(super) returns: u32,
     /// The pose of the own avatar as it was last set, and when.
     pub(super) posed: Option<(Duration, Pose)>,
     pub(super) events: VecDeque<Event>,
     /// Why the session ended; `None` while it runs.
     pub(super) end: Option<String>,
     pub(super) meter: RateMeter,
+    /// The UDP bytes received and sent on connections that broke.
+    udp_before: [u64; 2],
 }
 
 /// Measures UDP bytes per second in both directions, once a second.
@@ -72,10 +86,9 @@ impl SharedState {
         name: Name,
     ) -> Self {
         Self {
-            connection,
             started: Instant::now(),
             name,
-            locked: Mutex::new(LockedState::new(replica, world)),
+            locked: Mutex::new(LockedState::new(connection, replica, world)),
             messages_in: AtomicU64::new(0),
             messages_out: AtomicU64::new(0),
             bytes_in: AtomicU64::new(0),
@@ -107,9 +120,49 @@ impl SharedState {
 }
 
 impl LockedState {
-    fn new(replica: Replica, world: Arc<World>) -> Self {
-        let (events, meter) = (VecDeque::new(), RateMeter::default());
-        Self { replica, world, is_moving_over: false, posed: None, events, end: None, meter }
+    fn new(connection: Connection, replica: Replica, world: Arc<World>) -> Self {
+        Self {
+            connection,
+            replica,
+            world,
+            link: Link::Present,
+            returns: 0,
+            posed: None,
+            events: VecDeque::new(),
+            end: None,
+            meter: RateMeter::default(),
+            udp_before: [0; 2],
+        }
+    }
+
+    /// The UDP bytes received and sent so far.
+    pub(super) fn udp_bytes(&self) -> [u64; 2] {
+        let stats = self.connection.stats();
+        [self.udp_before[0] + stats.udp_rx.bytes, self.udp_before[1] + stats.udp_tx.bytes]
+    }
+
+    /// Stands still until the client is in a world again.
+    pub(super) fn stand(&mut self, now: Duration, link: Link) {
+        self.move_on(now);
+        self.posed = None;
+        self.link = link;
+    }
+
+    /// Begins anew on another connection, and in a world. Returns as
+    /// [`leave_world`](Self::leave_world).
+    pub(super) fn reconnect(
+        &mut self,
+        welcomed: (Connection, AvatarId, Duration),
+        world: Arc<World>,
+    ) -> (Pose, u32) {
+        let (connection, avatar, tick_interval) = welcomed;
+        self.udp_before = self.udp_bytes();
+        self.connection = connection;
+        let agility = Agility::of(&world.body, world.speed_max);
+        let reports_from = self.replica.reconnect(avatar, tick_interval, agility);
+        self.world = world;
+        self.returns += 1;
+        (self.replica.pose(), reports_from)
     }
 
     /// Leaves the world for another one, whose world file is here. Returns where the client asks to
@@ -127,14 +180,14 @@ impl LockedState {
         let (yaw, pitch) = if goes_on { (from.yaw, from.pitch) } else { (given.yaw, given.pitch) };
         let pose = Pose { yaw, pitch, ..given };
         self.replica.set_pose(pose);
-        self.is_moving_over = false;
+        self.link = Link::Present;
         pose
     }
 
     /// Moves the own avatar on to where it is now, straight on from where it was last set.
     pub(super) fn move_on(&mut self, now: Duration) {
         if let Some((at, pose)) = self.posed {
-            self.replica.set_pose(pose.straight_on(now.saturating_sub(at).min(MOVE_ON_MAX)));
+            self.replica.set_pose(moved_on(pose, now.saturating_sub(at)));
         }
     }
 
@@ -146,6 +199,11 @@ impl LockedState {
         self.events.push_back(event);
         debug_assert!(self.events.len() <= EVENTS_MAX, "the queue is bounded");
     }
+}
+
+/// A pose so long after it was set: straight on, for a short while.
+fn moved_on(pose: Pose, after: Duration) -> Pose {
+    pose.straight_on(after.min(MOVE_ON_MAX))
 }
 
 impl RateMeter {
@@ -168,25 +226,13 @@ impl RateMeter {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use sightline_world::motion::{Agility, AvatarId, Body};
 
     use super::*;
 
     #[test]
     fn between_two_frames_the_own_avatar_goes_straight_on_for_a_short_while() {
-        let (tick, agility) = (Duration::from_millis(50), Agility::of(&Body::PERSON, 4.0));
-        let replica = Replica::new(AvatarId(1), tick, agility);
-        let world = Arc::new(sightline_fixtures::voxel_floor::world(&[]));
-        let mut state = LockedState::new(replica, world);
-        let mut x_at = |posed, ms: u64| {
-            state.posed = posed;
-            state.move_on(Duration::from_millis(ms));
-            state.replica.pose().eye.x
-        };
-        assert_eq!(x_at(None, 500), 0.0);
         let posed = Pose { eye: Vec3::X, velocity: Vec3::X, ..Pose::default() };
-        let posed = Some((Duration::from_millis(100), posed));
-        let places = [100, 120, 150, 900].map(|ms| x_at(posed, ms));
+        let places = [0, 20, 50, 800].map(|ms| moved_on(posed, Duration::from_millis(ms)).eye.x);
         assert!(places.iter().zip([1.0, 1.02, 1.05, 1.05]).all(|(x, at)| (x - at).abs() < 1e-5));
     }
 }

@@ -27,6 +27,7 @@ impl FrameReader {
             match self.stream.read(&mut piece).await {
                 Ok(Some(bytes)) => self.buffer.push(piece.get(..bytes).unwrap_or_default()),
                 Ok(None) | Err(ReadError::Reset(_)) => return Err(SessionEnd::Left),
+                Err(ReadError::ConnectionLost(error)) => return Err(error.into()),
                 Err(error) => return Err(SessionEnd::Lost(error.to_string())),
             }
         }

@@ -13,11 +13,11 @@ use std::{
 };
 
 use glam::Vec3;
-use quinn::Connection;
+use quinn::{Connection, ConnectionError};
 use sightline_engine::Input;
 use sightline_protocol::{
     DecodeError, VERSION,
-    message::{ClientMessage, Refusal, ServerMessage},
+    message::{ClientMessage, Refusal},
     pose_stream::ClientDatagram,
     quantise::WireReport,
     text::Name,
@@ -29,9 +29,11 @@ use tokio::{
 };
 
 use super::{
-    admission::{BudgetDecision, MessageBudget, TokenBucket},
+    admission::ConnectionId,
+    budget::{BudgetDecision, MessageBudget, TokenBucket},
     client::{ConnectedClient, Hello},
     engine_task::{EngineEvent, Newcomer},
+    entrance::{self, Arrival},
     offers::WorldOffer,
     places::room_near,
     state::ServerState,
@@ -70,24 +72,46 @@ pub enum SessionEnd {
     /// The server sent a goodbye.
     #[error("dismissed by the server")]
     Dismissed,
+    /// The server closes.
+    #[error("the server is closing")]
+    Closing,
+    /// The session panicked.
+    #[error("a fault of the server ended the session")]
+    Failed,
     /// The client sent bytes that no client sends.
     #[error("{0}")]
     Malformed(#[from] DecodeError),
-    /// The client broke the protocol, or the server closes.
+    /// The client broke the protocol.
     #[error("{0}")]
     Breach(&'static str),
 }
 
+impl SessionEnd {
+    /// Whether the client did nothing to end the session, and finds its avatar when it comes back.
+    pub fn may_return(&self) -> bool {
+        matches!(self, Self::Lost(_) | Self::Failed)
+    }
+}
+
+impl From<ConnectionError> for SessionEnd {
+    fn from(error: ConnectionError) -> Self {
+        match error {
+            // The client itself closed it.
+            ConnectionError::ApplicationClosed(_) => Self::Left,
+            error => Self::Lost(error.to_string()),
+        }
+    }
+}
+
 /// Serves a connection until it ends. The caller cleans up.
-pub async fn run(state: &ServerState, client: Arc<ConnectedClient>) -> SessionEnd {
-    let connection = client.connection.clone();
+pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
     let deadline = Instant::now() + Duration::from_secs_f64(state.config.hello_s);
     let mut closing = state.closing.clone();
     let greeted = tokio::select! {
         greeted = timeout_at(deadline, greet(&connection)) => greeted,
         _ = closing.wait_for(|is_closing| *is_closing) => {
             connection.close(0u32.into(), b"the server is closing");
-            return SessionEnd::Breach("the server is closing");
+            return SessionEnd::Closing;
         }
     };
     let Ok(greeted) = greeted else {
@@ -101,16 +125,16 @@ pub async fn run(state: &ServerState, client: Arc<ConnectedClient>) -> SessionEn
             return end;
         }
     };
-    let end = match state.admit(&client, &hello) {
-        Ok(name) => {
-            let hello = Hello { name, ..hello };
-            Session::new(state, client.clone(), hello).talk(&mut writer, frames).await
-        }
+    let arrival = Arrival { id, connection: connection.clone(), hello };
+    let client = match entrance::admit(state, arrival).await {
+        Ok(client) => client,
         Err(refusal) => {
-            client.outbox.push(&ServerMessage::Refused { reason: refusal });
-            SessionEnd::Refused(refusal)
+            let _ = timeout(FAREWELL_DEADLINE, writer.refuse(refusal)).await;
+            connection.close(0u32.into(), b"");
+            return SessionEnd::Refused(refusal);
         }
     };
+    let end = Session::new(state, client.clone()).talk(&mut writer, frames).await;
     if !matches!(end, SessionEnd::Lost(_)) {
         let _ = timeout(FAREWELL_DEADLINE, writer.finish(&client)).await;
     }
@@ -127,8 +151,7 @@ struct Greeted {
 
 /// Waits for the stream and its first frame.
 async fn greet(connection: &Connection) -> Result<Greeted, SessionEnd> {
-    let (send, receive) =
-        connection.accept_bi().await.map_err(|error| SessionEnd::Lost(error.to_string()))?;
+    let (send, receive) = connection.accept_bi().await?;
     let mut frames = FrameReader::new(receive);
     let first = frames.next().await?;
     // The rest of a hello of another version may have another form.
@@ -147,7 +170,6 @@ async fn greet(connection: &Connection) -> Result<Greeted, SessionEnd> {
 struct Session<'a> {
     state: &'a ServerState,
     client: Arc<ConnectedClient>,
-    hello: Hello,
     /// The number of the world that the client has entered; zero before.
     entered: AtomicU32,
     /// Reports made earlier on the client's clock are about another world.
@@ -163,8 +185,7 @@ struct SessionLimits {
 }
 
 impl<'a> Session<'a> {
-    fn new(state: &'a ServerState, client: Arc<ConnectedClient>, hello: Hello) -> Self {
-        assert!(!hello.is_foreign, "clients of other versions are not admitted");
+    fn new(state: &'a ServerState, client: Arc<ConnectedClient>) -> Self {
         let now = state.now();
         let limits = SessionLimits {
             budget: MessageBudget::new(state.config.tick_hz, now),
@@ -172,7 +193,7 @@ impl<'a> Session<'a> {
             deadline: None,
         };
         let (entered, reports_from) = (AtomicU32::new(0), AtomicU32::new(0));
-        Self { state, client, hello, entered, reports_from, limits: Mutex::new(limits) }
+        Self { state, client, entered, reports_from, limits: Mutex::new(limits) }
     }
 
     /// Listens and sends, until something ends the session.
@@ -184,10 +205,11 @@ impl<'a> Session<'a> {
             end = self.watch_silence() => end,
             end = self.watch_offers(self.state.offers.offers()) => end,
             end = writer.run(&self.client) => end,
-            _ = closing.wait_for(|closing| *closing) => SessionEnd::Breach("the server is closing"),
+            _ = closing.wait_for(|closing| *closing) => SessionEnd::Closing,
         };
-        if let SessionEnd::Malformed(_) | SessionEnd::Breach(_) = end {
-            self.client.outbox.end(&end.to_string());
+        if let SessionEnd::Malformed(_) | SessionEnd::Breach(_) | SessionEnd::Closing = end {
+            let may_return = matches!(end, SessionEnd::Closing);
+            self.client.outbox.end(&end.to_string(), may_return);
         }
         end
     }
@@ -209,7 +231,7 @@ impl<'a> Session<'a> {
         loop {
             let datagram = match self.client.connection.read_datagram().await {
                 Ok(datagram) => datagram,
-                Err(error) => return SessionEnd::Lost(error.to_string()),
+                Err(error) => return error.into(),
             };
             if let Err(end) = self.handle_datagram(&datagram).await {
                 return end;
@@ -245,7 +267,7 @@ impl<'a> Session<'a> {
             let is_offered = offers.borrow_and_update().is_some();
             self.limits().deadline = is_offered.then(|| Instant::now() + ENTER_DEADLINE);
         }
-        SessionEnd::Breach("the server is closing")
+        SessionEnd::Closing
     }
 
     async fn handle_frame(
@@ -257,7 +279,7 @@ impl<'a> Session<'a> {
         if !self.is_within_budget(frame.len())? {
             return Ok(());
         }
-        let avatar = self.client.avatar;
+        let avatar = self.client.avatar();
         match ClientMessage::decode(frame)? {
             ClientMessage::Hello { .. } => Err(SessionEnd::Breach("a second hello")),
             ClientMessage::FetchWorld { world } => self.send_world(world, downloads),
@@ -297,7 +319,7 @@ impl<'a> Session<'a> {
             return Ok(());
         }
         let report = report.report(self.state.config.tick_interval());
-        self.pass_on(Input::Report { avatar: self.client.avatar, report }).await
+        self.pass_on(Input::Report { avatar: self.client.avatar(), report }).await
     }
 
     /// Whether a message is to be handled, or else ignored.
@@ -309,13 +331,14 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Where a client that asks for a place enters: there, if it was there in the world before, or
-    /// is free to choose. `None` for a spawn point.
-    fn place_in(&self, world: &World, asked: Option<Vec3>) -> Option<Vec3> {
-        let (former, asked) = (self.client.take_former(), asked?);
-        if let Some(former) = former {
-            return room_near(world, former.going_on(asked));
+    /// Where a client enters: where it was before, or else where it asks for, if it is free to
+    /// choose. `None` for a spawn point.
+    fn place_in(&self, number: u32, world: &World, asked: Option<Vec3>) -> Option<Vec3> {
+        if let Some(former) = self.client.visit.former() {
+            let place = asked.map_or(former.eye, |asked| former.going_on(asked));
+            return if former.world == number { Some(place) } else { room_near(world, place) };
         }
+        let asked = asked?;
         let is_spawn = |spawn: &Spawn| spawn.eye.distance(asked) <= WIRE_POSE_M;
         (self.state.config.free_entry || world.spawns.iter().any(is_spawn)).then_some(asked)
     }
@@ -331,16 +354,15 @@ impl<'a> Session<'a> {
         if before == world {
             return Err(SessionEnd::Breach("entered twice"));
         }
-        if before == 0 && !self.state.registry().places.enter(self.client.avatar) {
+        if before == 0 && !self.state.registry().places.enter(self.client.connection_id) {
             return Err(SessionEnd::Breach("the server is full"));
         }
         self.reports_from.store(reports_from, Relaxed);
         self.extend_deadline();
-        let (name, colour) = (self.hello.name.clone().into(), self.hello.colour);
         let client = self.client.clone();
-        let place = self.place_in(offer.world.world(), place);
+        let place = self.place_in(world, offer.world.world(), place);
         self.state.load.waits();
-        self.send_event(EngineEvent::Join(Newcomer { client, world, name, colour, place })).await
+        self.send_event(EngineEvent::Join(Newcomer { client, world, place })).await
     }
 
     /// The offer with a number; `None` when another one has taken its place.
@@ -355,7 +377,8 @@ impl<'a> Session<'a> {
     /// Passes on what a client in the world did. From a client that is not in it, it is ignored.
     async fn pass_on(&self, input: Input) -> Result<(), SessionEnd> {
         let entered = self.entered.load(Relaxed);
-        if self.state.offers.offer().is_none_or(|offer| offer.number != entered) {
+        let is_elsewhere = self.state.offers.offer().is_none_or(|offer| offer.number != entered);
+        if is_elsewhere || self.client.is_replaced() {
             return Ok(());
         }
         self.extend_deadline();
@@ -364,7 +387,7 @@ impl<'a> Session<'a> {
 
     async fn send_event(&self, event: EngineEvent) -> Result<(), SessionEnd> {
         let is_told = self.state.tell_engine(event).await;
-        is_told.then_some(()).ok_or(SessionEnd::Breach("the server is closing"))
+        is_told.then_some(()).ok_or(SessionEnd::Closing)
     }
 
     /// Gives the client the time from now on that it may be silent.

@@ -2,7 +2,11 @@
 
 use std::time::Duration;
 
-use quinn::{SendDatagramError, SendStream};
+use quinn::{SendDatagramError, SendStream, WriteError};
+use sightline_protocol::{
+    frame,
+    message::{Refusal, ServerMessage},
+};
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::{
@@ -60,6 +64,7 @@ impl OutboxWriter {
             match client.connection.send_datagram(datagram.into()) {
                 // The path has just become too narrow for it: it counts as lost.
                 Ok(()) | Err(SendDatagramError::TooLarge) => {}
+                Err(SendDatagramError::ConnectionLost(error)) => return Err(error.into()),
                 Err(error) => return Err(SessionEnd::Lost(error.to_string())),
             }
         }
@@ -80,6 +85,7 @@ impl OutboxWriter {
             let written = timeout_at(deadline, self.stream.write(rest)).await;
             match written {
                 Ok(Ok(bytes)) => self.written += bytes,
+                Ok(Err(WriteError::ConnectionLost(error))) => return Err(error.into()),
                 Ok(Err(error)) => return Err(SessionEnd::Lost(error.to_string())),
                 Err(_) => return Err(SessionEnd::Breach("it does not read")),
             }
@@ -94,8 +100,18 @@ impl OutboxWriter {
         let batch = client.outbox.take(None);
         client.counters.frames_out(batch.frames, batch.control.len());
         self.unsent.extend_from_slice(&batch.control);
+        self.finish_stream().await;
+    }
+
+    async fn finish_stream(&mut self) {
         if self.drain().await.is_ok() && self.stream.finish().is_ok() {
             let _ = self.stream.stopped().await;
         }
+    }
+
+    /// Tells a client why it is not let in, and waits until that has arrived.
+    pub(super) async fn refuse(&mut self, reason: Refusal) {
+        self.unsent = frame::encode(&ServerMessage::Refused { reason });
+        self.finish_stream().await;
     }
 }

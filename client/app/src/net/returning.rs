@@ -1,0 +1,120 @@
+//! Coming back: a client whose link broke connects again by itself.
+
+use std::{
+    hash::{BuildHasher, RandomState},
+    net::SocketAddr,
+    time::Duration,
+};
+
+use quinn::Connection;
+use sightline_protocol::message::Refusal;
+use tokio::{
+    task::JoinSet,
+    time::{Instant, sleep_until, timeout_at},
+};
+
+use super::{
+    dialer::{ConnectOptions, Dialer},
+    error::ConnectError,
+    session::Welcomed,
+};
+
+/// The pauses before the first attempts, in milliseconds. Later ones are as long as the last.
+const PAUSES_MS: [u64; 5] = [0, 250, 500, 1_000, 1_500];
+/// Pauses differ by up to this part of them, so that those who were lost together come back apart.
+const SPREAD: u64 = 4;
+/// The most attempts that are under way at a time. An attempt that takes long may still succeed
+/// where the round trip is long, and a new one soon does where the server has just come back.
+const ATTEMPTS_MAX: usize = 4;
+/// A client whose link broke tries to come back for so long.
+const PATIENCE: Duration = Duration::from_secs(600);
+
+/// What a client needs to connect again.
+pub(super) struct Caller {
+    pub(super) dialer: Dialer,
+    pub(super) address: SocketAddr,
+    pub(super) options: ConnectOptions,
+}
+
+/// How long to pause before each attempt.
+#[derive(Debug, Default)]
+pub(super) struct Pauses {
+    taken: usize,
+    random: RandomState,
+}
+
+impl Pauses {
+    fn next(&mut self) -> Duration {
+        let last = PAUSES_MS.len() - 1;
+        let pause_ms = PAUSES_MS[self.taken.min(last)];
+        let spread_ms = self.random.hash_one(self.taken) % (pause_ms / SPREAD).max(1);
+        self.taken += 1;
+        Duration::from_millis(pause_ms + spread_ms)
+    }
+
+    /// Begins with short pauses again.
+    pub(super) fn reset(&mut self) {
+        self.taken = 0;
+    }
+}
+
+impl Caller {
+    /// Connects until the server welcomes this client, or refuses it for good.
+    ///
+    /// # Errors
+    /// When it refuses it for good, or ten minutes have passed.
+    pub(super) async fn call(&self, pauses: &mut Pauses) -> Result<Welcomed, ConnectError> {
+        let give_up = Instant::now() + PATIENCE;
+        loop {
+            let reached = timeout_at(give_up, self.reach(pauses)).await;
+            let connection = reached.map_err(|_| ConnectError::NoAnswer(self.address))??;
+            let error = match self.dialer.greet(connection, self.address, &self.options).await {
+                Err(error) if error.may_pass() && Instant::now() < give_up => error,
+                greeted => return greeted,
+            };
+            tracing::debug!(%error, "not back yet");
+            if let ConnectError::Refused(Refusal::Busy { retry_ms }) = error {
+                let retry = Duration::from_millis(retry_ms.into());
+                sleep_until((Instant::now() + retry).min(give_up)).await;
+            }
+        }
+    }
+
+    /// Connects with one attempt after the other, until one succeeds or fails for good.
+    async fn reach(&self, pauses: &mut Pauses) -> Result<Connection, ConnectError> {
+        let mut attempts = JoinSet::new();
+        loop {
+            let due = Instant::now() + pauses.next();
+            loop {
+                tokio::select! {
+                    () = sleep_until(due) => break,
+                    Some(Ok(attempt)) = attempts.join_next() => match attempt {
+                        Err(error) if ConnectError::may_pass(&error) => {}
+                        finished => return finished,
+                    },
+                }
+            }
+            if attempts.len() < ATTEMPTS_MAX {
+                let (dialer, options) = (self.dialer.clone(), self.options.clone());
+                let address = self.address;
+                attempts.spawn(async move { dialer.open(address, &options).await });
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_grow_and_are_short_again_after_success() {
+        let mut pauses = Pauses::default();
+        let taken: Vec<Duration> = (0..20).map(|_| pauses.next()).collect();
+        assert!(taken[0] < Duration::from_millis(1), "the first attempt is made at once");
+        assert!(taken[..5].is_sorted());
+        assert!(taken.iter().all(|pause| *pause < Duration::from_secs(2)));
+        pauses.reset();
+        assert_eq!(pauses.next(), taken[0]);
+    }
+}

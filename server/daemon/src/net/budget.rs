@@ -1,0 +1,131 @@
+//! Limits on how often something may happen: messages and bytes of each client, lines of the log. No
+//! clocks are needed here.
+
+use std::time::Duration;
+
+/// A token bucket: it allows a burst at once, and a rate in the long run.
+#[derive(Clone, Debug)]
+pub struct TokenBucket {
+    per_second: f64,
+    burst: f64,
+    level: f64,
+    filled_at: Duration,
+}
+
+impl TokenBucket {
+    /// A full bucket.
+    pub fn new(per_second: f64, burst: f64, now: Duration) -> Self {
+        assert!(per_second > 0.0 && burst > 0.0, "{per_second} a second, {burst} at once");
+        Self { per_second, burst, level: burst, filled_at: now }
+    }
+
+    /// Whether nothing was taken out for a while.
+    pub fn is_full(&self, now: Duration) -> bool {
+        let passed = now.saturating_sub(self.filled_at).as_secs_f64();
+        self.level + passed * self.per_second >= self.burst
+    }
+
+    /// Takes an amount out, if the bucket holds as much.
+    pub fn take(&mut self, amount: f64, now: Duration) -> bool {
+        let passed = now.saturating_sub(self.filled_at).as_secs_f64();
+        self.level = (self.level + passed * self.per_second).min(self.burst);
+        self.filled_at = self.filled_at.max(now);
+        let holds_enough = self.level >= amount;
+        if holds_enough {
+            self.level -= amount;
+        }
+        holds_enough
+    }
+}
+
+/// How many messages and bytes one client may send. A client that goes on after its budget is spent
+/// is disconnected in the end.
+#[derive(Clone, Debug)]
+pub struct MessageBudget {
+    messages: TokenBucket,
+    bytes: TokenBucket,
+    /// How many messages over the budget are tolerated.
+    tolerated: TokenBucket,
+}
+
+/// What is done with a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BudgetDecision {
+    /// Handle it.
+    Accept,
+    /// Ignore it.
+    Ignore,
+    /// Disconnect the client.
+    Disconnect,
+}
+
+impl MessageBudget {
+    /// How many messages may arrive at once, for example after the path has stalled.
+    const MESSAGES_BURST: f64 = 128.0;
+    /// Bytes for each message of the budget, on average.
+    const MESSAGE_BYTES: f64 = 128.0;
+    /// How many bytes may arrive at once.
+    const BYTES_BURST: f64 = 16.0 * 1_024.0;
+
+    /// A budget of two messages for each tick.
+    pub fn new(tick_hz: u32, now: Duration) -> Self {
+        let per_second = 2.0 * f64::from(tick_hz);
+        let bytes_per_second = per_second * Self::MESSAGE_BYTES;
+        Self {
+            messages: TokenBucket::new(per_second, Self::MESSAGES_BURST, now),
+            bytes: TokenBucket::new(bytes_per_second, Self::BYTES_BURST, now),
+            tolerated: TokenBucket::new(per_second, 4.0 * Self::MESSAGES_BURST, now),
+        }
+    }
+
+    /// Charges a message to the budget.
+    pub fn charge(&mut self, bytes: usize, now: Duration) -> BudgetDecision {
+        if self.messages.take(1.0, now) && self.bytes.take(bytes as f64, now) {
+            BudgetDecision::Accept
+        } else if self.tolerated.take(1.0, now) {
+            BudgetDecision::Ignore
+        } else {
+            BudgetDecision::Disconnect
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_steady_client_is_accepted_and_a_flood_disconnects() {
+        let mut budget = MessageBudget::new(20, Duration::ZERO);
+        for i in 0..10_000 {
+            let now = Duration::from_millis(i * 25);
+            assert_eq!(
+                budget.charge(60, now),
+                BudgetDecision::Accept,
+                "at the limit of 40 a second"
+            );
+        }
+        let now = Duration::from_secs(300);
+        let decisions: Vec<_> = (0..2_000).map(|_| budget.charge(60, now)).collect();
+        let count = |decision| decisions.iter().filter(|d| **d == decision).count();
+        assert_eq!((count(BudgetDecision::Accept), count(BudgetDecision::Ignore)), (128, 512));
+        assert_eq!(decisions.last(), Some(&BudgetDecision::Disconnect));
+    }
+
+    #[test]
+    fn large_messages_spend_the_budget_of_bytes() {
+        let mut budget = MessageBudget::new(20, Duration::ZERO);
+        let taken =
+            (0..100).filter(|_| budget.charge(1_200, Duration::ZERO) == BudgetDecision::Accept);
+        assert_eq!(taken.count(), 13);
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_does_not_fill_the_bucket() {
+        let mut bucket = TokenBucket::new(10.0, 1.0, Duration::from_secs(9));
+        assert!(bucket.take(1.0, Duration::from_secs(9)));
+        assert!(!bucket.take(1.0, Duration::from_secs(1)));
+        assert!(!bucket.take(1.0, Duration::from_secs(9)));
+        assert!(bucket.take(1.0, Duration::from_secs(10)));
+    }
+}

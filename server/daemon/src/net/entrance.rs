@@ -1,0 +1,160 @@
+//! Who comes in, who comes back, and who goes.
+
+use std::{num::NonZeroU32, sync::Arc, time::Duration};
+
+use quinn::Connection;
+use sightline_protocol::{VERSION, fingerprint::KeyFingerprint, message::Refusal};
+
+use super::{
+    admission::{ConnectionId, NoPlace},
+    client::{ConnectedClient, Hello, Visit},
+    client_keys::key_of,
+    engine_task::EngineEvent,
+    session::SessionEnd,
+    state::{Registry, ServerState},
+};
+
+/// What the client before is told when another one takes its place.
+const REPLACED: &str = "somebody else came in with your key";
+
+/// The QUIC error code with which a connection is closed whose session failed.
+const SESSION_FAILED: u32 = 3;
+
+/// A connection whose client has said hello.
+pub struct Arrival {
+    pub id: ConnectionId,
+    pub connection: Connection,
+    pub hello: Hello,
+}
+
+/// A client that was let in.
+struct Admitted {
+    client: Arc<ConnectedClient>,
+    /// The client whose avatar it takes over.
+    before: Option<Arc<ConnectedClient>>,
+}
+
+/// Lets a client in and welcomes it, if it speaks this version, has a key, and there is room. The
+/// owner of a key that is here already gets its avatar back.
+pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<ConnectedClient>, Refusal> {
+    if arrival.hello.is_foreign {
+        return Err(Refusal::Version { server: VERSION });
+    }
+    if *state.closing.borrow() {
+        return Err(Refusal::Closing);
+    }
+    let key = key_of(&arrival.connection).ok_or(Refusal::NoKey)?;
+    let Admitted { client, before } = let_in(state, key, arrival)?;
+    if let Some(before) = before {
+        before.replace(REPLACED);
+        state.tell_engine(EngineEvent::Absent(before)).await;
+    }
+    let interval_us = state.config.tick_interval().as_micros() as u32;
+    let interval_us = NonZeroU32::new(interval_us).unwrap_or(NonZeroU32::MIN);
+    state.offers.welcome(&client, interval_us);
+    Ok(client)
+}
+
+fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<Admitted, Refusal> {
+    let Arrival { id, connection, hello } = arrival;
+    let address = connection.remote_address().ip();
+    let mut registry = state.registry();
+    let before = registry.visitors.get(key).cloned();
+    let visit = match &before {
+        Some(before) => {
+            registry.places.take_over(id, before.connection_id);
+            before.visit.clone()
+        }
+        None => {
+            let busy =
+                |retry: Duration| Refusal::Busy { retry_ms: retry.as_millis() as u32 };
+            if let Some(retry) = state.load.refuses() {
+                return Err(busy(retry));
+            }
+            match registry.places.join(id, address) {
+                Ok(()) => {}
+                Err(NoPlace::Full) => return Err(Refusal::Full),
+                Err(NoPlace::Busy) => return Err(busy(state.load.refuse())),
+            }
+            let avatar = registry.ids.draw();
+            let name = registry.names.claim(avatar, &hello.name);
+            Arc::new(Visit::new(key, avatar, name, hello.colour))
+        }
+    };
+    let interval = state.config.tick_interval();
+    let client = Arc::new(ConnectedClient::new(id, connection, visit, interval));
+    registry.visitors.arrive(client.clone());
+    registry.clients.insert(id, client.clone());
+    if registry.log.allows(address, state.now()) {
+        let Visit { avatar, name, key, .. } = &*client.visit;
+        let what = if before.is_some() { "came back" } else { "joined" };
+        tracing::info!(avatar = avatar.0, name = ?name.as_str(), %key, "{what}");
+    }
+    Ok(Admitted { client, before })
+}
+
+/// Cleans up after a connection. The avatar of a client whose link broke is kept for a while.
+pub async fn part(state: &ServerState, id: ConnectionId, end: Option<&SessionEnd>) {
+    state.offers.release(id);
+    let Some((client, is_kept)) = part_registered(state, id, end) else { return };
+    if matches!(end, Some(SessionEnd::Failed)) {
+        client.connection.close(SESSION_FAILED.into(), b"a fault of the server ended your session");
+    }
+    if let Some(end) = end
+        && state.may_log(client.address())
+    {
+        tracing::info!(avatar = client.avatar().0, end = ?end.to_string(), "left");
+    }
+    // The engine's thread may have ended already.
+    let event = match is_kept {
+        true => EngineEvent::Absent(client),
+        false => EngineEvent::Leave(client.avatar()),
+    };
+    state.tell_engine(event).await;
+}
+
+/// The client that a connection belonged to, if it had its avatar until now, and whether the avatar
+/// is kept.
+fn part_registered(
+    state: &ServerState,
+    id: ConnectionId,
+    end: Option<&SessionEnd>,
+) -> Option<(Arc<ConnectedClient>, bool)> {
+    let mut registry = state.registry();
+    let client = registry.clients.remove(&id);
+    let Some(client) = client.filter(|client| registry.visitors.has_avatar(client)) else {
+        registry.places.end(id);
+        return None;
+    };
+    let is_kept = end.is_some_and(SessionEnd::may_return) && client.visit.has_entered();
+    if is_kept {
+        registry.places.part(id);
+        registry.visitors.part(&client, state.now());
+    } else {
+        leave(&mut registry, &client);
+    }
+    Some((client, is_kept))
+}
+
+/// Lets those go who have not come back in time.
+pub async fn part_overdue(state: &ServerState) {
+    let overdue = {
+        let mut registry = state.registry();
+        let overdue = registry.visitors.overdue(state.now());
+        overdue.iter().for_each(|client| leave(&mut registry, client));
+        overdue
+    };
+    for client in overdue {
+        if state.may_log(client.address()) {
+            tracing::info!(avatar = client.avatar().0, "did not come back");
+        }
+        state.tell_engine(EngineEvent::Leave(client.avatar())).await;
+    }
+}
+
+fn leave(registry: &mut Registry, client: &ConnectedClient) {
+    registry.visitors.leave(client.visit.key);
+    registry.places.end(client.connection_id);
+    registry.names.release(client.avatar());
+    registry.ids.release(client.avatar());
+}
