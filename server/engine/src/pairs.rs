@@ -170,9 +170,10 @@ impl Pairs {
     /// Takes in that the viewer's client has been told of nobody. Returns whom it had been told of.
     pub(crate) fn release(&mut self) -> Vec<Slot> {
         self.forget_all();
-        let held = self.all.iter_mut().filter_map(|pair| {
-            std::mem::take(&mut pair.is_held).then_some(pair.slot)
-        });
+        let held = self
+            .all
+            .iter_mut()
+            .filter_map(|pair| std::mem::take(&mut pair.is_held).then_some(pair.slot));
         held.collect()
     }
 

@@ -13,7 +13,9 @@ mod worlds;
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use glam::Vec3;
-use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session, SessionState, Trust, TrustError};
+use sightline_client::net::{
+    ConnectError, ConnectOptions, Dialer, Session, SessionState, Trust, TrustError,
+};
 use sightline_client_core::replica::{Event, VisibleAvatar};
 use sightline_protocol::{
     VERSION,

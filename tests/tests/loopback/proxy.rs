@@ -96,7 +96,8 @@ fn run(socket: &UdpSocket, server: SocketAddr, treatment: &Arc<Treatment>, seed:
             let (back, socket, treatment) =
                 (way.clone(), socket.try_clone().unwrap(), treatment.clone());
             let seed = random.random();
-            returns.push(thread::spawn(move || bring_back(&back, &socket, client, &treatment, seed)));
+            returns
+                .push(thread::spawn(move || bring_back(&back, &socket, client, &treatment, seed)));
             way
         });
         if treatment.lets_pass(&mut random) {

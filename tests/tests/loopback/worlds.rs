@@ -95,8 +95,7 @@ async fn a_newer_world_takes_the_place_of_one_that_is_being_entered() {
     let last = worlds[2].clone();
     let change_all = move || worlds.into_iter().for_each(|world| changer.change(world).unwrap());
     tokio::task::spawn_blocking(change_all).await.unwrap();
-    until("Ada is in the last one", || *ada.world() == **last.world() && ada.is_present())
-        .await;
+    until("Ada is in the last one", || *ada.world() == **last.world() && ada.is_present()).await;
     let bo = join(&server, "Bo", WEST + Vec3::X).await;
     until("they see each other", || holds(&ada, bo.avatar()) && holds(&bo, ada.avatar())).await;
     assert_eq!(ada.end(), None);

@@ -3,7 +3,9 @@
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail, ensure};
-use sightline_cli::{files::read_world, flags, identity::Identity, log, output, progress::Progress};
+use sightline_cli::{
+    files::read_world, flags, identity::Identity, log, output, progress::Progress,
+};
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
     net::{self, JoinProgress, Trust},

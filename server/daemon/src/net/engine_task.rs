@@ -234,13 +234,16 @@ impl EngineTask {
         self.clients.insert(avatar, client);
         visit.enter();
         let is_back = engine.state(avatar).is_some();
-        engine.handle(now, match is_back {
-            true => Input::Return { avatar, place },
-            false => {
-                let (name, colour) = (visit.name.to_string(), visit.colour);
-                Input::Join { avatar, name, colour, place }
-            }
-        });
+        engine.handle(
+            now,
+            match is_back {
+                true => Input::Return { avatar, place },
+                false => {
+                    let (name, colour) = (visit.name.to_string(), visit.colour);
+                    Input::Join { avatar, name, colour, place }
+                }
+            },
+        );
         engine.handle(now, Input::RoundTrip { avatar, round_trip });
     }
 

@@ -66,8 +66,7 @@ fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<
             before.visit.clone()
         }
         None => {
-            let busy =
-                |retry: Duration| Refusal::Busy { retry_ms: retry.as_millis() as u32 };
+            let busy = |retry: Duration| Refusal::Busy { retry_ms: retry.as_millis() as u32 };
             if let Some(retry) = state.load.refuses() {
                 return Err(busy(retry));
             }
