@@ -5,7 +5,10 @@
 //! * [`supply`]: compiles the building of a running server, and compiles it again when it changes.
 //! * [`net`]: the endpoint, admission and sessions. It is the only module that knows QUIC. Start
 //!   with [`net::Server`]: it binds an address and serves a [`net::ServedWorld`].
-//! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`].
+//! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`] and
+//!   [`operate::Overview`].
+//! * `http`, a feature that is on unless it is turned off: a listener for operators, with metrics and
+//!   a live page.
 //!
 //! The engine decides everything that a client is told; nothing here does. The binary
 //! `sightline-server` adds the commands.
@@ -47,6 +50,12 @@
 
 pub mod building_cache;
 pub mod building_files;
+#[cfg(feature = "http")]
+pub mod http;
 pub mod net;
+#[cfg_attr(
+    not(feature = "http"),
+    allow(dead_code, reason = "only the listener reads all counters")
+)]
 pub mod operate;
 pub mod supply;

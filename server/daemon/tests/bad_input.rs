@@ -83,6 +83,7 @@ const ROWS: &[Row] = &[
     fails("serve good.slw --config absent.toml", &["cannot read absent.toml"]),
     fails("serve good.slw --config field.toml", &["field.toml: ", "unknown field `ticks`"]),
     fails("serve good.slw --config range.toml", &["range.toml: tick_hz must be 1 to 128"]),
+    fails("serve good.slw --http 192.0.2.1:1", &["cannot listen on 192.0.2.1:1", "--http"]),
     fails("serve good.slw --data text.toml", &["text.toml"]),
     // Flags.
     wrong_usage("compile good.glb", &["--output <OUT.slw>", "see --help"]),
@@ -95,6 +96,7 @@ const ROWS: &[Row] = &[
     wrong_usage("inspect good.slw --density", &["--map <OUT.png>", "see --help"]),
     wrong_usage("replay good.slw good.csv --loss 51", &["--loss", "from 0 to 50"]),
     wrong_usage("serve --listen nowhere", &["--listen", "such as 4777"]),
+    wrong_usage("serve --http nowhere", &["--http", "such as 4778"]),
     wrong_usage("sevre", &["sevre", "serve", "see --help"]),
 ];
 

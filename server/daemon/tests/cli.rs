@@ -194,7 +194,7 @@ fn the_help_of_serve_shows_every_default() {
     let settings = settings.split_once("; and data, world").unwrap().0.replace(", ", "\n");
     let shown = ServeConfig::from_toml(&settings).unwrap();
     assert_eq!(shown, ServeConfig::default());
-    assert_eq!(settings.lines().count(), 13, "all but data and world");
+    assert_eq!(settings.lines().count(), 14, "all but data and world");
 }
 
 #[test]

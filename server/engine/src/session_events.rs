@@ -212,6 +212,8 @@ impl Engine {
         let avatar = self.population.at_mut(slot);
         let velocity = avatar.budget.plausible(pose.velocity, &building.limits);
         let silent = report.and_then(|report| avatar.before_report(report, building, config.tick));
+        let departs = silent.as_ref().is_some_and(|c| c.departs(&pose, &building.agility));
+        self.stats.departures += u64::from(departs && avatar.is_live());
         avatar.pose = Pose { velocity, ..pose };
         let slack = avatar.arrivals.margin() + config.tick;
         let late = report.map_or(Duration::ZERO, |r| avatar.arrivals.lateness(now, r.made));

@@ -1,5 +1,7 @@
 //! What the engine counts.
 
+use std::ops::AddAssign;
+
 /// How often each event happened since the engine was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Stats {
@@ -12,6 +14,9 @@ pub struct Stats {
     pub repeats: u64,
     /// Reports accepted.
     pub reports: u64,
+    /// Reports of live clients whose avatars had departed from their courses, as far as the engine
+    /// knows what they may leave unsaid. Other reports answer an ask or an order, or keep alive.
+    pub departures: u64,
     /// Times that the host put an avatar elsewhere, or pushed it:
     /// [`Input::Relocate`](crate::Input::Relocate).
     pub impulses: u64,
@@ -22,6 +27,22 @@ pub struct Stats {
     pub walls: u64,
     /// Clients dropped.
     pub drops: u64,
+}
+
+impl AddAssign for Stats {
+    fn add_assign(&mut self, more: Self) {
+        let Self { expiries, reveals, repeats, reports, departures, .. } = more;
+        let Self { impulses, refusals, walls, drops, .. } = more;
+        self.expiries += expiries;
+        self.reveals += reveals;
+        self.repeats += repeats;
+        self.reports += reports;
+        self.departures += departures;
+        self.impulses += impulses;
+        self.refusals += refusals;
+        self.walls += walls;
+        self.drops += drops;
+    }
 }
 
 /// How many clients are in each reporting state.

@@ -60,6 +60,10 @@ pub enum ClientMessage {
 }
 
 impl ClientMessage {
+    /// The names of the kinds, in the order of their numbers on the wire.
+    pub const KINDS: [&'static str; 6] =
+        ["hello", "fetch_world", "enter", "report", "chat", "goodbye"];
+
     /// Decodes the message of a frame.
     pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
         frame::decode(frame)
@@ -172,6 +176,12 @@ pub enum ServerMessage {
 }
 
 impl ServerMessage {
+    /// The names of the kinds, in the order of their numbers on the wire.
+    pub const KINDS: [&'static str; 13] = [
+        "welcome", "refused", "loading", "world", "entered", "appear", "vanish", "ask", "quiet",
+        "live", "correct", "chat", "goodbye",
+    ];
+
     /// Decodes the message of a frame.
     pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {
         frame::decode(frame)
@@ -370,6 +380,26 @@ mod tests {
             Err(DecodeError::Malformed)
         );
         assert_eq!(ClientMessage::version(&[]), Err(DecodeError::Malformed));
+    }
+
+    #[test]
+    fn the_first_byte_of_a_message_is_the_number_of_its_kind() {
+        let named = |said: String| {
+            let name = said.split([' ', '{']).next().unwrap_or_default();
+            let letters = name.char_indices().flat_map(|(i, letter)| {
+                let gap = (letter.is_uppercase() && i > 0).then_some('_');
+                gap.into_iter().chain(letter.to_lowercase())
+            });
+            letters.collect::<String>()
+        };
+        for message in client_messages() {
+            let kind = usize::from(body(&message)[0]);
+            assert_eq!(ClientMessage::KINDS[kind], named(format!("{message:?}")));
+        }
+        for message in server_messages() {
+            let kind = usize::from(body(&message)[0]);
+            assert_eq!(ServerMessage::KINDS[kind], named(format!("{message:?}")));
+        }
     }
 
     #[test]

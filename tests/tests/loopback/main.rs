@@ -3,6 +3,7 @@
 mod building;
 mod crowd;
 mod limits;
+mod operators;
 mod proxy;
 mod returning;
 mod stop;

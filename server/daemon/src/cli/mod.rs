@@ -7,6 +7,7 @@ pub mod inspect;
 pub mod interrupt;
 pub mod model_flags;
 pub mod news;
+pub mod operators;
 pub mod replay;
 pub mod serve;
 pub mod verification;

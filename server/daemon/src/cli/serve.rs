@@ -17,7 +17,7 @@ use sightline_compiler::CompileOptions;
 use sightline_server::{
     building_cache::BuildingCache,
     building_files::BuildingSource,
-    net::{Identity, ServeConfig, Server},
+    net::{HttpAddress, Identity, ServeConfig, Server},
     supply::{Supplied, Supply, SupplyError, SupplyNews},
 };
 use sightline_world::is_world_file;
@@ -38,10 +38,16 @@ pub struct ServeArgs {
     /// Port 0 picks a free one. By default [::]:4777, which is every address of this machine.
     #[arg(long, value_name = "ADDR", value_parser = listen_address)]
     listen: Option<SocketAddr>,
+    /// The TCP address for operators: a port of this machine's own address, an address and a port, or
+    /// off. It has metrics for Prometheus at /metrics, health at /healthz, and no password. By
+    /// default 127.0.0.1:4778.
+    #[arg(long, value_name = "ADDR")]
+    http: Option<HttpAddress>,
     /// Compile the building again whenever its files change, and move visitors over.
     #[arg(long)]
     watch: bool,
-    /// A TOML file with settings, here with their defaults: listen = "[::]:4777", tick_hz = 20,
+    /// A TOML file with settings, here with their defaults: listen = "[::]:4777", http =
+    /// "127.0.0.1:4778", tick_hz = 20,
     /// clients_max = 256, clients_per_address_max = 8, horizon_max_ms = 400, validity =
     /// "until-left", shape = "reach", sight_test_budget = 300000, validity_max_s = 8, threads = 1,
     /// hello_s = 10, silence_s = 30, free_entry = false; and data, world. Flags override it.
@@ -83,6 +89,7 @@ fn config(args: &ServeArgs) -> anyhow::Result<ServeConfig> {
         }
         None => ServeConfig::default(),
     };
+    config.http = args.http.unwrap_or(config.http);
     config.listen = args.listen.unwrap_or(config.listen);
     config.data = args.data.clone().or(config.data);
     config.world = args.world.clone().or(config.world);
@@ -134,8 +141,10 @@ async fn serve(
     config: ServeConfig,
     identity: &Identity,
 ) -> anyhow::Result<()> {
+    let http = config.http;
     let mut server = Server::listen(config, identity)?;
     output::print(&how_to_join(&server)?)?;
+    let _operators = super::operators::listen(&server, http).await?;
     let ends = Arc::new(AtomicBool::new(false));
     let mut supply = start_supply(supplied, watches, &server, ends.clone())?;
     let mut is_supplied = false;

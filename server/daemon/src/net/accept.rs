@@ -16,6 +16,7 @@ use super::{
     session::{self, SessionEnd},
     state::{ServerState, connections_max},
 };
+use crate::operate::Reason;
 
 /// The QUIC error code of a server that accepts no more connections (RFC 9000, section 20.1).
 const CONNECTION_REFUSED: u32 = 2;
@@ -55,6 +56,7 @@ pub async fn accept(endpoint: Endpoint, state: Arc<ServerState>) {
         let Some((id, answer)) =
             (sessions.len() < connections_max).then(|| begin(&state, &incoming, address))
         else {
+            state.metrics.refusals.count(Reason::Connections);
             incoming.refuse();
             continue;
         };
@@ -83,6 +85,11 @@ fn begin(state: &ServerState, incoming: &Incoming, address: IpAddr) -> (Connecti
     } else {
         registry.places.begin(id, address, is_proven)
     };
+    match answer {
+        Answer::Accept => {}
+        Answer::ProveAddress => state.metrics.refusals.count(Reason::Unproven),
+        Answer::Refuse => state.metrics.refusals.count(Reason::ConnectionsOfNetwork),
+    }
     (id, answer)
 }
 
@@ -116,9 +123,13 @@ async fn converse(
     let connection = timeout(deadline, incoming).await;
     let before = state.handshakes.fetch_sub(1, Relaxed);
     debug_assert!(before > 0, "this handshake was counted");
+    if connection.is_err() {
+        state.metrics.refusals.count(Reason::Hello);
+    }
     let connection = connection.ok()?.ok()?;
     let address = connection.remote_address().ip();
     if !state.registry().places.prove(id, address) {
+        state.metrics.refusals.count(Reason::ConnectionsOfNetwork);
         connection.close(CONNECTION_REFUSED.into(), b"too many connections from this address");
         return None;
     }

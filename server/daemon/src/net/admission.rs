@@ -52,7 +52,9 @@ pub enum NoPlace {
     /// All avatars are taken.
     Full,
     /// Too many others join just now.
-    Busy,
+    Joining,
+    /// Too many others of its network join just now.
+    JoiningOfNetwork,
 }
 
 /// The connections of a server, by their networks. An IPv6 address stands for its /64 network, since
@@ -119,10 +121,11 @@ impl Places {
         if self.avatars() >= self.limits.entered {
             return Err(NoPlace::Full);
         }
-        let is_one_too_many =
-            joining >= self.limits.joining_per_network && !is_own_machine(address);
-        if is_one_too_many || self.all[Stage::Joining as usize] >= self.limits.joining {
-            return Err(NoPlace::Busy);
+        if joining >= self.limits.joining_per_network && !is_own_machine(address) {
+            return Err(NoPlace::JoiningOfNetwork);
+        }
+        if self.all[Stage::Joining as usize] >= self.limits.joining {
+            return Err(NoPlace::Joining);
         }
         self.set_stage(id, Stage::Joining);
         Ok(())
@@ -294,10 +297,10 @@ mod tests {
         let mut door = Door::new();
         let (one, joined) = door.join("203.0.113.9");
         assert_eq!((joined, door.join("203.0.113.9").1), (Ok(()), Ok(())));
-        assert_eq!(door.join("203.0.113.9").1, Err(NoPlace::Busy));
+        assert_eq!(door.join("203.0.113.9").1, Err(NoPlace::JoiningOfNetwork));
         assert!(door.places.enter(one));
         let ids: Vec<ConnectionId> = (0..3).map(|_| door.join("127.0.0.1").0).collect();
-        assert_eq!(door.join("127.0.0.1").1, Err(NoPlace::Busy), "four join");
+        assert_eq!(door.join("127.0.0.1").1, Err(NoPlace::Joining), "four join");
         assert!(ids.into_iter().all(|id| door.places.enter(id)));
         let (last, joined) = door.join("192.0.2.1");
         assert!(joined.is_ok() && door.places.enter(last));

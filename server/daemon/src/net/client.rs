@@ -6,7 +6,7 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
     },
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use glam::Vec3;
@@ -18,7 +18,7 @@ use sightline_world::{
 };
 
 use super::{admission::ConnectionId, outbox::Outbox};
-use crate::operate::{ClientStats, TrafficCounters};
+use crate::operate::{ClientStats, Metrics, Reason, SentFrames, TrafficCounters};
 
 /// A visitor, from when it comes in to when it leaves. It outlasts connections.
 pub struct Visit {
@@ -47,7 +47,11 @@ pub struct ConnectedClient {
     /// The messages that wait to be sent to it.
     pub outbox: Outbox,
     /// What was sent to it and received from it.
-    pub counters: TrafficCounters,
+    counters: TrafficCounters,
+    /// What the server counts.
+    metrics: Arc<Metrics>,
+    /// When it connected.
+    pub since: Instant,
     /// Whether another client has its avatar.
     is_replaced: AtomicBool,
 }
@@ -106,10 +110,46 @@ impl ConnectedClient {
         connection: Connection,
         visit: Arc<Visit>,
         tick_interval: Duration,
+        metrics: Arc<Metrics>,
     ) -> Self {
         let (outbox, counters) = (Outbox::new(tick_interval), TrafficCounters::default());
-        let is_replaced = AtomicBool::new(false);
-        Self { connection_id, connection, visit, outbox, counters, is_replaced }
+        let (since, is_replaced) = (Instant::now(), AtomicBool::new(false));
+        Self { connection_id, connection, visit, outbox, counters, metrics, since, is_replaced }
+    }
+
+    /// Its own counters, and those of all clients together.
+    fn counters(&self) -> [&TrafficCounters; 2] {
+        [&self.counters, &self.metrics.traffic]
+    }
+
+    /// Counts a control message from it, without its length prefix.
+    pub fn count_frame_in(&self, frame: &[u8]) {
+        self.counters().into_iter().for_each(|counters| counters.frame_in(frame));
+    }
+
+    /// Counts a datagram from it.
+    pub fn count_datagram_in(&self, bytes: usize) {
+        self.counters().into_iter().for_each(|counters| counters.datagram_in(bytes));
+    }
+
+    /// Counts control messages to it.
+    pub fn count_frames_out(&self, frames: &SentFrames) {
+        self.counters().into_iter().for_each(|counters| counters.frames_out(frames));
+    }
+
+    /// Counts a datagram to it.
+    pub fn count_datagram_out(&self, bytes: usize) {
+        self.counters().into_iter().for_each(|counters| counters.datagram_out(bytes));
+    }
+
+    /// Counts a piece of the world file that was sent to it.
+    pub fn count_world_out(&self, bytes: usize) {
+        self.counters().into_iter().for_each(|counters| counters.world_out(bytes));
+    }
+
+    /// Counts that the server refused it something.
+    pub fn count_refusal(&self, reason: Reason) {
+        self.metrics.refusals.count(reason);
     }
 
     /// Takes in that another client has its avatar. It is told so, and is not listened to any more.

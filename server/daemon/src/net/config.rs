@@ -2,16 +2,18 @@
 
 use std::{
     fmt::Display,
-    net::{Ipv6Addr, SocketAddr},
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr},
     path::PathBuf,
     str::FromStr,
     time::Duration,
 };
 
 use serde::{Deserialize, Deserializer, de};
-use sightline_cli::flags::listen_address;
+use sightline_cli::flags::{listen_address, resolve};
 use sightline_engine::{Config, TbvShape, Validity};
 
+/// The address for operators, unless the configuration says otherwise: this machine's own.
+const HTTP_DEFAULT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 4778);
 /// Avatars that the engine keeps beyond the clients: those of clients that have just left.
 const AVATARS_SPARE: usize = 64;
 
@@ -22,6 +24,9 @@ pub struct ServeConfig {
     /// The UDP address for clients; port 0 picks a free one.
     #[serde(deserialize_with = "listened")]
     pub listen: SocketAddr,
+    /// The TCP address for operators: metrics and a live page, without a password.
+    #[serde(deserialize_with = "parsed")]
+    pub http: HttpAddress,
     /// Ticks in a second: 1 to 128.
     pub tick_hz: u32,
     /// The most clients: 1 to 16,384. Each may occupy up to 640 KiB of memory.
@@ -61,6 +66,38 @@ pub struct ServeConfig {
     pub world: Option<PathBuf>,
 }
 
+/// Where operators reach a server by HTTP: `off`, a port of this machine's own address, or an address
+/// with a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HttpAddress {
+    /// Nowhere.
+    Off,
+    /// At this address; port 0 picks a free one.
+    At(SocketAddr),
+}
+
+impl HttpAddress {
+    /// Whether nobody has chosen another address.
+    pub fn is_default(self) -> bool {
+        self == Self::At(HTTP_DEFAULT)
+    }
+}
+
+impl FromStr for HttpAddress {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "off" {
+            return Ok(Self::Off);
+        }
+        if let Ok(port) = text.strip_prefix(':').unwrap_or(text).parse() {
+            return Ok(Self::At((Ipv4Addr::LOCALHOST, port).into()));
+        }
+        let wrong = "use off, a port, or an address and a port, such as 4778 or localhost:4778";
+        resolve(text).map(Self::At).map_err(|_| wrong.to_owned())
+    }
+}
+
 /// Why a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -82,6 +119,7 @@ impl Default for ServeConfig {
     fn default() -> Self {
         Self {
             listen: (Ipv6Addr::UNSPECIFIED, 4777).into(),
+            http: HttpAddress::At(HTTP_DEFAULT),
             tick_hz: 20,
             clients_max: 256,
             clients_per_address_max: 8,
@@ -183,6 +221,9 @@ mod tests {
     fn a_file_may_leave_fields_out_but_not_name_unknown_ones_or_absurd_numbers() {
         let config = ServeConfig::from_toml("tick_hz = 30\nlisten = '127.0.0.1:0'").unwrap();
         assert_eq!((config.tick_hz, config.listen.port()), (30, 0));
+        let http = |text: &str| ServeConfig::from_toml(&format!("http = '{text}'")).unwrap().http;
+        assert!(http("4778").is_default() && http("127.0.0.1:4778").is_default());
+        assert_eq!((http("off"), http("[::1]:0").is_default()), (HttpAddress::Off, false));
         let by_port = ServeConfig::from_toml("listen = '4777'").unwrap().listen;
         assert_eq!(by_port, ServeConfig::default().listen);
         assert_eq!(config.clients_max, ServeConfig::default().clients_max);
@@ -211,6 +252,7 @@ mod tests {
             ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
             ("clients_max = -1", "invalid"),
             ("listen = 'nowhere'", "listen: use a port"),
+            ("http = 'nowhere'", "nowhere: use off, a port"),
             ("tick_hz = ", ""),
         ] {
             let error = ServeConfig::from_toml(text).unwrap_err().to_string();

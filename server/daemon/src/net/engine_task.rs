@@ -14,9 +14,12 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_engine::{Config, Engine, Input, Output};
+use sightline_engine::{Config, Engine, Input, Output, Stats};
 use sightline_world::motion::{AvatarId, Tbv};
-use tokio::sync::mpsc::{self, error::TryRecvError};
+use tokio::sync::{
+    mpsc::{self, error::TryRecvError},
+    oneshot,
+};
 
 use super::{
     client::{ConnectedClient, FormerPlace},
@@ -24,8 +27,9 @@ use super::{
     offers::Offers,
     pace::Pace,
     served_world::ServedWorld,
+    survey::Survey,
 };
-use crate::operate::{Stages, TickMetrics};
+use crate::operate::{Metrics, Stages};
 
 /// The most events that may wait for the engine, of about 200 bytes each. A client whose event finds
 /// no room waits, so that its own stream stops and nobody else's.
@@ -52,6 +56,15 @@ pub enum EngineEvent {
     Absent(Arc<ConnectedClient>),
     /// A visitor has gone, whether or not it had entered.
     Leave(AvatarId),
+    /// An operator wants to see all avatars.
+    Survey(oneshot::Sender<Survey>),
+    /// An operator wants to see what one viewer sees.
+    Look {
+        /// The viewer.
+        viewer: AvatarId,
+        /// Where its eye is, and the avatars that it holds; `None` when it is not in the world.
+        reply: oneshot::Sender<Option<(Vec3, Vec<AvatarId>)>>,
+    },
 }
 
 /// A client that wants to enter a world.
@@ -88,7 +101,9 @@ pub struct EngineTask {
     /// The sight-test budget at the full rate.
     sight_test_budget: u32,
     load: Arc<Load>,
-    metrics: Arc<TickMetrics>,
+    metrics: Arc<Metrics>,
+    /// What engines before this one counted.
+    counted: Stats,
     /// Kept from tick to tick for its memory only.
     outputs: Vec<Output>,
 }
@@ -100,7 +115,7 @@ impl EngineTask {
         offers: Arc<Offers>,
         started: Instant,
         load: Arc<Load>,
-        metrics: Arc<TickMetrics>,
+        metrics: Arc<Metrics>,
     ) -> Self {
         Self {
             clients: BTreeMap::new(),
@@ -114,6 +129,7 @@ impl EngineTask {
             offers,
             load,
             metrics,
+            counted: Stats::default(),
             outputs: Vec::new(),
         }
     }
@@ -182,6 +198,9 @@ impl EngineTask {
                     engine.handle(at, Input::Leave { avatar });
                 }
             }
+            // Who asked may have gone meanwhile.
+            EngineEvent::Survey(reply) => drop(reply.send(self.survey())),
+            EngineEvent::Look { viewer, reply } => drop(reply.send(self.look(viewer))),
         }
     }
 
@@ -205,6 +224,19 @@ impl EngineTask {
         self.load.entered(before - self.newcomers.len());
     }
 
+    fn survey(&self) -> Survey {
+        let interval = self.pace.interval();
+        let engine = self.engine.as_ref();
+        engine.map_or(Survey { interval, ..Survey::default() }, |engine| {
+            Survey::take(engine, interval)
+        })
+    }
+
+    fn look(&self, viewer: AvatarId) -> Option<(Vec3, Vec<AvatarId>)> {
+        let engine = self.engine.as_ref()?;
+        Some((engine.pose(viewer)?.eye, engine.held_by(viewer).collect()))
+    }
+
     /// Ends the present world and begins another. All clients are told, and the server remembers
     /// where each was, so that it can go on there.
     pub fn change(&mut self, engine: Box<Engine>, world: ServedWorld) {
@@ -214,6 +246,7 @@ impl EngineTask {
             }
         }
         let ticks = self.engine.as_ref().map_or(0, |engine| engine.ticks());
+        self.counted += self.engine.as_ref().map_or(Stats::default(), |engine| engine.stats());
         let mut engine = engine.counting_from(ticks);
         engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
         self.engine = Some(Box::new(engine));
@@ -267,7 +300,9 @@ impl EngineTask {
         }
         self.outputs = outputs;
         let stages = Stages { taken, ticked: ticked - taken, told: begin.elapsed() - ticked };
-        self.metrics.record(stages, engine.counts(), engine.stats());
+        let mut stats = self.counted;
+        stats += engine.stats();
+        self.metrics.ticks.record(stages, engine.counts(), stats);
     }
 
     /// Takes in that ticks are made at another rate.
@@ -295,6 +330,8 @@ impl EngineTask {
             let round_trip = client.connection.rtt();
             engine.handle(now, Input::RoundTrip { avatar, round_trip });
         }
+        let round_trips = self.clients.values().map(|client| client.connection.rtt());
+        self.metrics.ticks.record_round_trips(round_trips);
     }
 }
 

@@ -13,6 +13,7 @@ use super::{
     session::SessionEnd,
     state::{Registry, ServerState},
 };
+use crate::operate::Reason;
 
 /// What the client before is told when another one takes its place.
 const REPLACED: &str = "somebody else came in with your key";
@@ -37,13 +38,19 @@ struct Admitted {
 /// Lets a client in and welcomes it, if it speaks this version, has a key, and there is room. The
 /// owner of a key that is here already gets its avatar back.
 pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<ConnectedClient>, Refusal> {
+    let refusals = &state.metrics.refusals;
     if arrival.hello.is_foreign {
+        refusals.count(Reason::Version);
         return Err(Refusal::Version { server: VERSION });
     }
     if *state.closing.borrow() {
+        refusals.count(Reason::Closing);
         return Err(Refusal::Closing);
     }
-    let key = key_of(&arrival.connection).ok_or(Refusal::NoKey)?;
+    let Some(key) = key_of(&arrival.connection) else {
+        refusals.count(Reason::NoKey);
+        return Err(Refusal::NoKey);
+    };
     let Admitted { client, before } = let_in(state, key, arrival)?;
     if let Some(before) = before {
         before.replace(REPLACED);
@@ -66,25 +73,34 @@ fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<
             before.visit.clone()
         }
         None => {
+            let refuse = |reason, refusal| {
+                state.metrics.refusals.count(reason);
+                Err(refusal)
+            };
             let busy = |retry: Duration| Refusal::Busy { retry_ms: retry.as_millis() as u32 };
-            if let Some(retry) = state.load.refuses() {
-                return Err(busy(retry));
+            if let Some((reason, retry)) = state.load.refuses() {
+                return refuse(reason, busy(retry));
             }
             match registry.places.join(id, address) {
                 Ok(()) => {}
-                Err(NoPlace::Full) => return Err(Refusal::Full),
-                Err(NoPlace::Busy) => return Err(busy(state.load.refuse())),
+                Err(NoPlace::Full) => return refuse(Reason::Clients, Refusal::Full),
+                Err(NoPlace::Joining) => return refuse(Reason::Joining, busy(state.load.refuse())),
+                Err(NoPlace::JoiningOfNetwork) => {
+                    return refuse(Reason::JoiningOfNetwork, busy(state.load.refuse()));
+                }
             }
             let avatar = registry.ids.draw();
             let name = registry.names.claim(avatar, &hello.name);
             Arc::new(Visit::new(key, avatar, name, hello.colour))
         }
     };
-    let interval = state.config.tick_interval();
-    let client = Arc::new(ConnectedClient::new(id, connection, visit, interval));
+    let (interval, metrics) = (state.config.tick_interval(), state.metrics.clone());
+    let client = Arc::new(ConnectedClient::new(id, connection, visit, interval, metrics));
     registry.visitors.arrive(client.clone());
     registry.clients.insert(id, client.clone());
-    if registry.log.allows(address, state.now()) {
+    let is_logged = registry.log.allows(address, state.now());
+    drop(registry);
+    if state.counts_line(is_logged) {
         let Visit { avatar, name, key, .. } = &*client.visit;
         let what = if before.is_some() { "came back" } else { "joined" };
         tracing::info!(avatar = avatar.0, name = ?name.as_str(), %key, "{what}");

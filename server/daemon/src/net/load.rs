@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::engine_task::JOINS_PER_TICK;
-use crate::operate::OverloadStats;
+use crate::operate::{OverloadStats, Reason};
 
 /// When this number of clients wait to enter, others must come again later. It is what two seconds
 /// let in.
@@ -45,10 +45,16 @@ impl Load {
         self.waiting.fetch_sub(clients, Relaxed);
     }
 
-    /// Whether a newcomer must come again later, and when. Counts it.
-    pub fn refuses(&self) -> Option<Duration> {
-        let is_late = self.step.load(Relaxed) > 0 || self.waiting.load(Relaxed) >= WAITING_MAX;
-        is_late.then(|| self.refuse())
+    /// Whether a newcomer must come again later, why and when. Counts it.
+    pub fn refuses(&self) -> Option<(Reason, Duration)> {
+        let reason = if self.step.load(Relaxed) > 0 {
+            Reason::Overload
+        } else if self.waiting.load(Relaxed) >= WAITING_MAX {
+            Reason::Entering
+        } else {
+            return None;
+        };
+        Some((reason, self.refuse()))
     }
 
     /// Counts a newcomer that must come again later. Returns when.
@@ -78,11 +84,11 @@ mod tests {
         let load = Load::default();
         assert_eq!(load.refuses(), None);
         assert_eq!(load.set_step(1), 0);
-        assert_eq!(load.refuses(), Some(RETRY));
+        assert_eq!(load.refuses(), Some((Reason::Overload, RETRY)));
         assert_eq!(load.set_step(0), 1);
         assert_eq!(load.refuses(), None);
         (0..WAITING_MAX).for_each(|_| load.waits());
-        assert_eq!(load.refuses(), Some(RETRY));
+        assert_eq!(load.refuses(), Some((Reason::Entering, RETRY)));
         load.entered(1);
         assert_eq!(load.refuses(), None);
         let stats = load.stats();

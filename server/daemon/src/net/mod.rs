@@ -25,6 +25,7 @@ mod entrance;
 mod load;
 mod log_limits;
 mod names;
+mod observer;
 mod offers;
 mod outbox;
 mod pace;
@@ -32,6 +33,7 @@ mod places;
 mod served_world;
 mod session;
 mod state;
+mod survey;
 mod visitors;
 
 use std::{
@@ -53,12 +55,15 @@ use tokio::{
     time::timeout,
 };
 
+#[cfg(feature = "http")]
+pub(crate) use admission::TokenBucket;
 pub use changer::{ServerEnded, WorldChanger};
-pub use config::{ConfigError, ServeConfig};
+pub use config::{ConfigError, HttpAddress, ServeConfig};
+pub use observer::Observer;
 pub use served_world::ServedWorld;
 pub use sightline_cli::identity::{Identity, IdentityError};
 
-use crate::operate::{ServerStats, TickMetrics};
+use crate::operate::{Metrics, ServerStats};
 use engine_task::EngineTask;
 use load::Load;
 use offers::Offers;
@@ -137,7 +142,7 @@ impl Server {
         let started = Instant::now();
         let (events, received) = mpsc::channel(engine_task::EVENTS_MAX);
         let (close, closing) = watch::channel(false);
-        let (metrics, offers) = (Arc::new(TickMetrics::default()), Arc::new(Offers::default()));
+        let (metrics, offers) = (Arc::new(Metrics::default()), Arc::new(Offers::default()));
         let load = Arc::new(Load::default());
         let (told, counted) = (load.clone(), metrics.clone());
         let mut task = EngineTask::new(&config.engine(), offers.clone(), started, told, counted);
@@ -187,11 +192,12 @@ impl Server {
 
     /// The statistics at present.
     pub fn stats(&self) -> ServerStats {
-        let clients: Vec<_> = self.state.registry().visitors.connected().cloned().collect();
-        let clients = clients.iter().map(|client| (client.avatar().0, client.stats())).collect();
-        let (counts, engine) = self.state.metrics.engine();
-        let (ticks, overload) = (self.state.metrics.summary(), self.state.load.stats());
-        ServerStats { clients, ticks, overload, counts, engine }
+        self.observer().stats()
+    }
+
+    /// What operators see of it.
+    pub fn observer(&self) -> Observer {
+        Observer::new(self.state.clone())
     }
 
     /// Waits until the server ends by itself. Only a fault of the engine makes it do so.

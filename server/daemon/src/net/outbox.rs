@@ -12,6 +12,8 @@ use sightline_protocol::{
 use sightline_world::motion::ReportingState;
 use tokio::sync::Notify;
 
+use crate::operate::SentFrames;
+
 /// The most control messages that may wait, in bytes. A client for which more wait does not read,
 /// and is dropped.
 const CONTROL_BYTES_MAX: usize = 256 * 1_024;
@@ -30,19 +32,21 @@ pub struct Outbox {
 pub struct Batch {
     /// Whole frames, for the stream.
     pub control: Vec<u8>,
-    /// The number of these frames.
-    pub frames: u64,
+    /// These frames, counted by kind.
+    pub frames: SentFrames,
     /// Datagrams with poses.
     pub datagrams: Vec<Vec<u8>>,
     /// Whether this is the last batch. Then the connection is to be closed.
     pub is_last: bool,
+    /// Whether more waited than may, so that nothing of it is sent.
+    pub overflowed: bool,
 }
 
 #[derive(Debug)]
 struct Waiting {
     /// Whole frames: at most [`CONTROL_BYTES_MAX`].
     control: Vec<u8>,
-    frames: u64,
+    frames: SentFrames,
     outbound: Outbound,
     /// The engine's newest tick.
     tick: u32,
@@ -51,6 +55,8 @@ struct Waiting {
     /// How the client is expected to report; `None` before it has entered.
     reporting: Option<ReportingState>,
     has_ended: bool,
+    /// Whether more waited than may.
+    overflowed: bool,
 }
 
 impl Outbox {
@@ -58,12 +64,13 @@ impl Outbox {
     pub fn new(tick_interval: Duration) -> Self {
         let waiting = Waiting {
             control: Vec::new(),
-            frames: 0,
+            frames: SentFrames::default(),
             outbound: Outbound::new(tick_interval),
             tick: 0,
             encoded_tick: 0,
             reporting: None,
             has_ended: false,
+            overflowed: false,
         };
         Self { waiting: Mutex::new(waiting), filled: Notify::new(), ended: Notify::new() }
     }
@@ -155,6 +162,7 @@ impl Outbox {
             frames: std::mem::take(&mut waiting.frames),
             datagrams,
             is_last: waiting.has_ended,
+            overflowed: waiting.overflowed,
         }
     }
 
@@ -174,12 +182,12 @@ impl Waiting {
         if self.control.len() + frame.len() > CONTROL_BYTES_MAX {
             // The client does not read, so there is no point in telling it why it is dropped.
             self.control.clear();
-            self.frames = 0;
-            self.has_ended = true;
+            self.frames = SentFrames::default();
+            (self.has_ended, self.overflowed) = (true, true);
             return;
         }
         self.control.extend_from_slice(&frame);
-        self.frames += 1;
+        self.frames.add(&frame);
         self.has_ended = matches!(message, ServerMessage::Goodbye { .. });
         assert!(self.control.len() <= CONTROL_BYTES_MAX, "the outbox has a limit");
     }
@@ -275,7 +283,7 @@ mod tests {
             assert!(outbox.waiting().control.len() <= CONTROL_BYTES_MAX);
         }
         let batch = outbox.take(None);
-        assert!(batch.is_last && batch.control.is_empty() && batch.frames == 0);
+        assert!(batch.is_last && batch.control.is_empty() && batch.overflowed);
     }
 
     #[test]

@@ -21,7 +21,7 @@ use super::{
     offers::Offers,
     visitors::Visitors,
 };
-use crate::operate::TickMetrics;
+use crate::operate::{Metrics, Reason};
 
 /// What all sessions of a server share.
 pub struct ServerState {
@@ -37,7 +37,7 @@ pub struct ServerState {
     /// Becomes true when the server closes.
     pub closing: watch::Receiver<bool>,
     pub load: Arc<Load>,
-    pub metrics: Arc<TickMetrics>,
+    pub metrics: Arc<Metrics>,
 }
 
 /// Connections that may exist beyond those of clients with an avatar: in their handshake, about to
@@ -113,6 +113,15 @@ impl ServerState {
 
     /// Whether the log may have a line about a peer.
     pub fn may_log(&self, address: IpAddr) -> bool {
-        self.registry().log.allows(address, self.now())
+        let is_logged = self.registry().log.allows(address, self.now());
+        self.counts_line(is_logged)
+    }
+
+    /// Counts a line that is not logged. Returns whether it is.
+    pub fn counts_line(&self, is_logged: bool) -> bool {
+        if !is_logged {
+            self.metrics.refusals.count(Reason::LogLine);
+        }
+        is_logged
     }
 }

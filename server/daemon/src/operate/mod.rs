@@ -1,17 +1,41 @@
 //! What an operator sees of a running server: traffic, tick times, states of clients.
+//!
+//! Sessions count with atomic numbers of their own and of the server. No lock is shared by all of
+//! them.
 
+mod histogram;
+mod overview;
+mod process;
+mod refusals;
 mod ticks;
 mod traffic;
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sightline_world::motion::ReportingState;
 
-pub use ticks::TickSummary;
+pub use histogram::Histogram;
+pub use overview::{
+    ClientCounts, Overview, Person, PersonState, Place, Prism, Sight, Totals, WorldName,
+};
+pub use process::ProcessUse;
+pub(crate) use refusals::{Reason, Refusals};
+pub use ticks::{StageTimes, TickSummary};
 pub(crate) use ticks::{Stages, TickMetrics};
-pub use traffic::Traffic;
-pub(crate) use traffic::TrafficCounters;
+pub(crate) use traffic::{SentFrames, TrafficCounters};
+pub use traffic::{Tally, Traffic};
+
+/// What a server counts from its start on.
+#[derive(Debug, Default)]
+pub(crate) struct Metrics {
+    /// Messages from and to all clients.
+    pub(crate) traffic: TrafficCounters,
+    /// What was refused.
+    pub(crate) refusals: Refusals,
+    /// How long ticks take.
+    pub(crate) ticks: TickMetrics,
+}
 
 /// The statistics of a server.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -31,7 +55,7 @@ pub struct ServerStats {
 }
 
 /// How a server copes with its load.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OverloadStats {
     /// How many steps the tick rate is below the full rate: each halves it.
     pub step: usize,

@@ -5,9 +5,11 @@ use std::{
     time::Duration,
 };
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sightline_cli::percentile::percentile;
 use sightline_engine::{Counts, Stats};
+
+use super::Histogram;
 
 /// How many of the last ticks are summarised: 1.7 minutes at 20 ticks a second.
 const TICKS_MAX: usize = 2_048;
@@ -23,8 +25,21 @@ struct Recorded {
     ticks: u64,
     /// How long the last ticks took: a ring of at most [`TICKS_MAX`].
     times: Vec<Stages>,
+    by_stage: StageTimes,
+    round_trips: Histogram,
     counts: Counts,
     stats: Stats,
+}
+
+/// How long the stages of all ticks took.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StageTimes {
+    /// Taking in what clients did.
+    pub take: Histogram,
+    /// The engine's own tick.
+    pub engine: Histogram,
+    /// Handing out what clients are told.
+    pub tell: Histogram,
 }
 
 /// How long the stages of one tick took.
@@ -39,7 +54,7 @@ pub(crate) struct Stages {
 }
 
 /// How long the last ticks took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TickSummary {
     /// Ticks since the start.
     pub ticks: u64,
@@ -64,11 +79,27 @@ impl TickMetrics {
         let place = recorded.ticks as usize % TICKS_MAX;
         recorded.ticks += 1;
         (recorded.counts, recorded.stats) = (counts, stats);
+        recorded.by_stage.take.record(time.taken);
+        recorded.by_stage.engine.record(time.ticked);
+        recorded.by_stage.tell.record(time.told);
         match recorded.times.get_mut(place) {
             Some(slot) => *slot = time,
             None => recorded.times.push(time),
         }
         debug_assert!(recorded.times.len() <= TICKS_MAX, "the ring has a limit");
+    }
+
+    /// Records the clients' round trips at one time.
+    pub(crate) fn record_round_trips(&self, times: impl Iterator<Item = Duration>) {
+        let mut recorded = self.recorded();
+        times.for_each(|time| recorded.round_trips.record(time));
+    }
+
+    /// How long the stages of all ticks took, and the round trips of all clients, each once a
+    /// second.
+    pub(crate) fn histograms(&self) -> (StageTimes, Histogram) {
+        let recorded = self.recorded();
+        (recorded.by_stage, recorded.round_trips)
     }
 
     /// How many clients were in each state after the last tick, and the engine's statistics.
@@ -127,5 +158,9 @@ mod tests {
         assert_eq!((summary.median_us, summary.p99_us, summary.max_us), (1_023, 2_027, 2_047));
         assert_eq!((summary.engine_p99_us, summary.tell_p99_us), (2_027, 0));
         assert_eq!(metrics.engine().0.live, 3);
+        metrics.record_round_trips([Duration::from_millis(40); 2].into_iter());
+        let (stages, round_trips) = metrics.histograms();
+        assert_eq!((stages.engine.count(), round_trips.count()), (TICKS_MAX as u64 + 1, 2));
+        assert!(stages.engine.sum() > stages.tell.sum());
     }
 }

@@ -46,6 +46,13 @@ pub(crate) struct OnCourse {
 }
 
 impl OnCourse {
+    /// Whether an avatar at a pose is no longer on this course.
+    pub(crate) fn departs(&self, pose: &Pose, agility: &Agility) -> bool {
+        let course = self.pose.on_course(self.before, agility);
+        let tolerance = &self.tolerance;
+        !tolerance.holds(&course, pose, agility) || !tolerance.holds_turn(&course, pose)
+    }
+
     fn allows(&self, pose: &Pose, agility: &Agility, slack: Duration) -> bool {
         let time = self.before + slack;
         let able = agility.eyes(self.pose.eye, self.pose.velocity, time);

@@ -58,7 +58,7 @@ async fn send(number: u32, world: &Bytes, client: &ConnectedClient) -> Option<Se
         let piece = world.slice_ref(piece);
         let bytes = piece.len();
         stream.write_chunk(piece).await.ok()?;
-        client.counters.world_out(bytes);
+        client.count_world_out(bytes);
     }
     stream.finish().ok()?;
     Some(stream)

@@ -41,6 +41,7 @@ use super::{
 use download::Downloads;
 use frames::FrameReader;
 use writer::OutboxWriter;
+use crate::operate::Reason;
 
 /// How long a client may take to enter, apart from its download of the world.
 const ENTER_DEADLINE: Duration = Duration::from_secs(10);
@@ -54,8 +55,6 @@ const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
 const CHAT_PER_SECOND: f64 = 1.0;
 /// How many lines of chat may arrive at once.
 const CHAT_BURST: f64 = 5.0;
-/// The length prefix of a frame, in bytes.
-const PREFIX_BYTES: usize = 2;
 
 /// Why a session ended.
 #[derive(Debug, thiserror::Error)]
@@ -81,12 +80,25 @@ pub enum SessionEnd {
     /// The client sent bytes that no client sends.
     #[error("{0}")]
     Malformed(#[from] DecodeError),
+    /// The client reached a limit.
+    #[error("{1}")]
+    Limit(Reason, &'static str),
     /// The client broke the protocol.
     #[error("{0}")]
     Breach(&'static str),
 }
 
 impl SessionEnd {
+    /// Why the server ended the session, if the client gave cause.
+    fn refusal(&self) -> Option<Reason> {
+        match self {
+            Self::Limit(reason, _) => Some(*reason),
+            Self::Malformed(_) => Some(Reason::Malformed),
+            Self::Breach(_) => Some(Reason::Breach),
+            _ => None,
+        }
+    }
+
     /// Whether the client did nothing to end the session, and finds its avatar when it comes back.
     pub fn may_return(&self) -> bool {
         matches!(self, Self::Lost(_) | Self::Failed)
@@ -105,10 +117,16 @@ impl From<ConnectionError> for SessionEnd {
 
 /// Serves a connection until it ends. The caller cleans up.
 pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
+    let end = serve(state, connection, id).await;
+    end.refusal().into_iter().for_each(|reason| state.metrics.refusals.count(reason));
+    end
+}
+
+async fn serve(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
     let deadline = Instant::now() + Duration::from_secs_f64(state.config.hello_s);
     let mut closing = state.closing.clone();
     let greeted = tokio::select! {
-        greeted = timeout_at(deadline, greet(&connection)) => greeted,
+        greeted = timeout_at(deadline, greet(state, &connection)) => greeted,
         _ = closing.wait_for(|is_closing| *is_closing) => {
             connection.close(0u32.into(), b"the server is closing");
             return SessionEnd::Closing;
@@ -116,7 +134,7 @@ pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) 
     };
     let Ok(greeted) = greeted else {
         connection.close(1u32.into(), b"no hello in time");
-        return SessionEnd::Breach("no hello in time");
+        return SessionEnd::Limit(Reason::Hello, "no hello in time");
     };
     let Greeted { mut writer, frames, hello } = match greeted {
         Ok(greeted) => greeted,
@@ -129,7 +147,7 @@ pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) 
     let client = match entrance::admit(state, arrival).await {
         Ok(client) => client,
         Err(refusal) => {
-            let _ = timeout(FAREWELL_DEADLINE, writer.refuse(refusal)).await;
+            let _ = timeout(FAREWELL_DEADLINE, writer.refuse(refusal, &state.metrics.traffic)).await;
             connection.close(0u32.into(), b"");
             return SessionEnd::Refused(refusal);
         }
@@ -150,10 +168,11 @@ struct Greeted {
 }
 
 /// Waits for the stream and its first frame.
-async fn greet(connection: &Connection) -> Result<Greeted, SessionEnd> {
+async fn greet(state: &ServerState, connection: &Connection) -> Result<Greeted, SessionEnd> {
     let (send, receive) = connection.accept_bi().await?;
     let mut frames = FrameReader::new(receive);
     let first = frames.next().await?;
+    state.metrics.traffic.frame_in(&first);
     // The rest of a hello of another version may have another form.
     let hello = if ClientMessage::version(&first)? != VERSION {
         Hello { name: Name::clipped(""), colour: [0; 3], is_foreign: true }
@@ -207,7 +226,7 @@ impl<'a> Session<'a> {
             end = writer.run(&self.client) => end,
             _ = closing.wait_for(|closing| *closing) => SessionEnd::Closing,
         };
-        if let SessionEnd::Malformed(_) | SessionEnd::Breach(_) | SessionEnd::Closing = end {
+        if end.refusal().is_some() || matches!(end, SessionEnd::Closing) {
             let may_return = matches!(end, SessionEnd::Closing);
             self.client.outbox.end(&end.to_string(), may_return);
         }
@@ -244,7 +263,9 @@ impl<'a> Session<'a> {
         loop {
             let deadline = self.limits().deadline;
             if deadline.is_some_and(|deadline| deadline <= Instant::now()) {
-                return SessionEnd::Breach("silent for too long");
+                let has_entered = self.entered.load(Relaxed) > 0;
+                let reason = if has_entered { Reason::Silence } else { Reason::Enter };
+                return SessionEnd::Limit(reason, "silent for too long");
             }
             // The deadline may become an earlier one: that of a client in the world.
             let look = Instant::now() + LOOK_INTERVAL;
@@ -275,7 +296,7 @@ impl<'a> Session<'a> {
         frame: &[u8],
         downloads: &mut Downloads,
     ) -> Result<(), SessionEnd> {
-        self.client.counters.frame_in(frame.len() + PREFIX_BYTES);
+        self.client.count_frame_in(frame);
         if !self.is_within_budget(frame.len())? {
             return Ok(());
         }
@@ -293,6 +314,7 @@ impl<'a> Session<'a> {
             ClientMessage::Chat { text } => {
                 let now = self.state.now();
                 if !self.limits().chat.take(1.0, now) {
+                    self.client.count_refusal(Reason::Chat);
                     return Ok(());
                 }
                 self.pass_on(Input::Chat { avatar, text: text.into() }).await
@@ -302,7 +324,7 @@ impl<'a> Session<'a> {
     }
 
     async fn handle_datagram(&self, datagram: &[u8]) -> Result<(), SessionEnd> {
-        self.client.counters.datagram_in(datagram.len());
+        self.client.count_datagram_in(datagram.len());
         if !self.is_within_budget(datagram.len())? {
             return Ok(());
         }
@@ -326,8 +348,13 @@ impl<'a> Session<'a> {
     fn is_within_budget(&self, bytes: usize) -> Result<bool, SessionEnd> {
         match self.limits().budget.charge(bytes, self.state.now()) {
             BudgetDecision::Accept => Ok(true),
-            BudgetDecision::Ignore => Ok(false),
-            BudgetDecision::Disconnect => Err(SessionEnd::Breach("too many messages")),
+            BudgetDecision::Ignore => {
+                self.client.count_refusal(Reason::Messages);
+                Ok(false)
+            }
+            BudgetDecision::Disconnect => {
+                Err(SessionEnd::Limit(Reason::Flood, "too many messages"))
+            }
         }
     }
 
@@ -355,7 +382,7 @@ impl<'a> Session<'a> {
             return Err(SessionEnd::Breach("entered twice"));
         }
         if before == 0 && !self.state.registry().places.enter(self.client.connection_id) {
-            return Err(SessionEnd::Breach("the server is full"));
+            return Err(SessionEnd::Limit(Reason::Clients, "the server is full"));
         }
         self.reports_from.store(reports_from, Relaxed);
         self.extend_deadline();

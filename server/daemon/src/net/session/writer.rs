@@ -13,6 +13,7 @@ use super::{
     super::{client::ConnectedClient, outbox::Batch},
     SessionEnd,
 };
+use crate::operate::{Reason, SentFrames, TrafficCounters};
 
 /// A client whose stream takes longer for what was to be sent at one time is dropped, however many
 /// bytes it takes meanwhile.
@@ -45,11 +46,14 @@ impl OutboxWriter {
             let has_room = connection.datagram_send_buffer_space() >= DATAGRAM_SPACE_MIN;
             let bytes_max = connection.max_datagram_size().filter(|_| has_room);
             let batch = client.outbox.take(bytes_max);
-            let is_last = batch.is_last;
+            let (is_last, overflowed) = (batch.is_last, batch.overflowed);
             if let Err(end) = self.send(client, batch).await {
                 return end;
             }
             if is_last {
+                if overflowed {
+                    client.count_refusal(Reason::Outbox);
+                }
                 return SessionEnd::Dismissed;
             }
             client.outbox.filled().await;
@@ -57,10 +61,10 @@ impl OutboxWriter {
     }
 
     async fn send(&mut self, client: &ConnectedClient, batch: Batch) -> Result<(), SessionEnd> {
-        client.counters.frames_out(batch.frames, batch.control.len());
+        client.count_frames_out(&batch.frames);
         self.unsent.extend_from_slice(&batch.control);
         for datagram in batch.datagrams {
-            client.counters.datagram_out(datagram.len());
+            client.count_datagram_out(datagram.len());
             match client.connection.send_datagram(datagram.into()) {
                 // The path has just become too narrow for it: it counts as lost.
                 Ok(()) | Err(SendDatagramError::TooLarge) => {}
@@ -74,7 +78,7 @@ impl OutboxWriter {
             () = client.outbox.ended() => {}
         }
         let drained = timeout(LAST_WRITE_DEADLINE, self.drain()).await;
-        drained.unwrap_or(Err(SessionEnd::Breach("it does not read")))
+        drained.unwrap_or(Err(SessionEnd::Limit(Reason::Reading, "it does not read")))
     }
 
     /// Writes all frames that were taken from the outbox.
@@ -87,7 +91,7 @@ impl OutboxWriter {
                 Ok(Ok(bytes)) => self.written += bytes,
                 Ok(Err(WriteError::ConnectionLost(error))) => return Err(error.into()),
                 Ok(Err(error)) => return Err(SessionEnd::Lost(error.to_string())),
-                Err(_) => return Err(SessionEnd::Breach("it does not read")),
+                Err(_) => return Err(SessionEnd::Limit(Reason::Reading, "it does not read")),
             }
         }
         self.unsent.clear();
@@ -98,7 +102,7 @@ impl OutboxWriter {
     /// Sends what is left in the outbox, and waits until it has arrived.
     pub(super) async fn finish(&mut self, client: &ConnectedClient) {
         let batch = client.outbox.take(None);
-        client.counters.frames_out(batch.frames, batch.control.len());
+        client.count_frames_out(&batch.frames);
         self.unsent.extend_from_slice(&batch.control);
         self.finish_stream().await;
     }
@@ -110,8 +114,11 @@ impl OutboxWriter {
     }
 
     /// Tells a client why it is not let in, and waits until that has arrived.
-    pub(super) async fn refuse(&mut self, reason: Refusal) {
+    pub(super) async fn refuse(&mut self, reason: Refusal, counters: &TrafficCounters) {
         self.unsent = frame::encode(&ServerMessage::Refused { reason });
+        let mut sent = SentFrames::default();
+        sent.add(&self.unsent);
+        counters.frames_out(&sent);
         self.finish_stream().await;
     }
 }

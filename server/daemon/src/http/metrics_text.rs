@@ -1,0 +1,190 @@
+//! The metrics as text, as Prometheus reads it.
+
+use std::fmt;
+
+use prometheus_client::{
+    collector::Collector,
+    encoding::{DescriptorEncoder, NoLabelSet, text},
+    metrics::MetricType,
+    registry::Registry,
+};
+
+use crate::{
+    net::Observer,
+    operate::{Histogram, Metrics, Overview},
+};
+
+/// The kind of the text.
+pub(super) const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// All metrics of a server. Those of the present moment come from its overview, if there is one.
+pub(super) fn metrics_text(observer: &Observer, overview: Option<&Overview>) -> String {
+    let mut rows = Rows::default();
+    counters(&mut rows, observer.metrics());
+    engine(&mut rows, observer);
+    load(&mut rows, observer);
+    if let Some(overview) = overview {
+        present(&mut rows, overview);
+    }
+    let mut registry = Registry::with_prefix("sightline");
+    registry.register_collector(Box::new(rows));
+    let mut said = String::new();
+    text::encode(&mut said, &registry).expect("writing into a string does not fail");
+    said
+}
+
+fn counters(rows: &mut Rows, metrics: &Metrics) {
+    let received = metrics.traffic.received().map(|(kind, tally)| ("in", kind, tally));
+    let sent = metrics.traffic.sent().map(|(kind, tally)| ("out", kind, tally));
+    let all: Vec<_> = received.chain(sent).collect();
+    let messages = all.iter().map(|(way, kind, tally)| (*way, *kind, tally.messages));
+    let bytes = all.iter().map(|(way, kind, tally)| (*way, *kind, tally.bytes));
+    let by_kind = |of: &mut dyn Iterator<Item = (&'static str, &'static str, u64)>| {
+        of.map(|(way, kind, n)| (vec![("direction", way), ("kind", kind)], n as f64)).collect()
+    };
+    let help = "Application messages, by direction and kind";
+    rows.counters("messages", help, by_kind(&mut messages.into_iter()));
+    let help = "Bytes of application messages, without what QUIC adds";
+    rows.counters("bytes", help, by_kind(&mut bytes.into_iter()));
+    let refused = metrics.refusals.counts();
+    let refused = refused.map(|(reason, n)| (vec![("reason", reason)], n as f64)).collect();
+    rows.counters("refused", "What was refused, by limit or reason", refused);
+    let asks = metrics.traffic.sent().find(|(kind, _)| *kind == "ask");
+    rows.counter("asks", "Asks for a report", asks.map_or(0, |(_, tally)| tally.messages));
+    let (stages, round_trips) = metrics.ticks.histograms();
+    rows.histograms(
+        "tick_seconds",
+        "How long the stages of ticks took",
+        vec![
+            (vec![("stage", "take")], stages.take),
+            (vec![("stage", "engine")], stages.engine),
+            (vec![("stage", "tell")], stages.tell),
+        ],
+    );
+    let help = "Round trips of all clients in the world, each once a second";
+    rows.histograms("round_trip_seconds", help, vec![(vec![], round_trips)]);
+}
+
+fn engine(rows: &mut Rows, observer: &Observer) {
+    let stats = observer.stats().engine;
+    for (name, help, count) in [
+        ("expiries", "TBVs that ended", stats.expiries),
+        ("reveals", "TBVs that came into view", stats.reveals),
+        ("asks_repeated", "Asks because an answer or a report did not come", stats.repeats),
+        ("reports", "Reports that were accepted", stats.reports),
+        ("departures", "Reports of live clients that departed", stats.departures),
+        ("claims_refused", "Reports that were not believed", stats.refusals),
+        ("claims_through_walls", "Refused reports of places beyond a wall", stats.walls),
+        ("expelled", "Clients dropped by the engine", stats.drops),
+    ] {
+        rows.counter(name, help, count);
+    }
+}
+
+fn load(rows: &mut Rows, observer: &Observer) {
+    let load = observer.stats().overload;
+    rows.gauge(
+        "overload_step",
+        "Steps that the tick rate is below the full rate",
+        load.step as f64,
+    );
+    let steps = [("down", load.steps_down), ("up", load.steps_up)];
+    let steps = steps.map(|(way, n)| (vec![("direction", way)], n as f64)).to_vec();
+    rows.counters("overload_steps", "Steps of the tick rate", steps);
+    let waiting = load.joins_waiting as f64;
+    rows.gauge("joins_waiting", "Clients that wait to enter", waiting);
+    let handshakes = observer.handshakes() as f64;
+    rows.gauge("handshakes", "Handshakes under way", handshakes);
+}
+
+fn present(rows: &mut Rows, overview: &Overview) {
+    let counts = overview.clients;
+    let states = [
+        ("joining", counts.joining),
+        ("live", counts.live),
+        ("on_course", counts.on_course),
+        ("quiet", counts.quiet),
+        ("asked", counts.asked),
+    ];
+    let states = states.map(|(state, n)| (vec![("state", state)], n as f64)).to_vec();
+    rows.gauges("clients", "Clients, by state", states);
+    rows.gauge("tick_hz", "Ticks in a second", overview.tick_hz);
+    rows.gauge("uptime_seconds", "Time since the start", overview.uptime_s);
+    let world = overview.world.as_ref().map_or(0, |world| world.number);
+    rows.gauge("world", "The number of the world, zero before the first", f64::from(world));
+    if let Some(used) = overview.process {
+        rows.counters("cpu_seconds", "Processor time", vec![(vec![], used.cpu_s)]);
+        let resident = used.resident_bytes as f64;
+        rows.gauge("resident_memory_bytes", "Memory that is resident", resident);
+    }
+}
+
+type Labels = Vec<(&'static str, &'static str)>;
+
+/// Metrics with their labels and values.
+#[derive(Debug, Default)]
+struct Rows(Vec<Row>);
+
+#[derive(Debug)]
+struct Row {
+    name: &'static str,
+    help: &'static str,
+    values: Values,
+}
+
+#[derive(Debug)]
+enum Values {
+    Counters(Vec<(Labels, f64)>),
+    Gauges(Vec<(Labels, f64)>),
+    Histograms(Vec<(Labels, Histogram)>),
+}
+
+impl Rows {
+    fn counter(&mut self, name: &'static str, help: &'static str, count: u64) {
+        self.counters(name, help, vec![(vec![], count as f64)]);
+    }
+
+    fn gauge(&mut self, name: &'static str, help: &'static str, value: f64) {
+        self.gauges(name, help, vec![(vec![], value)]);
+    }
+
+    fn counters(&mut self, name: &'static str, help: &'static str, of: Vec<(Labels, f64)>) {
+        self.0.push(Row { name, help, values: Values::Counters(of) });
+    }
+
+    fn gauges(&mut self, name: &'static str, help: &'static str, of: Vec<(Labels, f64)>) {
+        self.0.push(Row { name, help, values: Values::Gauges(of) });
+    }
+
+    fn histograms(&mut self, name: &'static str, help: &'static str, of: Vec<(Labels, Histogram)>) {
+        self.0.push(Row { name, help, values: Values::Histograms(of) });
+    }
+}
+
+impl Collector for Rows {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
+        for Row { name, help, values } in &self.0 {
+            let kind = match values {
+                Values::Counters(_) => MetricType::Counter,
+                Values::Gauges(_) => MetricType::Gauge,
+                Values::Histograms(_) => MetricType::Histogram,
+            };
+            let mut encoder = encoder.encode_descriptor(name, help, None, kind)?;
+            match values {
+                Values::Counters(of) => of.iter().try_for_each(|(labels, count)| {
+                    let mut encoder = encoder.encode_family(labels)?;
+                    encoder.encode_counter::<NoLabelSet, _, f64>(count, None)
+                })?,
+                Values::Gauges(of) => of.iter().try_for_each(|(labels, value)| {
+                    encoder.encode_family(labels)?.encode_gauge(value)
+                })?,
+                Values::Histograms(of) => of.iter().try_for_each(|(labels, times)| {
+                    let (sum, buckets) = (times.sum().as_secs_f64(), times.buckets());
+                    let mut encoder = encoder.encode_family(labels)?;
+                    encoder.encode_histogram::<NoLabelSet>(sum, times.count(), &buckets, None)
+                })?,
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,136 @@
+//! The HTTP listener for operators: metrics, health, and a live page.
+//!
+//! A slow or hostile client costs nothing. Connections have limits: in all, for each address, and
+//! in time. Each connection is for one request, whose header must arrive in time and fit into
+//! 16 KiB, and whose body is not read. Requests have a rate in all. However many ask, the engine is
+//! asked twice a second at most for all clients together.
+//!
+//! There is no password. The listener is on this machine's own address unless its operator chooses
+//! another one.
+
+mod connections;
+mod metrics_text;
+mod routes;
+mod snapshots;
+
+use std::{io, net::SocketAddr, time::Duration};
+
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    service::TowerToHyperService,
+};
+use tokio::{
+    net::{TcpListener, TcpStream},
+    task::{JoinHandle, JoinSet},
+    time::{sleep, timeout},
+};
+
+use crate::{net::Observer, operate::Reason};
+use connections::Connections;
+
+/// How long the header of a request may take to arrive.
+const HEADER_TIME: Duration = Duration::from_secs(5);
+/// How long a connection may last. A page that is open connects again by itself.
+const CONNECTION_TIME: Duration = Duration::from_secs(300);
+/// The most bytes of a header, and of what waits to be sent.
+const BUFFER_BYTES: usize = 16 * 1_024;
+/// The most fields of a header.
+const HEADERS_MAX: usize = 64;
+/// How long the listener waits after the system has refused it a connection.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// The limits of the listener.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HttpLimits {
+    /// The most connections at a time.
+    pub connections: usize,
+    /// The most connections from one address. This machine's own addresses have no such limit.
+    pub connections_per_address: usize,
+    /// The most requests in a second.
+    pub requests_per_s: u32,
+}
+
+/// A listener for operators. It ends when it is dropped.
+pub struct HttpServer {
+    address: SocketAddr,
+    task: JoinHandle<()>,
+}
+
+impl HttpServer {
+    /// Listens on an address. Must be called within a tokio runtime.
+    ///
+    /// # Errors
+    /// When the address is taken, or is not one of this machine.
+    pub async fn listen(
+        address: SocketAddr,
+        observer: Observer,
+        limits: HttpLimits,
+    ) -> io::Result<Self> {
+        let listener = TcpListener::bind(address).await?;
+        let address = listener.local_addr()?;
+        let router = routes::router(observer.clone(), limits, address.ip());
+        let task = tokio::spawn(accept(listener, router, observer, limits));
+        Ok(Self { address, task })
+    }
+
+    /// The address that it listens on.
+    pub fn local_addr(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for HttpServer {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Accepts connections. They end with this.
+async fn accept(listener: TcpListener, router: Router, observer: Observer, limits: HttpLimits) {
+    let mut tasks = JoinSet::new();
+    let connections = Connections::new(limits);
+    loop {
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            Some(_) = tasks.join_next() => continue,
+        };
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                tracing::debug!(%error, "an HTTP connection cannot be accepted");
+                sleep(ACCEPT_PAUSE).await;
+                continue;
+            }
+        };
+        match connections.begin(peer.ip()) {
+            Ok(place) => {
+                let router = router.clone();
+                tasks.spawn(async move {
+                    converse(stream, router).await;
+                    drop(place);
+                });
+            }
+            Err(reason) => observer.metrics().refusals.count(reason),
+        }
+    }
+}
+
+/// Answers one request. Nobody learns of errors: they are the peer's.
+async fn converse(stream: TcpStream, router: Router) {
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADER_TIME)
+        .max_headers(HEADERS_MAX)
+        .max_buf_size(BUFFER_BYTES)
+        .keep_alive(false)
+        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let _ = timeout(CONNECTION_TIME, connection).await;
+}
+
+impl Default for HttpLimits {
+    fn default() -> Self {
+        Self { connections: 32, connections_per_address: 8, requests_per_s: 50 }
+    }
+}

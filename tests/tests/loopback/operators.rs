@@ -1,0 +1,167 @@
+//! What operators see by HTTP, and what HTTP clients cannot do.
+
+use std::{collections::BTreeMap, net::SocketAddr, time::Duration};
+
+use sightline_server::{
+    http::{HttpLimits, HttpServer},
+    net::Server,
+};
+use sightline_world::motion::ReportingState;
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+    time::timeout,
+};
+
+use super::{config, join, meet, serve, until};
+use crate::building::{EAST, WEST};
+
+/// More than any answer takes.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+async fn listen(server: &Server, limits: HttpLimits) -> HttpServer {
+    let address = "127.0.0.1:0".parse().unwrap();
+    HttpServer::listen(address, server.observer(), limits).await.unwrap()
+}
+
+/// Sends bytes. What comes until the connection is closed.
+async fn answer(address: SocketAddr, request: &[u8]) -> String {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    // A listener that refuses closes at once.
+    let _ = stream.write_all(request).await;
+    let mut said = Vec::new();
+    let _ = timeout(PATIENCE, stream.read_to_end(&mut said)).await.expect("it closes");
+    String::from_utf8(said).unwrap()
+}
+
+/// Asks for a page. Its status and its body.
+pub async fn get(address: SocketAddr, path: &str) -> (u16, String) {
+    let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\n\r\n");
+    let said = answer(address, request.as_bytes()).await;
+    let status = said.split(' ').nth(1).and_then(|status| status.parse().ok());
+    let body = said.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.to_owned());
+    (status.unwrap_or_else(|| panic!("no answer: {said:?}")), body)
+}
+
+/// The metrics by name and labels.
+async fn metrics(address: SocketAddr) -> BTreeMap<String, f64> {
+    let (status, text) = get(address, "/metrics").await;
+    assert_eq!(status, 200);
+    assert!(text.ends_with("# EOF\n"), "{text}");
+    let rows = text.lines().filter(|line| !line.starts_with('#'));
+    let rows = rows.map(|line| line.rsplit_once(' ').unwrap());
+    rows.map(|(name, value)| (name.to_owned(), value.parse().unwrap())).collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn metrics_follow_what_happens() {
+    let (server, _) = serve(config());
+    let http = listen(&server, HttpLimits::default()).await;
+    let address = http.local_addr();
+    let before = metrics(address).await;
+    assert_eq!(before["sightline_reports_total"], 0.0);
+    let (ada, bo) = (join(&server, "Ada", WEST).await, join(&server, "Bo", EAST).await);
+    meet(&ada, &bo).await;
+    let is_live = || ada.stats().reporting_state == Some(ReportingState::Live);
+    until("Ada is live", is_live).await;
+    ada.chat("hello").unwrap();
+    until("the chat has come", || {
+        let sent = server.stats().clients.values().map(|client| client.traffic.frames_out).sum();
+        let sent: u64 = sent;
+        sent > 8
+    })
+    .await;
+    tokio::time::sleep(Duration::from_millis(1_200)).await;
+    let now = metrics(address).await;
+    let of = |name: &str| now.get(name).copied().unwrap_or_else(|| panic!("{name}: {now:?}"));
+    for (name, least) in [
+        ("sightline_messages_total{direction=\"in\",kind=\"hello\"}", 2.0),
+        ("sightline_messages_total{direction=\"out\",kind=\"welcome\"}", 2.0),
+        ("sightline_messages_total{direction=\"in\",kind=\"chat\"}", 1.0),
+        ("sightline_bytes_total{direction=\"in\",kind=\"report\"}", 20.0),
+        ("sightline_bytes_total{direction=\"out\",kind=\"poses\"}", 20.0),
+        ("sightline_reports_total", 3.0),
+        ("sightline_departures_total", 1.0),
+        ("sightline_tick_seconds_count{stage=\"engine\"}", 10.0),
+        ("sightline_round_trip_seconds_count", 2.0),
+        ("sightline_tick_hz", 1.0),
+        ("sightline_world", 1.0),
+    ] {
+        assert!(of(name) >= least, "{name} is {}", of(name));
+    }
+    let states = ["joining", "live", "on_course", "quiet", "asked"];
+    let count = |state| of(&format!("sightline_clients{{state=\"{state}\"}}"));
+    assert_eq!(states.map(count).iter().sum::<f64>(), 2.0);
+    assert!(of("sightline_departures_total") <= of("sightline_reports_total"));
+    assert_eq!(of("sightline_refused_total{reason=\"chat_per_s\"}"), 0.0);
+    assert!(now.len() > 100, "every kind and reason has a row");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn health_says_whether_there_is_a_world() {
+    let identity = sightline_server::net::Identity::generate().unwrap();
+    let server = Server::listen(config(), &identity).unwrap();
+    let http = listen(&server, HttpLimits::default()).await;
+    let (status, said) = get(http.local_addr(), "/healthz").await;
+    assert_eq!((status, said.as_str()), (503, "the world is being loaded\n"));
+    let changer = server.world_changer();
+    tokio::task::spawn_blocking(move || changer.change(crate::building::world()))
+        .await
+        .unwrap()
+        .unwrap();
+    let (mut status, mut tries) = (503, 0);
+    while status == 503 && tries < 50 {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        (status, _) = get(http.local_addr(), "/healthz").await;
+        tries += 1;
+    }
+    assert_eq!(status, 200);
+}
+
+/// Who keeps a connection open, floods, or asks for another host gets nothing, and others get on.
+#[tokio::test(flavor = "multi_thread")]
+async fn hostile_http_clients_cost_nothing() {
+    let (server, _) = serve(config());
+    let limits = HttpLimits { connections: 4, connections_per_address: 2, requests_per_s: 1_000 };
+    let http = listen(&server, limits).await;
+    let address = http.local_addr();
+    let asked_by = |name: &str| format!("GET /healthz HTTP/1.1\r\nHost: {name}\r\n\r\n");
+    let other = answer(address, asked_by("evil.example").as_bytes()).await;
+    assert!(other.starts_with("HTTP/1.1 403"), "{other}");
+    let long = [b"GET / HTTP/1.1\r\nX: ".as_slice(), &[b'x'; 40_000]].concat();
+    let long = answer(address, &long).await;
+    assert!(long.is_empty() || long.starts_with("HTTP/1.1 4"), "{long}");
+    let posted = answer(address, b"POST /healthz HTTP/1.1\r\nHost: [::1]\r\n\r\n").await;
+    assert!(posted.starts_with("HTTP/1.1 405"), "{posted}");
+
+    // Four that never end their header take all connections, for five seconds.
+    let mut slow = Vec::new();
+    for _ in 0..4 {
+        let mut stream = TcpStream::connect(address).await.unwrap();
+        stream.write_all(b"GET / HT").await.unwrap();
+        slow.push(stream);
+    }
+    until("a fifth is refused", || {
+        let refused = std::net::TcpStream::connect(address).and_then(|mut stream| {
+            stream.set_read_timeout(Some(Duration::from_millis(200)))?;
+            std::io::Read::read(&mut stream, &mut [0])
+        });
+        matches!(refused, Ok(0))
+    })
+    .await;
+    for mut stream in slow {
+        let mut said = Vec::new();
+        let read = timeout(PATIENCE, stream.read_to_end(&mut said)).await;
+        let _ = read.expect("a slow client is cut off");
+    }
+    let now = metrics(address).await;
+    assert!(now["sightline_refused_total{reason=\"http_connections_max\"}"] >= 1.0);
+
+    let http = listen(&server, HttpLimits { requests_per_s: 1, ..limits }).await;
+    let mut statuses = Vec::new();
+    for _ in 0..4 {
+        statuses.push(get(http.local_addr(), "/healthz").await.0);
+    }
+    assert_eq!(statuses[0], 200);
+    assert!(statuses.contains(&429), "{statuses:?}");
+}
