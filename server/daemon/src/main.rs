@@ -1,5 +1,5 @@
-//! The program `sightline-server`: its commands are compile, demo-building, inspect, replay and
-//! serve.
+//! The program `sightline-server`: its commands are compile, demo-building, inspect, replay,
+//! serve and status.
 
 mod cli;
 
@@ -28,6 +28,8 @@ enum Command {
     Inspect(cli::inspect::InspectArgs),
     Replay(cli::replay::ReplayArgs),
     Serve(cli::serve::ServeArgs),
+    #[cfg(feature = "http")]
+    Status(cli::status::StatusArgs),
 }
 
 fn main() -> ExitCode {
@@ -37,6 +39,8 @@ fn main() -> ExitCode {
         Command::Inspect(args) => cli::inspect::run(&args),
         Command::Replay(args) => cli::replay::run(&args),
         Command::Serve(args) => cli::serve::run(&args),
+        #[cfg(feature = "http")]
+        Command::Status(args) => cli::status::run(&args),
     };
     exit::code(PROGRAM, outcome)
 }

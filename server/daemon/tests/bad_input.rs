@@ -85,6 +85,9 @@ const ROWS: &[Row] = &[
     fails("serve good.slw --config range.toml", &["range.toml: tick_hz must be 1 to 128"]),
     fails("serve good.slw --http 192.0.2.1:1", &["cannot listen on 192.0.2.1:1", "--http"]),
     fails("serve good.slw --data text.toml", &["text.toml"]),
+    // Status.
+    fails("status 127.0.0.1:9", &["no server answers at http://127.0.0.1:9", "`serve` prints"]),
+    wrong_usage("status nowhere", &["nowhere", "such as 4778"]),
     // Flags.
     wrong_usage("compile good.glb", &["--output <OUT.slw>", "see --help"]),
     wrong_usage("compile good.glb -o o.slw --voxel 0", &["--voxel", "from 0.001 to 10 metres"]),

@@ -1,7 +1,7 @@
 //! Parsers for the values of flags, and for addresses.
 
 use std::{
-    net::{Ipv6Addr, SocketAddr, ToSocketAddrs},
+    net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs},
     time::Duration,
 };
 
@@ -89,6 +89,20 @@ pub fn listen_address(text: &str) -> Result<SocketAddr, String> {
     resolve(text).map_err(|_| wrong.to_owned())
 }
 
+/// Parses an address at which only this machine is meant unless another one is named: a port of
+/// 127.0.0.1, or an address or name with a port.
+///
+/// # Errors
+/// When the text is no such address, or the name is unknown.
+pub fn local_address(text: &str) -> Result<SocketAddr, String> {
+    let port = text.strip_prefix(':').unwrap_or(text);
+    if let Ok(port) = port.parse() {
+        return Ok((Ipv4Addr::LOCALHOST, port).into());
+    }
+    let wrong = "use a port, or an address and a port, such as 4778 or localhost:4778";
+    resolve(text).map_err(|_| wrong.to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -134,8 +148,12 @@ mod tests {
         ] {
             assert_eq!(parsed(text).as_deref(), Ok(expected));
         }
+        let local = |text: &str| local_address(text).map(|address| address.to_string());
+        assert_eq!(local("4778").as_deref(), Ok("127.0.0.1:4778"));
+        assert_eq!(local("[::]:9").as_deref(), Ok("[::]:9"));
         for wrong in ["", "99999", "localhost", "1.2.3.4", "a b:c", "-1"] {
             assert!(parsed(wrong).is_err(), "{wrong}");
+            assert!(local_address(wrong).is_err(), "{wrong}");
         }
     }
 }

@@ -2,8 +2,9 @@
 
 use std::{collections::BTreeMap, net::SocketAddr, time::Duration};
 
+use glam::Vec3;
 use sightline_server::{
-    http::{HttpLimits, HttpServer},
+    http::{AskError, HttpLimits, HttpServer, ask_overview},
     net::Server,
 };
 use sightline_world::motion::ReportingState;
@@ -164,4 +165,34 @@ async fn hostile_http_clients_cost_nothing() {
     }
     assert_eq!(statuses[0], 200);
     assert!(statuses.contains(&429), "{statuses:?}");
+}
+
+/// What `status` shows is what the server says.
+#[tokio::test(flavor = "multi_thread")]
+async fn status_asks_a_server_what_it_does() {
+    let (server, _) = serve(config());
+    let http = listen(&server, HttpLimits::default()).await;
+    let ada = join(&server, "Ada <b>", WEST).await;
+    let in_world =
+        || server.stats().clients.values().any(|client| client.reporting_state.is_some());
+    until("Ada is in", in_world).await;
+    tokio::time::sleep(Duration::from_millis(600)).await;
+    let overview = ask_overview(http.local_addr()).await.unwrap();
+    let [person] = &overview.people[..] else { panic!("{overview:?}") };
+    assert_eq!((person.name.as_str(), person.avatar), ("Ada <b>", ada.avatar().0));
+    let place = person.place.as_ref().unwrap();
+    assert!(Vec3::from(place.eye).distance(WEST) < 0.1 && place.held == 0, "{place:?}");
+    assert!(person.totals.messages_in >= 2 && person.totals.bytes_out > 40, "{person:?}");
+    assert!(overview.ticks.ticks > 0 && overview.uptime_s > 0.0, "{overview:?}");
+
+    // Another program answers there.
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    tokio::spawn(async move {
+        let (mut stream, _) = listener.accept().await.unwrap();
+        let _ = stream.read(&mut [0; 1_000]).await;
+        let _ = stream.write_all(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}").await;
+    });
+    let error = ask_overview(address).await.unwrap_err();
+    assert!(matches!(error, AskError::Foreign { .. }), "{error}");
 }

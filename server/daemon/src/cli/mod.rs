@@ -10,6 +10,10 @@ pub mod news;
 pub mod operators;
 pub mod replay;
 pub mod serve;
+#[cfg(feature = "http")]
+pub mod status;
+#[cfg(feature = "http")]
+mod status_table;
 pub mod verification;
 
 use glam::Vec3;

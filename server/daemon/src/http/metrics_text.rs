@@ -4,7 +4,7 @@ use std::fmt;
 
 use prometheus_client::{
     collector::Collector,
-    encoding::{DescriptorEncoder, NoLabelSet, text},
+    encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet, text},
     metrics::MetricType,
     registry::Registry,
 };
@@ -172,19 +172,30 @@ impl Collector for Rows {
             let mut encoder = encoder.encode_descriptor(name, help, None, kind)?;
             match values {
                 Values::Counters(of) => of.iter().try_for_each(|(labels, count)| {
-                    let mut encoder = encoder.encode_family(labels)?;
-                    encoder.encode_counter::<NoLabelSet, _, f64>(count, None)
+                    labelled(&mut encoder, labels, |encoder| {
+                        encoder.encode_counter::<NoLabelSet, _, f64>(count, None)
+                    })
                 })?,
                 Values::Gauges(of) => of.iter().try_for_each(|(labels, value)| {
-                    encoder.encode_family(labels)?.encode_gauge(value)
+                    labelled(&mut encoder, labels, |encoder| encoder.encode_gauge(value))
                 })?,
                 Values::Histograms(of) => of.iter().try_for_each(|(labels, times)| {
                     let (sum, buckets) = (times.sum().as_secs_f64(), times.buckets());
-                    let mut encoder = encoder.encode_family(labels)?;
-                    encoder.encode_histogram::<NoLabelSet>(sum, times.count(), &buckets, None)
+                    labelled(&mut encoder, labels, |encoder| {
+                        encoder.encode_histogram::<NoLabelSet>(sum, times.count(), &buckets, None)
+                    })
                 })?,
             }
         }
         Ok(())
     }
+}
+
+/// Encodes a value with its labels, or without braces when it has none.
+fn labelled(
+    encoder: &mut MetricEncoder<'_>,
+    labels: &Labels,
+    encode: impl FnOnce(&mut MetricEncoder<'_>) -> fmt::Result,
+) -> fmt::Result {
+    if labels.is_empty() { encode(encoder) } else { encode(&mut encoder.encode_family(labels)?) }
 }

@@ -8,6 +8,7 @@
 //! There is no password. The listener is on this machine's own address unless its operator chooses
 //! another one.
 
+mod client;
 mod connections;
 mod metrics_text;
 mod routes;
@@ -27,9 +28,13 @@ use tokio::{
     time::{sleep, timeout},
 };
 
+pub use client::{AskError, ask_overview};
+
 use crate::{net::Observer, operate::Reason};
 use connections::Connections;
 
+/// Where the listener tells what the server does, as JSON.
+const OVERVIEW_PATH: &str = "/overview.json";
 /// How long the header of a request may take to arrive.
 const HEADER_TIME: Duration = Duration::from_secs(5);
 /// How long a connection may last. A page that is open connects again by itself.

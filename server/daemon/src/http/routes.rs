@@ -15,7 +15,7 @@ use axum::{
 };
 
 use super::{
-    HttpLimits, Reason,
+    HttpLimits, OVERVIEW_PATH, Reason,
     metrics_text::{self, metrics_text},
     snapshots::Snapshots,
 };
@@ -42,6 +42,7 @@ pub(super) fn router(observer: Observer, limits: HttpLimits, address: IpAddr) ->
     Router::new()
         .route("/metrics", get(metrics))
         .route("/healthz", get(health))
+        .route(OVERVIEW_PATH, get(overview))
         .layer(middleware::from_fn_with_state(shared.clone(), guard))
         .with_state(shared)
 }
@@ -84,6 +85,13 @@ async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let overview = shared.snapshots.overview().await;
     let said = metrics_text(&shared.observer, overview.as_deref());
     ([(header::CONTENT_TYPE, metrics_text::CONTENT_TYPE)], said).into_response()
+}
+
+async fn overview(State(shared): State<Arc<Shared>>) -> Response {
+    match shared.snapshots.overview().await.as_deref().map(serde_json::to_string) {
+        Some(Ok(said)) => ([(header::CONTENT_TYPE, "application/json")], said).into_response(),
+        _ => (StatusCode::SERVICE_UNAVAILABLE, "the engine does not answer\n").into_response(),
+    }
 }
 
 async fn health(State(shared): State<Arc<Shared>>) -> (StatusCode, &'static str) {

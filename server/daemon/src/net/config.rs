@@ -9,7 +9,7 @@ use std::{
 };
 
 use serde::{Deserialize, Deserializer, de};
-use sightline_cli::flags::{listen_address, resolve};
+use sightline_cli::flags::{listen_address, local_address};
 use sightline_engine::{Config, TbvShape, Validity};
 
 /// The address for operators, unless the configuration says otherwise: this machine's own.
@@ -90,11 +90,7 @@ impl FromStr for HttpAddress {
         if text == "off" {
             return Ok(Self::Off);
         }
-        if let Ok(port) = text.strip_prefix(':').unwrap_or(text).parse() {
-            return Ok(Self::At((Ipv4Addr::LOCALHOST, port).into()));
-        }
-        let wrong = "use off, a port, or an address and a port, such as 4778 or localhost:4778";
-        resolve(text).map(Self::At).map_err(|_| wrong.to_owned())
+        local_address(text).map(Self::At).map_err(|error| format!("{error}; or off"))
     }
 }
 
@@ -252,7 +248,7 @@ mod tests {
             ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),
             ("clients_max = -1", "invalid"),
             ("listen = 'nowhere'", "listen: use a port"),
-            ("http = 'nowhere'", "nowhere: use off, a port"),
+            ("http = 'nowhere'", "nowhere: use a port"),
             ("tick_hz = ", ""),
         ] {
             let error = ServeConfig::from_toml(text).unwrap_err().to_string();

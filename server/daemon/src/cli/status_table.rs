@@ -1,0 +1,242 @@
+//! What `status` shows, as text.
+
+use std::{fmt::Write, time::Duration};
+
+use sightline_server::operate::{Overview, Person, Totals};
+
+/// The most clients in the table.
+const PEOPLE_MAX: usize = 30;
+/// The width of the column of names, in characters.
+const NAME_CHARS: usize = 20;
+
+/// The state of a server, and the state some time before, for rates.
+pub struct Table<'a> {
+    pub now: &'a Overview,
+    pub since: Option<(Duration, &'a Overview)>,
+}
+
+/// Messages and bytes in a second.
+struct Rates {
+    messages_in: f64,
+    bytes_in: f64,
+    messages_out: f64,
+    bytes_out: f64,
+}
+
+impl Rates {
+    /// Those between two states.
+    fn between(before: &Totals, now: &Totals, seconds: f64) -> Self {
+        let rate = |before: u64, now: u64| now.saturating_sub(before) as f64 / seconds.max(1e-3);
+        Self {
+            messages_in: rate(before.messages_in, now.messages_in),
+            bytes_in: rate(before.bytes_in, now.bytes_in),
+            messages_out: rate(before.messages_out, now.messages_out),
+            bytes_out: rate(before.bytes_out, now.bytes_out),
+        }
+    }
+}
+
+impl Table<'_> {
+    /// One line.
+    pub fn line(&self) -> String {
+        let Overview { clients, ticks, .. } = self.now;
+        let rates = self.rates();
+        let cpu = self.cpu_share().map_or(String::new(), |share| format!(" cpu={share:.1}%"));
+        format!(
+            "up={:.0}s clients={} joining={} live={} on_course={} quiet={} asked={} tick_hz={:.0} \
+             tick_p99_us={} in={:.0}B/s out={:.0}B/s refused={}{cpu}\n",
+            self.now.uptime_s,
+            self.now.people.len(),
+            clients.joining,
+            clients.live,
+            clients.on_course,
+            clients.quiet,
+            clients.asked,
+            self.now.tick_hz,
+            ticks.p99_us,
+            rates.bytes_in,
+            rates.bytes_out,
+            self.now.refused,
+        )
+    }
+
+    /// The whole table.
+    pub fn whole(&self) -> String {
+        let Overview { clients, ticks, overload, .. } = self.now;
+        let rates = self.rates();
+        let world = match &self.now.world {
+            Some(world) => format!("world {}: {}", world.number, printable(&world.title)),
+            None => "the world is being loaded".to_owned(),
+        };
+        let mut text = format!("{world}, up {}\n", span(self.now.uptime_s));
+        let mut row = |name: &str, value: String| {
+            let _ = writeln!(text, "{name:<10}{value}");
+        };
+        row(
+            "clients",
+            format!(
+                "{}: {} live, {} on course, {} quiet, {} asked, {} joining",
+                self.now.people.len(),
+                clients.live,
+                clients.on_course,
+                clients.quiet,
+                clients.asked,
+                clients.joining
+            ),
+        );
+        row(
+            "ticks",
+            format!(
+                "{:.0} a second; median {} us, p99 {} us, longest {} us",
+                self.now.tick_hz, ticks.median_us, ticks.p99_us, ticks.max_us
+            ),
+        );
+        row(
+            "overload",
+            format!(
+                "{} of 2 steps down; {} down and {} up so far; {} wait to enter, {} put off",
+                overload.step,
+                overload.steps_down,
+                overload.steps_up,
+                overload.joins_waiting,
+                overload.joins_refused
+            ),
+        );
+        row("in", format!("{:.0} messages/s, {:.0} bytes/s", rates.messages_in, rates.bytes_in));
+        row("out", format!("{:.0} messages/s, {:.0} bytes/s", rates.messages_out, rates.bytes_out));
+        row("refused", format!("{} since the start", self.now.refused));
+        if let Some(used) = &self.now.process {
+            let share = self.cpu_share().map_or(String::new(), |share| format!("{share:.1} %, "));
+            let megabytes = used.resident_bytes as f64 / 1e6;
+            row("process", format!("{share}{:.1} s of processor, {megabytes:.0} MB", used.cpu_s));
+        }
+        text + &self.people()
+    }
+
+    fn people(&self) -> String {
+        if self.now.people.is_empty() {
+            return String::new();
+        }
+        let mut text = format!(
+            "\n{:<NAME_CHARS$}  {:<9}  {:>8}  {:>8}  {:>5}  {:>9}  {:>9}  {}\n",
+            "name", "state", "time", "trip ms", "holds", "in B/s", "out B/s", "address"
+        );
+        for person in self.now.people.iter().take(PEOPLE_MAX) {
+            let rates = self.rates_of(person);
+            let name: String = printable(&person.name).chars().take(NAME_CHARS).collect();
+            let held = person.place.as_ref().map_or(0, |place| place.held);
+            let _ = writeln!(
+                text,
+                "{name:<NAME_CHARS$}  {:<9}  {:>8}  {:>8.1}  {held:>5}  {:>9.0}  {:>9.0}  {}",
+                person.state.name(),
+                span(person.connected_s),
+                person.round_trip_ms,
+                rates.bytes_in,
+                rates.bytes_out,
+                printable(&person.address),
+            );
+        }
+        let more = self.now.people.len().saturating_sub(PEOPLE_MAX);
+        if more > 0 {
+            let _ = writeln!(text, "and {more} more; --json FILE has all");
+        }
+        text
+    }
+
+    /// The rates since the state before; without one, those since the start.
+    fn rates(&self) -> Rates {
+        match self.since {
+            Some((passed, before)) => {
+                Rates::between(&before.totals, &self.now.totals, passed.as_secs_f64())
+            }
+            None => Rates::between(&Totals::default(), &self.now.totals, self.now.uptime_s),
+        }
+    }
+
+    fn rates_of(&self, person: &Person) -> Rates {
+        let before = self.since.and_then(|(passed, before)| {
+            let before = before.people.iter().find(|other| other.avatar == person.avatar)?;
+            Some((passed, before))
+        });
+        match before {
+            Some((passed, before)) => {
+                Rates::between(&before.totals, &person.totals, passed.as_secs_f64())
+            }
+            None => Rates::between(&Totals::default(), &person.totals, person.connected_s),
+        }
+    }
+
+    /// The share of a core that was used since the state before, or since the start, in per cent.
+    fn cpu_share(&self) -> Option<f64> {
+        let now = self.now.process?;
+        let (used_s, passed_s) = match self.since {
+            Some((passed, before)) => (now.cpu_s - before.process?.cpu_s, passed.as_secs_f64()),
+            None => (now.cpu_s, self.now.uptime_s),
+        };
+        Some(100.0 * used_s / passed_s.max(1e-3))
+    }
+}
+
+/// A text of a peer without what a terminal takes for a command.
+fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+}
+
+/// A time for people.
+fn span(seconds: f64) -> String {
+    let seconds = seconds.max(0.0) as u64;
+    let (minutes, hours) = (seconds / 60, seconds / 3_600);
+    match (hours, minutes) {
+        (0, 0) => format!("{seconds} s"),
+        (0, _) => format!("{minutes}:{:02} min", seconds % 60),
+        _ => format!("{hours}:{:02} h", minutes % 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn overview(seconds: u32) -> Overview {
+        let totals = |n: u32| {
+            format!(
+                r#"{{"messages_in":{n},"bytes_in":{n}0,"messages_out":{n},"bytes_out":{n}00,
+                "world_bytes_out":0}}"#
+            )
+        };
+        let text = format!(
+            r#"{{"uptime_s":{seconds}.0,"world":{{"number":1,"title":"House"}},"tick_hz":20.0,
+            "ticks":{{"ticks":9,"median_us":100,"p99_us":200,"max_us":300,"take_p99_us":1,
+            "engine_p99_us":2,"tell_p99_us":3}},
+            "overload":{{"step":0,"steps_down":1,"steps_up":1,"joins_refused":4,"joins_waiting":0}},
+            "clients":{{"joining":0,"live":1,"on_course":0,"quiet":0,"asked":0}},
+            "totals":{},"refused":7,"process":{{"cpu_s":{seconds}.5,"resident_bytes":50000000}},
+            "people":[{{"avatar":5,"name":"A\u001b[2J","address":"[::1]:9","state":"live",
+            "connected_s":61.0,"round_trip_ms":20.0,"totals":{},"place":null}}]}}"#,
+            totals(seconds),
+            totals(seconds)
+        );
+        serde_json::from_str(&text).unwrap()
+    }
+
+    #[test]
+    fn rates_are_those_since_the_state_before() {
+        let (before, now) = (overview(1_000), overview(1_002));
+        let table = Table { now: &now, since: Some((Duration::from_secs(2), &before)) };
+        let line = table.line();
+        for part in ["clients=1", "live=1", "in=10B/s out=100B/s", "refused=7 cpu=100.0%"] {
+            assert!(line.contains(part), "{line}");
+        }
+        let first = Table { now: &now, since: None };
+        assert!(first.line().contains("in=10B/s"), "since the start: {}", first.line());
+    }
+
+    #[test]
+    fn a_name_reaches_the_terminal_without_commands() {
+        let now = overview(10);
+        let text = Table { now: &now, since: None }.whole();
+        assert!(text.contains("A?[2J") && !text.contains('\x1b'), "{text}");
+        assert!(text.starts_with("world 1: House, up 10 s\n"), "{text}");
+        assert!(text.contains("1:01 min"), "{text}");
+    }
+}
