@@ -17,6 +17,8 @@ mod sheet;
 mod storey;
 mod walls;
 
+use std::ops::Range;
+
 use sightline_picture::Picture;
 use sightline_world::World;
 
@@ -32,23 +34,58 @@ const WIDTH_PX_MAX: u32 = 3600;
 /// between two storeys is drawn on the lower one.
 pub fn draw(world: &World, overlay: &Overlay) -> Picture {
     let area = storeys::area(world);
-    let storeys = storeys::storeys_within(world, &area);
-    let sheet = Sheet::new(world, overlay, area, storeys.len());
-    let panels: Vec<Picture> = storeys
-        .iter()
-        .enumerate()
-        .map(|(i, &feet)| {
-            let above = storeys.get(i + 1).copied().unwrap_or(f32::INFINITY);
-            let below = if i == 0 { f32::NEG_INFINITY } else { feet };
-            let level = Level { sheet: &sheet, feet };
-            Storey { level, holds: below..above }.draw()
-        })
-        .collect();
+    let floors = storeys::storeys_within(world, &area);
+    let sheet = Sheet::new(world, overlay, area, floors.len());
+    let panels: Vec<Picture> = levels(&sheet, &floors).map(|storey| storey.draw()).collect();
     let grid = in_grid(&panels);
     match &overlay.legend {
         Some(names) => stacked(&[grid, legend::draw(&sheet, names)], 1),
         None => grid,
     }
+}
+
+/// The storeys with these floors, lowest first.
+fn levels<'a>(sheet: &'a Sheet<'a>, floors: &'a [f32]) -> impl Iterator<Item = Storey<'a>> + 'a {
+    floors.iter().enumerate().map(move |(i, &feet)| {
+        let above = floors.get(i + 1).copied().unwrap_or(f32::INFINITY);
+        let below = if i == 0 { f32::NEG_INFINITY } else { feet };
+        Storey { level: Level { sheet, feet }, holds: below..above }
+    })
+}
+
+/// The plan of one storey, and where places are on it.
+#[derive(Clone, Debug)]
+pub struct StoreyPlan {
+    /// The picture.
+    pub picture: Picture,
+    /// Avatars whose feet are at these heights are on this storey, in metres. They are infinite below
+    /// the lowest storey and above the highest.
+    pub feet: Range<f32>,
+    /// The height at which the storey is cut, in metres.
+    pub cut: f32,
+    /// The x and z of the upper left corner of the picture, in metres.
+    pub corner: [f32; 2],
+    /// The scale, in pixels per metre: x to the right and z downwards.
+    pub px_per_m: f32,
+}
+
+/// The plans of all storeys, lowest first.
+pub fn by_storey(world: &World) -> Vec<StoreyPlan> {
+    let area = storeys::area(world);
+    let floors = storeys::storeys_within(world, &area);
+    let overlay = Overlay::default();
+    let sheet = Sheet::new(world, &overlay, area, floors.len());
+    let plans = levels(&sheet, &floors).map(|storey| {
+        let corner = storey.level.corner();
+        StoreyPlan {
+            picture: storey.draw(),
+            feet: storey.holds,
+            cut: storey.level.height(),
+            corner: [corner.x, corner.y],
+            px_per_m: sheet.px_per_m,
+        }
+    });
+    plans.collect()
 }
 
 /// Puts panels of one size into columns, so that the whole is about 1.5 times as wide as high.

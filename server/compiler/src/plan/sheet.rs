@@ -79,6 +79,12 @@ impl Level<'_> {
         (self.sheet.area.min + step).with_y(self.height())
     }
 
+    /// The x and z of the upper left corner of the picture, caption included.
+    pub(super) fn corner(&self) -> Vec2 {
+        let min = self.sheet.area.min;
+        Vec2::new(min.x, min.z - CAPTION_PX as f32 / self.sheet.px_per_m)
+    }
+
     /// The place of a point on the picture, below the caption, in pixels.
     pub(super) fn place(&self, at: Vec3) -> Vec2 {
         let step = (at - self.sheet.area.min) * self.sheet.px_per_m;

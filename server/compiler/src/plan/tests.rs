@@ -79,3 +79,21 @@ fn colours_of_density_darken_all_the_way() {
     let light = |share| heat(share).iter().map(|&c| u32::from(c)).sum::<u32>();
     assert!((0..50).all(|i| light(i as f32 / 50.0) > light((i + 1) as f32 / 50.0)));
 }
+
+#[test]
+fn plans_by_storey_say_where_places_are() {
+    let world = building();
+    let plans = by_storey(&world);
+    assert_eq!(plans.first().map(|plan| plan.feet.start), Some(f32::NEG_INFINITY));
+    assert_eq!(plans.last().map(|plan| plan.feet.end), Some(f32::INFINITY));
+    for spawn in &world.spawns {
+        let feet = spawn.eye.y - world.body.below_eye;
+        let on: Vec<_> = plans.iter().filter(|plan| plan.feet.contains(&feet)).collect();
+        let [plan] = on[..] else { panic!("{feet} m is on {} storeys", on.len()) };
+        let place = [spawn.eye.x - plan.corner[0], spawn.eye.z - plan.corner[1]];
+        let [x, y] = place.map(|m| (m * plan.px_per_m) as u32);
+        let pixel = plan.picture.pixels()[(y * plan.picture.width() + x) as usize];
+        let nothing = [crate::drawing::PAPER, crate::drawing::INK];
+        assert!(!nothing.contains(&pixel), "there is floor at {}: {pixel:?}", spawn.eye);
+    }
+}

@@ -208,6 +208,7 @@ mod tests {
             r#"{{"uptime_s":{seconds}.0,"world":{{"number":1,"title":"House"}},"tick_hz":20.0,
             "ticks":{{"ticks":9,"median_us":100,"p99_us":200,"max_us":300,"take_p99_us":1,
             "engine_p99_us":2,"tell_p99_us":3}},
+            "stages":{{"take_s":0.1,"engine_s":0.2,"tell_s":0.1}},
             "overload":{{"step":0,"steps_down":1,"steps_up":1,"joins_refused":4,"joins_waiting":0}},
             "clients":{{"joining":0,"live":1,"on_course":0,"quiet":0,"asked":0}},
             "totals":{},"refused":7,"process":{{"cpu_s":{seconds}.5,"resident_bytes":50000000}},

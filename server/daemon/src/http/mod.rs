@@ -11,8 +11,11 @@
 mod client;
 mod connections;
 mod metrics_text;
+mod page;
+mod plans;
 mod routes;
 mod snapshots;
+mod stream;
 
 use std::{io, net::SocketAddr, time::Duration};
 

@@ -17,6 +17,7 @@ use axum::{
 use super::{
     HttpLimits, OVERVIEW_PATH, Reason,
     metrics_text::{self, metrics_text},
+    page,
     snapshots::Snapshots,
 };
 use crate::net::{Observer, TokenBucket};
@@ -24,7 +25,7 @@ use crate::net::{Observer, TokenBucket};
 /// What all requests share.
 struct Shared {
     observer: Observer,
-    snapshots: Snapshots,
+    snapshots: Arc<Snapshots>,
     requests: Mutex<TokenBucket>,
     /// Whether the listener is on this machine's own address.
     is_local: bool,
@@ -33,18 +34,20 @@ struct Shared {
 /// Everything that a listener on an address answers.
 pub(super) fn router(observer: Observer, limits: HttpLimits, address: IpAddr) -> Router {
     let rate = f64::from(limits.requests_per_s);
+    let snapshots = Arc::new(Snapshots::new(observer.clone()));
     let shared = Arc::new(Shared {
-        snapshots: Snapshots::new(observer.clone()),
+        snapshots: snapshots.clone(),
         requests: Mutex::new(TokenBucket::new(rate, 2.0 * rate, observer.now())),
         is_local: address.is_loopback(),
-        observer,
+        observer: observer.clone(),
     });
     Router::new()
         .route("/metrics", get(metrics))
         .route("/healthz", get(health))
         .route(OVERVIEW_PATH, get(overview))
-        .layer(middleware::from_fn_with_state(shared.clone(), guard))
-        .with_state(shared)
+        .with_state(shared.clone())
+        .merge(page::router(observer, snapshots))
+        .layer(middleware::from_fn_with_state(shared, guard))
 }
 
 /// Lets a request pass that is within the limits, and is meant for this listener.

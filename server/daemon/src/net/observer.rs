@@ -13,7 +13,7 @@ use super::{
 };
 use crate::operate::{
     ClientCounts, Metrics, Overview, Person, PersonState, Prism, ProcessUse, ServerStats, Sight,
-    WorldName,
+    StageSums, WorldName,
 };
 
 /// How long the engine may take to answer.
@@ -55,11 +55,15 @@ impl Observer {
         let world =
             self.world().map(|(number, world)| WorldName { number, title: world.title.clone() });
         let metrics = self.metrics();
+        let (stages, _) = metrics.ticks.histograms();
+        let [take_s, engine_s, tell_s] =
+            [stages.take, stages.engine, stages.tell].map(|times| times.sum().as_secs_f64());
         Some(Overview {
             uptime_s: self.0.now().as_secs_f64(),
             world,
             tick_hz: survey.interval.as_secs_f64().recip(),
             ticks: metrics.ticks.summary(),
+            stages: StageSums { take_s, engine_s, tell_s },
             overload: self.0.load.stats(),
             clients,
             totals: metrics.traffic.traffic().totals(),

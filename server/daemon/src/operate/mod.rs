@@ -17,7 +17,7 @@ use sightline_world::motion::ReportingState;
 
 pub use histogram::Histogram;
 pub use overview::{
-    ClientCounts, Overview, Person, PersonState, Place, Prism, Sight, Totals, WorldName,
+    ClientCounts, Overview, Person, PersonState, Place, Prism, Sight, StageSums, Totals, WorldName,
 };
 pub use process::ProcessUse;
 pub(crate) use refusals::{Reason, Refusals};

@@ -17,6 +17,8 @@ pub struct Overview {
     pub tick_hz: f64,
     /// How long ticks took.
     pub ticks: TickSummary,
+    /// How long the stages of all ticks took together.
+    pub stages: StageSums,
     /// How the server copes with its load.
     pub overload: OverloadStats,
     /// How many clients are in each state.
@@ -30,6 +32,17 @@ pub struct Overview {
     pub process: Option<ProcessUse>,
     /// The clients, by avatar.
     pub people: Vec<Person>,
+}
+
+/// How long the stages of all ticks since the start took, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageSums {
+    /// Taking in what clients did.
+    pub take_s: f64,
+    /// The engine's own ticks.
+    pub engine_s: f64,
+    /// Handing out what clients are told.
+    pub tell_s: f64,
 }
 
 /// A world that is served.

@@ -6,10 +6,11 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 #[cfg(target_os = "linux")]
 const NICENESS: i32 = 10;
 
-/// Threads for work beside the running server: as many as there are cores.
-pub(super) fn threads() -> Result<ThreadPool, ThreadPoolBuildError> {
+/// Threads for work beside the running server; zero stands for as many as there are cores.
+pub(crate) fn threads(count: usize) -> Result<ThreadPool, ThreadPoolBuildError> {
     ThreadPoolBuilder::new()
-        .thread_name(|i| format!("compile {i}"))
+        .num_threads(count)
+        .thread_name(|i| format!("beside {i}"))
         .start_handler(|_| lower_priority())
         .build()
 }

@@ -5,7 +5,7 @@
 //! running server, at a lower priority, and takes its place. Fine worlds are kept in a
 //! [`BuildingCache`]: a second start needs no compilation.
 
-mod background;
+pub(crate) mod background;
 mod watch;
 
 use std::{
@@ -139,7 +139,7 @@ impl Supply<'_> {
     /// # Errors
     /// When there is no first world.
     pub fn run(&self) -> Result<(), SupplyError> {
-        let background = background::threads()?;
+        let background = background::threads(0)?;
         let mut served = None;
         loop {
             let watched = self.watches.then(|| Watched::now(&self.files()));
