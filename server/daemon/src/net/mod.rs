@@ -56,7 +56,7 @@ use tokio::{
 };
 
 #[cfg(feature = "http")]
-pub(crate) use admission::TokenBucket;
+pub(crate) use budget::TokenBucket;
 pub use changer::{ServerEnded, WorldChanger};
 pub use config::{ConfigError, HttpAddress, ServeConfig};
 pub use observer::Observer;

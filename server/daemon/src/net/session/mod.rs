@@ -38,10 +38,10 @@ use super::{
     places::room_near,
     state::ServerState,
 };
+use crate::operate::Reason;
 use download::Downloads;
 use frames::FrameReader;
 use writer::OutboxWriter;
-use crate::operate::Reason;
 
 /// How long a client may take to enter, apart from its download of the world.
 const ENTER_DEADLINE: Duration = Duration::from_secs(10);
@@ -147,7 +147,8 @@ async fn serve(state: &ServerState, connection: Connection, id: ConnectionId) ->
     let client = match entrance::admit(state, arrival).await {
         Ok(client) => client,
         Err(refusal) => {
-            let _ = timeout(FAREWELL_DEADLINE, writer.refuse(refusal, &state.metrics.traffic)).await;
+            let _ =
+                timeout(FAREWELL_DEADLINE, writer.refuse(refusal, &state.metrics.traffic)).await;
             connection.close(0u32.into(), b"");
             return SessionEnd::Refused(refusal);
         }
