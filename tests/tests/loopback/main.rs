@@ -1,9 +1,11 @@
 //! The whole system over loopback QUIC: server, engine, protocol and client.
 
+mod browser;
 mod building;
 mod crowd;
 mod limits;
 mod operators;
+mod page;
 mod proxy;
 mod returning;
 mod stop;

@@ -48,8 +48,9 @@ impl Observer {
     /// The server at present. `None` when the engine does not answer within two seconds.
     pub async fn overview(&self) -> Option<Overview> {
         let survey = self.ask(EngineEvent::Survey).await?;
-        let people: Vec<Person> =
+        let mut people: Vec<Person> =
             self.clients().iter().map(|client| person(client, &survey)).collect();
+        people.sort_unstable_by_key(|person| person.avatar);
         let mut clients = ClientCounts::default();
         people.iter().for_each(|person| clients.add(person.state));
         let world =
@@ -67,7 +68,7 @@ impl Observer {
             overload: self.0.load.stats(),
             clients,
             totals: metrics.traffic.traffic().totals(),
-            refused: metrics.refusals.counts().map(|(_, count)| count).sum(),
+            refused: metrics.refusals.total(),
             process: ProcessUse::now(),
             people,
         })

@@ -25,8 +25,8 @@ pub struct Overview {
     pub clients: ClientCounts,
     /// Messages from and to all clients since the start.
     pub totals: Totals,
-    /// How often something was refused since the start: a limit was reached, or a peer did what no
-    /// client does.
+    /// How often a peer was refused something since the start: a limit was reached, or the peer did
+    /// what no client does.
     pub refused: u64,
     /// What the process has used; `None` where the system does not tell.
     pub process: Option<ProcessUse>,

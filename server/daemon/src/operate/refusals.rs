@@ -82,6 +82,15 @@ impl Refusals {
         self.0[reason as usize].fetch_add(1, Relaxed);
     }
 
+    /// All refusals by which a peer lost something: a line of the log, and a handshake that goes on
+    /// once the address is proven, are none of them.
+    pub(crate) fn total(&self) -> u64 {
+        let costs_nothing = [Reason::Unproven, Reason::LogLine].map(|reason| reason as usize);
+        let counts = self.0.iter().enumerate();
+        let lost = counts.filter(|(reason, _)| !costs_nothing.contains(reason));
+        lost.map(|(_, count)| count.load(Relaxed)).sum()
+    }
+
     /// The counts at present, by the names of reasons.
     pub(crate) fn counts(&self) -> impl Iterator<Item = (&'static str, u64)> + '_ {
         Reason::NAMES.into_iter().zip(self.0.iter().map(|count| count.load(Relaxed)))
@@ -100,6 +109,7 @@ mod tests {
         let counts: Vec<_> = refusals.counts().collect();
         assert_eq!(counts.first(), Some(&("connections_spare", 1)));
         assert_eq!(counts[Reason::LogLine as usize], ("log_lines_per_s", 3));
+        assert_eq!(refusals.total(), 1);
         let names: std::collections::BTreeSet<_> = counts.iter().map(|(name, _)| name).collect();
         assert_eq!(names.len(), counts.len());
     }
