@@ -39,7 +39,8 @@ pub struct ServeArgs {
     #[arg(long, value_name = "ADDR", value_parser = listen_address)]
     listen: Option<SocketAddr>,
     /// The TCP address for operators: a port of this machine's own address, an address and a port, or
-    /// off. It has metrics for Prometheus at /metrics, health at /healthz, and no password. By
+    /// off. It has a live page, metrics for Prometheus at /metrics, health at
+    /// /healthz, and no password. By
     /// default 127.0.0.1:4778.
     #[arg(long, value_name = "ADDR")]
     http: Option<HttpAddress>,
