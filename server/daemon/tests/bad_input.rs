@@ -81,7 +81,10 @@ const ROWS: &[Row] = &[
     fails("serve --watch", &["--watch needs a building"]),
     fails("serve --voxel 0.1", &["name its file"]),
     fails("serve good.slw --config absent.toml", &["cannot read absent.toml"]),
-    fails("serve good.slw --config field.toml", &["field.toml: ", "unknown field `ticks`"]),
+    fails(
+        "serve good.slw --config field.toml",
+        &["field.toml: ", "line 1", "did you mean `tick_hz`?"],
+    ),
     fails("serve good.slw --config range.toml", &["range.toml: tick_hz must be 1 to 128"]),
     fails("serve good.slw --http 192.0.2.1:1", &["cannot listen on 192.0.2.1:1", "--http"]),
     fails("serve good.slw --data text.toml", &["text.toml"]),

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sightline_server::net::ServeConfig;
+use sightline_server::net::{HttpAddress, ServeConfig};
 use sightline_world::World;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline-server");
@@ -184,17 +184,23 @@ fn an_interrupted_compilation_leaves_nothing_and_says_so_in_a_line() {
     }
 }
 
-/// What the help of `serve` says of the settings is what they are.
+/// What is printed of the settings is what they are, and can be changed and read again.
 #[test]
-fn the_help_of_serve_shows_every_default() {
-    let output = Command::new(PROGRAM).args(["serve", "--help"]).output().unwrap();
-    let help = String::from_utf8(output.stdout).unwrap();
-    let words = help.split_whitespace().collect::<Vec<_>>().join(" ");
-    let settings = words.split_once("with their defaults: ").unwrap().1;
-    let settings = settings.split_once("; and data, world").unwrap().0.replace(", ", "\n");
-    let shown = ServeConfig::from_toml(&settings).unwrap();
-    assert_eq!(shown, ServeConfig::default());
-    assert_eq!(settings.lines().count(), 14, "all but data and world");
+fn serve_prints_its_settings_and_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let print = |more: &[&str]| {
+        let arguments = [&["serve", "--print-config"], more].concat();
+        let output = Command::new(PROGRAM).current_dir(&folder).args(arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let text = print(&[]);
+    assert_eq!(ServeConfig::from_toml(&text).unwrap(), ServeConfig::default());
+    fs::write(folder.path().join("c.toml"), text.replace("chat_burst = 5.0", "chat_burst = 9"))
+        .unwrap();
+    let changed = print(&["--config", "c.toml", "--http", "off"]);
+    let changed = ServeConfig::from_toml(&changed).unwrap();
+    assert_eq!((changed.limits.chat_burst, changed.http), (9.0, HttpAddress::Off));
 }
 
 #[test]

@@ -1,13 +1,16 @@
 //! Peers that take more than their share.
 
-use std::time::Duration;
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
 
 use sightline_protocol::{
     VERSION, frame,
     message::{ClientMessage, Refusal, ServerMessage},
     text::ChatLine,
 };
-use sightline_server::net::ServeConfig;
+use sightline_server::net::{Limits, ServeConfig};
 
 use super::{config, join, options, serve, until};
 use crate::{
@@ -78,4 +81,38 @@ async fn avatar_ids_do_not_tell_how_many_came() {
         }
     }
     assert!(!ids.is_sorted(), "{ids:?}");
+}
+
+/// A limit of the configuration is kept, and what it refuses is counted under its name.
+#[tokio::test(flavor = "multi_thread")]
+async fn limits_can_be_set_and_count_what_they_refuse() {
+    let text = "chat_per_s = 0.01\nchat_burst = 1\nenter_s = 0.3\nmessages_tolerated = 1\n";
+    let limits = ServeConfig::from_toml(&format!("[limits]\n{text}")).unwrap().limits;
+    let (server, address) = serve(ServeConfig { limits, ..config() });
+    let http = super::operators::listen(&server, &Limits::default()).await;
+    let ada = join(&server, "Ada", WEST).await;
+    for line in ["one", "two", "three"] {
+        ada.chat(line).unwrap();
+    }
+    let idle = Stranger::connect(address).await;
+    let _idle = idle.send(&hello(VERSION)).await;
+    let loud = Stranger::connect(address).await;
+    let _loud = loud.send(&[hello_and_enter(), [1, 0, 5].repeat(200)].concat()).await;
+    let junk = Stranger::connect(address).await;
+    let _junk = junk.send(&[0xff; 64]).await;
+    for stranger in [idle, loud, junk] {
+        stranger.is_closed().await;
+    }
+    let refused = |metrics: &BTreeMap<String, f64>| {
+        let count = |name: &str| metrics[&format!("sightline_refused_total{{reason=\"{name}\"}}")];
+        ["chat_per_s", "enter_s", "messages_tolerated", "malformed"].map(count)
+    };
+    let start = Instant::now();
+    let mut counts = [0.0; 4];
+    while counts != [2.0, 1.0, 1.0, 1.0] && start.elapsed() < Duration::from_secs(20) {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        counts = refused(&super::operators::metrics(http.local_addr()).await);
+    }
+    assert_eq!(counts, [2.0, 1.0, 1.0, 1.0]);
+    assert_eq!(ada.end(), None);
 }

@@ -4,8 +4,8 @@ use std::{collections::BTreeMap, net::SocketAddr, time::Duration};
 
 use glam::Vec3;
 use sightline_server::{
-    http::{AskError, HttpLimits, HttpServer, ask_overview},
-    net::Server,
+    http::{AskError, HttpServer, ask_overview},
+    net::{Limits, Server},
 };
 use sightline_world::motion::ReportingState;
 use tokio::{
@@ -20,7 +20,7 @@ use crate::building::{EAST, WEST};
 /// More than any answer takes.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-async fn listen(server: &Server, limits: HttpLimits) -> HttpServer {
+pub async fn listen(server: &Server, limits: &Limits) -> HttpServer {
     let address = "127.0.0.1:0".parse().unwrap();
     HttpServer::listen(address, server.observer(), limits).await.unwrap()
 }
@@ -36,7 +36,7 @@ async fn answer(address: SocketAddr, request: &[u8]) -> String {
 }
 
 /// Asks for a page. Its status and its body.
-pub async fn get(address: SocketAddr, path: &str) -> (u16, String) {
+async fn get(address: SocketAddr, path: &str) -> (u16, String) {
     let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\n\r\n");
     let said = answer(address, request.as_bytes()).await;
     let status = said.split(' ').nth(1).and_then(|status| status.parse().ok());
@@ -45,7 +45,7 @@ pub async fn get(address: SocketAddr, path: &str) -> (u16, String) {
 }
 
 /// The metrics by name and labels.
-async fn metrics(address: SocketAddr) -> BTreeMap<String, f64> {
+pub async fn metrics(address: SocketAddr) -> BTreeMap<String, f64> {
     let (status, text) = get(address, "/metrics").await;
     assert_eq!(status, 200);
     assert!(text.ends_with("# EOF\n"), "{text}");
@@ -57,7 +57,7 @@ async fn metrics(address: SocketAddr) -> BTreeMap<String, f64> {
 #[tokio::test(flavor = "multi_thread")]
 async fn metrics_follow_what_happens() {
     let (server, _) = serve(config());
-    let http = listen(&server, HttpLimits::default()).await;
+    let http = listen(&server, &Limits::default()).await;
     let address = http.local_addr();
     let before = metrics(address).await;
     assert_eq!(before["sightline_reports_total"], 0.0);
@@ -102,7 +102,7 @@ async fn metrics_follow_what_happens() {
 async fn health_says_whether_there_is_a_world() {
     let identity = sightline_server::net::Identity::generate().unwrap();
     let server = Server::listen(config(), &identity).unwrap();
-    let http = listen(&server, HttpLimits::default()).await;
+    let http = listen(&server, &Limits::default()).await;
     let (status, said) = get(http.local_addr(), "/healthz").await;
     assert_eq!((status, said.as_str()), (503, "the world is being loaded\n"));
     let changer = server.world_changer();
@@ -123,8 +123,9 @@ async fn health_says_whether_there_is_a_world() {
 #[tokio::test(flavor = "multi_thread")]
 async fn hostile_http_clients_cost_nothing() {
     let (server, _) = serve(config());
-    let limits = HttpLimits { connections: 4, connections_per_address: 2, requests_per_s: 1_000 };
-    let http = listen(&server, limits).await;
+    let limits =
+        Limits { http_connections_max: 4, http_requests_per_s: 1_000, ..Limits::default() };
+    let http = listen(&server, &limits).await;
     let address = http.local_addr();
     let asked_by = |name: &str| format!("GET /healthz HTTP/1.1\r\nHost: {name}\r\n\r\n");
     let other = answer(address, asked_by("evil.example").as_bytes()).await;
@@ -158,7 +159,7 @@ async fn hostile_http_clients_cost_nothing() {
     let now = metrics(address).await;
     assert!(now["sightline_refused_total{reason=\"http_connections_max\"}"] >= 1.0);
 
-    let http = listen(&server, HttpLimits { requests_per_s: 1, ..limits }).await;
+    let http = listen(&server, &Limits { http_requests_per_s: 1, ..limits }).await;
     let mut statuses = Vec::new();
     for _ in 0..4 {
         statuses.push(get(http.local_addr(), "/healthz").await.0);
@@ -171,7 +172,7 @@ async fn hostile_http_clients_cost_nothing() {
 #[tokio::test(flavor = "multi_thread")]
 async fn status_asks_a_server_what_it_does() {
     let (server, _) = serve(config());
-    let http = listen(&server, HttpLimits::default()).await;
+    let http = listen(&server, &Limits::default()).await;
     let ada = join(&server, "Ada <b>", WEST).await;
     let in_world =
         || server.stats().clients.values().any(|client| client.reporting_state.is_some());

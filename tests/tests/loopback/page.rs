@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::json;
-use sightline_server::http::{HttpLimits, HttpServer};
+use sightline_server::{http::HttpServer, net::Limits};
 use tokio::task::spawn_blocking;
 
 use super::{browser::Browser, config, is_quiet, join, serve, until};
@@ -28,7 +28,7 @@ const CLICK: &str = "(() => {
 async fn the_page_shows_people_on_plans_and_what_one_of_them_may_see() {
     let (server, _) = serve(config());
     let address = "127.0.0.1:0".parse().unwrap();
-    let http = HttpServer::listen(address, server.observer(), HttpLimits::default()).await.unwrap();
+    let http = HttpServer::listen(address, server.observer(), &Limits::default()).await.unwrap();
     let (ada, bo) = (join(&server, "Ada", WEST).await, join(&server, "<b>Bo</b>", EAST).await);
     until("both are quiet", || is_quiet(&ada) && is_quiet(&bo)).await;
     let url = format!("http://{}/", http.local_addr());

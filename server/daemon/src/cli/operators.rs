@@ -3,15 +3,19 @@
 #[cfg(feature = "http")]
 use anyhow::Context;
 #[cfg(feature = "http")]
-use sightline_server::http::{HttpLimits, HttpServer};
-use sightline_server::net::{HttpAddress, Server};
+use sightline_server::http::HttpServer;
+use sightline_server::net::{HttpAddress, Limits, Server};
 
 /// Starts to listen for operators, if they have an address. It ends when what is returned is
 /// dropped. That the address of the default is taken is a warning only: another server may run here.
 #[cfg(feature = "http")]
-pub async fn listen(server: &Server, http: HttpAddress) -> anyhow::Result<Option<HttpServer>> {
+pub async fn listen(
+    server: &Server,
+    http: HttpAddress,
+    limits: &Limits,
+) -> anyhow::Result<Option<HttpServer>> {
     let HttpAddress::At(address) = http else { return Ok(None) };
-    let listened = HttpServer::listen(address, server.observer(), HttpLimits::default()).await;
+    let listened = HttpServer::listen(address, server.observer(), limits).await;
     let listened = listened
         .with_context(|| format!("cannot listen on {address}; choose another with --http ADDR"));
     let listener = match listened {
@@ -32,7 +36,7 @@ pub async fn listen(server: &Server, http: HttpAddress) -> anyhow::Result<Option
 
 /// Does nothing: this program was built without the feature `http`.
 #[cfg(not(feature = "http"))]
-pub async fn listen(_: &Server, http: HttpAddress) -> anyhow::Result<()> {
+pub async fn listen(_: &Server, http: HttpAddress, _: &Limits) -> anyhow::Result<()> {
     if matches!(http, HttpAddress::At(_)) && !http.is_default() {
         anyhow::bail!("--http: this program was built without the feature http");
     }

@@ -47,13 +47,13 @@ pub struct ServeArgs {
     /// Compile the building again whenever its files change, and move visitors over.
     #[arg(long)]
     watch: bool,
-    /// A TOML file with settings, here with their defaults: listen = "[::]:4777", http =
-    /// "127.0.0.1:4778", tick_hz = 20,
-    /// clients_max = 256, clients_per_address_max = 8, horizon_max_ms = 400, validity =
-    /// "until-left", shape = "reach", sight_test_budget = 300000, validity_max_s = 8, threads = 1,
-    /// hello_s = 10, silence_s = 30, free_entry = false; and data, world. Flags override it.
+    /// A TOML file with settings and limits. `--print-config` shows all of them. Flags override it.
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
+    /// Print all settings and limits with their comments, ranges and worst-case memory, and end. What
+    /// is printed can be the file for --config.
+    #[arg(long)]
+    print_config: bool,
     /// The folder for the certificate and compiled buildings. By default it is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -68,8 +68,11 @@ const SUPPLY_PATIENCE: Duration = Duration::from_millis(700);
 
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
-    log::show_log("info");
     let config = config(args)?;
+    if args.print_config {
+        return output::print(&config.to_toml());
+    }
+    log::show_log("info");
     let data = match &config.data {
         Some(folder) => folder.clone(),
         None => data_folder()?,
@@ -142,10 +145,11 @@ async fn serve(
     config: ServeConfig,
     identity: &Identity,
 ) -> anyhow::Result<()> {
-    let http = config.http;
+    let (http, limits) = (config.http, config.limits.clone());
+    tracing::info!("{}", config.cost());
     let mut server = Server::listen(config, identity)?;
     output::print(&how_to_join(&server)?)?;
-    let _operators = super::operators::listen(&server, http).await?;
+    let _operators = super::operators::listen(&server, http, &limits).await?;
     let ends = Arc::new(AtomicBool::new(false));
     let mut supply = start_supply(supplied, watches, &server, ends.clone())?;
     let mut is_supplied = false;

@@ -6,12 +6,13 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use super::{HttpLimits, Reason};
+use super::{Limits, Reason};
 
 /// The connections of a listener.
 #[derive(Clone)]
 pub(super) struct Connections {
-    limits: HttpLimits,
+    max: usize,
+    max_of_address: usize,
     of: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
@@ -22,19 +23,20 @@ pub(super) struct ConnectionPlace {
 }
 
 impl Connections {
-    pub(super) fn new(limits: HttpLimits) -> Self {
-        Self { limits, of: Arc::default() }
+    pub(super) fn new(limits: &Limits) -> Self {
+        let max_of_address = limits.http_connections_per_address_max;
+        Self { max: limits.http_connections_max, max_of_address, of: Arc::default() }
     }
 
     /// Counts a connection, or says which limit it is beyond.
     pub(super) fn begin(&self, address: IpAddr) -> Result<ConnectionPlace, Reason> {
         let address = address.to_canonical();
         let mut of = self.of();
-        if of.values().sum::<usize>() >= self.limits.connections {
+        if of.values().sum::<usize>() >= self.max {
             return Err(Reason::HttpConnections);
         }
         let own = of.entry(address).or_default();
-        if *own >= self.limits.connections_per_address && !address.is_loopback() {
+        if *own >= self.max_of_address && !address.is_loopback() {
             return Err(Reason::HttpOfAddress);
         }
         *own += 1;
@@ -63,8 +65,12 @@ mod tests {
 
     #[test]
     fn connections_are_limited_in_all_and_for_each_address() {
-        let limits = HttpLimits { connections: 4, connections_per_address: 2, requests_per_s: 1 };
-        let connections = Connections::new(limits);
+        let limits = Limits {
+            http_connections_max: 4,
+            http_connections_per_address_max: 2,
+            ..Limits::default()
+        };
+        let connections = Connections::new(&limits);
         let begin = |address: &str| connections.begin(address.parse().unwrap());
         let mut places: Vec<_> = (0..2).map(|_| begin("203.0.113.9").ok().unwrap()).collect();
         assert_eq!(begin("203.0.113.9").err(), Some(Reason::HttpOfAddress));

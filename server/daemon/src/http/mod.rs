@@ -33,7 +33,10 @@ use tokio::{
 
 pub use client::{AskError, ask_overview};
 
-use crate::{net::Observer, operate::Reason};
+use crate::{
+    net::{Limits, Observer},
+    operate::Reason,
+};
 use connections::Connections;
 
 /// Where the listener tells what the server does, as JSON.
@@ -49,17 +52,6 @@ const HEADERS_MAX: usize = 64;
 /// How long the listener waits after the system has refused it a connection.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// The limits of the listener.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HttpLimits {
-    /// The most connections at a time.
-    pub connections: usize,
-    /// The most connections from one address. This machine's own addresses have no such limit.
-    pub connections_per_address: usize,
-    /// The most requests in a second.
-    pub requests_per_s: u32,
-}
-
 /// A listener for operators. It ends when it is dropped.
 pub struct HttpServer {
     address: SocketAddr,
@@ -74,12 +66,13 @@ impl HttpServer {
     pub async fn listen(
         address: SocketAddr,
         observer: Observer,
-        limits: HttpLimits,
+        limits: &Limits,
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         let address = listener.local_addr()?;
         let router = routes::router(observer.clone(), limits, address.ip());
-        let task = tokio::spawn(accept(listener, router, observer, limits));
+        let connections = Connections::new(limits);
+        let task = tokio::spawn(accept(listener, router, observer, connections));
         Ok(Self { address, task })
     }
 
@@ -96,9 +89,13 @@ impl Drop for HttpServer {
 }
 
 /// Accepts connections. They end with this.
-async fn accept(listener: TcpListener, router: Router, observer: Observer, limits: HttpLimits) {
+async fn accept(
+    listener: TcpListener,
+    router: Router,
+    observer: Observer,
+    connections: Connections,
+) {
     let mut tasks = JoinSet::new();
-    let connections = Connections::new(limits);
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
@@ -135,10 +132,4 @@ async fn converse(stream: TcpStream, router: Router) {
         .keep_alive(false)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
     let _ = timeout(CONNECTION_TIME, connection).await;
-}
-
-impl Default for HttpLimits {
-    fn default() -> Self {
-        Self { connections: 32, connections_per_address: 8, requests_per_s: 50 }
-    }
 }

@@ -15,7 +15,7 @@ use axum::{
 };
 
 use super::{
-    HttpLimits, OVERVIEW_PATH, Reason,
+    Limits, OVERVIEW_PATH, Reason,
     metrics_text::{self, metrics_text},
     page,
     snapshots::Snapshots,
@@ -32,8 +32,8 @@ struct Shared {
 }
 
 /// Everything that a listener on an address answers.
-pub(super) fn router(observer: Observer, limits: HttpLimits, address: IpAddr) -> Router {
-    let rate = f64::from(limits.requests_per_s);
+pub(super) fn router(observer: Observer, limits: &Limits, address: IpAddr) -> Router {
+    let rate = f64::from(limits.http_requests_per_s);
     let snapshots = Arc::new(Snapshots::new(observer.clone()));
     let shared = Arc::new(Shared {
         snapshots: snapshots.clone(),

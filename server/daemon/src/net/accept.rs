@@ -14,14 +14,12 @@ use super::{
     budget::TokenBucket,
     entrance,
     session::{self, SessionEnd},
-    state::{ServerState, connections_max},
+    state::ServerState,
 };
 use crate::operate::Reason;
 
 /// The QUIC error code of a server that accepts no more connections (RFC 9000, section 20.1).
 const CONNECTION_REFUSED: u32 = 2;
-/// With this number of handshakes under way, all newcomers must first prove their address.
-const HANDSHAKES_BEFORE_RETRY: usize = 32;
 /// How many refused connections are logged in a second at most.
 const LOG_LINES_PER_SECOND: f64 = 10.0;
 /// How often the log says how many lines about a peer were left out.
@@ -36,7 +34,7 @@ pub async fn accept(endpoint: Endpoint, state: Arc<ServerState>) {
     let mut log = TokenBucket::new(LOG_LINES_PER_SECOND, LOG_LINES_PER_SECOND, state.now());
     let mut summaries = tokio::time::interval(SUMMARY_INTERVAL);
     let mut overdue = tokio::time::interval(OVERDUE_INTERVAL);
-    let connections_max = connections_max(state.config.clients_max);
+    let connections_max = state.config.connections_max();
     loop {
         let incoming = tokio::select! {
             incoming = endpoint.accept() => incoming,
@@ -78,9 +76,10 @@ pub async fn accept(endpoint: Endpoint, state: Arc<ServerState>) {
 /// Decides on an attempt to connect, which has a number from now on.
 fn begin(state: &ServerState, incoming: &Incoming, address: IpAddr) -> (ConnectionId, Answer) {
     let is_proven = incoming.remote_address_validated();
+    let before_retry = state.config.limits.handshakes_before_retry;
     let mut registry = state.registry();
     let id = registry.number();
-    let answer = if !is_proven && state.handshakes.load(Relaxed) >= HANDSHAKES_BEFORE_RETRY {
+    let answer = if !is_proven && state.handshakes.load(Relaxed) >= before_retry {
         Answer::ProveAddress
     } else {
         registry.places.begin(id, address, is_proven)

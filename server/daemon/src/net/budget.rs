@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use super::config::Limits;
+
 /// A token bucket: it allows a burst at once, and a rate in the long run.
 #[derive(Clone, Debug)]
 pub struct TokenBucket {
@@ -60,21 +62,14 @@ pub enum BudgetDecision {
 }
 
 impl MessageBudget {
-    /// How many messages may arrive at once, for example after the path has stalled.
-    const MESSAGES_BURST: f64 = 128.0;
-    /// Bytes for each message of the budget, on average.
-    const MESSAGE_BYTES: f64 = 128.0;
-    /// How many bytes may arrive at once.
-    const BYTES_BURST: f64 = 16.0 * 1_024.0;
-
-    /// A budget of two messages for each tick.
-    pub fn new(tick_hz: u32, now: Duration) -> Self {
-        let per_second = 2.0 * f64::from(tick_hz);
-        let bytes_per_second = per_second * Self::MESSAGE_BYTES;
+    /// A full budget. More messages than usual arrive at once after the path has stalled.
+    pub fn new(tick_hz: u32, limits: &Limits, now: Duration) -> Self {
+        let per_second = limits.messages_per_tick * f64::from(tick_hz);
+        let bytes_per_second = per_second * limits.message_bytes;
         Self {
-            messages: TokenBucket::new(per_second, Self::MESSAGES_BURST, now),
-            bytes: TokenBucket::new(bytes_per_second, Self::BYTES_BURST, now),
-            tolerated: TokenBucket::new(per_second, 4.0 * Self::MESSAGES_BURST, now),
+            messages: TokenBucket::new(per_second, limits.messages_burst, now),
+            bytes: TokenBucket::new(bytes_per_second, limits.bytes_burst, now),
+            tolerated: TokenBucket::new(per_second, limits.messages_tolerated, now),
         }
     }
 
@@ -96,7 +91,7 @@ mod tests {
 
     #[test]
     fn a_steady_client_is_accepted_and_a_flood_disconnects() {
-        let mut budget = MessageBudget::new(20, Duration::ZERO);
+        let mut budget = MessageBudget::new(20, &Limits::default(), Duration::ZERO);
         for i in 0..10_000 {
             let now = Duration::from_millis(i * 25);
             assert_eq!(
@@ -114,7 +109,7 @@ mod tests {
 
     #[test]
     fn large_messages_spend_the_budget_of_bytes() {
-        let mut budget = MessageBudget::new(20, Duration::ZERO);
+        let mut budget = MessageBudget::new(20, &Limits::default(), Duration::ZERO);
         let taken =
             (0..100).filter(|_| budget.charge(1_200, Duration::ZERO) == BudgetDecision::Accept);
         assert_eq!(taken.count(), 13);

@@ -6,7 +6,7 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
     },
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 use glam::Vec3;
@@ -17,7 +17,7 @@ use sightline_world::{
     tolerance::WIRE_POSE_M,
 };
 
-use super::{admission::ConnectionId, outbox::Outbox};
+use super::{admission::ConnectionId, config::ServeConfig, outbox::Outbox};
 use crate::operate::{ClientStats, Metrics, Reason, SentFrames, TrafficCounters};
 
 /// A visitor, from when it comes in to when it leaves. It outlasts connections.
@@ -104,15 +104,16 @@ impl Visit {
 }
 
 impl ConnectedClient {
-    /// The client of a visitor, at a server with this time from tick to tick.
+    /// The client of a visitor, at a server of this configuration.
     pub fn new(
         connection_id: ConnectionId,
         connection: Connection,
         visit: Arc<Visit>,
-        tick_interval: Duration,
+        config: &ServeConfig,
         metrics: Arc<Metrics>,
     ) -> Self {
-        let (outbox, counters) = (Outbox::new(tick_interval), TrafficCounters::default());
+        let outbox = Outbox::new(config.tick_interval(), config.limits.control_bytes_max);
+        let counters = TrafficCounters::default();
         let (since, is_replaced) = (Instant::now(), AtomicBool::new(false));
         Self { connection_id, connection, visit, outbox, counters, metrics, since, is_replaced }
     }
@@ -196,6 +197,8 @@ pub struct Hello {
 #[cfg(test)]
 mod tests {
     use sightline_world::geometry::{Aabb, Axes};
+
+    use std::time::Duration;
 
     use super::*;
 

@@ -1,69 +1,82 @@
-//! The configuration of a server: limits, intervals and places.
+//! The configuration of a server: settings, and limits on what peers may take.
+
+mod bounds;
+mod documented;
+mod limits;
+mod printed;
 
 use std::{
-    fmt::Display,
+    fmt::{self, Display},
     net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr},
     path::PathBuf,
     str::FromStr,
     time::Duration,
 };
 
-use serde::{Deserialize, Deserializer, de};
+use serde::{Deserialize, Deserializer, Serializer, de};
 use sightline_cli::flags::{listen_address, local_address};
 use sightline_engine::{Config, TbvShape, Validity};
+use toml::{Table, Value};
+
+use bounds::Bound;
+use documented::documented;
+use limits::LIMIT_COMMENTS;
+pub use limits::Limits;
 
 /// The address for operators, unless the configuration says otherwise: this machine's own.
 const HTTP_DEFAULT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 4778);
 /// Avatars that the engine keeps beyond the clients: those of clients that have just left.
 const AVATARS_SPARE: usize = 64;
 
-/// The configuration of a server. A TOML file may leave out any field. An unknown one is an error.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ServeConfig {
-    /// The UDP address for clients; port 0 picks a free one.
-    #[serde(deserialize_with = "listened")]
-    pub listen: SocketAddr,
-    /// The TCP address for operators: metrics and a live page, without a password.
-    #[serde(deserialize_with = "parsed")]
-    pub http: HttpAddress,
-    /// Ticks in a second: 1 to 128.
-    pub tick_hz: u32,
-    /// The most clients: 1 to 16,384. Each may occupy up to 640 KiB of memory.
-    pub clients_max: usize,
-    /// The most connections from one address: 1 to 16,384. The server's own machine has no limit.
-    pub clients_per_address_max: usize,
-    /// The greatest horizon, in milliseconds: 50 to 2000. Clients with longer round trips may see
-    /// others late.
-    pub horizon_max_ms: u32,
-    /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or a number of
-    /// milliseconds.
-    #[serde(deserialize_with = "parsed")]
-    pub validity: Validity,
-    /// What bounds TBVs in space: `reach` or `sphere`.
-    #[serde(deserialize_with = "parsed")]
-    pub shape: TbvShape,
-    /// What all sight tests between regions may cost in a tick, in units of which 100,000 take one to
-    /// five milliseconds: 0 to 100,000,000. A pair that the budget does not decide is sent.
-    #[serde(alias = "look_budget")]
-    pub sight_test_budget: u32,
-    /// The longest validity of a TBV, in seconds: 0.1 to 60.
-    pub validity_max_s: f64,
-    /// Threads that share a tick of the engine: 1 to 64. A second thread pays from about a thousand
-    /// clients on.
-    pub threads: usize,
-    /// How long a client may take for its first message, in seconds: 0.1 to 600.
-    pub hello_s: f64,
-    /// How long a client may be silent after its TBV has expired, in seconds: 0.1 to 3600.
-    pub silence_s: f64,
-    /// Whether clients may enter anywhere, as recorded walks do. Otherwise they enter at spawn
-    /// points only, since a client that chooses freely could look into every room, one after the
-    /// other.
-    pub free_entry: bool,
-    /// The folder for the certificate and compiled buildings; the user's data folder when `None`.
-    pub data: Option<PathBuf>,
-    /// The building or world file to serve; the demo building when `None`.
-    pub world: Option<PathBuf>,
+documented! {
+    /// The configuration of a server. A TOML file may leave out any field. An unknown one is an error.
+    ServeConfig, COMMENTS {
+        /// The UDP address for clients; port 0 picks a free one.
+        #[serde(deserialize_with = "listened")]
+        listen: SocketAddr,
+        /// The TCP address for operators: metrics and a live page, without a password.
+        #[serde(serialize_with = "shown", deserialize_with = "parsed")]
+        http: HttpAddress,
+        /// Ticks in a second.
+        tick_hz: u32,
+        /// The most clients.
+        clients_max: usize,
+        /// The most connections from one address. The server's own machine has no limit.
+        clients_per_address_max: usize,
+        /// The greatest horizon, in milliseconds. Clients with longer round trips may see others late.
+        horizon_max_ms: u32,
+        /// How long TBVs are made to last: `until-left`, `maximal`, `adaptive`, or a number of
+        /// milliseconds.
+        #[serde(serialize_with = "shown", deserialize_with = "parsed")]
+        validity: Validity,
+        /// What bounds TBVs in space: `reach` or `sphere`.
+        #[serde(serialize_with = "shown", deserialize_with = "parsed")]
+        shape: TbvShape,
+        /// What all sight tests between regions may cost in a tick, in units of which 100,000 take
+        /// one to five milliseconds. A pair that the budget does not decide is sent.
+        #[serde(alias = "look_budget")]
+        sight_test_budget: u32,
+        /// The longest validity of a TBV, in seconds.
+        validity_max_s: f64,
+        /// Threads that share a tick of the engine. A second thread pays from about a thousand
+        /// clients on.
+        threads: usize,
+        /// How long a client may take for its first message, in seconds.
+        hello_s: f64,
+        /// How long a client may be silent after its TBV has expired, in seconds.
+        silence_s: f64,
+        /// Whether clients may enter anywhere, as recorded walks do. Otherwise they enter at spawn
+        /// points only, since a client that chooses freely could look into every room, one after the
+        /// other.
+        free_entry: bool,
+        /// The folder for the certificate and compiled buildings; the user's data folder when there
+        /// is none.
+        data: Option<PathBuf>,
+        /// The building or world file to serve; the demo building when there is none.
+        world: Option<PathBuf>,
+        /// Limits on what peers may take.
+        limits: Limits,
+    }
 }
 
 /// Where operators reach a server by HTTP: `off`, a port of this machine's own address, or an address
@@ -80,6 +93,15 @@ impl HttpAddress {
     /// Whether nobody has chosen another address.
     pub fn is_default(self) -> bool {
         self == Self::At(HTTP_DEFAULT)
+    }
+}
+
+impl Display for HttpAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("off"),
+            Self::At(address) => address.fmt(f),
+        }
     }
 }
 
@@ -102,12 +124,14 @@ pub enum ConfigError {
     #[error("{0}")]
     Toml(String),
     /// A number is out of its range.
-    #[error("{field} must be {range}")]
+    #[error("{field} must be {min} to {max}")]
     Range {
         /// The field.
         field: &'static str,
-        /// Its range.
-        range: &'static str,
+        /// The least value.
+        min: f64,
+        /// The greatest value.
+        max: f64,
     },
 }
 
@@ -130,6 +154,7 @@ impl Default for ServeConfig {
             free_entry: false,
             data: None,
             world: None,
+            limits: Limits::default(),
         }
     }
 }
@@ -140,8 +165,7 @@ impl ServeConfig {
     /// # Errors
     /// When it is no TOML, or a field is unknown, of the wrong kind or out of its range.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        let config: Self =
-            toml::from_str(text).map_err(|error| ConfigError::Toml(error.message().to_owned()))?;
+        let config: Self = toml::from_str(text).map_err(|error| wrong_toml(text, &error))?;
         config.check()?;
         Ok(config)
     }
@@ -151,24 +175,17 @@ impl ServeConfig {
     /// # Errors
     /// When one is not.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let seconds = |s: f64, max: f64| (0.1..=max).contains(&s);
-        let per_address = (1..=16_384).contains(&self.clients_per_address_max);
-        for (holds, field, range) in [
-            ((1..=128).contains(&self.tick_hz), "tick_hz", "1 to 128"),
-            ((1..=16_384).contains(&self.clients_max), "clients_max", "1 to 16384"),
-            (per_address, "clients_per_address_max", "1 to 16384"),
-            ((50..=2_000).contains(&self.horizon_max_ms), "horizon_max_ms", "50 to 2000"),
-            (self.sight_test_budget <= 100_000_000, "sight_test_budget", "0 to 100000000"),
-            (seconds(self.validity_max_s, 60.0), "validity_max_s", "0.1 to 60"),
-            ((1..=64).contains(&self.threads), "threads", "1 to 64"),
-            (seconds(self.hello_s, 600.0), "hello_s", "0.1 to 600"),
-            (seconds(self.silence_s, 3_600.0), "silence_s", "0.1 to 3600"),
-        ] {
-            if !holds {
-                return Err(ConfigError::Range { field, range });
-            }
+        let values = Table::try_from(self).map_err(|error| ConfigError::Toml(error.to_string()))?;
+        check_bounds(&values, bounds::SETTINGS)?;
+        match values.get("limits").and_then(Value::as_table) {
+            Some(limits) => check_bounds(limits, bounds::LIMITS),
+            None => Ok(()),
         }
-        Ok(())
+    }
+
+    /// The most connections: of clients with an avatar, of those that join, and of others.
+    pub fn connections_max(&self) -> usize {
+        self.clients_max + self.limits.joining_max + self.limits.connections_spare
     }
 
     /// The interval between ticks.
@@ -191,6 +208,54 @@ impl ServeConfig {
             ..usual
         }
     }
+}
+
+/// Checks that every number is within its bounds.
+fn check_bounds(values: &Table, bounds: &[Bound]) -> Result<(), ConfigError> {
+    let is_outside = |bound: &&Bound| {
+        let value = values.get(bound.name).and_then(number);
+        !value.is_some_and(|value| (bound.min..=bound.max).contains(&value))
+    };
+    match bounds.iter().find(is_outside) {
+        Some(&Bound { name: field, min, max, .. }) => Err(ConfigError::Range { field, min, max }),
+        None => Ok(()),
+    }
+}
+
+/// The number that a value is.
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|integer| integer as f64))
+}
+
+/// Says where a text is wrong, and which name is like one that is unknown.
+fn wrong_toml(text: &str, error: &toml::de::Error) -> ConfigError {
+    let before = error.span().and_then(|span| text.get(..span.start));
+    let line = before.map_or(1, |before| before.matches('\n').count() + 1);
+    let said = error.message();
+    let unknown = said.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
+    let said = match unknown {
+        Some(unknown) => format!("unknown field `{unknown}`: {}", advice(unknown)),
+        None => said.to_owned(),
+    };
+    ConfigError::Toml(format!("line {line}: {said}"))
+}
+
+/// What to write in place of an unknown name.
+fn advice(unknown: &str) -> String {
+    const ALIKE: f64 = 0.8;
+    let settings = COMMENTS.iter().map(|(name, _)| (*name, ""));
+    let limits = LIMIT_COMMENTS.iter().map(|(name, _)| (*name, " in [limits]"));
+    let rated = settings.chain(limits).map(|known| (strsim::jaro_winkler(unknown, known.0), known));
+    match rated.max_by(|a, b| a.0.total_cmp(&b.0)) {
+        Some((_, (name, ""))) if name == unknown => format!("`{name}` belongs above [limits]"),
+        Some((alike, (name, place))) if alike >= ALIKE => format!("did you mean `{name}`{place}?"),
+        _ => "`serve --print-config` lists all".to_owned(),
+    }
+}
+
+/// Serialises a value as it is written on the command line.
+fn shown<S: Serializer>(value: &impl Display, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(value)
 }
 
 /// Deserialises an address to listen on.
@@ -238,7 +303,15 @@ mod tests {
         let by_old_name = ServeConfig::from_toml("look_budget = 600000").unwrap().engine();
         assert_eq!(by_old_name, double);
         for (text, expected) in [
-            ("ticks = 3", "unknown field `ticks`"),
+            ("ticks = 3", "line 1: unknown field `ticks`: did you mean `tick_hz`?"),
+            (
+                "\nchat_per_s = 3",
+                "line 2: unknown field `chat_per_s`: did you mean `chat_per_s` in",
+            ),
+            ("[limits]\nchats_per_s = 3", "line 2: unknown field `chats_per_s`: did you mean"),
+            ("[limits]\ntick_hz = 3", "line 2: unknown field `tick_hz`: `tick_hz` belongs above"),
+            ("zzz = 3", "unknown field `zzz`: `serve --print-config` lists all"),
+            ("[limits]\nchat_per_s = 0", "chat_per_s must be 0.01 to 100"),
             ("tick_hz = 0", "tick_hz must be 1 to 128"),
             ("threads = 0", "threads must be 1 to 64"),
             ("horizon_max_ms = 10", "horizon_max_ms must be 50 to 2000"),

@@ -15,24 +15,20 @@ use sightline_cli::identity::Identity;
 use sightline_protocol::ALPN;
 use socket2::{Domain, Protocol, Socket, Type};
 
-use super::{BindError, client_keys::AnyKey, config::ServeConfig};
-
-/// The most connections that may wait to be accepted.
-const INCOMING_MAX: usize = 1_024;
-/// A connection that is silent for longer is lost, in milliseconds.
-const IDLE_MS_MAX: u32 = 30_000;
-/// What the system is asked to keep of what arrives while no processor is free, and of what leaves,
-/// in bytes. A packet of 60 bytes counts as about 800. The system may allow less.
-const SOCKET_BYTES: usize = 8 << 20;
+use super::{
+    BindError,
+    client_keys::AnyKey,
+    config::{Limits, ServeConfig},
+};
 
 /// Opens the endpoint on the configured address.
 pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, BindError> {
-    let quic = quic_config(identity)?;
-    let address = config.listen;
-    let bound = match socket(address) {
+    let quic = quic_config(identity, &config.limits)?;
+    let (address, bytes) = (config.listen, config.limits.socket_bytes);
+    let bound = match socket(address, bytes) {
         // On a machine without IPv6, every IPv4 address is meant.
         Err(_) if address.is_ipv6() && address.ip().is_unspecified() => {
-            socket((Ipv4Addr::UNSPECIFIED, address.port()).into())
+            socket((Ipv4Addr::UNSPECIFIED, address.port()).into(), bytes)
         }
         bound => bound,
     };
@@ -42,15 +38,17 @@ pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, Bin
     endpoint.map_err(|source: io::Error| BindError::Listen { address, source })
 }
 
-/// A socket with large buffers. On an IPv6 address it is for IPv4, too.
-fn socket(address: SocketAddr) -> io::Result<UdpSocket> {
+/// A socket with large buffers, of this number of bytes in each direction: they keep what arrives
+/// while no processor is free. A packet of 60 bytes counts as about 800. On an IPv6 address it is for
+/// IPv4, too.
+fn socket(address: SocketAddr, bytes: usize) -> io::Result<UdpSocket> {
     let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
     if address.is_ipv6() {
         socket.set_only_v6(false)?;
     }
     // With smaller ones the server works, too.
-    let _ = socket.set_recv_buffer_size(SOCKET_BYTES);
-    let _ = socket.set_send_buffer_size(SOCKET_BYTES);
+    let _ = socket.set_recv_buffer_size(bytes);
+    let _ = socket.set_send_buffer_size(bytes);
     socket.bind(&address.into())?;
     Ok(socket.into())
 }
@@ -62,7 +60,7 @@ fn endpoint_config(identity: &Identity) -> EndpointConfig {
     EndpointConfig::new(Arc::new(hmac::Key::new(hmac::HMAC_SHA256, &key)))
 }
 
-fn quic_config(identity: &Identity) -> Result<quinn::ServerConfig, rustls::Error> {
+fn quic_config(identity: &Identity, limits: &Limits) -> Result<quinn::ServerConfig, rustls::Error> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let verifier = Arc::new(AnyKey(provider.clone()));
     let mut tls = rustls::ServerConfig::builder_with_provider(provider)
@@ -73,21 +71,22 @@ fn quic_config(identity: &Identity) -> Result<quinn::ServerConfig, rustls::Error
     let crypto = QuicServerConfig::try_from(tls)
         .map_err(|error| rustls::Error::General(error.to_string()))?;
     let mut quic = quinn::ServerConfig::with_crypto(Arc::new(crypto));
-    quic.transport_config(Arc::new(transport())).max_incoming(INCOMING_MAX);
+    quic.transport_config(Arc::new(transport(limits))).max_incoming(limits.incoming_max);
     Ok(quic)
 }
 
 /// The limits of a connection. Quinn's own defaults are a thousand times as generous.
-fn transport() -> TransportConfig {
+fn transport(limits: &Limits) -> TransportConfig {
+    let idle_ms = (limits.idle_s * 1_000.0) as u32;
     let mut transport = TransportConfig::default();
     transport
         .max_concurrent_bidi_streams(VarInt::from_u32(1))
         .max_concurrent_uni_streams(VarInt::from_u32(0))
-        .stream_receive_window(VarInt::from_u32(64 * 1_024))
-        .receive_window(VarInt::from_u32(256 * 1_024))
-        .send_window(256 * 1_024)
-        .datagram_receive_buffer_size(Some(64 * 1_024))
-        .datagram_send_buffer_size(64 * 1_024)
-        .max_idle_timeout(Some(VarInt::from_u32(IDLE_MS_MAX).into()));
+        .stream_receive_window(VarInt::from_u32(limits.stream_window_bytes))
+        .receive_window(VarInt::from_u32(limits.receive_window_bytes))
+        .send_window(limits.send_window_bytes.into())
+        .datagram_receive_buffer_size(Some(limits.datagram_buffer_bytes))
+        .datagram_send_buffer_size(limits.datagram_buffer_bytes)
+        .max_idle_timeout(Some(VarInt::from_u32(idle_ms).into()));
     transport
 }

@@ -14,7 +14,7 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_engine::{Config, Engine, Input, Output, Stats};
+use sightline_engine::{Engine, Input, Output, Stats};
 use sightline_world::motion::{AvatarId, Tbv};
 use tokio::sync::{
     mpsc::{self, error::TryRecvError},
@@ -23,6 +23,7 @@ use tokio::sync::{
 
 use super::{
     client::{ConnectedClient, FormerPlace},
+    config::ServeConfig,
     load::Load,
     offers::Offers,
     pace::Pace,
@@ -31,11 +32,6 @@ use super::{
 };
 use crate::operate::{Metrics, Stages};
 
-/// The most events that may wait for the engine, of about 200 bytes each. A client whose event finds
-/// no room waits, so that its own stream stops and nobody else's.
-pub const EVENTS_MAX: usize = 16_384;
-/// How many clients enter at one tick at most. A newcomer costs about a millisecond.
-pub const JOINS_PER_TICK: usize = 5;
 /// How often the engine is told the clients' round trips.
 const ROUND_TRIP_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -100,6 +96,10 @@ pub struct EngineTask {
     pace: Pace,
     /// The sight-test budget at the full rate.
     sight_test_budget: u32,
+    /// How many events are taken in at one tick at most.
+    events_max: usize,
+    /// How many clients enter at one tick at most.
+    joins_per_tick: usize,
     load: Arc<Load>,
     metrics: Arc<Metrics>,
     /// What engines before this one counted.
@@ -111,7 +111,7 @@ pub struct EngineTask {
 impl EngineTask {
     /// A task without a world, whose clock starts at `started`. Its engines have this configuration.
     pub fn new(
-        config: &Config,
+        config: &ServeConfig,
         offers: Arc<Offers>,
         started: Instant,
         load: Arc<Load>,
@@ -122,8 +122,10 @@ impl EngineTask {
             newcomers: VecDeque::new(),
             started,
             round_trips_due: Duration::ZERO,
-            pace: Pace::new(config.tick),
+            pace: Pace::new(config.tick_interval()),
             sight_test_budget: config.sight_test_budget,
+            events_max: config.limits.events_max,
+            joins_per_tick: config.limits.joins_per_tick,
             engine: None,
             world: 0,
             offers,
@@ -166,7 +168,7 @@ impl EngineTask {
     /// Takes in all events that wait. Returns whether any sender is left.
     fn take_all(&mut self, events: &mut mpsc::Receiver<TimedEvent>) -> bool {
         // No more than these, or a flood of events would hold the tick up.
-        for _ in 0..EVENTS_MAX {
+        for _ in 0..self.events_max {
             match events.try_recv() {
                 Ok(TimedEvent { at, event }) => self.take(at, event),
                 Err(TryRecvError::Empty) => break,
@@ -174,7 +176,7 @@ impl EngineTask {
             }
         }
         let now = self.now();
-        for _ in 0..JOINS_PER_TICK {
+        for _ in 0..self.joins_per_tick {
             let Some(newcomer) = self.newcomers.pop_front() else { break };
             self.enter(now, newcomer);
         }

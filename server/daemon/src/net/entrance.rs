@@ -94,8 +94,8 @@ fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<
             Arc::new(Visit::new(key, avatar, name, hello.colour))
         }
     };
-    let (interval, metrics) = (state.config.tick_interval(), state.metrics.clone());
-    let client = Arc::new(ConnectedClient::new(id, connection, visit, interval, metrics));
+    let (config, metrics) = (&state.config, state.metrics.clone());
+    let client = Arc::new(ConnectedClient::new(id, connection, visit, config, metrics));
     registry.visitors.arrive(client.clone());
     registry.clients.insert(id, client.clone());
     let is_logged = registry.log.allows(address, state.now());

@@ -5,18 +5,16 @@ use std::{
     time::Duration,
 };
 
-use super::engine_task::JOINS_PER_TICK;
 use crate::operate::{OverloadStats, Reason};
 
-/// When this number of clients wait to enter, others must come again later. It is what two seconds
-/// let in.
-const WAITING_MAX: usize = 40 * JOINS_PER_TICK;
 /// When a client that is refused for overload may come again.
 const RETRY: Duration = Duration::from_secs(2);
 
 /// The load of a server.
 #[derive(Debug, Default)]
 pub struct Load {
+    /// When this number of clients wait to enter, others must come again later.
+    waiting_max: usize,
     /// How many steps the tick rate is below the full rate.
     step: AtomicUsize,
     /// How many clients wait to enter.
@@ -27,6 +25,11 @@ pub struct Load {
 }
 
 impl Load {
+    /// No load yet. At most this number of clients may wait to enter.
+    pub fn new(waiting_max: usize) -> Self {
+        Self { waiting_max, ..Self::default() }
+    }
+
     /// Takes in the step of the tick rate. Returns the one before.
     pub fn set_step(&self, step: usize) -> usize {
         let before = self.step.swap(step, Relaxed);
@@ -49,7 +52,7 @@ impl Load {
     pub fn refuses(&self) -> Option<(Reason, Duration)> {
         let reason = if self.step.load(Relaxed) > 0 {
             Reason::Overload
-        } else if self.waiting.load(Relaxed) >= WAITING_MAX {
+        } else if self.waiting.load(Relaxed) >= self.waiting_max {
             Reason::Entering
         } else {
             return None;
@@ -81,7 +84,8 @@ mod tests {
 
     #[test]
     fn newcomers_are_put_off_below_the_full_rate_and_while_many_wait() {
-        let load = Load::default();
+        const WAITING_MAX: usize = 7;
+        let load = Load::new(WAITING_MAX);
         assert_eq!(load.refuses(), None);
         assert_eq!(load.set_step(1), 0);
         assert_eq!(load.refuses(), Some((Reason::Overload, RETRY)));

@@ -4,14 +4,14 @@ use std::{collections::HashMap, net::IpAddr, time::Duration};
 
 use super::{admission::network, budget::TokenBucket};
 
-/// Lines in a second that a peer may cause, in the long run and at once: ten in any second at most.
-const LINES: f64 = 5.0;
-/// The most peers that are told apart. All others count as one.
-const PEERS_MAX: usize = 1_024;
-
 /// Counts the lines that each peer causes. Peers of one network count as one.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct LogLimits {
+    /// Lines in a second that a peer may cause, in the long run and at once: twice as many in any
+    /// second at most.
+    lines_per_s: f64,
+    /// The most peers that are told apart. All others count as one.
+    peers_max: usize,
     peers: HashMap<IpAddr, Peer>,
 }
 
@@ -22,13 +22,19 @@ struct Peer {
 }
 
 impl LogLimits {
+    /// No peers yet.
+    pub fn new(lines_per_s: f64, peers_max: usize) -> Self {
+        Self { lines_per_s, peers_max, peers: HashMap::new() }
+    }
+
     /// Whether a line is to be logged. Otherwise it counts as suppressed.
     pub fn allows(&mut self, address: IpAddr, now: Duration) -> bool {
         let mut key = network(address);
-        if self.peers.len() >= PEERS_MAX && !self.peers.contains_key(&key) {
+        if self.peers.len() >= self.peers_max && !self.peers.contains_key(&key) {
             key = IpAddr::V4(std::net::Ipv4Addr::UNSPECIFIED);
         }
-        let new = || Peer { lines: TokenBucket::new(LINES, LINES, now), suppressed: 0 };
+        let (rate, burst) = (self.lines_per_s, self.lines_per_s.max(1.0));
+        let new = || Peer { lines: TokenBucket::new(rate, burst, now), suppressed: 0 };
         let peer = self.peers.entry(key).or_insert_with(new);
         let is_allowed = peer.lines.take(1.0, now);
         peer.suppressed += u64::from(!is_allowed);
@@ -54,9 +60,11 @@ impl LogLimits {
 mod tests {
     use super::*;
 
+    const PEERS_MAX: usize = 1_024;
+
     #[test]
     fn one_peer_causes_few_lines_and_silences_no_other() {
-        let mut limits = LogLimits::default();
+        let mut limits = LogLimits::new(5.0, PEERS_MAX);
         let [loud, calm] = ["203.0.113.9", "198.51.100.7"].map(|a| a.parse::<IpAddr>().unwrap());
         let logged = |limits: &mut LogLimits, address, ms: std::ops::Range<u64>| {
             ms.filter(|ms| limits.allows(address, Duration::from_millis(*ms))).count()
@@ -72,7 +80,7 @@ mod tests {
 
     #[test]
     fn the_memory_for_peers_has_a_limit() {
-        let mut limits = LogLimits::default();
+        let mut limits = LogLimits::new(5.0, PEERS_MAX);
         for i in 0..5_000_u32 {
             limits.allows(IpAddr::V4(i.to_be_bytes().into()), Duration::ZERO);
         }

@@ -7,9 +7,8 @@
 //! rate falls (`pace`), newcomers are put off (`load`), and nobody present is dropped. A session
 //! that panics or misbehaves ends alone.
 //!
-//! The memory that one client can occupy has a limit: a receive window of 256 KiB, 128 KiB of
-//! datagram buffers, a send window of 256 KiB, 256 KiB of waiting control messages, 112 KiB of
-//! poses without acknowledgement, and what the engine keeps.
+//! What a client can occupy has limits ([`Limits`]): `serve --print-config` prints each with its
+//! memory.
 
 mod accept;
 mod admission;
@@ -58,7 +57,7 @@ use tokio::{
 #[cfg(feature = "http")]
 pub(crate) use budget::TokenBucket;
 pub use changer::{ServerEnded, WorldChanger};
-pub use config::{ConfigError, HttpAddress, ServeConfig};
+pub use config::{ConfigError, HttpAddress, Limits, ServeConfig};
 pub use observer::Observer;
 pub use served_world::ServedWorld;
 pub use sightline_cli::identity::{Identity, IdentityError};
@@ -140,12 +139,12 @@ impl Server {
         config.check()?;
         let endpoint = endpoint::listen(&config, identity)?;
         let started = Instant::now();
-        let (events, received) = mpsc::channel(engine_task::EVENTS_MAX);
+        let (events, received) = mpsc::channel(config.limits.events_max);
         let (close, closing) = watch::channel(false);
         let (metrics, offers) = (Arc::new(Metrics::default()), Arc::new(Offers::default()));
-        let load = Arc::new(Load::default());
+        let load = Arc::new(Load::new(config.limits.entering_max));
         let (told, counted) = (load.clone(), metrics.clone());
-        let mut task = EngineTask::new(&config.engine(), offers.clone(), started, told, counted);
+        let mut task = EngineTask::new(&config, offers.clone(), started, told, counted);
         if let Some(world) = world {
             let engine = Engine::new(world.world().clone(), config.engine());
             task.change(Box::new(engine), world);

@@ -14,10 +14,6 @@ use tokio::sync::Notify;
 
 use crate::operate::SentFrames;
 
-/// The most control messages that may wait, in bytes. A client for which more wait does not read,
-/// and is dropped.
-const CONTROL_BYTES_MAX: usize = 256 * 1_024;
-
 /// The messages that wait to be sent to one client. The engine's thread fills the outbox and never
 /// waits; the client's own task empties it. Poses do not queue: a newer one replaces an older one.
 #[derive(Debug)]
@@ -44,8 +40,11 @@ pub struct Batch {
 
 #[derive(Debug)]
 struct Waiting {
-    /// Whole frames: at most [`CONTROL_BYTES_MAX`].
+    /// Whole frames: at most `control_bytes_max`.
     control: Vec<u8>,
+    /// The most control messages that may wait, in bytes. A client for which more wait does not
+    /// read, and is dropped.
+    control_bytes_max: usize,
     frames: SentFrames,
     outbound: Outbound,
     /// The engine's newest tick.
@@ -61,9 +60,10 @@ struct Waiting {
 
 impl Outbox {
     /// The outbox of a client that has not entered, at a server with this time from tick to tick.
-    pub fn new(tick_interval: Duration) -> Self {
+    pub fn new(tick_interval: Duration, control_bytes_max: usize) -> Self {
         let waiting = Waiting {
             control: Vec::new(),
+            control_bytes_max,
             frames: SentFrames::default(),
             outbound: Outbound::new(tick_interval),
             tick: 0,
@@ -179,7 +179,7 @@ impl Waiting {
         }
         self.reporting = reporting_after(message).or(self.reporting);
         let frame = frame::encode(message);
-        if self.control.len() + frame.len() > CONTROL_BYTES_MAX {
+        if self.control.len() + frame.len() > self.control_bytes_max {
             // The client does not read, so there is no point in telling it why it is dropped.
             self.control.clear();
             self.frames = SentFrames::default();
@@ -189,7 +189,7 @@ impl Waiting {
         self.control.extend_from_slice(&frame);
         self.frames.add(&frame);
         self.has_ended = matches!(message, ServerMessage::Goodbye { .. });
-        assert!(self.control.len() <= CONTROL_BYTES_MAX, "the outbox has a limit");
+        assert!(self.control.len() <= self.control_bytes_max, "the outbox has a limit");
     }
 }
 
@@ -212,6 +212,7 @@ mod tests {
     use super::*;
 
     const TICK: Duration = Duration::from_millis(50);
+    const CONTROL_BYTES_MAX: usize = 256 * 1_024;
     const ME: AvatarId = AvatarId(1);
     const OTHER: AvatarId = AvatarId(2);
 
@@ -237,7 +238,7 @@ mod tests {
 
     #[test]
     fn a_newer_pose_replaces_one_that_waits() {
-        let outbox = Outbox::new(TICK);
+        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
         for tick in 1..=100 {
             outbox.tell(&poses(tick as f32), Duration::ZERO);
             outbox.flush(tick);
@@ -254,7 +255,7 @@ mod tests {
 
     #[test]
     fn no_pose_of_a_vanished_avatar_is_sent() {
-        let outbox = Outbox::new(TICK);
+        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
         outbox.tell(&appear(), Duration::ZERO);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.tell(&Output::Vanish { to: ME, avatar: OTHER }, Duration::ZERO);
@@ -266,7 +267,7 @@ mod tests {
 
     #[test]
     fn an_appearance_counts_from_the_next_datagram() {
-        let outbox = Outbox::new(TICK);
+        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.flush(1);
         assert_eq!(outbox.take(Some(1_200)).datagrams.len(), 1);
@@ -277,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_client_that_does_not_read_is_dropped_and_its_outbox_stays_bounded() {
-        let outbox = Outbox::new(TICK);
+        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
         for _ in 0..100_000 {
             outbox.tell(&appear(), Duration::ZERO);
             assert!(outbox.waiting().control.len() <= CONTROL_BYTES_MAX);
@@ -288,7 +289,7 @@ mod tests {
 
     #[test]
     fn nothing_is_sent_after_a_goodbye() {
-        let outbox = Outbox::new(TICK);
+        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
         outbox.tell(&Output::Drop { to: ME, reason: "enough\n".to_owned() }, Duration::ZERO);
         outbox.tell(&Output::Live { to: ME, tolerance: Tolerance::NONE }, Duration::ZERO);
         let batch = outbox.take(None);

@@ -40,19 +40,6 @@ pub struct ServerState {
     pub metrics: Arc<Metrics>,
 }
 
-/// Connections that may exist beyond those of clients with an avatar: in their handshake, about to
-/// be refused with a reason, or about to enter.
-const CONNECTIONS_SPARE: usize = 64 + JOINING_MAX;
-/// The most clients that are about to enter. They may download the world.
-const JOINING_MAX: usize = 256;
-/// The most of them that are of one network.
-const JOINING_PER_NETWORK_MAX: usize = 4;
-
-/// The most connections of a server for this number of clients.
-pub fn connections_max(clients_max: usize) -> usize {
-    clients_max + CONNECTIONS_SPARE
-}
-
 /// The visitors, and the places of all connections.
 pub struct Registry {
     /// The clients that were let in, by their connections. One may have lost its avatar to another.
@@ -71,17 +58,17 @@ impl Registry {
     pub fn new(config: &ServeConfig) -> Self {
         let limits = PlaceLimits {
             per_network: config.clients_per_address_max,
-            joining_per_network: JOINING_PER_NETWORK_MAX,
-            joining: JOINING_MAX,
+            joining_per_network: config.limits.joining_per_address_max,
+            joining: config.limits.joining_max,
             entered: config.clients_max,
         };
         Self {
             clients: HashMap::new(),
             visitors: Visitors::default(),
             places: Places::new(limits),
-            ids: AvatarIds::new(connections_max(config.clients_max)),
+            ids: AvatarIds::new(config.connections_max()),
             names: Names::default(),
-            log: LogLimits::default(),
+            log: LogLimits::new(config.limits.log_lines_per_s, config.limits.log_networks_max),
             connections: 0,
         }
     }

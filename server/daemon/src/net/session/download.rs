@@ -1,6 +1,6 @@
 //! The download of the world, beside the conversation with a client.
 
-use std::{sync::Arc, time::Duration};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use quinn::SendStream;
@@ -8,17 +8,8 @@ use tokio::task::JoinSet;
 
 use super::super::client::ConnectedClient;
 
-/// How long the download of a small world may take, in seconds.
-const SECONDS_MIN: u64 = 30;
-/// A slower download of a larger world is given up, in bytes a second.
-const RATE_MIN: u64 = 128 * 1_024;
 /// The size of the pieces in which the world is written, in bytes.
 const PIECE_BYTES: usize = 64 * 1_024;
-
-/// How long a download of a given number of bytes may take.
-pub(super) fn time_allowed(bytes: usize) -> Duration {
-    Duration::from_secs((bytes as u64 / RATE_MIN).max(SECONDS_MIN))
-}
 
 /// The downloads of one client: one at a time, each of a later world. They end with this.
 #[derive(Default)]

@@ -43,18 +43,12 @@ use download::Downloads;
 use frames::FrameReader;
 use writer::OutboxWriter;
 
-/// How long a client may take to enter, apart from its download of the world.
-const ENTER_DEADLINE: Duration = Duration::from_secs(10);
 /// How often a client's silence is looked at, at least.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 /// A server that wakes later than this was stopped, or had no processor.
 const WAKES_LATE: Duration = Duration::from_millis(500);
 /// How long the last messages may take.
 const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
-/// How many lines of chat a client may send in a second; more are ignored.
-const CHAT_PER_SECOND: f64 = 1.0;
-/// How many lines of chat may arrive at once.
-const CHAT_BURST: f64 = 5.0;
 
 /// Why a session ended.
 #[derive(Debug, thiserror::Error)]
@@ -183,7 +177,7 @@ async fn greet(state: &ServerState, connection: &Connection) -> Result<Greeted, 
             _ => return Err(SessionEnd::Breach("no hello")),
         }
     };
-    Ok(Greeted { writer: OutboxWriter::new(send), frames, hello })
+    Ok(Greeted { writer: OutboxWriter::new(send, state.config.limits.write_s), frames, hello })
 }
 
 /// The conversation with an admitted client.
@@ -207,9 +201,10 @@ struct SessionLimits {
 impl<'a> Session<'a> {
     fn new(state: &'a ServerState, client: Arc<ConnectedClient>) -> Self {
         let now = state.now();
+        let config = &state.config;
         let limits = SessionLimits {
-            budget: MessageBudget::new(state.config.tick_hz, now),
-            chat: TokenBucket::new(CHAT_PER_SECOND, CHAT_BURST, now),
+            budget: MessageBudget::new(config.tick_hz, &config.limits, now),
+            chat: TokenBucket::new(config.limits.chat_per_s, config.limits.chat_burst, now),
             deadline: None,
         };
         let (entered, reports_from) = (AtomicU32::new(0), AtomicU32::new(0));
@@ -285,9 +280,10 @@ impl<'a> Session<'a> {
     /// Gives the client its time to enter, for each world that is offered.
     async fn watch_offers(&self, mut offers: watch::Receiver<Option<WorldOffer>>) -> SessionEnd {
         offers.mark_changed();
+        let patience = Duration::from_secs_f64(self.state.config.limits.enter_s);
         while offers.changed().await.is_ok() {
             let is_offered = offers.borrow_and_update().is_some();
-            self.limits().deadline = is_offered.then(|| Instant::now() + ENTER_DEADLINE);
+            self.limits().deadline = is_offered.then(|| Instant::now() + patience);
         }
         SessionEnd::Closing
     }
@@ -434,7 +430,7 @@ impl<'a> Session<'a> {
         }
         let bytes = offer.world.bytes().clone();
         if let Some(deadline) = &mut self.limits().deadline {
-            *deadline += download::time_allowed(bytes.len());
+            *deadline += self.state.config.limits.download_time(bytes.len());
         }
         downloads.start(world, bytes, self.client.clone());
         Ok(())

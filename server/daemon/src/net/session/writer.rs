@@ -15,9 +15,6 @@ use super::{
 };
 use crate::operate::{Reason, SentFrames, TrafficCounters};
 
-/// A client whose stream takes longer for what was to be sent at one time is dropped, however many
-/// bytes it takes meanwhile.
-const WRITE_DEADLINE: Duration = Duration::from_secs(10);
 /// When the session ends, for example because too much waits, it may take no longer than this.
 const LAST_WRITE_DEADLINE: Duration = Duration::from_secs(2);
 /// Poses are sent only while QUIC's own queue of datagrams has room for this number of bytes.
@@ -30,11 +27,15 @@ pub(super) struct OutboxWriter {
     unsent: Vec<u8>,
     /// How much of them is written.
     written: usize,
+    /// A client whose stream takes longer for what was to be sent at one time is dropped, however
+    /// many bytes it takes meanwhile.
+    patience: Duration,
 }
 
 impl OutboxWriter {
-    pub(super) fn new(stream: SendStream) -> Self {
-        Self { stream, unsent: Vec::new(), written: 0 }
+    pub(super) fn new(stream: SendStream, write_s: f64) -> Self {
+        let patience = Duration::from_secs_f64(write_s);
+        Self { stream, unsent: Vec::new(), written: 0, patience }
     }
 
     /// Sends all that comes into the outbox, until the session has to end.
@@ -84,7 +85,7 @@ impl OutboxWriter {
     /// Writes all frames that were taken from the outbox.
     async fn drain(&mut self) -> Result<(), SessionEnd> {
         assert!(self.written <= self.unsent.len(), "only what is there is written");
-        let deadline = Instant::now() + WRITE_DEADLINE;
+        let deadline = Instant::now() + self.patience;
         while let Some(rest) = self.unsent.get(self.written..).filter(|rest| !rest.is_empty()) {
             let written = timeout_at(deadline, self.stream.write(rest)).await;
             match written {
