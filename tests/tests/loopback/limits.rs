@@ -97,7 +97,8 @@ async fn limits_can_be_set_and_count_what_they_refuse() {
     let idle = Stranger::connect(address).await;
     let _idle = idle.send(&hello(VERSION)).await;
     let loud = Stranger::connect(address).await;
-    let _loud = loud.send(&[hello_and_enter(), [1, 0, 5].repeat(200)].concat()).await;
+    let nothing = frame::encode(&ClientMessage::FetchWorld { world: 0 });
+    let _loud = loud.send(&[hello_and_enter(), nothing.repeat(300)].concat()).await;
     let junk = Stranger::connect(address).await;
     let _junk = junk.send(&[0xff; 64]).await;
     for stranger in [idle, loud, junk] {

@@ -21,6 +21,9 @@ use super::{
     config::{Limits, ServeConfig},
 };
 
+/// What may wait of one new connection until it is looked at, in bytes.
+const INCOMING_BYTES: u64 = 16 * 1_024;
+
 /// Opens the endpoint on the configured address.
 pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, BindError> {
     let quic = quic_config(identity, &config.limits)?;
@@ -71,7 +74,10 @@ fn quic_config(identity: &Identity, limits: &Limits) -> Result<quinn::ServerConf
     let crypto = QuicServerConfig::try_from(tls)
         .map_err(|error| rustls::Error::General(error.to_string()))?;
     let mut quic = quinn::ServerConfig::with_crypto(Arc::new(crypto));
-    quic.transport_config(Arc::new(transport(limits))).max_incoming(limits.incoming_max);
+    quic.transport_config(Arc::new(transport(limits)))
+        .max_incoming(limits.incoming_max)
+        .incoming_buffer_size(INCOMING_BYTES)
+        .incoming_buffer_size_total(limits.incoming_bytes());
     Ok(quic)
 }
 

@@ -10,8 +10,6 @@ const AVATAR_BYTES: u64 = 16 * 1_024;
 const POSES_BYTES: u64 = 112 * 1_024;
 /// An event for the engine, or a client that waits to enter, in bytes.
 const EVENT_BYTES: u64 = 256;
-/// A packet of a new connection that waits, in bytes.
-const INCOMING_BYTES: u64 = 2 * 1_024;
 /// What the log keeps of a network, in bytes.
 const NETWORK_BYTES: u64 = 160;
 /// The buffers of an HTTP connection, in bytes.
@@ -58,9 +56,7 @@ pub(super) const LIMITS: &[Bound] = &[
     costly("connections_spare", [1.0, 16_384.0], |config| {
         config.limits.connections_spare as u64 * connection_bytes(config)
     }),
-    costly("incoming_max", [1.0, 65_536.0], |config| {
-        config.limits.incoming_max as u64 * INCOMING_BYTES
-    }),
+    costly("incoming_max", [1.0, 65_536.0], |config| config.limits.incoming_bytes()),
     bound("handshakes_before_retry", 0.0, 16_384.0),
     costly("joining_max", [1.0, 16_384.0], |config| {
         config.limits.joining_max as u64 * connection_bytes(config)

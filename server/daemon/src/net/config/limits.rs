@@ -4,6 +4,9 @@ use std::time::Duration;
 
 use super::documented::documented;
 
+/// What may wait of a new connection on average, in bytes.
+const INCOMING_MEAN_BYTES: u64 = 2 * 1_024;
+
 documented! {
     /// Limits on what peers may take. What one of them refuses is counted under its name in the
     /// metric `refused`.
@@ -11,7 +14,7 @@ documented! {
         /// Connections beyond those of clients with an avatar and of those that join: in their
         /// handshake, or about to be refused with a reason.
         connections_spare: usize,
-        /// Packets of new connections that may wait to be looked at.
+        /// New connections that may wait to be looked at.
         incoming_max: usize,
         /// With this number of handshakes under way, all newcomers must first prove their address.
         handshakes_before_retry: usize,
@@ -115,6 +118,11 @@ impl Default for Limits {
 }
 
 impl Limits {
+    /// What may wait of all new connections together until they are looked at, in bytes.
+    pub fn incoming_bytes(&self) -> u64 {
+        self.incoming_max as u64 * INCOMING_MEAN_BYTES
+    }
+
     /// How long the download of a number of bytes may take.
     pub fn download_time(&self, bytes: usize) -> Duration {
         let seconds = bytes as f64 / f64::from(self.download_bytes_per_s.max(1));

@@ -130,6 +130,10 @@ mod tests {
         let [(few, said), (many, _)] = [of(100), of(200)];
         assert!(said.starts_with("clients_max = 100: at most ") && said.contains("0.07 cores"));
         let each = (many - few) / 100;
-        assert!((512 * 1_024..1_024 * 1_024).contains(&each), "{each} bytes for each client");
+        assert_eq!(
+            each,
+            1_056 * 1_024,
+            "bytes for each client: buffers of 896 KiB, and what else is kept"
+        );
     }
 }
