@@ -248,6 +248,10 @@ impl SightTests<'_> {
                 return false;
             }
         }
+        if pair.sight.is_hidden() {
+            // That does not hold any more, and the budget may not suffice for a test.
+            pair.sight = SightResult::Undecided { again: self.view.tick, tries: 0 };
+        }
         !matches!(pair.sight, SightResult::Undecided { again, .. } if self.view.tick < again)
     }
 
