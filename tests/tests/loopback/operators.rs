@@ -1,6 +1,11 @@
 //! What operators see by HTTP, and what HTTP clients cannot do.
 
-use std::{collections::BTreeMap, net::SocketAddr, time::Duration};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    net::SocketAddr,
+    path::Path,
+    time::Duration,
+};
 
 use glam::Vec3;
 use sightline_server::{
@@ -54,6 +59,36 @@ pub async fn metrics(address: SocketAddr) -> BTreeMap<String, f64> {
     rows.map(|(name, value)| (name.to_owned(), value.parse().unwrap())).collect()
 }
 
+/// The metrics that a file of `docs/operate` tells of.
+fn told(page: &str) -> BTreeSet<String> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/operate").join(page);
+    let text = std::fs::read_to_string(path).unwrap();
+    let is_name = |c: char| c.is_ascii_lowercase() || c == '_';
+    let named: BTreeSet<String> = if page.ends_with(".json") {
+        let dashboard: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let panels = dashboard["panels"].as_array().unwrap().iter();
+        let targets = panels.flat_map(|panel| panel["targets"].as_array().unwrap());
+        let queries = targets.map(|target| target["expr"].as_str().unwrap());
+        let words = queries.flat_map(|query| query.split(|c: char| !is_name(c)));
+        words.filter(|word| word.starts_with("sightline_")).map(str::to_owned).collect()
+    } else {
+        let table = text.split_once("## Metrics").unwrap().1;
+        let firsts = table.lines().filter_map(|line| line.strip_prefix("| `")?.split(" |").next());
+        let names = firsts.flat_map(|cell| cell.split(|c: char| !is_name(c)));
+        names.filter(|name| !name.is_empty()).map(|name| format!("sightline_{name}")).collect()
+    };
+    assert!(named.len() > 10, "{named:?}");
+    // A histogram has its own name in the table only.
+    let rows = |name: String| {
+        if name.ends_with("tick_seconds") || name.ends_with("trip_seconds") {
+            name + "_bucket"
+        } else {
+            name
+        }
+    };
+    named.into_iter().map(rows).collect()
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn metrics_follow_what_happens() {
     let (server, _) = serve(config());
@@ -96,6 +131,12 @@ async fn metrics_follow_what_happens() {
     assert!(of("sightline_departures_total") <= of("sightline_reports_total"));
     assert_eq!(of("sightline_refused_total{reason=\"chat_per_s\"}"), 0.0);
     assert!(now.len() > 100, "every kind and reason has a row");
+    let known: BTreeSet<&str> = now.keys().filter_map(|name| name.split('{').next()).collect();
+    for page in ["README.md", "grafana.json"] {
+        let missing: Vec<_> =
+            told(page).into_iter().filter(|name| !known.contains(&**name)).collect();
+        assert!(missing.is_empty(), "{page} tells of {missing:?}, which are not there: {known:?}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -7,7 +7,14 @@ use std::{
 };
 
 use anyhow::{Context, ensure};
-use sightline_cli::{files::check_output, flags, log, output, progress::Progress, trace::Trace};
+use sightline_cli::{
+    files::check_output,
+    flags,
+    log::{self, LogFormat},
+    output,
+    progress::Progress,
+    trace::Trace,
+};
 use sightline_client::{
     net::{self, Dialer, Trust},
     swarm::{self, SwarmOptions, SwarmReport},
@@ -47,7 +54,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    log::show_log("warn,winit=error");
+    log::show_log("warn,winit=error", LogFormat::Text);
     ensure!(
         args.seconds.is_finite() && (0.1..=86_400.0).contains(&args.seconds),
         "--seconds must be between 0.1 and 86400"

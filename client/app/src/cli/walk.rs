@@ -4,7 +4,12 @@ use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail, ensure};
 use sightline_cli::{
-    files::read_world, flags, identity::Identity, log, output, progress::Progress,
+    files::read_world,
+    flags,
+    identity::Identity,
+    log::{self, LogFormat},
+    output,
+    progress::Progress,
 };
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
@@ -47,7 +52,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    log::show_log("warn,winit=error");
+    log::show_log("warn,winit=error", LogFormat::Text);
     ensure!(desktop::has_display(), "there is no display to open a window on");
     let end = match args.seconds.map(Duration::try_from_secs_f64) {
         None => None,

@@ -12,7 +12,11 @@ use std::{
 };
 
 use anyhow::{Context, ensure};
-use sightline_cli::{flags::listen_address, log, output};
+use sightline_cli::{
+    flags::listen_address,
+    log::{self, LogFormat},
+    output,
+};
 use sightline_compiler::CompileOptions;
 use sightline_server::{
     building_cache::BuildingCache,
@@ -57,6 +61,9 @@ pub struct ServeArgs {
     /// The folder for the certificate and compiled buildings. By default it is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    /// How the log on stderr is written: as lines for people, or as one JSON object a line.
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t = LogFormat::Text)]
+    log: LogFormat,
     #[command(flatten)]
     model: ModelFlags,
 }
@@ -72,7 +79,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     if args.print_config {
         return output::print(&config.to_toml());
     }
-    log::show_log("info");
+    log::show_log("info", args.log);
     let data = match &config.data {
         Some(folder) => folder.clone(),
         None => data_folder()?,
