@@ -60,6 +60,7 @@ const ROWS: &[Row] = &[
     fails("compile good.glb -o o.slw --json no/f.json", &["cannot write no/f.json"]),
     fails("demo-building -o no/b.glb", &["cannot write no/b.glb", "there is no folder no"]),
     fails("inspect good.slw --map no/m.png", &["cannot write no/m.png"]),
+    fails("inspect good.slw --report no/r.html", &["cannot write no/r.html"]),
     fails("replay good.slw good.csv --dump folder", &["cannot write folder", "it is a folder"]),
     // Worlds.
     fails("inspect absent.slw", &["cannot read absent.slw", "No such file"]),

@@ -1,7 +1,6 @@
 //! The command `sightline-server inspect`.
 
 use std::{
-    fmt::Write,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -26,7 +25,11 @@ use sightline_world::{
     Mover, Spawn, World, content_id, motion::trajectory::Playback, rooms::Room, write_whole,
 };
 
-use super::{interrupt::Interrupt, verification};
+use super::{
+    inspect_report::{self, TableRow},
+    interrupt::Interrupt,
+    verification::VerificationFigures,
+};
 
 /// How many movers the table lists; the JSON file has all.
 const MOVERS_SHOWN: usize = 40;
@@ -48,6 +51,9 @@ pub struct InspectArgs {
     /// windows and numbered spawn points.
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
+    /// Write the plan, a view from each spawn point and all tables into one page.
+    #[arg(long, value_name = "OUT.html")]
+    report: Option<PathBuf>,
     /// Beside each storey of the map, draw how much of the building each cell may see.
     #[arg(long, requires = "map")]
     density: bool,
@@ -111,7 +117,7 @@ struct InspectFigures {
     spawn_points: Vec<SpawnFigures>,
     speed_max_m_s: f32,
     #[serde(flatten)]
-    verified: Option<verification::VerificationFigures>,
+    verified: Option<VerificationFigures>,
 }
 
 #[derive(Serialize)]
@@ -188,8 +194,9 @@ fn printable(text: &str) -> String {
 pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
     let named = || args.world.display().to_string();
     let rooms = args.suggest_rooms.as_deref().filter(|path| *path != Path::new("-"));
-    for file in [args.map.as_deref(), args.carved.as_deref(), rooms, args.json.as_deref()] {
-        file.map_or(Ok(()), check_output)?;
+    let outputs = [&args.map, &args.report, &args.carved, &args.json].map(Option::as_deref);
+    for file in outputs.into_iter().chain([rooms]).flatten() {
+        check_output(file)?;
     }
     let bytes = world_bytes(&args.world)?;
     let world = World::from_bytes(&bytes).with_context(named)?;
@@ -216,9 +223,9 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         (Some(path), Some(toml)) => {
             write_whole(path, toml.as_bytes())
                 .with_context(|| format!("cannot write {}", path.display()))?;
-            output::print(&table(&figures))?;
+            output::print(&as_text(&rows(&figures)))?;
         }
-        _ => output::print(&table(&figures))?,
+        _ => output::print(&as_text(&rows(&figures)))?,
     }
     if let Some(path) = &args.map {
         let picture = plan::draw(&world, &overlay(&world, args));
@@ -234,17 +241,19 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
     if let Some(pairs) = args.verify {
         let InspectArgs { entries, lines, seed, fuzzy, .. } = *args;
         let options = verify::VerifyOptions { pairs, entries, lines, seed, fuzzy };
-        let found =
-            verification::VerificationFigures::find(&world, &options).with_context(named)?;
+        let found = VerificationFigures::find(&world, &options).with_context(named)?;
         output::print(&found.table())?;
         figures.verified = Some(found);
     }
+    if let Some(path) = &args.report {
+        let verified = figures.verified.as_ref().map(VerificationFigures::table);
+        let plan = plan::draw(&world, &overlay(&world, args));
+        let page = inspect_report::page(&world, &plan, &rows(&figures), verified.as_deref())?;
+        write_whole(path, page.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
     output::write_json(args.json.as_deref(), &figures)?;
-    figures
-        .verified
-        .as_ref()
-        .map_or(Ok(()), verification::VerificationFigures::verdict)
-        .with_context(named)
+    figures.verified.as_ref().map_or(Ok(()), VerificationFigures::verdict).with_context(named)
 }
 
 /// The size of what is drawn, without the margin in which eyes can be.
@@ -295,11 +304,13 @@ fn overlay(world: &World, args: &InspectArgs) -> Overlay {
     }
 }
 
-fn table(figures: &InspectFigures) -> String {
-    let mut table = String::new();
-    let mut row = |name: &str, value: String| {
-        let _ = writeln!(table, "{name:<18} {value}");
-    };
+fn as_text(rows: &[TableRow]) -> String {
+    rows.iter().map(|(name, value)| format!("{name:<18} {value}\n")).collect()
+}
+
+fn rows(figures: &InspectFigures) -> Vec<TableRow> {
+    let mut rows = Vec::new();
+    let mut row = |name: &str, value: String| rows.push((name.to_owned(), value));
     let [x, y, z] = figures.size_m;
     row("title", printable(&figures.title));
     row("content id", figures.content_id.clone());
@@ -337,5 +348,5 @@ fn table(figures: &InspectFigures) -> String {
         );
     }
     row("speed limit", format!("{} m/s", figures.speed_max_m_s));
-    table
+    rows
 }

@@ -4,6 +4,7 @@
 pub mod compile;
 pub mod demo_building;
 pub mod inspect;
+mod inspect_report;
 pub mod interrupt;
 pub mod model_flags;
 pub mod news;
