@@ -125,7 +125,7 @@ async fn metrics_follow_what_happens() {
     ] {
         assert!(of(name) >= least, "{name} is {}", of(name));
     }
-    let states = ["joining", "live", "on_course", "quiet", "asked"];
+    let states = ["joining", "live", "on_course", "quiet", "asked", "absent"];
     let count = |state| of(&format!("sightline_clients{{state=\"{state}\"}}"));
     assert_eq!(states.map(count).iter().sum::<f64>(), 2.0);
     assert!(of("sightline_departures_total") <= of("sightline_reports_total"));

@@ -52,6 +52,8 @@ async fn after_a_partition_of_twelve_seconds_all_are_back_in_their_avatars() {
     assert!(cut.elapsed() < Duration::from_secs(8), "{:?}", cut.elapsed());
     sleep(Duration::from_secs(12).saturating_sub(cut.elapsed())).await;
     assert!(ids.iter().all(|id| holds(&witness, *id)), "their avatars stand there");
+    let overview = server.observer().overview().await.unwrap();
+    assert_eq!((overview.clients.absent, overview.people.len()), (4, 5), "operators see them");
     proxy.cut(false);
     let mended = Instant::now();
     until("all are back", || lost.iter().all(Session::is_present)).await;

@@ -43,7 +43,7 @@ impl Table<'_> {
         let rates = self.rates();
         let cpu = self.cpu_share().map_or(String::new(), |share| format!(" cpu={share:.1}%"));
         format!(
-            "up={:.0}s clients={} joining={} live={} on_course={} quiet={} asked={} tick_hz={:.0} \
+            "up={:.0}s clients={} joining={} live={} on_course={} quiet={} asked={} absent={} tick_hz={:.0} \
              tick_p99_us={} in={:.0}B/s out={:.0}B/s refused={}{cpu}\n",
             self.now.uptime_s,
             self.now.people.len(),
@@ -52,6 +52,7 @@ impl Table<'_> {
             clients.on_course,
             clients.quiet,
             clients.asked,
+            clients.absent,
             self.now.tick_hz,
             ticks.p99_us,
             rates.bytes_in,
@@ -75,12 +76,13 @@ impl Table<'_> {
         row(
             "clients",
             format!(
-                "{}: {} live, {} on course, {} quiet, {} asked, {} joining",
+                "{}: {} live, {} on course, {} quiet, {} asked, {} absent, {} joining",
                 self.now.people.len(),
                 clients.live,
                 clients.on_course,
                 clients.quiet,
                 clients.asked,
+                clients.absent,
                 clients.joining
             ),
         );
@@ -210,7 +212,7 @@ mod tests {
             "engine_p99_us":2,"tell_p99_us":3}},
             "stages":{{"take_s":0.1,"engine_s":0.2,"tell_s":0.1}},
             "overload":{{"step":0,"steps_down":1,"steps_up":1,"joins_refused":4,"joins_waiting":0}},
-            "clients":{{"joining":0,"live":1,"on_course":0,"quiet":0,"asked":0}},
+            "clients":{{"joining":0,"live":1,"on_course":0,"quiet":0,"asked":0,"absent":0}},
             "totals":{},"refused":7,"process":{{"cpu_s":{seconds}.5,"resident_bytes":50000000}},
             "people":[{{"avatar":5,"name":"A\u001b[2J","address":"[::1]:9","state":"live",
             "connected_s":61.0,"round_trip_ms":20.0,"totals":{},"place":null}}]}}"#,

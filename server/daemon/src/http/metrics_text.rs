@@ -105,6 +105,7 @@ fn present(rows: &mut Rows, overview: &Overview) {
         ("on_course", counts.on_course),
         ("quiet", counts.quiet),
         ("asked", counts.asked),
+        ("absent", counts.absent),
     ];
     let states = states.map(|(state, n)| (vec![("state", state)], n as f64)).to_vec();
     rows.gauges("clients", "Clients, by state", states);

@@ -48,8 +48,13 @@ impl Observer {
     /// The server at present. `None` when the engine does not answer within two seconds.
     pub async fn overview(&self) -> Option<Overview> {
         let survey = self.ask(EngineEvent::Survey).await?;
-        let mut people: Vec<Person> =
-            self.clients().iter().map(|client| person(client, &survey)).collect();
+        let absent: Vec<_> = self.0.registry().visitors.absent().cloned().collect();
+        let absent = absent
+            .iter()
+            .map(|client| Person { state: PersonState::Absent, ..person(client, &survey) });
+        let clients = self.clients();
+        let connected = clients.iter().map(|client| person(client, &survey));
+        let mut people: Vec<Person> = connected.chain(absent).collect();
         people.sort_unstable_by_key(|person| person.avatar);
         let mut clients = ClientCounts::default();
         people.iter().for_each(|person| clients.add(person.state));

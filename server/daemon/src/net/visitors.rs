@@ -57,6 +57,11 @@ impl Visitors {
         self.by_key.values().filter(is_overdue).map(|entry| entry.client.clone()).collect()
     }
 
+    /// The clients whose links broke and that may come back.
+    pub fn absent(&self) -> impl Iterator<Item = &Arc<ConnectedClient>> {
+        self.by_key.values().filter(|entry| entry.until.is_some()).map(|entry| &entry.client)
+    }
+
     /// The clients that are connected.
     pub fn connected(&self) -> impl Iterator<Item = &Arc<ConnectedClient>> {
         self.by_key.values().filter(|entry| entry.until.is_none()).map(|entry| &entry.client)

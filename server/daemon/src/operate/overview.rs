@@ -67,6 +67,8 @@ pub struct ClientCounts {
     pub quiet: usize,
     /// They owe a report.
     pub asked: usize,
+    /// Their links broke, and their avatars are kept for a while.
+    pub absent: usize,
 }
 
 impl ClientCounts {
@@ -78,6 +80,7 @@ impl ClientCounts {
             PersonState::OnCourse => &mut self.on_course,
             PersonState::Quiet => &mut self.quiet,
             PersonState::Asked => &mut self.asked,
+            PersonState::Absent => &mut self.absent,
         } += 1;
     }
 }
@@ -96,6 +99,8 @@ pub enum PersonState {
     Quiet,
     /// It owes a report.
     Asked,
+    /// Its link broke, and its avatar is kept for a while.
+    Absent,
 }
 
 impl PersonState {
@@ -107,6 +112,7 @@ impl PersonState {
             Self::OnCourse => "on course",
             Self::Quiet => "quiet",
             Self::Asked => "asked",
+            Self::Absent => "absent",
         }
     }
 }
