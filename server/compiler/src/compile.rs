@@ -1,6 +1,6 @@
 //! The stages of a compilation, in order.
 
-use std::{borrow::Cow, collections::HashMap, ops::ControlFlow};
+use std::{collections::HashMap, ops::ControlFlow};
 
 use glam::Vec3;
 use sightline_oracle::Oracle;
@@ -13,8 +13,8 @@ use sightline_world::{
 use crate::{
     carve::{self, CarveOptions, CarvedModel},
     error::CompileError,
-    light,
-    model::{Model, Surface},
+    light::Light,
+    model::Model,
     occluders,
     octree_statistics::OctreeStatistics,
     progress::{ProgressRelay, Stage, StageTimer},
@@ -106,13 +106,14 @@ pub fn compile(
     let mesh = mesh(&model.opaque);
     let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
     let needs_light = !model.is_lit && !is_quick;
-    let lit = match needs_light {
-        true => timer.time(Stage::Light, || lit(model, voxel, &relay))?,
-        false => Cow::Borrowed(model.surfaces.as_slice()),
+    let light = match needs_light {
+        true => Some(timer.time(Stage::Light, || light(model, &axes, voxel, &relay))?),
+        false => None,
     };
     relay.begin(Stage::Voxels)?;
     let octree = timer.time(Stage::Voxels, || {
-        voxelise::voxelise(&lit, &bounds, voxel, &|share| relay.report(Stage::Voxels, share))
+        let report = |share| relay.report(Stage::Voxels, share);
+        voxelise::voxelise_lit(&model.surfaces, light.as_ref(), &bounds, voxel, &report)
     })?;
     assert_eq!(cells.pvs.len(), cells.cells.len(), "each cell has a row of the PVS");
     assert_eq!(mesh.triangles.len(), model.opaque.len(), "the oracle gets every opaque triangle");
@@ -252,16 +253,17 @@ fn resolved_rooms(
     Ok((rooms, warnings))
 }
 
-/// The surfaces with light in their colours.
-fn lit<'a>(
-    model: &'a Model,
+/// The light on the surfaces.
+fn light(
+    model: &Model,
+    axes: &Axes,
     voxel: f32,
     relay: &ProgressRelay<'_>,
-) -> Result<Cow<'a, [Surface]>, CompileError> {
+) -> Result<Light, CompileError> {
     relay.begin(Stage::Light)?;
     let report = |share| relay.report(Stage::Light, share);
-    let lit = light::lit(&model.surfaces, &model.opaque, voxel, &report);
-    lit.map(Cow::Owned).ok_or(CompileError::Cancelled)
+    let light = Light::new(&model.surfaces, &model.opaque, axes.world(Vec3::X), voxel, &report);
+    light.ok_or(CompileError::Cancelled)
 }
 
 #[cfg(test)]

@@ -70,15 +70,16 @@ impl Palette {
 }
 
 impl TriangleMaterial<'_> {
-    /// The sRGB colour, from 0 to 1, at the point with these barycentric weights.
-    pub(crate) fn colour(&self, weights: [f32; 3]) -> Vec3 {
+    /// The sRGB colour, from 0 to 1, at the point with these barycentric weights, times a factor for
+    /// light.
+    pub(crate) fn colour(&self, weights: [f32; 3], light: f32) -> Vec3 {
         let [a, b, c] = weights;
         let colour = self.colours[0] * a + self.colours[1] * b + self.colours[2] * c;
         let colour = match self.texture {
             Some((image, uvs)) => colour * texel(image, uvs[0] * a + uvs[1] * b + uvs[2] * c),
             None => colour,
         };
-        colour.max(Vec3::splat(self.least))
+        (colour * light).max(Vec3::splat(self.least))
     }
 }
 

@@ -89,17 +89,16 @@ pub(crate) fn floors_below(world: &World, foot: Vec3, top: f32) -> Vec<f32> {
     let tall = body.above_eye + body.below_eye;
     let mut floors = Vec::new();
     let (mut at, mut ceiling) = (foot.with_y(top), None);
-    while at.y > foot.y {
-        if octree.leaf_at(at).is_some() {
-            let free = ceiling.unwrap_or(top) - at.y;
-            let is_closed = ceiling.is_some() || world.origin.is_some();
-            let head = at + Vec3::Y * tall * 0.9;
-            if free > tall && is_closed && cell_at(world, head).is_some() {
-                floors.push((at.y / BIN_M).round() * BIN_M);
-            }
-            ceiling = Some(at.y);
+    while let Some((floor, _)) = octree.first_below(at, foot.y) {
+        let free = ceiling.unwrap_or(top) - floor;
+        let is_closed = ceiling.is_some() || world.origin.is_some();
+        let head = at.with_y(floor + tall * 0.9);
+        if free > tall && is_closed && cell_at(world, head).is_some() {
+            floors.push((floor / BIN_M).round() * BIN_M);
         }
-        at.y -= octree.voxel();
+        ceiling = Some(floor);
+        // The middle of the voxel below this one.
+        at.y = floor - octree.voxel() * 1.5;
     }
     floors
 }

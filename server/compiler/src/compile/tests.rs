@@ -1,5 +1,5 @@
 use super::*;
-use crate::model::SurfaceMaterial;
+use crate::model::{Surface, SurfaceMaterial};
 
 /// A hollow box with a table in it.
 fn house() -> Model {

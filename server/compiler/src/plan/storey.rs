@@ -110,18 +110,15 @@ impl Storey<'_> {
     /// What the cut meets at a pixel, or else the floor below it.
     fn spot(&self, column: u32, row: u32) -> Spot {
         let world = self.level.sheet.world;
-        let mut at = self.level.point(column, row);
+        let at = self.level.point(column, row);
         let cell = cell_at(world, at);
         let octree = &world.octree;
         if let Some(node) = octree.leaf_at(at) {
             let surface = Some(if node.is_glass() { GLASS } else { INK });
             return Spot { cell, surface, is_cut: true };
         }
-        let mut surface = None;
-        while surface.is_none() && at.y > self.level.feet - FLOOR_DEPTH {
-            at.y -= octree.voxel();
-            surface = octree.leaf_at(at).map(|node| lightened(node.colour));
-        }
+        let floor = octree.first_below(at, self.level.feet - FLOOR_DEPTH);
+        let surface = floor.map(|(_, material)| lightened(material.colour));
         Spot { cell, surface, is_cut: false }
     }
 

@@ -24,6 +24,7 @@ use sightline_world::{
 use thiserror::Error;
 
 use crate::{
+    light::{Light, PatchLight},
     model::Surface,
     palette::{Palette, TriangleMaterial},
 };
@@ -141,12 +142,27 @@ pub fn voxelise(
     voxel: f32,
     progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
 ) -> Result<Octree, VoxeliseError> {
+    voxelise_lit(surfaces, None, bounds, voxel, progress)
+}
+
+/// As [`voxelise`], with light on the surfaces.
+///
+/// # Errors
+///
+/// As [`voxelise`].
+pub(crate) fn voxelise_lit(
+    surfaces: &[Surface],
+    light: Option<&Light>,
+    bounds: &Aabb,
+    voxel: f32,
+    progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+) -> Result<Octree, VoxeliseError> {
     check(surfaces, bounds, voxel)?;
     let too_many = || VoxeliseError::TooMany { voxel, enough: enough(surfaces, bounds, voxel) };
     let depth = depth_for(bounds, voxel);
     assert!(depth <= DEPTH_MAX, "the grid fits an octree");
     let origin = (bounds.min / voxel).floor() * voxel - (1.0 - GRID_SHIFT) * voxel;
-    let grid = Grid { surfaces, palette: Palette::new(surfaces), origin, voxel, depth };
+    let grid = Grid { surfaces, light, palette: Palette::new(surfaces), origin, voxel, depth };
     let blocks = grid.scatter().ok_or_else(too_many)?;
     let (filled, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let cancelled = AtomicBool::new(false);
@@ -187,6 +203,7 @@ struct Face {
 /// The voxel grid, and what fills it.
 struct Grid<'a> {
     surfaces: &'a [Surface],
+    light: Option<&'a Light>,
     palette: Palette,
     origin: Vec3,
     voxel: f32,
@@ -237,7 +254,10 @@ impl Grid<'_> {
                 let overlap = Overlap::new(self.to_grid(corners, corner_grid))?;
                 let material =
                     self.palette.material_of(surface, face.triangle as usize, self.voxel)?;
-                Some(Candidate { overlap, material })
+                let light = self
+                    .light
+                    .and_then(|light| light.of(face.surface as usize, face.triangle as usize));
+                Some(Candidate { overlap, material, corners, light })
             })
             .collect::<Vec<_>>();
         let all = (0..candidates.len() as u32).collect::<Vec<_>>();
@@ -283,6 +303,21 @@ fn unmorton(key: u64) -> UVec3 {
 struct Candidate<'a> {
     overlap: Overlap,
     material: TriangleMaterial<'a>,
+    /// In metres.
+    corners: [Vec3; 3],
+    light: Option<PatchLight<'a>>,
+}
+
+impl Candidate<'_> {
+    /// The sRGB colour, from 0 to 1, at the place that is nearly the nearest to a point in voxels.
+    fn colour(&self, point: Vec3) -> Vec3 {
+        let weights = self.overlap.weights(point);
+        let light = self.light.map_or(1.0, |light| {
+            let [a, b, c] = self.corners;
+            light.at(a * weights[0] + b * weights[1] + c * weights[2])
+        });
+        self.material.colour(weights, light)
+    }
 }
 
 /// A block that is being filled.
@@ -325,8 +360,7 @@ impl Block<'_> {
         let mut mean = MaterialMean::default();
         for candidate in candidates.filter(|candidate| candidate.material.glass == glass) {
             let area = if touching.len() == 1 { 1.0 } else { candidate.overlap.area_in(centre) };
-            let colour = candidate.material.colour(candidate.overlap.weights(centre));
-            mean.add(area, colour, candidate.overlap.normal());
+            mean.add(area, candidate.colour(centre), candidate.overlap.normal());
         }
         mean.voxel(self.first_key + morton(corner), glass)
     }

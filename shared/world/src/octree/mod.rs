@@ -160,6 +160,36 @@ impl Octree {
         }
         Some(node.material())
     }
+
+    /// The highest voxel straight below a point, or around it, that reaches above the height
+    /// `lowest`: the height of its top, and its material.
+    pub fn first_below(&self, point: Vec3, lowest: f32) -> Option<(f32, &Material)> {
+        let (min, max) = (self.origin, self.origin + self.edge);
+        let is_beside = point.x < min.x || point.x >= max.x || point.z < min.z || point.z >= max.z;
+        let root = self.root().filter(|_| !is_beside && point.is_finite())?;
+        first_below(root, min, self.edge, point, lowest)
+    }
+}
+
+fn first_below<'a>(
+    node: Cursor<'a>,
+    min: Vec3,
+    edge: f32,
+    point: Vec3,
+    lowest: f32,
+) -> Option<(f32, &'a Material)> {
+    if point.y < min.y || min.y + edge <= lowest {
+        return None;
+    }
+    if node.is_leaf() {
+        return Some((min.y + edge, node.material()));
+    }
+    let half = edge * 0.5;
+    let beside = point.cmpge(min + half).bitmask() as u8 & 0b101;
+    [beside | 0b010, beside].into_iter().find_map(|octant| {
+        let corner = min + octant_corner(octant) * half;
+        first_below(node.child(octant)?, corner, half, point, lowest)
+    })
 }
 
 fn solid_below(node: Cursor<'_>, min: Vec3, edge: f32, region: &Aabb) -> bool {
@@ -201,7 +231,29 @@ mod tests {
     }
 
     proptest! {
+        proptest! {
         #[test]
+        fn the_first_voxel_below_is_the_highest(
+            cells in cells(),
+            at in prop::array::uniform3(-1.0f32..17.0),
+            depth in 0.5f32..20.0,
+        ) {
+            let octree = octree_of(&cells, 4, 0.5);
+            let point = ORIGIN + Vec3::from(at) * 0.5;
+            let lowest = point.y - depth * 0.5;
+            let column = [at[0].floor() as i64, at[2].floor() as i64];
+            let top_of = |cell: &[u32; 3]| ORIGIN.y + (cell[1] + 1) as f32 * 0.5;
+            let expected = cells
+                .iter()
+                .filter(|cell| [i64::from(cell[0]), i64::from(cell[2])] == column)
+                .filter(|cell| top_of(cell) - 0.5 <= point.y && top_of(cell) > lowest)
+                .map(top_of)
+                .reduce(f32::max);
+            prop_assert_eq!(octree.first_below(point, lowest).map(|(top, _)| top), expected);
+        }
+    }
+
+    #[test]
         fn points_lie_in_the_voxels_that_the_tree_was_built_from(cells in cells()) {
             let octree = octree_of(&cells, 4, 0.25);
             for i in 0..4096u32 {
