@@ -260,9 +260,9 @@ impl Grid<'_> {
                 Some(Candidate { overlap, material, corners, light })
             })
             .collect::<Vec<_>>();
-        let all = (0..candidates.len() as u32).collect::<Vec<_>>();
-        let mut block = Block { candidates, first_key: morton(corner), voxels };
-        block.descend(&all, UVec3::ZERO, levels);
+        let touching = (0..candidates.len() as u32).map(Touching::new).collect();
+        let mut block = Block { candidates, touching, first_key: morton(corner), voxels };
+        block.descend(0, UVec3::ZERO, levels);
         debug_assert!(voxels.is_sorted_by_key(|voxel| voxel.key), "voxels are in order of key");
     }
 }
@@ -284,9 +284,15 @@ fn each_block(
         return found(key);
     }
     for octant in 0..8 {
-        let corner = corner + unmorton(octant).as_vec3() * half;
+        let corner = corner + octant_corner(octant).as_vec3() * half;
         each_block(overlap, corner, half, levels - 1, key << 3 | octant, found);
     }
+}
+
+/// The corner with the least coordinates of an octant, in a cube of edge 2.
+fn octant_corner(octant: u64) -> UVec3 {
+    let octant = octant as u32;
+    UVec3::new(octant & 1, octant >> 1 & 1, octant >> 2 & 1)
 }
 
 /// The coordinates that [`morton`] interleaved.
@@ -320,41 +326,71 @@ impl Candidate<'_> {
     }
 }
 
+/// A candidate that touches a cube.
+#[derive(Clone, Copy)]
+struct Touching {
+    candidate: u32,
+    /// Whether the cube lies wholly between the triangle's edges, so that the plane alone decides
+    /// which parts of the cube it touches.
+    is_between: bool,
+}
+
+impl Touching {
+    /// A candidate that may touch anything.
+    fn new(candidate: u32) -> Self {
+        Self { candidate, is_between: false }
+    }
+}
+
 /// A block that is being filled.
 struct Block<'a> {
     candidates: Vec<Candidate<'a>>,
+    /// What touches the cubes on the way from the block to the present one, one after the other.
+    touching: Vec<Touching>,
     first_key: u64,
     voxels: &'a mut Vec<Voxel>,
 }
 
 impl Block<'_> {
-    /// Adds the voxels of a cube that some candidates touch.
-    fn descend(&mut self, touching: &[u32], corner: UVec3, levels: u8) {
+    /// Adds the voxels of a cube that the candidates from `start` on touch.
+    fn descend(&mut self, start: usize, corner: UVec3, levels: u8) {
         if levels == 0 {
-            let voxel = self.voxel(touching, corner);
+            let voxel = self.voxel(&self.touching[start..], corner);
             self.voxels.push(voxel);
             return;
         }
         let width = 1u32 << (levels - 1);
-        let mut below = Vec::with_capacity(touching.len());
+        let end = self.touching.len();
         for octant in 0..8 {
-            let corner = corner + unmorton(octant) * width;
+            let corner = corner + octant_corner(octant) * width;
             let half = width as f32 * 0.5;
             let centre = corner.as_vec3() + half;
-            below.clear();
-            below.extend(touching.iter().copied().filter(|&candidate| {
-                self.candidates[candidate as usize].overlap.touches(centre, half)
-            }));
-            if !below.is_empty() {
-                self.descend(&below, corner, levels - 1);
+            for index in start..end {
+                let touching = self.touching[index];
+                let overlap = &self.candidates[touching.candidate as usize].overlap;
+                let touches = if touching.is_between {
+                    overlap.plane_touches(centre, half)
+                } else {
+                    overlap.touches(centre, half)
+                };
+                if touches {
+                    let is_between =
+                        touching.is_between || levels > 1 && overlap.is_between(centre, half);
+                    self.touching.push(Touching { is_between, ..touching });
+                }
+            }
+            if self.touching.len() > end {
+                self.descend(end, corner, levels - 1);
+                self.touching.truncate(end);
             }
         }
     }
 
     /// The material of a voxel: the mean of what touches it, weighted by the area inside. Glass
     /// counts only where there is nothing else.
-    fn voxel(&self, touching: &[u32], corner: UVec3) -> Voxel {
-        let candidates = touching.iter().map(|&candidate| &self.candidates[candidate as usize]);
+    fn voxel(&self, touching: &[Touching], corner: UVec3) -> Voxel {
+        let candidates =
+            touching.iter().map(|touching| &self.candidates[touching.candidate as usize]);
         let glass = candidates.clone().all(|candidate| candidate.material.glass);
         let centre = corner.as_vec3() + 0.5;
         let mut mean = MaterialMean::default();

@@ -1,10 +1,15 @@
 //! Whether a triangle touches a cube: by its box, its plane, and its projection along each axis
 //! (Schwarz and Seidel 2010, section 3).
 
+use arrayvec::ArrayVec;
 use glam::Vec3;
 
 /// A bound on accumulated rounding, in voxels: rather a voxel too many than a hole.
 const SLACK: f32 = 1.0e-3;
+
+/// A triangle cut by the six sides of a cube. Each side adds at most one corner, and rounding
+/// perhaps another.
+type Clipped = ArrayVec<Vec3, 16>;
 
 /// A triangle prepared for many tests. Lengths are in voxels.
 pub(super) struct Overlap {
@@ -32,6 +37,10 @@ impl Overlap {
         let normal = (b - a).cross(c - a).try_normalize()?;
         let outline = |axis: usize| {
             let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+            // Seen from the side, a triangle is a line, and its plane alone decides.
+            if normal[axis] == 0.0 {
+                return [Line::NONE; 3];
+            }
             let turn = if normal[axis] < 0.0 { -1.0 } else { 1.0 };
             [(a, b), (b, c), (c, a)].map(|(from, to)| {
                 let along = to - from;
@@ -48,13 +57,27 @@ impl Overlap {
         let reach = half + SLACK;
         let apart = (self.max - centre).cmplt(Vec3::splat(-reach))
             | (self.min - centre).cmpgt(Vec3::splat(reach));
-        let off_plane = (self.normal.dot(centre) - self.offset).abs();
         !apart.any()
-            && off_plane <= self.normal.abs().element_sum() * half + SLACK
+            && self.plane_touches(centre, half)
             && self.outlines.iter().enumerate().all(|(axis, outline)| {
                 let point = [centre[(axis + 1) % 3], centre[(axis + 2) % 3]];
                 outline.iter().all(|line| line.at(point) + line.reach * half >= -SLACK)
             })
+    }
+
+    /// Whether the triangle's plane and a cube share a point, or nearly so.
+    pub(super) fn plane_touches(&self, centre: Vec3, half: f32) -> bool {
+        let off_plane = (self.normal.dot(centre) - self.offset).abs();
+        off_plane <= self.normal.abs().element_sum() * half + SLACK
+    }
+
+    /// Whether a cube lies wholly between the triangle's edges, along each axis. Then the plane
+    /// alone decides which parts of the cube the triangle touches.
+    pub(super) fn is_between(&self, centre: Vec3, half: f32) -> bool {
+        self.outlines.iter().enumerate().all(|(axis, outline)| {
+            let point = [centre[(axis + 1) % 3], centre[(axis + 2) % 3]];
+            outline.iter().all(|line| line.at(point) >= line.reach * half)
+        })
     }
 
     /// The unit normal, on the side given by the order of the corners.
@@ -74,7 +97,7 @@ impl Overlap {
 
     /// The area of the part inside the unit cube around a point, plus a little.
     pub(super) fn area_in(&self, centre: Vec3) -> f32 {
-        let mut polygon = self.corners.map(|corner| corner - centre).to_vec();
+        let mut polygon = ArrayVec::from_iter(self.corners.map(|corner| corner - centre));
         for axis in 0..3 {
             for side in [-1.0, 1.0] {
                 polygon = clipped(&polygon, axis, side);
@@ -89,6 +112,9 @@ impl Overlap {
 }
 
 impl Line {
+    /// A line that everything is inside of.
+    const NONE: Self = Self { across: [0.0; 2], offset: 0.0, reach: 0.0 };
+
     fn new(across: [f32; 2], through: [f32; 2]) -> Self {
         let length = across[0].hypot(across[1]);
         let across = if length > 0.0 { across.map(|part| part / length) } else { [0.0; 2] };
@@ -102,16 +128,16 @@ impl Line {
 }
 
 /// The part of a polygon where `side` times the coordinate is at most a half.
-fn clipped(polygon: &[Vec3], axis: usize, side: f32) -> Vec<Vec3> {
-    let mut kept = Vec::with_capacity(polygon.len() + 1);
+fn clipped(polygon: &Clipped, axis: usize, side: f32) -> Clipped {
+    let mut kept = Clipped::new();
     for (i, &to) in polygon.iter().enumerate() {
         let from = polygon[(i + polygon.len() - 1) % polygon.len()];
         let (inside_from, inside_to) = (0.5 - side * from[axis], 0.5 - side * to[axis]);
         if (inside_from < 0.0) != (inside_to < 0.0) {
-            kept.push(from.lerp(to, inside_from / (inside_from - inside_to)));
+            let _ = kept.try_push(from.lerp(to, inside_from / (inside_from - inside_to)));
         }
         if inside_to >= 0.0 {
-            kept.push(to);
+            let _ = kept.try_push(to);
         }
     }
     kept
