@@ -20,7 +20,9 @@ const COVERED: f32 = 0.25;
 const SMALL: f32 = 0.5;
 /// Points whose light differs by less than this need not be told apart.
 const ALIKE: f32 = 0.04;
-/// Weights below this sum count as none.
+/// A point that moves the mean by less than this need not be looked at.
+const SLIGHT: f32 = 0.015;
+/// Points that are known weigh at least this much, so that one of them counts.
 const WEIGHT_MIN: f32 = 1.0e-3;
 
 /// What lies between a point and its neighbours: nothing to the next one in its row …
@@ -135,7 +137,7 @@ impl Part {
 /// The side of a patch that is lit, and which share of light reaches each point on it.
 fn best_side(shell: &Shell, normal: Vec3, points: &[Option<Vec3>]) -> (Fan, Vec<Option<f32>>) {
     let side = |normal: Vec3| {
-        let fan = Fan::new(normal);
+        let fan = shell.fan(normal);
         let open: Vec<Option<f32>> = points
             .par_iter()
             .with_min_len(16)
@@ -241,10 +243,12 @@ impl Varying {
         if ends.1 - ends.0 < ALIKE {
             return self.mean(around, open);
         }
+        let (mean, all) = (self.mean(around, open), open.iter().sum::<f32>());
         let seen = std::array::from_fn(|i| {
-            let is_seen =
-                open[i] > 0.0 && shell.is_clear(point, self.points[around[i]], self.normal);
-            if is_seen { open[i] } else { 0.0 }
+            let at = around[i];
+            let is_slight = open[i] * (self.light[at] - mean).abs() < SLIGHT * all;
+            let is_seen = || shell.is_clear(point, self.points[at], self.normal);
+            if open[i] > 0.0 && (is_slight || is_seen()) { open[i] } else { 0.0 }
         });
         let any = seen.iter().any(|weight| *weight > 0.0);
         self.mean(around, if any { seen } else { open })

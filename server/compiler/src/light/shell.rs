@@ -39,6 +39,8 @@ pub(super) struct Shell {
     bvh: Option<Bvh2>,
     /// In the order of the tree's leaves.
     triangles: Vec<Triangle>,
+    /// The directions of rays about the z axis.
+    directions: [Vec3; RAYS],
 }
 
 /// The rays from any point of a plane, over one of its sides.
@@ -67,8 +69,9 @@ impl Shell {
         let triangle =
             |&[a, b, c]: &[Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
         let triangles: Vec<_> = opaque.iter().map(triangle).collect();
+        let directions = std::array::from_fn(direction);
         if triangles.is_empty() {
-            return Self { bvh: None, triangles };
+            return Self { bvh: None, triangles, directions };
         }
         let bvh = build_bvh2_from_tris(
             &triangles,
@@ -76,7 +79,12 @@ impl Shell {
             &mut Default::default(),
         );
         let in_order = bvh.primitive_indices.iter().map(|&index| triangles[index as usize]);
-        Self { triangles: in_order.collect(), bvh: Some(bvh) }
+        Self { triangles: in_order.collect(), bvh: Some(bvh), directions }
+    }
+
+    /// The rays over the side to which a unit normal points.
+    pub(super) fn fan(&self, normal: Vec3) -> Fan {
+        Fan::new(normal, &self.directions)
     }
 
     /// The share of light that reaches a point, from 0 to 1. None inside something solid.
@@ -147,8 +155,7 @@ impl Bounds {
 }
 
 impl Fan {
-    /// The rays over the side to which a unit normal points.
-    pub(super) fn new(normal: Vec3) -> Self {
+    fn new(normal: Vec3, directions: &[Vec3; RAYS]) -> Self {
         let (u, v) = normal.any_orthonormal_pair();
         let mut fan = Self {
             normal,
@@ -157,8 +164,7 @@ impl Fan {
             weights: [0.0; RAYS],
             full: 0.0,
         };
-        for i in 0..RAYS {
-            let direction = direction(i);
+        for (i, direction) in directions.iter().enumerate() {
             let along = u * direction.x + v * direction.y + normal * direction.z;
             for axis in 0..3 {
                 let part = along[axis];
@@ -268,7 +274,7 @@ mod tests {
         let bvh = shell.bvh.as_ref().expect("there are triangles");
         let mut hits = 0;
         for _ in 0..50 {
-            let (from, fan) = (point(1.5), Fan::new(point(1.0).normalize()));
+            let (from, fan) = (point(1.5), shell.fan(point(1.0).normalize()));
             let met = shell.first(from, &fan);
             for i in 0..RAYS {
                 let along = Vec3A::from_array([0, 1, 2].map(|axis| fan.along[axis][i]));

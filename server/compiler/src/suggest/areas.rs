@@ -9,6 +9,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 use sightline_world::{World, geometry::Aabb};
 
+use super::enclosure::enclosure;
+
 /// The step of the grid, in metres, or more where a building is large …
 const STEP_M: f32 = 0.125;
 /// … so that the grid has at most this many places along a side.
@@ -23,6 +25,8 @@ const FLOOR_M: [f32; 2] = [0.4, 0.9];
 const NECK: f32 = 0.7;
 /// A roof is at least this far above the floor, in metres.
 const ROOF_M: f32 = 1.9;
+/// Walls enclose a room: its places meet one in at least this share of all level directions.
+const ENCLOSED_MIN: f32 = 0.6;
 /// The smallest area of a room, in square metres.
 const AREA_MIN_M2: f32 = 1.5;
 
@@ -47,6 +51,7 @@ pub(super) struct Areas {
     columns: usize,
     rows: usize,
     open: Vec<bool>,
+    walls: Vec<bool>,
     labels: Vec<Label>,
     pub(super) count: usize,
 }
@@ -60,10 +65,14 @@ impl Areas {
         let count = |size: f32| (size / step).ceil().max(1.0) as usize;
         let (columns, rows) = (count(size.x), count(size.z));
         let from = bounds.min.with_y(feet);
-        let (open, labels) = (Vec::new(), Vec::new());
-        let mut areas = Self { from, step, columns, rows, open, labels, count: 0 };
-        areas.open =
-            (0..columns * rows).into_par_iter().map(|at| areas.is_open(world, at)).collect();
+        let (open, walls, labels) = (Vec::new(), Vec::new(), Vec::new());
+        let mut areas = Self { from, step, columns, rows, open, walls, labels, count: 0 };
+        areas.walls =
+            (0..columns * rows).into_par_iter().map(|at| areas.is_wall(world, at)).collect();
+        areas.open = (0..columns * rows)
+            .into_par_iter()
+            .map(|at| !areas.walls[at] && areas.has_floor(world, at))
+            .collect();
         let width = distances(&areas.open, columns, rows);
         assert_eq!(width.len(), areas.open.len(), "a width for each place");
         areas.labels = watershed(&width, columns, rows);
@@ -77,17 +86,24 @@ impl Areas {
         self.from + Vec3::new(x as f32 + 0.5, 0.0, z as f32 + 0.5) * self.step
     }
 
-    fn is_open(&self, world: &World, at: usize) -> bool {
-        let foot = self.point(at);
-        let solid = |low: f32, high: f32| {
-            let middle = world.cells.axes.world(foot + Vec3::Y * (low + high) * 0.5);
-            let half = Vec3::new(self.step, high - low, self.step) * 0.5;
-            world.octree.solid_in(&Aabb::new(middle - half, middle + half))
-        };
-        let is_cell = world.cells.at_own(foot + Vec3::Y * HEIGHTS_M[1]).is_some();
-        is_cell
-            && !HEIGHTS_M.iter().all(|height| solid(height - 0.05, height + 0.05))
-            && solid(-FLOOR_M[0], FLOOR_M[1])
+    /// Whether a wall stands at a place, or no eye can be there.
+    fn is_wall(&self, world: &World, at: usize) -> bool {
+        let is_cell = world.cells.at_own(self.point(at) + Vec3::Y * HEIGHTS_M[1]).is_some();
+        let is_solid = |height| self.is_solid(world, at, [height - 0.05, height + 0.05]);
+        !is_cell || HEIGHTS_M.into_iter().all(is_solid)
+    }
+
+    /// Whether there is a floor at a place, about as high as that of the storey.
+    fn has_floor(&self, world: &World, at: usize) -> bool {
+        self.is_solid(world, at, [-FLOOR_M[0], FLOOR_M[1]])
+    }
+
+    /// Whether a place has something solid between two heights above the floor.
+    fn is_solid(&self, world: &World, at: usize, [low, high]: [f32; 2]) -> bool {
+        let middle = self.point(at) + Vec3::Y * (low + high) * 0.5;
+        let middle = world.cells.axes.world(middle);
+        let half = Vec3::new(self.step, high - low, self.step) * 0.5;
+        world.octree.solid_in(&Aabb::new(middle - half, middle + half))
     }
 
     /// Whether a place has a roof. Quake maps are closed all around, and their skies are not drawn.
@@ -100,7 +116,8 @@ impl Areas {
         world.origin.is_some() || world.octree.solid_in(&column)
     }
 
-    /// Keeps areas that are rooms: large enough, under a roof, and not at the edge of the plan.
+    /// Keeps areas that are rooms: large enough, under a roof, between walls, and not at the edge of
+    /// the plan.
     fn keep_rooms(&mut self, world: &World) {
         let labels =
             self.labels.iter().flatten().map(|label| *label as usize + 1).max().unwrap_or(0);
@@ -108,13 +125,16 @@ impl Areas {
             .into_par_iter()
             .map(|at| self.labels[at].is_some() && self.is_roofed(world, at))
             .collect();
+        let enclosure = enclosure(&self.walls, self.columns, self.rows);
         let mut sizes = vec![0usize; labels];
+        let mut enclosed = vec![0.0; labels];
         let mut roofs = vec![0usize; labels];
         let mut is_outside = vec![false; labels];
         for (at, label) in self.labels.iter().enumerate() {
             let Some(label) = label else { continue };
             let (x, z) = (at % self.columns, at / self.columns);
             sizes[*label as usize] += 1;
+            enclosed[*label as usize] += enclosure[at];
             roofs[*label as usize] += usize::from(roofed[at]);
             is_outside[*label as usize] |=
                 x == 0 || z == 0 || x + 1 == self.columns || z + 1 == self.rows;
@@ -124,7 +144,9 @@ impl Areas {
         let kept: Vec<Label> = (0..labels)
             .map(|label| {
                 let is_roofed = roofs[label] * 2 >= sizes[label];
-                let is_room = is_roofed && !is_outside[label] && sizes[label] >= enough;
+                let is_enclosed = enclosed[label] >= ENCLOSED_MIN * sizes[label] as f32;
+                let is_indoors = is_roofed && is_enclosed && !is_outside[label];
+                let is_room = is_indoors && sizes[label] >= enough;
                 is_room.then(|| {
                     next += 1;
                     next - 1

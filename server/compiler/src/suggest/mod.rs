@@ -1,13 +1,14 @@
 //! Rooms and windows that the building itself suggests, for an author to edit.
 //!
 //! 1. `areas`: the plan of each storey is divided at doors, which are openings narrower than the
-//!    areas on both sides.
+//!    areas on both sides. What lies outdoors is left out (`enclosure`).
 //! 2. `extent`: the cells of an area make a room of boxes, each the union of whole cells.
 //! 3. `openings`: the portals that lead out of a room become its windows. Lines of sight leave a
 //!    room through windows only, so what these rooms rule out is never visible.
 //! 4. `text`: the rooms as TOML.
 
 mod areas;
+mod enclosure;
 mod extent;
 mod openings;
 mod room;

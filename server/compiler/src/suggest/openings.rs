@@ -10,6 +10,11 @@ use super::room::{SuggestedRoom, SuggestedWindow};
 /// Rectangles no farther apart than this are one window, in metres.
 const APART_M: f32 = 0.02;
 
+/// A narrower window is a crack, in metres. It joins the nearest window beside it, or else becomes
+/// this wide: nobody wants to edit windows of half a millimetre, and leaving one out would deny what
+/// is visible through it.
+const NARROW_M: f32 = 0.05;
+
 /// The plane of an opening and the room behind it. Openings with the same key are joined.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Wall {
@@ -52,7 +57,9 @@ pub(super) fn windows(
     }
     let flat = walls.into_iter().flat_map(|(wall, parts)| {
         let is_on = |part: &Aabb| is_on_boundary(boxes, part, wall.axis);
-        joined(parts, is_on).into_iter().map(move |part| (wall.to, corners(&part, wall.axis)))
+        without_cracks(joined(parts, is_on), wall.axis, is_on)
+            .into_iter()
+            .map(move |part| (wall.to, corners(&part, wall.axis)))
     });
     let mut count: HashMap<Option<usize>, usize> = HashMap::new();
     flat.chain(slanted)
@@ -91,6 +98,43 @@ fn joined(mut parts: Vec<Aabb>, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
     parts
 }
 
+/// Windows of one plane, without cracks as far as the boundary of the room allows.
+fn without_cracks(parts: Vec<Aabb>, axis: u8, is_on: impl Fn(&Aabb) -> bool) -> Vec<Aabb> {
+    let (cracks, mut wide): (Vec<Aabb>, Vec<Aabb>) =
+        parts.into_iter().partition(|part| !narrow_sides(part, axis).is_empty());
+    for crack in cracks {
+        let away = |part: &Aabb| (part.centre() - crack.centre()).length_squared();
+        let nearest = (0..wide.len())
+            .filter(|other| is_on(&crack.union(&wide[*other])))
+            .min_by(|a, b| away(&wide[*a]).total_cmp(&away(&wide[*b])));
+        match nearest {
+            Some(other) => wide[other] = wide[other].union(&crack),
+            None => wide.push(widened(crack, axis, &is_on)),
+        }
+    }
+    wide
+}
+
+/// The axes along which a window is narrow.
+fn narrow_sides(part: &Aabb, axis: u8) -> Vec<usize> {
+    let sides = [(axis + 1) % 3, (axis + 2) % 3].map(usize::from);
+    sides.into_iter().filter(|side| part.size()[*side] < NARROW_M).collect()
+}
+
+/// A crack made wider, on both sides or on the one where the room's boundary goes on.
+fn widened(crack: Aabb, axis: u8, is_on: &impl Fn(&Aabb) -> bool) -> Aabb {
+    narrow_sides(&crack, axis).into_iter().fold(crack, |window, side| {
+        let more = NARROW_M - window.size()[side];
+        let grown = [0.5, 0.0, 1.0].map(|share| {
+            let mut grown = window;
+            grown.min[side] -= more * share;
+            grown.max[side] += more * (1.0 - share);
+            grown
+        });
+        grown.into_iter().find(is_on).unwrap_or(window)
+    })
+}
+
 /// Whether a rectangle is part of one side of one box, and inside no other box.
 fn is_on_boundary(boxes: &[Aabb], part: &Aabb, axis: u8) -> bool {
     let axis = usize::from(axis);
@@ -118,4 +162,30 @@ fn corners(part: &Aabb, axis: u8) -> Vec<Vec3> {
             at
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A rectangle at x = 0.
+    fn part(y: [f32; 2], z: [f32; 2]) -> Aabb {
+        Aabb::new(Vec3::new(0.0, y[0], z[0]), Vec3::new(0.0, y[1], z[1]))
+    }
+
+    #[test]
+    fn cracks_join_the_window_beside_them_or_become_wider() {
+        let room = [Aabb::new(Vec3::ZERO, Vec3::new(5.0, 3.0, 5.0))];
+        let is_on = |part: &Aabb| is_on_boundary(&room, part, 0);
+        let (door, crack) = (part([0.0, 2.0], [1.0, 2.0]), part([0.0, 2.0], [2.5, 2.5004]));
+        let found = without_cracks(vec![crack, door], 0, is_on);
+        assert_eq!(found, [part([0.0, 2.0], [1.0, 2.5004])]);
+        let [alone] = without_cracks(vec![crack], 0, is_on)[..] else { panic!("one window") };
+        assert!(alone.contains_box(&crack) && (alone.size().z - NARROW_M).abs() < 1.0e-5);
+        let [top] = without_cracks(vec![part([2.999, 3.0], [1.0, 4.0])], 0, is_on)[..] else {
+            panic!("one window")
+        };
+        assert!((top.size().y - NARROW_M).abs() < 1.0e-5 && top.max.y <= 3.0, "{top:?}");
+        assert_eq!(without_cracks(vec![door], 0, is_on), [door]);
+    }
 }

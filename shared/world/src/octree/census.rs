@@ -109,16 +109,19 @@ impl Kind {
 /// the most from a finer grain.
 fn best(kinds: &[Kind], finest: usize, coarsest: usize) -> Vec<Key> {
     let total: u64 = kinds.iter().map(|kind| u64::from(kind.voxels)).sum();
-    // A threshold that surely chooses few enough keys.
-    let mut threshold = total * u64::from(GRAINS[GRAINS.len() - 1].luma) / CHOSEN as u64 + 1;
-    let mut best = choice(kinds, finest, coarsest, threshold);
-    while threshold > 1 {
-        threshold /= 2;
-        let more = choice(kinds, finest, coarsest, threshold);
-        if more.len() > CHOSEN {
-            break;
+    // A threshold that surely chooses few enough keys, as a number of bits to shift right by, …
+    let most = total * u64::from(GRAINS[GRAINS.len() - 1].luma) / CHOSEN as u64 + 1;
+    let (mut enough, mut best) = (0, choice(kinds, finest, coarsest, most));
+    // … and one that need not be tried, or that chooses too many.
+    let mut too_many = u64::BITS - most.leading_zeros();
+    while enough + 1 < too_many {
+        let middle = enough.midpoint(too_many);
+        let chosen = choice(kinds, finest, coarsest, most >> middle);
+        if chosen.len() > CHOSEN {
+            too_many = middle;
+        } else {
+            (enough, best) = (middle, chosen);
         }
-        best = more;
     }
     best
 }

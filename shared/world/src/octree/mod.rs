@@ -231,7 +231,6 @@ mod tests {
     }
 
     proptest! {
-        proptest! {
         #[test]
         fn the_first_voxel_below_is_the_highest(
             cells in cells(),
@@ -251,7 +250,6 @@ mod tests {
                 .reduce(f32::max);
             prop_assert_eq!(octree.first_below(point, lowest).map(|(top, _)| top), expected);
         }
-    }
 
     #[test]
         fn points_lie_in_the_voxels_that_the_tree_was_built_from(cells in cells()) {
