@@ -155,6 +155,37 @@ fn a_turned_building_has_its_rooms_too() {
 }
 
 #[test]
+fn the_outdoors_is_no_room_even_under_a_roof() {
+    let slab = |min: [f32; 3], max: [f32; 3]| {
+        let region = Aabb::new(Vec3::from(min), Vec3::from(max));
+        let at = region.corners();
+        let sides =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        sides
+            .into_iter()
+            .flat_map(move |[a, b, c, d]| [[at[a], at[b], at[c]], [at[a], at[c], at[d]]])
+    };
+    let triangles = [
+        // The ground, and a roof over all of it.
+        slab([0.0, -0.3, 0.0], [20.0, 0.0, 12.0]),
+        slab([0.0, 3.0, 0.0], [20.0, 3.3, 12.0]),
+        // The walls of one room, with a door.
+        slab([1.0, 0.0, 1.0], [1.2, 3.0, 7.0]),
+        slab([7.0, 0.0, 1.0], [7.2, 3.0, 7.0]),
+        slab([1.2, 0.0, 1.0], [7.0, 3.0, 1.2]),
+        slab([1.2, 0.0, 6.8], [3.0, 3.0, 7.0]),
+        slab([4.0, 0.0, 6.8], [7.0, 3.0, 7.0]),
+    ];
+    let triangles = triangles.into_iter().flatten().collect();
+    let model = Model::of_triangles("pavilion", triangles, [200; 3]);
+    let world = compiled(&model, 0.1);
+    let rooms = suggested(&world);
+    let plan = [Vec2::new(1.2, 1.2), Vec2::new(7.0, 6.8)];
+    let shares: Vec<f32> = rooms.iter().map(|room| shared(&world, room, plan, 1.3)).collect();
+    assert!(shares.len() == 1 && shares[0] > SHARED, "{shares:?}");
+}
+
+#[test]
 fn rooms400_has_four_hundred_rooms() {
     let Some(file) = shared_file("traces/rooms400.glb") else { return };
     // Twenty rows of twenty, 5 m apart; a wall of 0.2 m between them.
