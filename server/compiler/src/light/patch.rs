@@ -176,7 +176,8 @@ fn clear(
         let Some(point) = known(lattice.index(column, row)) else { return 0 };
         let along = is_clear(point, lattice.index(column + 1, row));
         let across = is_clear(point, lattice.index(column, row + 1));
-        OPEN | u8::from(along) * CLEAR_ALONG | u8::from(across) * CLEAR_ACROSS
+        let bits = |is_clear: bool, bits: u8| if is_clear { bits } else { 0 };
+        OPEN | bits(along, CLEAR_ALONG) | bits(across, CLEAR_ACROSS)
     };
     lattice.points().map(find).collect()
 }

@@ -94,11 +94,11 @@ fn light_is_even_along_the_edge_of_a_wall_and_a_ceiling() {
     let others = room().into_iter().enumerate().filter(|(i, _)| !(2..6).contains(i));
     triangles.extend(others.map(|(_, triangle)| triangle));
     let scene = Scene::new(triangles);
-    let lines: [(fn(f32, f32) -> Vec3, &str); 2] = [
-        (|x, away| Vec3::new(x, 3.0, away), "ceiling"),
-        (|x, away| Vec3::new(x, 3.0 - away, 0.0), "wall"),
-    ];
-    for (at, name) in lines {
+    for name in ["ceiling", "wall"] {
+        let at = |x: f32, away: f32| match name {
+            "ceiling" => Vec3::new(x, 3.0, away),
+            _ => Vec3::new(x, 3.0 - away, 0.0),
+        };
         for away in [0.02, 0.1, 0.3] {
             let light: Vec<f32> =
                 (0..80).map(|i| scene.at(at(1.0 + 0.05 * i as f32, away))).collect();
