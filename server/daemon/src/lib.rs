@@ -5,6 +5,7 @@
 //! * [`supply`]: compiles the building of a running server, and compiles it again when it changes.
 //! * [`net`]: the endpoint, admission and sessions. It is the only module that knows QUIC. Start
 //!   with [`net::Server`]: it binds an address and serves a [`net::ServedWorld`].
+//! * [`people`]: whom the server remembers: keys, roles, bans, places.
 //! * [`operate`]: what an operator sees of a running server: [`operate::ServerStats`] and
 //!   [`operate::Overview`].
 //! * `http`, a feature that is on unless it is turned off: a listener for operators, with metrics and
@@ -48,6 +49,7 @@
 //! # }
 //! ```
 
+mod address;
 pub mod building_cache;
 pub mod building_files;
 #[cfg(feature = "http")]
@@ -58,4 +60,5 @@ pub mod net;
     allow(dead_code, reason = "only the listener reads all counters")
 )]
 pub mod operate;
+pub mod people;
 pub mod supply;

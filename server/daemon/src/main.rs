@@ -1,5 +1,5 @@
-//! The program `sightline-server`: its commands are compile, demo-building, inspect, replay,
-//! serve and status.
+//! The program `sightline-server`: its commands are allow, compile, demo-building, inspect,
+//! invite, owner, replay, serve and status.
 
 mod cli;
 
@@ -23,9 +23,12 @@ const PROGRAM: &str = "sightline-server";
 
 #[derive(Subcommand)]
 enum Command {
+    Allow(cli::people::AllowArgs),
     Compile(cli::compile::CompileArgs),
     DemoBuilding(cli::demo_building::DemoBuildingArgs),
     Inspect(cli::inspect::InspectArgs),
+    Invite(cli::people::InviteArgs),
+    Owner(cli::people::OwnerArgs),
     Replay(cli::replay::ReplayArgs),
     Serve(cli::serve::ServeArgs),
     #[cfg(feature = "http")]
@@ -34,9 +37,12 @@ enum Command {
 
 fn main() -> ExitCode {
     let outcome = match exit::arguments::<Args>(PROGRAM).command {
+        Command::Allow(args) => cli::people::allow(&args),
         Command::Compile(args) => cli::compile::run(&args),
         Command::DemoBuilding(args) => cli::demo_building::run(&args),
         Command::Inspect(args) => cli::inspect::run(&args),
+        Command::Invite(args) => cli::people::invite(&args),
+        Command::Owner(args) => cli::people::make_owner(&args),
         Command::Replay(args) => cli::replay::run(&args),
         Command::Serve(args) => cli::serve::run(&args),
         #[cfg(feature = "http")]

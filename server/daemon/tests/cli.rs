@@ -8,7 +8,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sightline_server::net::{HttpAddress, ServeConfig};
+use sightline_protocol::fingerprint::KeyFingerprint;
+use sightline_server::{
+    net::{HttpAddress, ServeConfig},
+    people::{People, Role},
+};
 use sightline_world::World;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline-server");
@@ -48,6 +52,37 @@ fn a_reader_that_has_gone_is_no_fault() {
     assert!(folder.join("b.plan.png").is_file(), "the plan is beside the world");
     check(&["inspect", "b.slw"]);
     assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
+}
+
+#[test]
+fn owners_and_invitations_are_made_without_a_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = |arguments: &[&str]| {
+        let output = Command::new(PROGRAM)
+            .args(arguments)
+            .args(["--data", folder.path().to_str().unwrap()])
+            .output()
+            .unwrap();
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (output.status.code(), text(output.stdout), text(output.stderr))
+    };
+    let key = "3f2a-90bc-11d2-7f80-aa01";
+    assert_eq!(said(&["owner", key]).1, format!("{key} is an owner\n"));
+    assert_eq!(said(&["allow", "FFFF90BC11D27F80AA01"]).0, Some(0));
+    let (code, invitation, _) = said(&["invite", "--uses", "2"]);
+    assert_eq!((code, invitation.trim().len()), (Some(0), 32));
+    let people = People::open(Some(folder.path())).unwrap();
+    let (owner, guest) = (key.parse().unwrap(), KeyFingerprint([7; 10]));
+    assert_eq!(people.standing(owner).role, Role::Owner);
+    assert!(people.accept_invitation(guest, &invitation));
+    let (code, _, error) = said(&["owner", "Ada"]);
+    assert_eq!(code, Some(2));
+    assert!(error.contains("20 hexadecimal digits"), "{error}");
+    drop(people);
+    fs::write(folder.path().join("people.db"), "x".repeat(5_000)).unwrap();
+    let (code, _, error) = said(&["owner", key]);
+    assert_eq!(code, Some(1));
+    assert!(error.contains("people.db") && error.lines().count() == 1, "{error}");
 }
 
 #[test]

@@ -25,6 +25,8 @@ pub enum ClientMessage {
         name: Name,
         /// The colour it wants, in sRGB.
         colour: [u8; 3],
+        /// An invitation, where not everybody is let in.
+        invitation: Option<ChatLine>,
     },
     /// Asks for the offered world, which is sent on a stream of its own. The stream begins with the
     /// number of the world: four bytes, the lowest first.
@@ -166,6 +168,11 @@ pub enum ServerMessage {
         /// The text.
         text: ChatLine,
     },
+    /// The server itself says something to the client, for example in answer to a command.
+    Notice {
+        /// The text.
+        text: ChatLine,
+    },
     /// The server ends the connection.
     Goodbye {
         /// The reason, to show to people.
@@ -177,9 +184,9 @@ pub enum ServerMessage {
 
 impl ServerMessage {
     /// The names of the kinds, in the order of their numbers on the wire.
-    pub const KINDS: [&'static str; 13] = [
+    pub const KINDS: [&'static str; 14] = [
         "welcome", "refused", "loading", "world", "entered", "appear", "vanish", "ask", "quiet",
-        "live", "correct", "chat", "goodbye",
+        "live", "correct", "chat", "notice", "goodbye",
     ];
 
     /// Decodes the message of a frame.
@@ -212,6 +219,12 @@ pub enum Refusal {
     /// The client proved no key, by which the server could know it again.
     #[error("the server lets in nobody without a key")]
     NoKey,
+    /// The owner of the key, or the client's network, is kept out.
+    #[error("you are banned from this server")]
+    Banned,
+    /// Not everybody is let in.
+    #[error("the server lets in invited visitors only: ask for an invitation, and give it once")]
+    NotInvited,
 }
 
 #[cfg(test)]
@@ -243,7 +256,12 @@ mod tests {
     /// The longest message of each kind.
     fn client_messages() -> Vec<ClientMessage> {
         vec![
-            ClientMessage::Hello { version: u32::MAX, name: longest_name(), colour: [255; 3] },
+            ClientMessage::Hello {
+                version: u32::MAX,
+                name: longest_name(),
+                colour: [255; 3],
+                invitation: Some(longest_line()),
+            },
             ClientMessage::FetchWorld { world: u32::MAX },
             ClientMessage::Enter { world: 1, place: None, reports_from: 0 },
             ClientMessage::Enter {
@@ -271,6 +289,8 @@ mod tests {
             ServerMessage::Refused { reason: Refusal::Closing },
             ServerMessage::Refused { reason: Refusal::Busy { retry_ms: u32::MAX } },
             ServerMessage::Refused { reason: Refusal::NoKey },
+            ServerMessage::Refused { reason: Refusal::Banned },
+            ServerMessage::Refused { reason: Refusal::NotInvited },
             ServerMessage::Entered { pose: pose(), tick: u32::MAX },
             ServerMessage::Appear {
                 avatar,
@@ -300,6 +320,7 @@ mod tests {
             },
             ServerMessage::Correct { pose: pose() },
             ServerMessage::Chat { from: avatar, text: longest_line() },
+            ServerMessage::Notice { text: longest_line() },
             ServerMessage::Goodbye { reason: longest_line(), may_return: true },
         ]
     }
@@ -372,7 +393,8 @@ mod tests {
     #[test]
     fn the_version_of_any_hello_can_be_read() {
         let name = Name::new("Ada").unwrap();
-        let hello = ClientMessage::Hello { version: VERSION, name, colour: [0; 3] };
+        let invitation = None;
+        let hello = ClientMessage::Hello { version: VERSION, name, colour: [0; 3], invitation };
         assert_eq!(ClientMessage::version(&body(&hello)), Ok(VERSION));
         assert_eq!(ClientMessage::version(&[0, 9, 0xff, 0xff]), Ok(9));
         assert_eq!(

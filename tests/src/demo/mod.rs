@@ -91,6 +91,7 @@ fn join(
         place,
         trust,
         identity: Arc::new(Identity::generate()?),
+        invitation: None,
         progress: None,
     };
     Ok(runtime.block_on(dialer.connect(address, &options))?)

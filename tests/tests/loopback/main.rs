@@ -4,6 +4,7 @@ mod browser;
 mod building;
 mod crowd;
 mod limits;
+mod moderation;
 mod operators;
 mod page;
 mod proxy;
@@ -59,6 +60,7 @@ fn options(server: &Server, name: &str, place: Vec3) -> ConnectOptions {
         place: Some(place),
         trust: Trust::Pinned(server.fingerprint()),
         identity: Arc::new(Identity::generate().unwrap()),
+        invitation: None,
         progress: None,
     }
 }
@@ -176,7 +178,9 @@ async fn two_avatars_fall_silent_are_asked_meet_part_meet_again_and_leave() {
 async fn a_server_that_closes_says_goodbye() {
     let (server, _) = serve(config());
     let ada = join(&server, "Ada", WEST).await;
+    let begin = std::time::Instant::now();
     server.shutdown().await;
+    assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", begin.elapsed());
     let is_told = || match ada.state() {
         SessionState::Returning { reason, .. } => reason == "the server is closing",
         _ => false,

@@ -95,7 +95,7 @@ impl Stranger {
 /// A hello message.
 pub fn hello(version: u32) -> Vec<u8> {
     let name = Name::new("Stranger").unwrap();
-    frame::encode(&ClientMessage::Hello { version, name, colour: [9; 3] })
+    frame::encode(&ClientMessage::Hello { version, name, colour: [9; 3], invitation: None })
 }
 
 /// A hello message, and a request to enter.

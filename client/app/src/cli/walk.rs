@@ -15,7 +15,7 @@ use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
     net::{self, JoinProgress, Trust},
 };
-use sightline_protocol::{fingerprint::Fingerprint, text::Name};
+use sightline_protocol::{fingerprint::Fingerprint, text::{ChatLine, Name}};
 
 /// Opens a window in a shared building.
 ///
@@ -37,6 +37,9 @@ pub struct Args {
     /// default it is in your home folder.
     #[arg(long, value_name = "FILE")]
     identity: Option<PathBuf>,
+    /// An invitation, for a server that does not let everybody in. It is needed once.
+    #[arg(long, value_name = "TEXT")]
+    invitation: Option<String>,
     /// Walk in a world file (.slw) without a server. Ctrl and a number bookmark the view, and the
     /// number alone flies to it.
     #[arg(long, value_name = "WORLD.slw", conflicts_with_all = ["address", "fingerprint", "identity"])]
@@ -78,6 +81,8 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
             Name::new(&user.unwrap_or_default()).or_else(|_| Name::new("visitor"))?
         }
     };
+    let invitation = args.invitation.as_deref().map(ChatLine::new).transpose();
+    let invitation = invitation.context("--invitation")?;
     let trust = match args.fingerprint {
         Some(fingerprint) => Trust::Pinned(fingerprint),
         None => Trust::of_user().context("there is no home folder: give --fingerprint")?,
@@ -93,6 +98,7 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         place: None,
         trust,
         identity: Arc::new(identity),
+        invitation,
         progress: Some(Arc::new(move |step| match step {
             JoinProgress::Waiting(what) => {
                 progress.show_with_note("waiting", 0.0, &format!("({what})"));

@@ -227,6 +227,7 @@ impl<'a> WalkScene<'a> {
                 }
                 Event::Corrected(pose) => self.walker.place(pose),
                 Event::Chat { name, text, .. } => self.log.add(now, format!("{name}: {text}")),
+                Event::Notice(text) => self.log.add(now, text),
                 Event::Goodbye(reason) => self.log.add(now, format!("goodbye: {reason}")),
                 Event::Appeared(_) | Event::Vanished(_) => (),
             }

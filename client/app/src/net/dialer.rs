@@ -17,7 +17,7 @@ use sightline_client_core::replica::ReplicaError;
 use sightline_protocol::{
     VERSION,
     message::{ClientMessage, Refusal, ServerMessage},
-    text::Name,
+    text::{ChatLine, Name},
 };
 use sightline_world::motion::AvatarId;
 use socket2::{Domain, Protocol, Socket, Type};
@@ -28,7 +28,7 @@ use super::{
     control_stream::ControlStream,
     error::{ConnectError, lost},
     passage::ProgressListener,
-    returning::Caller,
+    returning::{Caller, Pauses},
     session::{Session, Welcomed},
     trust::{self, Trust},
 };
@@ -43,6 +43,10 @@ const SOCKET_BYTES: usize = 4 << 20;
 const IDLE_MS_MAX: u32 = 5_000;
 /// A connection on which nothing happens is kept alive so often.
 const KEEP_ALIVE: Duration = Duration::from_secs(2);
+/// A client that comes for the first time tries to reach the server for so long.
+const REACH_DEADLINE: Duration = Duration::from_secs(15);
+/// How often a connection may break on the way in.
+const BREAKS_MAX: u32 = 2;
 /// A client that a busy server puts off comes again for so long.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The longest time that a server may put a client off at once.
@@ -61,6 +65,8 @@ pub struct ConnectOptions {
     pub trust: Trust,
     /// The visitor's key, by which the server knows it again.
     pub identity: Arc<Identity>,
+    /// An invitation, where not everybody is let in.
+    pub invitation: Option<ChatLine>,
     /// Called while the server has no world yet, and as the download of the first world proceeds.
     pub progress: Option<ProgressListener>,
 }
@@ -80,8 +86,9 @@ impl Dialer {
     }
 
     /// Connects, waits until the server has a world, fetches it unless it is in the cache, and enters
-    /// it. Must be called within a tokio runtime, in which the session then runs. Where the server is busy and puts the client
-    /// off, it comes again by itself, for up to a minute.
+    /// it. Must be called within a tokio runtime, in which the session then runs. Where the server is
+    /// busy and puts the client off, it comes again by itself, for up to a minute. Where the
+    /// connection breaks on the way in, it tries twice more.
     ///
     /// # Errors
     /// When any step fails. The connection is closed then.
@@ -91,9 +98,16 @@ impl Dialer {
         options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
         let give_up = Instant::now() + PATIENCE;
+        let mut breaks = 0;
         loop {
             let retry_ms = match self.connect_once(address, options).await {
                 Err(ConnectError::Refused(Refusal::Busy { retry_ms })) => retry_ms,
+                Err(ConnectError::Lost(_) | ConnectError::Goodbye { may_return: true, .. })
+                    if breaks < BREAKS_MAX =>
+                {
+                    breaks += 1;
+                    continue;
+                }
                 connected => return connected,
             };
             // Those who were put off together come again apart.
@@ -111,8 +125,11 @@ impl Dialer {
         address: SocketAddr,
         options: &ConnectOptions,
     ) -> Result<Session, ConnectError> {
-        let welcomed = self.greet(self.open(address, options).await?, address, options).await?;
         let caller = Caller { dialer: self.clone(), address, options: options.clone() };
+        let give_up = Instant::now() + REACH_DEADLINE;
+        let is_silent: fn(&ConnectError) -> bool = |e| matches!(e, ConnectError::NoAnswer(_));
+        let connection = caller.reach(&mut Pauses::first(), give_up, is_silent).await?;
+        let welcomed = self.greet(connection, address, options).await?;
         Session::start(welcomed, caller, self.cache.clone()).await
     }
 
@@ -145,7 +162,9 @@ impl Dialer {
         options.trust.check(&connection, address)?;
         let mut control = ControlStream::open(&connection).await?;
         let (name, colour) = (options.name.clone(), options.colour);
-        control.sender.send(&ClientMessage::Hello { version: VERSION, name, colour }).await?;
+        let invitation = options.invitation.clone();
+        let hello = ClientMessage::Hello { version: VERSION, name, colour, invitation };
+        control.sender.send(&hello).await?;
         let (avatar, tick_interval) = welcome(&mut control).await?;
         Ok(Welcomed { control, avatar, tick_interval })
     }

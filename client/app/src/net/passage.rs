@@ -76,6 +76,8 @@ async fn next_offer(
                     progress(JoinProgress::Waiting(what.into()));
                 }
             }
+            // What was said to somebody in another world.
+            ServerMessage::Notice { .. } => {}
             ServerMessage::Goodbye { reason, may_return } => {
                 return Err(ConnectError::Goodbye { reason: reason.into(), may_return });
             }

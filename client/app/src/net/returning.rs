@@ -36,17 +36,31 @@ pub(super) struct Caller {
     pub(super) options: ConnectOptions,
 }
 
+/// The pauses of a client that comes for the first time. The server may have more to do than it can.
+const FIRST_PAUSES_MS: [u64; 2] = [0, 3_000];
+
 /// How long to pause before each attempt.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Pauses {
+    pauses_ms: &'static [u64],
     taken: usize,
     random: RandomState,
 }
 
 impl Pauses {
+    /// The pauses of a client that comes for the first time.
+    pub(super) fn first() -> Self {
+        Self { pauses_ms: &FIRST_PAUSES_MS, taken: 0, random: RandomState::new() }
+    }
+
+    /// The pauses of a client that comes back.
+    pub(super) fn returning() -> Self {
+        Self { pauses_ms: &PAUSES_MS, ..Self::first() }
+    }
+
     fn next(&mut self) -> Duration {
-        let last = PAUSES_MS.len() - 1;
-        let pause_ms = PAUSES_MS[self.taken.min(last)];
+        let last = self.pauses_ms.len() - 1;
+        let pause_ms = self.pauses_ms[self.taken.min(last)];
         let spread_ms = self.random.hash_one(self.taken) % (pause_ms / SPREAD).max(1);
         self.taken += 1;
         Duration::from_millis(pause_ms + spread_ms)
@@ -66,8 +80,7 @@ impl Caller {
     pub(super) async fn call(&self, pauses: &mut Pauses) -> Result<Welcomed, ConnectError> {
         let give_up = Instant::now() + PATIENCE;
         loop {
-            let reached = timeout_at(give_up, self.reach(pauses)).await;
-            let connection = reached.map_err(|_| ConnectError::NoAnswer(self.address))??;
+            let connection = self.reach(pauses, give_up, ConnectError::may_pass).await?;
             let error = match self.dialer.greet(connection, self.address, &self.options).await {
                 Err(error) if error.may_pass() && Instant::now() < give_up => error,
                 greeted => return greeted,
@@ -80,8 +93,23 @@ impl Caller {
         }
     }
 
-    /// Connects with one attempt after the other, until one succeeds or fails for good.
-    async fn reach(&self, pauses: &mut Pauses) -> Result<Connection, ConnectError> {
+    /// Connects with one attempt after the other, until one succeeds or fails with an error that may
+    /// not pass, or it is time to give up.
+    pub(super) async fn reach(
+        &self,
+        pauses: &mut Pauses,
+        give_up: Instant,
+        may_pass: fn(&ConnectError) -> bool,
+    ) -> Result<Connection, ConnectError> {
+        let reached = timeout_at(give_up, self.attempt(pauses, may_pass)).await;
+        reached.unwrap_or(Err(ConnectError::NoAnswer(self.address)))
+    }
+
+    async fn attempt(
+        &self,
+        pauses: &mut Pauses,
+        may_pass: fn(&ConnectError) -> bool,
+    ) -> Result<Connection, ConnectError> {
         let mut attempts = JoinSet::new();
         loop {
             let due = Instant::now() + pauses.next();
@@ -89,7 +117,7 @@ impl Caller {
                 tokio::select! {
                     () = sleep_until(due) => break,
                     Some(Ok(attempt)) = attempts.join_next() => match attempt {
-                        Err(error) if ConnectError::may_pass(&error) => {}
+                        Err(error) if may_pass(&error) => {}
                         finished => return finished,
                     },
                 }
@@ -109,7 +137,7 @@ mod tests {
 
     #[test]
     fn pauses_grow_and_are_short_again_after_success() {
-        let mut pauses = Pauses::default();
+        let mut pauses = Pauses::returning();
         let taken: Vec<Duration> = (0..20).map(|_| pauses.next()).collect();
         assert!(taken[0] < Duration::from_millis(1), "the first attempt is made at once");
         assert!(taken[..5].is_sorted());

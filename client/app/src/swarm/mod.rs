@@ -401,6 +401,7 @@ fn connect_options(
         place,
         trust: options.trust.clone(),
         identity: Arc::new(Identity::generate()?),
+        invitation: None,
         progress: None,
     })
 }

@@ -95,6 +95,8 @@ pub enum Event {
         /// What was said.
         text: String,
     },
+    /// The server itself said something.
+    Notice(String),
     /// A report was refused, and the own avatar is put back to this pose.
     Corrected(Pose),
     /// The server ends the connection, for this reason.
@@ -222,6 +224,7 @@ impl Replica {
                 let name = self.others.get(&from).map_or_else(String::new, |o| o.name.clone());
                 Some(Event::Chat { from, name, text: text.into() })
             }
+            ServerMessage::Notice { text } => Some(Event::Notice(text.into())),
             ServerMessage::Goodbye { reason, .. } => Some(Event::Goodbye(reason.into())),
         };
         Ok(event)

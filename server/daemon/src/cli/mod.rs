@@ -9,6 +9,7 @@ pub mod interrupt;
 pub mod model_flags;
 pub mod news;
 pub mod operators;
+pub mod people;
 pub mod replay;
 pub mod serve;
 #[cfg(feature = "http")]

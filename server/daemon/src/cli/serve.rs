@@ -58,7 +58,8 @@ pub struct ServeArgs {
     /// is printed can be the file for --config.
     #[arg(long)]
     print_config: bool,
-    /// The folder for the certificate and compiled buildings. By default it is in your home folder.
+    /// The folder for the certificate, the database of visitors and compiled buildings. By default it
+    /// is in your home folder.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// How the log on stderr is written: as lines for people, or as one JSON object a line.
@@ -75,15 +76,16 @@ const SUPPLY_PATIENCE: Duration = Duration::from_millis(700);
 
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
-    let config = config(args)?;
+    let mut config = config(args)?;
     if args.print_config {
         return output::print(&config.to_toml());
     }
     log::show_log("info", args.log);
-    let data = match &config.data {
-        Some(folder) => folder.clone(),
+    let data = match config.data.take() {
+        Some(folder) => folder,
         None => data_folder()?,
     };
+    config.data = Some(data.clone());
     let supplied = supplied(args, config.world.as_deref(), &data)?;
     let identity = Identity::keep(&data)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
@@ -107,7 +109,7 @@ fn config(args: &ServeArgs) -> anyhow::Result<ServeConfig> {
     Ok(config)
 }
 
-fn data_folder() -> anyhow::Result<PathBuf> {
+pub(super) fn data_folder() -> anyhow::Result<PathBuf> {
     directories::ProjectDirs::from("", "", "sightline")
         .map(|folders| folders.data_dir().to_owned())
         .context("there is no home folder: choose a data folder with --data DIR")

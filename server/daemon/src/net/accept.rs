@@ -59,7 +59,10 @@ pub async fn accept(endpoint: Endpoint, state: Arc<ServerState>) {
             continue;
         };
         match answer {
-            Answer::Accept => drop(sessions.spawn(supervise(state.clone(), incoming, id))),
+            Answer::Accept => {
+                let session = converse(state.clone(), incoming, id);
+                sessions.spawn(supervise(state.clone(), id, session));
+            }
             // A client that has just proved its address may not have to again.
             Answer::ProveAddress if incoming.may_retry() => drop(incoming.retry()),
             Answer::ProveAddress | Answer::Refuse => {
@@ -100,8 +103,12 @@ fn log_summaries(state: &ServerState) {
 }
 
 /// Runs a session in a task of its own, so that a panic ends only that session. Cleans up after it.
-async fn supervise(state: Arc<ServerState>, incoming: Incoming, id: ConnectionId) {
-    let end = match tokio::spawn(converse(state.clone(), incoming, id)).await {
+async fn supervise(
+    state: Arc<ServerState>,
+    id: ConnectionId,
+    session: impl Future<Output = Option<SessionEnd>> + Send + 'static,
+) {
+    let end = match tokio::spawn(session).await {
         Ok(end) => end,
         Err(panic) => {
             tracing::error!(connection = id.0, %panic, "a session panicked");
@@ -134,3 +141,6 @@ async fn converse(
     }
     Some(session::run(&state, connection, id).await)
 }
+
+#[cfg(test)]
+mod tests;

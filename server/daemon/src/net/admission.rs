@@ -2,8 +2,10 @@
 
 use std::{
     collections::{HashMap, HashSet},
-    net::{IpAddr, Ipv6Addr},
+    net::IpAddr,
 };
+
+use crate::address::network;
 
 /// The number of a connection, which no other one ever has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -202,17 +204,6 @@ impl Places {
 
 fn is_own_machine(address: IpAddr) -> bool {
     address.to_canonical().is_loopback()
-}
-
-/// The network that an address stands for.
-pub fn network(address: IpAddr) -> IpAddr {
-    match address.to_canonical() {
-        IpAddr::V6(v6) => {
-            let [a, b, c, d, ..] = v6.segments();
-            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
-        }
-        v4 => v4,
-    }
 }
 
 #[cfg(test)]

@@ -6,13 +6,16 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
     },
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use glam::Vec3;
 use quinn::Connection;
-use sightline_protocol::{fingerprint::KeyFingerprint, text::Name};
+use sightline_protocol::{fingerprint::KeyFingerprint,
+    text::{ChatLine, Name},
+};
 use sightline_world::{
+    geometry::{Aabb, Axes},
     motion::{AvatarId, Tbv},
     tolerance::WIRE_POSE_M,
 };
@@ -68,9 +71,18 @@ pub struct FormerPlace {
 }
 
 impl FormerPlace {
-    /// Where it goes on, if it says that it was at a place.
-    pub fn going_on(&self, claimed: Vec3) -> Vec3 {
-        if self.region.grown(WIRE_POSE_M).contains(claimed) { claimed } else { self.eye }
+    /// Where it was when another server had it, in no world of this one.
+    pub fn last(eye: Vec3) -> Self {
+        let within = Aabb::new(eye, eye);
+        let (expiry, notice) = (Duration::ZERO, Duration::ZERO);
+        let region = Tbv { within, axes: Axes::WORLD, expiry, notice };
+        Self { eye, region, world: 0 }
+    }
+
+    /// Where it goes on: where it says that it was, if it could be there.
+    pub fn going_on(&self, claimed: Option<Vec3>) -> Vec3 {
+        let region = self.region.grown(WIRE_POSE_M);
+        claimed.filter(|claimed| region.contains(*claimed)).unwrap_or(self.eye)
     }
 }
 
@@ -190,16 +202,14 @@ pub struct Hello {
     pub name: Name,
     /// The avatar's colour, sRGB.
     pub colour: [u8; 3],
+    /// An invitation, where not everybody is let in.
+    pub invitation: Option<ChatLine>,
     /// Whether the client speaks another version of the protocol.
     pub is_foreign: bool,
 }
 
 #[cfg(test)]
 mod tests {
-    use sightline_world::geometry::{Aabb, Axes};
-
-    use std::time::Duration;
-
     use super::*;
 
     #[test]
@@ -208,8 +218,10 @@ mod tests {
         let (expiry, notice) = (Duration::ZERO, Duration::ZERO);
         let region = Tbv { within, axes: Axes::turned(0.0), expiry, notice };
         let former = FormerPlace { eye: Vec3::ONE, region, world: 1 };
-        assert_eq!(former.going_on(Vec3::splat(3.0)), Vec3::splat(3.0));
-        assert_eq!(former.going_on(Vec3::splat(4.001)), Vec3::splat(4.001), "rounded on the wire");
-        assert_eq!(former.going_on(Vec3::splat(5.0)), Vec3::ONE);
+        let going_on = |x| former.going_on(Some(Vec3::splat(x)));
+        assert_eq!(going_on(3.0), Vec3::splat(3.0));
+        assert_eq!(going_on(4.001), Vec3::splat(4.001), "rounded on the wire");
+        assert_eq!((going_on(5.0), former.going_on(None)), (Vec3::ONE, Vec3::ONE));
+        assert_eq!(FormerPlace::last(Vec3::X).going_on(Some(Vec3::Y)), Vec3::X);
     }
 }

@@ -23,6 +23,8 @@ use documented::documented;
 use limits::LIMIT_COMMENTS;
 pub use limits::Limits;
 
+use crate::people::Access;
+
 /// The address for operators, unless the configuration says otherwise: this machine's own.
 const HTTP_DEFAULT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 4778);
 /// Avatars that the engine keeps beyond the clients: those of clients that have just left.
@@ -69,8 +71,11 @@ documented! {
         /// points only, since a client that chooses freely could look into every room, one after the
         /// other.
         free_entry: bool,
-        /// The folder for the certificate and compiled buildings; the user's data folder when there
-        /// is none.
+        /// Who is let in: `open` (everybody), `allow-list`, or `invitation`.
+        #[serde(serialize_with = "shown", deserialize_with = "parsed")]
+        access: Access,
+        /// The folder for the certificate, the database of visitors and compiled buildings; the
+        /// user's data folder when there is none.
         data: Option<PathBuf>,
         /// The building or world file to serve; the demo building when there is none.
         world: Option<PathBuf>,
@@ -152,6 +157,7 @@ impl Default for ServeConfig {
             hello_s: 10.0,
             silence_s: 30.0,
             free_entry: false,
+            access: Access::Open,
             data: None,
             world: None,
             limits: Limits::default(),
@@ -316,6 +322,7 @@ mod tests {
             ("threads = 0", "threads must be 1 to 64"),
             ("horizon_max_ms = 10", "horizon_max_ms must be 50 to 2000"),
             ("validity = 'long'", "long: use until-left, maximal, adaptive"),
+            ("access = 'all'", "all: use open, allow-list or invitation"),
             ("shape = 'cube'", "cube: use sphere or reach"),
             ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),
             ("validity_max_s = 1e300", "validity_max_s must be 0.1 to 60"),

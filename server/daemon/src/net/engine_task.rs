@@ -27,6 +27,7 @@ use super::{
     load::Load,
     offers::Offers,
     pace::Pace,
+    place_notes::PlaceNotes,
     served_world::ServedWorld,
     survey::Survey,
 };
@@ -104,6 +105,7 @@ pub struct EngineTask {
     metrics: Arc<Metrics>,
     /// What engines before this one counted.
     counted: Stats,
+    places: PlaceNotes,
     /// Kept from tick to tick for its memory only.
     outputs: Vec<Output>,
 }
@@ -116,6 +118,7 @@ impl EngineTask {
         started: Instant,
         load: Arc<Load>,
         metrics: Arc<Metrics>,
+        places: PlaceNotes,
     ) -> Self {
         Self {
             clients: BTreeMap::new(),
@@ -132,6 +135,7 @@ impl EngineTask {
             load,
             metrics,
             counted: Stats::default(),
+            places,
             outputs: Vec::new(),
         }
     }
@@ -195,8 +199,11 @@ impl EngineTask {
             EngineEvent::Absent(client) => self.miss(at, &client),
             EngineEvent::Leave(avatar) => {
                 self.forget_newcomers(|client| client.avatar() == avatar);
-                self.clients.remove(&avatar);
+                let client = self.clients.remove(&avatar);
                 if let Some(engine) = &mut self.engine {
+                    if let Some(client) = client {
+                        self.places.note_last(engine, &client);
+                    }
                     engine.handle(at, Input::Leave { avatar });
                 }
             }
@@ -216,6 +223,7 @@ impl EngineTask {
             let region = engine.whereabouts(avatar);
             engine.handle(at, Input::Absent { avatar });
             note_place(engine, client, region, self.world);
+            self.places.note_last(engine, client);
         }
     }
 
@@ -253,6 +261,7 @@ impl EngineTask {
         engine.set_sight_test_budget(self.sight_test_budget / self.pace.factor());
         self.engine = Some(Box::new(engine));
         let title = world.world().title.clone();
+        self.places.change_building(&title);
         self.world = self.offers.change_world(world);
         tracing::info!(world = self.world, title, "serving");
     }
@@ -300,6 +309,7 @@ impl EngineTask {
         for client in self.clients.values() {
             client.outbox.flush(number);
         }
+        self.places.note_all(now, engine, &self.clients);
         self.outputs = outputs;
         let stages = Stages { taken, ticked: ticked - taken, told: begin.elapsed() - ticked };
         let mut stats = self.counted;

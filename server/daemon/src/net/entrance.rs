@@ -3,7 +3,7 @@
 use std::{num::NonZeroU32, sync::Arc, time::Duration};
 
 use quinn::Connection;
-use sightline_protocol::{VERSION, fingerprint::KeyFingerprint, message::Refusal};
+use sightline_protocol::{VERSION, fingerprint::KeyFingerprint, message::Refusal, text::ChatLine};
 
 use super::{
     admission::{ConnectionId, NoPlace},
@@ -13,7 +13,10 @@ use super::{
     session::SessionEnd,
     state::{Registry, ServerState},
 };
-use crate::operate::Reason;
+use crate::{
+    operate::Reason,
+    people::{Access, Role},
+};
 
 /// What the client before is told when another one takes its place.
 const REPLACED: &str = "somebody else came in with your key";
@@ -51,6 +54,7 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
         refusals.count(Reason::NoKey);
         return Err(Refusal::NoKey);
     };
+    check_access(state, key, &arrival)?;
     let Admitted { client, before } = let_in(state, key, arrival)?;
     if let Some(before) = before {
         before.replace(REPLACED);
@@ -60,6 +64,33 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
     let interval_us = NonZeroU32::new(interval_us).unwrap_or(NonZeroU32::MIN);
     state.offers.welcome(&client, interval_us);
     Ok(client)
+}
+
+/// Whether the owner of a key may come in at all.
+fn check_access(
+    state: &ServerState,
+    key: KeyFingerprint,
+    arrival: &Arrival,
+) -> Result<(), Refusal> {
+    let address = arrival.connection.remote_address().ip();
+    if state.people.is_banned(key, address) {
+        state.metrics.refusals.count(Reason::Banned);
+        return Err(Refusal::Banned);
+    }
+    let standing = state.people.standing(key);
+    let is_listed = standing.is_allowed || standing.role > Role::Visitor;
+    let invitation = arrival.hello.invitation.as_ref().map(ChatLine::as_str);
+    let is_invited = || invitation.is_some_and(|text| state.people.accept_invitation(key, text));
+    let may_enter = match state.config.access {
+        Access::Open => true,
+        Access::AllowList => is_listed,
+        Access::Invitation => is_listed || is_invited(),
+    };
+    if may_enter {
+        return Ok(());
+    }
+    state.metrics.refusals.count(Reason::NotInvited);
+    Err(Refusal::NotInvited)
 }
 
 fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<Admitted, Refusal> {
@@ -96,6 +127,7 @@ fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<
     };
     let (config, metrics) = (&state.config, state.metrics.clone());
     let client = Arc::new(ConnectedClient::new(id, connection, visit, config, metrics));
+    state.people.note_name(key, &client.visit.name);
     registry.visitors.arrive(client.clone());
     registry.clients.insert(id, client.clone());
     let is_logged = registry.log.allows(address, state.now());

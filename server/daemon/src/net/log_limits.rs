@@ -2,7 +2,8 @@
 
 use std::{collections::HashMap, net::IpAddr, time::Duration};
 
-use super::{admission::network, budget::TokenBucket};
+use super::budget::TokenBucket;
+use crate::address::network;
 
 /// Counts the lines that each peer causes. Peers of one network count as one.
 #[derive(Debug)]

@@ -17,17 +17,20 @@ mod budget;
 mod changer;
 mod client;
 mod client_keys;
+mod commands;
 mod config;
 mod endpoint;
 mod engine_task;
 mod entrance;
 mod load;
 mod log_limits;
+mod moderation;
 mod names;
 mod observer;
 mod offers;
 mod outbox;
 mod pace;
+mod place_notes;
 mod places;
 mod served_world;
 mod session;
@@ -58,14 +61,19 @@ use tokio::{
 pub(crate) use budget::TokenBucket;
 pub use changer::{ServerEnded, WorldChanger};
 pub use config::{ConfigError, HttpAddress, Limits, ServeConfig};
+pub use moderation::{Author, Moderation, ModerationError, VisitorInfo};
 pub use observer::Observer;
 pub use served_world::ServedWorld;
 pub use sightline_cli::identity::{Identity, IdentityError};
 
-use crate::operate::{Metrics, ServerStats};
+use crate::{
+    operate::{Metrics, ServerStats},
+    people::{DatabaseError, People},
+};
 use engine_task::EngineTask;
 use load::Load;
 use offers::Offers;
+use place_notes::PlaceNotes;
 use state::{Registry, ServerState};
 
 /// How long all goodbyes may take together.
@@ -83,6 +91,9 @@ pub enum BindError {
     /// There is no certificate.
     #[error(transparent)]
     Identity(#[from] IdentityError),
+    /// There is no database of people.
+    #[error(transparent)]
+    People(#[from] DatabaseError),
     /// TLS rejects the certificate.
     #[error("cannot use the certificate: {0}")]
     Tls(#[from] rustls::Error),
@@ -138,13 +149,15 @@ impl Server {
     ) -> Result<Self, BindError> {
         config.check()?;
         let endpoint = endpoint::listen(&config, identity)?;
+        let people = Arc::new(People::open(config.data.as_deref())?);
         let started = Instant::now();
         let (events, received) = mpsc::channel(config.limits.events_max);
         let (close, closing) = watch::channel(false);
         let (metrics, offers) = (Arc::new(Metrics::default()), Arc::new(Offers::default()));
         let load = Arc::new(Load::new(config.limits.entering_max));
         let (told, counted) = (load.clone(), metrics.clone());
-        let mut task = EngineTask::new(&config, offers.clone(), started, told, counted);
+        let places = PlaceNotes::new(people.clone());
+        let mut task = EngineTask::new(&config, offers.clone(), started, told, counted, places);
         if let Some(world) = world {
             let engine = Engine::new(world.world().clone(), config.engine());
             task.change(Box::new(engine), world);
@@ -152,13 +165,14 @@ impl Server {
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let engine = tokio::task::spawn_blocking(move || task.run(received, &stopped));
-        let registry = Mutex::new(Registry::new(&config));
+        let registry = Arc::new(Mutex::new(Registry::new(&config)));
         let state = Arc::new(ServerState {
             config,
             offers,
             events,
             started,
             registry,
+            people,
             handshakes: AtomicUsize::new(0),
             closing,
             load,
@@ -199,6 +213,11 @@ impl Server {
         Observer::new(self.state.clone())
     }
 
+    /// What moderators and operators may do to visitors.
+    pub fn moderation(&self) -> Moderation {
+        Moderation::new(&self.state)
+    }
+
     /// Waits until the server ends by itself. Only a fault of the engine makes it do so.
     pub async fn failed(&mut self) {
         let _ = (&mut self.engine).await;
@@ -213,6 +232,7 @@ impl Server {
         self.stop();
         let _ = (&mut self.engine).await;
         let _ = timeout(IDLE_DEADLINE, self.endpoint.wait_idle()).await;
+        self.state.people.finish();
     }
 
     fn stop(&self) {

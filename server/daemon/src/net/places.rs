@@ -1,7 +1,13 @@
-//! Room for a body near a place.
+//! Where visitors begin, and room for a body near a place.
 
 use glam::Vec3;
-use sightline_world::World;
+use sightline_world::{World, tolerance::WIRE_POSE_M};
+
+use super::{
+    client::{FormerPlace, Visit},
+    offers::WorldOffer,
+    state::ServerState,
+};
 
 /// How far a body may be moved to where it has room, in metres. The voxels of a quick compilation
 /// are up to that thick.
@@ -9,8 +15,35 @@ const MOVED_M: f32 = 0.6;
 /// The distance between places that are tried, in metres.
 const STEP_M: f32 = 0.1;
 
+/// Where a visitor enters a world: where it was before, or else where it asks for, if it is free to
+/// choose. `None` for a spawn point.
+pub async fn place_in(
+    state: &ServerState,
+    visit: &Visit,
+    offer: &WorldOffer,
+    asked: Option<Vec3>,
+) -> Option<Vec3> {
+    let world = offer.world.world();
+    if let Some(former) = visit.former() {
+        let place = former.going_on(asked);
+        return if former.world == offer.number { Some(place) } else { room_near(world, place) };
+    }
+    if state.config.free_entry && asked.is_some() {
+        return asked;
+    }
+    // It may have been here before the server was started.
+    let (people, key, title) = (state.people.clone(), visit.key, world.title.clone());
+    let last = tokio::task::spawn_blocking(move || people.place(key, &title)).await;
+    if let Some(eye) = last.ok().flatten() {
+        return room_near(world, FormerPlace::last(eye).going_on(asked));
+    }
+    let is_spawn =
+        |asked: &Vec3| world.spawns.iter().any(|spawn| spawn.eye.distance(*asked) <= WIRE_POSE_M);
+    asked.filter(is_spawn)
+}
+
 /// The place nearest to another one at which a body has room; `None` when there is none near by.
-pub fn room_near(world: &World, eye: Vec3) -> Option<Vec3> {
+fn room_near(world: &World, eye: Vec3) -> Option<Vec3> {
     let steps = (MOVED_M / STEP_M) as i32;
     let axis = || (-steps..=steps).map(|step| step as f32 * STEP_M);
     let mut moves: Vec<Vec3> = axis()

@@ -21,7 +21,10 @@ use super::{
     offers::Offers,
     visitors::Visitors,
 };
-use crate::operate::{Metrics, Reason};
+use crate::{
+    operate::{Metrics, Reason},
+    people::People,
+};
 
 /// What all sessions of a server share.
 pub struct ServerState {
@@ -31,7 +34,8 @@ pub struct ServerState {
     pub events: mpsc::Sender<TimedEvent>,
     /// When the server's time was zero.
     pub started: Instant,
-    pub registry: Mutex<Registry>,
+    pub registry: Arc<Mutex<Registry>>,
+    pub people: Arc<People>,
     /// How many connections are in their handshake.
     pub handshakes: AtomicUsize,
     /// Becomes true when the server closes.

@@ -46,6 +46,13 @@ impl Visitors {
         }
     }
 
+    /// Takes in that the owner of a key, if its link is broken, need not come back.
+    pub fn give_up(&mut self, key: KeyFingerprint) {
+        if let Some(until) = self.by_key.get_mut(&key).and_then(|entry| entry.until.as_mut()) {
+            *until = Duration::ZERO;
+        }
+    }
+
     /// Takes in that the owner of a key has gone for good.
     pub fn leave(&mut self, key: KeyFingerprint) {
         self.by_key.remove(&key);
@@ -59,11 +66,16 @@ impl Visitors {
 
     /// The clients whose links broke and that may come back.
     pub fn absent(&self) -> impl Iterator<Item = &Arc<ConnectedClient>> {
-        self.by_key.values().filter(|entry| entry.until.is_some()).map(|entry| &entry.client)
+        self.all().filter(|(_, is_connected)| !is_connected).map(|(client, _)| client)
+    }
+
+    /// All clients, and whether they are connected.
+    pub fn all(&self) -> impl Iterator<Item = (&Arc<ConnectedClient>, bool)> {
+        self.by_key.values().map(|entry| (&entry.client, entry.until.is_none()))
     }
 
     /// The clients that are connected.
     pub fn connected(&self) -> impl Iterator<Item = &Arc<ConnectedClient>> {
-        self.by_key.values().filter(|entry| entry.until.is_none()).map(|entry| &entry.client)
+        self.all().filter(|(_, is_connected)| *is_connected).map(|(client, _)| client)
     }
 }

@@ -32,6 +32,10 @@ reasons! {
     Version = "version",
     /// A client without a key.
     NoKey = "no_key",
+    /// A client whose key or network is banned.
+    Banned = "banned",
+    /// A client that is not on the list, and has no invitation.
+    NotInvited = "access",
     /// A client that came while the server was closing.
     Closing = "closing",
     /// A client for which there is no avatar.

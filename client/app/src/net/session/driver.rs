@@ -100,7 +100,7 @@ impl Driver {
     /// Runs the session to its end, and records why it ended. Whenever its link breaks, it comes
     /// back.
     pub(super) async fn run(mut self, mut inbox: mpsc::Receiver<SessionCommand>) {
-        let mut pauses = Pauses::default();
+        let mut pauses = Pauses::returning();
         let end = loop {
             let error = match self.talk(&mut inbox).await {
                 Ok(end) => break end,

@@ -1,6 +1,7 @@
 //! One connection, from its first message to its last.
 
 mod download;
+mod end;
 mod frames;
 mod writer;
 
@@ -13,16 +14,15 @@ use std::{
 };
 
 use glam::Vec3;
-use quinn::{Connection, ConnectionError};
+use quinn::Connection;
 use sightline_engine::Input;
 use sightline_protocol::{
-    DecodeError, VERSION,
-    message::{ClientMessage, Refusal},
+    VERSION,
+    message::{ClientMessage, ServerMessage},
     pose_stream::ClientDatagram,
     quantise::WireReport,
-    text::Name,
+    text::{ChatLine, Name},
 };
-use sightline_world::{Spawn, World, tolerance::WIRE_POSE_M};
 use tokio::{
     sync::watch,
     time::{Instant, sleep_until, timeout, timeout_at},
@@ -32,82 +32,31 @@ use super::{
     admission::ConnectionId,
     budget::{BudgetDecision, MessageBudget, TokenBucket},
     client::{ConnectedClient, Hello},
+    commands,
     engine_task::{EngineEvent, Newcomer},
     entrance::{self, Arrival},
+    moderation::Moderation,
     offers::WorldOffer,
-    places::room_near,
+    places::place_in,
     state::ServerState,
 };
 use crate::operate::Reason;
 use download::Downloads;
+pub use end::SessionEnd;
 use frames::FrameReader;
 use writer::OutboxWriter;
 
+/// Where packets are lost, the messages until a client has entered may take so many round trips
+/// more, ...
+const ENTER_ROUND_TRIPS: u32 = 12;
+/// ... of this length at most.
+const ROUND_TRIP_MAX: Duration = Duration::from_secs(1);
 /// How often a client's silence is looked at, at least.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 /// A server that wakes later than this was stopped, or had no processor.
 const WAKES_LATE: Duration = Duration::from_millis(500);
 /// How long the last messages may take.
 const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
-
-/// Why a session ended.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionEnd {
-    /// The connection broke.
-    #[error("connection lost: {0}")]
-    Lost(String),
-    /// The client said goodbye.
-    #[error("left")]
-    Left,
-    /// The client was not admitted.
-    #[error("refused: {0}")]
-    Refused(Refusal),
-    /// The server sent a goodbye.
-    #[error("dismissed by the server")]
-    Dismissed,
-    /// The server closes.
-    #[error("the server is closing")]
-    Closing,
-    /// The session panicked.
-    #[error("a fault of the server ended the session")]
-    Failed,
-    /// The client sent bytes that no client sends.
-    #[error("{0}")]
-    Malformed(#[from] DecodeError),
-    /// The client reached a limit.
-    #[error("{1}")]
-    Limit(Reason, &'static str),
-    /// The client broke the protocol.
-    #[error("{0}")]
-    Breach(&'static str),
-}
-
-impl SessionEnd {
-    /// Why the server ended the session, if the client gave cause.
-    fn refusal(&self) -> Option<Reason> {
-        match self {
-            Self::Limit(reason, _) => Some(*reason),
-            Self::Malformed(_) => Some(Reason::Malformed),
-            Self::Breach(_) => Some(Reason::Breach),
-            _ => None,
-        }
-    }
-
-    /// Whether the client did nothing to end the session, and finds its avatar when it comes back.
-    pub fn may_return(&self) -> bool {
-        matches!(self, Self::Lost(_) | Self::Failed)
-    }
-}
-
-impl From<ConnectionError> for SessionEnd {
-    fn from(error: ConnectionError) -> Self {
-        match error {
-            // The client itself closed it.
-            ConnectionError::ApplicationClosed(_) => Self::Left,
-            error => Self::Lost(error.to_string()),
-        }
-    }
-}
 
 /// Serves a connection until it ends. The caller cleans up.
 pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
@@ -170,10 +119,13 @@ async fn greet(state: &ServerState, connection: &Connection) -> Result<Greeted, 
     state.metrics.traffic.frame_in(&first);
     // The rest of a hello of another version may have another form.
     let hello = if ClientMessage::version(&first)? != VERSION {
-        Hello { name: Name::clipped(""), colour: [0; 3], is_foreign: true }
+        let (name, invitation) = (Name::clipped(""), None);
+        Hello { name, colour: [0; 3], invitation, is_foreign: true }
     } else {
         match ClientMessage::decode(&first)? {
-            ClientMessage::Hello { name, colour, .. } => Hello { name, colour, is_foreign: false },
+            ClientMessage::Hello { name, colour, invitation, .. } => {
+                Hello { name, colour, invitation, is_foreign: false }
+            }
             _ => return Err(SessionEnd::Breach("no hello")),
         }
     };
@@ -223,7 +175,10 @@ impl<'a> Session<'a> {
             _ = closing.wait_for(|closing| *closing) => SessionEnd::Closing,
         };
         if end.refusal().is_some() || matches!(end, SessionEnd::Closing) {
-            let may_return = matches!(end, SessionEnd::Closing);
+            let may_return = matches!(
+                end,
+                SessionEnd::Closing | SessionEnd::Limit(Reason::Silence | Reason::Enter, _)
+            );
             self.client.outbox.end(&end.to_string(), may_return);
         }
         end
@@ -283,7 +238,8 @@ impl<'a> Session<'a> {
         let patience = Duration::from_secs_f64(self.state.config.limits.enter_s);
         while offers.changed().await.is_ok() {
             let is_offered = offers.borrow_and_update().is_some();
-            self.limits().deadline = is_offered.then(|| Instant::now() + patience);
+            let trips = self.client.connection.rtt().min(ROUND_TRIP_MAX) * ENTER_ROUND_TRIPS;
+            self.limits().deadline = is_offered.then(|| Instant::now() + patience + trips);
         }
         SessionEnd::Closing
     }
@@ -314,9 +270,26 @@ impl<'a> Session<'a> {
                     self.client.count_refusal(Reason::Chat);
                     return Ok(());
                 }
+                if let Some(command) = text.as_str().strip_prefix('/') {
+                    let moderation = Moderation::new(self.state);
+                    self.tell(&commands::run(&moderation, self.client.visit.key, command));
+                    return Ok(());
+                }
+                if self.state.people.standing(self.client.visit.key).is_muted {
+                    self.tell(&["you are muted: nobody hears you".to_owned()]);
+                    return Ok(());
+                }
                 self.pass_on(Input::Chat { avatar, text: text.into() }).await
             }
             ClientMessage::Goodbye => Err(SessionEnd::Left),
+        }
+    }
+
+    /// Tells the client something in words of the server.
+    fn tell(&self, lines: &[String]) {
+        for line in lines {
+            let text = ChatLine::clipped(line);
+            self.client.outbox.push(&ServerMessage::Notice { text });
         }
     }
 
@@ -355,18 +328,6 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Where a client enters: where it was before, or else where it asks for, if it is free to
-    /// choose. `None` for a spawn point.
-    fn place_in(&self, number: u32, world: &World, asked: Option<Vec3>) -> Option<Vec3> {
-        if let Some(former) = self.client.visit.former() {
-            let place = asked.map_or(former.eye, |asked| former.going_on(asked));
-            return if former.world == number { Some(place) } else { room_near(world, place) };
-        }
-        let asked = asked?;
-        let is_spawn = |spawn: &Spawn| spawn.eye.distance(asked) <= WIRE_POSE_M;
-        (self.state.config.free_entry || world.spawns.iter().any(is_spawn)).then_some(asked)
-    }
-
     async fn enter(
         &self,
         world: u32,
@@ -384,7 +345,7 @@ impl<'a> Session<'a> {
         self.reports_from.store(reports_from, Relaxed);
         self.extend_deadline();
         let client = self.client.clone();
-        let place = self.place_in(world, offer.world.world(), place);
+        let place = place_in(self.state, &self.client.visit, &offer, place).await;
         self.state.load.waits();
         self.send_event(EngineEvent::Join(Newcomer { client, world, place })).await
     }

@@ -1,0 +1,85 @@
+//! A session that panics.
+
+use std::sync::Arc;
+
+use quinn::{Connection, ConnectionError, crypto::rustls::QuicClientConfig};
+use sightline_cli::identity::Identity;
+use sightline_protocol::{ALPN, text::Name};
+
+use super::*;
+use crate::net::{
+    ServeConfig, Server,
+    client::{ConnectedClient, Hello},
+    endpoint,
+    entrance::Arrival,
+};
+
+/// Connects a visitor to an endpoint. Returns both ends.
+async fn connect(server: &Endpoint, identity: &Identity, visitor: &Identity) -> [Connection; 2] {
+    let mut roots = rustls::RootCertStore::empty();
+    roots.add(identity.certificate.clone()).unwrap();
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let mut tls = rustls::ClientConfig::builder_with_provider(provider)
+        .with_protocol_versions(&[&rustls::version::TLS13])
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_client_auth_cert(vec![visitor.certificate.clone()], visitor.key.clone_key())
+        .unwrap();
+    tls.alpn_protocols = vec![ALPN.to_vec()];
+    let config = quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls).unwrap()));
+    let client = Endpoint::client("127.0.0.1:0".parse().unwrap()).unwrap();
+    let connecting = client.connect_with(config, server.local_addr().unwrap(), "sightline");
+    let accepting = async { server.accept().await.unwrap().await };
+    let (there, here) = tokio::join!(connecting.unwrap(), accepting);
+    [there.unwrap(), here.unwrap()]
+}
+
+/// Lets a visitor in, as its session does.
+async fn admit(state: &ServerState, id: ConnectionId, connection: Connection) -> Arc<ConnectedClient> {
+    let name = Name::new("Ada").unwrap();
+    let hello = Hello { name, colour: [0; 3], invitation: None, is_foreign: false };
+    state.registry().places.begin(id, connection.remote_address().ip(), true);
+    entrance::admit(state, Arrival { id, connection, hello }).await.unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_panic_ends_one_session_whose_client_is_told_and_finds_its_avatar() {
+    let [identity, ada, bo] = [(); 3].map(|()| Identity::generate().unwrap());
+    let config =
+        ServeConfig { listen: "127.0.0.1:0".parse().unwrap(), ..ServeConfig::default() };
+    let server = Server::listen(config.clone(), &identity).unwrap();
+    let state = server.state.clone();
+    // The test itself serves this endpoint's connections.
+    let endpoint = endpoint::listen(&config, &identity).unwrap();
+    let [bo_there, bo_here] = connect(&endpoint, &identity, &bo).await;
+    let bo_id = state.registry().number();
+    admit(&state, bo_id, bo_here).await;
+
+    let [there, here] = connect(&endpoint, &identity, &ada).await;
+    let (id, panicking) = (state.registry().number(), state.clone());
+    let session = async move {
+        admit(&panicking, id, here).await.visit.enter();
+        panic!("a fault, injected by a test")
+    };
+    supervise(state.clone(), id, session).await;
+    let ConnectionError::ApplicationClosed(told) = there.closed().await else {
+        panic!("the client is told nothing")
+    };
+    assert_eq!(&told.reason[..], b"a fault of the server ended your session");
+
+    let [_there, here] = connect(&endpoint, &identity, &ada).await;
+    let avatars = |state: &ServerState| {
+        let registry = state.registry();
+        let all = registry.visitors.all().map(|(client, here)| (client.avatar(), here));
+        let mut all: Vec<_> = all.collect();
+        all.sort();
+        all
+    };
+    let before = avatars(&state);
+    assert_eq!(before.iter().filter(|(_, is_connected)| *is_connected).count(), 1);
+    let id = state.registry().number();
+    let back = admit(&state, id, here).await;
+    assert!(before.contains(&(back.avatar(), false)), "it has its avatar again");
+    assert!(avatars(&state).iter().all(|(_, is_connected)| *is_connected));
+    assert!(bo_there.close_reason().is_none(), "nobody else noticed");
+}

@@ -1,0 +1,169 @@
+//! Whom the server remembers: keys, names, roles, bans, the last place of each visitor, and what
+//! moderators did. It is kept in an SQLite database in the data folder.
+//!
+//! [`People`] answers from memory, and a thread of its own writes changes: at most a second passes
+//! until they are in the file.
+
+mod access;
+mod changes;
+mod database;
+mod invitation;
+mod migrations;
+mod role;
+mod standing;
+mod writer;
+
+use std::{
+    net::IpAddr,
+    path::Path,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    thread::JoinHandle,
+};
+
+use glam::Vec3;
+use sightline_protocol::{fingerprint::KeyFingerprint, text::Name};
+
+pub use access::{Access, AccessError};
+pub use changes::{Act, Subject, SubjectError};
+pub use database::{Database, DatabaseError};
+pub use invitation::{NoRandomness, hash, new_invitation};
+pub use role::{Role, RoleError};
+pub use standing::Standing;
+
+use changes::{Note, Pending};
+use standing::Standings;
+use writer::Signal;
+
+/// Whom the server remembers.
+pub struct People {
+    shared: Arc<Shared>,
+    writer: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// What the writer shares with all others. Locks are taken in the order of these fields.
+struct Shared {
+    database: Mutex<Database>,
+    standings: Mutex<Standings>,
+    pending: Mutex<Pending>,
+    signal: Signal,
+}
+
+impl People {
+    /// Opens the database in a data folder, which is made now if there is none. Without a folder,
+    /// everything is forgotten in the end.
+    ///
+    /// # Errors
+    /// When the file cannot be opened, is none of ours, or was written by a later version.
+    pub fn open(folder: Option<&Path>) -> Result<Self, DatabaseError> {
+        let database = match folder {
+            Some(folder) => Database::open(folder)?,
+            None => Database::in_memory()?,
+        };
+        let version = database.foreign_version()?;
+        let standings = Mutex::new(database.standings()?);
+        let (database, pending) = (Mutex::new(database), Mutex::default());
+        let shared = Arc::new(Shared { database, standings, pending, signal: Signal::default() });
+        let writing = shared.clone();
+        let writer = std::thread::Builder::new().name("people".into());
+        let writer = writer.spawn(move || writer::run(&writing, version)).map_err(DatabaseError::Thread)?;
+        Ok(Self { shared, writer: Mutex::new(Some(writer)) })
+    }
+
+    /// How the server stands to the owner of a key.
+    pub fn standing(&self, key: KeyFingerprint) -> Standing {
+        self.shared.standings().of(key)
+    }
+
+    /// Whether a visitor is kept out, by its key or its network.
+    pub fn is_banned(&self, key: KeyFingerprint, address: IpAddr) -> bool {
+        let standings = self.shared.standings();
+        standings.is_banned(&Subject::Key(key)) || standings.is_banned(&Subject::of(address))
+    }
+
+    /// Whether an invitation lets somebody in. If it does, its owner is let in without it from now
+    /// on.
+    pub fn accept_invitation(&self, key: KeyFingerprint, invitation: &str) -> bool {
+        let token = hash(invitation);
+        let mut standings = self.shared.standings();
+        if !standings.use_invitation(&token) {
+            return false;
+        }
+        standings.apply(&Act::Allow(key));
+        let mut pending = self.shared.pending();
+        pending.acts.extend([Act::UseInvitation(token), Act::Allow(key)]);
+        true
+    }
+
+    /// Takes in that a visitor has come in.
+    pub fn note_name(&self, key: KeyFingerprint, name: &Name) {
+        self.shared.pending().note(key).name = Some(name.to_string());
+    }
+
+    /// Takes in where visitors are, in a building of this title.
+    pub fn note_places(&self, building: &Arc<str>, places: &[(KeyFingerprint, Vec3)]) {
+        let mut pending = self.shared.pending();
+        for (key, eye) in places {
+            pending.note(*key).place = Some((building.clone(), *eye));
+        }
+    }
+
+    /// Where a visitor was last in a building of this title. Reads the file.
+    pub fn place(&self, key: KeyFingerprint, building: &str) -> Option<Vec3> {
+        let noted = self.shared.pending().noted(key).and_then(|note: &Note| note.place.clone());
+        let noted = noted.map(|(title, eye)| (title.to_string(), eye));
+        let place = noted.or_else(|| {
+            let read = self.shared.database().place(key);
+            read.unwrap_or_else(|error| {
+                tracing::warn!(%key, %error, "the last place cannot be read");
+                None
+            })
+        });
+        place.filter(|(title, _)| title == building).map(|(_, eye)| eye)
+    }
+
+    /// Does something that lasts, and notes in the audit log who did it and why.
+    pub fn act(&self, author: &str, act: Act, reason: &str) {
+        self.shared.standings().apply(&act);
+        let mut pending = self.shared.pending();
+        pending.acts.push(Act::audit(author, &act, reason));
+        pending.acts.push(act);
+    }
+
+    /// Notes in the audit log what a moderator did that does not last.
+    pub fn note_act(&self, author: &str, act: &str, subject: &str, reason: &str) {
+        let [author, act, subject, reason] = [author, act, subject, reason].map(str::to_owned);
+        self.shared.pending().acts.push(Act::Audit { author, act, subject, reason });
+    }
+
+    /// Writes all that waits. Nothing is written after that.
+    pub fn finish(&self) {
+        self.shared.signal.end();
+        let writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if writer.is_some_and(|writer| writer.join().is_err()) {
+            tracing::error!("the thread that writes the database panicked");
+        }
+    }
+}
+
+impl Drop for People {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+impl Shared {
+    fn database(&self) -> MutexGuard<'_, Database> {
+        self.database.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn standings(&self) -> MutexGuard<'_, Standings> {
+        self.standings.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn pending(&self) -> MutexGuard<'_, Pending> {
+        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests;

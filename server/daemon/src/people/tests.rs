@@ -1,0 +1,179 @@
+//! What is remembered, after restarts and after kills.
+
+use std::{
+    io::{BufRead, BufReader},
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
+
+use super::*;
+
+const ADA: KeyFingerprint = KeyFingerprint([1; 10]);
+const BO: KeyFingerprint = KeyFingerprint([2; 10]);
+
+fn network(text: &str) -> IpAddr {
+    text.parse().unwrap()
+}
+
+#[test]
+fn a_restarted_server_remembers_everything() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("new");
+    let (here, there) = (network("2001:db8::7"), network("192.0.2.1"));
+    let house: Arc<str> = "house".into();
+    let people = People::open(Some(&data)).unwrap();
+    assert_eq!(people.standing(ADA), Standing::default());
+    people.note_name(ADA, &Name::new("Ada").unwrap());
+    people.note_places(&house, &[(ADA, Vec3::new(1.0, 2.0, 3.5))]);
+    assert_eq!(people.place(ADA, "house"), Some(Vec3::new(1.0, 2.0, 3.5)), "before it is written");
+    people.act("operator", Act::SetRole(ADA, Role::Owner), "");
+    people.act("Ada", Act::SetMuted(BO, true), "loud");
+    people.act("Ada", Act::Ban(Subject::Key(BO), "again".to_owned()), "again");
+    people.act("Ada", Act::Ban(Subject::of(here), String::new()), "");
+    people.act("Ada", Act::Ban(Subject::of(there), String::new()), "");
+    people.act("Ada", Act::Unban(Subject::of(there)), "");
+    drop(people);
+
+    let people = People::open(Some(&data)).unwrap();
+    let (ada, bo) = (people.standing(ADA), people.standing(BO));
+    assert_eq!((ada.role, ada.is_muted), (Role::Owner, false));
+    assert_eq!((bo.role, bo.is_muted), (Role::Visitor, true));
+    assert!(people.is_banned(BO, there) && !people.is_banned(ADA, there));
+    assert!(people.is_banned(ADA, network("2001:db8::8")), "the whole network");
+    assert!(!people.is_banned(ADA, network("2001:db8:0:1::7")));
+    assert_eq!(people.place(ADA, "house"), Some(Vec3::new(1.0, 2.0, 3.5)));
+    assert_eq!((people.place(ADA, "other"), people.place(BO, "house")), (None, None));
+    people.note_places(&house, &[(ADA, Vec3::ONE)]);
+    drop(people);
+    let people = People::open(Some(&data)).unwrap();
+    assert_eq!(people.place(ADA, "house"), Some(Vec3::ONE));
+    let audit = "SELECT group_concat(author || ' ' || act || ' ' || reason, ',') FROM audit";
+    assert_eq!(
+        rows(&data, audit),
+        "operator make owner ,Ada mute loud,Ada ban again,Ada ban ,Ada ban ,Ada unban "
+    );
+    assert_eq!(rows(&data, "SELECT name FROM visitors WHERE role = 2"), "Ada");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = std::fs::metadata(data.join("people.db")).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+    }
+}
+
+/// The only value of a query.
+fn rows(data: &Path, sql: &str) -> String {
+    let connection = rusqlite::Connection::open(data.join("people.db")).unwrap();
+    connection.query_row(sql, [], |row| row.get(0)).unwrap()
+}
+
+#[test]
+fn an_invitation_lets_in_as_many_as_it_says_and_they_stay_welcome() {
+    let folder = tempfile::tempdir().unwrap();
+    let hash = hash("come in");
+    let people = People::open(Some(folder.path())).unwrap();
+    people.act("operator", Act::Invite(hash, 1), "");
+    assert!(!people.accept_invitation(ADA, "let me in"));
+    assert!(people.accept_invitation(ADA, "come in"));
+    assert!(!people.accept_invitation(BO, "come in"));
+    drop(people);
+    let people = People::open(Some(folder.path())).unwrap();
+    assert!(people.standing(ADA).is_allowed && !people.standing(BO).is_allowed);
+    assert!(!people.accept_invitation(BO, "come in"));
+}
+
+#[test]
+fn what_another_program_writes_is_heard_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let people = People::open(Some(folder.path())).unwrap();
+    let mut other = Database::open(folder.path()).unwrap();
+    other.act("operator", Act::SetRole(ADA, Role::Owner), "").unwrap();
+    let end = Instant::now() + Duration::from_secs(10);
+    while people.standing(ADA).role != Role::Owner {
+        assert!(Instant::now() < end, "it is heard of within a second");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_file_that_is_none_of_ours_or_a_later_ones_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("people.db");
+    std::fs::write(&path, "not a database, but a text that is long enough".repeat(100)).unwrap();
+    let error = People::open(Some(folder.path())).err().unwrap();
+    assert!(matches!(error, DatabaseError::Open { .. }), "{error}");
+    std::fs::remove_file(&path).unwrap();
+    drop(People::open(Some(folder.path())).unwrap());
+    let connection = rusqlite::Connection::open(&path).unwrap();
+    connection.pragma_update(None, "user_version", 99).unwrap();
+    let error = People::open(Some(folder.path())).err().unwrap();
+    assert!(matches!(error, DatabaseError::Later { .. }), "{error}");
+}
+
+/// How many rounds of killing a usual run of the tests has.
+const ROUNDS: u64 = 3;
+/// What was noted this long before a kill must be in the file.
+const KEPT: Duration = Duration::from_secs(1);
+const FOLDER: &str = "SIGHTLINE_TEST_PEOPLE";
+
+#[test]
+#[ignore = "the process that the tests below kill"]
+fn writes_until_it_is_killed() {
+    let folder = std::env::var(FOLDER).expect("its parent says where");
+    let people = People::open(Some(Path::new(&folder))).unwrap();
+    let house: Arc<str> = "house".into();
+    let first = people.place(ADA, "house").map_or(0, |eye| eye.x as u32);
+    for count in first + 1.. {
+        people.note_places(&house, &[(ADA, Vec3::X * count as f32)]);
+        people.act("test", Act::SetMuted(BO, count % 2 == 0), &count.to_string());
+        println!("noted {count}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Kills a process that writes, again and again, and looks at what it leaves.
+fn kill_again_and_again(rounds: u64) {
+    let folder = tempfile::tempdir().unwrap();
+    for round in 0..rounds {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "people::tests::writes_until_it_is_killed", "--ignored"])
+            .arg("--nocapture")
+            .env(FOLDER, folder.path())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut noted = vec![];
+        // Kills fall at different times of the writer's turns.
+        let life = KEPT + Duration::from_millis(300 + round * 137 % 400);
+        let mut begin = None;
+        for line in BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap) {
+            let Some((_, count)) = line.split_once("noted ") else { continue };
+            noted.push((Instant::now(), count.parse::<u32>().unwrap()));
+            if begin.get_or_insert_with(Instant::now).elapsed() >= life {
+                break;
+            }
+        }
+        child.kill().unwrap();
+        let killed = Instant::now();
+        child.wait().unwrap();
+        assert_eq!(rows(folder.path(), "PRAGMA integrity_check"), "ok");
+        let old = noted.iter().rev().find(|(at, _)| killed - *at > KEPT);
+        let (_, due) = old.expect("it lived for longer");
+        let people = People::open(Some(folder.path())).unwrap();
+        let kept = people.place(ADA, "house").map_or(0, |eye| eye.x as u32);
+        assert!(kept >= *due, "round {round}: {due} was noted, and {kept} is kept");
+        let last = rows(folder.path(), "SELECT reason FROM audit ORDER BY rowid DESC LIMIT 1");
+        assert_eq!(last, kept.to_string(), "both are written, or neither");
+    }
+}
+
+#[test]
+fn a_kill_loses_at_most_the_last_second() {
+    kill_again_and_again(ROUNDS);
+}
+
+#[test]
+#[ignore = "takes two minutes"]
+fn fifty_kills_lose_at_most_the_last_second() {
+    kill_again_and_again(50);
+}
