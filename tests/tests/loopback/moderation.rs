@@ -15,10 +15,7 @@ use super::{
     config, hears, options, serve, until, walk,
 };
 
-async fn connect(
-    address: SocketAddr,
-    options: &ConnectOptions,
-) -> Result<Session, ConnectError> {
+async fn connect(address: SocketAddr, options: &ConnectOptions) -> Result<Session, ConnectError> {
     Dialer::new(None).connect(address, options).await
 }
 
@@ -55,8 +52,7 @@ async fn is_told(session: &Session, reason: &str) {
 #[tokio::test(flavor = "multi_thread")]
 async fn moderators_kick_mute_and_ban_by_the_chat_line() {
     let (server, address) = serve(config());
-    let [mo_at, ada_at, own_at] =
-        ["Mo", "Ada 2", "Owen"].map(|name| options(&server, name, WEST));
+    let [mo_at, ada_at, own_at] = ["Mo", "Ada 2", "Owen"].map(|name| options(&server, name, WEST));
     let (mo, ada) =
         (connect(address, &mo_at).await.unwrap(), connect(address, &ada_at).await.unwrap());
     let _own = connect(address, &own_at).await.unwrap();

@@ -68,9 +68,8 @@ async fn after_a_partition_of_twelve_seconds_all_are_back_in_their_avatars() {
     lost[0].chat("back again").unwrap();
     hears(&witness, "Ada 0", "back again").await;
     walk(&lost[1], WEST).await;
-    let is_there = |avatar: &VisibleAvatar| {
-        avatar.id == ids[1] && avatar.pose.eye.distance(WEST) < 0.05
-    };
+    let is_there =
+        |avatar: &VisibleAvatar| avatar.id == ids[1] && avatar.pose.eye.distance(WEST) < 0.05;
     until("he walks on", || witness.visible().iter().any(is_there)).await;
 }
 

@@ -15,7 +15,10 @@ use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
     net::{self, JoinProgress, Trust},
 };
-use sightline_protocol::{fingerprint::Fingerprint, text::{ChatLine, Name}};
+use sightline_protocol::{
+    fingerprint::Fingerprint,
+    text::{ChatLine, Name},
+};
 
 /// Opens a window in a shared building.
 ///

@@ -11,7 +11,8 @@ use std::{
 
 use glam::Vec3;
 use quinn::Connection;
-use sightline_protocol::{fingerprint::KeyFingerprint,
+use sightline_protocol::{
+    fingerprint::KeyFingerprint,
     text::{ChatLine, Name},
 };
 use sightline_world::{

@@ -193,7 +193,10 @@ mod tests {
         let visitors: Vec<_> = (0..30).map(|i| visitor(&format!("V{i}"), i)).collect();
         let all = list(&visitors, "");
         assert_eq!((all.len(), all[20].as_str()), (21, "and 10 more"));
-        assert_eq!(list(&visitors, "V3")[0], format!("V3: visitor, muted, key {}", visitors[3].key));
+        assert_eq!(
+            list(&visitors, "V3")[0],
+            format!("V3: visitor, muted, key {}", visitors[3].key)
+        );
         assert_eq!(list(&visitors, "W"), ["nobody of that name is here"]);
     }
 }

@@ -65,7 +65,8 @@ impl People {
         let shared = Arc::new(Shared { database, standings, pending, signal: Signal::default() });
         let writing = shared.clone();
         let writer = std::thread::Builder::new().name("people".into());
-        let writer = writer.spawn(move || writer::run(&writing, version)).map_err(DatabaseError::Thread)?;
+        let writer =
+            writer.spawn(move || writer::run(&writing, version)).map_err(DatabaseError::Thread)?;
         Ok(Self { shared, writer: Mutex::new(Some(writer)) })
     }
 

@@ -35,7 +35,11 @@ async fn connect(server: &Endpoint, identity: &Identity, visitor: &Identity) -> 
 }
 
 /// Lets a visitor in, as its session does.
-async fn admit(state: &ServerState, id: ConnectionId, connection: Connection) -> Arc<ConnectedClient> {
+async fn admit(
+    state: &ServerState,
+    id: ConnectionId,
+    connection: Connection,
+) -> Arc<ConnectedClient> {
     let name = Name::new("Ada").unwrap();
     let hello = Hello { name, colour: [0; 3], invitation: None, is_foreign: false };
     state.registry().places.begin(id, connection.remote_address().ip(), true);
@@ -45,8 +49,7 @@ async fn admit(state: &ServerState, id: ConnectionId, connection: Connection) ->
 #[tokio::test(flavor = "multi_thread")]
 async fn a_panic_ends_one_session_whose_client_is_told_and_finds_its_avatar() {
     let [identity, ada, bo] = [(); 3].map(|()| Identity::generate().unwrap());
-    let config =
-        ServeConfig { listen: "127.0.0.1:0".parse().unwrap(), ..ServeConfig::default() };
+    let config = ServeConfig { listen: "127.0.0.1:0".parse().unwrap(), ..ServeConfig::default() };
     let server = Server::listen(config.clone(), &identity).unwrap();
     let state = server.state.clone();
     // The test itself serves this endpoint's connections.
