@@ -114,6 +114,7 @@ impl Engine {
             Input::Leave { avatar } => self.remove(avatar),
             Input::Report { avatar, report } => self.report(now, avatar, &report),
             Input::Relocate { avatar, pose } => self.relocate(now, avatar, pose),
+            Input::Respawn { avatar } => self.respawn(now, avatar),
             Input::RoundTrip { avatar, round_trip } => self.set_round_trip(avatar, round_trip),
             Input::Chat { avatar, text } => self.chat(avatar, &text),
         }

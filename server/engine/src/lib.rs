@@ -34,6 +34,7 @@
 //!    is asked, or when its TBV does not [hold](sightline_world::motion::Tbv::holds) its next step.
 //!    Reports by exception must arrive: the engine takes silence for a claim.
 //! 4. [`Relocate`](Input::Relocate), when the host itself puts an avatar elsewhere or pushes it;
+//!    [`Respawn`](Input::Respawn), when a client asks to go back to a spawn point;
 //!    [`Chat`](Input::Chat).
 //! 5. [`Leave`](Input::Leave).
 //!
@@ -131,6 +132,7 @@ mod engine;
 mod generation;
 mod interest;
 mod messages;
+mod newcomers;
 mod orders;
 mod pair;
 mod pairs;

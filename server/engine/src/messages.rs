@@ -54,6 +54,11 @@ pub enum Input {
         /// The pose.
         pose: Pose,
     },
+    /// A participant goes back to a spawn point. Its client is corrected to it.
+    Respawn {
+        /// The avatar.
+        avatar: AvatarId,
+    },
     /// The host has measured the round trip of a client.
     RoundTrip {
         /// The avatar.

@@ -17,6 +17,7 @@ use crate::{
     generation::Generation,
     interest::{end_pairs, forget_results},
     messages::Output,
+    newcomers,
     orders::Orders,
     pairs::Pairs,
     population::{Avatar, Profile},
@@ -128,7 +129,7 @@ impl Engine {
     }
 
     /// The pose at the place that was asked for, if an eye may be there, or else at the next spawn
-    /// point in turn. An avatar at a spawn point faces as the spawn point says.
+    /// point in turn, or beside it. An avatar at a spawn point faces as the spawn point says.
     fn first_pose(&mut self, eye: Option<Vec3>) -> Pose {
         let world = &self.building.world;
         let confines = world.confines();
@@ -139,7 +140,7 @@ impl Engine {
         }
         let turn = self.joined;
         self.joined = self.joined.wrapping_add(1);
-        match world.spawns.get(turn % world.spawns.len().max(1)) {
+        match newcomers::place(world, turn) {
             Some(spawn) => Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() },
             None => Pose { eye: confines.centre(), ..Pose::default() },
         }
@@ -298,6 +299,16 @@ impl Engine {
         // What was to be told to the client before is not for this one.
         self.pending.retain(|output| output.to() != id);
         self.pending.push(Output::Entered { to: id, pose, tick: self.ticks() + 1 });
+    }
+
+    /// Puts an avatar back to a spawn point, as its client asked.
+    pub(crate) fn respawn(&mut self, now: Duration, id: AvatarId) {
+        if self.population.slot(id).is_none() {
+            return;
+        }
+        let pose = self.first_pose(None);
+        self.relocate(now, id, pose);
+        self.pending.push(Output::Correct { to: id, pose });
     }
 
     /// Takes in a measured round trip.

@@ -222,8 +222,10 @@ impl<'a> Run<'a> {
                 self.receive_report(times, avatar, &report)
             }
             ClientMessage::Goodbye => self.leave(times.heard, avatar),
-            ClientMessage::FetchWorld { .. } | ClientMessage::Chat { .. } => {
-                debug_assert!(false, "nobody fetches or chats in a trace");
+            ClientMessage::FetchWorld { .. }
+            | ClientMessage::Chat { .. }
+            | ClientMessage::Respawn => {
+                debug_assert!(false, "nobody fetches, chats or respawns in a trace");
                 Ok(())
             }
         }

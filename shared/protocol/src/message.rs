@@ -59,6 +59,8 @@ pub enum ClientMessage {
     },
     /// Leaves the world.
     Goodbye,
+    /// Asks to be put back to a spawn point. The answer is [`ServerMessage::Correct`].
+    Respawn,
 }
 
 impl ClientMessage {
@@ -275,6 +277,7 @@ mod tests {
             },
             ClientMessage::Chat { text: longest_line() },
             ClientMessage::Goodbye,
+            ClientMessage::Respawn,
         ]
     }
 

@@ -103,6 +103,7 @@ fn input(ids: u32) -> impl Strategy<Value = Input> {
         2 => come_back,
         6 => report,
         2 => relocate,
+        1 => avatar().prop_map(|avatar| Input::Respawn { avatar }),
         2 => trip,
         1 => (avatar(), ".{0,10}").prop_map(|(avatar, text)| Input::Chat { avatar, text }),
     ]

@@ -238,6 +238,23 @@ fn an_avatar_that_the_host_puts_elsewhere_is_seen_there() {
 }
 
 #[test]
+fn an_avatar_that_respawns_is_at_a_spawn_point_and_seen_there_alone() {
+    let mut stage = Stage::prompt(row(8));
+    let spawn = stage.engine.world().spawns[0];
+    let (ada, bob) = (stage.join(1, spawn.eye.x), stage.join(2, 75.0));
+    let cy = stage.join(3, 74.0);
+    stage.ticks(3);
+    assert_eq!((sees(&stage, ada), sees(&stage, cy)), (vec![], vec![2]));
+    stage.clients.get_mut(&bob).unwrap().eye = spawn.eye;
+    stage.engine.handle(stage.now, Input::Respawn { avatar: bob });
+    stage.ticks(3);
+    assert_eq!(stage.engine.pose(bob).unwrap().eye, spawn.eye);
+    assert_eq!(stage.clients[&bob].corrections, 1, "its client is told once");
+    assert_eq!((sees(&stage, ada), sees(&stage, cy)), (vec![2], vec![]));
+    stage.engine.handle(stage.now, Input::Respawn { avatar: AvatarId(99) });
+}
+
+#[test]
 fn chat_reaches_all_who_see_the_speaker_and_the_speaker() {
     let mut stage = Stage::prompt(row(8));
     let (ada, bob, cy) = (stage.join(1, 5.0), stage.join(2, 15.0), stage.join(3, 45.0));
