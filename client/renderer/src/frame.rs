@@ -48,6 +48,16 @@ impl Frame {
         }
     }
 
+    /// Becomes a copy of another picture. Keeps its memory.
+    pub fn copy_from(&mut self, other: &Self) {
+        (self.width, self.height) = (other.width, other.height);
+        self.colour.clone_from(&other.colour);
+        self.depth.clone_from(&other.depth);
+        self.material_ids.clone_from(&other.material_ids);
+        self.farthest.clone_from(&other.farthest);
+        self.panes.clone_from(&other.panes);
+    }
+
     /// The outward normal of the surface that a pixel shows; zero in the sky and where the material
     /// has none. The octree must be the one that was drawn.
     pub fn normal(&self, pixel: usize, octree: &Octree) -> Vec3 {

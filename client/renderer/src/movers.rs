@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use glam::Vec3;
+use glam::{DAffine3, Vec3};
 use sightline_world::Mover;
 
 use super::{
@@ -58,6 +58,11 @@ fn time_of(mover: &Mover, now: Duration) -> Duration {
     }
 }
 
+/// Where a mover is drawn: from its own coordinates to the world's.
+pub(super) fn place(mover: &Mover, now: Duration) -> DAffine3 {
+    mover.trajectory.at(time_of(mover, now))
+}
+
 /// Whether any part of a mover's box may be in the picture.
 fn is_in_view(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool {
     let now = time_of(mover, now);
@@ -72,7 +77,7 @@ fn facets<'a>(
     now: Duration,
     view: &'a View,
 ) -> impl Iterator<Item = Facet> + use<'a> {
-    let place = mover.trajectory.at(time_of(mover, now));
+    let place = place(mover, now);
     let mesh = mover.mesh();
     let eye = view.eye.as_dvec3();
     let positions: Vec<Vec3> = mesh

@@ -46,6 +46,15 @@ pub fn darken(frame: &mut Frame, [x, y]: [i32; 2], [width, height]: [usize; 2]) 
     }
 }
 
+/// Fills a rectangle with a colour.
+pub fn fill(frame: &mut Frame, [x, y]: [i32; 2], [width, height]: [usize; 2], colour: u32) {
+    let columns = clipped(x, width, frame.width());
+    for row in clipped(y, height, frame.height()) {
+        let start = row * frame.width();
+        frame.colour[start + columns.start..start + columns.end].fill(colour);
+    }
+}
+
 /// The part of `start..start + length` that lies in a side of the picture.
 fn clipped(start: i32, length: usize, side: usize) -> std::ops::Range<usize> {
     let end = i64::from(start) + length.min(side * 2) as i64;
@@ -103,6 +112,7 @@ mod tests {
         for at in [[-5, -3], [20, 6], [-2_000_000_000, 0], [2_000_000_000, 2_000_000_000]] {
             draw(&mut frame, at, 3, 9, "far out, ünïcode ✈");
             darken(&mut frame, at, [1 << 40, 9]);
+            fill(&mut frame, at, [1 << 40, 9], 5);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Projection: how points become pixels, and pixels lines of sight.
 
-use glam::{Vec3, Vec3A, Vec4};
+use glam::{Mat3, Vec3, Vec3A, Vec4};
 use sightline_world::{
     geometry::Aabb,
     octree::{DEPTH_MAX, Octree},
@@ -73,10 +73,10 @@ impl View {
         self.forward.dot(point - self.eye)
     }
 
-    /// By how much the nearest point of an ellipsoid with these radii along the axes is less deep
-    /// than its centre, in metres.
-    pub(super) fn depth_reach(&self, radii: Vec3) -> f32 {
-        (self.forward * radii).length()
+    /// By how much the nearest point of an ellipsoid is less deep than its centre, in metres. The
+    /// columns of its shape are its half axes.
+    pub(super) fn depth_reach(&self, shape: &Mat3) -> f32 {
+        (shape.transpose() * self.forward).length()
     }
 
     /// The column and the row of a point in pixels, and its depth in metres. Column and row mean
@@ -98,13 +98,7 @@ impl View {
     /// Whether all points, relative to the eye, lie beyond the same side of the picture. Then so
     /// does their convex hull, even where it reaches behind the eye.
     pub(super) fn are_beside<const N: usize>(&self, points: [Vec3; N]) -> bool {
-        self.are_beside_by(points, 1.0)
-    }
-
-    /// Whether all points, relative to the eye, lie beyond the same side of a picture that is this
-    /// many pixels larger on each side.
-    fn are_beside_by<const N: usize>(&self, points: [Vec3; N], pixels: f32) -> bool {
-        let reach = self.centre.map(|centre| (centre + pixels) / self.focal);
+        let reach = self.centre.map(|centre| (centre + 1.0) / self.focal);
         let beyond = |side: Vec3, reach: f32| {
             points.iter().all(|point| side.dot(*point) > reach * self.forward.dot(*point))
         };
@@ -118,23 +112,12 @@ impl View {
     /// that is wholly behind the eye or beside the picture spans none. A box that is partly behind
     /// the eye spans all, with infinite ends.
     pub(super) fn bounds(&self, centre: Vec3, radii: Vec3) -> ([f32; 2], [f32; 2]) {
-        self.bounds_within(centre, radii, 1.0)
-    }
-
-    /// The columns and rows that a box spans, where the picture is this many pixels larger on each
-    /// side. See [`View::bounds`].
-    pub(super) fn bounds_within(
-        &self,
-        centre: Vec3,
-        radii: Vec3,
-        pixels: f32,
-    ) -> ([f32; 2], [f32; 2]) {
         let corners = Aabb::new(centre - radii, centre + radii).corners();
         let projected = corners.map(|corner| self.project(corner));
         let (nearest, farthest) = projected
             .iter()
             .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), at| (a.min(at.z), b.max(at.z)));
-        let is_beside = || self.are_beside_by(corners.map(|corner| corner - self.eye), pixels);
+        let is_beside = || self.are_beside(corners.map(|corner| corner - self.eye));
         if farthest < NEAR || nearest < NEAR && is_beside() {
             return ([0.0, -1.0], [0.0, -1.0]);
         }

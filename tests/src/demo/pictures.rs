@@ -203,6 +203,7 @@ impl PictureMoment {
                 body: world.body,
                 colour: avatar.colour,
                 name: &avatar.name,
+                stride: 0.0,
             })
             .collect();
         avatars::draw(&mut frame, &camera, &figures);

@@ -18,6 +18,7 @@
 //!
 //! All three ways draw the same pixels. Moving objects do not count as occluders: walls hide most.
 
+mod in_view;
 mod moving_set;
 mod occlusion;
 #[cfg(test)]
@@ -30,7 +31,7 @@ use std::{
 
 use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 use sightline_world::{
-    Mover, World,
+    World,
     geometry::Aabb,
     motion::AvatarId,
     octree::occupants::{OccupantId, Occupants, Visit},
@@ -40,12 +41,9 @@ use self::{
     moving_set::{MovingId, MovingSet, NoAvatars},
     occlusion::OcclusionTest,
 };
-use super::{
-    Camera, Frame,
-    avatars::{self, AvatarFigure},
-    movers,
-    pyramid::Pyramid,
-};
+use super::{Camera, Frame, movers, pyramid::Pyramid};
+
+pub use self::in_view::InView;
 
 /// The edge of the octree's smallest nodes, in metres: about the size of what stands in a room.
 const NODE_M: f32 = 1.0;
@@ -101,8 +99,6 @@ pub struct MovingRenderer {
     objects: Vec<Option<MovingObject>>,
     /// The numbers of the avatars.
     avatars: BTreeMap<AvatarId, u32>,
-    /// The length of the longest name that was shown so far.
-    letters_max: usize,
     /// The numbers of the objects that are placed in every picture: those without a TBV.
     tracked: BTreeSet<u32>,
     /// The expiries of all TBVs, with the numbers of their objects.
@@ -117,8 +113,6 @@ pub struct MovingRenderer {
 #[derive(Clone, Debug)]
 struct MovingObject {
     id: MovingId,
-    /// The length of the name that is shown above it.
-    letters: usize,
     /// The validity of its last TBV.
     validity: Duration,
     /// When the TBV that stands for it expires; `None` while it is tracked.
@@ -135,7 +129,6 @@ impl MovingRenderer {
             occupants: Occupants::new(octree.origin, octree.edge, depth),
             objects: Vec::new(),
             avatars: BTreeMap::new(),
-            letters_max: 0,
             tracked: BTreeSet::new(),
             expiries: BTreeSet::new(),
             now: Duration::ZERO,
@@ -145,7 +138,7 @@ impl MovingRenderer {
         let set = MovingSet::new(world, &NoAvatars, Duration::ZERO);
         for at in 0..world.movers.len() {
             let id = MovingId::Mover(at as u32);
-            if moving.add(id, 0, &set).is_none() {
+            if moving.add(id, &set).is_none() {
                 break;
             }
         }
@@ -163,6 +156,19 @@ impl MovingRenderer {
         source: Option<&mut dyn AvatarSource>,
         now: Duration,
     ) -> Vec<VisibleAvatar> {
+        self.find(frame, camera, world, source, now).draw(frame, camera, world)
+    }
+
+    /// Finds the movers and avatars in view, at a time of the server's clock. The frame shows the
+    /// building alone, from the same camera.
+    pub fn find(
+        &mut self,
+        frame: &Frame,
+        camera: &Camera,
+        world: &World,
+        source: Option<&mut dyn AvatarSource>,
+        now: Duration,
+    ) -> InView {
         self.counters = MovingCounters::default();
         let nobody: &mut dyn AvatarSource = &mut NoAvatars;
         let source = source.unwrap_or(nobody);
@@ -170,7 +176,7 @@ impl MovingRenderer {
         let set = MovingSet::new(world, source, now);
         self.take_in(&updates, &set);
         if frame.width() == 0 || frame.height() == 0 {
-            return Vec::new();
+            return InView::default();
         }
         let seen: BTreeSet<u32> = if self.culling == Culling::Plain {
             self.counters.placed = self.tracked.len();
@@ -180,9 +186,9 @@ impl MovingRenderer {
             for number in self.tracked.clone() {
                 self.place(number, &set);
             }
-            self.find(frame, camera, &set)
+            self.test(frame, camera, &set)
         };
-        self.show(frame, camera, &seen, &set)
+        self.in_view(&seen, &set)
     }
 
     /// The counters of the last picture.
@@ -210,26 +216,22 @@ impl MovingRenderer {
         }
     }
 
-    /// Takes in an avatar that appeared, or one whose name changed.
+    /// Takes in an avatar that appeared.
     fn appear(&mut self, avatar: AvatarId, set: &MovingSet<'_>) {
-        let letters = set.letters(avatar);
-        self.letters_max = self.letters_max.max(letters);
-        if let Some(&number) = self.avatars.get(&avatar) {
-            if let Some(object) = &mut self.objects[number as usize] {
-                object.letters = letters;
-            }
-        } else if let Some(number) = self.add(MovingId::Avatar(avatar), letters, set) {
+        if !self.avatars.contains_key(&avatar)
+            && let Some(number) = self.add(MovingId::Avatar(avatar), set)
+        {
             self.avatars.insert(avatar, number);
         }
     }
 
     /// Takes in an object. Returns its number, or `None` when there are too many objects.
-    fn add(&mut self, id: MovingId, letters: usize, set: &MovingSet<'_>) -> Option<u32> {
+    fn add(&mut self, id: MovingId, set: &MovingSet<'_>) -> Option<u32> {
         // An object without a finite box gets a number too, and an empty box.
         let nowhere = Aabb::around(set.world.octree.origin, 0.0);
         let inserted = self.occupants.insert(&[set.bounds(id).unwrap_or(nowhere)]);
         let OccupantId(number) = inserted.or_else(|_| self.occupants.insert(&[nowhere])).ok()?;
-        let object = MovingObject { id, letters, validity: VALIDITY_FIRST, until: None };
+        let object = MovingObject { id, validity: VALIDITY_FIRST, until: None };
         if self.objects.len() <= number as usize {
             self.objects.resize(number as usize + 1, None);
         }
@@ -288,12 +290,12 @@ impl MovingRenderer {
     }
 
     /// Finds the objects to draw, and gives hidden objects a TBV.
-    fn find(&mut self, frame: &Frame, camera: &Camera, set: &MovingSet<'_>) -> BTreeSet<u32> {
+    fn test(&mut self, frame: &Frame, camera: &Camera, set: &MovingSet<'_>) -> BTreeSet<u32> {
         let mut pyramid = std::mem::take(&mut self.pyramid);
         let mut test = OcclusionTest::new(camera, frame, &mut pyramid);
         let mut met = Vec::new();
         self.occupants.front_to_back(camera.eye, |visit| match visit {
-            Visit::Node(bounds) => test.shows(&bounds, self.letters_max),
+            Visit::Node(bounds) => test.shows(&bounds),
             Visit::Occupant(id) => {
                 met.push(id);
                 true
@@ -302,8 +304,8 @@ impl MovingRenderer {
         let mut seen = BTreeSet::new();
         for id in met {
             let Some(object) = &self.objects[id.0 as usize] else { continue };
-            let (letters, is_tracked) = (object.letters, object.until.is_none());
-            let shows = self.occupants.primitives(id).any(|bounds| test.shows(bounds, letters));
+            let is_tracked = object.until.is_none();
+            let shows = self.occupants.primitives(id).any(|bounds| test.shows(bounds));
             if shows && (is_tracked || self.reveal(&mut test, id.0, set)) {
                 seen.insert(id.0);
             }
@@ -326,9 +328,8 @@ impl MovingRenderer {
         self.counters.revealed += 1;
         let Some(object) = &mut self.objects[number as usize] else { return false };
         object.validity = (object.validity / 2).max(VALIDITY_MIN);
-        let letters = object.letters;
         self.track(number);
-        self.place(number, set).is_some_and(|bounds| test.shows(&bounds, letters))
+        self.place(number, set).is_some_and(|bounds| test.shows(&bounds))
     }
 
     /// Lets a TBV that is not in view stand for an object, if one is worth it.
@@ -338,8 +339,7 @@ impl MovingRenderer {
         while validity >= VALIDITY_MIN {
             let until = set.now.saturating_add(validity);
             let Some(volume) = set.volume(object.id, until) else { return };
-            if !test.shows(&volume, object.letters)
-                && self.occupants.move_to(OccupantId(number), &[volume]).is_ok()
+            if !test.shows(&volume) && self.occupants.move_to(OccupantId(number), &[volume]).is_ok()
             {
                 self.counters.placed += 1;
                 (object.validity, object.until) = (validity, Some(until));
@@ -352,40 +352,28 @@ impl MovingRenderer {
         object.validity = VALIDITY_MIN;
     }
 
-    /// Draws some objects. Returns the avatars among them that at least one pixel shows.
-    fn show(
-        &mut self,
-        frame: &mut Frame,
-        camera: &Camera,
-        seen: &BTreeSet<u32>,
-        set: &MovingSet<'_>,
-    ) -> Vec<VisibleAvatar> {
-        let (mut doors, mut others): (Vec<&Mover>, Vec<AvatarId>) = Default::default();
+    /// Some objects as they are now.
+    fn in_view(&mut self, seen: &BTreeSet<u32>, set: &MovingSet<'_>) -> InView {
+        let mut found = InView { now: set.now, ..InView::default() };
+        let mut others: Vec<AvatarId> = Vec::new();
         for object in seen.iter().filter_map(|number| self.objects[*number as usize].as_ref()) {
             match object.id {
-                MovingId::Mover(at) => doors.extend(set.world.movers.get(at as usize)),
+                MovingId::Mover(at) => {
+                    let mover = set.world.movers.get(at as usize);
+                    found.movers.extend(mover.map(|mover| (at, movers::place(mover, set.now))));
+                }
                 MovingId::Avatar(avatar) => others.push(avatar),
             }
         }
-        movers::draw_selected(frame, camera, &doors, set.now);
         others.sort_unstable();
-        let mut shown: Vec<VisibleAvatar> = Vec::with_capacity(others.len());
         for avatar in others {
             match (set.source.shown(avatar, set.now), self.avatars.get(&avatar)) {
-                (Some(avatar), _) => shown.push(avatar),
+                (Some(avatar), _) => found.avatars.push(avatar),
                 (None, Some(&number)) => self.forget(number),
                 (None, None) => {}
             }
         }
-        self.counters.drawn = doors.len() + shown.len();
-        let body = set.world.body;
-        let figure = |avatar| {
-            let VisibleAvatar { name, colour, pose, .. }: &'_ VisibleAvatar = avatar;
-            AvatarFigure { pose: *pose, body, colour: *colour, name }
-        };
-        let figures: Vec<AvatarFigure> = shown.iter().map(figure).collect();
-        let mut is_seen = avatars::draw(frame, camera, &figures).into_iter();
-        shown.retain(|_| is_seen.next() == Some(true));
-        shown
+        self.counters.drawn = found.movers.len() + found.avatars.len();
+        found
     }
 }

@@ -9,8 +9,6 @@ use sightline_world::{
     motion::{Agility, AvatarId, Pose, trajectory::Playback},
 };
 
-use crate::avatars;
-
 /// Boxes are grown on each side by this share of their distance from the origin, for rounding.
 pub(super) const ROUNDING: f32 = 1e-5;
 
@@ -37,8 +35,7 @@ impl<'a> MovingSet<'a> {
         Self { world, source, now, agility }
     }
 
-    /// The box that an object fills now, with the lower edge of its name; `None` when it has
-    /// vanished.
+    /// The box that an object fills now; `None` when it has vanished.
     pub(super) fn bounds(&self, id: MovingId) -> Option<Aabb> {
         match id {
             MovingId::Mover(_) => self.volume(id, self.now),
@@ -71,15 +68,9 @@ impl<'a> MovingSet<'a> {
         self.source.path(avatar, self.now, until).map(|(_, eyes)| self.figure(&eyes))
     }
 
-    /// The number of letters of an avatar's name that are shown.
-    pub(super) fn letters(&self, avatar: AvatarId) -> usize {
-        let shown = self.source.shown(avatar, self.now);
-        shown.map_or(0, |avatar| avatars::letters(&avatar.name))
-    }
-
     /// The box that contains a figure while its eye is in a box.
     fn figure(&self, eyes: &Aabb) -> Aabb {
-        rounded(&avatars::bounds(&self.world.body, eyes))
+        rounded(&self.world.body.around_box(eyes))
     }
 }
 

@@ -4,7 +4,7 @@ use sightline_world::geometry::Aabb;
 
 use super::moving_set::ROUNDING;
 use crate::{
-    Camera, Frame, avatars,
+    Camera, Frame,
     margins::NEAR,
     pyramid::{Pyramid, Rectangle, Span},
     view::View,
@@ -26,23 +26,20 @@ impl<'a> OcclusionTest<'a> {
         Self { view, frame, pyramid, tested: 0 }
     }
 
-    /// Whether any part of a box may be visible, or of a name of at most this many letters that has
-    /// its lower edge in the box.
-    pub(super) fn shows(&mut self, bounds: &Aabb, letters: usize) -> bool {
+    /// Whether any part of a box may be visible.
+    pub(super) fn shows(&mut self, bounds: &Aabb) -> bool {
         self.tested += 1;
         let depths = bounds.corners().map(|corner| self.view.project(corner).z);
         let nearest = depths.into_iter().fold(f32::INFINITY, f32::min) * (1.0 - ROUNDING);
+        let (columns, rows) = self.view.bounds(bounds.centre(), bounds.size() * 0.5);
         // One pixel more on each side, for rounding.
-        let [across, down] = avatars::name_reach(&self.view, nearest, letters).map(|px| px + 1.0);
-        let (centre, half) = (bounds.centre(), bounds.size() * 0.5);
-        let (columns, rows) = self.view.bounds_within(centre, half, across.max(down));
-        let span = |[low, high]: [f32; 2], reach: f32, side: usize| -> Option<Span> {
-            let first = (low - reach).floor().max(0.0) as usize;
-            let after = ((high + reach + 1.0).ceil().max(0.0) as usize).min(side);
+        let span = |[low, high]: [f32; 2], side: usize| -> Option<Span> {
+            let first = (low - 1.0).floor().max(0.0) as usize;
+            let after = ((high + 2.0).ceil().max(0.0) as usize).min(side);
             (low <= high && first < after).then_some([first, after])
         };
-        let columns = span(columns, across, self.frame.width());
-        let spans = columns.zip(span(rows, down, self.frame.height()));
+        let columns = span(columns, self.frame.width());
+        let spans = columns.zip(span(rows, self.frame.height()));
         let Some((columns, rows)) = spans else { return false };
         nearest < NEAR
             || !self.pyramid.hides(&self.frame.depth, Rectangle { columns, rows }, nearest)

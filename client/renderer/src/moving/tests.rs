@@ -2,7 +2,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_fixtures::voxel_floor::world;
 use sightline_world::{
-    Mesh,
+    Mesh, Mover,
     motion::{
         Pose,
         trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
@@ -209,6 +209,34 @@ fn hidden_avatars_are_left_alone() {
     assert!(counters.tested <= 110, "nodes, and wide volumes once: {counters:?}");
     let (seen, counters) = picture(f32::INFINITY, 40, None);
     assert!(seen > 0 && counters.drawn == 100 && counters.revealed == 100, "{seen} {counters:?}");
+}
+
+#[test]
+fn a_moment_looks_like_another_until_something_in_view_moves() {
+    let world = world(&[]);
+    let mut crowd = Crowd::default();
+    let person = |x: f32| {
+        let pose = Pose { eye: Vec3::new(x, 1.7, 2.0), ..Pose::default() };
+        Person { name: "Ada".into(), start: Duration::ZERO, pose }
+    };
+    for (id, x) in [(1, 4.0), (2, -30.0)] {
+        crowd.people.insert(AvatarId(id), person(x));
+        crowd.updates.insert(AvatarId(id), Update::Appeared);
+    }
+    let mut moving = MovingRenderer::new(&world, Culling::Temporal);
+    let camera = Camera::looking_at(Vec3::new(4.0, 1.7, 7.0), Vec3::new(4.0, 1.7, 0.0));
+    let empty = Frame::new(SIZE[0], SIZE[1]);
+    let mut at = |crowd: &mut Crowd, ms: u64| {
+        moving.find(&empty, &camera, &world, Some(crowd), Duration::from_millis(ms))
+    };
+    let first = at(&mut crowd, 0);
+    assert!(first.looks_like(&at(&mut crowd, 20)));
+    crowd.people.insert(AvatarId(2), person(-31.0));
+    crowd.updates.insert(AvatarId(2), Update::Moved);
+    assert!(first.looks_like(&at(&mut crowd, 40)), "beside the picture");
+    crowd.people.insert(AvatarId(1), person(4.1));
+    crowd.updates.insert(AvatarId(1), Update::Moved);
+    assert!(!first.looks_like(&at(&mut crowd, 60)));
 }
 
 #[test]
