@@ -6,6 +6,7 @@
 //!   use it alone.
 //! * [`walker::Walker`] moves the own body through the voxels of a world, as a
 //!   [`MoveInput`](walker::MoveInput) wants. Its poses go to [`replica::Replica::set_pose`].
+//! * [`footing::Footing`] finds the way back for a body that has fallen out of the world.
 //! * [`navigation::Navigation`] finds paths for the bodies of simulated visitors.
 //!
 //! There is no socket, no clock and no thread: callers pass in times, as durations since some
@@ -53,6 +54,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod footing;
 pub mod navigation;
 pub mod replica;
 pub mod reporting;
