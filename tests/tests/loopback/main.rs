@@ -8,6 +8,7 @@ mod moderation;
 mod operators;
 mod page;
 mod proxy;
+mod respawn;
 mod returning;
 mod stop;
 mod stranger;

@@ -9,11 +9,10 @@ use sightline_cli::{
     identity::Identity,
     log::{self, LogFormat},
     output,
-    progress::Progress,
 };
 use sightline_client::{
     desktop::{self, WalkSummary, WorldSource},
-    net::{self, JoinProgress, Trust},
+    net::{self, Connector, Trust},
 };
 use sightline_protocol::{
     fingerprint::Fingerprint,
@@ -22,8 +21,10 @@ use sightline_protocol::{
 
 /// Opens a window in a shared building.
 ///
-/// WASD walk, the mouse (after a click) or the arrow keys look around, Shift runs, Space jumps, F
-/// flies, R shows rooms, Enter chats, Escape leaves.
+/// The window opens at once and joins the server meanwhile. When the server is lost it says so, and
+/// joins it again by itself. WASD walk, the mouse (after a click) or the arrow keys look around,
+/// Shift runs, Space jumps, F flies, Enter chats, Tab lists the people near you, M shows the plan of
+/// the storey, Home goes back to the entrance, R shows rooms, F1 shows all keys, Escape leaves.
 #[derive(clap::Args)]
 pub struct Args {
     /// The server, as host:port.
@@ -93,34 +94,25 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
     let own_file = || net::identity_of_user().context("there is no home folder: give --identity");
     let identity = Identity::keep_in(&args.identity.clone().map_or_else(own_file, Ok)?)?;
     output::note(&format!("your key is {}", identity.key_fingerprint()));
-    let bar = Arc::new(Progress::new());
-    let progress = bar.clone();
-    let options_net = net::ConnectOptions {
-        colour: colour_of(name.as_str()),
+    let address = flags::resolve(&args.address)?;
+    let colour = colour_of(name.as_str());
+    let identity = Arc::new(identity);
+    let joins = net::ConnectOptions {
+        colour,
         name,
         place: None,
         trust,
-        identity: Arc::new(identity),
+        identity,
         invitation,
-        progress: Some(Arc::new(move |step| match step {
-            JoinProgress::Waiting(what) => {
-                progress.show_with_note("waiting", 0.0, &format!("({what})"));
-            }
-            JoinProgress::Download { done, all } => {
-                let megabytes = |bytes: u64| bytes as f64 / 1e6;
-                let note = format!("({:.1} of {:.1} MB)", megabytes(done), megabytes(all));
-                progress.show_with_note("world", done as f32 / all.max(1) as f32, &note);
-            }
-        })),
+        progress: None,
     };
-    let address = flags::resolve(&args.address)?;
-    let session = net::connect_blocking(address, &options_net, net::world_folder_of_user());
-    bar.finish();
-    let session = session?;
-    let title = format!("{} – Sightline", session.world().title);
-    let summary = desktop::run(WorldSource::Shared(&session), options(args, &title, end))?;
-    session.leave_blocking();
-    Ok(summary)
+    let connector = Connector::new(address, joins, net::world_folder_of_user())?;
+    let server = WorldSource::Server(connector, args.address.clone());
+    let summary = desktop::run(server, options(args, "Sightline", end))?;
+    match &summary.ended {
+        Some(reason) if !summary.came_in => bail!("{reason}"),
+        _ => Ok(summary),
+    }
 }
 
 fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::WindowOptions<'a> {
@@ -145,7 +137,7 @@ fn print_summary(summary: &WalkSummary) -> anyhow::Result<()> {
         summary.draw_ms,
     ))?;
     if let Some(reason) = &summary.ended {
-        output::print(&format!("the session ended: {reason}\n"))?;
+        output::print(&format!("at the end there was no connection: {reason}\n"))?;
     }
     Ok(())
 }

@@ -7,6 +7,8 @@ use sightline_protocol::text::LINE_CHARS_MAX;
 use sightline_world::motion::Pose;
 use winit::keyboard::KeyCode;
 
+use super::panels::PanelKind;
+
 /// An action of a key, besides movement.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Action {
@@ -16,7 +18,15 @@ pub(super) enum Action {
     Bookmark(usize),
     /// Fly to the bookmark with this number, from 0.
     Fly(usize),
-    /// Close the window.
+    /// Open or close a panel.
+    Panel(PanelKind),
+    /// Show or hide statistics.
+    Statistics,
+    /// Go back to the entrance.
+    Home,
+    /// Show or hide rooms.
+    Rooms,
+    /// Close the panel, or else the window.
     Leave,
 }
 
@@ -27,7 +37,6 @@ pub(super) struct Controls {
     yaw: f32,
     pitch: f32,
     flying: bool,
-    rooms: bool,
     line: Option<String>,
 }
 
@@ -71,13 +80,10 @@ impl Controls {
                 return number(code).map(if bookmarks { Action::Bookmark } else { Action::Fly });
             }
             KeyCode::KeyF if !self.held.contains(&code) => self.flying = !self.flying,
-            KeyCode::KeyR if !self.held.contains(&code) => self.rooms = !self.rooms,
             _ => (),
         }
-        if self.line.is_none() {
-            self.held.insert(code);
-        }
-        None
+        let is_pressed = self.line.is_none() && self.held.insert(code);
+        if is_pressed { switch(code) } else { None }
     }
 
     fn type_key(&mut self, code: KeyCode, text: Option<&str>) -> Option<Action> {
@@ -115,11 +121,6 @@ impl Controls {
         self.held.clear();
     }
 
-    /// Whether rooms are drawn.
-    pub(super) fn shows_rooms(&self) -> bool {
-        self.rooms
-    }
-
     /// The line being typed, if any.
     pub(super) fn line(&self) -> Option<&str> {
         self.line.as_deref()
@@ -155,6 +156,19 @@ impl Controls {
     /// The value of an axis: 1, -1 or 0.
     fn axis(&self, more: KeyCode, less: KeyCode) -> f32 {
         f32::from(u8::from(self.holds(more))) - f32::from(u8::from(self.holds(less)))
+    }
+}
+
+/// What a key switches.
+fn switch(code: KeyCode) -> Option<Action> {
+    match code {
+        KeyCode::F1 => Some(Action::Panel(PanelKind::Help)),
+        KeyCode::Tab => Some(Action::Panel(PanelKind::People)),
+        KeyCode::KeyM => Some(Action::Panel(PanelKind::Plan)),
+        KeyCode::F3 => Some(Action::Statistics),
+        KeyCode::Home => Some(Action::Home),
+        KeyCode::KeyR => Some(Action::Rooms),
+        _ => None,
     }
 }
 
@@ -223,18 +237,23 @@ mod tests {
     }
 
     #[test]
-    fn r_switches_rooms_except_while_typing() {
+    fn each_press_of_a_switch_counts_once_except_while_typing() {
         let mut controls = Controls::default();
-        press(&mut controls, KeyCode::KeyR, "r");
-        press(&mut controls, KeyCode::KeyR, "r");
-        assert!(controls.shows_rooms(), "a held key repeats");
-        controls.key(KeyCode::KeyR, false, None);
+        let switches = [
+            (KeyCode::F1, Action::Panel(PanelKind::Help)),
+            (KeyCode::Tab, Action::Panel(PanelKind::People)),
+            (KeyCode::KeyM, Action::Panel(PanelKind::Plan)),
+            (KeyCode::F3, Action::Statistics),
+            (KeyCode::Home, Action::Home),
+            (KeyCode::KeyR, Action::Rooms),
+        ];
+        for (code, action) in &switches {
+            assert_eq!(press(&mut controls, *code, ""), Some(action.clone()));
+            assert_eq!(press(&mut controls, *code, ""), None, "a held key repeats");
+            controls.key(*code, false, None);
+        }
         press(&mut controls, KeyCode::Enter, "\r");
-        press(&mut controls, KeyCode::KeyR, "r");
-        assert!(controls.shows_rooms());
-        press(&mut controls, KeyCode::Escape, "");
-        press(&mut controls, KeyCode::KeyR, "r");
-        assert!(!controls.shows_rooms());
+        assert!(switches.iter().all(|(code, _)| press(&mut controls, *code, "").is_none()));
     }
 
     #[test]

@@ -1,15 +1,25 @@
 //! The window: a thin shell around the renderer, the walker and a session.
 //!
-//! [`run`] opens it, and returns when the person leaves. WASD walk, the mouse (after a click) or
-//! the arrow keys look around, Shift runs, Space jumps, F flies, R shows rooms, Enter chats, Escape
-//! leaves. Without a server, Ctrl and a number bookmark the view, and the number alone flies to it.
+//! [`run`] opens it at once, and returns when the person leaves. It joins the server meanwhile, and
+//! again when the server is lost. F1 shows the keys (`panels.rs`).
+//!
+//! A visit (`visit.rs`) makes a picture of each moment, in three layers: the building, what moves in it, and
+//! what is written over it. A layer that would look as before is not drawn again (`redraw.rs`), so a
+//! still scene costs little more than listening to the server.
 
 mod bookmarks;
+mod company;
 mod controls;
 mod dynamic_resolution;
+mod link;
 mod overlay;
+mod panels;
+mod plan;
+mod redraw;
 mod scene;
+mod statistics;
 mod surroundings;
+mod visit;
 mod window;
 
 use std::{
@@ -21,14 +31,21 @@ use sightline_world::{Spawn, World};
 use thiserror::Error;
 use winit::event_loop::EventLoop;
 
-use self::{scene::WalkScene, window::WindowApp};
-use crate::net::Session;
+use self::{
+    company::{Company, ServerLink},
+    visit::Visit,
+    window::WindowApp,
+};
+use crate::net::{Connector, Session};
 
 /// The building that is walked in.
-#[derive(Clone, Copy)]
 pub enum WorldSource<'a> {
-    /// A building shared with others.
+    /// A building shared with others, in a session that the caller keeps. The window closes when it
+    /// ends.
     Shared(&'a Session),
+    /// The building of a server, which the person calls by this name. The window joins it, and again
+    /// when it is lost.
+    Server(Connector, String),
     /// A building without a server, and where to start.
     Alone(&'a Arc<World>, Spawn),
 }
@@ -59,8 +76,10 @@ pub struct WalkSummary {
     pub draw_ms: f64,
     /// Columns and rows of the last frame.
     pub size: (usize, usize),
-    /// Why the session ended, when the person did not leave.
+    /// Why there was no connection at the end, if there was none.
     pub ended: Option<String>,
+    /// Whether the person was ever in the building.
+    pub came_in: bool,
 }
 
 impl WalkSummary {
@@ -70,7 +89,8 @@ impl WalkSummary {
     }
 }
 
-/// The highest frame rate: people do not see more, and the cores may have other work.
+/// The highest frame rate: people do not see more, and the cores may have other work. Pictures that
+/// would look as the one before are left out.
 pub const FRAMES_PER_S_MAX: u32 = 60;
 
 /// Why there is no window.
@@ -106,7 +126,15 @@ pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, De
     let context = softbuffer::Context::new(display)
         .map_err(|error| DesktopError::Surface(error.to_string()))?;
     let start = Instant::now();
-    let mut shell = WindowApp::new(WalkScene::new(visit, options.fuzzy), options, context, start);
+    let visit = match visit {
+        WorldSource::Alone(world, spawn) => Visit::alone(world, spawn, options.fuzzy, start),
+        WorldSource::Shared(session) => Visit::with(Company::Guests(session), options.fuzzy),
+        WorldSource::Server(connector, host) => {
+            let server = Box::new(ServerLink::new(connector, host, start));
+            Visit::with(Company::Server(server), options.fuzzy)
+        }
+    };
+    let mut shell = WindowApp::new(visit, options, context, start);
     events.run_app(&mut shell).map_err(display_error)?;
     shell.finish()
 }

@@ -11,11 +11,14 @@ use sightline_renderer::{
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::World;
 
+use super::plan::Plans;
+
 /// The building that is walked in, and what drawing it needs.
 pub(super) struct Surroundings {
     pub(super) world: Arc<World>,
     pub(super) rooms: RoomIndex,
     pub(super) moving: MovingRenderer,
+    pub(super) plans: Plans,
     /// Finds hidden nodes, if the options ask for it.
     pub(super) ahead: Option<VisibilityPrefetcher>,
     /// Made when first needed.
@@ -33,12 +36,17 @@ impl Surroundings {
         };
         let rooms = RoomIndex::new(&world);
         let moving = MovingRenderer::new(&world, Culling::default());
-        Self { world, rooms, moving, ahead, wires: None }
+        Self { world, rooms, moving, plans: Plans::default(), ahead, wires: None }
     }
 
     /// The rooms as wire frames.
     pub(super) fn wires(&mut self) -> &RoomWireframes {
         self.wires.get_or_insert_with(|| RoomWireframes::new(&self.world))
+    }
+
+    /// Whether the author has declared any room.
+    pub(super) fn has_rooms(&self) -> bool {
+        !self.world.rooms.list().is_empty()
     }
 
     /// The name of the building, and of the room around an eye.

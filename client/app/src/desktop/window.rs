@@ -1,5 +1,5 @@
-//! The window itself: passes winit's events to the controls, and frames from the scene to the
-//! screen.
+//! The window itself: passes winit's events to the controls, and the visit's pictures to the screen.
+//! A picture that does not change is not shown again.
 
 use std::{
     num::NonZeroU32,
@@ -19,14 +19,12 @@ use winit::{
 };
 
 use super::{
-    DesktopError, FRAMES_PER_S_MAX, WalkSummary, WindowOptions,
-    controls::{Action, Controls},
-    scene::WalkScene,
+    DesktopError, FRAMES_PER_S_MAX, WalkSummary, WindowOptions, controls::Controls, visit::Visit,
 };
 
 /// The handler of winit's events.
 pub(super) struct WindowApp<'a> {
-    scene: WalkScene<'a>,
+    visit: Visit<'a>,
     options: WindowOptions<'a>,
     context: Context<OwnedDisplayHandle>,
     screen: Option<Screen>,
@@ -34,9 +32,8 @@ pub(super) struct WindowApp<'a> {
     /// Whether the mouse turns the view.
     grabbed: bool,
     start: Instant,
-    next_frame: Instant,
+    next_step: Instant,
     frames: u64,
-    size: (usize, usize),
     error: Option<DesktopError>,
 }
 
@@ -50,38 +47,43 @@ const SIZE: LogicalSize<f64> = LogicalSize::new(960.0, 540.0);
 
 impl<'a> WindowApp<'a> {
     pub(super) fn new(
-        scene: WalkScene<'a>,
+        visit: Visit<'a>,
         options: WindowOptions<'a>,
         context: Context<OwnedDisplayHandle>,
         start: Instant,
     ) -> Self {
         let mut controls = Controls::default();
-        controls.face(&scene.walker().pose());
+        if let Some(pose) = visit.pose() {
+            controls.face(&pose);
+        }
         Self {
-            scene,
+            visit,
             options,
             context,
             screen: None,
             controls,
             grabbed: false,
             start,
-            next_frame: start,
+            next_step: start,
             frames: 0,
-            size: (0, 0),
             error: None,
         }
     }
 
-    /// What happened, once the event loop has ended.
+    /// Leaves, and says what happened, once the event loop has ended.
     pub(super) fn finish(self) -> Result<WalkSummary, DesktopError> {
+        let draw_time = self.visit.draw_time();
+        let size = (self.visit.screen().width(), self.visit.screen().height());
+        let (ended, came_in) = self.visit.leave();
         match self.error {
             Some(error) => Err(error),
             None => Ok(WalkSummary {
                 frames: self.frames,
                 seconds: self.start.elapsed().as_secs_f64(),
-                draw_ms: self.scene.draw_time().as_secs_f64() * 1.0e3 / self.frames.max(1) as f64,
-                size: self.size,
-                ended: self.scene.ended(),
+                draw_ms: draw_time.as_secs_f64() * 1.0e3 / self.frames.max(1) as f64,
+                size,
+                ended,
+                came_in,
             }),
         }
     }
@@ -96,7 +98,20 @@ impl<'a> WindowApp<'a> {
         Ok(())
     }
 
-    fn draw(&mut self) -> Result<(), DesktopError> {
+    /// Goes on to a moment, and asks for a redraw if the picture has changed.
+    fn step(&mut self, now: Instant) {
+        let Some(Screen { window, .. }) = &self.screen else { return };
+        let size = window.inner_size();
+        let size = (size.width as usize, size.height as usize);
+        // A minimised window has no picture, and is still there for the others.
+        let size = if size.0 == 0 || size.1 == 0 { (1, 1) } else { size };
+        if self.visit.step(&mut self.controls, size, now) {
+            window.request_redraw();
+        }
+    }
+
+    /// Shows the picture.
+    fn present(&mut self) -> Result<(), DesktopError> {
         let Some(screen) = &mut self.screen else { return Ok(()) };
         let size = screen.window.inner_size();
         let (Some(width), Some(height)) =
@@ -107,11 +122,11 @@ impl<'a> WindowApp<'a> {
         };
         screen.surface.resize(width, height).map_err(surface_error)?;
         let mut buffer = screen.surface.buffer_mut().map_err(surface_error)?;
-        self.size = (size.width as usize, size.height as usize);
-        let frame = self.scene.frame(&mut self.controls, self.size, Instant::now());
-        // A window wider than the widest frame keeps a margin.
-        let rows = buffer.chunks_mut(self.size.0).zip(frame.colour.chunks(frame.width().max(1)));
-        for (row, pixels) in rows {
+        let frame = self.visit.screen();
+        // A window wider than the widest frame keeps a margin. So does one that has just grown,
+        // until the next step.
+        let rows = buffer.chunks_mut(width.get() as usize);
+        for (row, pixels) in rows.zip(frame.colour.chunks(frame.width().max(1))) {
             let shown = row.len().min(pixels.len());
             row[..shown].copy_from_slice(&pixels[..shown]);
         }
@@ -123,22 +138,22 @@ impl<'a> WindowApp<'a> {
     fn is_over(&self) -> bool {
         self.options.end.is_some_and(|end| self.start.elapsed() >= end)
             || self.options.stop.is_some_and(|stop| stop.load(Ordering::Relaxed))
-            || self.scene.ended().is_some()
+            || self.visit.is_over()
     }
 
     fn key(&mut self, events: &ActiveEventLoop, event: &KeyEvent) {
         let PhysicalKey::Code(code) = event.physical_key else { return };
         let down = event.state == ElementState::Pressed;
-        if down && code == KeyCode::Escape && self.grabbed && self.controls.line().is_none() {
+        let is_free = self.controls.line().is_none() && !self.visit.has_panel();
+        if down && code == KeyCode::Escape && self.grabbed && is_free {
             // The first Escape releases the mouse, the second one leaves.
             return self.grab(false);
         }
-        match self.controls.key(code, down, event.text.as_deref()) {
-            Some(Action::Say(line)) => self.scene.say(Instant::now(), &line),
-            Some(Action::Bookmark(number)) => self.scene.bookmark(Instant::now(), number),
-            Some(Action::Fly(number)) => self.scene.fly(Instant::now(), number),
-            Some(Action::Leave) => events.exit(),
-            None => (),
+        let action = self.controls.key(code, down, event.text.as_deref());
+        if let Some(action) = action
+            && self.visit.act(action, &mut self.controls, Instant::now())
+        {
+            events.exit();
         }
     }
 
@@ -182,7 +197,7 @@ impl ApplicationHandler for WindowApp<'_> {
         match event {
             WindowEvent::CloseRequested => events.exit(),
             WindowEvent::RedrawRequested => {
-                let outcome = self.draw();
+                let outcome = self.present();
                 self.check(events, outcome);
             }
             WindowEvent::KeyboardInput { event, is_synthetic: false, .. } => {
@@ -214,15 +229,13 @@ impl ApplicationHandler for WindowApp<'_> {
             return events.exit();
         }
         let now = Instant::now();
-        if now >= self.next_frame {
-            // A late frame does not hurry the next ones.
+        if now >= self.next_step {
+            // A late step does not hurry the next ones.
             let interval = Duration::from_secs(1) / FRAMES_PER_S_MAX;
-            self.next_frame = (self.next_frame + interval).max(now);
-            if let Some(Screen { window, .. }) = &self.screen {
-                window.request_redraw();
-            }
+            self.next_step = (self.next_step + interval).max(now);
+            self.step(now);
         }
-        events.set_control_flow(ControlFlow::WaitUntil(self.next_frame));
+        events.set_control_flow(ControlFlow::WaitUntil(self.next_step));
     }
 }
 

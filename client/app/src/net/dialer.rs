@@ -27,7 +27,7 @@ use super::{
     cache::WorldCache,
     control_stream::ControlStream,
     error::{ConnectError, lost},
-    passage::ProgressListener,
+    passage::{JoinProgress, ProgressListener, tell},
     returning::{Caller, Pauses},
     session::{Session, Welcomed},
     trust::{self, Trust},
@@ -67,7 +67,7 @@ pub struct ConnectOptions {
     pub identity: Arc<Identity>,
     /// An invitation, where not everybody is let in.
     pub invitation: Option<ChatLine>,
-    /// Called while the server has no world yet, and as the download of the first world proceeds.
+    /// Called as the client comes nearer to the first world.
     pub progress: Option<ProgressListener>,
 }
 
@@ -116,6 +116,9 @@ impl Dialer {
             if Instant::now() + wait > give_up {
                 return Err(ConnectError::Refused(Refusal::Busy { retry_ms }));
             }
+            tell(options.progress.as_ref(), || {
+                JoinProgress::Waiting("it has more to do than it can, for the moment".to_owned())
+            });
             sleep(wait).await;
         }
     }
@@ -186,26 +189,6 @@ impl Dialer {
             .map_err(ConnectError::Socket)?;
         Ok(slot.insert(endpoint).clone())
     }
-}
-
-/// Connects as [`Dialer::connect`] does, from a thread without a runtime. The session owns a runtime
-/// of its own.
-///
-/// # Errors
-/// When any step fails.
-pub fn connect_blocking(
-    address: SocketAddr,
-    options: &ConnectOptions,
-    world_folder: Option<PathBuf>,
-) -> Result<Session, ConnectError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(1)
-        .enable_all()
-        .build()
-        .map_err(ConnectError::Socket)?;
-    let session =
-        runtime.block_on(async { Dialer::new(world_folder).connect(address, options).await })?;
-    Ok(session.with_runtime(runtime))
 }
 
 /// A socket with large buffers: many sessions may share it.

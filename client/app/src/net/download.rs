@@ -10,7 +10,7 @@ use tokio::time::timeout;
 use super::{
     control_stream::ControlSender,
     error::{ConnectError, lost},
-    passage::{JoinProgress, ProgressListener, WorldOffer},
+    passage::{JoinProgress, ProgressListener, WorldOffer, tell},
 };
 
 /// The time within which the download must start.
@@ -66,10 +66,10 @@ async fn receive(
         if bytes.len() as u64 > world_bytes {
             return Err(ConnectError::World(ReadError::Damaged));
         }
-        if let Some(progress) = progress {
-            progress(JoinProgress::Download { done: bytes.len() as u64, all: world_bytes });
-        }
+        let done = bytes.len() as u64;
+        tell(progress, || JoinProgress::Download { done, all: world_bytes });
     }
     debug_assert!(bytes.len() as u64 <= world_bytes, "checked piece by piece");
+    tell(progress, || JoinProgress::Reading);
     Ok(bytes)
 }

@@ -69,7 +69,7 @@ pub enum ConnectError {
 
 impl ConnectError {
     /// Whether another attempt may succeed where this one did not.
-    pub(super) fn may_pass(&self) -> bool {
+    pub fn may_pass(&self) -> bool {
         match self {
             Self::Socket(_) | Self::NoAnswer(_) | Self::NotAccepted | Self::Lost(_) => true,
             Self::Goodbye { may_return, .. } => *may_return,

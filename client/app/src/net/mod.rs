@@ -1,10 +1,11 @@
 //! The connection to a server, the download of its worlds, and the cache of worlds.
 //!
-//! A [`Dialer`] makes [`Session`]s within a tokio runtime. [`connect_blocking`] makes one for a
-//! thread that has none. A session runs by itself, and its methods never wait for the network. When
-//! its link breaks, it comes back by itself.
+//! A [`Dialer`] makes [`Session`]s within a tokio runtime. A [`Connector`] makes them for a thread
+//! that has none. A session runs by itself, and its methods never wait for the network. When its link
+//! breaks, it comes back by itself.
 
 mod cache;
+mod connector;
 mod control_stream;
 mod dialer;
 mod download;
@@ -14,7 +15,8 @@ mod returning;
 mod session;
 mod trust;
 
-pub use dialer::{ConnectOptions, Dialer, connect_blocking};
+pub use connector::{Connector, Joining};
+pub use dialer::{ConnectOptions, Dialer};
 pub use error::ConnectError;
 pub use passage::{JoinProgress, ProgressListener};
 pub use session::{Session, SessionState, SessionStats};

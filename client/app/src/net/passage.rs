@@ -16,7 +16,9 @@ use super::{
 /// What a client waits for before it is in a world.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum JoinProgress {
-    /// The server has no world yet, and says what it does.
+    /// The server has not answered yet.
+    Connecting,
+    /// The server has no world yet, or no time, and says what it does.
     Waiting(String),
     /// The world is being downloaded.
     Download {
@@ -25,10 +27,19 @@ pub enum JoinProgress {
         /// The number of all bytes.
         all: u64,
     },
+    /// The world is being read.
+    Reading,
 }
 
 /// Called as a client comes nearer to a world.
 pub type ProgressListener = Arc<dyn Fn(JoinProgress) + Send + Sync>;
+
+/// Tells a listener, if there is one.
+pub(super) fn tell(progress: Option<&ProgressListener>, step: impl FnOnce() -> JoinProgress) {
+    if let Some(progress) = progress {
+        progress(step());
+    }
+}
 
 /// A world that the server offers.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +64,7 @@ pub(super) async fn offered_world(
         None => next_offer(receiver, progress).await?,
     };
     loop {
+        tell(progress, || JoinProgress::Reading);
         let fetching = fetch(sender, connection, offer, progress);
         tokio::select! {
             world = cache.get(offer.id, fetching) => return Ok((offer, world?)),
@@ -72,9 +84,7 @@ async fn next_offer(
                 return Ok(WorldOffer { number, id: ContentId(id), bytes });
             }
             ServerMessage::Loading { what } => {
-                if let Some(progress) = progress {
-                    progress(JoinProgress::Waiting(what.into()));
-                }
+                tell(progress, || JoinProgress::Waiting(what.into()));
             }
             // What was said to somebody in another world.
             ServerMessage::Notice { .. } => {}

@@ -27,7 +27,7 @@ use super::{
     state::{Link, SharedState},
 };
 
-/// The number of chat lines that may wait to be sent.
+/// The number of commands that may wait.
 pub(super) const COMMANDS_MAX: usize = 16;
 /// The time within which the server must give a place to a client that asks to enter.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
@@ -41,6 +41,8 @@ const LEFT: &str = "left";
 pub(super) enum SessionCommand {
     /// Say something to the others.
     Say(ChatLine),
+    /// Ask to be put back to a spawn point.
+    Respawn,
     /// Say goodbye, and end.
     Leave,
 }
@@ -178,6 +180,7 @@ impl Driver {
                 _ = ticks.tick() => self.tick().await?,
                 command = inbox.recv() => match command {
                     Some(SessionCommand::Say(text)) => self.send(&ClientMessage::Chat { text }).await?,
+                    Some(SessionCommand::Respawn) => self.send(&ClientMessage::Respawn).await?,
                     Some(SessionCommand::Leave) | None => return self.leave().await,
                 },
             }
@@ -297,7 +300,7 @@ impl Driver {
     }
 }
 
-/// Waits until the session is told to leave. What it is to say meanwhile is dropped: nobody hears.
+/// Waits until the session is told to leave. Anything else is dropped meanwhile: nobody hears.
 async fn told_to_leave(inbox: &mut mpsc::Receiver<SessionCommand>) {
-    while let Some(SessionCommand::Say(_)) = inbox.recv().await {}
+    while let Some(SessionCommand::Say(_) | SessionCommand::Respawn) = inbox.recv().await {}
 }

@@ -19,7 +19,7 @@ use sightline_world::{
     geometry::Aabb,
     motion::{Agility, AvatarId, Pose, ReportingState},
 };
-use tokio::{runtime::Runtime, sync::mpsc, task::JoinHandle, time::timeout};
+use tokio::{sync::mpsc, task::JoinHandle, time::timeout};
 
 use self::{
     driver::{COMMANDS_MAX, Driver, FAREWELL_DEADLINE, SessionCommand},
@@ -62,8 +62,6 @@ pub struct Session {
     shared: Arc<SharedState>,
     commands: mpsc::Sender<SessionCommand>,
     task: JoinHandle<()>,
-    /// The runtime of a session for a thread that has none.
-    runtime: Option<Runtime>,
 }
 
 /// What a session counted and measured up to now.
@@ -122,13 +120,7 @@ impl Session {
         driver.enter(offer.number, place).await?;
         let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
         let task = tokio::spawn(driver.run(inbox));
-        Ok(Self { shared, commands, task, runtime: None })
-    }
-
-    /// Hands over the runtime in which the session runs.
-    pub(super) fn with_runtime(mut self, runtime: Runtime) -> Self {
-        self.runtime = Some(runtime);
-        self
+        Ok(Self { shared, commands, task })
     }
 
     /// The building. The server may replace it: each [`Event::Entered`] may be in another one.
@@ -212,6 +204,12 @@ impl Session {
         Ok(())
     }
 
+    /// Asks the server to put this avatar back to a spawn point. [`Event::Corrected`] follows, unless
+    /// the client asks too often.
+    pub fn respawn(&self) {
+        let _ = self.commands.try_send(SessionCommand::Respawn);
+    }
+
     /// The events since the last call, oldest first.
     pub fn events(&self) -> Vec<Event> {
         self.shared.lock().events.drain(..).collect()
@@ -253,15 +251,6 @@ impl Session {
         let _ = self.commands.try_send(SessionCommand::Leave);
         let _ = timeout(FAREWELL_DEADLINE, &mut self.task).await;
     }
-
-    /// Leaves from a thread without a runtime: for sessions of
-    /// [`connect_blocking`](super::connect_blocking).
-    pub fn leave_blocking(mut self) {
-        if let Some(runtime) = self.runtime.take() {
-            runtime.block_on(self.leave());
-            runtime.shutdown_background();
-        }
-    }
 }
 
 impl AvatarSource for &Session {
@@ -282,8 +271,5 @@ impl Drop for Session {
     fn drop(&mut self) {
         self.task.abort();
         self.shared.lock().connection.close(VarInt::from_u32(0), b"");
-        if let Some(runtime) = self.runtime.take() {
-            runtime.shutdown_background();
-        }
     }
 }

@@ -57,6 +57,10 @@ const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 const WAKES_LATE: Duration = Duration::from_millis(500);
 /// How long the last messages may take.
 const FAREWELL_DEADLINE: Duration = Duration::from_secs(2);
+/// How often a client may go back to a spawn point in a second; it is ignored more often.
+const RESPAWNS_PER_SECOND: f64 = 0.5;
+/// How many times it may do so at once.
+const RESPAWNS_BURST: f64 = 3.0;
 
 /// Serves a connection until it ends. The caller cleans up.
 pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
@@ -146,6 +150,7 @@ struct Session<'a> {
 struct SessionLimits {
     budget: MessageBudget,
     chat: TokenBucket,
+    respawns: TokenBucket,
     /// When the client must have sent its next message; `None` while there is no world to enter.
     deadline: Option<Instant>,
 }
@@ -157,6 +162,7 @@ impl<'a> Session<'a> {
         let limits = SessionLimits {
             budget: MessageBudget::new(config.tick_hz, &config.limits, now),
             chat: TokenBucket::new(config.limits.chat_per_s, config.limits.chat_burst, now),
+            respawns: TokenBucket::new(RESPAWNS_PER_SECOND, RESPAWNS_BURST, now),
             deadline: None,
         };
         let (entered, reports_from) = (AtomicU32::new(0), AtomicU32::new(0));
@@ -280,6 +286,13 @@ impl<'a> Session<'a> {
                     return Ok(());
                 }
                 self.pass_on(Input::Chat { avatar, text: text.into() }).await
+            }
+            ClientMessage::Respawn => {
+                let now = self.state.now();
+                if !self.limits().respawns.take(1.0, now) {
+                    return Ok(());
+                }
+                self.pass_on(Input::Respawn { avatar }).await
             }
             ClientMessage::Goodbye => Err(SessionEnd::Left),
         }
