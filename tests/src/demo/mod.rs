@@ -117,7 +117,7 @@ fn show(
     #[cfg(feature = "desktop")]
     if options.window && sightline_client::desktop::has_display() {
         use sightline_client::desktop::{self, WindowOptions, WorldSource};
-        println!("your window: WASD and the mouse, F to fly, Enter to chat, Escape to leave");
+        println!("your window: WASD and the mouse, F1 for the keys, Escape to leave");
         let stop = Some(visitors.is_over());
         let window = WindowOptions { title: "Sightline demo", stop, ..WindowOptions::default() };
         let summary = desktop::run(WorldSource::Shared(you), window)?;
