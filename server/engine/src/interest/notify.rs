@@ -170,7 +170,7 @@ fn ticks_until_it_tells(
     let closing_turn = closing * acuity.radians / acuity.metres;
     let seconds = (spare_m / (parting + closing)).min(spare_radians / (turning + closing_turn));
     // As a number of ticks it saturates.
-    1 + (seconds.min(ends_s) / view.config.tick.as_secs_f32()) as u32
+    ((seconds.min(ends_s) / view.config.tick.as_secs_f32()) as u32).saturating_add(1)
 }
 
 /// Takes in that a viewer is told of an avatar's course.

@@ -290,7 +290,7 @@ mod tests {
         let all = [MovingKind::Chairs, MovingKind::People]
             .map(|kind| [1, 2, 4, 8].map(|count| (kind, count, false)));
         assert_eq!(rows, all.concat());
-        for MovingRow { ways: [plain, hierarchical, temporal], count, .. } in &run.rows {
+        for MovingRow { ways: [plain, hierarchical, _], count, .. } in &run.rows {
             assert!(plain.drawn == *count as f64 && hierarchical.placed >= plain.drawn);
             assert!(hierarchical.drawn < plain.drawn);
             assert!(plain.cpu_ms > 0.0 && plain.ratio > 1.0);
