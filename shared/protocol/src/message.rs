@@ -65,8 +65,8 @@ pub enum ClientMessage {
 
 impl ClientMessage {
     /// The names of the kinds, in the order of their numbers on the wire.
-    pub const KINDS: [&'static str; 6] =
-        ["hello", "fetch_world", "enter", "report", "chat", "goodbye"];
+    pub const KINDS: [&'static str; 7] =
+        ["hello", "fetch_world", "enter", "report", "chat", "goodbye", "respawn"];
 
     /// Decodes the message of a frame.
     pub fn decode(frame: &[u8]) -> Result<Self, DecodeError> {

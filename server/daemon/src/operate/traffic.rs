@@ -192,7 +192,7 @@ mod tests {
         let counters = TrafficCounters::default();
         let goodbye = frame::encode(&ClientMessage::Goodbye);
         counters.frame_in(&goodbye[2..]);
-        for unknown in [&[][..], &[6], &[255, 0]] {
+        for unknown in [&[][..], &[7], &[255, 0]] {
             counters.frame_in(unknown);
         }
         counters.datagram_in(40);
