@@ -107,7 +107,7 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
         progress: None,
     };
     let connector = Connector::new(address, joins, net::world_folder_of_user())?;
-    let server = WorldSource::Server(connector, args.address.clone());
+    let server = WorldSource::Server(Box::new(connector), args.address.clone());
     let summary = desktop::run(server, options(args, "Sightline", end))?;
     match &summary.ended {
         Some(reason) if !summary.came_in => bail!("{reason}"),

@@ -45,7 +45,7 @@ pub enum WorldSource<'a> {
     Shared(&'a Session),
     /// The building of a server, which the person calls by this name. The window joins it, and again
     /// when it is lost.
-    Server(Connector, String),
+    Server(Box<Connector>, String),
     /// A building without a server, and where to start.
     Alone(&'a Arc<World>, Spawn),
 }
@@ -130,7 +130,7 @@ pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, De
         WorldSource::Alone(world, spawn) => Visit::alone(world, spawn, options.fuzzy, start),
         WorldSource::Shared(session) => Visit::with(Company::Guests(session), options.fuzzy),
         WorldSource::Server(connector, host) => {
-            let server = Box::new(ServerLink::new(connector, host, start));
+            let server = Box::new(ServerLink::new(*connector, host, start));
             Visit::with(Company::Server(server), options.fuzzy)
         }
     };

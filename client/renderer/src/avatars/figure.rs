@@ -181,7 +181,7 @@ mod tests {
             speed in 0.0f32..6.0,
             (half_width, below_eye) in (0.15f32..0.5, 0.8f32..1.9),
         ) {
-            let body = Body { half_width, below_eye, above_eye: 0.1, ..Body::PERSON };
+            let body = Body { half_width, below_eye, above_eye: 0.1 };
             let pose =
                 Pose { yaw, pitch: pitch * 0.49, velocity: Vec3::X * speed, ..Pose::default() };
             let figure = AvatarFigure { pose, body, colour: [1; 3], name: "", stride };
