@@ -8,6 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use sightline_fixtures::voxel_floor;
 use sightline_protocol::fingerprint::KeyFingerprint;
 use sightline_server::{
     net::{HttpAddress, ServeConfig},
@@ -236,6 +237,33 @@ fn serve_prints_its_settings_and_limits() {
     let changed = print(&["--config", "c.toml", "--http", "off"]);
     let changed = ServeConfig::from_toml(&changed).unwrap();
     assert_eq!((changed.limits.chat_burst, changed.http), (9.0, HttpAddress::Off));
+}
+
+/// With `--log json` all of stderr is JSON, one object a line, and a reader knows when it serves.
+#[cfg(unix)]
+#[test]
+fn serve_logs_json_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("w.slw"), voxel_floor::world(&[]).to_bytes()).unwrap();
+    let mut child = Command::new(PROGRAM)
+        .current_dir(&folder)
+        .args(["serve", "w.slw", "--listen", "127.0.0.1:0", "--http", "127.0.0.1:0"])
+        .args(["--data", "data", "--log", "json"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let mut is_stopped = false;
+    for line in lines.map(Result::unwrap) {
+        let event: serde_json::Value = serde_json::from_str(&line).expect(&line);
+        assert!(event["level"].is_string() && event["message"].is_string(), "{line}");
+        if event["message"] == "serving" && !is_stopped {
+            let stopped = Command::new("kill").arg(child.id().to_string()).status().unwrap();
+            is_stopped = stopped.success();
+        }
+    }
+    assert!(is_stopped && child.wait().unwrap().success());
 }
 
 #[test]

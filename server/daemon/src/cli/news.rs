@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sightline_cli::progress::Progress;
+use sightline_cli::{log::LogFormat, progress::Progress};
 use sightline_compiler::{Quality, Stage};
 use sightline_server::{
     net::WorldChanger,
@@ -23,20 +23,22 @@ const LOGGED_INTERVAL: Duration = Duration::from_secs(10);
 /// Shows progress until there is a world, and logs what happens beside the running server.
 pub struct Newsreader {
     changer: WorldChanger,
-    progress: Progress,
+    /// `None` where every line is a JSON object of the log.
+    progress: Option<Progress>,
     has_world: AtomicBool,
     told: Mutex<Option<Instant>>,
 }
 
 impl Newsreader {
-    pub fn new(changer: WorldChanger) -> Self {
+    pub fn new(changer: WorldChanger, log: LogFormat) -> Self {
         let (has_world, told) = (AtomicBool::new(false), Mutex::default());
-        Self { changer, progress: Progress::new(), has_world, told }
+        let progress = (log == LogFormat::Text).then(Progress::new);
+        Self { changer, progress, has_world, told }
     }
 
     /// Clears the progress.
     pub fn finish(&self) {
-        self.progress.finish();
+        self.progress.iter().for_each(Progress::finish);
     }
 
     pub fn hear(&self, news: &SupplyNews<'_>) {
@@ -62,8 +64,13 @@ impl Newsreader {
     fn progress(&self, quality: Quality, stage: Stage, share: f32) {
         let percent = (share * 100.0) as u32;
         if !self.has_world.load(Relaxed) {
-            self.progress.show(stage.name(), share);
+            if let Some(progress) = &self.progress {
+                progress.show(stage.name(), share);
+            }
             if self.is_due(TOLD_INTERVAL) {
+                if self.progress.is_none() {
+                    tracing::info!(percent, "compiling: {}", stage.name());
+                }
                 self.changer.tell_loading(&format!("compiling: {} {percent} %", stage.name()));
             }
         } else if self.is_due(LOGGED_INTERVAL) {

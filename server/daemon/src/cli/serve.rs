@@ -89,7 +89,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     let supplied = supplied(args, config.world.as_deref(), &data)?;
     let identity = Identity::keep(&data)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(serve(supplied, args.watch, config, &identity))
+    runtime.block_on(serve(supplied, args, config, &identity))
 }
 
 /// The settings of the file, overridden by those of the flags.
@@ -150,7 +150,7 @@ fn demo_building(cache: BuildingCache) -> Supplied {
 
 async fn serve(
     supplied: Supplied,
-    watches: bool,
+    args: &ServeArgs,
     config: ServeConfig,
     identity: &Identity,
 ) -> anyhow::Result<()> {
@@ -160,7 +160,7 @@ async fn serve(
     output::print(&how_to_join(&server)?)?;
     let _operators = super::operators::listen(&server, http, &limits).await?;
     let ends = Arc::new(AtomicBool::new(false));
-    let mut supply = start_supply(supplied, watches, &server, ends.clone())?;
+    let mut supply = start_supply(supplied, args, &server, ends.clone())?;
     let mut is_supplied = false;
     let mut status = tokio::time::interval(STATUS_INTERVAL);
     status.tick().await;
@@ -192,14 +192,14 @@ async fn serve(
 /// Starts the supply on a thread of its own. Its outcome arrives when it ends.
 fn start_supply(
     supplied: Supplied,
-    watches: bool,
+    args: &ServeArgs,
     server: &Server,
     ends: Arc<AtomicBool>,
 ) -> anyhow::Result<oneshot::Receiver<Result<(), SupplyError>>> {
     let (send, receive) = oneshot::channel();
-    let changer = server.world_changer();
+    let (watches, log, changer) = (args.watch, args.log, server.world_changer());
     std::thread::Builder::new().name("supply".into()).spawn(move || {
-        let reader = Newsreader::new(changer.clone());
+        let reader = Newsreader::new(changer.clone(), log);
         let tell = &|news: SupplyNews<'_>| reader.hear(&news);
         let outcome = Supply { supplied, watches, changer, ends: &ends, tell }.run();
         reader.finish();
