@@ -245,14 +245,14 @@ impl Engine {
         self.population.find(avatar).and_then(|avatar| avatar.tbv)
     }
 
-    /// Where an avatar's eye is, as far as its client has said: in its TBV, or else near
-    /// where its course has led it.
-    /// It holds for the time of the last call. `None` when the avatar is not present.
+    /// Where an avatar's eye is, as far as its client has said: in its TBV, or else near where its
+    /// course has led it, up to a wall. It holds for the time of the last call. `None` when the avatar is not present.
     pub fn whereabouts(&self, avatar: AvatarId) -> Option<Tbv> {
         let known = self.population.find(avatar)?;
         let near_course = || {
             let (axes, agility) = (*self.building.axes(), &self.building.agility);
-            let course = known.pose.on_course(self.now.saturating_sub(known.heard), agility);
+            let silent = self.now.saturating_sub(known.heard).min(known.course_for);
+            let course = known.pose.on_course(silent, agility);
             let way = Aabb::from_points([known.pose.eye, course.eye].map(|eye| axes.own(eye)));
             let within = way.grown(agility.speed_max * ON_ITS_WAY_S);
             Tbv { within, axes, expiry: self.now, notice: Duration::ZERO }

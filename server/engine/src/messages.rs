@@ -31,7 +31,8 @@ pub enum Input {
     Return {
         /// The avatar.
         avatar: AvatarId,
-        /// Where its eye is. If that is `None` or out of bounds, it is where it stood.
+        /// Where its eye is. If that is `None`, out of bounds or behind a wall, it is where it
+        /// stood.
         place: Option<Vec3>,
     },
     /// A participant leaves.

@@ -56,6 +56,11 @@ impl Avatar {
     }
 }
 
+/// How much longer than a straight line the way of a client that comes back may have been. It may
+/// have gone around corners.
+const DETOUR: f32 = 2.0;
+/// By how many metres that way may be longer in any case.
+const DETOUR_M: f32 = 1.0;
 /// The longest round trip, beyond all horizons. A client with a longer one counts as having this.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(60);
 
@@ -285,6 +290,7 @@ impl Engine {
         let confines = self.building.world.confines();
         let stood = standing(self.population.at(slot).pose);
         let eye = eye.filter(|eye| eye.is_finite() && confines.contains(*eye));
+        let eye = eye.filter(|eye| self.may_have_walked(slot, *eye));
         let pose = Pose { eye: eye.unwrap_or(stood.eye), ..stood };
         self.put(now, slot, pose);
         let margin = self.config.margin;
@@ -299,6 +305,17 @@ impl Engine {
         // What was to be told to the client before is not for this one.
         self.pending.retain(|output| output.to() != id);
         self.pending.push(Output::Entered { to: id, pose, tick: self.ticks() + 1 });
+    }
+
+    /// Whether a way on foot leads an avatar to where its client says that it has got to since it
+    /// was heard last.
+    fn may_have_walked(&mut self, slot: Slot, eye: Vec3) -> bool {
+        let Self { building, population, workspace, .. } = self;
+        let avatar = population.at(slot);
+        let [from, to] = [avatar.pose.eye, eye].map(|eye| building.axes().own(eye));
+        let walk = Walk { from, state: avatar.walk, to };
+        let longest_m = DETOUR * from.distance(to) + DETOUR_M;
+        building.walkways.find_way(&mut workspace.ways, &building.world, &walk, longest_m).is_some()
     }
 
     /// Puts an avatar back to a spawn point, as its client asked.

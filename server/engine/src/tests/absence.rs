@@ -4,7 +4,7 @@ use glam::Vec3;
 use sightline_world::motion::{AvatarId, ReportingState};
 
 use super::stage::{Client, Stage, row};
-use crate::{Input, Output};
+use crate::{Input, Output, bit_set::BitSet, claims::Clearance};
 
 /// The link of a client breaks: it neither hears nor says anything.
 fn lose(stage: &mut Stage, avatar: AvatarId) -> Client {
@@ -75,6 +75,24 @@ fn who_was_quiet_comes_back_where_it_was() {
     assert_eq!((stage.client(bob).eye, stage.client(bob).corrections), (place, 0));
     assert_eq!(stage.engine.state(bob), Some(ReportingState::Quiet), "out of sight again");
     assert!(stage.client(ada).sees.is_empty());
+}
+
+#[test]
+fn nobody_comes_back_behind_a_wall() {
+    let mut stage = Stage::prompt(row(8));
+    let bob = stage.join(2, 9.5);
+    // No body fits through from the first cell into the second.
+    let mut gates = BitSet::default();
+    gates.insert(0);
+    stage.engine.building.walkways.clearance = Clearance::with_narrow_gates(gates);
+    stage.tick();
+    for (claimed, found) in [(10.5, 9.5), (9.0, 9.0), (10.5, 9.0)] {
+        lose(&mut stage, bob);
+        stage.tick();
+        come_back(&mut stage, bob, Vec3::new(claimed, 1.6, 5.0));
+        stage.tick();
+        assert_eq!(stage.engine.pose(bob).map(|pose| pose.eye.x), Some(found), "{claimed}");
+    }
 }
 
 /// Another client takes the avatar over while the first one is still connected. Its clock begins
