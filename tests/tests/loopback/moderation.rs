@@ -6,7 +6,7 @@ use sightline_client::net::{ConnectError, ConnectOptions, Dialer, Session};
 use sightline_client_core::replica::Event;
 use sightline_protocol::{fingerprint::KeyFingerprint, message::Refusal, text::ChatLine};
 use sightline_server::{
-    net::{Author, Identity, ServeConfig, Server},
+    net::{Author, Identity, ModerationError, ServeConfig, Server},
     people::{Access, Act, Database, Role, Subject, hash},
 };
 
@@ -88,6 +88,10 @@ async fn moderators_kick_mute_and_ban_by_the_chat_line() {
     assert_eq!(names, ["Ada 2", "Mo", "Owen"]);
     let roles: Vec<Role> = visitors.iter().map(|visitor| visitor.role).collect();
     assert_eq!(roles, [Role::Visitor, Role::Moderator, Role::Owner]);
+    let subject = Subject::Key(key(&mo_at));
+    moderation.ban(Author::Operator, subject, "").unwrap();
+    let unbanned = moderation.unban(Author::Visitor(key(&mo_at)), subject);
+    assert_eq!(unbanned, Err(ModerationError::Banned), "by himself");
 }
 
 #[tokio::test(flavor = "multi_thread")]

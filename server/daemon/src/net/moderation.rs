@@ -51,6 +51,9 @@ pub enum ModerationError {
     /// The author is no moderator.
     #[error("only moderators may do that")]
     NoModerator,
+    /// The author is banned.
+    #[error("you are banned")]
+    Banned,
     /// The author is no owner.
     #[error("only owners may do that")]
     NoOwner,
@@ -142,14 +145,15 @@ impl Moderation {
         subject: Subject,
         reason: &str,
     ) -> Result<(), ModerationError> {
-        let banned = match subject {
+        let banned = || match subject {
             Subject::Key(key) => vec![key],
             Subject::Network(banned) => self.of_network(banned),
         };
         self.check_role(author, Role::Moderator)?;
-        banned.iter().try_for_each(|key| self.check(author, *key))?;
+        banned().into_iter().try_for_each(|key| self.check(author, key))?;
         self.people.act(&author.to_string(), Act::Ban(subject, reason.to_owned()), reason);
-        for key in banned {
+        // More may have come in before the ban.
+        for key in banned() {
             self.remove(key, &told("you are banned", reason));
         }
         Ok(())
@@ -209,15 +213,22 @@ impl Moderation {
         if own > other { Ok(()) } else { Err(ModerationError::Outranked) }
     }
 
-    /// Checks that somebody has a role.
+    /// Checks that somebody has a role, and is not banned: who is banned is heard for a moment.
     pub(super) fn check_role(&self, author: Author, role: Role) -> Result<(), ModerationError> {
         match author {
+            Author::Visitor(key) if self.is_banned(key) => Err(ModerationError::Banned),
             Author::Visitor(key) if self.people.standing(key).role < role => match role {
                 Role::Owner => Err(ModerationError::NoOwner),
                 Role::Visitor | Role::Moderator => Err(ModerationError::NoModerator),
             },
             Author::Visitor(_) | Author::Operator => Ok(()),
         }
+    }
+
+    /// Whether somebody is banned, by the key or by the network from which it came in.
+    fn is_banned(&self, key: KeyFingerprint) -> bool {
+        let address = self.registry().visitors.get(key).map(|client| client.address());
+        self.people.is_banned(key, address)
     }
 
     /// The keys of the visitors of a network.

@@ -75,10 +75,12 @@ impl People {
         self.shared.standings().of(key)
     }
 
-    /// Whether a visitor is kept out, by its key or its network.
-    pub fn is_banned(&self, key: KeyFingerprint, address: IpAddr) -> bool {
+    /// Whether a visitor is kept out, by its key or, if its address is known, by its network.
+    pub fn is_banned(&self, key: KeyFingerprint, address: impl Into<Option<IpAddr>>) -> bool {
+        let network = address.into().map(Subject::of);
         let standings = self.shared.standings();
-        standings.is_banned(&Subject::Key(key)) || standings.is_banned(&Subject::of(address))
+        let mut subjects = [Some(Subject::Key(key)), network].into_iter().flatten();
+        subjects.any(|subject| standings.is_banned(&subject))
     }
 
     /// Whether an invitation lets somebody in. If it does, its owner is let in without it from now
@@ -124,7 +126,9 @@ impl People {
 
     /// Does something that lasts, and notes in the audit log who did it and why.
     pub fn act(&self, author: &str, act: Act, reason: &str) {
-        self.shared.standings().apply(&act);
+        // Whoever reads the standings anew must find the act in them or in what waits.
+        let mut standings = self.shared.standings();
+        standings.apply(&act);
         let mut pending = self.shared.pending();
         pending.acts.push(Act::audit(author, &act, reason));
         pending.acts.push(act);

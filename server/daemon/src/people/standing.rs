@@ -70,7 +70,23 @@ impl Standings {
             Act::Ban(subject, _) => drop(self.bans.insert(*subject)),
             Act::Unban(subject) => drop(self.bans.remove(subject)),
             Act::Invite(token, uses) if *uses > 0 => drop(self.invitations.insert(*token, *uses)),
-            Act::Invite(..) | Act::UseInvitation(_) | Act::Audit { .. } => {}
+            Act::UseInvitation(token) => drop(self.use_invitation(token)),
+            Act::Invite(..) | Act::Audit { .. } => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What waits to be written is taken in again when the database was read anew.
+    #[test]
+    fn an_invitation_that_was_used_lets_in_one_fewer() {
+        let mut standings = Standings::default();
+        standings.apply(&Act::Invite([1; 32], 2));
+        standings.apply(&Act::UseInvitation([1; 32]));
+        assert!(standings.use_invitation(&[1; 32]));
+        assert!(!standings.use_invitation(&[1; 32]));
     }
 }

@@ -85,10 +85,12 @@ fn follow(shared: &Shared, version: &mut i64) -> Result<()> {
     let database = shared.database();
     let now = database.foreign_version()?;
     if now != *version {
+        // Reading may take long, and every hello asks for the standings.
+        let mut read = database.standings()?;
         let mut standings = shared.standings();
-        *standings = database.standings()?;
         // What has not been written yet is newer.
-        shared.pending().acts.iter().for_each(|act| standings.apply(act));
+        shared.pending().acts.iter().for_each(|act| read.apply(act));
+        *standings = read;
         *version = now;
     }
     Ok(())
