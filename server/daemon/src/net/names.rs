@@ -5,7 +5,10 @@ use std::{
     hash::{BuildHasher, RandomState},
 };
 
-use sightline_protocol::text::{NAME_CHARS_MAX, Name};
+use sightline_protocol::{
+    fingerprint::{KEY_BYTES, KeyFingerprint},
+    text::{NAME_CHARS_MAX, Name},
+};
 use sightline_world::motion::AvatarId;
 use unicode_security::skeleton;
 
@@ -43,8 +46,8 @@ impl Names {
     /// The name that a client has from now on: the one that it wants, or that one with a number if
     /// somebody has one that looks alike.
     pub fn claim(&mut self, avatar: AvatarId, wanted: &Name) -> Name {
-        let is_reserved =
-            RESERVED.iter().any(|name| look_alike(&forms(name), &forms(wanted.as_str())));
+        let is_reserved = begins_with_fingerprint(wanted.as_str())
+            || RESERVED.iter().any(|name| look_alike(&forms(name), &forms(wanted.as_str())));
         let base = if is_reserved { VISITOR } else { wanted.as_str() };
         let random = RandomState::new();
         let numbers = SMALL_NUMBERS.chain((0..).map(|i: u64| random.hash_one(i) % NUMBER_MAX));
@@ -72,6 +75,14 @@ fn numbered(base: &str, number: u64) -> Name {
     let number = format!(" {number}");
     let kept: String = base.chars().take(NAME_CHARS_MAX - number.len()).collect();
     Name::clipped(&(kept + &number))
+}
+
+/// Whether the first word of a name begins with the fingerprint of a key. Moderators name people by
+/// either, so a command about the one would be done to the other.
+fn begins_with_fingerprint(name: &str) -> bool {
+    let word = name.split_whitespace().next().unwrap_or_default();
+    let digits: String = word.chars().filter(|c| *c != '-').take(2 * KEY_BYTES).collect();
+    digits.parse::<KeyFingerprint>().is_ok()
 }
 
 /// What a name looks like, as it is written and in small letters: a great I looks like an l, and a
@@ -109,6 +120,18 @@ mod tests {
         assert_eq!(all.len(), 1_000);
         (0..1_010).for_each(|id| names.release(AvatarId(id)));
         assert!(names.forms.is_empty() && names.owned.is_empty());
+    }
+
+    #[test]
+    fn nobody_is_called_by_a_fingerprint() {
+        let mut names = Names::default();
+        let key = KeyFingerprint([0xab; KEY_BYTES]).to_string();
+        let plain = key.replace('-', "").to_uppercase();
+        for (id, wanted) in (1..).zip([&key, &plain, &format!("{key} bo"), &format!("-{plain}xyz")])
+        {
+            assert!(claim(&mut names, id, wanted).starts_with("Visitor"), "{wanted}");
+        }
+        assert_eq!(claim(&mut names, 9, "Ada abab-abab"), "Ada abab-abab");
     }
 
     #[test]
