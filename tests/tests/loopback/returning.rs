@@ -5,6 +5,7 @@ use std::{net::SocketAddr, sync::Arc, time::Duration};
 use glam::Vec3;
 use sightline_client::net::{ConnectOptions, Dialer, Session, SessionState};
 use sightline_client_core::replica::{Event, VisibleAvatar};
+use sightline_protocol::{VERSION, frame, message::ClientMessage};
 use sightline_server::net::{Identity, ServeConfig, Server};
 use sightline_world::motion::{AvatarId, Pose};
 use tokio::time::{Instant, sleep};
@@ -13,7 +14,10 @@ use super::{
     building::{self, EAST, WAY, WEST},
     config, hears, holds, join, options, serve, until, walk,
 };
-use crate::proxy::Proxy;
+use crate::{
+    proxy::Proxy,
+    stranger::{Stranger, hello},
+};
 
 /// Joins through a proxy, or another address.
 async fn join_at(address: SocketAddr, server: &Server, name: &str, place: Vec3) -> Session {
@@ -137,6 +141,24 @@ async fn a_second_login_takes_the_avatar_over_and_the_first_is_told() {
     hears(&bo, "Ada", "it is still me").await;
     assert_eq!(appeared(&bo), [], "for Bo she was there all the time");
     assert_eq!(server.stats().clients.len(), 2);
+}
+
+/// Where the first one was is known only at the next tick.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_second_login_that_enters_at_once_goes_on_where_the_first_one_was() {
+    let (server, address) = serve(ServeConfig { tick_hz: 5, ..config() });
+    let ada_at = options(&server, "Ada", WEST);
+    let first = Dialer::new(None).connect(address, &ada_at).await.unwrap();
+    let second = Stranger::with_identity(address, &ada_at.identity).await;
+    let enter = ClientMessage::Enter { world: 1, place: Some(EAST.into()), reports_from: 0 };
+    let _stream = second.send(&[hello(VERSION), frame::encode(&enter)].concat()).await;
+    until("the first is told", || first.end().is_some()).await;
+    let is_in = || server.stats().clients.values().any(|client| client.reporting_state.is_some());
+    until("the second is in the world", is_in).await;
+    let overview = server.observer().overview().await.unwrap();
+    let eyes = overview.people.iter().filter_map(|person| person.place.as_ref());
+    let eyes: Vec<Vec3> = eyes.map(|place| place.eye.into()).collect();
+    assert!(eyes.len() == 1 && eyes[0].distance(WEST) < 0.3, "{eyes:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -37,6 +37,12 @@ impl Stranger {
         Self::open(address, 1 << 20, None).await
     }
 
+    /// Connects with the key of somebody else.
+    pub async fn with_identity(address: SocketAddr, identity: &Identity) -> Self {
+        let (certificate, key) = (identity.certificate.clone(), identity.key.clone_key());
+        Self::open(address, 1 << 20, Some(Identity { certificate, key })).await
+    }
+
     async fn open(address: SocketAddr, bytes: u32, identity: Option<Identity>) -> Self {
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let tls = rustls::ClientConfig::builder_with_provider(provider)

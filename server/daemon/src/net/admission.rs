@@ -1,9 +1,6 @@
 //! Limits on the connections of each network. No sockets and no clocks are needed here.
 
-use std::{
-    collections::{HashMap, HashSet},
-    net::IpAddr,
-};
+use std::{collections::HashMap, net::IpAddr};
 
 use crate::address::network;
 
@@ -22,12 +19,18 @@ enum Stage {
     Joining,
     /// It has an avatar.
     Entered,
+    /// It broke, and its avatar is kept.
+    Absent,
 }
+
+/// How many stages there are.
+const STAGES: usize = 5;
 
 /// The limits of [`Places`].
 #[derive(Clone, Copy, Debug)]
 pub struct PlaceLimits {
-    /// The most connections of one network, among those with a proven address.
+    /// The most connections of one network, among those with a proven address. An avatar is kept
+    /// only while its network has no more avatars than that.
     pub per_network: usize,
     /// The most clients of one network that join at a time. They may download the world.
     pub joining_per_network: usize,
@@ -62,29 +65,23 @@ pub enum NoPlace {
 /// The connections of a server, by their networks. An IPv6 address stands for its /64 network, since
 /// one subscriber has at least that. An address counts only once it is proven, or anybody could use
 /// up the places of another by forged packets. The server's own machine has no limits of its own.
-/// There are at most as many entries as connections.
+/// There are at most as many entries as connections and kept avatars.
 #[derive(Debug)]
 pub struct Places {
     limits: PlaceLimits,
+    /// The address and the stage of each connection.
     connections: HashMap<ConnectionId, (IpAddr, Stage)>,
     /// How many connections each network has at each stage.
-    networks: HashMap<IpAddr, [usize; 4]>,
+    networks: HashMap<IpAddr, [usize; STAGES]>,
     /// How many connections there are at each stage.
-    all: [usize; 4],
-    /// Connections that broke, and whose avatars are kept.
-    absent: HashSet<ConnectionId>,
+    all: [usize; STAGES],
 }
 
 impl Places {
     /// No connections yet.
     pub fn new(limits: PlaceLimits) -> Self {
-        Self {
-            limits,
-            connections: HashMap::new(),
-            networks: HashMap::new(),
-            all: [0; 4],
-            absent: HashSet::new(),
-        }
+        let (connections, networks) = Default::default();
+        Self { limits, connections, networks, all: [0; STAGES] }
     }
 
     /// Decides on an attempt to connect. The connection counts from now on if it is accepted.
@@ -99,9 +96,9 @@ impl Places {
             }
         }
         let stage = if is_proven { Stage::Proven } else { Stage::Unproven };
-        let before = self.connections.insert(id, (network(address), stage));
+        let before = self.connections.insert(id, (address, stage));
         debug_assert!(before.is_none(), "a connection begins once");
-        self.count(network(address), stage, true);
+        self.count(address, stage, true);
         Answer::Accept
     }
 
@@ -120,7 +117,7 @@ impl Places {
     /// Takes in that a client has said hello. It may then download the world, and enter.
     pub fn join(&mut self, id: ConnectionId, address: IpAddr) -> Result<(), NoPlace> {
         let joining = self.stages(address)[Stage::Joining as usize];
-        if self.avatars() >= self.limits.entered {
+        if avatars(&self.all) >= self.limits.entered {
             return Err(NoPlace::Full);
         }
         if joining >= self.limits.joining_per_network && !is_own_machine(address) {
@@ -138,45 +135,51 @@ impl Places {
         if self.stage(id) == Some(Stage::Entered) {
             return true;
         }
-        let has_place = self.avatars() < self.limits.entered;
+        let has_place = avatars(&self.all) < self.limits.entered;
         if has_place {
             self.set_stage(id, Stage::Entered);
         }
         has_place
     }
 
-    /// Takes in that a connection broke. Its avatar is kept, until the connection
-    /// [ends](Self::end).
-    pub fn part(&mut self, id: ConnectionId) {
-        self.end(id);
-        self.absent.insert(id);
+    /// Takes in that a connection with an avatar broke. Returns whether the avatar is kept, until
+    /// the connection [ends](Self::end): its network might have too many.
+    pub fn part(&mut self, id: ConnectionId) -> bool {
+        let Some((address, _)) = self.connections.get(&id).copied() else { return false };
+        let is_kept = is_own_machine(address)
+            || avatars(&self.stages(address)) <= self.limits.per_network;
+        if is_kept {
+            self.set_stage(id, Stage::Absent);
+        }
+        is_kept
     }
 
-    /// Takes in that a client takes over the avatar of another connection, which has ended.
+    /// Takes in that a client takes over from another connection: its avatar, or its turn to join.
+    /// The other one counts for its network until it [ends](Self::end), unless it broke before.
     pub fn take_over(&mut self, id: ConnectionId, former: ConnectionId) {
-        self.end(former);
-        self.set_stage(id, Stage::Entered);
+        let before = self.stage(former);
+        match before {
+            Some(Stage::Absent) => self.end(former),
+            _ => self.set_stage(former, Stage::Proven),
+        }
+        let has_avatar = matches!(before, Some(Stage::Entered | Stage::Absent));
+        self.set_stage(id, if has_avatar { Stage::Entered } else { Stage::Joining });
     }
 
-    /// Takes in that a connection has ended.
+    /// Takes in that a connection has ended, and that its avatar is not kept.
     pub fn end(&mut self, id: ConnectionId) {
-        self.absent.remove(&id);
-        if let Some((network, stage)) = self.connections.remove(&id) {
-            self.count(network, stage, false);
+        if let Some((address, stage)) = self.connections.remove(&id) {
+            self.count(address, stage, false);
         }
     }
 
-    /// How many avatars there are.
-    fn avatars(&self) -> usize {
-        self.all[Stage::Entered as usize] + self.absent.len()
+    fn has_room(&self, stages: &[usize; STAGES]) -> bool {
+        let connected = [Stage::Proven, Stage::Joining, Stage::Entered];
+        connected.map(|stage| stages[stage as usize]).iter().sum::<usize>()
+            < self.limits.per_network
     }
 
-    fn has_room(&self, stages: &[usize; 4]) -> bool {
-        let connections: usize = stages.iter().sum();
-        connections - stages[Stage::Unproven as usize] < self.limits.per_network
-    }
-
-    fn stages(&self, address: IpAddr) -> [usize; 4] {
+    fn stages(&self, address: IpAddr) -> [usize; STAGES] {
         self.networks.get(&network(address)).copied().unwrap_or_default()
     }
 
@@ -185,21 +188,27 @@ impl Places {
     }
 
     fn set_stage(&mut self, id: ConnectionId, stage: Stage) {
-        let Some((network, before)) = self.connections.get(&id).copied() else { return };
-        self.connections.insert(id, (network, stage));
-        self.count(network, before, false);
-        self.count(network, stage, true);
+        let Some((address, before)) = self.connections.get(&id).copied() else { return };
+        self.connections.insert(id, (address, stage));
+        self.count(address, before, false);
+        self.count(address, stage, true);
     }
 
-    fn count(&mut self, network: IpAddr, stage: Stage, is_more: bool) {
+    fn count(&mut self, address: IpAddr, stage: Stage, is_more: bool) {
+        let network = network(address);
         let stages = self.networks.entry(network).or_default();
         for count in [&mut stages[stage as usize], &mut self.all[stage as usize]] {
             *count = if is_more { *count + 1 } else { count.saturating_sub(1) };
         }
-        if *stages == [0; 4] {
+        if *stages == [0; STAGES] {
             self.networks.remove(&network);
         }
     }
+}
+
+/// How many avatars there are, kept ones among them.
+fn avatars(stages: &[usize; STAGES]) -> usize {
+    stages[Stage::Entered as usize] + stages[Stage::Absent as usize]
 }
 
 fn is_own_machine(address: IpAddr) -> bool {
@@ -240,6 +249,12 @@ mod tests {
             assert_eq!(answer, Answer::Accept);
             (id, self.places.join(id, address.parse().unwrap()))
         }
+
+        fn enter(&mut self, address: &str) -> ConnectionId {
+            let (id, joined) = self.join(address);
+            assert!(joined.is_ok() && self.places.enter(id));
+            id
+        }
     }
 
     #[test]
@@ -255,7 +270,7 @@ mod tests {
         assert!((0..100).all(|_| door.accepts("127.0.0.1") && door.accepts("::1")));
         (0..=door.newest).for_each(|id| door.places.end(ConnectionId(id)));
         assert!(door.places.networks.is_empty(), "connections that end leave no entry");
-        assert_eq!((door.places.connections.len(), door.places.all), (0, [0; 4]));
+        assert_eq!((door.places.connections.len(), door.places.all), (0, [0; STAGES]));
     }
 
     #[test]
@@ -305,24 +320,63 @@ mod tests {
     #[test]
     fn who_comes_back_has_a_place() {
         let mut door = Door::new();
-        let mut enter = |address: &str| {
-            let (id, joined) = door.join(address);
-            assert!(joined.is_ok() && door.places.enter(id));
-            id
-        };
-        let ids = ["192.0.2.1"; 3].map(&mut enter);
-        enter("127.0.0.1");
-        enter("127.0.0.1");
+        let ids = ["192.0.2.1"; 3].map(|address| door.enter(address));
+        door.enter("127.0.0.1");
+        door.enter("127.0.0.1");
         assert!(!door.accepts("192.0.2.1"));
-        door.places.part(ids[0]);
+        assert!(door.places.part(ids[0]));
         assert_eq!(door.join("198.51.100.1").1, Err(NoPlace::Full), "the avatar is there");
         let (back, answer) = door.begin("192.0.2.1", true);
         assert_eq!(answer, Answer::Accept);
         door.places.take_over(back, ids[0]);
         assert!(door.places.enter(back));
         assert_eq!(door.join("198.51.100.1").1, Err(NoPlace::Full));
-        door.places.part(back);
+        assert!(door.places.part(back));
         door.places.end(back);
         assert_eq!(door.join("198.51.100.1").1, Ok(()));
+    }
+
+    #[test]
+    fn a_network_keeps_no_more_avatars_than_it_may_have_connections() {
+        let mut door = Door::new();
+        let mut parts = |address| {
+            let id = door.enter(address);
+            let is_kept = door.places.part(id);
+            if !is_kept {
+                door.places.end(id);
+            }
+            is_kept
+        };
+        assert!((0..3).all(|_| parts("192.0.2.1")), "as many as it may have connections");
+        assert!(!parts("192.0.2.1"));
+        assert!(parts("198.51.100.1"), "another network");
+        assert!(parts("::1"), "the own machine");
+        let (back, former) = (door.begin("192.0.2.1", true).0, ConnectionId(1));
+        door.places.take_over(back, former);
+        assert!(door.places.part(back), "who comes back may lose its link again");
+    }
+
+    #[test]
+    fn who_is_replaced_counts_for_its_network_until_its_connection_ends() {
+        let mut door = Door::new();
+        let former = door.enter("192.0.2.1");
+        let (second, _) = door.begin("198.51.100.1", true);
+        door.places.take_over(second, former);
+        assert!((0..2).all(|_| door.accepts("192.0.2.1")));
+        assert!(!door.accepts("192.0.2.1"), "the first connection is still there");
+        door.places.end(former);
+        assert!(door.accepts("192.0.2.1"));
+    }
+
+    #[test]
+    fn who_takes_over_from_a_client_that_joins_joins() {
+        let mut door = Door::new();
+        let former = door.join("192.0.2.1").0;
+        let _ids = ["127.0.0.1"; 5].map(|address| door.enter(address));
+        let (second, _) = door.begin("192.0.2.1", true);
+        door.places.take_over(second, former);
+        assert!(!door.places.enter(second), "all avatars are taken");
+        let stages = door.places.stages("192.0.2.1".parse().unwrap());
+        assert_eq!(stages[Stage::Joining as usize], 1);
     }
 }

@@ -50,7 +50,12 @@ pub enum EngineEvent {
     /// A client in the world did something.
     Input(Input),
     /// The link to a client broke, or another client takes its place.
-    Absent(Arc<ConnectedClient>),
+    Absent {
+        /// The client.
+        client: Arc<ConnectedClient>,
+        /// Is told when it is known where the client was.
+        noted: Option<oneshot::Sender<()>>,
+    },
     /// A visitor has gone, whether or not it had entered.
     Leave(AvatarId),
     /// An operator wants to see all avatars.
@@ -196,7 +201,11 @@ impl EngineTask {
                     engine.handle(at, input);
                 }
             }
-            EngineEvent::Absent(client) => self.miss(at, &client),
+            EngineEvent::Absent { client, noted } => {
+                self.miss(at, &client);
+                // Who waits for it may have gone meanwhile.
+                noted.map(|noted| noted.send(()));
+            }
             EngineEvent::Leave(avatar) => {
                 self.forget_newcomers(|client| client.avatar() == avatar);
                 let client = self.clients.remove(&avatar);
@@ -271,8 +280,10 @@ impl EngineTask {
         let visit = client.visit.clone();
         let avatar = visit.avatar;
         self.load.entered(1);
-        // Who comes for a world that is gone has been told of the next one.
-        let Some(engine) = self.engine.as_mut().filter(|_| world == self.world) else { return };
+        // Who comes for a world that is gone has been told of the next one. Who was replaced while
+        // it waited would take the avatar back.
+        let may_enter = world == self.world && !client.is_replaced();
+        let Some(engine) = self.engine.as_mut().filter(|_| may_enter) else { return };
         // The handshake has measured the round trip already.
         let round_trip = client.connection.rtt();
         self.clients.insert(avatar, client);

@@ -1,9 +1,10 @@
 //! Who comes in, who comes back, and who goes.
 
-use std::{num::NonZeroU32, sync::Arc, time::Duration};
+use std::{net::IpAddr, num::NonZeroU32, sync::Arc, time::Duration};
 
 use quinn::Connection;
 use sightline_protocol::{VERSION, fingerprint::KeyFingerprint, message::Refusal, text::ChatLine};
+use tokio::sync::oneshot;
 
 use super::{
     admission::{ConnectionId, NoPlace},
@@ -56,9 +57,12 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
     };
     check_access(state, key, &arrival)?;
     let Admitted { client, before } = let_in(state, key, arrival)?;
-    if let Some(before) = before {
-        before.replace(REPLACED);
-        state.tell_engine(EngineEvent::Absent(before)).await;
+    if let Some(client) = before {
+        let (noted, is_noted) = oneshot::channel();
+        state.tell_engine(EngineEvent::Absent { client, noted: Some(noted) }).await;
+        // The client goes on where the one before was, so that must be known when it asks to enter.
+        // The engine's thread may have ended already.
+        let _ = is_noted.await;
     }
     let interval_us = state.config.tick_interval().as_micros() as u32;
     let interval_us = NonZeroU32::new(interval_us).unwrap_or(NonZeroU32::MIN);
@@ -72,11 +76,7 @@ fn check_access(
     key: KeyFingerprint,
     arrival: &Arrival,
 ) -> Result<(), Refusal> {
-    let address = arrival.connection.remote_address().ip();
-    if state.people.is_banned(key, address) {
-        state.metrics.refusals.count(Reason::Banned);
-        return Err(Refusal::Banned);
-    }
+    check_ban(state, key, arrival.connection.remote_address().ip())?;
     let standing = state.people.standing(key);
     let is_listed = standing.is_allowed || standing.role > Role::Visitor;
     let invitation = arrival.hello.invitation.as_ref().map(ChatLine::as_str);
@@ -93,13 +93,24 @@ fn check_access(
     Err(Refusal::NotInvited)
 }
 
+fn check_ban(state: &ServerState, key: KeyFingerprint, address: IpAddr) -> Result<(), Refusal> {
+    if state.people.is_banned(key, address) {
+        state.metrics.refusals.count(Reason::Banned);
+        return Err(Refusal::Banned);
+    }
+    Ok(())
+}
+
 fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<Admitted, Refusal> {
     let Arrival { id, connection, hello } = arrival;
     let address = connection.remote_address().ip();
     let mut registry = state.registry();
+    // Whoever bans looks here afterwards for those to remove.
+    check_ban(state, key, address)?;
     let before = registry.visitors.get(key).cloned();
     let visit = match &before {
         Some(before) => {
+            before.replace(REPLACED);
             registry.places.take_over(id, before.connection_id);
             before.visit.clone()
         }
@@ -154,7 +165,7 @@ pub async fn part(state: &ServerState, id: ConnectionId, end: Option<&SessionEnd
     }
     // The engine's thread may have ended already.
     let event = match is_kept {
-        true => EngineEvent::Absent(client),
+        true => EngineEvent::Absent { client, noted: None },
         false => EngineEvent::Leave(client.avatar()),
     };
     state.tell_engine(event).await;
@@ -173,9 +184,9 @@ fn part_registered(
         registry.places.end(id);
         return None;
     };
-    let is_kept = end.is_some_and(SessionEnd::may_return) && client.visit.has_entered();
+    let may_return = end.is_some_and(SessionEnd::may_return) && client.visit.has_entered();
+    let is_kept = may_return && registry.places.part(id);
     if is_kept {
-        registry.places.part(id);
         registry.visitors.part(&client, state.now());
     } else {
         leave(&mut registry, &client);

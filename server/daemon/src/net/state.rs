@@ -14,7 +14,7 @@ use super::{
     avatar_ids::AvatarIds,
     client::ConnectedClient,
     config::ServeConfig,
-    engine_task::{EngineEvent, TimedEvent},
+    engine_task::{EngineEvent, Newcomer, TimedEvent},
     load::Load,
     log_limits::LogLimits,
     names::Names,
@@ -100,6 +100,16 @@ impl ServerState {
     pub async fn tell_engine(&self, event: EngineEvent) -> bool {
         let at = self.now();
         self.events.send(TimedEvent { at, event }).await.is_ok()
+    }
+
+    /// Tells the engine's thread of a client that wants to enter, and that counts as waiting from
+    /// then on. Waits while there are too many events. Returns whether there is still an engine.
+    pub async fn tell_newcomer(&self, newcomer: Newcomer) -> bool {
+        let Ok(permit) = self.events.reserve().await else { return false };
+        // A session may end at any await, and who waits must reach the engine's thread.
+        self.load.waits();
+        permit.send(TimedEvent { at: self.now(), event: EngineEvent::Join(newcomer) });
+        true
     }
 
     /// Whether the log may have a line about a peer.

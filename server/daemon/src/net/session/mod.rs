@@ -352,15 +352,21 @@ impl<'a> Session<'a> {
         if before == world {
             return Err(SessionEnd::Breach("entered twice"));
         }
-        if before == 0 && !self.state.registry().places.enter(self.client.connection_id) {
-            return Err(SessionEnd::Limit(Reason::Clients, "the server is full"));
+        {
+            let mut registry = self.state.registry();
+            if self.client.is_replaced() {
+                return Ok(());
+            }
+            if before == 0 && !registry.places.enter(self.client.connection_id) {
+                return Err(SessionEnd::Limit(Reason::Clients, "the server is full"));
+            }
         }
         self.reports_from.store(reports_from, Relaxed);
         self.extend_deadline();
         let client = self.client.clone();
         let place = place_in(self.state, &self.client.visit, &offer, place).await;
-        self.state.load.waits();
-        self.send_event(EngineEvent::Join(Newcomer { client, world, place })).await
+        let is_told = self.state.tell_newcomer(Newcomer { client, world, place }).await;
+        is_told.then_some(()).ok_or(SessionEnd::Closing)
     }
 
     /// The offer with a number; `None` when another one has taken its place.
@@ -380,11 +386,7 @@ impl<'a> Session<'a> {
             return Ok(());
         }
         self.extend_deadline();
-        self.send_event(EngineEvent::Input(input)).await
-    }
-
-    async fn send_event(&self, event: EngineEvent) -> Result<(), SessionEnd> {
-        let is_told = self.state.tell_engine(event).await;
+        let is_told = self.state.tell_engine(EngineEvent::Input(input)).await;
         is_told.then_some(()).ok_or(SessionEnd::Closing)
     }
 
