@@ -146,8 +146,8 @@ impl Places {
     /// the connection [ends](Self::end): its network might have too many.
     pub fn part(&mut self, id: ConnectionId) -> bool {
         let Some((address, _)) = self.connections.get(&id).copied() else { return false };
-        let is_kept = is_own_machine(address)
-            || avatars(&self.stages(address)) <= self.limits.per_network;
+        let is_kept =
+            is_own_machine(address) || avatars(&self.stages(address)) <= self.limits.per_network;
         if is_kept {
             self.set_stage(id, Stage::Absent);
         }
