@@ -95,6 +95,25 @@ fn what_another_program_writes_is_heard_of() {
     }
 }
 
+/// The standings are read anew at any time, and what waits is then taken in again.
+#[test]
+fn an_act_is_in_the_standings_only_when_it_waits_to_be_written() {
+    let people = People::open(None).unwrap();
+    let subject = Subject::Key(ADA);
+    let pending = people.shared.pending();
+    std::thread::scope(|scope| {
+        scope.spawn(|| people.act("test", Act::Ban(subject, String::new()), ""));
+        // The act cannot wait yet, so it keeps the standings to itself.
+        while let Ok(standings) = people.shared.standings.try_lock() {
+            assert!(!standings.is_banned(&subject), "it would be lost");
+            drop(standings);
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        drop(pending);
+    });
+    assert!(people.is_banned(ADA, None));
+}
+
 #[test]
 fn a_file_that_is_none_of_ours_or_a_later_ones_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
