@@ -27,7 +27,7 @@ const SPREAD: u64 = 4;
 /// where the round trip is long, and a new one soon does where the server has just come back.
 const ATTEMPTS_MAX: usize = 4;
 /// A client whose link broke tries to come back for so long.
-const PATIENCE: Duration = Duration::from_secs(600);
+pub(super) const PATIENCE: Duration = Duration::from_secs(600);
 
 /// What a client needs to connect again.
 pub(super) struct Caller {
@@ -76,9 +76,12 @@ impl Caller {
     /// Connects until the server welcomes this client, or refuses it for good.
     ///
     /// # Errors
-    /// When it refuses it for good, or ten minutes have passed.
-    pub(super) async fn call(&self, pauses: &mut Pauses) -> Result<Welcomed, ConnectError> {
-        let give_up = Instant::now() + PATIENCE;
+    /// When it refuses it for good, or it is time to give up.
+    pub(super) async fn call(
+        &self,
+        pauses: &mut Pauses,
+        give_up: Instant,
+    ) -> Result<Welcomed, ConnectError> {
         loop {
             let connection = self.reach(pauses, give_up, ConnectError::may_pass).await?;
             let error = match self.dialer.greet(connection, self.address, &self.options).await {
@@ -133,7 +136,13 @@ impl Caller {
 
 #[cfg(test)]
 mod tests {
+    use std::{net::UdpSocket, sync::Arc};
+
+    use sightline_cli::identity::Identity;
+    use sightline_protocol::text::Name;
+
     use super::*;
+    use crate::net::trust::Trust;
 
     #[test]
     fn pauses_grow_and_are_short_again_after_success() {
@@ -144,5 +153,29 @@ mod tests {
         assert!(taken.iter().all(|pause| *pause < Duration::from_secs(2)));
         pauses.reset();
         assert_eq!(pauses.next(), taken[0]);
+    }
+
+    #[tokio::test]
+    async fn who_calls_again_has_no_more_time_than_was_left() {
+        let silent = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let address = silent.local_addr().unwrap();
+        let identity = Arc::new(Identity::generate().unwrap());
+        let options = ConnectOptions {
+            name: Name::new("Ada").unwrap(),
+            colour: [0; 3],
+            place: None,
+            trust: Trust::Pinned(identity.fingerprint()),
+            identity,
+            invitation: None,
+            progress: None,
+        };
+        let caller = Caller { dialer: Dialer::new(None), address, options };
+        let give_up = Instant::now() + Duration::from_millis(50);
+        for _ in 0..3 {
+            let called = caller.call(&mut Pauses::returning(), give_up).await;
+            assert!(matches!(called, Err(ConnectError::NoAnswer(_))));
+            assert!(Instant::now() >= give_up);
+        }
+        assert!(give_up.elapsed() < Duration::from_secs(5), "{:?}", give_up.elapsed());
     }
 }

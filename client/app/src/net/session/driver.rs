@@ -12,7 +12,7 @@ use sightline_protocol::{
 use sightline_world::{ContentId, motion::Pose};
 use tokio::{
     sync::mpsc,
-    time::{MissedTickBehavior, timeout},
+    time::{Instant, MissedTickBehavior, timeout},
 };
 
 use super::{
@@ -21,7 +21,7 @@ use super::{
         control_stream::ControlStream,
         error::{ConnectError, lost},
         passage::{WorldOffer, offered_world},
-        returning::{Caller, Pauses},
+        returning::{Caller, PATIENCE, Pauses},
     },
     Welcomed,
     state::{Link, SharedState},
@@ -100,9 +100,10 @@ impl Driver {
     }
 
     /// Runs the session to its end, and records why it ended. Whenever its link breaks, it comes
-    /// back.
+    /// back, unless it is out of the world for too long.
     pub(super) async fn run(mut self, mut inbox: mpsc::Receiver<SessionCommand>) {
         let mut pauses = Pauses::returning();
+        let mut give_up = Instant::now();
         let end = loop {
             let error = match self.talk(&mut inbox).await {
                 Ok(end) => break end,
@@ -113,13 +114,16 @@ impl Driver {
             }
             if self.lose(&error) {
                 pauses.reset();
+                give_up = Instant::now() + PATIENCE;
             }
             let back = tokio::select! {
-                back = self.come_back(&mut pauses) => back,
+                back = self.come_back(&mut pauses, give_up) => back,
                 () = told_to_leave(&mut inbox) => break LEFT.to_owned(),
             };
             match back {
-                Err(error) if !error.may_pass() => break error.to_string(),
+                Err(error) if !error.may_pass() || Instant::now() >= give_up => {
+                    break error.to_string();
+                }
                 // What breaks on the way in breaks again, and is taken in there.
                 _ => {}
             }
@@ -142,8 +146,13 @@ impl Driver {
     }
 
     /// Connects again, gets the world that is offered, and asks to go on in it.
-    async fn come_back(&mut self, pauses: &mut Pauses) -> Result<(), ConnectError> {
-        let Welcomed { control, avatar, tick_interval } = self.caller.call(pauses).await?;
+    async fn come_back(
+        &mut self,
+        pauses: &mut Pauses,
+        give_up: Instant,
+    ) -> Result<(), ConnectError> {
+        let welcomed = self.caller.call(pauses, give_up).await?;
+        let Welcomed { control, avatar, tick_interval } = welcomed;
         self.control = control;
         let (offer, world) = offered_world(&mut self.control, &self.cache, None, None).await?;
         let welcomed = (self.control.connection.clone(), avatar, tick_interval);
