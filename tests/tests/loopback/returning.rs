@@ -162,6 +162,19 @@ async fn a_second_login_that_enters_at_once_goes_on_where_the_first_one_was() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn operators_see_who_is_back_and_has_not_entered_as_joining() {
+    let (server, address) = serve(config());
+    let options = options(&server, "Ada", WEST);
+    let first = Dialer::new(None).connect(address, &options).await.unwrap();
+    let second = Stranger::with_identity(address, &options.identity).await;
+    let _stream = second.send(&hello(VERSION)).await;
+    until("the first is told", || first.end().is_some()).await;
+    let overview = server.observer().overview().await.unwrap();
+    assert_eq!((overview.clients.joining, overview.people.len()), (1, 1));
+    assert!(overview.people[0].place.is_some(), "her avatar stands in the world");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn who_says_goodbye_is_gone_at_once() {
     let (server, address) = serve(config());
     let bo = join(&server, "Bo", WEST + Vec3::X).await;

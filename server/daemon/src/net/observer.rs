@@ -48,13 +48,13 @@ impl Observer {
     /// The server at present. `None` when the engine does not answer within two seconds.
     pub async fn overview(&self) -> Option<Overview> {
         let survey = self.ask(EngineEvent::Survey).await?;
-        let absent: Vec<_> = self.0.registry().visitors.absent().cloned().collect();
-        let absent = absent
-            .iter()
-            .map(|client| Person { state: PersonState::Absent, ..person(client, &survey) });
-        let clients = self.clients();
-        let connected = clients.iter().map(|client| person(client, &survey));
-        let mut people: Vec<Person> = connected.chain(absent).collect();
+        let visitors: Vec<_> = {
+            // One look at all of them: nobody who comes back meanwhile is missed, or there twice.
+            let registry = self.0.registry();
+            registry.visitors.all().map(|(client, is_here)| (client.clone(), is_here)).collect()
+        };
+        let people = visitors.iter().map(|(client, is_here)| person(client, *is_here, &survey));
+        let mut people: Vec<Person> = people.collect();
         people.sort_unstable_by_key(|person| person.avatar);
         let mut clients = ClientCounts::default();
         people.iter().for_each(|person| clients.add(person.state));
@@ -125,14 +125,20 @@ impl Observer {
     }
 }
 
-fn person(client: &ConnectedClient, survey: &Survey) -> Person {
+fn person(client: &ConnectedClient, is_connected: bool, survey: &Survey) -> Person {
     let surveyed = survey.avatars.get(&client.avatar());
     let stats = client.stats();
+    let state = match surveyed {
+        _ if !is_connected => PersonState::Absent,
+        // Who was welcomed back has an avatar in the world before it enters.
+        Some((state, _)) if stats.reporting_state.is_some() => *state,
+        _ => PersonState::Joining,
+    };
     Person {
         avatar: client.avatar().0,
         name: client.visit.name.as_str().to_owned(),
         address: client.connection.remote_address().to_string(),
-        state: surveyed.map_or(PersonState::Joining, |(state, _)| *state),
+        state,
         connected_s: Instant::now().saturating_duration_since(client.since).as_secs_f64(),
         round_trip_ms: stats.round_trip_ms,
         totals: stats.traffic.totals(),

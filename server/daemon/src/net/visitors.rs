@@ -64,11 +64,6 @@ impl Visitors {
         self.by_key.values().filter(is_overdue).map(|entry| entry.client.clone()).collect()
     }
 
-    /// The clients whose links broke and that may come back.
-    pub fn absent(&self) -> impl Iterator<Item = &Arc<ConnectedClient>> {
-        self.all().filter(|(_, is_connected)| !is_connected).map(|(client, _)| client)
-    }
-
     /// All clients, and whether they are connected.
     pub fn all(&self) -> impl Iterator<Item = (&Arc<ConnectedClient>, bool)> {
         self.by_key.values().map(|entry| (&entry.client, entry.until.is_none()))
