@@ -6,8 +6,8 @@ use anyhow::Context;
 use sightline_server::http::HttpServer;
 use sightline_server::net::{HttpAddress, Limits, Server};
 
-/// Starts to listen for operators, if they have an address. It ends when what is returned is
-/// dropped. That the address of the default is taken is a warning only: another server may run here.
+/// Starts to listen for operators, if they have an address. Dropping the result ends
+/// it. That the address of the default is taken is a warning only: another server may run here.
 #[cfg(feature = "http")]
 pub async fn listen(
     server: &Server,

@@ -213,7 +213,8 @@ impl Moderation {
         if own > other { Ok(()) } else { Err(ModerationError::Outranked) }
     }
 
-    /// Checks that somebody has a role, and is not banned: who is banned is heard for a moment.
+    /// Checks that somebody has a role, and is not banned. The server hears a client for a moment
+    /// after its ban.
     pub(super) fn check_role(&self, author: Author, role: Role) -> Result<(), ModerationError> {
         match author {
             Author::Visitor(key) if self.is_banned(key) => Err(ModerationError::Banned),

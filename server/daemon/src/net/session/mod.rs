@@ -46,10 +46,9 @@ pub use end::SessionEnd;
 use frames::FrameReader;
 use writer::OutboxWriter;
 
-/// Where packets are lost, the messages until a client has entered may take so many round trips
-/// more, ...
+/// How many more round trips a client may need until it has entered. Lost packets cost some.
 const ENTER_ROUND_TRIPS: u32 = 12;
-/// ... of this length at most.
+/// The longest round trip that counts for that.
 const ROUND_TRIP_MAX: Duration = Duration::from_secs(1);
 /// How often a client's silence is looked at, at least.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
