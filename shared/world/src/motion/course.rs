@@ -1,8 +1,9 @@
 //! Courses: where an avatar will be if it goes on as it last said.
 //!
 //! A client says where its avatar is, how it moves and how it turns. From that everybody computes
-//! the same course: straight on, turning evenly, and on a parabola in free fall. The client speaks again when its avatar *departs*
-//! from the course by more than a tolerance. Its silence means that the avatar is on course.
+//! the same course: straight on, turning evenly, and on a parabola in free fall. The client speaks
+//! again when its avatar *departs* from the course by more than a tolerance. Its silence means that
+//! the avatar is on course.
 //! (Sudarsky and Gotsman 1996, section 3.2, sweep a volume along a known trajectory.)
 
 use std::{
@@ -51,6 +52,13 @@ impl Pose {
             ..*self
         }
     }
+}
+
+/// The part of a velocity along the ground.
+///
+/// This is no closure: Rust 1.95 lets a closure change an argument that its caller reads again.
+fn level(velocity: Vec3) -> Vec3 {
+    velocity.with_y(0.0)
 }
 
 /// The shorter turn from one yaw to another, in radians: from -π to π.
@@ -155,13 +163,12 @@ impl Tolerance {
         let off = pose.eye - course.eye;
         let [v, c] = [pose.velocity, course.velocity].map(|velocity| agility.sustained(velocity));
         // Along the ground both regions are within circles about the middle of the way.
-        let level = |v: Vec3| v.with_y(0.0);
         let centres = level(off + (v - c) * (0.5 * seconds)).length();
         let aside = centres + 0.5 * seconds * (level(v).length() - level(c).length());
         let up = off.y + seconds * (v.y.max(0.0) - c.y.max(0.0));
         let down = -off.y + seconds * ((-v.y).max(0.0) - (-c.y).max(0.0));
-        let speed = |v: Vec3| v.length().max(agility.speed_max);
-        let way = off.length() + seconds * (speed(v) - speed(c));
+        let [speed_v, speed_c] = [v, c].map(|velocity| velocity.length().max(agility.speed_max));
+        let way = off.length() + seconds * (speed_v - speed_c);
         aside.max(up).max(down).max(way)
     }
 }
