@@ -98,7 +98,7 @@ impl Verdict {
         }
         if self.floorless_share > places::FLOORLESS_MIN {
             said.push(format!(
-                "{:.0} % of what is below a roof has no floor: is a slab missing in the model?",
+                "{:.0} % of what is below a roof has no floor: a slab may be missing in the model",
                 self.floorless_share * 100.0
             ));
         }
