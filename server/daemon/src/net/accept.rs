@@ -15,11 +15,10 @@ use super::{
     entrance,
     session::{self, SessionEnd},
     state::ServerState,
+    transport::{CloseCode, QuicTransport, Transport},
 };
 use crate::operate::Reason;
 
-/// The QUIC error code of a server that accepts no more connections (RFC 9000, section 20.1).
-const CONNECTION_REFUSED: u32 = 2;
 /// How many refused connections are logged in a second at most.
 const LOG_LINES_PER_SECOND: f64 = 10.0;
 /// How often the log says how many lines about a peer were left out.
@@ -133,13 +132,14 @@ async fn converse(
         state.metrics.refusals.count(Reason::Hello);
     }
     let connection = connection.ok()?.ok()?;
-    let address = connection.remote_address().ip();
+    let transport = Transport::Quic(QuicTransport::new(connection));
+    let address = transport.remote_address().ip();
     if !state.registry().places.prove(id, address) {
         state.metrics.refusals.count(Reason::ConnectionsOfNetwork);
-        connection.close(CONNECTION_REFUSED.into(), b"too many connections from this address");
+        transport.close(CloseCode::Refused, "too many connections from this address");
         return None;
     }
-    Some(session::run(&state, connection, id).await)
+    Some(session::run(&state, transport, id).await)
 }
 
 #[cfg(test)]

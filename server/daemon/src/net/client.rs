@@ -10,7 +10,6 @@ use std::{
 };
 
 use glam::Vec3;
-use quinn::Connection;
 use sightline_protocol::{
     fingerprint::KeyFingerprint,
     text::{ChatLine, Name},
@@ -21,7 +20,7 @@ use sightline_world::{
     tolerance::WIRE_POSE_M,
 };
 
-use super::{admission::ConnectionId, config::ServeConfig, outbox::Outbox};
+use super::{admission::ConnectionId, config::ServeConfig, outbox::Outbox, transport::Transport};
 use crate::operate::{ClientStats, Metrics, Reason, SentFrames, TrafficCounters};
 
 /// A visitor, from when it comes in to when it leaves. It outlasts connections.
@@ -44,8 +43,8 @@ pub struct Visit {
 pub struct ConnectedClient {
     /// The number of its connection.
     pub connection_id: ConnectionId,
-    /// The QUIC connection.
-    pub connection: Connection,
+    /// Its connection.
+    pub transport: Arc<Transport>,
     /// The visitor.
     pub visit: Arc<Visit>,
     /// The messages that wait to be sent to it.
@@ -120,7 +119,7 @@ impl ConnectedClient {
     /// The client of a visitor, at a server of this configuration.
     pub fn new(
         connection_id: ConnectionId,
-        connection: Connection,
+        transport: Arc<Transport>,
         visit: Arc<Visit>,
         config: &ServeConfig,
         metrics: Arc<Metrics>,
@@ -128,7 +127,7 @@ impl ConnectedClient {
         let outbox = Outbox::new(config.tick_interval(), config.limits.control_bytes_max);
         let counters = TrafficCounters::default();
         let (since, is_replaced) = (Instant::now(), AtomicBool::new(false));
-        Self { connection_id, connection, visit, outbox, counters, metrics, since, is_replaced }
+        Self { connection_id, transport, visit, outbox, counters, metrics, since, is_replaced }
     }
 
     /// Its own counters, and those of all clients together.
@@ -184,7 +183,7 @@ impl ConnectedClient {
 
     /// The address of its machine.
     pub fn address(&self) -> IpAddr {
-        self.connection.remote_address().ip()
+        self.transport.remote_address().ip()
     }
 
     /// The statistics at present.
@@ -192,7 +191,7 @@ impl ConnectedClient {
         ClientStats {
             traffic: self.counters.traffic(),
             reporting_state: self.outbox.reporting_state(),
-            round_trip_ms: self.connection.rtt().as_secs_f64() * 1e3,
+            round_trip_ms: self.transport.round_trip().as_secs_f64() * 1e3,
         }
     }
 }

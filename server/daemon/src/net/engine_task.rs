@@ -285,7 +285,7 @@ impl EngineTask {
         let may_enter = world == self.world && !client.is_replaced();
         let Some(engine) = self.engine.as_mut().filter(|_| may_enter) else { return };
         // The handshake has measured the round trip already.
-        let round_trip = client.connection.rtt();
+        let round_trip = client.transport.round_trip();
         self.clients.insert(avatar, client);
         visit.enter();
         let is_back = engine.state(avatar).is_some();
@@ -350,10 +350,10 @@ impl EngineTask {
         }
         self.round_trips_due = now + ROUND_TRIP_INTERVAL;
         for (&avatar, client) in &self.clients {
-            let round_trip = client.connection.rtt();
+            let round_trip = client.transport.round_trip();
             engine.handle(now, Input::RoundTrip { avatar, round_trip });
         }
-        let round_trips = self.clients.values().map(|client| client.connection.rtt());
+        let round_trips = self.clients.values().map(|client| client.transport.round_trip());
         self.metrics.ticks.record_round_trips(round_trips);
     }
 }

@@ -2,17 +2,16 @@
 
 use std::{net::IpAddr, num::NonZeroU32, sync::Arc, time::Duration};
 
-use quinn::Connection;
 use sightline_protocol::{VERSION, fingerprint::KeyFingerprint, message::Refusal, text::ChatLine};
 use tokio::sync::oneshot;
 
 use super::{
     admission::{ConnectionId, NoPlace},
     client::{ConnectedClient, Hello, Visit},
-    client_keys::key_of,
     engine_task::EngineEvent,
     session::SessionEnd,
     state::{Registry, ServerState},
+    transport::{CloseCode, Transport},
 };
 use crate::{
     operate::Reason,
@@ -22,13 +21,10 @@ use crate::{
 /// What the client before is told when another one takes its place.
 const REPLACED: &str = "somebody else came in with your key";
 
-/// The QUIC error code with which a connection is closed whose session failed.
-const SESSION_FAILED: u32 = 3;
-
 /// A connection whose client has said hello.
 pub struct Arrival {
     pub id: ConnectionId,
-    pub connection: Connection,
+    pub transport: Arc<Transport>,
     pub hello: Hello,
 }
 
@@ -51,7 +47,7 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
         refusals.count(Reason::Closing);
         return Err(Refusal::Closing);
     }
-    let Some(key) = key_of(&arrival.connection) else {
+    let Some(key) = arrival.transport.key() else {
         refusals.count(Reason::NoKey);
         return Err(Refusal::NoKey);
     };
@@ -76,7 +72,7 @@ fn check_access(
     key: KeyFingerprint,
     arrival: &Arrival,
 ) -> Result<(), Refusal> {
-    check_ban(state, key, arrival.connection.remote_address().ip())?;
+    check_ban(state, key, arrival.transport.remote_address().ip())?;
     let standing = state.people.standing(key);
     let is_listed = standing.is_allowed || standing.role > Role::Visitor;
     let invitation = arrival.hello.invitation.as_ref().map(ChatLine::as_str);
@@ -102,8 +98,8 @@ fn check_ban(state: &ServerState, key: KeyFingerprint, address: IpAddr) -> Resul
 }
 
 fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<Admitted, Refusal> {
-    let Arrival { id, connection, hello } = arrival;
-    let address = connection.remote_address().ip();
+    let Arrival { id, transport, hello } = arrival;
+    let address = transport.remote_address().ip();
     let mut registry = state.registry();
     // Whoever bans looks here afterwards for those to remove.
     check_ban(state, key, address)?;
@@ -137,7 +133,7 @@ fn let_in(state: &ServerState, key: KeyFingerprint, arrival: Arrival) -> Result<
         }
     };
     let (config, metrics) = (&state.config, state.metrics.clone());
-    let client = Arc::new(ConnectedClient::new(id, connection, visit, config, metrics));
+    let client = Arc::new(ConnectedClient::new(id, transport, visit, config, metrics));
     state.people.note_name(key, &client.visit.name);
     registry.visitors.arrive(client.clone());
     registry.clients.insert(id, client.clone());
@@ -156,7 +152,7 @@ pub async fn part(state: &ServerState, id: ConnectionId, end: Option<&SessionEnd
     state.offers.release(id);
     let Some((client, is_kept)) = part_registered(state, id, end) else { return };
     if matches!(end, Some(SessionEnd::Failed)) {
-        client.connection.close(SESSION_FAILED.into(), b"a fault of the server ended your session");
+        client.transport.close(CloseCode::Failed, "a fault of the server ended your session");
     }
     if let Some(end) = end
         && state.may_log(client.address())

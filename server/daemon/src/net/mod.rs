@@ -36,6 +36,7 @@ mod served_world;
 mod session;
 mod state;
 mod survey;
+mod transport;
 mod visitors;
 
 use std::{

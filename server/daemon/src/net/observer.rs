@@ -137,7 +137,7 @@ fn person(client: &ConnectedClient, is_connected: bool, survey: &Survey) -> Pers
     Person {
         avatar: client.avatar().0,
         name: client.visit.name.as_str().to_owned(),
-        address: client.connection.remote_address().to_string(),
+        address: client.transport.remote_address().to_string(),
         state,
         connected_s: Instant::now().saturating_duration_since(client.since).as_secs_f64(),
         round_trip_ms: stats.round_trip_ms,

@@ -43,7 +43,8 @@ async fn admit(
     let name = Name::new("Ada").unwrap();
     let hello = Hello { name, colour: [0; 3], invitation: None, is_foreign: false };
     state.registry().places.begin(id, connection.remote_address().ip(), true);
-    entrance::admit(state, Arrival { id, connection, hello }).await.unwrap()
+    let transport = Arc::new(Transport::Quic(QuicTransport::new(connection)));
+    entrance::admit(state, Arrival { id, transport, hello }).await.unwrap()
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use quinn::SendStream;
 use tokio::task::JoinSet;
 
 use super::super::client::ConnectedClient;
@@ -31,26 +30,21 @@ impl Downloads {
         self.last = number;
         self.tasks.abort_all();
         self.tasks.spawn(async move {
-            if let Some(stream) = send(number, &world, &client).await {
-                // The stream must live until all of it has arrived.
-                let _ = stream.stopped().await;
-            }
+            let _ = send(number, &world, &client).await;
         });
     }
 }
 
 /// Sends a world with its number. `None` when the client does not take it.
-async fn send(number: u32, world: &Bytes, client: &ConnectedClient) -> Option<SendStream> {
-    let mut stream = client.connection.open_uni().await.ok()?;
-    // Control messages go first.
-    let _ = stream.set_priority(-1);
-    stream.write_all(&number.to_le_bytes()).await.ok()?;
+async fn send(number: u32, world: &Bytes, client: &ConnectedClient) -> Option<()> {
+    let mut stream = client.transport.open_world_stream().await?;
+    stream.write(Bytes::copy_from_slice(&number.to_le_bytes())).await?;
     for piece in world.chunks(PIECE_BYTES) {
         let piece = world.slice_ref(piece);
         let bytes = piece.len();
-        stream.write_chunk(piece).await.ok()?;
+        stream.write(piece).await?;
         client.count_world_out(bytes);
     }
-    stream.finish().ok()?;
-    Some(stream)
+    stream.finish().await;
+    Some(())
 }

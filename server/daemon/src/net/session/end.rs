@@ -1,8 +1,8 @@
 //! Why sessions end.
 
-use quinn::ConnectionError;
 use sightline_protocol::{DecodeError, message::Refusal};
 
+use super::super::transport::TransportError;
 use crate::operate::Reason;
 
 /// Why a session ended.
@@ -54,12 +54,11 @@ impl SessionEnd {
     }
 }
 
-impl From<ConnectionError> for SessionEnd {
-    fn from(error: ConnectionError) -> Self {
+impl From<TransportError> for SessionEnd {
+    fn from(error: TransportError) -> Self {
         match error {
-            // The client itself closed it.
-            ConnectionError::ApplicationClosed(_) => Self::Left,
-            error => Self::Lost(error.to_string()),
+            TransportError::Closed => Self::Left,
+            TransportError::Lost(reason) => Self::Lost(reason),
         }
     }
 }

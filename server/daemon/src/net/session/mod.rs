@@ -14,7 +14,6 @@ use std::{
 };
 
 use glam::Vec3;
-use quinn::Connection;
 use sightline_engine::Input;
 use sightline_protocol::{
     VERSION,
@@ -39,6 +38,7 @@ use super::{
     offers::WorldOffer,
     places::place_in,
     state::ServerState,
+    transport::{CloseCode, Transport},
 };
 use crate::operate::Reason;
 use download::Downloads;
@@ -62,40 +62,40 @@ const RESPAWNS_PER_SECOND: f64 = 0.5;
 const RESPAWNS_BURST: f64 = 3.0;
 
 /// Serves a connection until it ends. The caller cleans up.
-pub async fn run(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
-    let end = serve(state, connection, id).await;
+pub async fn run(state: &ServerState, transport: Transport, id: ConnectionId) -> SessionEnd {
+    let end = serve(state, Arc::new(transport), id).await;
     end.refusal().into_iter().for_each(|reason| state.metrics.refusals.count(reason));
     end
 }
 
-async fn serve(state: &ServerState, connection: Connection, id: ConnectionId) -> SessionEnd {
+async fn serve(state: &ServerState, transport: Arc<Transport>, id: ConnectionId) -> SessionEnd {
     let deadline = Instant::now() + Duration::from_secs_f64(state.config.hello_s);
     let mut closing = state.closing.clone();
     let greeted = tokio::select! {
-        greeted = timeout_at(deadline, greet(state, &connection)) => greeted,
+        greeted = timeout_at(deadline, greet(state, &transport)) => greeted,
         _ = closing.wait_for(|is_closing| *is_closing) => {
-            connection.close(0u32.into(), b"the server is closing");
+            transport.close(CloseCode::Ended, "the server is closing");
             return SessionEnd::Closing;
         }
     };
     let Ok(greeted) = greeted else {
-        connection.close(1u32.into(), b"no hello in time");
+        transport.close(CloseCode::NoHello, "no hello in time");
         return SessionEnd::Limit(Reason::Hello, "no hello in time");
     };
     let Greeted { mut writer, frames, hello } = match greeted {
         Ok(greeted) => greeted,
         Err(end) => {
-            connection.close(1u32.into(), end.to_string().as_bytes());
+            transport.close(CloseCode::NoHello, &end.to_string());
             return end;
         }
     };
-    let arrival = Arrival { id, connection: connection.clone(), hello };
+    let arrival = Arrival { id, transport: transport.clone(), hello };
     let client = match entrance::admit(state, arrival).await {
         Ok(client) => client,
         Err(refusal) => {
             let _ =
                 timeout(FAREWELL_DEADLINE, writer.refuse(refusal, &state.metrics.traffic)).await;
-            connection.close(0u32.into(), b"");
+            transport.close(CloseCode::Ended, "");
             return SessionEnd::Refused(refusal);
         }
     };
@@ -103,7 +103,7 @@ async fn serve(state: &ServerState, connection: Connection, id: ConnectionId) ->
     if !matches!(end, SessionEnd::Lost(_)) {
         let _ = timeout(FAREWELL_DEADLINE, writer.finish(&client)).await;
     }
-    connection.close(0u32.into(), b"");
+    transport.close(CloseCode::Ended, "");
     end
 }
 
@@ -115,9 +115,9 @@ struct Greeted {
 }
 
 /// Waits for the stream and its first frame.
-async fn greet(state: &ServerState, connection: &Connection) -> Result<Greeted, SessionEnd> {
-    let (send, receive) = connection.accept_bi().await?;
-    let mut frames = FrameReader::new(receive);
+async fn greet(state: &ServerState, transport: &Transport) -> Result<Greeted, SessionEnd> {
+    let (writer, reader) = transport.control().await?;
+    let mut frames = FrameReader::new(reader);
     let first = frames.next().await?;
     state.metrics.traffic.frame_in(&first);
     // The rest of a hello of another version may have another form.
@@ -132,7 +132,8 @@ async fn greet(state: &ServerState, connection: &Connection) -> Result<Greeted, 
             _ => return Err(SessionEnd::Breach("no hello")),
         }
     };
-    Ok(Greeted { writer: OutboxWriter::new(send, state.config.limits.write_s), frames, hello })
+    let writer = OutboxWriter::new(writer, state.config.limits.write_s);
+    Ok(Greeted { writer, frames, hello })
 }
 
 /// The conversation with an admitted client.
@@ -204,7 +205,7 @@ impl<'a> Session<'a> {
 
     async fn listen_to_datagrams(&self) -> SessionEnd {
         loop {
-            let datagram = match self.client.connection.read_datagram().await {
+            let datagram = match self.client.transport.receive_datagram().await {
                 Ok(datagram) => datagram,
                 Err(error) => return error.into(),
             };
@@ -243,7 +244,7 @@ impl<'a> Session<'a> {
         let patience = Duration::from_secs_f64(self.state.config.limits.enter_s);
         while offers.changed().await.is_ok() {
             let is_offered = offers.borrow_and_update().is_some();
-            let trips = self.client.connection.rtt().min(ROUND_TRIP_MAX) * ENTER_ROUND_TRIPS;
+            let trips = self.client.transport.round_trip().min(ROUND_TRIP_MAX) * ENTER_ROUND_TRIPS;
             self.limits().deadline = is_offered.then(|| Instant::now() + patience + trips);
         }
         SessionEnd::Closing

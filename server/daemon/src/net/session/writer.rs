@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use quinn::{SendDatagramError, SendStream, WriteError};
 use sightline_protocol::{
     frame,
     message::{Refusal, ServerMessage},
@@ -10,19 +9,17 @@ use sightline_protocol::{
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::{
-    super::{client::ConnectedClient, outbox::Batch},
+    super::{client::ConnectedClient, outbox::Batch, transport::ControlWriter},
     SessionEnd,
 };
 use crate::operate::{Reason, SentFrames, TrafficCounters};
 
 /// When the session ends, for example because too much waits, it may take no longer than this.
 const LAST_WRITE_DEADLINE: Duration = Duration::from_secs(2);
-/// Poses are sent only while QUIC's own queue of datagrams has room for this number of bytes.
-const DATAGRAM_SPACE_MIN: usize = 16 * 1_024;
 
 /// Empties an outbox. May be cancelled at any point: the next call goes on from there.
 pub(super) struct OutboxWriter {
-    stream: SendStream,
+    stream: ControlWriter,
     /// Frames that were taken from the outbox.
     unsent: Vec<u8>,
     /// How much of them is written.
@@ -33,20 +30,16 @@ pub(super) struct OutboxWriter {
 }
 
 impl OutboxWriter {
-    pub(super) fn new(stream: SendStream, write_s: f64) -> Self {
+    pub(super) fn new(stream: ControlWriter, write_s: f64) -> Self {
         let patience = Duration::from_secs_f64(write_s);
         Self { stream, unsent: Vec::new(), written: 0, patience }
     }
 
     /// Sends all that comes into the outbox, until the session has to end.
     pub(super) async fn run(&mut self, client: &ConnectedClient) -> SessionEnd {
-        let connection = &client.connection;
         loop {
-            // While the path is busy, poses wait in the outbox, where newer ones replace them. In
-            // QUIC's queue they would grow old.
-            let has_room = connection.datagram_send_buffer_space() >= DATAGRAM_SPACE_MIN;
-            let bytes_max = connection.max_datagram_size().filter(|_| has_room);
-            let batch = client.outbox.take(bytes_max);
+            // While the path is busy, poses wait in the outbox, where newer ones replace them.
+            let batch = client.outbox.take(client.transport.datagram_room());
             let (is_last, overflowed) = (batch.is_last, batch.overflowed);
             if let Err(end) = self.send(client, batch).await {
                 return end;
@@ -66,12 +59,7 @@ impl OutboxWriter {
         self.unsent.extend_from_slice(&batch.control);
         for datagram in batch.datagrams {
             client.count_datagram_out(datagram.len());
-            match client.connection.send_datagram(datagram.into()) {
-                // The path has just become too narrow for it: it counts as lost.
-                Ok(()) | Err(SendDatagramError::TooLarge) => {}
-                Err(SendDatagramError::ConnectionLost(error)) => return Err(error.into()),
-                Err(error) => return Err(SessionEnd::Lost(error.to_string())),
-            }
+            client.transport.send_datagram(datagram)?;
         }
         tokio::select! {
             biased;
@@ -89,9 +77,7 @@ impl OutboxWriter {
         while let Some(rest) = self.unsent.get(self.written..).filter(|rest| !rest.is_empty()) {
             let written = timeout_at(deadline, self.stream.write(rest)).await;
             match written {
-                Ok(Ok(bytes)) => self.written += bytes,
-                Ok(Err(WriteError::ConnectionLost(error))) => return Err(error.into()),
-                Ok(Err(error)) => return Err(SessionEnd::Lost(error.to_string())),
+                Ok(bytes) => self.written += bytes?,
                 Err(_) => return Err(SessionEnd::Limit(Reason::Reading, "it does not read")),
             }
         }
@@ -109,8 +95,8 @@ impl OutboxWriter {
     }
 
     async fn finish_stream(&mut self) {
-        if self.drain().await.is_ok() && self.stream.finish().is_ok() {
-            let _ = self.stream.stopped().await;
+        if self.drain().await.is_ok() {
+            self.stream.finish().await;
         }
     }
 

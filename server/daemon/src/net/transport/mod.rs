@@ -1,0 +1,173 @@
+//! How a client is connected. Sessions, outboxes and the entrance know this module alone, and no
+//! kind of connection.
+//!
+//! Each kind has a control stream, whose bytes arrive in order, and datagrams, of which only the
+//! newest matter. A writer of datagrams first asks [how large one may be](Transport::datagram_room):
+//! while the path is busy, poses wait where newer ones replace them.
+
+mod quic;
+
+use std::{net::SocketAddr, time::Duration};
+
+use bytes::Bytes;
+use sightline_protocol::fingerprint::KeyFingerprint;
+
+pub use quic::QuicTransport;
+use quic::{QuicReader, QuicWorldStream, QuicWriter};
+
+/// A client's connection.
+pub enum Transport {
+    /// A native client's.
+    Quic(QuicTransport),
+}
+
+/// The half of the control stream on which the client is heard.
+pub enum ControlReader {
+    Quic(QuicReader),
+}
+
+/// The half of the control stream on which the client is told something.
+pub enum ControlWriter {
+    Quic(QuicWriter),
+}
+
+/// A stream on which a world file is sent, with a lower priority than control messages.
+pub enum WorldStream {
+    Quic(QuicWorldStream),
+}
+
+/// Why nothing more arrives or is sent.
+#[derive(Debug, thiserror::Error)]
+pub enum TransportError {
+    /// The client itself closed the connection, or ended the stream.
+    #[error("the client closed it")]
+    Closed,
+    /// The connection broke.
+    #[error("{0}")]
+    Lost(String),
+}
+
+/// Why the server closes a connection.
+#[derive(Clone, Copy, Debug)]
+pub enum CloseCode {
+    /// The session is over, and the client was told.
+    Ended = 0,
+    /// There was no hello.
+    NoHello = 1,
+    /// There are too many connections: QUIC's own code for it (RFC 9000, section 20.1).
+    Refused = 2,
+    /// The session failed.
+    Failed = 3,
+}
+
+impl Transport {
+    /// Waits until the client has opened its control stream.
+    pub async fn control(&self) -> Result<(ControlWriter, ControlReader), TransportError> {
+        match self {
+            Self::Quic(quic) => {
+                let (writer, reader) = quic.control().await?;
+                Ok((ControlWriter::Quic(writer), ControlReader::Quic(reader)))
+            }
+        }
+    }
+
+    /// The greatest length of a datagram that may be sent now, in bytes; `None` while the path is
+    /// busy.
+    pub fn datagram_room(&self) -> Option<usize> {
+        match self {
+            Self::Quic(quic) => quic.datagram_room(),
+        }
+    }
+
+    /// Sends a datagram, which may be lost.
+    pub fn send_datagram(&self, datagram: Vec<u8>) -> Result<(), TransportError> {
+        match self {
+            Self::Quic(quic) => quic.send_datagram(datagram),
+        }
+    }
+
+    /// The next datagram from the client. May be cancelled.
+    pub async fn receive_datagram(&self) -> Result<Bytes, TransportError> {
+        match self {
+            Self::Quic(quic) => quic.receive_datagram().await,
+        }
+    }
+
+    /// Opens a stream for a world file. `None` when the connection is lost.
+    pub async fn open_world_stream(&self) -> Option<WorldStream> {
+        match self {
+            Self::Quic(quic) => quic.open_world_stream().await.map(WorldStream::Quic),
+        }
+    }
+
+    /// The key that the client has proved to hold; `None` when it showed none.
+    pub fn key(&self) -> Option<KeyFingerprint> {
+        match self {
+            Self::Quic(quic) => quic.key(),
+        }
+    }
+
+    /// The address that the client has now.
+    pub fn remote_address(&self) -> SocketAddr {
+        match self {
+            Self::Quic(quic) => quic.remote_address(),
+        }
+    }
+
+    /// How long the way to the client and back takes, as measured last.
+    pub fn round_trip(&self) -> Duration {
+        match self {
+            Self::Quic(quic) => quic.round_trip(),
+        }
+    }
+
+    /// Closes the connection at once. What was sent before may not arrive.
+    pub fn close(&self, code: CloseCode, reason: &str) {
+        match self {
+            Self::Quic(quic) => quic.close(code, reason),
+        }
+    }
+}
+
+impl ControlReader {
+    /// The next bytes; `None` when the client has ended the stream. May be cancelled: no byte is
+    /// lost.
+    pub async fn read(&mut self) -> Result<Option<Bytes>, TransportError> {
+        match self {
+            Self::Quic(quic) => quic.read().await,
+        }
+    }
+}
+
+impl ControlWriter {
+    /// Writes whole frames, or a part of them. Returns how many bytes were taken. Waits while the
+    /// client does not read. May be cancelled: then none were taken.
+    pub async fn write(&mut self, frames: &[u8]) -> Result<usize, TransportError> {
+        match self {
+            Self::Quic(quic) => quic.write(frames).await,
+        }
+    }
+
+    /// Ends the stream, and waits until all of it has arrived.
+    pub async fn finish(&mut self) {
+        match self {
+            Self::Quic(quic) => quic.finish().await,
+        }
+    }
+}
+
+impl WorldStream {
+    /// Writes a piece of the file. `None` when the client does not take it.
+    pub async fn write(&mut self, piece: Bytes) -> Option<()> {
+        match self {
+            Self::Quic(quic) => quic.write(piece).await,
+        }
+    }
+
+    /// Ends the file, and waits until all of it has arrived.
+    pub async fn finish(self) {
+        match self {
+            Self::Quic(quic) => quic.finish().await,
+        }
+    }
+}

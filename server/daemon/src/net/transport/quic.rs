@@ -1,0 +1,132 @@
+//! A native client's connection: QUIC with streams and datagrams.
+
+use std::{net::SocketAddr, time::Duration};
+
+use bytes::Bytes;
+use quinn::{
+    Connection, ConnectionError, ReadError, RecvStream, SendDatagramError, SendStream, VarInt,
+    WriteError,
+};
+use sightline_protocol::{fingerprint::KeyFingerprint, frame::FRAME_BYTES_MAX};
+
+use super::{super::client_keys::key_of, CloseCode, TransportError};
+
+/// Poses are sent only while QUIC's own queue of datagrams has room for this number of bytes. In it
+/// they would grow old.
+const DATAGRAM_SPACE_MIN: usize = 16 * 1_024;
+
+/// A connection of QUIC.
+pub struct QuicTransport(Connection);
+
+/// The half of the control stream from the client.
+pub struct QuicReader(RecvStream);
+
+/// The half of the control stream to the client.
+pub struct QuicWriter(SendStream);
+
+/// A stream for a world file.
+pub struct QuicWorldStream(SendStream);
+
+impl QuicTransport {
+    pub fn new(connection: Connection) -> Self {
+        Self(connection)
+    }
+
+    pub(super) async fn control(&self) -> Result<(QuicWriter, QuicReader), TransportError> {
+        let (send, receive) = self.0.accept_bi().await?;
+        Ok((QuicWriter(send), QuicReader(receive)))
+    }
+
+    pub(super) fn datagram_room(&self) -> Option<usize> {
+        let has_room = self.0.datagram_send_buffer_space() >= DATAGRAM_SPACE_MIN;
+        self.0.max_datagram_size().filter(|_| has_room)
+    }
+
+    pub(super) fn send_datagram(&self, datagram: Vec<u8>) -> Result<(), TransportError> {
+        match self.0.send_datagram(datagram.into()) {
+            // The path has just become too narrow for it: it counts as lost.
+            Ok(()) | Err(SendDatagramError::TooLarge) => Ok(()),
+            Err(SendDatagramError::ConnectionLost(error)) => Err(error.into()),
+            Err(error) => Err(lost(error)),
+        }
+    }
+
+    pub(super) async fn receive_datagram(&self) -> Result<Bytes, TransportError> {
+        Ok(self.0.read_datagram().await?)
+    }
+
+    pub(super) async fn open_world_stream(&self) -> Option<QuicWorldStream> {
+        let stream = self.0.open_uni().await.ok()?;
+        // Control messages go first.
+        let _ = stream.set_priority(-1);
+        Some(QuicWorldStream(stream))
+    }
+
+    pub(super) fn key(&self) -> Option<KeyFingerprint> {
+        key_of(&self.0)
+    }
+
+    pub(super) fn remote_address(&self) -> SocketAddr {
+        self.0.remote_address()
+    }
+
+    pub(super) fn round_trip(&self) -> Duration {
+        self.0.rtt()
+    }
+
+    pub(super) fn close(&self, code: CloseCode, reason: &str) {
+        self.0.close(VarInt::from_u32(code as u32), reason.as_bytes());
+    }
+}
+
+impl QuicReader {
+    pub(super) async fn read(&mut self) -> Result<Option<Bytes>, TransportError> {
+        match self.0.read_chunk(FRAME_BYTES_MAX, true).await {
+            Ok(chunk) => Ok(chunk.map(|chunk| chunk.bytes)),
+            Err(ReadError::Reset(_)) => Ok(None),
+            Err(ReadError::ConnectionLost(error)) => Err(error.into()),
+            Err(error) => Err(lost(error)),
+        }
+    }
+}
+
+impl QuicWriter {
+    pub(super) async fn write(&mut self, frames: &[u8]) -> Result<usize, TransportError> {
+        match self.0.write(frames).await {
+            Ok(bytes) => Ok(bytes),
+            Err(WriteError::ConnectionLost(error)) => Err(error.into()),
+            Err(error) => Err(lost(error)),
+        }
+    }
+
+    pub(super) async fn finish(&mut self) {
+        if self.0.finish().is_ok() {
+            let _ = self.0.stopped().await;
+        }
+    }
+}
+
+impl QuicWorldStream {
+    pub(super) async fn write(&mut self, piece: Bytes) -> Option<()> {
+        self.0.write_chunk(piece).await.ok()
+    }
+
+    pub(super) async fn finish(mut self) {
+        if self.0.finish().is_ok() {
+            let _ = self.0.stopped().await;
+        }
+    }
+}
+
+fn lost(error: impl ToString) -> TransportError {
+    TransportError::Lost(error.to_string())
+}
+
+impl From<ConnectionError> for TransportError {
+    fn from(error: ConnectionError) -> Self {
+        match error {
+            ConnectionError::ApplicationClosed(_) => Self::Closed,
+            error => lost(error),
+        }
+    }
+}
