@@ -126,6 +126,31 @@ fn links_of_documents_lead_somewhere() {
     assert!(broken.is_empty(), "{broken:#?}");
 }
 
+/// Documents name tests as "`FILE`: `TEST`, `TEST`".
+#[test]
+fn tests_that_documents_name_exist() {
+    let mut missing = Vec::new();
+    for page in files(&root(), "md") {
+        let text = read(&page);
+        let parts: Vec<&str> = text.split('`').collect();
+        let mut file = None;
+        for pair in parts.windows(2).step_by(2) {
+            let [between, code] = [pair[0], pair[1]];
+            let path = root().join(code);
+            let is_name =
+                code.contains('_') && code.chars().all(|c| c == '_' || c.is_alphanumeric());
+            if code.ends_with(".rs") && path.is_file() {
+                file = Some(read(&path));
+            } else if !(is_name && [": ", ", "].contains(&between)) {
+                file = None;
+            } else if file.as_ref().is_some_and(|file| !file.contains(&format!("fn {code}("))) {
+                missing.push(format!("{}: {code}", page.display()));
+            }
+        }
+    }
+    assert!(missing.is_empty(), "{missing:#?}");
+}
+
 #[test]
 fn paths_that_documents_name_exist() {
     let mut broken = Vec::new();
