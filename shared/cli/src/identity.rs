@@ -117,7 +117,10 @@ pub fn key_fingerprint(certificate: &CertificateDer<'_>) -> Option<KeyFingerprin
 }
 
 /// Writes a file that only its owner may read. A crash leaves all of it or nothing.
-fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
+///
+/// # Errors
+/// When the folder or the file cannot be made.
+pub fn write_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;
     }

@@ -9,7 +9,7 @@ use std::{
 
 use glam::Vec3;
 use sightline_server::{
-    http::{AskError, HttpServer, ask_overview},
+    http::{AskError, HttpServer, OwnerToken, ask_overview},
     net::{Limits, Server},
 };
 use sightline_world::motion::ReportingState;
@@ -26,8 +26,12 @@ use crate::building::{EAST, WEST};
 const PATIENCE: Duration = Duration::from_secs(10);
 
 pub async fn listen(server: &Server, limits: &Limits) -> HttpServer {
+    listen_with(server, limits, OwnerToken::new().unwrap()).await
+}
+
+pub async fn listen_with(server: &Server, limits: &Limits, token: OwnerToken) -> HttpServer {
     let address = "127.0.0.1:0".parse().unwrap();
-    HttpServer::listen(address, server.observer(), limits).await.unwrap()
+    HttpServer::listen(address, server, token, limits).await.unwrap()
 }
 
 /// Sends bytes. What comes until the connection is closed.
@@ -237,4 +241,43 @@ async fn status_asks_a_server_what_it_does() {
     });
     let error = ask_overview(address).await.unwrap_err();
     assert!(matches!(error, AskError::Foreign { .. }), "{error}");
+}
+
+/// Gives an order with a token. The status of the answer.
+async fn order(address: SocketAddr, token: &str, body: &str) -> u16 {
+    let request = format!(
+        "POST /moderate HTTP/1.1\r\nHost: {address}\r\nAuthorization: Bearer {token}\r\n\
+         Content-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    let said = answer(address, request.as_bytes()).await;
+    said.split(' ').nth(1).and_then(|status| status.parse().ok()).expect(&said)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn only_who_has_the_owners_token_acts() {
+    let (server, _) = serve(config());
+    let token = OwnerToken::new().unwrap();
+    let http = listen_with(&server, &Limits::default(), token.clone()).await;
+    let (address, token) = (http.local_addr(), token.to_string());
+    let ada = join(&server, "Ada", WEST).await;
+    let moderation = server.moderation();
+    let avatar = moderation.visitors()[0].avatar;
+    let told = |act: &str| format!(r#"{{"avatar":{avatar},"act":"{act}","reason":"be nice"}}"#);
+    for wrong in ["", "0", &token.to_uppercase(), &format!("{token} ")] {
+        // A space at the end of a header is no part of it.
+        let expected = if wrong.trim() == token { 200 } else { 401 };
+        assert_eq!(order(address, wrong, &told("mute")).await, expected, "{wrong:?}");
+    }
+    assert!(moderation.visitors()[0].is_muted);
+    assert_eq!(order(address, &token, &told("unmute")).await, 200);
+    assert!(!moderation.visitors()[0].is_muted);
+    for body in ["", "{}", "[1]", &told("praise"), &" ".repeat(3_000)] {
+        let status = order(address, &token, body).await;
+        assert!([400, 413, 422].contains(&status), "{body:?}: {status}");
+    }
+    let nobody = r#"{"avatar":4294967295,"act":"kick"}"#;
+    assert_eq!(order(address, &token, nobody).await, 404);
+    assert_eq!(order(address, &token, &told("ban")).await, 200);
+    until("Ada is told", || ada.end().as_deref() == Some("you are banned: be nice")).await;
 }

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use serde_json::json;
-use sightline_server::{http::HttpServer, net::Limits};
+use sightline_server::{http::OwnerToken, net::Limits};
 use tokio::task::spawn_blocking;
 
-use super::{browser::Browser, config, is_quiet, join, serve, until};
+use super::{browser::Browser, config, is_quiet, join, operators::listen_with, serve, until};
 use crate::building::{EAST, WEST};
 
 /// How many pixels of the plans people and TBVs colour.
@@ -27,14 +27,18 @@ const CLICK: &str = "(() => {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_page_shows_people_on_plans_and_what_one_of_them_may_see() {
     let (server, _) = serve(config());
-    let address = "127.0.0.1:0".parse().unwrap();
-    let http = HttpServer::listen(address, server.observer(), &Limits::default()).await.unwrap();
+    let token = OwnerToken::new().unwrap();
+    let http = listen_with(&server, &Limits::default(), token.clone()).await;
     let (ada, bo) = (join(&server, "Ada", WEST).await, join(&server, "<b>Bo</b>", EAST).await);
     until("both are quiet", || is_quiet(&ada) && is_quiet(&bo)).await;
-    let url = format!("http://{}/", http.local_addr());
+    let url = format!("http://{}/#token={token}", http.local_addr());
     let looked = spawn_blocking(move || Browser::open(&url).map(look)).await.unwrap();
     match looked {
-        Some(faults) => assert!(faults.is_empty(), "{faults:?}"),
+        Some(faults) => {
+            assert!(faults.is_empty(), "{faults:?}");
+            until("Ada is told", || ada.end().as_deref() == Some("a moderator removed you: loud"))
+                .await;
+        }
         None => println!("skipped: Chromium is not installed"),
     }
 }
@@ -57,8 +61,17 @@ fn look(mut page: Browser) -> Vec<String> {
     );
     page.until(&format!("picked = null, {CLICK}"));
     page.until("ticks.length > 1 && document.getElementById('take_s').textContent.endsWith('s')");
+    page.until("location.hash === '' && token !== null");
+    page.value("picked = null, window.prompt = () => 'loud'");
+    let act = |name| format!("document.querySelector('[data-act={name}]').click()");
+    page.value("document.querySelectorAll('#sessions tr')[1].click()");
+    page.until("document.getElementById('subject').textContent === 'Ada (visitor):'");
+    page.value(&act("mute"));
+    page.until("document.getElementById('mute').textContent === 'unmute'");
     let picture = Path::new(env!("CARGO_TARGET_TMPDIR")).join("operator-page.png");
     page.picture(&picture);
     println!("the page: {}", picture.display());
+    page.value(&act("kick"));
+    page.until("document.getElementById('answer').textContent === 'kick Ada: done'");
     std::mem::take(&mut page.faults)
 }

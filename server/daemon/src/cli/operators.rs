@@ -1,9 +1,13 @@
 //! The listener for operators, as `serve` starts it.
 
 #[cfg(feature = "http")]
+use std::io::{IsTerminal, stdout};
+use std::path::Path;
+
+#[cfg(feature = "http")]
 use anyhow::Context;
 #[cfg(feature = "http")]
-use sightline_server::http::HttpServer;
+use sightline_server::http::{HttpServer, OwnerToken};
 use sightline_server::net::{HttpAddress, Limits, Server};
 
 /// Starts to listen for operators, if they have an address. Dropping the result ends
@@ -13,9 +17,12 @@ pub async fn listen(
     server: &Server,
     http: HttpAddress,
     limits: &Limits,
+    data: &Path,
 ) -> anyhow::Result<Option<HttpServer>> {
     let HttpAddress::At(address) = http else { return Ok(None) };
-    let listened = HttpServer::listen(address, server.observer(), limits).await;
+    let token = OwnerToken::keep(data)
+        .with_context(|| format!("cannot keep the owner's token in {}", data.display()))?;
+    let listened = HttpServer::listen(address, server, token.clone(), limits).await;
     let listened = listened
         .with_context(|| format!("cannot listen on {address}; choose another with --http ADDR"));
     let listener = match listened {
@@ -27,7 +34,9 @@ pub async fn listen(
         listened => listened?,
     };
     let address = listener.local_addr();
-    sightline_cli::output::print(&format!("{:<27}http://{address}\n", "for operators:"))?;
+    // A person gets a link by which they may act; a log gets none.
+    let act = if stdout().is_terminal() { format!("/#token={token}") } else { String::new() };
+    sightline_cli::output::print(&format!("{:<27}http://{address}{act}\n", "for operators:"))?;
     if !address.ip().is_loopback() {
         tracing::warn!("http://{address} has no password: whoever reaches it sees where all are");
     }
@@ -36,7 +45,7 @@ pub async fn listen(
 
 /// Does nothing: this program was built without the feature `http`.
 #[cfg(not(feature = "http"))]
-pub async fn listen(_: &Server, http: HttpAddress, _: &Limits) -> anyhow::Result<()> {
+pub async fn listen(_: &Server, http: HttpAddress, _: &Limits, _: &Path) -> anyhow::Result<()> {
     if matches!(http, HttpAddress::At(_)) && !http.is_default() {
         anyhow::bail!("--http: this program was built without the feature http");
     }

@@ -89,7 +89,7 @@ pub fn run(args: &ServeArgs) -> anyhow::Result<()> {
     let supplied = supplied(args, config.world.as_deref(), &data)?;
     let identity = Identity::keep(&data)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
-    runtime.block_on(serve(supplied, args, config, &identity))
+    runtime.block_on(serve(supplied, args, config, &data, &identity))
 }
 
 /// The settings of the file, overridden by those of the flags.
@@ -152,13 +152,14 @@ async fn serve(
     supplied: Supplied,
     args: &ServeArgs,
     config: ServeConfig,
+    data: &Path,
     identity: &Identity,
 ) -> anyhow::Result<()> {
     let (http, limits) = (config.http, config.limits.clone());
     tracing::info!("{}", config.cost());
     let mut server = Server::listen(config, identity)?;
     output::print(&how_to_join(&server)?)?;
-    let _operators = super::operators::listen(&server, http, &limits).await?;
+    let _operators = super::operators::listen(&server, http, &limits, data).await?;
     let ends = Arc::new(AtomicBool::new(false));
     let mut supply = start_supply(supplied, args, &server, ends.clone())?;
     let mut is_supplied = false;

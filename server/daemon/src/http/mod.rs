@@ -2,15 +2,17 @@
 //!
 //! A slow or hostile client costs nothing. Connections have limits: in all, for each address, and
 //! in time. Each connection is for one request, whose header must arrive in time and fit into
-//! 16 KiB, and whose body is not read. Requests have a rate in all. However many ask, the engine is
+//! 16 KiB. Only the body of a request with the owner's token is read. Requests have a rate in all. However many ask, the engine is
 //! asked twice a second at most for all clients together.
 //!
-//! There is no password. The listener is on this machine's own address unless its operator chooses
-//! another one.
+//! Whoever reaches the listener may look: it is on this machine's own address unless its operator
+//! chooses another one. Only who has the [`OwnerToken`] may act.
 
 mod client;
 mod connections;
+mod desk;
 mod metrics_text;
+mod owner_token;
 mod page;
 mod plans;
 mod routes;
@@ -32,9 +34,10 @@ use tokio::{
 };
 
 pub use client::{AskError, ask_overview};
+pub use owner_token::OwnerToken;
 
 use crate::{
-    net::{Limits, Observer},
+    net::{Limits, Observer, Server},
     operate::Reason,
 };
 use connections::Connections;
@@ -59,18 +62,21 @@ pub struct HttpServer {
 }
 
 impl HttpServer {
-    /// Listens on an address. Must be called within a tokio runtime.
+    /// Listens on an address for the operators of a server. Must be called within a tokio runtime.
     ///
     /// # Errors
     /// When the address is taken, or is not one of this machine.
     pub async fn listen(
         address: SocketAddr,
-        observer: Observer,
+        server: &Server,
+        token: OwnerToken,
         limits: &Limits,
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         let address = listener.local_addr()?;
-        let router = routes::router(observer.clone(), limits, address.ip());
+        let observer = server.observer();
+        let desk = desk::router(server.moderation(), token);
+        let router = routes::router(observer.clone(), desk, limits, address.ip());
         let connections = Connections::new(limits);
         let task = tokio::spawn(accept(listener, router, observer, connections));
         Ok(Self { address, task })

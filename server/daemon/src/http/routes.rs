@@ -32,7 +32,7 @@ struct Shared {
 }
 
 /// Everything that a listener on an address answers.
-pub(super) fn router(observer: Observer, limits: &Limits, address: IpAddr) -> Router {
+pub(super) fn router(observer: Observer, desk: Router, limits: &Limits, address: IpAddr) -> Router {
     let rate = f64::from(limits.http_requests_per_s);
     let snapshots = Arc::new(Snapshots::new(observer.clone()));
     let shared = Arc::new(Shared {
@@ -47,6 +47,7 @@ pub(super) fn router(observer: Observer, limits: &Limits, address: IpAddr) -> Ro
         .route(OVERVIEW_PATH, get(overview))
         .with_state(shared.clone())
         .merge(page::router(observer, snapshots))
+        .merge(desk)
         .layer(middleware::from_fn_with_state(shared, guard))
 }
 

@@ -159,6 +159,17 @@ impl Moderation {
         Ok(())
     }
 
+    /// The key of a visitor.
+    ///
+    /// # Errors
+    /// When nobody has this avatar.
+    pub fn key_of(&self, avatar: u32) -> Result<KeyFingerprint, ModerationError> {
+        let registry = self.registry();
+        let mut all = registry.visitors.all().map(|(client, _)| client);
+        let client = all.find(|client| client.avatar().0 == avatar);
+        client.map(|client| client.visit.key).ok_or(ModerationError::NotHere)
+    }
+
     /// The network of a visitor, to be banned.
     ///
     /// # Errors

@@ -11,9 +11,12 @@ use tokio::{sync::oneshot, time::timeout};
 use super::{
     client::ConnectedClient, engine_task::EngineEvent, state::ServerState, survey::Survey,
 };
-use crate::operate::{
-    ClientCounts, Metrics, Overview, Person, PersonState, Prism, ProcessUse, ServerStats, Sight,
-    StageSums, WorldName,
+use crate::{
+    operate::{
+        ClientCounts, Metrics, Overview, Person, PersonState, Prism, ProcessUse, ServerStats,
+        Sight, StageSums, WorldName,
+    },
+    people::Standing,
 };
 
 /// How long the engine may take to answer.
@@ -53,7 +56,9 @@ impl Observer {
             let registry = self.0.registry();
             registry.visitors.all().map(|(client, is_here)| (client.clone(), is_here)).collect()
         };
-        let people = visitors.iter().map(|(client, is_here)| person(client, *is_here, &survey));
+        let people = visitors.iter().map(|(client, is_here)| {
+            person(client, *is_here, self.0.people.standing(client.visit.key), &survey)
+        });
         let mut people: Vec<Person> = people.collect();
         people.sort_unstable_by_key(|person| person.avatar);
         let mut clients = ClientCounts::default();
@@ -125,7 +130,12 @@ impl Observer {
     }
 }
 
-fn person(client: &ConnectedClient, is_connected: bool, survey: &Survey) -> Person {
+fn person(
+    client: &ConnectedClient,
+    is_connected: bool,
+    standing: Standing,
+    survey: &Survey,
+) -> Person {
     let surveyed = survey.avatars.get(&client.avatar());
     let stats = client.stats();
     let state = match surveyed {
@@ -138,6 +148,8 @@ fn person(client: &ConnectedClient, is_connected: bool, survey: &Survey) -> Pers
         avatar: client.avatar().0,
         name: client.visit.name.as_str().to_owned(),
         address: client.transport.remote_address().to_string(),
+        role: standing.role,
+        is_muted: standing.is_muted,
         state,
         connected_s: Instant::now().saturating_duration_since(client.since).as_secs_f64(),
         round_trip_ms: stats.round_trip_ms,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use sightline_world::geometry::{Aabb, Axes};
 
 use super::{OverloadStats, ProcessUse, TickSummary};
+use crate::people::Role;
 
 /// A server at one time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -141,6 +142,10 @@ pub struct Person {
     pub name: String,
     /// The address of its machine.
     pub address: String,
+    /// What it may do.
+    pub role: Role,
+    /// Whether nobody hears what it says.
+    pub is_muted: bool,
     /// What it does.
     pub state: PersonState,
     /// How long it has been connected, in seconds.
