@@ -79,6 +79,12 @@ fn engine(rows: &mut Rows, observer: &Observer) {
     ] {
         rows.counter(name, help, count);
     }
+    let faults = observer.metrics().engine_faults();
+    rows.counter(
+        "engine_faults",
+        "Faults of the engine, each of which began its world anew",
+        faults,
+    );
 }
 
 fn load(rows: &mut Rows, observer: &Observer) {

@@ -5,6 +5,7 @@
 
 use std::{
     collections::{BTreeMap, VecDeque},
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -14,7 +15,7 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_engine::{Engine, Input, Output, Stats};
+use sightline_engine::{Config, Engine, Input, Output, Stats};
 use sightline_world::motion::{AvatarId, Tbv};
 use tokio::sync::{
     mpsc::{self, error::TryRecvError},
@@ -24,6 +25,7 @@ use tokio::sync::{
 use super::{
     client::{ConnectedClient, FormerPlace},
     config::ServeConfig,
+    engine_faults::EngineFaults,
     load::Load,
     offers::Offers,
     pace::Pace,
@@ -67,6 +69,9 @@ pub enum EngineEvent {
         /// Where its eye is, and the avatars that it holds; `None` when it is not in the world.
         reply: oneshot::Sender<Option<(Vec3, Vec<AvatarId>)>>,
     },
+    /// A fault, injected by a test.
+    #[cfg(test)]
+    Fault,
 }
 
 /// A client that wants to enter a world.
@@ -91,6 +96,10 @@ pub struct EngineTask {
     engine: Option<Box<Engine>>,
     /// The number of its world; zero before the first.
     world: u32,
+    /// Its world, for an engine that takes over from one that failed.
+    served: Option<ServedWorld>,
+    engine_config: Config,
+    faults: EngineFaults,
     offers: Arc<Offers>,
     clients: BTreeMap<AvatarId, Arc<ConnectedClient>>,
     /// Those who wait for their turn to enter.
@@ -136,6 +145,9 @@ impl EngineTask {
             joins_per_tick: config.limits.joins_per_tick,
             engine: None,
             world: 0,
+            served: None,
+            engine_config: config.engine(),
+            faults: EngineFaults::default(),
             offers,
             load,
             metrics,
@@ -145,7 +157,7 @@ impl EngineTask {
         }
     }
 
-    /// Runs until it is told to stop, or no sender of events is left.
+    /// Runs until it is told to stop, no sender of events is left, or the engine fails too often.
     pub fn run(mut self, mut events: mpsc::Receiver<TimedEvent>, stop: &AtomicBool) {
         let mut due = Instant::now();
         loop {
@@ -155,11 +167,11 @@ impl EngineTask {
             }
             let begin = Instant::now();
             let late = begin.saturating_duration_since(due);
-            if !self.take_all(&mut events) {
+            let step = catch_unwind(AssertUnwindSafe(|| self.step(begin, &mut events)));
+            let goes_on = step.unwrap_or_else(|_| self.begin_anew());
+            if !goes_on {
                 return;
             }
-            let taken = begin.elapsed();
-            self.tick(begin, taken);
             let spent = begin.elapsed();
             if self.pace.take(spent.max(late / 2)) {
                 self.change_pace();
@@ -168,6 +180,36 @@ impl EngineTask {
             // without a processor.
             due = (due + self.pace.interval()).max(begin + spent + self.pace.interval() / 8);
         }
+    }
+
+    /// Takes in what waits, and ticks. Returns whether any sender of events is left.
+    fn step(&mut self, begin: Instant, events: &mut mpsc::Receiver<TimedEvent>) -> bool {
+        let goes_on = self.take_all(events);
+        if goes_on {
+            self.tick(begin, begin.elapsed());
+        }
+        goes_on
+    }
+
+    /// The engine panicked: another one takes over, and visitors come back to where they were.
+    /// Returns whether it does.
+    fn begin_anew(&mut self) -> bool {
+        self.metrics.count_engine_fault();
+        let may = self.faults.take(self.now());
+        let Some(world) = self.served.clone().filter(|_| may) else {
+            tracing::error!("the engine failed");
+            return false;
+        };
+        tracing::error!("the engine failed: the world begins anew");
+        // An engine that has failed may fail again when it is asked where visitors are.
+        let noted = catch_unwind(AssertUnwindSafe(|| self.note_places()));
+        if noted.is_err() {
+            tracing::warn!("where visitors were is not known: they begin at spawn points");
+        }
+        self.clients.clear();
+        let engine = Engine::new(world.world().clone(), self.engine_config.clone());
+        self.change(Box::new(engine), world);
+        true
     }
 
     fn now(&self) -> Duration {
@@ -219,6 +261,8 @@ impl EngineTask {
             // Who asked may have gone meanwhile.
             EngineEvent::Survey(reply) => drop(reply.send(self.survey())),
             EngineEvent::Look { viewer, reply } => drop(reply.send(self.look(viewer))),
+            #[cfg(test)]
+            EngineEvent::Fault => panic!("a fault, injected by a test"),
         }
     }
 
@@ -259,11 +303,8 @@ impl EngineTask {
     /// Ends the present world and begins another. All clients are told, and the server remembers
     /// where each was, so that it can go on there.
     pub fn change(&mut self, engine: Box<Engine>, world: ServedWorld) {
-        for client in std::mem::take(&mut self.clients).values() {
-            if let Some(engine) = &self.engine {
-                note_place(engine, client, engine.whereabouts(client.avatar()), self.world);
-            }
-        }
+        self.note_places();
+        self.clients.clear();
         let ticks = self.engine.as_ref().map_or(0, |engine| engine.ticks());
         self.counted += self.engine.as_ref().map_or(Stats::default(), |engine| engine.stats());
         let mut engine = engine.counting_from(ticks);
@@ -271,8 +312,17 @@ impl EngineTask {
         self.engine = Some(Box::new(engine));
         let title = world.world().title.clone();
         self.places.change_building(&title);
+        self.served = Some(world.clone());
         self.world = self.offers.change_world(world);
         tracing::info!(world = self.world, title, "serving");
+    }
+
+    /// Notes where all visitors are, so that they can go on there.
+    fn note_places(&self) {
+        let Some(engine) = &self.engine else { return };
+        for client in self.clients.values() {
+            note_place(engine, client, engine.whereabouts(client.avatar()), self.world);
+        }
     }
 
     fn enter(&mut self, now: Duration, newcomer: Newcomer) {
@@ -364,3 +414,6 @@ fn note_place(engine: &Engine, client: &ConnectedClient, region: Option<Tbv>, wo
         client.visit.set_former(FormerPlace { eye: pose.eye, region, world });
     }
 }
+
+#[cfg(test)]
+mod tests;

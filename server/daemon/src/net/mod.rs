@@ -5,7 +5,7 @@
 //! accepts connections (`accept`), and each connection has a `session` of its own. The engine's
 //! thread fills each client's `outbox` and never waits for a client. When it cannot keep up, its
 //! rate falls (`pace`), newcomers are put off (`load`), and nobody present is dropped. A session
-//! that panics or misbehaves ends alone.
+//! that panics or misbehaves ends alone. When the engine panics, its world begins anew (`engine_faults`).
 //!
 //! What a client can occupy has limits ([`Limits`]): `serve --print-config` prints each with its
 //! memory.
@@ -20,6 +20,7 @@ mod client_keys;
 mod commands;
 mod config;
 mod endpoint;
+mod engine_faults;
 mod engine_task;
 mod entrance;
 mod load;
@@ -36,6 +37,8 @@ mod served_world;
 mod session;
 mod state;
 mod survey;
+#[cfg(test)]
+mod test_clients;
 mod transport;
 mod visitors;
 

@@ -10,7 +10,10 @@ mod refusals;
 mod ticks;
 mod traffic;
 
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicU64, Ordering::Relaxed},
+};
 
 use serde::{Deserialize, Serialize};
 use sightline_world::motion::ReportingState;
@@ -35,6 +38,19 @@ pub(crate) struct Metrics {
     pub(crate) refusals: Refusals,
     /// How long ticks take.
     pub(crate) ticks: TickMetrics,
+    engine_faults: AtomicU64,
+}
+
+impl Metrics {
+    /// Takes in that the engine panicked.
+    pub(crate) fn count_engine_fault(&self) {
+        self.engine_faults.fetch_add(1, Relaxed);
+    }
+
+    /// How often the engine panicked.
+    pub(crate) fn engine_faults(&self) -> u64 {
+        self.engine_faults.load(Relaxed)
+    }
 }
 
 /// The statistics of a server.

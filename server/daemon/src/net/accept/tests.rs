@@ -1,51 +1,13 @@
 //! A session that panics.
 
-use std::sync::Arc;
-
-use quinn::{Connection, ConnectionError, crypto::rustls::QuicClientConfig};
+use quinn::ConnectionError;
 use sightline_cli::identity::Identity;
-use sightline_protocol::{ALPN, text::Name};
 
 use super::*;
 use crate::net::{
-    ServeConfig, Server,
-    client::{ConnectedClient, Hello},
-    endpoint,
-    entrance::Arrival,
+    ServeConfig, Server, endpoint,
+    test_clients::{admit, connect},
 };
-
-/// Connects a visitor to an endpoint. Returns both ends.
-async fn connect(server: &Endpoint, identity: &Identity, visitor: &Identity) -> [Connection; 2] {
-    let mut roots = rustls::RootCertStore::empty();
-    roots.add(identity.certificate.clone()).unwrap();
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let mut tls = rustls::ClientConfig::builder_with_provider(provider)
-        .with_protocol_versions(&[&rustls::version::TLS13])
-        .unwrap()
-        .with_root_certificates(roots)
-        .with_client_auth_cert(vec![visitor.certificate.clone()], visitor.key.clone_key())
-        .unwrap();
-    tls.alpn_protocols = vec![ALPN.to_vec()];
-    let config = quinn::ClientConfig::new(Arc::new(QuicClientConfig::try_from(tls).unwrap()));
-    let client = Endpoint::client("127.0.0.1:0".parse().unwrap()).unwrap();
-    let connecting = client.connect_with(config, server.local_addr().unwrap(), "sightline");
-    let accepting = async { server.accept().await.unwrap().await };
-    let (there, here) = tokio::join!(connecting.unwrap(), accepting);
-    [there.unwrap(), here.unwrap()]
-}
-
-/// Lets a visitor in, as its session does.
-async fn admit(
-    state: &ServerState,
-    id: ConnectionId,
-    connection: Connection,
-) -> Arc<ConnectedClient> {
-    let name = Name::new("Ada").unwrap();
-    let hello = Hello { name, colour: [0; 3], invitation: None, is_foreign: false };
-    state.registry().places.begin(id, connection.remote_address().ip(), true);
-    let transport = Arc::new(Transport::Quic(QuicTransport::new(connection)));
-    entrance::admit(state, Arrival { id, transport, hello }).await.unwrap()
-}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_panic_ends_one_session_whose_client_is_told_and_finds_its_avatar() {
