@@ -1,5 +1,5 @@
-//! The program `sightline-server`: its commands are allow, compile, demo-building, inspect,
-//! invite, owner, replay, serve and status.
+//! The program `sightline-server`: its commands are allow, audit, chat, compile,
+//! demo-building, inspect, invite, owner, replay, serve and status.
 
 mod cli;
 
@@ -24,6 +24,8 @@ const PROGRAM: &str = "sightline-server";
 #[derive(Subcommand)]
 enum Command {
     Allow(cli::people::AllowArgs),
+    Audit(cli::people::AuditArgs),
+    Chat(cli::people::ChatArgs),
     Compile(cli::compile::CompileArgs),
     DemoBuilding(cli::demo_building::DemoBuildingArgs),
     Inspect(cli::inspect::InspectArgs),
@@ -38,6 +40,8 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match exit::arguments::<Args>(PROGRAM).command {
         Command::Allow(args) => cli::people::allow(&args),
+        Command::Audit(args) => cli::people::audit(&args),
+        Command::Chat(args) => cli::people::chat(&args),
         Command::Compile(args) => cli::compile::run(&args),
         Command::DemoBuilding(args) => cli::demo_building::run(&args),
         Command::Inspect(args) => cli::inspect::run(&args),

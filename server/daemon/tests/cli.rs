@@ -9,7 +9,10 @@ use std::{
 };
 
 use sightline_fixtures::voxel_floor;
-use sightline_protocol::fingerprint::KeyFingerprint;
+use sightline_protocol::{
+    fingerprint::KeyFingerprint,
+    text::{ChatLine, Name},
+};
 use sightline_server::{
     net::{HttpAddress, ServeConfig},
     people::{People, Role},
@@ -72,10 +75,17 @@ fn owners_and_invitations_are_made_without_a_server() {
     assert_eq!(said(&["allow", "FFFF90BC11D27F80AA01"]).0, Some(0));
     let (code, invitation, _) = said(&["invite", "--uses", "2"]);
     assert_eq!((code, invitation.trim().len()), (Some(0), 32));
-    let people = People::open(Some(folder.path())).unwrap();
+    let people = People::open(Some(folder.path()), 7).unwrap();
     let (owner, guest) = (key.parse().unwrap(), KeyFingerprint([7; 10]));
     assert_eq!(people.standing(owner).role, Role::Owner);
     assert!(people.accept_invitation(guest, &invitation));
+    let name = Name::new("Ada").unwrap();
+    people.note_chat(guest, &name, &ChatLine::new("good morning").unwrap());
+    people.finish();
+    let chat = said(&["chat"]).1;
+    assert!(chat.ends_with("  0707-0707-0707-0707-0707  Ada: good morning\n"), "{chat}");
+    let audit = said(&["audit", "--lines", "3"]).1;
+    assert!(audit.contains(&format!("operator  make owner {key}\n")), "{audit}");
     let (code, _, error) = said(&["owner", "Ada"]);
     assert_eq!(code, Some(2));
     assert!(error.contains("20 hexadecimal digits"), "{error}");

@@ -1,10 +1,13 @@
-//! `sightline-server owner`, `allow` and `invite`: who may do what, and who is let in.
+//! `sightline-server owner`, `allow` and `invite`: who may do what, and who is let in. `chat` and
+//! `audit`: what was said and done.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use sightline_cli::output;
 use sightline_protocol::fingerprint::KeyFingerprint;
-use sightline_server::people::{Act, Database, Role, hash, new_invitation};
+use sightline_server::people::{
+    Act, AuditRecord, ChatRecord, Database, Role, hash, new_invitation,
+};
 
 use super::serve::data_folder;
 
@@ -56,26 +59,83 @@ pub struct InviteArgs {
     data: DataFlag,
 }
 
+/// Prints what visitors said lately.
+///
+/// Only a server whose settings have `chat_days` keeps it. Times are in UTC.
+#[derive(clap::Args)]
+pub struct ChatArgs {
+    #[command(flatten)]
+    records: RecordFlags,
+}
+
+/// Prints what moderators and operators did lately: roles, bans, invitations.
+///
+/// Times are in UTC.
+#[derive(clap::Args)]
+pub struct AuditArgs {
+    #[command(flatten)]
+    records: RecordFlags,
+}
+
+#[derive(clap::Args)]
+struct RecordFlags {
+    /// How many lines are printed, the last ones.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    lines: u32,
+    #[command(flatten)]
+    data: DataFlag,
+}
+
 /// Runs `owner`.
 pub fn make_owner(args: &OwnerArgs) -> anyhow::Result<()> {
-    act(args.data.data.as_deref(), Act::SetRole(args.key, Role::Owner))?;
+    act(&args.data, Act::SetRole(args.key, Role::Owner))?;
     output::print(&format!("{} is an owner\n", args.key))
 }
 
 /// Runs `allow`.
 pub fn allow(args: &AllowArgs) -> anyhow::Result<()> {
-    act(args.data.data.as_deref(), Act::Allow(args.key))?;
+    act(&args.data, Act::Allow(args.key))?;
     output::print(&format!("{} is let in\n", args.key))
 }
 
 /// Runs `invite`.
 pub fn invite(args: &InviteArgs) -> anyhow::Result<()> {
     let invitation = new_invitation()?;
-    act(args.data.data.as_deref(), Act::Invite(hash(&invitation), args.uses))?;
+    act(&args.data, Act::Invite(hash(&invitation), args.uses))?;
     output::print(&format!("{invitation}\n"))
 }
 
-fn act(data: Option<&Path>, act: Act) -> anyhow::Result<()> {
-    let folder = data.map_or_else(data_folder, |folder| Ok(folder.to_owned()))?;
-    Ok(Database::open(&folder)?.act(OPERATOR, act, "")?)
+/// Runs `chat`.
+pub fn chat(args: &ChatArgs) -> anyhow::Result<()> {
+    let records = args.records.data.open()?.chat(args.records.lines)?;
+    let lines = records
+        .into_iter()
+        .map(|ChatRecord { at, key, name, text }| format!("{at}  {key}  {name}: {text}"));
+    print(lines)
+}
+
+/// Runs `audit`.
+pub fn audit(args: &AuditArgs) -> anyhow::Result<()> {
+    let records = args.records.data.open()?.audit(args.records.lines)?;
+    let lines = records.into_iter().map(|AuditRecord { at, author, act, subject, reason }| {
+        format!("{at}  {author}  {act} {subject} {reason}").trim_end().to_owned()
+    });
+    print(lines)
+}
+
+/// Prints lines. What peers and other programs have written commands no terminal.
+fn print(lines: impl Iterator<Item = String>) -> anyhow::Result<()> {
+    let shown = |line: String| line.replace(char::is_control, "?") + "\n";
+    output::print(&lines.map(shown).collect::<String>())
+}
+
+impl DataFlag {
+    fn open(&self) -> anyhow::Result<Database> {
+        let folder = self.data.clone().map_or_else(data_folder, Ok)?;
+        Ok(Database::open(&folder)?)
+    }
+}
+
+fn act(data: &DataFlag, act: Act) -> anyhow::Result<()> {
+    Ok(data.open()?.act(OPERATOR, act, "")?)
 }

@@ -11,6 +11,7 @@ use axum::{
     routing::post,
 };
 use serde::Deserialize;
+use sightline_protocol::text::ChatLine;
 
 use super::owner_token::OwnerToken;
 use crate::{
@@ -36,7 +37,7 @@ struct Order {
     act: Act,
     /// What the visitor is told.
     #[serde(default)]
-    reason: String,
+    reason: Option<ChatLine>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -82,7 +83,8 @@ async fn moderate(State(desk): State<Arc<Desk>>, Json(order): Json<Order>) -> Re
 
 impl Desk {
     fn obey(&self, order: &Order) -> Result<(), ModerationError> {
-        let (author, reason) = (Author::Operator, order.reason.trim());
+        let author = Author::Operator;
+        let reason = order.reason.as_ref().map_or("", ChatLine::as_str);
         let key = self.moderation.key_of(order.avatar)?;
         match order.act {
             Act::Kick => self.moderation.kick(author, key, reason),

@@ -74,6 +74,8 @@ documented! {
         /// Who is let in: `open` (everybody), `allow-list`, or `invitation`.
         #[serde(serialize_with = "shown", deserialize_with = "parsed")]
         access: Access,
+        /// For how many days chat is kept, for whoever runs the server to read; 0 when it is not.
+        chat_days: u32,
         /// The folder for the certificate, the database of visitors and compiled buildings; the
         /// user's data folder when there is none.
         data: Option<PathBuf>,
@@ -158,6 +160,7 @@ impl Default for ServeConfig {
             silence_s: 30.0,
             free_entry: false,
             access: Access::Open,
+            chat_days: 0,
             data: None,
             world: None,
             limits: Limits::default(),

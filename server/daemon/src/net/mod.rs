@@ -153,7 +153,7 @@ impl Server {
     ) -> Result<Self, BindError> {
         config.check()?;
         let endpoint = endpoint::listen(&config, identity)?;
-        let people = Arc::new(People::open(config.data.as_deref())?);
+        let people = Arc::new(People::open(config.data.as_deref(), config.chat_days)?);
         let started = Instant::now();
         let (events, received) = mpsc::channel(config.limits.events_max);
         let (close, closing) = watch::channel(false);

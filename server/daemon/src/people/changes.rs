@@ -17,6 +17,8 @@ use crate::address::network;
 /// The most visitors of whom something waits to be written. Beyond them it is forgotten: the disk
 /// must have been full for long.
 const NOTES_MAX: usize = 65_536;
+/// The most lines of chat that wait to be written.
+const LINES_MAX: usize = 16_384;
 
 /// Whom a ban keeps out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -66,11 +68,21 @@ pub struct Note {
     pub place: Option<(Arc<str>, Vec3)>,
 }
 
+/// A line of chat.
+#[derive(Clone, Debug)]
+pub struct Said {
+    pub key: KeyFingerprint,
+    /// The name that others see.
+    pub name: String,
+    pub text: String,
+}
+
 /// What waits to be written.
 #[derive(Debug, Default)]
 pub struct Pending {
     notes: HashMap<KeyFingerprint, Note>,
     pub acts: Vec<Act>,
+    said: Vec<Said>,
     /// Where notes go for which there is no room.
     spare: Note,
 }
@@ -94,9 +106,21 @@ impl Pending {
         self.notes.iter()
     }
 
+    /// Takes in a line of chat, if there is room.
+    pub fn say(&mut self, said: Said) {
+        if self.said.len() < LINES_MAX {
+            self.said.push(said);
+        }
+    }
+
+    /// The lines of chat.
+    pub fn said(&self) -> &[Said] {
+        &self.said
+    }
+
     /// Whether nothing waits.
     pub fn is_empty(&self) -> bool {
-        self.notes.is_empty() && self.acts.is_empty()
+        self.notes.is_empty() && self.acts.is_empty() && self.said.is_empty()
     }
 
     /// Puts back what could not be written. What has become new since then is newer.
@@ -107,6 +131,8 @@ impl Pending {
             note.place = note.place.take().or(old.place);
         }
         self.acts.splice(0..0, before.acts);
+        self.said.splice(0..0, before.said);
+        self.said.truncate(LINES_MAX);
     }
 }
 

@@ -162,6 +162,11 @@ impl Database {
         for act in &pending.acts {
             write_act(&transaction, now, act)?;
         }
+        for said in pending.said() {
+            let mut statement = transaction
+                .prepare_cached("INSERT INTO chat (at, key, name, text) VALUES (?1, ?2, ?3, ?4)")?;
+            statement.execute(params![now, said.key.to_string(), said.name, said.text])?;
+        }
         transaction.commit()
     }
 
@@ -175,8 +180,9 @@ impl Database {
         Ok(self.write(&pending)?)
     }
 
-    /// Forgets strangers and lines of the audit log beyond their greatest numbers.
-    pub(super) fn forget(&mut self) -> Result<()> {
+    /// Forgets strangers and lines of the audit log beyond their greatest numbers, and chat that is
+    /// older than so many days.
+    pub(super) fn forget(&mut self, chat_days: u32) -> Result<()> {
         self.connection.execute(
             "DELETE FROM visitors WHERE key IN (
                  SELECT key FROM visitors WHERE role = 0 AND muted = 0 AND allowed = 0
@@ -187,7 +193,14 @@ impl Database {
             "DELETE FROM audit WHERE rowid <= (SELECT max(rowid) FROM audit) - ?1",
             [AUDIT_MAX],
         )?;
+        let oldest = unix_time() - i64::from(chat_days) * 86_400;
+        self.connection.execute("DELETE FROM chat WHERE at <= ?1", [oldest])?;
         Ok(())
+    }
+
+    /// What reads records.
+    pub(super) fn connection(&self) -> &Connection {
+        &self.connection
     }
 
     /// A number that changes when another program writes the database.

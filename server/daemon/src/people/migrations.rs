@@ -3,7 +3,8 @@
 use rusqlite::{Connection, Result};
 
 /// Each step leads from the version of its number to the next. A released one never changes.
-const STEPS: [&str; 1] = ["
+const STEPS: [&str; 2] = [
+    "
 CREATE TABLE visitors (
     key BLOB PRIMARY KEY CHECK (length(key) = 10),
     name TEXT NOT NULL DEFAULT '',
@@ -31,7 +32,17 @@ CREATE TABLE audit (
     subject TEXT NOT NULL,
     reason TEXT NOT NULL
 ) STRICT;
-"];
+",
+    "
+CREATE TABLE chat (
+    at INTEGER NOT NULL,
+    key TEXT NOT NULL,
+    name TEXT NOT NULL,
+    text TEXT NOT NULL
+) STRICT;
+CREATE INDEX chat_by_time ON chat (at);
+",
+];
 
 /// The version that this program writes.
 pub const VERSION: usize = STEPS.len();

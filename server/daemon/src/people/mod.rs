@@ -1,5 +1,5 @@
-//! Whom the server remembers: keys, names, roles, bans, the last place of each visitor, and what
-//! moderators did. It is kept in an SQLite database in the data folder.
+//! Whom the server remembers: keys, names, roles, bans, the last place of each visitor, what
+//! moderators did and, if it is told to, what was said. It is kept in an SQLite database in the data folder.
 //!
 //! [`People`] answers from memory, and a thread of its own writes changes: at most a second passes
 //! until they are in the file.
@@ -9,6 +9,7 @@ mod changes;
 mod database;
 mod invitation;
 mod migrations;
+mod records;
 mod role;
 mod standing;
 mod writer;
@@ -21,16 +22,20 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_protocol::{fingerprint::KeyFingerprint, text::Name};
+use sightline_protocol::{
+    fingerprint::KeyFingerprint,
+    text::{ChatLine, Name},
+};
 
 pub use access::{Access, AccessError};
 pub use changes::{Act, Subject, SubjectError};
 pub use database::{Database, DatabaseError};
 pub use invitation::{NoRandomness, hash, new_invitation};
+pub use records::{AuditRecord, ChatRecord};
 pub use role::{Role, RoleError};
 pub use standing::Standing;
 
-use changes::{Note, Pending};
+use changes::{Note, Pending, Said};
 use standing::Standings;
 use writer::Signal;
 
@@ -46,15 +51,17 @@ struct Shared {
     standings: Mutex<Standings>,
     pending: Mutex<Pending>,
     signal: Signal,
+    /// For how many days chat is kept; zero when it is not.
+    chat_days: u32,
 }
 
 impl People {
     /// Opens the database in a data folder, which is made now if there is none. Without a folder,
-    /// everything is forgotten in the end.
+    /// everything is forgotten in the end. Chat is kept for some days; for none if that is zero.
     ///
     /// # Errors
     /// When the file cannot be opened, is none of ours, or was written by a later version.
-    pub fn open(folder: Option<&Path>) -> Result<Self, DatabaseError> {
+    pub fn open(folder: Option<&Path>, chat_days: u32) -> Result<Self, DatabaseError> {
         let database = match folder {
             Some(folder) => Database::open(folder)?,
             None => Database::in_memory()?,
@@ -62,7 +69,8 @@ impl People {
         let version = database.foreign_version()?;
         let standings = Mutex::new(database.standings()?);
         let (database, pending) = (Mutex::new(database), Mutex::default());
-        let shared = Arc::new(Shared { database, standings, pending, signal: Signal::default() });
+        let signal = Signal::default();
+        let shared = Arc::new(Shared { database, standings, pending, signal, chat_days });
         let writing = shared.clone();
         let writer = std::thread::Builder::new().name("people".into());
         let writer =
@@ -100,6 +108,14 @@ impl People {
     /// Takes in that a visitor has come in.
     pub fn note_name(&self, key: KeyFingerprint, name: &Name) {
         self.shared.pending().note(key).name = Some(name.to_string());
+    }
+
+    /// Takes in what a visitor says, if chat is kept.
+    pub fn note_chat(&self, key: KeyFingerprint, name: &Name, text: &ChatLine) {
+        if self.shared.chat_days > 0 {
+            let (name, text) = (name.to_string(), text.to_string());
+            self.shared.pending().say(Said { key, name, text });
+        }
     }
 
     /// Takes in where visitors are, in a building of this title.

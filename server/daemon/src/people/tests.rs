@@ -16,12 +16,37 @@ fn network(text: &str) -> IpAddr {
 }
 
 #[test]
+fn chat_is_kept_for_as_long_as_it_is_to_be_and_only_if_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let say = |days, text: &str| {
+        let people = People::open(Some(folder.path()), days).unwrap();
+        people.note_chat(ADA, &Name::new("Ada").unwrap(), &ChatLine::new(text).unwrap());
+        people.act("operator", Act::SetMuted(ADA, true), text);
+    };
+    let database = || Database::open(folder.path()).unwrap();
+    let said = || {
+        let records = database().chat(2).unwrap();
+        records.into_iter().map(|record| record.name + " " + &record.text).collect::<Vec<_>>()
+    };
+    ["one", "two", "three"].into_iter().for_each(|text| say(1, text));
+    assert_eq!(said(), ["Ada two", "Ada three"], "the last ones, in order");
+    let reasons: Vec<String> =
+        database().audit(9).unwrap().into_iter().map(|record| record.reason).collect();
+    assert_eq!(reasons, ["one", "two", "three"]);
+    rows(folder.path(), "UPDATE chat SET at = at - 90000 WHERE text = 'three' RETURNING ''");
+    database().forget(1).unwrap();
+    assert_eq!(said(), ["Ada one", "Ada two"]);
+    say(0, "four");
+    assert_eq!(said(), [""; 0], "nothing of it stays where it is not kept");
+}
+
+#[test]
 fn a_restarted_server_remembers_everything() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("new");
     let (here, there) = (network("2001:db8::7"), network("192.0.2.1"));
     let house: Arc<str> = "house".into();
-    let people = People::open(Some(&data)).unwrap();
+    let people = People::open(Some(&data), 0).unwrap();
     assert_eq!(people.standing(ADA), Standing::default());
     people.note_name(ADA, &Name::new("Ada").unwrap());
     people.note_places(&house, &[(ADA, Vec3::new(1.0, 2.0, 3.5))]);
@@ -34,7 +59,7 @@ fn a_restarted_server_remembers_everything() {
     people.act("Ada", Act::Unban(Subject::of(there)), "");
     drop(people);
 
-    let people = People::open(Some(&data)).unwrap();
+    let people = People::open(Some(&data), 0).unwrap();
     let (ada, bo) = (people.standing(ADA), people.standing(BO));
     assert_eq!((ada.role, ada.is_muted), (Role::Owner, false));
     assert_eq!((bo.role, bo.is_muted), (Role::Visitor, true));
@@ -45,7 +70,7 @@ fn a_restarted_server_remembers_everything() {
     assert_eq!((people.place(ADA, "other"), people.place(BO, "house")), (None, None));
     people.note_places(&house, &[(ADA, Vec3::ONE)]);
     drop(people);
-    let people = People::open(Some(&data)).unwrap();
+    let people = People::open(Some(&data), 0).unwrap();
     assert_eq!(people.place(ADA, "house"), Some(Vec3::ONE));
     let audit = "SELECT group_concat(author || ' ' || act || ' ' || reason, ',') FROM audit";
     assert_eq!(
@@ -71,13 +96,13 @@ fn rows(data: &Path, sql: &str) -> String {
 fn an_invitation_lets_in_as_many_as_it_says_and_they_stay_welcome() {
     let folder = tempfile::tempdir().unwrap();
     let hash = hash("come in");
-    let people = People::open(Some(folder.path())).unwrap();
+    let people = People::open(Some(folder.path()), 0).unwrap();
     people.act("operator", Act::Invite(hash, 1), "");
     assert!(!people.accept_invitation(ADA, "let me in"));
     assert!(people.accept_invitation(ADA, "come in"));
     assert!(!people.accept_invitation(BO, "come in"));
     drop(people);
-    let people = People::open(Some(folder.path())).unwrap();
+    let people = People::open(Some(folder.path()), 0).unwrap();
     assert!(people.standing(ADA).is_allowed && !people.standing(BO).is_allowed);
     assert!(!people.accept_invitation(BO, "come in"));
 }
@@ -85,7 +110,7 @@ fn an_invitation_lets_in_as_many_as_it_says_and_they_stay_welcome() {
 #[test]
 fn what_another_program_writes_is_heard_of() {
     let folder = tempfile::tempdir().unwrap();
-    let people = People::open(Some(folder.path())).unwrap();
+    let people = People::open(Some(folder.path()), 0).unwrap();
     let mut other = Database::open(folder.path()).unwrap();
     other.act("operator", Act::SetRole(ADA, Role::Owner), "").unwrap();
     let end = Instant::now() + Duration::from_secs(10);
@@ -98,7 +123,7 @@ fn what_another_program_writes_is_heard_of() {
 /// The standings are read anew at any time, and what waits is then taken in again.
 #[test]
 fn an_act_is_in_the_standings_only_when_it_waits_to_be_written() {
-    let people = People::open(None).unwrap();
+    let people = People::open(None, 0).unwrap();
     let subject = Subject::Key(ADA);
     let pending = people.shared.pending();
     std::thread::scope(|scope| {
@@ -119,13 +144,13 @@ fn a_file_that_is_none_of_ours_or_a_later_ones_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("people.db");
     std::fs::write(&path, "not a database, but a text that is long enough".repeat(100)).unwrap();
-    let error = People::open(Some(folder.path())).err().unwrap();
+    let error = People::open(Some(folder.path()), 0).err().unwrap();
     assert!(matches!(error, DatabaseError::Open { .. }), "{error}");
     std::fs::remove_file(&path).unwrap();
-    drop(People::open(Some(folder.path())).unwrap());
+    drop(People::open(Some(folder.path()), 0).unwrap());
     let connection = rusqlite::Connection::open(&path).unwrap();
     connection.pragma_update(None, "user_version", 99).unwrap();
-    let error = People::open(Some(folder.path())).err().unwrap();
+    let error = People::open(Some(folder.path()), 0).err().unwrap();
     assert!(matches!(error, DatabaseError::Later { .. }), "{error}");
 }
 
@@ -139,7 +164,7 @@ const FOLDER: &str = "SIGHTLINE_TEST_PEOPLE";
 #[ignore = "the process that the tests below kill"]
 fn writes_until_it_is_killed() {
     let folder = std::env::var(FOLDER).expect("its parent says where");
-    let people = People::open(Some(Path::new(&folder))).unwrap();
+    let people = People::open(Some(Path::new(&folder)), 0).unwrap();
     let house: Arc<str> = "house".into();
     let first = people.place(ADA, "house").map_or(0, |eye| eye.x as u32);
     for count in first + 1.. {
@@ -178,7 +203,7 @@ fn kill_again_and_again(rounds: u64) {
         assert_eq!(rows(folder.path(), "PRAGMA integrity_check"), "ok");
         let old = noted.iter().rev().find(|(at, _)| killed - *at > KEPT);
         let (_, due) = old.expect("it lived for longer");
-        let people = People::open(Some(folder.path())).unwrap();
+        let people = People::open(Some(folder.path()), 0).unwrap();
         let kept = people.place(ADA, "house").map_or(0, |eye| eye.x as u32);
         assert!(kept >= *due, "round {round}: {due} was noted, and {kept} is kept");
         let last = rows(folder.path(), "SELECT reason FROM audit ORDER BY rowid DESC LIMIT 1");

@@ -48,7 +48,7 @@ pub fn run(shared: &Shared, mut version: i64) {
         let forgets = Instant::now() >= forget_at;
         let written = write(shared).and_then(|()| follow(shared, &mut version));
         let written = match forgets {
-            true => written.and_then(|()| shared.database().forget()),
+            true => written.and_then(|()| shared.database().forget(shared.chat_days)),
             false => written,
         };
         if forgets {

@@ -49,6 +49,7 @@ pub(super) const SETTINGS: &[Bound] = &[
     bound("threads", 1.0, 64.0),
     bound("hello_s", 0.1, 600.0),
     bound("silence_s", 0.1, 3_600.0),
+    bound("chat_days", 0.0, 3_650.0),
 ];
 
 /// The bounds of the numbers of [`super::Limits`].

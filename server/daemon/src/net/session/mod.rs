@@ -285,6 +285,8 @@ impl<'a> Session<'a> {
                     self.tell(&["you are muted: nobody hears you".to_owned()]);
                     return Ok(());
                 }
+                let visit = &self.client.visit;
+                self.state.people.note_chat(visit.key, &visit.name, &text);
                 self.pass_on(Input::Chat { avatar, text: text.into() }).await
             }
             ClientMessage::Respawn => {
