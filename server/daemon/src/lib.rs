@@ -10,6 +10,7 @@
 //!   [`operate::Overview`].
 //! * `http`, a feature that is on unless it is turned off: a listener for operators, with metrics and
 //!   a live page.
+//! * `web`, another one: a listener for visitors with a browser.
 //!
 //! The engine decides everything that a client is told; nothing here does. The binary
 //! `sightline-server` adds the commands.
@@ -56,9 +57,11 @@ pub mod building_files;
 pub mod http;
 pub mod net;
 #[cfg_attr(
-    not(feature = "http"),
-    allow(dead_code, reason = "only the listener reads all counters")
+    not(feature = "web"),
+    allow(dead_code, reason = "only the listeners read and count all")
 )]
 pub mod operate;
 pub mod people;
 pub mod supply;
+#[cfg(feature = "web")]
+pub mod web;

@@ -309,8 +309,13 @@ impl<'a> SimulatedClients<'a> {
         let replaced = self.present.insert(id, SimulatedClient::new(now, pose, replica));
         debug_assert!(replaced.is_none(), "{id} joins twice");
         let name = Name::clipped(&format!("walker {id}"));
-        let hello =
-            ClientMessage::Hello { version: VERSION, name, colour: COLOUR, invitation: None };
+        let hello = ClientMessage::Hello {
+            version: VERSION,
+            name,
+            colour: COLOUR,
+            invitation: None,
+            secret: None,
+        };
         let place = Some(on_wire(pose).eye.into());
         let enter = ClientMessage::Enter { world: 1, place, reports_from: 0 };
         [hello, enter].map(|message| Uplink::new(avatar, now, Outgoing::Message(message)))

@@ -2,6 +2,8 @@
 
 use std::{fmt, str::FromStr};
 
+use serde::{Deserialize, Serialize};
+
 /// The BLAKE3 hash of a certificate in DER. Clients pin it to recognise a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fingerprint(pub [u8; 32]);
@@ -33,13 +35,31 @@ impl FromStr for Fingerprint {
     }
 }
 
-/// The first 80 bits of the BLAKE3 hash of a visitor's public key, as a SubjectPublicKeyInfo in DER.
-/// It is short enough to be read out and typed.
+/// The first 80 bits of the BLAKE3 hash of a visitor's public key, as a SubjectPublicKeyInfo in DER,
+/// or of the secret of a visitor with a browser. It is short enough to be read out and typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct KeyFingerprint(pub [u8; KEY_BYTES]);
 
 /// The length of the fingerprint of a key, in bytes.
 pub const KEY_BYTES: usize = 10;
+
+/// What a visitor with a browser is known by, which has no key: random bytes that the page keeps.
+/// Whoever knows them is that visitor, so they are not shown.
+#[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct VisitorSecret(pub [u8; 32]);
+
+impl VisitorSecret {
+    /// What stands for the fingerprint of a key, wherever one is used.
+    pub fn fingerprint(&self) -> KeyFingerprint {
+        KeyFingerprint::shortened(&blake3::derive_key("sightline secret of a visitor", &self.0))
+    }
+}
+
+impl fmt::Debug for VisitorSecret {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("VisitorSecret(..)")
+    }
+}
 
 /// A text is not the fingerprint of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -49,9 +69,12 @@ pub struct KeyFingerprintError;
 impl KeyFingerprint {
     /// The fingerprint of a public key in DER.
     pub fn of(public_key_der: &[u8]) -> Self {
-        let hash = blake3::hash(public_key_der);
+        Self::shortened(blake3::hash(public_key_der).as_bytes())
+    }
+
+    fn shortened(hash: &[u8; 32]) -> Self {
         let mut short = [0; KEY_BYTES];
-        short.copy_from_slice(&hash.as_bytes()[..KEY_BYTES]);
+        short.copy_from_slice(&hash[..KEY_BYTES]);
         Self(short)
     }
 }

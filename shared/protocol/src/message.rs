@@ -5,7 +5,9 @@ use std::num::NonZeroU32;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    DecodeError, frame,
+    DecodeError,
+    fingerprint::VisitorSecret,
+    frame,
     pose_stream::Ack,
     quantise::{WirePose, WirePosition, WireReport, WireTbv, WireTolerance},
     text::{ChatLine, Name},
@@ -27,6 +29,8 @@ pub enum ClientMessage {
         colour: [u8; 3],
         /// An invitation, where not everybody is let in.
         invitation: Option<ChatLine>,
+        /// The secret of a visitor with a browser, which can show no certificate.
+        secret: Option<VisitorSecret>,
     },
     /// Asks for the offered world, which is sent on a stream of its own. The stream begins with the
     /// number of the world: four bytes, the lowest first.
@@ -263,6 +267,7 @@ mod tests {
                 name: longest_name(),
                 colour: [255; 3],
                 invitation: Some(longest_line()),
+                secret: Some(VisitorSecret([255; 32])),
             },
             ClientMessage::FetchWorld { world: u32::MAX },
             ClientMessage::Enter { world: 1, place: None, reports_from: 0 },
@@ -396,8 +401,8 @@ mod tests {
     #[test]
     fn the_version_of_any_hello_can_be_read() {
         let name = Name::new("Ada").unwrap();
-        let invitation = None;
-        let hello = ClientMessage::Hello { version: VERSION, name, colour: [0; 3], invitation };
+        let (colour, invitation, secret) = Default::default();
+        let hello = ClientMessage::Hello { version: VERSION, name, colour, invitation, secret };
         assert_eq!(ClientMessage::version(&body(&hello)), Ok(VERSION));
         assert_eq!(ClientMessage::version(&[0, 9, 0xff, 0xff]), Ok(9));
         assert_eq!(

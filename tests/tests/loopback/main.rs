@@ -13,6 +13,8 @@ mod returning;
 mod stop;
 mod stranger;
 mod supplied;
+mod transports;
+mod visitor;
 mod worlds;
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};

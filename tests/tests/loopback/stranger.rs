@@ -101,7 +101,8 @@ impl Stranger {
 /// A hello message.
 pub fn hello(version: u32) -> Vec<u8> {
     let name = Name::new("Stranger").unwrap();
-    frame::encode(&ClientMessage::Hello { version, name, colour: [9; 3], invitation: None })
+    let (colour, invitation, secret) = ([9; 3], None, None);
+    frame::encode(&ClientMessage::Hello { version, name, colour, invitation, secret })
 }
 
 /// A hello message, and a request to enter.

@@ -165,8 +165,8 @@ impl Dialer {
         options.trust.check(&connection, address)?;
         let mut control = ControlStream::open(&connection).await?;
         let (name, colour) = (options.name.clone(), options.colour);
-        let invitation = options.invitation.clone();
-        let hello = ClientMessage::Hello { version: VERSION, name, colour, invitation };
+        let (invitation, secret) = (options.invitation.clone(), None);
+        let hello = ClientMessage::Hello { version: VERSION, name, colour, invitation, secret };
         control.sender.send(&hello).await?;
         let (avatar, tick_interval) = welcome(&mut control).await?;
         Ok(Welcomed { control, avatar, tick_interval })

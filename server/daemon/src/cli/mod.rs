@@ -1,11 +1,13 @@
 //! The commands: each reads its flags and returns one outcome. `sightline_cli::exit` makes the
 //! exit code of it.
 
+mod browsers;
 pub mod compile;
 pub mod demo_building;
 pub mod inspect;
 mod inspect_report;
 pub mod interrupt;
+mod joining;
 pub mod model_flags;
 pub mod news;
 pub mod operators;

@@ -2,7 +2,7 @@
 
 use std::{
     io::Read,
-    net::{IpAddr, SocketAddr, UdpSocket},
+    net::SocketAddr,
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -21,18 +21,19 @@ use sightline_compiler::CompileOptions;
 use sightline_server::{
     building_cache::BuildingCache,
     building_files::BuildingSource,
-    net::{HttpAddress, Identity, ServeConfig, Server},
+    net::{HttpAddress, Identity, ServeConfig, Server, WebAddress},
     supply::{Supplied, Supply, SupplyError, SupplyNews},
 };
 use sightline_world::is_world_file;
 use tokio::sync::oneshot;
 
-use super::{model_flags::ModelFlags, news::Newsreader};
+use super::{joining::how_to_join, model_flags::ModelFlags, news::Newsreader};
 
 /// Serves a building to clients; without one, a demo building.
 ///
 /// A .glb, .gltf or .bsp is compiled, quickly at first and then finely, and kept for the next start.
-/// Clients enter with `sightline-client walk HOST:PORT`. It serves until Ctrl-C, on one UDP port.
+/// People join by the link that it prints, in a browser, or with `sightline-client walk HOST:PORT`. It
+/// serves until Ctrl-C, on one port: UDP for clients, TCP for pages.
 #[derive(clap::Args)]
 pub struct ServeArgs {
     /// The building: a .glb, .gltf or .bsp, or a world (.slw) made by `compile`.
@@ -48,6 +49,10 @@ pub struct ServeArgs {
     /// default 127.0.0.1:4778.
     #[arg(long, value_name = "ADDR")]
     http: Option<HttpAddress>,
+    /// Where browsers find the page: same (the port number for clients, by TCP), a port, an address
+    /// and a port, or off. By default same.
+    #[arg(long, value_name = "ADDR")]
+    web: Option<WebAddress>,
     /// Compile the building again whenever its files change, and move visitors over.
     #[arg(long)]
     watch: bool,
@@ -103,6 +108,7 @@ fn config(args: &ServeArgs) -> anyhow::Result<ServeConfig> {
         None => ServeConfig::default(),
     };
     config.http = args.http.unwrap_or(config.http);
+    config.web = args.web.unwrap_or(config.web);
     config.listen = args.listen.unwrap_or(config.listen);
     config.data = args.data.clone().or(config.data);
     config.world = args.world.clone().or(config.world);
@@ -155,10 +161,11 @@ async fn serve(
     data: &Path,
     identity: &Identity,
 ) -> anyhow::Result<()> {
-    let (http, limits) = (config.http, config.limits.clone());
+    let (http, web, limits) = (config.http, config.web, config.limits.clone());
     tracing::info!("{}", config.cost());
     let mut server = Server::listen(config, identity)?;
     output::print(&how_to_join(&server)?)?;
+    let _browsers = super::browsers::listen(&server, web)?;
     let _operators = super::operators::listen(&server, http, &limits, data).await?;
     let ends = Arc::new(AtomicBool::new(false));
     let mut supply = start_supply(supplied, args, &server, ends.clone())?;
@@ -207,45 +214,6 @@ fn start_supply(
         let _ = send.send(outcome);
     })?;
     Ok(receive)
-}
-
-/// Where the server listens, and the command by which clients join.
-fn how_to_join(server: &Server) -> anyhow::Result<String> {
-    let (address, fingerprint) = (server.local_addr()?, server.fingerprint());
-    let port = address.port();
-    let mut text = format!("listening on UDP {address}\nfingerprint {fingerprint}\n");
-    let mut row = |from: &str, host: String| {
-        text += &format!("{from:<27}sightline-client walk {host}:{port}\n");
-    };
-    if !address.ip().is_unspecified() {
-        row("join:", host(address.ip()));
-        return Ok(text);
-    }
-    row("join from this machine:", "localhost".to_owned());
-    if let Some(own) = own_address() {
-        row("join from others:", host(own));
-    }
-    Ok(text)
-}
-
-/// An address in front of a port.
-fn host(address: IpAddr) -> String {
-    if address.is_loopback() {
-        return "localhost".to_owned();
-    }
-    match address {
-        IpAddr::V4(v4) => v4.to_string(),
-        IpAddr::V6(v6) => format!("[{v6}]"),
-    }
-}
-
-/// The address of this machine in its network, by which others reach it. No packet is sent: the
-/// system only chooses a route.
-fn own_address() -> Option<IpAddr> {
-    let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
-    socket.connect("192.0.2.1:9").ok()?;
-    let address = socket.local_addr().ok()?.ip();
-    (!address.is_loopback() && !address.is_unspecified()).then_some(address)
 }
 
 fn log_status(server: &Server) {

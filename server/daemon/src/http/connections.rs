@@ -1,4 +1,4 @@
-//! How many connections there are, in all and from each address.
+//! How many connections there are, in all and from each network.
 
 use std::{
     collections::HashMap,
@@ -6,41 +6,55 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use super::{Limits, Reason};
+use super::Reason;
+use crate::address::network;
 
-/// The connections of a listener.
+/// The connections of a listener, or others that are counted alike.
 #[derive(Clone)]
-pub(super) struct Connections {
-    max: usize,
-    max_of_address: usize,
+pub(crate) struct Connections {
+    max: (usize, Reason),
+    max_of_network: (usize, Reason),
     of: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
 /// A connection that counts until this is dropped.
-pub(super) struct ConnectionPlace {
+pub(crate) struct ConnectionPlace {
     connections: Connections,
-    address: IpAddr,
+    network: IpAddr,
 }
 
 impl Connections {
-    pub(super) fn new(limits: &Limits) -> Self {
-        let max_of_address = limits.http_connections_per_address_max;
-        Self { max: limits.http_connections_max, max_of_address, of: Arc::default() }
+    /// No connections yet. Of each limit: how many, and what is counted beyond it.
+    pub(crate) fn new(max: (usize, Reason), max_of_network: (usize, Reason)) -> Self {
+        Self { max, max_of_network, of: Arc::default() }
     }
 
-    /// Counts a connection, or says which limit it is beyond.
-    pub(super) fn begin(&self, address: IpAddr) -> Result<ConnectionPlace, Reason> {
-        let address = address.to_canonical();
+    /// Counts a connection, or says which limit it is beyond. This machine's own are limited only
+    /// in all.
+    pub(crate) fn begin(&self, address: IpAddr) -> Result<ConnectionPlace, Reason> {
+        let most =
+            if address.to_canonical().is_loopback() { usize::MAX } else { self.max_of_network.0 };
+        self.begin_within(address, most)
+    }
+
+    /// Counts a connection that is limited only in all.
+    #[cfg(feature = "web")]
+    pub(crate) fn begin_unlimited(&self, address: IpAddr) -> Result<ConnectionPlace, Reason> {
+        self.begin_within(address, usize::MAX)
+    }
+
+    fn begin_within(&self, address: IpAddr, most: usize) -> Result<ConnectionPlace, Reason> {
+        let network = network(address);
         let mut of = self.of();
-        if of.values().sum::<usize>() >= self.max {
-            return Err(Reason::HttpConnections);
+        if of.values().sum::<usize>() >= self.max.0 {
+            return Err(self.max.1);
         }
-        let own = of.entry(address).or_default();
-        if *own >= self.max_of_address && !address.is_loopback() {
-            return Err(Reason::HttpOfAddress);
+        let own = of.get(&network).copied().unwrap_or_default();
+        if own >= most {
+            return Err(self.max_of_network.1);
         }
-        *own += 1;
-        Ok(ConnectionPlace { connections: self.clone(), address })
+        of.insert(network, own + 1);
+        Ok(ConnectionPlace { connections: self.clone(), network })
     }
 
     fn of(&self) -> MutexGuard<'_, HashMap<IpAddr, usize>> {
@@ -51,10 +65,10 @@ impl Connections {
 impl Drop for ConnectionPlace {
     fn drop(&mut self) {
         let mut of = self.connections.of();
-        let own = of.entry(self.address).or_default();
+        let own = of.entry(self.network).or_default();
         *own = own.saturating_sub(1);
         if *own == 0 {
-            of.remove(&self.address);
+            of.remove(&self.network);
         }
     }
 }
@@ -64,13 +78,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn connections_are_limited_in_all_and_for_each_address() {
-        let limits = Limits {
-            http_connections_max: 4,
-            http_connections_per_address_max: 2,
-            ..Limits::default()
-        };
-        let connections = Connections::new(&limits);
+    fn connections_are_limited_in_all_and_for_each_network() {
+        let limits = [(4, Reason::HttpConnections), (2, Reason::HttpOfAddress)];
+        let connections = Connections::new(limits[0], limits[1]);
         let begin = |address: &str| connections.begin(address.parse().unwrap());
         let mut places: Vec<_> = (0..2).map(|_| begin("203.0.113.9").ok().unwrap()).collect();
         assert_eq!(begin("203.0.113.9").err(), Some(Reason::HttpOfAddress));

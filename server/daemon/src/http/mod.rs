@@ -40,7 +40,8 @@ use crate::{
     net::{Limits, Observer, Server},
     operate::Reason,
 };
-use connections::Connections;
+pub(crate) use connections::{ConnectionPlace, Connections};
+pub(crate) use routes::is_own_name;
 
 /// Where the listener tells what the server does, as JSON.
 const OVERVIEW_PATH: &str = "/overview.json";
@@ -77,7 +78,10 @@ impl HttpServer {
         let observer = server.observer();
         let desk = desk::router(server.moderation(), token);
         let router = routes::router(observer.clone(), desk, limits, address.ip());
-        let connections = Connections::new(limits);
+        let connections = Connections::new(
+            (limits.http_connections_max, Reason::HttpConnections),
+            (limits.http_connections_per_address_max, Reason::HttpOfAddress),
+        );
         let task = tokio::spawn(accept(listener, router, observer, connections));
         Ok(Self { address, task })
     }

@@ -76,7 +76,7 @@ async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) 
 
 /// Whether a host is `localhost` or an address. A page of another site can make a browser ask this
 /// machine by that site's own name, and would then be shown the answer.
-fn is_own_name(host: &str) -> bool {
+pub(crate) fn is_own_name(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if port.parse::<u16>().is_ok() => name,
         _ => host,

@@ -7,7 +7,7 @@ use std::{
 };
 
 use quinn::{Endpoint, Incoming};
-use tokio::{task::JoinSet, time::timeout};
+use tokio::{sync::mpsc, task::JoinSet, time::timeout};
 
 use super::{
     admission::{Answer, ConnectionId},
@@ -26,8 +26,13 @@ const SUMMARY_INTERVAL: Duration = Duration::from_secs(10);
 /// How often it is looked who has not come back in time.
 const OVERDUE_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Accepts connections until the server closes, then waits for all sessions to end.
-pub async fn accept(endpoint: Endpoint, state: Arc<ServerState>) {
+/// Accepts connections until the server closes, then waits for all sessions to end. Other listeners
+/// bring some, too.
+pub async fn accept(
+    endpoint: Endpoint,
+    mut arriving: mpsc::Receiver<Transport>,
+    state: Arc<ServerState>,
+) {
     let mut sessions = JoinSet::new();
     let mut closing = state.closing.clone();
     let mut log = TokenBucket::new(LOG_LINES_PER_SECOND, LOG_LINES_PER_SECOND, state.now());
@@ -38,6 +43,14 @@ pub async fn accept(endpoint: Endpoint, state: Arc<ServerState>) {
         let incoming = tokio::select! {
             incoming = endpoint.accept() => incoming,
             () = async { drop(closing.wait_for(|closing| *closing).await) } => break,
+            Some(transport) = arriving.recv() => {
+                let has_room = sessions.len() < connections_max;
+                if let Some(id) = begin_proven(&state, &transport, has_room) {
+                    let session = converse_on(state.clone(), transport, id);
+                    sessions.spawn(supervise(state.clone(), id, session));
+                }
+                continue;
+            }
             Some(_) = sessions.join_next() => continue,
             _ = summaries.tick() => {
                 log_summaries(&state);
@@ -92,6 +105,37 @@ fn begin(state: &ServerState, incoming: &Incoming, address: IpAddr) -> (Connecti
         Answer::Refuse => state.metrics.refusals.count(Reason::ConnectionsOfNetwork),
     }
     (id, answer)
+}
+
+/// Decides on a connection of another listener, whose handshake proved its address. `None` when it is
+/// refused.
+fn begin_proven(
+    state: &ServerState,
+    transport: &Transport,
+    has_room: bool,
+) -> Option<ConnectionId> {
+    let begun = {
+        let mut registry = state.registry();
+        let id = registry.number();
+        let address = transport.remote_address().ip();
+        let answer = has_room.then(|| registry.places.begin(id, address, true));
+        (answer == Some(Answer::Accept)).then_some(id)
+    };
+    if begun.is_none() {
+        let reason = if has_room { Reason::ConnectionsOfNetwork } else { Reason::Connections };
+        state.metrics.refusals.count(reason);
+        transport.close(CloseCode::Refused, "too many connections");
+    }
+    begun
+}
+
+/// Runs a session on a connection whose handshake is done.
+async fn converse_on(
+    state: Arc<ServerState>,
+    transport: Transport,
+    id: ConnectionId,
+) -> Option<SessionEnd> {
+    Some(session::run(&state, transport, id).await)
 }
 
 fn log_summaries(state: &ServerState) {

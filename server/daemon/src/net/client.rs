@@ -204,6 +204,8 @@ pub struct Hello {
     pub colour: [u8; 3],
     /// An invitation, where not everybody is let in.
     pub invitation: Option<ChatLine>,
+    /// What the visitor is known by: its key, or its secret.
+    pub key: Option<KeyFingerprint>,
     /// Whether the client speaks another version of the protocol.
     pub is_foreign: bool,
 }

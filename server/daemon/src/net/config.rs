@@ -4,6 +4,7 @@ mod bounds;
 mod documented;
 mod limits;
 mod printed;
+mod web;
 
 use std::{
     fmt::{self, Display},
@@ -22,6 +23,7 @@ use bounds::Bound;
 use documented::documented;
 use limits::LIMIT_COMMENTS;
 pub use limits::Limits;
+pub use web::{Origin, WebAddress};
 
 use crate::people::Access;
 
@@ -39,6 +41,16 @@ documented! {
         /// The TCP address for operators: metrics and a live page, without a password.
         #[serde(serialize_with = "shown", deserialize_with = "parsed")]
         http: HttpAddress,
+        /// Where browsers find the page and the world: `same` (the address of `listen`, by TCP), an
+        /// address and a port, or `off`.
+        #[serde(serialize_with = "shown", deserialize_with = "parsed")]
+        web: WebAddress,
+        /// Origins whose pages may visit beside the server's own, and by which a reverse proxy has
+        /// this server called: `["https://house.example"]`.
+        web_origins: Vec<Origin>,
+        /// Addresses of reverse proxies. What they say in X-Forwarded-For and X-Forwarded-Proto is
+        /// believed.
+        web_proxies: Vec<IpAddr>,
         /// Ticks in a second.
         tick_hz: u32,
         /// The most clients.
@@ -147,6 +159,9 @@ impl Default for ServeConfig {
         Self {
             listen: (Ipv6Addr::UNSPECIFIED, 4777).into(),
             http: HttpAddress::At(HTTP_DEFAULT),
+            web: WebAddress::Same,
+            web_origins: Vec::new(),
+            web_proxies: Vec::new(),
             tick_hz: 20,
             clients_max: 256,
             clients_per_address_max: 8,
@@ -332,6 +347,9 @@ mod tests {
             ("clients_max = -1", "invalid"),
             ("listen = 'nowhere'", "listen: use a port"),
             ("http = 'nowhere'", "nowhere: use a port"),
+            ("web = 'nowhere'", "nowhere: use a port"),
+            ("web_origins = ['house.example']", "house.example: use an origin"),
+            ("web_proxies = ['here']", "invalid IP address"),
             ("tick_hz = ", ""),
         ] {
             let error = ServeConfig::from_toml(text).unwrap_err().to_string();

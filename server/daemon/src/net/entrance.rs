@@ -47,7 +47,7 @@ pub async fn admit(state: &ServerState, arrival: Arrival) -> Result<Arc<Connecte
         refusals.count(Reason::Closing);
         return Err(Refusal::Closing);
     }
-    let Some(key) = arrival.transport.key() else {
+    let Some(key) = arrival.hello.key else {
         refusals.count(Reason::NoKey);
         return Err(Refusal::NoKey);
     };

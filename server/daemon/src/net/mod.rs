@@ -41,6 +41,8 @@ mod survey;
 mod test_clients;
 mod transport;
 mod visitors;
+#[cfg(feature = "web")]
+mod web_door;
 
 use std::{
     io,
@@ -64,11 +66,13 @@ use tokio::{
 #[cfg(feature = "http")]
 pub(crate) use budget::TokenBucket;
 pub use changer::{ServerEnded, WorldChanger};
-pub use config::{ConfigError, HttpAddress, Limits, ServeConfig};
+pub use config::{ConfigError, HttpAddress, Limits, Origin, ServeConfig, WebAddress};
 pub use moderation::{Author, Moderation, ModerationError, VisitorInfo};
 pub use observer::Observer;
 pub use served_world::ServedWorld;
 pub use sightline_cli::identity::{Identity, IdentityError};
+#[cfg(feature = "web")]
+pub use web_door::WebDoor;
 
 use crate::{
     operate::{Metrics, ServerStats},
@@ -79,11 +83,14 @@ use load::Load;
 use offers::Offers;
 use place_notes::PlaceNotes;
 use state::{Registry, ServerState};
+use transport::Transport;
 
 /// How long all goodbyes may take together.
 const CLOSING_DEADLINE: Duration = Duration::from_secs(5);
 /// How long the endpoint may take to send its last packets.
 const IDLE_DEADLINE: Duration = Duration::from_millis(500);
+/// How many connections of other listeners may wait to be accepted. Then those listeners wait.
+const ARRIVALS_MAX: usize = 16;
 
 /// Why a server does not start.
 #[derive(Debug, thiserror::Error)]
@@ -116,6 +123,9 @@ pub struct Server {
     endpoint: Endpoint,
     fingerprint: Fingerprint,
     state: Arc<ServerState>,
+    /// Where other listeners bring connections.
+    #[cfg_attr(not(feature = "web"), expect(dead_code, reason = "there is no other listener"))]
+    arrivals: mpsc::Sender<Transport>,
     close: watch::Sender<bool>,
     accepting: JoinHandle<()>,
     engine: JoinHandle<()>,
@@ -182,9 +192,10 @@ impl Server {
             load,
             metrics,
         });
-        let accepting = tokio::spawn(accept::accept(endpoint.clone(), state.clone()));
+        let (arrivals, arriving) = mpsc::channel(ARRIVALS_MAX);
+        let accepting = tokio::spawn(accept::accept(endpoint.clone(), arriving, state.clone()));
         let fingerprint = identity.fingerprint();
-        Ok(Self { endpoint, fingerprint, state, close, accepting, engine, stop })
+        Ok(Self { endpoint, fingerprint, state, arrivals, close, accepting, engine, stop })
     }
 
     /// What gives this server its world, and other ones later.
@@ -215,6 +226,12 @@ impl Server {
     /// What operators see of it.
     pub fn observer(&self) -> Observer {
         Observer::new(self.state.clone())
+    }
+
+    /// What a listener for browsers needs of it.
+    #[cfg(feature = "web")]
+    pub fn web_door(&self) -> WebDoor {
+        WebDoor::new(self.state.clone(), self.arrivals.clone())
     }
 
     /// What moderators and operators may do to visitors.

@@ -42,7 +42,7 @@ impl ServedWorld {
     }
 
     /// The content id by which clients cache the file.
-    pub(super) fn id(&self) -> &ContentId {
+    pub(crate) fn id(&self) -> &ContentId {
         &self.id
     }
 }

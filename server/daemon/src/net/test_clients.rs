@@ -45,8 +45,9 @@ pub async fn admit(
     connection: Connection,
 ) -> Arc<ConnectedClient> {
     let name = Name::new("Ada").unwrap();
-    let hello = Hello { name, colour: [0; 3], invitation: None, is_foreign: false };
     state.registry().places.begin(id, connection.remote_address().ip(), true);
     let transport = Arc::new(Transport::Quic(QuicTransport::new(connection)));
+    let (colour, invitation, key) = ([0; 3], None, transport.key());
+    let hello = Hello { name, colour, invitation, key, is_foreign: false };
     entrance::admit(state, Arrival { id, transport, hello }).await.unwrap()
 }

@@ -74,6 +74,14 @@ reasons! {
     HttpOfAddress = "http_connections_per_address_max",
     /// An HTTP request beyond the limit.
     HttpRequests = "http_requests_per_s",
+    /// A connection of a browser, while there are as many as may be.
+    WebConnections = "web_connections_max",
+    /// A connection of a browser from a network that has as many as it may.
+    WebOfAddress = "web_connections_per_address_max",
+    /// A request of a browser beyond the rate of its network.
+    WebRequests = "web_requests_per_s",
+    /// A visit by a page of another site.
+    Origin = "web_origins",
 }
 
 /// How often something was refused, by reason.

@@ -100,6 +100,11 @@ pub(super) const LIMITS: &[Bound] = &[
     }),
     bound("http_connections_per_address_max", 1.0, 1_024.0),
     bound("http_requests_per_s", 1.0, 10_000.0),
+    costly("web_connections_max", [1.0, 16_384.0], |config| {
+        config.limits.web_connections_max as u64 * HTTP_BYTES
+    }),
+    bound("web_connections_per_address_max", 1.0, 16_384.0),
+    bound("web_requests_per_s", 1.0, 10_000.0),
 ];
 
 /// What waits for one client, and what it may send unread.

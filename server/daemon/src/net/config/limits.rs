@@ -76,6 +76,12 @@ documented! {
         http_connections_per_address_max: usize,
         /// HTTP requests of operators in a second.
         http_requests_per_s: u32,
+        /// Connections of browsers that have not become visits.
+        web_connections_max: usize,
+        /// Those from one network. This machine's own have no such limit.
+        web_connections_per_address_max: usize,
+        /// Requests of browsers from one network in a second; twice as many at once.
+        web_requests_per_s: u32,
     }
 }
 
@@ -113,6 +119,9 @@ impl Default for Limits {
             http_connections_max: 32,
             http_connections_per_address_max: 8,
             http_requests_per_s: 50,
+            web_connections_max: 256,
+            web_connections_per_address_max: 16,
+            web_requests_per_s: 20,
         }
     }
 }

@@ -59,6 +59,8 @@ impl From<TransportError> for SessionEnd {
         match error {
             TransportError::Closed => Self::Left,
             TransportError::Lost(reason) => Self::Lost(reason),
+            #[cfg(feature = "web")]
+            TransportError::Breach(what) => Self::Breach(what),
         }
     }
 }

@@ -17,6 +17,7 @@ use glam::Vec3;
 use sightline_engine::Input;
 use sightline_protocol::{
     VERSION,
+    fingerprint::VisitorSecret,
     message::{ClientMessage, ServerMessage},
     pose_stream::ClientDatagram,
     quantise::WireReport,
@@ -122,12 +123,18 @@ async fn greet(state: &ServerState, transport: &Transport) -> Result<Greeted, Se
     state.metrics.traffic.frame_in(&first);
     // The rest of a hello of another version may have another form.
     let hello = if ClientMessage::version(&first)? != VERSION {
-        let (name, invitation) = (Name::clipped(""), None);
-        Hello { name, colour: [0; 3], invitation, is_foreign: true }
+        let (name, invitation, key) = (Name::clipped(""), None, None);
+        Hello { name, colour: [0; 3], invitation, key, is_foreign: true }
     } else {
         match ClientMessage::decode(&first)? {
-            ClientMessage::Hello { name, colour, invitation, .. } => {
-                Hello { name, colour, invitation, is_foreign: false }
+            ClientMessage::Hello { name, colour, invitation, secret, .. } => {
+                let key = match (transport.key(), secret) {
+                    (Some(_), Some(_)) => {
+                        return Err(SessionEnd::Breach("a certificate and a secret"));
+                    }
+                    (key, secret) => key.or(secret.as_ref().map(VisitorSecret::fingerprint)),
+                };
+                Hello { name, colour, invitation, key, is_foreign: false }
             }
             _ => return Err(SessionEnd::Breach("no hello")),
         }
@@ -402,6 +409,9 @@ impl<'a> Session<'a> {
 
     /// Starts the download of a world, which extends the time to enter it.
     fn send_world(&self, world: u32, downloads: &mut Downloads) -> Result<(), SessionEnd> {
+        if !self.client.transport.carries_worlds() {
+            return Err(SessionEnd::Breach("browsers fetch the world by HTTP"));
+        }
         let Some(offer) = self.offer_of(world)? else { return Ok(()) };
         if downloads.last() == world || self.entered.load(Relaxed) == world {
             return Err(SessionEnd::Breach("the world asked for twice"));

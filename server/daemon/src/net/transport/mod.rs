@@ -6,38 +6,46 @@
 //! while the path is busy, poses wait where newer ones replace them.
 
 mod quic;
+#[cfg(feature = "web")]
+mod web_socket;
 
 use std::{net::SocketAddr, time::Duration};
 
 use bytes::Bytes;
 use sightline_protocol::fingerprint::KeyFingerprint;
 
-pub use quic::QuicTransport;
-use quic::{QuicReader, QuicWorldStream, QuicWriter};
+use quic::{QuicReader, QuicWriter};
+pub use quic::{QuicTransport, WorldStream};
+#[cfg(feature = "web")]
+pub use web_socket::WebSocketTransport;
+#[cfg(feature = "web")]
+use web_socket::{WebSocketReader, WebSocketWriter};
 
 /// A client's connection.
 pub enum Transport {
     /// A native client's.
     Quic(QuicTransport),
+    /// A browser's, where there is no WebTransport.
+    #[cfg(feature = "web")]
+    WebSocket(WebSocketTransport),
 }
 
 /// The half of the control stream on which the client is heard.
 pub enum ControlReader {
     Quic(QuicReader),
+    #[cfg(feature = "web")]
+    WebSocket(WebSocketReader),
 }
 
 /// The half of the control stream on which the client is told something.
 pub enum ControlWriter {
     Quic(QuicWriter),
-}
-
-/// A stream on which a world file is sent, with a lower priority than control messages.
-pub enum WorldStream {
-    Quic(QuicWorldStream),
+    #[cfg(feature = "web")]
+    WebSocket(WebSocketWriter),
 }
 
 /// Why nothing more arrives or is sent.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum TransportError {
     /// The client itself closed the connection, or ended the stream.
     #[error("the client closed it")]
@@ -45,6 +53,10 @@ pub enum TransportError {
     /// The connection broke.
     #[error("{0}")]
     Lost(String),
+    /// The client sent what no client sends.
+    #[cfg(feature = "web")]
+    #[error("{0}")]
+    Breach(&'static str),
 }
 
 /// Why the server closes a connection.
@@ -68,6 +80,11 @@ impl Transport {
                 let (writer, reader) = quic.control().await?;
                 Ok((ControlWriter::Quic(writer), ControlReader::Quic(reader)))
             }
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => {
+                let (writer, reader) = socket.control().await?;
+                Ok((ControlWriter::WebSocket(writer), ControlReader::WebSocket(reader)))
+            }
         }
     }
 
@@ -76,6 +93,8 @@ impl Transport {
     pub fn datagram_room(&self) -> Option<usize> {
         match self {
             Self::Quic(quic) => quic.datagram_room(),
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.datagram_room(),
         }
     }
 
@@ -83,6 +102,8 @@ impl Transport {
     pub fn send_datagram(&self, datagram: Vec<u8>) -> Result<(), TransportError> {
         match self {
             Self::Quic(quic) => quic.send_datagram(datagram),
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.send_datagram(&datagram),
         }
     }
 
@@ -90,13 +111,22 @@ impl Transport {
     pub async fn receive_datagram(&self) -> Result<Bytes, TransportError> {
         match self {
             Self::Quic(quic) => quic.receive_datagram().await,
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.receive_datagram().await,
         }
     }
 
-    /// Opens a stream for a world file. `None` when the connection is lost.
+    /// Whether its client can be sent worlds. Browsers fetch them by HTTP, and keep them.
+    pub fn carries_worlds(&self) -> bool {
+        matches!(self, Self::Quic(_))
+    }
+
+    /// Opens a stream for a world file. `None` when the connection is lost, or carries no worlds.
     pub async fn open_world_stream(&self) -> Option<WorldStream> {
         match self {
-            Self::Quic(quic) => quic.open_world_stream().await.map(WorldStream::Quic),
+            Self::Quic(quic) => quic.open_world_stream().await,
+            #[cfg(feature = "web")]
+            Self::WebSocket(_) => None,
         }
     }
 
@@ -104,6 +134,8 @@ impl Transport {
     pub fn key(&self) -> Option<KeyFingerprint> {
         match self {
             Self::Quic(quic) => quic.key(),
+            #[cfg(feature = "web")]
+            Self::WebSocket(_) => None,
         }
     }
 
@@ -111,6 +143,8 @@ impl Transport {
     pub fn remote_address(&self) -> SocketAddr {
         match self {
             Self::Quic(quic) => quic.remote_address(),
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.remote_address(),
         }
     }
 
@@ -118,6 +152,8 @@ impl Transport {
     pub fn round_trip(&self) -> Duration {
         match self {
             Self::Quic(quic) => quic.round_trip(),
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.round_trip(),
         }
     }
 
@@ -125,6 +161,8 @@ impl Transport {
     pub fn close(&self, code: CloseCode, reason: &str) {
         match self {
             Self::Quic(quic) => quic.close(code, reason),
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.close(code, reason),
         }
     }
 }
@@ -135,6 +173,8 @@ impl ControlReader {
     pub async fn read(&mut self) -> Result<Option<Bytes>, TransportError> {
         match self {
             Self::Quic(quic) => quic.read().await,
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.read().await,
         }
     }
 }
@@ -145,29 +185,17 @@ impl ControlWriter {
     pub async fn write(&mut self, frames: &[u8]) -> Result<usize, TransportError> {
         match self {
             Self::Quic(quic) => quic.write(frames).await,
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.write(frames).await,
         }
     }
 
-    /// Ends the stream, and waits until all of it has arrived.
+    /// Ends the stream, and waits until all of it has arrived, or at least is on its way.
     pub async fn finish(&mut self) {
         match self {
             Self::Quic(quic) => quic.finish().await,
-        }
-    }
-}
-
-impl WorldStream {
-    /// Writes a piece of the file. `None` when the client does not take it.
-    pub async fn write(&mut self, piece: Bytes) -> Option<()> {
-        match self {
-            Self::Quic(quic) => quic.write(piece).await,
-        }
-    }
-
-    /// Ends the file, and waits until all of it has arrived.
-    pub async fn finish(self) {
-        match self {
-            Self::Quic(quic) => quic.finish().await,
+            #[cfg(feature = "web")]
+            Self::WebSocket(socket) => socket.finish().await,
         }
     }
 }

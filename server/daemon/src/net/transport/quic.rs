@@ -24,8 +24,8 @@ pub struct QuicReader(RecvStream);
 /// The half of the control stream to the client.
 pub struct QuicWriter(SendStream);
 
-/// A stream for a world file.
-pub struct QuicWorldStream(SendStream);
+/// A stream on which a world file is sent, with a lower priority than control messages.
+pub struct WorldStream(SendStream);
 
 impl QuicTransport {
     pub fn new(connection: Connection) -> Self {
@@ -55,11 +55,11 @@ impl QuicTransport {
         Ok(self.0.read_datagram().await?)
     }
 
-    pub(super) async fn open_world_stream(&self) -> Option<QuicWorldStream> {
+    pub(super) async fn open_world_stream(&self) -> Option<WorldStream> {
         let stream = self.0.open_uni().await.ok()?;
         // Control messages go first.
         let _ = stream.set_priority(-1);
-        Some(QuicWorldStream(stream))
+        Some(WorldStream(stream))
     }
 
     pub(super) fn key(&self) -> Option<KeyFingerprint> {
@@ -106,12 +106,14 @@ impl QuicWriter {
     }
 }
 
-impl QuicWorldStream {
-    pub(super) async fn write(&mut self, piece: Bytes) -> Option<()> {
+impl WorldStream {
+    /// Writes a piece of the file. `None` when the client does not take it.
+    pub async fn write(&mut self, piece: Bytes) -> Option<()> {
         self.0.write_chunk(piece).await.ok()
     }
 
-    pub(super) async fn finish(mut self) {
+    /// Ends the file, and waits until all of it has arrived.
+    pub async fn finish(mut self) {
         if self.0.finish().is_ok() {
             let _ = self.0.stopped().await;
         }

@@ -1,0 +1,56 @@
+//! What a page needs to know to join.
+
+use std::sync::Arc;
+
+use axum::{
+    Json,
+    extract::{Extension, State},
+};
+use serde::Serialize;
+use sightline_protocol::VERSION;
+
+use super::routes::{Site, Visitor};
+
+/// The path of the WebSocket.
+const WEB_SOCKET: &str = "/visit";
+/// What is said to a page that came over plain HTTP from another machine.
+const PLAIN: &str = "This page came over plain HTTP. Others on the network can read along, and \
+    could take your place. Browsers offer WebTransport and threads only to pages that came over \
+    HTTPS, or from http://localhost on the server's own machine; a WebSocket is used instead. The \
+    operator can give the server a certificate with --tls.";
+
+/// `GET /join.json`.
+#[derive(Serialize)]
+pub(super) struct Join {
+    /// The version of the protocol.
+    version: u32,
+    /// The content id of the world; `None` until there is one.
+    world: Option<String>,
+    /// The length of the world's file, in bytes.
+    world_bytes: usize,
+    /// The building's title.
+    name: String,
+    webtransport: Option<()>,
+    /// The path of the WebSocket.
+    websocket: &'static str,
+    /// What does not work as it might, to show to people.
+    warnings: Vec<&'static str>,
+}
+
+/// Tells how to join.
+pub(super) async fn join(
+    State(site): State<Arc<Site>>,
+    Extension(visitor): Extension<Visitor>,
+) -> Json<Join> {
+    let world = site.door.world();
+    let world = world.as_ref();
+    Json(Join {
+        version: VERSION,
+        world: world.map(|world| world.id().to_string()),
+        world_bytes: world.map_or(0, |world| world.bytes().len()),
+        name: world.map(|world| world.world().title.clone()).unwrap_or_default(),
+        webtransport: None,
+        websocket: WEB_SOCKET,
+        warnings: if visitor.is_secure { vec![] } else { vec![PLAIN] },
+    })
+}
