@@ -56,7 +56,7 @@ impl Guest {
             _ => None,
         };
         let world = visitor.until(offered).await;
-        let place = Some(place.try_into().unwrap());
+        let place = Some(place.into());
         visitor.say(&ClientMessage::Enter { world, place, reports_from: 0 }).await;
         let is_in = |message| matches!(message, ServerMessage::Entered { .. }).then_some(());
         visitor.until(is_in).await;
