@@ -2,12 +2,14 @@
 //!
 //! * [`replica::Replica`] takes in the messages of the server. It gives the poses of other avatars
 //!   to draw, and the messages to send.
+//! * [`presence::Presence`] is a client in the worlds of a server: it moves over, and comes back.
 //! * [`reporting::Reporter`] decides when the client reports. A replica has one; simulated clients
 //!   use it alone.
 //! * [`walker::Walker`] moves the own body through the voxels of a world, as a
 //!   [`MoveInput`](walker::MoveInput) wants. Its poses go to [`replica::Replica::set_pose`].
 //! * [`footing::Footing`] finds the way back for a body that has fallen out of the world.
-//! * [`navigation::Navigation`] finds paths for the bodies of simulated visitors.
+//! * [`navigation::Navigation`] finds paths, and a [`route::Route`] walks along them.
+//! * [`gaze::Gaze`] is where a person looks, and [`words`] are what it is told.
 //!
 //! There is no socket, no clock and no thread: callers pass in times, as durations since some
 //! start.
@@ -55,7 +57,11 @@
 //! ```
 
 pub mod footing;
+pub mod gaze;
 pub mod navigation;
+pub mod presence;
 pub mod replica;
 pub mod reporting;
+pub mod route;
 pub mod walker;
+pub mod words;

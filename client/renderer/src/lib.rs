@@ -6,7 +6,7 @@
 //!   be seen. [`moving::MovingRenderer`] draws both at a cost that follows what is in view.
 //! * [`node_visibility`] finds in advance which nodes a viewpoint box cannot see.
 //! * [`mover_visibility`] finds which movers may be visible, [`rooms`] draws what an author
-//!   declared, and [`text`] writes on a frame.
+//!   declared, [`plan`] finds the plan of a storey, and [`text`] writes on a frame.
 //!
 //! Octree nodes are projected front to back; no rays are cast. The picture is cut into bands of
 //! rows, and each band has a mask buffer of one bit for each pixel. A pixel is written once. A node
@@ -60,6 +60,7 @@ pub mod node_visibility;
 mod orthogonal;
 mod panes;
 mod parallel;
+pub mod plan;
 mod pyramid;
 mod ratio;
 mod renderer;

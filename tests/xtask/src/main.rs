@@ -3,6 +3,8 @@
 //! `cargo xtask results` measures the product on this machine. Every measurement becomes a JSON file
 //! in `tests/results/DATE-CPU/`, and all of these files together become `tests/results/RESULTS.md`.
 //!
+//! `cargo xtask web` builds the page for browsers, [`web`].
+//!
 //! * [`measurements`]: what is measured, by which command, and what its table shows.
 //! * [`machine`]: the date and the hardware.
 //! * [`page`]: the page of tables.
@@ -10,6 +12,7 @@
 mod machine;
 mod measurements;
 mod page;
+mod web;
 
 use std::{
     fs,
@@ -31,6 +34,8 @@ const LIST_MAX: usize = 40;
 enum Chore {
     /// Measure the product, and write the tables of all results.
     Results(Args),
+    /// Build the page for browsers, which the server embeds.
+    Web(web::Args),
 }
 
 #[derive(clap::Args)]
@@ -63,7 +68,13 @@ struct Folders {
 }
 
 fn main() -> anyhow::Result<()> {
-    let Chore::Results(args) = Chore::parse();
+    match Chore::parse() {
+        Chore::Results(args) => results(&args),
+        Chore::Web(args) => web::run(&args),
+    }
+}
+
+fn results(args: &Args) -> anyhow::Result<()> {
     if args.list {
         ALL.iter().for_each(|m| println!("{:<20} {}", m.name, m.title));
         return Ok(());
@@ -74,7 +85,7 @@ fn main() -> anyhow::Result<()> {
     }
     let folders = folders(args.quick);
     if !args.page {
-        measure_all(&args, &folders)?;
+        measure_all(args, &folders)?;
     }
     let page = page::page(&folders.results)?;
     let path = folders.results.join("RESULTS.md");

@@ -14,7 +14,7 @@ mod dynamic_resolution;
 mod link;
 mod overlay;
 mod panels;
-mod plan;
+mod plans;
 mod redraw;
 mod scene;
 mod statistics;

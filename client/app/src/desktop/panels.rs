@@ -3,13 +3,14 @@
 use std::sync::Arc;
 
 use sightline_client_core::replica::VisibleAvatar;
-use sightline_renderer::{Frame, text};
+use sightline_renderer::{
+    Frame,
+    plan::{Plan, PlanMark},
+    text,
+};
 use sightline_world::motion::{AvatarId, Pose};
 
-use super::{
-    overlay::{PLAIN, STRONG, line_height, scale},
-    plan::{Plan, PlanMark},
-};
+use super::overlay::{PLAIN, STRONG, line_height, scale};
 
 /// Which panel is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

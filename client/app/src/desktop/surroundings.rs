@@ -11,7 +11,7 @@ use sightline_renderer::{
 use sightline_visibility::rooms::RoomIndex;
 use sightline_world::World;
 
-use super::plan::Plans;
+use super::plans::Plans;
 
 /// The building that is walked in, and what drawing it needs.
 pub(super) struct Surroundings {

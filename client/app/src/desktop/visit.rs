@@ -2,12 +2,14 @@
 //! the picture of each moment.
 
 use std::{
-    collections::BTreeMap,
     sync::Arc,
     time::{Duration, Instant},
 };
 
-use sightline_client_core::replica::{Event, VisibleAvatar};
+use sightline_client_core::{
+    replica::{Event, VisibleAvatar},
+    words,
+};
 use sightline_renderer::Frame;
 use sightline_world::{
     Spawn, World,
@@ -23,9 +25,6 @@ use super::{
     statistics::Statistics,
 };
 use crate::net::Session;
-
-/// The names in the status line.
-const NAMES_MAX: usize = 5;
 
 /// A visit to a building, alone or with others.
 pub(super) struct Visit<'a> {
@@ -282,7 +281,7 @@ impl<'a> Visit<'a> {
         let place = scene.surroundings.place_name(own.eye);
         let who = match session {
             Some(session) if session.is_present() => {
-                in_words(scene.seen().iter().map(|other| other.name.as_str()))
+                words::in_sight(scene.seen().iter().map(|other| other.name.as_str()))
             }
             None if self.company.is_nobody() => "you are alone".to_owned(),
             Some(_) | None => "no connection".to_owned(),
@@ -328,43 +327,9 @@ fn plan_of(scene: &mut Scene, own: &Pose, told: &[VisibleAvatar]) -> Panel {
     Panel::Plan { plan, marks }
 }
 
-/// Who is in sight, in words.
-fn in_words<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    // People of the same name are counted.
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    let mut count = 0;
-    for name in names {
-        *counts.entry(name).or_default() += 1;
-        count += 1;
-    }
-    let named = |(name, count): (&&str, &usize)| match count {
-        1 => (*name).to_owned(),
-        count => format!("{name} ({count})"),
-    };
-    let mut listed: Vec<String> = counts.iter().take(NAMES_MAX).map(named).collect();
-    if counts.len() > NAMES_MAX {
-        listed.push("others".to_owned());
-    }
-    match count {
-        0 => "nobody is in sight".to_owned(),
-        1 => format!("one person is in sight: {}", listed.join(", ")),
-        _ => format!("{count} people are in sight: {}", listed.join(", ")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_status_counts_people_and_names_some() {
-        let words = |names: &[&str]| in_words(names.iter().copied());
-        assert_eq!(words(&[]), "nobody is in sight");
-        assert_eq!(words(&["Ada"]), "one person is in sight: Ada");
-        assert_eq!(words(&["Bob", "Ada", "Bob"]), "3 people are in sight: Ada, Bob (2)");
-        let many = words(&["a", "b", "c", "d", "e", "f", "g"]);
-        assert_eq!(many, "7 people are in sight: a, b, c, d, e, others");
-    }
 
     #[test]
     fn who_is_alone_stands_still_without_a_new_picture_and_goes_home() {

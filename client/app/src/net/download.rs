@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use quinn::{Connection, RecvStream};
+use sightline_client_core::presence::WorldOffer;
 use sightline_protocol::message::ClientMessage;
 use sightline_world::ReadError;
 use tokio::time::timeout;
@@ -10,7 +11,7 @@ use tokio::time::timeout;
 use super::{
     control_stream::ControlSender,
     error::{ConnectError, lost},
-    passage::{JoinProgress, ProgressListener, WorldOffer, tell},
+    passage::{JoinProgress, ProgressListener, tell},
 };
 
 /// The time within which the download must start.

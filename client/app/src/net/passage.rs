@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use sightline_client_core::replica::ReplicaError;
+use sightline_client_core::{presence::WorldOffer, replica::ReplicaError};
 use sightline_protocol::message::ServerMessage;
 use sightline_world::{ContentId, World};
 
@@ -39,15 +39,6 @@ pub(super) fn tell(progress: Option<&ProgressListener>, step: impl FnOnce() -> J
     if let Some(progress) = progress {
         progress(step());
     }
-}
-
-/// A world that the server offers.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct WorldOffer {
-    pub(super) number: u32,
-    pub(super) id: ContentId,
-    /// The length of its file.
-    pub(super) bytes: u64,
 }
 
 /// Waits for an offer unless there is one, and gets the world. Whenever the server offers another

@@ -1,26 +1,20 @@
 //! One simulated visitor: it walks somewhere, as fast as people do, turns, rests a while, looks
 //! about, and walks on.
 
-use std::{collections::VecDeque, f32::consts::TAU};
+use std::f32::consts::TAU;
 
 use glam::Vec3;
 use rand::{Rng, SeedableRng, rngs::SmallRng};
 use sightline_cli::trace::Track;
 use sightline_client_core::{
     navigation::Navigation,
+    route::{Route, turned},
     walker::{MoveInput, Walker},
 };
-use sightline_world::{
-    Spawn, World,
-    motion::{Pose, turn_between},
-};
+use sightline_world::{Spawn, World, motion::Pose};
 
 use super::grounds::Grounds;
 
-/// The distance within which a place counts as reached, in metres.
-const NEAR: f32 = 0.12;
-/// A visitor that gets no nearer for this time chooses another goal, in seconds.
-const STUCK_S: f32 = 2.0;
 /// The preferred distance of goals, in metres.
 const GOAL_DISTANCE: std::ops::Range<f32> = 4.0..40.0;
 /// How many goals are tried for one at that distance. In a large building few are.
@@ -29,11 +23,8 @@ const GOALS_TRIED: usize = 64;
 const PACE: std::ops::Range<f32> = 0.9..1.7;
 /// The greatest share of the world's speed limit at which a visitor walks.
 const SPEED_SHARE_MAX: f32 = 0.95;
-/// How fast people turn, in radians a second: to go on, and to look about.
-const TURN_SPEED: f32 = 3.0;
+/// How fast people turn to look about, in radians a second.
 const GAZE_SPEED: f32 = 1.0;
-/// Who must turn by more than this stands meanwhile, in radians.
-const TURN_FIRST: f32 = 1.2;
 /// How far people turn to look about, in radians.
 const GAZE: f32 = 2.0;
 /// The share of goals at which a visitor rests, and for how long, in seconds.
@@ -61,7 +52,7 @@ impl Visitor {
     pub fn move_over(&mut self, world: &World, pose: Pose) {
         if let Self::Wandering(wanderer) = self {
             wanderer.walker = Walker::new(world, Spawn { eye: pose.eye, yaw: pose.yaw });
-            wanderer.way.clear();
+            wanderer.route = Route::default();
         }
     }
 
@@ -70,7 +61,7 @@ impl Visitor {
         match self {
             Self::Wandering(wanderer) => {
                 wanderer.walker.place(pose);
-                wanderer.way.clear();
+                wanderer.route = Route::default();
             }
             Self::Recorded(_) => {}
         }
@@ -81,16 +72,13 @@ impl Visitor {
 pub struct Wanderer {
     walker: Walker,
     random: SmallRng,
-    way: VecDeque<Vec3>,
+    route: Route,
     /// How long it still rests, in seconds.
     rest_s: f32,
     /// The heading that it looks to while it rests.
     gaze: f32,
     /// Its speed, in metres a second.
     pace: f32,
-    /// The smallest distance to the next place so far, in metres, and the time since then, in
-    /// seconds.
-    nearest: (f32, f32),
 }
 
 impl Wanderer {
@@ -100,8 +88,8 @@ impl Wanderer {
         let spawn = Spawn { eye, yaw: random.random_range(0.0..TAU) };
         let pace = random.random_range(PACE).min(SPEED_SHARE_MAX * world.speed_max);
         let rest_s = random.random_range(0.0..2.0);
-        let (walker, nearest) = (Walker::new(world, spawn), (f32::MAX, 0.0));
-        Self { walker, random, way: VecDeque::new(), rest_s, gaze: spawn.yaw, pace, nearest }
+        let (walker, route) = (Walker::new(world, spawn), Route::default());
+        Self { walker, random, route, rest_s, gaze: spawn.yaw, pace }
     }
 
     fn step(&mut self, world: &World, navigation: &Navigation, dt_s: f32) -> Pose {
@@ -112,70 +100,29 @@ impl Wanderer {
             let look = MoveInput { yaw, ..MoveInput::default() };
             return self.walker.step(&world.octree, look, dt_s);
         }
-        let Some(next) = self.next_place(pose.eye) else {
+        let was_walking = !self.route.is_over();
+        let wish = self.route.wish(&pose, self.pace, world.speed_max, dt_s);
+        let wish = wish.unwrap_or_else(|| {
+            if was_walking && self.random.random_bool(REST_SHARE) {
+                self.rest_s = self.random.random_range(REST_S);
+                self.gaze = pose.yaw + self.random.random_range(-GAZE..GAZE);
+            }
             self.choose(navigation, pose.eye);
-            let stay = MoveInput { yaw: pose.yaw, ..MoveInput::default() };
-            return self.walker.step(&world.octree, stay, dt_s);
-        };
-        let way = (next - pose.eye).with_y(0.0);
-        self.watch_progress(way.length(), dt_s);
-        let heading = (-way.x).atan2(-way.z);
-        let yaw = turned(pose.yaw, heading, TURN_SPEED * dt_s);
-        let aside = turn_between(yaw, heading);
-        // Slower over the last stretch, to avoid overshooting.
-        let pace = self.pace.min(way.length() / dt_s.max(1e-3));
-        let pace = if aside.abs() > TURN_FIRST { 0.0 } else { pace / world.speed_max.max(0.1) };
-        let (left, forward) = (pace * aside.sin(), pace * aside.cos());
-        let wish = MoveInput { forward, right: -left, yaw, ..MoveInput::default() };
+            MoveInput { yaw: pose.yaw, ..MoveInput::default() }
+        });
         self.walker.step(&world.octree, wish, dt_s)
     }
 
-    /// Removes the places that were reached, and returns the next one.
-    fn next_place(&mut self, eye: Vec3) -> Option<Vec3> {
-        while let Some(next) = self.way.front().copied() {
-            if (next - eye).with_y(0.0).length() > NEAR {
-                return Some(next);
-            }
-            self.way.pop_front();
-            self.nearest = (f32::MAX, 0.0);
-            if self.way.is_empty() && self.random.random_bool(REST_SHARE) {
-                self.rest_s = self.random.random_range(REST_S);
-                self.gaze = self.walker.pose().yaw + self.random.random_range(-GAZE..GAZE);
-            }
-        }
-        None
-    }
-
-    /// Chooses another goal when the visitor gets no nearer.
-    fn watch_progress(&mut self, distance: f32, dt_s: f32) {
-        let (nearest, since_s) = &mut self.nearest;
-        if distance < *nearest - 0.05 {
-            (*nearest, *since_s) = (distance, 0.0);
-            return;
-        }
-        *since_s += dt_s;
-        if *since_s > STUCK_S {
-            self.way.clear();
-            self.nearest = (f32::MAX, 0.0);
-        }
-    }
-
     fn choose(&mut self, navigation: &Navigation, eye: Vec3) {
-        self.nearest = (f32::MAX, 0.0);
         let is_near = |goal: &Vec3| GOAL_DISTANCE.contains(&goal.distance(eye));
         let random = &mut self.random;
         let goal = (0..GOALS_TRIED).filter_map(|_| navigation.random(random)).find(is_near);
         let goal = goal.or_else(|| navigation.random(&mut self.random));
         let way = goal.and_then(|goal| navigation.path(eye, goal)).filter(|way| !way.is_empty());
         match way {
-            Some(way) => self.way = way.into(),
+            Some(way) => self.route = Route::new(way),
             // No way leads anywhere from here: rest, rather than search at every step.
             None => self.rest_s = 0.5,
         }
     }
-}
-
-/// A heading turned towards another one, by an angle at most.
-fn turned(yaw: f32, towards: f32, angle_max: f32) -> f32 {
-    (yaw + turn_between(yaw, towards).clamp(-angle_max, angle_max)).rem_euclid(TAU)
 }

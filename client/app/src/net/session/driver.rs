@@ -4,12 +4,14 @@ use std::{sync::Arc, time::Duration};
 
 use glam::Vec3;
 use quinn::{SendDatagramError, VarInt};
-use sightline_client_core::replica::{Event, Outgoing};
+use sightline_client_core::{
+    presence::{Heard, WorldOffer},
+    replica::Outgoing,
+};
 use sightline_protocol::{
     message::{ClientMessage, ServerMessage},
     text::ChatLine,
 };
-use sightline_world::{ContentId, motion::Pose};
 use tokio::{
     sync::mpsc,
     time::{Instant, MissedTickBehavior, timeout},
@@ -20,11 +22,11 @@ use super::{
         cache::WorldCache,
         control_stream::ControlStream,
         error::{ConnectError, lost},
-        passage::{WorldOffer, offered_world},
+        passage::offered_world,
         returning::{Caller, PATIENCE, Pauses},
     },
     Welcomed,
-    state::{Link, SharedState},
+    state::SharedState,
 };
 
 /// The number of commands that may wait.
@@ -53,17 +55,6 @@ pub(super) struct Driver {
     caller: Caller,
     cache: Arc<WorldCache>,
     shared: Arc<SharedState>,
-    /// Where the client was when it was told of the world that it enters now.
-    moves_from: Option<Pose>,
-}
-
-/// What comes of a message.
-enum Heard {
-    Nothing,
-    /// Another world is offered.
-    World(WorldOffer),
-    /// The server said goodbye.
-    Goodbye(ConnectError),
 }
 
 impl Driver {
@@ -74,7 +65,7 @@ impl Driver {
         cache: Arc<WorldCache>,
         shared: Arc<SharedState>,
     ) -> Self {
-        Self { control, caller, cache, shared, moves_from: None }
+        Self { control, caller, cache, shared }
     }
 
     /// Asks to enter the first world, and waits until the server gives a place in it, or in another
@@ -86,14 +77,16 @@ impl Driver {
     ) -> Result<(), ConnectError> {
         let place = place.map(Into::into);
         self.send(&ClientMessage::Enter { world, place, reports_from: 0 }).await?;
-        while self.shared.lock().replica.reporting_state().is_none() {
+        while self.shared.lock().presence.replica.reporting_state().is_none() {
             let message = timeout(ANSWER_DEADLINE, self.control.receiver.receive()).await;
             let message = message
                 .map_err(|_| ConnectError::Lost("the server gave no place in time".to_owned()))?;
             match self.handle(message?).await? {
                 Heard::Nothing => {}
                 Heard::World(offer) => self.move_to(offer).await?,
-                Heard::Goodbye(goodbye) => return Err(goodbye),
+                Heard::Goodbye { reason, may_return } => {
+                    return Err(ConnectError::Goodbye { reason, may_return });
+                }
             }
         }
         Ok(())
@@ -137,12 +130,7 @@ impl Driver {
     fn lose(&self, error: &ConnectError) -> bool {
         tracing::info!(%error, "the link broke");
         let now = self.shared.now();
-        let mut state = self.shared.lock();
-        if matches!(state.link, Link::Broken(..)) {
-            return false;
-        }
-        state.stand(now, Link::Broken(now, error.to_string()));
-        true
+        self.shared.lock().presence.lose(now, error.to_string())
     }
 
     /// Connects again, gets the world that is offered, and asks to go on in it.
@@ -155,16 +143,19 @@ impl Driver {
         let Welcomed { control, avatar, tick_interval } = welcomed;
         self.control = control;
         let (offer, world) = offered_world(&mut self.control, &self.cache, None, None).await?;
-        let welcomed = (self.control.connection.clone(), avatar, tick_interval);
-        let (from, reports_from) = self.shared.lock().reconnect(welcomed, world);
-        self.ask_to_enter(offer.number, from, reports_from).await
+        let enters = {
+            let mut state = self.shared.lock();
+            state.change_connection(self.control.connection.clone());
+            state.presence.reconnect(avatar, tick_interval, offer.number, world)
+        };
+        self.send(&enters).await
     }
 
     async fn talk(
         &mut self,
         inbox: &mut mpsc::Receiver<SessionCommand>,
     ) -> Result<String, ConnectError> {
-        let tick_interval = self.shared.lock().replica.tick_interval();
+        let tick_interval = self.shared.lock().presence.replica.tick_interval();
         let mut ticks = tokio::time::interval(tick_interval);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let connection = self.control.connection.clone();
@@ -172,7 +163,9 @@ impl Driver {
             tokio::select! {
                 message = self.control.receiver.receive() => match self.handle(message?).await? {
                     Heard::Nothing => {}
-                    Heard::Goodbye(goodbye) => return Err(goodbye),
+                    Heard::Goodbye { reason, may_return } => {
+                    return Err(ConnectError::Goodbye { reason, may_return });
+                }
                     Heard::World(offer) => tokio::select! {
                         moved = self.move_to(offer) => moved?,
                         () = told_to_leave(inbox) => return self.leave().await,
@@ -182,7 +175,7 @@ impl Driver {
                     let datagram = datagram.map_err(lost)?;
                     self.shared.count_received(datagram.len());
                     let now = self.shared.now();
-                    if let Err(error) = self.shared.lock().replica.datagram(now, &datagram) {
+                    if let Err(error) = self.shared.lock().presence.replica.datagram(now, &datagram) {
                         tracing::debug!(%error, "a datagram was ignored");
                     }
                 }
@@ -206,20 +199,8 @@ impl Driver {
     async fn move_to(&mut self, offer: WorldOffer) -> Result<(), ConnectError> {
         let (offer, world) =
             offered_world(&mut self.control, &self.cache, Some(offer), None).await?;
-        let (from, reports_from) = self.shared.lock().leave_world(world);
-        self.ask_to_enter(offer.number, from, reports_from).await
-    }
-
-    /// Asks to go on in a world, from a pose.
-    async fn ask_to_enter(
-        &mut self,
-        world: u32,
-        from: Pose,
-        reports_from: u32,
-    ) -> Result<(), ConnectError> {
-        self.moves_from = Some(from);
-        let place = Some(from.eye.into());
-        self.send(&ClientMessage::Enter { world, place, reports_from }).await
+        let enters = self.shared.lock().presence.leave_world(offer.number, world);
+        self.send(&enters).await
     }
 
     /// The goodbye that arrived together with the end of the connection, if any. The end may be
@@ -228,49 +209,18 @@ impl Driver {
         self.control.connection.close_reason()?;
         // Messages that arrived before the end are finite, and can still be read.
         while let Ok(message) = self.control.receiver.receive().await {
-            if let Ok(Heard::Goodbye(goodbye)) = self.handle(message).await {
-                return Some(goodbye);
+            if let Ok(Heard::Goodbye { reason, may_return }) = self.handle(message).await {
+                return Some(ConnectError::Goodbye { reason, may_return });
             }
         }
         None
     }
 
-    /// Applies a message to the replica, and answers it if the server asked.
+    /// Takes in a message, and answers it if the server asked.
     async fn handle(&mut self, message: ServerMessage) -> Result<Heard, ConnectError> {
         self.shared.count_received(self.control.receiver.frame_bytes());
-        if let ServerMessage::World { number, id, bytes } = message {
-            let now = self.shared.now();
-            self.shared.lock().stand(now, Link::MovingOver);
-            return Ok(Heard::World(WorldOffer { number, id: ContentId(id), bytes }));
-        }
-        let heard = match &message {
-            ServerMessage::Goodbye { reason, may_return } => {
-                let (reason, may_return) = (reason.to_string(), *may_return);
-                Heard::Goodbye(ConnectError::Goodbye { reason, may_return })
-            }
-            _ => Heard::Nothing,
-        };
-        let answer = {
-            let now = self.shared.now();
-            let mut state = self.shared.lock();
-            if let Some(mut event) = state.replica.message(now, message)? {
-                match &mut event {
-                    Event::Entered(pose) => {
-                        if let Some(from) = self.moves_from.take() {
-                            *pose = state.move_over(&from, *pose);
-                        }
-                    }
-                    Event::Corrected(_) => state.posed = None,
-                    Event::Chat { from, name, .. } if *from == state.replica.avatar() => {
-                        *name = self.shared.name.to_string();
-                    }
-                    _ => {}
-                }
-                state.push_event(event);
-            }
-            state.move_on(now);
-            state.replica.answer(now)
-        };
+        let now = self.shared.now();
+        let (heard, answer) = self.shared.lock().presence.hear(now, message)?;
         if let Some(answer) = answer {
             self.send(&answer).await?;
         }
@@ -284,9 +234,7 @@ impl Driver {
             let now = self.shared.now();
             let udp_bytes = state.udp_bytes();
             state.meter.read(now, udp_bytes);
-            state.move_on(now);
-            state.replica.hear_losses(now, stats.path.lost_packets);
-            state.replica.tick(now, stats.path.rtt)
+            state.presence.tick(now, stats.path.rtt, stats.path.lost_packets)
         };
         match outgoing {
             None => Ok(()),

@@ -10,20 +10,21 @@ use std::{
 
 use quinn::VarInt;
 use sightline_client_core::{
-    replica::{AvatarSource, Event, HeldAvatar, Replica, Update, VisibleAvatar},
+    presence::{Link, Presence},
+    replica::{AvatarSource, Event, HeldAvatar, Update, VisibleAvatar},
     reporting::ReportingCounts,
 };
 use sightline_protocol::text::{ChatLine, TextError};
 use sightline_world::{
     World,
     geometry::Aabb,
-    motion::{Agility, AvatarId, Pose, ReportingState},
+    motion::{AvatarId, Pose, ReportingState},
 };
 use tokio::{sync::mpsc, task::JoinHandle, time::timeout};
 
 use self::{
     driver::{COMMANDS_MAX, Driver, FAREWELL_DEADLINE, SessionCommand},
-    state::{Link, SharedState},
+    state::SharedState,
 };
 use super::{
     cache::WorldCache, control_stream::ControlStream, error::ConnectError, passage::offered_world,
@@ -111,11 +112,9 @@ impl Session {
         let Welcomed { mut control, avatar, tick_interval } = welcomed;
         let progress = caller.options.progress.as_ref();
         let (offer, world) = offered_world(&mut control, &cache, None, progress).await?;
-        let replica =
-            Replica::new(avatar, tick_interval, Agility::of(&world.body, world.speed_max));
         let (name, place) = (caller.options.name.clone(), caller.options.place);
-        let shared = SharedState::new(control.connection.clone(), replica, world, name);
-        let shared = Arc::new(shared);
+        let presence = Presence::new(avatar, tick_interval, world, name);
+        let shared = Arc::new(SharedState::new(control.connection.clone(), presence));
         let mut driver = Driver::new(control, caller, cache, shared.clone());
         driver.enter(offer.number, place).await?;
         let (commands, inbox) = mpsc::channel(COMMANDS_MAX);
@@ -125,14 +124,14 @@ impl Session {
 
     /// The building. The server may replace it: each [`Event::Entered`] may be in another one.
     pub fn world(&self) -> Arc<World> {
-        self.shared.lock().world.clone()
+        self.shared.lock().presence.world().clone()
     }
 
     /// How the client stands with its server.
     pub fn state(&self) -> SessionState {
         let now = self.shared.now();
         let state = self.shared.lock();
-        match (&state.end, &state.link) {
+        match (&state.end, state.presence.link()) {
             (Some(reason), _) => SessionState::Ended(reason.clone()),
             (None, Link::Present) => SessionState::Present,
             (None, Link::MovingOver) => SessionState::MovingOver,
@@ -150,48 +149,43 @@ impl Session {
 
     /// The server's time from tick to tick.
     pub fn tick_interval(&self) -> Duration {
-        self.shared.lock().replica.tick_interval()
+        self.shared.lock().presence.replica.tick_interval()
     }
 
     /// The id of this client's avatar.
     pub fn avatar(&self) -> AvatarId {
-        self.shared.lock().replica.avatar()
+        self.shared.lock().presence.replica.avatar()
     }
 
     /// Sets the pose of this client's avatar, once per frame. The session reports it when it must:
     /// as it is then, straight on from the last frame.
     pub fn set_pose(&self, pose: Pose) {
         let now = self.shared.now();
-        let mut state = self.shared.lock();
-        if !matches!(state.link, Link::Present) {
-            return;
-        }
-        state.replica.set_pose(pose);
-        state.posed = pose.is_finite().then_some((now, pose));
+        self.shared.lock().presence.set_pose(now, pose);
     }
 
     /// The pose of this client's avatar: the last one set, entered with or corrected to, or straight
     /// on from there.
     pub fn pose(&self) -> Pose {
-        self.shared.lock().replica.pose()
+        self.shared.lock().presence.replica.pose()
     }
 
     /// The avatars that may be in view, with the poses to draw now.
     pub fn visible(&self) -> Vec<VisibleAvatar> {
         let now = self.shared.now();
-        self.shared.lock().replica.visible(now)
+        self.shared.lock().presence.replica.visible(now)
     }
 
     /// The server's time of the moment that is drawn now: see [`Replica::server_time`].
     pub fn server_time(&self) -> Duration {
         let now = self.shared.now();
-        self.shared.lock().replica.server_time(now)
+        self.shared.lock().presence.replica.server_time(now)
     }
 
     /// The avatars that may be in view, as the server last described them.
     pub fn held(&self) -> Vec<HeldAvatar> {
         let now = self.shared.now();
-        self.shared.lock().replica.held(now).collect()
+        self.shared.lock().presence.replica.held(now).collect()
     }
 
     /// Says something to the clients that may see this avatar. Drops the line when too many wait.
@@ -212,7 +206,7 @@ impl Session {
 
     /// The events since the last call, oldest first.
     pub fn events(&self) -> Vec<Event> {
-        self.shared.lock().events.drain(..).collect()
+        self.shared.lock().presence.take_events()
     }
 
     /// Why the session ended; `None` while it runs.
@@ -226,23 +220,23 @@ impl Session {
         let state = self.shared.lock();
         let [udp_rate_in, udp_rate_out] = state.meter.rate();
         let [udp_bytes_in, udp_bytes_out] = state.udp_bytes();
-        let is_heard = !matches!(state.link, Link::Broken(..));
+        let is_heard = !matches!(state.presence.link(), Link::Broken(..));
         SessionStats {
-            reporting_state: state.replica.reporting_state().filter(|_| is_heard),
-            visible: state.replica.held_len(),
+            reporting_state: state.presence.replica.reporting_state().filter(|_| is_heard),
+            visible: state.presence.replica.held_len(),
             messages_in: self.shared.messages_in.load(Relaxed),
             messages_out: self.shared.messages_out.load(Relaxed),
-            delivered: state.replica.delivered(),
+            delivered: state.presence.replica.delivered(),
             bytes_in: self.shared.bytes_in.load(Relaxed),
             bytes_out: self.shared.bytes_out.load(Relaxed),
             udp_bytes_in,
             udp_bytes_out,
             udp_rate_in,
             udp_rate_out,
-            reporting: state.replica.reporting_counts(),
+            reporting: state.presence.replica.reporting_counts(),
             elapsed: now,
             round_trip: state.connection.rtt(),
-            returns: state.returns,
+            returns: state.presence.returns(),
         }
     }
 
@@ -255,15 +249,15 @@ impl Session {
 
 impl AvatarSource for &Session {
     fn updates(&mut self) -> Vec<(AvatarId, Update)> {
-        self.shared.lock().replica.updates()
+        self.shared.lock().presence.replica.updates()
     }
 
     fn path(&self, avatar: AvatarId, now: Duration, until: Duration) -> Option<(Pose, Aabb)> {
-        self.shared.lock().replica.path(avatar, now, until)
+        self.shared.lock().presence.replica.path(avatar, now, until)
     }
 
     fn shown(&self, avatar: AvatarId, now: Duration) -> Option<VisibleAvatar> {
-        self.shared.lock().replica.shown(avatar, now)
+        self.shared.lock().presence.replica.shown(avatar, now)
     }
 }
 

@@ -1,16 +1,9 @@
 //! The plan: the storey that one is on, from above, found from the voxels.
 
-use std::{
-    sync::{
-        Arc,
-        mpsc::{Receiver, TryRecvError, channel},
-    },
-    thread,
-};
-
 use glam::{Vec2, Vec3};
-use sightline_renderer::{Frame, text};
 use sightline_world::{World, geometry::Aabb, motion::Pose};
+
+use super::{Frame, text};
 
 /// Walls are what is solid at these heights above the soles, in metres.
 const WALL_M: [f32; 2] = [1.0, 1.6];
@@ -32,8 +25,8 @@ const EDGE: u32 = 0x0012_161a;
 const PAPER: [u8; 3] = [250, 246, 236];
 
 /// The plan of a storey.
-#[derive(Debug)]
-pub(super) struct Plan {
+#[derive(Clone, Debug)]
+pub struct Plan {
     /// Columns and rows.
     size: [usize; 2],
     /// Row by row; `None` where there is neither floor nor wall.
@@ -48,7 +41,7 @@ pub(super) struct Plan {
 
 /// Somebody on a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct PlanMark {
+pub struct PlanMark {
     /// The pixel of the plan.
     at: [i32; 2],
     colour: u32,
@@ -63,34 +56,104 @@ impl PartialEq for Plan {
     }
 }
 
-impl Plan {
-    /// The plan of the storey of a body with its soles at this height. It takes up to a second.
-    fn new(world: &World, soles: f32) -> Self {
-        let bounds = world.bounds();
-        let look = Self::within(world, soles, &bounds, LOOK_PX);
-        let mut found = Aabb::EMPTY;
-        for (i, _) in look.pixels.iter().enumerate().filter(|(_, pixel)| pixel.is_some()) {
-            let [x, z] = [i % look.size[0], i / look.size[0]].map(|at| at as f32 * look.metres);
-            let min = Vec3::new(look.corner.x + x, soles, look.corner.y + z);
-            let max = min + Vec3::new(look.metres, 0.0, look.metres);
-            found = found.union(&Aabb { min, max });
-        }
-        let found = if found.is_empty() { bounds } else { found.grown(MARGIN_M) };
-        Self::within(world, soles, &found, SIDE_PX)
+/// A plan that is being made, row by row.
+#[derive(Debug)]
+pub struct PlanSketch {
+    plan: Plan,
+    /// Whether this is only the first look, which finds where the building is.
+    is_look: bool,
+}
+
+impl PlanSketch {
+    /// Begins the plan of the storey of a body with its soles at this height, in metres.
+    pub fn new(world: &World, soles: f32) -> Self {
+        Self { plan: Plan::blank(soles, &world.bounds(), LOOK_PX), is_look: true }
     }
 
-    fn within(world: &World, soles: f32, area: &Aabb, side: usize) -> Self {
+    /// Goes on for some rows: a whole plan has up to 550. Returns it once it is made.
+    pub fn go_on(&mut self, world: &World, rows: usize) -> Option<Plan> {
+        for _ in 0..rows {
+            if self.plan.rows_made() < self.plan.size[1] {
+                self.plan.look_at_row(world);
+            } else if self.is_look {
+                let found = self.plan.built_area();
+                let found = if found.is_empty() { world.bounds() } else { found.grown(MARGIN_M) };
+                let plan = Plan::blank(self.plan.soles, &found, SIDE_PX);
+                *self = Self { plan, is_look: false };
+            }
+        }
+        let is_made = !self.is_look && self.plan.rows_made() == self.plan.size[1];
+        is_made.then(|| self.plan.clone())
+    }
+}
+
+impl Plan {
+    /// The plan of the storey of a body with its soles at this height. It takes up to a second.
+    pub fn new(world: &World, soles: f32) -> Self {
+        let mut sketch = PlanSketch::new(world, soles);
+        loop {
+            if let Some(plan) = sketch.go_on(world, SIDE_PX) {
+                return plan;
+            }
+        }
+    }
+
+    /// The plan of an area without any row.
+    fn blank(soles: f32, area: &Aabb, side: usize) -> Self {
         let extent = area.size();
         let metres = (extent.x.max(extent.z) / side as f32).max(0.01);
         let size = [extent.x, extent.z].map(|of| ((of / metres).ceil() as usize).clamp(1, side));
         let corner = Vec2::new(area.min.x, area.min.z);
-        let mut plan = Self { size, pixels: Vec::new(), corner, metres, soles };
-        let [columns, rows] = size;
-        plan.pixels = (0..rows)
-            .flat_map(|row| (0..columns).map(move |column| [column, row]))
-            .map(|[column, row]| plan.look(world, column, row))
-            .collect();
-        plan
+        Self { size, pixels: Vec::new(), corner, metres, soles }
+    }
+
+    fn rows_made(&self) -> usize {
+        self.pixels.len() / self.size[0]
+    }
+
+    fn look_at_row(&mut self, world: &World) {
+        let row = self.rows_made();
+        let pixels: Vec<Option<u32>> =
+            (0..self.size[0]).map(|column| self.look(world, column, row)).collect();
+        self.pixels.extend(pixels);
+    }
+
+    /// Where there is a floor or a wall.
+    fn built_area(&self) -> Aabb {
+        let mut found = Aabb::EMPTY;
+        for (i, _) in self.pixels.iter().enumerate().filter(|(_, pixel)| pixel.is_some()) {
+            let [x, z] = [i % self.size[0], i / self.size[0]].map(|at| at as f32 * self.metres);
+            let min = Vec3::new(self.corner.x + x, self.soles, self.corner.y + z);
+            let max = min + Vec3::new(self.metres, 0.0, self.metres);
+            found = found.union(&Aabb { min, max });
+        }
+        found
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// The colour of each pixel as 0x00RRGGBB, row by row from the north; `None` where there is
+    /// neither floor nor wall.
+    pub fn pixels(&self) -> &[Option<u32>] {
+        &self.pixels
+    }
+
+    /// The world's x and z at the upper left corner, in metres.
+    pub fn corner(&self) -> Vec2 {
+        self.corner
+    }
+
+    /// The length that a pixel spans, in metres.
+    pub fn metres(&self) -> f32 {
+        self.metres
+    }
+
+    /// Whether this is the storey of a body with its soles at this height, in metres.
+    pub fn serves(&self, soles: f32) -> bool {
+        (self.soles - soles).abs() <= STOREY_M
     }
 
     /// What a pixel shows.
@@ -128,7 +191,7 @@ impl Plan {
     }
 
     /// The marks of others on the storey and of oneself, which comes last.
-    pub(super) fn marks(
+    pub fn marks(
         &self,
         own: &Pose,
         others: impl Iterator<Item = (Pose, [u8; 3])>,
@@ -147,7 +210,7 @@ impl Plan {
     }
 
     /// Draws the plan in the middle of a picture.
-    pub(super) fn draw(&self, frame: &mut Frame, marks: &[PlanMark]) {
+    pub fn draw(&self, frame: &mut Frame, marks: &[PlanMark]) {
         let [columns, rows] = self.size;
         let free = [frame.width() / columns, frame.height() / rows];
         let zoom = free[0].min(free[1]).clamp(1, 2);
@@ -190,33 +253,6 @@ fn draw_mark(frame: &mut Frame, [x, y]: [i32; 2], mark: &PlanMark) {
             let across = ((reach * reach - down * down) as f32).sqrt() as i32;
             text::fill(frame, [x - across, y + down], [(2 * across + 1) as usize, 1], colour);
         }
-    }
-}
-
-/// The plan of the storey that one is on, made by a thread when it is first asked for.
-#[derive(Default)]
-pub(super) struct Plans {
-    newest: Option<Arc<Plan>>,
-    making: Option<Receiver<Plan>>,
-}
-
-impl Plans {
-    /// The plan of the storey of a body with its soles at this height. Until it is made, the one
-    /// before, if any.
-    pub(super) fn at(&mut self, world: &Arc<World>, soles: f32) -> Option<Arc<Plan>> {
-        match self.making.as_ref().map(Receiver::try_recv) {
-            Some(Ok(plan)) => (self.newest, self.making) = (Some(Arc::new(plan)), None),
-            Some(Err(TryRecvError::Disconnected)) => self.making = None,
-            Some(Err(TryRecvError::Empty)) | None => {}
-        }
-        let serves = |plan: &Arc<Plan>| (plan.soles - soles).abs() <= STOREY_M;
-        if self.making.is_none() && !self.newest.as_ref().is_some_and(serves) {
-            let ((sender, receiver), world) = (channel(), world.clone());
-            // Nobody waits for a plan that cannot be sent.
-            thread::spawn(move || sender.send(Plan::new(&world, soles)));
-            self.making = Some(receiver);
-        }
-        self.newest.clone()
     }
 }
 
@@ -265,18 +301,5 @@ mod tests {
         let mut frame = Frame::new(500, 500);
         plan.draw(&mut frame, &marks);
         assert!(frame.colour.contains(&0x00ff_3030) && frame.colour.contains(&0x0009_0807));
-    }
-
-    #[test]
-    fn a_plan_is_made_beside_and_anew_on_another_storey() {
-        let world = Arc::new(voxel_floor::world(&[]));
-        let mut plans = Plans::default();
-        let mut wait = |soles: f32| {
-            while plans.at(&world, soles).is_none_or(|plan| plan.soles != soles) {
-                thread::yield_now();
-            }
-            plans.at(&world, soles + 0.5).unwrap().soles
-        };
-        assert_eq!([wait(0.125), wait(3.0)], [0.125, 3.0]);
     }
 }

@@ -1,0 +1,297 @@
+// The way to the server: joins, fetches worlds, and comes back by itself when the link breaks.
+
+import { open } from "./transport.js";
+
+/** The pauses before the first attempts to come back, in milliseconds. Later ones are as the last. */
+const PAUSES_MS = [0, 250, 500, 1000, 1500, 3000];
+/** Who is out for so long gives up, in milliseconds. */
+const PATIENCE_MS = 600_000;
+/** How long the server may take to answer, in milliseconds. */
+const ANSWER_MS = 8000;
+/** A clock that jumps by more than this has slept, in milliseconds. Timers of hidden pages run once a minute. */
+const SLEPT_MS = 90_000;
+/** After the network has changed, a link on which nothing arrives for so long is given up, in milliseconds. */
+const DEAD_MS = 4000;
+
+/** The link of a client. `changed()` is called when there is something new to say of it. */
+export class Link {
+  constructor(changed) {
+    this.changed = changed;
+    this.client = null;
+    this.join = null;
+    this.transport = null;
+    /** Why there is no link, in words. */
+    this.trouble = "";
+    /** Whether another attempt was given up, or makes no sense. */
+    this.isOver = false;
+    /** The downloads of worlds, by content id. */
+    this.downloads = new Map();
+    this.progress = null;
+    this.attempts = 0;
+    this.lostAt = 0;
+    this.heardAt = 0;
+    this.tickedAt = 0;
+    this.isTrying = false;
+    addEventListener("online", () => this.hurry());
+    addEventListener("visibilitychange", () => document.hidden || this.hurry());
+    navigator.connection?.addEventListener?.("change", () => this.suspect());
+  }
+
+  /** Asks the server what it has, and begins to fetch its world. */
+  async ask() {
+    const answer = await fetch("join.json", { cache: "no-store", signal: AbortSignal.timeout(ANSWER_MS) });
+    if (!answer.ok) throw new Error(`the server answers with error ${answer.status}`);
+    this.join = await answer.json();
+    if (this.join.world && !this.downloads.has(this.join.world)) {
+      this.download(this.join.world, this.join.world_bytes).catch(() => {});
+    }
+    return this.join;
+  }
+
+  /** Gives the link the client that it speaks for, and connects. */
+  start(client) {
+    this.client = client;
+    this.lostAt = now();
+    this.timer();
+    this.connect();
+  }
+
+  /** Ends the link, and begins anew with another client. */
+  restart(client) {
+    this.leave();
+    this.attempts = 0;
+    this.isOver = false;
+    this.client = client;
+    this.lostAt = now();
+    this.connect();
+  }
+
+  /** Says goodbye. */
+  leave() {
+    this.client?.leave();
+    this.flush();
+    const { transport } = this;
+    this.transport = null;
+    transport?.close();
+  }
+
+  /** Ends the link for good: the client has a fault. */
+  stop() {
+    this.isOver = true;
+    clearTimeout(this.due);
+    clearTimeout(this.again);
+    const { transport } = this;
+    this.transport = null;
+    transport?.close();
+  }
+
+  async connect() {
+    if (this.isTrying || this.transport || this.isOver) return;
+    this.isTrying = true;
+    try {
+      if (!this.join || this.attempts > 0) await this.ask();
+      const { client } = this;
+      const transport = await open(this.join, {
+        control: (link, bytes) => this.hear(link, () => client.control(now(), bytes)),
+        datagram: (link, bytes) => this.hear(link, () => client.datagram(now(), bytes)),
+        closed: (link, reason) => this.lose(link, reason),
+      });
+      this.isTrying = false;
+      if (client !== this.client) {
+        transport.close();
+        this.connect();
+        return;
+      }
+      this.transport = transport;
+      this.heardAt = now();
+      client.opened(now());
+      this.flush();
+      this.changed();
+    } catch (error) {
+      this.isTrying = false;
+      this.fail(inWords(error));
+    }
+  }
+
+  hear(link, take) {
+    if (link !== this.transport) return;
+    this.heardAt = now();
+    take();
+    this.flush();
+    this.fetchWanted();
+    this.settle();
+    if (!this.client.is_in()) this.changed();
+  }
+
+  /** Closes a connection that server or client have ended. */
+  settle() {
+    if (this.client.is_over()) this.drop("the connection was ended");
+  }
+
+  lose(link, reason) {
+    if (link !== this.transport) return;
+    this.transport = null;
+    this.client.closed(now(), reason);
+    this.fail(reason);
+  }
+
+  /** Tries again after a pause, unless that makes no sense. */
+  fail(reason) {
+    const { stage, mayPass, retryMs, isVersion, reason: said } = JSON.parse(this.client.state(now()));
+    this.trouble = stage === "over" ? said : reason;
+    if (isVersion) return this.reload();
+    if (this.attempts === 0) this.lostAt = now();
+    this.isOver = !mayPass || now() - this.lostAt > PATIENCE_MS;
+    this.changed();
+    if (this.isOver) return;
+    const pause = PAUSES_MS[Math.min(this.attempts, PAUSES_MS.length - 1)];
+    this.attempts += 1;
+    // Those who were lost together come back apart.
+    const spread = 1 + Math.random() * 0.25;
+    clearTimeout(this.again);
+    this.again = setTimeout(() => this.connect(), Math.max(pause, retryMs) * spread);
+  }
+
+  /** The server has another page than this one. */
+  reload() {
+    const version = String(this.join?.version);
+    this.isOver = true;
+    if (sessionStorage.getItem("reloaded") !== version) {
+      sessionStorage.setItem("reloaded", version);
+      location.reload();
+    }
+    this.changed();
+  }
+
+  /** The client is in the world: the next pauses are short again. */
+  arrived() {
+    this.attempts = 0;
+    this.trouble = "";
+  }
+
+  /** Tries again now. */
+  tryAgain() {
+    this.isOver = false;
+    this.lostAt = now();
+    this.hurry();
+    this.changed();
+  }
+
+  /** Tries now what would be tried after a pause. */
+  hurry() {
+    if (!this.client || this.transport || this.isOver) return;
+    clearTimeout(this.again);
+    this.connect();
+  }
+
+  /** The network has changed: the link may be dead without anybody noticing. */
+  suspect() {
+    const since = now();
+    setTimeout(() => {
+      if (this.transport && this.heardAt < since) this.drop("the network changed");
+    }, DEAD_MS);
+  }
+
+  drop(reason) {
+    const { transport } = this;
+    if (!transport) return;
+    this.lose(transport, reason);
+    transport.close();
+  }
+
+  /** Does what is due, at each of the server's ticks. */
+  timer() {
+    const at = now();
+    if (this.tickedAt && at - this.tickedAt > SLEPT_MS && this.transport) {
+      this.drop("the computer slept");
+    }
+    this.tickedAt = at;
+    this.client.tick(at);
+    this.flush();
+    this.fetchWanted();
+    this.due = setTimeout(() => this.timer(), this.client.tick_ms());
+  }
+
+  /** Sends what the client has to say. */
+  flush() {
+    if (!this.transport || !this.client) return;
+    const control = this.client.take_control();
+    if (control.length) this.transport.sendControl(control);
+    for (;;) {
+      const datagram = this.client.take_datagram();
+      if (!datagram) return;
+      this.transport.sendDatagram(datagram);
+    }
+  }
+
+  /** Gets the world that the client needs. */
+  async fetchWanted() {
+    const id = this.client.wanted();
+    if (!id || this.giving === id) return;
+    this.giving = id;
+    const { client } = this;
+    try {
+      const bytes = await (this.downloads.get(id) ?? this.download(id, 0));
+      this.reading = true;
+      this.changed();
+      // The page shows what it does before it does it.
+      await new Promise((resolve) => setTimeout(resolve, 0));
+      if (client === this.client) client.give_world(bytes);
+      this.reading = false;
+      // The browser keeps the file; the page need not.
+      this.downloads.delete(id);
+      this.flush();
+      this.settle();
+    } catch (error) {
+      this.downloads.delete(id);
+      this.drop(`the building could not be fetched: ${inWords(error)}`);
+    } finally {
+      this.giving = null;
+      this.changed();
+    }
+  }
+
+  /** Downloads a world, and tells how far it has come. */
+  download(id, all) {
+    const bytes = (async () => {
+      const answer = await fetch(`world/${id}`);
+      if (!answer.ok) throw new Error(`the server answers with error ${answer.status}`);
+      const length = Number(answer.headers.get("content-length")) || all;
+      const pieces = [];
+      let done = 0;
+      const reader = answer.body.getReader();
+      for (;;) {
+        const { value, done: isDone } = await reader.read();
+        if (isDone) break;
+        pieces.push(value);
+        done += value.length;
+        this.progress = { done, all: Math.max(length, done) };
+        this.changed();
+      }
+      this.progress = null;
+      return joined(pieces, done);
+    })();
+    this.downloads.set(id, bytes);
+    bytes.catch(() => { this.downloads.delete(id); });
+    return bytes;
+  }
+}
+
+function joined(pieces, length) {
+  const bytes = new Uint8Array(length);
+  let at = 0;
+  for (const piece of pieces) {
+    bytes.set(piece, at);
+    at += piece.length;
+  }
+  return bytes;
+}
+
+function inWords(error) {
+  if (error instanceof TypeError || error?.name === "TimeoutError") return "the server does not answer";
+  return error?.message || String(error);
+}
+
+export function now() {
+  return performance.now();
+}
