@@ -130,11 +130,11 @@ export class Client {
         return ret !== 0;
     }
     /**
-     * A client that will call itself so, with a colour as 0xRRGGBB, and an invitation where one is
-     * needed (empty where none is).
+     * A client that will call itself so, with a colour as 0xRRGGBB, a secret of 32 bytes by which
+     * the server knows it again, and an invitation where one is needed (empty where none is).
      *
      * # Errors
-     * When the name or the invitation cannot be shown: the reason, in words.
+     * When one of them cannot be taken: the reason, in words.
      * @param {string} name
      * @param {number} colour
      * @param {Uint8Array | number[]} secret
