@@ -3,6 +3,7 @@
 mod browser;
 mod building;
 mod crowd;
+mod ladder;
 mod limits;
 mod moderation;
 mod operators;

@@ -7,7 +7,7 @@ use std::{
 };
 
 use quinn::{
-    Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
+    Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt, congestion::BbrConfig,
     crypto::rustls::QuicServerConfig,
 };
 use ring::hmac;
@@ -85,6 +85,8 @@ fn quic_config(identity: &Identity, limits: &Limits) -> Result<quinn::ServerConf
 fn transport(limits: &Limits) -> TransportConfig {
     let idle_ms = (limits.idle_s * 1_000.0) as u32;
     let mut transport = TransportConfig::default();
+    // It does not take each loss for congestion, so that worlds arrive over bad paths, too.
+    transport.congestion_controller_factory(Arc::new(BbrConfig::default()));
     transport
         .max_concurrent_bidi_streams(VarInt::from_u32(1))
         .max_concurrent_uni_streams(VarInt::from_u32(0))
