@@ -13,7 +13,7 @@ use sightline_world::{
 use crate::{
     carve::{self, CarveOptions, CarvedModel},
     error::CompileError,
-    light::Light,
+    light::{Light, LightFigures, LightMethod, LightQuality},
     model::Model,
     occluders,
     octree_statistics::OctreeStatistics,
@@ -62,6 +62,10 @@ pub struct CompileOptions {
     pub cell: Option<f32>,
     /// How the model is carved.
     pub carving: CarveOptions,
+    /// How a model is lit that brings no light of its own.
+    pub light: LightMethod,
+    /// How much time radiosity takes.
+    pub light_quality: LightQuality,
     /// How much time it takes. What the author chooses above holds for both.
     pub quality: Quality,
 }
@@ -105,10 +109,18 @@ pub fn compile(
     let cells = timer.time(Stage::Pvs, || cells_with_pvs(&spaces, options, &relay))?;
     let mesh = mesh(&model.opaque);
     let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
-    let needs_light = !model.is_lit && !is_quick;
-    let light = match needs_light {
-        true => Some(timer.time(Stage::Light, || light(model, &axes, voxel, &relay))?),
-        false => None,
+    let method = if model.is_lit || is_quick { LightMethod::None } else { options.light };
+    let (light, light_figures) = match method {
+        LightMethod::None => (None, None),
+        LightMethod::Ambient => {
+            (Some(timer.time(Stage::Light, || ambient(model, &axes, voxel, &relay))?), None)
+        }
+        LightMethod::Radiosity => {
+            let quality = options.light_quality;
+            let lit = || radiosity(model, &axes, voxel, quality, &relay);
+            let (light, figures) = timer.time(Stage::Light, lit)?;
+            (Some(light), Some(figures))
+        }
     };
     relay.begin(Stage::Voxels)?;
     let octree = timer.time(Stage::Voxels, || {
@@ -155,6 +167,7 @@ pub fn compile(
         spawns: world.spawns.len(),
         warnings,
         room_warnings,
+        light: light_figures,
         octree: OctreeStatistics::of(&world.octree),
         seconds: timer.seconds,
         cpu_seconds: timer.cpu_seconds,
@@ -253,8 +266,8 @@ fn resolved_rooms(
     Ok((rooms, warnings))
 }
 
-/// The light on the surfaces.
-fn light(
+/// Ambient light on the surfaces.
+fn ambient(
     model: &Model,
     axes: &Axes,
     voxel: f32,
@@ -263,6 +276,20 @@ fn light(
     relay.begin(Stage::Light)?;
     let report = |share| relay.report(Stage::Light, share);
     let light = Light::new(&model.surfaces, &model.opaque, axes.world(Vec3::X), voxel, &report);
+    light.ok_or(CompileError::Cancelled)
+}
+
+/// Light that surfaces pass on to each other.
+fn radiosity(
+    model: &Model,
+    axes: &Axes,
+    voxel: f32,
+    quality: LightQuality,
+    relay: &ProgressRelay<'_>,
+) -> Result<(Light, LightFigures), CompileError> {
+    relay.begin(Stage::Light)?;
+    let report = |share| relay.report(Stage::Light, share);
+    let light = Light::by_radiosity(model, axes.world(Vec3::X), voxel, quality, &report);
     light.ok_or(CompileError::Cancelled)
 }
 

@@ -15,7 +15,7 @@
 //! cannot handle makes the PVS larger, never wrong.
 //!
 //! Other modules look at a compiled world: [`verdict`] says in plain words what walls hide, [`verify`] compares its PVS with rays, [`plan`] draws it
-//! from above, [`suggest`] proposes rooms, [`carve_preview`] draws what carving does, and
+//! from above, [`suggest`] proposes rooms, [`light_check`] compares light with traced paths, [`carve_preview`] draws what carving does, and
 //! [`octree_statistics`] counts voxels and bytes.
 //!
 //! ```
@@ -42,6 +42,7 @@ mod drawing;
 mod error;
 pub mod import;
 mod light;
+pub mod light_check;
 pub mod model;
 mod occluders;
 pub mod octree_statistics;
@@ -62,5 +63,6 @@ pub mod voxelise;
 
 pub use compile::{CompileOptions, Quality, compile};
 pub use error::CompileError;
+pub use light::{LightFigures, LightMethod, LightQuality};
 pub use progress::Stage;
 pub use report::CompileReport;

@@ -26,6 +26,10 @@ pub struct Model {
     /// Convex opaque solids, whose faces are among `opaque`. Empty when the source has only
     /// surfaces.
     pub solids: Vec<ConvexSolid>,
+    /// Whether the sun and the sky light the building.
+    pub has_sky: bool,
+    /// Lamps without a shape of their own. Surfaces may give light too.
+    pub lamps: Vec<Lamp>,
     /// Objects that move by themselves. None of their triangles is among the above.
     pub movers: Vec<Mover>,
     /// Rooms, as named nodes or a file beside the model declare them.
@@ -55,6 +59,8 @@ impl Model {
             is_lit: false,
             opaque: Vec::new(),
             solids: Vec::new(),
+            has_sky: true,
+            lamps: Vec::new(),
             movers: Vec::new(),
             rooms: Vec::new(),
             nodes: Vec::new(),
@@ -73,6 +79,14 @@ impl Model {
         Self { surfaces: vec![surface], is_lit: true, opaque, ..Self::empty(title) }
     }
 
+    /// Takes away the light that the colours of the surfaces contain, so that the compiler finds it
+    /// anew. Quake maps keep light in the colours of vertices and nothing else.
+    pub fn remove_light(&mut self) {
+        if std::mem::take(&mut self.is_lit) {
+            self.surfaces.iter_mut().for_each(|surface| surface.colours.clear());
+        }
+    }
+
     /// The smallest box around all triangles. None when there are none.
     pub fn bounds(&self) -> Option<Aabb> {
         let bounds = Aabb::from_points(self.points());
@@ -86,6 +100,34 @@ impl Model {
         });
         drawn.chain(self.opaque.as_flattened().iter().copied())
     }
+}
+
+/// A lamp that is a point, or so far away that its light is parallel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// Where the light comes from.
+    pub source: LampSource,
+    /// The light in linear RGB: candela, or lux when it is parallel. Never negative.
+    pub intensity: [f32; 3],
+}
+
+/// Where the light of a [`Lamp`] comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LampSource {
+    /// A point that shines all around, in metres.
+    Point(Vec3),
+    /// A point that shines into a cone.
+    Spot {
+        /// The point, in metres.
+        at: Vec3,
+        /// The direction of the cone's axis, of unit length.
+        along: Vec3,
+        /// The cosines of the angles from the axis at which light begins to fall, and at which it
+        /// ends.
+        cosines: [f32; 2],
+    },
+    /// Parallel light in this direction, of unit length.
+    Parallel(Vec3),
 }
 
 /// A convex solid: the points behind all of its faces.
@@ -168,18 +210,20 @@ pub struct SurfaceMaterial {
     pub texture: Option<Arc<Picture>>,
     /// Whether sight passes through; drawn as glass.
     pub glass: bool,
+    /// The light that the surface gives, in linear RGB. White paper in good light has 1.
+    pub emission: [f32; 3],
 }
 
 impl SurfaceMaterial {
     /// An opaque material of one colour, in sRGB.
     pub fn opaque(colour: [u8; 3]) -> Self {
-        Self { colour, texture: None, glass: false }
+        Self { colour, texture: None, glass: false, emission: [0.0; 3] }
     }
 
     /// A material that stops bodies, and is neither drawn nor blocks sight: black glass, which tints
     /// nothing.
     pub fn unseen() -> Self {
-        Self { colour: [0; 3], texture: None, glass: true }
+        Self { glass: true, ..Self::opaque([0; 3]) }
     }
 
     /// Whether the material is that of [`SurfaceMaterial::unseen`].

@@ -6,11 +6,25 @@ use std::{collections::HashMap, sync::Arc};
 use glam::{Vec2, Vec3};
 use sightline_picture::Picture;
 
-use crate::model::Surface;
+use crate::model::{Surface, SurfaceMaterial};
 
 /// The least value of a channel of glass, from 0 to 1. The palette of the octree keeps it apart from
 /// black.
 const GLASS_LEAST: f32 = 0.13;
+
+/// sRGB is about this power of light.
+const GAMMA: f32 = 1.0 / 2.2;
+/// The mean of a texture is that of about this many of its texels.
+const TEXELS: usize = 4_096;
+
+/// The light on a place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Shade {
+    /// A factor on sRGB colours.
+    Factor(f32),
+    /// Linear light: where it is 1, a surface has its own colour.
+    Linear(Vec3),
+}
 
 /// The textures of a model, each with its smaller copies (a mipmap; Williams 1983).
 pub(crate) struct Palette {
@@ -26,6 +40,8 @@ pub(crate) struct TriangleMaterial<'a> {
     least: f32,
     colours: [Vec3; 3],
     texture: Option<(&'a Picture, [Vec2; 3])>,
+    /// The light that it gives, in linear RGB.
+    emission: Vec3,
 }
 
 impl Palette {
@@ -65,22 +81,57 @@ impl Palette {
         let glass = surface.material.glass;
         // Glass that is black is not seen at all.
         let least = if glass && !surface.material.is_unseen() { GLASS_LEAST } else { 0.0 };
-        Some(TriangleMaterial { glass, least, colours, texture })
+        let emission = Vec3::from(surface.material.emission);
+        Some(TriangleMaterial { glass, least, colours, texture, emission })
     }
 }
 
 impl TriangleMaterial<'_> {
-    /// The sRGB colour, from 0 to 1, at the point with these barycentric weights, times a factor for
-    /// light.
-    pub(crate) fn colour(&self, weights: [f32; 3], light: f32) -> Vec3 {
+    /// The sRGB colour, from 0 to 1, at the point with these barycentric weights, in some light.
+    pub(crate) fn colour(&self, weights: [f32; 3], shade: Shade) -> Vec3 {
         let [a, b, c] = weights;
         let colour = self.colours[0] * a + self.colours[1] * b + self.colours[2] * c;
         let colour = match self.texture {
             Some((image, uvs)) => colour * texel(image, uvs[0] * a + uvs[1] * b + uvs[2] * c),
             None => colour,
         };
-        (colour * light).max(Vec3::splat(self.least))
+        let lit = match shade {
+            Shade::Factor(factor) => colour * factor,
+            Shade::Linear(light) if self.emission == Vec3::ZERO => colour * light.powf(GAMMA),
+            Shade::Linear(light) => (colour.powf(1.0 / GAMMA) * light + self.emission).powf(GAMMA),
+        };
+        lit.max(Vec3::splat(self.least))
     }
+}
+
+/// The mean linear colour of a material.
+pub(crate) fn reflectance(material: &SurfaceMaterial) -> Vec3 {
+    let colour = linear(unit(material.colour));
+    let Some(texels) = material.texture.as_ref().map(|texture| texture.pixels()) else {
+        return colour;
+    };
+    let step = texels.len().div_ceil(TEXELS).max(1);
+    let some = || texels.iter().step_by(step);
+    let sum: Vec3 = some().map(|texel| linear(unit(*texel))).sum();
+    colour * sum / some().count().max(1) as f32
+}
+
+/// The mean of the linear colours of a triangle's corners.
+pub(crate) fn mean_tint(surface: &Surface, triangle: usize) -> Vec3 {
+    let corners = surface.triangles[triangle];
+    let tint = |corner: u32| {
+        surface.colours.get(corner as usize).map_or(Vec3::ONE, |colour| linear(unit(*colour)))
+    };
+    corners.into_iter().map(tint).sum::<Vec3>() / 3.0
+}
+
+/// Linear RGB of sRGB, both from 0 to 1.
+pub(crate) fn linear(colour: Vec3) -> Vec3 {
+    let of = |value: f32| match value <= 0.040_45 {
+        true => value / 12.92,
+        false => ((value + 0.055) / 1.055).powf(2.4),
+    };
+    Vec3::from_array(colour.to_array().map(of))
 }
 
 fn address(texture: &Arc<Picture>) -> usize {

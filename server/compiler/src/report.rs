@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use crate::{
-    carve::CarveReport, octree_statistics::OctreeStatistics, progress::Stage, rooms::RoomError,
+    carve::CarveReport, light::LightFigures, octree_statistics::OctreeStatistics, progress::Stage,
+    rooms::RoomError,
 };
 
 /// The figures of one compilation.
@@ -41,6 +42,8 @@ pub struct CompileReport {
     pub warnings: Vec<String>,
     /// Declarations of rooms that are valid but probably not meant, or that have no effect yet.
     pub room_warnings: Vec<RoomError>,
+    /// The figures of radiosity. None when it was not used.
+    pub light: Option<LightFigures>,
     /// The octree that clients draw.
     #[serde(flatten)]
     pub octree: OctreeStatistics,

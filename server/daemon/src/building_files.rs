@@ -46,6 +46,8 @@ pub struct BuildingFiles {
     pub left_out: LeftOut,
     /// Where visitors begin. When there are any, those of the model do not count.
     pub spawns: Vec<Spawn>,
+    /// Whether light that the model brings is taken away, so that it is lit anew.
+    pub relight: bool,
 }
 
 /// Why a building cannot be read.
@@ -68,7 +70,15 @@ impl BuildingFiles {
     pub fn of(model: &Path) -> Self {
         let model = model.to_owned();
         let (placing, left_out) = (Placing::default(), LeftOut::default());
-        Self { model, pk3: Vec::new(), rooms: None, placing, left_out, spawns: Vec::new() }
+        Self {
+            model,
+            pk3: Vec::new(),
+            rooms: None,
+            placing,
+            left_out,
+            spawns: Vec::new(),
+            relight: false,
+        }
     }
 
     /// Reads the model, with its rooms and spawn points.
@@ -77,6 +87,9 @@ impl BuildingFiles {
     /// When a file cannot be read or has errors.
     pub fn read(&self) -> Result<Model, SourceError> {
         let mut model = import::read_placed(&self.model, &self.pk3, &self.placing, &self.left_out)?;
+        if self.relight {
+            model.remove_light();
+        }
         let rooms = self.rooms_file();
         if self.rooms.is_some() || rooms.is_file() {
             model.rooms.extend(text::read_file(&rooms)?);
@@ -133,8 +146,9 @@ impl BuildingSource {
                 return Ok(vec![blake3::hash(bytes), blake3::hash(title.as_bytes())]);
             }
         };
-        let BuildingFiles { placing, left_out, spawns, .. } = files;
-        let how = format!("{:?} {placing:?} {left_out:?} {spawns:?}", files.model.file_stem());
+        let BuildingFiles { placing, left_out, spawns, relight, .. } = files;
+        let name = files.model.file_stem();
+        let how = format!("{name:?} {placing:?} {left_out:?} {spawns:?} {relight}");
         let mut hashes = vec![blake3::hash(how.as_bytes())];
         for path in files.all() {
             hashes.push(match fs::read(&path) {

@@ -62,6 +62,24 @@ fn a_quick_compilation_has_wide_voxels_and_cells_and_misses_nobody() {
 }
 
 #[test]
+fn radiosity_is_for_models_that_bring_no_light() {
+    let options = CompileOptions {
+        voxel: Some(0.25),
+        light: LightMethod::Radiosity,
+        light_quality: LightQuality::Fast,
+        ..CompileOptions::default()
+    };
+    let go_on = |_, _| ControlFlow::Continue(());
+    let mut model = house();
+    let (lit, report) = compile(&model, &options, &go_on).unwrap();
+    assert!(report.light.is_none(), "the model brings light");
+    model.remove_light();
+    let (found, report) = compile(&model, &options, &go_on).unwrap();
+    assert!(report.light.is_some_and(|light| light.points > 50 && light.exposure > 0.0));
+    assert!(found.octree != lit.octree, "the colours have light");
+}
+
+#[test]
 fn a_place_to_stand_is_found_inside() {
     let (world, _) = compile(
         &house(),

@@ -13,6 +13,10 @@ use sightline_picture::{DecodeError, DecodeLimits, Encoding, Picture, decode};
 pub(crate) const EXTENT_MAX: f32 = 100_000.0;
 /// The most spawn points of a model.
 pub(crate) const SPAWNS_MAX: usize = 10_000;
+/// The most lamps of a model.
+pub(crate) const LAMPS_MAX: usize = 10_000;
+/// The brightest light of a surface, as a multiple of white paper in good light.
+pub(crate) const EMISSION_MAX: f32 = 1.0e5;
 /// The largest file: 1 GiB.
 const FILE_BYTES_MAX: u64 = 1 << 30;
 /// The greatest width and height of a texture, in pixels.
@@ -62,6 +66,12 @@ pub(crate) fn srgb_byte(linear: f32) -> u8 {
     let encoded =
         if value <= 0.003_130_8 { value * 12.92 } else { 1.055 * value.powf(1.0 / 2.4) - 0.055 };
     (encoded * 255.0).round() as u8
+}
+
+/// The linear component of an sRGB byte.
+pub(crate) fn linear(byte: u8) -> f32 {
+    let value = f32::from(byte) / 255.0;
+    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
 /// The most bytes of a decoded texture for each byte of its file. A surface of one colour compresses

@@ -6,7 +6,10 @@ use sightline_world::{
 };
 
 use super::limits::tidy_title;
-use crate::{model::Surface, palette::Palette};
+use crate::{
+    model::Surface,
+    palette::{Palette, Shade},
+};
 
 /// The movers of a model, within the limits of a world.
 #[derive(Default)]
@@ -54,8 +57,8 @@ fn coloured(surfaces: &[Surface]) -> (Mesh, Vec<[u8; 3]>) {
             let [a, b, c] = corners;
             let width = ((b - a).cross(c - a).length() / 2.0).sqrt();
             let material = palette.material_of(surface, index, width);
-            let colour =
-                material.map_or(Vec3::ONE, |material| material.colour([1.0 / 3.0; 3], 1.0));
+            let colour = material
+                .map_or(Vec3::ONE, |material| material.colour([1.0 / 3.0; 3], Shade::Factor(1.0)));
             let colour = colour.clamp(Vec3::ZERO, Vec3::ONE) * 255.0;
             mesh.triangles.push(indices.map(|i| first + i));
             colours.push(colour.to_array().map(|channel| channel.round() as u8));

@@ -16,6 +16,8 @@ const SHIFT: Vec2 = Vec2::new(0.37, 0.61);
 const INSIDE_M: f32 = 0.015;
 /// A normal that rises more steeply than this is that of a floor or a ceiling.
 const LEVEL: f32 = 0.9;
+/// Areas are found by this many samples between two points.
+const SAMPLES: f32 = 4.0;
 /// A lattice with more than this many times as many points as its triangles need is sparse …
 const SPARSE: usize = 4;
 /// … unless it has no more points than this.
@@ -108,6 +110,21 @@ impl Lattice {
         (self.lowest..).zip(&self.rows).flat_map(row)
     }
 
+    /// The share of the triangles' area that is nearest to each point.
+    pub(super) fn shares(&self, pieces: &[Piece]) -> Vec<f32> {
+        let mut counts = vec![0u32; self.len];
+        for piece in pieces {
+            piece.samples(|place| {
+                counts[self.index(place.x.round() as i32, place.y.round() as i32)] += 1;
+            });
+        }
+        match counts.iter().sum::<u32>() {
+            // Slivers between all samples.
+            0 => vec![1.0 / self.len as f32; self.len],
+            all => counts.into_iter().map(|count| count as f32 / all as f32).collect(),
+        }
+    }
+
     /// The place of each point on the triangles, in metres. None far from all of them.
     pub(super) fn places(&self, pieces: &[Piece]) -> Vec<Option<Vec3>> {
         let mut nearest: Vec<(f32, Option<Vec3>)> = vec![(f32::INFINITY, None); self.len];
@@ -156,6 +173,32 @@ impl Piece {
             }
             (row, ends.0.floor() as i32..=ends.1.floor() as i32 + 1)
         })
+    }
+
+    /// Visits the places inside the triangle of a lattice that is [`SAMPLES`] times as fine.
+    fn samples(&self, mut visit: impl FnMut(Vec2)) {
+        let ys = self.places.map(|place| place.y * SAMPLES);
+        let (low, high) =
+            (ys.into_iter().fold(f32::MAX, f32::min), ys.into_iter().fold(f32::MIN, f32::max));
+        for row in low.floor() as i32..=high.floor() as i32 {
+            let y = (row as f32 + 0.5) / SAMPLES;
+            let mut ends = (f32::MAX, f32::MIN);
+            for i in 0..3 {
+                let (from, to) = (self.places[i], self.places[(i + 1) % 3]);
+                if (from.y <= y) != (to.y <= y) {
+                    let x = from.x + (to.x - from.x) * ((y - from.y) / (to.y - from.y));
+                    ends = (ends.0.min(x), ends.1.max(x));
+                }
+            }
+            // Samples on an edge belong to one of the triangles that share it.
+            let [first, end] =
+                [ends.0, ends.1].map(|x| (x * SAMPLES - 0.5).ceil().max(-1.0e9).min(1.0e9) as i32);
+            if ends.0 <= ends.1 {
+                (first..end).for_each(|column| {
+                    visit(Vec2::new((column as f32 + 0.5) / SAMPLES, y));
+                });
+            }
+        }
     }
 
     /// The squared distance of the nearest place of the triangle from a point of the lattice, in
@@ -224,6 +267,25 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn points_share_the_area_by_how_near_they_are() {
+        let pieces = [
+            piece([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0]]),
+            piece([[0.0, 0.0], [3.0, 2.0], [0.0, 2.0]]),
+        ];
+        let lattice = Lattice::around(&pieces).expect("close together");
+        let shares = lattice.shares(&pieces);
+        for ((column, row), share) in lattice.points().zip(&shares) {
+            let width = |at: i32, end: i32| match at {
+                _ if at < 0 || at > end => 0.0,
+                _ if at == 0 || at == end => 0.5,
+                _ => 1.0,
+            };
+            let known = width(column, 3) * width(row, 2) / 6.0;
+            assert!((share - known).abs() < 1.0e-6, "{column} {row}: {share}, not {known}");
         }
     }
 

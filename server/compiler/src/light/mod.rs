@@ -1,5 +1,7 @@
-//! Light for models that bring none: ambient occlusion and one soft lamp, which make corners, edges
-//! and objects on a floor visible.
+//! Light for models that bring none: [`radiosity`], or ambient light.
+//!
+//! *Ambient light* is ambient occlusion and one soft lamp, which make corners, edges and objects on a
+//! floor visible. Radiosity begins with its patches and points.
 //!
 //! Triangles in one plane make patches. Light is found at the points of a lattice on each patch.
 //! From each point, rays go out over the side that the patch shows. Surfaces that they meet nearby
@@ -10,7 +12,9 @@
 mod lattice;
 mod patch;
 mod patches;
+mod radiosity;
 mod shell;
+mod varying;
 
 use std::{
     ops::ControlFlow,
@@ -20,8 +24,14 @@ use std::{
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::model::Surface;
+use crate::{
+    model::{Model, Surface},
+    palette::Shade,
+};
 use patch::Patch;
+pub use radiosity::{LightFigures, LightQuality};
+use radiosity::{RadiosityInput, Solved};
+pub(crate) use radiosity::{Reference, shoulder};
 use shell::Shell;
 
 /// Points are this far apart, in metres …
@@ -33,13 +43,33 @@ const POINTS: f64 = 300_000.0;
 /// … and that the edges of all triangles are no longer than this many steps.
 const EDGE_STEPS: f64 = 4.0e6;
 
+/// How a model that brings no light of its own is lit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LightMethod {
+    /// Surfaces pass light on to each other, from the sun, the sky, lamps, and surfaces that give
+    /// light.
+    Radiosity,
+    /// Ambient occlusion and one soft lamp.
+    #[default]
+    Ambient,
+    /// Surfaces have their own colours.
+    None,
+}
+
 /// The light of some surfaces.
 pub struct Light {
     shell: Shell,
     patches: Vec<Patch>,
     /// The patch of each triangle of each surface. [`NO_PATCH`] for triangles without area.
     of_triangle: Vec<Vec<u32>>,
+    /// How far apart points are, in metres.
+    spacing: f32,
+    /// Whether light is linear, as radiosity finds it. Else it is a factor on sRGB colours.
+    is_linear: bool,
 }
+
+/// The share of the time of radiosity that finding patches and points takes.
+const PATCHES_SHARE: f32 = 0.15;
 
 const NO_PATCH: u32 = u32::MAX;
 
@@ -48,6 +78,7 @@ const NO_PATCH: u32 = u32::MAX;
 pub(crate) struct PatchLight<'a> {
     shell: &'a Shell,
     patch: &'a Patch,
+    is_linear: bool,
 }
 
 impl Light {
@@ -100,21 +131,61 @@ impl Light {
             of_triangle.push(of_surface);
         }
         assert_eq!(of_triangle.len(), surfaces.len(), "each surface is lit");
-        Some(Self { shell, patches, of_triangle })
+        Some(Self { shell, patches, of_triangle, spacing, is_linear: false })
+    }
+
+    /// The light of a model by radiosity, with its figures. `along` and `voxel` are those of
+    /// [`Light::new`]. None when `progress` breaks.
+    pub fn by_radiosity(
+        model: &Model,
+        along: Vec3,
+        voxel: f32,
+        quality: LightQuality,
+        progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+    ) -> Option<(Self, LightFigures)> {
+        let (light, solved) = Self::solved(model, along, voxel, quality, progress)?;
+        Some((light, solved.figures))
+    }
+
+    fn solved(
+        model: &Model,
+        along: Vec3,
+        voxel: f32,
+        quality: LightQuality,
+        progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
+    ) -> Option<(Self, Solved)> {
+        let early = |share: f32| progress(share * PATCHES_SHARE);
+        let mut light = Self::new(&model.surfaces, &model.opaque, along, voxel, &early)?;
+        let late = |share: f32| progress(PATCHES_SHARE + share * (1.0 - PATCHES_SHARE));
+        let input = RadiosityInput {
+            surfaces: &model.surfaces,
+            of_triangle: &light.of_triangle,
+            lamps: &model.lamps,
+            has_sky: model.has_sky,
+            quality,
+            voxels_between: light.spacing / voxel,
+        };
+        let solved = radiosity::light(&mut light.patches, &light.shell, &input, &late)?;
+        light.is_linear = true;
+        Some((light, solved))
     }
 
     /// The light on a triangle. None when it has no area.
     pub(crate) fn of(&self, surface: usize, triangle: usize) -> Option<PatchLight<'_>> {
         let number = *self.of_triangle.get(surface)?.get(triangle)?;
         let patch = self.patches.get(number as usize)?;
-        Some(PatchLight { shell: &self.shell, patch })
+        Some(PatchLight { shell: &self.shell, patch, is_linear: self.is_linear })
     }
 }
 
 impl PatchLight<'_> {
-    /// The factor on sRGB colours at a point, from 0 to 1.
-    pub(crate) fn at(&self, point: Vec3) -> f32 {
-        self.patch.at(point, self.shell)
+    /// The light at a point.
+    pub(crate) fn at(&self, point: Vec3) -> Shade {
+        let light = self.patch.at(point, self.shell);
+        match self.is_linear {
+            true => Shade::Linear(shoulder(light)),
+            false => Shade::Factor(light.x),
+        }
     }
 }
 

@@ -7,6 +7,7 @@ use super::{
     lattice::{Directions, Lattice, Piece},
     patches::normal,
     shell::{Fan, Shell},
+    varying::{CLEAR_ACROSS, CLEAR_ALONG, LatticePoints, OPEN, Varying},
 };
 use crate::model::Surface;
 
@@ -18,37 +19,21 @@ const DARKEST: f32 = 0.3;
 const COVERED: f32 = 0.25;
 /// A patch that is smaller than this share of the spacing has the same light everywhere.
 const SMALL: f32 = 0.5;
-/// Points whose light differs by less than this need not be told apart.
-const ALIKE: f32 = 0.04;
-/// A point that moves the mean by less than this need not be looked at.
-const SLIGHT: f32 = 0.015;
-/// Points that are known weigh at least this much, so that one of them counts.
-const WEIGHT_MIN: f32 = 1.0e-3;
-
-/// What lies between a point and its neighbours: nothing to the next one in its row …
-const CLEAR_ALONG: u8 = 1;
-/// … nothing to the one in the next row …
-const CLEAR_ACROSS: u8 = 2;
-/// … and the point itself is not inside something solid.
-const OPEN: u8 = 4;
-
-/// Light on a patch, as factors on sRGB colours.
-pub(super) enum Patch {
-    /// The same everywhere.
-    Even(f32),
-    /// Light at the points of a lattice.
-    Varying(Box<Varying>),
+/// A patch with light on one of its sides.
+pub(super) struct Patch {
+    /// Off the side that is lit, of unit length.
+    pub(super) normal: Vec3,
+    /// The area of its triangles, in square metres.
+    pub(super) area: f32,
+    pub(super) spread: Spread,
 }
 
-/// See [`Patch::Varying`].
-pub(super) struct Varying {
-    directions: Directions,
-    lattice: Lattice,
-    /// Off the side that is lit.
-    normal: Vec3,
-    points: Vec<Vec3>,
-    light: Vec<f32>,
-    is_clear: Vec<u8>,
+/// How light lies on a patch.
+pub(super) enum Spread {
+    /// The same everywhere. The point inside is None when it lies inside something solid.
+    Even { point: Option<Vec3>, light: Vec3 },
+    /// Light at the points of a lattice.
+    Varying(Box<Varying>),
 }
 
 /// A patch without light.
@@ -56,6 +41,7 @@ pub(super) struct Part {
     /// Its triangles, by their numbers in the surface.
     pub(super) triangles: Vec<u32>,
     normal: Vec3,
+    area: f32,
     shape: Shape,
 }
 
@@ -66,6 +52,8 @@ enum Shape {
         directions: Directions,
         lattice: Lattice,
         points: Vec<Option<Vec3>>,
+        /// The share of the area that is nearest to each point.
+        shares: Vec<f32>,
     },
 }
 
@@ -89,46 +77,47 @@ fn part(surface: &Surface, group: &[u32], along: Vec3, spacing: f32) -> Option<P
         .collect();
     let places = || pieces.iter().flat_map(|piece| piece.places);
     let size = places().reduce(|a, b| a.max(b))? - places().reduce(|a, b| a.min(b))?;
+    let area = |piece: &Piece| {
+        let [a, b, c] = piece.corners;
+        (b - a).cross(c - a).length() / 2.0
+    };
     let shape = if size.max_element() < SMALL {
-        let area = |piece: &Piece| {
-            let [a, b, c] = piece.corners;
-            (b - a).cross(c - a).length()
-        };
         let largest = pieces.iter().max_by(|a, b| area(a).total_cmp(&area(b)))?;
         Shape::Small(largest.corners.iter().sum::<Vec3>() / 3.0)
     } else {
         let lattice = Lattice::around(&pieces)?;
-        let points = lattice.places(&pieces);
-        Shape::Large { directions, lattice, points }
+        let (points, shares) = (lattice.places(&pieces), lattice.shares(&pieces));
+        Shape::Large { directions, lattice, points, shares }
     };
-    Some(Part { triangles: group.to_vec(), normal, shape })
+    let area = pieces.iter().map(area).sum();
+    Some(Part { triangles: group.to_vec(), normal, area, shape })
 }
 
 impl Part {
-    /// The patch with light.
+    /// The patch with light, as factors on sRGB colours.
     pub(super) fn lit(self, shell: &Shell) -> Patch {
-        let Self { shape, normal, .. } = self;
+        let Self { shape, normal, area, .. } = self;
         match shape {
             Shape::Small(at) => {
                 let (fan, open) = best_side(shell, normal, &[Some(at)]);
-                Patch::Even(open[0].map_or(DARKEST.sqrt(), |open| factor(open, &fan)))
+                let light = open[0].map_or(DARKEST.sqrt(), |open| factor(open, &fan));
+                let point = open[0].map(|_| at);
+                let spread = Spread::Even { point, light: Vec3::splat(light) };
+                Patch { normal: fan.normal(), area, spread }
             }
-            Shape::Large { directions, lattice, points } => {
+            Shape::Large { directions, lattice, points, shares } => {
                 let (fan, open) = best_side(shell, normal, &points);
                 let normal = fan.normal();
                 let is_clear = clear(shell, &lattice, normal, &points, &open);
-                let known: Vec<_> =
-                    open.iter().map(|open| open.map(|open| factor(open, &fan))).collect();
-                let light = filled(&lattice, &known);
+                let known: Vec<_> = open
+                    .iter()
+                    .map(|open| open.map(|open| Vec3::splat(factor(open, &fan))))
+                    .collect();
                 let points = points.into_iter().map(Option::unwrap_or_default).collect();
-                Patch::Varying(Box::new(Varying {
-                    directions,
-                    lattice,
-                    normal,
-                    points,
-                    light,
-                    is_clear,
-                }))
+                let known_points = LatticePoints { points, shares, is_clear };
+                let mut varying = Varying::new(directions, lattice, normal, known_points);
+                varying.set_light(&known, Vec3::splat(DARKEST.sqrt()));
+                Patch { normal, area, spread: Spread::Varying(Box::new(varying)) }
             }
         }
     }
@@ -182,81 +171,52 @@ fn clear(
     lattice.points().map(find).collect()
 }
 
-/// Light at all points: where it is not known, that of the neighbours.
-fn filled(lattice: &Lattice, known: &[Option<f32>]) -> Vec<f32> {
-    let all: Vec<f32> = known.iter().flatten().copied().collect();
-    let mean = all.iter().sum::<f32>() / all.len().max(1) as f32;
-    let fill = |(at, (column, row)): (usize, (i32, i32))| {
-        known[at].unwrap_or_else(|| {
-            let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)]
-                .map(|(x, y)| known[lattice.index(column + x, row + y)]);
-            let count = beside.iter().flatten().count() as f32;
-            let sum = beside.iter().flatten().sum::<f32>();
-            if count > 0.0 { sum / count } else { mean.max(DARKEST.sqrt()) }
-        })
-    };
-    lattice.points().enumerate().map(fill).collect()
-}
-
 impl Patch {
-    /// The factor at a point of the patch.
-    pub(super) fn at(&self, point: Vec3, shell: &Shell) -> f32 {
-        match self {
-            Self::Even(light) => *light,
-            Self::Varying(varying) => varying.at(point, shell),
+    /// The light at a point of the patch.
+    pub(super) fn at(&self, point: Vec3, shell: &Shell) -> Vec3 {
+        match &self.spread {
+            Spread::Even { light, .. } => *light,
+            Spread::Varying(varying) => varying.at(point, shell),
         }
     }
-}
 
-impl Varying {
-    fn at(&self, point: Vec3, shell: &Shell) -> f32 {
-        let place = self.directions.place(point);
-        let low = place.floor();
-        let (column, row) = (low.x as i32, low.y as i32);
-        let around = [(0, 0), (1, 0), (0, 1), (1, 1)]
-            .map(|(x, y)| self.lattice.index(column.saturating_add(x), row.saturating_add(y)));
-        let part = place - low;
-        let weights = [
-            (1.0 - part.x) * (1.0 - part.y),
-            part.x * (1.0 - part.y),
-            (1.0 - part.x) * part.y,
-            part.x * part.y,
-        ];
-        let has = |i: usize, bits: u8| self.is_clear[around[i]] & bits == bits;
-        let is_whole =
-            has(0, CLEAR_ALONG | CLEAR_ACROSS) && has(1, CLEAR_ACROSS) && has(2, CLEAR_ALONG);
-        if is_whole {
-            return self.mean(around, weights);
+    /// The number of points at which light is known.
+    pub(super) fn len(&self) -> usize {
+        match &self.spread {
+            Spread::Even { .. } => 1,
+            Spread::Varying(varying) => varying.points().len(),
         }
-        self.at_wall(point, around, weights, shell)
     }
 
-    /// The factor at a point where a wall may stand between the points around it.
-    fn at_wall(&self, point: Vec3, around: [usize; 4], weights: [f32; 4], shell: &Shell) -> f32 {
-        let open = std::array::from_fn(|i| {
-            if self.is_clear[around[i]] & OPEN != 0 { weights[i].max(WEIGHT_MIN) } else { 0.0 }
-        });
-        let lights = (0..4).filter(|&i| open[i] > 0.0).map(|i| self.light[around[i]]);
-        let ends = lights.fold((f32::MAX, f32::MIN), |ends, x| (ends.0.min(x), ends.1.max(x)));
-        if ends.0 > ends.1 {
-            return self.mean(around, weights);
+    /// A point, by its index. None when it lies inside something solid.
+    pub(super) fn point(&self, index: usize) -> Option<Vec3> {
+        match &self.spread {
+            Spread::Even { point, .. } => *point,
+            Spread::Varying(varying) => varying.open_point(index),
         }
-        if ends.1 - ends.0 < ALIKE {
-            return self.mean(around, open);
-        }
-        let (mean, all) = (self.mean(around, open), open.iter().sum::<f32>());
-        let seen = std::array::from_fn(|i| {
-            let at = around[i];
-            let is_slight = open[i] * (self.light[at] - mean).abs() < SLIGHT * all;
-            let is_seen = || shell.is_clear(point, self.points[at], self.normal);
-            if open[i] > 0.0 && (is_slight || is_seen()) { open[i] } else { 0.0 }
-        });
-        let any = seen.iter().any(|weight| *weight > 0.0);
-        self.mean(around, if any { seen } else { open })
     }
 
-    fn mean(&self, around: [usize; 4], weights: [f32; 4]) -> f32 {
-        let sum: f32 = weights.iter().sum();
-        around.iter().zip(weights).map(|(&at, weight)| self.light[at] * weight).sum::<f32>() / sum
+    /// The share of the area that is nearest to a point.
+    pub(super) fn share(&self, index: usize) -> f32 {
+        match &self.spread {
+            Spread::Even { .. } => 1.0,
+            Spread::Varying(varying) => varying.share(index),
+        }
+    }
+
+    /// The index of the nearest point that a place just off the patch sees.
+    pub(super) fn nearest(&self, place: Vec3, shell: &Shell) -> Option<usize> {
+        match &self.spread {
+            Spread::Even { .. } => Some(0),
+            Spread::Varying(varying) => varying.nearest(place, shell),
+        }
+    }
+
+    /// Sets the light at all points. Where it is not known, that of the neighbours counts.
+    pub(super) fn set_light(&mut self, known: &[Option<Vec3>]) {
+        match &mut self.spread {
+            Spread::Even { light, .. } => *light = known[0].unwrap_or(Vec3::ZERO),
+            Spread::Varying(varying) => varying.set_light(known, Vec3::ZERO),
+        }
     }
 }

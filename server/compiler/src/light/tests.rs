@@ -3,6 +3,15 @@ use glam::Vec3;
 use super::*;
 use crate::model::{Surface, SurfaceMaterial};
 
+impl Shade {
+    fn factor(self) -> f32 {
+        match self {
+            Self::Factor(factor) => factor,
+            Self::Linear(light) => panic!("{light} is not ambient light"),
+        }
+    }
+}
+
 fn quad(a: Vec3, u: Vec3, v: Vec3) -> [[Vec3; 3]; 2] {
     [[a, a + u, a + u + v], [a, a + u + v, a + v]]
 }
@@ -54,7 +63,7 @@ impl Scene {
                 && inside(c, a)
         };
         let triangle = self.triangles.iter().position(contains).expect("the point is on one");
-        self.light.of(0, triangle).expect("it has an area").at(point)
+        self.light.of(0, triangle).expect("it has an area").at(point).factor()
     }
 }
 

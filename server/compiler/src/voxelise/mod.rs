@@ -26,7 +26,7 @@ use thiserror::Error;
 use crate::{
     light::{Light, PatchLight},
     model::Surface,
-    palette::{Palette, TriangleMaterial},
+    palette::{Palette, Shade, TriangleMaterial},
 };
 use material_mean::MaterialMean;
 use overlap::Overlap;
@@ -318,11 +318,11 @@ impl Candidate<'_> {
     /// The sRGB colour, from 0 to 1, at the place that is nearly the nearest to a point in voxels.
     fn colour(&self, point: Vec3) -> Vec3 {
         let weights = self.overlap.weights(point);
-        let light = self.light.map_or(1.0, |light| {
+        let shade = self.light.map_or(Shade::Factor(1.0), |light| {
             let [a, b, c] = self.corners;
             light.at(a * weights[0] + b * weights[1] + c * weights[2])
         });
-        self.material.colour(weights, light)
+        self.material.colour(weights, shade)
     }
 }
 

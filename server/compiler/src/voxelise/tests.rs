@@ -14,7 +14,7 @@ fn surface(triangles: &[[Vec3; 3]], colour: [u8; 3], glass: bool) -> Surface {
         uvs: Vec::new(),
         colours: Vec::new(),
         triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        material: SurfaceMaterial { colour, texture: None, glass },
+        material: SurfaceMaterial { glass, ..SurfaceMaterial::opaque(colour) },
     }
 }
 

@@ -148,6 +148,11 @@ fn table(report: &CompileReport) -> String {
     for (name, value) in super::octree_rows(&report.octree) {
         row(name, value);
     }
+    if let Some(light) = &report.light {
+        for (name, value) in super::light_rows(light) {
+            row(name, value);
+        }
+    }
     for &(stage, seconds) in &report.seconds {
         let cpu = report.cpu_seconds.iter().find(|(known, _)| *known == stage);
         let cpu = cpu.map(|(_, seconds)| format!(" ({seconds:.2} s CPU)")).unwrap_or_default();

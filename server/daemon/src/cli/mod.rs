@@ -8,6 +8,7 @@ pub mod inspect;
 mod inspect_report;
 pub mod interrupt;
 mod joining;
+pub mod light_check;
 pub mod model_flags;
 pub mod news;
 pub mod operators;
@@ -21,7 +22,9 @@ mod status_table;
 pub mod verification;
 
 use glam::Vec3;
-use sightline_compiler::{carve::CarveReport, octree_statistics::OctreeStatistics, plan::Mark};
+use sightline_compiler::{
+    LightFigures, carve::CarveReport, octree_statistics::OctreeStatistics, plan::Mark,
+};
 use sightline_world::{Spawn, World, motion::Pose};
 
 /// A mark on a plan: a disc, or a ring.
@@ -53,6 +56,17 @@ pub fn carving_rows(report: &CarveReport) -> [(&'static str, String); 9] {
         ("cuttings", report.cuttings.to_string()),
         ("polygons removed", report.removed.to_string()),
         ("polygons added", format!("{}{sealed}", report.added)),
+    ]
+}
+
+/// The rows about radiosity, for the tables of `compile` and `light-check`.
+pub fn light_rows(light: &LightFigures) -> [(&'static str, String); 5] {
+    [
+        ("light at", format!("{} points", light.points)),
+        ("  exchanged by", format!("{} nodes", light.nodes)),
+        ("  refined", format!("{} squares", light.refined)),
+        ("  energy error", format!("{:.2} %", light.energy_error * 100.0)),
+        ("  exposure", format!("{:.3}", light.exposure)),
     ]
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use sightline_cli::flags::spawn;
 use sightline_compiler::{
-    CompileOptions,
+    CompileOptions, LightMethod, LightQuality,
     carve::{CarveOptions, CarvingUnits},
     import::{
         LeftOut,
@@ -27,6 +27,16 @@ pub struct ModelFlags {
     /// What is carved at a time: clusters of non-axial polygons, or elements, which are smaller.
     #[arg(long, value_name = "UNITS", default_value = "clusters", value_parser = carving_units)]
     carving_units: CarvingUnits,
+    /// How a model that brings no light of its own is lit: by radiosity, where surfaces pass light
+    /// on to each other; by ambient light, which is quick; or none.
+    #[arg(long, value_name = "METHOD", default_value = "radiosity", value_parser = light_method)]
+    light: LightMethod,
+    /// How much time radiosity takes: fast, good or best.
+    #[arg(long, value_name = "QUALITY", default_value = "good", value_parser = light_quality)]
+    light_quality: LightQuality,
+    /// Light a Quake III map anew, in place of the light that it brings.
+    #[arg(long)]
+    relight: bool,
     /// An archive with the textures of a Quake III map; may be given several times.
     #[arg(long, value_name = "FILE.pk3")]
     pk3: Vec<PathBuf>,
@@ -69,13 +79,21 @@ impl ModelFlags {
             placing: Placing { scale: self.scale, up: self.up, recentre: self.recentre },
             left_out: LeftOut { dropped: self.drop.clone(), open_doors: self.open_doors.clone() },
             spawns: self.spawn.clone(),
+            relight: self.relight,
         }
     }
 
     /// How a model is compiled.
     pub fn options(&self) -> CompileOptions {
         let carving = CarveOptions { units: self.carving_units };
-        CompileOptions { voxel: self.voxel, cell: self.cell, carving, ..CompileOptions::default() }
+        CompileOptions {
+            voxel: self.voxel,
+            cell: self.cell,
+            carving,
+            light: self.light,
+            light_quality: self.light_quality,
+            ..CompileOptions::default()
+        }
     }
 
     /// Whether any of the flags was given, as far as it makes a difference.
@@ -86,7 +104,12 @@ impl ModelFlags {
         let is_carved_otherwise = self.carving_units != CarveOptions::default().units;
         let is_placed = files.placing != Placing::default();
         let is_whole = files.left_out == LeftOut::default();
-        has_files || has_sizes || is_carved_otherwise || is_placed || !is_whole
+        let options = self.options();
+        let default = CompileOptions::default();
+        let is_lit_otherwise = files.relight
+            || options.light != LightMethod::Radiosity
+            || options.light_quality != default.light_quality;
+        has_files || has_sizes || is_carved_otherwise || is_placed || !is_whole || is_lit_otherwise
     }
 }
 
@@ -116,6 +139,25 @@ fn voxel_size(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(metres) if (0.001..=10.0).contains(&metres) => Ok(metres),
         _ => Err("a voxel is from 0.001 to 10 metres wide, such as 0.03".into()),
+    }
+}
+
+fn light_method(text: &str) -> Result<LightMethod, String> {
+    match text {
+        "radiosity" => Ok(LightMethod::Radiosity),
+        "ambient" => Ok(LightMethod::Ambient),
+        "none" => Ok(LightMethod::None),
+        _ => Err("use radiosity, ambient or none".into()),
+    }
+}
+
+/// Reads the name of a quality of light.
+pub fn light_quality(text: &str) -> Result<LightQuality, String> {
+    match text {
+        "fast" => Ok(LightQuality::Fast),
+        "good" => Ok(LightQuality::Good),
+        "best" => Ok(LightQuality::Best),
+        _ => Err("use fast, good or best".into()),
     }
 }
 

@@ -182,7 +182,7 @@ impl Pieces {
 fn material(shader: &Shader, archives: &mut Archives) -> SurfaceMaterial {
     let texture = archives.texture(&shader.name);
     let colour = if texture.is_some() { [255; 3] } else { tint(&shader.name) };
-    SurfaceMaterial { colour, texture, glass: !shader.is_opaque() }
+    SurfaceMaterial { texture, glass: !shader.is_opaque(), ..SurfaceMaterial::opaque(colour) }
 }
 
 /// A muted colour that tells one shader from another.

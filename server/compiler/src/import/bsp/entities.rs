@@ -5,13 +5,19 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 use sightline_world::Spawn;
 
-use super::units::placed;
-use crate::import::limits::{SPAWNS_MAX, is_sane};
+use super::units::{UNIT, placed};
+use crate::{
+    import::limits::{LAMPS_MAX, SPAWNS_MAX, is_sane},
+    model::{Lamp, LampSource},
+};
 
 /// The eye of a player above the origin of its box, in Quake units.
 const EYE: f64 = 26.0;
 /// An object on a floor is this far above it, in Quake units.
 const FLOOR: f64 = 1.0;
+/// The candela of one unit of a light's brightness. The map compiler gives a surface one unit away
+/// 7,500 times its brightness, where 255 is white; white is about 800 lux here.
+const CANDELA: f64 = 7_500.0 / 255.0 * 800.0 * UNIT * UNIT;
 /// The most places. More are not needed to find the inside of a map.
 const PLACES_MAX: usize = 1 << 14;
 /// The classes of entities at which players begin.
@@ -32,6 +38,8 @@ pub(super) struct Entities {
     /// Points of all entities. They tell the inside of a map, as for the map's own compiler.
     /// Players reach some of it by teleporters only.
     pub places: Vec<Vec3>,
+    /// Lamps, which count when a map is lit anew.
+    pub lamps: Vec<Lamp>,
     /// Entities with a brush model.
     pub brush_models: Vec<Keys>,
     /// Corners of the paths of trains, by name. When several have one name, the first counts.
@@ -104,7 +112,9 @@ impl Entities {
         if !has_model && self.places.len() < PLACES_MAX {
             self.places.extend(place(&get));
         }
-        if class == "worldspawn" {
+        if class == "light" && self.lamps.len() < LAMPS_MAX {
+            self.lamps.extend(lamp(&get));
+        } else if class == "worldspawn" {
             self.title = get("message").filter(|m| !m.trim().is_empty()).map(str::to_owned);
         } else if SPAWN_CLASSES.contains(&class.as_str()) && self.spawns.len() < SPAWNS_MAX {
             self.spawns.extend(spawn(&get));
@@ -133,6 +143,16 @@ fn spawn<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Spawn> {
     // Quake measures angles from +x towards +y, which is -z here.
     let yaw = (-turn.cos()).atan2(turn.sin()) as f32;
     is_sane(eye).then_some(Spawn { eye, yaw })
+}
+
+/// A lamp, all around.
+fn lamp<'a>(get: &impl Fn(&str) -> Option<&'a str>) -> Option<Lamp> {
+    let at = placed(DVec3::from(numbers::<3>(get("origin")?)?));
+    let brightness = get("light").and_then(numbers::<1>).map_or(300.0, |[light]| light).max(0.0);
+    let colour = get("_color").and_then(numbers::<3>).unwrap_or([1.0; 3]);
+    let intensity =
+        colour.map(|part| (part.clamp(0.0, 1.0) * brightness.min(1.0e5) * CANDELA) as f32);
+    is_sane(at).then_some(Lamp { source: LampSource::Point(at), intensity })
 }
 
 /// The place of an entity. None when it is not set.

@@ -57,6 +57,7 @@ pub fn read_slice(bytes: &[u8], pk3s: &[PathBuf], title: &str) -> Result<Model, 
         is_lit: true,
         spawns: entities.spawns.clone(),
         places: entities.places.clone(),
+        lamps: entities.lamps.clone(),
         body: Body::QUAKE,
         speed_max: SPEED_MAX,
         ..Model::empty(limits::tidy_title(entities.title.as_deref().unwrap_or(title)))

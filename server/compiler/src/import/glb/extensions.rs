@@ -5,7 +5,9 @@ const UNDERSTOOD: &[&str] = &[
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
+    "KHR_lights_punctual",
     "KHR_materials_diffuse_transmission",
+    "KHR_materials_emissive_strength",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_transmission",
     "KHR_materials_volume",
@@ -16,7 +18,7 @@ const UNDERSTOOD: &[&str] = &[
     "OMI_spawn_point",
 ];
 
-/// Extensions that change nothing that a world has: shine, lamps, sound, notes, physics. A file
+/// Extensions that change nothing that a world has: shine, sound, notes, physics. A file
 /// that requires textures of Basis Universal gets base colours instead, with a warning.
 const HARMLESS: &[&str] = &[
     "ADOBE_materials_clearcoat_specular",
@@ -34,11 +36,9 @@ const HARMLESS: &[&str] = &[
     "KHR_animation_pointer",
     "KHR_audio_emitter",
     "KHR_interactivity",
-    "KHR_lights_punctual",
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_dispersion",
-    "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_iridescence",
     "KHR_materials_sheen",

@@ -47,7 +47,8 @@ impl Materials {
             // Black glass would be taken for a collider.
             colour = [1; 3];
         }
-        let material = SurfaceMaterial { colour, texture: None, glass };
+        let emission = emission(&source, document, resources, warnings);
+        let material = SurfaceMaterial { colour, texture: None, glass, emission };
         let mut look = Look { material, uvs: Vec::new(), hides };
         let Some(mapping) = Mapping::of(&source) else { return look };
         let Some(accessor) = primitive.get(&Semantic::TexCoords(mapping.set)) else { return look };
@@ -94,6 +95,34 @@ fn base_colour(material: &GltfMaterial<'_>) -> [f32; 4] {
     std::array::from_fn(|i| {
         diffuse.and_then(|factor| factor.get(i)?.as_f64()).map_or(1.0, |value| value as f32)
     })
+}
+
+/// The light that a material gives: its factor, times the mean of its texture, times its strength.
+fn emission(
+    material: &GltfMaterial<'_>,
+    document: &Document,
+    resources: &mut Resources,
+    warnings: &mut Vec<String>,
+) -> [f32; 3] {
+    let factor = material.emissive_factor();
+    let strength = material.extension_value("KHR_materials_emissive_strength");
+    let strength = strength.and_then(|value| value.get("emissiveStrength")?.as_f64());
+    let strength = strength.map_or(1.0, |strength| strength as f32);
+    if factor == [0.0; 3] || !(strength > 0.0 && strength.is_finite()) {
+        return [0.0; 3];
+    }
+    let texture = material.emissive_texture().and_then(|info| {
+        let image = document.textures().nth(info.texture().index())?.source().index();
+        resources.image(document, image, warnings)
+    });
+    let mean = texture.map_or([1.0; 3], |texture| {
+        let sum = texture.pixels().iter().fold([0.0f64; 3], |sum, pixel| {
+            [0, 1, 2].map(|i| sum[i] + f64::from(limits::linear(pixel[i])))
+        });
+        sum.map(|channel| (channel / texture.pixels().len().max(1) as f64) as f32)
+    });
+    let brightest = limits::EMISSION_MAX;
+    [0, 1, 2].map(|i| (factor[i].max(0.0) * mean[i] * strength).min(brightest))
 }
 
 /// Whether light, and so sight, passes through a material: by alpha, or by transmission. A

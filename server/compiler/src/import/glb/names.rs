@@ -12,6 +12,9 @@ pub(super) enum Purpose {
     Detail,
     /// It stops bodies and does nothing else: `collider:NAME`, or a name that ends with `-col`.
     Collider,
+    /// It is part of the building and gives light of its colour: `light:NAME`, or a name that ends
+    /// with `-light`. Without a mesh it is a lamp.
+    Light,
 }
 
 /// The purpose that a name tells, if it tells one.
@@ -24,6 +27,8 @@ pub(super) fn purpose(name: &str) -> Option<Purpose> {
         Some(Purpose::Occluder)
     } else if says("collider:", "-col") {
         Some(Purpose::Collider)
+    } else if says("light:", "-light") {
+        Some(Purpose::Light)
     } else {
         None
     }
@@ -62,6 +67,9 @@ mod tests {
             ("detail:plant", Some(Purpose::Detail)),
             ("fence-col", Some(Purpose::Collider)),
             ("collider:fence", Some(Purpose::Collider)),
+            ("light:desk", Some(Purpose::Light)),
+            ("Panel-light.002", Some(Purpose::Light)),
+            ("lightwell", None),
             ("protocol", None),
             ("my occluder: no", None),
         ] {

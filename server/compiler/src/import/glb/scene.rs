@@ -1,5 +1,6 @@
 //! From a document to a model: nodes and what they carry.
 
+mod lamps;
 mod primitive;
 
 use std::time::Duration;
@@ -264,6 +265,9 @@ impl<'a> Reader<'a> {
             let place = *setting.place;
             self.spawn(&start.map_or(place, |start| DMat4::from(start) * place));
         }
+        if !is_hidden {
+            self.lamp(node, setting);
+        }
         // What a marker looks like in an editor is not part of the building.
         let Some(mesh) = node.mesh().filter(|_| !is_marker && !is_hidden) else { return Ok(()) };
         let places = instances::places(node, self.document, &self.resources);
@@ -285,14 +289,17 @@ impl<'a> Reader<'a> {
         if setting.purpose == Purpose::Collider {
             surface.material = SurfaceMaterial::unseen();
         }
+        if setting.purpose == Purpose::Light {
+            lamps::make_emissive(&mut surface);
+        }
         if let Some(carrier) = setting.carrier.and_then(|index| self.moving.get_mut(index)) {
-            if matches!(setting.purpose, Purpose::Building | Purpose::Detail) {
+            if !matches!(setting.purpose, Purpose::Occluder | Purpose::Collider) {
                 carrier.surfaces.push(surface);
             }
             return;
         }
         let blocks_sight = match setting.purpose {
-            Purpose::Building => hides,
+            Purpose::Building | Purpose::Light => hides,
             Purpose::Occluder => true,
             Purpose::Detail | Purpose::Collider => false,
         };

@@ -1,4 +1,5 @@
 mod extensions;
+mod lamps;
 mod leaving_out;
 mod movers;
 mod sight;
