@@ -151,7 +151,7 @@ fn measure(rooms: usize, args: &Args) -> anyhow::Result<FormFactorRow> {
     let lists = Lists::new(&world, triangles);
     let occluders = Occluders::new(&world);
     let oracle = Oracle::new(&world.mesh);
-    let groups = groups(&world, &model.surfaces);
+    let groups = groups(&world, &oracle, &model.surfaces);
     let chosen = groups.len().div_ceil(args.groups.max(1)).max(1);
     let mut sums = Sums::default();
     let all: Vec<u32> = (0..triangles.len() as u32).collect();
@@ -235,8 +235,12 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     (done, start.elapsed())
 }
 
-/// Receivers on the surfaces, in groups by space and place.
-fn groups(world: &World, surfaces: &[Surface]) -> BTreeMap<(u32, [i32; 3]), Group> {
+/// Receivers on the surfaces that are not inside something solid, in groups by space and place.
+fn groups(
+    world: &World,
+    oracle: &Oracle,
+    surfaces: &[Surface],
+) -> BTreeMap<(u32, [i32; 3]), Group> {
     let mut groups: BTreeMap<(u32, [i32; 3]), Group> = BTreeMap::new();
     let corners = surfaces.iter().filter(|s| !s.material.glass).flat_map(Surface::corners);
     for [a, b, c] in corners {
@@ -248,7 +252,9 @@ fn groups(world: &World, surfaces: &[Surface]) -> BTreeMap<(u32, [i32; 3]), Grou
             if u + v >= 1.0 {
                 continue;
             }
-            let Some(CellId(cell)) = world.cells.at(at) else { continue };
+            // Inside something solid, the nearest surface shows its back.
+            let is_buried = oracle.first_hit(at, normal).is_some_and(|hit| !hit.is_front);
+            let Some(CellId(cell)) = world.cells.at(at).filter(|_| !is_buried) else { continue };
             let space = world.cells.cells[cell as usize].space;
             let [whole, part] = WIDTHS.map(|width| (at / width).floor().as_ivec3().to_array());
             let group = groups.entry((space, whole)).or_default();

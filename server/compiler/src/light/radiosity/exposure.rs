@@ -15,26 +15,41 @@ const BRIGHTEST: f32 = 1.15;
 /// Luminance of linear RGB.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
+/// Points with less than this share of the mean light do not count: nobody lights closed shafts.
+const DARK: f64 = 0.02;
+
 /// The factor from irradiance to the picture. Points count less the more sky their nodes see, so
 /// that rooms are well lit whatever is outdoors.
 pub(super) fn choose(nodes: &Nodes, open: &[f32], light: &[Option<Vec3>]) -> f32 {
-    let (mut indoors, mut anywhere) = ([0.0f64; 2], [0.0f64; 2]);
-    for (point, light) in light.iter().enumerate() {
-        let (Some(light), node) = (light, nodes.node_of[point]) else { continue };
-        let level = light.dot(LUMINANCE);
-        if node == NO_NODE || level <= 1.0e-6 {
-            continue;
-        }
-        let node = node as usize;
-        let area = f64::from(nodes.list[node].area) / nodes.list[node].points.len() as f64;
-        let inside = f64::from((1.0 - 3.0 * open[node]).max(0.0)) * area;
-        for (sum, weight) in [(&mut indoors, inside), (&mut anywhere, area)] {
-            sum[0] += f64::from(level.ln()) * weight;
-            sum[1] += weight;
-        }
-    }
-    let [sum, weight] = if indoors[1] > 0.02 * anywhere[1] { indoors } else { anywhere };
-    if weight > 0.0 { INDOORS / (sum / weight).exp() as f32 } else { 1.0 / PI }
+    let levels: Vec<Level> = light
+        .iter()
+        .zip(&nodes.node_of)
+        .filter(|(_, node)| **node != NO_NODE)
+        .filter_map(|(light, node)| {
+            let (of, open) = (&nodes.list[*node as usize], open[*node as usize]);
+            let area = f64::from(of.area) / of.points.len() as f64;
+            let indoors = f64::from((1.0 - 3.0 * open).max(0.0)) * area;
+            Some(Level { light: f64::from((*light)?.dot(LUMINANCE)), area, indoors })
+        })
+        .collect();
+    let area = |of: fn(&Level) -> f64| levels.iter().map(of).sum::<f64>();
+    let weight: fn(&Level) -> f64 =
+        if area(|l| l.indoors) > 0.02 * area(|l| l.area) { |l| l.indoors } else { |l| l.area };
+    let mean = levels.iter().map(|level| level.light * weight(level)).sum::<f64>()
+        / area(weight).max(f64::MIN_POSITIVE);
+    let lit = || levels.iter().filter(|level| level.light > DARK * mean);
+    let sum: f64 = lit().map(|level| level.light.ln() * weight(level)).sum();
+    let weights: f64 = lit().map(weight).sum();
+    if weights > 0.0 { INDOORS / (sum / weights).exp() as f32 } else { 1.0 / PI }
+}
+
+/// The light at a point.
+struct Level {
+    light: f64,
+    /// In square metres.
+    area: f64,
+    /// The same, less what sees the sky.
+    indoors: f64,
 }
 
 /// Light in the picture: bright light is compressed, and keeps its hue.

@@ -192,7 +192,9 @@ fn a_cornell_box_is_lit_as_paths_of_light_say() {
         let along = Vec3::new(x, y, -0.55).normalize();
         // A ray may slip through an edge.
         let Some(pair) = reference.along(Vec3::new(0.5, 0.5, 0.98) * CORNELL_M, along, 64, i)
-        else { continue };
+        else {
+            continue;
+        };
         let [radiosity, truth] = [pair.radiosity, pair.reference].map(|light| light * pair.colour);
         sums[0] += radiosity;
         sums[1] += truth;
