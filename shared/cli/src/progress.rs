@@ -117,7 +117,7 @@ impl PrintedLine {
 
 /// What is to be said of the time that a stage still takes. Empty while nobody knows.
 fn time_left(elapsed: Duration, share: f32) -> String {
-    if elapsed < TELLING || share < TELLING_SHARE || share >= 1.0 {
+    if elapsed < TELLING || !(TELLING_SHARE..1.0).contains(&share) {
         return String::new();
     }
     let left = elapsed.mul_f32((1.0 - share) / share).as_secs();

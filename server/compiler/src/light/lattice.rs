@@ -192,7 +192,7 @@ impl Piece {
             }
             // Samples on an edge belong to one of the triangles that share it.
             let [first, end] =
-                [ends.0, ends.1].map(|x| (x * SAMPLES - 0.5).ceil().max(-1.0e9).min(1.0e9) as i32);
+                [ends.0, ends.1].map(|x| (x * SAMPLES - 0.5).ceil().clamp(-1.0e9, 1.0e9) as i32);
             if ends.0 <= ends.1 {
                 (first..end).for_each(|column| {
                     visit(Vec2::new((column as f32 + 0.5) / SAMPLES, y));
