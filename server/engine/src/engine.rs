@@ -155,9 +155,11 @@ impl Engine {
             snapshot.update_regions(view, pool, &mut indices.coarse);
             interest::update_pairs(view, pool, &indices.coarse, &mut snapshot);
         }
-        let facts = Facts::new(view, &snapshot);
+        let mut facts = Facts::new(view, &snapshot);
         if config.policy.uses_cells() {
-            interest::test_pairs(view, pool, &facts, &mut snapshot, &mut self.sight_budget);
+            let budget = &mut self.sight_budget;
+            let ticks = interest::test_pairs(view, pool, &facts, &mut snapshot, budget);
+            facts.queue_for(ticks);
         }
         let told = interest::notify(view, pool, &facts, &mut snapshot);
         let distances = snapshot.distances(view.rounds);

@@ -9,6 +9,7 @@ use std::{
 };
 
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
+use sightline_world::motion::{AvatarId, Pose};
 
 use crate::{
     bit_set::BitSet,
@@ -29,6 +30,8 @@ pub(crate) struct Workspace {
     pub(crate) reach: ReachSearch,
     pub(crate) sight: SightTester,
     pub(crate) ways: WaySearch,
+    /// What one viewer is told at a tick.
+    pub(crate) poses: Vec<(AvatarId, Pose)>,
 }
 
 /// Threads that share the work of a tick.

@@ -1,11 +1,13 @@
 //! The immutable building: what the engine derives from a world when it is made.
 
 mod adjacency;
+mod box_cells;
 mod cell_rows;
 mod sectors;
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use sightline_visibility::{box_visibility::Occluders, rooms::RoomIndex};
 use sightline_world::{
     CellId, Cells, World,
@@ -20,6 +22,7 @@ use crate::{
 };
 
 pub(crate) use adjacency::{Adjacency, Beside, Exit, ExitSide};
+pub(crate) use box_cells::BoxCells;
 pub(crate) use cell_rows::CellRows;
 pub(crate) use sectors::Sectors;
 
@@ -37,6 +40,8 @@ pub(crate) struct Building {
     pub(crate) rooms: RoomIndex,
     /// What is beside each space.
     pub(crate) adjacency: Adjacency,
+    /// Which cells are boxes.
+    pub(crate) box_cells: BoxCells,
     /// Which cells see which.
     pub(crate) cell_rows: CellRows,
     pub(crate) sectors: Sectors,
@@ -65,6 +70,7 @@ impl Building {
             body: world.body.in_axes(&world.cells.axes),
             rooms: RoomIndex::new(&world),
             adjacency: Adjacency::new(&world.cells),
+            box_cells: BoxCells::new(&world.cells),
             cell_rows: CellRows::new(&world.cells),
             sectors: Sectors::new(&world.cells),
             occluders: Arc::new(Occluders::new(&world)),
@@ -81,6 +87,12 @@ impl Building {
     /// Whether some point of one cell may be visible from some point of the other.
     pub(crate) fn sees(&self, from: CellId, to: CellId) -> bool {
         self.cell_rows.sees(self.cells(), from, to)
+    }
+
+    /// The cell of a point in own axes, which is probably near a certain cell; `None` in something
+    /// solid.
+    pub(crate) fn cell_at(&self, point: Vec3, likely: Option<CellId>) -> Option<CellId> {
+        self.box_cells.at(self.cells(), point, likely)
     }
 
     /// The axes along which cells and regions lie.

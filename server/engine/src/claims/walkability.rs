@@ -96,6 +96,14 @@ impl Walkways {
         (!state.is_stuck).then_some(&self.clearance)
     }
 
+    /// The space that the eye was in, if that is a box and all of a region is inside it.
+    pub(crate) fn space_around(&self, state: WalkState, region: &Aabb) -> Option<u32> {
+        state.space.filter(|space| {
+            let Aabb { min, max } = &self.boxes[*space as usize];
+            (min.cmplt(region.min) & region.max.cmplt(*max)).all()
+        })
+    }
+
     /// Finds a way for a walk that is no longer than a limit.
     ///
     /// An eye that came from a space may be as far inside something solid as bodies poke into walls

@@ -92,8 +92,9 @@ impl Candidates<'_> {
             if other == index || other < index && all[other].has_moved() {
                 return false;
             }
-            // What is open between smaller regions is open between coarse ones.
-            if own.get(member.id).is_some_and(|pair| pair.concerns && pair.sight.is_open()) {
+            // What gates leave open between smaller regions they leave open between coarse ones.
+            let is_open = |pair: &Pair| pair.concerns && !pair.sight.is_surely_hidden();
+            if own.get(member.id).is_some_and(is_open) {
                 return true;
             }
             all[other].regions.coarse().is_some_and(|other| self.may_meet(workspace, coarse, other))

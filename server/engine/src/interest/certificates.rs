@@ -29,6 +29,8 @@ pub(crate) struct Facts {
     tick: u32,
     /// How many ticks an open pair waits for the next look.
     pub(super) interval: u32,
+    /// For how many ticks pairs may have to wait for a sight test.
+    queue: u32,
     /// Whether rooms rule anything out, so that seals may change when a viewer moves.
     has_rules: bool,
     /// How many ticks too late certificates end, by an injected fault.
@@ -56,6 +58,7 @@ impl Facts {
         let mut facts = Self {
             tick: view.tick,
             interval: pairs.div_ceil(LOOKS).clamp(1, INTERVAL_MAX) as u32,
+            queue: 1,
             has_rules: view.building.rooms.can_rule_out(),
             late: view.config.faults.certificates_late,
             avatars: vec![Fact::default(); live.slots()],
@@ -69,6 +72,12 @@ impl Facts {
             versions.iter_mut().zip(regions.versions()).for_each(|(to, from)| *to = from);
         }
         facts
+    }
+
+    /// Takes in for how many ticks pairs may have to wait for a sight test, at least one.
+    pub(crate) fn queue_for(&mut self, ticks: u32) {
+        debug_assert!(ticks > 0, "a queue moves on");
+        self.queue = ticks;
     }
 
     /// Ends the certificates of a viewer that do not hold any more.
@@ -117,8 +126,13 @@ impl Facts {
             SightResult::HiddenIn(_) => (Grounds::HiddenNow, 0),
             SightResult::Together => (Grounds::Together, u32::MAX),
             SightResult::Free(_) => (Grounds::Open, later),
-            SightResult::Undecided { again, .. } => (Grounds::Open, again.min(later)),
-            SightResult::Unknown => (Grounds::Open, 0),
+            SightResult::Undecided { again, .. } if again > self.tick => {
+                (Grounds::Open, again.min(later))
+            }
+            // The budget did not suffice for all. Those that wait come back one after the other.
+            SightResult::Undecided { .. } | SightResult::Unknown => {
+                (Grounds::Open, self.tick + 1 + pair.slot.0 % self.queue)
+            }
         };
         Certificate {
             slot: pair.slot,

@@ -29,12 +29,13 @@ pub(crate) fn notify(
     snapshot: &mut Snapshot<'_>,
 ) -> Vec<Output> {
     let Snapshot { live, pairs } = snapshot;
-    let mut outputs = pool.gather(pairs, |_, index, pairs, outputs| {
+    let mut outputs = pool.gather(pairs, |workspace, index, pairs, outputs| {
         let viewer = &live.all()[index];
         if !view.config.policy.uses_cells() {
             pairs.match_to(told_without_cells(view, live, viewer));
         }
-        Notifier { view, facts, live, viewer }.notify(pairs, outputs);
+        let poses = &mut workspace.poses;
+        Notifier { view, facts, live, viewer }.notify(pairs, poses, outputs);
     });
     outputs.sort_by_key(Output::to);
     outputs
@@ -79,10 +80,15 @@ struct Notifier<'a> {
 
 impl Notifier<'_> {
     /// Tells the viewer what has changed of the pairs that are due, and renews their certificates.
-    fn notify(&self, pairs: &mut Pairs, outputs: &mut Vec<Output>) {
+    fn notify(
+        &self,
+        pairs: &mut Pairs,
+        poses: &mut Vec<(AvatarId, Pose)>,
+        outputs: &mut Vec<Output>,
+    ) {
         let Self { view, viewer, .. } = *self;
         let to = viewer.member.id;
-        let mut poses = Vec::new();
+        poses.clear();
         let mut has_ended = false;
         for at in 0..pairs.len() {
             if !pairs.is_due(at, view.tick) {
@@ -128,7 +134,7 @@ impl Notifier<'_> {
             pairs.remove_ended();
         }
         if !poses.is_empty() {
-            outputs.push(Output::Poses { to, tick: view.tick, poses });
+            outputs.push(Output::Poses { to, tick: view.tick, poses: poses.clone() });
         }
     }
 }

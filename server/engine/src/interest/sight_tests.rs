@@ -33,8 +33,14 @@ const WAITS_MAX: u32 = 3;
 /// The tests of a tick cost much when they cost more than the budget divided by this number. The
 /// first test of a pair may then cost less, since most pairs that can be decided are decided soon.
 const MUCH_PARTS: u32 = 4;
+/// The same for crowds, where the many pairs cost enough by themselves.
+const MUCH_PARTS_CROWDED: u32 = 32;
+/// With so many pairs that an open one is looked at again only after so many ticks, it is crowded.
+const CROWDED_INTERVAL: u32 = 4;
 /// The most halvings of what the first test of a pair may cost.
 const THRIFT_MAX: u32 = 6;
+/// The most ticks before a pair is looked at again for which the budget did not suffice.
+const QUEUE_TICKS_MAX: u32 = 16;
 /// Ticks before regions with a large margin are tried again where they did not help.
 const LARGE_MARGIN_TICKS: u32 = 16;
 /// A free line that is moved along ends in the middle of the two regions: in boxes of this part of
@@ -99,21 +105,25 @@ struct SightTests<'a> {
     load: u32,
     thrift: u32,
     interval: u32,
+    /// Whether there are so many pairs that less is spent on each.
+    is_crowded: bool,
 }
 
 /// Tests all pairs whose last result no longer holds. Pairs that the viewer does not hold come
 /// first. A hard pair gets no more than a few times an equal share. Where the budget does not
-/// suffice, the next tick goes on.
+/// suffice, later ticks go on. Returns for how many ticks it would have to suffice for all.
 pub(crate) fn test_pairs(
     view: View<'_>,
     pool: &WorkerPool,
     facts: &Facts,
     snapshot: &mut Snapshot<'_>,
     budget: &mut SightBudget,
-) {
+) -> u32 {
     let Snapshot { live, pairs } = snapshot;
     let SightBudget { load, thrift, .. } = *budget;
-    let tests = SightTests { view, live, load, thrift, interval: facts.interval };
+    let interval = facts.interval;
+    let is_crowded = interval >= CROWDED_INTERVAL;
+    let tests = SightTests { view, live, load, thrift, interval, is_crowded };
     let open = pool.gather(pairs, |workspace, index, pairs, open| {
         let viewer = &live.all()[index];
         facts.end(viewer, pairs);
@@ -142,15 +152,19 @@ pub(crate) fn test_pairs(
     let most = (SHARES * (units / count.max(1))).clamp(test_max / SHARES, test_max);
     let (held, new) = open.into_iter().partition(|open| open.of(pairs).is_held);
     let mut left = units / 100 * NEW_PER_CENT;
-    tests.run(pool, pairs, new, &mut Round { most, left: &mut left, turn: &mut budget.turn_new });
+    let mut round = Round { most, left: &mut left, turn: &mut budget.turn_new };
+    let mut tested = tests.run(pool, pairs, new, &mut round);
     left += units / 100 * (100 - NEW_PER_CENT);
-    tests.run(pool, pairs, held, &mut Round { most, left: &mut left, turn: &mut budget.turn_held });
+    let mut round = Round { most, left: &mut left, turn: &mut budget.turn_held };
+    tested += tests.run(pool, pairs, held, &mut round);
     let spent = units - left.min(units);
-    if spent > units / MUCH_PARTS {
+    let much = units / if is_crowded { MUCH_PARTS_CROWDED } else { MUCH_PARTS };
+    if spent > much {
         budget.thrift = (budget.thrift + 1).min(THRIFT_MAX);
-    } else if spent < units / MUCH_PARTS / 2 {
+    } else if spent < much / 2 {
         budget.thrift = budget.thrift.saturating_sub(1);
     }
+    count.checked_div(tested).unwrap_or(1).clamp(1, QUEUE_TICKS_MAX)
 }
 
 /// What the tests of some pairs may cost.
@@ -166,14 +180,14 @@ struct Round<'a> {
 impl SightTests<'_> {
     /// Tests pairs, beginning with those of the viewer whose turn it is. Each round has as many
     /// pairs as the budget is sure to suffice for, or twice as many. So what each test may cost
-    /// does not depend on its neighbours.
+    /// does not depend on its neighbours. Returns how many were tested.
     fn run(
         &self,
         pool: &WorkerPool,
         pairs: &mut [&mut Pairs],
         mut open: Vec<OpenPair>,
         budget: &mut Round<'_>,
-    ) {
+    ) -> u32 {
         let (most, turn) = (budget.most, *budget.turn);
         let key = |open: &OpenPair| self.live.all()[open.viewer as usize].key;
         debug_assert!(open.is_sorted_by_key(key), "pairs come in the order of the snapshot");
@@ -183,7 +197,7 @@ impl SightTests<'_> {
         while let Some(next) = rest.first() {
             if *budget.left == 0 {
                 *budget.turn = key(next);
-                return;
+                break;
             }
             let sure = usize::try_from(*budget.left / most.max(1)).unwrap_or(usize::MAX);
             let (round, later) = rest.split_at(rest.len().min(2 * sure + 1));
@@ -202,6 +216,7 @@ impl SightTests<'_> {
             }
             rest = later;
         }
+        (open.len() - rest.len()) as u32
     }
 
     /// Whether a pair must be tested: its last result no longer holds, and neither rooms nor gates
@@ -283,11 +298,18 @@ impl SightTests<'_> {
         if pair.seen == Some(regions) {
             return false;
         }
+        let building = self.view.building;
+        // Where both were last known to be is in their regions.
+        if let Some((eye, body)) = viewer.regions.cell().zip(other.regions.cell())
+            && building.sees(eye, body)
+        {
+            pair.seen = Some(regions);
+            return false;
+        }
         let Some(footprints) = self.footprints(workspace, viewer, other, RegionMargin::Small)
         else {
             return false;
         };
-        let building = self.view.building;
         let sees = footprints.eyes.sees(footprints.bodies, building);
         if sees {
             pair.seen = Some(regions);
@@ -313,8 +335,11 @@ impl SightTests<'_> {
             _ => None,
         };
         let heading = || {
-            let from = viewer.regions.heading(RegionKind::EYES)?;
-            Some([from, other.regions.heading(viewer.regions.shown())?])
+            let building = self.view.building;
+            let heading =
+                |of: &LiveAvatar<'_>, kind| of.regions.heading(building, &of.motion, kind);
+            let from = heading(viewer, RegionKind::EYES)?;
+            Some([from, heading(other, viewer.regions.shown())?])
         };
         let free = heading().filter(|ends| self.is_free(ends));
         let free = free.or_else(|| last().filter(|ends| self.is_free(ends)));
@@ -331,13 +356,15 @@ impl SightTests<'_> {
         other: &LiveAvatar<'_>,
         line: &SightLine,
     ) -> Option<[LineEnd; 2]> {
-        let body = &self.view.building.body;
+        let building = self.view.building;
+        let body = &building.body;
         let end = |avatar: &LiveAvatar<'_>, kind: RegionKind, point: Vec3| {
             let bounds = avatar.regions.bounds(kind, body);
             let inside = scaled(&bounds, bounds.centre(), WELL_INSIDE);
             let point = point.clamp(inside.min, inside.max);
             let is_possible = avatar.regions.may_contain(kind, point, body);
-            is_possible.then(|| LineEnd { point, cell: self.view.building.cells().at_own(point) })
+            let cell = || building.cell_at(point, avatar.regions.cell());
+            is_possible.then(|| LineEnd { point, cell: cell() })
         };
         let from = end(viewer, RegionKind::EYES, line.from)?;
         Some([from, end(other, viewer.regions.shown(), line.to)?])
@@ -426,7 +453,8 @@ impl SightTests<'_> {
         Some(result)
     }
 
-    /// Tests the exact regions of a pair at this tick.
+    /// Tests the regions of a pair at this tick, without a margin. In a crowd, places that a body can
+    /// get to only within a small margin may count as well.
     fn test_exact(
         &self,
         workspace: &mut Workspace,
@@ -437,9 +465,15 @@ impl SightTests<'_> {
         let Workspace { reach, sight, .. } = workspace;
         let (view, shown) = (self.view, viewer.regions.shown());
         let occluders = &view.building.occluders;
-        let eyes = viewer.regions.exact(view, reach, &viewer.motion, RegionKind::EYES)?;
-        let bodies = other.regions.exact(view, reach, &other.motion, shown)?;
-        Some(match sight.test(occluders, eyes, bodies, left) {
+        let mut cover = |of: &LiveAvatar<'_>, kind| {
+            if self.is_crowded {
+                of.regions.close_cover(view, reach, &of.motion, kind)
+            } else {
+                of.regions.exact(view, reach, &of.motion, kind).cloned()
+            }
+        };
+        let (eyes, bodies) = (cover(viewer, RegionKind::EYES)?, cover(other, shown)?);
+        Some(match sight.test(occluders, &eyes, &bodies, left) {
             BoxTest::Hidden => Some(SightResult::HiddenIn(eye_boxes(viewer, other))),
             BoxTest::Free(line) if sight.is_free(occluders, &line, left) => {
                 Some(SightResult::Free(line))
@@ -478,7 +512,7 @@ impl SightTests<'_> {
         let shown = viewer.regions.shown();
         let eyes = viewer.regions.cached(view, reach, &viewer.motion, RegionKind::EYES, margin)?;
         let bodies = other.regions.cached(view, reach, &other.motion, shown, margin)?;
-        Some(Footprints { eyes: &eyes.footprint, bodies: &bodies.footprint })
+        Some(Footprints { eyes, bodies })
     }
 
     /// Whether a line goes from where the viewer's eye can be to where the avatar's body can be.

@@ -35,6 +35,11 @@ impl CoverBoxes {
         Self(shared.filter(|part| !part.is_empty()).collect())
     }
 
+    /// The box around all of them.
+    pub(crate) fn bounds(&self) -> Aabb {
+        self.0.iter().fold(Aabb::EMPTY, |all, part| all.union(part))
+    }
+
     /// The boxes, none of which is empty.
     pub(crate) fn boxes(&self) -> &[Aabb] {
         &self.0

@@ -2,7 +2,10 @@
 
 use std::{ops::Range, sync::OnceLock};
 
-use sightline_visibility::rooms::{RoomIndex, RoomOverlap};
+use sightline_visibility::{
+    box_visibility::BoxInSpaces,
+    rooms::{RoomIndex, RoomOverlap},
+};
 use sightline_world::{CellId, Cells, geometry::Aabb};
 
 use super::{CoverBoxes, reach::Piece};
@@ -39,12 +42,17 @@ impl RegionFootprint {
     pub(crate) fn new(building: &Building, pieces: &[Piece], cover: &CoverBoxes) -> Self {
         debug_assert!(pieces.is_sorted_by_key(|piece| piece.space), "cells are in order");
         Self {
-            bounds: cover.boxes().iter().fold(Aabb::EMPTY, |all, part| all.union(part)),
+            bounds: cover.bounds(),
             spaces: pieces.iter().map(|piece| piece.space).collect(),
             parts: pieces.iter().map(|piece| piece.region).collect(),
             cells: OnceLock::new(),
             rooms: room_overlap(building, cover, pieces),
         }
+    }
+
+    /// The box around the region, and its spaces.
+    pub(super) fn in_spaces(&self) -> BoxInSpaces<'_> {
+        BoxInSpaces { bounds: &self.bounds, spaces: &self.spaces }
     }
 
     /// Whether rooms let an eye in this region see a body in another.
@@ -90,7 +98,8 @@ impl RegionFootprint {
 
     fn cells(&self, cells: &Cells) -> &FootprintCells {
         self.cells.get_or_init(|| {
-            let mut found = FootprintCells { all: Vec::new(), of_space: Vec::new() };
+            let (all, of_space) = (Vec::with_capacity(8), Vec::with_capacity(self.spaces.len()));
+            let mut found = FootprintCells { all, of_space };
             for (space, part) in self.spaces.iter().zip(&self.parts) {
                 let start = found.all.len();
                 add_cells(cells, *space, part, &mut found.all);

@@ -39,6 +39,9 @@ impl RegionKind {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LiveRegions {
     coarse: Option<Box<CoarseRegion>>,
+    /// The coarse region holds while the eye can only be in this box, as viewers with the longest
+    /// delay must see it; `None` where it does not hold.
+    coarse_in: Option<Aabb>,
     /// The region of the eye, then those of the body by delay, ascending. The last is that for the
     /// slowest viewer.
     regions: Vec<LiveRegion>,
@@ -55,6 +58,7 @@ pub(crate) struct LiveRegions {
 #[derive(Clone, Copy, Debug)]
 struct Home {
     from: Vec3,
+    cell: Option<CellId>,
     space: Option<u32>,
 }
 
@@ -62,9 +66,6 @@ struct Home {
 /// ended by coarse regions.
 #[derive(Clone, Debug)]
 pub(crate) struct CoarseRegion {
-    /// The region holds while the eye can only be in this box, as viewers with the longest delay
-    /// must see it.
-    valid_in: Aabb,
     /// Boxes around all places of the body.
     bodies: CoverBoxes,
     pub(crate) eye_footprint: RegionFootprint,
@@ -74,15 +75,15 @@ pub(crate) struct CoarseRegion {
 }
 
 impl CoarseRegion {
-    fn new(building: &Building, search: &mut ReachSearch, motion: &Motion, valid_in: Aabb) -> Self {
-        let reach = Reach::in_box(search, &motion.start(building), &valid_in);
+    fn new(building: &Building, search: &mut ReachSearch, motion: &Motion, within: &Aabb) -> Self {
+        let reach = Reach::in_box(search, &motion.start(building), within);
         let bodies = reach.bodies(search, building);
         let eye_footprint = RegionFootprint::new(building, reach.pieces(), &reach.eye_cover());
         let body_footprint = RegionFootprint::new(building, &bodies.pieces, &bodies.cover);
         let [eyes, bodies_in] =
             [&eye_footprint, &body_footprint].map(|footprint| footprint.cell_numbers(building));
         let cells = Occupied { eyes, bodies: bodies_in };
-        Self { valid_in, bodies: bodies.cover, eye_footprint, body_footprint, cells }
+        Self { bodies: bodies.cover, eye_footprint, body_footprint, cells }
     }
 }
 
@@ -97,13 +98,14 @@ struct LiveRegion {
     /// How far the eye moves from tick to tick, in metres.
     step: Vec3,
     /// The region with each of [`MARGINS`]. The last lasts longest.
-    cached: [OnceLock<Box<CachedRegion>>; MARGINS.len()],
+    cached: [OnceLock<CachedRegion>; MARGINS.len()],
     /// The version of each cached region.
     versions: [Generation; MARGINS.len()],
     /// Whether the first cached region was there when this tick began. What depends on that region
     /// must not depend on who asks for it first in this tick.
     was_cached: bool,
-    heading: LineEnd,
+    /// Where a predicted line to the region ends.
+    heading: OnceLock<LineEnd>,
     /// The region without a margin.
     exact: OnceLock<CoverBoxes>,
 }
@@ -135,12 +137,18 @@ impl CachedMargin {
 
 /// A region with a margin, which lasts for a few ticks.
 #[derive(Clone, Debug)]
-pub(crate) struct CachedRegion {
-    /// The region holds while the eye can only be in this box.
+struct CachedRegion {
+    /// The region holds while the eye can only be in this box. Each tick reads it, and seldom more.
     valid_in: Aabb,
+    region: Box<RegionInBuilding>,
+}
+
+/// What a region covers.
+#[derive(Clone, Debug)]
+struct RegionInBuilding {
     /// Boxes around all places.
     cover: CoverBoxes,
-    pub(crate) footprint: RegionFootprint,
+    footprint: RegionFootprint,
 }
 
 impl CachedRegion {
@@ -158,7 +166,7 @@ impl CachedRegion {
             let bodies = reach.bodies(search, building);
             (RegionFootprint::new(building, &bodies.pieces, &bodies.cover), bodies.cover)
         };
-        Self { valid_in, cover, footprint }
+        Self { valid_in, region: Box::new(RegionInBuilding { cover, footprint }) }
     }
 }
 
@@ -189,20 +197,21 @@ impl LiveRegion {
             cached: Default::default(),
             versions: [changes.next(), changes.next()],
             was_cached: false,
-            heading: LineEnd::default(),
+            heading: OnceLock::new(),
             exact: OnceLock::new(),
         }
     }
 
-    /// Takes in where the eye can be now, and drops cached regions that no longer serve. Returns
-    /// whether anything has changed.
-    fn update(&mut self, update: &RegionUpdate, changes: &mut Generation) -> bool {
+    /// Takes in where the eye can be now, and drops cached regions that no longer serve.
+    fn update(&mut self, update: &RegionUpdate, changes: &mut Generation) {
         let &RegionUpdate { eyes, step, has_moved, margin_m } = update;
-        let has_changed = has_moved || eyes != self.eyes;
-        if has_changed {
-            self.exact = OnceLock::new();
+        self.was_cached = self.cached[0].get().is_some();
+        self.step = step;
+        if !has_moved && eyes == self.eyes {
+            return;
         }
-        (self.eyes, self.step) = (eyes, step);
+        (self.exact, self.heading) = (OnceLock::new(), OnceLock::new());
+        self.eyes = eyes;
         let regions = self.cached.iter_mut().zip(&mut self.versions);
         for ((cached, version), margin) in regions.zip(MARGINS) {
             let is_valid = |region: &CachedRegion| {
@@ -214,19 +223,18 @@ impl LiveRegion {
             }
         }
         self.was_cached = self.cached[0].get().is_some();
-        has_changed
     }
 
     /// Drops everything that was computed.
     fn forget(&mut self, changes: &mut Generation) {
         self.cached = Default::default();
-        self.exact = OnceLock::new();
+        (self.exact, self.heading) = (OnceLock::new(), OnceLock::new());
         self.versions.iter_mut().for_each(|version| *version = changes.next());
     }
 
     /// Boxes of this tick around all places and little more, if they were computed before it.
     fn current(&self) -> Option<&CoverBoxes> {
-        self.cached[0].get().filter(|_| self.was_cached).map(|region| &region.cover)
+        self.cached[0].get().filter(|_| self.was_cached).map(|cached| &cached.region.cover)
     }
 
     /// The box around the region at this tick.
@@ -260,6 +268,11 @@ impl LiveRegions {
         self.home.and_then(|home| home.space)
     }
 
+    /// The cell that the avatar was in at its last update, if it was in one.
+    pub(crate) fn cell(&self) -> Option<CellId> {
+        self.home.and_then(|home| home.cell)
+    }
+
     /// Where the eye can be at this tick for a kind of region, whatever walls are in this box.
     pub(crate) fn eyes(&self, kind: RegionKind) -> Aabb {
         self.get(kind).map_or(Aabb::EMPTY, |region| region.eyes)
@@ -285,21 +298,34 @@ impl LiveRegions {
         self.get(kind).map_or(Aabb::EMPTY, |region| region.bounds(kind, body))
     }
 
-    /// Where a predicted line to a region ends: near the side that the avatar moves towards.
-    pub(crate) fn heading(&self, kind: RegionKind) -> Option<LineEnd> {
-        self.get(kind).map(|region| region.heading)
+    /// Where a predicted line to a region ends, if the avatar goes on as it does: near the side that
+    /// it moves towards.
+    pub(crate) fn heading(
+        &self,
+        building: &Building,
+        motion: &Motion,
+        kind: RegionKind,
+    ) -> Option<LineEnd> {
+        let region = self.get(kind)?;
+        let end = region.heading.get_or_init(|| {
+            let way = building.axes().own(motion.pose.velocity.with_y(0.0)).normalize_or_zero();
+            let middle = region.eyes.centre().with_y(motion.from.y);
+            let ahead = middle + way * region.eyes.size() * (0.5 * HEADING);
+            let is_possible = self.may_contain(kind, ahead, &building.body);
+            let point = if is_possible { ahead } else { motion.from };
+            LineEnd { point, cell: building.cell_at(point, self.cell()) }
+        });
+        Some(*end)
     }
 
     /// The footprint of a cached region with the small margin, if it was computed.
     pub(crate) fn known_footprint(&self, kind: RegionKind) -> Option<&RegionFootprint> {
-        self.get(kind)?.cached[0].get().map(|region| &region.footprint)
+        self.get(kind)?.cached[0].get().map(|cached| &cached.region.footprint)
     }
 
     /// Drops everything: the avatar did not come by itself to where it is.
     pub(crate) fn forget(&mut self) {
-        if let Some(coarse) = &mut self.coarse {
-            coarse.valid_in = Aabb::EMPTY;
-        }
+        self.coarse_in = None;
         self.regions.iter_mut().for_each(|region| region.forget(&mut self.changes));
     }
 
@@ -341,48 +367,31 @@ impl LiveRegions {
         self.prepare(own, delays);
         let has_moved = self.home.is_none_or(|home| home.from != motion.from);
         if has_moved {
-            let cells = building.cells();
-            let cell = cells.at_own(motion.from);
-            let space = cell.map(|cell| cells.cells[cell.0 as usize].space);
-            self.home = Some(Home { from: motion.from, space });
+            let cell = building.cell_at(motion.from, self.cell());
+            let space = cell.map(|cell| building.cells().cells[cell.0 as usize].space);
+            self.home = Some(Home { from: motion.from, cell, space });
         }
         // A doubted avatar may be anywhere, but is told of no more than others.
         let own_eyes = eyes_in(own, true);
         let step = building.axes().own(motion.pose.velocity) * config.tick.as_secs_f32();
-        let (mut all, mut has_changed) = (own_eyes, false);
+        let mut all = own_eyes;
         for (index, region) in self.regions.iter_mut().enumerate() {
             let is_own = index == 0 || region.delay == own && motion.is_believed;
             let eyes = if is_own { own_eyes } else { eyes_in(region.delay, motion.is_believed) };
             all = all.union(&eyes);
             let update = RegionUpdate { eyes, step, has_moved, margin_m: config.spare_m };
-            has_changed |= region.update(&update, &mut self.changes);
+            region.update(&update, &mut self.changes);
         }
         let mut old_cells = None;
         let coarse_m = lasting_margin_m(step, COARSE_M);
-        let is_valid = |coarse: &CoarseRegion| serves(&coarse.valid_in, &all, coarse_m);
-        if !self.coarse().is_some_and(is_valid) {
+        if !self.coarse_in.is_some_and(|valid_in| serves(&valid_in, &all, coarse_m)) {
             let valid_in = with_margin_ahead(&all, step, coarse_m);
-            let coarse = CoarseRegion::new(building, search, motion, valid_in);
+            self.coarse_in = Some(valid_in);
+            let coarse = CoarseRegion::new(building, search, motion, &valid_in);
             let old = self.coarse.replace(Box::new(coarse));
             old_cells = Some(old.map_or_else(Default::default, |old| old.cells));
         }
-        if has_changed {
-            self.predict(building, motion);
-        }
         old_cells
-    }
-
-    /// Finds where predicted lines end, if the avatar goes on as it does.
-    fn predict(&mut self, building: &Building, motion: &Motion) {
-        let cells = building.cells();
-        let way = cells.axes.own(motion.pose.velocity.with_y(0.0)).normalize_or_zero();
-        for kind in (0..self.regions.len()).map(RegionKind) {
-            let eyes = self.regions[kind.0].eyes;
-            let ahead = eyes.centre().with_y(motion.from.y) + way * eyes.size() * (0.5 * HEADING);
-            let is_possible = self.may_contain(kind, ahead, &building.body);
-            let point = if is_possible { ahead } else { motion.from };
-            self.regions[kind.0].heading = LineEnd { point, cell: cells.at_own(point) };
-        }
     }
 
     /// Boxes around where a region is at this tick. Places behind walls are left out only where
@@ -403,8 +412,35 @@ impl LiveRegions {
             && cover().boxes().iter().any(|part| part.contains(point))
     }
 
-    /// A cached region with one of the margins.
+    /// Boxes around a region of this tick, and around those places in its bounds that only the
+    /// cached region with the small margin has. That takes no flood of its own.
+    pub(crate) fn close_cover(
+        &self,
+        view: View<'_>,
+        search: &mut ReachSearch,
+        motion: &Motion,
+        kind: RegionKind,
+    ) -> Option<CoverBoxes> {
+        self.find_cached(view, search, motion, kind, RegionMargin::Small).map(|cached| {
+            let now = self.bounds(kind, &view.building.body);
+            cached.region.cover.clipped(&now)
+        })
+    }
+
+    /// What a cached region with one of the margins covers.
     pub(crate) fn cached(
+        &self,
+        view: View<'_>,
+        search: &mut ReachSearch,
+        motion: &Motion,
+        kind: RegionKind,
+        margin: RegionMargin,
+    ) -> Option<&RegionFootprint> {
+        let cached = self.find_cached(view, search, motion, kind, margin);
+        cached.map(|cached| &cached.region.footprint)
+    }
+
+    fn find_cached(
         &self,
         view: View<'_>,
         search: &mut ReachSearch,
@@ -426,11 +462,11 @@ impl LiveRegions {
                 {
                     let found = CachedRegion::new(view.building, search, &reach, valid_in, kind);
                     // Another thread may have been faster; it found the same.
-                    let _ = same.cached[level].set(Box::new(found));
+                    let _ = same.cached[level].set(found);
                 }
             }
         }
-        region.cached[level].get().map(|region| &**region)
+        region.cached[level].get()
     }
 
     /// Boxes around a region of this tick, without a margin.

@@ -6,7 +6,7 @@ use glam::Vec3;
 use sightline_world::{
     geometry::Aabb,
     motion::{Pose, Tolerance},
-    tolerance::WIRE_POSE_M,
+    tolerance::{WIRE_BOUNDARY_M, WIRE_POSE_M},
 };
 
 use super::ReachStart;
@@ -44,12 +44,13 @@ pub(crate) struct Motion {
 
 impl Motion {
     pub(crate) fn start<'a>(&self, building: &'a Building) -> ReachStart<'a> {
-        let clearance = building.clearance_of(self.walk);
+        let rounded = Aabb::around(self.from, WIRE_BOUNDARY_M);
         ReachStart {
             cells: building.cells(),
             adjacency: &building.adjacency,
-            clearance,
+            clearance: building.clearance_of(self.walk),
             from: self.from,
+            space: building.walkways.space_around(self.walk, &rounded),
         }
     }
 }

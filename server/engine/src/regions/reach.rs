@@ -25,6 +25,8 @@ pub(crate) struct ReachStart<'a> {
     pub(crate) clearance: Option<&'a Clearance>,
     /// The eye, in own axes.
     pub(crate) from: Vec3,
+    /// The only space that the eye can be in, given how its position is rounded, if that is known.
+    pub(crate) space: Option<u32>,
 }
 
 /// The parts of spaces that an eye can get to through gates that its body fits through.
@@ -97,6 +99,10 @@ impl ReachStart<'_> {
     /// Adds the spaces that the eye can be in, whose position is rounded. An eye in something solid
     /// pokes there from any space that is near enough. An eye further in counts as in the nearest.
     fn find_spaces(&self, rounding_m: f32, found: &mut Vec<u32>) {
+        debug_assert!(rounding_m <= WIRE_BOUNDARY_M, "the space holds for no more");
+        if let Some(space) = self.space {
+            return found.push(space);
+        }
         let mut cells = Vec::new();
         self.cells.overlapping(&Aabb::around(self.from, rounding_m), &mut cells);
         if cells.is_empty() {
@@ -131,7 +137,7 @@ impl Reach {
         let cells = start.cells;
         search.begin(cells);
         let ReachSearch { pieces: visited, open, .. } = search;
-        let mut pieces = Vec::new();
+        let mut pieces = Vec::with_capacity(8);
         let region = region.intersection(&cells.bounds);
         start.find_spaces(WIRE_BOUNDARY_M, open);
         open.iter().for_each(|space| visited.set(*space, 0));
@@ -252,11 +258,14 @@ impl Reach {
             })
             .collect();
         let cover = CoverBoxes::covering(filled.iter().map(|piece| piece.region));
-        let mut pieces = Vec::with_capacity(self.pieces.len() + 2);
+        let mut pieces = Vec::with_capacity(2 * self.pieces.len() + 4);
         // Pieces of one cover box reach the same spaces, so they spread together.
+        let mut together = Vec::with_capacity(filled.len());
         for region in cover.boxes() {
             let within = filled.iter().filter(|piece| region.contains_box(&piece.region));
-            spread(search, building, &within.copied().collect::<Vec<_>>(), region, &mut pieces);
+            together.clear();
+            together.extend(within);
+            spread(search, building, &together, region, &mut pieces);
         }
         pieces.sort_unstable_by_key(|piece: &Piece| piece.space);
         pieces.dedup_by(|next, piece| {
@@ -359,7 +368,7 @@ mod tests {
 
     fn start_in(building: &Building, from: Vec3) -> ReachStart<'_> {
         let Building { adjacency, .. } = building;
-        ReachStart { cells: building.cells(), adjacency, clearance: None, from }
+        ReachStart { cells: building.cells(), adjacency, clearance: None, from, space: None }
     }
 
     fn ball(building: &Building, from: Vec3, way_m: f32) -> Reach {

@@ -1,8 +1,6 @@
 //! Sight tests between regions: whether a line from one region to another may be free.
 
-use sightline_visibility::box_visibility::{
-    BoxInSpaces, BoxScratch, BoxVisibility, Occluders, SightLine,
-};
+use sightline_visibility::box_visibility::{BoxScratch, BoxVisibility, Occluders, SightLine};
 use sightline_world::geometry::Aabb;
 
 use super::{CoverBoxes, RegionFootprint};
@@ -31,9 +29,7 @@ impl SightTester {
         one: &RegionFootprint,
         other: &RegionFootprint,
     ) -> bool {
-        let [one, other] = [one, other]
-            .map(|footprint| BoxInSpaces { bounds: &footprint.bounds, spaces: &footprint.spaces });
-        occluders.are_apart(&mut self.scratch, one, other)
+        occluders.are_apart(&mut self.scratch, one.in_spaces(), other.in_spaces())
     }
 
     /// Tests all lines from some boxes to others, as far as the budget goes.

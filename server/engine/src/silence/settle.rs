@@ -8,7 +8,7 @@ use crate::{
     pairs::Pairs,
     population::{Avatar, Prevented},
     slot::{Member, Slot},
-    timing::SILENT_MAX,
+    timing::{Link, SILENT_MAX},
     view::View,
 };
 
@@ -68,16 +68,17 @@ impl Silencing<'_> {
 
     fn may_fall_silent(&self, avatar: &Avatar) -> bool {
         let View { config, horizons, now, .. } = self.view;
-        let link = avatar.link();
-        let fresh = horizons.one_way(link.round_trip) + link.margin + 2 * config.tick;
-        let is_fresh = avatar.motion(self.view).age <= fresh;
+        let is_fresh = |link: Link| {
+            let fresh = horizons.one_way(link.round_trip) + link.margin + 2 * config.tick;
+            avatar.motion(self.view).age <= fresh
+        };
         config.policy == Policy::Tbv
             && !avatar.is_absent
-            && is_fresh
-            && now >= avatar.silence_from
             && avatar.watchers == 0
+            && now >= avatar.silence_from
             && avatar.pairs.iter().all(|pair| !pair.is_held && pair.sight.is_surely_hidden())
-            && horizons.may_be_silent(link)
+            && is_fresh(avatar.link())
+            && horizons.may_be_silent(avatar.link())
             && !self.is_still_prevented(avatar)
     }
 
