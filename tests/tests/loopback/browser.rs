@@ -38,6 +38,7 @@ impl Browser {
             .args(["-c", pipes])
             .arg(program)
             .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"])
+            .args(["--disable-background-networking", "--disable-component-update"])
             .args(["--remote-debugging-pipe", "--window-size=1500,1000"])
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .stdin(Stdio::piped())
@@ -80,6 +81,27 @@ impl Browser {
         let taken = self.call("Page.captureScreenshot", &json!({}));
         let bytes = BASE64_STANDARD.decode(taken["data"].as_str().unwrap()).unwrap();
         std::fs::write(path, bytes).unwrap();
+    }
+
+    /// Presses a key, and lets it go.
+    pub fn key(&mut self, code: &str, key: &str) {
+        self.hold(code, key, true);
+        self.hold(code, key, false);
+    }
+
+    /// Presses a key, or lets it go.
+    pub fn hold(&mut self, code: &str, key: &str, down: bool) {
+        let kind = if down { "keyDown" } else { "keyUp" };
+        let mut event = json!({ "type": kind, "code": code, "key": key });
+        if down && key == "Enter" {
+            (event["text"], event["windowsVirtualKeyCode"]) = (json!("\r"), json!(13));
+        }
+        self.call("Input.dispatchKeyEvent", &event);
+    }
+
+    /// Types a text where the cursor is.
+    pub fn text(&mut self, text: &str) {
+        self.call("Input.insertText", &json!({ "text": text }));
     }
 
     /// Calls a method of the protocol. Events that come before the answer are looked at.

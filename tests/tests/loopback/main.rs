@@ -4,6 +4,7 @@ mod browser;
 mod building;
 mod crowd;
 mod ladder;
+mod in_browser;
 mod limits;
 mod moderation;
 mod operators;
