@@ -3,8 +3,8 @@
 mod browser;
 mod building;
 mod crowd;
-mod ladder;
 mod in_browser;
+mod ladder;
 mod limits;
 mod moderation;
 mod operators;
