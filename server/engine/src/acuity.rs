@@ -11,6 +11,13 @@ const FINEST: f32 = 0.25;
 /// corners of a body are half again as far from its middle as its sides.
 const CORNER: f32 = 1.5;
 
+/// With more avatars than this around it, a viewer is in a crowd.
+const CROWD: usize = 64;
+/// What is nearer than this is shown as exactly in a crowd as elsewhere, in metres.
+const CROWD_FROM_M: f32 = 10.0;
+/// From this distance on the crowd counts in full, in metres.
+const CROWD_FULL_M: f32 = 20.0;
+
 /// By how much an avatar may be shown off its true pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Acuity {
@@ -23,6 +30,17 @@ impl Acuity {
     pub(crate) fn at(world: &World, away_m: f32) -> Self {
         let (finest_m, coarsest_m) = (finest_m(&world.body), coarsest_m(&world.body));
         Self::of(&world.body, (away_m / ACUITY_DISTANCES).clamp(finest_m, coarsest_m))
+    }
+
+    /// The acuity of a viewer with a number of avatars around it, of one at a distance in metres. In
+    /// a crowd, what is far away may be shown less exactly: its rate falls, and not that of what is
+    /// near.
+    pub(crate) fn in_crowd(world: &World, away_m: f32, avatars: usize) -> Self {
+        let Self { metres, radians } = Self::at(world, away_m);
+        let share = (away_m - CROWD_FROM_M) / (CROWD_FULL_M - CROWD_FROM_M);
+        let most = (avatars as f32 / CROWD as f32).max(1.0).sqrt();
+        let factor = 1.0 + share.clamp(0.0, 1.0) * (most - 1.0);
+        Self { metres: metres * factor, radians: radians * factor }
     }
 
     /// The acuity where nobody sees the avatar.

@@ -236,10 +236,11 @@ impl Engine {
         self.population.find(avatar).and_then(|avatar| avatar.known_course(self.view()))
     }
 
-    /// By how much a viewer at a distance may be shown an avatar off the course that its client
+    /// By how much a viewer may be shown an avatar at a distance off the course that its client
     /// reported. Both are in metres.
-    pub fn acuity_m(&self, away_m: f32) -> f32 {
-        Acuity::at(&self.building.world, away_m).metres
+    pub fn acuity_m(&self, viewer: AvatarId, away_m: f32) -> f32 {
+        let crowd = self.population.find(viewer).map_or(0, |viewer| viewer.pairs.len());
+        Acuity::in_crowd(&self.building.world, away_m, crowd).metres
     }
 
     /// Where a quiet or asked avatar is sure to be.

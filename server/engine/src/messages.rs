@@ -115,6 +115,8 @@ pub enum Output {
     Poses {
         /// The client that is told.
         to: AvatarId,
+        /// Where the client's own avatar has its eye.
+        from: Vec3,
         /// The number of the tick.
         tick: u32,
         /// The avatars and their poses, in ascending order of id.

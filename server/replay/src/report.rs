@@ -3,6 +3,7 @@
 use std::fmt;
 
 use serde::Serialize;
+use sightline_cli::pose_error::DistanceBand;
 
 /// The figures of a run. Rates are means over all clients while they are present.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -193,6 +194,8 @@ pub struct OracleReport {
     pub promised_error_p50_deg: f64,
     /// That angle: the 99th percentile.
     pub promised_error_p99_deg: f64,
+    /// These distances and angles by how far the avatar is from its viewer.
+    pub promised_errors_by_distance: Vec<DistanceBand>,
     /// The mean age of the place at which a visible avatar is shown, in milliseconds. The age is
     /// the time since the avatar was last there, within its tolerance and 2 cm; where messages were
     /// lost, also within the way that it goes in the time that this takes.
@@ -321,6 +324,9 @@ impl fmt::Display for OracleReport {
         let degrees = [self.promised_error_p50_deg, self.promised_error_p99_deg];
         row("off the promise, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;
         row("turned off it, median, p99", format!("{:.1}, {:.1} degrees", degrees[0], degrees[1]))?;
+        for band in &self.promised_errors_by_distance {
+            row(&band.name(), band.to_string())?;
+        }
         let metres = [self.shown_error_p50_m, self.shown_error_p99_m].map(|m| m * 100.0);
         let degrees = [self.shown_error_p50_deg, self.shown_error_p99_deg];
         row("shown off by, median, p99", format!("{:.1}, {:.1} cm", metres[0], metres[1]))?;

@@ -275,7 +275,7 @@ impl<'a> Run<'a> {
     fn join(&mut self, times: LastReport, avatar: AvatarId, place: Option<glam::Vec3>) {
         let at = times.heard;
         let Some((name, colour)) = self.hellos.remove(&avatar) else { return };
-        self.outbound.insert(avatar, Outbound::new(self.engine.config().tick));
+        self.outbound.insert(avatar, Outbound::new(avatar, self.engine.config().tick));
         self.handle(at, Input::Join { avatar, name: name.into(), colour, place });
         let round_trip = self.network.known_round_trip(avatar);
         self.handle(at, Input::RoundTrip { avatar, round_trip });

@@ -27,13 +27,15 @@
 //! let pose = Pose { eye: Vec3::new(2.0, 1.6, -3.0), ..Pose::default() };
 //! let tick = Duration::from_millis(50);
 //! let (mut server, mut client) = (PoseEncoder::new(tick), PoseDecoder::new(tick));
-//! for datagram in server.encode(1, &[(AvatarId(7), pose)]) {
-//!     let update = client.decode(&datagram)?.expect("it is new");
-//!     let shown = Pose::from(update.pose(AvatarId(7)).expect("it has this avatar"));
-//!     assert!(shown.eye.distance(pose.eye) < 0.002);
-//! }
+//! let viewer = Vec3::new(0.0, 1.6, 0.0);
+//! server.tell(1, viewer, &[(AvatarId(7), pose)]);
+//! let datagram = server.encode(1).expect("there is news");
+//! let update = client.decode(&datagram)?.expect("it is new");
+//! let shown = Pose::from(update.pose(AvatarId(7)).expect("it has this avatar"));
+//! assert!(shown.eye.distance(pose.eye) < 0.002);
 //! server.acknowledge(client.ack());
-//! assert!(server.encode(2, &[(AvatarId(7), pose)]).is_empty(), "nothing has changed");
+//! server.tell(2, viewer, &[(AvatarId(7), pose)]);
+//! assert!(server.encode(2).is_none(), "nothing has changed");
 //! # Ok::<(), sightline_protocol::DecodeError>(())
 //! ```
 

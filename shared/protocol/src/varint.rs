@@ -12,6 +12,11 @@ pub fn write(out: &mut Vec<u8>, mut value: u32) {
     out.push(value as u8);
 }
 
+/// How many bytes a number takes.
+pub fn length(value: u32) -> usize {
+    (32 - (value | 1).leading_zeros()).div_ceil(7) as usize
+}
+
 /// Appends a signed number (zigzag-coded, so that small numbers of either sign are short).
 pub fn write_signed(out: &mut Vec<u8>, value: i32) {
     write(out, ((value << 1) ^ (value >> 31)) as u32);

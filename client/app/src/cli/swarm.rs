@@ -106,6 +106,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 fn table(report: &SwarmReport) -> String {
+    let by_distance = report.promised_errors_by_distance.iter();
+    let by_distance = by_distance.map(|band| (band.name(), band.to_string()));
     let rows = [
         ("visitors", format!("{}", report.clients)),
         ("refused", format!("{}", report.refused)),
@@ -151,8 +153,7 @@ fn table(report: &SwarmReport) -> String {
         .server_memory_bytes
         .map(|bytes| ("memory of the server", format!("{:.0} MB", bytes as f64 / 1e6)));
     let beside = server_cpu.into_iter().chain(server_memory);
-    rows.into_iter()
-        .chain(beside)
-        .map(|(what, figure)| format!("{what:<33}{figure:>12}\n"))
-        .collect()
+    let rows = rows.into_iter().chain(beside).map(|(what, figure)| (what.to_owned(), figure));
+    let lines = rows.chain(by_distance);
+    lines.map(|(what, figure)| format!("{what:<33}{figure:>12}\n")).collect()
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use sightline_cli::pose_error::{PoseErrorPercentiles, PoseErrors};
+use sightline_cli::pose_error::{DistanceBand, ErrorsByDistance, PoseErrorPercentiles};
 use sightline_client_core::replica::VisibleAvatar;
 use sightline_world::motion::AvatarId;
 
@@ -15,7 +15,7 @@ const PAIRS_MAX: usize = 1_000;
 /// Only visitors in sight count, by rays.
 #[derive(Default)]
 pub struct Promises {
-    errors: PoseErrors,
+    errors: ErrorsByDistance,
     /// The viewer whose turn is next.
     turn: AvatarId,
 }
@@ -34,7 +34,8 @@ impl Promises {
                 let other = visitors.get(&shown.id).filter(|other| sight.sees(viewer, other));
                 if let Some(other) = other {
                     let lag = lag(viewer, other, snapshot.tick);
-                    self.compare(shown, snapshot.elapsed.saturating_sub(lag), histories);
+                    let promised = snapshot.elapsed.saturating_sub(lag);
+                    self.compare(viewer, shown, promised, histories);
                 }
             }
         }
@@ -46,9 +47,21 @@ impl Promises {
         self.errors.percentiles()
     }
 
-    fn compare(&mut self, shown: &VisibleAvatar, promised: Duration, histories: &Histories) {
+    /// The errors up to now, by distance.
+    pub fn bands(&self) -> Vec<DistanceBand> {
+        self.errors.bands()
+    }
+
+    fn compare(
+        &mut self,
+        viewer: &VisitorView,
+        shown: &VisibleAvatar,
+        promised: Duration,
+        histories: &Histories,
+    ) {
         if let Some(truth) = histories.of(shown.id).and_then(|history| history.at(promised)) {
-            self.errors.add(&shown.pose, &truth);
+            let away_m = viewer.pose.eye.distance(truth.eye);
+            self.errors.add(away_m, &shown.pose, &truth);
         }
     }
 }

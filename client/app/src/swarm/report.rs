@@ -3,7 +3,10 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use sightline_cli::{percentile, pose_error::PoseErrors};
+use sightline_cli::{
+    percentile,
+    pose_error::{DistanceBand, PoseErrors},
+};
 use sightline_client_core::reporting::ReportingCounts;
 use sightline_world::motion::{ACUITY_DISTANCES, AvatarId, Pose};
 
@@ -99,6 +102,8 @@ pub struct SwarmReport {
     pub promised_error_p50_deg: f64,
     /// That angle: the 99th percentile.
     pub promised_error_p99_deg: f64,
+    /// These distances and angles by how far a visitor is from its viewer.
+    pub promised_errors_by_distance: Vec<DistanceBand>,
     /// The 99th percentile of the ages of certainty, in milliseconds: since when something may be
     /// missing of what the server said of a visitor that is held. A server with nothing to say lets
     /// certainty age.
@@ -295,6 +300,7 @@ impl SwarmStatistics {
             promised_error_p99_m: promised.p99_m,
             promised_error_p50_deg: promised.p50_deg,
             promised_error_p99_deg: promised.p99_deg,
+            promised_errors_by_distance: self.promises.bands(),
             certainty_p99_ms: certainty_p99.as_secs_f64() * 1e3,
             age_mean_ms: self.age_sum_ms / aged.max(1) as f64,
             age_p99_ms: self.age_percentile(aged, 99),

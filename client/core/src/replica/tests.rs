@@ -162,7 +162,7 @@ fn acknowledgements_wait_for_a_report_unless_a_datagram_is_missing() {
     replica.message(TICK, live(100)).unwrap();
     assert!(replica.tick(TICK, TICK).is_some());
     let mut datagram =
-        |tick: u32| encoder.encode(tick, &[(AvatarId(7), at(tick as f32))]).remove(0);
+        |tick: u32| sent(&mut encoder, tick, &[(AvatarId(7), at(tick as f32))]).unwrap();
     replica.datagram(TICK * 2, &datagram(2)).unwrap();
     let waited = (2..40).position(|i| replica.tick(TICK * i, TICK).is_some());
     assert_eq!(waited, Some(ACK_TICKS as usize));
@@ -245,6 +245,12 @@ fn held(replica: &Replica) -> Vec<(u32, f32)> {
     replica.held(TICK).map(|held| (held.id.0, held.pose.eye.x)).collect()
 }
 
+/// The datagram of a tick at which these avatars have new courses.
+fn sent(encoder: &mut PoseEncoder, tick: u32, news: &[(AvatarId, Pose)]) -> Option<Vec<u8>> {
+    encoder.tell(tick, Vec3::ZERO, news);
+    encoder.encode(tick)
+}
+
 #[test]
 fn datagrams_set_the_clock_right_after_a_first_message_that_was_lost_and_sent_again() {
     let (mut replica, mut encoder) = (replica(), PoseEncoder::new(TICK));
@@ -252,7 +258,7 @@ fn datagrams_set_the_clock_right_after_a_first_message_that_was_lost_and_sent_ag
     replica.message(TICK * 9, entered).unwrap();
     assert_eq!(replica.server_time(TICK * 9), Duration::ZERO);
     encoder.tell_clock();
-    replica.datagram(TICK * 10, &encoder.encode(8, &[])[0]).unwrap();
+    replica.datagram(TICK * 10, &sent(&mut encoder, 8, &[]).unwrap()).unwrap();
     let corrected = TICK * 10 + BLEND;
     assert_eq!(replica.server_time(corrected), TICK * 6 + BLEND, "two ticks before tick 8");
 }
@@ -260,9 +266,9 @@ fn datagrams_set_the_clock_right_after_a_first_message_that_was_lost_and_sent_ag
 #[test]
 fn an_old_datagram_brings_no_avatar_back_and_an_early_one_is_not_lost() {
     let (mut replica, mut encoder) = (entered(), PoseEncoder::new(TICK));
-    let first = encoder.encode(1, &[(AvatarId(7), at(1.0))]).remove(0);
+    let first = sent(&mut encoder, 1, &[(AvatarId(7), at(1.0))]).unwrap();
     let since = encoder.next_sequence();
-    let second = encoder.encode(2, &[(AvatarId(7), at(2.0))]).remove(0);
+    let second = sent(&mut encoder, 2, &[(AvatarId(7), at(2.0))]).unwrap();
     replica.datagram(TICK, &second).unwrap();
     assert_eq!(held(&replica), [], "it has not appeared");
     replica.message(TICK, appear(7, 1.5, since)).unwrap();
@@ -270,7 +276,7 @@ fn an_old_datagram_brings_no_avatar_back_and_an_early_one_is_not_lost() {
     replica.datagram(TICK, &first).unwrap();
     assert_eq!(held(&replica), [(7, 2.0)], "of an earlier appearance");
     replica.message(TICK, ServerMessage::Vanish { avatar: AvatarId(7) }).unwrap();
-    let third = encoder.encode(3, &[(AvatarId(7), at(3.0))]).remove(0);
+    let third = sent(&mut encoder, 3, &[(AvatarId(7), at(3.0))]).unwrap();
     replica.datagram(TICK, &third).unwrap();
     assert_eq!(held(&replica), []);
 }
@@ -311,7 +317,7 @@ fn shown_speed_max(jitter_ms: u64, loss: f64) -> f32 {
                 pose.velocity = Vec3::new(cos, 0.0, sin) * WALK;
             }
             let told = if departs { vec![(AvatarId(7), pose)] } else { Vec::new() };
-            for datagram in encoder.encode((ms / 50) as u32, &told) {
+            if let Some(datagram) = sent(&mut encoder, (ms / 50) as u32, &told) {
                 let arrival = ms + 30 + random.random_range(0..=jitter_ms);
                 if !random.random_bool(loss) {
                     datagrams.push((arrival, datagram));
@@ -351,22 +357,22 @@ fn certainty_ages_while_a_datagram_is_missing_or_the_server_is_silent() {
     replica.message(TICK, appear(7, 0.0, 1)).unwrap();
     replica.message(TICK, appear(8, 0.0, 1)).unwrap();
     let mut datagram =
-        |tick: u32, avatar: u32| encoder.encode(tick, &[(AvatarId(avatar), at(tick as f32))]);
+        |tick: u32, avatar: u32| sent(&mut encoder, tick, &[(AvatarId(avatar), at(tick as f32))]);
     let certainty = |replica: &Replica, tick: u32| -> [u32; 2] {
         let ages: Vec<u32> =
             replica.held(TICK * tick).map(|held| held.certainty.as_millis() as u32).collect();
         [ages[0], ages[1]]
     };
-    replica.datagram(TICK * 2, &datagram(2, 7).remove(0)).unwrap();
+    replica.datagram(TICK * 2, &datagram(2, 7).unwrap()).unwrap();
     assert_eq!(certainty(&replica, 2), [0, 0], "nothing else was said");
     assert_eq!(certainty(&replica, 4), [100, 100], "the server is silent");
     datagram(5, 7);
-    replica.datagram(TICK * 6, &datagram(6, 8).remove(0)).unwrap();
+    replica.datagram(TICK * 6, &datagram(6, 8).unwrap()).unwrap();
     assert_eq!(certainty(&replica, 6), [200, 0], "a course of the first may be lost");
-    replica.datagram(TICK * 7, &datagram(7, 7).remove(0)).unwrap();
+    replica.datagram(TICK * 7, &datagram(7, 7).unwrap()).unwrap();
     assert_eq!(certainty(&replica, 7), [0, 50]);
     for tick in 8..30 {
-        replica.datagram(TICK * tick, &datagram(tick, 8).remove(0)).unwrap();
+        replica.datagram(TICK * tick, &datagram(tick, 8).unwrap()).unwrap();
     }
     assert_eq!(certainty(&replica, 29), [0, 0], "the lost datagrams have come again");
 }
@@ -431,7 +437,7 @@ proptest! {
                 Step::Tick => {
                     tick += 1;
                     let poses: Vec<_> = std::mem::take(&mut updates).into_iter().collect();
-                    for datagram in encoder.encode(tick, &poses) {
+                    if let Some(datagram) = sent(&mut encoder, tick, &poses) {
                         if i >= lossy || luck >= loss_percent {
                             datagrams.push((tick + late, datagram.clone()));
                         }

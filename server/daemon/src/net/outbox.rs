@@ -9,7 +9,7 @@ use sightline_engine::Output;
 use sightline_protocol::{
     frame, message::ServerMessage, outbound::Outbound, pose_stream::Ack, text::ChatLine,
 };
-use sightline_world::motion::ReportingState;
+use sightline_world::motion::{AvatarId, ReportingState};
 use tokio::sync::Notify;
 
 use crate::operate::SentFrames;
@@ -30,8 +30,8 @@ pub struct Batch {
     pub control: Vec<u8>,
     /// These frames, counted by kind.
     pub frames: SentFrames,
-    /// Datagrams with poses.
-    pub datagrams: Vec<Vec<u8>>,
+    /// A datagram with poses.
+    pub datagram: Option<Vec<u8>>,
     /// Whether this is the last batch. Then the connection is to be closed.
     pub is_last: bool,
     /// Whether more waited than may, so that nothing of it is sent.
@@ -59,13 +59,14 @@ struct Waiting {
 }
 
 impl Outbox {
-    /// The outbox of a client that has not entered, at a server with this time from tick to tick.
-    pub fn new(tick_interval: Duration, control_bytes_max: usize) -> Self {
+    /// The outbox of a client that has not entered, for its avatar, at a server with this time from
+    /// tick to tick.
+    pub fn new(avatar: AvatarId, tick_interval: Duration, control_bytes_max: usize) -> Self {
         let waiting = Waiting {
             control: Vec::new(),
             control_bytes_max,
             frames: SentFrames::default(),
-            outbound: Outbound::new(tick_interval),
+            outbound: Outbound::new(avatar, tick_interval),
             tick: 0,
             encoded_tick: 0,
             reporting: None,
@@ -148,19 +149,19 @@ impl Outbox {
     /// room for datagrams; `datagram_bytes_max` is then their greatest length.
     pub fn take(&self, datagram_bytes_max: Option<usize>) -> Batch {
         let mut waiting = self.waiting();
-        let mut datagrams = Vec::new();
+        let mut datagram = None;
         if let Some(bytes_max) = datagram_bytes_max
             && waiting.tick != waiting.encoded_tick
         {
             let tick = waiting.tick;
             waiting.encoded_tick = tick;
             waiting.outbound.set_datagram_bytes_max(bytes_max);
-            datagrams = waiting.outbound.encode_poses(tick);
+            datagram = waiting.outbound.encode_poses(tick);
         }
         Batch {
             control: std::mem::take(&mut waiting.control),
             frames: std::mem::take(&mut waiting.frames),
-            datagrams,
+            datagram,
             is_last: waiting.has_ended,
             overflowed: waiting.overflowed,
         }
@@ -207,7 +208,7 @@ fn reporting_after(message: &ServerMessage) -> Option<ReportingState> {
 mod tests {
     use glam::Vec3;
     use sightline_protocol::{frame::FrameBuffer, pose_stream::PoseDecoder};
-    use sightline_world::motion::{AvatarId, Pose, Tolerance};
+    use sightline_world::motion::{Pose, Tolerance};
 
     use super::*;
 
@@ -228,7 +229,7 @@ mod tests {
 
     fn poses(x: f32) -> Output {
         let pose = Pose { eye: Vec3::X * x, ..Pose::default() };
-        Output::Poses { to: ME, tick: 0, poses: vec![(OTHER, pose)] }
+        Output::Poses { to: ME, from: Vec3::ZERO, tick: 0, poses: vec![(OTHER, pose)] }
     }
 
     fn appear() -> Output {
@@ -238,39 +239,38 @@ mod tests {
 
     #[test]
     fn a_newer_pose_replaces_one_that_waits() {
-        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
+        let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         for tick in 1..=100 {
             outbox.tell(&poses(tick as f32), Duration::ZERO);
             outbox.flush(tick);
-            assert!(outbox.take(None).datagrams.is_empty(), "the path is full");
+            assert!(outbox.take(None).datagram.is_none(), "the path is full");
         }
         let batch = outbox.take(Some(1_200));
-        assert_eq!(batch.datagrams.len(), 1);
         let mut decoder = PoseDecoder::new(TICK);
-        let update = decoder.decode(&batch.datagrams[0]).unwrap().unwrap();
+        let update = decoder.decode(&batch.datagram.unwrap()).unwrap().unwrap();
         let pose = Pose::from(update.pose(OTHER).unwrap());
         assert_eq!((update.tick, pose.eye.x), (100, 100.0));
-        assert!(outbox.take(Some(1_200)).datagrams.is_empty());
+        assert!(outbox.take(Some(1_200)).datagram.is_none());
     }
 
     #[test]
     fn no_pose_of_a_vanished_avatar_is_sent() {
-        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
+        let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         outbox.tell(&appear(), Duration::ZERO);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.tell(&Output::Vanish { to: ME, avatar: OTHER }, Duration::ZERO);
         for tick in 1..20 {
             outbox.flush(tick);
-            assert!(outbox.take(Some(1_200)).datagrams.is_empty());
+            assert!(outbox.take(Some(1_200)).datagram.is_none());
         }
     }
 
     #[test]
     fn an_appearance_counts_from_the_next_datagram() {
-        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
+        let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.flush(1);
-        assert_eq!(outbox.take(Some(1_200)).datagrams.len(), 1);
+        assert!(outbox.take(Some(1_200)).datagram.is_some());
         outbox.tell(&appear(), Duration::ZERO);
         let said = messages(&outbox.take(None));
         assert!(matches!(&said[..], [ServerMessage::Appear { since_sequence: 2, .. }]));
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_client_that_does_not_read_is_dropped_and_its_outbox_stays_bounded() {
-        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
+        let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         for _ in 0..100_000 {
             outbox.tell(&appear(), Duration::ZERO);
             assert!(outbox.waiting().control.len() <= CONTROL_BYTES_MAX);
@@ -289,7 +289,7 @@ mod tests {
 
     #[test]
     fn nothing_is_sent_after_a_goodbye() {
-        let outbox = Outbox::new(TICK, CONTROL_BYTES_MAX);
+        let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         outbox.tell(&Output::Drop { to: ME, reason: "enough\n".to_owned() }, Duration::ZERO);
         outbox.tell(&Output::Live { to: ME, tolerance: Tolerance::NONE }, Duration::ZERO);
         let batch = outbox.take(None);

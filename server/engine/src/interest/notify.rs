@@ -90,6 +90,7 @@ impl Notifier<'_> {
         let to = viewer.member.id;
         poses.clear();
         let mut has_ended = false;
+        let crowd = pairs.len();
         for at in 0..pairs.len() {
             if !pairs.is_due(at, view.tick) {
                 continue;
@@ -110,7 +111,7 @@ impl Notifier<'_> {
             match (pair.is_held, wanted) {
                 // A viewer is told nothing of an avatar that it merely keeps, not even that it moved.
                 (true, true) if !is_hidden && avatar.version != pair.version => {
-                    match ticks_until_it_tells(view, viewer, avatar, pair) {
+                    match ticks_until_it_tells(view, viewer, avatar, pair, crowd) {
                         0 => {
                             note_told(view, avatar, pair);
                             poses.push((pair.id, avatar.shown));
@@ -134,23 +135,26 @@ impl Notifier<'_> {
             pairs.remove_ended();
         }
         if !poses.is_empty() {
-            outputs.push(Output::Poses { to, tick: view.tick, poses: poses.clone() });
+            let from = viewer.shown.eye;
+            outputs.push(Output::Poses { to, from, tick: view.tick, poses: poses.clone() });
         }
     }
 }
 
 /// After how many ticks a viewer could tell an avatar's course from the one that it was told last,
-/// at the soonest. Zero means that it can by now.
+/// at the soonest. Zero means that it can by now. `crowd` is the number of avatars that the viewer has
+/// to do with.
 fn ticks_until_it_tells(
     view: View<'_>,
     viewer: &LiveAvatar<'_>,
     avatar: &LiveAvatar<'_>,
     pair: &Pair,
+    crowd: usize,
 ) -> u32 {
     let elapsed = view.config.tick * (view.tick - pair.told_tick);
     let (told, shown) = (pair.told.straight_on(elapsed), avatar.shown);
     let away_m = viewer.motion.from.distance(avatar.motion.from);
-    let acuity = Acuity::at(&view.building.world, away_m);
+    let acuity = Acuity::in_crowd(&view.building.world, away_m, crowd);
     let spare_m = acuity.metres - shown.eye.distance(told.eye);
     let turned = turn_between(told.yaw, shown.yaw).abs();
     let spare_radians = acuity.radians - turned.max((shown.pitch - told.pitch).abs());

@@ -9,7 +9,10 @@ mod pairs;
 use std::{collections::BTreeSet, sync::Arc, time::Duration};
 
 use rayon::prelude::*;
-use sightline_cli::{pose_error::PoseErrors, trace::Trace};
+use sightline_cli::{
+    pose_error::{ErrorsByDistance, PoseErrors},
+    trace::Trace,
+};
 use sightline_client_core::replica::BLEND;
 use sightline_engine::Engine;
 use sightline_oracle::Oracle;
@@ -55,7 +58,7 @@ pub(super) struct Audit {
     report: OracleReport,
     totals: Totals,
     shown_errors: PoseErrors,
-    promised_errors: PoseErrors,
+    promised_errors: ErrorsByDistance,
     tolerances: Tolerances,
     sightings: Sightings,
     tick: Duration,
@@ -105,7 +108,7 @@ impl Audit {
             },
             totals: Totals::default(),
             shown_errors: PoseErrors::default(),
-            promised_errors: PoseErrors::default(),
+            promised_errors: ErrorsByDistance::default(),
             tolerances: Tolerances::default(),
             sightings: Sightings::default(),
             tick,
@@ -266,6 +269,7 @@ impl Audit {
             promised_error_p99_m: promised.p99_m,
             promised_error_p50_deg: promised.p50_deg,
             promised_error_p99_deg: promised.p99_deg,
+            promised_errors_by_distance: self.promised_errors.bands(),
             age_mean_ms: totals.age_sum.as_secs_f64() * 1e3 / totals.ages.max(1) as f64,
             ..report
         }

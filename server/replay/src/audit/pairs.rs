@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use sightline_cli::pose_error::PoseErrors;
+use sightline_cli::pose_error::{ErrorsByDistance, PoseErrors};
 use sightline_client_core::replica::{BLEND, Replica, VisibleAvatar};
 use sightline_engine::Engine;
 use sightline_visibility::rooms::SealedRooms;
@@ -73,7 +73,7 @@ pub(super) struct ViewerFindings {
     /// How far shown poses are off those of now.
     pub(super) shown_errors: PoseErrors,
     /// How far shown poses are off the promised ones.
-    pub(super) promised_errors: PoseErrors,
+    pub(super) promised_errors: ErrorsByDistance,
     /// The visible participants, by their place among all.
     pub(super) seen: Vec<usize>,
 }
@@ -169,7 +169,8 @@ impl ViewerFindings {
         let avatar = pair.other.avatar;
         let lag = network.delay(pair.viewer.avatar, avatar) + 2 * engine.config().tick;
         if let Some(promised) = clients.pose_at(avatar, now.saturating_sub(lag)) {
-            self.promised_errors.add(&shown.pose, &promised);
+            let away_m = pair.viewer.pose.eye.distance(promised.eye);
+            self.promised_errors.add(away_m, &shown.pose, &promised);
         }
     }
 
@@ -196,7 +197,7 @@ impl ViewerFindings {
             // What the viewer can hardly tell is not told to it.
             let away_m =
                 pair.viewer.pose.eye.distance(other.pose.eye) + speed * bound.as_secs_f32();
-            Within::new(tolerance_m, engine.acuity_m(away_m) + untold_m)
+            Within::new(tolerance_m, engine.acuity_m(pair.viewer.avatar, away_m) + untold_m)
         } else {
             Within::new(0.0, untold_m)
         };

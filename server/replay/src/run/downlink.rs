@@ -20,7 +20,7 @@ impl Run<'_> {
             self.note(now, output)?;
             let to = output.to();
             // A client that has left is sent nothing more, yet the message counts.
-            let mut absent = Outbound::new(self.engine.config().tick);
+            let mut absent = Outbound::new(to, self.engine.config().tick);
             let outbound = self.outbound.get_mut(&to).unwrap_or(&mut absent);
             if let Some(message) = outbound.convert(output, now) {
                 self.send(now, to, Payload::of(&message));
@@ -65,17 +65,19 @@ impl Run<'_> {
         self.dump.write(now, None, self.clients.trace_id(to), EventKind::Ask)
     }
 
-    /// Sends every client's datagrams, encoded on all cores, in ascending order of client. Even
-    /// without new poses a client may get a datagram, since lost ones are sent again.
+    /// Sends every client's datagram, encoded on all cores, in ascending order of client. Even
+    /// without new poses a client may get one, since lost ones are sent again.
     fn send_poses(&mut self, now: Duration) {
         let tick = self.engine.ticks();
         let mut work: Vec<(AvatarId, &mut Outbound)> =
             self.outbound.iter_mut().map(|(to, outbound)| (*to, outbound)).collect();
-        let encode =
-            |(to, outbound): &mut (AvatarId, &mut Outbound)| (*to, outbound.encode_poses(tick));
-        let datagrams: Vec<(AvatarId, Vec<Vec<u8>>)> = work.par_iter_mut().map(encode).collect();
-        for (to, datagrams) in datagrams {
-            for bytes in datagrams {
+        let encode = |(to, outbound): &mut (AvatarId, &mut Outbound)| {
+            let datagram = if outbound.has_poses(tick) { outbound.encode_poses(tick) } else { None };
+            (*to, datagram)
+        };
+        let datagrams: Vec<(AvatarId, Option<Vec<u8>>)> = work.par_iter_mut().map(encode).collect();
+        for (to, datagram) in datagrams {
+            if let Some(bytes) = datagram {
                 self.send(now, to, Payload::Datagram(bytes));
             }
         }

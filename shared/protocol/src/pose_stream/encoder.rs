@@ -1,15 +1,19 @@
 //! The server's end of a pose stream.
 
 use std::{
-    collections::{BTreeMap, VecDeque},
+    collections::{VecDeque, hash_map::Entry},
     time::Duration,
 };
 
+use glam::Vec3;
+use rustc_hash::FxHashMap;
 use sightline_world::motion::{AvatarId, Pose};
 
 use super::{
-    Ack, BASELINE_DISTANCE_MAX, DATAGRAM_BYTES_MAX, ENTRIES_MAX,
-    entry::{self, BASELINE},
+    Ack, BASELINE_DISTANCE_MAX, DATAGRAM_BYTES_MAX,
+    courses::{Acknowledged, AvatarRecord, Course, SentDatagram},
+    draft::{Baseline, Draft},
+    priority::{OVERDUE, Rank, Turn, Waiting, weigh},
 };
 use crate::{quantise::WirePose, varint};
 
@@ -34,6 +38,9 @@ const CLEAN_DATAGRAMS: u32 = 128;
 const SENT_POSES_MAX: usize = 4_096;
 
 /// The server's end of one client's pose stream: it encodes poses into datagrams.
+///
+/// Courses wait here until [`PoseEncoder::encode`]. A newer course of an avatar takes the place of
+/// the one that waits, so at most one waits for each avatar that the client holds.
 #[derive(Clone, Debug)]
 pub struct PoseEncoder {
     /// The time from tick to tick.
@@ -41,13 +48,19 @@ pub struct PoseEncoder {
     /// The number of the newest datagram; 0 before the first.
     sequence: u32,
     datagram_bytes_max: usize,
+    /// Where the viewer's eye is.
+    from: Vec3,
+    /// The courses that wait, in ascending order of id.
+    pub(super) waiting: Vec<Waiting>,
     /// What was sent about each avatar. The caller bounds it by [`PoseEncoder::forget`].
-    pub(super) avatars: BTreeMap<AvatarId, AvatarRecord>,
+    pub(super) avatars: FxHashMap<AvatarId, AvatarRecord>,
     /// The datagrams that are not acknowledged, oldest first: at most [`BASELINE_DISTANCE_MAX`],
     /// with at most [`SENT_POSES_MAX`] poses.
     pub(super) sent: VecDeque<SentDatagram>,
     pub(super) sent_poses: usize,
-    /// The tick of the last call of [`PoseEncoder::encode`].
+    /// Avatars whose course is not acknowledged, and whose last datagram is not remembered any more.
+    forgotten: Vec<AvatarId>,
+    /// The tick of the last call.
     tick: u32,
     /// How many datagrams were acknowledged since one was lost.
     acknowledged_in_a_row: u32,
@@ -59,50 +72,21 @@ pub struct PoseEncoder {
     datagram_tick: u32,
 }
 
-/// Where a course that the client knows leads by the tick of an entry, which is coded against it.
-#[derive(Clone, Copy, Debug, Default)]
-struct Baseline {
-    /// How many datagrams back the pose was sent; 0 stands for the default pose.
-    distance: u32,
+/// A course that may go with the next datagram.
+struct Due {
+    avatar: AvatarId,
     pose: WirePose,
-}
-
-/// What was sent about an avatar.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct AvatarRecord {
-    /// The newest pose that was sent: the avatar's course begins with it.
-    course: WirePose,
-    /// The tick of that pose.
-    course_tick: u32,
-    /// The first datagram with that course. Later datagrams have it too.
-    course_sequence: u32,
-    /// The tick at which the course was last sent.
-    sent_tick: u32,
-    /// How often the course was sent and not lost, as far as is known.
-    copies: u32,
-    /// The newest pose that the client acknowledged, and its datagram.
+    /// Where the viewer is shown the avatar, as far as is known.
+    shown: Option<WirePose>,
     acknowledged: Option<Acknowledged>,
-}
-
-/// A pose that the client acknowledged.
-#[derive(Clone, Copy, Debug)]
-struct Acknowledged {
-    /// Its datagram.
-    sequence: u32,
-    /// Its tick.
-    tick: u32,
-    pose: WirePose,
-}
-
-/// A datagram that is not acknowledged.
-#[derive(Clone, Debug)]
-pub(super) struct SentDatagram {
-    sequence: u32,
-    tick: u32,
-    /// The poses in it, in ascending order of id.
-    pub(super) poses: Vec<(AvatarId, WirePose)>,
-    /// Whether the client has acknowledged a later datagram and not this one.
-    is_missing: bool,
+    /// The tick since which it waits.
+    since: u32,
+    /// What it has gathered.
+    priority: f32,
+    /// The new course, or none when the last one goes again.
+    new: Option<Course>,
+    /// Whether it goes only with a datagram that is sent anyway.
+    is_along: bool,
 }
 
 impl PoseEncoder {
@@ -112,9 +96,12 @@ impl PoseEncoder {
             interval,
             sequence: 0,
             datagram_bytes_max: DATAGRAM_BYTES_MAX,
-            avatars: BTreeMap::new(),
+            from: Vec3::ZERO,
+            waiting: Vec::new(),
+            avatars: FxHashMap::default(),
             sent: VecDeque::new(),
             sent_poses: 0,
+            forgotten: Vec::new(),
             tick: 0,
             acknowledged_in_a_row: 0,
             ack_ticks: VecDeque::new(),
@@ -141,59 +128,91 @@ impl PoseEncoder {
         self.clock_copies = CLOCK_COPIES;
     }
 
-    /// Whether something that was sent may have to be sent again: a course that the client has not
-    /// acknowledged, or the clock. Call it at every tick.
-    pub fn has_open(&mut self, tick: u32) -> bool {
-        self.tick = tick;
-        self.clock_copies > 0 || self.avatars.values().any(|record| !record.is_settled())
+    /// Takes in the poses at a tick of avatars with a new course, in ascending order of id, and where
+    /// the viewer's eye is. They wait for the next datagrams.
+    pub fn tell(&mut self, tick: u32, from: Vec3, poses: &[(AvatarId, Pose)]) {
+        debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "poses in ascending order");
+        self.from = from;
+        let new = |(avatar, pose): &(AvatarId, Pose)| {
+            let course = Course { tick, pose: pose.into() };
+            Waiting { avatar: *avatar, course, since: tick, priority: 0.0 }
+        };
+        if self.waiting.is_empty() {
+            self.waiting.extend(poses.iter().map(new));
+            return;
+        }
+        let before = self.waiting.len();
+        for told in poses.iter().map(new) {
+            match self.waiting[..before].binary_search_by_key(&told.avatar, |w| w.avatar) {
+                Ok(at) => self.waiting[at].course = told.course,
+                Err(_) => self.waiting.push(told),
+            }
+        }
+        self.waiting.sort_by_key(|waiting| waiting.avatar);
     }
 
-    /// Encodes the poses at a tick of avatars with a new course, and again those of courses that the
-    /// client has not acknowledged in time. Call it at every tick with poses, or at which something
-    /// [is open](PoseEncoder::has_open). The poses are in ascending order of id. Each datagram has at
-    /// most [`DATAGRAM_BYTES_MAX`] bytes.
-    pub fn encode(&mut self, tick: u32, poses: &[(AvatarId, Pose)]) -> Vec<Vec<u8>> {
-        debug_assert!(poses.is_sorted_by(|(a, _), (b, _)| a < b), "poses in ascending order");
+    /// Of how many avatars a course was sent.
+    pub fn told_len(&self) -> usize {
+        self.avatars.len()
+    }
+
+    /// How many courses wait to be sent for the first time.
+    pub fn waiting_len(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Whether there may be something to send: courses that wait, a course that may have been lost,
+    /// or the clock. Call it at every tick.
+    pub fn has_due(&mut self, tick: u32) -> bool {
         self.tick = tick;
-        let mut writer = DatagramWriter::default();
-        let mut datagrams = Vec::new();
-        for Due { avatar, pose, is_new } in self.due(tick, poses) {
-            let sequence = self.next_sequence();
-            let mut base = self.baseline(avatar, sequence);
-            let mut entry = writer.entry(avatar, base, &pose);
-            if writer.is_full(entry.len(), self.datagram_bytes_max) {
-                datagrams.push(self.close(&mut writer));
-                base = self.baseline(avatar, sequence.saturating_add(1));
-                entry = writer.entry(avatar, base, &pose);
-            }
-            if writer.poses.is_empty() {
-                writer.open(self.next_sequence(), tick);
-            }
-            writer.push(avatar, base, pose, &entry);
-            self.note(avatar, pose, tick, is_new);
-        }
+        let after = self.resend_ticks().min(self.copy_ticks());
+        let is_due = |sent: &SentDatagram| {
+            !sent.is_spent && (sent.is_missing || sent.tick.saturating_add(after) <= tick)
+        };
+        self.clock_copies > 0
+            || !self.waiting.is_empty()
+            || !self.forgotten.is_empty()
+            || self.sent.iter().any(is_due)
+    }
+
+    /// Encodes a datagram at a tick, with the courses that wait and those that the client has not
+    /// acknowledged in time: all, or those that matter most to the viewer. The others wait on. `None`
+    /// when there is nothing to send. Call it at every tick at which something [is
+    /// due](PoseEncoder::has_due). A datagram has at most [`DATAGRAM_BYTES_MAX`] bytes.
+    pub fn encode(&mut self, tick: u32) -> Option<Vec<u8>> {
+        self.tick = tick;
+        let due = self.due();
         let tells_clock =
             self.clock_copies > 0 && tick.saturating_sub(self.datagram_tick) >= COPY_TICKS;
-        if datagrams.is_empty() && writer.poses.is_empty() && tells_clock {
-            writer.open(self.next_sequence(), tick);
+        if due.is_empty() && !tells_clock {
+            return None;
         }
-        if !writer.bytes.is_empty() {
-            datagrams.push(self.close(&mut writer));
+        let sequence = self.next_sequence();
+        let mut bytes = Vec::with_capacity(self.datagram_bytes_max.min(16 + 16 * due.len()));
+        varint::write(&mut bytes, sequence);
+        varint::write(&mut bytes, tick);
+        let room = self.datagram_bytes_max.saturating_sub(bytes.len());
+        let (draft, chosen) = self.choose(due, room);
+        draft.write(&mut bytes);
+        for due in &chosen {
+            self.note(due, sequence);
         }
-        if !datagrams.is_empty() {
-            self.clock_copies = self.clock_copies.saturating_sub(1);
-            self.datagram_tick = tick;
-        }
-        datagrams
+        self.remember(draft.poses());
+        self.clock_copies = self.clock_copies.saturating_sub(1);
+        self.datagram_tick = tick;
+        debug_assert!(bytes.len() <= DATAGRAM_BYTES_MAX, "a datagram of {} bytes", bytes.len());
+        Some(bytes)
     }
 
     /// Stops sending about an avatar that vanished.
     pub fn forget(&mut self, avatar: AvatarId) {
+        self.waiting.retain(|waiting| waiting.avatar != avatar);
         self.avatars.remove(&avatar);
     }
 
     /// Stops sending about all avatars. Later datagrams count on.
     pub fn forget_all(&mut self) {
+        self.waiting.clear();
         self.avatars.clear();
     }
 
@@ -220,12 +239,8 @@ impl PoseEncoder {
             *acknowledged_in_a_row = acknowledged_in_a_row.saturating_add(1);
             first_tick.get_or_insert(sent.tick);
             for (avatar, pose) in &sent.poses {
-                if let Some(record) = avatars.get_mut(avatar)
-                    && record.acknowledged.is_none_or(|known| known.sequence < sent.sequence)
-                {
-                    let SentDatagram { sequence, tick, .. } = *sent;
-                    record.acknowledged = Some(Acknowledged { sequence, tick, pose: *pose });
-                }
+                let course = Course { tick: sent.tick, pose: *pose };
+                avatars.entry(*avatar).and_modify(|r| r.acknowledge(sent.sequence, course));
             }
             false
         });
@@ -244,171 +259,205 @@ impl PoseEncoder {
         if self.ack_ticks.len() < ACKS_KEPT {
             return RESEND_TICKS;
         }
-        let mut ticks: Vec<u32> = self.ack_ticks.iter().copied().collect();
-        ticks.sort_unstable();
-        (ticks[ACKS_KEPT - 2] + 1).clamp(RESEND_TICKS_MIN, RESEND_TICKS)
+        // The second greatest of a few numbers.
+        let mut most = [0, 0];
+        for ticks in &self.ack_ticks {
+            if *ticks > most[0] {
+                most = [*ticks, most[0]];
+            } else {
+                most[1] = most[1].max(*ticks);
+            }
+        }
+        (most[1] + 1).clamp(RESEND_TICKS_MIN, RESEND_TICKS)
     }
 
-    /// The poses to send: those of new courses, and of courses that must be repeated, in ascending
-    /// order of id.
-    fn due(&self, tick: u32, poses: &[(AvatarId, Pose)]) -> Vec<Due> {
-        let on_course = |record: &AvatarRecord| record.pose_at(tick, self.interval);
-        let is_new = |(avatar, pose): &(AvatarId, WirePose)| {
-            self.avatars.get(avatar).is_none_or(|record| on_course(record) != *pose)
-        };
-        let poses = poses.iter().map(|(avatar, pose)| (*avatar, pose.into()));
-        let new: BTreeMap<AvatarId, WirePose> = poses.filter(is_new).collect();
-        let open = self.avatars.iter().filter(|(id, r)| !r.is_settled() && !new.contains_key(id));
-        let open: Vec<(&AvatarId, &AvatarRecord)> = open.collect();
+    /// The number of ticks after which a course is sent a second time, whatever becomes of the
+    /// first.
+    fn copy_ticks(&self) -> u32 {
         let is_clean = self.acknowledged_in_a_row >= CLEAN_DATAGRAMS;
-        let resend_ticks = self.resend_ticks();
-        let must_repeat = |record: &AvatarRecord| {
-            record.has_waited(tick, resend_ticks)
-                || !is_clean && record.copies < 2 && record.has_waited(tick, COPY_TICKS)
-        };
-        let is_sent = !new.is_empty() || open.iter().any(|(_, record)| must_repeat(record));
-        let mut due: Vec<Due> =
-            new.iter().map(|(id, pose)| Due { avatar: *id, pose: *pose, is_new: true }).collect();
-        let goes_along = |record: &AvatarRecord| {
-            is_sent && (must_repeat(record) || record.has_waited(tick, REPEAT_TICKS))
-        };
-        let repeated = open.iter().filter(|(_, record)| goes_along(record));
-        due.extend(repeated.map(|(id, r)| Due { avatar: **id, pose: on_course(r), is_new: false }));
-        due.sort_unstable_by_key(|due| due.avatar);
+        if is_clean { u32::MAX } else { COPY_TICKS }
+    }
+
+    /// What may go with a datagram, in ascending order of id.
+    fn due(&mut self) -> Vec<Due> {
+        let Self { tick, interval, .. } = *self;
+        let waiting = std::mem::take(&mut self.waiting);
+        let mut due: Vec<Due> = Vec::with_capacity(waiting.len());
+        for Waiting { avatar, course, since, priority } in waiting {
+            let record = self.avatars.get(&avatar);
+            let (pose, new) = (course.at(tick, interval), Some(course));
+            let shown = record.map(|record| record.course.at(tick, interval));
+            let acknowledged = record.and_then(|record| record.acknowledged);
+            if shown != Some(pose) {
+                let is_along = false;
+                due.push(Due { avatar, pose, shown, acknowledged, since, priority, new, is_along });
+            }
+        }
+        let new = due.len();
+        self.repeat(&mut due);
+        if due.iter().all(|due| due.is_along) {
+            due.clear();
+        }
+        if due.len() > new {
+            due.sort_unstable_by_key(|due| due.avatar);
+        }
         due
     }
 
-    /// The baseline for an avatar in a datagram: where its newest acknowledged course, if it is
-    /// recent enough, leads.
-    fn baseline(&self, avatar: AvatarId, sequence: u32) -> Option<Baseline> {
-        let known = self.avatars.get(&avatar)?.acknowledged?;
-        let distance = sequence.saturating_sub(known.sequence);
-        let pose = known.pose.straight_on(self.interval * self.tick.saturating_sub(known.tick));
-        (distance <= BASELINE_DISTANCE_MAX).then_some(Baseline { distance, pose })
+    /// Adds the courses that go again.
+    fn repeat(&mut self, due: &mut Vec<Due>) {
+        let Self { tick, interval, .. } = *self;
+        let (resend_ticks, copy_ticks) = (self.resend_ticks(), self.copy_ticks());
+        let (avatars, new) = (&self.avatars, due.len());
+        let mut consider = |avatar: AvatarId, record: &AvatarRecord| {
+            let is_copy = record.copies < 2 && record.has_waited(tick, copy_ticks);
+            let must = is_copy || record.has_waited(tick, resend_ticks);
+            let goes = must || record.has_waited(tick, REPEAT_TICKS);
+            if !goes || due[..new].binary_search_by_key(&avatar, |due| due.avatar).is_ok() {
+                return;
+            }
+            let AvatarRecord { course, acknowledged, .. } = *record;
+            due.push(Due {
+                avatar,
+                pose: course.at(tick, interval),
+                shown: acknowledged.map(|known| known.course.at(tick, interval)),
+                acknowledged,
+                since: course.tick,
+                priority: 0.0,
+                new: None,
+                is_along: !must,
+            });
+        };
+        let soonest = resend_ticks.min(copy_ticks).min(REPEAT_TICKS);
+        for sent in self.sent.iter_mut().filter(|sent| !sent.is_spent) {
+            if !sent.is_missing && sent.tick.saturating_add(soonest) > tick {
+                continue;
+            }
+            sent.is_spent = true;
+            for (avatar, _) in &sent.poses {
+                let record = avatars.get(avatar).filter(|record| !record.is_settled());
+                // Each course is looked at with its last datagram.
+                if let Some(record) = record.filter(|r| r.sent_sequence == sent.sequence) {
+                    sent.is_spent = false;
+                    consider(*avatar, record);
+                }
+            }
+        }
+        let oldest = self.sent.front().map_or(u32::MAX, |sent| sent.sequence);
+        self.forgotten.retain(|avatar| {
+            let record = avatars.get(avatar).filter(|record| !record.is_settled());
+            let record = record.filter(|record| record.sent_sequence < oldest);
+            record.inspect(|record| consider(*avatar, record)).is_some()
+        });
+    }
+
+    /// Chooses what goes into the next datagram, whose entries may take this number of bytes: all
+    /// that is due, or what matters most. The rest waits on.
+    fn choose(&mut self, due: Vec<Due>, room: usize) -> (Draft, Vec<Due>) {
+        let mut draft = Draft::default();
+        let add = |draft: &mut Draft, due: &Due, encoder: &Self| {
+            draft.add(due.avatar, encoder.baseline(due.acknowledged), due.pose, room)
+        };
+        if due.iter().all(|due| add(&mut draft, due, self)) && draft.shrink(room) == due.len() {
+            return (draft, due);
+        }
+        draft.clear();
+        let mut due = self.ranked(due);
+        let _ = due.iter().all(|due| add(&mut draft, due, self));
+        let left = due.split_off(draft.shrink(room));
+        self.waiting = left.into_iter().filter_map(Due::waiting).collect();
+        self.waiting.sort_unstable_by_key(|waiting| waiting.avatar);
+        (draft, due)
+    }
+
+    /// Lets what is due gather priority, and brings it into the order of its turns. Those that are
+    /// overdue and those near by take turns.
+    fn ranked(&self, due: Vec<Due>) -> Vec<Due> {
+        let mut ranked: Vec<(Rank, Due)> = due.into_iter().map(|due| self.rank(due)).collect();
+        ranked.sort_unstable_by(|(a, _), (b, _)| a.compare(b));
+        let first = |turn: Turn| ranked.partition_point(|(rank, _)| rank.turn < turn);
+        let (overdue, near) = (first(Turn::Near), first(Turn::Far));
+        let mut ranked = ranked.into_iter().map(|(_, due)| due);
+        let mut overdue = Vec::from_iter(ranked.by_ref().take(overdue)).into_iter();
+        let mut near = Vec::from_iter(ranked.by_ref().take(near - overdue.len())).into_iter();
+        let mut ordered = Vec::with_capacity(overdue.len() + near.len() + ranked.len());
+        while overdue.len() + near.len() > 0 {
+            ordered.extend(overdue.next());
+            ordered.extend(near.next());
+        }
+        ordered.extend(ranked);
+        ordered
+    }
+
+    fn rank(&self, due: Due) -> (Rank, Due) {
+        let waited = self.interval * self.tick.saturating_sub(due.since);
+        let times = [waited, self.interval];
+        let (weight, is_near) = weigh(self.from, due.shown.as_ref(), &due.pose, times);
+        let gathered = match due.new {
+            Some(_) => due.priority + weight,
+            // Nothing is kept of those that go again: they gather as much at each tick.
+            None => weight * self.tick.saturating_sub(due.since).max(1) as f32,
+        };
+        let turn = match () {
+            () if due.is_along => Turn::Along,
+            () if waited >= OVERDUE => Turn::Overdue,
+            () if is_near => Turn::Near,
+            () => Turn::Far,
+        };
+        (Rank { turn, priority: gathered }, Due { priority: gathered, ..due })
+    }
+
+    /// The baseline for an avatar in the next datagram: where its newest acknowledged course, if it
+    /// is recent enough, leads. Otherwise the default pose.
+    fn baseline(&self, known: Option<Acknowledged>) -> Baseline {
+        let Some(known) = known else { return Baseline::default() };
+        let distance = self.next_sequence().saturating_sub(known.sequence);
+        if distance > BASELINE_DISTANCE_MAX {
+            return Baseline::default();
+        }
+        Baseline { distance, pose: known.course.at(self.tick, self.interval) }
     }
 
     /// Records that a pose is sent.
-    fn note(&mut self, avatar: AvatarId, pose: WirePose, tick: u32, is_new: bool) {
-        let sequence = self.next_sequence();
-        let before = self.avatars.get(&avatar);
-        let acknowledged = before.and_then(|record| record.acknowledged);
-        let record = match before {
-            // An acknowledgement of any of the datagrams counts.
-            Some(record) if !is_new => {
-                AvatarRecord { sent_tick: tick, copies: record.copies + 1, ..*record }
+    fn note(&mut self, due: &Due, sequence: u32) {
+        let course = Course { tick: self.tick, pose: due.pose };
+        match self.avatars.entry(due.avatar) {
+            Entry::Occupied(mut record) if due.new.is_none() => {
+                record.get_mut().repeat(self.tick, sequence);
             }
-            _ => AvatarRecord {
-                course: pose,
-                course_tick: tick,
-                course_sequence: sequence,
-                sent_tick: tick,
-                copies: 1,
-                acknowledged,
-            },
-        };
-        self.avatars.insert(avatar, record);
+            Entry::Occupied(mut record) => {
+                let acknowledged = record.get().acknowledged;
+                record.insert(AvatarRecord::new(course, sequence, acknowledged));
+            }
+            Entry::Vacant(place) => {
+                place.insert(AvatarRecord::new(course, sequence, None));
+            }
+        }
     }
 
-    /// Ends a datagram and remembers its poses.
-    fn close(&mut self, writer: &mut DatagramWriter) -> Vec<u8> {
+    /// Remembers the poses of a datagram that is sent.
+    fn remember(&mut self, poses: Vec<(AvatarId, WirePose)>) {
         self.sequence = self.next_sequence();
-        let DatagramWriter { bytes, poses, .. } = std::mem::take(writer);
+        let (sequence, tick) = (self.sequence, self.tick);
         self.sent_poses += poses.len();
-        self.sent.push_back(SentDatagram {
-            sequence: self.sequence,
-            tick: self.tick,
-            poses,
-            is_missing: false,
-        });
+        let (is_missing, is_spent) = (false, false);
+        self.sent.push_back(SentDatagram { sequence, tick, poses, is_missing, is_spent });
         while self.sent.len() > BASELINE_DISTANCE_MAX as usize || self.sent_poses > SENT_POSES_MAX {
             let Some(oldest) = self.sent.pop_front() else { break };
             self.sent_poses -= oldest.poses.len();
-        }
-        debug_assert!(bytes.len() <= DATAGRAM_BYTES_MAX, "a datagram of {} bytes", bytes.len());
-        bytes
-    }
-}
-
-impl AvatarRecord {
-    /// Where the avatar is at a tick, if it is on course.
-    fn pose_at(&self, tick: u32, interval: Duration) -> WirePose {
-        let elapsed = interval * tick.saturating_sub(self.course_tick);
-        self.course.straight_on(elapsed)
-    }
-
-    /// Whether the client has acknowledged the course.
-    fn is_settled(&self) -> bool {
-        self.acknowledged.is_some_and(|known| known.sequence >= self.course_sequence)
-    }
-
-    /// Takes in that a datagram was lost. If it was the last one with the course, that is sent again
-    /// at once.
-    fn lose(&mut self, sequence: u32) {
-        if sequence >= self.course_sequence && !self.is_settled() {
-            self.copies = self.copies.saturating_sub(1);
-            if self.copies == 0 {
-                self.sent_tick = 0;
-            }
+            let is_open = |avatar: &AvatarId| {
+                let record = self.avatars.get(avatar).filter(|record| !record.is_settled());
+                record.is_some_and(|record| record.sent_sequence == oldest.sequence)
+            };
+            self.forgotten.extend(oldest.poses.iter().map(|(id, _)| *id).filter(is_open));
         }
     }
-
-    /// Whether at `tick` at least `ticks` ticks have passed since the course was last sent.
-    fn has_waited(&self, tick: u32, ticks: u32) -> bool {
-        tick.saturating_sub(self.sent_tick) >= ticks
-    }
 }
 
-/// A pose that must be sent.
-struct Due {
-    avatar: AvatarId,
-    pose: WirePose,
-    /// Whether the avatar has a new course.
-    is_new: bool,
-}
-
-/// A datagram that is being written.
-#[derive(Default)]
-struct DatagramWriter {
-    bytes: Vec<u8>,
-    poses: Vec<(AvatarId, WirePose)>,
-    /// The baseline distance of the preceding entry; 0 without a baseline.
-    distance: u32,
-}
-
-impl DatagramWriter {
-    fn open(&mut self, sequence: u32, tick: u32) {
-        varint::write(&mut self.bytes, sequence);
-        varint::write(&mut self.bytes, tick);
-    }
-
-    fn entry(&self, avatar: AvatarId, base: Option<Baseline>, pose: &WirePose) -> Vec<u8> {
-        let Baseline { distance, pose: base } = base.unwrap_or_default();
-        let follows = distance != self.distance;
-        let flags = entry::flags(&base, pose);
-        let mut out = Vec::with_capacity(40);
-        out.push(flags | if follows { BASELINE } else { 0 });
-        debug_assert!(self.poses.last().is_none_or(|(preceding, _)| *preceding < avatar));
-        let step = match self.poses.last() {
-            Some((preceding, _)) => avatar.0 - preceding.0 - 1,
-            None => avatar.0,
-        };
-        varint::write(&mut out, step);
-        if follows {
-            varint::write(&mut out, distance);
-        }
-        entry::write_fields(&mut out, flags, &base, pose);
-        out
-    }
-
-    /// Whether another entry would exceed a limit.
-    fn is_full(&self, entry_bytes: usize, bytes_max: usize) -> bool {
-        !self.poses.is_empty()
-            && (self.poses.len() >= ENTRIES_MAX || self.bytes.len() + entry_bytes > bytes_max)
-    }
-
-    fn push(&mut self, avatar: AvatarId, base: Option<Baseline>, pose: WirePose, entry: &[u8]) {
-        self.bytes.extend_from_slice(entry);
-        self.poses.push((avatar, pose));
-        self.distance = base.map_or(0, |base| base.distance);
+impl Due {
+    /// A new course that waits on.
+    fn waiting(self) -> Option<Waiting> {
+        let Self { avatar, since, priority, .. } = self;
+        self.new.map(|course| Waiting { avatar, course, since, priority })
     }
 }

@@ -18,12 +18,16 @@
 //! A datagram to the server has an [`Ack`], and a report if there is one. All numbers have variable
 //! length.
 
+mod courses;
 mod decoder;
+mod draft;
 mod encoder;
 mod entry;
+mod priority;
 
 pub use decoder::{PoseDecoder, PoseUpdate};
 pub use encoder::{PoseEncoder, RESEND_TICKS};
+pub use priority::{NEAR_M, OVERDUE};
 
 use serde::{Deserialize, Serialize};
 
@@ -34,7 +38,7 @@ use super::{
 };
 
 /// The greatest length of a datagram, in bytes.
-pub const DATAGRAM_BYTES_MAX: usize = 1_200;
+pub const DATAGRAM_BYTES_MAX: usize = 1_150;
 /// The greatest number of entries in a datagram. It bounds the memory that a datagram can demand.
 pub const ENTRIES_MAX: usize = 255;
 /// The greatest distance to a baseline, in datagrams.

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use glam::Vec3;
 use sightline_client_core::replica::Replica;
 use sightline_protocol::{message::ServerMessage, pose_stream::PoseEncoder, text::Name};
 use sightline_world::motion::{Agility, AvatarId, Body, Pose};
@@ -40,7 +41,8 @@ impl SimulatedPeople {
                 (0..self.count).for_each(|at| self.appear(at, time, &pose(at, time)));
             }
             let poses = (0..self.count).map(|at| (AvatarId(at as u32), pose(at, time)));
-            for datagram in self.encoder.encode(self.tick, &poses.collect::<Vec<_>>()) {
+            self.encoder.tell(self.tick, Vec3::ZERO, &poses.collect::<Vec<_>>());
+            while let Some(datagram) = self.encoder.encode(self.tick) {
                 // The datagram was just encoded, so it is valid.
                 let _ = self.replica.datagram(time, &datagram);
             }

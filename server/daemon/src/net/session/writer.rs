@@ -57,7 +57,7 @@ impl OutboxWriter {
     async fn send(&mut self, client: &ConnectedClient, batch: Batch) -> Result<(), SessionEnd> {
         client.count_frames_out(&batch.frames);
         self.unsent.extend_from_slice(&batch.control);
-        for datagram in batch.datagrams {
+        if let Some(datagram) = batch.datagram {
             client.count_datagram_out(datagram.len());
             client.transport.send_datagram(datagram)?;
         }
