@@ -59,6 +59,7 @@
 pub mod footing;
 pub mod gaze;
 pub mod navigation;
+mod own_motion;
 pub mod presence;
 pub mod replica;
 pub mod reporting;

@@ -15,12 +15,13 @@ use sightline_world::{
     motion::{Agility, AvatarId, Pose},
 };
 
-use crate::replica::{Event, Outgoing, Replica, ReplicaError};
+use crate::{
+    own_motion::OwnMotion,
+    replica::{Event, Outgoing, Replica, ReplicaError},
+};
 
 /// Who is put no farther away than this, in metres, goes on where it was.
 const GOES_ON_M: f32 = 1.0;
-/// The own avatar is not moved on by itself for longer than this.
-const MOVE_ON_MAX: Duration = Duration::from_millis(50);
 /// The number of events kept for the caller. Beyond it, the oldest are dropped.
 const EVENTS_MAX: usize = 1_024;
 
@@ -72,8 +73,7 @@ pub struct Presence {
     world: Arc<World>,
     link: Link,
     returns: u32,
-    /// The pose of the own avatar as it was last set, and when.
-    posed: Option<(Duration, Pose)>,
+    own_motion: OwnMotion,
     /// Where the client was when it was told of the world that it enters now.
     moves_from: Option<Pose>,
     events: VecDeque<Event>,
@@ -89,7 +89,7 @@ impl Presence {
             world,
             link: Link::Present,
             returns: 0,
-            posed: None,
+            own_motion: OwnMotion::default(),
             moves_from: None,
             events: VecDeque::new(),
         }
@@ -120,7 +120,9 @@ impl Presence {
     pub fn set_pose(&mut self, now: Duration, pose: Pose) {
         if self.link == Link::Present {
             self.replica.set_pose(pose);
-            self.posed = pose.is_finite().then_some((now, pose));
+            if pose.is_finite() {
+                self.own_motion.set(now, pose);
+            }
         }
     }
 
@@ -199,7 +201,7 @@ impl Presence {
                 None => event,
             },
             Event::Corrected(_) => {
-                self.posed = None;
+                self.own_motion.clear();
                 event
             }
             Event::Chat { from, text, .. } if from == self.replica.avatar() => {
@@ -209,22 +211,23 @@ impl Presence {
         }
     }
 
-    /// What to send at a tick, for a measured round trip, and a number of packets lost so far.
+    /// What to send at a tick that was due at a time, which may be a while ago. The round trip is a
+    /// measured one, and a number of packets were lost so far.
     pub fn tick(
         &mut self,
-        now: Duration,
+        due: Duration,
         round_trip: Duration,
         lost_packets: u64,
     ) -> Option<Outgoing> {
-        self.move_on(now);
-        self.replica.hear_losses(now, lost_packets);
-        self.replica.tick(now, round_trip)
+        self.move_on(due);
+        self.replica.hear_losses(due, lost_packets);
+        self.replica.tick(due, round_trip)
     }
 
     /// Stands still until the client is in a world again.
     fn stand(&mut self, now: Duration, link: Link) {
         self.move_on(now);
-        self.posed = None;
+        self.own_motion.clear();
         self.link = link;
     }
 
@@ -239,10 +242,10 @@ impl Presence {
         pose
     }
 
-    /// Moves the own avatar on to where it is now, straight on from where it was last set.
-    fn move_on(&mut self, now: Duration) {
-        if let Some((at, pose)) = self.posed {
-            self.replica.set_pose(moved_on(pose, now.saturating_sub(at)));
+    /// Moves the own avatar to where it was at a time.
+    fn move_on(&mut self, time: Duration) {
+        if let Some(pose) = self.own_motion.at(time) {
+            self.replica.set_pose(pose);
         }
     }
 
@@ -256,11 +259,6 @@ impl Presence {
     }
 }
 
-/// A pose so long after it was set: straight on, for a short while.
-fn moved_on(pose: Pose, after: Duration) -> Pose {
-    pose.straight_on(after.min(MOVE_ON_MAX))
-}
-
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
@@ -269,13 +267,6 @@ mod tests {
     use super::*;
 
     const TICK: Duration = Duration::from_millis(50);
-
-    #[test]
-    fn between_two_frames_the_own_avatar_goes_straight_on_for_a_short_while() {
-        let posed = Pose { eye: Vec3::X, velocity: Vec3::X, ..Pose::default() };
-        let places = [0, 20, 50, 800].map(|ms| moved_on(posed, Duration::from_millis(ms)).eye.x);
-        assert!(places.iter().zip([1.0, 1.02, 1.05, 1.05]).all(|(x, at)| (x - at).abs() < 1e-5));
-    }
 
     #[test]
     fn who_comes_back_goes_on_where_it_was_and_stands_still_meanwhile() {

@@ -1,3 +1,4 @@
+mod crowd;
 mod house;
 
 use std::{

@@ -50,7 +50,7 @@ pub mod text;
 mod varint;
 
 /// The version of the protocol, which both ends must share.
-pub const VERSION: u32 = 9;
+pub const VERSION: u32 = 10;
 /// The TLS application protocol. It has no version, so that the server can tell a client of another
 /// version the reason in words.
 pub const ALPN: &[u8] = b"sightline";

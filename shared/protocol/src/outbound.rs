@@ -82,6 +82,11 @@ impl Outbound {
         is_turn && self.encoder.has_due(tick)
     }
 
+    /// How many poses wait.
+    pub fn waiting_len(&self) -> usize {
+        self.encoder.waiting_len()
+    }
+
     /// Drops what waits and forgets all avatars: the client leaves one world for another.
     pub fn leave_world(&mut self) {
         self.encoder.forget_all();

@@ -15,6 +15,7 @@ mod returning;
 mod stop;
 mod stranger;
 mod supplied;
+mod traced;
 mod transports;
 mod visitor;
 mod worlds;

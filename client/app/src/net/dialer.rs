@@ -10,7 +10,8 @@ use std::{
 };
 
 use quinn::{
-    Connection, ConnectionError, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
+    AckFrequencyConfig, Connection, ConnectionError, Endpoint, EndpointConfig, TokioRuntime,
+    TransportConfig, VarInt,
 };
 use sightline_cli::identity::Identity;
 use sightline_client_core::replica::ReplicaError;
@@ -33,6 +34,8 @@ use super::{
     trust::{self, Trust},
 };
 
+/// After so long, or after a round trip if that is less, the server says what has arrived.
+const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
 /// The time within which the server must answer.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(10);
 
@@ -202,6 +205,9 @@ fn socket(own: SocketAddr) -> io::Result<UdpSocket> {
 }
 
 fn transport() -> TransportConfig {
+    // The server need not say at each report that it has arrived: it says so with the next poses.
+    let mut acks = AckFrequencyConfig::default();
+    acks.ack_eliciting_threshold(VarInt::from_u32(8)).max_ack_delay(Some(ACK_DELAY_MAX));
     let mut transport = TransportConfig::default();
     transport
         .max_concurrent_bidi_streams(VarInt::from_u32(0))
@@ -210,7 +216,8 @@ fn transport() -> TransportConfig {
         .receive_window(VarInt::from_u32(4 << 20))
         .send_window(256 * 1_024)
         .datagram_receive_buffer_size(Some(256 * 1_024))
-        .datagram_send_buffer_size(16 * 1_024)
+        .datagram_send_buffer_size(4 * 1_024)
+        .ack_frequency_config(Some(acks))
         .keep_alive_interval(Some(KEEP_ALIVE))
         .max_idle_timeout(Some(VarInt::from_u32(IDLE_MS_MAX).into()));
     transport

@@ -85,6 +85,49 @@ impl MessageBudget {
     }
 }
 
+/// What QUIC, UDP and IP add to a datagram, in bytes.
+const PACKET_BYTES: f64 = 60.0;
+
+/// How many bytes one client may be sent. Poses wait while it is spent; control messages do not, and
+/// leave less to poses. Time passes by ticks.
+#[derive(Clone, Debug)]
+pub struct SendBudget {
+    /// Seconds from tick to tick.
+    tick_s: f64,
+    /// What is left. It is at most, and at least but for the sign, what a second brings.
+    level: f64,
+    tick: u32,
+}
+
+impl SendBudget {
+    /// A budget of which nothing is spent, at a server with this time from tick to tick.
+    pub fn new(tick_interval: Duration) -> Self {
+        Self { tick_s: tick_interval.as_secs_f64(), level: f64::INFINITY, tick: 0 }
+    }
+
+    /// Takes in that it is another tick, and how much a second brings.
+    pub fn pass(&mut self, tick: u32, per_second: f64) {
+        let passed_s = f64::from(tick.saturating_sub(self.tick)) * self.tick_s;
+        self.level = (self.level + passed_s * per_second).clamp(-per_second, per_second);
+        self.tick = tick;
+    }
+
+    /// How long a datagram may be.
+    pub fn room(&self) -> usize {
+        (self.level - PACKET_BYTES).max(0.0) as usize
+    }
+
+    /// Takes in that control messages are sent.
+    pub fn spend(&mut self, bytes: usize) {
+        self.level -= bytes as f64;
+    }
+
+    /// Takes in that a datagram is sent.
+    pub fn spend_datagram(&mut self, bytes: usize) {
+        self.level -= bytes as f64 + PACKET_BYTES;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,6 +148,30 @@ mod tests {
         let count = |decision| decisions.iter().filter(|d| **d == decision).count();
         assert_eq!((count(BudgetDecision::Accept), count(BudgetDecision::Ignore)), (128, 512));
         assert_eq!(decisions.last(), Some(&BudgetDecision::Disconnect));
+    }
+
+    #[test]
+    fn poses_take_what_control_messages_leave() {
+        let mut budget = SendBudget::new(Duration::from_millis(50));
+        let mut sent = 0;
+        for tick in 1..=200 {
+            budget.pass(tick, 10_000.0);
+            if (101..=120).contains(&tick) {
+                budget.spend(2_000);
+            }
+            let room = budget.room().min(1_150);
+            if room >= 128 {
+                budget.spend_datagram(room);
+                sent += room + 60;
+            }
+        }
+        // Ten seconds and what is there at first, without what control messages took.
+        let most = 110_000 - 40_000;
+        assert!((most - 2_000..=most).contains(&sent), "{sent} bytes");
+        (0..100).for_each(|_| budget.spend(1_000_000));
+        budget.pass(201, 10_000.0);
+        budget.pass(222, 10_000.0);
+        assert!(budget.room() > 128, "no debt is older than a second");
     }
 
     #[test]

@@ -124,7 +124,8 @@ impl ConnectedClient {
         config: &ServeConfig,
         metrics: Arc<Metrics>,
     ) -> Self {
-        let outbox = Outbox::new(visit.avatar, config.tick_interval(), config.limits.control_bytes_max);
+        let outbox =
+            Outbox::new(visit.avatar, config.tick_interval(), config.limits.control_bytes_max);
         let counters = TrafficCounters::default();
         let (since, is_replaced) = (Instant::now(), AtomicBool::new(false));
         Self { connection_id, transport, visit, outbox, counters, metrics, since, is_replaced }

@@ -4,10 +4,12 @@ use std::{
     io,
     net::{Ipv4Addr, SocketAddr, UdpSocket},
     sync::Arc,
+    time::Duration,
 };
 
 use quinn::{
-    Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt, congestion::BbrConfig,
+    AckFrequencyConfig, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
+    congestion::BbrConfig,
     crypto::rustls::QuicServerConfig,
 };
 use ring::hmac;
@@ -21,6 +23,8 @@ use super::{
     config::{Limits, ServeConfig},
 };
 
+/// After so long, or after a round trip if that is less, the client says what has arrived.
+const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
 /// What may wait of one new connection until it is looked at, in bytes.
 const INCOMING_BYTES: u64 = 16 * 1_024;
 
@@ -81,6 +85,14 @@ fn quic_config(identity: &Identity, limits: &Limits) -> Result<quinn::ServerConf
     Ok(quic)
 }
 
+/// How often the client need say what has arrived: less often than each second packet, where the
+/// round trip allows it.
+fn acks() -> AckFrequencyConfig {
+    let mut acks = AckFrequencyConfig::default();
+    acks.ack_eliciting_threshold(VarInt::from_u32(8)).max_ack_delay(Some(ACK_DELAY_MAX));
+    acks
+}
+
 /// The limits of a connection. Quinn's own defaults are a thousand times as generous.
 fn transport(limits: &Limits) -> TransportConfig {
     let idle_ms = (limits.idle_s * 1_000.0) as u32;
@@ -94,7 +106,8 @@ fn transport(limits: &Limits) -> TransportConfig {
         .receive_window(VarInt::from_u32(limits.receive_window_bytes))
         .send_window(limits.send_window_bytes.into())
         .datagram_receive_buffer_size(Some(limits.datagram_buffer_bytes))
-        .datagram_send_buffer_size(limits.datagram_buffer_bytes)
+        .datagram_send_buffer_size(limits.datagram_send_bytes)
+        .ack_frequency_config(Some(acks()))
         .max_idle_timeout(Some(VarInt::from_u32(idle_ms).into()));
     transport
 }

@@ -24,7 +24,7 @@ use tokio::sync::{
 
 use super::{
     client::{ConnectedClient, FormerPlace},
-    config::ServeConfig,
+    config::{Limits, ServeConfig},
     engine_faults::EngineFaults,
     load::Load,
     offers::Offers,
@@ -111,10 +111,7 @@ pub struct EngineTask {
     pace: Pace,
     /// The sight-test budget at the full rate.
     sight_test_budget: u32,
-    /// How many events are taken in at one tick at most.
-    events_max: usize,
-    /// How many clients enter at one tick at most.
-    joins_per_tick: usize,
+    limits: Limits,
     load: Arc<Load>,
     metrics: Arc<Metrics>,
     /// What engines before this one counted.
@@ -141,8 +138,7 @@ impl EngineTask {
             round_trips_due: Duration::ZERO,
             pace: Pace::new(config.tick_interval()),
             sight_test_budget: config.sight_test_budget,
-            events_max: config.limits.events_max,
-            joins_per_tick: config.limits.joins_per_tick,
+            limits: config.limits.clone(),
             engine: None,
             world: 0,
             served: None,
@@ -219,7 +215,7 @@ impl EngineTask {
     /// Takes in all events that wait. Returns whether any sender is left.
     fn take_all(&mut self, events: &mut mpsc::Receiver<TimedEvent>) -> bool {
         // No more than these, or a flood of events would hold the tick up.
-        for _ in 0..self.events_max {
+        for _ in 0..self.limits.events_max {
             match events.try_recv() {
                 Ok(TimedEvent { at, event }) => self.take(at, event),
                 Err(TryRecvError::Empty) => break,
@@ -227,7 +223,7 @@ impl EngineTask {
             }
         }
         let now = self.now();
-        for _ in 0..self.joins_per_tick {
+        for _ in 0..self.limits.joins_per_tick {
             let Some(newcomer) = self.newcomers.pop_front() else { break };
             self.enter(now, newcomer);
         }
@@ -367,8 +363,9 @@ impl EngineTask {
             }
         }
         let number = engine.ticks();
+        let bytes_per_s = self.limits.bytes_per_s_of_each(self.clients.len());
         for client in self.clients.values() {
-            client.outbox.flush(number);
+            client.outbox.flush(number, bytes_per_s);
         }
         self.places.note_all(now, engine, &self.clients);
         self.outputs = outputs;

@@ -12,7 +12,11 @@ use sightline_protocol::{
 use sightline_world::motion::{AvatarId, ReportingState};
 use tokio::sync::Notify;
 
+use super::budget::SendBudget;
 use crate::operate::SentFrames;
+
+/// With less room than this in a client's budget, its poses wait.
+const DATAGRAM_BYTES_MIN: usize = 256;
 
 /// The messages that wait to be sent to one client. The engine's thread fills the outbox and never
 /// waits; the client's own task empties it. Poses do not queue: a newer one replaces an older one.
@@ -32,6 +36,8 @@ pub struct Batch {
     pub frames: SentFrames,
     /// A datagram with poses.
     pub datagram: Option<Vec<u8>>,
+    /// Whether the client's budget left too little for poses that waited.
+    pub is_short: bool,
     /// Whether this is the last batch. Then the connection is to be closed.
     pub is_last: bool,
     /// Whether more waited than may, so that nothing of it is sent.
@@ -47,6 +53,7 @@ struct Waiting {
     control_bytes_max: usize,
     frames: SentFrames,
     outbound: Outbound,
+    budget: SendBudget,
     /// The engine's newest tick.
     tick: u32,
     /// The tick at which poses were last encoded.
@@ -67,6 +74,7 @@ impl Outbox {
             control_bytes_max,
             frames: SentFrames::default(),
             outbound: Outbound::new(avatar, tick_interval),
+            budget: SendBudget::new(tick_interval),
             tick: 0,
             encoded_tick: 0,
             reporting: None,
@@ -112,11 +120,13 @@ impl Outbox {
         self.push(&ServerMessage::Goodbye { reason: ChatLine::clipped(reason), may_return });
     }
 
-    /// Wakes the client's task, once every output of a tick is there, if it has something to send.
-    pub fn flush(&self, tick: u32) {
+    /// Wakes the client's task, once every output of a tick is there, if it has something to send. It
+    /// may be sent this number of bytes in a second.
+    pub fn flush(&self, tick: u32, bytes_per_s: f64) {
         let mut waiting = self.waiting();
         waiting.tick = tick;
-        let has_poses = waiting.outbound.has_poses(tick);
+        waiting.budget.pass(tick, bytes_per_s);
+        let has_poses = waiting.has_poses();
         let has_something = has_poses || waiting.has_ended || !waiting.control.is_empty();
         drop(waiting);
         if has_something {
@@ -149,19 +159,23 @@ impl Outbox {
     /// room for datagrams; `datagram_bytes_max` is then their greatest length.
     pub fn take(&self, datagram_bytes_max: Option<usize>) -> Batch {
         let mut waiting = self.waiting();
-        let mut datagram = None;
+        let control = std::mem::take(&mut waiting.control);
+        waiting.budget.spend(control.len());
+        let (mut datagram, mut is_short) = (None, false);
         if let Some(bytes_max) = datagram_bytes_max
-            && waiting.tick != waiting.encoded_tick
+            && waiting.has_poses()
         {
-            let tick = waiting.tick;
-            waiting.encoded_tick = tick;
-            waiting.outbound.set_datagram_bytes_max(bytes_max);
-            datagram = waiting.outbound.encode_poses(tick);
+            let room = waiting.budget.room();
+            is_short = room < DATAGRAM_BYTES_MIN;
+            if !is_short {
+                datagram = waiting.encode(bytes_max.min(room));
+            }
         }
         Batch {
-            control: std::mem::take(&mut waiting.control),
+            control,
             frames: std::mem::take(&mut waiting.frames),
             datagram,
+            is_short,
             is_last: waiting.has_ended,
             overflowed: waiting.overflowed,
         }
@@ -174,6 +188,20 @@ impl Outbox {
 }
 
 impl Waiting {
+    /// Whether there may be a datagram to send at this tick.
+    fn has_poses(&mut self) -> bool {
+        self.tick != self.encoded_tick && self.outbound.has_poses(self.tick)
+    }
+
+    /// The datagram of the tick, of at most this length.
+    fn encode(&mut self, bytes_max: usize) -> Option<Vec<u8>> {
+        self.encoded_tick = self.tick;
+        self.outbound.set_datagram_bytes_max(bytes_max);
+        let datagram = self.outbound.encode_poses(self.tick)?;
+        self.budget.spend_datagram(datagram.len());
+        Some(datagram)
+    }
+
     fn push(&mut self, message: &ServerMessage) {
         if self.has_ended {
             return;
@@ -214,6 +242,7 @@ mod tests {
 
     const TICK: Duration = Duration::from_millis(50);
     const CONTROL_BYTES_MAX: usize = 256 * 1_024;
+    const BYTES_PER_S: f64 = 64_000.0;
     const ME: AvatarId = AvatarId(1);
     const OTHER: AvatarId = AvatarId(2);
 
@@ -242,7 +271,7 @@ mod tests {
         let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         for tick in 1..=100 {
             outbox.tell(&poses(tick as f32), Duration::ZERO);
-            outbox.flush(tick);
+            outbox.flush(tick, BYTES_PER_S);
             assert!(outbox.take(None).datagram.is_none(), "the path is full");
         }
         let batch = outbox.take(Some(1_200));
@@ -254,13 +283,29 @@ mod tests {
     }
 
     #[test]
+    fn poses_wait_while_control_messages_take_all_that_a_client_may_be_sent() {
+        let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
+        let mut waited = 0;
+        for tick in 1..=40 {
+            let appears = if tick == 1 { 2_000 } else { 0 };
+            (0..appears).for_each(|_| outbox.tell(&appear(), Duration::ZERO));
+            outbox.tell(&poses(tick as f32), Duration::ZERO);
+            outbox.flush(tick, BYTES_PER_S);
+            let batch = outbox.take(Some(1_200));
+            assert_eq!(batch.is_short, batch.datagram.is_none());
+            waited += usize::from(batch.is_short);
+        }
+        assert!((5..=21).contains(&waited), "{waited} ticks");
+    }
+
+    #[test]
     fn no_pose_of_a_vanished_avatar_is_sent() {
         let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         outbox.tell(&appear(), Duration::ZERO);
         outbox.tell(&poses(1.0), Duration::ZERO);
         outbox.tell(&Output::Vanish { to: ME, avatar: OTHER }, Duration::ZERO);
         for tick in 1..20 {
-            outbox.flush(tick);
+            outbox.flush(tick, BYTES_PER_S);
             assert!(outbox.take(Some(1_200)).datagram.is_none());
         }
     }
@@ -269,7 +314,7 @@ mod tests {
     fn an_appearance_counts_from_the_next_datagram() {
         let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         outbox.tell(&poses(1.0), Duration::ZERO);
-        outbox.flush(1);
+        outbox.flush(1, BYTES_PER_S);
         assert!(outbox.take(Some(1_200)).datagram.is_some());
         outbox.tell(&appear(), Duration::ZERO);
         let said = messages(&outbox.take(None));

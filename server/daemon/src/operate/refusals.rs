@@ -60,6 +60,8 @@ reasons! {
     Chat = "chat_per_s",
     /// A client for which too many messages waited.
     Outbox = "control_bytes_max",
+    /// A tick at which a client's poses waited, because it had been sent all that it may be.
+    SendBudget = "client_bytes_per_s",
     /// A client that took too long to read.
     Reading = "write_s",
     /// Bytes that are no message.
@@ -94,10 +96,11 @@ impl Refusals {
         self.0[reason as usize].fetch_add(1, Relaxed);
     }
 
-    /// All refusals by which a peer lost something: a line of the log, and a handshake that goes on
-    /// once the address is proven, are none of them.
+    /// All refusals by which a peer lost something: a line of the log, a handshake that goes on once
+    /// the address is proven, and poses that wait are none of them.
     pub(crate) fn total(&self) -> u64 {
-        let costs_nothing = [Reason::Unproven, Reason::LogLine].map(|reason| reason as usize);
+        let costs_nothing =
+            [Reason::Unproven, Reason::LogLine, Reason::SendBudget].map(|reason| reason as usize);
         let counts = self.0.iter().enumerate();
         let lost = counts.filter(|(reason, _)| !costs_nothing.contains(reason));
         lost.map(|(_, count)| count.load(Relaxed)).sum()

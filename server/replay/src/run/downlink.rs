@@ -72,7 +72,8 @@ impl Run<'_> {
         let mut work: Vec<(AvatarId, &mut Outbound)> =
             self.outbound.iter_mut().map(|(to, outbound)| (*to, outbound)).collect();
         let encode = |(to, outbound): &mut (AvatarId, &mut Outbound)| {
-            let datagram = if outbound.has_poses(tick) { outbound.encode_poses(tick) } else { None };
+            let datagram =
+                if outbound.has_poses(tick) { outbound.encode_poses(tick) } else { None };
             (*to, datagram)
         };
         let datagrams: Vec<(AvatarId, Option<Vec<u8>>)> = work.par_iter_mut().map(encode).collect();

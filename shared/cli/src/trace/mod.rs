@@ -52,8 +52,8 @@ pub struct Track {
 }
 
 impl Track {
-    /// The pose at a time in seconds. Between two samples the eye is interpolated; before the first
-    /// and after the last the avatar stands still.
+    /// The pose at a time in seconds. Between two samples it is interpolated; before the first and
+    /// after the last the avatar stands still.
     pub fn at(&self, seconds: f64) -> Pose {
         let after = self.samples.partition_point(|(t, _)| *t <= seconds);
         let before = after.checked_sub(1).and_then(|i| self.samples.get(i));
@@ -61,13 +61,20 @@ impl Track {
             (Some((t, a)), Some((u, b))) => {
                 debug_assert!(t < u, "samples ascend in time");
                 let share = ((seconds - t) / (u - t)) as f32;
-                Pose { eye: a.eye.lerp(b.eye, share), ..*a }
+                between(a, b, share)
             }
             (Some((_, end)), None) => Pose { velocity: Vec3::ZERO, ..*end },
             (None, Some((_, start))) => Pose { velocity: Vec3::ZERO, ..*start },
             (None, None) => Pose::default(),
         }
     }
+}
+
+/// The pose at a part of the way from one to another, from 0 to 1, with the rates of the first.
+fn between(from: &Pose, to: &Pose, part: f32) -> Pose {
+    let yaw = from.yaw + turn_between(from.yaw, to.yaw) * part;
+    let pitch = from.pitch + (to.pitch - from.pitch) * part;
+    Pose { eye: from.eye + (to.eye - from.eye) * part, yaw, pitch, ..*from }
 }
 
 /// Why a trace cannot be read.
@@ -152,9 +159,7 @@ impl Trace {
             return here.pose;
         }
         let part = (at - from).as_secs_f32() / seconds;
-        let yaw = here.pose.yaw + turn_between(here.pose.yaw, next.pose.yaw) * part;
-        let pitch = here.pose.pitch + (next.pose.pitch - here.pose.pitch) * part;
-        Pose { eye: here.pose.eye + way * part, yaw, pitch, ..here.pose }
+        between(&here.pose, &next.pose, part)
     }
 }
 
@@ -187,6 +192,9 @@ mod tests {
         assert_eq!(tracks.iter().map(|track| track.id).collect::<Vec<_>>(), [3, 7]);
         let x = |seconds: f64| tracks[1].at(seconds).eye.x;
         assert_eq!([x(-1.0), x(0.0), x(0.5), x(1.0), x(9.0)], [0.0, 0.0, 1.0, 2.0, 2.0]);
+        let turning = read("0,7,0,1,0,0,0,1,0,0\n1000,7,2,1,0,1,0.5,1,0,0\n").unwrap();
+        let Pose { yaw, pitch, .. } = turning.tracks()[0].at(0.5);
+        assert!((yaw - 0.5).abs() < 1e-6 && (pitch - 0.25).abs() < 1e-6);
     }
 
     #[test]

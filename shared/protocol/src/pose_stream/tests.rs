@@ -156,7 +156,10 @@ fn check_walk(seed: u64, avatars: u32, loss_percent: u64, datagram_bytes_max: us
         let off = held.velocity.distance(true_pose.velocity);
         assert!(off < 0.05, "avatar {id:?} at the end");
     }
-    assert!(sent(&mut encoder, 400, &[]).is_none(), "everything was acknowledged, so nothing is sent");
+    assert!(
+        sent(&mut encoder, 400, &[]).is_none(),
+        "everything was acknowledged, so nothing is sent"
+    );
 }
 
 #[test]

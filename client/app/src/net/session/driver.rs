@@ -179,7 +179,7 @@ impl Driver {
                         tracing::debug!(%error, "a datagram was ignored");
                     }
                 }
-                _ = ticks.tick() => self.tick().await?,
+                due = ticks.tick() => self.tick(due).await?,
                 command = inbox.recv() => match command {
                     Some(SessionCommand::Say(text)) => self.send(&ClientMessage::Chat { text }).await?,
                     Some(SessionCommand::Respawn) => self.send(&ClientMessage::Respawn).await?,
@@ -227,14 +227,16 @@ impl Driver {
         Ok(heard)
     }
 
-    async fn tick(&mut self) -> Result<(), ConnectError> {
+    /// Takes the client through the tick that was due at a moment, which may be a while ago.
+    async fn tick(&mut self, due: Instant) -> Result<(), ConnectError> {
         let stats = self.control.connection.stats();
         let outgoing = {
             let mut state = self.shared.lock();
             let now = self.shared.now();
             let udp_bytes = state.udp_bytes();
             state.meter.read(now, udp_bytes);
-            state.presence.tick(now, stats.path.rtt, stats.path.lost_packets)
+            let due = self.shared.time_of(due.into_std());
+            state.presence.tick(due, stats.path.rtt, stats.path.lost_packets)
         };
         match outgoing {
             None => Ok(()),

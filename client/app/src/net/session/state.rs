@@ -68,6 +68,11 @@ impl SharedState {
         self.started.elapsed()
     }
 
+    /// A moment as the time since the session started.
+    pub(super) fn time_of(&self, moment: Instant) -> Duration {
+        moment.saturating_duration_since(self.started)
+    }
+
     /// Locks the state. A panic elsewhere leaves it usable: no holder of the lock stops half way.
     pub(super) fn lock(&self) -> MutexGuard<'_, LockedState> {
         self.locked.lock().unwrap_or_else(PoisonError::into_inner)

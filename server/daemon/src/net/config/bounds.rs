@@ -87,7 +87,10 @@ pub(super) const LIMITS: &[Bound] = &[
     bound("stream_window_bytes", 4_096.0, 1_048_576.0),
     bound("receive_window_bytes", 4_096.0, 16_777_216.0),
     bound("send_window_bytes", 16_384.0, 16_777_216.0),
-    bound("datagram_buffer_bytes", 32_768.0, 1_048_576.0),
+    bound("datagram_buffer_bytes", 4_096.0, 1_048_576.0),
+    bound("datagram_send_bytes", 2_048.0, 65_536.0),
+    bound("client_bytes_per_s", 8_000.0, 1e9),
+    bound("bytes_per_s", 8_000.0, 4e9),
     costly("socket_bytes", [65_536.0, 268_435_456.0], |config| {
         2 * config.limits.socket_bytes as u64
     }),
@@ -111,7 +114,8 @@ pub(super) const LIMITS: &[Bound] = &[
 fn client_buffers(config: &ServeConfig) -> u64 {
     let limits = &config.limits;
     let windows = u64::from(limits.receive_window_bytes) + u64::from(limits.send_window_bytes);
-    windows + 2 * limits.datagram_buffer_bytes as u64 + limits.control_bytes_max as u64
+    let datagrams = limits.datagram_buffer_bytes + limits.datagram_send_bytes;
+    windows + (datagrams + limits.control_bytes_max) as u64
 }
 
 /// What a connection without an avatar may occupy.

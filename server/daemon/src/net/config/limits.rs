@@ -62,8 +62,15 @@ documented! {
         receive_window_bytes: u32,
         /// Bytes to one client that are not acknowledged.
         send_window_bytes: u32,
-        /// Bytes of datagrams that wait, in each direction. The oldest are dropped first.
+        /// Bytes of datagrams from one client that wait to be read. The oldest are dropped first.
         datagram_buffer_bytes: usize,
+        /// Bytes of datagrams to one client that wait for the path. The oldest are dropped first.
+        datagram_send_bytes: usize,
+        /// Bytes to one client in a second, worlds apart. Beyond them its poses wait, those that
+        /// matter least to it for longest; control messages do not.
+        client_bytes_per_s: u32,
+        /// Bytes to all clients in a second, worlds apart. Each client has an equal share of them.
+        bytes_per_s: u32,
         /// Bytes that the system is asked to keep of what arrives, and of what leaves.
         socket_bytes: usize,
         /// Lines of the log in a second about those who come and go from one network.
@@ -112,7 +119,10 @@ impl Default for Limits {
             stream_window_bytes: 64 * 1_024,
             receive_window_bytes: 256 * 1_024,
             send_window_bytes: 256 * 1_024,
-            datagram_buffer_bytes: 64 * 1_024,
+            datagram_buffer_bytes: 16 * 1_024,
+            datagram_send_bytes: 4 * 1_024,
+            client_bytes_per_s: 64_000,
+            bytes_per_s: 125_000_000,
             socket_bytes: 8 << 20,
             log_lines_per_s: 5.0,
             log_networks_max: 1_024,
@@ -130,6 +140,12 @@ impl Limits {
     /// What may wait of all new connections together until they are looked at, in bytes.
     pub fn incoming_bytes(&self) -> u64 {
         self.incoming_max as u64 * INCOMING_MEAN_BYTES
+    }
+
+    /// What each of a number of clients may be sent, in bytes a second.
+    pub fn bytes_per_s_of_each(&self, clients: usize) -> f64 {
+        let share = f64::from(self.bytes_per_s) / clients.max(1) as f64;
+        share.min(self.client_bytes_per_s.into())
     }
 
     /// How long the download of a number of bytes may take.

@@ -132,8 +132,8 @@ mod tests {
         let each = (many - few) / 100;
         assert_eq!(
             each,
-            1_056 * 1_024,
-            "bytes for each client: buffers of 896 KiB, and what else is kept"
+            948 * 1_024,
+            "bytes for each client: buffers of 788 KiB, and what else is kept"
         );
     }
 }

@@ -41,6 +41,9 @@ impl OutboxWriter {
             // While the path is busy, poses wait in the outbox, where newer ones replace them.
             let batch = client.outbox.take(client.transport.datagram_room());
             let (is_last, overflowed) = (batch.is_last, batch.overflowed);
+            if batch.is_short {
+                client.count_refusal(Reason::SendBudget);
+            }
             if let Err(end) = self.send(client, batch).await {
                 return end;
             }

@@ -7,13 +7,15 @@ use quinn::{
     Connection, ConnectionError, ReadError, RecvStream, SendDatagramError, SendStream, VarInt,
     WriteError,
 };
-use sightline_protocol::{fingerprint::KeyFingerprint, frame::FRAME_BYTES_MAX};
+use sightline_protocol::{
+    fingerprint::KeyFingerprint, frame::FRAME_BYTES_MAX, pose_stream::DATAGRAM_BYTES_MAX,
+};
 
 use super::{super::client_keys::key_of, CloseCode, TransportError};
 
-/// Poses are sent only while QUIC's own queue of datagrams has room for this number of bytes. In it
-/// they would grow old.
-const DATAGRAM_SPACE_MIN: usize = 16 * 1_024;
+/// A datagram is sent only while QUIC's own queue of datagrams has room for one of any length. In it
+/// poses would grow old.
+const DATAGRAM_SPACE_MIN: usize = DATAGRAM_BYTES_MAX;
 
 /// A connection of QUIC.
 pub struct QuicTransport(Connection);
