@@ -15,6 +15,7 @@ use std::{
 
 use axum::extract::ws::WebSocket;
 use bytes::Bytes;
+use sightline_protocol::pose_stream::DATAGRAM_BYTES_MAX;
 use tokio::sync::{Notify, mpsc, oneshot, watch};
 
 use super::{CloseCode, TransportError};
@@ -24,8 +25,6 @@ use pump::Pump;
 const CONTROL: u8 = 0;
 /// The first byte of a message with a datagram.
 const DATAGRAM: u8 = 1;
-/// The greatest length of a datagram, in bytes: as on QUIC.
-const DATAGRAM_BYTES_MAX: usize = 1_200;
 /// How many datagrams of the client may wait. The oldest are dropped first.
 const DATAGRAMS_MAX: usize = 16;
 /// How many messages of the client's control stream may wait. Then the socket is not read.
