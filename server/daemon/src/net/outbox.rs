@@ -287,7 +287,7 @@ mod tests {
         let outbox = Outbox::new(ME, TICK, CONTROL_BYTES_MAX);
         let mut waited = 0;
         for tick in 1..=40 {
-            let appears = if tick == 1 { 2_000 } else { 0 };
+            let appears = if tick == 1 { 5_000 } else { 0 };
             (0..appears).for_each(|_| outbox.tell(&appear(), Duration::ZERO));
             outbox.tell(&poses(tick as f32), Duration::ZERO);
             outbox.flush(tick, BYTES_PER_S);
