@@ -13,7 +13,7 @@ const KEPT: usize = 16;
 ///
 /// A timer fires late on a busy machine, and by then the avatar is elsewhere. A client reports where
 /// it was at its tick, so that it seems to be off its course no more often than it is.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct OwnMotion {
     /// The last poses and their times, oldest first: at most [`KEPT`].
     set: VecDeque<(Duration, Pose)>,

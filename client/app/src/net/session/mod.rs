@@ -157,8 +157,8 @@ impl Session {
         self.shared.lock().presence.replica.avatar()
     }
 
-    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must:
-    /// as it is then, straight on from the last frame.
+    /// Sets the pose of this client's avatar, once per frame. The session reports it when it must: as
+    /// it is at the client's tick, between two frames or straight on from the last one.
     pub fn set_pose(&self, pose: Pose) {
         let now = self.shared.now();
         self.shared.lock().presence.set_pose(now, pose);
