@@ -9,8 +9,7 @@ use std::{
 
 use quinn::{
     AckFrequencyConfig, Endpoint, EndpointConfig, TokioRuntime, TransportConfig, VarInt,
-    congestion::BbrConfig,
-    crypto::rustls::QuicServerConfig,
+    congestion::BbrConfig, crypto::rustls::QuicServerConfig,
 };
 use ring::hmac;
 use sightline_cli::identity::Identity;
