@@ -25,7 +25,7 @@ use sightline_world::{Cells, Mesh, World, geometry::Aabb};
 const AGREEING: f64 = 0.999;
 /// The largest share of pixels whose colour differs between the modes by more than rounding.
 const DIFFERING: f64 = 0.005;
-/// The largest share of projections that the orthogonal mode needs, from spawn points.
+/// The largest share of projections that form patterns need, from spawn points.
 const PROJECTIONS: f64 = 0.05;
 const SIZE: (usize, usize) = (640, 360);
 
@@ -83,16 +83,18 @@ fn check(name: &str, model: &Model, voxel: f32) {
             );
         }
     }
-    let compared = ModeComparison::of(&world.octree, &cameras, SIZE, &mut |_| {});
-    let ModeComparison { differing, unlike, shifted, shift_max, projections, .. } = &compared;
     println!("{name}: {} views agree", cameras.len());
-    println!("  differing {differing:?}, unlike {unlike:?}");
-    println!("  shifted {shifted:?} by {shift_max}, projections {projections:?}");
-    assert!(differing.worst <= DIFFERING, "{name}: {compared:?}");
-    assert!(shifted.worst == 0.0 && *shift_max <= 1, "{name}: {compared:?}");
-    for view in &compared.views[..views.spawns.len()] {
-        let (some, all) = (view.orthogonal.projections, view.perspective.projections);
-        assert!(some <= PROJECTIONS * all, "{name}: {view:?}");
+    for mode in [Mode::Orthogonal, Mode::Forms] {
+        let compared = ModeComparison::of(mode, &world.octree, &cameras, SIZE, &mut |_| {});
+        let ModeComparison { differing, unlike, shifted, shift_max, projections, .. } = &compared;
+        println!("  {mode:?}: differing {differing:?}, unlike {unlike:?}");
+        println!("  shifted {shifted:?} by {shift_max}, projections {projections:?}");
+        assert!(differing.worst <= DIFFERING, "{name}: {compared:?}");
+        assert!(shifted.worst == 0.0 && *shift_max <= 1, "{name}: {compared:?}");
+        for view in &compared.views[..views.spawns.len()] {
+            let (some, all) = (view.compared.projections, view.perspective.projections);
+            assert!(mode != Mode::Forms || some <= PROJECTIONS * all, "{name}: {view:?}");
+        }
     }
     check_hidden(name, &world);
 }
@@ -118,7 +120,7 @@ fn check_hidden(name: &str, world: &World) {
         let aside = Vec3::from([0; 3].map(|_| random.random_range(-0.5..0.5)));
         let size = Vec3::from([0; 3].map(|_| random.random_range(0.05..1.0)));
         let eyes = Aabb::new(at + aside, at + aside + size);
-        renderer.mode = Mode::ALL[turn % 2];
+        renderer.mode = Mode::ALL[turn % Mode::ALL.len()];
         // Every other pair of boxes is prepared for pictures of exactly this size, as a window
         // does.
         let focal = Camera::looking_at(at, at + aside).focal(less.height());

@@ -153,7 +153,7 @@ mod tests {
     use sightline_world::octree::Octree;
 
     use super::*;
-    use crate::{Camera, mask::Area, view::View};
+    use crate::{Camera, Mode, mask::Area, view::View};
 
     const SIDE: usize = 64;
 
@@ -178,7 +178,7 @@ mod tests {
             let yaw = f32::from(yaw) * std::f32::consts::FRAC_PI_4 + turn;
             let camera = Camera { eye: Vec3::ZERO, yaw, pitch, fov_y: 1.2 };
             let octree = Octree::empty(Vec3::ZERO, 1.0, 3);
-            let view = View::new(&camera, SIDE, SIDE).band(0, &octree);
+            let view = View::new(&camera, SIDE, SIDE).band(0, &octree, Mode::Perspective);
             let hull = Hull::new(&view, low, high);
             let area = Area { left: 0, right: SIDE, top: 0, bottom: SIDE };
             let mut differ = 0;

@@ -69,6 +69,7 @@ mod shade;
 pub mod text;
 mod traversal;
 mod view;
+mod ways;
 
 pub use self::{
     camera::Camera,

@@ -102,7 +102,11 @@ impl Traversal<'_> {
         let level = fine.last - (fine.levels - node.below) as u8;
         let is_cell = node.below == fine.levels;
         let is_leaves = fine.last == self.octree.depth;
-        if is_leaves && !is_cell && self.draw_layer(node.index, level, node.centre, area) {
+        if is_leaves
+            && !is_cell
+            && node.centre.w >= self.view.ways.layers_from
+            && self.draw_layer(node.index, level, node.centre, area)
+        {
             return;
         }
         if node.below != fine.drawn_at {
@@ -168,7 +172,8 @@ impl Traversal<'_> {
     ) -> bool {
         let patterns = &self.view.patterns;
         let farthest = centre.w + patterns[usize::from(level)].reach.z;
-        farthest <= patterns[usize::from(self.octree.depth) - 1].small_from
+        centre.w >= self.view.ways.layers_from
+            && farthest <= patterns[usize::from(self.octree.depth) - 1].small_from
             && self.has_ratio(centre.w, level, 0.0)
             && self.draw_layer(index, level, centre, area)
     }

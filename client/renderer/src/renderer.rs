@@ -94,21 +94,13 @@ impl Renderer {
         parallel::for_each(
             bands,
             |i, (state, ((((colour, depth), material_ids), farthest), panes))| {
-                let view = view.band(i * BAND_ROWS, octree);
+                let view = view.band(i * BAND_ROWS, octree, mode);
                 let BandState { band, stacks, counters } = state;
                 *counters = Counters::default();
                 band.clear(width, BAND_ROWS.min(height - i * BAND_ROWS));
                 let rows = FrameRows { colour, depth, material_ids, farthest, panes };
-                let traversal = Traversal {
-                    octree,
-                    view: &view,
-                    mode,
-                    classes,
-                    glass_from,
-                    band,
-                    stacks,
-                    counters,
-                };
+                let traversal =
+                    Traversal { octree, view: &view, classes, glass_from, band, stacks, counters };
                 let work = BandWork { traversal, colours, rows };
                 if portable {
                     work.with_simd(pulp::Scalar);

@@ -16,19 +16,22 @@ use super::{
     view::BandView,
 };
 
-/// How nodes are projected.
+/// How nodes are projected. All modes show the same picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Mode {
     /// Each node for itself, at all levels.
     Perspective,
-    /// By form patterns, below nodes in which perspective is too small to see (Dell 2012).
+    /// By form patterns below all nodes in which perspective is too small to see (Dell 2012), and
+    /// all layers as layers.
+    Forms,
+    /// The cheaper way at each node: by form patterns, as a layer, or each octant for itself.
     #[default]
     Orthogonal,
 }
 
 impl Mode {
     /// All modes.
-    pub const ALL: [Self; 2] = [Self::Perspective, Self::Orthogonal];
+    pub const ALL: [Self; 3] = [Self::Perspective, Self::Forms, Self::Orthogonal];
 }
 
 /// What drawing a picture took, in counts that do not depend on the machine.
@@ -129,7 +132,6 @@ impl NodeClasses<'_> {
 pub(super) struct Traversal<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
-    pub(super) mode: Mode,
     pub(super) classes: NodeClasses<'a>,
     /// The first material that is glass.
     pub(super) glass_from: usize,
@@ -171,28 +173,6 @@ impl Traversal<'_> {
         }
         cube.unoccluded |= self.classes.is_unoccluded(cube.index, cube.level);
         self.counters.nodes += 1;
-        if self.mode == Mode::Perspective {
-            self.consider_in_perspective(cube);
-        } else if cube.projected.z + self.reach(cube.level).z < NEAR || self.is_beside(&cube) {
-            // Out of view.
-        } else if self.is_large(&cube) {
-            self.descend(&cube);
-        } else if let Some(area) = self.open_area(&cube) {
-            let centre = cube.centre.extend(cube.projected.z);
-            if cube.level == self.octree.depth {
-                self.fill(centre, cube.level, self.material_id(cube.index, cube.level), &area);
-            } else if self.has_ratio(centre.w, cube.level, self.view.coarse_ratio_min) {
-                self.draw_orthogonal(&cube);
-            } else if !self.draw_near_layer(cube.index, cube.level, centre, &area) {
-                self.descend(&cube);
-            }
-        }
-    }
-
-    /// Draws a node in perspective mode, or puts its octants on the stack, unless it is out of view
-    /// or covered. Every node is projected.
-    #[inline(always)]
-    fn consider_in_perspective(&mut self, mut cube: PerspectiveNode) {
         let Some(area) = self.open_area(&cube) else { return };
         let depth = cube.projected.z;
         if cube.last == UNDECIDED && self.has_ratio(depth, cube.level, self.view.ratio_min) {
@@ -201,7 +181,11 @@ impl Traversal<'_> {
         if cube.level >= cube.last.min(self.octree.depth) {
             let material_id = self.material_id(cube.index, cube.level);
             self.fill(cube.centre.extend(depth), cube.level, material_id, &area);
-        } else {
+        } else if depth >= self.view.ways.forms_from
+            && self.has_ratio(depth, cube.level, self.view.coarse_ratio_min)
+        {
+            self.draw_orthogonal(&cube);
+        } else if !self.draw_near_layer(cube.index, cube.level, cube.centre.extend(depth), &area) {
             self.descend(&cube);
         }
     }
@@ -210,15 +194,6 @@ impl Traversal<'_> {
     #[inline(always)]
     fn reach(&self, level: u8) -> Vec4 {
         self.view.patterns[usize::from(level)].reach
-    }
-
-    /// Whether a node is neither a voxel nor a layer, and too near for orthogonal mode. Such a node
-    /// is halved without being projected.
-    #[inline(always)]
-    fn is_large(&self, cube: &PerspectiveNode) -> bool {
-        cube.level < self.octree.depth
-            && !self.has_ratio(cube.projected.z, cube.level, self.view.coarse_ratio_min)
-            && self.octree.inner[cube.index as usize].flat().is_none()
     }
 
     /// The pixels that a node's bounding box meets; none when it is out of view or covered.

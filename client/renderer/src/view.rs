@@ -7,9 +7,10 @@ use sightline_world::{
 };
 
 use super::{
-    Camera,
+    Camera, Mode,
     margins::{NEAR, SEAM_PX},
     ratio::{coarse_ratio_min, ratio_min},
+    ways::Ways,
 };
 
 /// An inner node is drawn as a whole when its edge spans no more than this many pixels.
@@ -129,7 +130,7 @@ impl View {
     }
 
     /// The view for a band that begins at a row.
-    pub(super) fn band(&self, row: usize, octree: &Octree) -> BandView {
+    pub(super) fn band(&self, row: usize, octree: &Octree, mode: Mode) -> BandView {
         debug_assert!(octree.depth <= DEPTH_MAX, "{} levels", octree.depth);
         let [x, y] = [self.centre[0], self.centre[1] - row as f32];
         let to_x = self.right * self.focal + self.forward * x;
@@ -145,6 +146,7 @@ impl View {
             pixel: 1.0 / self.focal,
             ratio_min: self.ratio_min,
             coarse_ratio_min: self.coarse_ratio_min,
+            ways: Ways::new(mode, octree.voxel() * self.focal),
             patterns: std::array::from_fn(|level| {
                 LevelPattern::new(&axes, octree.edge * 0.5f32.powi(level as i32), self.focal)
             }),
@@ -176,6 +178,8 @@ pub(super) struct BandView {
     pub(super) coarse_ratio_min: f32,
     /// The patterns of the nodes of each level, which are all of one shape.
     pub(super) patterns: [LevelPattern; LEVELS],
+    /// Which way nodes are drawn.
+    pub(super) ways: Ways,
 }
 
 impl BandView {

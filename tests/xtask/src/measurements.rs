@@ -622,6 +622,31 @@ pub const ALL: &[Measurement] = &[
         ],
     },
     Measurement {
+        name: "drawing-modes",
+        title: "The renderer's modes in many buildings",
+        note: "CPU time of one thread for 1280 × 720 pixels, the median over spawn points. A share is \
+               that of orthogonal mode in perspective mode. The mode forms takes form patterns and \
+               layers wherever perspective allows it.",
+        program: Program::Bench("modes"),
+        runs: &[Run {
+            label: "",
+            args: &[],
+            full: &["--views", "8", "--repeats", "3"],
+            quick: &["--only", "hall", "--views", "1", "--repeats", "1"],
+        }],
+        rows: "/rows",
+        columns: &[
+            ("building", "/building"),
+            ("voxel, m", "/voxel_m"),
+            ("perspective, ms", "/perspective_ms"),
+            ("orthogonal, ms", "/orthogonal_ms"),
+            ("forms, ms", "/forms_ms"),
+            ("share, spawns", "/spawns"),
+            ("share, walk", "/walk"),
+            ("forms, share", "/forms_spawns"),
+        ],
+    },
+    Measurement {
         name: "octree-loops",
         title: "Writing and reading an octree",
         note: "CPU time of one thread for each voxel of hills, the least of several rounds.",

@@ -4,11 +4,13 @@ use serde::Serialize;
 use sightline_renderer::{Camera, Frame, Mode, Renderer};
 use sightline_world::octree::Octree;
 
-use super::{FrameCounts, PictureDifference, Spread};
+use super::{DrawMethod, FrameCounts, PictureDifference, Spread};
 
-/// How pictures in orthogonal mode differ from those in perspective mode, at one size.
+/// How pictures in a mode differ from those in perspective mode, at one size.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModeComparison {
+    /// The mode: see [`DrawMethod::name`].
+    pub mode: &'static str,
     /// Columns of pixels.
     pub width: usize,
     /// Rows of pixels.
@@ -21,8 +23,7 @@ pub struct ModeComparison {
     pub shifted: Spread,
     /// The greatest shift of a pixel: see [`PictureDifference::shift_max`].
     pub shift_max: usize,
-    /// Projections from space to the picture in orthogonal mode, as a share of those in perspective
-    /// mode.
+    /// Projections from space to the picture in the mode, as a share of those in perspective mode.
     pub projections: Spread,
     /// All views, one by one.
     pub views: Vec<ViewComparison>,
@@ -35,13 +36,14 @@ pub struct ViewComparison {
     pub difference: PictureDifference,
     /// The work of perspective mode.
     pub perspective: FrameCounts,
-    /// The work of orthogonal mode.
-    pub orthogonal: FrameCounts,
+    /// The work of the mode that is compared with it.
+    pub compared: FrameCounts,
 }
 
 impl ModeComparison {
-    /// Compares all views. Calls `progress` with the share done, from 0 to 1.
+    /// Compares a mode with perspective mode in all views. Calls `progress` with the share done, from 0 to 1.
     pub fn of(
+        mode: Mode,
         octree: &Octree,
         cameras: &[Camera],
         size: (usize, usize),
@@ -53,22 +55,23 @@ impl ModeComparison {
         let tolerance = octree.voxel() * 3f32.sqrt();
         let mut views = Vec::with_capacity(cameras.len());
         for (i, camera) in cameras.iter().enumerate() {
-            let [perspective, orthogonal] = [0, 1].map(|which| {
-                renderer.mode = [Mode::Perspective, Mode::Orthogonal][which];
+            let [perspective, compared] = [0, 1].map(|which| {
+                renderer.mode = [Mode::Perspective, mode][which];
                 renderer.draw(octree, camera, &mut frames[which]);
                 FrameCounts::mean(&[renderer.counters()])
             });
             let difference = PictureDifference::of(&frames[0], &frames[1], tolerance);
-            views.push(ViewComparison { difference, perspective, orthogonal });
+            views.push(ViewComparison { difference, perspective, compared });
             progress((i + 1) as f32 / cameras.len() as f32);
         }
         let spread = |figure: &dyn Fn(&ViewComparison) -> f64| {
             Spread::of(&views.iter().map(figure).collect::<Vec<_>>())
         };
         let projections = |view: &ViewComparison| {
-            view.orthogonal.projections / view.perspective.projections.max(1.0)
+            view.compared.projections / view.perspective.projections.max(1.0)
         };
         Self {
+            mode: DrawMethod::Octree(mode).name(),
             width,
             height,
             differing: spread(&|view| view.difference.differing),

@@ -249,7 +249,7 @@ mod tests {
         let world = world(&[([31, 1, 8], [33, 30, 64], 0), ([40, 1, 8], [60, 9, 40], 0)]);
         let path = CameraPath::through(&world);
         let poses: Vec<Pose> = (0..90).map(|i| path.at(f64::from(i) * FRAME_S)).collect();
-        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
+        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2, mode: None };
         let run = fuzzy(&world, &poses, &options, &mut |_| {}).unwrap();
         assert!(run.boxes >= 1 && run.hit_rate > 0.5 && run.hidden > 0.0, "{run:?}");
         assert!(run.visible > 0.0 && run.hidden + run.visible <= 1.0, "{run:?}");

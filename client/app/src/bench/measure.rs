@@ -25,9 +25,10 @@ pub enum DrawMethod {
 
 impl DrawMethod {
     /// All methods: first those that draw, then those for comparison.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Octree(Mode::Orthogonal),
         Self::Octree(Mode::Perspective),
+        Self::Octree(Mode::Forms),
         Self::Smooth,
         Self::Rays(BvhKind::Bvh2),
         Self::Rays(BvhKind::Cwbvh),
@@ -38,6 +39,7 @@ impl DrawMethod {
         match self {
             Self::Octree(Mode::Orthogonal) => "orthogonal",
             Self::Octree(Mode::Perspective) => "perspective",
+            Self::Octree(Mode::Forms) => "forms",
             Self::Smooth => "smooth edges",
             Self::Rays(BvhKind::Bvh2) => "rays, BVH2",
             Self::Rays(BvhKind::Cwbvh) => "rays, CWBVH",
@@ -49,7 +51,7 @@ impl DrawMethod {
         renderer.antialias = self == Self::Smooth;
         renderer.mode = match self {
             Self::Octree(mode) => mode,
-            Self::Smooth | Self::Rays(_) => Mode::Orthogonal,
+            Self::Smooth | Self::Rays(_) => Mode::default(),
         };
     }
 }
@@ -63,6 +65,8 @@ pub struct BenchOptions {
     pub threads: usize,
     /// How often each frame is drawn by each method. The least time counts.
     pub repeats: usize,
+    /// Only this mode of the renderer is measured; all of them when absent.
+    pub mode: Option<Mode>,
 }
 
 /// The figures for one size and one number of threads.
@@ -183,8 +187,12 @@ pub fn measure(
     let (width, height) = options.size;
     let mut timer =
         FrameTimer { world, rays, renderer: Renderer::default(), frame: Frame::new(width, height) };
-    let has_rays = |method: &DrawMethod| rays.is_some() || !matches!(method, DrawMethod::Rays(_));
-    let methods: Vec<DrawMethod> = DrawMethod::ALL.into_iter().filter(has_rays).collect();
+    let is_wanted = |method: &DrawMethod| match method {
+        DrawMethod::Octree(mode) => options.mode.is_none_or(|only| only == *mode),
+        DrawMethod::Smooth => options.mode.is_none_or(|only| only == Mode::default()),
+        DrawMethod::Rays(_) => rays.is_some(),
+    };
+    let methods: Vec<DrawMethod> = DrawMethod::ALL.into_iter().filter(is_wanted).collect();
     let mut samples: Vec<Vec<FrameTime>> = vec![Vec::new(); methods.len()];
     let cameras = views.spawns.iter().chain(&views.path);
     let count = views.spawns.len() + views.path.len();
@@ -340,9 +348,9 @@ mod tests {
     fn every_method_gets_a_row_and_rays_are_their_own_reference() {
         let mut world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
         let views = Views::new(&world, &CameraPath::through(&world), 3);
-        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
+        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2, mode: None };
         let run = measure(&world, None, &views, &options, &mut |_| {}).unwrap();
-        assert!(run.rows.len() == 3 && run.rows[0].ratio_bvh2.is_none());
+        assert!(run.rows.len() == 4 && run.rows[0].ratio_bvh2.is_none());
         world.mesh = Mesh {
             positions: vec![Vec3::ZERO, Vec3::X * 8.0, Vec3::new(8.0, 0.0, 8.0)],
             triangles: vec![[0, 1, 2]],

@@ -8,7 +8,7 @@ use sightline_cli::{
     trace::{Trace, Track},
 };
 use sightline_client::camera_path::CameraPath;
-use sightline_renderer::SIDE_MAX;
+use sightline_renderer::{Mode, SIDE_MAX};
 use sightline_world::World;
 
 /// The path of the camera.
@@ -61,6 +61,28 @@ impl PathFlags {
         path.with_context(|| {
             format!("{}: no such avatar; the ids go from {} to {}", file.display(), ids[0], ids[1])
         })
+    }
+}
+
+/// How the building is drawn. The picture is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum ModeFlag {
+    /// The cheaper way at each node.
+    #[default]
+    Orthogonal,
+    /// By form patterns wherever perspective allows it.
+    Forms,
+    /// Each node is projected for itself.
+    Perspective,
+}
+
+impl From<ModeFlag> for Mode {
+    fn from(flag: ModeFlag) -> Self {
+        match flag {
+            ModeFlag::Orthogonal => Self::Orthogonal,
+            ModeFlag::Forms => Self::Forms,
+            ModeFlag::Perspective => Self::Perspective,
+        }
     }
 }
 

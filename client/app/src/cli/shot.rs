@@ -25,7 +25,7 @@ use sightline_visibility::rooms::RoomIndex;
 use sightline_world::{Mover, World, motion::Pose};
 
 use super::{
-    flags::{self, PathFlags},
+    flags::{self, ModeFlag, PathFlags},
     picture::{self, FRAMES_MAX, FrameFiles},
 };
 
@@ -72,6 +72,9 @@ pub struct Args {
     /// The reported time excludes finding those nodes; `bench --fuzzy` measures it.
     #[arg(long)]
     fuzzy: bool,
+    /// How the building is drawn. The picture is the same.
+    #[arg(long, value_name = "MODE", value_enum, default_value_t)]
+    mode: ModeFlag,
     /// The file to write: for a film, a folder or a pattern such as film-%04d.png.
     #[arg(short, long, value_name = "OUT.png")]
     output: PathBuf,
@@ -157,6 +160,7 @@ impl<'a> ShotRenderer<'a> {
     fn new(args: &Args, world: &'a World) -> anyhow::Result<Self> {
         let mut renderer = Renderer::default();
         renderer.antialias = args.aa;
+        renderer.mode = args.mode.into();
         let wires = args.rooms.then(|| RoomWireframes::new(world));
         let walls = args.fuzzy.then(|| VoxelOccluders::new(&world.octree)).transpose()?;
         Ok(Self { world, renderer, wires, walls, fov_y: args.fov.to_radians() })

@@ -11,13 +11,15 @@ use sightline_cli::{
     output,
 };
 use sightline_client::{
-    desktop::{self, WalkSummary, WorldSource},
+    desktop::{self, Drawing, WalkSummary, WorldSource},
     net::{self, Connector, Trust},
 };
 use sightline_protocol::{
     fingerprint::Fingerprint,
     text::{ChatLine, Name},
 };
+
+use super::flags::ModeFlag;
 
 /// Opens a window in a shared building.
 ///
@@ -52,6 +54,9 @@ pub struct Args {
     /// them ahead of the eye. The picture is the same; `bench --fuzzy` measures what it saves.
     #[arg(long)]
     fuzzy: bool,
+    /// How the building is drawn. The picture is the same.
+    #[arg(long, value_name = "MODE", value_enum, default_value_t)]
+    mode: ModeFlag,
     /// Leave after this many seconds; by default only when told to.
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
@@ -116,7 +121,12 @@ fn visit(args: &Args, end: Option<Duration>) -> anyhow::Result<WalkSummary> {
 }
 
 fn options<'a>(args: &Args, title: &'a str, end: Option<Duration>) -> desktop::WindowOptions<'a> {
-    desktop::WindowOptions { title, end, stop: None, fuzzy: args.fuzzy }
+    desktop::WindowOptions {
+        title,
+        end,
+        stop: None,
+        drawing: Drawing { fuzzy: args.fuzzy, mode: args.mode.into() },
+    }
 }
 
 /// A strong colour that depends on the name alone.

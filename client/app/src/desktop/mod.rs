@@ -27,6 +27,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use sightline_renderer::Mode;
 use sightline_world::{Spawn, World};
 use thiserror::Error;
 use winit::event_loop::EventLoop;
@@ -59,9 +60,18 @@ pub struct WindowOptions<'a> {
     pub end: Option<Duration>,
     /// The window closes when this becomes true.
     pub stop: Option<&'a AtomicBool>,
+    /// How the building is drawn.
+    pub drawing: Drawing,
+}
+
+/// How the building is drawn. The picture does not depend on it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Drawing {
     /// Finds hidden nodes ahead of the eye on a separate thread, and leaves them out: see
     /// [`sightline_renderer::node_visibility`].
     pub fuzzy: bool,
+    /// How nodes are projected.
+    pub mode: Mode,
 }
 
 /// What the window did until it closed.
@@ -127,11 +137,11 @@ pub fn run(visit: WorldSource, options: WindowOptions) -> Result<WalkSummary, De
         .map_err(|error| DesktopError::Surface(error.to_string()))?;
     let start = Instant::now();
     let visit = match visit {
-        WorldSource::Alone(world, spawn) => Visit::alone(world, spawn, options.fuzzy, start),
-        WorldSource::Shared(session) => Visit::with(Company::Guests(session), options.fuzzy),
+        WorldSource::Alone(world, spawn) => Visit::alone(world, spawn, options.drawing, start),
+        WorldSource::Shared(session) => Visit::with(Company::Guests(session), options.drawing),
         WorldSource::Server(connector, host) => {
             let server = Box::new(ServerLink::new(*connector, host, start));
-            Visit::with(Company::Server(server), options.fuzzy)
+            Visit::with(Company::Server(server), options.drawing)
         }
     };
     let mut shell = WindowApp::new(visit, options, context, start);

@@ -18,6 +18,7 @@ use sightline_renderer::{
 use sightline_world::{Spawn, World, motion::Pose};
 
 use super::{
+    Drawing,
     bookmarks::Bookmarks,
     controls::Controls,
     dynamic_resolution::DynamicResolution,
@@ -40,8 +41,7 @@ pub(super) struct Scene {
     pub(super) bookmarks: Bookmarks,
     walker: Walker,
     footing: Footing,
-    /// Whether hidden nodes are found ahead of the eye.
-    fuzzy: bool,
+    drawing: Drawing,
     /// How often the building was replaced.
     worlds: u32,
     /// Which movers the current flight can see.
@@ -81,19 +81,21 @@ impl Clock {
 }
 
 impl Scene {
-    pub(super) fn new(world: Arc<World>, start: Spawn, fuzzy: bool, now: Instant) -> Self {
+    pub(super) fn new(world: Arc<World>, start: Spawn, drawing: Drawing, now: Instant) -> Self {
         let walker = Walker::new(&world, start);
+        let mut renderer = Renderer::default();
+        renderer.mode = drawing.mode;
         Self {
             camera: (Camera::at(&walker.pose()), now),
             looked: now,
             walker,
-            surroundings: Surroundings::new(world, fuzzy),
+            surroundings: Surroundings::new(world, drawing.fuzzy),
             bookmarks: Bookmarks::default(),
             footing: Footing::default(),
-            fuzzy,
+            drawing,
             worlds: 0,
             mover_visibility: None,
-            renderer: Renderer::default(),
+            renderer,
             building: Frame::default(),
             inhabited: Frame::default(),
             shown: ShownLayers::default(),
@@ -125,7 +127,7 @@ impl Scene {
         let is_another = !Arc::ptr_eq(&world, &self.surroundings.world);
         if is_another {
             self.walker = Walker::new(&world, Spawn { eye: pose.eye, yaw: pose.yaw });
-            self.surroundings = Surroundings::new(world, self.fuzzy);
+            self.surroundings = Surroundings::new(world, self.drawing.fuzzy);
             self.worlds += 1;
         }
         self.put(pose, controls);

@@ -17,6 +17,7 @@ use sightline_world::{
 };
 
 use super::{
+    Drawing,
     company::Company,
     controls::{Action, Controls},
     overlay::{Log, Overlay},
@@ -34,7 +35,7 @@ pub(super) struct Visit<'a> {
     /// Where who is alone begins.
     entrance: Option<Spawn>,
     /// Whether hidden nodes are found ahead of the eye.
-    fuzzy: bool,
+    drawing: Drawing,
     log: Log,
     panel: Option<PanelKind>,
     with_rooms: bool,
@@ -57,12 +58,12 @@ const BACKGROUND: u32 = 0x0038_4450;
 
 impl<'a> Visit<'a> {
     /// A visit with others.
-    pub(super) fn with(company: Company<'a>, fuzzy: bool) -> Self {
+    pub(super) fn with(company: Company<'a>, drawing: Drawing) -> Self {
         Self {
             company,
             scene: None,
             entrance: None,
-            fuzzy,
+            drawing,
             log: Log::default(),
             panel: None,
             with_rooms: false,
@@ -74,9 +75,10 @@ impl<'a> Visit<'a> {
     }
 
     /// A visit without a server.
-    pub(super) fn alone(world: &Arc<World>, start: Spawn, fuzzy: bool, now: Instant) -> Self {
-        let scene = Some(Scene::new(world.clone(), start, fuzzy, now));
-        let mut visit = Self { scene, entrance: Some(start), ..Self::with(Company::Nobody, fuzzy) };
+    pub(super) fn alone(world: &Arc<World>, start: Spawn, drawing: Drawing, now: Instant) -> Self {
+        let scene = Some(Scene::new(world.clone(), start, drawing, now));
+        let mut visit =
+            Self { scene, entrance: Some(start), ..Self::with(Company::Nobody, drawing) };
         visit.log.add(now, HELP.to_owned());
         visit
     }
@@ -159,7 +161,7 @@ impl<'a> Visit<'a> {
         let Some(session) = self.company.session() else { return };
         let pose = session.pose();
         let start = Spawn { eye: pose.eye, yaw: pose.yaw };
-        self.scene = Some(Scene::new(session.world(), start, self.fuzzy, now));
+        self.scene = Some(Scene::new(session.world(), start, self.drawing, now));
         controls.face(&pose);
         self.log.add(now, HELP.to_owned());
     }
@@ -336,7 +338,7 @@ mod tests {
         let world = Arc::new(sightline_fixtures::voxel_floor::world(&[]));
         let start = sightline_fixtures::voxel_floor::SPAWN;
         let mut now = Instant::now();
-        let mut visit = Visit::alone(&world, start, false, now);
+        let mut visit = Visit::alone(&world, start, Drawing::default(), now);
         let mut controls = Controls::default();
         let mut seconds = |visit: &mut Visit, controls: &mut Controls, ticks: u32| {
             let mut drawn = 0;

@@ -41,7 +41,7 @@ fn pictures_are_the_same_without_what_is_hidden() {
             let eye = min + Vec3::new(within(0.0, edge), within(0.0, edge), within(0.0, edge));
             let camera =
                 Camera { eye, yaw: within(-3.2, 3.2), pitch: within(-1.2, 1.2), fov_y: 1.1 };
-            renderer.mode = Mode::ALL[turn % 2];
+            renderer.mode = Mode::ALL[turn % Mode::ALL.len()];
             renderer.node_visibility = None;
             renderer.draw(&octree, &camera, &mut whole);
             let nodes = renderer.counters().nodes;

@@ -282,7 +282,7 @@ mod tests {
     #[test]
     fn every_scenario_is_measured_with_each_way_of_culling() {
         let world = world(&[([31, 1, 8], [33, 30, 64], 0)]);
-        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2 };
+        let options = BenchOptions { size: (64, 48), threads: 2, repeats: 2, mode: None };
         let mut told = Vec::new();
         let run = moving(world, 8, 5, &options, &mut |share| told.push(share)).unwrap();
         // The world has a single cell, which hides nothing.

@@ -30,7 +30,7 @@ pub fn run<'a>(
     let times = (0..args.frames).map(|i| (from + i as f64 * FRAME_S).min(until));
     let poses: Vec<Pose> = times.map(|time| path.at(time)).collect();
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
-    let options = BenchOptions { size, threads, repeats: args.repeats.into() };
+    let options = BenchOptions { size, threads, repeats: args.repeats.into(), mode: None };
     let show = &mut |share| progress.show("viewpoint boxes", share);
     let run = bench::fuzzy(world, &poses, &options, show)?;
     let text = text(&run, &table::stage(size, threads));

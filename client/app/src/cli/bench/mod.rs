@@ -21,11 +21,11 @@ use sightline_client::{
     },
     camera_path::CameraPath,
 };
-use sightline_renderer::{Camera, Frame, Renderer};
+use sightline_renderer::{Camera, Frame, Mode, Renderer};
 use sightline_world::World;
 
 use super::{
-    flags::{self, PathFlags},
+    flags::{self, ModeFlag, PathFlags},
     picture,
 };
 use gallery::Gallery;
@@ -83,11 +83,14 @@ pub struct Args {
     /// Draw only octrees: trace no rays and compare no depths.
     #[arg(long)]
     no_rays: bool,
-    /// Compare the two modes of the renderer instead, from all spawn points and along the path.
+    /// Measure only this mode of the renderer, and the rays.
+    #[arg(long, value_name = "MODE", value_enum, conflicts_with_all = ["compare", "pictures", "moving", "fuzzy"])]
+    mode: Option<ModeFlag>,
+    /// Compare the modes of the renderer with perspective mode instead, from all spawn points and along the path.
     /// Reports the shares of pixels whose colour differs by more than rounding (differing), whose
     /// colour is unlike all pixels around them in the other picture (unlike), and whose depth is
     /// shifted by more than one pixel (shifted); the largest shift; and the share of projections
-    /// that the orthogonal mode still needs.
+    /// that the mode still needs.
     #[arg(long)]
     compare: bool,
     /// Measure moving things instead: up to this many chairs or people, first everywhere, then only
@@ -188,9 +191,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         report.runs = measure(args, &world, rays.as_ref(), &views, &progress)?;
         let middle = 0.5 * (from + until);
-        let methods =
-            DrawMethod::ALL.into_iter().filter(|method| !matches!(method, DrawMethod::Rays(_)));
-        let quality = methods.map(|method| Quality {
+        let is_shown = |method: &DrawMethod| match method {
+            DrawMethod::Rays(_) => false,
+            method => {
+                report.runs.iter().any(|run| run.rows.iter().any(|row| row.name == method.name()))
+            }
+        };
+        let methods: Vec<DrawMethod> = DrawMethod::ALL.into_iter().filter(is_shown).collect();
+        let quality = methods.into_iter().map(|method| Quality {
             mode: method.name(),
             shimmer: shimmer(&world, method, &path, middle, &progress),
             depths: depths(&world, rays.as_ref(), method, &views, sizes(args)[0], &progress),
@@ -231,8 +239,12 @@ fn measure(
     let mut runs = Vec::new();
     for &size in sizes(args) {
         for &threads in &args.threads {
-            let options =
-                BenchOptions { size, threads: threads.into(), repeats: args.repeats.into() };
+            let options = BenchOptions {
+                size,
+                threads: threads.into(),
+                repeats: args.repeats.into(),
+                mode: args.mode.map(Mode::from),
+            };
             let stage = table::stage(size, threads.into());
             let show = &mut |share| progress.show(&stage, share);
             runs.push(bench::measure(world, rays, views, &options, show)?);
@@ -243,10 +255,12 @@ fn measure(
 
 fn compare(args: &Args, world: &World, views: &Views, progress: &Progress) -> Vec<ModeComparison> {
     let cameras: Vec<Camera> = views.spawns.iter().chain(&views.path).copied().collect();
-    let compared = sizes(args).iter().map(|&size| {
-        let stage = format!("modes, {} × {}", size.0, size.1);
+    let modes = [Mode::Orthogonal, Mode::Forms];
+    let all = sizes(args).iter().flat_map(|&size| modes.map(|mode| (size, mode)));
+    let compared = all.map(|(size, mode)| {
+        let stage = format!("{}, {} × {}", DrawMethod::Octree(mode).name(), size.0, size.1);
         let show = &mut |share| progress.show(&stage, share);
-        ModeComparison::of(&world.octree, &cameras, size, show)
+        ModeComparison::of(mode, &world.octree, &cameras, size, show)
     });
     compared.collect()
 }

@@ -29,7 +29,7 @@ pub fn run<'a>(
     progress: &Progress,
 ) -> anyhow::Result<(String, MovingReport<'a>)> {
     let (size, threads) = (sizes(args)[0], args.threads.first().copied().unwrap_or(1).into());
-    let options = BenchOptions { size, threads, repeats: args.repeats.into() };
+    let options = BenchOptions { size, threads, repeats: args.repeats.into(), mode: None };
     let pictures = args.frames.max(2);
     let show = &mut |share| progress.show("moving things", share);
     let run = bench::moving(world, most, pictures, &options, show)?;

@@ -28,7 +28,7 @@ pub fn text(report: &BenchReport) -> String {
         report.quality.iter().for_each(|quality| out += &quality_line(quality));
     }
     if !report.comparisons.is_empty() {
-        out += "\northogonal mode compared with perspective mode: pixels in %, projections in %\n";
+        out += "\nmodes compared with perspective mode: pixels in %, projections in %\n";
         let head = [
             "differing",
             "worst",
@@ -56,7 +56,7 @@ pub fn stage(size: (usize, usize), threads: usize) -> String {
 fn table(run: &BenchRun) -> String {
     let mut out = format!("\n{}: ms per frame\n", stage((run.width, run.height), run.threads));
     let groups = ["spawns, CPU", "path, CPU", "spawns, busiest", "spawns, clock"];
-    out += &format!("{:14}", "");
+    out += &format!("{:24}", "");
     groups.iter().for_each(|group| out += &format!("{group:>20}"));
     out += "\n";
     let spreads = ["median", "worst"].iter().cycle().take(8).map(|&name| name.to_owned());
@@ -98,7 +98,15 @@ fn quality_line(quality: &Quality) -> String {
 
 fn comparison_line(comparison: &ModeComparison) -> String {
     let ModeComparison {
-        width, height, differing, unlike, shifted, shift_max, projections, ..
+        mode,
+        width,
+        height,
+        differing,
+        unlike,
+        shifted,
+        shift_max,
+        projections,
+        ..
     } = comparison;
     let percent = |share: f64| format!("{:.3}", share * 100.0);
     let figures = [
@@ -112,11 +120,11 @@ fn comparison_line(comparison: &ModeComparison) -> String {
         percent(projections.median),
         percent(projections.worst),
     ];
-    line(&format!("{width} × {height}"), &figures)
+    line(&format!("{mode}, {width} × {height}"), &figures)
 }
 
 /// A row: a name, and right-aligned figures.
 fn line(name: &str, figures: &[String]) -> String {
     let figures: String = figures.iter().map(|figure| format!("{figure:>10}")).collect();
-    format!("{name:14}{figures}\n")
+    format!("{name:24}{figures}\n")
 }
