@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 use sightline_protocol::{
-    VERSION, frame,
+    VERSION,
+    frame::{self, FrameBuffer},
     message::{ClientMessage, ServerMessage},
     pose_stream::{ClientDatagram, PoseDecoder},
     text::ChatLine,
@@ -18,6 +19,7 @@ use sightline_world::{
 use tokio_tungstenite::tungstenite::Message;
 
 use super::{
+    browser::Browser,
     building::{self, WAY},
     config, serve,
     stranger::Stranger,
@@ -25,14 +27,15 @@ use super::{
     visitor::{Doors, Kind, Visitor, get, hello, web_socket},
 };
 
-const KINDS: [Kind; 2] = [Kind::Quic, Kind::WebSocket];
+const KINDS: [Kind; 3] = [Kind::Quic, Kind::WebTransport, Kind::WebSocket];
 /// How far a pose may be off on the wire.
 const WIRE_M: f32 = 0.01;
 
 /// Starts a server with a listener for browsers.
 fn open(config: ServeConfig) -> (Server, WebServer, Doors) {
     let (server, quic) = serve(config);
-    let web = WebServer::listen("127.0.0.1:0".parse().unwrap(), server.web_door()).unwrap();
+    let web =
+        WebServer::listen("127.0.0.1:0".parse().unwrap(), server.web_door().unwrap()).unwrap();
     let doors = Doors { quic, web: web.local_addr() };
     (server, web, doors)
 }
@@ -153,6 +156,7 @@ async fn visitors_of_every_kind_meet_talk_come_back_and_leave() {
     for kind in KINDS {
         suite([kind; 2]).await;
     }
+    suite([Kind::WebTransport, Kind::Quic]).await;
     suite([Kind::Quic, Kind::WebSocket]).await;
 }
 
@@ -271,4 +275,52 @@ async fn a_listed_proxy_is_believed_and_no_other() {
         let (status, ..) = get(doors.web, "/join.json", "X-Forwarded-For: 198.51.100.9\r\n").await;
         assert_eq!(status, 200, "another network");
     }
+}
+
+/// Opens both kinds of connections and says hello on each. What each hears first.
+const VISIT: &str = "(async () => {
+    const join = await (await fetch('/join.json')).json();
+    const socket = new WebSocket(join.websocket);
+    socket.binaryType = 'arraybuffer';
+    await new Promise(open => socket.onopen = open);
+    const first = new Promise(heard => socket.onmessage = ({ data }) => heard(data));
+    socket.send(new Uint8Array([0, ...HELLOS[0]]));
+    const { url, hashes } = join.webtransport;
+    const value = hash => Uint8Array.from(atob(hash), letter => letter.charCodeAt(0));
+    const serverCertificateHashes =
+        hashes.map(hash => ({ algorithm: 'sha-256', value: value(hash) }));
+    const transport = new WebTransport(url, { serverCertificateHashes });
+    await transport.ready;
+    const { readable, writable } = await transport.createBidirectionalStream();
+    await writable.getWriter().write(new Uint8Array(HELLOS[1]));
+    const { value: piece } = await readable.getReader().read();
+    return [[...new Uint8Array(await first)], [0, ...piece]];
+})().catch(String)";
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_real_browser_opens_both_kinds_of_connections() {
+    let (server, _web, doors) = open(config());
+    let hellos = [1, 2].map(|secret| frame::encode(&hello("Ada", secret)));
+    let script = VISIT.replace("HELLOS", &serde_json::to_string(&hellos).unwrap());
+    let url = format!("http://{}/join.json", doors.web);
+    let look = move || {
+        let mut page = Browser::open(&url)?;
+        page.until("document.readyState === 'complete' && location.protocol === 'http:'");
+        Some((page.value(&script), page))
+    };
+    let Some((heard, page)) = tokio::task::spawn_blocking(look).await.unwrap() else {
+        println!("skipped: Chromium is not installed");
+        return;
+    };
+    let pieces: Vec<Vec<u8>> =
+        serde_json::from_value(heard.clone()).unwrap_or_else(|_| panic!("{heard}"));
+    for piece in pieces {
+        let mut frames = FrameBuffer::default();
+        frames.push(&piece[1..]);
+        let first = ServerMessage::decode(frames.next_frame().unwrap().unwrap()).unwrap();
+        assert!(matches!(first, ServerMessage::Welcome { .. }), "{first:?}");
+    }
+    // A browser that goes away leaves nobody behind.
+    drop(page);
+    until("both are gone", || server.stats().clients.is_empty()).await;
 }

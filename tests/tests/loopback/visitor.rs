@@ -5,6 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use base64::{Engine, prelude::BASE64_STANDARD};
 use futures_util::{SinkExt, StreamExt};
 use quinn::{RecvStream, SendStream};
 use sightline_protocol::{
@@ -24,12 +25,18 @@ use tokio_tungstenite::{
     tungstenite::{self, Message, client::IntoClientRequest, http::HeaderValue},
 };
 
+use url::Url;
+use web_transport_quinn::{
+    ClientBuilder, RecvStream as WebReceive, SendStream as WebSend, Session, proto::ConnectRequest,
+};
+
 use super::{PATIENCE, stranger::Stranger};
 
 /// The kinds of connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     Quic,
+    WebTransport,
     WebSocket,
 }
 
@@ -57,6 +64,7 @@ pub struct Visitor {
 
 enum Link {
     Quic { stranger: Stranger, send: SendStream, receive: RecvStream },
+    WebTransport { session: Session, send: WebSend, receive: WebReceive },
     WebSocket(Box<WebSocketStream<MaybeTlsStream<TcpStream>>>),
 }
 
@@ -76,6 +84,11 @@ impl Visitor {
                 let stranger = Stranger::without_key(doors.quic).await;
                 let (send, receive) = stranger.connection.open_bi().await.unwrap();
                 Link::Quic { stranger, send, receive }
+            }
+            Kind::WebTransport => {
+                let session = web_transport(doors, &format!("http://{}", doors.web)).await.unwrap();
+                let (send, receive) = session.open_bi().await.unwrap();
+                Link::WebTransport { session, send, receive }
             }
             Kind::WebSocket => {
                 let socket = web_socket(doors.web, &format!("http://{}", doors.web)).await;
@@ -101,6 +114,7 @@ impl Visitor {
         match &mut self.link {
             // A server that has ended the connection said why, which is heard later.
             Link::Quic { send, .. } => drop(send.write_all(&frame).await),
+            Link::WebTransport { send, .. } => drop(send.write_all(&frame).await),
             Link::WebSocket(_) => {
                 self.send_raw(Message::Binary([&[0], &frame[..]].concat().into())).await
             }
@@ -112,6 +126,9 @@ impl Visitor {
         match &mut self.link {
             Link::Quic { stranger, .. } => {
                 stranger.connection.send_datagram(datagram.to_vec().into()).unwrap();
+            }
+            Link::WebTransport { session, .. } => {
+                session.send_datagram(datagram.to_vec().into()).unwrap();
             }
             Link::WebSocket(_) => {
                 self.send_raw(Message::Binary([&[1], datagram].concat().into())).await
@@ -173,6 +190,18 @@ impl Visitor {
                             Ok(None) | Err(_) => return Heard::End,
                         },
                         Ok(datagram) = stranger.connection.read_datagram() => {
+                            return Heard::Datagram(datagram.to_vec());
+                        }
+                    }
+                }
+                Link::WebTransport { session, receive, .. } => {
+                    let mut piece = [0; 4_096];
+                    tokio::select! {
+                        read = receive.read(&mut piece) => match read {
+                            Ok(Some(bytes)) => self.frames.push(&piece[..bytes]),
+                            Ok(None) | Err(_) => return Heard::End,
+                        },
+                        Ok(datagram) = session.read_datagram() => {
                             return Heard::Datagram(datagram.to_vec());
                         }
                     }
@@ -244,6 +273,20 @@ pub fn hello(name: &str, secret: u8) -> ClientMessage {
         invitation: None,
         secret: Some(VisitorSecret([secret; 32])),
     }
+}
+
+/// Opens a session of WebTransport as a page of an origin does, which learns the hashes of
+/// certificates.
+pub async fn web_transport(doors: Doors, origin: &str) -> Option<Session> {
+    let (_, _, join) = get(doors.web, "/join.json", "").await;
+    let join: serde_json::Value = serde_json::from_slice(&join).unwrap();
+    let hashes = join["webtransport"]["hashes"].as_array().unwrap().iter();
+    let hashes = hashes.map(|hash| BASE64_STANDARD.decode(hash.as_str().unwrap()).unwrap());
+    let client = ClientBuilder::new().with_server_certificate_hashes(hashes.collect()).unwrap();
+    let url: Url = join["webtransport"]["url"].as_str().unwrap().parse().unwrap();
+    let request = ConnectRequest::new(url)
+        .with_header("origin".parse().unwrap(), HeaderValue::from_str(origin).unwrap());
+    client.connect(request).await.ok()
 }
 
 /// Opens a WebSocket as a page of an origin does.

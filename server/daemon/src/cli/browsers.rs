@@ -14,7 +14,7 @@ use super::joining::{host, own_address};
 #[cfg(feature = "web")]
 pub fn listen(server: &Server, web: WebAddress) -> anyhow::Result<Option<WebServer>> {
     let Some(address) = web.beside(server.local_addr()?) else { return Ok(None) };
-    let listened = WebServer::listen(address, server.web_door());
+    let listened = WebServer::listen(address, server.web_door()?);
     let listened = listened
         .with_context(|| format!("cannot listen on TCP {address}; choose another with --web ADDR"));
     let listener = match listened {
@@ -33,7 +33,9 @@ pub fn listen(server: &Server, web: WebAddress) -> anyhow::Result<Option<WebServ
 #[cfg(feature = "web")]
 fn links(listener: &WebServer) -> String {
     let address = listener.local_addr();
-    let row = |from: &str, host: String| format!("{from:<27}http://{host}:{}\n", address.port());
+    let row = |from: &str, host: String| {
+        format!("{from:<27}{}://{host}:{}\n", listener.scheme(), address.port())
+    };
     if !address.ip().is_unspecified() {
         return row("in a browser:", host(address.ip()));
     }

@@ -53,6 +53,10 @@ pub struct ServeArgs {
     /// and a port, or off. By default same.
     #[arg(long, value_name = "ADDR")]
     web: Option<WebAddress>,
+    /// The certificate for browsers on the open internet and its key, in PEM. Pages then come by
+    /// HTTPS. The files are read again when they change.
+    #[arg(long, num_args = 2, value_names = ["CERT.pem", "KEY.pem"])]
+    tls: Option<Vec<PathBuf>>,
     /// Compile the building again whenever its files change, and move visitors over.
     #[arg(long)]
     watch: bool,
@@ -109,6 +113,10 @@ fn config(args: &ServeArgs) -> anyhow::Result<ServeConfig> {
     };
     config.http = args.http.unwrap_or(config.http);
     config.web = args.web.unwrap_or(config.web);
+    if let Some([certificate, key]) = args.tls.as_deref() {
+        config.tls_certificate = Some(certificate.clone());
+        config.tls_key = Some(key.clone());
+    }
     config.listen = args.listen.unwrap_or(config.listen);
     config.data = args.data.clone().or(config.data);
     config.world = args.world.clone().or(config.world);

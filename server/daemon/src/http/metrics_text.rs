@@ -100,6 +100,10 @@ fn load(rows: &mut Rows, observer: &Observer) {
     let waiting = load.joins_waiting as f64;
     rows.gauge("joins_waiting", "Clients that wait to enter", waiting);
     let handshakes = observer.handshakes() as f64;
+    let of = observer.transports();
+    let kinds = ["quic", "web_transport", "web_socket"]
+        .map(|kind| (vec![("transport", kind)], of.get(kind).copied().unwrap_or_default() as f64));
+    rows.gauges("connections", "Clients that are connected, by transport", kinds.to_vec());
     rows.gauge("handshakes", "Handshakes under way", handshakes);
 }
 

@@ -6,6 +6,8 @@ use std::{
     time::Duration,
 };
 
+#[cfg(feature = "web")]
+use quinn::{Connection, crypto::rustls::HandshakeData};
 use quinn::{Endpoint, Incoming};
 use tokio::{sync::mpsc, task::JoinSet, time::timeout};
 
@@ -17,6 +19,8 @@ use super::{
     state::ServerState,
     transport::{CloseCode, QuicTransport, Transport},
 };
+#[cfg(feature = "web")]
+use super::{certificates::HTTP3, transport::WebTransport};
 use crate::operate::Reason;
 
 /// How many refused connections are logged in a second at most.
@@ -161,6 +165,26 @@ async fn supervise(
     entrance::part(&state, id, end.as_ref()).await;
 }
 
+/// Does the handshake of a native client, or of a browser with HTTP/3 behind it.
+async fn shake_hands(state: &ServerState, incoming: Incoming) -> Option<Transport> {
+    let connection = incoming.await.ok()?;
+    #[cfg(feature = "web")]
+    if is_browser(&connection) {
+        let web = WebTransport::accept(connection, &state.config).await?;
+        return Some(Transport::WebTransport(web));
+    }
+    #[cfg(not(feature = "web"))]
+    let _ = state;
+    Some(Transport::Quic(QuicTransport::new(connection)))
+}
+
+/// Whether a connection speaks HTTP/3.
+#[cfg(feature = "web")]
+fn is_browser(connection: &Connection) -> bool {
+    let data = connection.handshake_data().and_then(|data| data.downcast::<HandshakeData>().ok());
+    data.and_then(|data| data.protocol).is_some_and(|protocol| protocol == HTTP3)
+}
+
 /// Runs a session from its handshake to its end. `None` when the handshake failed.
 async fn converse(
     state: Arc<ServerState>,
@@ -169,14 +193,13 @@ async fn converse(
 ) -> Option<SessionEnd> {
     state.handshakes.fetch_add(1, Relaxed);
     let deadline = Duration::from_secs_f64(state.config.hello_s);
-    let connection = timeout(deadline, incoming).await;
+    let connection = timeout(deadline, shake_hands(&state, incoming)).await;
     let before = state.handshakes.fetch_sub(1, Relaxed);
     debug_assert!(before > 0, "this handshake was counted");
     if connection.is_err() {
         state.metrics.refusals.count(Reason::Hello);
     }
-    let connection = connection.ok()?.ok()?;
-    let transport = Transport::Quic(QuicTransport::new(connection));
+    let transport = connection.ok()??;
     let address = transport.remote_address().ip();
     if !state.registry().places.prove(id, address) {
         state.metrics.refusals.count(Reason::ConnectionsOfNetwork);

@@ -9,7 +9,7 @@ mod web;
 use std::{
     fmt::{self, Display},
     net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr},
-    path::PathBuf,
+    path::{Path, PathBuf},
     str::FromStr,
     time::Duration,
 };
@@ -51,6 +51,11 @@ documented! {
         /// Addresses of reverse proxies. What they say in X-Forwarded-For and X-Forwarded-Proto is
         /// believed.
         web_proxies: Vec<IpAddr>,
+        /// The certificate for browsers on the open internet, with those of its issuers, in PEM. Pages
+        /// then come by HTTPS. It is read again when it changes.
+        tls_certificate: Option<PathBuf>,
+        /// Its key, in PEM.
+        tls_key: Option<PathBuf>,
         /// Ticks in a second.
         tick_hz: u32,
         /// The most clients.
@@ -142,6 +147,9 @@ pub enum ConfigError {
     /// The text is no TOML, or a field is unknown or of the wrong kind.
     #[error("{0}")]
     Toml(String),
+    /// A certificate without its key, or the other way round.
+    #[error("tls_certificate and tls_key belong together: give both or none")]
+    TlsPair,
     /// A number is out of its range.
     #[error("{field} must be {min} to {max}")]
     Range {
@@ -162,6 +170,8 @@ impl Default for ServeConfig {
             web: WebAddress::Same,
             web_origins: Vec::new(),
             web_proxies: Vec::new(),
+            tls_certificate: None,
+            tls_key: None,
             tick_hz: 20,
             clients_max: 256,
             clients_per_address_max: 8,
@@ -199,12 +209,26 @@ impl ServeConfig {
     /// # Errors
     /// When one is not.
     pub fn check(&self) -> Result<(), ConfigError> {
+        if self.tls_certificate.is_some() != self.tls_key.is_some() {
+            return Err(ConfigError::TlsPair);
+        }
         let values = Table::try_from(self).map_err(|error| ConfigError::Toml(error.to_string()))?;
         check_bounds(&values, bounds::SETTINGS)?;
         match values.get("limits").and_then(Value::as_table) {
             Some(limits) => check_bounds(limits, bounds::LIMITS),
             None => Ok(()),
         }
+    }
+
+    /// The files of the certificate for browsers, and of its key.
+    pub fn tls_files(&self) -> Option<[&Path; 2]> {
+        Some([self.tls_certificate.as_deref()?, self.tls_key.as_deref()?])
+    }
+
+    /// Whether pages of an origin may visit: those that are own ones, and those that are listed.
+    pub fn allows_origin(&self, origin: &str, is_own: impl Fn(&Origin) -> bool) -> bool {
+        let Ok(origin) = origin.parse::<Origin>() else { return false };
+        is_own(&origin) || self.web_origins.contains(&origin)
     }
 
     /// The most connections: of clients with an avatar, of those that join, and of others.
@@ -340,6 +364,7 @@ mod tests {
             ("threads = 0", "threads must be 1 to 64"),
             ("horizon_max_ms = 10", "horizon_max_ms must be 50 to 2000"),
             ("validity = 'long'", "long: use until-left, maximal, adaptive"),
+            ("tls_key = 'key.pem'", "belong together"),
             ("access = 'all'", "all: use open, allow-list or invitation"),
             ("shape = 'cube'", "cube: use sphere or reach"),
             ("validity_max_s = nan", "validity_max_s must be 0.1 to 60"),

@@ -13,11 +13,11 @@ use quinn::{
 };
 use ring::hmac;
 use sightline_cli::identity::Identity;
-use sightline_protocol::ALPN;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::{
     BindError,
+    certificates::Certificates,
     client_keys::AnyKey,
     config::{Limits, ServeConfig},
 };
@@ -27,9 +27,19 @@ const ACK_DELAY_MAX: Duration = Duration::from_millis(100);
 /// What may wait of one new connection until it is looked at, in bytes.
 const INCOMING_BYTES: u64 = 16 * 1_024;
 
+/// How many streams a client may open: the control stream, and before it the request for it of a
+/// browser. What nobody reads stays within the window of the connection.
+const BIDIRECTIONAL_STREAMS: u32 = if cfg!(feature = "web") { 2 } else { 1 };
+/// HTTP/3 needs one of its own and two for the compression of headers.
+const UNIDIRECTIONAL_STREAMS: u32 = if cfg!(feature = "web") { 3 } else { 0 };
+
 /// Opens the endpoint on the configured address.
-pub fn listen(config: &ServeConfig, identity: &Identity) -> Result<Endpoint, BindError> {
-    let quic = quic_config(identity, &config.limits)?;
+pub fn listen(
+    config: &ServeConfig,
+    identity: &Identity,
+    certificates: Arc<Certificates>,
+) -> Result<Endpoint, BindError> {
+    let quic = quic_config(certificates, &config.limits)?;
     let (address, bytes) = (config.listen, config.limits.socket_bytes);
     let bound = match socket(address, bytes) {
         // On a machine without IPv6, every IPv4 address is meant.
@@ -66,14 +76,18 @@ fn endpoint_config(identity: &Identity) -> EndpointConfig {
     EndpointConfig::new(Arc::new(hmac::Key::new(hmac::HMAC_SHA256, &key)))
 }
 
-fn quic_config(identity: &Identity, limits: &Limits) -> Result<quinn::ServerConfig, rustls::Error> {
+fn quic_config(
+    certificates: Arc<Certificates>,
+    limits: &Limits,
+) -> Result<quinn::ServerConfig, rustls::Error> {
+    let protocols = certificates.protocols();
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let verifier = Arc::new(AnyKey(provider.clone()));
     let mut tls = rustls::ServerConfig::builder_with_provider(provider)
         .with_protocol_versions(&[&rustls::version::TLS13])?
         .with_client_cert_verifier(verifier)
-        .with_single_cert(vec![identity.certificate.clone()], identity.key.clone_key())?;
-    tls.alpn_protocols = vec![ALPN.to_vec()];
+        .with_cert_resolver(certificates);
+    tls.alpn_protocols = protocols;
     let crypto = QuicServerConfig::try_from(tls)
         .map_err(|error| rustls::Error::General(error.to_string()))?;
     let mut quic = quinn::ServerConfig::with_crypto(Arc::new(crypto));
@@ -99,8 +113,8 @@ fn transport(limits: &Limits) -> TransportConfig {
     // It does not take each loss for congestion, so that worlds arrive over bad paths, too.
     transport.congestion_controller_factory(Arc::new(BbrConfig::default()));
     transport
-        .max_concurrent_bidi_streams(VarInt::from_u32(1))
-        .max_concurrent_uni_streams(VarInt::from_u32(0))
+        .max_concurrent_bidi_streams(VarInt::from_u32(BIDIRECTIONAL_STREAMS))
+        .max_concurrent_uni_streams(VarInt::from_u32(UNIDIRECTIONAL_STREAMS))
         .stream_receive_window(VarInt::from_u32(limits.stream_window_bytes))
         .receive_window(VarInt::from_u32(limits.receive_window_bytes))
         .send_window(limits.send_window_bytes.into())

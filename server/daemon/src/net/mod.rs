@@ -14,6 +14,7 @@ mod accept;
 mod admission;
 mod avatar_ids;
 mod budget;
+mod certificates;
 mod changer;
 mod client;
 mod client_keys;
@@ -72,12 +73,17 @@ pub use observer::Observer;
 pub use served_world::ServedWorld;
 pub use sightline_cli::identity::{Identity, IdentityError};
 #[cfg(feature = "web")]
+pub(crate) use transport::VISIT_PATH;
+#[cfg(feature = "web")]
 pub use web_door::WebDoor;
 
 use crate::{
     operate::{Metrics, ServerStats},
     people::{DatabaseError, People},
 };
+use certificates::Certificates;
+#[cfg(feature = "web")]
+pub use certificates::TlsFileError;
 use engine_task::EngineTask;
 use load::Load;
 use offers::Offers;
@@ -108,6 +114,10 @@ pub enum BindError {
     /// TLS rejects the certificate.
     #[error("cannot use the certificate: {0}")]
     Tls(#[from] rustls::Error),
+    /// The operator's certificate for browsers cannot be used.
+    #[cfg(feature = "web")]
+    #[error(transparent)]
+    TlsFiles(#[from] TlsFileError),
     /// The address is taken, or is not one of this machine.
     #[error("cannot listen on {address}: {source}; choose another address with --listen")]
     Listen {
@@ -126,6 +136,8 @@ pub struct Server {
     /// Where other listeners bring connections.
     #[cfg_attr(not(feature = "web"), expect(dead_code, reason = "there is no other listener"))]
     arrivals: mpsc::Sender<Transport>,
+    #[cfg(feature = "web")]
+    certificates: Arc<Certificates>,
     close: watch::Sender<bool>,
     accepting: JoinHandle<()>,
     engine: JoinHandle<()>,
@@ -162,7 +174,8 @@ impl Server {
         identity: &Identity,
     ) -> Result<Self, BindError> {
         config.check()?;
-        let endpoint = endpoint::listen(&config, identity)?;
+        let certificates = Arc::new(Certificates::new(&config, identity)?);
+        let endpoint = endpoint::listen(&config, identity, certificates.clone())?;
         let people = Arc::new(People::open(config.data.as_deref(), config.chat_days)?);
         let started = Instant::now();
         let (events, received) = mpsc::channel(config.limits.events_max);
@@ -195,7 +208,18 @@ impl Server {
         let (arrivals, arriving) = mpsc::channel(ARRIVALS_MAX);
         let accepting = tokio::spawn(accept::accept(endpoint.clone(), arriving, state.clone()));
         let fingerprint = identity.fingerprint();
-        Ok(Self { endpoint, fingerprint, state, arrivals, close, accepting, engine, stop })
+        Ok(Self {
+            endpoint,
+            fingerprint,
+            state,
+            arrivals,
+            #[cfg(feature = "web")]
+            certificates,
+            close,
+            accepting,
+            engine,
+            stop,
+        })
     }
 
     /// What gives this server its world, and other ones later.
@@ -230,8 +254,13 @@ impl Server {
 
     /// What a listener for browsers needs of it.
     #[cfg(feature = "web")]
-    pub fn web_door(&self) -> WebDoor {
-        WebDoor::new(self.state.clone(), self.arrivals.clone())
+    ///
+    /// # Errors
+    /// When the system does not tell the address of the endpoint.
+    pub fn web_door(&self) -> io::Result<WebDoor> {
+        let (state, arrivals) = (self.state.clone(), self.arrivals.clone());
+        let port = self.local_addr()?.port();
+        Ok(WebDoor::new(state, arrivals, self.certificates.clone(), port))
     }
 
     /// What moderators and operators may do to visitors.

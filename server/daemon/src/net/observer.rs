@@ -1,6 +1,7 @@
 //! What operators see of a running server.
 
 use std::{
+    collections::BTreeMap,
     sync::Arc,
     time::{Duration, Instant},
 };
@@ -46,6 +47,15 @@ impl Observer {
     pub fn world(&self) -> Option<(u32, Arc<World>)> {
         let offer = self.0.offers.offer()?;
         Some((offer.number, offer.world.world().clone()))
+    }
+
+    /// How many clients are connected, by the kind of their connections.
+    pub fn transports(&self) -> BTreeMap<&'static str, usize> {
+        let mut counts = BTreeMap::new();
+        for client in self.clients() {
+            *counts.entry(client.transport.kind()).or_default() += 1;
+        }
+        counts
     }
 
     /// The server at present. `None` when the engine does not answer within two seconds.

@@ -8,11 +8,20 @@ use sightline_protocol::{ALPN, text::Name};
 
 use super::{
     admission::ConnectionId,
+    certificates::Certificates,
     client::{ConnectedClient, Hello},
+    config::ServeConfig,
+    endpoint,
     entrance::{self, Arrival},
     state::ServerState,
     transport::{QuicTransport, Transport},
 };
+
+/// An endpoint whose connections the test itself serves.
+pub fn endpoint_of(config: &ServeConfig, identity: &Identity) -> Endpoint {
+    let certificates = Certificates::new(config, identity).unwrap();
+    endpoint::listen(config, identity, Arc::new(certificates)).unwrap()
+}
 
 /// Connects a visitor to an endpoint. Returns both ends.
 pub async fn connect(

@@ -7,13 +7,15 @@ use std::{
 };
 
 use axum::extract::ws::WebSocket;
+use rustls::crypto::ring::default_provider;
 use tokio::sync::mpsc;
 
 use super::{
-    config::{Limits, Origin},
+    certificates::Certificates,
+    config::Limits,
     served_world::ServedWorld,
     state::ServerState,
-    transport::{Transport, WebSocketTransport},
+    transport::{Transport, VISIT_PATH, WebSocketTransport},
 };
 use crate::operate::Reason;
 
@@ -25,11 +27,18 @@ const SILENCE_MAX: Duration = Duration::from_secs(10);
 pub struct WebDoor {
     state: Arc<ServerState>,
     arrivals: mpsc::Sender<Transport>,
+    certificates: Arc<Certificates>,
+    udp_port: u16,
 }
 
 impl WebDoor {
-    pub(super) fn new(state: Arc<ServerState>, arrivals: mpsc::Sender<Transport>) -> Self {
-        Self { state, arrivals }
+    pub(super) fn new(
+        state: Arc<ServerState>,
+        arrivals: mpsc::Sender<Transport>,
+        certificates: Arc<Certificates>,
+        udp_port: u16,
+    ) -> Self {
+        Self { state, arrivals, certificates, udp_port }
     }
 
     /// Begins a visit on a socket. The server decides on it as on every other connection.
@@ -38,6 +47,30 @@ impl WebDoor {
         let transport = Transport::WebSocket(WebSocketTransport::new(socket, address, idle));
         // A server that has ended takes nobody.
         let _ = self.arrivals.send(transport).await;
+    }
+
+    /// Where WebTransport is for a page that was asked for by this name.
+    pub(crate) fn web_transport_url(&self, name: &str) -> String {
+        format!("https://{name}:{}{VISIT_PATH}", self.udp_port)
+    }
+
+    /// The SHA-256 hashes of the certificates that a page may accept; none where browsers accept
+    /// them by their issuer.
+    pub(crate) fn hashes(&self) -> Vec<[u8; 32]> {
+        self.certificates.hashes()
+    }
+
+    /// What HTTPS is spoken with; `None` where it is not.
+    pub(crate) fn https(&self) -> Result<Option<rustls::ServerConfig>, rustls::Error> {
+        if self.state.config.tls_files().is_none() {
+            return Ok(None);
+        }
+        let mut tls = rustls::ServerConfig::builder_with_provider(Arc::new(default_provider()))
+            .with_protocol_versions(&[&rustls::version::TLS13])?
+            .with_no_client_auth()
+            .with_cert_resolver(self.certificates.clone());
+        tls.alpn_protocols = vec![b"http/1.1".to_vec()];
+        Ok(Some(tls))
     }
 
     /// The world that is served; `None` before the first.
@@ -68,9 +101,9 @@ impl WebDoor {
 
     /// Whether pages of an origin may visit that were asked for by this host.
     pub(crate) fn allows_origin(&self, origin: &str, host: Option<&str>) -> bool {
-        let Ok(origin) = origin.parse::<Origin>() else { return false };
-        host.is_some_and(|host| origin.is_of(host))
-            || self.state.config.web_origins.contains(&origin)
+        self.state
+            .config
+            .allows_origin(origin, |origin| host.is_some_and(|host| origin.is_of(host)))
     }
 
     /// The server's time.

@@ -12,10 +12,12 @@ use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
-use tokio::{net::TcpStream, time::timeout};
+use tokio::{
+    io::{AsyncRead, AsyncWrite},
+    time::timeout,
+};
 
 use super::routes::{Peer, Site};
-use crate::http::ConnectionPlace;
 
 /// How long the header of a request may take to arrive, and how long a connection may idle.
 const HEADER_TIME: Duration = Duration::from_secs(5);
@@ -28,12 +30,10 @@ const HEADERS_MAX: usize = 64;
 
 /// Answers requests until the connection ends, becomes a visit, or has had its time. Nobody learns of
 /// errors: they are the peer's.
-pub(super) async fn converse(
-    stream: TcpStream,
-    peer: SocketAddr,
-    site: Arc<Site>,
-    place: ConnectionPlace,
-) {
+pub(super) async fn converse<S>(stream: S, peer: SocketAddr, site: Arc<Site>)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
     let router = site.clone().router();
     let service = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer));
@@ -47,5 +47,4 @@ pub(super) async fn converse(
         .serve_connection(TokioIo::new(stream), service)
         .with_upgrades();
     let _ = timeout(CONNECTION_TIME + site.door.download_time(), connection).await;
-    drop(place);
 }

@@ -5,14 +5,18 @@ use std::sync::Arc;
 use axum::{
     Json,
     extract::{Extension, State},
+    http::HeaderMap,
 };
+use base64::{Engine, prelude::BASE64_STANDARD};
 use serde::Serialize;
 use sightline_protocol::VERSION;
 
-use super::routes::{Site, Visitor};
+use super::{
+    host,
+    routes::{Site, Visitor},
+};
+use crate::net::VISIT_PATH;
 
-/// The path of the WebSocket.
-const WEB_SOCKET: &str = "/visit";
 /// What is said to a page that came over plain HTTP from another machine.
 const PLAIN: &str = "This page came over plain HTTP. Others on the network can read along, and \
     could take your place. Browsers offer WebTransport and threads only to pages that came over \
@@ -30,17 +34,28 @@ pub(super) struct Join {
     world_bytes: usize,
     /// The building's title.
     name: String,
-    webtransport: Option<()>,
+    /// Where WebTransport is; `None` when the request names no host.
+    webtransport: Option<WebTransport>,
     /// The path of the WebSocket.
     websocket: &'static str,
     /// What does not work as it might, to show to people.
     warnings: Vec<&'static str>,
 }
 
+/// Where WebTransport is.
+#[derive(Serialize)]
+struct WebTransport {
+    url: String,
+    /// The SHA-256 hashes, in base64, of the certificates that the page may accept; none where the
+    /// browser accepts them by their issuer.
+    hashes: Vec<String>,
+}
+
 /// Tells how to join.
 pub(super) async fn join(
     State(site): State<Arc<Site>>,
     Extension(visitor): Extension<Visitor>,
+    headers: HeaderMap,
 ) -> Json<Join> {
     let world = site.door.world();
     let world = world.as_ref();
@@ -49,8 +64,11 @@ pub(super) async fn join(
         world: world.map(|world| world.id().to_string()),
         world_bytes: world.map_or(0, |world| world.bytes().len()),
         name: world.map(|world| world.world().title.clone()).unwrap_or_default(),
-        webtransport: None,
-        websocket: WEB_SOCKET,
+        webtransport: host::host(&headers).map(|host| WebTransport {
+            url: site.door.web_transport_url(host::name(host)),
+            hashes: site.door.hashes().iter().map(|hash| BASE64_STANDARD.encode(hash)).collect(),
+        }),
+        websocket: VISIT_PATH,
         warnings: if visitor.is_secure { vec![] } else { vec![PLAIN] },
     })
 }

@@ -26,8 +26,9 @@ use socket2::{Domain, Protocol, SockRef, Socket, Type};
 use tokio::{
     net::{TcpListener, TcpStream},
     task::{JoinHandle, JoinSet},
-    time::sleep,
+    time::{sleep, timeout},
 };
+use tokio_rustls::TlsAcceptor;
 
 use crate::{http::Connections, net::WebDoor, operate::Reason};
 use connection::converse;
@@ -37,6 +38,8 @@ use routes::Site;
 const BACKLOG: i32 = 256;
 /// How long the listener waits after the system has refused it a connection.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// How long the handshake of HTTPS may take.
+const TLS_TIME: Duration = Duration::from_secs(5);
 /// How much the system takes of what cannot be sent yet, in bytes. There it grows old.
 #[cfg(target_os = "linux")]
 const UNSENT_BYTES: u32 = 16 * 1_024;
@@ -44,6 +47,7 @@ const UNSENT_BYTES: u32 = 16 * 1_024;
 /// A listener for visitors with a browser. It ends when it is dropped; visits go on.
 pub struct WebServer {
     address: SocketAddr,
+    is_secure: bool,
     task: JoinHandle<()>,
 }
 
@@ -61,8 +65,16 @@ impl WebServer {
             bound => bound?,
         };
         let address = listener.local_addr()?;
-        let site = Arc::new(Site::new(door, address));
-        Ok(Self { address, task: tokio::spawn(accept(listener, site)) })
+        let https = door.https().map_err(io::Error::other)?;
+        let https = https.map(|config| TlsAcceptor::from(Arc::new(config)));
+        let is_secure = https.is_some();
+        let site = Arc::new(Site::new(door, address, is_secure));
+        Ok(Self { address, is_secure, task: tokio::spawn(accept(listener, https, site)) })
+    }
+
+    /// The scheme of its links: `https` with the operator's certificate, else `http`.
+    pub fn scheme(&self) -> &'static str {
+        if self.is_secure { "https" } else { "http" }
     }
 
     /// The address that it listens on.
@@ -93,7 +105,7 @@ fn socket(address: SocketAddr) -> io::Result<TcpListener> {
 }
 
 /// Accepts connections. They end with this, unless they have become visits.
-async fn accept(listener: TcpListener, site: Arc<Site>) {
+async fn accept(listener: TcpListener, https: Option<TlsAcceptor>, site: Arc<Site>) {
     let limits = site.door.limits();
     let connections = Connections::new(
         (limits.web_connections_max, Reason::WebConnections),
@@ -122,7 +134,18 @@ async fn accept(listener: TcpListener, site: Arc<Site>) {
         match place {
             Ok(place) => {
                 prepare(&stream);
-                tasks.spawn(converse(stream, peer, site.clone(), place));
+                let (site, https) = (site.clone(), https.clone());
+                tasks.spawn(async move {
+                    match https {
+                        Some(https) => {
+                            if let Ok(Ok(stream)) = timeout(TLS_TIME, https.accept(stream)).await {
+                                converse(stream, peer, site).await;
+                            }
+                        }
+                        None => converse(stream, peer, site).await,
+                    }
+                    drop(place);
+                });
             }
             Err(reason) => site.door.count_refusal(reason),
         }

@@ -2,18 +2,21 @@
 
 use std::{
     io::Write,
-    sync::{LazyLock, OnceLock},
+    sync::{Arc, LazyLock, OnceLock},
 };
 
 use axum::{
-    extract::{Extension, Path},
+    extract::{Extension, Path, State},
     http::{HeaderMap, HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
 use bytes::Bytes;
 use flate2::{Compression, write::GzEncoder};
 
-use super::{host, routes::Visitor};
+use super::{
+    host,
+    routes::{Site, Visitor},
+};
 
 /// The names and the bytes of all files, as `build.rs` finds them.
 static EMBEDDED: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/page_files.rs"));
@@ -65,15 +68,20 @@ impl PageFile {
 }
 
 /// `GET /`.
-pub(super) async fn index(visitor: Extension<Visitor>, headers: HeaderMap) -> Response {
+pub(super) async fn index(
+    site: State<Arc<Site>>,
+    visitor: Extension<Visitor>,
+    headers: HeaderMap,
+) -> Response {
     match FILES.iter().any(|file| file.name == INDEX) {
-        true => file(visitor, Path(INDEX.to_owned()), headers).await,
+        true => file(site, visitor, Path(INDEX.to_owned()), headers).await,
         false => (StatusCode::NOT_FOUND, NO_PAGE).into_response(),
     }
 }
 
 /// `GET /FILE`.
 pub(super) async fn file(
+    State(site): State<Arc<Site>>,
     Extension(visitor): Extension<Visitor>,
     Path(name): Path<String>,
     headers: HeaderMap,
@@ -99,7 +107,7 @@ pub(super) async fn file(
     if takes_gzip {
         with.insert(header::CONTENT_ENCODING, HeaderValue::from_static("gzip"));
     }
-    if let Ok(policy) = HeaderValue::from_str(&policy(&headers)) {
+    if let Ok(policy) = HeaderValue::from_str(&policy(&site, &headers)) {
         with.insert(header::CONTENT_SECURITY_POLICY, policy);
     }
     // Elsewhere browsers ignore these, and complain.
@@ -111,12 +119,13 @@ pub(super) async fn file(
 }
 
 /// What the page may load and reach: files from here, and this server.
-fn policy(headers: &HeaderMap) -> String {
+fn policy(site: &Site, headers: &HeaderMap) -> String {
     let host = host::host(headers).unwrap_or_default();
+    let transport = site.door.web_transport_url(host::name(host));
     format!(
         "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' \
          'unsafe-inline'; img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self' \
-         ws://{host} wss://{host}; object-src 'none'; base-uri 'none'; form-action \
+         ws://{host} wss://{host} {transport}; object-src 'none'; base-uri 'none'; form-action \
          'none'; frame-ancestors 'self'"
     )
 }

@@ -17,7 +17,7 @@ use axum::{
 use super::{host, join, page, rates::Rates, visit, world};
 use crate::{
     http::{Connections, is_own_name},
-    net::WebDoor,
+    net::{VISIT_PATH, WebDoor},
     operate::Reason,
 };
 
@@ -29,6 +29,8 @@ pub(super) struct Site {
     rates: Rates,
     /// Whether the listener is on this machine's own address.
     is_local: bool,
+    /// Whether it speaks HTTPS.
+    is_secure: bool,
 }
 
 /// The other end of a connection: a visitor, or a reverse proxy.
@@ -45,14 +47,14 @@ pub(super) struct Visitor {
 }
 
 impl Site {
-    pub(super) fn new(door: WebDoor, address: SocketAddr) -> Self {
+    pub(super) fn new(door: WebDoor, address: SocketAddr, is_secure: bool) -> Self {
         let limits = door.limits();
         let downloads = Connections::new(
             (limits.joining_max, Reason::Joining),
             (limits.joining_per_address_max, Reason::JoiningOfNetwork),
         );
         let rates = Rates::new(limits.web_requests_per_s, limits.log_networks_max);
-        Self { downloads, rates, is_local: address.ip().is_loopback(), door }
+        Self { downloads, rates, is_local: address.ip().is_loopback(), is_secure, door }
     }
 
     /// Whether an address is that of a reverse proxy, which says for whom it asks.
@@ -65,7 +67,7 @@ impl Site {
         Router::new()
             .route("/join.json", get(join::join))
             .route("/world/{id}", get(world::world))
-            .route("/visit", get(visit::visit))
+            .route(VISIT_PATH, get(visit::visit))
             .route("/", get(page::index))
             .route("/{file}", get(page::file))
             .with_state(self.clone())
@@ -74,16 +76,17 @@ impl Site {
 
     /// Who asks by a request.
     fn visitor(&self, peer: SocketAddr, headers: &HeaderMap) -> Visitor {
-        let is_own = host::host(headers).is_some_and(|host| is_own_machine(host::name(host)));
+        let is_trusted = self.is_secure
+            || host::host(headers).is_some_and(|host| is_own_machine(host::name(host)));
         if !self.is_proxy(peer.ip()) {
-            return Visitor { address: peer, is_secure: is_own };
+            return Visitor { address: peer, is_secure: is_trusted };
         }
         let forwarded = host::text(headers.get("x-forwarded-for"));
         // What comes before the last entry is what the visitor claims.
         let last = forwarded.and_then(|all| all.rsplit(',').next()?.trim().parse().ok());
         let address = last.map_or(peer, |address: IpAddr| (address, 0).into());
         let scheme = host::text(headers.get("x-forwarded-proto"));
-        Visitor { address, is_secure: is_own || scheme == Some("https") }
+        Visitor { address, is_secure: is_trusted || scheme == Some("https") }
     }
 
     /// Whether the listener answers to a host. A page of another site can make a browser ask this

@@ -5,8 +5,8 @@ use sightline_cli::identity::Identity;
 
 use super::*;
 use crate::net::{
-    ServeConfig, Server, endpoint,
-    test_clients::{admit, connect},
+    ServeConfig, Server,
+    test_clients::{admit, connect, endpoint_of},
 };
 
 #[tokio::test(flavor = "multi_thread")]
@@ -16,7 +16,7 @@ async fn a_panic_ends_one_session_whose_client_is_told_and_finds_its_avatar() {
     let server = Server::listen(config.clone(), &identity).unwrap();
     let state = server.state.clone();
     // The test itself serves this endpoint's connections.
-    let endpoint = endpoint::listen(&config, &identity).unwrap();
+    let endpoint = endpoint_of(&config, &identity);
     let [bo_there, bo_here] = connect(&endpoint, &identity, &bo).await;
     let bo_id = state.registry().number();
     admit(&state, bo_id, bo_here).await;

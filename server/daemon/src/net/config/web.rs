@@ -64,6 +64,12 @@ pub struct Origin {
 }
 
 impl Origin {
+    /// Whether its pages belong to a host of this name, whatever the port.
+    pub fn is_at(&self, name: &str) -> bool {
+        let rest = self.host.strip_prefix(&name.to_ascii_lowercase());
+        rest.is_some_and(|port| port.is_empty() || port.starts_with(':'))
+    }
+
     /// Whether its pages belong to a host.
     pub fn is_of(&self, host: &str) -> bool {
         self.host.eq_ignore_ascii_case(host)
@@ -108,6 +114,7 @@ mod tests {
     fn an_origin_is_a_scheme_and_a_host() {
         let origin: Origin = "http://House.example:4777".parse().unwrap();
         assert!(origin.is_of("house.example:4777") && !origin.is_of("house.example"));
+        assert!(origin.is_at("House.example") && !origin.is_at("house.exam"));
         assert_eq!(String::from(origin), "http://house.example:4777");
         for wrong in ["null", "house.example", "https://", "https://a/b", "https://a;b", "ftp://a"]
         {

@@ -6,8 +6,8 @@ use sightline_fixtures::two_rooms;
 
 use super::*;
 use crate::net::{
-    Server, endpoint,
-    test_clients::{admit, connect},
+    Server,
+    test_clients::{admit, connect, endpoint_of},
 };
 
 /// Waits until something holds.
@@ -30,7 +30,7 @@ async fn a_world_begins_anew_when_the_engine_fails_and_visitors_go_on_where_they
     let mut server = Server::bind(world, config.clone(), &identity).unwrap();
     let state = server.state.clone();
     // The test itself serves this endpoint's connections.
-    let endpoint = endpoint::listen(&config, &identity).unwrap();
+    let endpoint = endpoint_of(&config, &identity);
     let [_there, here] = connect(&endpoint, &identity, &ada).await;
     let id = state.registry().number();
     let client = admit(&state, id, here).await;

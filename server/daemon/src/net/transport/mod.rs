@@ -8,6 +8,8 @@
 mod quic;
 #[cfg(feature = "web")]
 mod web_socket;
+#[cfg(feature = "web")]
+mod web_transport;
 
 use std::{net::SocketAddr, time::Duration};
 
@@ -20,11 +22,18 @@ pub use quic::{QuicTransport, WorldStream};
 pub use web_socket::WebSocketTransport;
 #[cfg(feature = "web")]
 use web_socket::{WebSocketReader, WebSocketWriter};
+#[cfg(feature = "web")]
+pub use web_transport::{VISIT_PATH, WebTransport};
+#[cfg(feature = "web")]
+use web_transport::{WebTransportReader, WebTransportWriter};
 
 /// A client's connection.
 pub enum Transport {
     /// A native client's.
     Quic(QuicTransport),
+    /// A browser's.
+    #[cfg(feature = "web")]
+    WebTransport(WebTransport),
     /// A browser's, where there is no WebTransport.
     #[cfg(feature = "web")]
     WebSocket(WebSocketTransport),
@@ -34,12 +43,16 @@ pub enum Transport {
 pub enum ControlReader {
     Quic(QuicReader),
     #[cfg(feature = "web")]
+    WebTransport(WebTransportReader),
+    #[cfg(feature = "web")]
     WebSocket(WebSocketReader),
 }
 
 /// The half of the control stream on which the client is told something.
 pub enum ControlWriter {
     Quic(QuicWriter),
+    #[cfg(feature = "web")]
+    WebTransport(WebTransportWriter),
     #[cfg(feature = "web")]
     WebSocket(WebSocketWriter),
 }
@@ -81,6 +94,11 @@ impl Transport {
                 Ok((ControlWriter::Quic(writer), ControlReader::Quic(reader)))
             }
             #[cfg(feature = "web")]
+            Self::WebTransport(web) => {
+                let (writer, reader) = web.control().await?;
+                Ok((ControlWriter::WebTransport(writer), ControlReader::WebTransport(reader)))
+            }
+            #[cfg(feature = "web")]
             Self::WebSocket(socket) => {
                 let (writer, reader) = socket.control().await?;
                 Ok((ControlWriter::WebSocket(writer), ControlReader::WebSocket(reader)))
@@ -94,6 +112,8 @@ impl Transport {
         match self {
             Self::Quic(quic) => quic.datagram_room(),
             #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.datagram_room(),
+            #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.datagram_room(),
         }
     }
@@ -102,6 +122,8 @@ impl Transport {
     pub fn send_datagram(&self, datagram: Vec<u8>) -> Result<(), TransportError> {
         match self {
             Self::Quic(quic) => quic.send_datagram(datagram),
+            #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.send_datagram(datagram),
             #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.send_datagram(&datagram),
         }
@@ -112,7 +134,20 @@ impl Transport {
         match self {
             Self::Quic(quic) => quic.receive_datagram().await,
             #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.receive_datagram().await,
+            #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.receive_datagram().await,
+        }
+    }
+
+    /// The name of its kind.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Quic(_) => "quic",
+            #[cfg(feature = "web")]
+            Self::WebTransport(_) => "web_transport",
+            #[cfg(feature = "web")]
+            Self::WebSocket(_) => "web_socket",
         }
     }
 
@@ -126,7 +161,7 @@ impl Transport {
         match self {
             Self::Quic(quic) => quic.open_world_stream().await,
             #[cfg(feature = "web")]
-            Self::WebSocket(_) => None,
+            Self::WebTransport(_) | Self::WebSocket(_) => None,
         }
     }
 
@@ -135,7 +170,7 @@ impl Transport {
         match self {
             Self::Quic(quic) => quic.key(),
             #[cfg(feature = "web")]
-            Self::WebSocket(_) => None,
+            Self::WebTransport(_) | Self::WebSocket(_) => None,
         }
     }
 
@@ -143,6 +178,8 @@ impl Transport {
     pub fn remote_address(&self) -> SocketAddr {
         match self {
             Self::Quic(quic) => quic.remote_address(),
+            #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.remote_address(),
             #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.remote_address(),
         }
@@ -153,6 +190,8 @@ impl Transport {
         match self {
             Self::Quic(quic) => quic.round_trip(),
             #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.round_trip(),
+            #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.round_trip(),
         }
     }
@@ -161,6 +200,8 @@ impl Transport {
     pub fn close(&self, code: CloseCode, reason: &str) {
         match self {
             Self::Quic(quic) => quic.close(code, reason),
+            #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.close(code, reason),
             #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.close(code, reason),
         }
@@ -174,6 +215,8 @@ impl ControlReader {
         match self {
             Self::Quic(quic) => quic.read().await,
             #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.read().await,
+            #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.read().await,
         }
     }
@@ -186,6 +229,8 @@ impl ControlWriter {
         match self {
             Self::Quic(quic) => quic.write(frames).await,
             #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.write(frames).await,
+            #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.write(frames).await,
         }
     }
@@ -194,6 +239,8 @@ impl ControlWriter {
     pub async fn finish(&mut self) {
         match self {
             Self::Quic(quic) => quic.finish().await,
+            #[cfg(feature = "web")]
+            Self::WebTransport(web) => web.finish().await,
             #[cfg(feature = "web")]
             Self::WebSocket(socket) => socket.finish().await,
         }
