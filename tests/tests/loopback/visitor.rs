@@ -64,7 +64,7 @@ pub struct Visitor {
 
 enum Link {
     Quic { stranger: Stranger, send: SendStream, receive: RecvStream },
-    WebTransport { session: Session, send: WebSend, receive: WebReceive },
+    WebTransport(Box<(Session, WebSend, WebReceive)>),
     WebSocket(Box<WebSocketStream<MaybeTlsStream<TcpStream>>>),
 }
 
@@ -88,7 +88,7 @@ impl Visitor {
             Kind::WebTransport => {
                 let session = web_transport(doors, &format!("http://{}", doors.web)).await.unwrap();
                 let (send, receive) = session.open_bi().await.unwrap();
-                Link::WebTransport { session, send, receive }
+                Link::WebTransport(Box::new((session, send, receive)))
             }
             Kind::WebSocket => {
                 let socket = web_socket(doors.web, &format!("http://{}", doors.web)).await;
@@ -114,7 +114,7 @@ impl Visitor {
         match &mut self.link {
             // A server that has ended the connection said why, which is heard later.
             Link::Quic { send, .. } => drop(send.write_all(&frame).await),
-            Link::WebTransport { send, .. } => drop(send.write_all(&frame).await),
+            Link::WebTransport(web) => drop(web.1.write_all(&frame).await),
             Link::WebSocket(_) => {
                 self.send_raw(Message::Binary([&[0], &frame[..]].concat().into())).await
             }
@@ -127,8 +127,8 @@ impl Visitor {
             Link::Quic { stranger, .. } => {
                 stranger.connection.send_datagram(datagram.to_vec().into()).unwrap();
             }
-            Link::WebTransport { session, .. } => {
-                session.send_datagram(datagram.to_vec().into()).unwrap();
+            Link::WebTransport(web) => {
+                web.0.send_datagram(datagram.to_vec().into()).unwrap();
             }
             Link::WebSocket(_) => {
                 self.send_raw(Message::Binary([&[1], datagram].concat().into())).await
@@ -194,7 +194,8 @@ impl Visitor {
                         }
                     }
                 }
-                Link::WebTransport { session, receive, .. } => {
+                Link::WebTransport(web) => {
+                    let (session, _, receive) = &mut **web;
                     let mut piece = [0; 4_096];
                     tokio::select! {
                         read = receive.read(&mut piece) => match read {

@@ -21,7 +21,7 @@ use super::{
 pub const VISIT_PATH: &str = "/visit";
 
 /// A session of WebTransport, the only one of its connection.
-pub struct WebTransport(Session);
+pub struct WebTransport(Box<Session>);
 
 /// The half of the control stream from the client.
 pub struct WebTransportReader(RecvStream);
@@ -45,7 +45,7 @@ impl WebTransport {
             let _ = request.reject(StatusCode::FORBIDDEN).await;
             return None;
         }
-        request.ok().await.ok().map(Self)
+        request.ok().await.ok().map(|session| Self(Box::new(session)))
     }
 
     pub(super) async fn control(
