@@ -53,7 +53,7 @@ fn open(listen: [SocketAddr; 2]) -> Option<(sightline_server::net::Server, WebSe
     let config = ServeConfig { listen: listen[0], ..config() };
     let identity = sightline_server::net::Identity::generate().unwrap();
     let server = sightline_server::net::Server::bind(building::world(), config, &identity).ok()?;
-    let web = WebServer::listen(listen[1], server.web_door()).ok()?;
+    let web = WebServer::listen(listen[1], server.web_door().unwrap()).ok()?;
     Some((server, web))
 }
 
