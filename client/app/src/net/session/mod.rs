@@ -176,7 +176,8 @@ impl Session {
         self.shared.lock().presence.replica.visible(now)
     }
 
-    /// The server's time of the moment that is drawn now: see [`Replica::server_time`].
+    /// The server's time of the moment that is drawn now: see
+    /// [`sightline_client_core::replica::Replica::server_time`].
     pub fn server_time(&self) -> Duration {
         let now = self.shared.now();
         self.shared.lock().presence.replica.server_time(now)
