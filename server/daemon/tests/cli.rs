@@ -52,7 +52,7 @@ fn a_reader_that_has_gone_is_no_fault() {
     let check =
         |arguments: &[&str]| assert_eq!(unheard(folder, arguments), Some(0), "{arguments:?}");
     check(&["demo-building", "-o", "b.glb", "--rooms", "2"]);
-    check(&["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]);
+    check(&["compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25"]);
     assert!(folder.join("b.plan.png").is_file(), "the plan is beside the world");
     check(&["inspect", "b.slw"]);
     assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
@@ -101,7 +101,10 @@ fn a_world_that_misses_somebody_fails_its_verification() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     building(folder, 2);
-    assert_eq!(unheard(folder, &["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25"]), Some(0));
+    assert_eq!(
+        unheard(folder, &["compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25"]),
+        Some(0)
+    );
     let verify = || {
         let arguments = ["inspect", "b.slw", "--verify", "2000", "--entries", "5", "--lines", "99"];
         Command::new(PROGRAM)
@@ -141,7 +144,9 @@ fn compile_ends_with_a_verdict_and_the_next_command() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     building(folder, 4);
-    let arguments = ["compile", "b.glb", "-o", "b.slw", "--voxel", "0.25", "--json", "f.json"];
+    let arguments = [
+        "compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25", "--json", "f.json",
+    ];
     let output = Command::new(PROGRAM)
         .current_dir(folder)
         .args(arguments)
@@ -170,7 +175,8 @@ fn rooms_are_suggested_edited_and_compiled() {
         (output.status.code(), text(output.stdout), text(output.stderr))
     };
     let compile = |more: &[&str]| {
-        let arguments = ["compile", "b.glb", "-o", "b.slw", "--voxel", "0.1", "--cell", "3"];
+        let arguments =
+            ["compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.1", "--cell", "3"];
         run(&[&arguments[..], more].concat())
     };
     assert_eq!(compile(&[]).0, Some(0));
