@@ -101,6 +101,10 @@ async fn serve(state: &ServerState, transport: Arc<Transport>, id: ConnectionId)
         }
     };
     let end = Session::new(state, client.clone()).talk(&mut writer, frames).await;
+    if matches!(end, SessionEnd::Left) {
+        // Who comes again before the last words have arrived begins anew, with another name perhaps.
+        entrance::part(state, id, Some(&end)).await;
+    }
     if !matches!(end, SessionEnd::Lost(_)) {
         let _ = timeout(FAREWELL_DEADLINE, writer.finish(&client)).await;
     }
