@@ -6,6 +6,7 @@ use axum::http::{StatusCode, header};
 use bytes::Bytes;
 use quinn::{Connection, ConnectionError, SendDatagramError};
 use sightline_protocol::frame::FRAME_BYTES_MAX;
+use tokio::time::sleep;
 use web_transport_quinn::{
     ReadError, RecvStream, Request, SendStream, Session, SessionError, WebTransportError,
     WriteError,
@@ -19,6 +20,10 @@ use super::{
 
 /// The path of the session, as of the WebSocket.
 pub const VISIT_PATH: &str = "/visit";
+
+/// How long a page has to read its last words, once its browser has them. What it has not read when
+/// the session closes is lost.
+const READING_TIME: Duration = Duration::from_millis(200);
 
 /// A session of WebTransport, the only one of its connection.
 pub struct WebTransport(Box<Session>);
@@ -109,6 +114,7 @@ impl WebTransportWriter {
     pub(super) async fn finish(&mut self) {
         if self.0.finish().is_ok() {
             let _ = self.0.stopped().await;
+            sleep(READING_TIME).await;
         }
     }
 }
