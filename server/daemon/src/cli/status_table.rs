@@ -214,8 +214,8 @@ mod tests {
             "overload":{{"step":0,"steps_down":1,"steps_up":1,"joins_refused":4,"joins_waiting":0}},
             "clients":{{"joining":0,"live":1,"on_course":0,"quiet":0,"asked":0,"absent":0}},
             "totals":{},"refused":7,"process":{{"cpu_s":{seconds}.5,"resident_bytes":50000000}},
-            "people":[{{"avatar":5,"name":"A\u001b[2J","address":"[::1]:9","state":"live",
-            "connected_s":61.0,"round_trip_ms":20.0,"totals":{},"place":null}}]}}"#,
+            "people":[{{"avatar":5,"name":"A\u001b[2J","address":"[::1]:9","role":"visitor",
+            "is_muted":false,"state":"live","connected_s":61.0,"round_trip_ms":20.0,"totals":{},"place":null}}]}}"#,
             totals(seconds),
             totals(seconds)
         );
