@@ -149,7 +149,7 @@ async fn a_watched_file_changes_breaks_and_is_mended() {
     let failed = supplier.tells("failed: ").await;
     assert!(failed.contains("house.glb: "), "{failed}");
     let bo = supplier.join("Bo").await;
-    assert!(has_grown(), "the world before is served on");
+    until("the world before is served on", has_grown).await;
     assert_eq!(bo.world().mesh.triangles.len(), ada.world().mesh.triangles.len());
 
     // The content that is served already needs nothing; another one does.
