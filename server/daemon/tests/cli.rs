@@ -292,19 +292,33 @@ fn a_share_of_lost_messages_that_is_none_is_wrong_usage() {
 }
 
 #[test]
+#[ignore = "takes minutes where nothing is optimised"]
 fn light_is_compared_with_paths_of_light() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     building(folder, 1);
-    let run = |arguments: &[&str]| {
-        let output = Command::new(PROGRAM).current_dir(folder).args(arguments).output().unwrap();
-        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-        (output.status.code(), text(output.stdout), text(output.stderr))
-    };
-    let quick = ["--voxel", "0.5", "--light-quality", "fast", "--size", "8", "--samples", "1"];
-    let (code, text, _) = run(&[&["light-check", "b.glb", "-o", "l.png"], &quick[..]].concat());
-    assert!(code == Some(0) && text.contains("all views: radiosity is "), "{text}");
+    let output = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(["light-check", "b.glb", "-o", "l.png", "--voxel", "0.5"])
+        .args(["--light-quality", "fast", "--size", "8", "--samples", "1"])
+        .output()
+        .unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && text.contains("all views: radiosity is "), "{text}");
     assert!(folder.join("l.png").is_file(), "a picture is written");
-    let (code, _, errors) = run(&["compile", "b.glb", "-o", "b.slw", "--light", "candle"]);
-    assert!(code == Some(2) && errors.contains("use radiosity, ambient or none"), "{errors}");
+}
+
+#[test]
+fn an_unknown_light_is_wrong_usage() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    building(folder, 1);
+    let output = Command::new(PROGRAM)
+        .current_dir(folder)
+        .args(["compile", "b.glb", "-o", "b.slw", "--light", "candle"])
+        .output()
+        .unwrap();
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(errors.contains("use radiosity, ambient or none"), "{errors}");
 }
