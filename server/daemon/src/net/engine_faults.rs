@@ -3,7 +3,7 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-/// So many faults within [`WITHIN`] are too many.
+/// The server ends at this number of faults within [`WITHIN`].
 const FAULTS_MAX: usize = 3;
 const WITHIN: Duration = Duration::from_secs(60);
 

@@ -181,7 +181,7 @@ impl Database {
     }
 
     /// Forgets strangers and lines of the audit log beyond their greatest numbers, and chat that is
-    /// older than so many days.
+    /// older than this number of days.
     pub(super) fn forget(&mut self, chat_days: u32) -> Result<()> {
         self.connection.execute(
             "DELETE FROM visitors WHERE key IN (

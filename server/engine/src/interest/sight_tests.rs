@@ -105,7 +105,7 @@ struct SightTests<'a> {
     load: u32,
     thrift: u32,
     interval: u32,
-    /// Whether there are so many pairs that less is spent on each.
+    /// Whether a crowd of pairs leaves less to spend on each.
     is_crowded: bool,
 }
 

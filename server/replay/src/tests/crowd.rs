@@ -31,7 +31,7 @@ const TICKS: u32 = 140;
 const BEGIN: u32 = 50;
 /// Those whose view is looked at.
 const VIEWERS: [u32; 3] = [1, 400, 999];
-/// As `docs/design/protocol.md` says: who is near is shown so exactly, two ticks after a departure;
+/// As `docs/design/protocol.md` says: viewers see near avatars within this error, two ticks after a departure;
 /// nobody is shown off by more for two seconds.
 const NEAR_M: f32 = 10.0;
 const NEAR_TICKS: u32 = 2;
