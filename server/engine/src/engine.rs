@@ -137,6 +137,7 @@ impl Engine {
         }
         outputs.append(&mut self.pending);
         let live: Vec<Slot> = self.population.live().collect();
+        self.horizons.count_silent(self.population.hidden_round_trips());
         if self.config.policy == Policy::Tbv {
             let mut silencing = self.silencing();
             live.iter().for_each(|slot| silencing.reveal(*slot, outputs));

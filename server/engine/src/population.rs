@@ -311,6 +311,12 @@ impl Population {
         self.live.values().copied()
     }
 
+    /// The round trips of all clients whose avatars are hidden.
+    pub(crate) fn hidden_round_trips(&self) -> impl Iterator<Item = Duration> + '_ {
+        let present = self.by_id.values().map(|slot| self.at(*slot));
+        present.filter(|avatar| !avatar.is_live()).map(|avatar| avatar.round_trip)
+    }
+
     /// Whether all avatars are live.
     pub(crate) fn is_nobody_hidden(&self) -> bool {
         self.live.len() == self.by_id.len()

@@ -361,7 +361,8 @@ impl Outside {
         self.tick(self.now);
         assert!(self.sees.is_empty());
         let world = Arc::clone(self.engine.world());
-        let new = Engine::new(world, self.engine.config().clone());
+        let mut new = Engine::new(world, self.engine.config().clone());
+        new.tick(self.now, &mut Vec::new());
         let horizons = |engine: &Engine| format!("{:?}", engine.horizons);
         assert_eq!(horizons(&self.engine), horizons(&new));
         let [named, named_at_first] =

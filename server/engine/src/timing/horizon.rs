@@ -34,6 +34,8 @@ pub(crate) struct Horizons {
     delays: BTreeMap<Duration, usize>,
     /// The longest round trip of clients that may be silent, once it was asked for.
     round_trip_silent_max: OnceLock<Duration>,
+    /// The longest round trip of clients that are silent, at least where they may not be any more.
+    round_trip_silent: Duration,
 }
 
 impl Horizons {
@@ -46,6 +48,7 @@ impl Horizons {
             round_trips: BTreeMap::new(),
             delays: BTreeMap::new(),
             round_trip_silent_max: OnceLock::new(),
+            round_trip_silent: Duration::ZERO,
         }
     }
 
@@ -137,13 +140,26 @@ impl Horizons {
         link.round_trip <= self.cap && needed <= self.silent_max
     }
 
+    /// Takes in the round trips of all clients that are silent now.
+    ///
+    /// A client may have been silenced before it, or the slowest viewer, became slower. It would
+    /// not be silenced now, but has still to be asked in time.
+    pub(crate) fn count_silent(&mut self, silent: impl Iterator<Item = Duration>) {
+        self.round_trip_silent = Duration::ZERO;
+        let allowed = self.round_trip_silent_max();
+        if self.round_trip_max() > allowed {
+            self.round_trip_silent = silent.max().unwrap_or_default().min(self.cap);
+        }
+    }
+
     fn round_trip_silent_max(&self) -> Duration {
         // All live avatars ask for this at each tick, and many clients may be too slow.
-        *self.round_trip_silent_max.get_or_init(|| {
+        let allowed = *self.round_trip_silent_max.get_or_init(|| {
             let mut trips = self.round_trips.keys().rev();
             let link = |trip: &Duration| Link { round_trip: *trip, margin: self.margin };
             trips.find(|trip| self.may_be_silent(link(trip))).copied().unwrap_or(Duration::ZERO)
-        })
+        });
+        allowed.max(self.round_trip_silent)
     }
 }
 
@@ -187,6 +203,18 @@ mod tests {
         assert_eq!(all.reveal_horizon(ms(60)), ms(60 + 100 + 100 + 50));
         all.remove(ms(100));
         assert_eq!(all.one_way_max(), ms(50));
+    }
+
+    #[test]
+    fn clients_that_are_silent_count_when_a_slower_one_has_come() {
+        let mut all = horizons(&[100, 240]);
+        assert_eq!(all.reveal_horizon(ms(60)), ms(60 + 100 + 240 + 120));
+        all.add(ms(600));
+        assert!(!all.may_be_silent(link(240)));
+        all.count_silent([240, 100].into_iter().map(ms));
+        assert_eq!(all.reveal_horizon(ms(60)), ms(60 + 100 + 240 + 200));
+        all.count_silent([100].into_iter().map(ms));
+        assert_eq!(all.reveal_horizon(ms(60)), ms(60 + 100 + 100 + 200));
     }
 
     #[test]
