@@ -17,8 +17,8 @@ pub(super) struct Rates {
 }
 
 impl Rates {
-    /// Rates of so many requests a second, and twice as many at once. Beyond so many networks, all
-    /// others count as one.
+    /// Rates of `per_second` requests a second, and twice as many at once. Beyond `networks_max`
+    /// networks, all others count as one.
     pub(super) fn new(per_second: u32, networks_max: usize) -> Self {
         Self { per_second: per_second.into(), networks_max, networks: Mutex::default() }
     }

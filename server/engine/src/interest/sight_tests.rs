@@ -35,7 +35,8 @@ const WAITS_MAX: u32 = 3;
 const MUCH_PARTS: u32 = 4;
 /// The same for crowds, where the many pairs cost enough by themselves.
 const MUCH_PARTS_CROWDED: u32 = 32;
-/// With so many pairs that an open one is looked at again only after so many ticks, it is crowded.
+/// It is crowded when the number of pairs is such that an open one waits for this many ticks before
+/// it is looked at again.
 const CROWDED_INTERVAL: u32 = 4;
 /// The most halvings of what the first test of a pair may cost.
 const THRIFT_MAX: u32 = 6;
