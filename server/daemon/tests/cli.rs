@@ -52,7 +52,9 @@ fn a_reader_that_has_gone_is_no_fault() {
     let check =
         |arguments: &[&str]| assert_eq!(unheard(folder, arguments), Some(0), "{arguments:?}");
     check(&["demo-building", "-o", "b.glb", "--rooms", "2"]);
-    check(&["compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25"]);
+    check(&[
+        "compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25", "--cell", "3",
+    ]);
     assert!(folder.join("b.plan.png").is_file(), "the plan is beside the world");
     check(&["inspect", "b.slw"]);
     assert_eq!(unheard(folder, &["inspect", "absent.slw"]), Some(1));
@@ -102,7 +104,13 @@ fn a_world_that_misses_somebody_fails_its_verification() {
     let folder = folder.path();
     building(folder, 2);
     assert_eq!(
-        unheard(folder, &["compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25"]),
+        unheard(
+            folder,
+            &[
+                "compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25", "--cell",
+                "3"
+            ]
+        ),
         Some(0)
     );
     let verify = || {
@@ -145,7 +153,8 @@ fn compile_ends_with_a_verdict_and_the_next_command() {
     let folder = folder.path();
     building(folder, 4);
     let arguments = [
-        "compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25", "--json", "f.json",
+        "compile", "b.glb", "-o", "b.slw", "--light", "none", "--voxel", "0.25", "--cell", "3",
+        "--json", "f.json",
     ];
     let output = Command::new(PROGRAM)
         .current_dir(folder)
