@@ -632,7 +632,7 @@ pub const ALL: &[Measurement] = &[
             label: "",
             args: &[],
             full: &["--views", "8", "--repeats", "3"],
-            quick: &["--only", "hall", "--views", "1", "--repeats", "1"],
+            quick: &["--only", "demo", "--views", "1", "--repeats", "1"],
         }],
         rows: "/rows",
         columns: &[
