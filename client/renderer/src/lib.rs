@@ -5,6 +5,7 @@
 //! * [`movers`] and [`avatars`] draw doors and figures over the building, where its depths let them
 //!   be seen. [`moving::MovingRenderer`] draws both at a cost that follows what is in view.
 //! * [`node_visibility`] finds in advance which nodes a viewpoint box cannot see.
+//! * [`Renderer::building_sight`] leaves out what rooms do not show to the eye.
 //! * [`mover_visibility`] finds which movers may be visible, [`rooms`] draws what an author
 //!   declared, [`plan`] finds the plan of a storey, and [`text`] writes on a frame.
 //!

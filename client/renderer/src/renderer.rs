@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use pulp::WithSimd;
+use sightline_visibility::rooms::BuildingSight;
 use sightline_world::octree::{MATERIALS_MAX, Octree};
 
 use super::{
@@ -28,6 +29,10 @@ pub struct Renderer {
     /// Which nodes are hidden or unoccluded from a viewpoint box, used while the eye is in the box.
     /// The picture is the same. It must be made for the octree that is drawn.
     pub node_visibility: Option<Arc<NodeVisibility>>,
+    /// What rooms show of the building that is drawn, to the camera's eye. What they do not show is
+    /// not drawn. Node visibility is not used meanwhile: what hides something may itself not be
+    /// shown.
+    pub building_sight: Option<BuildingSight>,
     /// Forgoes instructions that only newer processors have. The picture is the same.
     pub(super) portable: bool,
     /// The picture of twice the size that antialiasing draws first.
@@ -76,7 +81,9 @@ impl Renderer {
         self.colours.resize(MATERIALS_MAX, 0);
         let (colours, mode, view) = (&self.colours, self.mode, View::new(camera, width, height));
         let glass_from = octree.first_glass();
-        let classes = self.node_visibility.as_deref();
+        let sight = self.building_sight.as_ref();
+        debug_assert!(sight.is_none_or(|sight| sight.eye() == camera.eye), "made for another eye");
+        let classes = self.node_visibility.as_deref().filter(|_| sight.is_none());
         let classes = classes.and_then(|of| of.classes(octree, camera.eye, view.focal()));
         let classes = classes.unwrap_or(NodeClasses::UNKNOWN);
         let (processor, portable) = (pulp::Arch::new(), self.portable);
@@ -99,8 +106,16 @@ impl Renderer {
                 *counters = Counters::default();
                 band.clear(width, BAND_ROWS.min(height - i * BAND_ROWS));
                 let rows = FrameRows { colour, depth, material_ids, farthest, panes };
-                let traversal =
-                    Traversal { octree, view: &view, classes, glass_from, band, stacks, counters };
+                let traversal = Traversal {
+                    octree,
+                    view: &view,
+                    classes,
+                    sight,
+                    glass_from,
+                    band,
+                    stacks,
+                    counters,
+                };
                 let work = BandWork { traversal, colours, rows };
                 if portable {
                     work.with_simd(pulp::Scalar);

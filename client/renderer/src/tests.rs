@@ -7,6 +7,8 @@ use sightline_world::{
 
 use super::{mask::BLOCK, view::View, *};
 
+mod restricted;
+
 const ORIGIN: Vec3 = Vec3::new(-1.0, -1.0, -1.0);
 const VOXEL: f32 = 0.25;
 const DEPTH: u8 = 3;

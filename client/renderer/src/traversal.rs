@@ -4,8 +4,9 @@
 //! against the mask buffer and halved. Its octants follow in the order of the eye's sector, nearest
 //! first. Where orthogonal mode begins, [`orthogonal`](super::orthogonal) goes on.
 
-use glam::{Vec3A, Vec4};
-use sightline_world::octree::Octree;
+use glam::{Vec3, Vec3A, Vec4};
+use sightline_visibility::{Containment, rooms::BuildingSight};
+use sightline_world::{geometry::Aabb, octree::Octree};
 
 use super::{
     band::Band,
@@ -85,6 +86,8 @@ pub(super) struct PerspectiveNode {
     last: u8,
     /// Whether nothing is in front of the node.
     pub(super) unoccluded: bool,
+    /// Whether rooms may hide some of it.
+    restricted: bool,
     /// The centre relative to the eye, in metres.
     pub(super) centre: Vec3A,
     /// The centre, projected as in [`BandView`].
@@ -133,6 +136,8 @@ pub(super) struct Traversal<'a> {
     pub(super) octree: &'a Octree,
     pub(super) view: &'a BandView,
     pub(super) classes: NodeClasses<'a>,
+    /// What rooms show, if they do not show everything.
+    pub(super) sight: Option<&'a BuildingSight>,
     /// The first material that is glass.
     pub(super) glass_from: usize,
     pub(super) band: &'a mut Band,
@@ -153,6 +158,7 @@ impl Traversal<'_> {
             level: 0,
             last: UNDECIDED,
             unoccluded: false,
+            restricted: self.sight.is_some(),
             centre: self.view.centre,
             projected: self.view.projected,
         });
@@ -174,6 +180,13 @@ impl Traversal<'_> {
         cube.unoccluded |= self.classes.is_unoccluded(cube.index, cube.level);
         self.counters.nodes += 1;
         let Some(area) = self.open_area(&cube) else { return };
+        if cube.restricted {
+            match self.shown(&cube) {
+                Containment::Outside => return,
+                Containment::Inside => cube.restricted = false,
+                Containment::Partial => {}
+            }
+        }
         let depth = cube.projected.z;
         if cube.last == UNDECIDED && self.has_ratio(depth, cube.level, self.view.ratio_min) {
             cube.last = self.last_level(depth, cube.level);
@@ -181,6 +194,8 @@ impl Traversal<'_> {
         if cube.level >= cube.last.min(self.octree.depth) {
             let material_id = self.material_id(cube.index, cube.level);
             self.fill(cube.centre.extend(depth), cube.level, material_id, &area);
+        } else if cube.restricted {
+            self.descend(&cube);
         } else if depth >= self.view.ways.forms_from
             && self.has_ratio(depth, cube.level, self.view.coarse_ratio_min)
         {
@@ -188,6 +203,26 @@ impl Traversal<'_> {
         } else if !self.draw_near_layer(cube.index, cube.level, cube.centre.extend(depth), &area) {
             self.descend(&cube);
         }
+    }
+
+    /// How much of a node rooms show. Of a layer of voxels, only the layer's own box counts. This
+    /// stays out of the traversal's loop, which mostly does without.
+    #[inline(never)]
+    fn shown(&self, cube: &PerspectiveNode) -> Containment {
+        let Some(sight) = self.sight else { return Containment::Inside };
+        let half = self.view.patterns[usize::from(cube.level)].half;
+        let centre = sight.eye() + Vec3::from(cube.centre);
+        let mut region = Aabb::around(centre, half);
+        if cube.level == self.octree.depth {
+            let is_shown = sight.shows(&region);
+            return if is_shown { Containment::Inside } else { Containment::Outside };
+        }
+        if let Some((axis, place)) = self.octree.inner[cube.index as usize].flat() {
+            let voxel = self.octree.voxel();
+            region.min[axis] += f32::from(place) * voxel;
+            region.max[axis] = region.min[axis] + voxel;
+        }
+        sight.containment(&region)
     }
 
     /// How far the corners of a level's nodes reach from the centre, projected.
@@ -282,6 +317,7 @@ impl Traversal<'_> {
                 level: cube.level + 1,
                 last: cube.last,
                 unoccluded: cube.unoccluded,
+                restricted: cube.restricted,
                 centre: cube.centre + pattern.octants[octant],
                 projected: cube.projected + pattern.octants_projected[octant],
             });

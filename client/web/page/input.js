@@ -71,8 +71,8 @@ export function wish(seconds) {
 }
 
 const ACTIONS = {
-  KeyH: "help", F1: "help", KeyP: "people", KeyR: "rooms", KeyM: "plan", KeyO: "settings",
-  Enter: "chat", KeyT: "chat", Home: "home", Escape: "close",
+  KeyH: "help", F1: "help", KeyP: "people", KeyR: "rooms", KeyM: "plan", KeyV: "hidden",
+  KeyO: "settings", Enter: "chat", KeyT: "chat", Home: "home", Escape: "close",
 };
 
 function keyDown(event, act) {

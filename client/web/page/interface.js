@@ -12,6 +12,7 @@ const KEYS = [
   ["P", "the people near you"],
   ["R", "places to go to"],
   ["M", "the plan, large or small"],
+  ["V", "what rooms hide from you"],
   ["Home", "go back to the entrance"],
   ["O", "settings"],
   ["H, F1", "this help"],
@@ -40,7 +41,7 @@ function element(name, text, className) {
   return made;
 }
 
-/** The interface. `acts` has what it asks for: say, goTo, goHome, rejoin, again. */
+/** The interface. `acts` has what it asks for: say, goTo, goHome, toggleHidden, rejoin, again. */
 export class Interface {
   constructor(acts) {
     this.acts = acts;
@@ -89,6 +90,7 @@ export class Interface {
     if (name === "chat") this.chat(true);
     else if (name === "plan") document.body.classList.toggle("large-plan");
     else if (name === "home") this.acts.goHome();
+    else if (name === "hidden") this.acts.toggleHidden();
     else if (name === "close") this.escape();
     else this.toggle(name);
   }

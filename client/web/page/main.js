@@ -35,6 +35,9 @@ const page = new Interface({
     link.flush();
   },
   stop: () => client.stop(),
+  toggleHidden: () => {
+    if (!client.toggle_hidden()) page.add({ text: "the author of this building has declared no rooms" });
+  },
   rejoin,
   again: () => link.tryAgain(),
 });

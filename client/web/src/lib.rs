@@ -186,6 +186,12 @@ impl Client {
         scene.draw(self.connection.replica(), time(now_ms), (columns, rows))
     }
 
+    /// Draws what rooms hide from the eye from now on, or leaves it out again. Returns false where
+    /// the author of the building has declared no rooms.
+    pub fn toggle_hidden(&mut self) -> bool {
+        self.scene.as_mut().is_none_or(Scene::toggle_hidden)
+    }
+
     /// Where the bytes of the picture begin in the memory: red, green, blue and 255 for each pixel,
     /// row by row.
     pub fn pixels(&self) -> usize {

@@ -9,7 +9,7 @@ use sightline_renderer::{
     moving::{Culling, InView, MovingRenderer},
     plan::{Plan, PlanSketch},
 };
-use sightline_visibility::rooms::RoomIndex;
+use sightline_visibility::rooms::{BuildingSight, RoomIndex};
 use sightline_world::{
     World,
     motion::Pose,
@@ -36,8 +36,11 @@ pub(crate) struct Scene {
     inhabited: Frame,
     /// Red, green, blue and 255 for each pixel.
     pixels: Vec<[u8; 4]>,
-    /// What the picture of the building shows: the camera, columns and rows.
-    shown: Option<(Camera, (usize, usize))>,
+    /// Whether what rooms hide from the eye is drawn, too.
+    with_hidden: bool,
+    /// What the picture of the building shows: the camera, columns and rows, and whether with what
+    /// rooms hide.
+    shown: Option<(Camera, (usize, usize), bool)>,
     /// What the picture shows that moves.
     in_view: Option<InView>,
     /// The camera, and since when it has been that.
@@ -77,6 +80,7 @@ impl Scene {
             building: Frame::default(),
             inhabited: Frame::default(),
             pixels: Vec::new(),
+            with_hidden: false,
             shown: None,
             in_view: None,
             camera: (Camera::at(&pose), Duration::ZERO),
@@ -119,6 +123,13 @@ impl Scene {
         (0..).zip(self.world.rooms.list()).map(listed).collect()
     }
 
+    /// Draws what rooms hide from the eye from now on, or leaves it out again. Returns false where
+    /// there are no rooms.
+    pub(crate) fn toggle_hidden(&mut self) -> bool {
+        self.with_hidden ^= true;
+        !self.rooms.is_empty()
+    }
+
     /// The height of the soles, in metres.
     pub(crate) fn soles(&self) -> f32 {
         self.walk.pose().eye.y - self.world.body.below_eye
@@ -140,15 +151,21 @@ impl Scene {
         if camera != self.camera.0 {
             self.camera = (camera, now);
         }
-        let is_moved = self.shown != Some((camera, size));
+        let wanted = Some((camera, size, self.with_hidden));
+        let is_moved = self.shown != wanted;
         if is_moved {
+            let sight = || BuildingSight::of(&self.world, &self.rooms, camera.eye);
+            self.renderer.building_sight = if self.with_hidden { None } else { sight() };
             self.building.resize(size.0, size.1);
             self.renderer.draw(&self.world.octree, &camera, &mut self.building);
-            self.shown = Some((camera, size));
+            self.shown = wanted;
         }
         let time = replica.as_ref().map_or(now, |replica| replica.server_time(now));
         let source = replica.map(|replica| replica as &mut dyn AvatarSource);
-        let in_view = self.moving.find(&self.building, &camera, &self.world, source, time);
+        let mut in_view = self.moving.find(&self.building, &camera, &self.world, source, time);
+        if let Some(sight) = &self.renderer.building_sight {
+            in_view.leave_out_hidden(sight, &self.world);
+        }
         let is_same = self.in_view.as_ref().is_some_and(|shown| shown.looks_like(&in_view));
         if is_same && !is_moved {
             return false;

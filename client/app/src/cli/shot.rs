@@ -21,8 +21,8 @@ use sightline_renderer::{
     node_visibility::{self, NodeVisibility, VoxelOccluders},
     rooms::RoomWireframes,
 };
-use sightline_visibility::rooms::RoomIndex;
-use sightline_world::{Mover, World, motion::Pose};
+use sightline_visibility::rooms::{BuildingSight, RoomIndex};
+use sightline_world::{Mover, World, motion::Pose, rooms::Rooms};
 
 use super::{
     flags::{self, ModeFlag, PathFlags},
@@ -56,6 +56,10 @@ pub struct Args {
     /// Draw rooms as wire frames, with their names and windows.
     #[arg(long)]
     rooms: bool,
+    /// Draw what rooms hide from the eye, too. It makes no difference where no room has a set or a
+    /// window.
+    #[arg(long)]
+    hidden: bool,
     /// The vertical field of view, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = Camera::FOV_Y.to_degrees())]
     fov: f32,
@@ -103,9 +107,10 @@ fn picture(args: &Args, world: &World) -> anyhow::Result<()> {
     let (width, height) = args.size;
     let mut frame = Frame::new(width, height);
     let camera = camera(args, world)?;
-    let movers: Vec<&Mover> = world.movers.iter().collect();
-    let mut scene = ShotRenderer::new(args, world)?;
-    let milliseconds = scene.draw(camera, &movers, args.time, &mut frame);
+    let rooms = rooms(args, world);
+    let mut scene = ShotRenderer::new(args, world, &rooms)?;
+    let movers = world.movers.iter().collect();
+    let milliseconds = scene.draw(camera, movers, args.time, &mut frame);
     picture::save(&args.output, &[(width, &frame.colour)])?;
     let output = args.output.display();
     output::print(&format!("{output}: {width} × {height}, drawn in {milliseconds:.1} ms\n"))
@@ -115,8 +120,9 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     let (path, from, until) = args.path.read(world)?;
     let frame_files = FrameFiles::new(&args.output)?;
     let (width, height) = args.size;
-    let (mut scene, mut frame) = (ShotRenderer::new(args, world)?, Frame::new(width, height));
-    let (rooms, fov_y) = (RoomIndex::new(world), args.fov.to_radians());
+    let (rooms, fov_y) = (rooms(args, world), args.fov.to_radians());
+    let mut scene = ShotRenderer::new(args, world, &rooms)?;
+    let mut frame = Frame::new(width, height);
     let (mut mover_visibility, mut drawn) = (MoverVisibility::new(args.size, fov_y), 0);
     let progress = Progress::new();
     let mut total = 0.0;
@@ -124,7 +130,7 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
         let now = args.time + Duration::from_secs_f64(seconds - from);
         let movers = mover_visibility.movers(world, &rooms, &pose);
         drawn += movers.len();
-        total += scene.draw(Camera::at(&pose), &movers, now, &mut frame);
+        total += scene.draw(Camera::at(&pose), movers, now, &mut frame);
         picture::save(&frame_files.frame(i), &[(width, &frame.colour)])?;
         progress.show("frames", (i + 1) as f32 / frames as f32);
     }
@@ -146,9 +152,16 @@ fn film(args: &Args, world: &World, frames: usize) -> anyhow::Result<()> {
     ))
 }
 
+/// The rooms that hide something: none where what they hide is drawn, too.
+fn rooms(args: &Args, world: &World) -> RoomIndex {
+    if args.hidden { RoomIndex::of(&Rooms::default(), &world.cells) } else { RoomIndex::new(world) }
+}
+
 /// Draws the pictures of one run.
 struct ShotRenderer<'a> {
     world: &'a World,
+    /// The rooms that hide something.
+    rooms: &'a RoomIndex,
     renderer: Renderer,
     wires: Option<RoomWireframes>,
     /// The occluders for finding hidden nodes, if asked for.
@@ -157,17 +170,23 @@ struct ShotRenderer<'a> {
 }
 
 impl<'a> ShotRenderer<'a> {
-    fn new(args: &Args, world: &'a World) -> anyhow::Result<Self> {
+    fn new(args: &Args, world: &'a World, rooms: &'a RoomIndex) -> anyhow::Result<Self> {
         let mut renderer = Renderer::default();
         renderer.antialias = args.aa;
         renderer.mode = args.mode.into();
         let wires = args.rooms.then(|| RoomWireframes::new(world));
         let walls = args.fuzzy.then(|| VoxelOccluders::new(&world.octree)).transpose()?;
-        Ok(Self { world, renderer, wires, walls, fov_y: args.fov.to_radians() })
+        Ok(Self { world, rooms, renderer, wires, walls, fov_y: args.fov.to_radians() })
     }
 
     /// Draws a picture. Returns the milliseconds spent on the building.
-    fn draw(&mut self, camera: Camera, movers: &[&Mover], now: Duration, frame: &mut Frame) -> f64 {
+    fn draw(
+        &mut self,
+        camera: Camera,
+        mut movers: Vec<&Mover>,
+        now: Duration,
+        frame: &mut Frame,
+    ) -> f64 {
         let camera = Camera { fov_y: self.fov_y, ..camera };
         if let Some(walls) = &self.walls {
             let known =
@@ -177,10 +196,14 @@ impl<'a> ShotRenderer<'a> {
             let eyes = node_visibility::boxes_ahead(camera.eye, Vec3::ZERO).into_iter().next();
             self.renderer.node_visibility = known.or_else(|| eyes.map(find));
         }
+        self.renderer.building_sight = BuildingSight::of(self.world, self.rooms, camera.eye);
         let start = Instant::now();
         self.renderer.draw(&self.world.octree, &camera, frame);
         let milliseconds = start.elapsed().as_secs_f64() * 1.0e3;
-        movers::draw_selected(frame, &camera, movers, now);
+        if let Some(sight) = &self.renderer.building_sight {
+            movers.retain(|mover| sight.may_show(mover));
+        }
+        movers::draw_selected(frame, &camera, &movers, now);
         if let Some(wires) = &self.wires {
             wires.draw(frame, &camera);
         }

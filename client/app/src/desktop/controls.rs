@@ -24,8 +24,10 @@ pub(super) enum Action {
     Statistics,
     /// Go back to the entrance.
     Home,
-    /// Show or hide rooms.
+    /// Show or hide the outlines of rooms.
     Rooms,
+    /// Draw what rooms hide from the eye, or leave it out.
+    Hidden,
     /// Close the panel, or else the window.
     Leave,
 }
@@ -159,6 +161,7 @@ fn switch(code: KeyCode) -> Option<Action> {
         KeyCode::F3 => Some(Action::Statistics),
         KeyCode::Home => Some(Action::Home),
         KeyCode::KeyR => Some(Action::Rooms),
+        KeyCode::KeyV => Some(Action::Hidden),
         _ => None,
     }
 }
@@ -237,6 +240,7 @@ mod tests {
             (KeyCode::F3, Action::Statistics),
             (KeyCode::Home, Action::Home),
             (KeyCode::KeyR, Action::Rooms),
+            (KeyCode::KeyV, Action::Hidden),
         ];
         for (code, action) in &switches {
             assert_eq!(press(&mut controls, *code, ""), Some(action.clone()));

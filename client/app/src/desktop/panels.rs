@@ -51,6 +51,7 @@ const KEYS: &[(&str, &str)] = &[
     ("Tab", "the people near you"),
     ("Enter", "say something"),
     ("R", "outlines of the rooms"),
+    ("V", "what rooms hide from you"),
     ("F1", "this help"),
     ("F3", "statistics"),
     ("Escape", "close this, free the mouse, leave"),

@@ -13,6 +13,17 @@ pub(super) struct BuildingView {
     pub(super) size: (usize, usize),
     /// How often the building was replaced.
     pub(super) world: u32,
+    /// Whether what rooms hide is drawn, too.
+    pub(super) hidden: bool,
+}
+
+/// What is shown of rooms.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct RoomDisplay {
+    /// Whether their outlines are drawn.
+    pub(super) outlines: bool,
+    /// Whether what they hide from the eye is drawn, too.
+    pub(super) hidden: bool,
 }
 
 /// What the window shows, layer by layer. Each layer is drawn over the one before.
@@ -69,7 +80,7 @@ mod tests {
 
     fn view(x: f32) -> BuildingView {
         let camera = Camera { eye: Vec3::X * x, yaw: 0.0, pitch: 0.0, fov_y: 1.0 };
-        BuildingView { camera, size: SIZE, world: 0 }
+        BuildingView { camera, size: SIZE, world: 0, hidden: false }
     }
 
     /// Which layers must be drawn to show this.
@@ -91,6 +102,8 @@ mod tests {
         assert_eq!(drawn(layers, view(1.0), true, "b"), [false, true, true]);
         assert_eq!(drawn(layers, view(1.001), true, "b"), [true; 3]);
         assert_eq!(drawn(layers, BuildingView { world: 1, ..view(1.001) }, true, "b"), [true; 3]);
+        let all = BuildingView { hidden: true, world: 1, ..view(1.001) };
+        assert_eq!(drawn(layers, all, true, "b"), [true; 3]);
         let wider = BuildingView { size: (10, 6), world: 1, ..view(1.001) };
         assert_eq!(drawn(layers, wider, true, "b"), [true; 3]);
         assert_eq!(drawn(layers, wider, true, "b"), [false; 3]);

@@ -15,7 +15,7 @@ use sightline_renderer::{
     Camera, Frame, Renderer, mover_visibility::MoverVisibility, movers, moving::InView,
     node_visibility::VisibilityPrefetcher,
 };
-use sightline_world::{Spawn, World, motion::Pose};
+use sightline_world::{Mover, Spawn, World, motion::Pose};
 
 use super::{
     Drawing,
@@ -23,7 +23,7 @@ use super::{
     controls::Controls,
     dynamic_resolution::DynamicResolution,
     overlay::Overlay,
-    redraw::{BuildingView, ShownLayers},
+    redraw::{BuildingView, RoomDisplay, ShownLayers},
     surroundings::Surroundings,
 };
 use crate::net::Session;
@@ -181,7 +181,7 @@ impl Scene {
         session: Option<&Session>,
         window: (usize, usize),
         now: Instant,
-        with_rooms: bool,
+        rooms: RoomDisplay,
     ) -> bool {
         let start = Instant::now();
         let camera = Camera::at(&self.walker.pose());
@@ -191,10 +191,10 @@ impl Scene {
         let rests = now.saturating_duration_since(self.camera.1) >= RESTS;
         self.divisor = if rests { 1 } else { self.dynamic_resolution.divisor() };
         let size = (window.0.div_ceil(self.divisor), window.1.div_ceil(self.divisor));
-        let view = BuildingView { camera, size, world: self.worlds };
+        let view = BuildingView { camera, size, world: self.worlds, hidden: rooms.hidden };
         let building_changes = self.shown.building_changes(view);
         if building_changes {
-            self.draw_building(&camera, size);
+            self.draw_building(&camera, size, rooms.hidden);
         }
         let is_soon = now.saturating_duration_since(self.looked) < MOVING_INTERVAL;
         if rests && is_soon && !building_changes {
@@ -203,10 +203,10 @@ impl Scene {
         self.looked = now;
         let time = self.clock.time(session, now);
         let changes = if self.mover_visibility.is_some() {
-            self.draw_flight(&camera, time);
+            self.draw_flight(&camera, time, rooms.hidden);
             true
         } else {
-            self.draw_moving(session, &camera, time, with_rooms)
+            self.draw_moving(session, &camera, time, rooms.outlines)
         };
         if building_changes || changes {
             self.draw_time += start.elapsed();
@@ -217,23 +217,30 @@ impl Scene {
         changes
     }
 
-    fn draw_building(&mut self, camera: &Camera, (width, height): (usize, usize)) {
+    /// Draws the building: what rooms show of it, or what they hide, too.
+    fn draw_building(&mut self, camera: &Camera, (width, height): (usize, usize), hidden: bool) {
         self.building.resize(width, height);
         let focal = camera.focal(height);
         let Pose { eye, velocity, .. } = self.walker.pose();
-        let hidden = |ahead: &VisibilityPrefetcher| ahead.at(eye, velocity, focal);
-        self.renderer.node_visibility = self.surroundings.ahead.as_ref().and_then(hidden);
+        let known = |ahead: &VisibilityPrefetcher| ahead.at(eye, velocity, focal);
+        self.renderer.node_visibility = self.surroundings.ahead.as_ref().and_then(known);
+        self.renderer.building_sight = if hidden { None } else { self.surroundings.sight(eye) };
         self.renderer.draw(&self.surroundings.world.octree, camera, &mut self.building);
     }
 
-    /// Draws the movers that a flight sees. There are no others on it.
-    fn draw_flight(&mut self, camera: &Camera, time: Duration) {
+    /// Draws the movers that a flight sees, or those that rooms hide, too. There are no avatars on
+    /// it.
+    fn draw_flight(&mut self, camera: &Camera, time: Duration, hidden: bool) {
         let Surroundings { world, rooms, .. } = &self.surroundings;
         self.inhabited.copy_from(&self.building);
-        if let Some(mover_visibility) = &mut self.mover_visibility {
-            let movers = mover_visibility.movers(world, rooms, &self.walker.pose());
-            movers::draw_selected(&mut self.inhabited, camera, &movers, time);
+        let mut movers: Vec<&Mover> = match &mut self.mover_visibility {
+            Some(visibility) if !hidden => visibility.movers(world, rooms, &self.walker.pose()),
+            _ => world.movers.iter().collect(),
+        };
+        if let Some(sight) = &self.renderer.building_sight {
+            movers.retain(|mover| sight.may_show(mover));
         }
+        movers::draw_selected(&mut self.inhabited, camera, &movers, time);
         self.shown = ShownLayers::default();
         self.seen.clear();
     }
@@ -249,7 +256,10 @@ impl Scene {
         let mut session = session;
         let source = session.as_mut().map(|session| session as &mut dyn AvatarSource);
         let Surroundings { world, moving, .. } = &mut self.surroundings;
-        let in_view: InView = moving.find(&self.building, camera, world, source, time);
+        let mut in_view: InView = moving.find(&self.building, camera, world, source, time);
+        if let Some(sight) = &self.renderer.building_sight {
+            in_view.leave_out_hidden(sight, world);
+        }
         if !self.shown.moving_changes(in_view.clone(), with_rooms) {
             return false;
         }

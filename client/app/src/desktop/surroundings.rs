@@ -8,7 +8,7 @@ use sightline_renderer::{
     node_visibility::VisibilityPrefetcher,
     rooms::RoomWireframes,
 };
-use sightline_visibility::rooms::RoomIndex;
+use sightline_visibility::rooms::{BuildingSight, RoomIndex};
 use sightline_world::World;
 
 use super::plans::Plans;
@@ -42,6 +42,11 @@ impl Surroundings {
     /// The rooms as wire frames.
     pub(super) fn wires(&mut self) -> &RoomWireframes {
         self.wires.get_or_insert_with(|| RoomWireframes::new(&self.world))
+    }
+
+    /// What rooms show to an eye, unless they show everything.
+    pub(super) fn sight(&self, eye: Vec3) -> Option<BuildingSight> {
+        BuildingSight::of(&self.world, &self.rooms, eye)
     }
 
     /// Whether the author has declared any room.

@@ -22,6 +22,7 @@ use super::{
     controls::{Action, Controls},
     overlay::{Log, Overlay},
     panels::{self, Panel, PanelKind},
+    redraw::RoomDisplay,
     scene::Scene,
     statistics::Statistics,
 };
@@ -38,7 +39,7 @@ pub(super) struct Visit<'a> {
     drawing: Drawing,
     log: Log,
     panel: Option<PanelKind>,
-    with_rooms: bool,
+    rooms: RoomDisplay,
     statistics: Statistics,
     /// Whether there is a server that does not know this client at the moment.
     is_away: bool,
@@ -66,7 +67,7 @@ impl<'a> Visit<'a> {
             drawing,
             log: Log::default(),
             panel: None,
-            with_rooms: false,
+            rooms: RoomDisplay::default(),
             statistics: Statistics::default(),
             is_away: false,
             screen: Frame::default(),
@@ -132,7 +133,7 @@ impl<'a> Visit<'a> {
             self.go_home(controls, now);
         }
         let session = self.company.session();
-        let draws = |scene: &mut Scene| scene.draw(session, size, now, self.with_rooms);
+        let draws = |scene: &mut Scene| scene.draw(session, size, now, self.rooms);
         let is_drawn = self.scene.as_mut().is_some_and(draws);
         if is_drawn {
             self.statistics.count(now);
@@ -219,7 +220,8 @@ impl<'a> Visit<'a> {
             Action::Panel(kind) => self.panel = Some(kind).filter(|kind| self.panel != Some(*kind)),
             Action::Statistics => self.statistics.is_shown ^= true,
             Action::Home => self.go_home(controls, now),
-            Action::Rooms => self.toggle_rooms(now),
+            Action::Rooms => self.toggle_rooms(now, |rooms| &mut rooms.outlines),
+            Action::Hidden => self.toggle_rooms(now, |rooms| &mut rooms.hidden),
             Action::Say(line) => self.say(now, &line),
             Action::Bookmark(number) => self.bookmark(now, number),
             Action::Fly(number) => self.fly(now, number),
@@ -227,12 +229,14 @@ impl<'a> Visit<'a> {
         false
     }
 
-    fn toggle_rooms(&mut self, now: Instant) {
+    /// Turns something on or off that only a building with rooms has.
+    fn toggle_rooms(&mut self, now: Instant, of: fn(&mut RoomDisplay) -> &mut bool) {
         let has_rooms = self.scene.as_ref().is_some_and(|scene| scene.surroundings.has_rooms());
         if self.scene.is_some() && !has_rooms {
             self.log.add(now, NO_ROOMS.to_owned());
         }
-        self.with_rooms = has_rooms && !self.with_rooms;
+        let is_on = of(&mut self.rooms);
+        *is_on = has_rooms && !*is_on;
     }
 
     /// Says something to the others.

@@ -4,6 +4,7 @@ use std::{f32::consts::TAU, time::Duration};
 
 use glam::DAffine3;
 use sightline_client_core::replica::VisibleAvatar;
+use sightline_visibility::rooms::BuildingSight;
 use sightline_world::{Mover, World};
 
 use crate::{
@@ -29,6 +30,12 @@ impl InView {
     /// same places. A picture that shows one need not be drawn anew for the other.
     pub fn looks_like(&self, other: &Self) -> bool {
         self.movers == other.movers && self.avatars == other.avatars
+    }
+
+    /// Leaves out the movers that rooms do not show to the camera's eye.
+    pub fn leave_out_hidden(&mut self, sight: &BuildingSight, world: &World) {
+        let mover = |at: u32| world.movers.get(at as usize);
+        self.movers.retain(|(at, _)| mover(*at).is_some_and(|mover| sight.may_show(mover)));
     }
 
     /// Draws what is in view into a frame that shows the building from the same camera. Returns the

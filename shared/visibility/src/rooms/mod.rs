@@ -4,6 +4,7 @@
 //! * [`RoomIndex`]: decides who may see whom, and finds the rooms at a place.
 //! * [`RoomOverlap`]: the rooms that a region overlaps, found once for many questions.
 //! * [`SealedRooms`]: the sealed rooms at a point.
+//! * [`BuildingSight`]: which of the building's voxels rooms show to an eye.
 //! * [`pieces`]: the convex pieces of a room's shapes.
 //! * [`region`]: regions of space as boolean combinations of half-spaces.
 //! * [`sight`]: what an eye, or a box of eyes, sees through windows.
@@ -26,6 +27,7 @@
 //! ruled out for every place in one region and every place in the other. So no avatar is missed
 //! that the author leaves visible.
 
+mod building_sight;
 mod decide;
 pub mod depth;
 mod index;
@@ -39,6 +41,7 @@ pub mod sight;
 mod viewpoint;
 mod window_part;
 
+pub use building_sight::BuildingSight;
 pub use decide::RoomVerdict;
 pub use index::RoomIndex;
 pub use overlap::RoomOverlap;
