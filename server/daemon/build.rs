@@ -1,19 +1,21 @@
-//! Lists the files of the page for browsers, which the program carries.
+//! Lists the files of the page for browsers, which the program carries: the page's own, and the client
+//! as it was compiled for it.
 
 use std::{
     env, fs, io,
     path::{Path, PathBuf},
 };
 
+/// The folder of the page's own files.
+const PAGE: &str = "../../client/web/page";
+/// The folder of the compiled client.
+const COMPILED: &str = "../../client/web/dist";
 /// The kinds of files that belong to the page.
 const KINDS: [&str; 6] = ["html", "js", "css", "wasm", "svg", "png"];
 
 fn main() -> io::Result<()> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../client/web/dist");
-    let watched = if folder.exists() { "../../client/web/dist" } else { "../../client" };
-    println!("cargo::rerun-if-changed={watched}");
     let mut list = "&[\n".to_owned();
-    for path in files(&folder)? {
+    for path in page_files()? {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         list += &format!("    ({name:?}, include_bytes!({path:?})),\n");
     }
@@ -22,9 +24,19 @@ fn main() -> io::Result<()> {
     fs::write(Path::new(&out).join("page_files.rs"), list)
 }
 
-/// The files of the page; none where it has not been built.
-fn files(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let entries = match fs::read_dir(folder) {
+/// The files of the page; none where the client has not been compiled for it.
+fn page_files() -> io::Result<Vec<PathBuf>> {
+    let (own, compiled) = (files(PAGE)?, files(COMPILED)?);
+    Ok(if compiled.is_empty() { compiled } else { [own, compiled].concat() })
+}
+
+/// The files in a folder that browsers ask for; none where there is no folder. Cargo runs this program
+/// again when the folder changes.
+fn files(folder: &str) -> io::Result<Vec<PathBuf>> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let watched = if path.exists() { folder } else { "../../client" };
+    println!("cargo::rerun-if-changed={watched}");
+    let entries = match fs::read_dir(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries?,
     };

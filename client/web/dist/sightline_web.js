@@ -343,6 +343,15 @@ export class Client {
         return ret;
     }
     /**
+     * Draws what rooms hide from the eye from now on, or leaves it out again. Returns false where
+     * the author of the building has declared no rooms.
+     * @returns {boolean}
+     */
+    toggle_hidden() {
+        const ret = wasm.client_toggle_hidden(this.__wbg_ptr);
+        return ret !== 0;
+    }
+    /**
      * Turns the view, in radians.
      * @param {number} left
      * @param {number} up

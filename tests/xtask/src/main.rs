@@ -3,7 +3,7 @@
 //! `cargo xtask results` measures the product on this machine. Every measurement becomes a JSON file
 //! in `tests/results/DATE-CPU/`, and all of these files together become `tests/results/RESULTS.md`.
 //!
-//! `cargo xtask web` builds the page for browsers, [`web`].
+//! `cargo xtask web` compiles the client for browsers, [`web`].
 //!
 //! * [`measurements`]: what is measured, by which command, and what its table shows.
 //! * [`machine`]: the date and the hardware.
@@ -34,7 +34,7 @@ const LIST_MAX: usize = 40;
 enum Chore {
     /// Measure the product, and write the tables of all results.
     Results(Args),
-    /// Build the page for browsers, which the server embeds.
+    /// Compile the client for browsers, which the server embeds.
     Web(web::Args),
 }
 

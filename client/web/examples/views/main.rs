@@ -33,7 +33,7 @@ const REPEATS: usize = 5;
 fn main() -> ExitCode {
     let mut arguments = env::args().skip(1);
     let Some(path) = arguments.next() else {
-        eprintln!("usage: views WORLD.slw [FOLDER OF THE PAGE]");
+        eprintln!("usage: views WORLD.slw [FOLDER OF THE COMPILED CLIENT]");
         return ExitCode::FAILURE;
     };
     let page = arguments.next().unwrap_or_else(|| "client/web/dist".to_owned());

@@ -1,4 +1,4 @@
-//! Builds the page: compiles the client, makes what calls it, and adds the page's own files.
+//! Compiles the client for browsers, and makes the script by which the page calls it.
 
 use std::{
     fs,
@@ -13,10 +13,10 @@ use wasm_bindgen_cli_support::Bindgen;
 
 use super::{SOURCES, compiler::Compiler, sources};
 
-/// The most bytes of all files together, compressed as servers and proxies do.
+/// The most bytes of all files of the page together, compressed as servers and proxies do.
 const PACKED_BYTES_MAX: usize = 1_500_000;
 
-/// Builds the page into `dist`, or without SIMD into another folder.
+/// Compiles the client into `dist`, or without SIMD into another folder.
 pub(super) fn build(root: &Path, without_simd: Option<&Path>, dist: &Path) -> anyhow::Result<()> {
     let target = without_simd.unwrap_or(dist);
     let program = Compiler::find()?.build(root, without_simd.is_none())?;
@@ -32,13 +32,8 @@ pub(super) fn build(root: &Path, without_simd: Option<&Path>, dist: &Path) -> an
         .remove_producers_section(true)
         .generate(target)?;
     optimise(&target.join("sightline_web_bg.wasm"))?;
-    let page = root.join("client/web/page");
-    for file in fs::read_dir(&page)? {
-        let file = file?;
-        fs::copy(file.path(), target.join(file.file_name()))?;
-    }
     fs::write(target.join(SOURCES), sources::hash(root)?)?;
-    report(target)
+    report(&[&root.join("client/web/page"), target])
 }
 
 /// Lets Binaryen make a program faster and smaller, where it is installed.
@@ -60,11 +55,15 @@ fn optimise(program: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prints the size of each file and of all together.
-fn report(folder: &Path) -> anyhow::Result<()> {
+/// Prints the size of each file of the page and of all together.
+fn report(folders: &[&Path]) -> anyhow::Result<()> {
     let mut all = 0;
-    let mut files: Vec<PathBuf> =
-        fs::read_dir(folder)?.map(|file| Ok(file?.path())).collect::<anyhow::Result<_>>()?;
+    let mut files: Vec<PathBuf> = Vec::new();
+    for folder in folders {
+        for file in fs::read_dir(folder)? {
+            files.push(file?.path());
+        }
+    }
     files.sort();
     for file in files {
         let bytes = fs::read(&file)?;

@@ -1,8 +1,9 @@
-//! The page for browsers: builds `client/web/dist`, which the server embeds.
+//! The client for browsers: compiles it into `client/web/dist`, which the server embeds beside
+//! `client/web/page`.
 //!
-//! * [`sources`]: the hash of what the page is built from, which is kept beside it.
-//! * `build`, with the feature `web`: builds the page. What it needs takes long to compile, so tests do
-//!   without.
+//! * [`sources`]: the hash of what the client is compiled from, which is kept beside it.
+//! * `build`, with the feature `web`: compiles the client. What it needs takes long to compile, so
+//!   tests do without.
 
 #[cfg(feature = "web")]
 mod build;
@@ -17,15 +18,15 @@ use std::{
 
 use anyhow::ensure;
 
-/// The hash of the sources that the page was built from.
+/// The file with the hash of the sources that the client was compiled from.
 const SOURCES: &str = "SOURCES";
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Build nothing: only see whether the page was built from these sources.
+    /// Compile nothing: only see whether `client/web/dist` was compiled from these sources.
     #[arg(long)]
     check: bool,
-    /// Build without SIMD, to see what it gives. The page goes to this folder instead.
+    /// Compile without SIMD, to see what it gives. The client goes to this folder instead.
     #[arg(long, value_name = "FOLDER")]
     without_simd: Option<PathBuf>,
 }
@@ -47,13 +48,13 @@ fn root() -> anyhow::Result<PathBuf> {
     Ok(Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?)
 }
 
-/// Fails unless the page was built from these sources.
+/// Fails unless the client was compiled from these sources.
 fn check(root: &Path, dist: &Path) -> anyhow::Result<()> {
     let built = fs::read_to_string(dist.join(SOURCES)).unwrap_or_default();
     ensure!(
         built == sources::hash(root)?,
-        "client/web/dist was built from other sources than these: run `cargo xtask web`, and commit \
-         the folder"
+        "client/web/dist was compiled from other sources than these: run `cargo xtask web`, and \
+         commit the folder"
     );
     Ok(())
 }
@@ -63,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_committed_page_was_built_from_these_sources() {
+    fn the_committed_client_was_compiled_from_these_sources() {
         let root = root().unwrap();
         check(&root, &root.join("client/web/dist")).unwrap();
     }

@@ -1,5 +1,5 @@
-//! The hash of what the page for browsers is built from: the files of the page, the sources of the
-//! crates in it, and which packages of others they use. Tests are left out.
+//! The hash of what the client for browsers is compiled from: the sources of the crates in it, and
+//! which packages of others they use. Tests are left out.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -49,7 +49,6 @@ pub(super) fn hash(root: &Path) -> anyhow::Result<String> {
         take("package", line.as_bytes());
     }
     let mut files = Vec::new();
-    list(&root.join(FRONT).join("page"), &mut files)?;
     for folder in &crates {
         files.push(folder.join("Cargo.toml"));
         list(&folder.join("src"), &mut files)?;
