@@ -224,3 +224,6 @@ fn camera(pose: &Pose, (columns, rows): (usize, usize)) -> Camera {
     let least = 2.0 * ((FOV_X_MIN * 0.5).tan() * upright).atan();
     Camera { fov_y: Camera::FOV_Y.max(least), ..Camera::at(pose) }
 }
+
+#[cfg(test)]
+mod tests;
