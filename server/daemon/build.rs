@@ -1,5 +1,5 @@
-//! Lists the files of the page for browsers, which the program carries: the page's own, and the client
-//! as it was compiled for it.
+//! Lists the files of the page for browsers, which the program carries: the page's own, and the
+//! client as it was compiled for it.
 
 use std::{
     env, fs, io,
@@ -30,8 +30,8 @@ fn page_files() -> io::Result<Vec<PathBuf>> {
     Ok(if compiled.is_empty() { compiled } else { [own, compiled].concat() })
 }
 
-/// The files in a folder that browsers ask for; none where there is no folder. Cargo runs this program
-/// again when the folder changes.
+/// The files in a folder that browsers ask for; none where there is no folder. Cargo runs this
+/// program again when the folder changes.
 fn files(folder: &str) -> io::Result<Vec<PathBuf>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
     let watched = if path.exists() { folder } else { "../../client" };

@@ -36,7 +36,8 @@ const page = new Interface({
   },
   stop: () => client.stop(),
   toggleHidden: () => {
-    if (!client.toggle_hidden()) page.add({ text: "the author of this building has declared no rooms" });
+    const hasRooms = client.toggle_hidden();
+    if (!hasRooms) page.add({ text: "the author of this building has declared no rooms" });
   },
   rejoin,
   again: () => link.tryAgain(),

@@ -8,15 +8,16 @@
 //!
 //! An eye in several such rooms is shown what any of them shows.
 //!
-//! A surface lies on the boundary of its place, and its voxels reach beyond it. So a voxel is in the
-//! place of an object when it reaches out of it by no more than its own edge. A visible room or cell
-//! has the walls around it, too, with the frames of doors: a voxel may reach out by [`WALL_M`]. A
-//! voxel is in a hidden room or cell only when all of it is: the other side of a wall stays. A hidden
-//! object leaves the floor below it: its place reaches no further down than the object.
+//! A surface lies on the boundary of its place, and its voxels reach beyond it. So a voxel is in
+//! the place of an object when it reaches out of it by no more than its own edge. A visible room or
+//! cell has the walls around it, too, with the frames of doors: a voxel may reach out by
+//! [`WALL_M`]. A voxel is in a hidden room or cell only when all of it is: the other side of a wall
+//! stays. A hidden object leaves the floor below it: its place reaches no further down than the
+//! object.
 //!
-//! Movers are not made of voxels. A mover that a set names is itself shown or hidden, and the voxels
-//! around it are not. A mover counts with the box that it never leaves: some of that box in a visible
-//! place is enough to show it, and all of it in a hidden place is needed to hide it.
+//! Movers are not made of voxels. A mover that a set names is itself shown or hidden, and the
+//! voxels around it are not. A mover counts with the box that it never leaves: some of that box in a
+//! visible place is enough to show it, and all of it in a hidden place is needed to hide it.
 
 use glam::Vec3;
 use sightline_world::{
