@@ -19,6 +19,7 @@ let client = null;
 let view = null;
 let isNew = true;
 let wasIn = false;
+let returns = 0;
 let hasFailed = false;
 let place = "";
 const link = new Link(() => showNotice());
@@ -112,8 +113,9 @@ function show() {
   for (const said of JSON.parse(client.said())) page.add(said);
   const state = JSON.parse(client.state(now()));
   const isIn = state.stage === "in";
-  if (isIn && !wasIn) arrive(state);
-  wasIn = isIn;
+  // A short absence may lie between two looks.
+  if (isIn && (!wasIn || state.returns > returns)) arrive(state);
+  [wasIn, returns] = [isIn, state.returns];
   showNotice(state);
   if (document.hidden) return;
   page.show(state, now());

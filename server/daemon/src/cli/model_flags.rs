@@ -32,7 +32,7 @@ pub struct ModelFlags {
     #[arg(long, value_name = "METHOD", default_value = "radiosity", value_parser = light_method)]
     light: LightMethod,
     /// How much time radiosity takes: fast, good or best.
-    #[arg(long, value_name = "QUALITY", default_value = "good", value_parser = light_quality)]
+    #[arg(long, value_name = "QUALITY", default_value = "fast", value_parser = light_quality)]
     light_quality: LightQuality,
     /// Light a Quake III map anew, in place of the light that it brings.
     #[arg(long)]

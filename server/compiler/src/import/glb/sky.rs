@@ -15,6 +15,10 @@ const WIDER: f32 = 1.5;
 const HIGH_SHARE: f32 = 0.2;
 /// At least this share of a dome's area is neither level nor upright.
 const DOMED_SHARE: f32 = 0.5;
+/// Triangles this near to a side of a box lie on it, as a share of the box's size.
+const ON_SIDE_SHARE: f32 = 1e-3;
+/// A side of a box has no opening if triangles cover this share of it.
+const CLOSED_SHARE: f32 = 0.99;
 /// A normal that rises by this much more or less is neither level nor upright.
 const TILTED: std::ops::Range<f32> = 0.02..0.98;
 
@@ -33,7 +37,8 @@ pub(super) fn leave_out_of_sight(model: &mut Model) {
         let others = bounds.iter().enumerate().filter(|(other, _)| *other != index);
         let rest = others.fold(Aabb::EMPTY, |all, (_, bounds)| all.union(bounds));
         let is_named = named.contains(&bounds[index]);
-        if encloses(&bounds[index], &rest) && (is_named || is_domed(surface)) {
+        let is_sky = || is_named || is_domed(surface) || is_closed_box(surface, &bounds[index]);
+        if encloses(&bounds[index], &rest) && is_sky() {
             sky.extend(surface.corners().map(|corners| key(&corners)));
         }
     }
@@ -73,6 +78,30 @@ fn is_domed(surface: &Surface) -> bool {
         }
     }
     tilted > DOMED_SHARE * all
+}
+
+/// Whether a surface is a box without openings, but perhaps without a bottom. A building is none: it
+/// has doors.
+fn is_closed_box(surface: &Surface, bounds: &Aabb) -> bool {
+    let size = bounds.size();
+    let mut covered = [[0.0; 2]; 3];
+    for corners in surface.corners() {
+        let side = (0..3).find_map(|axis| {
+            let is_on = |end: f32| {
+                corners.iter().all(|at| (at[axis] - end).abs() <= ON_SIDE_SHARE * size[axis])
+            };
+            let end = [bounds.min, bounds.max].iter().position(|end| is_on(end[axis]))?;
+            Some((axis, end))
+        });
+        let Some((axis, end)) = side else { return false };
+        let [a, b, c] = corners;
+        covered[axis][end] += 0.5 * (b - a).cross(c - a).length();
+    }
+    (0..3).all(|axis| {
+        let whole = size[(axis + 1) % 3] * size[(axis + 2) % 3];
+        let is_closed = |end: usize| covered[axis][end] >= CLOSED_SHARE * whole;
+        is_closed(1) && (axis == 1 || is_closed(0))
+    })
 }
 
 fn key(corners: &[Vec3; 3]) -> [[u32; 3]; 3] {

@@ -61,15 +61,12 @@ impl Direct<'_> {
 
     /// The light of small surfaces. How exactly each is tested follows from its share.
     fn areas(&self, from: Vec3, normal: Vec3) -> Vec3 {
-        let areas = &self.emitters.areas;
-        let most = areas.iter().map(|area| area.at_most(from)).fold(0.0, f32::max);
-        if most == 0.0 {
-            return Vec3::ZERO;
-        }
+        let areas = self.emitters.areas.seen_from(from, self.counts.groups);
+        let most = areas.iter().map(|(_, at_most)| *at_most).fold(0.0, f32::max);
         let unhidden: Vec<(&AreaEmitter, Vec3)> = areas
-            .iter()
-            .filter(|area| area.at_most(from) > FAINT * most)
-            .map(|area| (area, area.unhidden(from, normal)))
+            .into_iter()
+            .filter(|(_, at_most)| *at_most > FAINT * most)
+            .map(|(area, _)| (area, area.unhidden(from, normal)))
             .filter(|(_, light)| *light != Vec3::ZERO)
             .collect();
         let all: f32 = unhidden.iter().map(|(_, light)| light.max_element()).sum();
@@ -85,8 +82,7 @@ impl Direct<'_> {
     fn share(&self, area: &AreaEmitter, from: Vec3, rays: usize) -> Vec3 {
         let sees = |i: usize, of: usize| self.scene.between(from, area.point(spread(i, of)));
         if rays == 1 {
-            let [a, b, c] = area.corners;
-            return self.scene.between(from, (a + b + c) / 3.0);
+            return self.scene.between(from, area.middle());
         }
         let first: [Vec3; FIRST] = std::array::from_fn(|i| sees(i, FIRST));
         if first.iter().all(|seen| *seen == first[0]) || rays <= FIRST {

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::polygon::irradiance_of_polygon;
+use super::{emitter_groups::EmitterGroups, polygon::irradiance_of_polygon};
 use crate::model::{Lamp, LampSource};
 
 /// The direction towards the sun.
@@ -25,7 +25,7 @@ const LAMP_NEAR_M: f32 = 0.05;
 pub(super) struct Emitters {
     pub(super) has_sky: bool,
     pub(super) lamps: Vec<Lamp>,
-    pub(super) areas: Vec<AreaEmitter>,
+    pub(super) areas: EmitterGroups,
 }
 
 /// A triangle that gives light off one side.
@@ -96,15 +96,22 @@ pub(super) fn lamp_at(lamp: &Lamp, point: Vec3, normal: Vec3) -> Option<Arrival>
 }
 
 impl AreaEmitter {
+    pub(super) fn middle(&self) -> Vec3 {
+        self.corners.iter().sum::<Vec3>() / 3.0
+    }
+
     /// An upper bound of its light at a point, on any surface.
     pub(super) fn at_most(&self, point: Vec3) -> f32 {
-        let [a, b, c] = self.corners;
-        let middle = (a + b + c) / 3.0;
+        let middle = self.middle();
         let radius =
             self.corners.map(|corner| corner.distance(middle)).into_iter().fold(0.0, f32::max);
         let near = (point.distance(middle) - radius).max(0.0);
         let solid = (self.area / (near * near).max(1.0e-6)).min(std::f32::consts::TAU);
-        if self.normal.dot(point - a) <= 0.0 { 0.0 } else { self.radiance.max_element() * solid }
+        if self.normal.dot(point - middle) <= 0.0 {
+            0.0
+        } else {
+            self.radiance.max_element() * solid
+        }
     }
 
     /// Its light at a surface, were nothing in its way.

@@ -9,6 +9,7 @@
 
 mod direct;
 mod edges;
+mod emitter_groups;
 mod emitters;
 mod exchange;
 mod exposure;
@@ -36,6 +37,7 @@ use crate::{
     palette::{self, reflectance},
 };
 use direct::Direct;
+use emitter_groups::EmitterGroups;
 use emitters::{AreaEmitter, Emitters};
 use exchange::{FormFactors, exchange};
 pub(crate) use exposure::shoulder;
@@ -285,7 +287,11 @@ fn emitters(patches: &[Patch], input: &RadiosityInput<'_>, emission: &[Vec3]) ->
             }
         }
     }
-    Emitters { has_sky: input.has_sky, lamps: input.lamps.to_vec(), areas }
+    Emitters {
+        has_sky: input.has_sky,
+        lamps: input.lamps.to_vec(),
+        areas: EmitterGroups::new(areas),
+    }
 }
 
 /// What each node gives, apart from what small bright surfaces give: the light of wide surfaces,

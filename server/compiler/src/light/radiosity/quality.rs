@@ -3,12 +3,12 @@
 /// How much time radiosity takes for even light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LightQuality {
-    /// A sixth of the time: light is less even.
-    Fast,
-    /// A light to keep.
+    /// Large surfaces in half-light look a little uneven.
     #[default]
+    Fast,
+    /// Even light, in about four times the time.
     Good,
-    /// Four times the time.
+    /// In about four times that time.
     Best,
 }
 
@@ -25,6 +25,8 @@ pub(super) struct RayCounts {
     pub(super) sun: usize,
     /// To a surface that gives light and is partly hidden.
     pub(super) area: usize,
+    /// The most groups of such surfaces that each point asks for their light.
+    pub(super) groups: usize,
 }
 
 /// A node and a point have at least this many rays.
@@ -41,6 +43,7 @@ impl RayCounts {
                 points: 24 * million,
                 sun: 3,
                 area: 8,
+                groups: 24,
             },
             LightQuality::Good => Self {
                 node: 512,
@@ -49,6 +52,7 @@ impl RayCounts {
                 points: 160 * million,
                 sun: 8,
                 area: 24,
+                groups: 64,
             },
             LightQuality::Best => Self {
                 node: 2_048,
@@ -57,6 +61,7 @@ impl RayCounts {
                 points: 640 * million,
                 sun: 24,
                 area: 96,
+                groups: 256,
             },
         }
     }

@@ -121,16 +121,16 @@ impl Reference {
         if let Some(arrival) = emitters.sun(normal, towards) {
             light += arrival.irradiance * scene.arrives(from, towards, f32::INFINITY);
         }
-        if !emitters.areas.is_empty() {
-            let number = random.random_range(0..emitters.areas.len());
-            let area = &emitters.areas[number];
+        let areas = emitters.areas.members();
+        if !areas.is_empty() {
+            let area = &areas[random.random_range(0..areas.len())];
             let place = area.point([random.random(), random.random()]);
             let away = place - from;
             let square = away.length_squared().max(1.0e-6);
             let along = away / square.sqrt();
             let cosines = normal.dot(along).max(0.0) * (-area.normal.dot(along)).max(0.0);
             if cosines > 0.0 {
-                let all = emitters.areas.len() as f32;
+                let all = areas.len() as f32;
                 light += area.radiance
                     * (cosines * area.area * all / square)
                     * scene.between(from, place);

@@ -69,7 +69,7 @@ fn factors_of_box(size: Vec3) -> [[f32; 6]; 6] {
     let light = Light::new(&model.surfaces, &model.opaque, Vec3::X, 0.05, &go_on).expect("lit");
     let scene = Scene::new(&model.surfaces, &light.of_triangle);
     let nodes = Nodes::new(&light.patches, |_| true);
-    let emitters = Emitters { has_sky: false, lamps: Vec::new(), areas: Vec::new() };
+    let emitters = Emitters { has_sky: false, lamps: Vec::new(), areas: EmitterGroups::default() };
     let around = Surroundings {
         scene: &scene,
         emitters: &emitters,

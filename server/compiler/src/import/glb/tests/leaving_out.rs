@@ -49,21 +49,40 @@ fn a_pattern_that_fits_nothing_is_told() {
     assert!(drop.starts_with("--drop roof*") && door.starts_with("--open-doors gate"));
 }
 
-/// A square of 1 m, and around it a pyramid of some width and height above a point below it.
-fn under_a_tent(name: &str, width: f32, height: f32) -> GlbDraft {
+/// A square of 1 m, and around it triangles with these corners.
+fn inside(name: &str, triangles: &[[[f32; 3]; 3]]) -> GlbDraft {
     let mut draft = GlbDraft::square();
-    let half = width / 2.0;
-    let [a, b, c, d] = [[-half, -half], [half, -half], [half, half], [-half, half]]
-        .map(|[x, z]| [x + 0.5, -0.1, z]);
-    let top = [0.5, height, 0.0];
-    let corners: Vec<f32> =
-        [[a, b, top], [b, c, top], [c, d, top], [d, a, top]].as_flattened().as_flattened().to_vec();
+    let corners: Vec<f32> = triangles.as_flattened().as_flattened().to_vec();
     let positions = draft.floats("VEC3", &corners);
     let primitive = json!({ "attributes": { "POSITION": positions } });
     let mesh = draft.list("meshes", json!({ "primitives": [primitive] }));
     let node = draft.list("nodes", json!({ "mesh": mesh, "name": name }));
     draft.root["scenes"] = json!([{ "nodes": [0, node] }]);
     draft
+}
+
+/// The corners of a square of this width about the square of 1 m, and a little below it.
+fn around(width: f32) -> [[f32; 3]; 4] {
+    let half = width / 2.0;
+    [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, z]| [x + 0.5, -0.1, z])
+}
+
+/// A square of 1 m under a pyramid.
+fn under_a_tent(name: &str, width: f32, height: f32) -> GlbDraft {
+    let ([a, b, c, d], top) = (around(width), [0.5, height, 0.0]);
+    inside(name, &[[a, b, top], [b, c, top], [c, d, top], [d, a, top]])
+}
+
+/// A square of 1 m in a box without a bottom, with as many triangles of its sides as said.
+fn in_a_box(triangles: usize) -> GlbDraft {
+    let low = around(9.0);
+    let high = low.map(|[x, y, z]| [x, y + 9.0, z]);
+    let mut sides = vec![[high[0], high[1], high[2]], [high[2], high[3], high[0]]];
+    for (from, to) in [(0, 1), (1, 2), (2, 3), (3, 0)] {
+        sides.push([low[from], low[to], high[to]]);
+        sides.push([high[to], high[from], low[from]]);
+    }
+    inside("around", &sides[..triangles])
 }
 
 #[test]
@@ -78,4 +97,10 @@ fn an_enclosing_sky_is_drawn_and_hides_nobody() {
         assert_eq!(model.opaque.len(), 6, "{width} {height}");
         assert!(model.warnings.is_empty());
     }
+}
+
+#[test]
+fn a_closed_box_around_everything_is_a_sky_and_one_with_an_opening_is_not() {
+    let opaque = |triangles| read_without(&in_a_box(triangles), &[], &[]).opaque.len();
+    assert_eq!((opaque(10), opaque(9)), (2, 11));
 }
