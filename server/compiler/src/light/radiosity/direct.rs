@@ -62,11 +62,11 @@ impl Direct<'_> {
     /// The light of small surfaces. How exactly each is tested follows from its share.
     fn areas(&self, from: Vec3, normal: Vec3) -> Vec3 {
         let areas = self.emitters.areas.seen_from(from, self.counts.groups);
-        let most = areas.iter().map(|(_, at_most)| *at_most).fold(0.0, f32::max);
+        let most = areas.iter().map(|seen| seen.at_most).fold(0.0, f32::max);
         let unhidden: Vec<(&AreaEmitter, Vec3)> = areas
             .into_iter()
-            .filter(|(_, at_most)| *at_most > FAINT * most)
-            .map(|(area, _)| (area, area.unhidden(from, normal)))
+            .filter(|seen| seen.at_most > FAINT * most)
+            .map(|seen| (seen.sign, seen.light.unhidden(from, normal)))
             .filter(|(_, light)| *light != Vec3::ZERO)
             .collect();
         let all: f32 = unhidden.iter().map(|(_, light)| light.max_element()).sum();

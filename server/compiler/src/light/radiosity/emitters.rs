@@ -96,6 +96,11 @@ pub(super) fn lamp_at(lamp: &Lamp, point: Vec3, normal: Vec3) -> Option<Arrival>
 }
 
 impl AreaEmitter {
+    /// The largest component of the light that it gives to one direction.
+    pub(super) fn power(&self) -> f32 {
+        self.radiance.max_element() * self.area
+    }
+
     pub(super) fn middle(&self) -> Vec3 {
         self.corners.iter().sum::<Vec3>() / 3.0
     }
