@@ -351,10 +351,9 @@ fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
     let axes = &cells.axes;
     let pieces: Vec<_> =
         room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, axes)).collect();
-    let middle = corners.iter().sum::<Vec3>() / corners.len() as f32;
-    let ring = corners.iter().zip(corners.iter().cycle().skip(1));
-    // Corners and midpoints of edges, moved a little towards the middle.
-    let probes = ring.flat_map(|(a, b)| [*a, a.midpoint(*b)]).map(|at| at.lerp(middle, 0.02));
+    let within = shrunk(corners);
+    let ring = within.iter().zip(within.iter().cycle().skip(1));
+    let probes = ring.flat_map(|(a, b)| [*a, a.midpoint(*b)]);
     let is_in = |at: Vec3| pieces.iter().any(|piece| piece.contains(axes.own(at)));
     for probe in probes {
         let beside = [AUTHORED_M, -AUTHORED_M].map(|far| is_in(probe + plane.0 * far));
@@ -365,4 +364,21 @@ fn misplaced(window: &Window, room: &Room, cells: &Cells) -> Option<String> {
         }
     }
     None
+}
+
+/// The corners of a polygon, moved inwards along their edges: by hand, nobody measures to the
+/// millimetre where a window ends.
+fn shrunk(corners: &[Vec3]) -> Vec<Vec3> {
+    let count = corners.len();
+    let inwards = |at: Vec3, next: Vec3| {
+        let length = at.distance(next);
+        let by = (0.02 * length).max(2.0 * AUTHORED_M).min(0.25 * length);
+        (next - at).normalize_or_zero() * by
+    };
+    let moved = |i: usize| {
+        let (at, next, last) =
+            (corners[i], corners[(i + 1) % count], corners[(i + count - 1) % count]);
+        at + inwards(at, next) + inwards(at, last)
+    };
+    (0..count).map(moved).collect()
 }

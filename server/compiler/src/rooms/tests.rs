@@ -186,6 +186,19 @@ fn windows_are_on_the_boundary_of_their_room() {
     assert_eq!(error, format!("house.rooms.toml:8: {said}"));
 }
 
+/// A narrow window may end a few millimetres farther than the gap that it fills.
+#[test]
+fn windows_may_end_where_another_part_of_the_room_begins() {
+    let toml = r#"[[room]]
+name = "west"
+boxes = [[[0, 0, 0], [4, 3, 1]], [[0, 0, 1], [3, 3, 1.0434]], [[0, 0, 1.0434], [4, 3, 4]]]
+[[room.window]]
+name = "gap"
+polygon = [[3, 0, 0.9967], [3, 0, 1.0467], [3, 2, 1.0467], [3, 2, 0.9967]]
+"#;
+    assert_eq!(compiled(toml).map(|(world, _)| world.rooms.list().len()).ok(), Some(1));
+}
+
 #[test]
 fn undeclared_overlaps_are_warned_of() {
     let check = |toml: &str, expected: &[&str]| {
