@@ -301,7 +301,6 @@ fn a_share_of_lost_messages_that_is_none_is_wrong_usage() {
 }
 
 #[test]
-#[ignore = "takes minutes where nothing is optimised"]
 fn light_is_compared_with_paths_of_light() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
