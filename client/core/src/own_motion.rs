@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-use sightline_world::motion::{Pose, turn_between};
+use sightline_world::motion::Pose;
 
 /// The own avatar is not moved on by itself for longer than this.
 const MOVE_ON_MAX: Duration = Duration::from_millis(50);
@@ -42,12 +42,7 @@ impl OwnMotion {
             return Some(before.straight_on(time.saturating_sub(*from).min(MOVE_ON_MAX)));
         };
         let part = (time - *from).div_duration_f32(*to - *from);
-        Some(Pose {
-            eye: before.eye.lerp(next.eye, part),
-            yaw: before.yaw + turn_between(before.yaw, next.yaw) * part,
-            pitch: before.pitch + (next.pitch - before.pitch) * part,
-            ..*before
-        })
+        Some(before.on_the_way_to(next, part))
     }
 }
 

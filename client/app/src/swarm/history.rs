@@ -6,7 +6,7 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_world::motion::{AvatarId, Pose, turn_between};
+use sightline_world::motion::{AvatarId, Pose};
 
 use super::STEP;
 
@@ -58,12 +58,7 @@ impl History {
         let (from, before) = self.poses.get(after.checked_sub(1)?)?;
         let Some((to, next)) = self.poses.get(after) else { return Some(*before) };
         let share = (time - *from).div_duration_f32(*to - *from);
-        Some(Pose {
-            eye: before.eye.lerp(next.eye, share),
-            yaw: before.yaw + turn_between(before.yaw, next.yaw) * share,
-            pitch: before.pitch + (next.pitch - before.pitch) * share,
-            ..*before
-        })
+        Some(before.on_the_way_to(next, share))
     }
 
     /// How long ago the visitor left a place, within a distance in metres. In milliseconds.

@@ -11,7 +11,7 @@ use std::{
 };
 
 use glam::Vec3;
-use sightline_world::motion::{Pose, turn_between};
+use sightline_world::motion::Pose;
 
 /// The columns of a trace, as its first line names them.
 ///
@@ -61,20 +61,13 @@ impl Track {
             (Some((t, a)), Some((u, b))) => {
                 debug_assert!(t < u, "samples ascend in time");
                 let share = ((seconds - t) / (u - t)) as f32;
-                between(a, b, share)
+                a.on_the_way_to(b, share)
             }
             (Some((_, end)), None) => Pose { velocity: Vec3::ZERO, ..*end },
             (None, Some((_, start))) => Pose { velocity: Vec3::ZERO, ..*start },
             (None, None) => Pose::default(),
         }
     }
-}
-
-/// The pose at a part of the way from one to another, from 0 to 1, with the rates of the first.
-fn between(from: &Pose, to: &Pose, part: f32) -> Pose {
-    let yaw = from.yaw + turn_between(from.yaw, to.yaw) * part;
-    let pitch = from.pitch + (to.pitch - from.pitch) * part;
-    Pose { eye: from.eye + (to.eye - from.eye) * part, yaw, pitch, ..*from }
 }
 
 /// Why a trace cannot be read.
@@ -159,7 +152,7 @@ impl Trace {
             return here.pose;
         }
         let part = (at - from).as_secs_f32() / seconds;
-        between(&here.pose, &next.pose, part)
+        here.pose.on_the_way_to(&next.pose, part)
     }
 }
 

@@ -3,6 +3,8 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::turn_between;
+
 /// The acceleration of a body in free fall, in metres per second squared: 800 units of Quake maps.
 /// Other bodies that fall as fast share it; what falls otherwise does not count as falling freely.
 pub const FREE_FALL: f32 = 20.32;
@@ -36,6 +38,16 @@ impl Pose {
         let (sin_yaw, cos_yaw) = self.yaw.sin_cos();
         let (sin_pitch, cos_pitch) = self.pitch.sin_cos();
         Vec3::new(-sin_yaw * cos_pitch, sin_pitch, -cos_yaw * cos_pitch)
+    }
+
+    /// The pose at a part of the straight way to another, from 0 to 1, with the rates of this one.
+    pub fn on_the_way_to(&self, other: &Self, part: f32) -> Self {
+        Self {
+            eye: self.eye + (other.eye - self.eye) * part,
+            yaw: self.yaw + turn_between(self.yaw, other.yaw) * part,
+            pitch: self.pitch + (other.pitch - self.pitch) * part,
+            ..*self
+        }
     }
 
     /// Whether every number is finite.
