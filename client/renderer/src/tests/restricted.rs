@@ -50,6 +50,16 @@ fn building() -> Octree {
     ] {
         fill([6.0, low[0], low[1]], [6.25, high[0], high[1]]);
     }
+    octree_at(places)
+}
+
+/// An octree of some voxels, given with their lower corners.
+fn octree_of(voxels: &[(Material, Vec3)]) -> Octree {
+    let place = |(_, corner): &(Material, Vec3)| ((*corner - ORIGIN) / VOXEL).round().as_uvec3();
+    octree_at(voxels.iter().map(place).collect())
+}
+
+fn octree_at(places: Vec<UVec3>) -> Octree {
     let voxel = |at: UVec3| Voxel {
         key: morton(at),
         colour: [at.x as u8 * 4, at.y as u8 * 12, at.z as u8 * 9],
@@ -167,4 +177,41 @@ fn pixels_show_what_is_in_the_set_or_behind_a_window() {
         }
     }
     assert!(hides > 500, "rooms hide something: {hides}");
+}
+
+/// An opaque room stands before the second room. Each pixel shows the first voxel on its line of
+/// sight that the opaque room does not hide.
+#[test]
+fn pixels_show_nothing_behind_an_opaque_room() {
+    let octree = building();
+    let mut world = world(&octree, RoomVisibility::Unspecified, false);
+    let screen = Aabb::new(Vec3::new(4.5, 0.0, 1.5), Vec3::new(5.0, 2.0, 4.5));
+    let screen = Room {
+        name: "screen".into(),
+        shapes: vec![Shape::Box(screen)],
+        opaque: true,
+        ..Room::default()
+    };
+    world.rooms = Rooms::new(vec![screen], Vec::new()).unwrap();
+    let eye = Vec3::new(1.1, 1.6, 3.2);
+    let camera = Camera::looking_at(eye, Vec3::new(6.0, 1.4, 2.5));
+    let sight = BuildingSight::of(&world, &RoomIndex::new(&world), eye);
+    let shows = |corner: &Vec3| sight.as_ref().unwrap().shows(&Aabb::new(*corner, *corner + VOXEL));
+    let all = voxels(&octree);
+    let shown: Vec<_> = all.iter().filter(|(_, corner)| shows(corner)).copied().collect();
+    assert!(shown.len() + 300 < all.len(), "{} of {} voxels are shown", shown.len(), all.len());
+    for mode in Mode::ALL {
+        let [drawn, expected] =
+            [(&octree, sight.clone()), (&octree_of(&shown), None)].map(|(octree, sight)| {
+                let mut renderer = Renderer::default();
+                renderer.mode = mode;
+                renderer.building_sight = sight;
+                let mut frame = Frame::new(SIZE.0, SIZE.1);
+                renderer.draw(octree, &camera, &mut frame);
+                frame
+            });
+        let differs = |(a, b): &(&f32, &f32)| !(a == b || (*a - *b).abs() < 0.01);
+        let differ = drawn.depth.iter().zip(&expected.depth).filter(differs).count();
+        assert!(differ <= 12, "{differ} pixels, {mode:?}");
+    }
 }

@@ -48,9 +48,6 @@ fn ineffective(declared: &[RoomDeclaration]) -> Vec<RoomError> {
     };
     let mut found = Vec::new();
     for room in declared {
-        if room.opaque {
-            found.push(warn(room, "opaque", "the room hides nobody behind it"));
-        }
         if room.capacity.is_some() {
             found.push(warn(room, "capacity", "any number of people may enter"));
         }

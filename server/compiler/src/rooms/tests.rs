@@ -233,9 +233,9 @@ fn settings_without_an_effect_are_warned_of() {
             assert!(warning.starts_with(&start), "{warning}");
         }
     };
-    check("opaque = true", &["opaque"]);
+    check("opaque = true", &[]);
     check("capacity = 12", &["capacity"]);
-    check("capacity = 0\nopaque = true", &["opaque", "capacity"]);
+    check("capacity = 0\nopaque = true", &["capacity"]);
     check("opaque = false\nsealed = true\ntag = \"private\"\ntitle = \"West\"", &[]);
 }
 

@@ -103,6 +103,40 @@ fn an_avatar_behind_a_sealed_wall_keeps_nobody_from_falling_silent() {
     assert_eq!(plain.engine.state(ada), Some(ReportingState::Live));
 }
 
+#[test]
+fn an_opaque_room_hides_whom_no_window_before_it_shows() {
+    // The screen stands across the third cell, from wall to wall.
+    let told = |window_x: Option<f32>| {
+        let pane = [[1.0, 2.0], [2.5, 2.0], [2.5, 8.0], [1.0, 8.0]];
+        let window = |x: f32| Window {
+            name: "pane".to_owned(),
+            corners: pane.map(|[y, z]| Vec3::new(x, y, z)).into(),
+            behind: None,
+        };
+        let screen = Room {
+            opaque: true,
+            windows: window_x.map(window).into_iter().collect(),
+            ..room("screen", [22.0, 0.0, 0.0], [24.0, 3.0, 10.0])
+        };
+        let rooms = Rooms::new(vec![screen], Vec::new()).unwrap();
+        let mut stage = Stage::prompt(World { rooms, ..row(5) });
+        let (ada, bob) = (stage.join(1, 15.0), stage.join(2, 28.0));
+        stage.ticks(5);
+        let told = [sees(&stage, ada), sees(&stage, bob)];
+        if told[0].is_empty() {
+            assert_eq!(reason(&stage, ada, bob), Reason::Rooms);
+        }
+        // Who walks into the screen is beside nobody's wall any more.
+        stage.walk(bob, 23.0);
+        stage.ticks(2);
+        assert_eq!(sees(&stage, ada), [2]);
+        told
+    };
+    assert_eq!(told(None), [[], []] as [[u32; 0]; 2]);
+    assert_eq!(told(Some(22.0)), [vec![2], vec![]], "the window faces Ada");
+    assert_eq!(told(Some(24.0)), [vec![], vec![1]], "the window faces Bob");
+}
+
 /// Eight people who walk about, in and out of the corner, and talk.
 struct Crowd {
     stage: Stage,

@@ -1,6 +1,7 @@
 //! Which voxels and movers of a building rooms show to an eye.
 //!
-//! Everything is shown to an eye in no room that restricts what is seen from it. In such a room:
+//! An eye outside an opaque room is not shown what is behind that room. Everything else is shown to an
+//! eye in no room that restricts what is seen from it. In such a room:
 //!
 //! * A set of what is visible shows the voxels in its places.
 //! * A set of what is hidden shows all voxels but those in its places.
@@ -48,7 +49,11 @@ pub struct BuildingSight {
     axes: Axes,
     /// The edge of a voxel, in metres.
     voxel: f32,
+    /// The restricting rooms around the eye. Where there is none, everything is shown that no opaque
+    /// room hides.
     rooms: Vec<RoomSight>,
+    /// What each opaque room hides, in own axes.
+    hidden: Vec<BooleanRegion>,
 }
 
 /// What one room shows.
@@ -74,7 +79,7 @@ impl BuildingSight {
     /// What the rooms of a world show to an eye in the world's axes. `None` when they show
     /// everything.
     pub fn of(world: &World, index: &RoomIndex, eye: Vec3) -> Option<Self> {
-        if !index.is_restricting {
+        if !index.is_restricting && index.opaque.is_empty() {
             return None;
         }
         let own = index.axes.own(eye);
@@ -83,7 +88,13 @@ impl BuildingSight {
         let rooms: Vec<RoomSight> =
             restricting.map(|id| RoomSight::new(world, index, id, &viewpoint)).collect();
         let voxel = world.octree.voxel();
-        (!rooms.is_empty()).then_some(Self { eye, axes: index.axes, voxel, rooms })
+        let wall_m = voxel.max(WALL_M) * index.axes.widening();
+        let opaque = index.opaque.iter().filter_map(|id| index.room(*id).opaque.as_ref());
+        let building = index.axes.own_box(&world.octree.bounds());
+        let hidden = opaque.filter_map(|room| room.hidden_from(own, wall_m));
+        let hidden: Vec<_> = hidden.filter(|hidden| hidden.meets(&building)).collect();
+        let is_all = rooms.is_empty() && hidden.is_empty();
+        (!is_all).then_some(Self { eye, axes: index.axes, voxel, rooms, hidden })
     }
 
     /// The eye, in the world's axes.
@@ -94,9 +105,27 @@ impl BuildingSight {
     /// How many of the voxels in a box of the world are shown: all, none, or it is not known.
     pub fn containment(&self, region: &Aabb) -> Containment {
         let own = self.axes.own_box(region);
+        let mut shown = self.by_rooms(&own);
+        for hidden in &self.hidden {
+            match hidden.containment(&own) {
+                Containment::Inside => return Containment::Outside,
+                Containment::Partial if shown == Containment::Inside => {
+                    shown = Containment::Partial;
+                }
+                Containment::Partial | Containment::Outside => {}
+            }
+        }
+        shown
+    }
+
+    /// How many of the voxels in a box the rooms around the eye show.
+    fn by_rooms(&self, own: &Aabb) -> Containment {
+        if self.rooms.is_empty() {
+            return Containment::Inside;
+        }
         let mut shown = Containment::Outside;
         for room in &self.rooms {
-            for part in [room.by_set(&own, self.voxel), room.windows.containment(&own)] {
+            for part in [room.by_set(own, self.voxel), room.windows.containment(own)] {
                 match part {
                     Containment::Inside => return Containment::Inside,
                     Containment::Partial => shown = Containment::Partial,
@@ -111,14 +140,21 @@ impl BuildingSight {
     pub fn shows(&self, voxel: &Aabb) -> bool {
         let own = self.axes.own_box(voxel);
         let holds = |room: &RoomSight| room.places.iter().any(|place| place.holds(&own));
-        self.rooms.iter().any(|room| holds(room) != room.hides || room.windows.meets(&own))
+        let shows = |room: &RoomSight| holds(room) != room.hides || room.windows.meets(&own);
+        !self.is_behind(&own) && (self.rooms.is_empty() || self.rooms.iter().any(shows))
     }
 
     /// Whether some of a mover of the world may be shown, wherever it is on its way: never wrongly
     /// denied.
     pub fn may_show(&self, mover: &Mover) -> bool {
         let own = self.axes.own_box(&mover.everywhere());
-        self.rooms.iter().any(|room| room.may_show(&own))
+        let by_rooms = self.rooms.is_empty() || self.rooms.iter().any(|room| room.may_show(&own));
+        by_rooms && !self.is_behind(&own)
+    }
+
+    /// Whether an opaque room hides all of a box.
+    fn is_behind(&self, own: &Aabb) -> bool {
+        self.hidden.iter().any(|hidden| hidden.containment(own) == Containment::Inside)
     }
 }
 

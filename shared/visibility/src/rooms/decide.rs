@@ -23,7 +23,7 @@ impl RoomIndex {
     /// if it is no for every place in the two regions. A smaller region never gets a yes where a
     /// larger one gets a no.
     pub fn may_see(&self, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
-        if !eyes.may_share_sealed_rooms(body) {
+        if !eyes.may_share_sealed_rooms(body) || self.is_behind_opaque_rooms(eyes, body) {
             return false;
         }
         eyes.is_bare || eyes.restricting.iter().any(|id| self.shows(*id, eyes, body))
@@ -40,7 +40,7 @@ impl RoomIndex {
             VisibilityRule::AllBut(named) => !named.rooms.contains(to.0.into()),
         };
         let names_places = !named.cells.is_empty() || !named.objects.is_empty();
-        if is_sealed {
+        if is_sealed || self.is_behind(&room.bounds, &self.room(to).bounds) {
             RoomVerdict::Never
         } else if is_shown || !room.restricts {
             RoomVerdict::Always
@@ -49,6 +49,21 @@ impl RoomIndex {
         } else {
             RoomVerdict::Never
         }
+    }
+
+    /// Whether opaque rooms hide all of a body from all eyes.
+    fn is_behind_opaque_rooms(&self, eyes: &RoomOverlap, body: &RoomOverlap) -> bool {
+        let is_behind = |from: &Aabb| body.boxes.iter().all(|body| self.is_behind(from, body));
+        !self.opaque.is_empty()
+            && !eyes.boxes.is_empty()
+            && !body.boxes.is_empty()
+            && eyes.boxes.iter().all(is_behind)
+    }
+
+    /// Whether one opaque room hides all of a box from all eyes in another.
+    fn is_behind(&self, eyes: &Aabb, body: &Aabb) -> bool {
+        let mut opaque = self.opaque.iter().filter_map(|id| self.room(*id).opaque.as_ref());
+        !eyes.is_empty() && !body.is_empty() && opaque.any(|room| room.hides(eyes, body))
     }
 
     /// Whether a room shows some of a body by its set or through its windows, to somebody inside.

@@ -9,6 +9,7 @@ use sightline_world::{
 };
 
 use super::{
+    opaque::OpaqueRoom,
     pieces::{ConvexPiece, cover},
     region::BooleanRegion,
     sealed::SealedRooms,
@@ -64,6 +65,8 @@ pub struct RoomIndex {
     /// The rooms that reach beyond the building.
     pub(super) unbounded: Vec<RoomId>,
     sealed: Vec<RoomId>,
+    /// The rooms that hide what is behind them.
+    pub(super) opaque: Vec<RoomId>,
     /// Whether some room restricts what is seen from it.
     pub(super) is_restricting: bool,
     /// Whether some room's set names cells.
@@ -79,6 +82,8 @@ pub(super) struct IndexedRoom {
     /// Whether the room restricts what is seen from it: it has a set or windows.
     pub restricts: bool,
     pub is_sealed: bool,
+    /// What the room hides from outside, if it is opaque.
+    pub opaque: Option<OpaqueRoom>,
     pub rule: VisibilityRule,
     /// The rooms of which windows may show something.
     pub through_windows: RoaringBitmap,
@@ -119,14 +124,18 @@ impl RoomIndex {
             .collect();
         assert_eq!(list.len(), rooms.list().len(), "room ids are 16 bits");
         let objects = rooms.objects().iter().map(|object| axes.own_box(&object.bounds)).collect();
-        let sealed = (0u16..).zip(&list).filter(|(_, room)| room.is_sealed);
+        let all = |is: fn(&IndexedRoom) -> bool| -> Vec<RoomId> {
+            let rooms = (0u16..).zip(&list).filter(|(_, room)| is(room));
+            rooms.map(|(id, _)| RoomId(id)).collect()
+        };
         let mut index = Self {
             axes,
             objects,
             rooms_of_cell: vec![Vec::new(); if list.is_empty() { 0 } else { cells.cells.len() }],
             covered: RoaringBitmap::new(),
             unbounded: Vec::new(),
-            sealed: sealed.map(|(id, _)| RoomId(id)).collect(),
+            sealed: all(|room| room.is_sealed),
+            opaque: all(|room| room.opaque.is_some()),
             is_restricting: list.iter().any(|room| room.restricts),
             names_cells: list.iter().any(|room| !room.rule.named().cells.is_empty()),
             rooms: list,
@@ -148,7 +157,7 @@ impl RoomIndex {
 
     /// Whether rooms can rule out any pair at all.
     pub fn can_rule_out(&self) -> bool {
-        self.is_restricting || !self.sealed.is_empty()
+        self.is_restricting || !self.sealed.is_empty() || !self.opaque.is_empty()
     }
 
     /// The sealed rooms that a point of the world is in.
@@ -264,6 +273,8 @@ impl IndexedRoom {
         let pieces: Vec<ConvexPiece> =
             room.shapes.iter().flat_map(|shape| ConvexPiece::of(shape, axes)).collect();
         let windows = RoomWindows::new(room, &pieces, axes);
+        let opaque =
+            room.opaque.then(|| OpaqueRoom::new(&pieces, RoomWindows::inward(room, &pieces, axes)));
         let rule = match &room.sees {
             // A room with windows and without a set shows itself.
             RoomVisibility::Unspecified => {
@@ -280,6 +291,7 @@ impl IndexedRoom {
             bounds: pieces.iter().fold(Aabb::EMPTY, |all, piece| all.union(&piece.bounds)),
             restricts: room.restricts() && !pieces.is_empty(),
             is_sealed: room.sealed,
+            opaque: opaque.filter(|_| !pieces.is_empty()),
             pieces,
             windows,
             rule,

@@ -21,7 +21,9 @@
 //! 2. *Rooms with a set or windows.* A viewer in such a room is told about an avatar if the room's
 //!    set names the avatar's place, or if a window shows it. A viewer in several such rooms is told
 //!    what any of them shows. A room shows itself, unless its set hides it.
-//! 3. *Cells.* For a viewer in no such room, cells alone decide.
+//! 3. *Opaque rooms.* A viewer outside an opaque room is not told about an avatar behind it, unless
+//!    a window that faces the viewer may show the avatar.
+//! 4. *Cells.* They decide what rooms leave open.
 //!
 //! Questions are about regions, and answers err on the safe side: a pair is ruled out only if it is
 //! ruled out for every place in one region and every place in the other. So no avatar is missed
@@ -32,6 +34,7 @@ mod decide;
 pub mod depth;
 mod index;
 mod locate;
+mod opaque;
 mod overlap;
 pub mod pieces;
 pub mod region;

@@ -109,24 +109,6 @@ impl ConvexPiece {
         self.bounds.grown(ROOM_BOUNDARY_M).intersects(region) && !self.sides.iter().any(apart)
     }
 
-    /// The part of a line from one point to another that is inside, as shares of its length from 0
-    /// to 1.
-    pub fn span(&self, from: DVec3, to: DVec3) -> Option<[f64; 2]> {
-        let (mut enters, mut leaves) = (0.0_f64, 1.0_f64);
-        for side in self.all_sides() {
-            let [a, b] = [from, to].map(|point| side.normal.dot(point) - side.distance);
-            if a > 0.0 && b > 0.0 {
-                return None;
-            }
-            if a > 0.0 {
-                enters = enters.max(a / (a - b));
-            } else if b > 0.0 {
-                leaves = leaves.min(a / (a - b));
-            }
-        }
-        (enters <= leaves).then_some([enters, leaves])
-    }
-
     /// All sides, those of the box around the piece included.
     pub fn all_sides(&self) -> impl Iterator<Item = HalfSpace> + '_ {
         let axial = (0..6).map(|i| HalfSpace::of_box(&self.bounds, i));

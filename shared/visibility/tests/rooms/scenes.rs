@@ -317,14 +317,14 @@ fn rooms_in_depth() {
         ..room("screen", vec![block([2.0, 0.0, -3.0], [3.0, 3.0, 3.0])])
     };
     let far = room("far", vec![block([6.0, 0.5, -1.0], [8.0, 2.5, 1.0])]);
-    let beside = room("beside", vec![block([6.0, 0.5, 7.0], [8.0, 2.5, 9.0])]);
+    let beside = room("beside", vec![block([6.0, 0.5, 8.0], [8.0, 2.5, 10.0])]);
     let here = room("here", vec![block([-1.0, 0.0, -1.0], [1.0, 3.0, 1.0])]);
     let order = |windows| {
         let world =
             world(rooms(vec![far.clone(), screen(windows), beside.clone(), here.clone()]), 0.0);
         let index = RoomIndex::new(&world);
         let eyes = eye(0.0, 0.0);
-        let found = depth::depth_order(&world.rooms, &index, eyes.min);
+        let found = depth::depth_order(&index, eyes.min);
         let shows = |point: Vec3| {
             let hidden = found.iter().filter(|room| room.hidden_by.is_some());
             let mut hidden = hidden.flat_map(|room| index.pieces(room.room));

@@ -114,6 +114,65 @@ fn a_mover_is_shown_or_hidden_for_itself_and_however_thin_it_is() {
     assert!(sight(&behind_the_window, EYE).unwrap().may_show(&behind_the_window.movers[0]));
 }
 
+/// An opaque room in the second room, with a window towards the first one.
+const SCREEN: Aabb = Aabb { min: Vec3::new(7.0, 0.0, 1.0), max: Vec3::new(8.0, 2.2, 5.0) };
+const SLIT: Aabb = Aabb { min: Vec3::new(7.0, 1.0, 2.5), max: Vec3::new(7.0, 2.0, 3.5) };
+
+fn with_screen(mut world: World) -> World {
+    let [low, high] = [SLIT.min, SLIT.max];
+    let corners = [[low.y, low.z], [high.y, low.z], [high.y, high.z], [low.y, high.z]];
+    let corners = corners.map(|[y, z]| Vec3::new(low.x, y, z)).to_vec();
+    let screen = Room {
+        name: "screen".into(),
+        shapes: vec![Shape::Box(SCREEN)],
+        windows: vec![Window { name: "slit".into(), corners, behind: None }],
+        opaque: true,
+        ..Room::default()
+    };
+    let rooms = world.rooms.list().iter().cloned().chain([screen]).collect();
+    world.rooms = Rooms::new(rooms, world.rooms.objects().to_vec()).unwrap();
+    world
+}
+
+/// Whether the screen stops a line of sight that begins outside.
+fn is_stopped(eye: Vec3, point: Vec3) -> bool {
+    let way = point - eye;
+    let at_slit = eye + way * ((SLIT.min.x - eye.x) / way.x);
+    let [near, far] = [SCREEN.min, SCREEN.max].map(|corner| (corner - eye) / way);
+    let enters = near.min(far).max_element();
+    let leaves = near.max(far).min_element();
+    enters < leaves && leaves < 1.0 && !SLIT.grown(1.0e-3).contains(at_slit)
+}
+
+#[test]
+fn an_opaque_room_hides_what_is_behind_it_and_not_itself() {
+    let world = with_screen(world(RoomVisibility::Unspecified, false));
+    let (mut hidden, mut loose) = (0, 0);
+    for eye in [Vec3::new(3.0, 1.5, 3.1), Vec3::new(5.5, 2.5, 0.7), Vec3::new(6.5, 1.1, 4.2)] {
+        let sight = sight(&world, eye).unwrap();
+        for i in 0..24 * 12 * 24 {
+            let [x, y, z] = [i % 24, i / 24 % 12, i / 288].map(|at| at as f32 * VOXEL);
+            let voxel = voxel(x + 6.0, y, z);
+            let points: Vec<Vec3> = voxel.corners().into_iter().chain([voxel.centre()]).collect();
+            let is_all = points.iter().all(|point| is_stopped(eye, *point));
+            let is_wall = SCREEN.grown(WALL_M).intersects(&voxel);
+            if sight.shows(&voxel) {
+                loose += u32::from(is_all && !is_wall);
+            } else {
+                assert!(is_all && !is_wall, "{eye} sees some of {voxel:?}");
+                hidden += 1;
+            }
+        }
+    }
+    assert!(hidden > 2_000 && loose * 50 < hidden, "{hidden} hidden, {loose} shown in vain");
+    assert!(sight(&world, Vec3::new(7.5, 1.5, 3.0)).is_some(), "its window restricts it");
+    let mut closed = world;
+    let rooms = closed.rooms.list().iter().map(|room| Room { windows: vec![], ..room.clone() });
+    closed.rooms = Rooms::new(rooms.collect(), closed.rooms.objects().to_vec()).unwrap();
+    assert!(sight(&closed, Vec3::new(7.5, 1.5, 3.0)).is_none(), "from inside it hides nothing");
+    assert!(!sight(&closed, EYE).unwrap().may_show(&closed.movers[0]), "the door behind it");
+}
+
 proptest! {
     /// What is said of a box is true of each voxel in it.
     #[test]
@@ -123,11 +182,15 @@ proptest! {
         which in 0usize..4,
         has_window: bool,
         is_turned: bool,
+        has_screen: bool,
     ) {
         let sets = [only(&[], &[]), only(&[1], &[0]), all_but(&[1], &[0]), all_but(&[], &[0])];
         let mut world = world(sets[which].clone(), has_window);
         if is_turned {
             world.cells.axes = Axes::turned(0.3);
+        }
+        if has_screen {
+            world = with_screen(world);
         }
         let sight = sight(&world, EYE).unwrap();
         let at = |x: i32, y: i32, z: i32| {
