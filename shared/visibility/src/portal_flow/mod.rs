@@ -21,6 +21,7 @@
 //! A target that lies within the half-spaces of a step is finally tested by the exact test
 //! (`exact`), with all boxes that a line has to meet on its way.
 
+mod box_tree;
 mod cell_block;
 mod cell_search;
 mod daabb;

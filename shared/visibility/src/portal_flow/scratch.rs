@@ -20,6 +20,8 @@ pub struct FlowScratch {
     pub(super) steps: Vec<FlowStep>,
     /// The steps to go on from, nearest first.
     pub(super) waiting: BinaryHeap<QueuedStep>,
+    /// The gates that a step may reach.
+    pub(super) ahead: Vec<u32>,
     /// For each directed gate its steps.
     pub(super) at_gate: Vec<GateSteps>,
     /// The gates that have steps.

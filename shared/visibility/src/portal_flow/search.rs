@@ -1,6 +1,7 @@
 //! The search from gate to gate.
 
 use super::{
+    daabb::DAabb,
     directed_gate::{cut_polygon, edge_separators},
     scratch::FlowScratch,
     separators::{HalfSpaces, separators},
@@ -36,6 +37,7 @@ impl Sightlines<'_> {
                 self.add(scratch, query, step);
             }
         }
+        let mut ahead = std::mem::take(&mut scratch.ahead);
         while let Some(QueuedStep { step: index, .. }) = scratch.waiting.pop() {
             let step = scratch.steps[index as usize];
             if step.is_covered {
@@ -44,7 +46,9 @@ impl Sightlines<'_> {
             let gate = &self.gates[step.gate as usize];
             separators(&step.source, &step.pass, &mut halves);
             edge_separators(&step.source, gate, gate.normal, &mut halves);
-            for next in self.gates_from(gate.to) {
+            let may_reach = |bounds: &DAabb| gate.is_beyond(bounds) && halves.meet(bounds);
+            self.gates_out[gate.to as usize].find(may_reach, &mut ahead);
+            for &next in &ahead {
                 if next != step.gate ^ 1
                     && self.may_enter(scratch, query, next)
                     && let Some(next) = self.step(index, &step, next, &halves)
@@ -53,6 +57,7 @@ impl Sightlines<'_> {
                 }
             }
         }
+        scratch.ahead = ahead;
     }
 
     /// Whether a step through a gate can show anything new: the query may enter the space beyond,

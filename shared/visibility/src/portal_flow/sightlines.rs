@@ -5,6 +5,7 @@ use std::ops::Range;
 use sightline_world::{Cells, tolerance::WIDENING_M};
 
 use super::{
+    box_tree::BoxTree,
     cell_block::{CellBlock, blocks},
     daabb::DAabb,
     directed_gate::DirectedGate,
@@ -37,6 +38,8 @@ pub struct Sightlines<'a> {
     pub(super) cells: &'a Cells,
     /// Two for each gate: `2i` leads to the greater side of gate `i`, `2i + 1` to its lesser side.
     pub(super) gates: Vec<DirectedGate>,
+    /// For each space the gates out of it.
+    pub(super) gates_out: Vec<BoxTree>,
     /// The box around each cell, widened.
     pub(super) targets: Vec<DAabb>,
     pub(super) blocks: Vec<CellBlock>,
@@ -68,15 +71,17 @@ impl<'a> Sightlines<'a> {
             .map(|space| starting(space.cells.start)..starting(space.cells.end))
             .collect();
         assert_eq!(gates.len(), 2 * cells.gates.len());
-        Self { cells, gates, targets, blocks, blocks_of }
+        let out_of = |space: u32| {
+            let gates_out = gates_from(cells, space);
+            BoxTree::new(gates_out.map(|gate| (gates[gate as usize].bounds, gate)).collect())
+        };
+        let gates_out = (0..cells.spaces.len() as u32).map(out_of).collect();
+        Self { cells, gates, gates_out, targets, blocks, blocks_of }
     }
 
     /// The gates out of a space, as indices into `gates`.
     pub(super) fn gates_from(&self, space: u32) -> impl Iterator<Item = u32> + '_ {
-        self.cells.spaces[space as usize].gates.iter().map(move |&gate| {
-            let is_lesser = self.cells.gates[gate as usize].spaces[0] == space;
-            gate * 2 + u32::from(!is_lesser)
-        })
+        gates_from(self.cells, space)
     }
 
     /// The spaces of which some point may be visible from some point of the source. The source's
@@ -134,4 +139,12 @@ impl<'a> Sightlines<'a> {
             blocks: self.blocks.len(),
         }
     }
+}
+
+/// The gates out of a space, as indices of directed gates.
+fn gates_from(cells: &Cells, space: u32) -> impl Iterator<Item = u32> + '_ {
+    cells.spaces[space as usize].gates.iter().map(move |&gate| {
+        let is_lesser = cells.gates[gate as usize].spaces[0] == space;
+        gate * 2 + u32::from(!is_lesser)
+    })
 }
