@@ -69,9 +69,13 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     for warning in &report.room_warnings {
         output::note(&format!("warning: {warning}"));
     }
+    // These steps do not look for an interruption; it ends the program while none is written.
+    let progress = Progress::new();
+    progress.show("verdict", 0.0);
     let verdict = Verdict::new(&model, &world);
-    let plan = plan::draw(&world, &overlay(&world, &verdict));
+    let plan = plan::draw(&world, &overlay(&world, &verdict)).to_png()?;
     let bytes = world.to_bytes();
+    progress.finish();
     // Until the end: a stop after this line must not deny a world that is written.
     let _writing = interrupt.hold_off();
     if interrupt.flow().is_break() {
@@ -79,7 +83,7 @@ pub fn run(args: &CompileArgs) -> anyhow::Result<()> {
     }
     write_whole(&args.output, &bytes)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
-    plan.save(&picture).with_context(|| format!("cannot write {}", picture.display()))?;
+    write_whole(&picture, &plan).with_context(|| format!("cannot write {}", picture.display()))?;
     output::print(&table(&report))?;
     output::print(&said(&verdict))?;
     let [world, picture] = [&args.output, &picture].map(|path| path.display().to_string());

@@ -16,6 +16,7 @@ use sightline_cli::{
     progress::Progress,
 };
 use sightline_compiler::{
+    carve::CarveReport,
     carve_preview::{self, View},
     octree_statistics::{self, OctreeStatistics},
     plan::{self, Overlay},
@@ -116,8 +117,19 @@ struct InspectFigures {
     spawns: usize,
     spawn_points: Vec<SpawnFigures>,
     speed_max_m_s: f32,
+    /// What carving does, with `--carved`.
+    carving: Option<CarveReport>,
+    /// With `--suggest-rooms`.
+    suggested: Option<SuggestedFigures>,
     #[serde(flatten)]
     verified: Option<VerificationFigures>,
+}
+
+/// How much the building suggests.
+#[derive(Serialize)]
+struct SuggestedFigures {
+    rooms: usize,
+    windows: usize,
 }
 
 #[derive(Serialize)]
@@ -216,8 +228,16 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         spawns: world.spawns.len(),
         spawn_points: world.spawns.iter().map(SpawnFigures::new).collect(),
         speed_max_m_s: world.speed_max,
+        carving: None,
+        suggested: None,
         verified: None,
     };
+    let suggested = suggested.map(|(toml, counts)| {
+        let SuggestedFigures { rooms, windows } = counts;
+        output::note(&format!("suggested: {rooms} rooms and {windows} windows"));
+        figures.suggested = Some(counts);
+        toml
+    });
     match (&args.suggest_rooms, &suggested) {
         (Some(path), Some(toml)) if path.as_os_str() == "-" => output::print(toml)?,
         (Some(path), Some(toml)) => {
@@ -237,6 +257,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         let rows = rows.map(|(name, value)| format!("{name:<18} {value}\n"));
         output::print(&rows.concat())?;
         picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+        figures.carving = Some(carved.report);
     }
     if let Some(pairs) = args.verify {
         let InspectArgs { entries, lines, seed, fuzzy, .. } = *args;
@@ -262,8 +283,8 @@ fn size(world: &World) -> Vec3 {
     if occupied.is_empty() { Vec3::ZERO } else { occupied.size() }
 }
 
-/// The rooms and windows that the building suggests, as TOML.
-fn suggested(world: &World) -> anyhow::Result<String> {
+/// The rooms and windows that the building suggests, as TOML, and how many there are.
+fn suggested(world: &World) -> anyhow::Result<(String, SuggestedFigures)> {
     let interrupt = Interrupt::listen()?;
     let progress = Progress::new();
     let rooms = suggest::suggest(world, &mut |share| {
@@ -272,9 +293,9 @@ fn suggested(world: &World) -> anyhow::Result<String> {
     });
     progress.finish();
     let rooms = rooms.ok_or(Interrupted)?;
-    let windows: usize = rooms.iter().map(|room| room.windows.len()).sum();
-    output::note(&format!("suggested: {} rooms and {windows} windows", rooms.len()));
-    Ok(suggest::to_toml(world, &rooms))
+    let windows = rooms.iter().map(|room| room.windows.len()).sum();
+    let counts = SuggestedFigures { rooms: rooms.len(), windows };
+    Ok((suggest::to_toml(world, &rooms), counts))
 }
 
 fn view(world: &World, args: &InspectArgs) -> anyhow::Result<View> {

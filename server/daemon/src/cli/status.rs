@@ -11,7 +11,7 @@ use sightline_cli::{flags::local_address, output};
 use sightline_server::{http::ask_overview, operate::Overview};
 use tokio::time::sleep;
 
-use super::status_table::Table;
+use super::status_table::StatusFigures;
 
 /// Shows what a running server does: clients, tick times, traffic.
 ///
@@ -47,18 +47,17 @@ async fn show(args: &StatusArgs) -> anyhow::Result<()> {
     let mut before: Option<(Instant, Overview)> = None;
     loop {
         let overview = ask_overview(args.address).await?;
-        if args.json.is_some() {
-            output::write_json(args.json.as_deref(), &overview)?;
-            return Ok(());
-        }
         let since = before.as_ref().map(|(at, overview)| (at.elapsed(), overview));
-        let table = Table { now: &overview, since };
+        let figures = StatusFigures::new(&overview, since);
+        if args.json.is_some() {
+            return output::write_json(args.json.as_deref(), &figures);
+        }
         if is_live {
-            output::print(&format!("{CLEAR}{}", table.whole()))?;
+            output::print(&format!("{CLEAR}{}", figures.whole()))?;
         } else if args.once {
-            return output::print(&table.whole());
+            return output::print(&figures.whole());
         } else {
-            output::print(&table.line())?;
+            output::print(&figures.line())?;
         }
         before = Some((Instant::now(), overview));
         tokio::select! {

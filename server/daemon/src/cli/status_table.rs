@@ -1,7 +1,8 @@
-//! What `status` shows, as text.
+//! What `status` shows, as text and as JSON.
 
 use std::{fmt::Write, time::Duration};
 
+use serde::Serialize;
 use sightline_server::operate::{Overview, Person, Totals};
 
 /// The most clients in the table.
@@ -9,18 +10,27 @@ const PEOPLE_MAX: usize = 30;
 /// The width of the column of names, in characters.
 const NAME_CHARS: usize = 20;
 
-/// The state of a server, and the state some time before, for rates.
-pub struct Table<'a> {
-    pub now: &'a Overview,
-    pub since: Option<(Duration, &'a Overview)>,
+/// The state of a server with what follows from it. Tables and JSON show these figures.
+#[derive(Serialize)]
+pub struct StatusFigures<'a> {
+    #[serde(flatten)]
+    now: &'a Overview,
+    /// The rates of all clients together.
+    rates: Rates,
+    /// The rates of each client, in the order of the people.
+    people_rates: Vec<Rates>,
+    /// The share of a core that the process used, in per cent; `None` where the system does not
+    /// tell.
+    cpu_percent: Option<f64>,
 }
 
 /// Messages and bytes in a second.
+#[derive(Serialize)]
 struct Rates {
-    messages_in: f64,
-    bytes_in: f64,
-    messages_out: f64,
-    bytes_out: f64,
+    messages_in_per_s: f64,
+    bytes_in_per_s: f64,
+    messages_out_per_s: f64,
+    bytes_out_per_s: f64,
 }
 
 impl Rates {
@@ -28,20 +38,32 @@ impl Rates {
     fn between(before: &Totals, now: &Totals, seconds: f64) -> Self {
         let rate = |before: u64, now: u64| now.saturating_sub(before) as f64 / seconds.max(1e-3);
         Self {
-            messages_in: rate(before.messages_in, now.messages_in),
-            bytes_in: rate(before.bytes_in, now.bytes_in),
-            messages_out: rate(before.messages_out, now.messages_out),
-            bytes_out: rate(before.bytes_out, now.bytes_out),
+            messages_in_per_s: rate(before.messages_in, now.messages_in),
+            bytes_in_per_s: rate(before.bytes_in, now.bytes_in),
+            messages_out_per_s: rate(before.messages_out, now.messages_out),
+            bytes_out_per_s: rate(before.bytes_out, now.bytes_out),
         }
     }
 }
 
-impl Table<'_> {
+impl<'a> StatusFigures<'a> {
+    /// The figures of a state. Rates are those since an earlier state, so long ago; without one,
+    /// those since the start.
+    pub fn new(now: &'a Overview, since: Option<(Duration, &Overview)>) -> Self {
+        let rates = match since {
+            Some((passed, before)) => {
+                Rates::between(&before.totals, &now.totals, passed.as_secs_f64())
+            }
+            None => Rates::between(&Totals::default(), &now.totals, now.uptime_s),
+        };
+        let people_rates = now.people.iter().map(|person| rates_of(person, since)).collect();
+        Self { now, rates, people_rates, cpu_percent: cpu_percent(now, since) }
+    }
+
     /// One line.
     pub fn line(&self) -> String {
         let Overview { clients, ticks, .. } = self.now;
-        let rates = self.rates();
-        let cpu = self.cpu_share().map_or(String::new(), |share| format!(" cpu={share:.1}%"));
+        let cpu = self.cpu_percent.map_or(String::new(), |share| format!(" cpu={share:.1}%"));
         format!(
             "up={:.0}s clients={} joining={} live={} on_course={} quiet={} asked={} absent={} tick_hz={:.0} \
              tick_p99_us={} in={:.0}B/s out={:.0}B/s refused={}{cpu}\n",
@@ -55,8 +77,8 @@ impl Table<'_> {
             clients.absent,
             self.now.tick_hz,
             ticks.p99_us,
-            rates.bytes_in,
-            rates.bytes_out,
+            self.rates.bytes_in_per_s,
+            self.rates.bytes_out_per_s,
             self.now.refused,
         )
     }
@@ -64,7 +86,6 @@ impl Table<'_> {
     /// The whole table.
     pub fn whole(&self) -> String {
         let Overview { clients, ticks, overload, .. } = self.now;
-        let rates = self.rates();
         let world = match &self.now.world {
             Some(world) => format!("world {}: {}", world.number, printable(&world.title)),
             None => "the world is being loaded".to_owned(),
@@ -104,11 +125,13 @@ impl Table<'_> {
                 overload.joins_refused
             ),
         );
-        row("in", format!("{:.0} messages/s, {:.0} bytes/s", rates.messages_in, rates.bytes_in));
-        row("out", format!("{:.0} messages/s, {:.0} bytes/s", rates.messages_out, rates.bytes_out));
+        let Rates { messages_in_per_s, bytes_in_per_s, messages_out_per_s, bytes_out_per_s } =
+            self.rates;
+        row("in", format!("{messages_in_per_s:.0} messages/s, {bytes_in_per_s:.0} bytes/s"));
+        row("out", format!("{messages_out_per_s:.0} messages/s, {bytes_out_per_s:.0} bytes/s"));
         row("refused", format!("{} since the start", self.now.refused));
         if let Some(used) = &self.now.process {
-            let share = self.cpu_share().map_or(String::new(), |share| format!("{share:.1} %, "));
+            let share = self.cpu_percent.map_or(String::new(), |share| format!("{share:.1} %, "));
             let megabytes = used.resident_bytes as f64 / 1e6;
             row("process", format!("{share}{:.1} s of processor, {megabytes:.0} MB", used.cpu_s));
         }
@@ -123,8 +146,7 @@ impl Table<'_> {
             "\n{:<NAME_CHARS$}  {:<9}  {:>8}  {:>8}  {:>5}  {:>9}  {:>9}  {}\n",
             "name", "state", "time", "trip ms", "holds", "in B/s", "out B/s", "address"
         );
-        for person in self.now.people.iter().take(PEOPLE_MAX) {
-            let rates = self.rates_of(person);
+        for (person, rates) in self.now.people.iter().zip(&self.people_rates).take(PEOPLE_MAX) {
             let name: String = printable(&person.name).chars().take(NAME_CHARS).collect();
             let held = person.place.as_ref().map_or(0, |place| place.held);
             let _ = writeln!(
@@ -133,8 +155,8 @@ impl Table<'_> {
                 person.state.name(),
                 span(person.connected_s),
                 person.round_trip_ms,
-                rates.bytes_in,
-                rates.bytes_out,
+                rates.bytes_in_per_s,
+                rates.bytes_out_per_s,
                 printable(&person.address),
             );
         }
@@ -144,39 +166,30 @@ impl Table<'_> {
         }
         text
     }
+}
 
-    /// The rates since the state before; without one, those since the start.
-    fn rates(&self) -> Rates {
-        match self.since {
-            Some((passed, before)) => {
-                Rates::between(&before.totals, &self.now.totals, passed.as_secs_f64())
-            }
-            None => Rates::between(&Totals::default(), &self.now.totals, self.now.uptime_s),
+/// The rates of a client since an earlier state; without one, those since it came.
+fn rates_of(person: &Person, since: Option<(Duration, &Overview)>) -> Rates {
+    let before = since.and_then(|(passed, before)| {
+        let before = before.people.iter().find(|other| other.avatar == person.avatar)?;
+        Some((passed, before))
+    });
+    match before {
+        Some((passed, before)) => {
+            Rates::between(&before.totals, &person.totals, passed.as_secs_f64())
         }
+        None => Rates::between(&Totals::default(), &person.totals, person.connected_s),
     }
+}
 
-    fn rates_of(&self, person: &Person) -> Rates {
-        let before = self.since.and_then(|(passed, before)| {
-            let before = before.people.iter().find(|other| other.avatar == person.avatar)?;
-            Some((passed, before))
-        });
-        match before {
-            Some((passed, before)) => {
-                Rates::between(&before.totals, &person.totals, passed.as_secs_f64())
-            }
-            None => Rates::between(&Totals::default(), &person.totals, person.connected_s),
-        }
-    }
-
-    /// The share of a core that was used since the state before, or since the start, in per cent.
-    fn cpu_share(&self) -> Option<f64> {
-        let now = self.now.process?;
-        let (used_s, passed_s) = match self.since {
-            Some((passed, before)) => (now.cpu_s - before.process?.cpu_s, passed.as_secs_f64()),
-            None => (now.cpu_s, self.now.uptime_s),
-        };
-        Some(100.0 * used_s / passed_s.max(1e-3))
-    }
+/// The share of a core that was used since an earlier state, or since the start, in per cent.
+fn cpu_percent(now: &Overview, since: Option<(Duration, &Overview)>) -> Option<f64> {
+    let used = now.process?;
+    let (used_s, passed_s) = match since {
+        Some((passed, before)) => (used.cpu_s - before.process?.cpu_s, passed.as_secs_f64()),
+        None => (used.cpu_s, now.uptime_s),
+    };
+    Some(100.0 * used_s / passed_s.max(1e-3))
 }
 
 /// A text of a peer without what a terminal takes for a command.
@@ -225,19 +238,37 @@ mod tests {
     #[test]
     fn rates_are_those_since_the_state_before() {
         let (before, now) = (overview(1_000), overview(1_002));
-        let table = Table { now: &now, since: Some((Duration::from_secs(2), &before)) };
-        let line = table.line();
+        let figures = StatusFigures::new(&now, Some((Duration::from_secs(2), &before)));
+        let line = figures.line();
         for part in ["clients=1", "live=1", "in=10B/s out=100B/s", "refused=7 cpu=100.0%"] {
             assert!(line.contains(part), "{line}");
         }
-        let first = Table { now: &now, since: None };
+        let first = StatusFigures::new(&now, None);
         assert!(first.line().contains("in=10B/s"), "since the start: {}", first.line());
+    }
+
+    /// What the tables derive from a state is in the JSON, too, beside the state itself.
+    #[test]
+    fn json_has_the_figures_of_the_tables() {
+        let (before, now) = (overview(1_000), overview(1_002));
+        let figures = StatusFigures::new(&now, Some((Duration::from_secs(2), &before)));
+        let json = serde_json::to_value(&figures).unwrap();
+        let number = |path: &str| json.pointer(path).and_then(|value| value.as_f64());
+        assert_eq!(number("/rates/bytes_out_per_s"), Some(100.0));
+        assert_eq!(number("/people_rates/0/messages_in_per_s"), Some(1.0));
+        assert_eq!((number("/cpu_percent"), number("/refused")), (Some(100.0), Some(7.0)));
+        let (line, whole) = (figures.line(), figures.whole());
+        assert!(line.contains("out=100B/s refused=7 cpu=100.0%"), "{line}");
+        assert!(
+            whole.contains("1 messages/s, 100 bytes/s") && whole.contains("100.0 %, "),
+            "{whole}"
+        );
     }
 
     #[test]
     fn a_name_reaches_the_terminal_without_commands() {
         let now = overview(10);
-        let text = Table { now: &now, since: None }.whole();
+        let text = StatusFigures::new(&now, None).whole();
         assert!(text.contains("A?[2J") && !text.contains('\x1b'), "{text}");
         assert!(text.starts_with("world 1: House, up 10 s\n"), "{text}");
         assert!(text.contains("1:01 min"), "{text}");
