@@ -4,6 +4,7 @@
 //!   compared with brute force at every tick. [`simulation::run`] runs one seed.
 //! * [`demo`]: `cargo demo`. A real server, simulated visitors, a window or pictures, and a table of
 //!   what each client was told.
+//! * [`streaming`]: a client that fetches a world in pieces over a simulated link.
 //! * [`bench_flags`]: what the command lines of all benches have.
 //!
 //! The folder `tests` has the tests over loopback QUIC, of pictures against rays, and of walls. The
@@ -23,3 +24,4 @@
 pub mod bench_flags;
 pub mod demo;
 pub mod simulation;
+pub mod streaming;

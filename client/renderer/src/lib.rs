@@ -6,6 +6,7 @@
 //!   be seen. [`moving::MovingRenderer`] draws both at a cost that follows what is in view.
 //! * [`node_visibility`] finds in advance which nodes a viewpoint box cannot see.
 //! * [`Renderer::building_sight`] leaves out what rooms do not show to the eye.
+//! * [`streaming`] finds which parts of an octree that still arrives a picture shows.
 //! * [`mover_visibility`] finds which movers may be visible, [`rooms`] draws what an author
 //!   declared, [`plan`] finds the plan of a storey, and [`text`] writes on a frame.
 //!
@@ -67,6 +68,7 @@ mod ratio;
 mod renderer;
 pub mod rooms;
 mod shade;
+pub mod streaming;
 pub mod text;
 mod traversal;
 mod view;

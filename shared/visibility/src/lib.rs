@@ -53,5 +53,6 @@ pub mod fuzzy;
 mod half_space;
 pub mod portal_flow;
 pub mod rooms;
+pub mod streaming;
 
 pub use half_space::{Containment, HalfSpace};

@@ -56,7 +56,10 @@ pub mod tolerance;
 mod world;
 
 pub use cells::{Cell, CellId, Cells, Gate, Node, Polygon, Portal, Pvs, Space};
-pub use file::{ContentId, ReadError, content_id, is_world_file, write_whole};
+pub use file::{
+    ContentId, PieceId, ReadError, Viewpoints, WorldHead, WorldPieces, content_id, is_world_file,
+    write_whole,
+};
 pub use mesh::Mesh;
 pub use motion::Spawn;
 pub use mover::{MOVER_TRIANGLES_MAX, MOVERS_MAX, Mover};

@@ -29,6 +29,7 @@ use sightline_world::{
 use super::{
     inspect_report::{self, TableRow},
     interrupt::Interrupt,
+    pieces_figures::PiecesFigures,
     verification::VerificationFigures,
 };
 
@@ -95,6 +96,9 @@ pub struct InspectArgs {
     /// Also test loose entries by fuzzy projection, which proves some of them closed.
     #[arg(long, requires = "verify")]
     fuzzy: bool,
+    /// Cut the world into pieces, as clients fetch it, and measure what may be seen from where.
+    #[arg(long)]
+    pieces: bool,
     /// Also write the figures to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -121,6 +125,8 @@ struct InspectFigures {
     carving: Option<CarveReport>,
     /// With `--suggest-rooms`.
     suggested: Option<SuggestedFigures>,
+    /// With `--pieces`.
+    pieces: Option<PiecesFigures>,
     #[serde(flatten)]
     verified: Option<VerificationFigures>,
 }
@@ -230,6 +236,7 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
         speed_max_m_s: world.speed_max,
         carving: None,
         suggested: None,
+        pieces: None,
         verified: None,
     };
     let suggested = suggested.map(|(toml, counts)| {
@@ -246,6 +253,11 @@ pub fn run(args: &InspectArgs) -> anyhow::Result<()> {
             output::print(&as_text(&rows(&figures)))?;
         }
         _ => output::print(&as_text(&rows(&figures)))?,
+    }
+    if args.pieces {
+        let pieces = PiecesFigures::of(&world).with_context(named)?;
+        output::print(&pieces.table())?;
+        figures.pieces = Some(pieces);
     }
     if let Some(path) = &args.map {
         let picture = plan::draw(&world, &overlay(&world, args));

@@ -13,6 +13,7 @@ pub mod model_flags;
 pub mod news;
 pub mod operators;
 pub mod people;
+mod pieces_figures;
 pub mod replay;
 pub mod serve;
 #[cfg(feature = "http")]

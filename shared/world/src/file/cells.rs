@@ -52,7 +52,7 @@ pub(super) fn cells_bytes(cells: &Cells) -> Vec<u8> {
 
 /// Appends the tree: thirteen bytes for each node, so that the reader can check the count at once,
 /// then the planes that are not axial, in the order of their nodes.
-fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
+pub(super) fn put_tree(out: &mut Vec<u8>, tree: &[Node]) {
     put_count(out, tree.len());
     let mut planes = Vec::new();
     for node in tree {
@@ -186,7 +186,7 @@ const CORNERS_MAX: usize = 64;
 
 /// Reads a tree in which every node but the root has exactly one parent, and every cell is exactly
 /// one leaf. A walk down such a tree ends and visits nothing twice.
-fn read_tree(input: &mut SectionReader, cells: usize) -> Result<Vec<Node>, ReadError> {
+pub(super) fn read_tree(input: &mut SectionReader, cells: usize) -> Result<Vec<Node>, ReadError> {
     let bad = ReadError::Malformed("the tree");
     let count = input.count(13)?;
     let mut tree = list(count)?;

@@ -18,6 +18,7 @@ mod mesh;
 mod meta;
 mod movers;
 mod origin;
+mod pieces;
 mod reader;
 #[cfg(test)]
 mod tests;
@@ -27,6 +28,7 @@ mod writer;
 use std::{fs, io, io::Read, path::Path};
 
 use meta::Meta;
+pub use pieces::{PieceId, Viewpoints, WorldHead, WorldPieces};
 use reader::SectionReader;
 pub use whole::write_whole;
 use writer::section;

@@ -63,7 +63,7 @@ const EXTENT_MAX: f32 = 1.0e6;
 const KEY_BYTES: usize = 6;
 
 /// The number of planes, and so of bytes for each leaf.
-const PLANES: usize = 5;
+pub(super) const PLANES: usize = 5;
 
 /// The number of leaves that are unpacked at a time.
 const CHUNK: usize = 1 << 15;
@@ -76,11 +76,7 @@ impl Octree {
     pub fn to_bytes(&self) -> Vec<u8> {
         debug_assert!(self.inner.len() <= INNER_MAX && self.leaves.len() <= LEAVES_MAX);
         debug_assert_eq!(self.materials.len(), self.keys.len(), "a key for each material");
-        let mut bytes = Vec::new();
-        for number in self.origin.to_array().into_iter().chain([self.edge]) {
-            bytes.extend(number.to_le_bytes());
-        }
-        bytes.push(self.depth);
+        let mut bytes = head(self);
         for count in [self.materials.len(), self.inner.len(), self.leaves.len()] {
             bytes.extend((count as u32).to_le_bytes());
         }
@@ -130,21 +126,27 @@ impl Octree {
     }
 }
 
-fn put_frame(bytes: &mut Vec<u8>, content: &[u8]) {
+/// The origin, edge and depth.
+pub(super) fn head(octree: &Octree) -> Vec<u8> {
+    let numbers = octree.origin.to_array().into_iter().chain([octree.edge]);
+    numbers.flat_map(f32::to_le_bytes).chain([octree.depth]).collect()
+}
+
+pub(super) fn put_frame(bytes: &mut Vec<u8>, content: &[u8]) {
     let packed = packing::pack(content, ZSTD_LEVEL);
     bytes.extend((packed.len() as u32).to_le_bytes());
     bytes.extend(packed);
 }
 
 /// A plane of bytes in a frame that is being unpacked.
-struct PackedPlane<'a>(Unpacker<'a>);
+pub(super) struct PackedPlane<'a>(Unpacker<'a>);
 
 impl<'a> PackedPlane<'a> {
-    fn take(rest: &mut &'a [u8]) -> Result<Self, OctreeError> {
+    pub(super) fn take(rest: &mut &'a [u8]) -> Result<Self, OctreeError> {
         let length = u32::from_le_bytes(take(rest)?) as usize;
         let (packed, tail) = rest.split_at_checked(length).ok_or(OctreeError::Length)?;
         *rest = tail;
-        Unpacker::new(packed).map(Self).map_err(|_| OctreeError::Length)
+        Self::of(packed)
     }
 
     fn fill(&mut self, values: &mut [u8]) -> Result<(), OctreeError> {
@@ -158,8 +160,21 @@ impl<'a> PackedPlane<'a> {
         }
     }
 
+    /// The frame that fills all of some bytes.
+    pub(super) fn of(packed: &'a [u8]) -> Result<Self, OctreeError> {
+        Unpacker::new(packed).map(Self).map_err(|_| OctreeError::Length)
+    }
+
+    /// All bytes, at most so many. Memory is taken as they are unpacked.
+    pub(super) fn up_to(mut self, most: usize) -> Result<Vec<u8>, OctreeError> {
+        let mut values = Vec::new();
+        let mut limited = self.0.by_ref().take(most as u64);
+        limited.read_to_end(&mut values).map_err(|_| OctreeError::Length)?;
+        self.end().map(|()| values)
+    }
+
     /// All bytes. Their number must be `length`. Memory is taken as they are unpacked.
-    fn all(mut self, length: usize) -> Result<Vec<u8>, OctreeError> {
+    pub(super) fn all(mut self, length: usize) -> Result<Vec<u8>, OctreeError> {
         let mut values = Vec::new();
         let mut limited = self.0.by_ref().take(length as u64);
         limited.read_to_end(&mut values).map_err(|_| OctreeError::Length)?;
@@ -170,7 +185,7 @@ impl<'a> PackedPlane<'a> {
     }
 }
 
-fn palette_planes(keys: &[Key]) -> Vec<u8> {
+pub(super) fn palette_planes(keys: &[Key]) -> Vec<u8> {
     let before = [0].iter().chain(keys);
     let differences: Vec<_> = keys.iter().zip(before).map(|(key, before)| key - before).collect();
     let plane =
@@ -178,7 +193,10 @@ fn palette_planes(keys: &[Key]) -> Vec<u8> {
     (0..KEY_BYTES).flat_map(plane).collect()
 }
 
-fn read_palette(plane: &mut PackedPlane<'_>, materials: usize) -> Result<Vec<Key>, OctreeError> {
+pub(super) fn read_palette(
+    plane: &mut PackedPlane<'_>,
+    materials: usize,
+) -> Result<Vec<Key>, OctreeError> {
     let mut bytes = vec![0; KEY_BYTES * materials];
     plane.fill(&mut bytes)?;
     plane.end()?;
@@ -215,7 +233,7 @@ fn to_plane_bytes(material: &Material, finishes: &[Finish]) -> [u8; PLANES] {
     [luma as u8, orange as u8, green as u8, finish as u8, high]
 }
 
-fn coded(materials: &[Material]) -> Vec<[u8; PLANES]> {
+pub(super) fn coded(materials: &[Material]) -> Vec<[u8; PLANES]> {
     let finishes = finishes(materials);
     materials.iter().map(|material| to_plane_bytes(material, &finishes)).collect()
 }
@@ -228,10 +246,15 @@ fn differences(mut lumas: Vec<u8>) -> Vec<u8> {
     lumas
 }
 
-fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<u16>, OctreeError> {
+/// The entries of a palette by the bytes of their materials in the planes.
+pub(super) fn known(palette: &Palette) -> FxHashMap<[u8; PLANES], u16> {
     let coded = coded(&palette.materials).into_iter().zip(&palette.materials);
     let first = |(coded, material)| Some((coded, palette.first_like(material)?));
-    let known: FxHashMap<[u8; PLANES], u16> = coded.filter_map(first).collect();
+    coded.filter_map(first).collect()
+}
+
+fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<u16>, OctreeError> {
+    let known = known(palette);
     let mut planes = Vec::with_capacity(PLANES);
     for _ in 0..PLANES {
         planes.push((PackedPlane::take(rest)?, vec![0; CHUNK]));
@@ -260,7 +283,7 @@ fn read_leaves(rest: &mut &[u8], count: usize, palette: &Palette) -> Result<Vec<
 }
 
 /// Reads the origin, edge and depth of a tree, and gives it without nodes.
-fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
+pub(super) fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
     let mut float = || take(rest).map(f32::from_le_bytes);
     let origin = Vec3::new(float()?, float()?, float()?);
     let edge = float()?;
@@ -277,7 +300,7 @@ fn read_head(rest: &mut &[u8]) -> Result<Octree, OctreeError> {
     Ok(Octree::empty(origin, edge, depth))
 }
 
-fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], OctreeError> {
+pub(super) fn take<const N: usize>(rest: &mut &[u8]) -> Result<[u8; N], OctreeError> {
     let (head, tail) = rest.split_first_chunk::<N>().ok_or(OctreeError::Length)?;
     *rest = tail;
     Ok(*head)

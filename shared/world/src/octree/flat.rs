@@ -21,19 +21,26 @@ const LOWER: [u8; 3] = [0x55, 0x33, 0x0f];
 /// complete layer. The children have their flags already. From `bottom` on the children of nodes
 /// are leaves.
 pub(super) fn flags(inner: &[InnerNode], index: usize, bottom: usize) -> u8 {
+    flags_at(inner, index, || {
+        let (mut levels, mut below) = (1, index);
+        while below < bottom {
+            below = inner[below].first as usize;
+            levels += 1;
+        }
+        levels
+    })
+}
+
+/// Like [`flags`], for a node that is so many levels above the leaves.
+pub(super) fn flags_at(inner: &[InnerNode], index: usize, levels: impl FnOnce() -> u32) -> u8 {
     let node = inner[index];
     let layer = LOWER.iter().position(|&lower| node.mask == lower || node.mask == !lower);
     let Some(axis) = layer else { return 0 };
     let side = u8::from(node.mask != LOWER[axis]);
     let pack = |place: u8| (axis as u8 + 1) << AXIS_SHIFT | place << PLACE_SHIFT;
-    if index >= bottom {
+    let levels = levels() - 1;
+    if levels == 0 {
         return pack(side);
-    }
-    let mut levels = 1;
-    let mut below = node.first as usize;
-    while below < bottom {
-        below = inner[below].first as usize;
-        levels += 1;
     }
     let first = node.first as usize;
     let children = &inner[first..first + node.mask.count_ones() as usize];

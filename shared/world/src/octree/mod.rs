@@ -28,6 +28,7 @@ mod layout;
 mod material;
 pub mod occupants;
 mod palette;
+pub mod pieces;
 
 use glam::Vec3;
 

@@ -1,0 +1,358 @@
+//! Which pieces of a world to fetch next, while it is drawn already.
+//!
+//! What surrounds the body comes first: it can move only where all voxels are there. Then come the
+//! branches that the picture shows, coarse grades before fine ones and near branches before far
+//! ones. Nothing else is fetched before a picture was sharp. Then comes what may be seen from where the eye is, for when it turns; what may be seen from
+//! where it is going; and the rest, if it is wanted. Of what is far away, grades with voxels smaller
+//! than a pixel wait with the rest.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::Vec3;
+use sightline_world::{PieceId, World, WorldHead, geometry::Aabb, octree::pieces::PartialOctree};
+
+/// How far around the body voxels must be there, in metres.
+const AROUND_M: f32 = 0.5;
+
+/// What lies so far ahead on the way counts as needed soon, in seconds.
+const AHEAD_S: [f32; 3] = [1.0, 2.0, 4.0];
+
+/// The share of the distance that counts: what is drawn at an edge of the picture is less deep.
+const DEPTH_SHARE: f32 = 0.9;
+
+/// Why a piece cannot be taken in.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PieceError {
+    /// There is no piece of this number.
+    #[error("the server sent a piece that the world does not have")]
+    Unknown,
+    /// Its bytes do not match its content id.
+    #[error("a piece of the world is damaged: it does not match its content id")]
+    Damaged,
+    /// Its bytes are not the grade of a branch, although they match the content id.
+    #[error("a piece of the world is malformed: {0}")]
+    Malformed(String),
+}
+
+/// A branch that a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShownBranch {
+    /// The branch.
+    pub branch: u32,
+    /// The least depth at which the picture shows it, in metres.
+    pub depth: f32,
+}
+
+/// What pieces are needed for.
+#[derive(Clone, Copy, Debug)]
+pub struct Outlook<'a> {
+    /// Where the eye is, in metres.
+    pub eye: Vec3,
+    /// Where it is going, in metres a second.
+    pub velocity: Vec3,
+    /// The focal length in pixels: how many pixels a metre spans at a distance of one metre.
+    pub focal: f32,
+    /// What the last picture shows.
+    pub shown: &'a [ShownBranch],
+    /// Whether all pieces are wanted in the end.
+    pub all: bool,
+}
+
+/// Says which pieces to fetch next, and takes them in.
+#[derive(Clone, Debug)]
+pub struct PieceFetcher {
+    head: WorldHead,
+    /// The pieces that were asked for and are not here yet.
+    asked: BTreeSet<usize>,
+    /// Pieces that came before a coarser one of the same branch.
+    early: BTreeMap<usize, Vec<u8>>,
+    /// Whether some picture was sharp. Until then nothing is fetched that it does not need.
+    was_sharp: bool,
+}
+
+impl PieceFetcher {
+    /// A fetcher that has the head of a world.
+    pub fn new(head: WorldHead) -> Self {
+        Self { head, asked: BTreeSet::new(), early: BTreeMap::new(), was_sharp: false }
+    }
+
+    /// The world without voxels and without mesh.
+    pub fn world(&self) -> &World {
+        &self.head.world
+    }
+
+    /// The octree as far as it is here.
+    pub fn octree(&self) -> &PartialOctree {
+        &self.head.octree
+    }
+
+    /// The content id and the length in bytes of a piece, if there is one of this number.
+    pub fn piece(&self, number: usize) -> Option<(PieceId, u32)> {
+        self.head.piece(number)
+    }
+
+    /// The pieces to ask for now, the most urgent first. All that were asked for and are not here
+    /// take at most `bytes_max`, or are one.
+    pub fn next(&mut self, outlook: &Outlook<'_>, bytes_max: usize) -> Vec<usize> {
+        let mut under_way: usize = self.asked.iter().map(|&number| self.length(number)).sum();
+        let mut next = Vec::new();
+        self.was_sharp |= self.is_sharp(outlook);
+        if under_way >= bytes_max {
+            return next;
+        }
+        for number in self.wanted(outlook) {
+            if under_way > 0 && under_way + self.length(number) > bytes_max {
+                break;
+            }
+            under_way += self.length(number);
+            self.asked.insert(number);
+            next.push(number);
+        }
+        next
+    }
+
+    /// Takes in a piece, whether it was asked for or not.
+    ///
+    /// # Errors
+    /// When the bytes are not the piece of this number. It may be asked for again.
+    pub fn take(&mut self, number: usize, piece: Vec<u8>) -> Result<(), PieceError> {
+        let (id, _) = self.head.piece(number).ok_or(PieceError::Unknown)?;
+        self.asked.remove(&number);
+        if PieceId::of(&piece) != id {
+            return Err(PieceError::Damaged);
+        }
+        let grades = usize::from(self.head.octree.grades()).max(1);
+        let branch = number / grades;
+        self.early.insert(number, piece);
+        loop {
+            let next = branch * grades + usize::from(self.head.octree.grades_of(branch));
+            let is_own = next / grades == branch;
+            let Some(piece) = self.early.remove(&next).filter(|_| is_own) else { return Ok(()) };
+            let grown = self.head.octree.grow(branch, &piece);
+            grown.map_err(|error| PieceError::Malformed(error.to_string()))?;
+        }
+    }
+
+    /// Forgets what was asked for: the connection broke.
+    pub fn forget_asked(&mut self) {
+        self.asked.clear();
+    }
+
+    /// Whether all voxels are there around a body whose eye is here, so that it can move, and the
+    /// eye sees more than what stands in for them.
+    pub fn is_open_at(&self, eye: Vec3) -> bool {
+        self.head.octree.is_complete_in(&self.around(eye))
+    }
+
+    /// The pieces, whether here or not, that the last picture and the space of the body need.
+    pub fn needed(&self, outlook: &Outlook<'_>) -> Vec<usize> {
+        let all = usize::from(self.head.octree.grades());
+        let pieces = |(branch, grades)| (0..usize::from(grades)).map(move |g| branch * all + g);
+        self.needs(outlook).flat_map(|(_, need)| pieces(need)).collect()
+    }
+
+    /// Whether a picture shows nothing that is coarser than its pixels.
+    pub fn is_sharp(&self, outlook: &Outlook<'_>) -> bool {
+        self.is_open_at(outlook.eye)
+            && self
+                .needs(outlook)
+                .all(|(_, (branch, grades))| self.head.octree.grades_of(branch) >= grades)
+    }
+
+    /// The branches around the body and in the picture, with how many grades of each are needed, and
+    /// how urgent that is.
+    fn needs<'a>(
+        &'a self,
+        outlook: &'a Outlook<'_>,
+    ) -> impl Iterator<Item = (u8, (usize, u8))> + 'a {
+        let octree = &self.head.octree;
+        let around = self.around(outlook.eye);
+        let is_near =
+            move |branch: &usize| octree.bounds_of(*branch).is_some_and(|b| b.intersects(&around));
+        let near = (0..octree.branches()).filter(is_near);
+        let near = near.map(|branch| (0, (branch, octree.grades())));
+        let shown = outlook.shown.iter().map(|shown| {
+            let grades = self.grades_at(shown.depth * DEPTH_SHARE, outlook.focal);
+            (1, (shown.branch as usize, grades))
+        });
+        near.chain(shown)
+    }
+
+    fn length(&self, number: usize) -> usize {
+        self.head.piece(number).map_or(0, |(_, bytes)| bytes as usize)
+    }
+
+    /// The space of a body, and some more.
+    fn around(&self, eye: Vec3) -> Aabb {
+        let body = &self.head.world.body;
+        let low = Vec3::new(body.half_width, body.below_eye, body.half_width);
+        let high = Vec3::new(body.half_width, body.above_eye, body.half_width);
+        Aabb::new(eye - low - AROUND_M, eye + high + AROUND_M)
+    }
+
+    /// How many grades are needed where a picture is so deep, in metres.
+    fn grades_at(&self, depth: f32, focal: f32) -> u8 {
+        let octree = &self.head.octree;
+        let fine = |&grades: &u8| octree.edge_after(grades) * focal <= depth;
+        (1..octree.grades()).find(fine).unwrap_or(octree.grades())
+    }
+
+    /// The pieces that are not here and were not asked for, the most urgent first.
+    fn wanted(&self, outlook: &Outlook<'_>) -> Vec<usize> {
+        let octree = &self.head.octree;
+        let mut urgent = Urgency::new(octree.branches());
+        for (rank, (branch, grades)) in self.needs(outlook) {
+            urgent.note(branch, rank, grades);
+        }
+        if !self.was_sharp {
+            return self.in_order(&urgent, outlook.eye);
+        }
+        let ahead = AHEAD_S.map(|seconds| outlook.eye + outlook.velocity * seconds);
+        let is_moving = outlook.velocity.length_squared() > 0.0;
+        let places = ahead.iter().take(if is_moving { ahead.len() } else { 0 });
+        for (rank, place) in (2..).zip(std::iter::once(&outlook.eye).chain(places)) {
+            let mut note = |branch: usize| {
+                let away = self.distance(branch, *place);
+                urgent.note(branch, rank, self.grades_at(away * DEPTH_SHARE, outlook.focal));
+            };
+            match self.head.seen_from(*place) {
+                Some(seen) => seen.iter().for_each(|branch| note(branch as usize)),
+                None if rank == 2 => (0..octree.branches()).for_each(note),
+                None => {}
+            }
+        }
+        if outlook.all {
+            (0..octree.branches()).for_each(|branch| urgent.note(branch, u8::MAX, octree.grades()));
+        }
+        self.in_order(&urgent, outlook.eye)
+    }
+
+    fn in_order(&self, urgent: &Urgency, eye: Vec3) -> Vec<usize> {
+        let grades = usize::from(self.head.octree.grades());
+        let mut wanted = Vec::new();
+        for (branch, wishes) in urgent.0.iter().enumerate() {
+            let away = self.distance(branch, eye);
+            for grade in usize::from(self.head.octree.grades_of(branch))..grades {
+                let number = branch * grades + grade;
+                let rank = wishes.iter().find(|wish| usize::from(wish.grades) > grade);
+                let is_new = !self.asked.contains(&number) && !self.early.contains_key(&number);
+                if let Some(wish) = rank.filter(|_| is_new) {
+                    wanted.push((wish.rank, grade, away, number));
+                }
+            }
+        }
+        wanted.sort_by(|a, b| {
+            (a.0, a.1).cmp(&(b.0, b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3))
+        });
+        wanted.into_iter().map(|(.., number)| number).collect()
+    }
+
+    fn distance(&self, branch: usize, eye: Vec3) -> f32 {
+        let bounds = self.head.octree.bounds_of(branch);
+        bounds.map_or(0.0, |bounds| eye.clamp(bounds.min, bounds.max).distance(eye))
+    }
+}
+
+/// For each branch, by falling urgency, how many grades are needed.
+struct Urgency(Vec<Vec<Wish>>);
+
+struct Wish {
+    /// The lower, the more urgent.
+    rank: u8,
+    grades: u8,
+}
+
+impl Urgency {
+    fn new(branches: usize) -> Self {
+        Self(std::iter::repeat_with(Vec::new).take(branches).collect())
+    }
+
+    /// Notes a wish, which is not more urgent than those before.
+    fn note(&mut self, branch: usize, rank: u8, grades: u8) {
+        if let Some(wishes) = self.0.get_mut(branch)
+            && wishes.last().is_none_or(|last| last.grades < grades)
+        {
+            wishes.push(Wish { rank, grades });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sightline_fixtures::voxel_floor;
+    use sightline_world::{Viewpoints, WorldPieces};
+
+    use super::*;
+
+    /// A floor of four branches, all of which may be seen from everywhere.
+    fn pieces() -> WorldPieces {
+        let world = voxel_floor::world(&[]);
+        let octree = world.octree.to_pieces();
+        let seen = vec![(0..octree.branches.len() as u32).collect()];
+        WorldPieces::new(&world, octree, &Viewpoints::of(&world.cells), &seen)
+    }
+
+    fn fetcher(pieces: &WorldPieces) -> PieceFetcher {
+        PieceFetcher::new(WorldHead::read(&pieces.head).unwrap())
+    }
+
+    fn outlook(shown: &[ShownBranch]) -> Outlook<'_> {
+        let eye = Vec3::new(1.5, 1.8, 1.5);
+        Outlook { eye, velocity: Vec3::ZERO, focal: 500.0, shown, all: false }
+    }
+
+    #[test]
+    fn what_is_around_the_body_comes_first_and_then_what_is_shown() {
+        let pieces = pieces();
+        let mut fetcher = fetcher(&pieces);
+        let branch_at = |x: f32, z: f32| fetcher.octree().branch_at(Vec3::new(x, 0.1, z)).unwrap();
+        let (own, far) = (branch_at(1.0, 1.0), branch_at(7.0, 7.0));
+        let shown = [ShownBranch { branch: far as u32, depth: 6.0 }];
+        let outlook = outlook(&shown);
+        let order: Vec<_> =
+            fetcher.next(&outlook, 1 << 20).iter().map(|n| (n / 3, n % 3)).collect();
+        let first = [(own, 0), (own, 1), (own, 2), (far, 0), (far, 1), (far, 2)];
+        assert_eq!(order, first);
+        assert!(fetcher.next(&outlook, 1 << 20).is_empty(), "all were asked for");
+        for (branch, grade) in &order[..3] {
+            assert!(!fetcher.is_open_at(outlook.eye));
+            let number = branch * 3 + grade;
+            fetcher.take(number, pieces.pieces[number].clone()).unwrap();
+        }
+        assert!(fetcher.is_open_at(outlook.eye) && !fetcher.is_sharp(&outlook));
+        // Of the far branch the finest grade comes first.
+        for grade in [2, 0, 1] {
+            assert_eq!(fetcher.octree().grades_of(far), u8::from(grade == 1));
+            fetcher.take(far * 3 + grade, pieces.pieces[far * 3 + grade].clone()).unwrap();
+        }
+        assert!(fetcher.is_sharp(&outlook) && !fetcher.octree().is_complete());
+        assert_eq!(fetcher.next(&outlook, 1 << 20).len(), 6, "the rest may be seen");
+    }
+
+    #[test]
+    fn voxels_smaller_than_a_pixel_are_not_needed() {
+        let pieces = pieces();
+        let fetcher = fetcher(&pieces);
+        let grades = |depth: f32| {
+            let shown = [ShownBranch { branch: 3, depth }];
+            fetcher.needed(&outlook(&shown)).iter().filter(|&&number| number / 3 == 3).count()
+        };
+        // Nodes of a quarter and of half a metre span a pixel at 125 m and at 250 m.
+        assert_eq!([100.0, 150.0, 300.0].map(grades), [3, 2, 1]);
+    }
+
+    #[test]
+    fn damaged_and_unknown_pieces_are_refused_and_asked_for_again() {
+        let pieces = pieces();
+        let mut fetcher = fetcher(&pieces);
+        let first = fetcher.next(&outlook(&[]), 1)[0];
+        assert!(fetcher.next(&outlook(&[]), 1).is_empty(), "one is under way");
+        let mut damaged = pieces.pieces[first].clone();
+        damaged[0] ^= 1;
+        assert_eq!(fetcher.take(first, damaged), Err(PieceError::Damaged));
+        assert_eq!(fetcher.take(999, Vec::new()), Err(PieceError::Unknown));
+        assert_eq!(fetcher.next(&outlook(&[]), 1), [first]);
+        fetcher.forget_asked();
+        assert_eq!(fetcher.next(&outlook(&[]), 1), [first]);
+    }
+}
