@@ -45,6 +45,7 @@ fn world(model: &Model, voxel: f32) -> World {
         spawns: model.spawns.clone(),
         body: model.body,
         speed_max: model.speed_max,
+        light: None,
         origin: None,
     }
 }

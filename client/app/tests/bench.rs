@@ -45,6 +45,7 @@ fn hall() -> World {
         speed_max: 4.0,
         movers: Vec::new(),
         rooms: Default::default(),
+        light: None,
         origin: None,
     }
 }

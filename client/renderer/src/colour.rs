@@ -1,12 +1,12 @@
 //! Colours: light, air, sky and glass.
 
 use glam::{Vec3, Vec3A};
-use sightline_world::octree::Material;
+use sightline_world::{light::ShownLight, octree::Material};
 
 use super::mask::BLOCK;
 
-/// Two fixed lamps and their strengths, for what has no baked light: movers and figures. With them
-/// every side of a box has a different colour.
+/// Two fixed lamps and their strengths, for movers and figures where no baked light is known. With
+/// them every side of a box has a different colour.
 const LAMPS: [(Vec3, f32); 2] =
     [(Vec3::new(0.48, 0.82, 0.31), 0.38), (Vec3::new(-0.55, 0.08, -0.83), 0.28)];
 
@@ -50,9 +50,15 @@ pub(super) fn hazed(colour: u32, distance: f32) -> u32 {
 }
 
 /// The colour of a lit surface seen through air, as 0x00RRGGBB. `along` leads from the eye to the
-/// surface, in metres.
-pub(super) fn lit(colour: Vec3, normal: Vec3, along: Vec3) -> u32 {
-    let colour = colour * light(normal, along);
+/// surface, in metres. Without `baked` light, two fixed lamps light it.
+pub(super) fn lit(colour: Vec3, normal: Vec3, along: Vec3, baked: Option<&ShownLight>) -> u32 {
+    let colour = match baked {
+        None => colour * light(normal, along),
+        Some(baked) => {
+            let facing = if normal.dot(along) > 0.0 { -normal } else { normal };
+            colour * baked.tint * baked_outside(&baked.sides, facing.to_array(), 1.0)
+        }
+    };
     let haze = along.length() / (along.length() + HAZE_M);
     pack(colour.lerp(HORIZON, haze * haze))
 }
@@ -73,6 +79,18 @@ pub(super) fn light_outside(normal: [f32; 3], scale: f32) -> f32 {
         light += power * if share > 0.0 { share * scale } else { 0.0 };
     }
     light
+}
+
+/// Baked light on a surface that is seen from outside, without its tint. `normal` points along its
+/// normal, and `scale` is one over the square of the length of `normal`.
+#[inline(always)]
+pub(super) fn baked_outside(sides: &[f32; 6], normal: [f32; 3], scale: f32) -> f32 {
+    let mut light = 0.0;
+    for axis in 0..3 {
+        let side = if normal[axis] > 0.0 { sides[2 * axis + 1] } else { sides[2 * axis] };
+        light += normal[axis] * normal[axis] * side;
+    }
+    light * scale
 }
 
 /// The colours of the sky along eight lines of sight, each `step` beside the one before.
@@ -146,6 +164,20 @@ mod tests {
             let light = light(normal / length, along);
             assert!((light_outside(normal.to_array(), 1.0 / length) - light).abs() < 1e-6);
         }
+    }
+
+    #[test]
+    fn baked_light_lies_on_the_sides_that_face_it() {
+        let sides = [0.1, 0.9, 0.3, 0.7, 0.5, 0.2];
+        let at =
+            |normal: Vec3| baked_outside(&sides, normal.to_array(), 1.0 / normal.length_squared());
+        for (axis, pair) in Vec3::AXES.into_iter().zip(sides.as_chunks::<2>().0) {
+            assert_eq!([at(-axis * 3.0), at(axis * 0.5)], *pair);
+        }
+        assert!((at(Vec3::new(1.0, 1.0, -1.0)) - (0.9 + 0.7 + 0.5) / 3.0).abs() < 1.0e-6);
+        let warm = ShownLight { sides, tint: Vec3::new(1.0, 0.5, 0.25) };
+        let seen = lit(Vec3::splat(200.0), Vec3::X, Vec3::X * 1.0e-3, Some(&warm));
+        assert_eq!(seen, 0x0014_0a05, "the side that faces the eye is that at -x");
     }
 
     #[test]

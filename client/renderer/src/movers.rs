@@ -7,20 +7,27 @@
 use std::time::Duration;
 
 use glam::{DAffine3, Vec3};
-use sightline_world::Mover;
+use sightline_world::{Mover, World, light::ShownLight};
 
 use super::{
     Camera, Frame, band::BAND_ROWS, colour, margins::NEAR, panes::Panes, parallel, view::View,
 };
 
-/// Draws movers as they are at a time of the server's clock into a frame that shows the building
-/// from the same camera. A triggered mover rests where it begins.
-pub fn draw(frame: &mut Frame, camera: &Camera, movers: &[Mover], now: Duration) {
-    draw_selected(frame, camera, &movers.iter().collect::<Vec<_>>(), now);
+/// Draws the movers of a world as they are at a time of the server's clock into a frame that shows
+/// the building from the same camera. A triggered mover rests where it begins.
+pub fn draw(frame: &mut Frame, camera: &Camera, world: &World, now: Duration) {
+    draw_selected(frame, camera, world, &world.movers.iter().collect::<Vec<_>>(), now);
 }
 
-/// Draws selected movers, such as those of a visibility set, as [`draw`] does.
-pub fn draw_selected(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now: Duration) {
+/// Draws selected movers, such as those of a visibility set, in the light of a world, as [`draw`]
+/// does.
+pub fn draw_selected(
+    frame: &mut Frame,
+    camera: &Camera,
+    world: &World,
+    movers: &[&Mover],
+    now: Duration,
+) {
     let (width, height) = (frame.width(), frame.height());
     if width == 0 || height == 0 {
         return;
@@ -28,7 +35,7 @@ pub fn draw_selected(frame: &mut Frame, camera: &Camera, movers: &[&Mover], now:
     let view = View::new(camera, width, height);
     let facets = parallel::flat_map(movers, |mover| {
         let is_in_view = is_in_view(mover, now, &view, frame);
-        let facets = is_in_view.then(|| facets(mover, now, &view));
+        let facets = is_in_view.then(|| facets(mover, world, now, &view));
         facets.into_iter().flatten().filter(|facet| facet.bounds.meets(width, height))
     });
     if facets.is_empty() {
@@ -74,10 +81,13 @@ fn is_in_view(mover: &Mover, now: Duration, view: &View, frame: &Frame) -> bool 
 /// The triangles of a mover that are visible from some side.
 fn facets<'a>(
     mover: &'a Mover,
+    world: &World,
     now: Duration,
     view: &'a View,
 ) -> impl Iterator<Item = Facet> + use<'a> {
     let place = place(mover, now);
+    let at = time_of(mover, now);
+    let light = world.light_around(&mover.swept(at, at));
     let mesh = mover.mesh();
     let eye = view.eye.as_dvec3();
     let positions: Vec<Vec3> = mesh
@@ -86,7 +96,7 @@ fn facets<'a>(
         .map(|position| (place.transform_point3(position.as_dvec3()) - eye).as_vec3())
         .collect();
     mesh.triangles.iter().zip(mover.colours()).filter_map(move |(triangle, &colour)| {
-        Facet::new(triangle.map(|index| positions[index as usize]), colour, view)
+        Facet::new(triangle.map(|index| positions[index as usize]), colour, light.as_ref(), view)
     })
 }
 
@@ -136,7 +146,12 @@ struct Facet {
 impl Facet {
     /// A triangle by its corners relative to the eye; `None` when it is seen from its edge, or a
     /// corner is not finite.
-    fn new([a, b, c]: [Vec3; 3], colour: [u8; 3], view: &View) -> Option<Self> {
+    fn new(
+        [a, b, c]: [Vec3; 3],
+        colour: [u8; 3],
+        light: Option<&ShownLight>,
+        view: &View,
+    ) -> Option<Self> {
         let volume = a.dot(b.cross(c));
         if !(volume.abs() > 0.0 && volume.is_finite()) {
             return None;
@@ -147,7 +162,7 @@ impl Facet {
         Some(Self {
             sides: [b.cross(c), c.cross(a), a.cross(b)].map(|side| side * sign),
             volume: volume.abs(),
-            colour: colour::lit(Vec3::from(colour.map(f32::from)), normal, middle),
+            colour: colour::lit(Vec3::from(colour.map(f32::from)), normal, middle, light),
             bounds: ScreenBounds::of([a, b, c], view),
         })
     }
@@ -195,6 +210,7 @@ impl ScreenBounds {
 #[cfg(test)]
 mod tests {
     use glam::{DAffine3, DVec3, Quat};
+    use sightline_fixtures::two_rooms;
     use sightline_world::{
         Mesh,
         motion::trajectory::{Joint, KeyframeTrack, Playback, Trajectory},
@@ -218,7 +234,8 @@ mod tests {
     fn drawn(movers: &[Mover], wall: f32, now_s: f64) -> Frame {
         let mut frame = Frame::new(SIZE.0, SIZE.1);
         frame.depth.fill(wall);
-        draw(&mut frame, &CAMERA, movers, Duration::from_secs_f64(now_s));
+        let world = World { movers: movers.to_vec(), ..two_rooms::world() };
+        draw(&mut frame, &CAMERA, &world, Duration::from_secs_f64(now_s));
         frame
     }
 
@@ -291,6 +308,7 @@ mod tests {
         let corners = [[1.0, 1.6, 5.0], [1.0, 1.6, 5.0], [1e6, -1e6, 1e6]];
         let odd = mover(&corners, Joint::still(DAffine3::IDENTITY), Playback::Loop);
         drawn(std::slice::from_ref(&odd), f32::INFINITY, 0.0);
-        draw(&mut Frame::new(0, 0), &CAMERA, &[odd], Duration::MAX);
+        let world = World { movers: vec![odd], ..two_rooms::world() };
+        draw(&mut Frame::new(0, 0), &CAMERA, &world, Duration::MAX);
     }
 }

@@ -231,7 +231,15 @@ fn glass_is_in_front_of_figures_behind_it_alone() {
         avatars::draw(
             &mut frame,
             &camera,
-            &[avatars::AvatarFigure { pose, body, colour: [250, 60, 60], name: "", stride: 0.0 }],
+            octree,
+            &[avatars::AvatarFigure {
+                pose,
+                body,
+                colour: [250, 60, 60],
+                name: "",
+                stride: 0.0,
+                light: None,
+            }],
         );
         frame
     };

@@ -7,6 +7,7 @@ use sightline_oracle::Oracle;
 use sightline_world::{
     Cells, Mesh, World,
     geometry::{Aabb, Axes},
+    light::BakedLight,
     rooms::Rooms,
 };
 
@@ -110,16 +111,16 @@ pub fn compile(
     let mesh = mesh(&model.opaque);
     let (rooms, room_warnings) = resolved_rooms(model, &cells, &mesh)?;
     let method = if model.is_lit || is_quick { LightMethod::None } else { options.light };
-    let (light, light_figures) = match method {
-        LightMethod::None => (None, None),
+    let (light, baked, light_figures) = match method {
+        LightMethod::None => (None, None, None),
         LightMethod::Ambient => {
-            (Some(timer.time(Stage::Light, || ambient(model, &axes, voxel, &relay))?), None)
+            (Some(timer.time(Stage::Light, || ambient(model, &axes, voxel, &relay))?), None, None)
         }
         LightMethod::Radiosity => {
             let quality = options.light_quality;
             let lit = || radiosity(model, &axes, voxel, quality, &relay);
-            let (light, figures) = timer.time(Stage::Light, lit)?;
-            (Some(light), Some(figures))
+            let (light, baked, figures) = timer.time(Stage::Light, lit)?;
+            (Some(light), Some(baked), Some(figures))
         }
     };
     relay.begin(Stage::Voxels)?;
@@ -141,6 +142,7 @@ pub fn compile(
         speed_max: model.speed_max,
         movers: model.movers.clone(),
         rooms,
+        light: baked,
         origin: model.origin.clone(),
     };
     relay.begin(Stage::Spawns)?;
@@ -286,7 +288,7 @@ fn radiosity(
     voxel: f32,
     quality: LightQuality,
     relay: &ProgressRelay<'_>,
-) -> Result<(Light, LightFigures), CompileError> {
+) -> Result<(Light, BakedLight, LightFigures), CompileError> {
     relay.begin(Stage::Light)?;
     let report = |share| relay.report(Stage::Light, share);
     let light = Light::by_radiosity(model, axes.world(Vec3::X), voxel, quality, &report);

@@ -8,16 +8,16 @@ use std::ops::ControlFlow;
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use sightline_picture::Picture;
-use sightline_world::geometry::Axes;
+use sightline_world::{
+    geometry::Axes,
+    light::{GAMMA, shoulder},
+};
 
 use crate::{
     carve,
-    light::{LightFigures, LightQuality, Reference, shoulder},
+    light::{LightFigures, LightQuality, Reference},
     model::Model,
 };
-
-/// sRGB is about this power of light.
-const GAMMA: f32 = 1.0 / 2.2;
 
 /// A building that was lit for a comparison.
 pub struct LightCheck {

@@ -5,6 +5,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use glam::{Vec2, Vec3};
 use sightline_picture::Picture;
+use sightline_world::light::GAMMA;
 
 use crate::model::{Surface, SurfaceMaterial};
 
@@ -12,8 +13,6 @@ use crate::model::{Surface, SurfaceMaterial};
 /// black.
 const GLASS_LEAST: f32 = 0.13;
 
-/// sRGB is about this power of light.
-const GAMMA: f32 = 1.0 / 2.2;
 /// The mean of a texture is that of about this many of its texels.
 const TEXELS: usize = 4_096;
 

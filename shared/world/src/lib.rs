@@ -9,6 +9,7 @@
 //! * [`octree`]: the voxels that are drawn; [`octree::occupants`] is an octree of moving objects.
 //! * [`cells`]: the spatial subdivision, with portals between cells, gates between spaces, and the
 //!   PVS.
+//! * [`light`]: probes, which light avatars and movers.
 //! * [`rooms`]: what the author says may be seen from where. Data only: `sightline-visibility`
 //!   evaluates it.
 //! * [`Mesh`], [`Mover`] and [`Origin`]: the occluding triangles, the objects on trajectories, and
@@ -31,6 +32,7 @@
 //!     mesh: Mesh::default(),
 //!     movers: Vec::new(),
 //!     rooms: Rooms::default(),
+//!     light: None,
 //!     spawns: vec![Spawn { eye: Vec3::new(10.0, 1.6, 15.0), yaw: 0.0 }],
 //!     body: Body::PERSON,
 //!     speed_max: 4.0,
@@ -45,6 +47,7 @@
 pub mod cells;
 mod file;
 pub mod geometry;
+pub mod light;
 mod mesh;
 pub mod motion;
 mod mover;

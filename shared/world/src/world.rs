@@ -1,8 +1,11 @@
 //! The compiled building as a whole.
 
+use glam::Vec3;
+
 use crate::{
     cells::Cells,
     geometry::{Aabb, Confines},
+    light::{BakedLight, ShownLight, places_beside},
     mesh::Mesh,
     motion::{Body, Spawn},
     mover::Mover,
@@ -28,6 +31,8 @@ pub struct World {
     pub movers: Vec<Mover>,
     /// The rooms that the author describes.
     pub rooms: Rooms,
+    /// The light for what moves. Worlds that bring their own light have none.
+    pub light: Option<BakedLight>,
     /// The poses at which avatars can begin. Never empty.
     pub spawns: Vec<Spawn>,
     /// The shape of every body.
@@ -48,5 +53,23 @@ impl World {
     /// The region in which an eye can be. It contains the whole building.
     pub fn confines(&self) -> Confines {
         Confines { axes: self.cells.axes, bounds: self.cells.bounds }
+    }
+
+    /// The light at a place, or None where none is known.
+    pub fn light_at(&self, place: Vec3) -> Option<ShownLight> {
+        let light = self.light.as_ref()?;
+        light.at(place, &self.cells).map(|arriving| arriving.shown(light.exposure))
+    }
+
+    /// The light on a mover that fills a box, or None where none is known. Each side has the light of
+    /// the place beside it, so that the two sides of a door differ.
+    pub fn light_around(&self, bounds: &Aabb) -> Option<ShownLight> {
+        let mut around = ShownLight { sides: [0.0; 6], tint: Vec3::ZERO };
+        for (side, place) in places_beside(bounds).into_iter().enumerate() {
+            let there = self.light_at(place)?;
+            around.sides[side] = there.sides[side];
+            around.tint += there.tint / 6.0;
+        }
+        Some(around)
     }
 }

@@ -194,7 +194,7 @@ impl PictureMoment {
         let camera = Camera::at(&self.pose);
         let mut frame = Frame::new(SIZE.0, SIZE.1);
         Renderer::default().draw(&world.octree, &camera, &mut frame);
-        movers::draw(&mut frame, &camera, &world.movers, self.time);
+        movers::draw(&mut frame, &camera, world, self.time);
         let figures: Vec<AvatarFigure> = self
             .visible
             .iter()
@@ -204,9 +204,10 @@ impl PictureMoment {
                 colour: avatar.colour,
                 name: &avatar.name,
                 stride: 0.0,
+                light: world.light_at(world.body.middle(avatar.pose.eye)),
             })
             .collect();
-        avatars::draw(&mut frame, &camera, &figures);
+        avatars::draw(&mut frame, &camera, &world.octree, &figures);
         Picture::from_fn(SIZE.0 as u32, SIZE.1 as u32, |x, y| {
             let [_, r, g, b] = frame.colour[y as usize * SIZE.0 + x as usize].to_be_bytes();
             [r, g, b]

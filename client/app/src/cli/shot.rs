@@ -203,7 +203,7 @@ impl<'a> ShotRenderer<'a> {
         if let Some(sight) = &self.renderer.building_sight {
             movers.retain(|mover| sight.may_show(mover));
         }
-        movers::draw_selected(frame, &camera, &movers, now);
+        movers::draw_selected(frame, &camera, self.world, &movers, now);
         if let Some(wires) = &self.wires {
             wires.draw(frame, &camera);
         }

@@ -240,7 +240,7 @@ impl Scene {
         if let Some(sight) = &self.renderer.building_sight {
             movers.retain(|mover| sight.may_show(mover));
         }
-        movers::draw_selected(&mut self.inhabited, camera, &movers, time);
+        movers::draw_selected(&mut self.inhabited, camera, world, &movers, time);
         self.shown = ShownLayers::default();
         self.seen.clear();
     }

@@ -7,6 +7,7 @@ use std::{
 
 use glam::{Mat3, Vec3};
 use pulp::WithSimd;
+use sightline_world::light::ShownLight;
 
 use super::figure::Part;
 use crate::{colour, panes::Panes, view::View};
@@ -14,8 +15,8 @@ use crate::{colour, panes::Panes, view::View};
 /// The number of pixels that are worked out side by side.
 const LANES: usize = 8;
 
-const HAIR: [f32; 3] = [70.0, 52.0, 40.0];
-const EYES: [f32; 3] = [36.0, 32.0, 34.0];
+const HAIR: Vec3 = Vec3::new(70.0, 52.0, 40.0);
+const EYES: Vec3 = Vec3::new(36.0, 32.0, 34.0);
 
 /// The work on one band. It is a type and not a closure, because only functions without closures
 /// are compiled as a whole for each kind of processor.
@@ -73,7 +74,10 @@ pub(super) struct Ellipsoid<'a> {
     centre: Vec3,
     /// From the world's axes to those in which the ellipsoid is the unit ball.
     to_ball: Mat3,
-    colour: Vec3,
+    /// The colours of skin or clothes, of hair and of eyes, in light without strength.
+    colours: [[f32; 3]; 3],
+    /// Baked light on each side. Without it, two fixed lamps light the part.
+    light: Option<[f32; 6]>,
     is_head: bool,
     /// Least and greatest column, in pixels.
     columns: [f32; 2],
@@ -84,14 +88,22 @@ pub(super) struct Ellipsoid<'a> {
 }
 
 impl<'a> Ellipsoid<'a> {
-    pub(super) fn new(view: &View, part: &Part, seen: &'a AtomicBool) -> Self {
+    pub(super) fn new(
+        view: &View,
+        part: &Part,
+        light: Option<&ShownLight>,
+        seen: &'a AtomicBool,
+    ) -> Self {
         let Part { centre, shape, colour, is_head } = *part;
         let axes = shape.transpose();
         let reach = Vec3::new(axes.x_axis.length(), axes.y_axis.length(), axes.z_axis.length());
         let (columns, rows) = view.bounds(centre, reach);
         let nearest = view.depth(centre) - view.depth_reach(&shape);
         let (centre, to_ball) = (centre - view.eye, shape.inverse());
-        Self { seen, centre, to_ball, colour, is_head, columns, rows, nearest }
+        let tint = light.map_or(Vec3::ONE, |light| light.tint);
+        let colours = [colour, HAIR, EYES].map(|own| (own * tint).to_array());
+        let light = light.map(|light| light.sides);
+        Self { seen, centre, to_ball, colours, light, is_head, columns, rows, nearest }
     }
 
     pub(super) fn is_in(&self, width: usize, height: usize) -> bool {
@@ -126,7 +138,15 @@ impl<'a> Ellipsoid<'a> {
             if !behind.iter().zip(entries).any(|(behind, entry)| entry < *behind) {
                 continue;
             }
-            let colours = self.colours(view.ray(from as f32, y as f32), step, &entries);
+            let ray = view.ray(from as f32, y as f32);
+            let colours = match &self.light {
+                Some(sides) => self.colours(ray, step, &entries, |normal, square| {
+                    colour::baked_outside(sides, normal, 1.0 / square)
+                }),
+                None => self.colours(ray, step, &entries, |normal, square| {
+                    colour::light_outside(normal, 1.0 / square.sqrt())
+                }),
+            };
             for (x, (entry, colour)) in columns.zip(entries.into_iter().zip(colours)) {
                 if entry < row.depth[x] {
                     (row.depth[x], row.shown[x]) = (entry, number);
@@ -159,11 +179,18 @@ impl<'a> Ellipsoid<'a> {
         entries
     }
 
-    /// The colours of the points where eight rays enter the ellipsoid.
+    /// The colours of the points where eight rays enter the ellipsoid. `light` takes a normal and the
+    /// square of its length.
     #[inline(always)]
-    fn colours(&self, ray: Vec3, step: Vec3, entries: &[f32; LANES]) -> [u32; LANES] {
+    fn colours(
+        &self,
+        ray: Vec3,
+        step: Vec3,
+        entries: &[f32; LANES],
+        light: impl Fn([f32; 3], f32) -> f32,
+    ) -> [u32; LANES] {
         let [ray, step, centre] = [ray, step, self.centre].map(|of| (self.to_ball * of).to_array());
-        let (colour, is_head) = (self.colour.to_array(), self.is_head);
+        let ([colour, hair, eyes], is_head) = (self.colours, self.is_head);
         let outward = self.to_ball.transpose();
         let rows = [outward.row(0), outward.row(1), outward.row(2)].map(|row| row.to_array());
         let mut packed = [0; LANES];
@@ -171,14 +198,14 @@ impl<'a> Ellipsoid<'a> {
             let out = [0, 1, 2].map(|axis| (ray[axis] + step[axis] * i as f32) * t - centre[axis]);
             let normal = rows.map(|row| row[0] * out[0] + row[1] * out[1] + row[2] * out[2]);
             let length = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
-            let light = colour::light_outside(normal, 1.0 / length.sqrt());
+            let light = light(normal, length);
             // A head looks along -z: its hair is above and behind, its eyes are in front.
             let is_hair = is_head & ((out[1] > 0.5) | ((out[2] > 0.1) & (out[1] > -0.45)));
             let [across, up] = [out[0].abs() - 0.36, out[1] - 0.08];
             let is_eye = is_head & (out[2] < 0.0) & (across * across + up * up < 0.018);
             for channel in 0..3 {
-                let plain = if is_hair { HAIR[channel] } else { colour[channel] };
-                let own = if is_eye { EYES[channel] } else { plain };
+                let plain = if is_hair { hair[channel] } else { colour[channel] };
+                let own = if is_eye { eyes[channel] } else { plain };
                 let level = if own * light < 255.0 { own * light } else { 255.0 };
                 // The lowest bits of so large a number count ones; this takes less time than a
                 // cast.

@@ -184,7 +184,7 @@ mod tests {
             let body = Body { half_width, below_eye, above_eye: 0.1 };
             let pose =
                 Pose { yaw, pitch: pitch * 0.49, velocity: Vec3::X * speed, ..Pose::default() };
-            let figure = AvatarFigure { pose, body, colour: [1; 3], name: "", stride };
+            let figure = AvatarFigure { pose, body, colour: [1; 3], name: "", stride, light: None };
             let around = body.around(Vec3::ZERO).grown(1e-4);
             for small in [false, true] {
                 for part in parts(&figure, small) {

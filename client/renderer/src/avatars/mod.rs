@@ -3,10 +3,15 @@
 mod ellipsoid;
 mod figure;
 mod names;
+pub(crate) mod shadow;
 
 use std::sync::atomic::AtomicBool;
 
-use sightline_world::motion::{Body, Pose};
+use sightline_world::{
+    light::ShownLight,
+    motion::{Body, Pose},
+    octree::Octree,
+};
 
 use self::ellipsoid::{Ellipsoid, FigureBand};
 use super::{Camera, Frame, band::BAND_ROWS, parallel, view::View};
@@ -24,6 +29,8 @@ pub struct AvatarFigure<'a> {
     pub name: &'a str,
     /// How far the legs are in their swing, in radians; a whole turn is two steps.
     pub stride: f32,
+    /// The light where it is. Without one, two fixed lamps light it.
+    pub light: Option<ShownLight>,
 }
 
 /// The height of a name above the head, in metres.
@@ -31,23 +38,31 @@ const NAME_ABOVE_M: f32 = 0.08;
 /// A figure that is lower in the picture has fewer parts, in pixels.
 const SMALL_PX: f32 = 24.0;
 
-/// Draws figures, and the names of those that can be seen, into a frame that shows the building from
-/// the same camera, where nothing in the frame is nearer. Returns for each figure whether it can be
-/// seen: whether at least one pixel shows it.
-pub fn draw(frame: &mut Frame, camera: &Camera, figures: &[AvatarFigure]) -> Vec<bool> {
+/// Draws figures, their shadows on the floor, and the names of those that can be seen, into a frame
+/// that shows a building from the same camera, where nothing in the frame is nearer. Returns for each
+/// figure whether it can be seen: whether at least one pixel shows it.
+pub fn draw(
+    frame: &mut Frame,
+    camera: &Camera,
+    building: &Octree,
+    figures: &[AvatarFigure],
+) -> Vec<bool> {
     let seen: Vec<AtomicBool> = figures.iter().map(|_| AtomicBool::new(false)).collect();
     let (width, height) = (frame.width(), frame.height());
     if width == 0 || height == 0 || figures.is_empty() {
         return vec![false; figures.len()];
     }
     let view = View::new(camera, width, height);
+    shadow::draw(frame, &view, building, figures);
     let mut parts: Vec<Ellipsoid> = figures
         .iter()
         .zip(&seen)
         .filter(|(figure, _)| figure.pose.is_finite())
         .flat_map(|(figure, seen)| {
             let parts = figure::parts(figure, is_small(figure, &view));
-            parts.into_iter().map(|part| Ellipsoid::new(&view, &part, seen)).collect::<Vec<_>>()
+            let light = figure.light.as_ref();
+            let seen = move |part| Ellipsoid::new(&view, &part, light, seen);
+            parts.into_iter().map(seen).collect::<Vec<_>>()
         })
         .filter(|part| part.is_in(width, height))
         .collect();
@@ -83,13 +98,17 @@ mod tests {
 
     fn figure(eye: Vec3, colour: [u8; 3]) -> AvatarFigure<'static> {
         let pose = Pose { eye, yaw: 0.5, ..Pose::default() };
-        AvatarFigure { pose, body: Body::PERSON, colour, name: "Ada", stride: 1.0 }
+        AvatarFigure { pose, body: Body::PERSON, colour, name: "Ada", stride: 1.0, light: None }
+    }
+
+    fn nothing() -> Octree {
+        Octree::empty(Vec3::ZERO, 1.0, 1)
     }
 
     fn drawn(figures: &[AvatarFigure], wall: f32) -> Frame {
         let mut frame = Frame::new(200, 160);
         frame.depth.fill(wall);
-        let seen = draw(&mut frame, &CAMERA, figures);
+        let seen = draw(&mut frame, &CAMERA, &nothing(), figures);
         assert_eq!(seen.contains(&true), frame.depth.iter().any(|&depth| depth != wall));
         frame
     }
@@ -138,7 +157,9 @@ mod tests {
             let pose = Pose { eye, ..Pose::default() };
             AvatarFigure { pose, body, name: "", ..figure(eye, [9; 3]) }
         });
-        let seen = |figures: &[AvatarFigure]| draw(&mut Frame::new(960, 540), &camera, figures);
+        let seen = |figures: &[AvatarFigure]| {
+            draw(&mut Frame::new(960, 540), &camera, &nothing(), figures)
+        };
         // Part of the first is nearer than any of the second, and drawn before it.
         assert_eq!((seen(&both[..1]), seen(&both)), (vec![true], vec![false, true]));
     }
@@ -148,7 +169,7 @@ mod tests {
         let mut frame = Frame::new(1200, 900);
         let eye = Vec3::new(31.0, 1.6, -400.0);
         let narrow = Camera { fov_y: 0.03, ..Camera::looking_at(Vec3::Y, eye) };
-        assert_eq!(draw(&mut frame, &narrow, &[figure(eye, [200; 3])]), [true]);
+        assert_eq!(draw(&mut frame, &narrow, &nothing(), &[figure(eye, [200; 3])]), [true]);
         let shown = frame.depth.iter().filter(|depth| depth.is_finite()).count();
         assert!(shown > 2_000, "{shown}");
         let view = View::new(&narrow, 1200, 900);
@@ -168,6 +189,6 @@ mod tests {
         let beside = [Vec3::NAN, Vec3::splat(1.0e30), CAMERA.eye, CAMERA.eye + Vec3::Z * 0.1];
         let figures: Vec<AvatarFigure> = beside.map(|eye| figure(eye, [9; 3])).to_vec();
         drawn(&figures, f32::INFINITY);
-        draw(&mut Frame::new(0, 0), &CAMERA, &figures);
+        draw(&mut Frame::new(0, 0), &CAMERA, &nothing(), &figures);
     }
 }

@@ -43,14 +43,15 @@ impl InView {
     pub fn draw(&self, frame: &mut Frame, camera: &Camera, world: &World) -> Vec<VisibleAvatar> {
         let doors: Vec<&Mover> =
             self.movers.iter().filter_map(|(at, _)| world.movers.get(*at as usize)).collect();
-        movers::draw_selected(frame, camera, &doors, self.now);
+        movers::draw_selected(frame, camera, world, &doors, self.now);
         let stride = (self.now.as_secs_f64() * STRIDES_PER_S).fract() as f32 * TAU;
         let figure = |avatar| {
             let VisibleAvatar { name, colour, pose, .. }: &'_ VisibleAvatar = avatar;
-            AvatarFigure { pose: *pose, body: world.body, colour: *colour, name, stride }
+            let light = world.light_at(world.body.middle(pose.eye));
+            AvatarFigure { pose: *pose, body: world.body, colour: *colour, name, stride, light }
         };
         let figures: Vec<AvatarFigure> = self.avatars.iter().map(figure).collect();
-        let is_seen = avatars::draw(frame, camera, &figures);
+        let is_seen = avatars::draw(frame, camera, &world.octree, &figures);
         let seen = self.avatars.iter().zip(is_seen).filter(|(_, is_seen)| *is_seen);
         seen.map(|(avatar, _)| avatar.clone()).collect()
     }

@@ -2,12 +2,15 @@
 
 use std::time::Duration;
 
+use glam::Vec3;
 use sightline_client_core::replica::{AvatarSource, Update, VisibleAvatar};
 use sightline_world::{
     Mover, World,
     geometry::Aabb,
     motion::{Agility, AvatarId, Pose, trajectory::Playback},
 };
+
+use crate::avatars::shadow;
 
 /// Boxes are grown on each side by this share of their distance from the origin, for rounding.
 pub(super) const ROUNDING: f32 = 1e-5;
@@ -68,9 +71,12 @@ impl<'a> MovingSet<'a> {
         self.source.path(avatar, self.now, until).map(|(_, eyes)| self.figure(&eyes))
     }
 
-    /// The box that contains a figure while its eye is in a box.
+    /// The box that contains a figure and its shadow while its eye is in a box.
     fn figure(&self, eyes: &Aabb) -> Aabb {
-        rounded(&self.world.body.around_box(eyes))
+        let body = self.world.body.around_box(eyes);
+        let aside = (shadow::RADIUS_M - self.world.body.half_width).max(0.0);
+        let shadow = Vec3::new(aside, shadow::HEIGHT_M, aside);
+        rounded(&Aabb::new(body.min - shadow, body.max + shadow.with_y(0.0)))
     }
 }
 

@@ -23,15 +23,16 @@ use std::{
 
 use glam::Vec3;
 use rayon::prelude::*;
+use sightline_world::light::{BakedLight, shoulder};
 
 use crate::{
     model::{Model, Surface},
     palette::Shade,
 };
 use patch::Patch;
+pub(crate) use radiosity::Reference;
 pub use radiosity::{LightFigures, LightQuality};
 use radiosity::{RadiosityInput, Solved};
-pub(crate) use radiosity::{Reference, shoulder};
 use shell::Shell;
 
 /// Points are this far apart, in metres …
@@ -134,17 +135,17 @@ impl Light {
         Some(Self { shell, patches, of_triangle, spacing, is_linear: false })
     }
 
-    /// The light of a model by radiosity, with its figures. `along` and `voxel` are those of
-    /// [`Light::new`]. None when `progress` breaks.
+    /// The light of a model by radiosity, that for what moves, and figures. `along` and `voxel` are
+    /// those of [`Light::new`]. None when `progress` breaks.
     pub fn by_radiosity(
         model: &Model,
         along: Vec3,
         voxel: f32,
         quality: LightQuality,
         progress: &(dyn Fn(f32) -> ControlFlow<()> + Sync),
-    ) -> Option<(Self, LightFigures)> {
+    ) -> Option<(Self, BakedLight, LightFigures)> {
         let (light, solved) = Self::solved(model, along, voxel, quality, progress)?;
-        Some((light, solved.figures))
+        Some((light, solved.baked, solved.figures))
     }
 
     fn solved(
@@ -162,6 +163,8 @@ impl Light {
             of_triangle: &light.of_triangle,
             lamps: &model.lamps,
             has_sky: model.has_sky,
+            body: &model.body,
+            movers: &model.movers,
             quality,
             voxels_between: light.spacing / voxel,
         };

@@ -148,6 +148,7 @@ mod tests {
             speed_max: 1.0,
             movers: Vec::new(),
             rooms: Default::default(),
+            light: None,
             origin: None,
         }
     }

@@ -31,6 +31,7 @@ fn rooms() -> World {
         speed_max: 5.0,
         movers: Vec::new(),
         rooms: Default::default(),
+        light: None,
         origin: None,
     };
     with_pvs(world, &[&[0], &[1, 2], &[1, 2]])
@@ -184,6 +185,7 @@ fn in_one_cell(model: model::Model) -> World {
         spawns,
         body,
         speed_max,
+        light: None,
         origin,
     };
     with_pvs(world, &[&[0]])

@@ -69,7 +69,7 @@ fn view(world: &World, spawn: &Spawn) -> Picture {
     let camera = Camera::at(&Pose { eye: spawn.eye, yaw: spawn.yaw, ..Pose::default() });
     let mut frame = Frame::new(VIEW.0, VIEW.1);
     Renderer::default().draw(&world.octree, &camera, &mut frame);
-    movers::draw(&mut frame, &camera, &world.movers, Duration::ZERO);
+    movers::draw(&mut frame, &camera, world, Duration::ZERO);
     Picture::from_fn(VIEW.0 as u32, VIEW.1 as u32, |x, y| {
         let [_, red, green, blue] = frame.colour[y as usize * VIEW.0 + x as usize].to_be_bytes();
         [red, green, blue]

@@ -45,6 +45,7 @@ pub fn world(tree: Vec<Node>, bounds: Vec<Aabb>, sees: impl Fn(u32, u32) -> bool
         speed_max: 2.0,
         movers: Vec::new(),
         rooms: Default::default(),
+        light: None,
         origin: None,
     }
 }

@@ -53,6 +53,7 @@ pub fn world(rooms: Rooms, turn: f64) -> World {
         spawns: vec![Spawn { eye: Vec3::ZERO, yaw: 0.0 }],
         body: Body::PERSON,
         speed_max: 4.0,
+        light: None,
         origin: None,
     }
 }

@@ -14,6 +14,7 @@
 //! memory, and every index before it stores it.
 
 mod cells;
+mod light;
 mod mesh;
 mod meta;
 mod movers;
@@ -40,7 +41,7 @@ use crate::{
 };
 
 const MAGIC: [u8; 4] = *b"SLW\n";
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 const HEADER_BYTES: usize = 48;
 /// The greatest unpacked length of a world: 2 GiB.
 const UNPACKED_BYTES_MAX: u64 = 1 << 31;
@@ -121,6 +122,7 @@ impl World {
         section(&mut sections, b"MESH", &mesh::to_bytes(&self.mesh));
         section(&mut sections, b"MOVR", &movers::to_bytes(&self.movers));
         section(&mut sections, b"ROOM", &meta::rooms_bytes(&self.rooms));
+        section(&mut sections, b"LGHT", &light::to_bytes(self.light.as_ref()));
         section(&mut sections, b"ORIG", &origin::to_bytes(self.origin.as_ref()));
         debug_assert!(sections.len() as u64 <= UNPACKED_BYTES_MAX, "no reader would take it");
         let packed = packing::pack(&sections, ZSTD_LEVEL);
@@ -224,7 +226,8 @@ fn read_sections(input: &mut SectionReader) -> Result<World, ReadError> {
     let mesh = mesh::read(&mut input.section(b"MESH")?)?;
     let movers = movers::read(&mut input.section(b"MOVR")?)?;
     let rooms = meta::read_rooms(&input.section(b"ROOM")?, cells.cells.len(), movers.len())?;
+    let light = light::read(&mut input.section(b"LGHT")?)?;
     let origin = origin::read(&mut input.section(b"ORIG")?)?;
     let Meta { title, body, speed_max, spawns } = meta;
-    Ok(World { title, octree, cells, mesh, movers, rooms, spawns, body, speed_max, origin })
+    Ok(World { title, octree, cells, mesh, movers, rooms, light, spawns, body, speed_max, origin })
 }

@@ -203,6 +203,7 @@ fn without_voxels(world: &World) -> World {
         title: world.title.clone(),
         movers: world.movers.clone(),
         rooms: world.rooms.clone(),
+        light: world.light.clone(),
         spawns: world.spawns.clone(),
         ..*world
     }
@@ -405,6 +406,7 @@ mod tests {
             mesh: Mesh::default(),
             movers: Vec::new(),
             rooms: Rooms::default(),
+            light: None,
             spawns: vec![Spawn { eye: Vec3::new(4.0, 1.6, 4.0), yaw: 0.0 }],
             body: Body::PERSON,
             speed_max: 3.0,

@@ -7,6 +7,7 @@ use super::{meta::read_rooms, *};
 use crate::{
     cells::{Cell, CellId, Cells, Gate, Node, Polygon, Portal, Space},
     geometry::{Aabb, Axes},
+    light::{BakedLight, Probe, ProbeGrid},
     mesh::Mesh,
     motion::{
         Body, Spawn,
@@ -66,10 +67,28 @@ fn small_world() -> World {
         mesh: Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]] },
         movers: vec![swing_door()],
         rooms: meeting_room(),
+        light: Some(baked_light()),
         spawns: vec![Spawn { eye: Vec3::new(1.0, 1.6, 1.0), yaw: 0.5 }],
         body: Body::PERSON,
         speed_max: 5.0,
         origin: Some(original()),
+    }
+}
+
+/// Two probes, one above the other, and the sky.
+fn baked_light() -> BakedLight {
+    let probe = |links| Probe { levels: [9, 200, 0, 255, 80, 81], tint: [255, 200, 90], links };
+    BakedLight {
+        exposure: 0.4,
+        brightest: 9.0,
+        sky: Some(probe(0)),
+        grid: ProbeGrid {
+            origin: Vec3::ZERO,
+            spacing: 1.0,
+            size: UVec3::new(3, 2, 2),
+            places: vec![1, 4],
+            probes: vec![probe(2), probe(0)],
+        },
     }
 }
 
@@ -155,6 +174,29 @@ fn rooms_that_refer_to_missing_things_are_refused() {
     assert!(read_rooms(&SectionReader::new(&[0, 0, 0]), 2, 1).is_err(), "bytes after the rooms");
 }
 
+/// A hostile file can claim a grid of any size.
+#[test]
+fn light_that_cannot_be_is_refused() {
+    let check = |change: &dyn Fn(&mut BakedLight)| {
+        let mut changed = baked_light();
+        change(&mut changed);
+        light::read(&mut SectionReader::new(&light::to_bytes(Some(&changed)))).is_ok()
+    };
+    assert!(check(&|_| ()));
+    assert!(!check(&|light| light.exposure = 0.0));
+    assert!(!check(&|light| light.brightest = f32::INFINITY));
+    assert!(!check(&|light| light.grid.spacing = -1.0));
+    assert!(!check(&|light| light.grid.origin.x = f32::NAN));
+    assert!(!check(&|light| light.grid.size = UVec3::new(u32::MAX, 1, 1)));
+    assert!(!check(&|light| light.grid.size = UVec3::splat(1 << 20)));
+    assert!(!check(&|light| light.grid.size = UVec3::new(2, 2, 1)));
+    assert!(!check(&|light| light.grid.places = vec![1, 1]));
+    assert!(!check(&|light| light.grid.probes[0].links = 8));
+    let mut cut = light::to_bytes(Some(&baked_light()));
+    cut.push(0);
+    assert!(light::read(&mut SectionReader::new(&cut)).is_err(), "bytes after the probes");
+}
+
 /// A Quake map with a brush between two clusters, one of which sees the other.
 fn original() -> Origin {
     let plane = |normal, distance| OriginPlane { normal, distance };
@@ -196,8 +238,13 @@ fn a_quake_map_tells_the_leaf_of_a_point_and_what_its_cluster_sees() {
 fn a_written_world_reads_back_equal() {
     let world = small_world();
     assert_eq!(World::from_bytes(&world.to_bytes()).unwrap(), world);
-    let without =
-        World { origin: None, movers: Vec::new(), rooms: Rooms::default(), ..small_world() };
+    let without = World {
+        origin: None,
+        movers: Vec::new(),
+        rooms: Rooms::default(),
+        light: None,
+        ..small_world()
+    };
     assert_eq!(World::from_bytes(&without.to_bytes()).unwrap(), without);
     let folder = std::env::temp_dir().join(format!("slw-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
@@ -241,6 +288,7 @@ fn hostile_sections_are_refused_or_give_a_valid_world() {
                 Ok(world) => {
                     world.cells.at(Vec3::ONE);
                     world.cells.visible_from(&world.bounds());
+                    world.light_at(Vec3::new(1.2, 0.6, 0.3));
                     for mover in &world.movers {
                         let place = mover.trajectory.at(Duration::from_millis(700));
                         assert!(place.is_finite(), "byte {i}");
@@ -286,5 +334,5 @@ fn errors_say_what_to_do() {
     check(b"glTF and more", "this is not a Sightline world (.slw)");
     let mut file = small_world().to_bytes();
     file[4] = 9;
-    check(&file, "world file version 9, but this program reads version 6; compile again");
+    check(&file, "world file version 9, but this program reads version 7; compile again");
 }

@@ -22,6 +22,11 @@ impl Body {
     /// A Quake III player: 0.76 m wide, 1.42 m high.
     pub const QUAKE: Self = Self { half_width: 0.38, above_eye: 0.15, below_eye: 1.27 };
 
+    /// The middle of the body whose eye is at a point: where its light is looked up.
+    pub fn middle(&self, eye: Vec3) -> Vec3 {
+        eye + Vec3::Y * ((self.above_eye - self.below_eye) / 2.0)
+    }
+
     /// The highest step that the body climbs without a jump, in metres. It is 18 units in Quake
     /// maps.
     pub fn step_height(&self) -> f32 {

@@ -30,51 +30,70 @@ pub(super) struct Direct<'a> {
 impl Direct<'_> {
     /// The light on a surface at a point.
     pub(super) fn at(&self, point: Vec3, normal: Vec3) -> Vec3 {
-        let from = point + normal * RAY_LIFT_M;
-        let lamps = self.emitters.lamps.iter().filter_map(|lamp| lamp_at(lamp, from, normal));
-        let lamps: Vec3 = lamps
-            .map(|Arrival { towards, distance, irradiance }| {
-                irradiance * self.scene.arrives(from, towards, distance - RAY_LIFT_M)
-            })
-            .sum();
-        lamps + self.sun(from, normal) + self.areas(from, normal)
+        let [light] = self.on(point + normal * RAY_LIFT_M, &[normal]);
+        light
+    }
+
+    /// The light on some surfaces at a place in the open, by their normals.
+    pub(super) fn on<const N: usize>(&self, from: Vec3, normals: &[Vec3; N]) -> [Vec3; N] {
+        let mut light = [Vec3::ZERO; N];
+        for lamp in &self.emitters.lamps {
+            let arrivals = normals.map(|normal| lamp_at(lamp, from, normal));
+            let Some(Arrival { towards, distance, .. }) = arrivals.iter().flatten().next() else {
+                continue;
+            };
+            let seen = self.scene.arrives(from, *towards, distance - RAY_LIFT_M);
+            for (light, arrival) in light.iter_mut().zip(arrivals) {
+                *light += arrival.map_or(Vec3::ZERO, |arrival| arrival.irradiance * seen);
+            }
+        }
+        let more = self.sun(from, normals).into_iter().zip(self.areas(from, normals));
+        light.iter_mut().zip(more).for_each(|(light, (sun, areas))| *light = *light + sun + areas);
+        light
     }
 
     /// The light of the sun: the mean over points on its disc.
-    fn sun(&self, from: Vec3, normal: Vec3) -> Vec3 {
-        if self.emitters.sun(normal, SUN).is_none() {
-            return Vec3::ZERO;
+    fn sun<const N: usize>(&self, from: Vec3, normals: &[Vec3; N]) -> [Vec3; N] {
+        let mut light = [Vec3::ZERO; N];
+        if normals.iter().all(|normal| self.emitters.sun(*normal, SUN).is_none()) {
+            return light;
         }
         let (u, v) = SUN.any_orthonormal_pair();
         let count = self.counts.sun;
-        let ray = |i: usize| {
+        for i in 0..count {
             let [share, turn] = spread(i, count);
             let (sine, cosine) = (turn * TAU).sin_cos();
             let aside = (u * cosine + v * sine) * (share.sqrt() * SUN_RADIUS);
             let towards = (SUN + aside).normalize();
-            self.emitters.sun(normal, towards).map_or(Vec3::ZERO, |arrival| {
-                arrival.irradiance * self.scene.arrives(from, towards, f32::INFINITY)
-            })
-        };
-        (0..count).map(ray).sum::<Vec3>() / count as f32
+            let seen = self.scene.arrives(from, towards, f32::INFINITY);
+            for (light, normal) in light.iter_mut().zip(normals) {
+                let arrival = self.emitters.sun(*normal, towards);
+                *light += arrival.map_or(Vec3::ZERO, |arrival| arrival.irradiance * seen);
+            }
+        }
+        light.map(|light| light / count as f32)
     }
 
     /// The light of small surfaces. How exactly each is tested follows from its share.
-    fn areas(&self, from: Vec3, normal: Vec3) -> Vec3 {
+    fn areas<const N: usize>(&self, from: Vec3, normals: &[Vec3; N]) -> [Vec3; N] {
         let areas = self.emitters.areas.seen_from(from, self.counts.groups);
         let most = areas.iter().map(|seen| seen.at_most).fold(0.0, f32::max);
-        let unhidden: Vec<(&AreaEmitter, Vec3)> = areas
+        let greatest =
+            |light: &[Vec3; N]| light.iter().map(|side| side.max_element()).fold(0.0, f32::max);
+        let unhidden: Vec<(&AreaEmitter, [Vec3; N])> = areas
             .into_iter()
             .filter(|seen| seen.at_most > FAINT * most)
-            .map(|seen| (seen.sign, seen.light.unhidden(from, normal)))
-            .filter(|(_, light)| *light != Vec3::ZERO)
+            .map(|seen| (seen.sign, normals.map(|normal| seen.light.unhidden(from, normal))))
+            .filter(|(_, light)| greatest(light) > 0.0)
             .collect();
-        let all: f32 = unhidden.iter().map(|(_, light)| light.max_element()).sum();
-        let arrived = |(area, light): &(&AreaEmitter, Vec3)| {
-            let rays = if light.max_element() < MINOR * all { 1 } else { self.counts.area };
-            *light * self.share(area, from, rays)
-        };
-        unhidden.iter().map(arrived).sum()
+        let all: f32 = unhidden.iter().map(|(_, light)| greatest(light)).sum();
+        let mut sum = [Vec3::ZERO; N];
+        for (area, light) in &unhidden {
+            let rays = if greatest(light) < MINOR * all { 1 } else { self.counts.area };
+            let share = self.share(area, from, rays);
+            sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += *light * share);
+        }
+        sum
     }
 
     /// The share of an emitter that a point sees, by up to this many rays. The first few settle it

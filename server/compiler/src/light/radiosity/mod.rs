@@ -6,6 +6,7 @@
 //! 4. [`gather`] finds what arrives at each point from all nodes and from the sky.
 //! 5. [`edges`] adds points where a shadow ends between them.
 //! 6. [`exposure`] chooses how bright the picture is.
+//! 7. [`probes`] finds the light on things that move.
 
 mod direct;
 mod edges;
@@ -16,6 +17,7 @@ mod exposure;
 mod gather;
 mod nodes;
 mod polygon;
+mod probes;
 mod quality;
 mod reference;
 mod sampling;
@@ -30,6 +32,7 @@ use std::{
 
 use glam::Vec3;
 use rayon::prelude::*;
+use sightline_world::{Mover, light::BakedLight, motion::Body};
 
 use super::{NO_PATCH, patch::Patch, shell::Shell};
 use crate::{
@@ -40,8 +43,8 @@ use direct::Direct;
 use emitter_groups::EmitterGroups;
 use emitters::{AreaEmitter, Emitters};
 use exchange::{FormFactors, exchange};
-pub(crate) use exposure::shoulder;
 use nodes::Nodes;
+use probes::ProbeInput;
 pub use quality::LightQuality;
 use quality::RayCounts;
 pub(crate) use reference::Reference;
@@ -65,6 +68,9 @@ pub(super) struct RadiosityInput<'a> {
     pub(super) of_triangle: &'a [Vec<u32>],
     pub(super) lamps: &'a [Lamp],
     pub(super) has_sky: bool,
+    /// What moves: bodies of one shape, and movers.
+    pub(super) body: &'a Body,
+    pub(super) movers: &'a [Mover],
     pub(super) quality: LightQuality,
     /// How many voxels there are between neighbouring points.
     pub(super) voxels_between: f32,
@@ -81,6 +87,8 @@ pub struct LightFigures {
     pub refined: usize,
     /// The difference between light that left nodes for others and light that arrived, as a share.
     pub energy_error: f64,
+    /// The points at which light was found for what moves.
+    pub probes: usize,
     /// The factor from irradiance to the picture.
     pub exposure: f32,
 }
@@ -94,6 +102,8 @@ pub(super) struct Solved {
     emission: Vec<Vec3>,
     /// The share of light that each patch passes on.
     reflectance: Vec<Vec3>,
+    /// The light for what moves.
+    pub(super) baked: BakedLight,
     pub(super) figures: LightFigures,
 }
 
@@ -169,11 +179,23 @@ pub(super) fn light(
     let exposure = exposure::choose(&nodes, &factors.open, &all);
     let squares =
         edges::refine(&around, &direct_at, &direct, &indirect, exposure, input.voxels_between);
+    let probes = ProbeInput {
+        around: &around,
+        direct: &direct_at,
+        factors: &factors,
+        radiosity: &exchanged.radiosity,
+        exposure,
+        body: input.body,
+        movers: input.movers,
+        rays: counts.probe,
+    };
+    let baked = probes.bake();
     let figures = LightFigures {
         points: all.iter().flatten().count(),
         nodes: nodes.list.len(),
         refined: squares.len(),
         energy_error: exchanged.energy_error,
+        probes: baked.grid.probes.len(),
         exposure,
     };
     for (index, patch) in patches.iter_mut().enumerate() {
@@ -192,6 +214,7 @@ pub(super) fn light(
         nodes,
         emission: given,
         reflectance,
+        baked,
         figures,
     })
 }

@@ -21,6 +21,8 @@ pub(super) struct RayCounts {
     /// From each point, to gather light, and from all of them.
     pub(super) point: usize,
     pub(super) points: usize,
+    /// From each probe.
+    pub(super) probe: usize,
     /// To the sun.
     pub(super) sun: usize,
     /// To a surface that gives light and is partly hidden.
@@ -41,6 +43,7 @@ impl RayCounts {
                 nodes: 4 * million,
                 point: 96,
                 points: 24 * million,
+                probe: 128,
                 sun: 3,
                 area: 8,
                 groups: 24,
@@ -50,6 +53,7 @@ impl RayCounts {
                 nodes: 15 * million,
                 point: 384,
                 points: 160 * million,
+                probe: 512,
                 sun: 8,
                 area: 24,
                 groups: 64,
@@ -59,6 +63,7 @@ impl RayCounts {
                 nodes: 60 * million,
                 point: 1_536,
                 points: 640 * million,
+                probe: 2_048,
                 sun: 24,
                 area: 96,
                 groups: 256,

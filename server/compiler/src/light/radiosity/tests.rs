@@ -1,6 +1,7 @@
 use std::{f32::consts::PI, ops::ControlFlow};
 
 use glam::Vec3;
+use sightline_world::{Cell, CellId, Cells, Node, geometry::Aabb};
 
 use super::*;
 use crate::{
@@ -154,6 +155,84 @@ fn a_glowing_room_is_as_bright_as_the_sum_of_all_reflections() {
         assert!((found - known).abs() < 0.01 * known, "{point}: {found}, not {known}");
     }
     assert!(solved.figures.energy_error < 0.01, "{:?}", solved.figures);
+    // Light from all around is the same on all sides of what moves.
+    let known = PI * 0.2 / (1.0 - reflectance);
+    let inside = [Vec3::new(1.0, 0.9, 1.0), Vec3::new(5.5, 0.5, 3.0), Vec3::new(3.0, 1.4, 5.9)];
+    for place in inside {
+        let found = solved.baked.at(place, &cells()).expect("there are probes in the room");
+        for side in found.sides {
+            assert!((side - known).abs() < 0.05 * known, "{place}: {side}, not {known}");
+        }
+        assert!((found.tint - 1.0).abs().max_element() < 0.01, "{}", found.tint);
+    }
+}
+
+/// Two spaces that meet in the wall of [`two_rooms`].
+fn cells() -> Cells {
+    let mut cells = Cells::whole(Aabb::around(Vec3::ZERO, 50.0));
+    let bounds = cells.bounds;
+    cells.spaces = vec![cells.spaces[0].clone(); 2];
+    cells.tree = vec![
+        Node::Axial { axis: 0, at: 3.05, sides: [1, 2] },
+        Node::Leaf(CellId(0)),
+        Node::Leaf(CellId(1)),
+    ];
+    cells.cells =
+        vec![0, 1].into_iter().map(|space| Cell { bounds, space, portals: vec![] }).collect();
+    cells
+}
+
+#[test]
+fn a_probe_has_the_light_of_a_surface_at_its_place() {
+    // A shelf just above a point of the grid, in the lit room, which hides the lamp from it.
+    let point = Vec3::new(2.37, 1.41, 1.61);
+    let mut model = two_rooms();
+    let low = point + Vec3::new(-0.2, 0.01, -0.2);
+    let shelf = quad(low, Vec3::X * 0.4, Vec3::Z * 0.4);
+    model.surfaces.push(white(&shelf));
+    model.opaque.extend(shelf);
+    let (light, solved) = lit(&model, LightQuality::Good);
+    let grid = &solved.baked.grid;
+    let probe = |at: Vec3| {
+        let is_there = |place: &u32| grid.point(grid.coordinates(*place)).distance(at) < 1.0e-3;
+        grid.places.iter().position(is_there).map(|index| grid.probes[index])
+    };
+    assert!(probe(point).is_some(), "{:?}", grid.origin);
+    let below = solved.baked.at(point + 1.0e-3, &cells()).expect("there is a probe").sides[2];
+    let known = at(&light, 2, 0, point).x / solved.figures.exposure;
+    assert!((below - known).abs() < 0.08 * known, "{below}, not {known}");
+    // None in the wall between the rooms, and none above the heads of people.
+    for place in &grid.places {
+        let at = grid.point(grid.coordinates(*place));
+        assert!((at.x < 3.0 || at.x > 3.1) && (0.0..2.5).contains(&at.y), "{at}");
+    }
+}
+
+#[test]
+fn who_stands_in_a_dark_room_is_dark() {
+    let (_, solved) = lit(&two_rooms(), LightQuality::Fast);
+    let at = |x: f32| solved.baked.at(Vec3::new(x, 0.85, 1.2), &cells()).expect("probes").sides;
+    for (x, y) in [(2.5, 3.5), (1.0, 5.0), (2.9, 3.2)] {
+        let (lit, dark) = (at(x), at(y));
+        for side in 0..6 {
+            assert!(lit[side] > 0.1 && dark[side] < 0.01 * lit[side], "{x}: {lit:?} {dark:?}");
+        }
+    }
+    // Below the lamp most light comes from above.
+    let below = at(1.5);
+    assert!(below[3] > 1.5 * below[0] && below[3] > 2.0 * below[2], "{below:?}");
+    assert_eq!(solved.baked.sky, None, "the model has no sky");
+}
+
+#[test]
+fn probes_that_are_far_apart_have_a_coarse_grid() {
+    let mut model = two_rooms();
+    let far = quad(Vec3::new(9.0e6, 0.0, 9.0e6), Vec3::Z * 2.0, Vec3::X * 2.0);
+    model.surfaces.push(white(&far));
+    model.opaque.extend(far);
+    let (_, solved) = lit(&model, LightQuality::Fast);
+    let size = solved.baked.grid.size.as_u64vec3().element_product();
+    assert!(size < 1 << 32, "{size}");
 }
 
 /// The width of the box, in metres.
