@@ -12,6 +12,12 @@
 //! hidden from the group; and with those in the cells that the PVS holds. Lists are made once for
 //! a group, and their time counts. Rays find the same form factors from the same directions, and the
 //! last column has as many rays as the compiler casts. Times are CPU time of one thread.
+//!
+//! A second line for each building is for the parts of the patent that the compiler does without. A
+//! hemicube pyramid saves pixels where little accuracy is asked for, so it takes at least as long as a
+//! hemicube of few pixels with the same list, whose making does not count here. Rays whose candidates
+//! are a group's list go down a tree of these triangles alone. Lists take so many bytes, four for each
+//! entry, or packed as the smallest two by differences.
 
 use std::{collections::BTreeMap, f32::consts::PI, ops::ControlFlow, time::Duration};
 
@@ -24,12 +30,14 @@ use sightline_oracle::Oracle;
 use sightline_tests::bench_flags::BenchFlags;
 use sightline_visibility::{
     box_visibility::{BoxScratch, BoxVisibility, Occluders},
-    fuzzy::{FuzzyBuffer, PatchVisibility, Surfaces, ViewpointBox},
+    fuzzy::{FuzzyBuffer, PackedVisibility, PatchVisibility, Surfaces, ViewpointBox},
 };
-use sightline_world::{CellId, World, geometry::Aabb};
+use sightline_world::{CellId, Mesh, World, geometry::Aabb};
 
-/// Pixels along an edge of a hemicube.
+/// Pixels along an edge of a hemicube, and of a coarse and a fine one.
 const PIXELS: usize = 32;
+const COARSE: usize = 8;
+const FINE: usize = 128;
 /// The rays that the compiler casts from a node.
 const RAYS: usize = 512;
 /// Elements along an edge of a face of the fuzzy buffer.
@@ -67,6 +75,11 @@ fn main() -> anyhow::Result<()> {
         "rooms triangles receivers | ms a receiver: all   fuzzy     box     PVS    rays  {RAYS} rays \
          | ratio: fuzzy box PVS rays | left: fuzzy box PVS | differs"
     );
+    println!(
+        "      | ms a receiver with fuzzy lists: {COARSE} pixels {PIXELS} pixels {FINE} pixels | with \
+         lists of box visibility: the same | rays with its lists: rays, trees | bytes of a fuzzy list: \
+         plain packed"
+    );
     let mut rows = Vec::new();
     for rooms in &args.rooms {
         let row = measure(*rooms, &args)?;
@@ -88,6 +101,17 @@ struct FormFactorRow {
     pvs_ms: f64,
     rays_ms: f64,
     compiler_rays_ms: f64,
+    /// Hemicubes of [`COARSE`], [`PIXELS`] and [`FINE`] pixels, with lists by fuzzy projection and by
+    /// box visibility. The making of lists does not count.
+    fuzzy_by_pixels_ms: [f64; 3],
+    box_by_pixels_ms: [f64; 3],
+    /// As many rays as in `rays_ms`, among the triangles that box visibility leaves, and the making of
+    /// trees of these.
+    listed_rays_ms: f64,
+    listed_trees_ms: f64,
+    /// The bytes of a part's list by fuzzy projection, in the mean.
+    list_bytes: f64,
+    packed_bytes: f64,
     /// The shares of all triangles that lists leave.
     fuzzy_left: f64,
     box_left: f64,
@@ -119,6 +143,17 @@ impl std::fmt::Display for FormFactorRow {
             self.pvs_left,
             self.differs,
             self.rays_differ
+        )?;
+        let three = |[a, b, c]: &[f64; 3]| format!("{a:.3} {b:.3} {c:.3}");
+        write!(
+            f,
+            "\n      | {} | {} | {:.3} {:.3} | {:.0} {:.0}",
+            three(&self.fuzzy_by_pixels_ms),
+            three(&self.box_by_pixels_ms),
+            self.listed_rays_ms,
+            self.listed_trees_ms,
+            self.list_bytes,
+            self.packed_bytes
         )
     }
 }
@@ -162,27 +197,41 @@ fn measure(rooms: usize, args: &Args) -> anyhow::Result<FormFactorRow> {
         sums.fuzzy += time;
         for part in group.values() {
             let around = bounds(part.iter());
-            let (fuzzy, time) =
-                timed(|| remaining(&find_hidden(&surfaces, &around, above.clone())));
+            let (classes, time) = timed(|| find_hidden(&surfaces, &around, above.clone()));
             sums.fuzzy += time;
+            let (fuzzy, time) = timed(|| remaining(&classes));
+            sums.fuzzy += time;
+            sums.list_bytes += 4 * fuzzy.len();
+            sums.packed_bytes += PackedVisibility::new(&classes, None).len();
             let own = world.cells.axes.own_box(&around);
             let (boxes, time) = timed(|| lists.by_box_visibility(&world, &occluders, &own));
             sums.boxes += time;
             let (pvs, time) = timed(|| lists.by_pvs(&world, &own));
             sums.pvs += time;
+            let (listed, time) = timed(|| Oracle::new(&mesh_of(triangles, &boxes)));
+            sums.listed_trees += time;
             let some = part.len().div_ceil(args.receivers).max(1);
             // A group's lists serve all of its receivers, of which some are measured.
             let scale = |list: &mut Duration, time: Duration| *list += time * some as u32;
             for receiver in part.iter().step_by(some) {
-                let (truth, time) = timed(|| hemicube(triangles, &all, receiver));
+                let (truth, time) = timed(|| hemicube::<PIXELS>(triangles, &all, receiver));
                 scale(&mut sums.all, time);
                 for (list, sum) in
                     [(&fuzzy, &mut sums.fuzzy), (&boxes, &mut sums.boxes), (&pvs, &mut sums.pvs)]
                 {
-                    let (factors, time) = timed(|| hemicube(triangles, list, receiver));
+                    let (factors, time) = timed(|| hemicube::<PIXELS>(triangles, list, receiver));
                     scale(sum, time);
                     sums.differs = sums.differs.max(difference(&truth, &factors));
                 }
+                for (list, sums) in
+                    [(&fuzzy, &mut sums.fuzzy_by_pixels), (&boxes, &mut sums.box_by_pixels)]
+                {
+                    let hemicubes = [hemicube::<COARSE>, hemicube::<PIXELS>, hemicube::<FINE>];
+                    for (draw, sum) in hemicubes.into_iter().zip(sums) {
+                        scale(sum, timed(|| draw(triangles, list, receiver)).1);
+                    }
+                }
+                scale(&mut sums.listed_rays, timed(|| by_rays(&listed, receiver)).1);
                 let (factors, time) = timed(|| by_rays(&oracle, receiver));
                 scale(&mut sums.rays, time);
                 sums.rays_differ = sums.rays_differ.max(difference(&truth, &factors));
@@ -207,6 +256,12 @@ fn measure(rooms: usize, args: &Args) -> anyhow::Result<FormFactorRow> {
         pvs_ms: ms(sums.pvs),
         rays_ms: ms(sums.rays),
         compiler_rays_ms: ms(sums.rays) * RAYS as f64 / directions,
+        fuzzy_by_pixels_ms: sums.fuzzy_by_pixels.map(ms),
+        box_by_pixels_ms: sums.box_by_pixels.map(ms),
+        listed_rays_ms: ms(sums.listed_rays),
+        listed_trees_ms: ms(sums.listed_trees),
+        list_bytes: sums.list_bytes as f64 / f64::from(sums.lists),
+        packed_bytes: sums.packed_bytes as f64 / f64::from(sums.lists),
         fuzzy_left,
         box_left,
         pvs_left,
@@ -222,6 +277,12 @@ struct Sums {
     boxes: Duration,
     pvs: Duration,
     rays: Duration,
+    fuzzy_by_pixels: [Duration; 3],
+    box_by_pixels: [Duration; 3],
+    listed_rays: Duration,
+    listed_trees: Duration,
+    list_bytes: usize,
+    packed_bytes: usize,
     receivers: usize,
     lists: u32,
     left: [f64; 3],
@@ -281,6 +342,13 @@ fn find_hidden(
 
 fn remaining(classes: &[PatchVisibility]) -> Vec<u32> {
     (0..).zip(classes).filter(|(_, c)| **c != PatchVisibility::Invisible).map(|(i, _)| i).collect()
+}
+
+/// Some triangles as a mesh.
+fn mesh_of(triangles: &[[Vec3; 3]], some: &[u32]) -> Mesh {
+    let positions: Vec<Vec3> = some.iter().flat_map(|&number| triangles[number as usize]).collect();
+    let corners = (0..some.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    Mesh { triangles: corners.collect(), positions }
 }
 
 /// The triangles of each cell and of each space.
@@ -358,14 +426,14 @@ fn faces(normal: Vec3) -> [[Vec3; 3]; 5] {
 }
 
 /// The place of a pixel on a face, from -1 to 1, and its form factor.
-fn pixel(is_top: bool, column: usize, row: usize) -> (Vec2, f32) {
+fn pixel<const PIXELS: usize>(is_top: bool, column: usize, row: usize) -> (Vec2, f32) {
     let place = (Vec2::new(column as f32, row as f32) + 0.5) * (2.0 / PIXELS as f32) - 1.0;
     let area = (2.0 / PIXELS as f32).powi(2);
     let height = if is_top { 1.0 } else { place.y };
     (place, height * area / (PI * (place.length_squared() + 1.0).powi(2)))
 }
 
-fn is_above(is_top: bool, row: usize) -> bool {
+fn is_above<const PIXELS: usize>(is_top: bool, row: usize) -> bool {
     is_top || row >= PIXELS / 2
 }
 
@@ -376,18 +444,22 @@ fn by_rays(oracle: &Oracle, receiver: &Receiver) -> Factors {
         for (i, item) in items[number * PIXELS * PIXELS..][..PIXELS * PIXELS].iter_mut().enumerate()
         {
             let (column, row) = (i % PIXELS, i / PIXELS);
-            if is_above(number == 0, row) {
-                let (place, _) = pixel(number == 0, column, row);
+            if is_above::<PIXELS>(number == 0, row) {
+                let (place, _) = pixel::<PIXELS>(number == 0, column, row);
                 let along = (across * place.x + up * place.y + ahead).normalize();
                 *item = oracle.first_hit(receiver.at, along).map_or(u32::MAX, |hit| hit.triangle);
             }
         }
     }
-    factors_of(&items)
+    factors_of::<PIXELS>(&items)
 }
 
 /// Form factors by drawing triangles on a hemicube.
-fn hemicube(triangles: &[[Vec3; 3]], candidates: &[u32], receiver: &Receiver) -> Factors {
+fn hemicube<const PIXELS: usize>(
+    triangles: &[[Vec3; 3]],
+    candidates: &[u32],
+    receiver: &Receiver,
+) -> Factors {
     let mut items = vec![u32::MAX; 5 * PIXELS * PIXELS];
     let mut depths = vec![0.0f32; 5 * PIXELS * PIXELS];
     let faces = faces(receiver.normal);
@@ -406,10 +478,10 @@ fn hemicube(triangles: &[[Vec3; 3]], candidates: &[u32], receiver: &Receiver) ->
                 continue;
             }
             let face = number * PIXELS * PIXELS;
-            draw(&corners, candidate, &mut items[face..], &mut depths[face..]);
+            draw::<PIXELS>(&corners, candidate, &mut items[face..], &mut depths[face..]);
         }
     }
-    factors_of(&items)
+    factors_of::<PIXELS>(&items)
 }
 
 /// Clips a polygon to what a face shows. Tells whether something is left.
@@ -444,7 +516,7 @@ fn clip_to_face(corners: &mut Vec<Vec3>, spare: &mut Vec<Vec3>, is_top: bool) ->
 }
 
 /// Draws a clipped polygon on a face where it is nearest.
-fn draw(corners: &[Vec3], item: u32, items: &mut [u32], depths: &mut [f32]) {
+fn draw<const PIXELS: usize>(corners: &[Vec3], item: u32, items: &mut [u32], depths: &mut [f32]) {
     let normal = (1..corners.len() - 1)
         .map(|i| (corners[i] - corners[0]).cross(corners[i + 1] - corners[0]))
         .fold(
@@ -489,11 +561,12 @@ fn draw(corners: &[Vec3], item: u32, items: &mut [u32], depths: &mut [f32]) {
     }
 }
 
-fn factors_of(items: &[u32]) -> Factors {
+fn factors_of<const PIXELS: usize>(items: &[u32]) -> Factors {
     let mut sums: BTreeMap<u32, f32> = BTreeMap::new();
     for (i, item) in items.iter().enumerate().filter(|(_, item)| **item != u32::MAX) {
         let (face, place) = (i / (PIXELS * PIXELS), i % (PIXELS * PIXELS));
-        *sums.entry(*item).or_default() += pixel(face == 0, place % PIXELS, place / PIXELS).1;
+        *sums.entry(*item).or_default() +=
+            pixel::<PIXELS>(face == 0, place % PIXELS, place / PIXELS).1;
     }
     sums.into_iter().collect()
 }
