@@ -1,5 +1,7 @@
 //! One suite for every kind of connection, and what is special to browsers.
 
+use std::time::Duration;
+
 use glam::Vec3;
 use sightline_protocol::{
     VERSION,
@@ -16,6 +18,7 @@ use sightline_world::{
     World, content_id,
     motion::{AvatarId, Pose},
 };
+use tokio::time::timeout;
 use tokio_tungstenite::tungstenite::Message;
 
 use super::{
@@ -28,6 +31,8 @@ use super::{
 };
 
 const KINDS: [Kind; 3] = [Kind::Quic, Kind::WebTransport, Kind::WebSocket];
+/// One who walks reports at least this often.
+const KEEP_ALIVE: Duration = Duration::from_secs(1);
 /// How far a pose may be off on the wire.
 const WIRE_M: f32 = 0.01;
 
@@ -98,7 +103,9 @@ impl Guest {
             self.visitor.pose = (&Pose { eye: to, ..Pose::default() }).into();
             let report = Some(self.visitor.report());
             self.visitor.send(&ClientDatagram { ack, report }.encode()).await;
-            let datagram = other.visitor.datagram().await;
+            // What is lost, either way, is said again.
+            let heard = timeout(KEEP_ALIVE, other.visitor.datagram()).await;
+            let Ok(datagram) = heard else { continue };
             let Ok(Some(update)) = decoder.decode(&datagram) else { continue };
             let shown = update.pose(self.avatar).map(Pose::from);
             if shown.is_some_and(|pose| pose.eye.distance(to) < WIRE_M) {
