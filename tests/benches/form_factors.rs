@@ -16,7 +16,7 @@
 //! A second line for each building is for the parts of the patent that the compiler does without. A
 //! hemicube pyramid saves pixels where little accuracy is asked for, so it takes at least as long as a
 //! hemicube of few pixels with the same list, whose making does not count here. Rays whose candidates
-//! are a group's list go down a tree of these triangles alone. Lists take so many bytes, four for each
+//! are a group's list go down a tree of these triangles alone. A list takes four bytes for each
 //! entry, or packed as the smallest two by differences.
 
 use std::{collections::BTreeMap, f32::consts::PI, ops::ControlFlow, time::Duration};

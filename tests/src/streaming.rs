@@ -13,11 +13,11 @@ use sightline_world::{ReadError, WorldHead, WorldPieces};
 
 /// The time from picture to picture.
 pub const FRAME: Duration = Duration::from_millis(50);
-/// What is asked for and not here yet takes at most so many bytes.
+/// The most bytes that may be asked for and not here yet.
 const UNDER_WAY: usize = 192 * 1_024;
 /// What a piece takes on the link beside its bytes: its number, its length, and a share of packets.
 const PIECE_SPARE: usize = 8;
-/// A packet of 1,452 bytes carries so many of a stream, about.
+/// About how many bytes of a stream a packet of 1,452 bytes carries.
 const PACKED_SHARE: f64 = 1_400.0 / 1_500.0;
 /// Round trips before the head can be asked for: the handshake, and the hello.
 const GREETING: u32 = 2;
